@@ -1,0 +1,1 @@
+"""Both ends of the motion protocol and the register maps; standard library only."""

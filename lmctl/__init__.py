@@ -1,0 +1,3 @@
+"""lmctl: from a part and its materials to a finished laser-cladding build."""
+
+__version__ = "0.1.0"

@@ -1,0 +1,1 @@
+"""What people write: part files, machine profiles, materials; TOML in, checked models out."""

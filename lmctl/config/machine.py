@@ -1,0 +1,159 @@
+"""The machine profile: endpoints, travel, dynamics, laser, hoppers, as written in TOML.
+
+Everything that differs between a real cell and the bench stands here; the code is the same.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field, field_validator, model_validator
+
+from lmctl.config import toml_file
+from lmctl.config.toml_file import Model
+
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
+Vector = tuple[float, float, float]
+
+
+class Travel(Model):
+    """Reachable range of each axis in program coordinates [mm]: (least, greatest)."""
+
+    x: tuple[float, float]
+    y: tuple[float, float]
+    z: tuple[float, float]
+
+    @field_validator("x", "y", "z")
+    @classmethod
+    def _ordered(cls, value: tuple[float, float]) -> tuple[float, float]:
+        if value[0] >= value[1]:
+            raise ValueError(f"the first value must be below the second, not {list(value)}")
+        return value
+
+
+class Motion(Model):
+    """The motion controller: its link and the dynamics planning must know.
+
+    endpoint : "tcp://HOST:PORT", "serial:///dev/ttyUSB0" or "pty:///dev/pts/3"
+    baud : line rate of a serial endpoint; ignored on TCP and ptys
+    clearance_mm : lift above the layer for travel
+    purge_mm : where the nozzle waits while powder settles; every program starts there
+    send_horizon_s : most unexecuted motion the controller may hold
+    """
+
+    endpoint: str
+    baud: Annotated[int, Field(ge=1200, le=4_000_000)] = 115_200
+    travel_mm: Travel
+    max_speed_mm_s: tuple[Positive, Positive, Positive]
+    acceleration_mm_s2: tuple[Positive, Positive, Positive]
+    junction_deviation_mm: Positive = 0.01
+    planner_blocks: Annotated[int, Field(ge=4, le=1000)] = 15
+    clearance_mm: Positive = 5.0
+    purge_mm: Vector
+    send_horizon_s: Annotated[float, Field(ge=0.1, le=10)] = 1.0
+    status_period_s: Annotated[float, Field(ge=0.02, le=1)] = 0.1
+
+
+class Laser(Model):
+    """s_max : the controller's $30, the S word that means full power."""
+
+    max_power_W: Positive
+    s_max: Annotated[int, Field(ge=1, le=65_535)] = 1000
+
+
+class Feeder(Model):
+    """One Modbus feeder device. watchdog_s : it stops its discs when heartbeats stop so long."""
+
+    name: str
+    endpoint: str
+    device_id: Annotated[int, Field(ge=1, le=247)] = 1
+    watchdog_s: Annotated[float, Field(ge=0.1, le=60)] = 2.0
+    gas_preflow_s: NotNegative = 3.0
+    gas_postflow_s: NotNegative = 10.0
+
+
+class Hopper(Model):
+    """One hopper of a feeder and what is in it.
+
+    channel : the hopper's number on its feeder, from 1
+    dead_time_s, lag_s : θ and τ from set-point to nozzle (process.md 2.1)
+    """
+
+    name: str
+    feeder: str
+    channel: Annotated[int, Field(ge=1, le=4)] = 1
+    material: str
+    dead_time_s: Annotated[float, Field(ge=0, le=60)]
+    lag_s: Annotated[float, Field(ge=0, le=60)]
+    min_flow_g_min: NotNegative = 0.0
+    max_flow_g_min: Positive
+    carrier_L_min: Annotated[float, Field(gt=0, le=100)] = 4.0
+
+
+class MachineProfile(Model):
+    """A whole cell. Raises ConfigError with every mistake at once when read by `load`."""
+
+    name: str
+    motion: Motion
+    laser: Laser
+    feeder: Annotated[tuple[Feeder, ...], Field(min_length=1)]
+    hopper: Annotated[tuple[Hopper, ...], Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _consistent(self) -> MachineProfile:
+        feeders = [feeder.name for feeder in self.feeder]
+        wrong = [f"two feeders are called {n!r}" for n in sorted(_twice(feeders))]
+        wrong += [
+            f"two hoppers are called {n!r}" for n in sorted(_twice([h.name for h in self.hopper]))
+        ]
+        wrong += [
+            f"hopper {h.name!r} is on feeder {h.feeder!r}, which is not there (feeders: "
+            f"{', '.join(feeders)})"
+            for h in self.hopper
+            if h.feeder not in feeders
+        ]
+        places = [f"feeder {h.feeder!r} channel {h.channel}" for h in self.hopper]
+        wrong += [f"two hoppers are on {place}" for place in sorted(_twice(places))]
+        wrong += [
+            f"hopper {h.name!r}: min_flow_g_min is not below max_flow_g_min"
+            for h in self.hopper
+            if h.min_flow_g_min >= h.max_flow_g_min
+        ]
+        outside = [
+            axis
+            for axis, value in zip("xyz", self.motion.purge_mm, strict=True)
+            if not getattr(self.motion.travel_mm, axis)[0] <= value
+            <= getattr(self.motion.travel_mm, axis)[1]
+        ]
+        wrong += [f"motion.purge_mm is outside the travel in {axis}" for axis in outside]
+        if wrong:
+            raise ValueError("; ".join(wrong))
+        return self
+
+    def planning_digest(self) -> str:
+        """SHA-256 of what planning uses: not endpoints, and not θ and τ, which a run may relearn.
+
+        A job planned for a profile runs on any profile of equal digest.
+        """
+        used = self.model_dump(
+            mode="json",
+            exclude={
+                "motion": {"endpoint", "baud", "status_period_s"},
+                "feeder": {"__all__": {"endpoint", "device_id"}},
+                "hopper": {"__all__": {"dead_time_s", "lag_s"}},
+            },
+        )
+        return hashlib.sha256(json.dumps(used, sort_keys=True).encode()).hexdigest()
+
+
+def _twice(names: list[str]) -> set[str]:
+    return {name for name in names if names.count(name) > 1}
+
+
+def load_profile(path: Path) -> MachineProfile:
+    """Read a machine profile. Raises ConfigError."""
+    return toml_file.load(path, MachineProfile)

@@ -1,0 +1,98 @@
+"""Read a TOML file into a checked model, reporting every mistake at once with its path."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import TypeVar
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from lmctl.errors import ConfigError, Finding
+
+#: A configuration a person wrote is small; more than this is some other file given by mistake.
+LARGEST_FILE_BYTES = 1_000_000
+
+
+class Model(BaseModel):
+    """Base of every configuration model: unknown keys, NaN and infinities are errors."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+M = TypeVar("M", bound=Model)
+
+
+def read_text(path: Path) -> str:
+    """The UTF-8 text of a configuration file.
+
+    Raises ConfigError where the file is missing, unreadable, huge, or not text.
+    """
+    try:
+        if path.is_dir():
+            raise ConfigError(f"{path} is a folder, not a file")
+        if path.stat().st_size > LARGEST_FILE_BYTES:
+            raise ConfigError(
+                f"{path} is too large for a configuration file",
+                where=f"{path.stat().st_size:,} bytes; at most {LARGEST_FILE_BYTES:,}",
+                hint="was a data file given in its place?",
+            )
+        return path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise ConfigError(f"there is no file {path}", hint="check the name") from None
+    except UnicodeDecodeError as error:
+        raise ConfigError(
+            f"{path} is not text", where=f"byte {error.start} is not UTF-8",
+            hint="a TOML file is expected here",
+        ) from None
+    except OSError as error:
+        raise ConfigError(f"cannot read {path}", where=str(error.strerror)) from None
+
+
+def parse(text: str, model: type[M], *, name: str) -> M:
+    """Check TOML text against a model.
+
+    name : what to call the text in messages, usually its path.
+    Raises ConfigError: one finding for bad TOML, else one for each key that is wrong.
+    """
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{name} is not valid TOML", where=str(error)) from None
+    except RecursionError:
+        raise ConfigError(f"{name} is not valid TOML", where="nested too deeply") from None
+    return check(data, model, name=name)
+
+
+def check(data: object, model: type[M], *, name: str) -> M:
+    """Check plain data against a model; as `parse`, without the TOML."""
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        findings = [
+            Finding(_dotted(item["loc"]), _plain(item["type"], item["msg"]))
+            for item in error.errors(include_url=False)
+        ]
+        count = "1 mistake" if len(findings) == 1 else f"{len(findings)} mistakes"
+        raise ConfigError(f"{name} has {count}", findings=findings) from None
+
+
+def load(path: Path, model: type[M]) -> M:
+    """Read and check a TOML file. Raises ConfigError."""
+    return parse(read_text(path), model, name=str(path))
+
+
+def _dotted(loc: tuple[int | str, ...]) -> str:
+    """("hopper", 0, "lag_s") -> "hopper[1].lag_s": people count tables from one."""
+    text = ""
+    for step in loc:
+        text += f"[{step + 1}]" if isinstance(step, int) else (f".{step}" if text else step)
+    return text
+
+
+def _plain(kind: str, message: str) -> str:
+    if kind == "extra_forbidden":
+        return "there is no such key"
+    if kind == "missing":
+        return "is missing"
+    return message.removeprefix("Value error, ")

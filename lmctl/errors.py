@@ -1,0 +1,96 @@
+"""What went wrong, where, and what to do next: the errors that reach a person.
+
+Every expected failure is an `LmctlError`; the command line renders it without a traceback and
+exits with its `exit_code`. Anything else that escapes is a bug and keeps its traceback.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+
+class LmctlError(Exception):
+    """An expected failure, told in three parts.
+
+    what : one line, the fault in the reader's own terms
+    where : zero or more lines: the file, the key, the layer, the hopper it concerns
+    hint : what to do next, or "" where nothing sensible can be said
+    """
+
+    exit_code = 1
+
+    def __init__(self, what: str, *, where: str | Sequence[str] = (), hint: str = "") -> None:
+        super().__init__(what)
+        self.what = what
+        self.where: tuple[str, ...] = (where,) if isinstance(where, str) else tuple(where)
+        self.hint = hint
+
+    def render(self) -> str:
+        """The error as text for a terminal, without a trailing newline."""
+        lines = [f"error: {self.what}"]
+        lines += [f"  {place}" for place in self.where]
+        if self.hint:
+            lines.append(f"hint: {self.hint}")
+        return "\n".join(lines)
+
+
+class UsageError(LmctlError):
+    """The command was called in a way that cannot be meant."""
+
+    exit_code = 2
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing wrong with a configuration: the path of the key (or "") and the reason."""
+
+    path: str
+    reason: str
+
+
+class ConfigError(LmctlError):
+    """A file of ours (part, profile, bench) is wrong; all its findings at once."""
+
+    exit_code = 3
+
+    def __init__(
+        self, what: str, *, findings: Iterable[Finding] = (), where: str | Sequence[str] = (),
+        hint: str = "",
+    ) -> None:
+        self.findings = tuple(findings)
+        places = [where] if isinstance(where, str) else list(where)
+        places += [f"{f.path}: {f.reason}" if f.path else f.reason for f in self.findings]
+        super().__init__(what, where=places, hint=hint)
+
+
+class InputError(LmctlError):
+    """Data given to planning (a mesh, a cloud, a table) cannot be used."""
+
+
+class PlanError(LmctlError):
+    """The part cannot be planned as asked."""
+
+
+class JobError(LmctlError):
+    """A job file is truncated, altered, or not made for this machine."""
+
+
+class JournalError(LmctlError):
+    """A run journal is broken, owned by another process, or not there."""
+
+
+class RunFailed(LmctlError):  # noqa: N818 (it is the outcome's name, as the operator reads it)
+    """The run ended before the part was finished and cannot simply be resumed."""
+
+
+class MachineError(LmctlError):
+    """A device is unreachable, silent, refused, or in alarm."""
+
+    exit_code = 4
+
+
+class RunStopped(LmctlError):  # noqa: N818
+    """The run was stopped on purpose or by a fault that leaves it resumable."""
+
+    exit_code = 5

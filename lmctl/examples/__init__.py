@@ -1,0 +1,1 @@
+"""Examples that ship with lmctl: the graded gear, the bench and its cell profile."""

@@ -1,0 +1,1 @@
+"""The job file, the waist of the hourglass: planning ends by writing one, running reads it."""

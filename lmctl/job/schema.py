@@ -1,0 +1,127 @@
+"""What a job holds: the final program text and, for each line, its planned time, path and kind;
+the powder the nozzle must deliver against program time; totals, verdict, digests.
+
+*Program time* s is the planned time since the program's first line starts at the purge position,
+without overrides or holds. Units: mm, s, g, W; positions in program coordinates.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+#: Version of the job format; a reader refuses any other.
+FORMAT_VERSION = 1
+
+#: Line numbers (N words) repeat after this many lines (error 27 above it in both firmwares).
+N_WORD_MODULUS = 10_000_000
+
+
+class LineKind(IntEnum):
+    """What a program line does. Only BEAD lines have the beam on."""
+
+    SETUP = 0   # modal words, spindle mode; no motion
+    TRAVEL = 1  # G0, beam off
+    LEAD = 2    # G1 at S0: run-up or run-out, beam off
+    BEAD = 3    # G1 at S > 0
+    DWELL = 4   # G4
+
+
+def line_dtype(n_materials: int) -> np.dtype[Any]:
+    """Record of one program line.
+
+    end_s : float64, program time at which the line ends
+    x_mm, y_mm, z_mm : float64, position at its end
+    speed_mm_s : float32, programmed speed (rapid lines: the planned peak)
+    power_W : float32, beam power, 0 for all but BEAD
+    path : int32, global number of the path the line belongs to, −1 for none. A path is one
+        stretch from lead-in to lead-out: beam on once, off once.
+    kind : uint8, a LineKind
+    fractions : (n_materials,) float32, volume fractions at the line's end, after quantisation
+    """
+    return np.dtype(
+        [
+            ("end_s", "<f8"), ("x_mm", "<f8"), ("y_mm", "<f8"), ("z_mm", "<f8"),
+            ("speed_mm_s", "<f4"), ("power_W", "<f4"), ("path", "<i4"), ("kind", "u1"),
+            ("fractions", "<f4", (n_materials,)),
+        ]
+    )
+
+
+@dataclass(frozen=True)
+class JobLayer:
+    """One layer of a job.
+
+    program : final text of each line, without line end; ASCII, N word first
+    lines : (len(program),) of `line_dtype`
+    flow_s : (k,) float64, program times, strictly rising; the first equals the layer's start
+    flow_g_s : (k, n_hoppers) float64, mass flow wanted at the nozzle, linear between knots;
+        the last knot of a layer and the first of the next agree in time and value
+    """
+
+    index: int
+    z_mm: float
+    first_line: int
+    program: tuple[str, ...]
+    lines: NDArray[np.void]
+    flow_s: NDArray[np.float64]
+    flow_g_s: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LayerEntry:
+    """A layer's place in the manifest, so that readers need not open every layer."""
+
+    index: int
+    z_mm: float
+    first_line: int
+    n_lines: int
+    first_path: int
+    n_paths: int
+    start_s: float
+    end_s: float
+    sha256: str
+
+
+@dataclass(frozen=True)
+class HopperUse:
+    """A hopper as the job uses it; `dead_time_s`, `lag_s` are those planning assumed."""
+
+    name: str
+    material: str
+    dead_time_s: float
+    lag_s: float
+    max_flow_g_min: float
+
+
+@dataclass(frozen=True)
+class JobManifest:
+    """Everything about a job that is not a layer.
+
+    profile_digest : MachineProfile.planning_digest() of the profile planned for
+    totals : what `lmctl plan --json` prints: layers, contours, vertices, path_length_mm,
+        laser_on_s, duration_s, powder_g (by material), warnings, ...
+    verdict : findings only geometry can prove, as {"level": "ok"|"warning", "text": ...}
+    sources : {file name: sha256} of the data files the part was made from
+    """
+
+    part_name: str
+    part_sha256: str
+    sources: dict[str, str]
+    machine: str
+    profile_digest: str
+    software: str
+    powder_mode: str
+    s_max: int
+    max_power_W: float
+    send_horizon_s: float
+    materials: tuple[str, ...]
+    hoppers: tuple[HopperUse, ...]
+    bounds_mm: tuple[tuple[float, float, float], tuple[float, float, float]]
+    totals: dict[str, Any]
+    verdict: tuple[dict[str, str], ...]
+    layers: tuple[LayerEntry, ...] = field(default=())

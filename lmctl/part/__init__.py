@@ -1,0 +1,1 @@
+"""A part answers two questions: what is solid and how deep, and of what."""

@@ -1,0 +1,1 @@
+"""Job logs: from journals and job files to tables people read."""

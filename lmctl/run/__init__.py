@@ -1,0 +1,1 @@
+"""Running a job: stream, lead the powder, watch, journal. Knows no geometry."""

@@ -1,0 +1,1 @@
+"""The simulated machine, at the far end of the same wires."""
