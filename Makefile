@@ -1,0 +1,46 @@
+# lmctl: `make demo` and `make test` need nothing but make and Python >= 3.11.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --quiet
+
+.PHONY: demo test check bench clean
+
+## the main job: a scanned gear to a printed job log, on the simulated machine
+demo: $(VENV)/.installed
+	$(BIN)/lmctl demo
+
+## every test, in a fresh or existing .venv
+test: $(VENV)/.installed-test
+	$(BIN)/python -m pytest
+
+## style, types, import contracts, tests
+check: $(VENV)/.installed-test
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+	$(BIN)/python -m pytest
+
+## the benchmarks, each one JSON object
+bench: $(VENV)/.installed-test
+	@for script in tests/benchmarks/*.py; do echo "== $$script"; $(BIN)/python $$script || exit 1; done
+
+clean:
+	rm -rf $(VENV) lmctl-demo build dist
+
+$(VENV)/bin/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "error: lmctl needs Python 3.11 or newer; $(PYTHON) is older"; \
+	    echo "hint: make PYTHON=/path/to/python3.11"; exit 3; }
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/.installed: pyproject.toml constraints.txt | $(VENV)/bin/python
+	@echo "installing lmctl into $(VENV) ..."
+	@$(PIP) --editable .
+	@touch $@
+
+$(VENV)/.installed-test: pyproject.toml constraints.txt | $(VENV)/bin/python
+	@echo "installing lmctl and its test tools into $(VENV) ..."
+	@$(PIP) --editable '.[test]'
+	@touch $@ $(VENV)/.installed

@@ -1,0 +1,75 @@
+"""`lmctl`: dispatch a command and turn what it raises into a message and an exit code.
+
+0 done, 1 job or check failed, 2 usage, 3 configuration, 4 machine unreachable or in alarm,
+5 stopped but resumable, 130 interrupted. A bug keeps its traceback.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+
+import click
+
+from lmctl.cli.lazy import LazyGroup
+from lmctl.errors import LmctlError
+
+COMMANDS = {
+    "demo": ("lmctl.cli.demo", "The main job, end to end: a scanned gear to a job log, simulated."),
+    "init": ("lmctl.cli.init", "Write an example part, with its cell profile, to start from."),
+    "check": ("lmctl.cli.check", "Check a part file, a profile or a job, and say all that is wrong."),
+    "plan": ("lmctl.cli.plan", "Plan a part (or a bare mesh or cloud) into a job file."),
+    "show": ("lmctl.cli.show", "Draw a layer of a job: its paths coloured by composition."),
+    "run": ("lmctl.cli.run", "Run a job on the simulated machine or a real one."),
+    "jobs": ("lmctl.cli.jobs", "List job files and runs."),
+    "log": ("lmctl.cli.log", "Print the log of a run; verify its journal."),
+}
+
+
+@click.command(
+    cls=LazyGroup,
+    table=COMMANDS,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
+@click.version_option(package_name="lmctl", prog_name="lmctl")
+def program() -> None:
+    """From a part and its materials to a finished laser-cladding build.
+
+    Never real hardware by default: `lmctl run` needs --sim or --machine FILE.
+    """
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command. Returns the exit code; writes errors to standard error."""
+    try:
+        program.main(args=arguments, prog_name="lmctl", standalone_mode=False)
+        return 0
+    except LmctlError as error:
+        click.echo(error.render(), err=True)
+        return error.exit_code
+    except click.exceptions.Exit as request:
+        return request.exit_code
+    except click.Abort:
+        click.echo("interrupted", err=True)
+        return 130
+    except click.ClickException as error:
+        error.show()
+        return 2
+    except KeyboardInterrupt:
+        click.echo("interrupted", err=True)
+        return 130
+    except BrokenPipeError:
+        # The reader of our output went away (`lmctl log … | head`): that is no failure of ours,
+        # but Python would complain once more while closing standard output.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+
+
+def run() -> None:
+    """Entry point of the `lmctl` script."""
+    sys.exit(main())
+
+
+if __name__ == "__main__":
+    run()

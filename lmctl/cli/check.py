@@ -1,0 +1,65 @@
+"""`lmctl check`: everything that is wrong with a part file, a profile or a job, at once."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import click
+
+from lmctl.cli.console import put, say
+from lmctl.cli.profiles import profile_or_bench_cell
+from lmctl.config import toml_file
+from lmctl.config.machine import MachineProfile, load_profile
+
+
+@click.command()
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("-m", "--machine", type=click.Path(path_type=Path),
+              help="Profile to check a part or job against [the bench cell].")
+def check(file: Path, machine: Path | None) -> None:
+    """Check FILE: a part file, a bare mesh or cloud, a machine profile, or a job."""
+    if file.suffix == ".lmj":
+        _check_job(file, profile_or_bench_cell(machine))
+    elif _is_profile(file):
+        profile = load_profile(file)
+        put(f"{file}: a machine profile, {len(profile.hopper)} hoppers on "
+            f"{len(profile.feeder)} feeders; nothing wrong")
+    else:
+        _check_part(file, profile_or_bench_cell(machine))
+
+
+def _is_profile(file: Path) -> bool:
+    """Whether a TOML file is meant as a machine profile: only those have a [motion] table."""
+    if file.suffix.lower() != ".toml":
+        return False
+    try:
+        return "motion" in tomllib.loads(toml_file.read_text(file))
+    except tomllib.TOMLDecodeError:
+        return False  # whichever it was meant to be, its loader says what is wrong
+
+
+def _check_job(file: Path, profile: MachineProfile) -> None:
+    from lmctl.job.reader import JobReader
+    from lmctl.preflight.job_check import check_job
+
+    with JobReader(file) as job:
+        for _ in job.layers():  # opening a layer verifies its digest
+            pass
+        check_job(job.manifest, profile)
+        put(f"{file}: a whole job of {len(job.manifest.layers)} layers for "
+            f"{job.manifest.machine}; nothing wrong")
+
+
+def _check_part(file: Path, profile: MachineProfile) -> None:
+    from lmctl.cli.planning import open_part
+    from lmctl.preflight.part_check import check_part
+
+    part = open_part(file)
+    for text in part.warnings:
+        say(f"warning: {text}")
+    check_part(part, profile)
+    low, high = part.bounds_mm
+    size = " × ".join(f"{b - a:.1f}" for a, b in zip(low, high, strict=True))
+    put(f"{file}: {part.name}, {size} mm, {', '.join(m.name for m in part.materials)}; "
+        "nothing wrong")

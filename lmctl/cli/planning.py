@@ -1,0 +1,58 @@
+"""What `plan` and `demo` share: open whatever the user named as a part, plan it, say the totals."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from lmctl.cli.console import clock, progress_bar
+from lmctl.config.machine import MachineProfile
+from lmctl.errors import UsageError
+
+if TYPE_CHECKING:
+    from lmctl.job.schema import JobManifest
+    from lmctl.part.part import Part
+
+
+def open_part(path: Path, units: str | None = None) -> Part:
+    """A part file, or a bare mesh or cloud with defaults that its warnings name."""
+    from lmctl.part.load import load_part, part_from_model
+
+    if path.suffix.lower() == ".toml":
+        if units is not None:
+            raise UsageError("--units is for a bare mesh or cloud", where=str(path),
+                             hint="a part file states the units of each of its bodies")
+        return load_part(path)
+    return part_from_model(path, units=units)
+
+
+def plan_to_file(part: Part, profile: MachineProfile, target: Path) -> JobManifest:
+    """Plan a part into `target`, with a progress bar on a terminal; all of the file or nothing."""
+    from lmctl.plan.planner import plan_job
+
+    if target.is_dir():
+        raise UsageError(f"{target} is a folder", hint="give -o a file name, such as part.lmj")
+    if not target.parent.is_dir():
+        raise UsageError(f"there is no folder {target.parent}", hint="make it first")
+    with progress_bar("planning") as update:
+        return plan_job(
+            part, profile, target,
+            progress=lambda done, total: update(done, total, f"layer {done} of {total}"),
+        )
+
+
+def summary(manifest: JobManifest, target: Path) -> str:
+    """A job in a few lines, for people."""
+    totals = manifest.totals
+    powder = ", ".join(f"{name} {grams:.1f} g" for name, grams in totals["powder_g"].items())
+    lines = [
+        f"{manifest.part_name}: {totals['layers']} layers, {totals['contours']} contours, "
+        f"{totals['vertices']} vertices",
+        f"  path      {totals['path_length_mm'] / 1000:.2f} m, "
+        f"beam on {clock(totals['laser_on_s'])} of {clock(totals['duration_s'])}",
+        f"  powder    {powder}",
+        f"  machine   {manifest.machine}, powder mode {manifest.powder_mode}",
+        f"  job       {target}",
+    ]
+    lines += [f"  warning   {text}" for text in totals["warnings"]]
+    return "\n".join(lines)

@@ -1,0 +1,93 @@
+"""`lmctl run`: a job on the simulated machine (--sim) or on the one a profile names (--machine)."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from lmctl.cli.console import clock, progress_bar, put, put_json, say
+from lmctl.cli.profiles import profile_or_bench_cell
+from lmctl.config.machine import MachineProfile
+from lmctl.errors import UsageError
+
+if TYPE_CHECKING:
+    from lmctl.run.executor import RunResult
+
+
+@click.command()
+@click.argument("job", type=click.Path(path_type=Path))
+@click.option("--sim", is_flag=True, help="Run on the simulated machine, in virtual time.")
+@click.option("-m", "--machine", type=click.Path(path_type=Path), help="Machine profile to run on.")
+@click.option("--bench", type=click.Path(path_type=Path),
+              help="With --sim: the simulated cell's own file [the bench that ships].")
+@click.option("--speed", type=click.FloatRange(min=0, min_open=True),
+              help="With --sim: times real time; 1 is real time [as fast as it goes].")
+@click.option("--runs", "runs_dir", type=click.Path(path_type=Path), default=Path("runs"),
+              show_default=True, help="Folder of run journals.")
+@click.option("--operator", default="", help="Name for the journal.")
+@click.option("--json", "as_json", is_flag=True, help="Print the result as one JSON object.")
+def run(
+    job: Path, sim: bool, machine: Path | None, bench: Path | None, speed: float | None,
+    runs_dir: Path, operator: str, as_json: bool,
+) -> None:
+    """Run JOB. Never real hardware by default: give --sim, or --machine FILE.
+
+    With --sim, --machine may name the profile the job was planned for; its endpoints are then
+    those of the simulated machine.
+    """
+    if not sim and machine is None:
+        raise UsageError("on which machine?",
+                         hint="--sim for the simulated one, --machine FILE for a real one")
+    if not sim and (bench is not None or speed is not None):
+        raise UsageError("--bench and --speed belong to --sim")
+    profile = profile_or_bench_cell(machine)
+    result = run_with_bar(job, profile, runs_dir, operator=operator, sim=sim, bench=bench,
+                          speed=speed)
+    if as_json:
+        put_json(result_as_json(result))
+    else:
+        put(outcome(result))
+
+
+def run_with_bar(
+    job: Path, profile: MachineProfile, runs_dir: Path, *, operator: str, sim: bool,
+    bench: Path | None, speed: float | None,
+) -> RunResult:
+    """Run a job with a progress bar on a terminal. Raises what the run raises."""
+    from lmctl.run.executor import run_job
+
+    with progress_bar("running") as update:
+
+        def progress(done_s: float, total_s: float, layer: int, remaining_s: float) -> None:
+            update(done_s, total_s, f"layer {layer + 1}, {clock(remaining_s)} to go")
+
+        if not sim:
+            return asyncio.run(
+                run_job(job, profile, runs_dir, operator=operator, progress=progress)
+            )
+        from lmctl.cli.bench import run_simulated
+
+        return run_simulated(job, profile, runs_dir, operator=operator, progress=progress,
+                             bench=bench, speed=speed)
+
+
+def result_as_json(result: RunResult) -> dict[str, object]:
+    """The keys that scripts may rely on."""
+    return {
+        "run": result.run, "state": result.state, "lines": result.lines,
+        "machine_s": result.machine_s, "wall_s": result.wall_s, "journal": str(result.journal),
+    }
+
+
+def outcome(result: RunResult) -> str:
+    """A finished run in a few lines, for people."""
+    faster = f", {result.machine_s / result.wall_s:.0f} × real time" if result.wall_s else ""
+    return "\n".join([
+        f"{result.run}: {result.state}, {result.lines} lines in {clock(result.machine_s)} of "
+        f"machine time ({clock(result.wall_s)}{faster})",
+        f"  journal   {result.journal}",
+        f"hint: `lmctl log {result.run}` prints its log",
+    ])
