@@ -1,0 +1,82 @@
+"""The structure promised in ARCHITECTURE.md, held against the tree."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from importlinter.cli import lint_imports
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGES = ("lmctl", "firmware_protocol", "simulators")
+MODULES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
+
+
+def test_the_import_contracts_hold(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    assert lint_imports(no_cache=True) == 0
+
+
+def test_the_bench_is_imported_by_one_module_only() -> None:
+    importers = {
+        path.relative_to(ROOT).as_posix()
+        for path in MODULES
+        if path.is_relative_to(ROOT / "lmctl") and "simulators" in _imported_packages(path)
+    }
+    assert importers == {"lmctl/cli/bench.py"}
+
+
+def test_help_imports_no_array_code() -> None:
+    heavy = {"numpy", "numba", "scipy", "matplotlib", "pydantic", "asyncio", "pymodbus", "rich"}
+    program = (
+        "import sys; from lmctl.cli.__main__ import main; code = main(['--help']);"
+        f"print(sorted(set(sys.modules) & {heavy!r}), file=sys.stderr); sys.exit(code)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True, cwd=ROOT
+    )
+    assert done.stderr.strip() == "[]"
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_every_module_says_what_it_is_for(package: str) -> None:
+    silent = [
+        path.relative_to(ROOT).as_posix()
+        for path in MODULES
+        if path.is_relative_to(ROOT / package)
+        and not ast.get_docstring(ast.parse(path.read_text(encoding="utf-8")))
+    ]
+    assert silent == []
+
+
+def test_asynchronous_code_uses_the_loops_clock_only() -> None:
+    """time.time() and its like would not move with virtual time (ARCHITECTURE.md, time)."""
+    watched = ("lmctl/run", "lmctl/machine", "simulators")
+    offenders = []
+    for path in MODULES:
+        name = path.relative_to(ROOT).as_posix()
+        if name.startswith(watched) and "time" in _imported_packages(path):
+            calls = {
+                node.attr
+                for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+                if isinstance(node, ast.Attribute)
+                and isinstance(node.value, ast.Name) and node.value.id == "time"
+            }
+            if calls & {"time", "sleep", "monotonic", "perf_counter"}:
+                offenders.append((name, sorted(calls)))
+    # The run's wall time is for the person who waits; the virtual clock itself may pace to it.
+    allowed = {"lmctl/run/wall_clock.py", "simulators/virtual_time.py"}
+    assert [entry for entry in offenders if entry[0] not in allowed] == []
+
+
+def _imported_packages(path: Path) -> set[str]:
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name.split(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
+            found.add(node.module.split(".")[0])
+    return found
