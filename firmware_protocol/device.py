@@ -1,0 +1,131 @@
+"""Device end of a Grbl link: bytes in, lines and real-time bytes out. Owns no port or clock.
+
+Modelled on both firmwares' serial interrupt: real-time bytes are picked out of the stream as they
+arrive; everything else waits in the receive buffer until the main loop reads it; bytes that find
+the buffer full are lost. A loop with nothing to do reads bytes as they come, so an idle
+controller takes a line longer than its buffer; a busy one does not.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import NamedTuple
+
+from firmware_protocol.dialect import Dialect
+from firmware_protocol.gcode import significant
+from firmware_protocol.messages import Banner, Message
+from firmware_protocol.realtime import Realtime
+
+_MOST_RAW_BYTES = 4096  # kept of one line, comments included; a longer one is called too long
+_ALL = frozenset(range(256))
+
+
+class LineReceived(NamedTuple):
+    """A line as it came, without its end; `too_long`: the firmware answers it with error:11."""
+
+    text: bytes
+    too_long: bool
+
+
+class GrblDevice:
+    """The receive buffer of a controller.
+
+    rx_bytes : stated size of the buffer; one byte less is usable; the dialect's by default
+    overruns : bytes lost so far because the buffer was full
+    """
+
+    def __init__(self, dialect: Dialect, rx_bytes: int | None = None) -> None:
+        self.dialect = dialect
+        self.rx_bytes = dialect.rx_bytes if rx_bytes is None else rx_bytes
+        self.overruns = 0
+        self._usable = self.rx_bytes - 1
+        self._line_chars = dialect.line_chars
+        picked = frozenset(map(int, dialect.realtime))
+        self._not_text = bytes(sorted(picked | dialect.dropped))
+        self._not_realtime = bytes(sorted(_ALL - picked))
+        self._lines: deque[bytes] = deque()
+        self._partial = b""  # the start of a line whose end has not come
+        self._used = 0  # bytes in the receive buffer
+        self._head_read = 0  # bytes of the first line that have already left the buffer
+        self._reading = True  # the main loop is waiting for bytes
+
+    @property
+    def rx_free(self) -> int:
+        """Free bytes of the buffer as `Bf:` shows them."""
+        return max(0, self.rx_bytes - self.dialect.rx_shown_margin - self._used)
+
+    @property
+    def lines_waiting(self) -> int:
+        """Whole lines in the buffer."""
+        return len(self._lines)
+
+    def receive_data(self, data: bytes) -> bytes:
+        """Take bytes off the wire; return the real-time bytes among them, in order.
+
+        A reset byte empties the buffer of what stood before it. Lines wait for `take_line`.
+        """
+        text = data.translate(None, self._not_text)
+        if len(text) == len(data):
+            self._buffer(text)
+            return b""
+        realtime = data.translate(None, self._not_realtime)
+        reset_at = data.rfind(Realtime.RESET)
+        if reset_at >= 0:
+            self.discard_rx()
+            text = data[reset_at + 1 :].translate(None, self._not_text)
+        if text:
+            self._buffer(text)
+        return realtime
+
+    def take_line(self) -> LineReceived | None:
+        """The oldest whole line, whose bytes leave the buffer now; None where there is none.
+
+        Asking in vain tells the device that the controller is idle and reads as bytes come.
+        """
+        if not self._lines:
+            self._reading = True
+            self._head_read = len(self._partial)
+            self._used = 0
+            return None
+        line = self._lines.popleft()
+        size = len(line)
+        self._used -= max(0, size + 1 - self._head_read)
+        self._head_read = 0
+        if size <= self._line_chars:
+            return LineReceived(line, False)
+        too_long = size > _MOST_RAW_BYTES or len(significant(line)) > self._line_chars
+        return LineReceived(line, too_long)
+
+    def discard_rx(self) -> None:
+        """Forget everything received and not yet taken, as a reset or a jog cancel does."""
+        self._lines.clear()
+        self._partial = b""
+        self._used = 0
+        self._head_read = 0
+        self._reading = True
+
+    def send(self, message: Message) -> bytes:
+        """The bytes of a message; a banner is preceded by an empty line, as both firmwares do."""
+        text = message.format()
+        return (f"\r\n{text}\r\n" if isinstance(message, Banner) else f"{text}\r\n").encode(
+            "latin-1"
+        )
+
+    def _buffer(self, text: bytes) -> None:
+        if b"\r" in text:
+            text = text.replace(b"\r", b"\n")
+        if self._reading:
+            read = text.find(b"\n") + 1 or len(text)  # taken as it comes
+            self._reading = read == len(text) and not text.endswith(b"\n")
+            self._head_read += read
+        else:
+            read = 0
+        room = self._usable - self._used + read
+        if len(text) > room:
+            self.overruns += len(text) - room
+            text = text[:room]
+        self._used += len(text) - read
+        *lines, self._partial = (self._partial + text).split(b"\n")
+        self._lines.extend(lines)
+        if len(self._partial) > _MOST_RAW_BYTES:
+            self._partial = self._partial[: _MOST_RAW_BYTES + 1]

@@ -1,0 +1,66 @@
+"""One block of G-code as text: comments and spaces taken off, words split, or an error number.
+
+What the words *mean* is the interpreter's business; this answers only what both firmwares decide
+before any meaning: letters (`error:1`) and numbers (`error:2`).
+"""
+
+from __future__ import annotations
+
+import re
+
+EXPECTED_LETTER = 1
+BAD_NUMBER = 2
+
+_UPPER = bytes(c - 32 if 97 <= c <= 122 else c for c in range(256))
+_SPACES = bytes(range(0x21)) + b"/"  # the block-delete switch is off: '/' is ignored
+_COMMENT = re.compile(rb"\([^)]*(?:\)|$)|;.*", re.DOTALL)
+_LETTER = re.compile("([A-Z])")
+_SOUND = re.compile(r"(?:[A-Z][+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))*")
+
+
+class GcodeError(Exception):
+    """The block is refused with `error:code`."""
+
+    def __init__(self, code: int) -> None:
+        super().__init__(f"error:{code}")
+        self.code = code
+
+
+def significant(line: bytes) -> bytes:
+    """What the firmware stores of a line: upper case, without spaces, comments and '/'.
+
+    A comment runs from '(' to ')' or to the end of the line, or from ';' to the end.
+
+    >>> significant(b"N5 g1 x10.5 (there) F600 ; slow")
+    b'N5G1X10.5F600'
+    """
+    if b"(" in line or b";" in line:
+        line = _COMMENT.sub(b"", line)
+    return line.translate(_UPPER, _SPACES)
+
+
+def tokenise(line: bytes) -> list[tuple[str, float]]:
+    """The words of a block in order, as (letter, value); an empty block gives no words.
+
+    line : raw or already `significant` text, without its line end
+    raises : GcodeError 1 where a letter should stand, 2 where a number should
+
+    >>> tokenise(b"N120 G1 X-10.5 F600")
+    [('N', 120.0), ('G', 1.0), ('X', -10.5), ('F', 600.0)]
+    """
+    block = significant(line).decode("latin-1")
+    junk, *parts = _LETTER.split(block)
+    try:
+        words = list(zip(parts[::2], map(float, parts[1::2]), strict=True))
+    except ValueError:
+        raise _refusal(block) from None
+    if junk or "_" in block or not block.isascii():  # float() is laxer than the firmware
+        raise _refusal(block)
+    return words
+
+
+def _refusal(block: str) -> GcodeError:
+    """What the firmware answers where reading the block from the left first fails."""
+    sound = _SOUND.match(block)
+    at = sound.end() if sound else 0
+    return GcodeError(BAD_NUMBER if "A" <= block[at : at + 1] <= "Z" else EXPECTED_LETTER)

@@ -1,0 +1,167 @@
+"""Host end of a Grbl link: bytes in, events out; lines in, bytes out. Owns no port, clock or task.
+
+Flow control is character counting (Grbl `doc/markdown/interface.md`): the bytes of all lines sent
+and not yet answered, line ends included, never exceed the controller's receive buffer. Every `ok`
+or `error:N` frees the oldest line. Real-time bytes are not lines and are not counted.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from firmware_protocol.messages import (
+    Alarm,
+    Banner,
+    ErrorReply,
+    Feedback,
+    Ok,
+    Setting,
+    StartupLine,
+    Status,
+    StoredLine,
+    Unknown,
+    parse_message,
+)
+from firmware_protocol.realtime import Realtime
+
+MOST_LINE_BYTES = 1024
+"""Longest received line taken as one; the rest of a longer one is Unknown."""
+
+_FORBIDDEN = bytes((*range(0x20), *range(0x7E, 0x100), Realtime.HOLD, Realtime.STATUS))
+
+
+class LocalProtocolError(Exception):
+    """We were about to send what must not be sent: a bug on this side."""
+
+
+class Answered(NamedTuple):
+    """The line sent with `tag` was answered: error code 0 is `ok`, another is `error:code`."""
+
+    tag: int
+    error: int
+
+
+@dataclass(frozen=True, slots=True)
+class RemoteProtocolError:
+    """The controller said what it may not, such as an answer to no line. It credits nothing."""
+
+    text: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Restarted:
+    """The controller sent its banner: the lines with these tags will never be answered."""
+
+    banner: str
+    lost: tuple[int, ...]
+
+
+Event = (
+    Answered | RemoteProtocolError | Restarted | Alarm | Status | Feedback | Setting | StoredLine
+    | StartupLine | Unknown
+)
+
+
+class GrblHost:
+    """One conversation with a controller.
+
+    rx_usable : bytes of the controller's receive buffer that may be filled
+    line_chars : most characters of one line
+    """
+
+    def __init__(self, rx_usable: int, line_chars: int) -> None:
+        self.rx_usable = rx_usable
+        self.line_chars = line_chars
+        self._free = rx_usable
+        self._unanswered: deque[tuple[int, int]] = deque()  # (tag, size), oldest first
+        self._partial = b""
+        self._skipping = False  # inside a line too long to be one
+
+    @property
+    def free(self) -> int:
+        """Bytes that may be sent now, line end included."""
+        return self._free
+
+    @property
+    def unanswered(self) -> int:
+        """Lines sent and not answered."""
+        return len(self._unanswered)
+
+    def can_send(self, line: bytes) -> bool:
+        """Whether the controller has room for `line` (without its end) now."""
+        return len(line) < self._free
+
+    def send_line(self, line: bytes, tag: int) -> bytes:
+        """The bytes of a line, counted until it is answered.
+
+        line : printable ASCII without line end and without the bytes `! ? ~`, which would act
+        raises : LocalProtocolError
+        """
+        size = len(line) + 1
+        if size > self._free:
+            raise LocalProtocolError(f"line {tag} needs {size} bytes, {self._free} are free")
+        if size > self.line_chars + 1:
+            raise LocalProtocolError(
+                f"line {tag} has {size - 1} characters, the controller takes {self.line_chars}"
+            )
+        if line.translate(None, _FORBIDDEN) != line:
+            raise LocalProtocolError(f"line {tag} holds bytes that would act or break it: {line!r}")
+        self._unanswered.append((tag, size))
+        self._free -= size
+        return line + b"\n"
+
+    def forget(self) -> tuple[int, ...]:
+        """Give up every unanswered line; returns their tags, oldest first."""
+        lost = tuple(tag for tag, _ in self._unanswered)
+        self._unanswered.clear()
+        self._free = self.rx_usable
+        return lost
+
+    def receive_data(self, data: bytes) -> list[Event]:
+        """Take bytes off the wire; return what they complete, in order. Never raises.
+
+        Lines end LF or CRLF; empty ones (a banner follows one) are no event.
+        """
+        events: list[Event] = []
+        *lines, self._partial = (self._partial + data).split(b"\n")
+        for line in lines:
+            if line == b"ok\r" and self._unanswered and not self._skipping:
+                tag, size = self._unanswered.popleft()
+                self._free += size
+                events.append(Answered(tag, 0))
+            else:
+                self._take(line, events)
+        if len(self._partial) > MOST_LINE_BYTES:
+            if not self._skipping:
+                events.append(Unknown(self._partial[:MOST_LINE_BYTES].decode("latin-1")))
+            self._partial = b""
+            self._skipping = True
+        return events
+
+    def _take(self, line: bytes, events: list[Event]) -> None:
+        if self._skipping:  # the end of a line that was already reported
+            self._skipping = False
+            return
+        text = line[:-1] if line.endswith(b"\r") else line
+        if not text:
+            return
+        if len(text) > MOST_LINE_BYTES:
+            events.append(Unknown(text[:MOST_LINE_BYTES].decode("latin-1")))
+            return
+        message = parse_message(text.decode("latin-1"))
+        if isinstance(message, Ok | ErrorReply):
+            events.append(self._answer(message))
+        elif isinstance(message, Banner):
+            events.append(Restarted(message.text, self.forget()))
+        else:
+            events.append(message)
+
+    def _answer(self, message: Ok | ErrorReply) -> Answered | RemoteProtocolError:
+        if not self._unanswered:
+            return RemoteProtocolError(message.format(), "it answers no line that was sent")
+        tag, size = self._unanswered.popleft()
+        self._free += size
+        return Answered(tag, message.code if isinstance(message, ErrorReply) else 0)
