@@ -1,0 +1,74 @@
+"""What every layer of a job must satisfy; asked of it when it is written and when it is read.
+
+A job's text goes to the machine as it stands, so a reader trusts nothing: only motion, dwell
+and beam words pass, never a `$` command, a real-time character or a byte above 0x7F.
+"""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from lmctl.job.schema import N_WORD_MODULUS, JobLayer, LineKind, line_dtype
+
+#: Grbl's line buffer takes 80 characters; N, four coordinates, F and S need fewer than this.
+LONGEST_LINE = 70
+
+_PROGRAM = re.compile(r"(?:N[0-9]{1,7}(?: [GMXYZFSP]-?[0-9]+(?:\.[0-9]+)?)+\n)*")
+
+
+def broken_rule(layer: JobLayer, n_materials: int, n_hoppers: int) -> str | None:
+    """The first rule this layer breaks, in words, or None."""
+    n_lines = len(layer.program)
+    lines, flow_s, flow = layer.lines, layer.flow_s, layer.flow_g_s
+    if lines.dtype != line_dtype(n_materials) or lines.shape != (n_lines,):
+        return f"{n_lines} program lines, but a line table of shape {lines.shape}"
+    if n_lines == 0:
+        return "no program lines"
+    if flow_s.dtype != np.float64 or flow_s.ndim != 1 or len(flow_s) < 2:
+        return "fewer than two flow knots"
+    if flow.dtype != np.float64 or flow.shape != (len(flow_s), n_hoppers):
+        return f"{len(flow_s)} flow knots, but a flow table of shape {flow.shape}"
+    return _program_rule(layer) or _table_rule(layer) or _flow_rule(layer)
+
+
+def _program_rule(layer: JobLayer) -> str | None:
+    for i, line in enumerate(layer.program):
+        if not line.startswith(f"N{(layer.first_line + i) % N_WORD_MODULUS} "):
+            return f"line {layer.first_line + i} does not carry its own number"
+        if len(line) > LONGEST_LINE:
+            return f"line {layer.first_line + i} is longer than {LONGEST_LINE} characters"
+    text = "\n".join(layer.program) + "\n"
+    if text.count("\n") != len(layer.program) or _PROGRAM.fullmatch(text) is None:
+        return "a program line holds something else than motion, dwell and beam words"
+    return None
+
+
+def _table_rule(layer: JobLayer) -> str | None:
+    lines = layer.lines
+    columns = ("end_s", "x_mm", "y_mm", "z_mm", "speed_mm_s", "power_W", "fractions")
+    if not all(np.isfinite(lines[name]).all() for name in columns):
+        return "a line's time, position, speed, power or composition is not a number"
+    if (np.diff(lines["end_s"], prepend=layer.flow_s[0]) < 0).any():
+        return "program time runs backwards"
+    if not np.isin(lines["kind"], [int(kind) for kind in LineKind]).all():
+        return "a line is of no known kind"
+    dark = lines["kind"] != LineKind.BEAD
+    if (lines["power_W"] < 0).any() or (lines["power_W"][dark] != 0).any():
+        return "the beam is on in a line that is no bead"
+    if (np.abs(lines["fractions"].sum(axis=1) - 1) > 1e-4).any():
+        return "volume fractions do not sum to 1"
+    if (lines["fractions"] < 0).any():
+        return "a volume fraction is negative"
+    return None
+
+
+def _flow_rule(layer: JobLayer) -> str | None:
+    if not (np.isfinite(layer.flow_s).all() and np.isfinite(layer.flow_g_s).all()):
+        return "a powder flow or its time is not a number"
+    if (np.diff(layer.flow_s) <= 0).any():
+        return "times of the powder flow do not rise"
+    if (layer.flow_g_s < 0).any():
+        return "a powder flow is negative"
+    return None
