@@ -1,0 +1,114 @@
+"""Everything the controller says, against what both real firmwares did say."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from firmware_protocol.messages import (
+    Alarm,
+    Banner,
+    ErrorReply,
+    Feedback,
+    Ok,
+    Setting,
+    StartupLine,
+    Status,
+    StoredLine,
+    Unknown,
+    parse_message,
+)
+from firmware_protocol.status import StatusReport, parse_status
+
+
+def test_every_line_of_both_firmwares_is_known_and_is_written_back_as_it_came(scenarios):
+    lines = [line for scenario in scenarios for line in scenario.received if line]
+    assert len(lines) > 400
+    for line in lines:
+        message = parse_message(line)
+        assert not isinstance(message, Unknown), line
+        assert message.format() == line
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        ("ok", Ok()),
+        ("error:25", ErrorReply(25)),
+        ("ALARM:3", Alarm(3)),
+        ("Grbl 1.1h ['$' for help]", Banner("Grbl 1.1h ['$' for help]")),
+        ("[MSG:]", Feedback("MSG", "")),
+        ("[AUX IO:4,8,0,4]", Feedback("AUX IO", "4,8,0,4")),
+        ("[GC:G0 G54 S0.]", Feedback("GC", "G0 G54 S0.")),
+        ("$110=6000.000", Setting(110, "6000.000")),
+        ("$N0=", StoredLine(0, "")),
+        (">G54G20:ok", StartupLine("G54G20", "ok")),
+        (">G54:error:7", StartupLine("G54", "error:7")),
+        (
+            "<Hold:1|MPos:12.280,0.000,-3.500|Bf:99,1023|FS:0,0|A:C>",
+            Status(
+                StatusReport(
+                    "Hold", 1, machine_mm=(12.28, 0.0, -3.5), blocks_free=99, rx_free=1023,
+                    feed_mm_min=0.0, spindle=0.0, accessories="C",
+                )
+            ),
+        ),
+    ],
+)
+def test_each_kind_of_message(line, expected):
+    assert parse_message(line) == expected
+    assert expected.format() == line
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "OK", "ok ", " ok", "okok", "error:", "error:x", "error:1234", "error: Bad number",
+        "ALARM:", "[MSG]", "[:x]", "$x=1", "$110", "<>", "<Idle", "Idle>", "<idle>", "<Idle:>",
+        "<Idle|>", "<Idle|MPos:1,2>", "<Idle|MPos:1,2,x>", "<Idle|MPos:nan,0,0>",
+        "<Idle|MPos:1e3,0,0>", "<Idle|MPos:1.2.3,0,0>", "<Idle|Bf:15>", "<Idle|Bf:-1,128>",
+        "<Idle|Ln:>", "<Idle|Ln:1.5>", "<Idle|FS:1>", "<Idle|Ov:100,100>", "<Idle|Pn:X!>",
+        "<Idle|MPos:0,0,0|MPos:0,0,0>", "<Idle|F:1|FS:1,0>", "<Runn|MPos:0,0,0>",
+        "Grbl", "Grbl 1.1h", "grbl 1.1h ['$' for help]", "\x00", "hello",
+    ],
+)
+def test_damaged_lines_are_unknown(line):
+    assert parse_message(line) == Unknown(line)
+
+
+def test_status_fields_may_stand_in_any_order_and_unknown_ones_are_kept():
+    report = parse_status("<Run|X9:a,b|FS:600,50|Ln:7|SD:|Bf:1,2|MPos:1,2,3|WPos:0,1,2>")
+    assert report == StatusReport(
+        "Run", machine_mm=(1, 2, 3), work_mm=(0, 1, 2), blocks_free=1, rx_free=2, line_number=7,
+        feed_mm_min=600, spindle=50, other=(("X9", "a,b"), ("SD", "")),
+    )
+    assert report.format() == (
+        "<Run|MPos:1.000,2.000,3.000|WPos:0.000,1.000,2.000|Bf:1,2|Ln:7|FS:600,50|X9:a,b|SD:>"
+    )
+
+
+def test_feed_alone_and_a_measured_spindle_speed():
+    assert parse_status("<Idle|F:500>").feed_mm_min == 500
+    assert parse_status("<Idle|F:500>").format() == "<Idle|F:500>"
+    assert parse_status("<Idle|FS:500,10,9>").spindle_measured == 9
+    assert parse_status("<Idle|FS:500,10,9>").format() == "<Idle|FS:500,10,9>"
+
+
+def test_an_empty_accessory_field_is_not_a_missing_one():
+    assert parse_status("<Idle|A:>").accessories == ""
+    assert parse_status("<Idle>").accessories is None
+
+
+@given(st.text(max_size=120))
+def test_any_text_is_a_message(text):
+    assert parse_message(text).format() is not None
+
+
+@given(st.text(alphabet="<>|:,.-0123456789IdleRunMPosWCOBfLnFSvA", max_size=60))
+def test_any_near_report_is_parsed_or_unknown(inner):
+    message = parse_message(f"<Run|{inner}>")
+    assert isinstance(message, Status | Unknown)
+    if isinstance(message, Status):  # what was believed survives being written and read again
+        again = parse_message(message.format())
+        assert isinstance(again, Status)
