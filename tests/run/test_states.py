@@ -1,0 +1,134 @@
+"""Every cell of the state table, and the orders of starting and stopping it must keep."""
+
+from __future__ import annotations
+
+import itertools
+
+import pytest
+
+from lmctl.run.states import FINAL, TRANSITIONS, Do, Event, State, drawn, step
+
+# Next state for each event, written apart from the table: a dot is an event the state does not
+# know, which is a fault. Columns in the order of Event.
+NEXT = """
+             start       achieved    done       hold     resume   stop      fault
+ready        connecting  .           .          .        .        stopped   faulted
+connecting   .           checking    .          .        .        stopped   faulted
+checking     .           gas         .          .        .        stopped   faulted
+gas          .           powder      .          .        .        stopping  tripped
+powder       .           armed       .          .        .        stopping  tripped
+armed        .           depositing  .          .        .        stopping  tripped
+depositing   .           .           finishing  holding  .        stopping  tripped
+holding      .           held        finishing  .        .        stopping  tripped
+held         .           .           finishing  .        purging  stopping  tripped
+purging      .           resuming    finishing  held     .        stopping  tripped
+resuming     .           depositing  finishing  holding  .        stopping  tripped
+finishing    .           done        .          .        .        finishing tripped
+stopping     .           stopped     stopping   .        .        stopping  tripped
+tripped      .           faulted     tripped    .        .        tripped   tripped
+"""
+
+
+def cells():
+    for row in NEXT.strip().splitlines()[1:]:
+        state, *following = row.split()
+        for event, then in zip(Event, following, strict=True):
+            yield State(state), event, then
+
+
+@pytest.mark.parametrize(("state", "event", "then"), cells())
+def test_every_cell(state, event, then):
+    if then == ".":
+        assert (state, event) not in TRANSITIONS
+        assert step(state, event) == step(state, Event.FAULT)
+    else:
+        assert step(state, event).state == State(then)
+
+
+@pytest.mark.parametrize(("state", "event"), itertools.product(sorted(FINAL), Event))
+def test_final_states_stay(state, event):
+    assert step(state, event) == (state, ())
+
+
+def test_the_matrix_above_leaves_nothing_out():
+    assert len(list(cells())) + len(FINAL) * len(Event) == len(State) * len(Event)
+
+
+def effects_of(*events: Event, state: State = State.READY) -> list[Do]:
+    done = []
+    for event in events:
+        state, effects = step(state, event)
+        done += effects
+    return done
+
+
+TO_DEPOSITING = (Event.START, *[Event.ACHIEVED] * 5)
+
+
+def test_start_is_gas_then_stable_powder_then_beam_at_zero_then_motion():
+    assert effects_of(*TO_DEPOSITING) == [
+        Do.CONNECT, Do.CHECK_MACHINE, Do.MOVE_TO_PURGE, Do.GAS_ON, Do.POWDER_ON, Do.AWAIT_STABLE,
+        Do.ARM_BEAM, Do.LEAD_POWDER, Do.START_MOTION,
+    ]
+
+
+def test_the_end_is_beam_then_powder_then_gas():
+    assert effects_of(Event.PROGRAM_DONE, Event.ACHIEVED, state=State.DEPOSITING) == [
+        Do.REST_BEAM, Do.POWDER_OFF, Do.GAS_OFF
+    ]
+
+
+@pytest.mark.parametrize("event", [Event.STOP, Event.FAULT])
+@pytest.mark.parametrize("state", [s for s in State if s not in FINAL])
+def test_from_everywhere_beam_and_motion_go_first_then_powder_then_gas(state, event):
+    effects = effects_of(event, state=state)
+    if state in (State.READY, State.CONNECTING, State.CHECKING):
+        assert effects == []
+    elif state is State.TRIPPED and event is Event.FAULT:
+        assert effects == []  # its stop is under way already
+    elif state is State.FINISHING and event is Event.STOP:
+        assert effects == [Do.REST_BEAM, Do.POWDER_OFF, Do.GAS_OFF_NOW]
+    else:
+        assert effects[:2] == [Do.STOP_MOTION, Do.POWDER_OFF]
+        assert effects[2:] in ([Do.GAS_OFF], [Do.GAS_OFF_NOW])
+
+
+def test_the_beam_returns_after_a_hold_only_through_fresh_powder():
+    effects = effects_of(
+        Event.HOLD, Event.ACHIEVED, Event.RESUME, Event.ACHIEVED, Event.ACHIEVED,
+        state=State.DEPOSITING,
+    )
+    assert effects == [
+        Do.FEED_HOLD, Do.KEEP_POWDER, Do.POWDER_OFF, Do.POWDER_ON, Do.PURGE_HOSE, Do.CYCLE_START
+    ]
+
+
+def test_no_row_starts_motion_or_powder_out_of_order():
+    for (state, _), (_, effects) in TRANSITIONS.items():
+        if Do.START_MOTION in effects:
+            assert state is State.ARMED
+        if Do.CYCLE_START in effects:
+            assert state is State.PURGING
+        if Do.POWDER_ON in effects:
+            assert state in (State.GAS, State.HELD)
+        if Do.ARM_BEAM in effects:
+            assert state is State.POWDER
+
+
+def test_every_state_is_reached_and_every_live_one_can_be_left():
+    reached = {State.READY}
+    for _ in State:
+        reached |= {then for (state, _), (then, _) in TRANSITIONS.items() if state in reached}
+    assert reached == set(State)
+    for state in set(State) - FINAL:
+        ends = {state}
+        for _ in State:
+            ends |= {then for (s, _), (then, _) in TRANSITIONS.items() if s in ends}
+        assert ends & FINAL
+
+
+def test_the_drawing_has_a_row_for_each_transition():
+    rows = drawn().splitlines()
+    assert len(rows) == 2 + len(TRANSITIONS)
+    assert "| held | resume | purging | powder on; purge hose |" in rows
+    assert "| resuming | achieved | depositing | – |" in rows
