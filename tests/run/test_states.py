@@ -36,7 +36,7 @@ def cells():
             yield State(state), event, then
 
 
-@pytest.mark.parametrize(("state", "event", "then"), cells())
+@pytest.mark.parametrize(("state", "event", "then"), list(cells()))
 def test_every_cell(state, event, then):
     if then == ".":
         assert (state, event) not in TRANSITIONS
@@ -45,7 +45,7 @@ def test_every_cell(state, event, then):
         assert step(state, event).state == State(then)
 
 
-@pytest.mark.parametrize(("state", "event"), itertools.product(sorted(FINAL), Event))
+@pytest.mark.parametrize(("state", "event"), list(itertools.product(sorted(FINAL), Event)))
 def test_final_states_stay(state, event):
     assert step(state, event) == (state, ())
 
