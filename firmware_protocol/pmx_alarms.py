@@ -1,0 +1,90 @@
+"""What PMX feeders complain about, in plain words: alarms, warnings and refused writes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from firmware_protocol.pmx import MOST_HOPPERS, Refusal
+
+
+@dataclass(frozen=True)
+class Alarm:
+    """An alarm or warning in plain words. hint : what to do about it."""
+
+    code: int
+    text: str
+    hint: str
+
+
+_SYSTEM_ALARMS = {
+    101: ("the emergency-stop chain is open", "release the emergency stop, then reset the alarm"),
+    102: ("the gas supply pressure is low", "check gas bottle, valve and regulator"),
+    103: ("the mixer pressure is too high", "look for a clogged nozzle or kinked hose"),
+    104: ("the host's heartbeat stopped, and its watchdog tripped",
+          "find out why the host went silent, then reset watchdog and alarm"),
+    105: ("its configuration is invalid", "check the stored hopper settings"),
+    106: ("it reports an internal fault", "switch it off and on; see its manual if that fails"),
+}
+
+_HOPPER_ALARMS = {
+    1: ("drive fault", "check the disc drive"),
+    2: ("the disc is stalled", "look for caked powder or a foreign body under the disc"),
+    3: ("the disc does not hold its speed", "check the drive, and the set-point against its range"),
+    4: ("too little carrier gas", "check the gas supply and the hose"),
+    5: ("the hopper pressure is out of range", "check lid seal, hose and over-pressure valve"),
+    6: ("the lid is open", "close the lid"),
+    7: ("it is empty", "refill it"),
+    8: ("stirrer fault", "check the stirrer drive"),
+    9: ("load cell fault", "check the load cell and its cable"),
+    10: ("it is too hot", "let it cool; check the heater"),
+    51: ("the level is low", "refill it soon"),
+    52: ("the weighed flow drifts from the estimate", "recalibrate the feed factor"),
+    53: ("the flow is unsteady", "check powder moisture, level and disc"),
+    54: ("its calibration is old", "recalibrate the feed factor"),
+    55: ("the set-point was clipped", "keep set-points within the disc's speed range"),
+}
+
+#: Codes of the system alarms, in the order of their bits in ALARM.
+SYSTEM_CODES = tuple(_SYSTEM_ALARMS)
+ESTOP, WATCHDOG = 101, 104
+#: Numbers of a hopper's own codes, see `hopper_code`.
+EMPTY, LEVEL_LOW, CLIPPED = 7, 51, 55
+
+
+def hopper_code(channel: int, number: int) -> int:
+    """Alarm code of a hopper: 201 is drive fault of hopper 1, 307 hopper 2 empty."""
+    return 100 * (channel + 1) + number
+
+
+def alarm(code: int) -> Alarm:
+    """An alarm code in words; codes the map does not list are named as such.
+
+    >>> alarm(307).text
+    'hopper 2: it is empty'
+    """
+    if code in _SYSTEM_ALARMS:
+        return Alarm(code, *_SYSTEM_ALARMS[code])
+    channel, number = code // 100 - 1, code % 100
+    if 1 <= channel <= MOST_HOPPERS and number in _HOPPER_ALARMS:
+        text, hint = _HOPPER_ALARMS[number]
+        return Alarm(code, f"hopper {channel}: {text}", hint)
+    return Alarm(code, f"alarm {code}, which its register map does not list", "see its manual")
+
+
+_REFUSALS = {
+    Refusal.NONE: "no reason given",
+    Refusal.NOT_REMOTE: "its switch stands at LOCAL, or remote control is not enabled",
+    Refusal.FAULTED: "an alarm or a watchdog trip is latched",
+    Refusal.NO_GAS: "powder needs carrier gas, and gas is off",
+    Refusal.POWDER_RUNNING: "powder is running",
+    Refusal.CAUSE_REMAINS: "the cause of the alarm is still there",
+    Refusal.WATCHDOG_NEEDED: "its watchdog cannot be switched off under remote control",
+}
+
+
+def refusal(code: int) -> str:
+    """LAST_REFUSAL in words."""
+    try:
+        return _REFUSALS[Refusal(code)]
+    except ValueError:
+        return f"reason {code}, which its register map does not list"

@@ -1,0 +1,270 @@
+"""Register maps as data: what stands at which Modbus address, and how its words are read.
+
+A map is a table of `Register` rows with the device's habits (word order, address base) beside it.
+It turns engineering values into 16-bit words and back; it sends nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+#: Most registers one request may read (FC 03, 04) and write (FC 16), Modbus application protocol.
+MOST_READ = 125
+MOST_WRITTEN = 123
+
+#: What a register may hold: None is the device's "not available".
+Value = int | float | str | None
+
+
+class RegisterError(ValueError):
+    """A value does not fit its register, or a map contradicts itself."""
+
+
+class Kind(Enum):
+    """Which of the two register spaces a row stands in."""
+
+    INPUT = "input"      # read by FC 04
+    HOLDING = "holding"  # read by FC 03, written by FC 06 and 16
+
+
+class Type(Enum):
+    """How the words of a row are read: (words, least, greatest, code for "not available")."""
+
+    U16 = (1, 0, 0xFFFF, 0xFFFF)
+    I16 = (1, -0x8000, 0x7FFF, -0x8000)
+    U32 = (2, 0, 0xFFFF_FFFF, 0xFFFF_FFFF)
+    I32 = (2, -0x8000_0000, 0x7FFF_FFFF, 0x7FFF_FFFF)
+    BITS = (1, 0, 0xFFFF, -1)
+    ASCII = (0, 0, 0, -1)  # two characters a word, first in the high byte, padded with NUL
+
+    def __init__(self, words: int, least: int, greatest: int, not_available: int) -> None:
+        self.words = words
+        self.least = least
+        self.greatest = greatest
+        self.not_available = not_available
+
+
+class WordOrder(Enum):
+    """Byte order of a 32-bit value, A its most significant byte (protocol.md 14)."""
+
+    ABCD = "ABCD"
+    CDAB = "CDAB"
+    BADC = "BADC"
+    DCBA = "DCBA"
+
+
+@dataclass(frozen=True)
+class Register:
+    """One row of a map.
+
+    address : as the device's manual numbers it; the map's base is taken off for the wire
+    per_unit : counts in one unit: 100 for a register in 0.01 rpm; decoded values are then floats
+    least, greatest : limits in units, within what the words can hold
+    may_be_missing : the device may answer "not available"; that code is then no value
+    length : words of an ASCII row; other types know theirs
+    """
+
+    name: str
+    kind: Kind
+    address: int
+    type: Type = Type.U16
+    per_unit: int = 1
+    unit: str = ""
+    doc: str = ""
+    writable: bool = False
+    least: float | None = None
+    greatest: float | None = None
+    may_be_missing: bool = False
+    length: int = 0
+
+    @property
+    def words(self) -> int:
+        return self.length if self.type is Type.ASCII else self.type.words
+
+
+class RegisterMap:
+    """The rows of one device and its habits.
+
+    input_base, holding_base : what the manual calls the register at wire address 0: 0, 1, or
+        30001 and 40001
+    Raises RegisterError where rows overlap, share a name, or leave the address space.
+    """
+
+    def __init__(
+        self, rows: Iterable[Register], *, word_order: WordOrder = WordOrder.ABCD,
+        input_base: int = 0, holding_base: int = 0,
+    ) -> None:
+        self.rows = tuple(rows)
+        self.word_order = word_order
+        self._base = {Kind.INPUT: input_base, Kind.HOLDING: holding_base}
+        self._by_name = {row.name: row for row in self.rows}
+        if len(self._by_name) != len(self.rows):
+            raise RegisterError("two rows of the map share a name")
+        taken: dict[tuple[Kind, int], str] = {}
+        for row in self.rows:
+            self._check(row)
+            for address in range(row.address, row.address + row.words):
+                other = taken.setdefault((row.kind, address), row.name)
+                if other != row.name:
+                    raise RegisterError(f"{row.name} and {other} overlap at {address}")
+
+    def _check(self, row: Register) -> None:
+        if row.writable and row.kind is Kind.INPUT:
+            raise RegisterError(f"{row.name}: an input register cannot be written")
+        if row.words < 1 or row.per_unit < 1:
+            raise RegisterError(f"{row.name}: length and scale must be at least 1")
+        first = self.wire_address(row.name)
+        if first < 0 or first + row.words > 0x1_0000:
+            raise RegisterError(f"{row.name}: wire address {first} is outside 0..65535")
+
+    def __getitem__(self, name: str) -> Register:
+        return self._by_name[name]
+
+    def wire_address(self, name: str) -> int:
+        row = self._by_name[name]
+        return row.address - self._base[row.kind]
+
+    def encode(self, name: str, value: Value) -> tuple[int, ...]:
+        """The words of one row. Raises RegisterError where the value does not fit."""
+        return _encode(self._by_name[name], value, self.word_order)
+
+    def decode(self, name: str, words: Sequence[int]) -> Value:
+        """The value of one row's words; None where the device says "not available"."""
+        return _decode(self._by_name[name], words, self.word_order)
+
+    def block(self, names: Iterable[str]) -> Block:
+        """The rows as one contiguous stretch, whatever their order; gaps stay inside it.
+
+        Raises RegisterError for rows of both kinds, or none.
+        """
+        rows = sorted((self._by_name[name] for name in names), key=lambda row: row.address)
+        if not rows or len({row.kind for row in rows}) != 1:
+            raise RegisterError("a block needs rows, all of one kind")
+        start = self.wire_address(rows[0].name)
+        placed = tuple((row, self.wire_address(row.name) - start) for row in rows)
+        return Block(rows[0].kind, start, placed[-1][1] + rows[-1].words, placed, self.word_order)
+
+    def plan_reads(self, names: Iterable[str], *, most: int = MOST_READ) -> tuple[Block, ...]:
+        """The fewest gapless blocks that hold the rows, none longer than one request may read.
+
+        A gap would be answered by "illegal address" on many devices, so none is read across.
+        """
+        rows = [self._by_name[name] for name in dict.fromkeys(names)]
+        rows.sort(key=lambda row: (row.kind.value, row.address))
+        runs: list[list[Register]] = []
+        for row in rows:
+            last = runs[-1] if runs else None
+            if (
+                last is not None
+                and last[-1].kind is row.kind
+                and last[-1].address + last[-1].words == row.address
+                and row.address + row.words - last[0].address <= most
+            ):
+                last.append(row)
+            else:
+                runs.append([row])
+        return tuple(self.block(row.name for row in run) for run in runs)
+
+
+@dataclass(frozen=True)
+class Block:
+    """A stretch of registers that one request moves. rows : (row, offset of its first word)."""
+
+    kind: Kind
+    address: int
+    count: int
+    rows: tuple[tuple[Register, int], ...]
+    word_order: WordOrder
+
+    def decode(self, words: Sequence[int]) -> dict[str, Value]:
+        """Values by name. Raises RegisterError where the number of words is not `count`."""
+        if len(words) != self.count:
+            raise RegisterError(f"{len(words)} words came where {self.count} were asked for")
+        return {
+            row.name: _decode(row, words[at : at + row.words], self.word_order)
+            for row, at in self.rows
+        }
+
+    def encode(self, values: Mapping[str, Value]) -> list[int]:
+        """Words of the whole block; gaps are 0.
+
+        Raises RegisterError for a value that does not fit; KeyError where one is missing.
+        """
+        words = [0] * self.count
+        for row, at in self.rows:
+            words[at : at + row.words] = _encode(row, values[row.name], self.word_order)
+        return words
+
+
+def _encode(row: Register, value: Value, order: WordOrder) -> tuple[int, ...]:
+    kind = row.type
+    if kind is Type.ASCII:
+        return _encode_text(row, value)
+    if value is None:
+        if not row.may_be_missing:
+            raise RegisterError(f"{row.name} cannot be left out")
+        return _split(kind.not_available, kind.words, order)
+    if isinstance(value, str) or value != value or value in (float("inf"), float("-inf")):
+        raise RegisterError(f"{row.name} must be a number, not {value!r}")
+    if (row.least is not None and value < row.least) or (
+        row.greatest is not None and value > row.greatest
+    ):
+        raise RegisterError(
+            f"{row.name} must be between {_shown(row, row.least, kind.least)} and "
+            f"{_shown(row, row.greatest, kind.greatest)}{row.unit and ' ' + row.unit}, not {value}"
+        )
+    raw = round(value * row.per_unit)
+    if not kind.least <= raw <= kind.greatest or (
+        row.may_be_missing and raw == kind.not_available
+    ):
+        raise RegisterError(
+            f"{row.name} = {value}{row.unit and ' ' + row.unit} does not fit its register"
+        )
+    return (raw & 0xFFFF,) if kind.words == 1 else _split(raw, kind.words, order)
+
+
+def _shown(row: Register, limit: float | None, raw: int) -> str:
+    return f"{raw / row.per_unit if limit is None else limit:g}"
+
+
+def _decode(row: Register, words: Sequence[int], order: WordOrder) -> Value:
+    kind = row.type
+    if kind is Type.ASCII:
+        text = b"".join((word & 0xFFFF).to_bytes(2, "big") for word in words)
+        return text.split(b"\0")[0].decode("ascii", "replace")
+    raw = words[0] if kind.words == 1 else _join(words, order)
+    if raw > kind.greatest:
+        raw -= 1 << (16 * kind.words)
+    if row.may_be_missing and raw == kind.not_available:
+        return None
+    return raw if row.per_unit == 1 else raw / row.per_unit
+
+
+def _encode_text(row: Register, value: Value) -> tuple[int, ...]:
+    if not isinstance(value, str) or not value.isascii() or "\0" in value:
+        raise RegisterError(f"{row.name} must be plain ASCII text, not {value!r}")
+    if len(value) > 2 * row.length:
+        raise RegisterError(f"{row.name} holds {2 * row.length} characters, not {len(value)}")
+    data = value.encode("ascii").ljust(2 * row.length, b"\0")
+    return tuple(int.from_bytes(data[i : i + 2], "big") for i in range(0, len(data), 2))
+
+
+def _split(raw: int, words: int, order: WordOrder) -> tuple[int, ...]:
+    if words == 1:
+        return (raw & 0xFFFF,)
+    return _swapped((raw >> 16 & 0xFFFF, raw & 0xFFFF), order)
+
+
+def _join(words: Sequence[int], order: WordOrder) -> int:
+    high, low = _swapped((words[0], words[1]), order)
+    return high << 16 | low
+
+
+def _swapped(pair: tuple[int, int], order: WordOrder) -> tuple[int, int]:
+    """High and low word as they stand on the wire, or back: every order is its own inverse."""
+    high, low = pair
+    if order in (WordOrder.BADC, WordOrder.DCBA):
+        high, low = (high >> 8 | high << 8) & 0xFFFF, (low >> 8 | low << 8) & 0xFFFF
+    return (low, high) if order in (WordOrder.CDAB, WordOrder.DCBA) else (high, low)

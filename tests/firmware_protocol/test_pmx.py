@@ -1,0 +1,112 @@
+import pytest
+
+from firmware_protocol import pmx, pmx_alarms
+from firmware_protocol.registers import MOST_WRITTEN, Kind, RegisterError
+
+
+# process.md 1.4, every documented address of the system block and the control registers
+@pytest.mark.parametrize(
+    ("name", "kind", "address"),
+    [
+        ("DEVICE_ID", Kind.INPUT, 0), ("MAP_VERSION", Kind.INPUT, 1), ("N_HOPPERS", Kind.INPUT, 3),
+        ("SERIAL", Kind.INPUT, 4), ("STATUS", Kind.INPUT, 6), ("ALARM", Kind.INPUT, 7),
+        ("WARNING", Kind.INPUT, 8), ("FIRST_ALARM_CODE", Kind.INPUT, 9),
+        ("ALARM_COUNT", Kind.INPUT, 10), ("HEARTBEAT_ECHO", Kind.INPUT, 11),
+        ("HEARTBEAT_AGE", Kind.INPUT, 12), ("UPTIME", Kind.INPUT, 13), ("MODE", Kind.INPUT, 15),
+        ("STATE", Kind.INPUT, 16), ("TOTAL_FLOW", Kind.INPUT, 17),
+        ("MIXER_PRESSURE", Kind.INPUT, 18), ("SEQ_APPLIED", Kind.INPUT, 21),
+        ("LAST_REFUSAL", Kind.INPUT, 22), ("TICK", Kind.INPUT, 23),
+        ("H1.STATUS", Kind.INPUT, 100), ("H1.WEIGHT", Kind.INPUT, 106),
+        ("H4.LEVEL", Kind.INPUT, 408), ("H2.RUN_HOURS", Kind.INPUT, 219),
+        ("COMMAND", Kind.HOLDING, 0), ("HEARTBEAT", Kind.HOLDING, 1),
+        ("WD_TIMEOUT", Kind.HOLDING, 2), ("WD_RESET", Kind.HOLDING, 4), ("SEQ", Kind.HOLDING, 6),
+        ("AT_SPEED_TOL", Kind.HOLDING, 11), ("H1.DISC_SP", Kind.HOLDING, 20),
+        ("H1.FLOW_SP", Kind.HOLDING, 23), ("H4.FLOW_SP", Kind.HOLDING, 35),
+        ("H1.FEED_FACTOR", Kind.HOLDING, 1100), ("H3.LOT", Kind.HOLDING, 1310),
+    ],
+)
+def test_addresses(name, kind, address):
+    row = pmx.PMX[name]
+    assert (row.kind, pmx.PMX.wire_address(name)) == (kind, address)
+    assert row.writable == (kind is Kind.HOLDING)
+
+
+def test_flows_are_in_hundredths():
+    assert pmx.PMX.encode("H1.FLOW_SP", 2.45) == (245,)
+    assert pmx.PMX.decode("H1.FLOW_EST", [245]) == 2.45
+    assert pmx.PMX.decode("H1.WEIGHT", [0, 199_990 & 0xFFFF]) == pytest.approx(338.2)
+
+
+def test_the_status_block_is_one_gapless_read():
+    assert (pmx.SYSTEM_BLOCK.address, pmx.SYSTEM_BLOCK.count) == (0, 24)
+
+
+@pytest.mark.parametrize("channel", [1, 2, 3, 4])
+def test_a_hopper_is_one_gapless_read(channel):
+    (block,) = pmx.PMX.plan_reads(pmx.hopper_names(channel))
+    assert (block.address, block.count) == (100 * channel, 20)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 4])
+def test_a_recipe_is_one_gapless_write_from_heartbeat_to_the_last_shadow_register(n):
+    table = pmx.register_map(n)
+    (block,) = table.plan_reads(pmx.recipe_names(n))
+    assert block.address == 1
+    assert block.address + block.count == 20 + 4 * n
+    assert block.count <= MOST_WRITTEN
+    assert all(row.writable for row, _ in block.rows)
+
+
+def test_the_mirror_collides_with_nothing():
+    holding = {
+        a
+        for row in pmx.PMX.rows if row.kind is Kind.HOLDING
+        for a in range(row.address, row.address + row.words)
+    }
+    mirrored = {
+        pmx.MIRROR + a
+        for row in pmx.PMX.rows if row.kind is Kind.INPUT
+        for a in range(row.address, row.address + row.words)
+    }
+    assert not holding & mirrored
+
+
+def test_limits():
+    with pytest.raises(RegisterError, match="between 0 and 2"):
+        pmx.PMX.encode("WD_ACTION", 3)
+    with pytest.raises(RegisterError, match="does not fit"):
+        pmx.PMX.encode("H1.FLOW_SP", 700)
+
+
+@pytest.mark.parametrize(
+    ("code", "text"),
+    [
+        (101, "the emergency-stop chain is open"),
+        (104, "the host's heartbeat stopped, and its watchdog tripped"),
+        (201, "hopper 1: drive fault"),
+        (207, "hopper 1: it is empty"),
+        (510, "hopper 4: it is too hot"),
+        (355, "hopper 2: the set-point was clipped"),
+        (999, "alarm 999, which its register map does not list"),
+        (611, "alarm 611, which its register map does not list"),
+    ],
+)
+def test_alarms_in_words(code, text):
+    found = pmx_alarms.alarm(code)
+    assert (found.code, found.text) == (code, text)
+    assert found.hint
+
+
+def test_every_code_of_the_map_has_words_and_advice():
+    codes = [*pmx_alarms.SYSTEM_CODES]
+    codes += [
+        pmx_alarms.hopper_code(h, n)
+        for h in range(1, 5) for n in (*range(1, 11), *range(51, 56))
+    ]
+    assert all("does not list" not in pmx_alarms.alarm(code).text for code in codes)
+
+
+def test_refusals_in_words():
+    for reason in pmx.Refusal:
+        assert "does not list" not in pmx_alarms.refusal(reason)
+    assert "does not list" in pmx_alarms.refusal(77)
