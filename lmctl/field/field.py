@@ -1,0 +1,121 @@
+"""A signed distance stored at the nodes of a grid, and read back between them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from lmctl.field.features import length
+from lmctl.field.grid import Grid, Window
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Field:
+    """Signed distance at grid nodes, positive inside.
+
+    values : (nz, ny, nx) float32 [mm]
+    sources : (nz, ny, nx) int32, for each node the row of `surface_mm` that is nearest to it,
+        or None where a field was made without
+    surface_mm : (n, 3) float64 [mm], points of the surface; (0, 3) without `sources`
+    remarks : what a person should know about the data it was made from
+    """
+
+    grid: Grid
+    values: NDArray[np.float32]
+    sources: NDArray[np.int32] | None
+    surface_mm: FloatArray
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def closest(self) -> NDArray[np.float32] | None:
+        """The nearest surface point of each node, (nz, ny, nx, 3) float32 [mm]; made anew."""
+        if self.sources is None:
+            return None
+        return self.surface_mm.astype(np.float32)[self.sources]
+
+    def on_window(self, window: Window) -> NDArray[np.float32]:
+        """Values at the nodes of any window: its own planes as they are, others interpolated."""
+        if window.grid == self.grid:
+            return self.values[window.z_first : window.z_last]
+        return sample(self, window.points()).astype(np.float32).reshape(window.shape)
+
+
+def sample(field: Field, points: FloatArray) -> FloatArray:
+    """Signed distance at any points, trilinear between nodes.
+
+    Outside the grid (where the body is not) the distance to the surface point that is nearest
+    to the nearest node; a field without sources adds the distance to the grid's box instead.
+
+    points : (n, 3) float64 [mm]; returns : (n,) float64 [mm]
+    """
+    points = np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 3)
+    distance = _sample_kernel(field.values, _in_nodes(field.grid, points))[:, 0]
+    out = _outside(field.grid, points)
+    if out.any():
+        distance[out] = _beyond(field, points[out], distance[out])
+    return distance
+
+
+def sample_gradient(field: Field, points: FloatArray) -> FloatArray:
+    """Gradient of the trilinear interpolant (of its border value outside); it points inwards.
+
+    points : (n, 3) float64 [mm]; returns : (n, 3) float64, length about 1
+    """
+    points = np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 3)
+    slopes = _sample_kernel(field.values, _in_nodes(field.grid, points))[:, 1:]
+    gradient: FloatArray = slopes / field.grid.pitch_mm
+    return gradient
+
+
+def _in_nodes(grid: Grid, points: FloatArray) -> FloatArray:
+    nodes: FloatArray = (points - np.asarray(grid.origin_mm)) / grid.pitch_mm
+    return nodes
+
+
+def _outside(grid: Grid, points: FloatArray) -> NDArray[np.bool_]:
+    last = np.asarray(grid.shape[::-1]) - 1
+    nodes = _in_nodes(grid, points)
+    outside: NDArray[np.bool_] = np.any((nodes < 0.0) | (nodes > last), axis=1)
+    return outside
+
+
+def _beyond(field: Field, points: FloatArray, border: FloatArray) -> FloatArray:
+    last = np.asarray(field.grid.shape[::-1]) - 1
+    node = np.clip(np.rint(_in_nodes(field.grid, points)).astype(np.int64), 0, last)
+    if field.sources is not None:
+        surface = field.surface_mm[field.sources[node[:, 2], node[:, 1], node[:, 0]]]
+        return -length(points - surface)
+    at = np.asarray(field.grid.origin_mm) + field.grid.pitch_mm * node
+    return border - length(points - at)
+
+
+@njit(cache=True)
+def _sample_kernel(values: NDArray[np.float32], nodes: FloatArray) -> FloatArray:
+    """(n, 4): trilinear value and its slopes per node along x, y, z; nodes in node units."""
+    nz, ny, nx = values.shape
+    result = np.empty((nodes.shape[0], 4), dtype=np.float64)
+    for n in range(nodes.shape[0]):
+        x = min(max(nodes[n, 0], 0.0), nx - 1.0)
+        y = min(max(nodes[n, 1], 0.0), ny - 1.0)
+        z = min(max(nodes[n, 2], 0.0), nz - 1.0)
+        i, j, k = min(int(x), nx - 2), min(int(y), ny - 2), min(int(z), nz - 2)
+        u, v, w = x - i, y - j, z - k
+        result[n, 0] = 0.0
+        for c in range(4):
+            result[n, c] = 0.0
+        for dk in range(2):
+            for dj in range(2):
+                a, b = values[k + dk, j + dj, i], values[k + dk, j + dj, i + 1]
+                wk = w if dk else 1.0 - w
+                wj = v if dj else 1.0 - v
+                along = a * (1.0 - u) + b * u
+                result[n, 0] += wk * wj * along
+                result[n, 1] += wk * wj * (b - a)
+                result[n, 2] += wk * (1.0 if dj else -1.0) * along
+                result[n, 3] += wj * (1.0 if dk else -1.0) * along
+    return result

@@ -1,0 +1,92 @@
+"""Signed distance field of a triangle mesh."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from lmctl.errors import InputError
+from lmctl.field.field import Field
+from lmctl.field.grid import Grid
+from lmctl.field.seeds import seed_triangles
+from lmctl.field.sign import inside_by_parity
+from lmctl.field.sweep import sweep_sources
+
+FloatArray = NDArray[np.float64]
+
+
+def mesh_field(
+    vertices: FloatArray, triangles: NDArray[np.integer], grid: Grid
+) -> Field:
+    """Signed distance to a mesh at the nodes of a grid that holds it (method.md 1, Eq. 1).
+
+    Exact within 1.25 pitches of the surface; closest points are swept from there over the rest.
+    Signs by ray parity voted over three axes, so triangles may be wound either way, and a small
+    hole does not turn a line of nodes inside out.
+
+    vertices : (n, 3) float64 [mm]; triangles : (m, 3) int, rows of `vertices`
+    returns : Field with sources; its remarks say how many nodes the vote was not unanimous at
+    raises : InputError for no triangles, indices out of range, coordinates that are not
+        numbers, and a mesh outside the grid
+    """
+    corners = _corners(vertices, triangles, grid)
+    sources, surface_mm, _ = seed_triangles(corners, grid)
+    if len(surface_mm) == 0:
+        raise InputError("the mesh lies outside its grid", where=_place(len(triangles), grid))
+    values = sweep_sources(sources, surface_mm, grid)
+    inside, disputed = inside_by_parity(corners, grid)
+    if not inside.any():
+        raise InputError(
+            "the mesh encloses nothing that the grid can see",
+            where=_place(len(triangles), grid),
+            hint="check that it is closed and in millimetres, or use a smaller pitch",
+        )
+    _negate_outside(values, inside)
+    remarks: tuple[str, ...] = ()
+    if disputed:
+        share = 100.0 * disputed / grid.n_nodes
+        remarks = (
+            f"inside and outside are disputed at {disputed} of {grid.n_nodes} nodes "
+            f"({share:.2g} %): the mesh is open or cuts through itself",
+        )
+    return Field(grid, values, sources, surface_mm, remarks)
+
+
+def _corners(vertices: FloatArray, triangles: NDArray[np.integer], grid: Grid) -> FloatArray:
+    vertices = np.asarray(vertices, dtype=np.float64)
+    triangles = np.asarray(triangles)
+    where = _place(len(triangles), grid)
+    if vertices.ndim != 2 or vertices.shape[1] != 3 or triangles.ndim != 2 or (
+        triangles.shape[1] != 3
+    ):
+        raise InputError("the mesh is not a list of triangles", where=where)
+    if len(triangles) == 0:
+        raise InputError("the mesh has no triangles", where=where)
+    if triangles.min() < 0 or triangles.max() >= len(vertices):
+        raise InputError(
+            "a triangle of the mesh names a vertex that is not there", where=where,
+            hint="the file is damaged: export it again",
+        )
+    corners: FloatArray = vertices[triangles]
+    bad = np.flatnonzero(~np.isfinite(corners).all(axis=(1, 2)))
+    if len(bad):
+        raise InputError(
+            "the mesh has coordinates that are not numbers",
+            where=(where, f"{len(bad)} triangles, the first is number {bad[0]}"),
+            hint="the file is damaged: export it again",
+        )
+    return corners
+
+
+def _place(count: int, grid: Grid) -> str:
+    nz, ny, nx = grid.shape
+    return f"{count} triangles, grid of {nx} x {ny} x {nz} nodes, pitch {grid.pitch_mm:g} mm"
+
+
+@njit(cache=True)
+def _negate_outside(values: NDArray[np.float32], inside: NDArray[np.uint8]) -> None:
+    flat, inner = values.reshape(-1), inside.reshape(-1)
+    for n in range(flat.size):
+        if inner[n] == 0:
+            flat[n] = -flat[n]

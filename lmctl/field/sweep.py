@@ -1,0 +1,113 @@
+"""Carry surface points outward: every node learns the point of the surface nearest to it.
+
+Sweeping points instead of distances keeps the error from growing with distance: at 256³ first
+order scalar sweeping errs by 0.107 RMS, carried points by 0.005 (method.md 1, Eq. 2).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from lmctl.field.grid import Grid
+
+FloatArray = NDArray[np.float64]
+Sources = NDArray[np.int32]
+
+
+def sweep_sources(sources: Sources, surface_mm: FloatArray, grid: Grid) -> NDArray[np.float32]:
+    """Spread the rows in `sources` from the nodes that have one to all nodes, in place.
+
+    sources : (nz, ny, nx) int32, row of `surface_mm` at seeds (which keep it), −1 elsewhere;
+        on return every node holds a row
+    surface_mm : (n, 3) float64 [mm], n ≥ 1
+    returns : (nz, ny, nx) float32 [mm], unsigned distance of each node to its surface point
+
+    The eight Gauss–Seidel orderings of fast sweeping, each node trying its upwind neighbours'
+    points; the four orderings that share a direction in z run plane by plane, so that a plane is
+    done with while it is in the cache.
+    """
+    relative = np.ascontiguousarray((surface_mm - np.asarray(grid.origin_mm)) / grid.pitch_mm)
+    distance = np.empty(grid.shape, dtype=np.float32)
+    _sweep_kernel(sources, relative, distance)
+    _lengths_kernel(sources, relative, distance, grid.pitch_mm)
+    return distance
+
+
+@njit(cache=True)
+def _from_row(
+    sources: Sources, squared: NDArray[np.float32], points: FloatArray,
+    k: int, j: int, kn: int, jn: int,
+) -> None:
+    """Row (k, j) tries the surface points of the neighbouring row (kn, jn), node by node."""
+    for i in range(sources.shape[2]):
+        row = sources[kn, jn, i]
+        if row >= 0 and row != sources[k, j, i]:
+            dx, dy, dz = points[row, 0] - i, points[row, 1] - j, points[row, 2] - k
+            d2 = np.float32(dx * dx + dy * dy + dz * dz)
+            if d2 < squared[k, j, i]:
+                squared[k, j, i] = d2
+                sources[k, j, i] = row
+
+
+@njit(cache=True)
+def _along_row(
+    sources: Sources, squared: NDArray[np.float32], points: FloatArray, k: int, j: int
+) -> None:
+    """Row (k, j) forwards, then backwards: each node tries the point of the one before."""
+    nx = sources.shape[2]
+    for direction in range(2):
+        step = 1 - 2 * direction
+        first = 0 if step > 0 else nx - 1
+        row = sources[k, j, first]
+        i = first
+        for _ in range(nx - 1):
+            i += step
+            own = sources[k, j, i]
+            if row >= 0 and row != own:
+                dx, dy, dz = points[row, 0] - i, points[row, 1] - j, points[row, 2] - k
+                d2 = np.float32(dx * dx + dy * dy + dz * dz)
+                if d2 < squared[k, j, i]:
+                    squared[k, j, i] = d2
+                    sources[k, j, i] = row
+                    own = row
+            row = own
+
+
+@njit(cache=True)
+def _sweep_kernel(
+    sources: Sources, points: FloatArray, squared: NDArray[np.float32]
+) -> None:
+    """points in node units. A seed's squared distance is −1 here, so nothing is nearer."""
+    nz, ny, nx = sources.shape
+    for k in range(nz):
+        for j in range(ny):
+            for i in range(nx):
+                squared[k, j, i] = np.float32(-1.0 if sources[k, j, i] >= 0 else np.inf)
+    for direction in range(2):
+        step = 1 - 2 * direction
+        for n in range(nz):
+            k = n if step > 0 else nz - 1 - n
+            for j in range(ny):
+                if n > 0:
+                    _from_row(sources, squared, points, k, j, k - step, j)
+                if j > 0:
+                    _from_row(sources, squared, points, k, j, k, j - 1)
+                _along_row(sources, squared, points, k, j)
+            for j in range(ny - 2, -1, -1):
+                _from_row(sources, squared, points, k, j, k, j + 1)
+                _along_row(sources, squared, points, k, j)
+
+
+@njit(cache=True)
+def _lengths_kernel(
+    sources: Sources, points: FloatArray, distance: NDArray[np.float32], pitch: float
+) -> None:
+    nz, ny, nx = sources.shape
+    for k in range(nz):
+        for j in range(ny):
+            for i in range(nx):
+                row = sources[k, j, i]
+                dx, dy, dz = points[row, 0] - i, points[row, 1] - j, points[row, 2] - k
+                distance[k, j, i] = np.float32(pitch * np.sqrt(dx * dx + dy * dy + dz * dz))
