@@ -1,0 +1,81 @@
+"""Data files of a part: where they may lie, how large they may be, and their bytes and digest.
+
+A part file may come from someone else. It may name files below its own folder, or give an absolute
+path that its reader can see; it may not walk out of its folder with `..` or a link.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import stat
+from dataclasses import dataclass
+from pathlib import Path
+
+from lmctl.errors import InputError
+
+#: More than this is not read into memory: about eight million triangles of binary STL.
+LARGEST_DATA_BYTES = 400_000_000
+
+
+@dataclass(frozen=True)
+class DataFile:
+    """A data file, read once: what is parsed is what was hashed."""
+
+    path: Path
+    data: bytes
+    sha256: str
+
+    @property
+    def suffix(self) -> str:
+        """Its type as its name states it: lower case, without the dot."""
+        return self.path.suffix.lower().removeprefix(".")
+
+
+def read_data(name: str, folder: Path) -> DataFile:
+    """The bytes of a data file named in a part file that lies in `folder`.
+
+    Raises InputError where it is missing, empty, huge, not a plain file, or outside the folder.
+    """
+    path = _resolve(name, folder)
+    try:
+        found = path.stat()
+        if stat.S_ISDIR(found.st_mode):
+            raise InputError(f"{path} is a folder, not a file")
+        if not stat.S_ISREG(found.st_mode):
+            raise InputError(f"{path} is not a plain file", hint="copy the data into a file")
+        if found.st_size == 0:
+            raise InputError(f"{path} is empty", hint="export it again")
+        if found.st_size > LARGEST_DATA_BYTES:
+            raise InputError(
+                f"{path} is too large",
+                where=f"{found.st_size:,} bytes; at most {LARGEST_DATA_BYTES:,}",
+                hint="thin out the mesh or cloud: detail far below the bead width is lost anyway",
+            )
+        data = path.read_bytes()
+    except FileNotFoundError:
+        raise InputError(
+            f"there is no file {path}", hint="file names are relative to the part file's folder"
+        ) from None
+    except OSError as error:
+        raise InputError(f"cannot read {path}", where=str(error.strerror)) from None
+    return DataFile(path, data, hashlib.sha256(data).hexdigest())
+
+
+def _resolve(name: str, folder: Path) -> Path:
+    if "\0" in name:
+        raise InputError(f"{name!r} is not a file name")
+    asked = Path(name)
+    if asked.is_absolute():
+        return asked
+    try:
+        home = folder.resolve()
+        resolved = (home / asked).resolve()
+    except (OSError, RuntimeError):  # RuntimeError: links that run in a circle
+        raise InputError(f"cannot follow the path {name}") from None
+    if not resolved.is_relative_to(home):
+        raise InputError(
+            f"{name} leads out of the part file's folder",
+            where=f"to {resolved}",
+            hint="put the file beside the part file, or give its absolute path",
+        )
+    return folder / asked

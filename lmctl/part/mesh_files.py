@@ -1,0 +1,225 @@
+"""Triangles from STL, PLY and OBJ files.
+
+trimesh parses; nothing it would fetch, merge or repair on its own is let happen. What a header
+promises is compared with the file's length *before* parsing, so that a truncated file is called
+truncated and a hostile count allocates nothing.
+"""
+
+from __future__ import annotations
+
+import io
+import struct
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+from lmctl.config.part_file import FARTHEST_MM, MM_PER_UNIT
+from lmctl.errors import InputError
+from lmctl.part.files import DataFile
+
+MESH_SUFFIXES = ("stl", "ply", "obj")
+
+#: More triangles than this would take minutes and gigabytes to bring onto any grid.
+MOST_TRIANGLES = 5_000_000
+
+#: A part smaller or larger than this was most likely written in other units.
+SMALLEST_PART_MM, LARGEST_PART_MM = 1.0, 2000.0
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Triangles and their corners. vertices: (n, 3) float64 [mm]; triangles: (m, 3) int64."""
+
+    vertices: NDArray[np.float64]
+    triangles: NDArray[np.int64]
+
+
+def read_mesh(file: DataFile, units: str) -> Mesh:
+    """The triangles of a mesh file, as they stand in it, in mm.
+
+    Raises InputError where it cannot be read, holds no triangles, coordinates that are not numbers,
+    corners that are not there, or a size no part of this machine's kind has.
+    """
+    if file.suffix not in MESH_SUFFIXES:
+        raise InputError(
+            f"{file.path} is not a kind of mesh file that can be read",
+            hint="STL, PLY and OBJ files can; the ending must say which it is",
+        )
+    promised = 0
+    if file.suffix == "stl":
+        _check_stl(file)
+    elif file.suffix == "ply":
+        promised = check_ply(file).get("face", 0)
+    loaded = parse(file, trimesh.load_mesh)
+    if not isinstance(loaded, trimesh.Trimesh) or len(loaded.faces) == 0:
+        raise InputError(
+            f"{file.path} holds no triangles",
+            hint='is it a point cloud? then write kind = "cloud"' if file.suffix == "ply" else "",
+        )
+    if len(loaded.faces) < promised:
+        raise InputError(
+            f"{file.path} is damaged",
+            where=f"its head promises {promised:,} faces, {len(loaded.faces):,} can be read",
+            hint="export or copy it again",
+        )
+    if len(loaded.faces) > MOST_TRIANGLES:
+        raise InputError(
+            f"{file.path} has {len(loaded.faces):,} triangles; at most {MOST_TRIANGLES:,} are read",
+            hint="reduce the mesh: detail far below the bead width is lost anyway",
+        )
+    vertices = np.asarray(loaded.vertices, dtype=np.float64)
+    triangles = np.asarray(loaded.faces, dtype=np.int64)
+    if triangles.min() < 0 or triangles.max() >= len(vertices):
+        raise InputError(
+            f"{file.path} names a corner that is not there",
+            where=f"corner {int(triangles.max()) + 1} of {len(vertices)}",
+            hint="the file is damaged; export it again",
+        )
+    vertices = checked_points(file, vertices, units, used=np.unique(triangles), what="corner")
+    return Mesh(vertices, triangles)
+
+
+def parse(file: DataFile, loader: Callable[..., object]) -> object:
+    """What one of trimesh's loaders makes of the bytes; InputError for whatever it raises."""
+    data = file.data
+    if file.suffix == "obj" or (file.suffix == "stl" and _is_text_stl(data)):
+        if b"\0" in data:
+            raise InputError(f"{file.path} is not text, as {file.suffix.upper()} files of its kind "
+                             "are", hint="it is damaged or of another kind; export it again")
+        data = data.decode("utf-8", errors="replace").encode()  # names in other encodings
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # about numbers, which are checked afterwards
+            # numpy stops at a word that is not a number, with this warning; the rest would be lost
+            warnings.filterwarnings("error", message="string or file could not be read")
+            return loader(
+                io.BytesIO(data), file_type=file.suffix, process=False, skip_materials=True
+            )
+    except Exception as error:  # a parser of foreign bytes raises what it likes
+        raise InputError(
+            f"{file.path} is not a readable {file.suffix.upper()} file",
+            where=" ".join(str(error).split())[:120] or type(error).__name__,
+            hint="it is damaged or of another kind; export it again",
+        ) from None
+
+
+def checked_points(
+    file: DataFile, points: NDArray[np.float64], units: str, *, used: NDArray[np.int64] | None,
+    what: str,
+) -> NDArray[np.float64]:
+    """Points in mm, known to be finite and of the size of a part.
+
+    used : indices that matter, None for all. what : what to call a point in messages.
+    """
+    seen = points if used is None else points[used]
+    bad = np.flatnonzero(~np.isfinite(seen).all(axis=1))
+    if len(bad):
+        first = int(bad[0] if used is None else used[bad[0]])
+        raise InputError(
+            f"{file.path} has coordinates that are not numbers",
+            where=f"{len(bad)} of {len(seen)} {what}s; the first is {what} {first + 1}: "
+            f"{points[first].tolist()}",
+            hint="export it again, or remove them",
+        )
+    scaled = points * MM_PER_UNIT[units]
+    seen = scaled if used is None else scaled[used]
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    size = float((high - low).max())
+    if not SMALLEST_PART_MM <= size <= LARGEST_PART_MM:
+        _refuse_size(file, size, units)
+    if (high - low).min() <= 0:
+        axis = "xyz"[int(np.argmin(high - low))]
+        raise InputError(
+            f"{file.path} is flat: all {what}s have the same {axis}", hint="a part needs a volume"
+        )
+    if max(abs(low).max(), abs(high).max()) > FARTHEST_MM:
+        raise InputError(
+            f"{file.path} lies too far from its origin",
+            where=f"{max(abs(low).max(), abs(high).max()):.4g} mm; at most {FARTHEST_MM:g} mm",
+            hint="move it to the origin in the program it came from",
+        )
+    if used is not None:  # unused corners may hold anything; nobody may stumble over them later
+        scaled = np.where(np.isfinite(scaled), scaled, 0.0)
+    return np.asarray(scaled, dtype=np.float64)
+
+
+def _refuse_size(file: DataFile, size_mm: float, units: str) -> None:
+    fitting = [
+        unit
+        for unit, factor in MM_PER_UNIT.items()
+        if SMALLEST_PART_MM <= size_mm / MM_PER_UNIT[units] * factor <= LARGEST_PART_MM
+    ]
+    raise InputError(
+        f"{file.path} is {size_mm:.4g} mm across when read in {units}",
+        where=f"a part is between {SMALLEST_PART_MM:g} mm and {LARGEST_PART_MM / 1000:g} m",
+        hint=f"is it in {' or '.join(fitting)}? say so with `units`" if fitting else
+        "scale it in the program it came from",
+    )
+
+
+def _check_stl(file: DataFile) -> None:
+    """Compare a binary STL's triangle count with its length; look for an ASCII one's end."""
+    data = file.data
+    if _is_text_stl(data):
+        if b"endsolid" not in data[-2000:].lower():
+            raise InputError(
+                f"{file.path} is truncated",
+                where="a text STL ends with `endsolid`, this one does not",
+                hint="export or copy it again",
+            )
+        return
+    if len(data) < 84:
+        raise InputError(
+            f"{file.path} is not an STL file",
+            where=f"{len(data)} bytes; the shortest has 84",
+            hint="it is damaged or of another kind; export it again",
+        )
+    (count,) = struct.unpack_from("<I", data, 80)
+    if len(data) != 84 + 50 * count:
+        raise InputError(
+            f"{file.path} is not a whole STL file",
+            where=f"its head promises {count:,} triangles, its {len(data):,} bytes are "
+            f"{(len(data) - 84) / 50:,.8g}",
+            hint="it is damaged or of another kind; export or copy it again",
+        )
+
+
+def _is_text_stl(data: bytes) -> bool:
+    """Whether it is the text form; binary ones may begin with the word `solid` too."""
+    return data[:5].lower() == b"solid" and b"facet" in data[:2000].lower()
+
+
+def check_ply(file: DataFile) -> dict[str, int]:
+    """How many of each element a PLY's head promises, e.g. {"vertex": 8, "face": 12}.
+
+    Raises InputError where the head is not one, or promises more than the file can hold.
+    """
+    head, found, body = file.data.partition(b"end_header")
+    if not head.startswith(b"ply") or not found or len(head) > 100_000:
+        raise InputError(
+            f"{file.path} is not a PLY file",
+            where="it does not begin with `ply` … `end_header`",
+            hint="it is damaged or of another kind; export it again",
+        )
+    counts: dict[str, int] = {}
+    for line in head.decode("ascii", errors="replace").splitlines():
+        words = line.split()
+        if words[:1] == ["element"]:
+            if len(words) != 3 or not words[2].isdigit() or len(words[2]) > 18:
+                raise InputError(f"{file.path} is not a PLY file", where=line[:80])
+            counts[words[1]] = int(words[2])
+    rows = sum(counts.values())
+    text = b"format ascii" in head
+    held = sum(1 for line in body.splitlines()[1:] if line.strip()) if text else len(body)
+    if held < rows:
+        raise InputError(
+            f"{file.path} is truncated",
+            where=f"its head promises {rows:,} elements, it has {held:,} "
+            + ("lines" if text else "bytes"),
+            hint="export or copy it again",
+        )
+    return counts
