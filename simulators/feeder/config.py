@@ -1,0 +1,52 @@
+"""What is true of a simulated feeder; told to nobody but the simulators."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class HopperConfig:
+    """One hopper, its disc, its hose and the powder in it (process.md 1.2, 2.1).
+
+    density_g_mm3, catch_efficiency : of the powder; only the judge uses them
+    dead_time_s, lag_s : θ and τ from disc to nozzle; drive_lag_s : of the disc drive
+    feed_factor_g_rev, offset_g_min : the true flow is offset + factor · rpm
+    calibrated_g_rev : the factor the device believes in; None: the true one
+    n_min_rpm, n_max_rpm : below the first the disc stands still; no disc turns faster than the last
+    fill_g : powder at the start
+    noise_rsd : relative standard deviation of the flow at the nozzle, drawn from `seed`
+    """
+
+    channel: int
+    material: str
+    density_g_mm3: float
+    catch_efficiency: float
+    dead_time_s: float
+    lag_s: float
+    feed_factor_g_rev: float
+    n_min_rpm: float
+    n_max_rpm: float
+    fill_g: float
+    drive_lag_s: float = 0.0
+    offset_g_min: float = 0.0
+    calibrated_g_rev: float | None = None
+    noise_rsd: float = 0.0
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class FeederConfig:
+    """One PMX device.
+
+    boot_s : time from power-up until it answers writes
+    preflow_s : carrier gas before powder may run
+    map_minor : 1 has the mirror for FC 23, 0 has not
+    """
+
+    name: str
+    hoppers: tuple[HopperConfig, ...]
+    device_id: int = 1
+    boot_s: float = 0.0
+    preflow_s: float = 3.0
+    map_minor: int = 1
