@@ -1,0 +1,209 @@
+"""The stretch of a job that a run needs just now, layer by layer, in constant memory.
+
+Layers are read when something first asks for a line or a program time in them (the streamer runs
+ahead by the send horizon, the powder by the longest dead time) and dropped when `forget` says
+that they lie behind.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmctl.job.schema import JobLayer, JobManifest, LineKind
+
+FloatArray = NDArray[np.float64]
+
+#: Kinds of line whose speed a feed override scales (G1); rapids and dwells keep theirs.
+_FED = (int(LineKind.LEAD), int(LineKind.BEAD))
+
+
+@dataclass(frozen=True)
+class PathSpan:
+    """A path and its lines, first and last included, counted through the whole job."""
+
+    path: int
+    layer: int
+    first_line: int
+    last_line: int
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """One layer as running uses it. Arrays hold one row a line, in order.
+
+    start_s, end_s : (n,) program time at which each line starts and ends
+    start_mm, end_mm : (n, 3) where it starts and ends
+    fed_end_s : (n,) program time spent in G1 since the job began, up to each line's end
+    program : the text of each line, without its end
+    """
+
+    index: int
+    first_line: int
+    start_s: FloatArray
+    end_s: FloatArray
+    start_mm: FloatArray
+    end_mm: FloatArray
+    fed: NDArray[np.bool_]
+    fed_end_s: FloatArray
+    program: list[bytes]
+    paths: tuple[PathSpan, ...]
+    flow_s: FloatArray
+    flow_g_s: FloatArray
+
+    @property
+    def last_line(self) -> int:
+        return self.first_line + len(self.program) - 1
+
+    def paths_from(self, line: int, before: int) -> tuple[PathSpan, ...]:
+        """The paths that begin at or after a line of this layer, and before another."""
+        return self.paths[
+            bisect_left(self.paths, line, key=_first_line):
+            bisect_left(self.paths, before, key=_first_line)
+        ]
+
+
+class JobWindow:
+    """The lines and flows of a job near the place it is being run.
+
+    manifest : of the job
+    read_layer : JobReader.layer
+    start_mm : where the nozzle is before the first line
+    rewrite : what is done to the text of each line before it is sent
+
+    Lines are counted from 0 through the whole job; program times before the job give its first
+    flow, times after it its last.
+    """
+
+    def __init__(
+        self,
+        manifest: JobManifest,
+        read_layer: Callable[[int], JobLayer],
+        start_mm: tuple[float, float, float],
+        rewrite: Callable[[bytes], bytes] | None = None,
+    ) -> None:
+        self.manifest = manifest
+        self.n_lines = sum(entry.n_lines for entry in manifest.layers)
+        self.end_s = manifest.layers[-1].end_s
+        self._read_layer = read_layer
+        self._rewrite = rewrite
+        self._first_lines = [entry.first_line for entry in manifest.layers]
+        self._starts_s = [entry.start_s for entry in manifest.layers]
+        self._loaded: deque[Stretch] = deque()
+        self._behind_mm = np.array(start_mm, dtype=np.float64)  # end of the last layer read
+        self._behind_fed_s = 0.0
+
+    @property
+    def first_loaded_line(self) -> int:
+        """The first line that has not been forgotten."""
+        return self.stretch(0).first_line if not self._loaded else self._loaded[0].first_line
+
+    def stretch(self, layer: int) -> Stretch:
+        """A layer, by its place in the job. It must not have been forgotten."""
+        first = self._loaded[0].index if self._loaded else 0
+        if layer < first:
+            raise IndexError(f"layer {layer} lies behind")
+        while layer >= first + len(self._loaded):
+            self._load(first + len(self._loaded))
+        return self._loaded[layer - first]
+
+    def stretch_of_line(self, line: int) -> Stretch:
+        """The layer that holds a line."""
+        return self.stretch(bisect_right(self._first_lines, line) - 1)
+
+    def line_start_s(self, line: int) -> float:
+        """Program time at which a line starts; the job's end for the line after the last."""
+        if line >= self.n_lines:
+            return self.end_s
+        stretch = self.stretch_of_line(line)
+        return float(stretch.start_s[line - stretch.first_line])
+
+    def forget(self, before_line: int) -> None:
+        """Drop the layers that end before this line, but for the last one read."""
+        while len(self._loaded) > 1 and self._loaded[0].last_line < before_line:
+            self._loaded.popleft()
+
+    def advance(self, s: float, machine_s: float, rate: float) -> float:
+        """Program time after so much machine time more, at a feed override of `rate`.
+
+        The override acts on G1 only: rapids and dwells take the time they were planned to take.
+        """
+        if rate == 1.0 or machine_s <= 0.0:
+            return min(s + max(machine_s, 0.0), self.end_s)
+        stretch = self._at(s)
+        target = self._machine_s(stretch, s, rate) + machine_s
+        while True:
+            ends = stretch.end_s - stretch.fed_end_s * (1.0 - 1.0 / rate)
+            row = int(ends.searchsorted(target))
+            if row < len(ends):
+                slope = rate if stretch.fed[row] else 1.0
+                return float(stretch.end_s[row] - (ends[row] - target) * slope)
+            if stretch.index == len(self.manifest.layers) - 1:
+                return self.end_s
+            stretch = self.stretch(stretch.index + 1)
+
+    def flow_g_s(self, s: float) -> FloatArray:
+        """Mass flow wanted at the nozzle, (n_hoppers,) [g/s]."""
+        stretch = self._at(s)
+        times, flows = stretch.flow_s, stretch.flow_g_s
+        row = int(times.searchsorted(s, side="right"))
+        after = min(row, len(times) - 1)
+        before = max(row - 1, 0)
+        lasting_s = times[after] - times[before]
+        share = (s - times[before]) / lasting_s if lasting_s > 0.0 else 0.0
+        mixed: FloatArray = flows[before] + share * (flows[after] - flows[before])
+        return mixed
+
+    def _at(self, s: float) -> Stretch:
+        """The layer in which a program time lies, or the nearest one still held."""
+        layer = max(bisect_right(self._starts_s, s) - 1, 0)
+        return self.stretch(max(layer, self._loaded[0].index if self._loaded else 0))
+
+    @staticmethod
+    def _machine_s(stretch: Stretch, s: float, rate: float) -> float:
+        """Machine time at s, on the scale where a line ends at end_s - fed_end_s (1 - 1/rate)."""
+        row = min(int(stretch.end_s.searchsorted(s)), len(stretch.end_s) - 1)
+        left_s = stretch.end_s[row] - s
+        fed_s = stretch.fed_end_s[row] - (left_s if stretch.fed[row] else 0.0)
+        return float(s - fed_s * (1.0 - 1.0 / rate))
+
+    def _load(self, index: int) -> None:
+        layer = self._read_layer(index)
+        entry = self.manifest.layers[index]
+        lines = layer.lines
+        end_s = np.ascontiguousarray(lines["end_s"])
+        start_s = np.concatenate([[entry.start_s], end_s[:-1]])
+        end_mm = np.column_stack([lines["x_mm"], lines["y_mm"], lines["z_mm"]])
+        start_mm = np.concatenate([self._behind_mm[None], end_mm[:-1]])
+        fed = np.isin(lines["kind"], _FED)
+        fed_end_s = self._behind_fed_s + np.cumsum(np.where(fed, end_s - start_s, 0.0))
+        program = [line.encode("ascii") for line in layer.program]
+        if self._rewrite is not None:
+            program = [self._rewrite(line) for line in program]
+        self._loaded.append(Stretch(
+            index, layer.first_line, start_s, end_s, start_mm, end_mm, fed, fed_end_s, program,
+            _paths(index, layer.first_line, lines["path"]), layer.flow_s, layer.flow_g_s,
+        ))
+        self._behind_mm = end_mm[-1]
+        self._behind_fed_s = float(fed_end_s[-1])
+
+
+def _paths(layer: int, first_line: int, path: NDArray[np.int32]) -> tuple[PathSpan, ...]:
+    """The runs of equal path number in a layer, in order; -1 is none."""
+    changes = np.flatnonzero(np.diff(path)) + 1
+    firsts = [0, *changes.tolist()]
+    lasts = [*(changes - 1).tolist(), len(path) - 1]
+    return tuple(
+        PathSpan(int(path[first]), layer, first_line + first, first_line + last)
+        for first, last in zip(firsts, lasts, strict=True)
+        if path[first] >= 0
+    )
+
+
+def _first_line(path: PathSpan) -> int:
+    return path.first_line

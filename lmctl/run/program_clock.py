@@ -1,0 +1,111 @@
+"""Where in program time the machine is: planned time driven by reported progress.
+
+A status report says which line runs and where on it the nozzle is; between reports time runs on
+by the planned law times the feed override, and never past what the controller has acknowledged.
+Pure: it is told the time (loop clock, seconds) with every call.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from lmctl.run.job_window import JobWindow
+
+#: How far before the line counted as executed its end may still lie ahead: a controller that
+#: frees planner blocks (Bf) does so while their last segments wait in its step buffer.
+_LOOK_BACK_S = 0.15
+
+#: Distance that a deviation of one second from the expected time counts as [mm/s]: it only
+#: decides where a path lies on itself.
+_TIME_WEIGHT_MM_S = 0.02
+
+
+class ProgramClock:
+    """Program time of one run.
+
+    rate : feed override (1 = as planned)
+    acknowledged : lines the controller has taken so far; time never runs past their end
+
+    The clock stands until `run_from`, and again after `stand`.
+    """
+
+    def __init__(self, window: JobWindow) -> None:
+        self.rate = 1.0
+        self.acknowledged = 0
+        self._window = window
+        self._known_t = 0.0
+        self._known_s = 0.0
+        self._runs_from_t = math.inf
+
+    def run_from(self, t: float) -> None:
+        """Motion starts, or is to start, at machine time t."""
+        self._known_t = self._runs_from_t = t
+
+    def stand(self, t: float) -> None:
+        """Motion stops at t; until a report corrects it, program time is what it is by then."""
+        self._known_s = self.now(t)
+        self._known_t = t
+        self._runs_from_t = math.inf
+
+    def set_rate(self, t: float, rate: float) -> None:
+        """The feed override is `rate` from t on."""
+        if rate != self.rate:
+            self._known_s = self.now(t)
+            self._known_t = t
+            self.rate = rate
+
+    def report(self, t: float, executed: int, position_mm: tuple[float, ...]) -> None:
+        """A status report: lines executed so far, and where the nozzle was, at t.
+
+        position_mm : program coordinates x, y, z
+        """
+        expected_s = self.now(t)
+        if executed >= self._window.n_lines:
+            self._known_s = self._window.end_s
+        else:
+            self._known_s = self._nearest(executed, position_mm, expected_s)
+        self._known_t = t
+
+    def now(self, t: float) -> float:
+        """Program time at t [s]; t must not lie before the last call that set something."""
+        running_s = t - max(self._known_t, self._runs_from_t)
+        if running_s <= 0.0:
+            return self._known_s
+        limit_s = self._window.line_start_s(self.acknowledged)
+        return max(self._known_s, min(self._ahead_of(self._known_s, running_s), limit_s))
+
+    def ahead(self, t: float, machine_s: float) -> float:
+        """Program time that will have been reached `machine_s` after t, if all goes on as it is."""
+        running_s = t + machine_s - max(t, self._runs_from_t)
+        return self._ahead_of(self.now(t), running_s)
+
+    def _ahead_of(self, s: float, machine_s: float) -> float:
+        return self._window.advance(s, machine_s, self.rate)
+
+    def _nearest(
+        self, executed: int, position_mm: tuple[float, ...], expected_s: float
+    ) -> float:
+        """Program time of the point nearest to a position on the line that runs, or just before."""
+        stretch = self._window.stretch_of_line(executed)
+        last = executed - stretch.first_line
+        first = int(stretch.end_s.searchsorted(stretch.start_s[last] - _LOOK_BACK_S))
+        rows = slice(min(first, last), last + 1)
+        start_mm, start_s = stretch.start_mm[rows], stretch.start_s[rows]
+        along_mm = stretch.end_mm[rows] - start_mm
+        lasting_s = stretch.end_s[rows] - start_s
+        length2 = np.einsum("ij,ij->i", along_mm, along_mm)
+        moves = length2 > 0.0
+        share = np.einsum("ij,ij->i", np.array(position_mm[:3]) - start_mm, along_mm)
+        np.divide(share, length2, out=share, where=moves)
+        # On a line that does not move (a dwell), only the expected time tells how far it is.
+        waits = ~moves & (lasting_s > 0.0)
+        share[~moves] = 0.0
+        share[waits] = (expected_s - start_s[waits]) / lasting_s[waits]
+        np.clip(share, 0.0, 1.0, out=share)
+        at_s = start_s + share * lasting_s
+        off_mm = start_mm + share[:, None] * along_mm - np.array(position_mm[:3])
+        cost = np.einsum("ij,ij->i", off_mm, off_mm)
+        cost += (_TIME_WEIGHT_MM_S * (at_s - expected_s)) ** 2
+        return float(at_s[int(cost.argmin())])

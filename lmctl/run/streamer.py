@@ -1,0 +1,68 @@
+"""Which lines may go to the controller now: never more unexecuted motion than the send horizon.
+
+If the host dies, the controller runs dry and the beam goes out within the horizon; and no more
+than the horizon has to be repeated after a crash.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+from lmctl.run.job_window import JobWindow, PathSpan
+
+#: Lines always allowed: the one that runs and the next, without which motion would stop between
+#: them. Planning splits moves at a quarter of the horizon, so at half speed these two just fill it.
+_LEAST_LINES = 2
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Lines to send now, and the paths that begin in them."""
+
+    lines: list[bytes]
+    begun: list[PathSpan]
+
+
+class Streamer:
+    """Releases a job's lines as earlier ones are executed. Knows no driver and no time.
+
+    released : lines given out so far
+    """
+
+    def __init__(self, window: JobWindow, horizon_s: float) -> None:
+        self.released = 0
+        self._window = window
+        self._horizon_s = horizon_s
+        self._open: deque[PathSpan] = deque()  # begun and not yet executed
+
+    def take(self, executed: int, rate: float) -> Batch:
+        """The lines that may be sent now that `executed` lines are known to be executed.
+
+        rate : feed override; planned times are divided by it where it slows motion down. (Where
+            it speeds motion up they are not: rapids keep their time.)
+        """
+        window = self._window
+        limit_s = window.line_start_s(executed) + self._horizon_s * min(rate, 1.0)
+        least = min(executed + _LEAST_LINES, window.n_lines)
+        lines: list[bytes] = []
+        begun: list[PathSpan] = []
+        while self.released < window.n_lines:
+            stretch = window.stretch_of_line(self.released)
+            first = self.released - stretch.first_line
+            end = max(int(stretch.end_s.searchsorted(limit_s, side="right")),
+                      min(least - stretch.first_line, len(stretch.program)))
+            if end <= first:
+                break
+            lines += stretch.program[first:end]
+            self.released = stretch.first_line + end
+            begun += stretch.paths_from(stretch.first_line + first, self.released)
+        self._open.extend(begun)
+        return Batch(lines, begun)
+
+    def completed(self, executed: int) -> list[PathSpan]:
+        """Paths all of whose lines have been executed since the last call."""
+        done: list[PathSpan] = []
+        while self._open and self._open[0].last_line < executed:
+            done.append(self._open.popleft())
+        return done

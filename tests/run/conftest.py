@@ -1,0 +1,109 @@
+"""Small jobs made without the planner: lines with a place and a duration, flows with knots."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from lmctl.job.schema import (
+    HopperUse,
+    JobLayer,
+    JobManifest,
+    LayerEntry,
+    LineKind,
+    line_dtype,
+)
+from lmctl.run.job_window import JobWindow
+
+START_MM = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class _Line:
+    kind: LineKind
+    end_mm: tuple[float, float, float]
+    lasting_s: float
+    path: int = -1
+
+    def text(self, number: int, lasting_mm: float) -> str:
+        x, y, z = self.end_mm
+        if self.kind is LineKind.SETUP:
+            return f"N{number} M4 S0"
+        if self.kind is LineKind.DWELL:
+            return f"N{number} G4 P{self.lasting_s:.3f}"
+        if self.kind is LineKind.TRAVEL:
+            return f"N{number} G0 X{x:.3f} Y{y:.3f} Z{z:.3f}"
+        power = 500 if self.kind is LineKind.BEAD else 0
+        feed = lasting_mm / self.lasting_s * 60
+        return f"N{number} G1 X{x:.3f} Y{y:.3f} Z{z:.3f} F{feed:.0f} S{power}"
+
+
+@dataclass(frozen=True)
+class SmallJob:
+    manifest: JobManifest
+    layers: tuple[JobLayer, ...]
+
+    def window(self, **options: object) -> JobWindow:
+        return JobWindow(self.manifest, self.layers.__getitem__, START_MM, **options)
+
+
+def build(
+    layers: Sequence[Sequence[tuple[object, ...]]],
+    flow: Sequence[tuple[float, tuple[float, float]]] | None = None,
+    mode: str = "lead",
+) -> SmallJob:
+    """A job of these layers; `flow` are its knots (program time, flows) in g/s.
+
+    A line is (kind, (x, y, z) at its end, seconds, path), the path left out where there is none.
+    """
+    ends, entries, made = [], [], []
+    s, first, at = 0.0, 0, np.array(START_MM)
+    for index, rows in enumerate(layers):
+        start_s = s
+        table = np.zeros(len(rows), line_dtype(2))
+        table["fractions"] = (0.5, 0.5)
+        texts = []
+        for i, row in enumerate(map(_line, rows)):
+            s += row.lasting_s
+            texts.append(row.text(first + i, float(np.linalg.norm(np.array(row.end_mm) - at))))
+            at = np.array(row.end_mm)
+            table[i]["end_s"], table[i]["path"], table[i]["kind"] = s, row.path, row.kind
+            table[i]["x_mm"], table[i]["y_mm"], table[i]["z_mm"] = row.end_mm
+        knots = [k for k in flow or [] if start_s < k[0] < s]
+        times = np.array([start_s, *[k[0] for k in knots], s])
+        flows = np.array([_at(flow, t) for t in times])
+        made.append(JobLayer(index, 0.5, first, tuple(texts), table, times, flows))
+        paths = sorted(set(table["path"].tolist()) - {-1})
+        entries.append(LayerEntry(index, 0.5, first, len(rows), paths[0] if paths else 0,
+                                  len(paths), start_s, s, "ab" * 32))
+        ends.append(s)
+        first += len(rows)
+    manifest = JobManifest(
+        part_name="test", part_sha256="cd" * 32, sources={}, machine="bench",
+        profile_digest="ef" * 32, software="lmctl test", powder_mode=mode, s_max=1000,
+        max_power_W=3000.0, send_horizon_s=1.0, materials=("316L", "WC-12Co"),
+        hoppers=(HopperUse("A", "316L", 3.0, 1.0, 60.0), HopperUse("B", "WC-12Co", 2.0, 0.5, 60.0)),
+        bounds_mm=((0, 0, 0), (100, 100, 10)), totals={"duration_s": s}, verdict=(),
+        layers=tuple(entries),
+    )
+    return SmallJob(manifest, tuple(made))
+
+
+def _line(row):
+    kind, *rest = row
+    return _Line(LineKind[kind.upper()], *rest)
+
+
+def _at(flow, t):
+    if not flow:
+        return (0.1, 0.1)
+    times = [k[0] for k in flow]
+    return tuple(float(np.interp(t, times, [k[1][h] for k in flow])) for h in range(2))
+
+
+@pytest.fixture(scope="session")
+def job() -> Callable[..., SmallJob]:
+    return build

@@ -1,0 +1,156 @@
+"""Powder led by dead time and lag: ten rings in steps of 0.1 (process.md 2.3), seen at the nozzle.
+
+The hose here is the textbook one, integrated exactly between set-points: it shares nothing with
+the code that leads.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from lmctl.run.powder_lead import TICK_S, Hose, PowderPlan, lead
+from lmctl.run.program_clock import ProgramClock
+
+TRAVEL_S = 1.0
+THETA_S, LAG_S = (3.0, 2.6), (1.0, 0.8)
+#: Composition of each ring, and the radius it runs at.
+RINGS = [(0.05 + 0.1 * k, 1.0 + k) for k in range(10)]
+
+
+def rings(job, mode="lead", dwell_s=0.0):
+    """Rings at 10 mm/s with 1 s rapids between them; ramps of the flow within the rapids."""
+    gap_s = TRAVEL_S + dwell_s
+    ramp_s = gap_s if mode == "lead" else 1e-3  # unled, the wish changes when a ring ends
+    rows, knots, s = [], [], 0.0
+    for path, (c, radius) in enumerate(RINGS):
+        if path:
+            rows.append(("travel", (radius, 0, 0), TRAVEL_S))
+            rows += [("dwell", (radius, 0, 0), dwell_s)] if dwell_s else []
+            knots.append((s + ramp_s, (1.0 - c, c)))
+            s += gap_s
+        else:
+            knots.append((0.0, (1.0 - c, c)))
+        n = math.ceil(2 * math.pi * radius / 10 / 0.2)
+        for i in range(1, n + 1):
+            turn = 2 * math.pi * i / n
+            rows.append(("bead", (radius * math.cos(turn), radius * math.sin(turn), 0),
+                         2 * math.pi * radius / 10 / n, path))
+        s += 2 * math.pi * radius / 10
+        knots.append((s, (1.0 - c, c)))
+    return job([rows], flow=knots, mode=mode)
+
+
+def at_nozzle(setpoints, theta_s, lag_s, times):
+    """Flow after a dead time and a lag, of set-points held from each tick to the next.
+
+    setpoints : (n,) from t = 0 on, and the first one for ever before
+    """
+    tick_s = TICK_S
+    flow = [setpoints[0]]
+    decay = math.exp(-tick_s / lag_s)
+    for u in setpoints:
+        flow.append(u + (flow[-1] - u) * decay)
+    flow = np.array(flow)
+    late = np.maximum(times - theta_s, 0.0)
+    tick = np.minimum((late / tick_s).astype(int), len(setpoints) - 1)
+    u = setpoints[tick]
+    return u + (flow[tick] - u) * np.exp(-(late - tick * tick_s) / lag_s)
+
+
+def share_within(job, *, mode="lead", dwell_s=0.0, rate=1.0, theta_error_s=0.0, phase_s=0.0,
+                 tolerance=0.02):
+    """Share of the laser-on path within the tolerance at the nozzle; worst error of the total flow;
+    duration."""
+    small = rings(job, mode, dwell_s)
+    window = small.window()
+    clock = ProgramClock(window)
+    clock.acknowledged = window.n_lines
+    clock.set_rate(0.0, rate)
+    hoses = [Hose(theta + theta_error_s, lag, 10.0)
+             for theta, lag in zip(THETA_S, LAG_S, strict=True)]
+    plan = PowderPlan(mode, hoses, window, clock)
+    starts_t = plan.lead_s + 0.5 + phase_s
+    clock.run_from(starts_t)
+    setpoints, t = [], 0.0
+    while clock.now(t) < window.end_s:
+        setpoints.append(plan.setpoints_g_s(t))
+        t = len(setpoints) * TICK_S
+    setpoints = np.array(setpoints)
+    times = np.arange(starts_t, t, 0.01)
+    nozzle = np.column_stack([
+        at_nozzle(setpoints[:, h], THETA_S[h], LAG_S[h], times) for h in range(2)
+    ])
+    on, wanted = [], []
+    lines = small.layers[0].lines
+    for now in times:
+        row = min(int(np.searchsorted(lines["end_s"], clock.now(now))), len(lines) - 1)
+        path = int(lines["path"][row])
+        on.append(path >= 0)
+        wanted.append(RINGS[path][0] if path >= 0 else 0.0)
+    on, wanted = np.array(on), np.array(wanted)
+    error = np.abs(nozzle[:, 1] / nozzle.sum(axis=1) - wanted)[on]
+    total = np.abs(nozzle.sum(axis=1)[on] / rate - 1.0)
+    return float((error <= tolerance).mean()), float(np.quantile(total, 0.99)), t - starts_t
+
+
+def test_led_powder_is_right_on_the_whole_path_at_unchanged_time(job):
+    share, total, lasting_s = share_within(job)
+    assert share >= 0.99
+    assert total < 0.02
+    assert lasting_s == pytest.approx(43.6, abs=0.2)
+
+
+@pytest.mark.parametrize("phase_s", [0.0, 0.025, 0.05, 0.075])
+def test_it_does_not_matter_where_the_ticks_fall(job, phase_s):
+    assert share_within(job, phase_s=phase_s)[0] >= 0.99
+
+
+def test_without_lead_about_a_third_is_right(job):
+    share, _, lasting_s = share_within(job, mode="none")
+    assert 0.20 <= share <= 0.40
+    assert lasting_s == pytest.approx(43.6, abs=0.2)
+
+
+def test_the_customary_dwell_is_right_and_takes_seven_times_as_long(job):
+    share, _, lasting_s = share_within(job, mode="dwell", dwell_s=30.0)
+    assert share >= 0.98
+    assert lasting_s > 7 * 43.6
+
+
+@pytest.mark.parametrize("rate", [0.6, 1.4])
+def test_powder_follows_a_feed_override(job, rate):
+    share, total, _ = share_within(job, rate=rate)
+    assert share >= 0.98
+    assert total < 0.03  # mass laid per millimetre stays
+
+
+@pytest.mark.parametrize("error_s", [-0.5, 0.5])
+def test_a_dead_time_wrong_by_half_a_second_costs_little(job, error_s):
+    assert share_within(job, theta_error_s=error_s)[0] >= 0.90
+
+
+def test_set_points_stay_within_the_hopper(job):
+    u = lead(np.array([0.1, 0.1, 0.5]), np.array([0.0, 0.3, 0.5]), 1.0, np.ones(3), np.full(3, 0.9))
+    assert u[0] == 0.0
+    assert u[1] == 0.9
+    assert u[2] == 0.5
+
+
+@pytest.mark.parametrize("rate", [0.6, 1.0, 1.4])
+def test_the_law_is_the_one_of_the_design(rate):
+    """u = r (w(s + rθ) + rτ w'(s + rθ)) where w is a straight ramp: a tick's mean is mid-tick."""
+    slope, lag = 0.05, 1.3
+    def w(s):
+        return 0.2 + slope * s
+    s_ahead = 4.0
+    u = lead(np.array([w(s_ahead)]), np.array([w(s_ahead + rate * TICK_S)]), rate,
+             np.array([lag]), np.array([9.0]))
+    middle = s_ahead + rate * TICK_S / 2
+    assert u[0] == pytest.approx(rate * (w(middle) + rate * lag * slope))
+
+
+def test_settling_is_dead_time_and_four_lags():
+    assert Hose(3.0, 1.0, 1.0).settling_s == 7.0
