@@ -31,6 +31,7 @@ FIRST_PREV = "0" * 64
 LONGEST_LINE_BYTES = 1_000_000
 
 _ENCODE = json.JSONEncoder(separators=(",", ":"), allow_nan=False).encode
+_LISTS = "`lmctl jobs` lists runs"
 _SEAL_MARK = b',"sha256":"'
 
 
@@ -113,6 +114,24 @@ def read(path: Path) -> Iterator[dict[str, Any]]:
         yield record
 
 
+def last_record(path: Path) -> dict[str, Any] | None:
+    """The last whole record of a journal, or None; reads only the end of the file.
+
+    Raises JournalError where the file is missing or cannot be read.
+    """
+    try:
+        with path.open("rb") as file:
+            size = file.seek(0, 2)
+            file.seek(max(0, size - LONGEST_LINE_BYTES))
+            tail = file.read()
+    except FileNotFoundError:
+        raise JournalError(f"there is no journal {path}", hint=_LISTS) from None
+    except OSError as error:
+        raise JournalError(f"cannot read {path}", where=str(error.strerror)) from None
+    end = tail.rfind(b"\n")
+    return _parse(tail[tail.rfind(b"\n", 0, end) + 1 : end]) if end >= 0 else None
+
+
 def fingerprint(path: Path) -> str:
     """SHA-256 of what the run did: equal for two runs that did the same at the same times.
 
@@ -164,7 +183,7 @@ def _lines(path: Path) -> Iterator[tuple[bytes, bool]]:
         with path.open("rb") as file:
             yield from _lines_of(file, path)
     except FileNotFoundError:
-        raise JournalError(f"there is no journal {path}", hint="`lmctl jobs` lists runs") from None
+        raise JournalError(f"there is no journal {path}", hint=_LISTS) from None
     except OSError as error:
         raise JournalError(f"cannot read {path}", where=str(error.strerror)) from None
 

@@ -11,11 +11,11 @@ import math
 
 import numpy as np
 
-from lmctl.run.job_window import JobWindow
+from lmctl.run.job_window import FloatArray, JobWindow, Stretch
 
-#: How far before the line counted as executed its end may still lie ahead: a controller that
-#: frees planner blocks (Bf) does so while their last segments wait in its step buffer.
-_LOOK_BACK_S = 0.15
+#: How far the nozzle may be from the start of the line that runs by the count of executed ones.
+#: Where the count comes from planner blocks (Bf), it is only known to a line or two.
+_LOOK_BACK_S, _LOOK_AHEAD_S = 0.15, 0.55
 
 #: Distance that a deviation of one second from the expected time counts as [mm/s]: it only
 #: decides where a path lies on itself.
@@ -87,17 +87,14 @@ class ProgramClock:
     def _nearest(
         self, executed: int, position_mm: tuple[float, ...], expected_s: float
     ) -> float:
-        """Program time of the point nearest to a position on the line that runs, or just before."""
-        stretch = self._window.stretch_of_line(executed)
-        last = executed - stretch.first_line
-        first = int(stretch.end_s.searchsorted(stretch.start_s[last] - _LOOK_BACK_S))
-        rows = slice(min(first, last), last + 1)
-        start_mm, start_s = stretch.start_mm[rows], stretch.start_s[rows]
-        along_mm = stretch.end_mm[rows] - start_mm
-        lasting_s = stretch.end_s[rows] - start_s
+        """Program time of the point nearest to a position, on the lines that may be running."""
+        start_mm, end_mm, start_s, end_s = self._around(executed)
+        along_mm = end_mm - start_mm
+        lasting_s = end_s - start_s
+        from_start_mm = np.array(position_mm[:3]) - start_mm
         length2 = np.einsum("ij,ij->i", along_mm, along_mm)
         moves = length2 > 0.0
-        share = np.einsum("ij,ij->i", np.array(position_mm[:3]) - start_mm, along_mm)
+        share = np.einsum("ij,ij->i", from_start_mm, along_mm)
         np.divide(share, length2, out=share, where=moves)
         # On a line that does not move (a dwell), only the expected time tells how far it is.
         waits = ~moves & (lasting_s > 0.0)
@@ -105,7 +102,27 @@ class ProgramClock:
         share[waits] = (expected_s - start_s[waits]) / lasting_s[waits]
         np.clip(share, 0.0, 1.0, out=share)
         at_s = start_s + share * lasting_s
-        off_mm = start_mm + share[:, None] * along_mm - np.array(position_mm[:3])
+        off_mm = from_start_mm - share[:, None] * along_mm
         cost = np.einsum("ij,ij->i", off_mm, off_mm)
         cost += (_TIME_WEIGHT_MM_S * (at_s - expected_s)) ** 2
         return float(at_s[int(cost.argmin())])
+
+    def _around(self, line: int) -> tuple[FloatArray, ...]:
+        """Starts and ends, in place and time, of the lines that may be running."""
+        stretch = self._window.stretch_of_line(line)
+        row = line - stretch.first_line
+        start_s = stretch.start_s[row]
+        first = int(stretch.end_s.searchsorted(start_s - _LOOK_BACK_S))
+        last = int(stretch.start_s.searchsorted(start_s + _LOOK_AHEAD_S, side="right"))
+        near = _rows(stretch, min(first, row), last)
+        if last < len(stretch.program) or stretch.last_line + 1 >= self.acknowledged:
+            return near
+        after = self._window.stretch(stretch.index + 1)
+        last = int(after.start_s.searchsorted(start_s + _LOOK_AHEAD_S, side="right"))
+        return tuple(map(np.concatenate, zip(near, _rows(after, 0, last), strict=True)))
+
+
+def _rows(stretch: Stretch, first: int, last: int) -> tuple[FloatArray, ...]:
+    rows = slice(first, last)
+    return (stretch.start_mm[rows], stretch.end_mm[rows], stretch.start_s[rows],
+            stretch.end_s[rows])

@@ -124,17 +124,18 @@ def test_an_override_changes_the_rate_from_then_on(job):
     assert clock.ahead(4.0, 1.0) == pytest.approx(3.8)
 
 
-def test_lines_counted_as_executed_early_are_corrected_by_position(job):
-    """Bf frees a block while its last tens of milliseconds are still in the step buffer."""
+@pytest.mark.parametrize("off", [-20, 0, 6])
+def test_a_coarse_count_of_executed_lines_is_corrected_by_position(job, off):
+    """Planner blocks (Bf) tell the line only roughly; short lines, over a change of layer."""
     rows = [("bead", (0.1 * i, 0.02 * (i % 3), 0), 0.01, 0) for i in range(1, 300)]
-    window = job([rows]).window()
+    window = job([rows[:150], rows[150:]]).window()
     clock = ProgramClock(window)
     clock.acknowledged = window.n_lines
     clock.run_from(0.0)
     for k in range(1, 25):
         s = k * POLL_S
         executed, at = place(window, s)
-        clock.report(s, executed + 6, at)
+        clock.report(s, max(executed + off, 0), at)
         assert clock.now(s) == pytest.approx(s, abs=2e-3)
 
 

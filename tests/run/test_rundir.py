@@ -1,0 +1,94 @@
+"""Run folders: the next free one, found by name, listed without reading whole journals."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+from lmctl.errors import JobError, JournalError
+from lmctl.run import rundir
+from lmctl.run.journal import Journal
+
+
+@pytest.fixture
+def job_file(tmp_path):
+    path = tmp_path / "part.lmj"
+    path.write_bytes(b"a job")
+    return path
+
+
+def test_runs_are_numbered_on_and_hold_their_job(tmp_path, job_file):
+    runs = tmp_path / "deep" / "runs"
+    assert [rundir.create(runs, job_file).run for _ in range(3)] == [
+        "run-0001", "run-0002", "run-0003"
+    ]
+    rundir.find(runs, "run-0002").job.unlink()
+    (runs / "run-0002").rmdir()
+    assert rundir.create(runs, job_file).run == "run-0004"  # a number is never given twice
+    job_file.unlink()
+    assert rundir.find(runs, "run-0001").job.read_bytes() == b"a job"
+
+
+def test_processes_at_once_get_folders_of_their_own(tmp_path, job_file):
+    code = (
+        "import sys; from pathlib import Path; from lmctl.run import rundir\n"
+        "for _ in range(20): print(rundir.create(Path(sys.argv[1]), Path(sys.argv[2])).run)"
+    )
+    children = [
+        subprocess.Popen([sys.executable, "-c", code, str(tmp_path / "runs"), str(job_file)],
+                         stdout=subprocess.PIPE, text=True)
+        for _ in range(3)
+    ]
+    names = [name for child in children for name in child.communicate()[0].split()]
+    assert all(child.returncode == 0 for child in children)
+    assert sorted(names) == [f"run-{k:04d}" for k in range(1, 61)]
+
+
+def test_a_missing_job_leaves_nothing_behind(tmp_path):
+    with pytest.raises(JobError, match="cannot copy the job"):
+        rundir.create(tmp_path / "runs", tmp_path / "none.lmj")
+    assert list((tmp_path / "runs").iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["run-0009", "../run-0001", "run-0001/..", "", "run-1", "."])
+def test_only_a_run_s_own_name_finds_it(tmp_path, job_file, name):
+    rundir.create(tmp_path / "runs", job_file)
+    with pytest.raises(JournalError, match="there is no run") as error:
+        rundir.find(tmp_path / "runs", name)
+    assert error.value.where == ("the last one is run-0001",)
+
+
+def test_the_list_tells_running_done_and_broken_off_apart(tmp_path, job_file):
+    runs = tmp_path / "runs"
+    assert rundir.list_runs(runs) == []
+    made = [rundir.create(runs, job_file) for _ in range(4)]
+    header = {"part": "gear", "operator": "Ada"}
+    local = {"wall": "2026-01-01T00:00:00Z"}
+    with Journal(made[0].journal, header, local=local) as journal:
+        journal.seal(12.5, state="done", lines=42)
+    with Journal(made[1].journal, header, local=local) as journal:
+        journal.append(1.0, "sample")
+    with Journal(made[2].journal, header, local=local):
+        rows = rundir.list_runs(runs)
+    assert [row.state for row in rows] == ["done", "broken off", "running", "no journal"]
+    assert (rows[0].part, rows[0].operator, rows[0].lines, rows[0].machine_s) == (
+        "gear", "Ada", 42, 12.5
+    )
+    assert rows[0].started == "2026-01-01T00:00:00Z"
+    assert rows[1].lines is None
+
+
+def test_garbage_in_the_folder_is_passed_over(tmp_path, job_file):
+    runs = tmp_path / "runs"
+    rundir.create(runs, job_file).journal.write_bytes(b"\x00garbage\nmore")
+    (runs / "notes.txt").touch()
+    assert [row.state for row in rundir.list_runs(runs)] == ["no journal"]
+
+
+def test_a_file_in_the_folders_place_is_told(tmp_path, job_file):
+    (tmp_path / "runs").touch()
+    with pytest.raises(JournalError, match=r"cannot make|is not a folder"):
+        rundir.create(tmp_path / "runs", job_file)
+    assert rundir.list_runs(tmp_path / "runs") == []
