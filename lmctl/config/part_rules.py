@@ -47,7 +47,7 @@ def parse_part_file(text: str, *, name: str) -> PartFile:
             raise
         findings = [Finding(_TAG.sub(r"\1", f.path), _said(f.reason)) for f in error.findings]
         findings = [f for f in findings if not _follows_from_others(f, findings)]
-    findings += _cross_findings(tomllib.loads(text))
+    findings += cross_findings(tomllib.loads(text))
     if findings or part is None:
         count = "1 mistake" if len(findings) == 1 else f"{len(findings)} mistakes"
         raise ConfigError(f"{name} has {count}", findings=findings)
@@ -71,7 +71,8 @@ def _said(reason: str) -> str:
     return f"there is no kind {found[1]!r}; there are {found[2]}" if found else reason
 
 
-def _cross_findings(data: dict[str, Any]) -> list[Finding]:
+def cross_findings(data: dict[str, Any]) -> list[Finding]:
+    """What is wrong between the keys of a part file as plain data, of whatever shape it is."""
     tables = [item for item in _list(data.get("material")) if isinstance(item, dict)]
     names = [item["name"] for item in tables if isinstance(item.get("name"), str)]
     findings = list(_material_findings(tables))

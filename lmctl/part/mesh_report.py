@@ -72,7 +72,8 @@ def _without_collapsed(triangles: IntArray, said: list[str]) -> IntArray:
     whole = (a != b) & (b != c) & (c != a)
     if not whole.all():
         said.append(f"{_count(~whole, 'triangle')} without area left out")
-    return triangles[whole]
+    kept: IntArray = triangles[whole]
+    return kept
 
 
 def _without_copies(triangles: IntArray, said: list[str]) -> IntArray:
@@ -95,10 +96,9 @@ def _without_copies(triangles: IntArray, said: list[str]) -> IntArray:
     first = np.zeros(len(triangles), dtype=bool)
     first[np.unique(number, return_index=True)[1]] = True
     said.append(f"{_count(~first, 'triangle')} there more than once left out")
-    united = triangles[first & (balance != 0)[number]]
-    if len(united) and not len(_open_edges(united)):
-        return united
-    return triangles[first]
+    one_each: IntArray = triangles[first]
+    united: IntArray = triangles[first & (balance != 0)[number]]
+    return united if len(united) and not len(_open_edges(united)) else one_each
 
 
 def _seams_joined(
@@ -287,7 +287,8 @@ def _open_edges(triangles: IntArray) -> IntArray:
     """(k, 2) directed edges that occur an odd number of times, one of each."""
     number, counts = _edges(triangles)
     _, first = np.unique(number, return_index=True)
-    return _directed(triangles)[first[counts % 2 == 1]]
+    odd: IntArray = _directed(triangles)[first[counts % 2 == 1]]
+    return odd
 
 
 def _count(which: NDArray[np.bool_], noun: str) -> str:

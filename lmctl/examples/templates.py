@@ -1,0 +1,44 @@
+"""The examples as files a person can start from."""
+
+from __future__ import annotations
+
+from importlib import resources
+from pathlib import Path
+
+from lmctl.examples.gear_cloud import write_gear_cloud
+
+#: Name of each template and what it is, in one line.
+TEMPLATES: dict[str, str] = {
+    "gear": "a spur gear from a scan, graded by distance from its axis",
+    "box": "a block with a hard skin, graded by depth below its own surface",
+    "sphere": "half a ball, graded by distance from its centre",
+}
+
+#: The simulated cell: what every template is accompanied by.
+CELL_FILES = ("cell.toml", "bench.toml")
+
+
+def write_template(name: str, folder: Path) -> list[Path]:
+    """Write a template and copies of the simulated cell's files into an existing folder.
+
+    Files of these names that are there already are replaced.
+    returns : what was written, the part file first
+    """
+    names = [f"{name}.toml", *CELL_FILES]
+    written = [folder / file for file in names]
+    for path in written:
+        path.write_text(_text(path.name), encoding="utf-8")
+    if name == "gear":
+        cloud = folder / "gear_cloud.xyz"
+        write_gear_cloud(cloud)
+        written.append(cloud)
+    return written
+
+
+def write_gear_example(folder: Path) -> Path:
+    """The main example, scan included, in an existing folder; returns its part file."""
+    return write_template("gear", folder)[0]
+
+
+def _text(name: str) -> str:
+    return resources.files("lmctl.examples").joinpath(name).read_text(encoding="utf-8")

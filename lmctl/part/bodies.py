@@ -1,0 +1,258 @@
+"""The nodes of a part's tree: each answers how deep a place is, and where its outline runs.
+
+A node with a formula computes on demand. What needs the whole field at once (a mesh, a cloud) keeps
+a stored field on its own grid, made when first asked for, and is interpolated on any other grid.
+Booleans are in `combined`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmctl.field.field import Field, sample
+from lmctl.field.grid import Grid, Window
+from lmctl.field.mesh import mesh_field
+from lmctl.field.plane import PlaneGrid, plane_distance, section_loops
+from lmctl.field.primitives import box_distance, cylinder_distance, sphere_distance
+from lmctl.part.mesh_files import Mesh
+from lmctl.part.slicing import Slicer
+
+FloatArray = NDArray[np.float64]
+Bounds = tuple[FloatArray, FloatArray]
+Vector = tuple[float, float, float]
+
+
+class Body(Protocol):
+    """A node. Distances are signed, positive inside, true distances everywhere [mm]."""
+
+    @property
+    def bounds_mm(self) -> Bounds:
+        """Lowest and highest x, y, z of the solid, each (3,) float64 [mm]."""
+
+    @property
+    def largest_depth_mm(self) -> float:
+        """The greatest distance from the surface inside; of a stored field, at its nodes."""
+
+    def at(self, points: FloatArray) -> FloatArray:
+        """Distance at points (n, 3) float64 -> (n,) float64 [mm]."""
+
+    def distance(self, window: Window) -> NDArray[np.float32]:
+        """Distance at the nodes of a slab, float32 of window.shape [mm]."""
+
+    def cut(self, z_mm: float, plane: PlaneGrid) -> NDArray[np.float32]:
+        """(ny, nx) float32, positive inside, zero on the outline; a distance only near it."""
+
+    def loops(self, z_mm: float, plane: PlaneGrid) -> list[FloatArray]:
+        """The outline at height z: closed loops (k, 2) float64 [mm], the inside on the left."""
+
+
+class Analytic:
+    """What bodies with a formula share: `at` gives all the rest."""
+
+    def at(self, points: FloatArray) -> FloatArray:
+        raise NotImplementedError
+
+    def distance(self, window: Window) -> NDArray[np.float32]:
+        return self.at(window.points()).astype(np.float32).reshape(window.shape)
+
+    def cut(self, z_mm: float, plane: PlaneGrid) -> NDArray[np.float32]:
+        return self.at(plane_points(plane, z_mm)).astype(np.float32).reshape(plane.shape)
+
+    def loops(self, z_mm: float, plane: PlaneGrid) -> list[FloatArray]:
+        return section_loops(self.cut(z_mm, plane), plane)
+
+
+@dataclass(frozen=True)
+class Sphere(Analytic):
+    """A ball."""
+
+    centre_mm: Vector
+    radius_mm: float
+
+    @property
+    def bounds_mm(self) -> Bounds:
+        centre = np.array(self.centre_mm)
+        return centre - self.radius_mm, centre + self.radius_mm
+
+    @property
+    def largest_depth_mm(self) -> float:
+        return self.radius_mm
+
+    def at(self, points: FloatArray) -> FloatArray:
+        return sphere_distance(points, self.centre_mm, self.radius_mm)
+
+    def cut(self, z_mm: float, plane: PlaneGrid) -> NDArray[np.float32]:
+        """The distance to the circle in the plane: near a pole the ball's own is too flat."""
+        height = abs(z_mm - self.centre_mm[2])
+        if height >= self.radius_mm:
+            return _nothing(plane)
+        x, y = plane.x_mm - self.centre_mm[0], plane.y_mm - self.centre_mm[1]
+        circle = float(np.sqrt(self.radius_mm**2 - height**2))
+        return (circle - np.hypot(x[None, :], y[:, None])).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class Box(Analytic):
+    """The box between two opposite corners, along the axes."""
+
+    low_mm: Vector
+    high_mm: Vector
+
+    @property
+    def bounds_mm(self) -> Bounds:
+        return np.array(self.low_mm), np.array(self.high_mm)
+
+    @property
+    def largest_depth_mm(self) -> float:
+        return 0.5 * min(b - a for a, b in zip(self.low_mm, self.high_mm, strict=True))
+
+    def at(self, points: FloatArray) -> FloatArray:
+        return box_distance(points, self.low_mm, self.high_mm)
+
+    def cut(self, z_mm: float, plane: PlaneGrid) -> NDArray[np.float32]:
+        loops = self.loops(z_mm, plane)
+        return plane_distance(loops, plane) if loops else _nothing(plane)
+
+    def loops(self, z_mm: float, plane: PlaneGrid) -> list[FloatArray]:
+        """The rectangle itself; at its lower face already, at its upper one no more."""
+        if not self.low_mm[2] <= z_mm < self.high_mm[2]:
+            return []
+        (x0, y0, _), (x1, y1, _) = self.low_mm, self.high_mm
+        return [np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)])]
+
+
+@dataclass(frozen=True)
+class Cylinder(Analytic):
+    """A round bar between the centres of its end faces."""
+
+    base_mm: Vector
+    top_mm: Vector
+    radius_mm: float
+
+    @property
+    def bounds_mm(self) -> Bounds:
+        base, top = np.array(self.base_mm), np.array(self.top_mm)
+        along = (top - base) / np.linalg.norm(top - base)
+        reach = self.radius_mm * np.sqrt(np.maximum(0.0, 1.0 - along**2))
+        return np.minimum(base, top) - reach, np.maximum(base, top) + reach
+
+    @property
+    def largest_depth_mm(self) -> float:
+        length = float(np.linalg.norm(np.subtract(self.top_mm, self.base_mm)))
+        return min(self.radius_mm, 0.5 * length)
+
+    def at(self, points: FloatArray) -> FloatArray:
+        return cylinder_distance(points, self.base_mm, self.top_mm, self.radius_mm)
+
+    def cut(self, z_mm: float, plane: PlaneGrid) -> NDArray[np.float32]:
+        """Standing upright, the distance to its circle; else its own, which is zero there too."""
+        (x0, y0, z0), (x1, y1, z1) = self.base_mm, self.top_mm
+        if (x0, y0) != (x1, y1):
+            return Analytic.cut(self, z_mm, plane)
+        if not min(z0, z1) <= z_mm < max(z0, z1):
+            return _nothing(plane)
+        x, y = plane.x_mm - x0, plane.y_mm - y0
+        return (self.radius_mm - np.hypot(x[None, :], y[:, None])).astype(np.float32)
+
+
+class Stored:
+    """What bodies with a stored field share."""
+
+    @property
+    def field(self) -> Field:
+        raise NotImplementedError
+
+    @property
+    def largest_depth_mm(self) -> float:
+        return float(self.field.values.max())
+
+    def at(self, points: FloatArray) -> FloatArray:
+        return sample(self.field, points)
+
+    def distance(self, window: Window) -> NDArray[np.float32]:
+        return self.field.on_window(window)
+
+
+@dataclass(frozen=True)
+class MeshSolid(Stored):
+    """A closed mesh; outlines are cut from its triangles, depths come from its field."""
+
+    mesh: Mesh
+    grid: Grid
+
+    @property
+    def bounds_mm(self) -> Bounds:
+        corners = self.mesh.vertices[np.unique(self.mesh.triangles)]
+        return corners.min(axis=0), corners.max(axis=0)
+
+    @cached_property
+    def field(self) -> Field:
+        return mesh_field(self.mesh.vertices, self.mesh.triangles, self.grid)
+
+    @cached_property
+    def _slicer(self) -> Slicer:
+        return Slicer(self.mesh.vertices, self.mesh.triangles)
+
+    def cut(self, z_mm: float, plane: PlaneGrid) -> NDArray[np.float32]:
+        loops = self.loops(z_mm, plane)
+        return plane_distance(loops, plane) if loops else _nothing(plane)
+
+    def loops(self, z_mm: float, plane: PlaneGrid) -> list[FloatArray]:
+        return self._slicer.loops(z_mm)
+
+
+@dataclass(frozen=True)
+class FieldSolid(Stored):
+    """A body that is known by its field alone, such as a measured cloud."""
+
+    stored: Field
+
+    @property
+    def field(self) -> Field:
+        return self.stored
+
+    @cached_property
+    def bounds_mm(self) -> Bounds:
+        return zero_bounds(self.stored)
+
+    def cut(self, z_mm: float, plane: PlaneGrid) -> NDArray[np.float32]:
+        values = sample(self.stored, plane_points(plane, z_mm))
+        return values.astype(np.float32).reshape(plane.shape)
+
+    def loops(self, z_mm: float, plane: PlaneGrid) -> list[FloatArray]:
+        return section_loops(self.cut(z_mm, plane), plane)
+
+
+def zero_bounds(field: Field) -> Bounds:
+    """Where a field's inside begins and ends along x, y, z.
+
+    The largest value of each plane of nodes across an axis is interpolated to zero: for a measured
+    cloud this is the fitted surface, not its farthest stray point.
+    """
+    low, high = np.empty(3), np.empty(3)
+    for axis in range(3):
+        across = tuple(a for a in range(3) if a != 2 - axis)
+        peak = field.values.max(axis=across).astype(np.float64)
+        inside = np.flatnonzero(peak > 0)
+        first, last = int(inside[0]), int(inside[-1])
+        places = field.grid.axis_mm(axis)
+        before = peak[first] / (peak[first] - peak[first - 1]) if first > 0 else 0.0
+        after = peak[last] / (peak[last] - peak[last + 1]) if last + 1 < len(peak) else 0.0
+        low[axis] = places[first] - before * field.grid.pitch_mm
+        high[axis] = places[last] + after * field.grid.pitch_mm
+    return low, high
+
+
+def plane_points(plane: PlaneGrid, z_mm: float) -> FloatArray:
+    """The nodes of a plane as points (ny·nx, 3) float64 [mm], in the array's own order."""
+    yy, xx = np.meshgrid(plane.y_mm, plane.x_mm, indexing="ij")
+    return np.stack([xx.ravel(), yy.ravel(), np.full(xx.size, float(z_mm))], axis=1)
+
+
+def _nothing(plane: PlaneGrid) -> NDArray[np.float32]:
+    return np.full(plane.shape, -np.inf, dtype=np.float32)

@@ -1,0 +1,105 @@
+"""A part: what is solid and how deep, and of what. Everything planning asks of it is here."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmctl.config.part_file import Process
+from lmctl.field.grid import Grid, Window
+from lmctl.field.plane import PlaneGrid, plane_distance
+from lmctl.part.bodies import Body, Bounds, plane_points
+from lmctl.part.composition import Rule
+from lmctl.part.materials import MaterialSpec
+
+FloatArray = NDArray[np.float64]
+
+#: Points of a composition evaluated at a time: keeps temporaries in tens of megabytes.
+POINTS_AT_ONCE = 500_000
+
+
+@dataclass(frozen=True)
+class Section:
+    """The part in one plane, in its own coordinates.
+
+    loops : the outline, closed loops (k, 2) float64 [mm], first point repeated last, the inside
+        on the left; empty where the plane misses the part
+    distance : (ny, nx) float32 [mm], in-plane signed distance to the outline, positive inside,
+        measured in the plane anew; −inf everywhere where there is no outline
+    """
+
+    z_mm: float
+    grid: PlaneGrid
+    loops: list[FloatArray]
+    distance: NDArray[np.float32]
+    body: Body
+
+    @cached_property
+    def volume_distance(self) -> NDArray[np.float32]:
+        """(ny, nx) float32 [mm]: the 3D signed distance in this plane, made when asked for.
+
+        Its iso-levels are the paper's literal toolpaths (the strategy "iso-3d").
+        """
+        depth = self.body.at(plane_points(self.grid, self.z_mm))
+        return depth.astype(np.float32).reshape(self.grid.shape)
+
+
+@dataclass(frozen=True)
+class Part:
+    """A checked part, ready to be planned; coordinates are the part file's own, before placement.
+
+    text : the part file's text (made up for a bare mesh or cloud)
+    sources : {data file as the part file names it: sha256}
+    placement_mm : where the part's origin lies in program coordinates; None: centred on the
+        platform, its lowest point at z = 0
+    warnings : what is doubtful; notes : what was taken by default; each for a person
+    grid : around the solid; `plane` : of every section
+    """
+
+    name: str
+    text: str
+    sources: Mapping[str, str]
+    materials: tuple[MaterialSpec, ...]
+    process: Process
+    placement_mm: tuple[float, float, float] | None
+    warnings: tuple[str, ...]
+    notes: tuple[str, ...]
+    body: Body
+    rule: Rule
+    grid: Grid
+    plane: PlaneGrid
+
+    @property
+    def bounds_mm(self) -> Bounds:
+        """Lowest and highest x, y, z of the solid, each (3,) float64 [mm]."""
+        return self.body.bounds_mm
+
+    def distance(self, window: Window) -> NDArray[np.float32]:
+        """Signed distance at the nodes of a slab, positive inside; float32 of window.shape [mm]."""
+        return self.body.distance(window)
+
+    def section(self, z_mm: float) -> Section:
+        """The outline and the in-plane distance at height z of the part.
+
+        Meshes are cut from their triangles, formulas are evaluated in the plane, fields are
+        interpolated between their nodes.
+        """
+        loops = self.body.loops(z_mm, self.plane)
+        return Section(z_mm, self.plane, loops, plane_distance(loops, self.plane), self.body)
+
+    def composition(self, points_mm: FloatArray) -> FloatArray:
+        """Volume fractions at any points, in the order of `materials`.
+
+        points_mm : (n, 3) float64 [mm]
+        returns : (n, n_materials) float64, each ≥ 0, rows summing to 1 within 1e-6
+        """
+        points = np.asarray(points_mm, dtype=np.float64).reshape(-1, 3)
+        parts = [
+            self.rule.fractions(points[first : first + POINTS_AT_ONCE])
+            for first in range(0, max(len(points), 1), POINTS_AT_ONCE)
+        ]
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)

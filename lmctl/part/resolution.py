@@ -1,0 +1,107 @@
+"""How finely a part is resolved, and the refusal of what no memory would hold."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmctl.errors import InputError
+from lmctl.field.grid import Grid
+from lmctl.field.plane import PlaneGrid
+
+FloatArray = NDArray[np.float64]
+
+#: Memory of a stored field while it is made: values, sources, squares, crossings, surface points.
+BYTES_PER_NODE = 20
+
+#: A stored field above this (2 GB while it is made) is refused.
+MOST_STORED_NODES = 100_000_000
+
+#: A grid that is only walked by slabs may be larger, but not endless.
+MOST_WALKED_NODES = 4_000_000_000
+
+#: Nodes of one section; its distance is made anew for every layer.
+MOST_PLANE_NODES = 30_000_000
+
+#: Nodes to spare around a body, each side.
+PADDING = 3
+
+#: A field's default pitch, and a section's largest, as shares of the bead width: the error of an
+#: outline is far below its pitch, and both stay far below a bead.
+FIELD_PITCHES_PER_BEAD = 4
+PLANE_PITCHES_PER_BEAD = 8
+
+
+def choose_pitch(low: FloatArray, high: FloatArray, bead_width_mm: float) -> float:
+    """A quarter of the bead width, or the finest pitch a stored field of that box may have."""
+    return max(bead_width_mm / FIELD_PITCHES_PER_BEAD, finest_pitch(low, high, MOST_STORED_NODES))
+
+
+def checked_grid(low: FloatArray, high: FloatArray, pitch_mm: float, *, stored: bool) -> Grid:
+    """The grid around a box, known to be of a size that can be held (stored) or walked.
+
+    Raises InputError with the nodes and memory it would need and the pitch that fits.
+    """
+    most = MOST_STORED_NODES if stored else MOST_WALKED_NODES
+    nodes = _nodes(low, high, pitch_mm)
+    if nodes > most:
+        size = " × ".join(f"{v:.4g}" for v in high - low)
+        memory = f", {_bytes(nodes * BYTES_PER_NODE)}" if stored else ""
+        raise InputError(
+            f"a pitch of {pitch_mm:g} mm needs {nodes:.2g} grid nodes{memory}",
+            where=f"the part is {size} mm; at most {most:.2g} nodes"
+            + (f", {_bytes(most * BYTES_PER_NODE)}" if stored else ""),
+            hint=f"give a pitch_mm of at least {finest_pitch(low, high, most):g}",
+        )
+    return Grid.around(low, high, pitch_mm, PADDING)
+
+
+def finest_pitch(low: FloatArray, high: FloatArray, most_nodes: int) -> float:
+    """The least pitch, to two digits, at which the padded box has at most so many nodes [mm]."""
+    least, enough = 1e-9, float((high - low).max()) + 1.0
+    for _ in range(100):
+        middle = math.sqrt(least * enough)
+        if _nodes(low, high, middle) > most_nodes:
+            least = middle
+        else:
+            enough = middle
+    digits = 1 - math.floor(math.log10(enough))
+    scale = 10.0**digits
+    return math.ceil(enough * scale) / scale
+
+
+def plane_around(low: FloatArray, high: FloatArray, pitch_mm: float, bead_mm: float) -> PlaneGrid:
+    """The nodes of every section of a part: no coarser than an eighth of a bead.
+
+    Nodes lie on multiples of the pitch. Raises InputError where that is more than can be held.
+    """
+    pitch = min(pitch_mm, bead_mm / PLANE_PITCHES_PER_BEAD)
+    flat = (high - low)[:2]
+    if float(np.prod(flat / pitch + 2 * PADDING + 2)) > MOST_PLANE_NODES:
+        pitch = bead_mm / PLANE_PITCHES_PER_BEAD  # a finer field pitch is not needed here
+    nodes = float(np.prod(flat / pitch + 2 * PADDING + 2))
+    if nodes > MOST_PLANE_NODES:
+        raise InputError(
+            f"a bead of {bead_mm:g} mm is too fine for a part of "
+            f"{flat[0]:.4g} × {flat[1]:.4g} mm",
+            where=f"a section needs {nodes:.2g} nodes; at most {MOST_PLANE_NODES:.2g}",
+            hint="check the units of the part, or give a larger process.bead_width_mm",
+        )
+    first = np.floor(low[:2] / pitch).astype(int) - PADDING
+    last = np.ceil(high[:2] / pitch).astype(int) + PADDING
+    nx, ny = (int(n) for n in last - first + 1)
+    return PlaneGrid((float(first[0] * pitch), float(first[1] * pitch)), pitch, (ny, nx))
+
+
+def _nodes(low: FloatArray, high: FloatArray, pitch_mm: float) -> float:
+    return float(np.prod((high - low) / pitch_mm + 2 * PADDING + 2))
+
+
+def _bytes(count: float) -> str:
+    for unit in ("bytes", "kB", "MB", "GB", "TB"):
+        if count < 1000:
+            return f"{count:.3g} {unit}"
+        count /= 1000
+    return f"{count:.3g} PB"

@@ -1,0 +1,38 @@
+"""The material library."""
+
+from __future__ import annotations
+
+import pytest
+
+from lmctl.config.materials import LIBRARY, closest, find
+
+
+@pytest.mark.parametrize(
+    ("name", "density", "apparent", "catch"),
+    [
+        ("316L", 7.99, 4.4, 0.75), ("WC-12Co", 14.3, 4.8, 0.55), ("Ti-6Al-4V", 4.43, 2.5, 0.75),
+        ("8YSZ", 6.05, 2.3, 0.5), ("Cu", 8.96, 4.9, 0.65),
+    ],
+)
+def test_handbook_values(name: str, density: float, apparent: float, catch: float) -> None:
+    material = LIBRARY[name]
+    assert (material.density_g_cm3, material.apparent_g_cm3) == (density, apparent)
+    assert material.catch_efficiency == catch
+
+
+def test_values_are_possible() -> None:
+    for name, material in LIBRARY.items():
+        assert material.name == name
+        assert 0 < material.catch_efficiency <= 1
+        if material.apparent_g_cm3 is not None:  # spheres cannot pack denser than this
+            assert 0.25 < material.apparent_g_cm3 / material.density_g_cm3 < 0.74
+        assert 800 <= material.power_W <= 2500  # process.md 3.3, medium class
+        assert 8 <= material.speed_mm_s <= 20
+
+
+def test_names_are_found_in_any_case_and_guessed() -> None:
+    assert find("wc-12co") is LIBRARY["WC-12Co"]
+    assert find("unobtainium") is None
+    assert closest("IN 718", list(LIBRARY)) == "did you mean 'IN718'?"
+    assert closest("ti6al4v", list(LIBRARY)) == "did you mean 'Ti-6Al-4V'?"
+    assert closest("xyzzy", list(LIBRARY)) == ""
