@@ -188,7 +188,7 @@ _CONTROL = (
     Register("AT_SPEED_TOL", _H, 11, per_unit=10, unit="%", writable=True, least=0.1,
              greatest=100),
     # Reserved, so that heartbeat, SEQ and shadow block fit one FC 16 write: written 0, read 0.
-    *(Register(f"RESERVED_{a}", _H, a, writable=True) for a in range(12, 20)),
+    *(Register(f"RESERVED_{a}", _H, a, writable=True, least=0, greatest=0) for a in range(12, 20)),
 )
 
 #: Rows of one hopper's shadow block: (offset from 20 + 4·(h − 1), name, counts per unit, unit)

@@ -6,9 +6,11 @@ It turns engineering values into 16-bit words and back; it sends nothing.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from typing import NamedTuple
 
 #: Most registers one request may read (FC 03, 04) and write (FC 16), Modbus application protocol.
 MOST_READ = 125
@@ -128,11 +130,11 @@ class RegisterMap:
 
     def encode(self, name: str, value: Value) -> tuple[int, ...]:
         """The words of one row. Raises RegisterError where the value does not fit."""
-        return _encode(self._by_name[name], value, self.word_order)
+        return tuple(self.block([name]).encode({name: value}))
 
     def decode(self, name: str, words: Sequence[int]) -> Value:
         """The value of one row's words; None where the device says "not available"."""
-        return _decode(self._by_name[name], words, self.word_order)
+        return self.block([name]).decode(words)[name]
 
     def block(self, names: Iterable[str]) -> Block:
         """The rows as one contiguous stretch, whatever their order; gaps stay inside it.
@@ -143,8 +145,8 @@ class RegisterMap:
         if not rows or len({row.kind for row in rows}) != 1:
             raise RegisterError("a block needs rows, all of one kind")
         start = self.wire_address(rows[0].name)
-        placed = tuple((row, self.wire_address(row.name) - start) for row in rows)
-        return Block(rows[0].kind, start, placed[-1][1] + rows[-1].words, placed, self.word_order)
+        placed = [_Placed.at(row, row.address - rows[0].address) for row in rows]
+        return Block(rows[0].kind, start, placed, self.word_order)
 
     def plan_reads(self, names: Iterable[str], *, most: int = MOST_READ) -> tuple[Block, ...]:
         """The fewest gapless blocks that hold the rows, none longer than one request may read.
@@ -168,24 +170,57 @@ class RegisterMap:
         return tuple(self.block(row.name for row in run) for run in runs)
 
 
-@dataclass(frozen=True)
-class Block:
-    """A stretch of registers that one request moves. rows : (row, offset of its first word)."""
+class _Placed(NamedTuple):
+    """A row within a block, with what is needed at every reading and writing of it at hand.
 
-    kind: Kind
-    address: int
-    count: int
-    rows: tuple[tuple[Register, int], ...]
-    word_order: WordOrder
+    low, high : limits of its counts
+    """
+
+    name: str
+    offset: int
+    words: int
+    per_unit: int
+    low: int
+    high: int
+    row: Register
+
+    @classmethod
+    def at(cls, row: Register, offset: int) -> _Placed:
+        low, high, missing = row.type.least, row.type.greatest, row.type.not_available
+        if row.least is not None:
+            low = max(low, round(row.least * row.per_unit))
+        if row.greatest is not None:
+            high = min(high, round(row.greatest * row.per_unit))
+        if row.may_be_missing:  # its code stands at one end of the range, and is no value
+            low, high = low + (low == missing), high - (high == missing)
+        return cls(row.name, offset, row.words, row.per_unit, low, high, row)
+
+
+class Block:
+    """A stretch of registers that one request moves: `count` from wire address `address` on."""
+
+    def __init__(
+        self, kind: Kind, address: int, placed: Sequence[_Placed], word_order: WordOrder
+    ) -> None:
+        self.kind = kind
+        self.address = address
+        self.count = placed[-1].offset + placed[-1].words
+        self.rows = tuple(place.row for place in placed)
+        self._placed = tuple(placed)
+        self._word_order = word_order
 
     def decode(self, words: Sequence[int]) -> dict[str, Value]:
         """Values by name. Raises RegisterError where the number of words is not `count`."""
         if len(words) != self.count:
             raise RegisterError(f"{len(words)} words came where {self.count} were asked for")
-        return {
-            row.name: _decode(row, words[at : at + row.words], self.word_order)
-            for row, at in self.rows
-        }
+        values: dict[str, Value] = {}
+        for name, offset, size, per_unit, low, high, row in self._placed:
+            raw = words[offset]
+            if size == 1 and low <= raw <= high and row.type is not Type.ASCII:
+                values[name] = raw if per_unit == 1 else raw / per_unit
+            else:
+                values[name] = _decode(row, words[offset : offset + size], self._word_order)
+        return values
 
     def encode(self, values: Mapping[str, Value]) -> list[int]:
         """Words of the whole block; gaps are 0.
@@ -193,40 +228,38 @@ class Block:
         Raises RegisterError for a value that does not fit; KeyError where one is missing.
         """
         words = [0] * self.count
-        for row, at in self.rows:
-            words[at : at + row.words] = _encode(row, values[row.name], self.word_order)
+        for name, offset, size, per_unit, low, high, row in self._placed:
+            value = values[name]
+            if row.type is Type.ASCII:
+                words[offset : offset + size] = _encode_text(row, value)
+                continue
+            raw = row.type.not_available
+            if value is not None or not row.may_be_missing:
+                raw = round(_number(row, value) * per_unit)
+                if not low <= raw <= high:
+                    raise _out_of_range(row, low, high, value)
+            if size == 1:
+                words[offset] = raw & 0xFFFF
+            else:
+                pair = raw >> 16 & 0xFFFF, raw & 0xFFFF
+                words[offset], words[offset + 1] = _swapped(pair, self._word_order)
         return words
 
 
-def _encode(row: Register, value: Value, order: WordOrder) -> tuple[int, ...]:
-    kind = row.type
-    if kind is Type.ASCII:
-        return _encode_text(row, value)
+def _number(row: Register, value: Value) -> int | float:
+    if isinstance(value, int) or (isinstance(value, float) and math.isfinite(value)):
+        return value
     if value is None:
-        if not row.may_be_missing:
-            raise RegisterError(f"{row.name} cannot be left out")
-        return _split(kind.not_available, kind.words, order)
-    if isinstance(value, str) or value != value or value in (float("inf"), float("-inf")):
-        raise RegisterError(f"{row.name} must be a number, not {value!r}")
-    if (row.least is not None and value < row.least) or (
-        row.greatest is not None and value > row.greatest
-    ):
-        raise RegisterError(
-            f"{row.name} must be between {_shown(row, row.least, kind.least)} and "
-            f"{_shown(row, row.greatest, kind.greatest)}{row.unit and ' ' + row.unit}, not {value}"
-        )
-    raw = round(value * row.per_unit)
-    if not kind.least <= raw <= kind.greatest or (
-        row.may_be_missing and raw == kind.not_available
-    ):
-        raise RegisterError(
-            f"{row.name} = {value}{row.unit and ' ' + row.unit} does not fit its register"
-        )
-    return (raw & 0xFFFF,) if kind.words == 1 else _split(raw, kind.words, order)
+        raise RegisterError(f"{row.name} cannot be left out")
+    raise RegisterError(f"{row.name} must be a number, not {value!r}")
 
 
-def _shown(row: Register, limit: float | None, raw: int) -> str:
-    return f"{raw / row.per_unit if limit is None else limit:g}"
+def _out_of_range(row: Register, low: int, high: int, value: Value) -> RegisterError:
+    unit = row.unit and f" {row.unit}"
+    return RegisterError(
+        f"{row.name} must be between {low / row.per_unit:g} and {high / row.per_unit:g}{unit}, "
+        f"not {value}"
+    )
 
 
 def _decode(row: Register, words: Sequence[int], order: WordOrder) -> Value:
@@ -234,7 +267,10 @@ def _decode(row: Register, words: Sequence[int], order: WordOrder) -> Value:
     if kind is Type.ASCII:
         text = b"".join((word & 0xFFFF).to_bytes(2, "big") for word in words)
         return text.split(b"\0")[0].decode("ascii", "replace")
-    raw = words[0] if kind.words == 1 else _join(words, order)
+    raw = words[0]
+    if kind.words == 2:
+        high, low = _swapped((words[0], words[1]), order)
+        raw = high << 16 | low
     if raw > kind.greatest:
         raw -= 1 << (16 * kind.words)
     if row.may_be_missing and raw == kind.not_available:
@@ -249,17 +285,6 @@ def _encode_text(row: Register, value: Value) -> tuple[int, ...]:
         raise RegisterError(f"{row.name} holds {2 * row.length} characters, not {len(value)}")
     data = value.encode("ascii").ljust(2 * row.length, b"\0")
     return tuple(int.from_bytes(data[i : i + 2], "big") for i in range(0, len(data), 2))
-
-
-def _split(raw: int, words: int, order: WordOrder) -> tuple[int, ...]:
-    if words == 1:
-        return (raw & 0xFFFF,)
-    return _swapped((raw >> 16 & 0xFFFF, raw & 0xFFFF), order)
-
-
-def _join(words: Sequence[int], order: WordOrder) -> int:
-    high, low = _swapped((words[0], words[1]), order)
-    return high << 16 | low
 
 
 def _swapped(pair: tuple[int, int], order: WordOrder) -> tuple[int, int]:

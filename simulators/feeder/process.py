@@ -56,7 +56,7 @@ class HopperProcess:
             raise ValueError(f"a disc cannot go to {rpm} rpm in {ramp_s} s")
         if not self._ramp[0] <= time_s < math.inf:
             raise ValueError(f"a command at {time_s} s comes after one at {self._ramp[0]} s")
-        flow_g_s, fed_g = self._flow_g_s(time_s), self.fed_g(time_s)
+        flow_g_s, fed_g = self.disc_flow_g_s(time_s), self.fed_g(time_s)
         start_rpm, end_rpm = self.setpoint_rpm(time_s), min(rpm, self.config.n_max_rpm)
         self._ramp = (time_s, start_rpm, time_s + ramp_s, end_rpm)
         self._pieces = self._disc_pieces(time_s, start_rpm, end_rpm, ramp_s, flow_g_s, fed_g)
@@ -74,7 +74,7 @@ class HopperProcess:
 
     def disc_rpm(self, time_s: float) -> float:
         """The disc's own speed, behind ramp, dead band and drive."""
-        over_g_min = 60.0 * self._flow_g_s(time_s) - self.config.offset_g_min
+        over_g_min = 60.0 * self.disc_flow_g_s(time_s) - self.config.offset_g_min
         return max(0.0, over_g_min / self.config.feed_factor_g_rev)
 
     def fed_g(self, time_s: float) -> float:
@@ -208,7 +208,7 @@ class HopperProcess:
                 return piece
         return _Piece(time_s, 0.0, 0.0, 0.0, 0.0)
 
-    def _flow_g_s(self, time_s: float) -> float:
+    def disc_flow_g_s(self, time_s: float) -> float:
         """Flow the disc would give with powder in it."""
         piece = self._piece_at(time_s)
         return self._value(piece, time_s - piece.start_s)

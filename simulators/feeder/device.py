@@ -1,0 +1,289 @@
+"""The PMX device: commands, recipes, watchdog and alarms (process.md 1.4).
+
+The device holds facts (gas on since, discs on since, what is latched); its STATE follows from
+them. Nothing runs between requests: `settle` carries out what fell due since the last one, each at
+its own instant, so a silent host is noticed exactly when the watchdog says, whoever asks later.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from firmware_protocol.pmx import (
+    ALARM_RESET_KEY,
+    WATCHDOG_RESET_KEY,
+    Command,
+    Refusal,
+    SetpointMode,
+    State,
+    WatchdogAction,
+    hopper_row,
+)
+from firmware_protocol.pmx_alarms import EMPTY, ESTOP, WATCHDOG, hopper_code
+from simulators.feeder.alarms import AlarmBook
+from simulators.feeder.config import FeederConfig, HopperConfig
+from simulators.feeder.holding import (
+    BUSY,
+    REFUSED,
+    HoldingRegisters,
+    RefusedError,
+)
+from simulators.feeder.permits import ALARM_RESET, COMMAND, WD_RESET, Facts, objection
+from simulators.feeder.process import HopperProcess
+
+
+@dataclass
+class Hopper:
+    """A hopper and what the running recipe asks of it."""
+
+    config: HopperConfig
+    process: HopperProcess
+    rpm: float = 0.0
+    carrier_L_min: float = 0.0
+    stirrer_rpm: float = 0.0
+    limited: bool = False
+
+
+@dataclass(frozen=True)
+class FeedSpan:
+    """Discs were on from start_s to end_s (inf while they are), called stable from stable_s."""
+
+    start_s: float
+    stable_s: float
+    end_s: float
+
+
+class PmxDevice:
+    """One device. now : the simulation's clock.
+
+    hoppers : by channel. spans : when powder was fed, oldest first.
+    local : its switch stands at LOCAL; estop_open : the emergency-stop chain
+    """
+
+    def __init__(self, config: FeederConfig, now: Callable[[], float]) -> None:
+        self.config = config
+        self.now = now
+        self.holding = HoldingRegisters(config)
+        self.hoppers = {h.channel: Hopper(h, HopperProcess(h)) for h in config.hoppers}
+        self.alarms = AlarmBook()
+        self.spans: list[FeedSpan] = []
+        self.local = False
+        self.estop_open = False
+        self._power_up(now())
+
+    def _power_up(self, time_s: float) -> None:
+        self.powered_s = time_s
+        self.holding.forget()
+        self.command = Command(0)
+        self.alarms = AlarmBook()
+        self.refusal = Refusal.NONE
+        self.heartbeat_s = time_s
+        self.watchdog_tripped = False
+        self.gas_since_s = math.inf
+        self.discs_since_s = math.inf  # may lie ahead: powder waits for the gas pre-flow
+        self.discs_off_s = -math.inf
+        self.seq_applied = 0
+
+    # --- what the operator's hands do to it
+
+    def restart(self) -> None:
+        """Power off and on: discs stop, everything volatile is forgotten."""
+        time_s = self.settle()
+        self._stop_discs(time_s)
+        self._power_up(time_s)
+
+    def turn_local(self, local: bool) -> None:
+        """Turn the LOCAL/REMOTE switch; at LOCAL the host's commands end."""
+        time_s = self.settle()
+        self.local = local
+        if local:
+            self._obey(Command(0), time_s)
+
+    def open_estop_chain(self, is_open: bool) -> None:
+        time_s = self.settle()
+        self.estop_open = is_open
+        if is_open:
+            self._fault(ESTOP, time_s, gas_off=True)
+
+    # --- state
+
+    @property
+    def discs_on(self) -> bool:
+        return self.discs_since_s <= self.now()
+
+    def stable(self, time_s: float) -> bool:
+        return self.discs_on and time_s >= self.spans[-1].stable_s
+
+    def gas_flows(self, time_s: float) -> bool:
+        return self.gas_since_s <= time_s
+
+    def gas_ok(self, time_s: float) -> bool:
+        return self.gas_since_s + self.config.preflow_s <= time_s
+
+    def booting(self, time_s: float) -> bool:
+        return time_s < self.powered_s + self.config.boot_s
+
+    def state(self, time_s: float) -> State:
+        """STATE after `settle`."""
+        if self.booting(time_s):
+            return State.BOOT
+        if self.estop_open or ESTOP in self.alarms:
+            return State.ESTOP
+        if self.alarms and not self.discs_on:
+            return State.FAULT
+        if self.discs_on:
+            return State.FEEDING if self.stable(time_s) else State.STABILISING
+        if time_s < self._postflow_ends_s():
+            return State.STOPPING
+        if self.gas_flows(time_s):
+            return State.GAS_PREFLOW
+        return State.READY if Command.ENABLE_REMOTE in self.command else State.NOT_READY
+
+    def _postflow_ends_s(self) -> float:
+        return self.discs_off_s + self.holding["POSTFLOW"]
+
+    # --- time
+
+    def settle(self) -> float:
+        """Carry out everything due until now; returns now."""
+        now_s = self.now()
+        while True:
+            due_s, act = min(self._due(), key=lambda item: item[0])
+            if due_s > now_s:
+                break
+            act(due_s)
+        if Command.GAS_ON not in self.command and now_s >= self._postflow_ends_s():
+            self.gas_since_s = math.inf
+        return now_s
+
+    def _due(self) -> list[tuple[float, Callable[[float], None]]]:
+        due: list[tuple[float, Callable[[float], None]]] = []
+        if not self.spans or self.spans[-1].start_s != self.discs_since_s:
+            due.append((self.discs_since_s, self._start_discs))
+        due.append((self._watchdog_s(), self._trip))
+        for channel, hopper in self.hoppers.items():
+            if hopper_code(channel, EMPTY) not in self.alarms:
+                due.append((hopper.process.empty_s, self._run_empty(channel)))
+        return due
+
+    def _watchdog_s(self) -> float:
+        """When the host's silence trips the watchdog; it watches while the host is in command."""
+        if self.watchdog_tripped or Command.ENABLE_REMOTE not in self.command:
+            return math.inf
+        return self.heartbeat_s + self.holding.raw("WD_TIMEOUT") / 1000.0
+
+    def _trip(self, time_s: float) -> None:
+        self.watchdog_tripped = True
+        action = self.holding.raw("WD_ACTION")
+        if action == WatchdogAction.HOLD:
+            self.alarms.latch(WATCHDOG)
+        else:
+            self._fault(WATCHDOG, time_s, gas_off=action == WatchdogAction.ALL_STOP)
+
+    def _run_empty(self, channel: int) -> Callable[[float], None]:
+        return lambda time_s: self._fault(hopper_code(channel, EMPTY), time_s, gas_off=False)
+
+    def _fault(self, code: int, time_s: float, *, gas_off: bool) -> None:
+        """Latch an alarm and stop powder; nothing starts again without a new command."""
+        self.alarms.latch(code)
+        kept = Command.ENABLE_REMOTE if gas_off else Command.ENABLE_REMOTE | Command.GAS_ON
+        self._stop_discs(time_s)
+        self._take(self.command & kept)
+        if gas_off:
+            self.gas_since_s = math.inf
+            self.discs_off_s = -math.inf
+
+    # --- requests
+
+    def write(self, address: int, words: Sequence[int]) -> None:
+        """Write holding registers: all of them, or none.
+
+        Raises RefusedError, with the reason for code 4 in LAST_REFUSAL.
+        """
+        time_s = self.settle()
+        if self.booting(time_s):
+            raise RefusedError(BUSY)
+        self.holding.check(address, words)
+        written = range(address, address + len(words))
+        new = dict(zip(written, words, strict=True))
+        if refusal := objection(self._facts(time_s), new):
+            self.refusal = refusal
+            raise RefusedError(REFUSED)
+        sequence, heartbeat = self.holding.raw("SEQ"), self.holding.raw("HEARTBEAT")
+        self.holding.store(address, words)
+        if self.holding.raw("HEARTBEAT") != heartbeat:
+            self.heartbeat_s = time_s
+        if new.get(WD_RESET) == WATCHDOG_RESET_KEY:
+            self.watchdog_tripped = False
+        if new.get(ALARM_RESET) == ALARM_RESET_KEY:
+            self.alarms.clear()
+        self.holding.put_raw("WD_RESET", 0)
+        self.holding.put_raw("ALARM_RESET", 0)
+        if self.holding.raw("SEQ") != sequence:
+            self._commit(time_s)
+        if COMMAND in new:
+            wanted = Command(new[COMMAND])
+            if Command.ENABLE_REMOTE in wanted and Command.ENABLE_REMOTE not in self.command:
+                self.heartbeat_s = time_s  # the host's time starts when it takes command
+            self._obey(wanted, time_s)
+
+    def _take(self, command: Command) -> None:
+        self.command = command
+        self.holding.put_raw("COMMAND", int(command))
+
+    def _facts(self, time_s: float) -> Facts:
+        return Facts(
+            local=self.local,
+            discs_on=self.discs_on,
+            tripped=self.watchdog_tripped,
+            alarmed=bool(self.alarms),
+            estop_open=self.estop_open,
+            empty=any(h.process.empty_s <= time_s for h in self.hoppers.values()),
+        )
+
+    def _obey(self, command: Command, time_s: float) -> None:
+        self._take(command)
+        feed = Command.FEED_ON in command and Command.STOP not in command
+        if not feed:
+            self._stop_discs(time_s)
+        if Command.GAS_ON in command:
+            self.gas_since_s = min(self.gas_since_s, time_s)
+        elif time_s >= self._postflow_ends_s():
+            self.gas_since_s = math.inf
+        if feed and self.discs_since_s == math.inf:
+            self.discs_since_s = max(time_s, self.gas_since_s + self.config.preflow_s)
+            self.settle()
+
+    def _start_discs(self, time_s: float) -> None:
+        self.spans.append(FeedSpan(time_s, time_s + self.holding["STABILISE"], math.inf))
+        for hopper in self.hoppers.values():
+            hopper.process.command(time_s, hopper.rpm, self.holding["RAMP"])
+
+    def _stop_discs(self, time_s: float) -> None:
+        if self.discs_since_s <= time_s:
+            for hopper in self.hoppers.values():
+                hopper.process.command(time_s, 0.0)
+            self.spans[-1] = FeedSpan(self.spans[-1].start_s, self.spans[-1].stable_s, time_s)
+            self.discs_off_s = time_s
+        self.discs_since_s = math.inf
+
+    def _commit(self, time_s: float) -> None:
+        """The shadow block becomes the running recipe, whole."""
+        self.seq_applied = self.holding.raw("SEQ")
+        by_flow = self.holding.raw("SETPOINT_MODE") == SetpointMode.G_MIN
+        ramp_s = self.holding["RAMP"]
+        for channel, hopper in self.hoppers.items():
+            if by_flow:
+                flow_g_min = self.holding[hopper_row(channel, "FLOW_SP")]
+                rpm = flow_g_min / self.holding[hopper_row(channel, "FEED_FACTOR")]
+            else:
+                rpm = self.holding[hopper_row(channel, "DISC_SP")]
+            most_rpm = self.holding[hopper_row(channel, "N_MAX")]
+            hopper.limited = rpm > most_rpm
+            hopper.rpm = min(rpm, most_rpm)
+            hopper.carrier_L_min = self.holding[hopper_row(channel, "CARRIER_SP")]
+            hopper.stirrer_rpm = self.holding[hopper_row(channel, "STIRRER_SP")]
+            if self.discs_on:
+                hopper.process.command(time_s, hopper.rpm, ramp_s)

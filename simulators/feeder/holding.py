@@ -1,0 +1,99 @@
+"""The holding registers of a PMX device: what may be written where, and what stands there now."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from firmware_protocol.pmx import hopper_row, register_map
+from firmware_protocol.registers import Kind, Value
+from simulators.feeder.config import FeederConfig, HopperConfig
+
+#: Exception codes of process.md 1.4.
+ILLEGAL_ADDRESS, ILLEGAL_VALUE, REFUSED, BUSY = 2, 3, 4, 6
+
+#: Stored configuration begins here; nothing below it survives a restart.
+CONFIGURATION = 1000
+
+_DEFAULTS: dict[str, Value] = {
+    "WD_TIMEOUT": 1000, "WD_ACTION": 1, "STABILISE": 8.0, "POSTFLOW": 10.0, "AT_SPEED_TOL": 2.0,
+}
+
+
+class RefusedError(Exception):
+    """A request is answered by a Modbus exception."""
+
+    def __init__(self, code: int) -> None:
+        super().__init__(f"Modbus exception {code}")
+        self.code = code
+
+
+class HoldingRegisters:
+    """The words of a device with the hoppers of its configuration, channels counted from 1."""
+
+    def __init__(self, config: FeederConfig) -> None:
+        self._map = register_map(max(hopper.channel for hopper in config.hoppers))
+        rows = [row for row in self._map.rows if row.kind is Kind.HOLDING]
+        self._limits = {
+            row.address: (round(row.least * row.per_unit), round(row.greatest * row.per_unit))
+            for row in rows if row.least is not None and row.greatest is not None
+        }
+        self._places = {row.name: (row.address, row.per_unit) for row in rows}
+        self._words = {row.address + i: 0 for row in rows for i in range(row.words)}
+        for hopper in config.hoppers:
+            for name, value in _stored(hopper).items():
+                self._put(hopper_row(hopper.channel, name), value)
+        self.forget()
+
+    def forget(self) -> None:
+        """Power was lost: everything but the stored configuration is back at its defaults."""
+        for address in self._words:
+            if address < CONFIGURATION:
+                self._words[address] = 0
+        for name, value in _DEFAULTS.items():
+            self._put(name, value)
+
+    def read(self, address: int, count: int) -> list[int]:
+        """Raises RefusedError(ILLEGAL_ADDRESS) where a register is not there."""
+        try:
+            return [self._words[a] for a in range(address, address + count)]
+        except KeyError:
+            raise RefusedError(ILLEGAL_ADDRESS) from None
+
+    def check(self, address: int, words: Sequence[int]) -> None:
+        """Raises RefusedError for words that may not be written there; nothing is changed."""
+        for at, word in enumerate(words, address):
+            if at not in self._words:
+                raise RefusedError(ILLEGAL_ADDRESS)
+            least, greatest = self._limits.get(at, (0, 0xFFFF))
+            if not least <= word <= greatest:
+                raise RefusedError(ILLEGAL_VALUE)
+
+    def store(self, address: int, words: Sequence[int]) -> None:
+        """Write words that were checked."""
+        for at, word in enumerate(words, address):
+            self._words[at] = word
+
+    def __getitem__(self, name: str) -> float:
+        """A one-word number in its unit."""
+        address, per_unit = self._places[name]
+        return self._words[address] / per_unit
+
+    def raw(self, name: str) -> int:
+        """A one-word register as it stands."""
+        return self._words[self._places[name][0]]
+
+    def put_raw(self, name: str, word: int) -> None:
+        self._words[self._places[name][0]] = word
+
+    def _put(self, name: str, value: Value) -> None:
+        self.store(self._map.wire_address(name), self._map.encode(name, value))
+
+
+def _stored(hopper: HopperConfig) -> dict[str, Value]:
+    calibrated = hopper.calibrated_g_rev
+    return {
+        "FEED_FACTOR": hopper.feed_factor_g_rev if calibrated is None else calibrated,
+        "N_MIN": hopper.n_min_rpm, "N_MAX": hopper.n_max_rpm,
+        "CARRIER_MIN": 2.0, "CARRIER_MAX": 12.0, "LEVEL_WARN": 10.0, "LEVEL_STOP": 0.0,
+        "LOT": hopper.material.encode("ascii", "replace").decode()[:32],
+    }
