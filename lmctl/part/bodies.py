@@ -192,7 +192,9 @@ class MeshSolid(Stored):
 
     @cached_property
     def field(self) -> Field:
-        return mesh_field(self.mesh.vertices, self.mesh.triangles, self.grid)
+        corners = without_slivers(self.mesh.vertices[self.mesh.triangles])
+        soup = np.arange(3 * len(corners)).reshape(-1, 3)
+        return mesh_field(corners.reshape(-1, 3), soup, self.grid)
 
     @cached_property
     def _slicer(self) -> Slicer:
@@ -226,6 +228,18 @@ class FieldSolid(Stored):
 
     def loops(self, z_mm: float, plane: PlaneGrid) -> list[FloatArray]:
         return section_loops(self.cut(z_mm, plane), plane)
+
+
+def without_slivers(corners: FloatArray) -> FloatArray:
+    """Triangles (m, 3, 3) less those narrower than a millionth of their length.
+
+    Their neighbours cover them to rounding, and the closest point on one cannot be computed.
+    """
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    twice_area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    longest = np.max([((p - q) ** 2).sum(axis=1) for p, q in ((a, b), (b, c), (c, a))], axis=0)
+    wide: FloatArray = corners[twice_area > 1e-6 * longest]
+    return wide
 
 
 def zero_bounds(field: Field) -> Bounds:

@@ -11,7 +11,6 @@ import re
 from dataclasses import dataclass
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 
 from lmctl.errors import InputError
@@ -66,7 +65,7 @@ def read_cloud(file: DataFile, units: str) -> Cloud:
 
 def _from_ply(file: DataFile) -> tuple[NDArray[np.float64], list[str]]:
     promised = check_ply(file)
-    loaded = parse(file, trimesh.load)
+    loaded = parse(file, "load")
     vertices = getattr(loaded, "vertices", None)
     if vertices is None or len(vertices) == 0 or len(vertices) < promised.get("vertex", 0):
         raise InputError(

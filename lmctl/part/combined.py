@@ -13,7 +13,6 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from skimage.measure import marching_cubes
 
 from lmctl.errors import InputError
 from lmctl.field.field import Field
@@ -21,7 +20,7 @@ from lmctl.field.grid import Grid, Window
 from lmctl.field.plane import PlaneGrid, section_loops
 from lmctl.field.seeds import seed_triangles
 from lmctl.field.sweep import sweep_sources
-from lmctl.part.bodies import Body, Bounds, Stored
+from lmctl.part.bodies import Body, Bounds, Stored, without_slivers
 
 FloatArray = NDArray[np.float64]
 Operation = Literal["union", "difference", "intersection"]
@@ -84,9 +83,11 @@ class Combined(Stored):
                 where=f"at a pitch of {self.grid.pitch_mm:g} mm",
                 hint="check where the bodies lie, or give a smaller pitch_mm",
             )
+        from skimage.measure import marching_cubes  # takes a second, which few parts need to spend
+
         corners, triangles, _, _ = marching_cubes(self._signs, 0.0)
         points = corners[:, ::-1] * self.grid.pitch_mm + np.asarray(self.grid.origin_mm)
-        return np.ascontiguousarray(points[triangles], dtype=np.float64)
+        return without_slivers(points[triangles].astype(np.float64))
 
 
 def _combine(

@@ -10,11 +10,10 @@ from __future__ import annotations
 import io
 import struct
 import warnings
-from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 
 from lmctl.config.part_file import FARTHEST_MM, MM_PER_UNIT
@@ -54,11 +53,12 @@ def read_mesh(file: DataFile, units: str) -> Mesh:
         _check_stl(file)
     elif file.suffix == "ply":
         promised = check_ply(file).get("face", 0)
-    loaded = parse(file, trimesh.load_mesh)
-    if not isinstance(loaded, trimesh.Trimesh) or len(loaded.faces) == 0:
+    loaded = parse(file, "load_mesh")
+    if len(getattr(loaded, "faces", ())) == 0:
         raise InputError(
             f"{file.path} holds no triangles",
-            hint='is it a point cloud? then write kind = "cloud"' if file.suffix == "ply" else "",
+            hint='is it a point cloud? then write kind = "cloud"' if file.suffix == "ply" else
+            "export the part as a mesh",
         )
     if len(loaded.faces) < promised:
         raise InputError(
@@ -83,8 +83,10 @@ def read_mesh(file: DataFile, units: str) -> Mesh:
     return Mesh(vertices, triangles)
 
 
-def parse(file: DataFile, loader: Callable[..., object]) -> object:
+def parse(file: DataFile, loader: Literal["load_mesh", "load"]) -> Any:
     """What one of trimesh's loaders makes of the bytes; InputError for whatever it raises."""
+    import trimesh  # takes a second and a half, which a part without mesh need not spend
+
     data = file.data
     if file.suffix == "obj" or (file.suffix == "stl" and _is_text_stl(data)):
         if b"\0" in data:
@@ -96,7 +98,7 @@ def parse(file: DataFile, loader: Callable[..., object]) -> object:
             warnings.simplefilter("ignore")  # about numbers, which are checked afterwards
             # numpy stops at a word that is not a number, with this warning; the rest would be lost
             warnings.filterwarnings("error", message="string or file could not be read")
-            return loader(
+            return getattr(trimesh, loader)(
                 io.BytesIO(data), file_type=file.suffix, process=False, skip_materials=True
             )
     except Exception as error:  # a parser of foreign bytes raises what it likes
@@ -210,7 +212,10 @@ def check_ply(file: DataFile) -> dict[str, int]:
         words = line.split()
         if words[:1] == ["element"]:
             if len(words) != 3 or not words[2].isdigit() or len(words[2]) > 18:
-                raise InputError(f"{file.path} is not a PLY file", where=line[:80])
+                raise InputError(
+                    f"{file.path} is not a PLY file", where=line[:80],
+                    hint="it is damaged or of another kind; export it again",
+                )
             counts[words[1]] = int(words[2])
     rows = sum(counts.values())
     text = b"format ascii" in head
