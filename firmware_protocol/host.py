@@ -94,21 +94,26 @@ class GrblHost:
         """Whether the controller has room for `line` (without its end) now."""
         return len(line) < self._free
 
-    def send_line(self, line: bytes, tag: int) -> bytes:
-        """The bytes of a line, counted until it is answered.
+    def check_line(self, line: bytes) -> None:
+        """Raise LocalProtocolError for a line that could never be sent.
 
-        line : printable ASCII without line end and without the bytes `! ? ~`, which would act
-        raises : LocalProtocolError
+        It must be printable ASCII without its line end and without `! ? ~`, which would act, and
+        no longer than the controller stores and receives.
         """
+        most = min(self.line_chars, self.rx_usable - 1)
+        if len(line) > most:
+            raise LocalProtocolError(
+                f"a line has {len(line)} characters, the controller takes {most}: {line[:40]!r}..."
+            )
+        if line.translate(None, _FORBIDDEN) != line:
+            raise LocalProtocolError(f"a line holds bytes that would act or break it: {line!r}")
+
+    def send_line(self, line: bytes, tag: int) -> bytes:
+        """The bytes of a line, counted until it is answered. Raises LocalProtocolError."""
+        self.check_line(line)
         size = len(line) + 1
         if size > self._free:
             raise LocalProtocolError(f"line {tag} needs {size} bytes, {self._free} are free")
-        if size > self.line_chars + 1:
-            raise LocalProtocolError(
-                f"line {tag} has {size - 1} characters, the controller takes {self.line_chars}"
-            )
-        if line.translate(None, _FORBIDDEN) != line:
-            raise LocalProtocolError(f"line {tag} holds bytes that would act or break it: {line!r}")
         self._unanswered.append((tag, size))
         self._free -= size
         return line + b"\n"

@@ -16,9 +16,9 @@ from lmctl.cli.lazy import LazyGroup
 from lmctl.errors import LmctlError
 
 COMMANDS = {
-    "demo": ("lmctl.cli.demo", "The main job, end to end: a scanned gear to a job log, simulated."),
+    "demo": ("lmctl.cli.demo", "The main job: a scanned gear to a printed job log, simulated."),
     "init": ("lmctl.cli.init", "Write an example part, with its cell profile, to start from."),
-    "check": ("lmctl.cli.check", "Check a part file, a profile or a job, and say all that is wrong."),
+    "check": ("lmctl.cli.check", "Say all that is wrong with a part file, a profile or a job."),
     "plan": ("lmctl.cli.plan", "Plan a part (or a bare mesh or cloud) into a job file."),
     "show": ("lmctl.cli.show", "Draw a layer of a job: its paths coloured by composition."),
     "run": ("lmctl.cli.run", "Run a job on the simulated machine or a real one."),

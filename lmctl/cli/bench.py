@@ -44,7 +44,9 @@ def load_bench(path: Path | None) -> BenchConfig:
     try:
         return BenchConfig.parse(read_text(path))
     except ValueError as error:
-        raise ConfigError(f"{path} does not describe a bench", where=str(error).splitlines()) from None
+        raise ConfigError(
+            f"{path} does not describe a bench", where=str(error).splitlines()
+        ) from None
 
 
 def rewire(profile: MachineProfile, endpoints: dict[str, str]) -> MachineProfile:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from lmctl.cli.console import clock, progress_bar, put, put_json, say
+from lmctl.cli.console import clock, progress_bar, put, put_json
 from lmctl.cli.profiles import profile_or_bench_cell
 from lmctl.config.machine import MachineProfile
 from lmctl.errors import UsageError

@@ -51,11 +51,12 @@ def draw_job_layer(reader: JobReader, index: int, target: Path) -> None:
     process = parse(reader.part_text, PartFile, name="the job's part file").process
     before = reader.layer(index - 1).lines[-1] if index else layer.lines[0]
     entry = manifest.layers[index]
+    lasting_s = entry.end_s - entry.start_s
     draw_layer(
         layer, manifest.materials,
         start_mm=(float(before["x_mm"]), float(before["y_mm"])),
         bead_width_mm=process.bead_width_mm,
         title=f"{manifest.part_name}: layer {index + 1} of {len(manifest.layers)}, "
-              f"z = {entry.z_mm:.2f} mm, {entry.n_paths} paths, {entry.end_s - entry.start_s:.0f} s",
+              f"z = {entry.z_mm:.2f} mm, {entry.n_paths} paths, {lasting_s:.0f} s",
         target=target,
     )

@@ -1,0 +1,44 @@
+"""`lmctl init`: an example part to start from, with the simulated cell's files beside it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from lmctl.cli.console import put
+from lmctl.errors import UsageError
+
+
+@click.command()
+@click.argument("folder", type=click.Path(path_type=Path), default=Path())
+@click.option("-t", "--template", default="gear", show_default=True,
+              help="gear, box or sphere.")
+@click.option("--force", is_flag=True, help="Replace files of the same names.")
+def init(folder: Path, template: str, force: bool) -> None:
+    """Write an example part, its cell profile and its bench into FOLDER [this one]."""
+    from lmctl.examples.templates import CELL_FILES, TEMPLATES, write_template
+
+    if template not in TEMPLATES:
+        raise UsageError(
+            f"there is no template {template!r}",
+            where=[f"{name}: {text}" for name, text in TEMPLATES.items()],
+            hint="choose one with --template",
+        )
+    make_folder(folder)
+    there = [name for name in (f"{template}.toml", *CELL_FILES) if (folder / name).exists()]
+    if there and not force:
+        raise UsageError(f"{folder} already has {', '.join(there)}",
+                         hint="choose another folder, or replace them with --force")
+    for path in write_template(template, folder):
+        put(str(path))
+    part = folder / f"{template}.toml"
+    put(f"hint: lmctl plan {part} --machine {folder / 'cell.toml'}")
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder and those above it. Raises UsageError where that cannot be."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(f"cannot make the folder {folder}", where=str(error.strerror)) from None

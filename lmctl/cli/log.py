@@ -1,0 +1,92 @@
+"""`lmctl log`: the log of a run, from its journal."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from lmctl.cli.console import put, say
+from lmctl.errors import JournalError, UsageError
+
+
+@click.command()
+@click.argument("run")
+@click.option("--runs", "runs_dir", type=click.Path(path_type=Path), default=Path("runs"),
+              show_default=True, help="Folder of runs.")
+@click.option("--json", "as_json", is_flag=True, help="The journal itself, as one JSON object.")
+@click.option("--csv", "as_csv", is_flag=True, help="The layers as comma-separated values.")
+@click.option("--verify", "verify_only", is_flag=True,
+              help="Only check the journal; exit 1 where it is broken or not sealed.")
+def log(run: str, runs_dir: Path, as_json: bool, as_csv: bool, verify_only: bool) -> None:
+    """Print the log of RUN: its name (run-0001), or a journal file."""
+    if as_json + as_csv + verify_only > 1:
+        raise UsageError("--json, --csv and --verify exclude each other")
+    journal = find_journal(run, runs_dir)
+    if verify_only:
+        _verify(journal)
+    elif as_json:
+        _put_journal(journal)
+    elif as_csv:
+        from lmctl.report import job_log, job_log_text
+
+        put(job_log_text.as_csv(job_log.read_job_log(journal)))
+    else:
+        put(job_log_as_text(journal))
+
+
+def job_log_as_text(journal: Path) -> str:
+    """The log of a journal as text."""
+    from lmctl.report import job_log, job_log_text
+
+    return job_log_text.as_text(job_log.read_job_log(journal))
+
+
+def find_journal(run: str, runs_dir: Path) -> Path:
+    """A run's journal: by the run's name, or a path to the journal or its folder.
+
+    Raises JournalError where there is none.
+    """
+    from lmctl.run import rundir
+
+    path = Path(run)
+    if path.is_file():
+        return path
+    if path.is_dir() and (path / rundir.JOURNAL).is_file():
+        return path / rundir.JOURNAL
+    return rundir.find(runs_dir, run).journal
+
+
+def _verify(journal: Path) -> None:
+    from lmctl.run.journal_file import verify
+
+    found = verify(journal)
+    if found.broken_line is not None:
+        raise JournalError(
+            f"{journal} was damaged or altered", where=f"line {found.broken_line}: {found.reason}",
+            hint=f"the {found.records} records before that line are whole",
+        )
+    if not found.sealed:
+        raise JournalError(
+            f"{journal} is whole so far, but not sealed", where=found.reason,
+            hint="the run is still going, or was broken off",
+        )
+    put(f"{journal}: whole and sealed, {found.records:,} records")
+
+
+def _put_journal(journal: Path) -> None:
+    """One JSON object, written record by record: a journal may be larger than memory likes."""
+    import json
+
+    from lmctl.run.journal_file import read, verify
+
+    found = verify(journal)
+    if found.broken_line is not None:
+        say(f"warning: the journal is broken at line {found.broken_line}: {found.reason}")
+    head = {"journal": str(journal), "sealed": found.sealed, "whole": found.whole}
+    put(json.dumps(head)[:-1] + ', "records": [')
+    separator = ""
+    for record in read(journal):
+        put(separator + json.dumps(record, ensure_ascii=False))
+        separator = ","
+    put("]}")

@@ -1,0 +1,124 @@
+"""How far a stream of lines has come: sent, acknowledged, executed, each counted apart.
+
+`ok` means planned, not done. What is done is read from status reports:
+
+- `Ln:n`: the line with word `N n` is being executed, so those before it are done.
+- else `Bf:`: the planner still holds b blocks, so of the acknowledged lines that make a block the
+  last b are not done, nor, to be careful, is the one before: a block leaves the planner while tens
+  of milliseconds of it are still in the segment buffer (protocol of both firmwares).
+- Idle, everything answered and the planner empty: all is done.
+
+Nothing is ever called executed before it is acknowledged, and nothing at or after a rejected line.
+A line that makes no block (M4, G21) counts as executed once the motion before it does.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from itertools import islice
+
+from firmware_protocol.status import StatusReport
+
+_MOVING = ("Run", "Hold", "Door")
+
+
+class Progress:
+    """Counts of one stream.
+
+    planner_blocks : what `Bf:` shows when the planner is empty
+    sent, acknowledged, executed : lines, in the order of the stream; acknowledged stops at the
+        first rejected line
+    """
+
+    def __init__(self, planner_blocks: int) -> None:
+        self.sent = 0
+        self.acknowledged = 0
+        self.executed = 0
+        self._planner_blocks = planner_blocks
+        self._answered = 0
+        self._rejected: int | None = None  # index of the first rejected line
+        self._open: deque[bytes] = deque()  # lines sent and not executed, from index `executed`
+        self._idle_answered = -1  # `_answered` at the last report if that was Idle
+
+    @property
+    def first_rejected(self) -> int | None:
+        """Index of the first rejected line, or None."""
+        return self._rejected
+
+    @property
+    def unanswered(self) -> int:
+        """Lines sent and not answered."""
+        return self.sent - self._answered
+
+    @property
+    def all_executed(self) -> bool:
+        """Whether every line sent is executed."""
+        return self.executed == self.sent
+
+    def line_sent(self, line: bytes) -> None:
+        """Count a line that is on its way."""
+        self._open.append(line)
+        self.sent += 1
+
+    def line_answered(self, error: int) -> bool:
+        """Count the answer to the oldest unanswered line; True if it is the first rejection."""
+        first = bool(error) and self._rejected is None
+        if first:
+            self._rejected = self._answered
+        self._answered += 1
+        if self._rejected is None:
+            self.acknowledged = self._answered
+        return first
+
+    def oldest_unanswered(self) -> bytes | None:
+        """The line whose answer is due next, or None."""
+        at = self._answered - self.executed
+        return self._open[at] if at < len(self._open) else None
+
+    def observe(self, report: StatusReport) -> bool:
+        """Take a status report, in its place among the answers; True if `executed` grew."""
+        idle = report.state == "Idle"
+        done = self.executed
+        if report.state in _MOVING and report.line_number is not None:
+            done = self._before_line(report.line_number)
+        elif report.state in _MOVING and report.blocks_free is not None:
+            done = self._before_blocks(self._planner_blocks - report.blocks_free)
+        elif idle and self._answered == self.sent and self._planner_is_empty(report):
+            done = self._answered
+        self._idle_answered = self._answered if idle else -1
+        done = min(done, self.acknowledged)
+        if done <= self.executed:
+            return False
+        for _ in range(done - self.executed):
+            self._open.popleft()
+        self.executed = done
+        return True
+
+    def _planner_is_empty(self, report: StatusReport) -> bool:
+        if report.blocks_free is not None:
+            return report.blocks_free >= self._planner_blocks
+        # Without Bf: a line may be planned and motion not begun; the next report would show it.
+        return self._idle_answered == self._answered
+
+    def _before_line(self, number: int) -> int:
+        word = b"N%d" % number
+        for at, line in enumerate(self._open):
+            if line.startswith(word) and not line[len(word) : len(word) + 1].isdigit():
+                return self.executed + at
+        return self.executed
+
+    def _before_blocks(self, blocks: int) -> int:
+        """The index of the (blocks + 1)th last acknowledged line that makes a block."""
+        answered = list(islice(self._open, self._answered - self.executed))
+        wanted = blocks + 1
+        for at in range(len(answered) - 1, -1, -1):
+            if makes_block(answered[at]) and self.executed + at != self._rejected:
+                wanted -= 1
+                if wanted == 0:
+                    return self.executed + at
+        return self.executed
+
+
+def makes_block(line: bytes) -> bool:
+    """Whether a G-code line has axis words, and so makes a planner block if it goes anywhere."""
+    return b"X" in line or b"Y" in line or b"Z" in line

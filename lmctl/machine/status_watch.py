@@ -1,0 +1,72 @@
+"""When to ask `?`, how old the last answer is, and when a controller counts as silent."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+
+SILENT_S = 3.0
+_LEAST_RETRY_S = 0.5
+_RETRY_PERIODS = 3
+
+
+class StatusWatch:
+    """Asks for a status report every period, drift-free, with at most one question open.
+
+    ask : writes the `?`
+    silent : called once when nothing has answered for `SILENT_S`
+    """
+
+    def __init__(
+        self, period_s: float, ask: Callable[[], None], silent: Callable[[str], None]
+    ) -> None:
+        self._period_s = period_s
+        self._retry_s = max(_LEAST_RETRY_S, _RETRY_PERIODS * period_s)
+        self._ask = ask
+        self._silent = silent
+        self._loop = asyncio.get_running_loop()
+        self._asked_s: float | None = None  # when the open question was put
+        self._answered_s: float | None = None
+        self._quiet_since_s = 0.0  # silence counts from here
+        self._due_s = 0.0
+        self._timer: asyncio.TimerHandle | None = None
+
+    @property
+    def age_s(self) -> float:
+        """Seconds since the last report; infinite before the first."""
+        return float("inf") if self._answered_s is None else self._loop.time() - self._answered_s
+
+    def start(self) -> None:
+        """Ask now and every period from now on; silence counts from now."""
+        self.stop()
+        self._due_s = self._quiet_since_s = self._loop.time()
+        self._tick()
+
+    def stop(self) -> None:
+        """Ask no more, and call nobody silent."""
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+    def ask_now(self) -> None:
+        """Ask outside the schedule, unless a question is open that may yet be answered."""
+        now_s = self._loop.time()
+        if self._asked_s is None or now_s - self._asked_s >= self._retry_s:
+            self._asked_s = now_s
+            self._ask()
+
+    def answered(self) -> None:
+        """A report has arrived."""
+        self._asked_s = None
+        self._answered_s = self._quiet_since_s = self._loop.time()
+
+    def _tick(self) -> None:
+        now_s = self._loop.time()
+        if now_s - self._quiet_since_s >= SILENT_S:
+            self._timer = None
+            self._silent(f"no status report for {now_s - self._quiet_since_s:.1f} s")
+            return
+        self.ask_now()
+        missed = max(0, int((now_s - self._due_s) // self._period_s))
+        self._due_s += (missed + 1) * self._period_s
+        self._timer = self._loop.call_at(self._due_s, self._tick)

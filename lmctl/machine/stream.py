@@ -1,0 +1,113 @@
+"""A stream of lines: what waits, what may be sent now, what stops it.
+
+A stream is what is submitted from one reset to the next. Its counts stand after its end until the
+next line submitted begins another stream at zero.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import Callable, Iterable
+
+from firmware_protocol.realtime import Realtime
+from firmware_protocol.status import StatusReport
+from lmctl.machine.conversation import Conversation
+from lmctl.machine.progress import Progress
+
+_MISSING_ANSWER_S = 5.0
+
+
+class Stream:
+    """Feeds lines to a conversation as the controller has room.
+
+    rejected(tag, error) : called at the first line answered with an error
+    held : nothing more is sent while set
+    halted : nothing more is sent until `end`
+    """
+
+    def __init__(self, talk: Conversation, rejected: Callable[[int, int], None]) -> None:
+        self.progress = Progress(planner_blocks=0)
+        self.running = False
+        self.held = False
+        self.halted = False
+        self._talk = talk
+        self._rejected = rejected
+        self._queue: deque[bytes] = deque()
+        self._loop = asyncio.get_running_loop()
+        self._owing_since_s: float | None = None  # Idle, and an answer is due
+
+    @property
+    def queued(self) -> int:
+        """Lines submitted and not sent."""
+        return len(self._queue)
+
+    def submit(self, lines: Iterable[bytes], planner_blocks: int) -> None:
+        """Queue lines and send what fits. Raises LocalProtocolError for an impossible line."""
+        lines = list(lines)
+        for line in lines:
+            self._talk.check_line(line)
+        if not self.running:
+            self.progress = Progress(planner_blocks)
+            self.running = True
+        self._queue.extend(lines)
+        self.pump()
+
+    def pump(self) -> None:
+        """Send the lines there is room for, in one write."""
+        if self.halted or self.held or not self._queue:
+            return
+        queue, talk, progress = self._queue, self._talk, self.progress
+        out = []
+        while queue and talk.can_send(queue[0]):
+            line = queue.popleft()
+            out.append(talk.count_line(line, progress.sent))
+            progress.line_sent(line)
+        if out:
+            talk.write(b"".join(out))
+
+    def discard_queue(self) -> int:
+        """Drop the lines not sent; returns how many."""
+        dropped = len(self._queue)
+        self._queue.clear()
+        return dropped
+
+    def end(self, *, halted: bool) -> None:
+        """The controller restarted: nothing sent before will be answered or executed."""
+        self._queue.clear()
+        self.running = False
+        self.held = False
+        self.halted = halted
+        self._owing_since_s = None
+
+    def line_answered(self, tag: int, error: int) -> None:
+        """Take one answer; at the first rejection, hold.
+
+        The lines behind the rejected one are on the controller already. Grbl runs on with them,
+        grblHAL rejects each: neither is to be reported, and neither is to move the machine.
+        """
+        self._owing_since_s = None
+        if self.progress.line_answered(error):
+            self.halted = True
+            self._talk.realtime(Realtime.HOLD)
+            self._rejected(tag, error)
+
+    def observe(self, report: StatusReport) -> bool:
+        """Take a report in its place among the answers; True if more lines count as executed."""
+        grown = self.progress.observe(report)
+        self._look_for_lost_answer(report)
+        return grown
+
+    def _look_for_lost_answer(self, report: StatusReport) -> None:
+        """A controller idle for seconds that owes answers lost a line, or we lost an answer."""
+        line = self.progress.oldest_unanswered()
+        now_s = self._loop.time()
+        if report.state != "Idle" or line is None or b"G4" in line:  # idle is how Grbl dwells
+            self._owing_since_s = None
+        elif self._owing_since_s is None:
+            self._owing_since_s = now_s
+        elif now_s - self._owing_since_s >= _MISSING_ANSWER_S:
+            self._talk.give_up(
+                f"the controller is idle, but {self.progress.unanswered} lines are unanswered: "
+                "bytes were lost on the line"
+            )

@@ -1,0 +1,288 @@
+"""Look-ahead planner: a bounded queue of straight blocks and the speeds at their junctions.
+
+The method is the firmware's (Grbl 1.1 `planner.c`; S. Jeon, "Improving Grbl: Cornering
+Algorithm", 2011): junction deviation bounds the speed in a corner, a backward pass bounds every
+entry speed by what can still be braked before the last block ends at rest, a forward pass by what
+can be reached. Everything before `planned` is optimal and is never looked at again, which makes
+the work per line constant in practice.
+
+Speeds in mm/s, their squares in mm²/s², accelerations in mm/s². Targets are rounded to whole
+steps, as on the machine: the direction of a very short block is that of its steps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import sqrt
+
+Vector = tuple[float, float, float]
+
+_MIN_SPEED_MM_S = 1.0 / 60.0  # MINIMUM_FEED_RATE
+_UNBOUNDED = 1.0e38
+_STRAIGHT = 0.999999  # cosine beyond which a junction is straight on, or a reversal
+
+BEAM_OFF, BEAM_CONSTANT, BEAM_DYNAMIC = 0, 1, 2
+
+
+@dataclass(frozen=True)
+class Kinematics:
+    """What the machine can do, one value an axis. Rates and accelerations above 0."""
+
+    steps_per_mm: Vector
+    max_rate_mm_s: Vector
+    acceleration_mm_s2: Vector
+    junction_deviation_mm: float
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """One straight move as the interpreter asks for it.
+
+    target_mm : machine coordinates
+    rate_mm_s : programmed feed; ignored for a rapid
+    power : laser S over its maximum, before any override, when `beam` is not BEAM_OFF
+    floor : least power of a lit beam, as a fraction ($31 over $30)
+    outputs : switched at the moment the block starts
+    """
+
+    target_mm: Vector
+    rate_mm_s: float
+    rapid: bool = False
+    feed_override: bool = True
+    line: int = 0
+    beam: int = BEAM_OFF
+    power: float = 0.0
+    floor: float = 0.0
+    outputs: tuple[tuple[str, int, float], ...] = ()
+
+
+class Block:
+    """A planned straight move. `previous` and `following` link the queue."""
+
+    __slots__ = (
+        "acceleration",
+        "entry_sqr",
+        "following",
+        "max_entry_sqr",
+        "max_junction_sqr",
+        "motion",
+        "nominal",
+        "planned_exit_sqr",
+        "previous",
+        "ramp_sqr",
+        "rapid_rate",
+        "start",
+        "target",
+        "length",
+    )
+
+    acceleration: float
+    entry_sqr: float
+    following: Block | None
+    length: float
+    max_entry_sqr: float
+    max_junction_sqr: float
+    motion: Motion
+    nominal: float
+    previous: Block | None
+    ramp_sqr: float  # speed² gained or lost over what is left of the block
+    rapid_rate: float
+    start: Vector
+    target: Vector
+
+
+class Planner:
+    """The queue. `first` is the block being executed, `count` blocks are in it."""
+
+    def __init__(self, capacity: int, kinematics: Kinematics) -> None:
+        self.capacity = capacity
+        self.count = 0
+        self.first: Block | None = None
+        self.planned: Block | None = None
+        self.feed_factor = 1.0
+        self.rapid_factor = 1.0
+        self._last: Block | None = None
+        self._last_nominal = 0.0
+        self._last_unit: Vector = (0.0, 0.0, 0.0)
+        self._steps = (0, 0, 0)
+        self.kinematics = kinematics
+
+    @property
+    def kinematics(self) -> Kinematics:
+        return self._kinematics
+
+    @kinematics.setter
+    def kinematics(self, kinematics: Kinematics) -> None:
+        self._kinematics = kinematics
+        self._per_mm = kinematics.steps_per_mm
+        self._rates = kinematics.max_rate_mm_s
+        self._accelerations = kinematics.acceleration_mm_s2
+        self._deviation = kinematics.junction_deviation_mm
+
+    @property
+    def position_mm(self) -> Vector:
+        """Where the last block ends, in whole steps."""
+        (nx, ny, nz), (sx, sy, sz) = self._steps, self._per_mm
+        return (nx / sx, ny / sy, nz / sz)
+
+    def clear(self, position_mm: Vector) -> None:
+        """Drop every block; the next one starts at position_mm."""
+        self.first = self._last = self.planned = None
+        self.count = 0
+        (x, y, z), (sx, sy, sz) = position_mm, self._per_mm
+        self._steps = (round(x * sx), round(y * sy), round(z * sz))
+
+    def add(self, motion: Motion) -> Block | None:
+        """Append a move and plan it in; None where it is shorter than a step. Needs room."""
+        x, y, z = motion.target_mm
+        sx, sy, sz = self._per_mm
+        was_x, was_y, was_z = self._steps
+        now_x, now_y, now_z = round(x * sx), round(y * sy), round(z * sz)
+        dx, dy, dz = (now_x - was_x) / sx, (now_y - was_y) / sy, (now_z - was_z) / sz
+        length = sqrt(dx * dx + dy * dy + dz * dz)
+        if length == 0.0:
+            return None
+        ux, uy, uz = dx / length, dy / length, dz / length
+
+        block = Block()
+        block.motion = motion
+        block.length = length
+        block.start = (was_x / sx, was_y / sy, was_z / sz)
+        block.target = (now_x / sx, now_y / sy, now_z / sz)
+        block.acceleration = acceleration = _along(self._accelerations, ux, uy, uz)
+        block.rapid_rate = _along(self._rates, ux, uy, uz)
+        block.ramp_sqr = 2.0 * acceleration * length
+        block.following = None
+        block.nominal = nominal = self._nominal(block)
+
+        last = self._last
+        if last is None:
+            block.max_junction_sqr = block.max_entry_sqr = block.entry_sqr = 0.0
+            block.previous = None
+            self.first = self.planned = block
+        else:
+            block.max_junction_sqr = junction_sqr = self._junction_sqr(ux, uy, uz)
+            slower = self._last_nominal if self._last_nominal < nominal else nominal
+            block.max_entry_sqr = min(slower * slower, junction_sqr)
+            block.entry_sqr = 0.0
+            block.previous = last
+            last.following = block
+        self._last = block
+        self._last_nominal = nominal
+        self._last_unit = (ux, uy, uz)
+        self._steps = (now_x, now_y, now_z)
+        self.count += 1
+        if last is not None:
+            self._recalculate()
+        return block
+
+    def discard_first(self) -> None:
+        """The first block has been executed."""
+        block = self.first
+        assert block is not None
+        following = block.following
+        if self.planned is block:
+            self.planned = following
+        if following is None:
+            self._last = None
+        else:
+            following.previous = None
+            block.following = None
+        self.first = following
+        self.count -= 1
+
+    def set_overrides(self, feed_factor: float, rapid_factor: float) -> None:
+        """Change the speeds of every queued block and plan the whole queue again."""
+        self.feed_factor = feed_factor
+        self.rapid_factor = rapid_factor
+        before = _UNBOUNDED
+        block = self.first
+        while block is not None:
+            block.nominal = nominal = self._nominal(block)
+            slower = min(before, nominal)
+            block.max_entry_sqr = min(slower * slower, block.max_junction_sqr)
+            before = nominal
+            block = block.following
+        self._last_nominal = before
+        self.replan()
+
+    def replan(self) -> None:
+        """Plan the whole queue again from the speed at which its first block now is."""
+        self.planned = self.first
+        self._recalculate(thorough=True)
+
+    def _nominal(self, block: Block) -> float:
+        motion = block.motion
+        if motion.rapid:
+            speed = block.rapid_rate * self.rapid_factor
+        else:
+            speed = motion.rate_mm_s
+            if motion.feed_override:
+                speed *= self.feed_factor
+            if speed > block.rapid_rate:
+                speed = block.rapid_rate
+        return speed if speed > _MIN_SPEED_MM_S else _MIN_SPEED_MM_S
+
+    def _junction_sqr(self, ux: float, uy: float, uz: float) -> float:
+        """Greatest speed² at which the corner deviates by no more than the setting allows."""
+        px, py, pz = self._last_unit
+        cos_theta = -(px * ux + py * uy + pz * uz)  # of the angle between the two legs
+        if cos_theta > _STRAIGHT:
+            return 0.0
+        if cos_theta < -_STRAIGHT:
+            return _UNBOUNDED
+        jx, jy, jz = ux - px, uy - py, uz - pz
+        size = sqrt(jx * jx + jy * jy + jz * jz)
+        acceleration = _along(self._accelerations, jx / size, jy / size, jz / size)
+        sin_half = sqrt(0.5 * (1.0 - cos_theta))
+        return acceleration * self._deviation * sin_half / (1.0 - sin_half)
+
+    def _recalculate(self, thorough: bool = False) -> None:
+        block, planned = self._last, self.planned
+        if block is None or planned is None or block is planned:
+            return
+        # Backwards: how fast may each block begin, so that the last one can end at rest?
+        reachable_sqr = block.ramp_sqr
+        if reachable_sqr > block.max_entry_sqr:
+            reachable_sqr = block.max_entry_sqr
+        block.entry_sqr = reachable_sqr
+        before = block.previous
+        while before is not planned:
+            assert before is not None
+            reachable_sqr += before.ramp_sqr
+            if reachable_sqr > before.max_entry_sqr:
+                reachable_sqr = before.max_entry_sqr
+            if reachable_sqr == before.entry_sqr and not thorough:
+                break  # nothing further back can change
+            before.entry_sqr = reachable_sqr
+            before = before.previous
+        # Forwards: what can be reached by accelerating?
+        assert before is not None
+        current, following = before, before.following
+        while following is not None:
+            if current.entry_sqr < following.entry_sqr:
+                reached_sqr = current.entry_sqr + current.ramp_sqr
+                if reached_sqr < following.entry_sqr:
+                    following.entry_sqr = reached_sqr
+                    planned = following
+            if following.entry_sqr == following.max_entry_sqr:
+                planned = following
+            current, following = following, following.following
+        self.planned = planned
+
+
+def _along(limits: Vector, ux: float, uy: float, uz: float) -> float:
+    """Greatest value along a direction that exceeds no axis' limit."""
+    lx, ly, lz = limits
+    best = _UNBOUNDED
+    if ux:
+        best = lx / ux if ux > 0.0 else -lx / ux
+    if uy:
+        along_y = ly / uy if uy > 0.0 else -ly / uy
+        if along_y < best:
+            best = along_y
+    if uz:
+        along_z = lz / uz if uz > 0.0 else -lz / uz
+        if along_z < best:
+            best = along_z
+    return best
