@@ -41,9 +41,11 @@ class Stretch:
     start_mm, end_mm : (n, 3) where it starts and ends
     fed_end_s : (n,) program time spent in G1 since the job began, up to each line's end
     program : the text of each line, without its end
+    beam_s, beam_mm, energy_J : of its bead lines, as planned
     """
 
     index: int
+    z_mm: float
     first_line: int
     start_s: FloatArray
     end_s: FloatArray
@@ -55,6 +57,9 @@ class Stretch:
     paths: tuple[PathSpan, ...]
     flow_s: FloatArray
     flow_g_s: FloatArray
+    beam_s: float
+    beam_mm: float
+    energy_J: float
 
     @property
     def last_line(self) -> int:
@@ -180,14 +185,19 @@ class JobWindow:
         start_s = np.concatenate([[entry.start_s], end_s[:-1]])
         end_mm = np.column_stack([lines["x_mm"], lines["y_mm"], lines["z_mm"]])
         start_mm = np.concatenate([self._behind_mm[None], end_mm[:-1]])
+        lasting_s = end_s - start_s
         fed = np.isin(lines["kind"], _FED)
-        fed_end_s = self._behind_fed_s + np.cumsum(np.where(fed, end_s - start_s, 0.0))
+        fed_end_s = self._behind_fed_s + np.cumsum(np.where(fed, lasting_s, 0.0))
+        bead = lines["kind"] == LineKind.BEAD
         program = [line.encode("ascii") for line in layer.program]
         if self._rewrite is not None:
             program = [self._rewrite(line) for line in program]
         self._loaded.append(Stretch(
-            index, layer.first_line, start_s, end_s, start_mm, end_mm, fed, fed_end_s, program,
-            _paths(index, layer.first_line, lines["path"]), layer.flow_s, layer.flow_g_s,
+            index, layer.z_mm, layer.first_line, start_s, end_s, start_mm, end_mm, fed, fed_end_s,
+            program, _paths(index, layer.first_line, lines["path"]), layer.flow_s, layer.flow_g_s,
+            beam_s=float(lasting_s[bead].sum()),
+            beam_mm=float(np.linalg.norm((end_mm - start_mm)[bead], axis=1).sum()),
+            energy_J=float((lines["power_W"][bead] * lasting_s[bead]).sum()),
         ))
         self._behind_mm = end_mm[-1]
         self._behind_fed_s = float(fed_end_s[-1])

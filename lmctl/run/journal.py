@@ -68,7 +68,10 @@ class Journal:
     def sync(self) -> None:
         """Return when every record so far is on the disk."""
         self.flush()
-        os.fdatasync(self._fd)
+        try:
+            os.fdatasync(self._fd)
+        except OSError as error:
+            raise JournalError(f"cannot write {self.path}", where=str(error.strerror)) from None
 
     def seal(self, t_s: float, **fields: Any) -> None:
         """Add the last record and make the whole journal durable."""

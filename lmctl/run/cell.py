@@ -1,0 +1,155 @@
+"""The devices of a cell, opened together and told to do things together. Knows no job."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Iterable, Sequence
+from typing import Any
+
+from firmware_protocol.status import StatusReport
+from lmctl.config.machine import Feeder, Hopper, MachineProfile
+from lmctl.errors import LmctlError, MachineError
+from lmctl.machine.feeder import FeederDriver
+from lmctl.machine.motion import MotionDriver
+
+#: A nozzle within this of a place is there [mm]: a step of any common machine is finer.
+_THERE_MM = 0.05
+
+
+class Cell:
+    """One motion controller and the feeders a job uses.
+
+    hoppers : those of the profile that the job uses, in the job's order
+    """
+
+    def __init__(
+        self, motion: MotionDriver, feeders: Sequence[FeederDriver], hoppers: Sequence[Hopper]
+    ) -> None:
+        self.motion = motion
+        self.feeders = tuple(feeders)
+        self.hoppers = tuple(hoppers)
+        self._waiting: list[asyncio.Future[None]] = []
+
+    @classmethod
+    async def connect(cls, profile: MachineProfile, hoppers: Sequence[Hopper]) -> Cell:
+        """Open motion and the hoppers' feeders, all at once.
+
+        Raises MachineError: one report however many devices fail; those that answered are closed.
+        """
+        names = {hopper.feeder for hopper in hoppers}
+        feeders = [feeder for feeder in profile.feeder if feeder.name in names]
+        opening: list[asyncio.Future[Any]] = [
+            asyncio.ensure_future(MotionDriver.open(
+                profile.motion.endpoint, baud=profile.motion.baud,
+                status_period_s=profile.motion.status_period_s,
+            )),
+            *(asyncio.ensure_future(_open_feeder(feeder, hoppers)) for feeder in feeders),
+        ]
+        try:
+            await asyncio.wait(opening)
+            if failures := [error for one in opening if (error := one.exception())]:
+                raise _one_report(failures)
+            return cls(opening[0].result(), [one.result() for one in opening[1:]], hoppers)
+        except BaseException:  # cancellation included
+            await _close_all(opening)
+            raise
+
+    async def close(self) -> None:
+        """Close every link; the devices are left as they are."""
+        await asyncio.gather(
+            self.motion.close(), *(feeder.close() for feeder in self.feeders),
+            return_exceptions=True,
+        )
+
+    def reported(self) -> None:
+        """A device has reported: let whoever waits look again."""
+        waiting, self._waiting = self._waiting, []
+        for future in waiting:
+            if not future.done():
+                future.set_result(None)
+
+    async def until(self, condition: Callable[[], bool], timeout_s: float, what: str) -> None:
+        """Wait for a condition on the devices' reports. Raises MachineError after the time-out."""
+        try:
+            async with asyncio.timeout(timeout_s):
+                while not condition():
+                    future = asyncio.get_running_loop().create_future()
+                    self._waiting.append(future)
+                    await future
+        except TimeoutError:
+            raise MachineError(f"{what} did not happen within {timeout_s:.0f} s") from None
+
+    async def at_rest_at(self, place_mm: Iterable[float | None], timeout_s: float) -> None:
+        """Wait until the machine stands idle at a place (None: wherever in that axis)."""
+        wanted = tuple(place_mm)
+
+        def there() -> bool:
+            report, at = self.motion.status, self.motion.position_mm
+            return is_idle(report) and at is not None and all(
+                want is None or abs(want - have) < _THERE_MM
+                for want, have in zip(wanted, at, strict=False)
+            )
+
+        await self.until(there, timeout_s, "the move to the purge position")
+
+    def set_flows(self, flows_g_min: dict[str, float]) -> None:
+        """Hand each feeder the set-points of its hoppers, by hopper name."""
+        for feeder in self.feeders:
+            feeder.set_flows({
+                hopper.name: flows_g_min[hopper.name]
+                for hopper in self.hoppers if hopper.feeder == feeder.name
+            })
+
+    def measured_g_min(self) -> tuple[float | None, ...]:
+        """What each hopper's disc delivers by its own last reading, in the hoppers' order."""
+        readings = {
+            name: reading.flow_est_g_min
+            for feeder in self.feeders if feeder.status is not None
+            for name, reading in feeder.status.hoppers.items()
+        }
+        return tuple(readings.get(hopper.name) for hopper in self.hoppers)
+
+    async def feeders_do(self, act: Callable[[FeederDriver], Awaitable[None]]) -> None:
+        """Have every feeder do the same at once; a dead one does not keep the others from it.
+
+        Raises MachineError, one report for all that failed.
+        """
+        done = await asyncio.gather(*map(act, self.feeders), return_exceptions=True)
+        if failures := [one for one in done if isinstance(one, BaseException)]:
+            raise _one_report(failures)
+
+
+def is_idle(report: StatusReport | None) -> bool:
+    """Whether a report says that nothing moves and nothing is held."""
+    return report is not None and report.state == "Idle"
+
+
+async def _close_all(opening: Sequence[asyncio.Future[Any]]) -> None:
+    """Close the devices that have been opened, and stop opening the others."""
+    for one in opening:
+        one.cancel()
+    for device in await asyncio.gather(*opening, return_exceptions=True):
+        if not isinstance(device, BaseException):
+            await device.close()
+
+
+async def _open_feeder(feeder: Feeder, hoppers: Sequence[Hopper]) -> FeederDriver:
+    return await FeederDriver.open(feeder, [h for h in hoppers if h.feeder == feeder.name])
+
+
+def _one_report(failures: Sequence[BaseException]) -> BaseException:
+    """One error for several devices; a bug or a cancellation among them goes first, as it is."""
+    expected = [one for one in failures if isinstance(one, LmctlError)]
+    if len(expected) < len(failures):
+        return next(one for one in failures if not isinstance(one, LmctlError))
+    if len(expected) == 1:
+        return expected[0]
+    where = [
+        line
+        for error in expected
+        for line in (error.what, *(f"  {place}" for place in error.where))
+    ]
+    return MachineError(
+        f"{len(expected)} devices of the cell failed", where=where,
+        hint="; ".join(dict.fromkeys(error.hint for error in expected if error.hint)),
+    )

@@ -1,0 +1,223 @@
+"""Running a job: from a job file and a profile to a finished part and a sealed journal."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from lmctl import __version__
+from lmctl.config.machine import Hopper, MachineProfile
+from lmctl.errors import JobError, LmctlError, RunFailed, RunStopped, UsageError
+from lmctl.job.reader import JobReader
+from lmctl.preflight.job_check import check_job
+from lmctl.run import rundir
+from lmctl.run.deposition import Progress
+from lmctl.run.journal import Journal
+from lmctl.run.overrides import LEAST_PERCENT, MOST_PERCENT
+from lmctl.run.recorder import Recorder, wall_stamp
+from lmctl.run.sequence import CellSequence
+from lmctl.run.state_machine import StateMachine
+from lmctl.run.states import Event, State
+
+__all__ = ["Executor", "Progress", "RunResult", "run_job"]
+
+_BEAM_STAYED_OFF = (
+    "the machine did not identify itself as the bench: every power was sent as S0, so the beam "
+    "stayed off"
+)
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """A finished run.
+
+    lines : program lines executed
+    machine_s : time on the machine's clock, from connecting to gas off
+    wall_s : time on the wall clock
+    warnings : what the operator should know, e.g. that the beam stayed off
+    """
+
+    run: str
+    state: str
+    lines: int
+    machine_s: float
+    wall_s: float
+    journal: Path
+    warnings: tuple[str, ...] = ()
+
+
+async def run_job(
+    job_path: Path, profile: MachineProfile, runs_dir: Path, *, operator: str = "",
+    progress: Progress | None = None,
+) -> RunResult:
+    """Run a job on the machine a profile names; see `Executor.run`."""
+    return await Executor(job_path, profile, runs_dir, operator=operator, progress=progress).run()
+
+
+class Executor:
+    """One run of one job. `hold`, `resume`, `stop` and `set_override` act while `run` runs.
+
+    progress : told (program time done, in all, layer, machine time left) about once a second
+    """
+
+    def __init__(
+        self, job_path: Path, profile: MachineProfile, runs_dir: Path, *, operator: str = "",
+        progress: Progress | None = None,
+    ) -> None:
+        self._job_path = job_path
+        self._profile = profile
+        self._runs_dir = runs_dir
+        self._operator = operator
+        self._progress = progress
+        self._override_percent = 100
+        self._machine: StateMachine | None = None
+        self._sequence: CellSequence | None = None
+
+    @property
+    def state(self) -> State:
+        """Where the run is."""
+        return State.READY if self._machine is None else self._machine.state
+
+    # --- the operator -------------------------------------------------------------------------
+
+    def hold(self) -> None:
+        """Stop on the path, beam off, position kept. Raises UsageError where that cannot be."""
+        self._request(Event.HOLD)
+
+    def resume(self) -> None:
+        """End a hold; the beam returns once the hose is purged. Raises UsageError."""
+        self._request(Event.RESUME)
+
+    def stop(self) -> None:
+        """End the run: beam and motion, then powder, then gas. A second stop skips post-flow.
+
+        Raises UsageError where the run has not begun or has ended.
+        """
+        self._request(Event.STOP)
+
+    async def set_override(self, percent: int) -> None:
+        """Scale speed, beam and powder together; before the run, for all of it.
+
+        percent : 50 to 200. Raises UsageError for another value, MachineError where the
+        controller does not follow.
+        """
+        if not LEAST_PERCENT <= percent <= MOST_PERCENT:
+            raise UsageError(f"a feed override of {percent} % is not possible",
+                             hint=f"give {LEAST_PERCENT} to {MOST_PERCENT}")
+        self._override_percent = percent
+        if self._sequence is not None:
+            await self._sequence.set_override(percent)
+
+    def _request(self, event: Event) -> None:
+        if self._machine is None or not self._machine.knows(event):
+            raise UsageError(f"cannot {event} now: the run is {self.state}",
+                             hint="a run can be held while it deposits and resumed once held")
+        self._machine.post(event)
+
+    # --- the run ------------------------------------------------------------------------------
+
+    async def run(self) -> RunResult:
+        """Run the job to its end.
+
+        Being cancelled is an operator's stop: the machine is brought to rest first.
+        Raises JobError, ConfigError before anything is touched; MachineError where the machine
+        cannot be used; RunFailed after a fault, RunStopped after a stop. A run that has begun
+        leaves a sealed journal, whatever ends it.
+        """
+        began = time.perf_counter()
+        with JobReader(self._job_path) as job:
+            check_job(job.manifest, self._profile)
+            digest = job.digest
+        made = rundir.create(self._runs_dir, self._job_path)
+        try:
+            with JobReader(made.job) as job:
+                if job.digest != digest:
+                    raise JobError(f"{self._job_path} changed while it was read")
+                hoppers = _hoppers_of(job, self._profile)
+                header = self._header(job, hoppers)
+                with Journal(made.journal, header, local=self._local(made.run)) as journal:
+                    return await self._drive(job, hoppers, made, journal, began)
+        finally:
+            if not made.journal.exists():
+                rundir.discard(made)
+
+    async def _drive(
+        self, job: JobReader, hoppers: list[Hopper], made: rundir.RunDir, journal: Journal,
+        began: float,
+    ) -> RunResult:
+        loop = asyncio.get_running_loop()
+        start_t = loop.time()
+        recorder = Recorder(journal, lambda: loop.time() - start_t, [h.name for h in hoppers])
+        sequence = CellSequence(
+            job, self._profile, hoppers, recorder,
+            program_done=lambda: machine.post(Event.PROGRAM_DONE),
+            failed=lambda error: machine.trip(error), progress=self._progress,
+        )
+        machine = StateMachine(sequence.carry_out, sequence.halt, recorder)
+        self._sequence, self._machine = sequence, machine
+        if self._override_percent != 100:
+            await sequence.set_override(self._override_percent)
+        try:
+            await machine.run()
+        finally:
+            recorder.seal(machine.state, lines=sequence.executed)
+            await sequence.close()
+        if machine.state is not State.DONE:
+            raise self._ending(made, machine, sequence)
+        return RunResult(
+            made.run, machine.state, sequence.executed, loop.time() - start_t,
+            time.perf_counter() - began, made.journal,
+            (_BEAM_STAYED_OFF,) if sequence.beam_off else (),
+        )
+
+    def _ending(
+        self, made: rundir.RunDir, machine: StateMachine, sequence: CellSequence
+    ) -> Exception:
+        """What to raise for a run that did not get done."""
+        journal = f"journal: {made.journal}"
+        log = f"`lmctl log {made.run}` shows how far it came"
+        halted = f"beam off, motion held at {sequence.place}"
+        error = machine.fault
+        if machine.state is State.STOPPED:
+            return RunStopped(f"{made.run} was stopped by the operator",
+                              where=(halted, journal), hint=log)
+        if error is None or not isinstance(error, LmctlError):
+            return error or RuntimeError("the run ended without a reason")
+        if not sequence.touched:
+            error.where = (*error.where, journal)
+            return error
+        failed = RunFailed(error.what, where=(*error.where, halted, journal),
+                           hint=error.hint or log)
+        failed.__cause__ = error
+        return failed
+
+    def _header(self, job: JobReader, hoppers: list[Hopper]) -> dict[str, object]:
+        manifest, profile = job.manifest, self._profile
+        return {
+            "job": job.digest, "part": manifest.part_name, "part_sha256": manifest.part_sha256,
+            "sources": manifest.sources, "software": f"lmctl {__version__}",
+            "planned_with": manifest.software, "machine": profile.name,
+            "profile": profile.planning_digest(), "operator": self._operator,
+            "powder_mode": manifest.powder_mode, "layers": len(manifest.layers),
+            "lines": sum(entry.n_lines for entry in manifest.layers),
+            "planned_s": manifest.layers[-1].end_s, "materials": list(manifest.materials),
+            "hoppers": [
+                {"name": h.name, "feeder": h.feeder, "material": h.material,
+                 "dead_time_s": h.dead_time_s, "lag_s": h.lag_s}
+                for h in hoppers
+            ],
+        }
+
+    def _local(self, run: str) -> dict[str, object]:
+        endpoints = {feeder.name: feeder.endpoint for feeder in self._profile.feeder}
+        return {"run": run, "wall": wall_stamp(), "pid": os.getpid(),
+                "endpoints": {"motion": self._profile.motion.endpoint, **endpoints}}
+
+
+def _hoppers_of(job: JobReader, profile: MachineProfile) -> list[Hopper]:
+    """The profile's hoppers that the job uses, in the job's order; preflight has found them all."""
+    by_name = {hopper.name: hopper for hopper in profile.hopper}
+    return [by_name[use.name] for use in job.manifest.hoppers]

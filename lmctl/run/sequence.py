@@ -1,0 +1,307 @@
+"""How each effect of the state table is carried out on the cell."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+from collections.abc import Callable, Sequence
+
+from firmware_protocol.realtime import Realtime
+from lmctl.config.machine import Feeder, Hopper, MachineProfile
+from lmctl.errors import MachineError
+from lmctl.job.reader import JobReader
+from lmctl.machine.feeder import FeederDriver
+from lmctl.run.beam_off import without_beam
+from lmctl.run.cell import Cell, is_idle
+from lmctl.run.deposition import Deposition, Progress
+from lmctl.run.job_window import JobWindow
+from lmctl.run.machine_check import check_motion
+from lmctl.run.overrides import override_bytes
+from lmctl.run.powder_lead import Hose, PowderPlan
+from lmctl.run.program_clock import ProgramClock
+from lmctl.run.recorder import Recorder
+from lmctl.run.states import Do
+from lmctl.run.watch import watch
+
+#: Powder is kept running so long in a hold; then it only fills the catcher (process.md 5.5).
+KEEP_POWDER_S = 30.0
+
+#: Beyond its own settling time a feeder may take so long to call its powder stable.
+_STABLE_PATIENCE_S = 60.0
+
+_GAS_PATIENCE_S = 10.0
+_REST_PATIENCE_S = 10.0
+_OVERRIDE_PATIENCE_S = 5.0
+
+_ARMED = re.compile(r"\[GC:(?=.*\bM4\b)(?=.*\bS0(?:\.0*)?[\] ]).*\]")
+
+
+class CellSequence:
+    """Carries out effects on one cell for one job.
+
+    program_done : called when the last line has been executed
+    failed : called with each reason why the run cannot go on
+    beam_off : whether every power is sent as zero, because the machine is not the bench
+    """
+
+    def __init__(
+        self, job: JobReader, profile: MachineProfile, hoppers: Sequence[Hopper],
+        recorder: Recorder, *, program_done: Callable[[], None],
+        failed: Callable[[Exception], None], progress: Progress | None,
+    ) -> None:
+        self.beam_off = True
+        self._job = job
+        self._profile = profile
+        self._hoppers = tuple(hoppers)
+        self._recorder = recorder
+        self._program_done = program_done
+        self._failed = failed
+        self._progress = progress
+        self._loop = asyncio.get_running_loop()
+        self._override_percent = 100
+        self._cell: Cell | None = None
+        self._deposition: Deposition | None = None
+        self._acts = {
+            Do.CONNECT: self._connect,
+            Do.CHECK_MACHINE: self._check_machine,
+            Do.MOVE_TO_PURGE: self._move_to_purge,
+            Do.GAS_ON: self._gas_on,
+            Do.POWDER_ON: self._powder_on,
+            Do.AWAIT_STABLE: self._await_stable,
+            Do.ARM_BEAM: self._arm_beam,
+            Do.LEAD_POWDER: self._lead_powder,
+            Do.START_MOTION: self._start_motion,
+            Do.FEED_HOLD: self._feed_hold,
+            Do.KEEP_POWDER: self._keep_powder,
+            Do.PURGE_HOSE: self._purge_hose,
+            Do.CYCLE_START: self._cycle_start,
+            Do.REST_BEAM: self._rest_beam,
+            Do.STOP_MOTION: self._stop_motion,
+            Do.POWDER_OFF: self._powder_off,
+            Do.GAS_OFF: self._gas_off,
+            Do.GAS_OFF_NOW: self._gas_off_now,
+        }
+
+    async def carry_out(self, do: Do) -> None:
+        """Return when the effect has been achieved. Raises MachineError, JobError."""
+        self._recorder.act(do)
+        await self._acts[do]()
+
+    def halt(self) -> None:
+        """Feed hold, at once and without waiting; beam and motion go down together under M4."""
+        if self._deposition is not None:
+            self._deposition.stop_streaming()
+        if self._cell is not None:
+            self._cell.motion.realtime(Realtime.HOLD)
+
+    async def set_override(self, percent: int) -> None:
+        """Set the feed override; before motion starts it is kept for then. Raises MachineError."""
+        self._override_percent = percent
+        self._recorder.override(percent, "operator")
+        if self._deposition is not None and self._deposition.started:
+            await self._send_override()
+
+    async def close(self) -> None:
+        """Let go of the cell, whatever became of the run."""
+        if self._deposition is not None:
+            self._deposition.powder_off()
+        if self._cell is not None:
+            await self._cell.close()
+
+    @property
+    def touched(self) -> bool:
+        """Whether the machine was accepted, so that something of it may have been switched on."""
+        return self._deposition is not None
+
+    @property
+    def executed(self) -> int:
+        """Lines of the job known to be executed."""
+        return 0 if self._deposition is None else self._deposition.executed
+
+    @property
+    def place(self) -> str:
+        """Where in the job the run is, for people."""
+        return "before the first line" if self._deposition is None else self._deposition.place
+
+    # --- start --------------------------------------------------------------------------------
+
+    async def _connect(self) -> None:
+        self._cell = await Cell.connect(self._profile, self._hoppers)
+
+    async def _check_machine(self) -> None:
+        motion, profile = self._the_cell.motion, self._profile
+        identity = motion.identity
+        self.beam_off = not identity.is_bench
+        self._recorder.machine(
+            firmware=identity.version, info=identity.info, dialect=identity.dialect.name,
+            rx_bytes=identity.rx_bytes, planner_blocks=identity.planner_blocks,
+            position_trusted=motion.position_trusted, beam_off=self.beam_off,
+        )
+        check_motion(motion, profile)
+        if self.beam_off:
+            await self._read_through()
+        window = JobWindow(
+            self._job.manifest, self._job.layer, profile.motion.purge_mm,
+            without_beam if self.beam_off else None,
+        )
+        clock = ProgramClock(window)
+        hoses = [Hose(h.dead_time_s, h.lag_s, h.max_flow_g_min / 60.0) for h in self._hoppers]
+        self._deposition = Deposition(
+            self._the_cell, window,
+            PowderPlan(self._job.manifest.powder_mode, hoses, window, clock), clock,
+            self._recorder, profile.motion.send_horizon_s, done=self._program_done,
+            failed=self._failed, progress=self._progress,
+        )
+        watch(self._the_cell, self._deposition, self._failed)
+
+    async def _read_through(self) -> None:
+        """Have every line refused now that would be refused in the middle of the part."""
+        for layer in self._job.layers():
+            for line in layer.program:
+                without_beam(line.encode("ascii"))
+            await asyncio.sleep(0)
+
+    async def _move_to_purge(self) -> None:
+        """Up to the purge height if below it, across, and down."""
+        cell, motion = self._the_cell, self._the_cell.motion
+        x, y, z = self._profile.motion.purge_mm
+        await motion.command("G21 G90 G94")
+        await motion.command("M5 S0")
+        at = motion.position_mm
+        travel = self._profile.motion.travel_mm
+        speed = min(self._profile.motion.max_speed_mm_s)
+        reach = sum(high - low for low, high in (travel.x, travel.y, travel.z))
+        if at is None or at[2] < z:
+            await motion.command(f"G0 Z{z:.3f}")
+        await motion.command(f"G0 X{x:.3f} Y{y:.3f}")
+        await motion.command(f"G0 Z{z:.3f}")
+        await cell.at_rest_at((x, y, z), reach / speed + _REST_PATIENCE_S)
+
+    async def _gas_on(self) -> None:
+        cell = self._the_cell
+        preflow_s = max(feeder.gas_preflow_s for feeder in self._feeders_used())
+        await cell.feeders_do(FeederDriver.start_gas)
+        await asyncio.sleep(preflow_s)
+        await cell.until(
+            lambda: all(f.status is not None and f.status.gas_ok for f in cell.feeders),
+            _GAS_PATIENCE_S, "carrier gas",
+        )
+
+    async def _powder_on(self) -> None:
+        self._the_deposition.powder_on()
+        await self._the_cell.feeders_do(FeederDriver.feed_on)
+
+    async def _await_stable(self) -> None:
+        await self._stable_after(self._the_deposition.plan.settling_s)
+
+    async def _stable_after(self, settling_s: float) -> None:
+        """Wait until what comes out of the hoses is what goes in, and the feeders agree."""
+        cell = self._the_cell
+        await asyncio.sleep(settling_s)
+        await cell.until(
+            lambda: all(f.status is not None and f.status.stable for f in cell.feeders),
+            _STABLE_PATIENCE_S, "stable powder",
+        )
+
+    async def _arm_beam(self) -> None:
+        motion = self._the_cell.motion
+        if self._override_percent != 100:
+            await self._send_override()
+        await motion.command("M4 S0")
+        said = await motion.command("$G")
+        if not any(_ARMED.fullmatch(line) for line in said):
+            raise MachineError("the controller did not arm the beam at zero",
+                               where=f"it says {' '.join(said) or 'nothing'} after M4 S0")
+
+    async def _lead_powder(self) -> None:
+        """Run the program's clock down to its start, so that led powder arrives in time."""
+        deposition = self._the_deposition
+        await self._run_clock_in(deposition.plan.lead_s)
+
+    async def _run_clock_in(self, wait_s: float) -> None:
+        start_t = self._loop.time() + wait_s
+        self._the_deposition.clock.run_from(start_t)
+        await asyncio.sleep(wait_s)
+
+    async def _start_motion(self) -> None:
+        self._the_deposition.start_motion()
+
+    # --- hold ---------------------------------------------------------------------------------
+
+    async def _feed_hold(self) -> None:
+        self._the_deposition.clock.stand(self._loop.time())
+        await self._the_cell.motion.hold()
+
+    async def _keep_powder(self) -> None:
+        await asyncio.sleep(KEEP_POWDER_S)
+
+    async def _purge_hose(self) -> None:
+        """θ + 4τ of fresh powder, the last θ of it already what the resumed path will want."""
+        plan = self._the_deposition.plan
+        await self._stable_after(plan.settling_s - plan.lead_s)
+        await self._run_clock_in(plan.lead_s)
+
+    async def _cycle_start(self) -> None:
+        await self._the_cell.motion.resume()
+        self._the_deposition.resumed()
+
+    # --- stop ---------------------------------------------------------------------------------
+
+    async def _rest_beam(self) -> None:
+        cell = self._the_cell
+        self._the_deposition.clock.stand(self._loop.time())
+        if cell.motion.status is not None and cell.motion.status.state == "Hold":
+            await cell.motion.resume()
+        await cell.until(lambda: is_idle(cell.motion.status), _REST_PATIENCE_S, "standstill")
+        await cell.motion.command("M5")
+
+    async def _stop_motion(self) -> None:
+        """Hold, and reset once it stands; without a hold in 250 ms reset at once (0x18)."""
+        motion = self._the_cell.motion
+        if self._deposition is not None:
+            self._deposition.clock.stand(self._loop.time())
+            self._deposition.stop_streaming()
+        try:
+            await motion.hold()
+        except MachineError as error:
+            self._recorder.act(Do.STOP_MOTION, failed=f"{error.what}; reset instead")
+        await motion.reset()
+
+    async def _powder_off(self) -> None:
+        self._the_deposition.powder_off()
+        await self._the_cell.feeders_do(FeederDriver.feed_off)
+
+    async def _gas_off(self) -> None:
+        """Blow the hoses empty first, or the powder left in them clogs the next start."""
+        postflow_s = max(feeder.gas_postflow_s for feeder in self._feeders_used())
+        await asyncio.sleep(max(postflow_s, self._the_deposition.plan.settling_s))
+        await self._gas_off_now()
+
+    async def _gas_off_now(self) -> None:
+        await self._the_cell.feeders_do(FeederDriver.gas_off)
+
+    # --- common -------------------------------------------------------------------------------
+
+    async def _send_override(self) -> None:
+        cell, percent = self._the_cell, self._override_percent
+        for byte in override_bytes(percent):
+            cell.motion.realtime(byte)
+        self._the_deposition.clock.set_rate(self._loop.time(), percent / 100.0)
+        await cell.until(lambda: cell.motion.overrides[0] == percent, _OVERRIDE_PATIENCE_S,
+                         f"a feed override of {percent} %")
+
+    def _feeders_used(self) -> list[Feeder]:
+        names = {feeder.name for feeder in self._the_cell.feeders}
+        return [feeder for feeder in self._profile.feeder if feeder.name in names]
+
+    @property
+    def _the_cell(self) -> Cell:
+        if self._cell is None:
+            raise AttributeError("the cell is not connected")
+        return self._cell
+
+    @property
+    def _the_deposition(self) -> Deposition:
+        if self._deposition is None:
+            raise AttributeError("the machine has not been checked")
+        return self._deposition

@@ -1,0 +1,182 @@
+"""The loop over the state table: order of effects, faults and stops in every state."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+
+from lmctl.errors import JournalError, MachineError
+from lmctl.run.state_machine import StateMachine
+from lmctl.run.states import Do, Event, State
+from simulators import virtual_time
+
+
+class Rig:
+    """Effects that take a second each, and a log of everything that happens."""
+
+    def __init__(self, fails=(), full_disk=False):
+        self.log, self.faults = [], []
+        self.fails = dict(fails)
+        self.full_disk = full_disk
+        self.machine = StateMachine(self.carry_out, lambda: self.log.append("halt"), self)
+
+    async def carry_out(self, do):
+        self.log.append(do)
+        await asyncio.sleep(1.0)
+        if do in self.fails:
+            raise self.fails[do]
+        if do is Do.START_MOTION:
+            asyncio.get_running_loop().call_later(
+                10.0, self.machine.post, Event.PROGRAM_DONE)
+
+    def state(self, event, before, after):
+        if self.full_disk and after is State.POWDER:
+            raise JournalError("disk full")
+
+    def fault(self, error):
+        if self.full_disk:
+            raise JournalError("disk full")
+        self.faults.append(str(error))
+
+
+#: Seconds after the start at which each state is entered, effects taking a second each.
+ENTERED = {
+    State.CONNECTING: 0, State.CHECKING: 1, State.GAS: 2, State.POWDER: 4, State.ARMED: 6,
+    State.DEPOSITING: 8, State.FINISHING: 19,
+}
+SAFE_STOP = ["halt", Do.STOP_MOTION, Do.POWDER_OFF, Do.GAS_OFF]
+
+
+def run(rig, *acts):
+    """Run to the end; acts are (time, callable)."""
+
+    async def main():
+        loop = asyncio.get_running_loop()
+        rig.task = asyncio.current_task()
+        for at, act in acts:
+            loop.call_later(at, act)
+        return await rig.machine.run()
+
+    return virtual_time.run(main())
+
+
+def test_a_run_goes_through_its_states_to_done():
+    rig = Rig()
+    assert run(rig) is State.DONE
+    assert rig.log == [
+        Do.CONNECT, Do.CHECK_MACHINE, Do.MOVE_TO_PURGE, Do.GAS_ON, Do.POWDER_ON, Do.AWAIT_STABLE,
+        Do.ARM_BEAM, Do.LEAD_POWDER, Do.START_MOTION, Do.REST_BEAM, Do.POWDER_OFF, Do.GAS_OFF,
+    ]
+    assert rig.faults == []
+
+
+@pytest.mark.parametrize("state", ENTERED)
+def test_a_fault_in_any_state_holds_at_once_and_stops_in_order(state):
+    rig = Rig()
+    seen = []
+
+    def break_it():
+        seen.append(rig.machine.state)
+        rig.machine.trip(MachineError("first"))
+        rig.machine.trip(MachineError("second"))
+
+    assert run(rig, (ENTERED[state] + 0.5, break_it)) is State.FAULTED
+    assert seen == [state]
+    assert str(rig.machine.fault) == "first"
+    assert rig.faults == ["first", "second"]
+    if state in (State.CONNECTING, State.CHECKING):
+        assert "halt" not in rig.log
+        assert Do.STOP_MOTION not in rig.log
+    else:
+        tail = [one for one in rig.log[rig.log.index("halt"):] if one != "halt"]
+        assert tail == SAFE_STOP[1:]
+
+
+@pytest.mark.parametrize("state", ENTERED)
+def test_being_cancelled_is_an_orderly_stop(state):
+    rig = Rig()
+    ended = run(rig, (ENTERED[state] + 0.5, lambda: rig.task.cancel()))
+    if state is State.FINISHING:
+        assert ended is State.DONE
+        assert rig.log[-3:] == [Do.REST_BEAM, Do.POWDER_OFF, Do.GAS_OFF_NOW]
+    else:
+        assert ended is State.STOPPED
+        if state not in (State.CONNECTING, State.CHECKING):
+            assert rig.log[-3:] == [Do.STOP_MOTION, Do.POWDER_OFF, Do.GAS_OFF]
+    assert rig.machine.fault is None
+
+
+def test_a_second_cancellation_skips_the_post_flow_only():
+    rig = Rig()
+    ended = run(rig, (10.0, lambda: rig.task.cancel()), (12.5, lambda: rig.task.cancel()))
+    assert ended is State.STOPPED
+    assert rig.log[-6:] == [
+        Do.STOP_MOTION, Do.POWDER_OFF, Do.GAS_OFF, Do.STOP_MOTION, Do.POWDER_OFF, Do.GAS_OFF_NOW
+    ]
+
+
+def test_an_effect_that_fails_is_a_fault():
+    rig = Rig(fails={Do.AWAIT_STABLE: MachineError("no powder")})
+    assert run(rig) is State.FAULTED
+    assert str(rig.machine.fault) == "no powder"
+    assert rig.log[-4:] == SAFE_STOP
+    assert Do.ARM_BEAM not in rig.log
+
+
+def test_a_dead_device_does_not_keep_the_others_from_stopping():
+    dead = MachineError("link is gone")
+    rig = Rig(fails={Do.STOP_MOTION: dead, Do.POWDER_OFF: dead})
+    assert run(rig, (10.0, lambda: rig.machine.trip(MachineError("first")))) is State.FAULTED
+    assert rig.log[-4:] == SAFE_STOP
+    assert rig.faults == ["first", "link is gone", "link is gone"]
+
+
+def test_a_stop_that_fails_becomes_a_fault_and_is_tried_once_more():
+    rig = Rig(fails={Do.POWDER_OFF: MachineError("feeder silent")})
+    assert run(rig, (10.0, lambda: rig.machine.post(Event.STOP))) is State.FAULTED
+    assert rig.log[-6:] == [Do.STOP_MOTION, Do.POWDER_OFF, *SAFE_STOP]
+
+
+def test_a_bug_is_stopped_like_a_fault_and_kept_as_it_is():
+    rig = Rig(fails={Do.ARM_BEAM: ZeroDivisionError("a bug")})
+    assert run(rig) is State.FAULTED
+    assert isinstance(rig.machine.fault, ZeroDivisionError)
+    assert rig.log[-4:] == SAFE_STOP
+
+
+def test_an_event_the_table_does_not_know_is_a_fault():
+    rig = Rig()
+    assert run(rig, (5.0, lambda: rig.machine.post(Event.RESUME))) is State.FAULTED
+    assert "'resume'" in rig.faults[0] or "resume" in rig.faults[0]
+    assert rig.log[-3:] == [Do.STOP_MOTION, Do.POWDER_OFF, Do.GAS_OFF]
+
+
+def test_a_full_disk_stops_the_run_safely():
+    rig = Rig(full_disk=True)
+    assert run(rig) is State.FAULTED
+    assert isinstance(rig.machine.fault, JournalError)
+    assert rig.log[-3:] == SAFE_STOP[1:]
+
+
+def test_hold_and_resume_go_through_a_purge():
+    rig = Rig()
+    machine = rig.machine
+    ended = run(rig, (10.0, lambda: machine.post(Event.HOLD)),
+                (11.5, lambda: machine.post(Event.RESUME)))
+    assert ended is State.DONE
+    held = rig.log.index(Do.FEED_HOLD)
+    # Resumed before the powder's grace has run out, so it was never switched off.
+    assert rig.log[held:held + 5] == [
+        Do.FEED_HOLD, Do.KEEP_POWDER, Do.POWDER_ON, Do.PURGE_HOSE, Do.CYCLE_START
+    ]
+
+
+def test_only_events_the_state_knows_can_be_asked_for():
+    rig = Rig()
+    known = {}
+    run(rig, *((at + 0.5, lambda state=state: known.update({state: [
+        event for event in (Event.HOLD, Event.RESUME, Event.STOP) if rig.machine.knows(event)
+    ]})) for state, at in ENTERED.items()))
+    assert known[State.GAS] == [Event.STOP]
+    assert known[State.DEPOSITING] == [Event.HOLD, Event.STOP]
