@@ -1,0 +1,239 @@
+"""Which side of every sample is outside: let the outside in from the box's faces.
+
+After the tagging of Zhao, Osher & Fedkiw ("Fast surface reconstruction using the level set
+method", VLSM 2001): the exterior advances over descending distance to the samples. Here every
+node learns the *narrowest place* on its widest way out, in units of the local sample spacing.
+The air outside has wide ways; the inside of a closed cloud is reached through the gaps between
+samples only. So no threshold is needed to tell them apart, and the widest gap is known.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from lmctl.errors import InputError
+from lmctl.field.grid import Grid
+from lmctl.field.patches import Patches
+from lmctl.field.samples import LARGEST_SHARE_DROPPED, Samples
+from lmctl.field.sweep import sweep_sources
+
+FloatArray = NDArray[np.float64]
+Sources = NDArray[np.int32]
+
+LEVELS_PER_SPACING = 8
+LEVELS = 64
+# Samples strewn at random leave empty circles of up to 2.2 spacings among 10⁵ of them: what is
+# wider is an opening.
+WIDEST_GAP_SPACINGS = 3.0
+
+
+@dataclass(frozen=True)
+class Orientation:
+    """inward : (n,) int8, ±1: the patch's normal, times this, points inwards; 0: sample dropped
+    deep : (nz, ny, nx) int8 on `deep_grid`, −1 at nodes the outside reaches by ways wider than
+        any gap, +1 at nodes well away from all samples that it does not, 0 elsewhere
+    gap_mm : diameter of the widest gap the inside is reached through
+    remarks : what was dropped
+    """
+
+    inward: NDArray[np.int8]
+    deep: NDArray[np.int8]
+    deep_grid: Grid
+    gap_mm: float
+    remarks: tuple[str, ...]
+
+
+def orient(samples: Samples, patches: Patches, pitch_mm: float) -> Orientation:
+    """Tell inside from outside at every sample.
+
+    raises : InputError where the cloud is open: air reaches both sides of it
+    """
+    typical = samples.typical_spacing_mm
+    grid = _tagging_grid(samples, pitch_mm)
+    sources = nearest_samples(
+        samples.points_mm, np.full(len(samples.points_mm), 1.5 * grid.pitch_mm), grid
+    )
+    distance = sweep_sources(sources, samples.points_mm, grid)
+    # A wall of samples is no thinner than the grid can show.
+    spacing = np.maximum(samples.spacing_mm, 1.2 * grid.pitch_mm)
+    levels = np.minimum(LEVELS - 1, distance / spacing[sources] * LEVELS_PER_SPACING)
+    clear = levels.astype(np.uint8)
+    way = clear.copy()
+    _let_in_kernel(way)
+    relative = np.ascontiguousarray(
+        (samples.points_mm - np.asarray(grid.origin_mm)) / grid.pitch_mm
+    )
+    sides = np.zeros((len(relative), 2), dtype=np.uint8)
+    _sides_kernel(way, sources, relative, patches.normal, sides)
+    narrow, wide = sides.min(axis=1), sides.max(axis=1)
+    floating = narrow > WIDEST_GAP_SPACINGS * LEVELS_PER_SPACING
+    _refuse_open(floating, narrow, typical)
+    remarks = []
+    if floating.any():
+        remarks.append(f"{int(floating.sum())} points with air all around were dropped as outliers")
+    gap = int(narrow[~floating].max())
+    sure = ~floating & (wide > gap + 1)
+    if not sure.any():
+        raise InputError(
+            "inside and outside of the point cloud cannot be told apart",
+            where=f"samples are typically {typical:.2g} mm apart",
+            hint="scan more points, or check that the part is thicker than the gaps between them",
+        )
+    # Air on the side the normal points to: the other side is inside.
+    inward = np.where(sure, np.where(sides[:, 0] > sides[:, 1], -1, 1), 0).astype(np.int8)
+    _spread(inward, floating, samples, patches)
+    lost = int((inward == 0).sum() - floating.sum())
+    if lost:
+        remarks.append(f"{lost} points whose side could not be told were dropped")
+    deep = np.where(way > gap, -1, np.where(clear > 1.5 * gap, 1, 0)).astype(np.int8)
+    return Orientation(
+        inward, deep, grid, 2.0 * gap / LEVELS_PER_SPACING * typical, tuple(remarks)
+    )
+
+
+def _tagging_grid(samples: Samples, pitch_mm: float) -> Grid:
+    """A grid just fine enough for the gaps between samples, with air all around."""
+    points, typical = samples.points_mm, samples.typical_spacing_mm
+    pitch = max(pitch_mm, 0.6 * typical)
+    margin = int(np.ceil(4.0 * typical / pitch)) + 2
+    return Grid.around(points.min(axis=0), points.max(axis=0), pitch, margin)
+
+
+def _refuse_open(
+    floating: NDArray[np.bool_], narrow: NDArray[np.uint8], typical_mm: float
+) -> None:
+    if floating.mean() > LARGEST_SHARE_DROPPED:
+        width = 2.0 * typical_mm * float(np.median(narrow[floating])) / LEVELS_PER_SPACING
+        raise InputError(
+            "the point cloud is open: the outside reaches both sides of its surface",
+            where=f"{len(narrow)} samples, typically {typical_mm:.2g} mm apart; "
+            f"an opening at least {width:.2g} mm wide",
+            hint="scan the missing side, or close the opening; gaps of up to "
+            f"{2.0 * WIDEST_GAP_SPACINGS * typical_mm:.2g} mm are bridged",
+        )
+
+
+def _spread(
+    inward: NDArray[np.int8], floating: NDArray[np.bool_], samples: Samples, patches: Patches
+) -> None:
+    """Carry orientation to the samples that have none, in place, the surest first.
+
+    Two samples agree when their normals mirror each other in the plane halfway between them:
+    on flat ground that is the same normal, across a sharp edge it still is the right one
+    (König & Gumhold, "Consistent propagation of normal orientations in point clouds", 2009).
+    """
+    normal, points, near = patches.normal, samples.points_mm, samples.neighbours[:, :10]
+    rows = np.flatnonzero((inward == 0) & ~floating)
+    offset = points[near[rows]] - points[rows][:, None]
+    offset /= np.linalg.norm(offset, axis=2, keepdims=True)
+    own, theirs = normal[rows][:, None], normal[near[rows]]
+    agreement = np.sum(own * theirs, axis=2) - 2.0 * (
+        np.sum(own * offset, axis=2) * np.sum(theirs * offset, axis=2)
+    )
+    needed = 2.0
+    while len(rows) and needed > 1e-3:
+        vote = np.sum(agreement * inward[near[rows]], axis=1)
+        told = np.abs(vote) >= needed
+        if told.any():
+            inward[rows[told]] = np.sign(vote[told]).astype(np.int8)
+            rows, agreement = rows[~told], agreement[~told]
+        else:
+            needed *= 0.5
+
+
+def nearest_samples(points_mm: FloatArray, reach_mm: FloatArray, grid: Grid) -> Sources:
+    """Row of the nearest sample at every node within reach of one, −1 elsewhere.
+
+    points_mm : (n, 3) float64; reach_mm : (n,) float64; returns : (nz, ny, nx) int32
+    """
+    sources = np.full(grid.shape, -1, dtype=np.int32)
+    relative = np.ascontiguousarray((points_mm - np.asarray(grid.origin_mm)) / grid.pitch_mm)
+    _nearest_kernel(relative, reach_mm / grid.pitch_mm, sources)
+    return sources
+
+
+@njit(cache=True)
+def _nearest_kernel(points: FloatArray, reach: FloatArray, sources: Sources) -> None:
+    nz, ny, nx = sources.shape
+    squared = np.full((nz, ny, nx), np.float32(np.inf), dtype=np.float32)
+    for n in range(points.shape[0]):
+        x, y, z, r = points[n, 0], points[n, 1], points[n, 2], reach[n]
+        k0, k1 = max(0, int(np.ceil(z - r))), min(nz - 1, int(np.floor(z + r)))
+        for k in range(k0, k1 + 1):
+            left = r * r - (k - z) ** 2
+            half = np.sqrt(max(left, 0.0))
+            j0, j1 = max(0, int(np.ceil(y - half))), min(ny - 1, int(np.floor(y + half)))
+            for j in range(j0, j1 + 1):
+                across = (k - z) ** 2 + (j - y) ** 2
+                run = np.sqrt(max(r * r - across, 0.0))
+                first, last = max(0, int(np.ceil(x - run))), min(nx - 1, int(np.floor(x + run)))
+                for i in range(first, last + 1):
+                    d2 = np.float32(across + (i - x) ** 2)
+                    if d2 < squared[k, j, i]:
+                        squared[k, j, i] = d2
+                        sources[k, j, i] = n
+
+
+@njit(cache=True)
+def _let_in_kernel(level: NDArray[np.uint8]) -> None:
+    """Replace each node's level by the lowest one on its best way from the faces of the box.
+
+    A priority flood from the faces, widest first; the nodes of a level wait in a linked list.
+    """
+    nz, ny, nx = level.shape
+    plane, total = ny * nx, nz * ny * nx
+    flat = level.reshape(-1)
+    following = np.full(total, -2, dtype=np.int32)  # −2: not met yet; −1: last of its list
+    head = np.full(LEVELS, -1, dtype=np.int32)
+    for n in range(total):
+        k, j, i = n // plane, n // nx % ny, n % nx
+        if k == 0 or j == 0 or i == 0 or k == nz - 1 or j == ny - 1 or i == nx - 1:
+            following[n] = head[flat[n]]
+            head[flat[n]] = n
+    at = LEVELS - 1
+    while at >= 0:
+        n = head[at]
+        if n < 0:
+            at -= 1
+            continue
+        head[at] = following[n]
+        k, j, i = n // plane, n // nx % ny, n % nx
+        for side in range(6):
+            if side == 0:
+                inside, m = i > 0, n - 1
+            elif side == 1:
+                inside, m = i < nx - 1, n + 1
+            elif side == 2:
+                inside, m = j > 0, n - nx
+            elif side == 3:
+                inside, m = j < ny - 1, n + nx
+            elif side == 4:
+                inside, m = k > 0, n - plane
+            else:
+                inside, m = k < nz - 1, n + plane
+            if inside and following[m] == -2:
+                flat[m] = min(flat[m], np.uint8(at))
+                following[m] = head[flat[m]]
+                head[flat[m]] = m
+
+
+@njit(cache=True)
+def _sides_kernel(
+    level: NDArray[np.uint8], sources: Sources, points: FloatArray, normal: FloatArray,
+    sides: NDArray[np.uint8],
+) -> None:
+    """The best level among the nodes nearest to each sample, on each side of its patch."""
+    nz, ny, nx = level.shape
+    for k in range(nz):
+        for j in range(ny):
+            for i in range(nx):
+                n = sources[k, j, i]
+                x, y, z = i - points[n, 0], j - points[n, 1], k - points[n, 2]
+                along = x * normal[n, 0] + y * normal[n, 1] + z * normal[n, 2]
+                if along * along > 0.64 * (x * x + y * y + z * z):
+                    side = 0 if along > 0.0 else 1
+                    sides[n, side] = max(sides[n, side], level[k, j, i])
