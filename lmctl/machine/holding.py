@@ -9,7 +9,7 @@ from firmware_protocol.status import StatusReport
 from lmctl.errors import MachineError
 from lmctl.machine.conversation import Conversation
 
-_POLL_S = 0.05
+_POLL_S = 0.02
 _RESUMED_S = 10.0  # restoring the spindle behind a door takes some seconds
 
 
@@ -45,6 +45,7 @@ async def hold(talk: Conversation, seen_within_s: float, stopped_within_s: float
         waited_s = loop.time() - start_s
         if waited_s >= (stopped_within_s if seen else seen_within_s):
             raise _not_held(talk, seen, waited_s)
+        await asyncio.sleep(_POLL_S)
 
 
 async def resume(talk: Conversation) -> None:
@@ -69,6 +70,7 @@ async def resume(talk: Conversation) -> None:
                 f"the hold did not end within {_RESUMED_S:g} s of a resume",
                 hint="look whether the safety door is closed",
             )
+        await asyncio.sleep(_POLL_S)
         report = await talk.fresh_report(_POLL_S)
 
 
