@@ -51,9 +51,9 @@ class Process(Model):
     lead_in_mm : run-up and run-out with the beam off at each end of a path
     """
 
-    bead_width_mm: Positive = 2.0
+    bead_width_mm: Annotated[float, Field(ge=0.05, le=100)] = 2.0
     overlap: Annotated[float, Field(ge=0, lt=0.9)] = 0.333
-    layer_height_mm: Positive = 0.8
+    layer_height_mm: Annotated[float, Field(ge=0.005, le=100)] = 0.8
     speed_mm_s: Positive = 10.0
     travel_speed_mm_s: Positive = 50.0
     power_W: Positive = 1500.0
@@ -258,7 +258,7 @@ class PartFile(Model):
     """
 
     name: Annotated[str, Field(min_length=1, max_length=100)]
-    pitch_mm: Annotated[float, Field(gt=0, le=1000)] | None = None
+    pitch_mm: Annotated[float, Field(ge=0.0001, le=1000)] | None = None
     combine: Literal["union", "difference", "intersection"] | None = None
     material: Annotated[tuple[Material, ...], Field(min_length=1, max_length=64)]
     body: Annotated[tuple[Body, ...], Field(min_length=1, max_length=1000)]

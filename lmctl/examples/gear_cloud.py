@@ -65,8 +65,9 @@ def gear_outline(per_flank: int = 40) -> FloatArray:
 
 def bore_outline(points: int = 720) -> FloatArray:
     """The bore, clockwise, closed: (points + 1, 2) float64 [mm]."""
-    angle = -np.linspace(0.0, 2 * np.pi, points + 1)
-    return BORE_RADIUS_MM * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    angle = -2 * np.pi * np.arange(points) / points
+    loop = BORE_RADIUS_MM * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return np.vstack([loop, loop[:1]])
 
 
 def inside_gear(points: FloatArray) -> NDArray[np.bool_]:

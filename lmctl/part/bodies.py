@@ -242,6 +242,13 @@ def without_slivers(corners: FloatArray) -> FloatArray:
     return wide
 
 
+def is_closed(field: Field) -> bool:
+    """Whether the inside stays clear of the grid's faces, as that of a closed surface does."""
+    v = field.values
+    faces = (v[0], v[-1], v[:, 0], v[:, -1], v[:, :, 0], v[:, :, -1])
+    return all(float(face.max()) < 0 for face in faces)
+
+
 def zero_bounds(field: Field) -> Bounds:
     """Where a field's inside begins and ends along x, y, z.
 

@@ -12,7 +12,7 @@ from lmctl.config.part_rules import load_part_file, parse_part_file
 from lmctl.errors import InputError
 from lmctl.field.cloud import cloud_field
 from lmctl.field.grid import Grid
-from lmctl.part.bodies import Body, Bounds, Box, Cylinder, FieldSolid, MeshSolid, Sphere
+from lmctl.part.bodies import Body, Bounds, Box, Cylinder, FieldSolid, MeshSolid, Sphere, is_closed
 from lmctl.part.cloud_files import CLOUD_SUFFIXES, Cloud, read_cloud
 from lmctl.part.combined import Combined
 from lmctl.part.composition import rule_of
@@ -157,6 +157,13 @@ class _Bodies:
             return MeshSolid(item, self._grid(item))
         if isinstance(item, Cloud):
             stored = cloud_field(item.points, self._grid(item))
+            if not is_closed(stored):
+                raise InputError(
+                    "the surface fitted to the point cloud is not closed",
+                    where=f"its inside reaches the edge of its grid at a pitch of "
+                    f"{self.pitch_mm:g} mm",
+                    hint="scan the missing places, or give a larger pitch_mm",
+                )
             self._said.warnings += stored.remarks
             return FieldSolid(stored)
         return item

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 from lmctl.config import materials as library
 from lmctl.config.part_file import Material, PartFile
 
+#: Middle of what coaxial nozzles catch of metal powder (process.md 2.5: 0.4–0.85).
+UNKNOWN_CATCH_EFFICIENCY = 0.65
+
 
 @dataclass(frozen=True)
 class MaterialSpec:
@@ -15,7 +18,7 @@ class MaterialSpec:
     density_g_mm3 : of the solid; apparent_g_mm3 : of the loose powder, None where unknown
     catch_efficiency : share of the fed powder that ends in the bead, (0, 1]
     power_W, speed_mm_s : recipe of the pure material
-    defaults : what of it nobody wrote in the part file, each as "key value" for a person
+    defaults : what of it nobody wrote in the part file, each in words with the value
     """
 
     name: str
@@ -44,7 +47,9 @@ def _resolve(material: Material, part: PartFile) -> MaterialSpec:
     known = library.find(material.name)
     defaults: list[str] = []
 
-    def settle(key: str, unit: str, from_library: float | None, otherwise: float | None) -> float:
+    def settle(
+        key: str, said: str, from_library: float | None, otherwise: float | None
+    ) -> float:
         own: float | None = getattr(material, key)
         if own is not None:
             return own
@@ -52,16 +57,20 @@ def _resolve(material: Material, part: PartFile) -> MaterialSpec:
             return float(getattr(part.process, key))
         value = from_library if from_library is not None else otherwise
         assert value is not None, key
-        defaults.append(f"{key.removesuffix(unit)} {value:g}{' ' + unit[1:] if unit else ''}")
+        defaults.append(said.format(f"{value:g}"))
         return value
 
-    density = settle("density_g_cm3", "_g_cm3", known.density_g_cm3 if known else None, None)
+    library_density = known.density_g_cm3 if known else None
+    density = settle("density_g_cm3", "density {} g/cm³", library_density, None)
     apparent = material.apparent_g_cm3 or (known.apparent_g_cm3 if known else None)
-    catch = settle("catch_efficiency", "", known.catch_efficiency if known else None,
-                   UNKNOWN_CATCH_EFFICIENCY)
-    power = settle("power_W", "_W", known.power_W if known else None, part.process.power_W)
-    speed = settle("speed_mm_s", "_mm_s", known.speed_mm_s if known else None,
-                   part.process.speed_mm_s)
+    library_catch = known.catch_efficiency if known else None
+    catch = settle(
+        "catch_efficiency", "catch efficiency {}", library_catch, UNKNOWN_CATCH_EFFICIENCY
+    )
+    library_power = known.power_W if known else None
+    power = settle("power_W", "power {} W", library_power, part.process.power_W)
+    library_speed = known.speed_mm_s if known else None
+    speed = settle("speed_mm_s", "speed {} mm/s", library_speed, part.process.speed_mm_s)
     return MaterialSpec(
         name=material.name,
         density_g_mm3=density / 1000.0,
@@ -71,7 +80,3 @@ def _resolve(material: Material, part: PartFile) -> MaterialSpec:
         speed_mm_s=speed,
         defaults=tuple(defaults),
     )
-
-
-#: Middle of what coaxial nozzles catch of metal powder (process.md 2.5: 0.4–0.85).
-UNKNOWN_CATCH_EFFICIENCY = 0.65
