@@ -1,0 +1,244 @@
+"""Bad input through the command line: a message with what, where and next, the right exit code,
+no traceback, and nothing half-written."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+Refused = Callable[..., str]
+
+BOX = """
+name = "block"
+[[material]]
+name = "316L"
+[[body]]
+kind = "box"
+low_mm = [0, 0, 0]
+high_mm = [12, 9, 1.6]
+"""
+
+
+def left_over(folder: Path, *expected: str) -> list[str]:
+    """Files in a folder that should not be there."""
+    return sorted(path.name for path in folder.iterdir() if path.name not in expected)
+
+
+def write(path: Path, content: str | bytes) -> Path:
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    return path
+
+
+# --- the part file and its data -------------------------------------------------------------
+
+
+def test_a_part_that_is_not_there(refused: Refused, tmp_path: Path) -> None:
+    assert "there is no file missing.toml" in refused("plan", "missing.toml", code=3)
+    assert left_over(tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("empty.stl", b""),
+        ("garbage.stl", bytes(range(256)) * 40),
+        ("truncated.stl", b"\0" * 80 + (5000).to_bytes(4, "little") + b"\0" * 70),
+        ("empty.xyz", b""),
+        ("words.xyz", b"this is not a cloud\n" * 30),
+        ("nan.xyz", b"0 0 0\n1 0 nan\n0 1 0\n0 0 1\n" * 10),
+        ("two.xyz", b"0 0 0\n1 1 1\n"),
+        ("garbage.ply", b"\x89PNG\r\n\x1a\n" + b"\0" * 100),
+        ("empty.obj", b""),
+    ],
+)
+def test_data_that_cannot_be_used(
+    refused: Refused, tmp_path: Path, name: str, content: bytes
+) -> None:
+    write(tmp_path / name, content)
+    assert name in refused("plan", name, code=1)
+    assert left_over(tmp_path, name) == []
+
+
+def test_an_ending_that_says_nothing(refused: Refused, tmp_path: Path) -> None:
+    write(tmp_path / "part.step", "ISO-10303-21;")
+    assert "part.step" in refused("plan", "part.step", code=1)
+
+
+def test_a_gigantic_file_is_not_read(refused: Refused, tmp_path: Path) -> None:
+    with (tmp_path / "huge.toml").open("wb") as file:
+        file.truncate(5_000_000_000)
+    assert "too large" in refused("plan", "huge.toml", code=3)
+    with (tmp_path / "huge.stl").open("wb") as file:
+        file.truncate(50_000_000_000)
+    assert "huge.stl" in refused("plan", "huge.stl", code=1)
+
+
+def test_an_open_mesh(refused: Refused, tmp_path: Path) -> None:
+    mesh = trimesh.creation.icosphere(subdivisions=3, radius=10)
+    mesh.update_faces(np.arange(len(mesh.faces)) >= 300)
+    mesh.export(tmp_path / "bowl.stl")
+    said = refused("plan", "bowl.stl", "--units", "mm", code=1)
+    assert "open" in said
+
+
+def test_a_cloud_too_sparse_for_its_pitch(refused: Refused, tmp_path: Path) -> None:
+    directions = np.random.default_rng(5).normal(size=(400, 3))
+    points = 20 * directions / np.linalg.norm(directions, axis=1)[:, None]
+    np.savetxt(tmp_path / "ball.xyz", points)
+    write(tmp_path / "ball.toml", BOX.split("[[body]]")[0].replace(
+        "[[material]]", "pitch_mm = 0.2\n[[material]]"
+    ) + '[[body]]\nkind = "cloud"\nfile = "ball.xyz"\nunits = "mm"\n')
+    said = refused("plan", "ball.toml", code=1)
+    assert "0.2 mm" in said
+    assert "pitch" in said.split("hint: ")[1]
+
+
+def test_every_mistake_of_a_part_file_at_once(refused: Refused, tmp_path: Path) -> None:
+    write(tmp_path / "part.toml", BOX.replace("low_mm", "lowest_mm").replace("316L", "316M") + """
+[composition]
+feature = { kind = "point", at_mm = [0, 0, 0] }
+profile = { kind = "constant", of = { "316M" = 0.6, "WC" = 0.3 } }
+[process]
+bead_width_mm = -1
+colour = "red"
+""")
+    said = refused("plan", "part.toml", code=3, hint=False)
+    for key in ("body[1]", "lowest_mm", "material[1]", "WC", "0.9", "process.bead_width_mm",
+                "process.colour"):
+        assert key in said, key
+
+
+@pytest.mark.parametrize("text", ["name = ", "\x00\x01", "[[material", "a = " + "[" * 5000])
+def test_toml_that_is_none(refused: Refused, tmp_path: Path, text: str) -> None:
+    write(tmp_path / "part.toml", text)
+    refused("plan", "part.toml", code=3, hint=False)
+
+
+def test_a_part_outside_the_travel(refused: Refused, tmp_path: Path) -> None:
+    write(tmp_path / "part.toml", BOX.replace("[12, 9, 1.6]", "[400, 9, 1.6]"))
+    said = refused("plan", "part.toml", code=1)
+    assert "travel" in said
+    assert left_over(tmp_path, "part.toml") == []
+
+
+def test_a_material_the_machine_has_no_hopper_for(refused: Refused, tmp_path: Path) -> None:
+    write(tmp_path / "part.toml", BOX.replace("316L", "IN625"))
+    said = refused("plan", "part.toml", code=1)
+    assert "IN625" in said
+    assert "316L" in said  # what there is
+
+
+def test_output_that_cannot_be_written(refused: Refused, tmp_path: Path) -> None:
+    write(tmp_path / "part.toml", BOX)
+    refused("plan", "part.toml", "-o", "nowhere/part.lmj", code=2)
+    refused("plan", "part.toml", "-o", tmp_path, code=2)
+    assert left_over(tmp_path, "part.toml") == []
+
+
+# --- profiles, jobs and machines ------------------------------------------------------------
+
+
+@pytest.fixture
+def job(lmctl: Callable[..., object], tmp_path: Path) -> Path:
+    write(tmp_path / "part.toml", BOX)
+    assert lmctl("plan", "part.toml").code == 0  # type: ignore[attr-defined]
+    return tmp_path / "part.lmj"
+
+
+def cell_file(folder: Path, **replaced: str) -> Path:
+    from importlib.resources import files
+
+    text = files("lmctl.examples").joinpath("cell.toml").read_text()
+    for old, new in replaced.items():
+        assert old in text
+        text = text.replace(old, new)
+    return write(folder / "cell.toml", text)
+
+
+def test_every_mistake_of_a_profile_at_once(refused: Refused, tmp_path: Path) -> None:
+    profile = write(tmp_path / "cell.toml", """
+name = "cell"
+[motion]
+endpoint = "tcp://127.0.0.1:1"
+travel_mm = { x = [300, 0], y = [0, 300], z = [0, 200] }
+max_speed_mm_s = [100, 100, -1]
+acceleration_mm_s2 = [500, 500]
+purge_mm = [10, 10, 20]
+[laser]
+max_power_W = 0
+colour = "green"
+""")
+    said = refused("check", profile, code=3, hint=False)
+    for key in ("motion.travel_mm.x", "max_speed_mm_s", "acceleration_mm_s2", "laser.max_power_W",
+                "laser.colour", "feeder", "hopper"):
+        assert key in said, key
+
+
+def test_run_needs_to_be_told_where(refused: Refused, job: Path) -> None:
+    assert "--sim" in refused("run", job, code=2)
+
+
+def test_a_job_that_is_none(refused: Refused, tmp_path: Path) -> None:
+    refused("run", "missing.lmj", "--sim", code=1)
+    write(tmp_path / "garbage.lmj", b"not a job" * 1000)
+    refused("run", "garbage.lmj", "--sim", code=1)
+    assert not (tmp_path / "runs").exists()
+
+
+@pytest.mark.parametrize("damage", ["truncated", "altered"])
+def test_a_damaged_job(refused: Refused, job: Path, damage: str) -> None:
+    data = bytearray(job.read_bytes())
+    if damage == "truncated":
+        data = data[: len(data) * 2 // 3]
+    else:
+        data[len(data) // 2] ^= 1
+    job.write_bytes(data)
+    refused("run", job, "--sim", code=1)
+    refused("check", job, code=1)
+    refused("show", job, code=1)
+
+
+def test_a_job_planned_for_another_profile(refused: Refused, job: Path, tmp_path: Path) -> None:
+    other = cell_file(tmp_path, **{"max_power_W = 3000": "max_power_W = 2000"})
+    assert "another" in refused("run", job, "--sim", "--machine", other, code=1)
+
+
+def test_a_port_that_is_absent(refused: Refused, job: Path, tmp_path: Path) -> None:
+    absent = cell_file(tmp_path, **{"tcp://127.0.0.1:2323": "serial:///dev/ttyNONE9"})
+    assert "/dev/ttyNONE9" in refused("run", job, "--machine", absent, code=4)
+
+
+def test_ports_where_nobody_listens_make_one_report(
+    refused: Refused, job: Path, tmp_path: Path
+) -> None:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    deaf = cell_file(tmp_path, **{"127.0.0.1:2323": f"127.0.0.1:{port}",
+                                  "127.0.0.1:5021": f"127.0.0.1:{port}",
+                                  "127.0.0.1:5022": f"127.0.0.1:{port}"})
+    said = refused("run", job, "--machine", deaf, code=4)
+    assert said.count("error:") == 1
+    for device in ("motion", "F1", "F2"):
+        assert device in said
+
+
+def test_a_layer_that_is_not_there(refused: Refused, job: Path) -> None:
+    assert "layers go from 1 to 2" in refused("show", job, "--layer", 9, code=2)
+    refused("show", job, "-o", "picture.bmp", code=2)
+
+
+def test_a_run_that_is_not_there(refused: Refused) -> None:
+    refused("log", "run-0007", code=1)
+
+
+def test_words_that_are_no_command(lmctl: Callable[..., object]) -> None:
+    for arguments in (("blend",), ("plan",), ("plan", "a", "b"), ("run", "x.lmj", "--speed", "0")):
+        outcome = lmctl(*arguments)
+        assert outcome.code == 2, arguments  # type: ignore[attr-defined]
+        assert "Traceback" not in outcome.talk  # type: ignore[attr-defined]
