@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from firmware_protocol.pmx import MOST_HOPPERS, Refusal
@@ -56,8 +57,10 @@ def hopper_code(channel: int, number: int) -> int:
     return 100 * (channel + 1) + number
 
 
-def alarm(code: int) -> Alarm:
+def alarm(code: int, hoppers: Mapping[int, str] | None = None) -> Alarm:
     """An alarm code in words; codes the map does not list are named as such.
+
+    hoppers : what to call each channel's hopper; its number otherwise
 
     >>> alarm(307).text
     'hopper 2: it is empty'
@@ -67,7 +70,7 @@ def alarm(code: int) -> Alarm:
     channel, number = code // 100 - 1, code % 100
     if 1 <= channel <= MOST_HOPPERS and number in _HOPPER_ALARMS:
         text, hint = _HOPPER_ALARMS[number]
-        return Alarm(code, f"hopper {channel}: {text}", hint)
+        return Alarm(code, f"hopper {(hoppers or {}).get(channel, channel)}: {text}", hint)
     return Alarm(code, f"alarm {code}, which its register map does not list", "see its manual")
 
 

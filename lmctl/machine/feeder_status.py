@@ -2,11 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
-from firmware_protocol.pmx import HopperFlags, Mode, State, Status
-from firmware_protocol.pmx_alarms import Alarm
+from firmware_protocol.pmx import (
+    PMX,
+    SYSTEM_BLOCK,
+    HopperFlags,
+    Mode,
+    State,
+    Status,
+    hopper_names,
+    hopper_row,
+)
+from firmware_protocol.pmx_alarms import Alarm, alarm
+from lmctl.config.machine import Hopper
 
 
 @dataclass(frozen=True)
@@ -66,6 +77,75 @@ class FeederStatus:
     def stable(self) -> bool:
         """Powder has run long enough to be steady at the nozzle."""
         return Status.STABLE in self.flags
+
+
+def feeder_status(
+    words: Sequence[int], time_s: float, hoppers: Mapping[str, HopperReading],
+    names: Mapping[int, str],
+) -> FeederStatus:
+    """The system block's words as a status. names : of the hoppers, by channel.
+
+    Raises RegisterError where their number is wrong; ValueError for a state nobody knows.
+    """
+    values: dict[str, Any] = SYSTEM_BLOCK.decode(words)
+    flags = Status(values["STATUS"])
+    code = values["FIRST_ALARM_CODE"]
+    return FeederStatus(
+        time_s=time_s,
+        state=State(values["STATE"]),
+        mode=Mode(values["MODE"]),
+        flags=flags,
+        alarm=alarm(code, names) if code or Status.ALARM in flags else None,
+        alarm_count=values["ALARM_COUNT"],
+        warnings=values["WARNING"],
+        seq_applied=values["SEQ_APPLIED"],
+        heartbeat_age_s=values["HEARTBEAT_AGE"] / 1000.0,
+        uptime_s=values["UPTIME"],
+        tick_ms=values["TICK"],
+        total_flow_g_min=values["TOTAL_FLOW"],
+        total_gas_L_min=values["TOTAL_GAS"],
+        mixer_pressure_mbar=values["MIXER_PRESSURE"],
+        hoppers=hoppers,
+    )
+
+
+#: Rows of a hopper that a reading holds: the first of its block, in one read.
+_READ = 11
+
+
+class HopperReader:
+    """Reads one hopper. address, count : of its input registers.
+
+    feed_factor_g_rev : what the device believes, to tell set-points in g/min
+    """
+
+    def __init__(self, hopper: Hopper, feed_factor_g_rev: float) -> None:
+        wanted = [
+            name for name in hopper_names(hopper.channel)
+            if PMX[name].address < 100 * hopper.channel + _READ
+        ]
+        self._block = PMX.block(wanted)
+        self.address, self.count = self._block.address, self._block.count
+        self._hopper = hopper
+        self._factor = feed_factor_g_rev
+
+    def reading(self, words: Sequence[int], time_s: float) -> HopperReading:
+        """Raises RegisterError where the number of words is wrong."""
+        values: dict[str, Any] = self._block.decode(words)
+
+        def value(name: str) -> Any:
+            return values[hopper_row(self._hopper.channel, name)]
+
+        return HopperReading(
+            time_s=time_s,
+            flags=HopperFlags(value("STATUS")),
+            setpoint_g_min=(value("DISC_RAMPED") or 0.0) * self._factor,
+            flow_est_g_min=value("FLOW_EST"),
+            flow_weighed_g_min=value("FLOW_LIW"),
+            weight_g=value("WEIGHT"),
+            level_percent=value("LEVEL"),
+            carrier_L_min=value("CARRIER_ACT"),
+        )
 
 
 def _ignore_status(status: FeederStatus) -> None:

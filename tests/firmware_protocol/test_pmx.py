@@ -97,6 +97,10 @@ def test_alarms_in_words(code, text):
     assert found.hint
 
 
+def test_hoppers_may_have_names():
+    assert pmx_alarms.alarm(307, {2: "B"}).text == "hopper B: it is empty"
+
+
 def test_every_code_of_the_map_has_words_and_advice():
     codes = [*pmx_alarms.SYSTEM_CODES]
     codes += [

@@ -1,0 +1,99 @@
+"""The words of a recipe: heartbeat to shadow block in one write (process.md 1.4)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+from firmware_protocol.pmx import (
+    SetpointMode,
+    WatchdogAction,
+    hopper_row,
+    recipe_names,
+    register_map,
+)
+from firmware_protocol.registers import Value
+from lmctl.config.machine import Feeder, Hopper
+
+#: Powder is called stable no sooner than this after its start (process.md 5.5).
+LEAST_STABILISE_S = 8.0
+
+_COUNTS_PER_G_MIN = 100
+
+
+class RecipeWriter:
+    """Turns flows into the words of one write. address : of the first word.
+
+    n_hoppers : what the device has, used or not; unused hoppers stand still
+    """
+
+    def __init__(self, feeder: Feeder, hoppers: Sequence[Hopper], n_hoppers: int) -> None:
+        table = register_map(n_hoppers)
+        block = table.block(recipe_names(n_hoppers))
+        self.address = block.address
+        self._hoppers = tuple(hoppers)
+        self._most = [round(h.max_flow_g_min * _COUNTS_PER_G_MIN) for h in hoppers]
+        self._words = block.encode(_settings(feeder, hoppers, n_hoppers))
+        self._at = {
+            name: table.wire_address(name) - block.address
+            for name in ("HEARTBEAT", "SEQ")
+        }
+        self._flow_at = [
+            table.wire_address(hopper_row(h.channel, "FLOW_SP")) - block.address for h in hoppers
+        ]
+
+    def counts(self, flows_g_min: Mapping[str, float]) -> tuple[int, ...]:
+        """Flows as the device resolves them, 0.01 g/min each, in the hoppers' order.
+
+        Raises ValueError for a flow that is no number, beyond its hopper's range, or nobody's.
+        """
+        if len(flows_g_min) != len(self._hoppers):
+            raise ValueError(f"flows for {sorted(flows_g_min)}, not for every hopper")
+        counts = []
+        for hopper, most in zip(self._hoppers, self._most, strict=True):
+            flow_g_min = flows_g_min.get(hopper.name, math.nan)
+            count = round(flow_g_min * _COUNTS_PER_G_MIN) if math.isfinite(flow_g_min) else -1
+            if not 0 <= count <= most:
+                raise ValueError(
+                    f"hopper {hopper.name}: {flow_g_min} g/min is not within 0 to "
+                    f"{hopper.max_flow_g_min:g}"
+                )
+            counts.append(count)
+        return tuple(counts)
+
+    def words(self, counts: Sequence[int], *, sequence: int, heartbeat: int) -> list[int]:
+        """The write that makes these flows the recipe number `sequence`."""
+        words = list(self._words)
+        words[self._at["HEARTBEAT"]] = heartbeat
+        words[self._at["SEQ"]] = sequence
+        for at, count in zip(self._flow_at, counts, strict=True):
+            words[at] = count
+        return words
+
+
+def settling_s(hoppers: Sequence[Hopper]) -> float:
+    """θ + 4τ of the slowest hose: after that a step has arrived to 98 % (process.md 2.2)."""
+    return max(h.dead_time_s + 4.0 * h.lag_s for h in hoppers)
+
+
+def _settings(
+    feeder: Feeder, hoppers: Sequence[Hopper], n_hoppers: int
+) -> dict[str, Value]:
+    """Every value of the write but those that change with each one."""
+    values: dict[str, Value] = dict.fromkeys(recipe_names(n_hoppers), 0)
+    values |= {
+        "WD_TIMEOUT": round(feeder.watchdog_s * 1000),
+        "WD_ACTION": WatchdogAction.DISCS_STOP,
+        "STABILISE": max(LEAST_STABILISE_S, settling_s(hoppers)),
+        "POSTFLOW": postflow_s(feeder, hoppers),
+        "SETPOINT_MODE": SetpointMode.G_MIN,
+        "AT_SPEED_TOL": 2.0,
+    }
+    for hopper in hoppers:
+        values[hopper_row(hopper.channel, "CARRIER_SP")] = hopper.carrier_L_min
+    return values
+
+
+def postflow_s(feeder: Feeder, hoppers: Sequence[Hopper]) -> float:
+    """Gas after powder: what the profile asks for, and long enough to empty the hose."""
+    return max(feeder.gas_postflow_s, settling_s(hoppers))

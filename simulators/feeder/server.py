@@ -1,0 +1,136 @@
+"""The wire of a simulated feeder: Modbus TCP, or Modbus RTU over a pty, by pymodbus.
+
+pymodbus frames and answers; registers are computed by the device when they are read, and a write
+is the device's own act. All of pymodbus that the simulators use stands here.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable
+
+from pymodbus.constants import ExcCodes
+from pymodbus.exceptions import NoSuchIdException
+from pymodbus.framer import FramerType
+from pymodbus.server import ModbusSerialServer, ModbusTcpServer
+from pymodbus.server.base import ModbusBaseServer
+from pymodbus.server.requesthandler import ServerRequestHandler
+from pymodbus.simulator import DataType, SimData, SimDevice
+from pymodbus.simulator.simcore import SimCore
+
+from simulators.feeder.device import PmxDevice
+from simulators.feeder.holding import RefusedError
+from simulators.feeder.pty_transport import PtyTransport
+from simulators.feeder.readings import read_holding, read_input
+
+# What pymodbus would otherwise print on stderr; a program that wants it sets up logging.
+logging.getLogger("pymodbus").addHandler(logging.NullHandler())
+
+_READ_INPUT = 4
+_WITH_REGISTERS = {3, 4, 6, 16, 22, 23}
+
+#: pymodbus wants a register to begin with; the device's own take its place.
+_NOTHING = SimDevice(id=1, simdata=SimData(0, datatype=DataType.REGISTERS))
+
+
+class _DeviceRegisters(SimCore):
+    """The device in the place of pymodbus's table of registers."""
+
+    def __init__(self, device: PmxDevice) -> None:
+        super().__init__(_NOTHING)
+        self._device = device
+
+    def device_ids(self) -> list[int]:
+        return [self._device.config.device_id]
+
+    async def async_getValues(
+        self, device_id: int, func_code: int, address: int, count: int = 1
+    ) -> list[int] | list[bool] | ExcCodes:
+        self._check(device_id)
+        if func_code not in _WITH_REGISTERS:
+            return ExcCodes.ILLEGAL_FUNCTION
+        read = read_input if func_code == _READ_INPUT else read_holding
+        try:
+            return read(self._device, address, count)
+        except RefusedError as refused:
+            return ExcCodes(refused.code)
+
+    async def async_setValues(
+        self, device_id: int, func_code: int, address: int, values: list[int] | list[bool]
+    ) -> ExcCodes | None:
+        self._check(device_id)
+        if func_code not in _WITH_REGISTERS:
+            return ExcCodes.ILLEGAL_FUNCTION
+        try:
+            self._device.write(address, values)
+        except RefusedError as refused:
+            return ExcCodes(refused.code)
+        return None
+
+    def _check(self, device_id: int) -> None:
+        if device_id != self._device.config.device_id:
+            raise NoSuchIdException(f"there is no device {device_id} on this line")
+
+
+class _Handler(ServerRequestHandler):
+    """One connection, answering at once.
+
+    The registers never wait, so a request is carried through here and now. pymodbus's own way
+    (a thread-safe hand-over to its own thread) costs a third of the whole round trip.
+    """
+
+    def handle_later(self) -> None:
+        answering = self.handle_request()
+        try:
+            answering.send(None)
+        except StopIteration:
+            return
+        raise RuntimeError("a simulated register waited for something")
+
+
+class _TcpServer(ModbusTcpServer):
+    def callback_new_connection(self) -> ServerRequestHandler:
+        return _handler(self)
+
+
+class _RtuServer(ModbusSerialServer):
+    def callback_new_connection(self) -> ServerRequestHandler:
+        return _handler(self)
+
+
+def _handler(server: ModbusBaseServer) -> _Handler:
+    return _Handler(server, server.trace_packet, server.trace_pdu, server.trace_connect)
+
+
+class FeederServer:
+    """A device on its wire. `endpoint` is where a host finds it, in the driver's own spelling."""
+
+    def __init__(self, endpoint: str, close: Callable[[], None]) -> None:
+        self.endpoint = endpoint
+        self._close = close
+
+    async def close(self) -> None:
+        self._close()
+        await asyncio.sleep(0)  # let the transports say goodbye
+
+
+async def serve_tcp(device: PmxDevice, host: str = "127.0.0.1", port: int = 0) -> FeederServer:
+    """Answer Modbus TCP; port 0 takes a free one. Raises OSError where it cannot listen."""
+    server = _TcpServer(_NOTHING, address=(host, port), ignore_missing_devices=True)
+    server.context = _DeviceRegisters(device)
+    if not await server.listen():
+        raise OSError(f"cannot listen on {host}:{port}")
+    assert isinstance(server.transport, asyncio.Server)
+    port = server.transport.sockets[0].getsockname()[1]
+    return FeederServer(f"modbus-tcp://{host}:{port}", server.close)
+
+
+async def serve_pty(device: PmxDevice) -> FeederServer:
+    """Answer Modbus RTU on a new pty, without parity: Linux ptys carry none."""
+    server = _RtuServer(_NOTHING, framer=FramerType.RTU, ignore_missing_devices=True)
+    server.context = _DeviceRegisters(device)
+    connection = server.callback_new_connection()
+    transport = PtyTransport(connection)
+    connection.connection_made(transport)
+    return FeederServer(f"modbus-rtu://{transport.path}?baud=19200&parity=N", transport.close)
