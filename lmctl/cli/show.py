@@ -55,7 +55,7 @@ def draw_job_layer(reader: JobReader, index: int, target: Path) -> None:
     draw_layer(
         layer, manifest.materials,
         start_mm=(float(before["x_mm"]), float(before["y_mm"])),
-        bead_width_mm=process.bead_width_mm,
+        track_pitch_mm=process.bead_width_mm * (1 - process.overlap),
         title=f"{manifest.part_name}: layer {index + 1} of {len(manifest.layers)}, "
               f"z = {entry.z_mm:.2f} mm, {entry.n_paths} paths, {lasting_s:.0f} s",
         target=target,

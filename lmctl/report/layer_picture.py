@@ -1,4 +1,4 @@
-"""A layer of a job as a picture: beads at their true width, coloured by composition."""
+"""A layer of a job as a picture: its tracks to scale, coloured by composition."""
 
 from __future__ import annotations
 
@@ -31,14 +31,15 @@ def draw_layer(
     materials: tuple[str, ...],
     *,
     start_mm: tuple[float, float],
-    bead_width_mm: float,
+    track_pitch_mm: float,
     title: str,
     target: Path,
 ) -> None:
     """Draw one layer and save it; the ending of `target` (.png, .svg, .pdf) chooses the format.
 
     start_mm : (x, y) before the layer's first line
-    bead_width_mm : width beads are drawn at, to scale, a little less so that neighbours show
+    track_pitch_mm : spacing of neighbouring tracks; each is drawn a little narrower, to scale, so
+        that one shows beside the other (beads themselves overlap)
     Raises OSError where the file cannot be written.
     """
     ends = np.stack([layer.lines["x_mm"], layer.lines["y_mm"]], axis=1)
@@ -49,7 +50,7 @@ def draw_layer(
 
     figure = Figure(figsize=_PICTURE_IN, dpi=150)
     axes = figure.add_axes(_AXES)
-    mm_per_point = _frame(axes, segments[bead] if bead.any() else segments, bead_width_mm)
+    mm_per_point = _frame(axes, segments[bead] if bead.any() else segments, track_pitch_mm)
     moved = (starts != ends).any(axis=1)
     travel = moved & ((kind == LineKind.TRAVEL) | (kind == LineKind.LEAD))
     axes.add_collection(
@@ -61,7 +62,7 @@ def draw_layer(
     colours = composition_colours(layer.lines["fractions"][bead])
     axes.add_collection(
         LineCollection(
-            list(segments[bead]), colors=colours, linewidths=0.82 * bead_width_mm / mm_per_point,
+            list(segments[bead]), colors=colours, linewidths=0.86 * track_pitch_mm / mm_per_point,
             capstyle="round", zorder=2,
         )
     )
