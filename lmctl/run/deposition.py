@@ -14,6 +14,7 @@ from firmware_protocol.status import StatusReport
 from lmctl.run.cell import Cell
 from lmctl.run.job_window import JobWindow
 from lmctl.run.outlook import Outlook
+from lmctl.run.overrides import override_bytes
 from lmctl.run.powder_lead import TICK_S, PowderPlan
 from lmctl.run.program_clock import ProgramClock
 from lmctl.run.recorder import Recorder
@@ -21,6 +22,12 @@ from lmctl.run.streamer import Streamer
 
 #: Flows are sent when they differ at the feeders' resolution, 0.01 g/min (process.md 1.4).
 _FLOW_DECIMALS = 2
+
+#: An override waits so long for a travel in which it can be set [s].
+_OVERRIDE_WITHIN_S = 60.0
+
+#: The travel must begin so much later than powder sent now arrives [s]: a report and two ticks.
+_NOTICE_S = 0.3
 
 #: (program time done, program time in all, layer, remaining machine time) [s]
 Progress = Callable[[float, float, int, float], None]
@@ -60,6 +67,7 @@ class Deposition:
         self._fed_g = np.zeros(len(self._names))
         self._layer = 0
         self._layer_t = 0.0
+        self._percent = 100
 
     @property
     def executed(self) -> int:
@@ -115,6 +123,25 @@ class Deposition:
         self._layer_t = self._loop.time()
         self._release()
 
+    def override_now(self, percent: int) -> None:
+        """Set the feed override at once."""
+        for byte in override_bytes(percent):
+            self._cell.motion.realtime(byte)
+        self.clock.set_rate(self._loop.time(), percent / 100.0)
+
+    def override_when_dark(self, percent: int) -> None:
+        """Set the feed override in the next travel that powder sent from now on can reach.
+
+        What is in the hoses was sent for the old one. Where no such travel comes soon, at once.
+        """
+        t = self._loop.time()
+        reach_s = self.clock.ahead(t, self.plan.lead_s + _NOTICE_S)
+        dark = self._window.next_dark_s(reach_s, self.clock.ahead(t, _OVERRIDE_WITHIN_S))
+        if dark is None:
+            self.override_now(percent)
+        else:
+            self.clock.plan_rate(*dark, percent / 100.0)
+
     def resumed(self) -> None:
         """Motion goes on after a hold."""
         self._outlook.restart()
@@ -147,8 +174,10 @@ class Deposition:
             return
         if self._streaming:
             if report.overrides is not None:
-                self.clock.set_rate(t, report.overrides[0] / 100.0)
+                self._controller_override(t, report.overrides[0])
             self.clock.report(t, motion.executed, position_mm)
+            if (due := self.clock.due_rate(t)) is not None:
+                self.override_now(round(due * 100.0))
         self._recorder.sample(
             self.executed, position_mm, report.feed_mm_min, report.spindle, self._flows_g_min,
             self._cell.measured_g_min(),
@@ -158,6 +187,13 @@ class Deposition:
             remaining_s = self._outlook.remaining_s(t, s, self.clock.rate)
             if remaining_s is not None:
                 self._progress(s, self._window.end_s, self._layer, remaining_s)
+
+    def _controller_override(self, t: float, percent: int) -> None:
+        """What the controller reports counts: its panel may have been used."""
+        if percent != self._percent:
+            self._percent = percent
+            self._recorder.override(percent, "controller")
+        self.clock.set_rate(t, percent / 100.0)
 
     def _go_on(self) -> None:
         motion = self._cell.motion

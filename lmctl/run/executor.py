@@ -98,18 +98,18 @@ class Executor:
         """
         self._request(Event.STOP)
 
-    async def set_override(self, percent: int) -> None:
+    def set_override(self, percent: int) -> None:
         """Scale speed, beam and powder together; before the run, for all of it.
 
-        percent : 50 to 200. Raises UsageError for another value, MachineError where the
-        controller does not follow.
+        In the run it comes with the next travel that powder can be made to follow.
+        percent : 50 to 200. Raises UsageError for another value.
         """
         if not LEAST_PERCENT <= percent <= MOST_PERCENT:
             raise UsageError(f"a feed override of {percent} % is not possible",
                              hint=f"give {LEAST_PERCENT} to {MOST_PERCENT}")
         self._override_percent = percent
         if self._sequence is not None:
-            await self._sequence.set_override(percent)
+            self._sequence.set_override(percent)
 
     def _request(self, event: Event) -> None:
         if self._machine is None or not self._machine.knows(event):
@@ -159,18 +159,19 @@ class Executor:
         machine = StateMachine(sequence.carry_out, sequence.halt, recorder)
         self._sequence, self._machine = sequence, machine
         if self._override_percent != 100:
-            await sequence.set_override(self._override_percent)
+            sequence.set_override(self._override_percent)
         try:
             await machine.run()
         finally:
-            recorder.seal(machine.state, lines=sequence.executed)
+            warnings = (_BEAM_STAYED_OFF,) if sequence.touched and sequence.beam_off else ()
+            machine_s = loop.time() - start_t
+            recorder.seal(machine.state, lines=sequence.executed, warnings=list(warnings))
             await sequence.close()
         if machine.state is not State.DONE:
             raise self._ending(made, machine, sequence)
         return RunResult(
-            made.run, machine.state, sequence.executed, loop.time() - start_t,
-            time.perf_counter() - began, made.journal,
-            (_BEAM_STAYED_OFF,) if sequence.beam_off else (),
+            made.run, machine.state, sequence.executed, machine_s, time.perf_counter() - began,
+            made.journal, warnings,
         )
 
     def _ending(
@@ -204,6 +205,7 @@ class Executor:
             "powder_mode": manifest.powder_mode, "layers": len(manifest.layers),
             "lines": sum(entry.n_lines for entry in manifest.layers),
             "planned_s": manifest.layers[-1].end_s, "materials": list(manifest.materials),
+            "warnings": list(manifest.totals.get("warnings", [])),
             "hoppers": [
                 {"name": h.name, "feeder": h.feeder, "material": h.material,
                  "dead_time_s": h.dead_time_s, "lag_s": h.lag_s}

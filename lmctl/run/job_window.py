@@ -39,6 +39,7 @@ class Stretch:
 
     start_s, end_s : (n,) program time at which each line starts and ends
     start_mm, end_mm : (n, 3) where it starts and ends
+    fed : (n,) whether a feed override scales the line; dark : (n,) whether the beam is off
     fed_end_s : (n,) program time spent in G1 since the job began, up to each line's end
     program : the text of each line, without its end
     beam_s, beam_mm, energy_J : of its bead lines, as planned
@@ -52,6 +53,7 @@ class Stretch:
     start_mm: FloatArray
     end_mm: FloatArray
     fed: NDArray[np.bool_]
+    dark: NDArray[np.bool_]
     fed_end_s: FloatArray
     program: list[bytes]
     paths: tuple[PathSpan, ...]
@@ -141,7 +143,7 @@ class JobWindow:
         if rate == 1.0 or machine_s <= 0.0:
             return min(s + max(machine_s, 0.0), self.end_s)
         stretch = self._at(s)
-        target = self._machine_s(stretch, s, rate) + machine_s
+        target = self.machine_s(s, rate) + machine_s
         while True:
             ends = stretch.end_s - stretch.fed_end_s * (1.0 - 1.0 / rate)
             row = int(ends.searchsorted(target))
@@ -151,6 +153,30 @@ class JobWindow:
             if stretch.index == len(self.manifest.layers) - 1:
                 return self.end_s
             stretch = self.stretch(stretch.index + 1)
+
+    def next_dark_s(self, s: float, before_s: float) -> tuple[float, float] | None:
+        """Program times between which the beam is off: the first such span to start after s.
+
+        None where none starts before `before_s`.
+        """
+        stretch = self._at(s)
+        while True:
+            first = int(stretch.start_s.searchsorted(s))
+            dark = np.flatnonzero(stretch.dark[first:])
+            if len(dark):
+                first += int(dark[0])
+                lit = np.flatnonzero(~stretch.dark[first:])
+                last = first + int(lit[0]) - 1 if len(lit) else len(stretch.dark) - 1
+                start_s, end_s = float(stretch.start_s[first]), float(stretch.end_s[last])
+                if start_s >= before_s:
+                    return None
+                if end_s > start_s:
+                    return start_s, end_s
+                s = np.nextafter(end_s, np.inf)
+            elif stretch.end_s[-1] >= before_s or stretch.index + 1 == len(self.manifest.layers):
+                return None
+            else:
+                stretch = self.stretch(stretch.index + 1)
 
     def flow_g_s(self, s: float) -> FloatArray:
         """Mass flow wanted at the nozzle, (n_hoppers,) [g/s]."""
@@ -169,9 +195,9 @@ class JobWindow:
         layer = max(bisect_right(self._starts_s, s) - 1, 0)
         return self.stretch(max(layer, self._loaded[0].index if self._loaded else 0))
 
-    @staticmethod
-    def _machine_s(stretch: Stretch, s: float, rate: float) -> float:
-        """Machine time at s, on the scale where a line ends at end_s - fed_end_s (1 - 1/rate)."""
+    def machine_s(self, s: float, rate: float) -> float:
+        """Machine time from the job's start to program time s, at one override throughout."""
+        stretch = self._at(s)
         row = min(int(stretch.end_s.searchsorted(s)), len(stretch.end_s) - 1)
         left_s = stretch.end_s[row] - s
         fed_s = stretch.fed_end_s[row] - (left_s if stretch.fed[row] else 0.0)
@@ -193,8 +219,9 @@ class JobWindow:
         if self._rewrite is not None:
             program = [self._rewrite(line) for line in program]
         self._loaded.append(Stretch(
-            index, layer.z_mm, layer.first_line, start_s, end_s, start_mm, end_mm, fed, fed_end_s,
-            program, _paths(index, layer.first_line, lines["path"]), layer.flow_s, layer.flow_g_s,
+            index, layer.z_mm, layer.first_line, start_s, end_s, start_mm, end_mm, fed, ~bead,
+            fed_end_s, program, _paths(index, layer.first_line, lines["path"]), layer.flow_s,
+            layer.flow_g_s,
             beam_s=float(lasting_s[bead].sum()),
             beam_mm=float(np.linalg.norm((end_mm - start_mm)[bead], axis=1).sum()),
             energy_J=float((lines["power_W"][bead] * lasting_s[bead]).sum()),

@@ -8,6 +8,7 @@ Pure: it is told the time (loop clock, seconds) with every call.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -22,10 +23,23 @@ _LOOK_BACK_S, _LOOK_AHEAD_S = 0.15, 0.55
 _TIME_WEIGHT_MM_S = 0.02
 
 
+@dataclass(frozen=True)
+class RateChange:
+    """The feed override goes from `before` to `after` at program time from_s.
+
+    Powder goes from one to the other evenly by to_s: the beam is off in between.
+    """
+
+    from_s: float
+    to_s: float
+    before: float
+    after: float
+
+
 class ProgramClock:
     """Program time of one run.
 
-    rate : feed override (1 = as planned)
+    rate : feed override now (1 = as planned)
     acknowledged : lines the controller has taken so far; time never runs past their end
 
     The clock stands until `run_from`, and again after `stand`.
@@ -35,6 +49,7 @@ class ProgramClock:
         self.rate = 1.0
         self.acknowledged = 0
         self._window = window
+        self._change: RateChange | None = None
         self._known_t = 0.0
         self._known_s = 0.0
         self._runs_from_t = math.inf
@@ -56,12 +71,35 @@ class ProgramClock:
             self._known_t = t
             self.rate = rate
 
+    def plan_rate(self, from_s: float, to_s: float, rate: float) -> None:
+        """The feed override will be set to `rate` when program time is from_s.
+
+        It takes `set_rate` then to tell that it has been.
+        """
+        self._change = RateChange(from_s, to_s, self.rate, rate)
+
+    def due_rate(self, t: float) -> float | None:
+        """The planned override if it is time to set it, else None."""
+        change = self._change
+        due = change is not None and self.rate != change.after and self.now(t) >= change.from_s
+        return change.after if change is not None and due else None
+
+    def rate_at(self, s: float) -> float:
+        """The feed override there will be at program time s, as powder is to follow it."""
+        change = self._change
+        if change is None:
+            return self.rate
+        share = (s - change.from_s) / (change.to_s - change.from_s)
+        return change.before + min(max(share, 0.0), 1.0) * (change.after - change.before)
+
     def report(self, t: float, executed: int, position_mm: tuple[float, ...]) -> None:
         """A status report: lines executed so far, and where the nozzle was, at t.
 
         position_mm : program coordinates x, y, z
         """
         expected_s = self.now(t)
+        if self._change is not None and expected_s > self._change.to_s:
+            self._change = None
         if executed >= self._window.n_lines:
             self._known_s = self._window.end_s
         else:
@@ -74,15 +112,19 @@ class ProgramClock:
         if running_s <= 0.0:
             return self._known_s
         limit_s = self._window.line_start_s(self.acknowledged)
-        return max(self._known_s, min(self._ahead_of(self._known_s, running_s), limit_s))
+        reached_s = self._window.advance(self._known_s, running_s, self.rate)
+        return max(self._known_s, min(reached_s, limit_s))
 
     def ahead(self, t: float, machine_s: float) -> float:
         """Program time that will have been reached `machine_s` after t, if all goes on as it is."""
-        running_s = t + machine_s - max(t, self._runs_from_t)
-        return self._ahead_of(self.now(t), running_s)
-
-    def _ahead_of(self, s: float, machine_s: float) -> float:
-        return self._window.advance(s, machine_s, self.rate)
+        s, running_s = self.now(t), t + machine_s - max(t, self._runs_from_t)
+        reached_s = self._window.advance(s, running_s, self.rate)
+        change = self._change
+        if change is None or not s < change.from_s < reached_s:
+            return reached_s
+        before_s = (self._window.machine_s(change.from_s, self.rate)
+                    - self._window.machine_s(s, self.rate))
+        return self._window.advance(change.from_s, running_s - before_s, change.after)
 
     def _nearest(
         self, executed: int, position_mm: tuple[float, ...], expected_s: float

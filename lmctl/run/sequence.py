@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable, Sequence
 
 from firmware_protocol.realtime import Realtime
-from lmctl.config.machine import Feeder, Hopper, MachineProfile
+from lmctl.config.machine import Hopper, MachineProfile
 from lmctl.errors import MachineError
 from lmctl.job.reader import JobReader
 from lmctl.machine.feeder import FeederDriver
@@ -16,7 +16,6 @@ from lmctl.run.cell import Cell, is_idle
 from lmctl.run.deposition import Deposition, Progress
 from lmctl.run.job_window import JobWindow
 from lmctl.run.machine_check import check_motion
-from lmctl.run.overrides import override_bytes
 from lmctl.run.powder_lead import Hose, PowderPlan
 from lmctl.run.program_clock import ProgramClock
 from lmctl.run.recorder import Recorder
@@ -29,7 +28,6 @@ KEEP_POWDER_S = 30.0
 #: Beyond its own settling time a feeder may take so long to call its powder stable.
 _STABLE_PATIENCE_S = 60.0
 
-_GAS_PATIENCE_S = 10.0
 _REST_PATIENCE_S = 10.0
 _OVERRIDE_PATIENCE_S = 5.0
 
@@ -94,12 +92,12 @@ class CellSequence:
         if self._cell is not None:
             self._cell.motion.realtime(Realtime.HOLD)
 
-    async def set_override(self, percent: int) -> None:
-        """Set the feed override; before motion starts it is kept for then. Raises MachineError."""
+    def set_override(self, percent: int) -> None:
+        """Set the feed override where powder can follow; before motion starts, for all of it."""
         self._override_percent = percent
         self._recorder.override(percent, "operator")
         if self._deposition is not None and self._deposition.started:
-            await self._send_override()
+            self._deposition.override_when_dark(percent)
 
     async def close(self) -> None:
         """Let go of the cell, whatever became of the run."""
@@ -131,11 +129,12 @@ class CellSequence:
     async def _check_machine(self) -> None:
         motion, profile = self._the_cell.motion, self._profile
         identity = motion.identity
+        # Until interlocks are watched, no beam leaves for a machine that is not the bench.
         self.beam_off = not identity.is_bench
         self._recorder.machine(
-            firmware=identity.version, info=identity.info, dialect=identity.dialect.name,
+            dialect=identity.dialect.name, version=identity.version, info=identity.info,
             rx_bytes=identity.rx_bytes, planner_blocks=identity.planner_blocks,
-            position_trusted=motion.position_trusted, beam_off=self.beam_off,
+            is_bench=identity.is_bench, position_trusted=motion.position_trusted,
         )
         check_motion(motion, profile)
         if self.beam_off:
@@ -178,14 +177,7 @@ class CellSequence:
         await cell.at_rest_at((x, y, z), reach / speed + _REST_PATIENCE_S)
 
     async def _gas_on(self) -> None:
-        cell = self._the_cell
-        preflow_s = max(feeder.gas_preflow_s for feeder in self._feeders_used())
-        await cell.feeders_do(FeederDriver.start_gas)
-        await asyncio.sleep(preflow_s)
-        await cell.until(
-            lambda: all(f.status is not None and f.status.gas_ok for f in cell.feeders),
-            _GAS_PATIENCE_S, "carrier gas",
-        )
+        await self._the_cell.feeders_do(FeederDriver.start_gas)
 
     async def _powder_on(self) -> None:
         self._the_deposition.powder_on()
@@ -206,7 +198,7 @@ class CellSequence:
     async def _arm_beam(self) -> None:
         motion = self._the_cell.motion
         if self._override_percent != 100:
-            await self._send_override()
+            await self._override_now()
         await motion.command("M4 S0")
         said = await motion.command("$G")
         if not any(_ARMED.fullmatch(line) for line in said):
@@ -272,27 +264,19 @@ class CellSequence:
         await self._the_cell.feeders_do(FeederDriver.feed_off)
 
     async def _gas_off(self) -> None:
-        """Blow the hoses empty first, or the powder left in them clogs the next start."""
-        postflow_s = max(feeder.gas_postflow_s for feeder in self._feeders_used())
-        await asyncio.sleep(max(postflow_s, self._the_deposition.plan.settling_s))
-        await self._gas_off_now()
+        """Gas off after the post-flow: powder left in a hose clogs the next start."""
+        await self._the_cell.feeders_do(FeederDriver.gas_off)
 
     async def _gas_off_now(self) -> None:
-        await self._the_cell.feeders_do(FeederDriver.gas_off)
+        await self._the_cell.feeders_do(lambda feeder: feeder.gas_off(post_flow=False))
 
     # --- common -------------------------------------------------------------------------------
 
-    async def _send_override(self) -> None:
+    async def _override_now(self) -> None:
         cell, percent = self._the_cell, self._override_percent
-        for byte in override_bytes(percent):
-            cell.motion.realtime(byte)
-        self._the_deposition.clock.set_rate(self._loop.time(), percent / 100.0)
+        self._the_deposition.override_now(percent)
         await cell.until(lambda: cell.motion.overrides[0] == percent, _OVERRIDE_PATIENCE_S,
                          f"a feed override of {percent} %")
-
-    def _feeders_used(self) -> list[Feeder]:
-        names = {feeder.name for feeder in self._the_cell.feeders}
-        return [feeder for feeder in self._profile.feeder if feeder.name in names]
 
     @property
     def _the_cell(self) -> Cell:

@@ -108,3 +108,20 @@ def test_lines_are_rewritten_as_they_are_read(job):
     window = job(there_and_back(1)).window(rewrite=lambda line: line.replace(b"S500", b"S0"))
     assert b"S500" not in b"".join(window.stretch(0).program)
     assert np.array(window.stretch(0).program).size == 4
+
+
+def test_the_next_dark_span_is_found_across_beads_and_layers(job):
+    window = job(there_and_back()).window()  # dark: 0-1, 5-6 and on into 6-7, 11-12, ...
+    assert window.next_dark_s(0.0, 60.0) == (0.0, 1.0)
+    assert window.next_dark_s(0.5, 60.0) == (5.0, 6.0)
+    assert window.next_dark_s(5.5, 60.0) == (6.0, 7.0)
+    assert window.next_dark_s(7.0, 60.0) == (11.0, 12.0)
+    assert window.next_dark_s(7.0, 11.0) is None
+    assert window.next_dark_s(17.5, 60.0) is None
+
+
+def test_machine_time_is_what_advancing_takes(job):
+    window = job(there_and_back()).window()
+    for rate in (0.5, 1.0, 1.7):
+        taken_s = window.machine_s(13.3, rate) - window.machine_s(2.2, rate)
+        assert window.advance(2.2, taken_s, rate) == pytest.approx(13.3)

@@ -61,9 +61,10 @@ def at_nozzle(setpoints, theta_s, lag_s, times):
 
 
 def share_within(job, *, mode="lead", dwell_s=0.0, rate=1.0, theta_error_s=0.0, phase_s=0.0,
-                 tolerance=0.02):
+                 tolerance=0.02, change=None):
     """Share of the laser-on path within the tolerance at the nozzle; worst error of the total flow;
-    duration."""
+    duration. change : (t, rate, planned): another override from then on, or in the next rapid
+    that powder can still be made to follow."""
     small = rings(job, mode, dwell_s)
     window = small.window()
     clock = ProgramClock(window)
@@ -74,8 +75,19 @@ def share_within(job, *, mode="lead", dwell_s=0.0, rate=1.0, theta_error_s=0.0, 
     plan = PowderPlan(mode, hoses, window, clock)
     starts_t = plan.lead_s + 0.5 + phase_s
     clock.run_from(starts_t)
-    setpoints, t = [], 0.0
+    setpoints, t, rates = [], 0.0, []
     while clock.now(t) < window.end_s:
+        if change is not None and t >= change[0]:
+            _, new_rate, planned = change
+            change = None
+            if planned:
+                clock.plan_rate(*window.next_dark_s(clock.ahead(t, plan.lead_s + 0.2), 99.0),
+                                new_rate)
+            else:
+                clock.set_rate(t, new_rate)
+        if clock.due_rate(t) is not None:
+            clock.set_rate(t, clock.due_rate(t))
+        rates.append((t, clock.now(t), clock.rate))
         setpoints.append(plan.setpoints_g_s(t))
         t = len(setpoints) * TICK_S
     setpoints = np.array(setpoints)
@@ -83,16 +95,20 @@ def share_within(job, *, mode="lead", dwell_s=0.0, rate=1.0, theta_error_s=0.0, 
     nozzle = np.column_stack([
         at_nozzle(setpoints[:, h], THETA_S[h], LAG_S[h], times) for h in range(2)
     ])
-    on, wanted = [], []
+    on, wanted, wanted_rate = [], [], []
     lines = small.layers[0].lines
+    ticks = np.array(rates)
     for now in times:
-        row = min(int(np.searchsorted(lines["end_s"], clock.now(now))), len(lines) - 1)
+        t_tick, s, r = ticks[int(np.searchsorted(ticks[:, 0], now, side="right")) - 1]
+        s = window.advance(s, now - max(t_tick, starts_t), r)
+        row = min(int(np.searchsorted(lines["end_s"], s)), len(lines) - 1)
         path = int(lines["path"][row])
         on.append(path >= 0)
         wanted.append(RINGS[path][0] if path >= 0 else 0.0)
-    on, wanted = np.array(on), np.array(wanted)
+        wanted_rate.append(r)
+    on, wanted, wanted_rate = np.array(on), np.array(wanted), np.array(wanted_rate)
     error = np.abs(nozzle[:, 1] / nozzle.sum(axis=1) - wanted)[on]
-    total = np.abs(nozzle.sum(axis=1)[on] / rate - 1.0)
+    total = np.abs(nozzle.sum(axis=1) / wanted_rate - 1.0)[on]
     return float((error <= tolerance).mean()), float(np.quantile(total, 0.99)), t - starts_t
 
 
@@ -127,13 +143,23 @@ def test_powder_follows_a_feed_override(job, rate):
     assert total < 0.03  # mass laid per millimetre stays
 
 
+@pytest.mark.parametrize("rate", [0.6, 1.4])
+def test_an_override_set_in_a_rapid_ahead_spoils_nothing(job, rate):
+    share, total, _ = share_within(job, change=(20.0, rate, True))
+    assert share >= 0.98
+    assert total < 0.05
+    at_once, total_at_once, _ = share_within(job, change=(20.0, rate, False))
+    assert at_once < share
+    assert total_at_once > 0.25  # what was sent before keeps coming for a dead time
+
+
 @pytest.mark.parametrize("error_s", [-0.5, 0.5])
 def test_a_dead_time_wrong_by_half_a_second_costs_little(job, error_s):
     assert share_within(job, theta_error_s=error_s)[0] >= 0.90
 
 
 def test_set_points_stay_within_the_hopper(job):
-    u = lead(np.array([0.1, 0.1, 0.5]), np.array([0.0, 0.3, 0.5]), 1.0, np.ones(3), np.full(3, 0.9))
+    u = lead(np.array([0.1, 0.1, 0.5]), np.array([0.0, 0.3, 0.5]), np.ones(3), np.full(3, 0.9))
     assert u[0] == 0.0
     assert u[1] == 0.9
     assert u[2] == 0.5
@@ -146,7 +172,7 @@ def test_the_law_is_the_one_of_the_design(rate):
     def w(s):
         return 0.2 + slope * s
     s_ahead = 4.0
-    u = lead(np.array([w(s_ahead)]), np.array([w(s_ahead + rate * TICK_S)]), rate,
+    u = lead(rate * np.array([w(s_ahead)]), rate * np.array([w(s_ahead + rate * TICK_S)]),
              np.array([lag]), np.array([9.0]))
     middle = s_ahead + rate * TICK_S / 2
     assert u[0] == pytest.approx(rate * (w(middle) + rate * lag * slope))

@@ -172,3 +172,25 @@ def test_the_end_is_the_end(job):
     clock.report(0.9, 4, place(window, 1.0)[1])
     assert clock.now(0.9) == 1.0
     assert clock.now(9.0) == 1.0
+
+
+def test_a_planned_override_is_counted_with_before_it_comes(job):
+    """Beads to 4 s, a rapid to 5 s, beads again: half speed from the rapid on."""
+    rows = [("bead", (10, 0, 0), 4.0, 0), ("travel", (0, 5, 0), 1.0), ("bead", (10, 5, 0), 5.0, 1)]
+    window = job([rows]).window()
+    clock = ProgramClock(window)
+    clock.acknowledged = 3
+    clock.run_from(0.0)
+    clock.plan_rate(4.0, 5.0, 0.5)
+    assert clock.ahead(1.0, 2.0) == pytest.approx(3.0)
+    assert clock.ahead(1.0, 4.0) == pytest.approx(5.0)  # the rapid keeps its speed
+    assert clock.ahead(1.0, 6.0) == pytest.approx(6.0)
+    assert [clock.rate_at(s) for s in (3.9, 4.5, 5.0, 9.0)] == pytest.approx([1.0, 0.75, 0.5, 0.5])
+    assert clock.due_rate(3.9) is None
+    assert clock.due_rate(4.05) == 0.5
+    clock.set_rate(4.05, 0.5)
+    assert clock.due_rate(4.1) is None
+    assert clock.ahead(4.05, 1.95) == pytest.approx(5.5)
+    clock.report(6.05, 2, (1.0, 5.0, 0.0))
+    clock.report(6.1, 2, (1.1, 5.0, 0.0))
+    assert clock.rate_at(4.5) == 0.5  # long past, and forgotten
