@@ -1,0 +1,154 @@
+"""From a trace to a bead: as few vertices as shape and mixture allow, and the speed between them.
+
+The volume a millimetre takes is share · layer height. The powder volume per second is kept at the
+recipe's, and what a share differs from the nominal pitch is made up by speed, which follows at
+once where powder comes seconds late.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmctl.plan.mixture import runs
+from lmctl.plan.nozzle import Nozzle
+from lmctl.plan.order import Trace
+from lmctl.plan.polyline import arc_lengths, at_lengths, densified, simplified
+from lmctl.plan.recipe import Recipe
+
+FloatArray = NDArray[np.float64]
+
+#: Simplifying a path moves it by no more than this part of the bead width,
+_TOLERANCE = 0.01
+#: and its share by no more than this part of the pitch.
+_SHARE_TOLERANCE = 0.03
+#: Speed differs from the recipe's by at most this factor, to level the volume.
+MOST_LEVELLING = 1.5
+#: Volume fraction within which a predicted mixture counts as right (process.md 2.3).
+TOLERANCE_FRACTION = 0.02
+#: Where the mixture changes too fast along a path, the path is slowed down, but not below this.
+PACES = (1.0, 0.85, 0.7, 0.6, 0.5)
+
+
+@dataclass(frozen=True)
+class Bead:
+    """A path to lay with the beam on; v vertices, v − 1 segments.
+
+    points : (v, 2) float64 [mm]; fractions : (v, m) float64
+    speed_mm_s, power_W : (v − 1,) float64
+    pace : factor on the recipe's speed, powder and power, for the whole path
+    snapped_mm : length whose mixture was moved to what the hoppers can meter
+    snapped_by : by how much at most, volume fraction
+    """
+
+    points: FloatArray
+    fractions: FloatArray
+    speed_mm_s: FloatArray
+    power_W: FloatArray
+    pace: float
+    snapped_mm: float
+    snapped_by: float
+
+    @property
+    def length_mm(self) -> float:
+        return float(arc_lengths(self.points)[-1])
+
+
+def make_bead(
+    trace: Trace, recipe: Recipe, step: float, longest_s: float, max_speed_mm_s: float, where: str,
+    *, leads: bool,
+) -> Bead:
+    """The bead of a trace.
+
+    step : quantum of volume fraction; longest_s : most a segment may last
+    leads : whether powder is led, so that slowing down can help it follow
+    Raises PlanError where no hopper can deliver what it needs.
+    """
+    bounds, wanted = runs(trace.fractions, step)
+    levels = recipe.deliverable(wanted)
+    recipe.check_deliverable(levels, where)
+    along = arc_lengths(trace.points)
+    edges = np.concatenate([[0.0], (along[bounds[1:-1] - 1] + along[bounds[1:-1]]) / 2,
+                            [along[-1]]])
+    centres = (edges[1:] + edges[:-1]) / 2
+    off = np.abs(levels - wanted).max(axis=1)
+    at = _vertices(trace, along, centres, recipe)
+    slowest = float(recipe.speed(levels).min()) / MOST_LEVELLING * PACES[-1]
+    at = densified(np.column_stack([at, np.zeros(len(at))]), longest_s * slowest)[:, 0]
+    fractions = np.column_stack([
+        np.interp(at, centres, levels[:, m]) for m in range(levels.shape[1])])
+    share = np.interp(at, along, trace.share_mm)
+    levelling = np.clip(
+        recipe.pitch_mm * 2 / (share[1:] + share[:-1]), 1 / MOST_LEVELLING, MOST_LEVELLING)
+    middle = (fractions[1:] + fractions[:-1]) / 2
+    bead = Bead(
+        points=at_lengths(trace.points, at),
+        fractions=fractions,
+        speed_mm_s=np.minimum(recipe.speed(middle) * levelling, max_speed_mm_s),
+        power_W=recipe.power(middle),
+        pace=1.0,
+        snapped_mm=float(np.diff(edges)[off > step / 2].sum()),
+        snapped_by=float(off.max()),
+    )
+    return _slowed(bead, recipe) if leads and len(levels) > 1 else bead
+
+
+def _vertices(
+    trace: Trace, along: FloatArray, centres: FloatArray, recipe: Recipe
+) -> FloatArray:
+    """Lengths along the trace at which the bead has a vertex: corners, and centres of runs."""
+    inner = centres if len(centres) > 1 else np.empty(0)
+    all_mm = np.union1d(along, inner)
+    points = at_lengths(trace.points, all_mm)
+    share = np.interp(all_mm, along, trace.share_mm)
+    tolerance_mm = _TOLERANCE * recipe.bead_mm
+    scaled = share * tolerance_mm / (_SHARE_TOLERANCE * recipe.pitch_mm)
+    fixed = np.searchsorted(all_mm, inner)
+    kept = simplified(np.column_stack([points, scaled]), tolerance_mm, fixed)
+    return np.asarray(all_mm[kept])
+
+
+def _slowed(bead: Bead, recipe: Recipe) -> Bead:
+    """The bead at the fastest pace at which the powder can follow its mixture.
+
+    Slower, the mixture changes more slowly in time, and less flow is asked for: half the pace
+    halves what the lag demands. Falls back on the pace of least error.
+    """
+    least = _least_pace(bead, recipe)
+    best, best_error = bead, np.inf
+    for pace in PACES:
+        if pace < least and pace != PACES[0]:
+            break
+        tried = replace(bead, speed_mm_s=bead.speed_mm_s * pace, power_W=bead.power_W * pace,
+                        pace=pace)
+        error = _predicted_error(tried, recipe)
+        if error <= TOLERANCE_FRACTION:
+            return tried
+        if error < best_error - TOLERANCE_FRACTION / 2:
+            best, best_error = tried, error
+    return best
+
+
+def _least_pace(bead: Bead, recipe: Recipe) -> float:
+    """Below this pace a hopper would be asked for less than it can meter."""
+    flow = recipe.flow_g_s(bead.fractions)
+    metered = flow >= recipe.min_flow_g_s * (1 - 1e-9)
+    ratio = np.where(metered & (flow > 0), recipe.min_flow_g_s / np.maximum(flow, 1e-12), 0.0)
+    return float(ratio.max())
+
+
+def _predicted_error(bead: Bead, recipe: Recipe) -> float:
+    """Largest error of volume fraction along the bead with led powder, after a settled start."""
+    flow = recipe.flow_g_s(bead.fractions, bead.pace)
+    lasting = np.linalg.norm(np.diff(bead.points, axis=0), axis=1) / bead.speed_mm_s
+    ahead = recipe.lag_s * np.diff(flow, axis=0) / lasting[:, None]
+    low = np.minimum(flow[1:], flow[:-1]) + ahead
+    high = np.maximum(flow[1:], flow[:-1]) + ahead
+    if (low >= 0).all() and (high <= recipe.max_flow_g_s).all():
+        return 0.0
+    times = np.concatenate([[0.0], np.cumsum(lasting)])
+    nozzle = Nozzle(recipe.dead_time_s, recipe.lag_s, recipe.max_flow_g_s, leads=True)
+    laid = recipe.laid_fractions(nozzle.advance(times, flow, times))
+    return float(np.abs(laid - recipe.laid_fractions(flow)).max())

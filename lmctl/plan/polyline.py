@@ -1,0 +1,100 @@
+"""Polylines in the plane: length along them, points at given lengths, fewer vertices."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
+
+
+def arc_lengths(points: FloatArray) -> FloatArray:
+    """Length from the first vertex to each, (k,) float64 [mm], of a polyline (k, 2 or 3)."""
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def at_lengths(points: FloatArray, lengths_mm: FloatArray) -> FloatArray:
+    """The points at these lengths along a polyline, (n, d) float64."""
+    along = arc_lengths(points)
+    return np.stack(
+        [np.interp(lengths_mm, along, points[:, axis]) for axis in range(points.shape[1])], axis=1
+    )
+
+
+def densified(points: FloatArray, spacing_mm: float) -> FloatArray:
+    """The polyline with vertices added where they are farther apart than `spacing_mm`."""
+    along = arc_lengths(points)
+    pieces = np.maximum(1, np.ceil(np.diff(along) / spacing_mm).astype(int))
+    if pieces.max(initial=1) == 1:
+        return points
+    index = np.repeat(np.arange(len(pieces)), pieces)
+    share = (np.arange(len(index)) - np.repeat(np.cumsum(pieces) - pieces, pieces)) / pieces[index]
+    inner = points[index] + share[:, None] * (points[index + 1] - points[index])
+    return np.vstack([inner, points[-1:]])
+
+
+def simplified(points: FloatArray, tolerance_mm: float, fixed: IntArray) -> IntArray:
+    """Which vertices to keep so that the polyline moves by no more than `tolerance_mm`.
+
+    Douglas–Peucker between the vertices `fixed`, which always stay, as do both ends.
+
+    points : (k, 3) float64: x, y [mm] and any third value that shall be kept as closely,
+        scaled so that the tolerance fits it
+    returns : rising indices, (m,) intp
+    """
+    keep = np.zeros(len(points), dtype=np.bool_)
+    keep[0] = keep[-1] = True
+    keep[fixed] = True
+    _mark(np.ascontiguousarray(points), tolerance_mm**2, keep)
+    return np.flatnonzero(keep)
+
+
+@njit(cache=True)
+def _mark(points, tolerance_sq, keep):  # type: ignore[no-untyped-def]
+    """Mark in `keep` the vertices Douglas–Peucker needs between those already marked."""
+    n = len(points)
+    stack_first = np.empty(n, np.int64)
+    stack_last = np.empty(n, np.int64)
+    start = 0
+    while start < n - 1:
+        end = start + 1
+        while not keep[end]:
+            end += 1
+        depth = 1
+        stack_first[0] = start
+        stack_last[0] = end
+        while depth > 0:
+            depth -= 1
+            first = stack_first[depth]
+            last = stack_last[depth]
+            if last - first < 2:
+                continue
+            ax, ay = points[first, 0], points[first, 1]
+            az = points[first, 2]
+            ux, uy = points[last, 0] - ax, points[last, 1] - ay
+            uz = points[last, 2] - az
+            size = ux * ux + uy * uy + uz * uz
+            worst = -1.0
+            at = first
+            for k in range(first + 1, last):
+                wx, wy, wz = points[k, 0] - ax, points[k, 1] - ay, points[k, 2] - az
+                t = 0.0
+                if size > 0.0:
+                    t = min(1.0, max(0.0, (wx * ux + wy * uy + wz * uz) / size))
+                dx, dy, dz = wx - t * ux, wy - t * uy, wz - t * uz
+                d = dx * dx + dy * dy + dz * dz
+                if d > worst:
+                    worst = d
+                    at = k
+            if worst > tolerance_sq:
+                keep[at] = True
+                stack_first[depth] = first
+                stack_last[depth] = at
+                depth += 1
+                stack_first[depth] = at
+                stack_last[depth] = last
+                depth += 1
+        start = end

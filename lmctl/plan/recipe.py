@@ -1,0 +1,167 @@
+"""From volume fractions to speed, power and powder: what each mixture needs of the machine."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lmctl.config.machine import Hopper, MachineProfile
+from lmctl.config.part_file import Process
+from lmctl.errors import PlanError
+from lmctl.preflight.hoppers import hopper_of
+
+if TYPE_CHECKING:
+    from lmctl.part.materials import MaterialSpec
+
+FloatArray = NDArray[np.float64]
+
+
+def hopper_flows_g_min(
+    fractions: ArrayLike, density_g_mm3: ArrayLike, catch_efficiency: ArrayLike,
+    volume_rate_mm3_s: ArrayLike,
+) -> FloatArray:
+    """Powder flow of each hopper that deposits a wanted mixture at a wanted rate.
+
+    m_i = 60 V_i ρ_i Q_v / η_i: the paper mixes by volume, feeders meter mass, and every powder
+    is caught with its own efficiency (process.md 3.2).
+
+    fractions : (..., n_hoppers) float64, volume fractions V_i of the deposit, sum 1
+    density_g_mm3, catch_efficiency : (n_hoppers,) float64, solid density ρ_i, η_i in (0, 1]
+    volume_rate_mm3_s : Q_v, number or (..., 1) float64
+    returns : (..., n_hoppers) float64 [g/min]
+
+    >>> hopper_flows_g_min([0.5, 0.5], [0.00785, 0.0143], [0.75, 0.55], 7.8).round(4)
+    array([2.4492, 6.084 ])
+    """
+    per_volume = np.asarray(density_g_mm3, np.float64) / np.asarray(catch_efficiency, np.float64)
+    rate = np.asarray(volume_rate_mm3_s, np.float64)
+    return np.asarray(60 * np.asarray(fractions, np.float64) * per_volume * rate)
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """The process of one part on one machine; arrays are (n_materials,) float64.
+
+    pitch_mm : nominal track spacing a(1 − overlap)
+    hoppers : the hopper of each material, in the part's order
+    """
+
+    materials: tuple[MaterialSpec, ...]
+    hoppers: tuple[Hopper, ...]
+    density_g_mm3: FloatArray
+    catch_efficiency: FloatArray
+    power_W: FloatArray
+    speed_mm_s: FloatArray
+    min_flow_g_s: FloatArray
+    max_flow_g_s: FloatArray
+    dead_time_s: FloatArray
+    lag_s: FloatArray
+    bead_mm: float
+    pitch_mm: float
+    layer_height_mm: float
+
+    def speed(self, fractions: FloatArray) -> FloatArray:
+        """Speed of mixtures (..., m): between the pure recipes by volume fraction [mm/s]."""
+        return np.asarray(fractions @ self.speed_mm_s)
+
+    def power(self, fractions: FloatArray) -> FloatArray:
+        """Beam power of mixtures (..., m), between the pure recipes [W]."""
+        return np.asarray(fractions @ self.power_W)
+
+    def flow_g_s(self, fractions: FloatArray, pace: FloatArray | float = 1.0) -> FloatArray:
+        """Flow of each hopper for mixtures (..., m) laid at `pace` times the recipe's speed."""
+        rate = self.pitch_mm * self.layer_height_mm * self.speed(fractions) * pace
+        flows = hopper_flows_g_min(
+            fractions, self.density_g_mm3, self.catch_efficiency, rate[..., None])
+        return flows / 60
+
+    def laid_fractions(self, flow_g_s: FloatArray) -> FloatArray:
+        """Volume fractions that flows (..., m) lay: V_i = m_i η_i / ρ_i, normalised."""
+        volume = flow_g_s * self.catch_efficiency / self.density_g_mm3
+        total = volume.sum(axis=-1, keepdims=True)
+        return np.asarray(np.divide(volume, total, out=np.zeros_like(volume), where=total > 0))
+
+    def deliverable(self, fractions: FloatArray) -> FloatArray:
+        """Mixtures (n, m) with every flow between a hopper's least and nothing set to the nearer.
+
+        What that adds or takes is shared by the other materials in proportion.
+        """
+        result = np.array(fractions, dtype=np.float64)
+        fixed = np.zeros(result.shape, dtype=np.bool_)
+        for _ in range(result.shape[1]):
+            flow = self.flow_g_s(result)
+            weak = (flow > 1e-12) & (flow < self.min_flow_g_s * (1 - 1e-9)) & ~fixed
+            if not weak.any():
+                break
+            row, column = np.nonzero(weak)
+            row, first = np.unique(row, return_index=True)
+            column = column[first]
+            least = result[row, column] * self.min_flow_g_s[column] / flow[row, column]
+            raised = flow[row, column] * 2 >= self.min_flow_g_s[column]
+            target = np.where(raised, np.minimum(least, 1.0), 0.0)
+            others = 1 - result[row, column]
+            target = np.where(others > 1e-9, target, 1.0)  # a pure powder cannot be replaced
+            scale = np.divide(1 - target, others, out=np.ones_like(others), where=others > 0)
+            result[row] *= scale[:, None]
+            result[row, column] = target
+            fixed[row, column] = True
+        return np.asarray(result / result.sum(axis=1, keepdims=True))
+
+    def check_deliverable(self, fractions: FloatArray, where: str) -> None:
+        """Raise PlanError where a mixture (n, m) asks a hopper for more or less than it can do."""
+        if len(fractions) == 0:
+            return
+        flow = self.flow_g_s(fractions)
+        excess = flow / self.max_flow_g_s
+        if excess.max() > 1 + 1e-9:
+            self._refuse(fractions, flow, excess, where, "at most", self.max_flow_g_s, "lower")
+        shortage = np.where(flow > 0, flow / np.maximum(self.min_flow_g_s, 1e-12), np.inf)
+        if shortage.min() < 1 - 1e-6:
+            self._refuse(fractions, flow, shortage, where, "at least", self.min_flow_g_s, "raise")
+
+    def _refuse(
+        self, fractions: FloatArray, flow: FloatArray, ratio: FloatArray, where: str, bound: str,
+        limit_g_s: FloatArray, change: str,
+    ) -> None:
+        worst = np.argmax(ratio) if change == "lower" else np.argmin(ratio)
+        row, column = np.unravel_index(int(worst), ratio.shape)
+        hopper = self.hoppers[column]
+        speed = float(self.speed(fractions[row]))
+        raise PlanError(
+            f"hopper {hopper.name} ({hopper.material}) would have to deliver "
+            f"{flow[row, column] * 60:.2g} g/min; it delivers {bound} {limit_g_s[column] * 60:g}",
+            where=(where, f"{fractions[row, column]:.0%} {hopper.material} at {speed:.3g} mm/s, "
+                   f"pitch {self.pitch_mm:.3g} mm, layer height {self.layer_height_mm:g} mm"),
+            hint=f"{change} speed_mm_s to {speed / ratio[row, column]:.3g} or beyond, or the layer "
+                 "height in proportion",
+        )
+
+
+def make_recipe(
+    materials: Sequence[MaterialSpec], process: Process, profile: MachineProfile
+) -> Recipe:
+    """The recipe of a part's materials on a machine. Raises PlanError: a material has no hopper."""
+    hoppers = [hopper_of(material.name, profile) for material in materials]
+
+    def column(values: list[float]) -> FloatArray:
+        return np.array(values, dtype=np.float64)
+
+    return Recipe(
+        materials=tuple(materials),
+        hoppers=tuple(hoppers),
+        density_g_mm3=column([m.density_g_mm3 for m in materials]),
+        catch_efficiency=column([m.catch_efficiency for m in materials]),
+        power_W=column([m.power_W for m in materials]),
+        speed_mm_s=column([m.speed_mm_s for m in materials]),
+        min_flow_g_s=column([h.min_flow_g_min for h in hoppers]) / 60,
+        max_flow_g_s=column([h.max_flow_g_min for h in hoppers]) / 60,
+        dead_time_s=column([h.dead_time_s for h in hoppers]),
+        lag_s=column([h.lag_s for h in hoppers]),
+        bead_mm=process.bead_width_mm,
+        pitch_mm=process.bead_width_mm * (1 - process.overlap),
+        layer_height_mm=process.layer_height_mm,
+    )

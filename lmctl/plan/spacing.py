@@ -1,0 +1,109 @@
+"""How far apart the tracks of an island lie, and what they carry where they meet in its middle.
+
+Tracks lie at depth a/2, then every pitch d. Where the walls' tracks meet, at depth R, what is
+left from the innermost to the middle is g = (R − a/2) mod d:
+
+- g < d/4: two tracks would pile up; one *centreline* track replaces them;
+- 2g ≤ `widest_gap_mm`: two tracks, spaced 2g;
+- else: two tracks and a centreline between them.
+
+The pitch may stretch or shrink by up to `PITCH_TOLERANCE` to bring 2g near d along most of the
+medial axis. What misfit is left the *share* of each track levels: the width of the strip it has
+to fill, half of the way to each neighbour. The planner lays share · layer height per millimetre.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
+BoolArray = NDArray[np.bool_]
+
+#: Largest part by which an island's pitch may differ from the process's.
+PITCH_TOLERANCE = 0.15
+#: A track's centre may lie this part of a bead outside the a/2 inset.
+INSET_TOLERANCE = 0.05
+#: Outermost tracks nearer to their middle than this part of a bead become one: not more, or
+#: the outline would be missed.
+_OUTER_MERGE = 0.02
+
+
+@dataclass(frozen=True)
+class Centrelines:
+    """What happens along a medial axis; each (n,) for its n vertices.
+
+    runs : bool, a centreline track runs there
+    merges : intp, the level whose tracks it replaces there, −1 where it replaces none
+    share_mm : float64, the strip a centreline has to fill there
+    """
+
+    runs: BoolArray
+    merges: IntArray
+    share_mm: FloatArray
+
+
+def widest_gap_mm(bead_mm: float, pitch_mm: float) -> float:
+    """Tracks may lie so far apart without one between: 1.5 pitches, but no void."""
+    return min(1.5 * pitch_mm, bead_mm)
+
+
+def centrelines(radius_mm: FloatArray, bead_mm: float, pitch_mm: float) -> Centrelines:
+    """Where centrelines run along a medial axis of depth `radius_mm` (n,)."""
+    depth, level, rest = _levels(radius_mm, bead_mm, pitch_mm)
+    outer = level == 0
+    merge = rest < np.where(outer, _OUTER_MERGE * bead_mm, pitch_mm / 4)
+    merge &= depth >= -INSET_TOLERANCE * bead_mm
+    gap = (depth >= 0) & (2 * rest > widest_gap_mm(bead_mm, pitch_mm))
+    share = np.where(gap, rest, np.where(outer, pitch_mm + 2 * rest, pitch_mm + rest))
+    return Centrelines(merge | gap, np.where(merge, level, -1), share)
+
+
+def share_beside_mm(rest_mm: FloatArray, bead_mm: float, pitch_mm: float) -> FloatArray:
+    """The strip a contour track has to fill where its way to the middle is `rest_mm`.
+
+    rest_mm : (n,) float64; infinite where another contour lies inside it
+    """
+    gap = 2 * rest_mm > widest_gap_mm(bead_mm, pitch_mm)
+    inner = np.where(gap, rest_mm / 2, rest_mm)
+    return np.asarray(pitch_mm / 2 + np.where(rest_mm < pitch_mm, inner, pitch_mm / 2))
+
+
+def fitting_pitch_mm(
+    radius_mm: FloatArray, weight: FloatArray, bead_mm: float, pitch_mm: float
+) -> float:
+    """The pitch within the tolerance whose tracks meet best along a medial axis.
+
+    radius_mm, weight : (n,) float64, depth and length of its pieces
+    """
+    if len(radius_mm) == 0 or weight.sum() <= 0:
+        return pitch_mm
+    steps = np.linspace(1 - PITCH_TOLERANCE, 1 + PITCH_TOLERANCE, 61)
+    costs = [
+        np.average(_misfit(radius_mm, bead_mm, pitch_mm * step) ** 2, weights=weight)
+        + 0.02 * (step - 1) ** 2
+        for step in steps
+    ]
+    return float(pitch_mm * steps[int(np.argmin(costs))])
+
+
+def _levels(
+    radius_mm: FloatArray, bead_mm: float, pitch_mm: float
+) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Depth below the first contour, number of the innermost, way from it to the middle."""
+    depth = radius_mm - bead_mm / 2
+    level = np.maximum(np.floor(depth / pitch_mm), 0).astype(np.intp)
+    return depth, level, depth - level * pitch_mm
+
+
+def _misfit(radius_mm: FloatArray, bead_mm: float, pitch_mm: float) -> FloatArray:
+    """How far the spacing in the middle is from one pitch, in pitches."""
+    _, level, rest = _levels(radius_mm, bead_mm, pitch_mm)
+    gap = 2 * rest > widest_gap_mm(bead_mm, pitch_mm)
+    spacing = np.where(gap, rest, 2 * rest)
+    spacing = np.where((rest < pitch_mm / 4) & (level > 0), rest + pitch_mm, spacing)
+    alone = (level == 0) & (rest < _OUTER_MERGE * bead_mm)
+    return np.asarray(np.where(alone, 0.0, spacing / pitch_mm - 1))

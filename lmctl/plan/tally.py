@@ -1,0 +1,164 @@
+"""What planning adds up, layer by layer, and what it then has to say about it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmctl.job.schema import LineKind
+from lmctl.plan.beads import TOLERANCE_FRACTION, Bead
+from lmctl.plan.moves import Moves
+from lmctl.plan.powder import Flow
+from lmctl.plan.recipe import Recipe
+
+FloatArray = NDArray[np.float64]
+
+#: The part of a slice that tracks should cover, and of the path that should have its mixture.
+ENOUGH_COVERAGE = 0.99
+ENOUGH_MIXTURE = 0.99
+#: Walls lean out by more than this unsupported (process.md 4).
+OVERHANG_DEG = 30.0
+#: Coverage of a layer is looked at only where it has at least this area.
+_LEAST_SLICE_MM2 = 1.0
+
+
+@dataclass
+class Tally:
+    """Sums over the layers so far; `totals` and `verdict` read it at the end."""
+
+    recipe: Recipe
+    layers: int = 0
+    empty_layers: list[int] = field(default_factory=list)
+    contours: int = 0
+    vertices: int = 0
+    lines: int = 0
+    path_mm: float = 0.0
+    laser_on_s: float = 0.0
+    longest_line_s: float = 0.0
+    peak_power_W: float = 0.0
+    slice_mm2: float = 0.0
+    covered_mm2: float = 0.0
+    worst_coverage: tuple[float, int] = (1.0, 0)
+    overhang_mm2: float = 0.0
+    worst_overhang: tuple[float, int] = (0.0, 0)
+    laid_mm3: float = 0.0
+    snapped_mm: float = 0.0
+    snapped_by: float = 0.0
+    slowed_mm: float = 0.0
+    slowest_pace: float = 1.0
+    right_mm: float = 0.0
+    worst_mixture: float = 0.0
+    fed_g: FloatArray = field(default_factory=lambda: np.zeros(0))
+    wasted_g: FloatArray = field(default_factory=lambda: np.zeros(0))
+    peak_flow_g_s: FloatArray = field(default_factory=lambda: np.zeros(0))
+    low_mm: FloatArray = field(default_factory=lambda: np.full(3, np.inf))
+    high_mm: FloatArray = field(default_factory=lambda: np.full(3, -np.inf))
+
+    def __post_init__(self) -> None:
+        m = len(self.recipe.hoppers)
+        self.fed_g, self.wasted_g, self.peak_flow_g_s = np.zeros(m), np.zeros(m), np.zeros(m)
+
+    def add_slice(self, layer: int, covered_mm2: float, area_mm2: float, over_mm2: float) -> None:
+        """Areas of one slice: covered by tracks, whole, and hanging over the slice below."""
+        self.slice_mm2 += area_mm2
+        self.covered_mm2 += covered_mm2
+        self.overhang_mm2 += over_mm2
+        if area_mm2 > _LEAST_SLICE_MM2:
+            self.worst_coverage = min(self.worst_coverage, (covered_mm2 / area_mm2, layer))
+            self.worst_overhang = max(self.worst_overhang, (over_mm2 / area_mm2, layer))
+
+    def add_beads(self, layer: int, beads: list[Bead]) -> None:
+        self.layers += 1
+        if not beads:
+            self.empty_layers.append(layer)
+        for bead in beads:
+            length = np.linalg.norm(np.diff(bead.points, axis=0), axis=1)
+            rate = self.recipe.pitch_mm * self.recipe.layer_height_mm * bead.pace
+            middle = (bead.fractions[1:] + bead.fractions[:-1]) / 2
+            self.laid_mm3 += float(
+                (length / bead.speed_mm_s * rate * self.recipe.speed(middle)).sum())
+            self.contours += 1
+            self.vertices += len(bead.points)
+            self.path_mm += bead.length_mm
+            self.snapped_mm += bead.snapped_mm
+            self.snapped_by = max(self.snapped_by, bead.snapped_by if bead.snapped_mm else 0.0)
+            if bead.pace < 1:
+                self.slowed_mm += bead.length_mm
+                self.slowest_pace = min(self.slowest_pace, bead.pace)
+            self.peak_power_W = max(self.peak_power_W, float(bead.power_W.max()))
+
+    def add_program(
+        self, moves: Moves, durations_s: FloatArray, start_s: float, end_s: FloatArray, flow: Flow
+    ) -> None:
+        """One layer's lines and flow: times, reach, powder."""
+        bead = moves.kind == LineKind.BEAD
+        self.lines += len(moves)
+        self.laser_on_s += float(durations_s[bead].sum())
+        self.longest_line_s = max(self.longest_line_s, float(durations_s.max()))
+        motion = moves.is_motion()
+        if motion.any():
+            self.low_mm = np.minimum(self.low_mm, moves.target_mm[motion].min(axis=0))
+            self.high_mm = np.maximum(self.high_mm, moves.target_mm[motion].max(axis=0))
+        begin_s = np.concatenate([[start_s], end_s[:-1]])
+        fed = _integral(flow, end_s) - _integral(flow, begin_s)
+        self.fed_g += fed.sum(axis=0)
+        self.wasted_g += fed[~bead].sum(axis=0)
+        self.peak_flow_g_s = np.maximum(self.peak_flow_g_s, flow.g_s.max(axis=0))
+
+    def add_mixture(self, length_mm: FloatArray, error: FloatArray) -> None:
+        """Predicted errors of volume fraction at the nozzle, (q,), each over so much bead."""
+        self.right_mm += float(length_mm[error <= TOLERANCE_FRACTION].sum())
+        self.worst_mixture = max(self.worst_mixture, float(error.max(initial=0.0)))
+
+    def totals(self, duration_s: float, warnings: list[str]) -> dict[str, Any]:
+        """What `lmctl plan --json` prints."""
+        names = [material.name for material in self.recipe.materials]
+        hoppers = [hopper.name for hopper in self.recipe.hoppers]
+        caught = self.recipe.catch_efficiency
+
+        def by(keys: list[str], values: FloatArray, digits: int = 3) -> dict[str, float]:
+            return {k: round(float(v), digits) for k, v in zip(keys, values, strict=True)}
+
+        return {
+            "layers": self.layers,
+            "contours": self.contours,
+            "vertices": self.vertices,
+            "lines": self.lines,
+            "path_length_mm": round(self.path_mm, 3),
+            "laser_on_s": round(self.laser_on_s, 3),
+            "duration_s": round(duration_s, 3),
+            "powder_g": by(names, self.fed_g),
+            "powder_in_part_g": by(names, (self.fed_g - self.wasted_g) * caught),
+            "powder_beam_off_g": by(names, self.wasted_g),
+            "peak_flow_g_min": by(hoppers, self.peak_flow_g_s * 60),
+            "peak_power_W": round(self.peak_power_W, 1),
+            "longest_line_s": round(self.longest_line_s, 6),
+            "slice_volume_mm3": round(self.slice_mm2 * self.recipe.layer_height_mm, 3),
+            "laid_volume_mm3": round(self.laid_mm3, 3),
+            "coverage": round(self.coverage, 5),
+            "mixture_share": round(self.mixture_share, 5),
+            "mixture_worst": round(self.worst_mixture, 4),
+            "warnings": warnings,
+        }
+
+    @property
+    def coverage(self) -> float:
+        return self.covered_mm2 / self.slice_mm2 if self.slice_mm2 else 0.0
+
+    @property
+    def mixture_share(self) -> float:
+        return self.right_mm / self.path_mm if self.path_mm else 1.0
+
+
+def _integral(flow: Flow, at_s: FloatArray) -> FloatArray:
+    """Mass since the first knot at each time, (n, m) [g]; exact for linear flow."""
+    step_s = np.diff(flow.times_s)
+    done = np.vstack([np.zeros(flow.g_s.shape[1]), np.cumsum(
+        step_s[:, None] * (flow.g_s[1:] + flow.g_s[:-1]) / 2, axis=0)])
+    k = np.clip(np.searchsorted(flow.times_s, at_s, side="right") - 1, 0, len(step_s) - 1)
+    into = (at_s - flow.times_s[k])[:, None]
+    slope = (flow.g_s[k + 1] - flow.g_s[k]) / step_s[k][:, None]
+    return np.asarray(done[k] + into * (flow.g_s[k] + slope * into / 2))

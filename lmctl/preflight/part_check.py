@@ -1,0 +1,67 @@
+"""Can this part be made on this machine? What can be said before it is planned."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from lmctl.config.machine import MachineProfile
+from lmctl.errors import LmctlError, PlanError
+from lmctl.preflight.hoppers import hopper_of
+from lmctl.preflight.placement import Placement, place
+
+if TYPE_CHECKING:
+    from lmctl.part.part import Part
+
+
+def check_part(part: Part, profile: MachineProfile) -> Placement:
+    """Where the part will stand; all that is in the way at once.
+
+    Raises PlanError: a material without a hopper, a part outside the machine's travel, a recipe
+    beyond the laser's power, a part without layers.
+    """
+    wrong: list[LmctlError] = []
+    for material in part.materials:
+        try:
+            hopper_of(material.name, profile)
+        except PlanError as error:
+            wrong.append(error)
+        if material.power_W > profile.laser.max_power_W:
+            wrong.append(PlanError(
+                f"{material.name} wants {material.power_W:g} W; the laser of {profile.name!r} "
+                f"has {profile.laser.max_power_W:g}",
+                hint="lower the material's power_W, with its speed_mm_s",
+            ))
+    placement = place(part, profile)
+    outside = _outside(placement, profile)
+    if outside:
+        wrong.append(PlanError(
+            f"{part.name} reaches outside the travel of {profile.name!r}", where=outside,
+            hint="move it with [placement] in the part file, turn it, or take a larger machine",
+        ))
+    if len(wrong) == 1:
+        raise wrong[0]
+    if wrong:
+        raise PlanError(
+            f"{part.name} cannot be made on {profile.name!r}: {len(wrong)} things are in the way",
+            where=[text for e in wrong for text in (e.what, *(f"  {place}" for place in e.where))],
+            hint="mend them and check again with `lmctl check`",
+        )
+    return placement
+
+
+def _outside(placement: Placement, profile: MachineProfile) -> list[str]:
+    """One line an axis in which the part leaves the travel."""
+    travel = profile.motion.travel_mm
+    top = placement.nozzle_mm(placement.n_layers - 1) + profile.motion.clearance_mm
+    low = placement.low_mm + placement.offset_mm
+    high = placement.high_mm + placement.offset_mm
+    spans = {
+        "x": (low[0], high[0], travel.x), "y": (low[1], high[1], travel.y),
+        "z": (placement.nozzle_mm(0), top, travel.z),
+    }
+    return [
+        f"{axis}: needs {a:.1f} to {b:.1f} mm, has {limits[0]:g} to {limits[1]:g}"
+        + (" (clearance above the part included)" if axis == "z" else "")
+        for axis, (a, b, limits) in spans.items()
+        if a < limits[0] or b > limits[1]
+    ]

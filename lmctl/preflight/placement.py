@@ -1,0 +1,81 @@
+"""Where the part stands on the platform, and at which heights it is cut."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmctl.config.machine import MachineProfile
+from lmctl.errors import PlanError
+
+if TYPE_CHECKING:
+    from lmctl.part.part import Part
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Where the layers of a part are cut and laid.
+
+    offset_mm : (3,) float64, program coordinates of the part's own origin
+    low_mm, high_mm : (3,) float64, bounds of the part in its own coordinates
+    n_layers : layers to lay
+    skipped : layers at the bottom that have nothing to lay
+    """
+
+    offset_mm: FloatArray
+    low_mm: FloatArray
+    high_mm: FloatArray
+    layer_height_mm: float
+    n_layers: int
+    skipped: int = 0
+
+    def cut_mm(self, layer: int) -> float:
+        """Height of a layer's middle, in the part's own coordinates."""
+        return float(self.low_mm[2] + (self.skipped + layer + 0.5) * self.layer_height_mm)
+
+    def nozzle_mm(self, layer: int) -> float:
+        """Height of the nozzle reference while a layer is laid: its top, in program coordinates."""
+        top_mm = self.low_mm[2] + (self.skipped + layer + 1) * self.layer_height_mm
+        return float(self.offset_mm[2] + top_mm)
+
+    def height_left_mm(self) -> float:
+        """How much taller the part is than its layers; negative where they stand above it."""
+        built_mm = (self.skipped + self.n_layers) * self.layer_height_mm
+        return float(self.high_mm[2] - self.low_mm[2] - built_mm)
+
+    def only(self, first: int, last: int, *, set_down: bool) -> Placement:
+        """Without the layers below `first` and above `last`.
+
+        set_down : lower the part by what is left out below it, so that it stands on the platform
+        """
+        drop = np.array([0.0, 0.0, first * self.layer_height_mm if set_down else 0.0])
+        return replace(self, offset_mm=self.offset_mm - drop, n_layers=last - first + 1,
+                       skipped=self.skipped + first)
+
+
+def place(part: Part, profile: MachineProfile) -> Placement:
+    """The part where its file puts it, else centred in x and y with its lowest point at z = 0.
+
+    Layers are those whose middle plane meets the part. Raises PlanError where there is none.
+    """
+    low, high = (np.asarray(corner, dtype=np.float64) for corner in part.bounds_mm)
+    if part.placement_mm is not None:
+        offset = np.asarray(part.placement_mm, dtype=np.float64)
+    else:
+        travel = profile.motion.travel_mm
+        platform = np.array([sum(travel.x) / 2, sum(travel.y) / 2, 0.0])
+        offset = platform - np.array([*((low + high) / 2)[:2], low[2]])
+    height = part.process.layer_height_mm
+    n_layers = int(np.floor((high[2] - low[2]) / height + 0.5))
+    if n_layers < 1:
+        raise PlanError(
+            f"{part.name} is {high[2] - low[2]:.3g} mm tall, less than half a layer",
+            where=f"process.layer_height_mm = {height:g}",
+            hint="lower layer_height_mm, or check the units of the part",
+        )
+    return Placement(offset, low, high, height, n_layers)
