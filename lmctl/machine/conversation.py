@@ -131,9 +131,9 @@ class Conversation:
         raises : MachineError on error, alarm, restart, loss or no answer in time;
             LocalProtocolError while other lines are unanswered
         """
+        self._refuse_if_lost()
         if self._command is not None or self._host.unanswered:
             raise LocalProtocolError(f"{line!r} must be sent alone, and lines are unanswered")
-        self._refuse_if_lost()
         data = self._host.send_line(line.encode("ascii", "replace"), _COMMAND_TAG)
         self._command_text, self._command_answer = line, []
         self._command = self._loop.create_future()

@@ -87,7 +87,7 @@ class Stream:
         grblHAL rejects each: neither is to be reported, and neither is to move the machine.
         """
         self._owing_since_s = None
-        if self.progress.line_answered(error):
+        if self.progress.line_answered(error) and not self.halted:  # not by an alarm before it
             self.halted = True
             self._talk.realtime(Realtime.HOLD)
             self._rejected(tag, error)

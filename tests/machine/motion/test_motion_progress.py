@@ -1,0 +1,175 @@
+"""What counts as executed, report by report."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from firmware_protocol.status import StatusReport, parse_status
+from lmctl.machine.progress import Progress, makes_block
+
+
+def stream(lines: list[bytes], answered: int, blocks: int = 15) -> Progress:
+    progress = Progress(blocks)
+    for line in lines:
+        progress.line_sent(line)
+    for _ in range(answered):
+        progress.line_answered(0)
+    return progress
+
+
+def run(fields: str, state: str = "Run") -> StatusReport:
+    report = parse_status(f"<{state}|MPos:0.000,0.000,0.000|{fields}>")
+    assert report is not None
+    return report
+
+
+NUMBERED = [b"N%d G1 X1" % n for n in range(100, 120)]
+
+
+def test_the_line_in_motion_is_the_first_not_executed():
+    progress = stream(NUMBERED, 12)
+    assert not progress.observe(run("Ln:100"))
+    assert progress.observe(run("Ln:103"))
+    assert progress.executed == 3
+    assert not progress.observe(run("Ln:103"))
+    assert not progress.observe(run("Ln:101"))  # never back
+    assert progress.executed == 3
+
+
+def test_a_number_that_is_not_in_the_stream_says_nothing():
+    progress = stream(NUMBERED, 12)
+    for number in (1, 10, 11, 999, 1030):
+        assert not progress.observe(run(f"Ln:{number}"))
+    assert progress.executed == 0
+
+
+def test_numbers_begin_again_after_ten_million():
+    lines = [b"N%d G1 X1" % (n % 10_000_000) for n in range(9_999_995, 10_000_010)]
+    progress = stream(lines, 15)
+    progress.observe(run("Ln:9999999"))
+    assert progress.executed == 4
+    progress.observe(run("Ln:2"))
+    assert progress.executed == 7
+
+
+def test_the_number_of_an_idle_controller_is_that_of_an_old_program():
+    progress = stream(NUMBERED, 12)
+    assert not progress.observe(run("Bf:15,128|Ln:110", state="Idle"))
+    assert progress.executed == 0
+
+
+@pytest.mark.parametrize(("free", "executed"), [(15, 19), (14, 18), (10, 14), (0, 4)])
+def test_by_blocks_the_last_ones_and_one_more_are_not_executed(free, executed):
+    progress = stream(NUMBERED, 20)
+    progress.observe(run(f"Bf:{free},128"))
+    assert progress.executed == executed
+
+
+def test_a_planner_fuller_than_the_lines_answered_credits_nothing():
+    progress = stream(NUMBERED, 3)
+    assert not progress.observe(run("Bf:0,128"))
+
+
+def test_lines_that_make_no_block_go_with_the_motion_before_them():
+    progress = stream([b"G1 X1", b"M4 S1", b"M4 S2", b"G1 X2", b"M5", b"G1 Y3", b"G1 Z4"], 7)
+    progress.observe(run("Bf:13,128"))  # Y3 and Z4 are planned; X2 may still be in segments
+    assert progress.executed == 3
+    progress.observe(run("Bf:14,128"))
+    assert progress.executed == 5
+
+
+def test_the_hold_and_the_door_are_read_like_motion():
+    for state in ("Hold:1", "Hold:0", "Door:0"):
+        progress = stream(NUMBERED, 12)
+        progress.observe(run("Ln:105", state=state))
+        assert progress.executed == 5
+
+
+def test_idle_with_all_answered_and_the_planner_empty_is_all():
+    progress = stream(NUMBERED, 20)
+    assert not progress.observe(run("Bf:14,128", state="Idle"))
+    assert progress.observe(run("Bf:15,128", state="Idle"))
+    assert progress.executed == progress.acknowledged == 20
+    assert progress.all_executed
+
+
+def test_idle_with_an_answer_due_is_not_all():
+    progress = stream(NUMBERED, 19)
+    assert not progress.observe(run("Bf:15,128", state="Idle"))
+    assert progress.oldest_unanswered() == NUMBERED[19]
+
+
+def test_without_blocks_idle_must_be_seen_twice_with_no_answer_between():
+    progress = stream(NUMBERED, 19)
+    assert not progress.observe(run("FS:0,0", state="Idle"))
+    progress.line_answered(0)
+    assert not progress.observe(run("FS:0,0", state="Idle"))
+    assert progress.observe(run("FS:0,0", state="Idle"))
+    assert progress.executed == 20
+
+
+@pytest.mark.parametrize("state", ["Alarm", "Check", "Home", "Jog", "Sleep", "Tool"])
+def test_other_states_credit_nothing(state):
+    progress = stream(NUMBERED, 20)
+    assert not progress.observe(run("Bf:15,128|Ln:110", state=state))
+    assert not progress.observe(run("Bf:15,128|Ln:110", state=state))
+
+
+def test_nothing_at_or_behind_a_rejected_line_is_acknowledged_or_executed():
+    progress = stream(NUMBERED, 4)
+    assert progress.line_answered(20)
+    assert not progress.line_answered(22)
+    progress.line_answered(0)
+    assert (progress.acknowledged, progress.first_rejected, progress.unanswered) == (4, 4, 13)
+    progress.observe(run("Ln:106"))
+    assert progress.executed == 4
+    for _ in range(13):
+        progress.line_answered(0)
+    progress.observe(run("Bf:15,128", state="Idle"))
+    assert progress.executed == 4
+    assert not progress.all_executed
+
+
+def test_a_rejected_line_is_in_no_block_count():
+    progress = stream([b"G1 X%d" % n for n in range(6)], 2)
+    progress.line_answered(20)
+    for _ in range(3):
+        progress.line_answered(0)
+    progress.observe(run("Bf:11,128"))  # four blocks: X1, X3, X4, X5; X0 may be in segments
+    assert progress.executed == 0
+    progress.observe(run("Bf:12,128"))
+    assert progress.executed == 1
+
+
+@given(st.data())
+def test_counts_never_run_ahead_of_a_random_machine(data):
+    """A machine that takes, plans and finishes lines at random; reports fall anywhere between."""
+    blocks = data.draw(st.integers(2, 8))
+    kinds = data.draw(st.lists(st.booleans(), min_size=1, max_size=40))
+    lines = [b"N%d %s" % (n, b"G1 X1" if k else b"M4 S1") for n, k in enumerate(kinds)]
+    by_number = data.draw(st.booleans())
+    progress = Progress(blocks)
+    planner: list[int] = []
+    planned = 0
+    for line in lines:
+        progress.line_sent(line)
+    for step in data.draw(st.lists(st.sampled_from(["plan", "move", "ask"]), max_size=150)):
+        if step == "plan" and planned < len(lines) and len(planner) < blocks:
+            if makes_block(lines[planned]):
+                planner.append(planned)
+            planned += 1
+            progress.line_answered(0)
+        elif step == "move" and planner:
+            planner.pop(0)
+        elif step == "ask":
+            fields = f"Bf:{blocks - len(planner)},128"
+            if by_number and planner:
+                fields += f"|Ln:{planner[0]}"
+            progress.observe(run(fields, "Run" if planner else "Idle"))
+            done = planner[0] if planner else planned
+            assert progress.executed <= done
+            assert progress.executed <= progress.acknowledged
+            if not planner and planned == len(lines):
+                assert progress.all_executed
