@@ -210,17 +210,25 @@ class MeshSolid(Stored):
 
 @dataclass(frozen=True)
 class FieldSolid(Stored):
-    """A body that is known by its field alone, such as a measured cloud."""
+    """A body that is known by its field alone, such as a measured cloud.
+
+    least_area_mm2 : a section smaller than this is no part of the body (a bead's own area)
+    """
 
     stored: Field
+    least_area_mm2: float = 0.0
 
     @property
     def field(self) -> Field:
         return self.stored
 
+    @property
+    def grid(self) -> Grid:
+        return self.stored.grid
+
     @cached_property
     def bounds_mm(self) -> Bounds:
-        return zero_bounds(self.stored)
+        return zero_bounds(self.stored, self.least_area_mm2)
 
     def cut(self, z_mm: float, plane: PlaneGrid) -> NDArray[np.float32]:
         values = sample(self.stored, plane_points(plane, z_mm))
@@ -249,24 +257,36 @@ def is_closed(field: Field) -> bool:
     return all(float(face.max()) < 0 for face in faces)
 
 
-def zero_bounds(field: Field) -> Bounds:
+def zero_bounds(field: Field, least_area_mm2: float = 0.0) -> Bounds:
     """Where a field's inside begins and ends along x, y, z.
 
-    The largest value of each plane of nodes across an axis is interpolated to zero: for a measured
-    cloud this is the fitted surface, not its farthest stray point.
+    In each plane of nodes across an axis the n-th largest value is taken, n nodes being the least
+    area, and interpolated to zero between planes. For a measured cloud this is the fitted surface:
+    not its farthest stray point, nor a burr too small to be deposited.
     """
+    pitch = field.grid.pitch_mm
+    rank = max(1, round(least_area_mm2 / pitch**2))
     low, high = np.empty(3), np.empty(3)
     for axis in range(3):
-        across = tuple(a for a in range(3) if a != 2 - axis)
-        peak = field.values.max(axis=across).astype(np.float64)
+        planes = np.moveaxis(field.values, 2 - axis, 0)
+        peak = np.array([_ranked(plane, rank) for plane in planes])
+        if not (peak > 0).any():  # nowhere that thick: take any inside at all
+            peak = np.array([_ranked(plane, 1) for plane in planes])
         inside = np.flatnonzero(peak > 0)
         first, last = int(inside[0]), int(inside[-1])
         places = field.grid.axis_mm(axis)
         before = peak[first] / (peak[first] - peak[first - 1]) if first > 0 else 0.0
         after = peak[last] / (peak[last] - peak[last + 1]) if last + 1 < len(peak) else 0.0
-        low[axis] = places[first] - before * field.grid.pitch_mm
-        high[axis] = places[last] + after * field.grid.pitch_mm
+        low[axis] = places[first] - before * pitch
+        high[axis] = places[last] + after * pitch
     return low, high
+
+
+def _ranked(plane: NDArray[np.float32], rank: int) -> float:
+    """The rank-th largest value (1: the largest)."""
+    flat = plane.ravel()
+    place = max(0, flat.size - rank)
+    return float(np.partition(flat, place)[place])
 
 
 def plane_points(plane: PlaneGrid, z_mm: float) -> FloatArray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from lmctl.part.mesh_files import MESH_SUFFIXES, Mesh, read_mesh
 from lmctl.part.mesh_report import mend
 from lmctl.part.part import Part
 from lmctl.part.resolution import checked_grid, choose_pitch, plane_around
+from lmctl.part.specks import without_specks
 
 #: What a bare mesh or cloud is made of.
 DEFAULT_MATERIAL = "316L"
@@ -78,10 +80,12 @@ def _build(part: config.PartFile, text: str, folder: Path, said: _Said) -> Part:
     bodies = _Bodies(part, folder, said)
     body = bodies.build()
     low, high = body.bounds_mm
-    stored = not isinstance(body, Box | Sphere | Cylinder)
-    grid = checked_grid(low, high, bodies.pitch_mm, stored=stored)
+    if isinstance(body, MeshSolid | FieldSolid | Combined):
+        grid, is_stored = body.grid, True
+    else:
+        grid, is_stored = checked_grid(low, high, bodies.pitch_mm, stored=False), False
     thinnest = float((high - low).min())
-    if stored and thinnest < 3 * bodies.pitch_mm:
+    if is_stored and thinnest < 3 * bodies.pitch_mm:
         said.warnings.append(
             f"the part is only {thinnest:.3g} mm thick, a pitch of {bodies.pitch_mm:g} mm is "
             f"coarse for it; pitch_mm = {thinnest / 5:.2g} would resolve it"
@@ -103,7 +107,7 @@ def _build(part: config.PartFile, text: str, folder: Path, said: _Said) -> Part:
         body=body,
         rule=rule_of(part, body),
         grid=grid,
-        plane=plane_around(low, high, bodies.pitch_mm, part.process.bead_width_mm),
+        plane=plane_around(grid, part.process.bead_width_mm),
     )
 
 
@@ -164,8 +168,12 @@ class _Bodies:
                     f"{self.pitch_mm:g} mm",
                     hint="scan the missing places, or give a larger pitch_mm",
                 )
+            stored, specks = without_specks(stored)
             self._said.warnings += stored.remarks
-            return FieldSolid(stored)
+            if specks:
+                self._said.notes.append(f"{specks} specks of the fitted cloud smoothed away")
+            bead_mm = self._part.process.bead_width_mm
+            return FieldSolid(stored, math.pi / 4 * bead_mm**2)
         return item
 
     def _grid(self, item: Mesh | Cloud) -> Grid:

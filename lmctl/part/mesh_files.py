@@ -219,7 +219,7 @@ def check_ply(file: DataFile) -> dict[str, int]:
             counts[words[1]] = int(words[2])
     rows = sum(counts.values())
     text = b"format ascii" in head
-    held = sum(1 for line in body.splitlines()[1:] if line.strip()) if text else len(body)
+    held = body.strip().count(b"\n") + 1 if text else len(body)
     if held < rows:
         raise InputError(
             f"{file.path} is truncated",

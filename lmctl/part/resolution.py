@@ -72,25 +72,26 @@ def finest_pitch(low: FloatArray, high: FloatArray, most_nodes: int) -> float:
     return math.ceil(enough * scale) / scale
 
 
-def plane_around(low: FloatArray, high: FloatArray, pitch_mm: float, bead_mm: float) -> PlaneGrid:
-    """The nodes of every section of a part: no coarser than an eighth of a bead.
+def plane_around(grid: Grid, bead_mm: float) -> PlaneGrid:
+    """The nodes of every section of a part on this grid: no coarser than an eighth of a bead.
 
     Nodes lie on multiples of the pitch. Raises InputError where that is more than can be held.
     """
-    pitch = min(pitch_mm, bead_mm / PLANE_PITCHES_PER_BEAD)
-    flat = (high - low)[:2]
-    if float(np.prod(flat / pitch + 2 * PADDING + 2)) > MOST_PLANE_NODES:
+    low = np.array(grid.origin_mm[:2])
+    high = low + grid.pitch_mm * (np.array(grid.shape[:0:-1]) - 1)
+    pitch = min(grid.pitch_mm, bead_mm / PLANE_PITCHES_PER_BEAD)
+    if float(np.prod((high - low) / pitch)) > MOST_PLANE_NODES:
         pitch = bead_mm / PLANE_PITCHES_PER_BEAD  # a finer field pitch is not needed here
-    nodes = float(np.prod(flat / pitch + 2 * PADDING + 2))
+    nodes = float(np.prod((high - low) / pitch))
     if nodes > MOST_PLANE_NODES:
+        size = " × ".join(f"{v:.4g}" for v in high - low)
         raise InputError(
-            f"a bead of {bead_mm:g} mm is too fine for a part of "
-            f"{flat[0]:.4g} × {flat[1]:.4g} mm",
+            f"a bead of {bead_mm:g} mm is too fine for a part of {size} mm",
             where=f"a section needs {nodes:.2g} nodes; at most {MOST_PLANE_NODES:.2g}",
             hint="check the units of the part, or give a larger process.bead_width_mm",
         )
-    first = np.floor(low[:2] / pitch).astype(int) - PADDING
-    last = np.ceil(high[:2] / pitch).astype(int) + PADDING
+    first = np.floor(low / pitch).astype(int) - 1
+    last = np.ceil(high / pitch).astype(int) + 1
     nx, ny = (int(n) for n in last - first + 1)
     return PlaneGrid((float(first[0] * pitch), float(first[1] * pitch)), pitch, (ny, nx))
 
