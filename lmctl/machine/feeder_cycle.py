@@ -143,6 +143,7 @@ class FeederCycle:
 
     def start_afresh(self) -> None:
         """Forget the fault and what the device was told: the recipe goes out again."""
+        self.watching = self.feeding = False
         self.fault = None
         self._watch = FeederWatch(self.period_s)
         self._sent = None

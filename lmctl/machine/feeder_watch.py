@@ -9,6 +9,7 @@ from lmctl.machine.feeder_status import FeederStatus
 
 #: Cycles without a good answer, and with a clock that stands still, before a feeder is given up.
 _SILENT_CYCLES = 3
+_ROUNDING = 1e-6  # of loop times, in cycles
 #: Cycles in which a device may take over a recipe it has accepted.
 _RECIPE_CYCLES = 2
 
@@ -32,7 +33,7 @@ class FeederWatch:
 
     def silence(self, age_s: float) -> Complaint | None:
         """What to say of the time since the last good answer."""
-        if age_s <= _SILENT_CYCLES * self._period_s:
+        if age_s < (_SILENT_CYCLES - _ROUNDING) * self._period_s:
             return None
         return Complaint(f"no answer for {age_s:.1f} s", "check its power and cable")
 
@@ -70,7 +71,7 @@ class FeederWatch:
 
     def _stale(self, status: FeederStatus) -> Complaint | None:
         still_s = status.time_s - self._moved_s
-        if still_s <= _SILENT_CYCLES * self._period_s:
+        if still_s < (_SILENT_CYCLES - _ROUNDING) * self._period_s:
             return None
         return Complaint(
             f"it answers, but with the same data for {still_s:.1f} s",
