@@ -45,7 +45,10 @@ def parse_modbus_endpoint(text: str) -> TcpEndpoint | RtuEndpoint:
             return TcpEndpoint(text, parts.hostname, parts.port or _TCP_PORT)
         path = parts.netloc + parts.path
         if parts.scheme == "modbus-rtu" and path.strip("/"):
-            return _rtu(text, path, parse_qsl(parts.query, strict_parsing=bool(parts.query)))
+            settings = parse_qsl(
+                parts.query, keep_blank_values=True, strict_parsing=bool(parts.query)
+            )
+            return _rtu(text, path, settings)
     except ValueError:
         pass
     raise ConfigError(
