@@ -1,0 +1,172 @@
+"""A simulated cell as written in TOML: the truth behind the endpoints of a machine profile."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from urllib.parse import urlsplit
+
+from firmware_protocol.dialect import GRBL, GRBLHAL
+from firmware_protocol.pmx import MOST_HOPPERS
+from simulators.feeder.config import FeederConfig, HopperConfig
+from simulators.motion.config import MotionConfig
+from simulators.motion.settings import SettingError, Settings
+from simulators.table_reader import TableReader
+
+_DIALECTS = {"grbl": GRBL, "grblhal": GRBLHAL}
+_SETTING_ERRORS = {
+    3: "the firmware has no such setting", 10: "soft limits ($20) need homing ($22)",
+}
+#: Most a feeder's flow registers can say [g/min].
+_MOST_FLOW = 655.0
+
+
+class BenchConfigError(ValueError):
+    """The text does not describe a bench; one line a mistake."""
+
+    def __init__(self, mistakes: list[str]) -> None:
+        super().__init__("\n".join(mistakes))
+        self.mistakes = tuple(mistakes)
+
+
+@dataclass(frozen=True)
+class Address:
+    """Where a device answers: a TCP host and port (0: any free one), or a new pty."""
+
+    host: str = ""
+    port: int = 0
+    pty: bool = False
+
+
+@dataclass(frozen=True)
+class BenchConfig:
+    """One motion controller and its feeders. addresses : by "motion" and the feeders' names."""
+
+    name: str
+    motion: MotionConfig
+    feeders: tuple[FeederConfig, ...]
+    addresses: Mapping[str, Address]
+
+    @classmethod
+    def parse(cls, text: str) -> BenchConfig:
+        """Raises BenchConfigError with every mistake, each with the path of its key."""
+        try:
+            data = tomllib.loads(text)
+        except (tomllib.TOMLDecodeError, RecursionError) as error:
+            raise BenchConfigError([f"not valid TOML: {error}"]) from None
+        mistakes: list[str] = []
+        config = _bench(TableReader(data, "", mistakes))
+        if mistakes:
+            raise BenchConfigError(mistakes)
+        return config
+
+    @classmethod
+    def load(cls, path: Path) -> BenchConfig:
+        """Raises OSError where the file cannot be read; BenchConfigError."""
+        try:
+            return cls.parse(path.read_text(encoding="utf-8"))
+        except UnicodeDecodeError as error:
+            raise BenchConfigError([f"not text: byte {error.start} is not UTF-8"]) from None
+
+
+def _bench(top: TableReader) -> BenchConfig:
+    name = top.text("name", "bench")
+    addresses: dict[str, Address] = {}
+    motion = _motion(top.table("motion"), addresses)
+    feeders = []
+    for table in top.tables("feeder"):
+        feeders.append(_feeder(table, addresses))
+    top.close()
+    ports = [address.port for address in addresses.values() if address.port]
+    for port in sorted({port for port in ports if ports.count(port) > 1}):
+        top.blame("", f"two devices answer at port {port}")
+    return BenchConfig(name, motion, tuple(feeders), addresses)
+
+
+def _motion(table: TableReader, addresses: dict[str, Address]) -> MotionConfig:
+    dialect = table.choice("dialect", _DIALECTS, "grblhal")
+    addresses["motion"] = _address(table, "tcp", "tcp://127.0.0.1:0")
+    firmware = _DIALECTS[dialect]
+    rx_bytes = table.integer("rx_bytes", firmware.rx_bytes, least=64, most=65_536)
+    blocks = table.integer("planner_blocks", firmware.planner_blocks, least=4, most=1000)
+    settings = table.table("settings", {})
+    values = settings.numbers_by_number()
+    table.close()
+    for number, value in values.items():
+        # $20 needs $22, so that each is tried together with what it needs
+        tried = {number: value} if number != 20 else {22: values.get(22, 0.0), 20: value}
+        try:
+            Settings(firmware, tried)
+        except SettingError as error:
+            if f"${number}:" in str(error):
+                settings.blame(
+                    str(number), _SETTING_ERRORS.get(error.code, f"the firmware refuses {value:g}")
+                )
+    return MotionConfig(
+        dialect=dialect, rx_bytes=rx_bytes, planner_blocks=blocks, settings=values
+    )
+
+
+def _feeder(table: TableReader, addresses: dict[str, Address]) -> FeederConfig:
+    name = table.text("name")
+    if name in addresses:
+        table.blame("name", f"{name!r} is taken")
+    addresses[name] = _address(table, "modbus-tcp", "modbus-tcp://127.0.0.1:0")
+    device_id = table.integer("device_id", 1, least=1, most=247)
+    boot_s = table.number("boot_s", 0.0, least=0, most=3600)
+    preflow_s = table.number("preflow_s", 3.0, least=0, most=3600)
+    map_version = table.choice("map_version", ("1.0", "1.1"), "1.1")
+    hoppers = [_hopper(hopper) for hopper in table.tables("hopper")]
+    channels = sorted(hopper.channel for hopper in hoppers)
+    if not channels or channels != list(range(1, len(channels) + 1)):
+        table.blame("hopper", "channels must be 1, 2, … without gap or repetition")
+    table.close()
+    return FeederConfig(
+        name, tuple(hoppers), device_id, boot_s, preflow_s, int(map_version.partition(".")[2])
+    )
+
+
+def _hopper(table: TableReader) -> HopperConfig:
+    n_min = table.number("n_min_rpm", 0.3, least=0, most=1000)
+    factor = table.number("feed_factor_g_rev", above=0, most=65)
+    calibrated = table.number("calibrated_g_rev", factor, above=0, most=65)
+    hopper = HopperConfig(
+        channel=table.integer("channel", 1, least=1, most=MOST_HOPPERS),
+        material=table.text("material"),
+        density_g_mm3=table.number("density_g_mm3", above=0, most=0.1),
+        catch_efficiency=table.number("catch_efficiency", above=0, most=1),
+        dead_time_s=table.number("dead_time_s", 3.0, least=0, most=60),
+        lag_s=table.number("lag_s", 1.0, least=0, most=60),
+        drive_lag_s=table.number("drive_lag_s", 0.0, least=0, most=60),
+        feed_factor_g_rev=factor,
+        offset_g_min=table.number("offset_g_min", 0.0, least=-factor * n_min, most=100),
+        calibrated_g_rev=calibrated,
+        n_min_rpm=n_min,
+        n_max_rpm=table.number("n_max_rpm", above=n_min, most=600),
+        fill_g=table.number("fill_g", above=0, most=1e6),
+        noise_rsd=table.number("noise_rsd", 0.0, least=0, most=0.2),
+        seed=table.integer("seed", 0, least=0, most=2**31),
+    )
+    if max(factor, calibrated) * hopper.n_max_rpm > _MOST_FLOW:
+        table.blame("n_max_rpm", f"makes more than {_MOST_FLOW:g} g/min with the feed factor")
+    table.close()
+    return hopper
+
+
+def _address(table: TableReader, scheme: str, default: str) -> Address:
+    """"SCHEME://HOST:PORT", or "pty"."""
+    text = table.text("endpoint", default)
+    if text == "pty":
+        return Address(pty=True)
+    try:
+        parts = urlsplit(text)
+        if parts.scheme == scheme and parts.hostname and parts.port is not None and (
+            parts.path in ("", "/") and not parts.query
+        ):
+            return Address(parts.hostname, parts.port)
+    except ValueError:
+        pass
+    table.blame("endpoint", f'must be "{scheme}://HOST:PORT" or "pty"')
+    return Address()

@@ -1,0 +1,119 @@
+"""Reads a TOML table key by key and keeps every mistake, so that all are told at once."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+_REQUIRED: Any = object()
+_HUGE = 1e300
+
+
+class TableReader:
+    """One table. path : how messages call it, "" at the top; mistakes : collects "key: reason".
+
+    A key that is wrong yields some value of its type, so that reading goes on.
+    """
+
+    def __init__(self, table: Mapping[str, Any], path: str, mistakes: list[str]) -> None:
+        self._table = table
+        self._path = path
+        self._asked: set[str] = set()
+        self.mistakes = mistakes
+
+    def blame(self, key: str, reason: str) -> None:
+        place = f"{self._path}.{key}" if self._path and key else self._path + key
+        self.mistakes.append(f"{place}: {reason}" if place else reason)
+
+    def number(
+        self, key: str, default: float = _REQUIRED, *, least: float = -math.inf,
+        above: float = -math.inf, most: float = math.inf,
+    ) -> float:
+        """A finite number, at least `least`, above `above`, at most `most`."""
+        value = self._get(key, default)
+        if value is _REQUIRED:
+            return 1.0
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            self.blame(key, "must be a number")
+        elif not abs(value) < _HUGE:
+            self.blame(key, "must be finite")
+        elif value < least:
+            self.blame(key, f"must be at least {least:g}")
+        elif value <= above:
+            self.blame(key, f"must be above {above:g}")
+        elif value > most:
+            self.blame(key, f"must be at most {most:g}")
+        else:
+            return float(value)
+        return 1.0
+
+    def integer(self, key: str, default: int = _REQUIRED, *, least: int, most: int) -> int:
+        value = self._get(key, default)
+        if value is _REQUIRED:
+            return least
+        if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
+            self.blame(key, f"must be a whole number from {least} to {most}")
+            return least
+        return value
+
+    def text(self, key: str, default: str = _REQUIRED) -> str:
+        value = self._get(key, default)
+        if value is _REQUIRED:
+            return "?"
+        if not isinstance(value, str) or not value.strip():
+            self.blame(key, "must be text")
+            return "?"
+        return value
+
+    def choice(self, key: str, options: Iterable[str], default: str = _REQUIRED) -> str:
+        options = tuple(options)
+        value = self._get(key, default)
+        if value is not _REQUIRED and value not in options:
+            self.blame(key, f"must be {' or '.join(repr(option) for option in options)}")
+        return next((str(text) for text in (value, default) if text in options), options[0])
+
+    def table(self, key: str, default: Mapping[str, Any] = _REQUIRED) -> TableReader:
+        value = self._get(key, default)
+        if not isinstance(value, dict):
+            if value is not _REQUIRED:
+                self.blame(key, "must be a table")
+            value = {}
+        return TableReader(value, f"{self._path}.{key}" if self._path else key, self.mistakes)
+
+    def tables(self, key: str) -> list[TableReader]:
+        """An array of tables, counted from one in messages; none where the key is missing."""
+        value = self._get(key, [])
+        if not isinstance(value, list) or not all(isinstance(item, dict) for item in value):
+            self.blame(key, "must be an array of tables")
+            return []
+        path = f"{self._path}.{key}" if self._path else key
+        return [
+            TableReader(item, f"{path}[{number}]", self.mistakes)
+            for number, item in enumerate(value, 1)
+        ]
+
+    def numbers_by_number(self) -> dict[int, float]:
+        """The whole table as {whole number: number}: `$` settings."""
+        values = {}
+        for key in self._table:
+            if not key.isascii() or not key.isdecimal():
+                self._asked.add(key)
+                self.blame(key, "must be the number of a setting")
+            else:
+                values[int(key)] = self.number(key)
+        return values
+
+    def close(self) -> None:
+        """Blame every key nobody asked for: a typo."""
+        for key in self._table:
+            if key not in self._asked:
+                self.blame(key, "there is no such key")
+
+    def _get(self, key: str, default: Any) -> Any:
+        """What stands there, or the default; _REQUIRED, blamed, where neither is."""
+        self._asked.add(key)
+        value = self._table.get(key, default)
+        if value is _REQUIRED:
+            self.blame(key, "is missing")
+        return value
