@@ -13,11 +13,12 @@ from lmctl.config.part_rules import load_part_file, parse_part_file
 from lmctl.errors import InputError
 from lmctl.field.cloud import cloud_field
 from lmctl.field.grid import Grid
-from lmctl.part.bodies import Body, Bounds, Box, Cylinder, FieldSolid, MeshSolid, Sphere, is_closed
+from lmctl.part.bodies import Body, Bounds, FieldSolid, MeshSolid, is_closed
 from lmctl.part.cloud_files import CLOUD_SUFFIXES, Cloud, read_cloud
 from lmctl.part.combined import Combined
 from lmctl.part.composition import rule_of
 from lmctl.part.files import read_data
+from lmctl.part.formulas import Box, Cylinder, Sphere
 from lmctl.part.materials import resolve_materials
 from lmctl.part.mesh_files import MESH_SUFFIXES, Mesh, read_mesh
 from lmctl.part.mesh_report import mend
@@ -182,7 +183,7 @@ class _Bodies:
 
 def _extent(item: Mesh | Cloud | Body) -> Bounds:
     if isinstance(item, Mesh):
-        points = item.vertices[np.unique(item.triangles)]
+        points = item.vertices
     elif isinstance(item, Cloud):
         points = item.points
     else:

@@ -1,8 +1,8 @@
 """Triangles from STL, PLY and OBJ files.
 
-trimesh parses; nothing it would fetch, merge or repair on its own is let happen. What a header
-promises is compared with the file's length *before* parsing, so that a truncated file is called
-truncated and a hostile count allocates nothing.
+trimesh parses all but binary STL, which is one array; nothing it would fetch, merge or repair on
+its own is let happen. What a header promises is compared with the file's length *before* parsing,
+so that a truncated file is called truncated and a hostile count allocates nothing.
 """
 
 from __future__ import annotations
@@ -48,39 +48,51 @@ def read_mesh(file: DataFile, units: str) -> Mesh:
             f"{file.path} is not a kind of mesh file that can be read",
             hint="STL, PLY and OBJ files can; the ending must say which it is",
         )
-    promised = 0
-    if file.suffix == "stl":
-        _check_stl(file)
-    elif file.suffix == "ply":
-        promised = check_ply(file).get("face", 0)
-    loaded = parse(file, "load_mesh")
-    if len(getattr(loaded, "faces", ())) == 0:
+    vertices, triangles = _from_binary_stl(file) if _is_binary_stl(file) else _parsed(file)
+    if len(triangles) == 0:
         raise InputError(
             f"{file.path} holds no triangles",
             hint='is it a point cloud? then write kind = "cloud"' if file.suffix == "ply" else
             "export the part as a mesh",
         )
-    if len(loaded.faces) < promised:
+    if len(triangles) > MOST_TRIANGLES:
         raise InputError(
-            f"{file.path} is damaged",
-            where=f"its head promises {promised:,} faces, {len(loaded.faces):,} can be read",
-            hint="export or copy it again",
-        )
-    if len(loaded.faces) > MOST_TRIANGLES:
-        raise InputError(
-            f"{file.path} has {len(loaded.faces):,} triangles; at most {MOST_TRIANGLES:,} are read",
+            f"{file.path} has {len(triangles):,} triangles; at most {MOST_TRIANGLES:,} are read",
             hint="reduce the mesh: detail far below the bead width is lost anyway",
         )
-    vertices = np.asarray(loaded.vertices, dtype=np.float64)
-    triangles = np.asarray(loaded.faces, dtype=np.int64)
     if triangles.min() < 0 or triangles.max() >= len(vertices):
         raise InputError(
             f"{file.path} names a corner that is not there",
             where=f"corner {int(triangles.max()) + 1} of {len(vertices)}",
             hint="the file is damaged; export it again",
         )
-    vertices = checked_points(file, vertices, units, used=np.unique(triangles), what="corner")
+    used = np.zeros(len(vertices), dtype=bool)
+    used[triangles] = True
+    vertices = checked_points(file, vertices, units, used=np.flatnonzero(used), what="corner")
     return Mesh(vertices, triangles)
+
+
+def _from_binary_stl(file: DataFile) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Corners (3m, 3) and triangles (m, 3) of a binary STL whose length agrees with its head."""
+    facet = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+    facets = np.frombuffer(file.data, dtype=facet, offset=84)
+    corners = facets["corners"].astype(np.float64).reshape(-1, 3)
+    return corners, np.arange(len(corners)).reshape(-1, 3)
+
+
+def _parsed(file: DataFile) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Corners and triangles of the forms that trimesh parses; polygons are cut into triangles."""
+    promised = check_ply(file).get("face", 0) if file.suffix == "ply" else 0
+    loaded = parse(file, "load_mesh")
+    vertices = np.asarray(getattr(loaded, "vertices", np.empty((0, 3))), dtype=np.float64)
+    triangles = np.asarray(getattr(loaded, "faces", np.empty((0, 3))), dtype=np.int64)
+    if 0 < len(triangles) < promised:
+        raise InputError(
+            f"{file.path} is damaged",
+            where=f"its head promises {promised:,} faces, {len(triangles):,} can be read",
+            hint="export or copy it again",
+        )
+    return vertices, triangles
 
 
 def parse(file: DataFile, loader: Literal["load_mesh", "load"]) -> Any:
@@ -163,9 +175,14 @@ def _refuse_size(file: DataFile, size_mm: float, units: str) -> None:
     )
 
 
-def _check_stl(file: DataFile) -> None:
-    """Compare a binary STL's triangle count with its length; look for an ASCII one's end."""
+def _is_binary_stl(file: DataFile) -> bool:
+    """Whether it is an STL in the binary form, of just the length its head promises.
+
+    Raises InputError for an STL of either form that is not whole.
+    """
     data = file.data
+    if file.suffix != "stl":
+        return False
     if _is_text_stl(data):
         if b"endsolid" not in data[-2000:].lower():
             raise InputError(
@@ -173,7 +190,7 @@ def _check_stl(file: DataFile) -> None:
                 where="a text STL ends with `endsolid`, this one does not",
                 hint="export or copy it again",
             )
-        return
+        return False
     if len(data) < 84:
         raise InputError(
             f"{file.path} is not an STL file",
@@ -188,6 +205,7 @@ def _check_stl(file: DataFile) -> None:
             f"{(len(data) - 84) / 50:,.8g}",
             hint="it is damaged or of another kind; export or copy it again",
         )
+    return True
 
 
 def _is_text_stl(data: bytes) -> bool:

@@ -9,13 +9,19 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from lmctl.errors import InputError
 from lmctl.field.plane import loop_area_mm2
 from lmctl.part.mesh_files import Mesh
+from lmctl.part.mesh_topology import (
+    components,
+    directed_edges,
+    edge_numbers,
+    join_corners,
+    odd_edges,
+    patches,
+)
 from lmctl.part.slicing import Slicer, crossings
 
 IntArray = NDArray[np.int64]
@@ -37,14 +43,15 @@ def mend(mesh: Mesh, name: str, hole_mm: float) -> tuple[Mesh, tuple[str, ...]]:
     """A closed mesh, and what was done to make it one.
 
     hole_mm : holes up to this size are closed: smaller than a bead, they cannot be deposited
-    returns : the mesh, every edge in an even number of triangles; warnings, each naming `name`
+    returns : the mesh, every edge in an even number of triangles, every corner in one;
+        warnings, each naming `name`
     raises : InputError where the mesh is open, encloses nothing, or overlaps itself
     """
     said: list[str] = []
-    vertices, triangles = _joined(mesh.vertices, mesh.triangles)
+    vertices, triangles = join_corners(mesh.vertices, mesh.triangles)
     triangles = _without_collapsed(triangles, said)
     triangles = _without_copies(triangles, said)
-    if (_edges(triangles)[1] != 2).any():
+    if (edge_numbers(triangles)[1] != 2).any():
         vertices, triangles = _seams_joined(vertices, triangles, said)
         triangles = _without_fins(triangles, said)
         vertices, triangles = _holes_closed(vertices, triangles, name, hole_mm, said)
@@ -52,18 +59,10 @@ def mend(mesh: Mesh, name: str, hole_mm: float) -> tuple[Mesh, tuple[str, ...]]:
         raise InputError(f"the mesh {name} encloses nothing", hint="export it again as a solid")
     triangles = _facing_out(vertices, triangles, said)
     _check_overlap(vertices, triangles, name, said)
-    return Mesh(vertices, triangles), tuple(f"mesh {name}: {text}" for text in said)
-
-
-def _joined(vertices: FloatArray, triangles: IntArray) -> tuple[FloatArray, IntArray]:
-    """Corners of exactly equal coordinates made one."""
-    points = np.ascontiguousarray(vertices + 0.0)  # −0 and 0 are the same place
-    order = np.lexsort(points.T)
-    new = np.ones(len(order), dtype=bool)
-    new[1:] = np.any(points[order[1:]] != points[order[:-1]], axis=1)
-    number = np.empty(len(order), dtype=np.int64)
-    number[order] = np.cumsum(new) - 1
-    return points[order[new]], number[triangles]
+    used = np.zeros(len(vertices), dtype=bool)
+    used[triangles] = True
+    whole = Mesh(vertices[used], (np.cumsum(used) - 1)[triangles])
+    return whole, tuple(f"mesh {name}: {text}" for text in said)
 
 
 def _without_collapsed(triangles: IntArray, said: list[str]) -> IntArray:
@@ -98,21 +97,20 @@ def _without_copies(triangles: IntArray, said: list[str]) -> IntArray:
     said.append(f"{_count(~first, 'triangle')} there more than once left out")
     one_each: IntArray = triangles[first]
     united: IntArray = triangles[first & (balance != 0)[number]]
-    return united if len(united) and not len(_open_edges(united)) else one_each
+    return united if len(united) and not len(odd_edges(united)) else one_each
 
 
 def _seams_joined(
     vertices: FloatArray, triangles: IntArray, said: list[str]
 ) -> tuple[FloatArray, IntArray]:
     """Corners of open edges joined where they differ by rounding only."""
-    rim = np.unique(_open_edges(triangles))
+    rim = np.unique(odd_edges(triangles))
     if len(rim) == 0:
         return vertices, triangles
     pairs = cKDTree(vertices[rim]).query_pairs(SEAM_MM, output_type="ndarray")
     if len(pairs) == 0:
         return vertices, triangles
-    links = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), (len(rim), len(rim)))
-    _, group = connected_components(links, directed=False)
+    group = components(pairs, len(rim))
     _, first = np.unique(group, return_index=True)
     number = np.arange(len(vertices))
     number[rim] = rim[first[group]]
@@ -132,8 +130,8 @@ def _without_fins(triangles: IntArray, said: list[str]) -> IntArray:
     most = max(10, int(FIN_SHARE * len(triangles)))
     kept = triangles
     while len(kept):
-        patch, sizes = _patches(kept)
-        number, counts = _edges(kept)
+        patch, sizes = patches(kept)
+        number, counts = edge_numbers(kept)
         per_edge = counts[number].reshape(-1, 3)
         stray = np.zeros(len(sizes), dtype=bool)
         stray[patch[(per_edge == 1).any(axis=1)]] = True
@@ -154,28 +152,14 @@ def _without_fins(triangles: IntArray, said: list[str]) -> IntArray:
     return kept
 
 
-def _patches(triangles: IntArray) -> tuple[IntArray, IntArray]:
-    """The number of each triangle's patch; the size of each patch."""
-    number, counts = _edges(triangles)
-    order = np.argsort(number, kind="stable")
-    paired = order[(counts == 2)[number[order]]].reshape(-1, 2) // 3
-    links = coo_matrix(
-        (np.ones(len(paired)), (paired[:, 0], paired[:, 1])), (len(triangles),) * 2
-    )
-    _, patch = connected_components(links, directed=False)
-    return patch, np.bincount(patch)
-
-
 def _holes_closed(
     vertices: FloatArray, triangles: IntArray, name: str, hole_mm: float, said: list[str]
 ) -> tuple[FloatArray, IntArray]:
     """Every open rim closed by a fan to its middle; refused where one is larger than a bead."""
-    rim = _open_edges(triangles)
+    rim = odd_edges(triangles)
     if len(rim) == 0:
         return vertices, triangles
-    links = coo_matrix((np.ones(len(rim)), (rim[:, 0], rim[:, 1])), (len(vertices),) * 2)
-    _, group = connected_components(links, directed=False)
-    group_of_rim = group[rim[:, 0]]
+    group_of_rim = components(rim, len(vertices))[rim[:, 0]]
     middles, fans, sizes = [], [], []
     for number, which in enumerate(np.unique(group_of_rim)):
         edges = rim[group_of_rim == which]
@@ -204,19 +188,18 @@ def _holes_closed(
 
 def _facing_out(vertices: FloatArray, triangles: IntArray, said: list[str]) -> IntArray:
     """Shells that face inwards turned, unless they are cavities; what cannot be turned is said."""
-    undirected, counts = _edges(triangles)
+    undirected, counts = edge_numbers(triangles)
     if (counts > 2).any():
         said.append(f"{_count(counts > 2, 'edge')} with more than two triangles; "
                     "solids that only touch keep a seam between them")
-    edges = _directed(triangles)
+    edges = directed_edges(triangles)
     forward = np.where(edges[:, 0] < edges[:, 1], 1, -1)
     balance = np.bincount(undirected, weights=forward, minlength=len(counts))
     if (balance != 0).any():
         said.append(f"{_count(balance != 0, 'edge')} whose triangles {OPPOSITE}; "
                     "inside is decided by parity")
         return triangles
-    links = coo_matrix((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), (len(vertices),) * 2)
-    shell = connected_components(links, directed=False)[1][triangles[:, 0]]
+    shell = components(edges, len(vertices))[triangles[:, 0]]
     volume = np.bincount(shell, weights=_volumes(vertices, triangles))
     turned = triangles.copy()
     for number in np.flatnonzero(volume < 0):
@@ -266,29 +249,6 @@ def _volumes(vertices: FloatArray, triangles: IntArray) -> FloatArray:
     a, b, c = (vertices[triangles[:, k]] - vertices.mean(axis=0) for k in range(3))
     volumes: FloatArray = np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0
     return volumes
-
-
-def _directed(triangles: IntArray) -> IntArray:
-    """(3m, 2): the three edges of each triangle in turn, as it runs through them."""
-    return triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-
-
-def _edges(triangles: IntArray) -> tuple[IntArray, IntArray]:
-    """For each directed edge the number of its undirected edge; how often each of those occurs."""
-    edges = np.sort(_directed(triangles), axis=1)
-    span = int(edges.max()) + 1 if len(edges) else 1
-    _, number, counts = np.unique(
-        edges[:, 0] * span + edges[:, 1], return_inverse=True, return_counts=True
-    )
-    return number, counts
-
-
-def _open_edges(triangles: IntArray) -> IntArray:
-    """(k, 2) directed edges that occur an odd number of times, one of each."""
-    number, counts = _edges(triangles)
-    _, first = np.unique(number, return_index=True)
-    odd: IntArray = _directed(triangles)[first[counts % 2 == 1]]
-    return odd
 
 
 def _count(which: NDArray[np.bool_], noun: str) -> str:

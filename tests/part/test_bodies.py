@@ -14,17 +14,15 @@ from lmctl.field.grid import Grid
 from lmctl.field.plane import PlaneGrid, loop_area_mm2, plane_distance
 from lmctl.part.bodies import (
     Body,
-    Box,
-    Cylinder,
     FieldSolid,
     MeshSolid,
-    Sphere,
     is_closed,
     plane_points,
     without_slivers,
     zero_bounds,
 )
 from lmctl.part.combined import Combined, Operation
+from lmctl.part.formulas import Box, Cylinder, Sphere
 from lmctl.part.mesh_files import Mesh
 
 PLANE = PlaneGrid((-25.0, -25.0), 0.25, (201, 201))

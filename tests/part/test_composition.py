@@ -10,8 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lmctl.config.part_rules import parse_part_file
-from lmctl.part.bodies import Body, Box, Sphere
+from lmctl.part.bodies import Body
 from lmctl.part.composition import Rule, Span, Table, rule_of
+from lmctl.part.formulas import Box, Sphere
 
 HEAD = 'name = "p"\n[[material]]\nname = "316L"\n[[material]]\nname = "WC-12Co"\n'
 BODY = '[[body]]\nkind = "sphere"\ncentre_mm = [0, 0, 0]\nradius_mm = 10\n'

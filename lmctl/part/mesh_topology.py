@@ -1,0 +1,76 @@
+"""Which corners, edges and triangles of a mesh belong together; array code that judges nothing.
+
+triangles : (m, 3) int64, numbers of corners
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+IntArray = NDArray[np.int64]
+FloatArray = NDArray[np.float64]
+
+#: Odd multipliers that spread the bits of coordinates (those of splitmix64 and its kin).
+HASH = np.array([0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB], dtype=np.uint64)
+
+
+def join_corners(vertices: FloatArray, triangles: IntArray) -> tuple[FloatArray, IntArray]:
+    """Corners of exactly equal coordinates made one.
+
+    Sorted by a hash of their bits, which takes a fifth of the time of sorting by coordinates; two
+    places of one hash (odds of 1 in 10⁶ for four million corners) may stay unjoined, and show.
+    """
+    points = np.ascontiguousarray(vertices + 0.0)  # −0 and 0 are the same place
+    bits = points.view(np.uint64)
+    key = bits[:, 0] * HASH[0]
+    key ^= (key >> np.uint64(29)) + bits[:, 1] * HASH[1]
+    key ^= (key >> np.uint64(31)) + bits[:, 2] * HASH[2]
+    key ^= key >> np.uint64(32)
+    order = np.argsort(key, kind="stable")
+    new = np.ones(len(order), dtype=bool)
+    new[1:] = np.any(points[order[1:]] != points[order[:-1]], axis=1)
+    number = np.empty(len(order), dtype=np.int64)
+    number[order] = np.cumsum(new) - 1
+    return points[order[new]], number[triangles]
+
+
+def directed_edges(triangles: IntArray) -> IntArray:
+    """(3m, 2): the three edges of each triangle in turn, as it runs through them."""
+    return triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+
+
+def edge_numbers(triangles: IntArray) -> tuple[IntArray, IntArray]:
+    """For each directed edge the number of its undirected edge; how often each of those occurs."""
+    edges = np.sort(directed_edges(triangles), axis=1)
+    span = int(edges.max()) + 1 if len(edges) else 1
+    _, number, counts = np.unique(
+        edges[:, 0] * span + edges[:, 1], return_inverse=True, return_counts=True
+    )
+    return number, counts
+
+
+def odd_edges(triangles: IntArray) -> IntArray:
+    """(k, 2) directed edges that occur an odd number of times, one of each."""
+    number, counts = edge_numbers(triangles)
+    _, first = np.unique(number, return_index=True)
+    odd: IntArray = directed_edges(triangles)[first[counts % 2 == 1]]
+    return odd
+
+
+def patches(triangles: IntArray) -> tuple[IntArray, IntArray]:
+    """The number of each triangle's patch; the size of each patch."""
+    number, counts = edge_numbers(triangles)
+    order = np.argsort(number, kind="stable")
+    paired = order[(counts == 2)[number[order]]].reshape(-1, 2) // 3
+    patch = components(paired, len(triangles))
+    return patch, np.bincount(patch)
+
+
+def components(links: IntArray, count: int) -> IntArray:
+    """The number of the connected component of each of `count` things; links (k, 2) join them."""
+    graph = coo_matrix((np.ones(len(links)), (links[:, 0], links[:, 1])), (count, count))
+    labels: IntArray = connected_components(graph, directed=False)[1]
+    return labels
