@@ -74,7 +74,7 @@ class GrblHost:
 
     def __init__(self, rx_usable: int, line_chars: int) -> None:
         self.rx_usable = rx_usable
-        self.line_chars = line_chars
+        self._most_chars = min(line_chars, rx_usable - 1)
         self._free = rx_usable
         self._unanswered: deque[tuple[int, int]] = deque()  # (tag, size), oldest first
         self._partial = b""
@@ -100,10 +100,10 @@ class GrblHost:
         It must be printable ASCII without its line end and without `! ? ~`, which would act, and
         no longer than the controller stores and receives.
         """
-        most = min(self.line_chars, self.rx_usable - 1)
-        if len(line) > most:
+        if len(line) > self._most_chars:
             raise LocalProtocolError(
-                f"a line has {len(line)} characters, the controller takes {most}: {line[:40]!r}..."
+                f"a line has {len(line)} characters, the controller takes {self._most_chars}: "
+                f"{line[:40]!r}..."
             )
         if line.translate(None, _FORBIDDEN) != line:
             raise LocalProtocolError(f"a line holds bytes that would act or break it: {line!r}")

@@ -8,15 +8,21 @@ damaged on the line.
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 STATES = frozenset(
     ("Idle", "Run", "Hold", "Jog", "Alarm", "Door", "Check", "Home", "Sleep", "Tool")
 )
 
 _INT = re.compile(r"[0-9]{1,9}")
-_SIGNED = re.compile(r"-?[0-9]{1,9}(?:\.[0-9]{1,9})?")
+_DECIMAL = r"-?[0-9]{1,9}(?:\.[0-9]{1,9})?"
+_NUMBER = re.compile(_DECIMAL)
+_POSITION = re.compile(rf"{_DECIMAL}(?:,{_DECIMAL}){{2,7}}")
 _KEY = re.compile(r"[A-Za-z][A-Za-z0-9]{0,15}")
+
+_Values = tuple[tuple[str, object], ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,88 +97,79 @@ def parse_status(text: str) -> StatusReport | None:
     if len(text) < 3 or text[0] != "<" or text[-1] != ">":
         return None
     head, *fields = text[1:-1].split("|")
-    state, _, sub = head.partition(":")
-    if state not in STATES or (sub and not _INT.fullmatch(sub)) or head.endswith(":"):
+    state, colon, sub = head.partition(":")
+    if state not in STATES or (colon and not _INT.fullmatch(sub)):
         return None
-    found: dict[str, object] = {"state": state, "substate": int(sub) if sub else None}
+    found: dict[str, object] = {"substate": int(sub) if colon else None}
     other: list[tuple[str, str]] = []
-    seen: set[str] = set()
     for field in fields:
-        key, colon, value = field.partition(":")
-        if not colon or key in seen or not _KEY.fullmatch(key):
+        values = _read_field(field)
+        if values is None:
             return None
-        seen.add(key)
-        read = _FIELDS.get(key)
-        if read is None:
-            other.append((key, value))
-            continue
-        values = read(value)
-        if values is None or not found.keys().isdisjoint(values):
-            return None
-        found.update(values)
-    return StatusReport(other=tuple(other), **found)  # type: ignore[arg-type]
+        for name, value in values:
+            if name == "":
+                other.append(value)  # type: ignore[arg-type]
+            elif name in found:
+                return None
+            else:
+                found[name] = value
+    if len(other) > 1 and len({key for key, _ in other}) < len(other):
+        return None
+    return StatusReport(state, other=tuple(other), **found)  # type: ignore[arg-type]
 
 
 def _lengths(values: tuple[float, ...]) -> str:
     return ",".join(f"{value:.3f}" for value in values)
 
 
-def _numbers(value: str) -> tuple[float, ...] | None:
-    parts = value.split(",")
-    return tuple(map(float, parts)) if all(map(_SIGNED.fullmatch, parts)) else None
-
-
-def _integers(value: str) -> tuple[int, ...] | None:
-    parts = value.split(",")
-    return tuple(map(int, parts)) if all(map(_INT.fullmatch, parts)) else None
-
-
-def _position(name: str, value: str) -> dict[str, object] | None:
-    axes = _numbers(value)
-    return {name: axes} if axes is not None and 3 <= len(axes) <= 8 else None
-
-
-def _buffers(value: str) -> dict[str, object] | None:
-    free = _integers(value)
-    if free is None or len(free) != 2:
+@lru_cache(maxsize=256)  # most fields of a report are those of the report before
+def _read_field(field: str) -> _Values | None:
+    """A field's values by attribute; of an unknown field by ""; None if it is malformed."""
+    key, colon, value = field.partition(":")
+    if not colon:
         return None
-    return {"blocks_free": free[0], "rx_free": free[1]}
+    if key in _FIELDS:
+        return _FIELDS[key](value)
+    return (("", (key, value)),) if _KEY.fullmatch(key) else None
 
 
-def _line_number(value: str) -> dict[str, object] | None:
-    return {"line_number": int(value)} if _INT.fullmatch(value) else None
-
-
-def _feed(value: str) -> dict[str, object] | None:
-    feed = _numbers(value)
-    return {"feed_mm_min": feed[0]} if feed is not None and len(feed) == 1 else None
-
-
-def _feed_and_spindle(value: str) -> dict[str, object] | None:
-    rates = _numbers(value)
-    if rates is None or len(rates) not in (2, 3):
+def _position(name: str, value: str) -> _Values | None:
+    if not _POSITION.fullmatch(value):
         return None
-    names = ("feed_mm_min", "spindle", "spindle_measured")
-    return dict(zip(names, rates, strict=False))
+    return ((name, tuple(map(float, value.split(",")))),)
 
 
-def _overrides(value: str) -> dict[str, object] | None:
-    percent = _integers(value)
-    return {"overrides": percent} if percent is not None and len(percent) == 3 else None
+def _integers(value: str, *names: str) -> _Values | None:
+    parts = value.split(",")
+    if len(parts) != len(names) or not all(map(_INT.fullmatch, parts)):
+        return None
+    return tuple(zip(names, map(int, parts), strict=True))
 
 
-def _letters(name: str, value: str) -> dict[str, object] | None:
-    return {name: value} if value == "" or (value.isascii() and value.isalnum()) else None
+def _rates(value: str, names: tuple[str, ...], least: int) -> _Values | None:
+    parts = value.split(",")
+    if not least <= len(parts) <= len(names) or not all(map(_NUMBER.fullmatch, parts)):
+        return None
+    return tuple(zip(names, map(float, parts), strict=False))
 
 
-_FIELDS = {
+def _overrides(value: str) -> _Values | None:
+    percent = _integers(value, "feed", "rapid", "spindle")
+    return None if percent is None else (("overrides", tuple(p for _, p in percent)),)
+
+
+def _letters(name: str, value: str) -> _Values | None:
+    return ((name, value),) if value == "" or (value.isascii() and value.isalnum()) else None
+
+
+_FIELDS: dict[str, Callable[[str], _Values | None]] = {
     "MPos": lambda value: _position("machine_mm", value),
     "WPos": lambda value: _position("work_mm", value),
     "WCO": lambda value: _position("offset_mm", value),
-    "Bf": _buffers,
-    "Ln": _line_number,
-    "F": _feed,
-    "FS": _feed_and_spindle,
+    "Bf": lambda value: _integers(value, "blocks_free", "rx_free"),
+    "Ln": lambda value: _integers(value, "line_number"),
+    "F": lambda value: _rates(value, ("feed_mm_min",), 1),
+    "FS": lambda value: _rates(value, ("feed_mm_min", "spindle", "spindle_measured"), 2),
     "Ov": _overrides,
     "Pn": lambda value: _letters("pins", value),
     "A": lambda value: _letters("accessories", value),
