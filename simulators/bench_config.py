@@ -156,9 +156,10 @@ def _hopper(table: TableReader) -> HopperConfig:
 
 
 def _address(table: TableReader, scheme: str, default: str) -> Address:
-    """"SCHEME://HOST:PORT", or "pty"."""
+    """Of "SCHEME://HOST:PORT", or "pty"."""
+    known = len(table.mistakes)
     text = table.text("endpoint", default)
-    if text == "pty":
+    if text == "pty" or len(table.mistakes) > known:
         return Address(pty=True)
     try:
         parts = urlsplit(text)
@@ -169,4 +170,4 @@ def _address(table: TableReader, scheme: str, default: str) -> Address:
     except ValueError:
         pass
     table.blame("endpoint", f'must be "{scheme}://HOST:PORT" or "pty"')
-    return Address()
+    return Address(pty=True)
