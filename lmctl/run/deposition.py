@@ -8,8 +8,6 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
-import numpy as np
-
 from firmware_protocol.status import StatusReport
 from lmctl.run.cell import Cell
 from lmctl.run.job_window import JobWindow
@@ -64,7 +62,7 @@ class Deposition:
         self._tick_due_t = 0.0
         self._names = tuple(hopper.name for hopper in cell.hoppers)
         self._flows_g_min: tuple[float, ...] = (0.0,) * len(self._names)
-        self._fed_g = np.zeros(len(self._names))
+        self._fed_g = [0.0] * len(self._names)
         self._layer = 0
         self._layer_t = 0.0
         self._percent = 100
@@ -88,6 +86,7 @@ class Deposition:
         if self._tick_timer is None:
             self._flows_g_min = (-1.0,) * len(self._names)  # the first is always sent
             self._tick_due_t = self._loop.time()
+            self.plan.start()
             self._tick()
 
     def powder_off(self) -> None:
@@ -106,9 +105,10 @@ class Deposition:
             self._failed(error)
 
     def _send_flows(self) -> None:
-        flow_g_s = self.plan.setpoints_g_s(self._loop.time())
-        self._fed_g += flow_g_s * TICK_S
-        flows = tuple((flow_g_s * 60.0).round(_FLOW_DECIMALS).tolist())
+        setpoints = self.plan.setpoints_g_s(self._loop.time())
+        for hopper, flow_g_s in enumerate(setpoints):
+            self._fed_g[hopper] += flow_g_s * TICK_S
+        flows = tuple(round(flow_g_s * 60.0, _FLOW_DECIMALS) for flow_g_s in setpoints)
         if flows != self._flows_g_min:
             self._flows_g_min = flows
             by_name = dict(zip(self._names, flows, strict=True))
@@ -197,7 +197,7 @@ class Deposition:
 
     def _go_on(self) -> None:
         motion = self._cell.motion
-        self.clock.acknowledged = motion.acknowledged
+        self.clock.acknowledge(motion.acknowledged)
         executed = motion.executed
         if completed := self._streamer.completed(executed):
             self._recorder.executed(completed)
@@ -230,10 +230,10 @@ class Deposition:
             planned_s=round(float(stretch.end_s[-1] - stretch.start_s[0]), 3),
             lasted_s=round(t - self._layer_t, 3),
             fed_g={
-                name: round(float(fed), 3)
+                name: round(fed, 3)
                 for name, fed in zip(self._names, self._fed_g, strict=True)
             },
         )
         self._layer += 1
         self._layer_t = t
-        self._fed_g[:] = 0.0
+        self._fed_g = [0.0] * len(self._names)

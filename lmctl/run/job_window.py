@@ -19,9 +19,6 @@ from lmctl.job.schema import JobLayer, JobManifest, LineKind
 
 FloatArray = NDArray[np.float64]
 
-#: Kinds of line whose speed a feed override scales (G1); rapids and dwells keep theirs.
-_FED = (int(LineKind.LEAD), int(LineKind.BEAD))
-
 
 @dataclass(frozen=True)
 class PathSpan:
@@ -39,15 +36,18 @@ class Stretch:
 
     start_s, end_s : (n,) program time at which each line starts and ends
     start_mm, end_mm : (n, 3) where it starts and ends
-    fed : (n,) whether a feed override scales the line; dark : (n,) whether the beam is off
+    fed : (n,) whether a feed override scales the line (G1); dark : (n,) whether the beam is off
     fed_end_s : (n,) program time spent in G1 since the job began, up to each line's end
     program : the text of each line, without its end
+    flow_s, flow_g_s : knots of the flow at the nozzle: times, and of each hopper its values there
+        (plain lists: they are asked for one value at a time, ten times a second)
     beam_s, beam_mm, energy_J : of its bead lines, as planned
     """
 
     index: int
     z_mm: float
     first_line: int
+    last_line: int
     start_s: FloatArray
     end_s: FloatArray
     start_mm: FloatArray
@@ -57,15 +57,12 @@ class Stretch:
     fed_end_s: FloatArray
     program: list[bytes]
     paths: tuple[PathSpan, ...]
-    flow_s: FloatArray
-    flow_g_s: FloatArray
+    flow_s: list[float]
+    flow_g_s: list[list[float]]
     beam_s: float
     beam_mm: float
     energy_J: float
 
-    @property
-    def last_line(self) -> int:
-        return self.first_line + len(self.program) - 1
 
     def paths_from(self, line: int, before: int) -> tuple[PathSpan, ...]:
         """The paths that begin at or after a line of this layer, and before another."""
@@ -121,6 +118,9 @@ class JobWindow:
 
     def stretch_of_line(self, line: int) -> Stretch:
         """The layer that holds a line."""
+        for stretch in self._loaded:
+            if stretch.first_line <= line <= stretch.last_line:
+                return stretch
         return self.stretch(bisect_right(self._first_lines, line) - 1)
 
     def line_start_s(self, line: int) -> float:
@@ -129,6 +129,13 @@ class JobWindow:
             return self.end_s
         stretch = self.stretch_of_line(line)
         return float(stretch.start_s[line - stretch.first_line])
+
+    def line_at(self, s: float) -> tuple[list[float], list[float], float, float]:
+        """The line that runs at program time s by plan: where it starts and ends, and when."""
+        stretch = self._at(s)
+        row = min(int(stretch.end_s.searchsorted(s)), len(stretch.program) - 1)
+        return (stretch.start_mm[row].tolist(), stretch.end_mm[row].tolist(),
+                float(stretch.start_s[row]), float(stretch.end_s[row]))
 
     def forget(self, before_line: int) -> None:
         """Drop the layers that end before this line, but for the last one read."""
@@ -178,20 +185,21 @@ class JobWindow:
             else:
                 stretch = self.stretch(stretch.index + 1)
 
-    def flow_g_s(self, s: float) -> FloatArray:
-        """Mass flow wanted at the nozzle, (n_hoppers,) [g/s]."""
+    def flow_g_s(self, hopper: int, s: float) -> float:
+        """Mass flow wanted at the nozzle from one hopper [g/s]."""
         stretch = self._at(s)
-        times, flows = stretch.flow_s, stretch.flow_g_s
-        row = int(times.searchsorted(s, side="right"))
-        after = min(row, len(times) - 1)
-        before = max(row - 1, 0)
-        lasting_s = times[after] - times[before]
-        share = (s - times[before]) / lasting_s if lasting_s > 0.0 else 0.0
-        mixed: FloatArray = flows[before] + share * (flows[after] - flows[before])
-        return mixed
+        times, flow = stretch.flow_s, stretch.flow_g_s[hopper]
+        after = bisect_right(times, s)
+        if after == 0 or after == len(times):
+            return flow[after - 1 if after else 0]
+        start_s, start = times[after - 1], flow[after - 1]
+        return start + (flow[after] - start) * (s - start_s) / (times[after] - start_s)
 
     def _at(self, s: float) -> Stretch:
         """The layer in which a program time lies, or the nearest one still held."""
+        for stretch in self._loaded:
+            if stretch.flow_s[0] <= s < stretch.flow_s[-1]:
+                return stretch
         layer = max(bisect_right(self._starts_s, s) - 1, 0)
         return self.stretch(max(layer, self._loaded[0].index if self._loaded else 0))
 
@@ -212,16 +220,17 @@ class JobWindow:
         end_mm = np.column_stack([lines["x_mm"], lines["y_mm"], lines["z_mm"]])
         start_mm = np.concatenate([self._behind_mm[None], end_mm[:-1]])
         lasting_s = end_s - start_s
-        fed = np.isin(lines["kind"], _FED)
+        fed = np.array([" G1 " in line for line in layer.program])
         fed_end_s = self._behind_fed_s + np.cumsum(np.where(fed, lasting_s, 0.0))
         bead = lines["kind"] == LineKind.BEAD
         program = [line.encode("ascii") for line in layer.program]
         if self._rewrite is not None:
             program = [self._rewrite(line) for line in program]
         self._loaded.append(Stretch(
-            index, layer.z_mm, layer.first_line, start_s, end_s, start_mm, end_mm, fed, ~bead,
-            fed_end_s, program, _paths(index, layer.first_line, lines["path"]), layer.flow_s,
-            layer.flow_g_s,
+            index, layer.z_mm, layer.first_line,
+            layer.first_line + len(program) - 1, start_s, end_s, start_mm, end_mm, fed, ~bead,
+            fed_end_s, program, _paths(index, layer.first_line, lines["path"]),
+            layer.flow_s.tolist(), layer.flow_g_s.T.tolist(),
             beam_s=float(lasting_s[bead].sum()),
             beam_mm=float(np.linalg.norm((end_mm - start_mm)[bead], axis=1).sum()),
             energy_J=float((lines["power_W"][bead] * lasting_s[bead]).sum()),

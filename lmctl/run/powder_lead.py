@@ -13,13 +13,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from lmctl.run.job_window import JobWindow
 from lmctl.run.program_clock import ProgramClock
-
-FloatArray = NDArray[np.float64]
 
 #: How often set-points are sent, and so how long each holds [s].
 TICK_S = 0.1
@@ -40,25 +35,23 @@ class Hose:
 
 
 def lead(
-    at_start_g_s: FloatArray, at_end_g_s: FloatArray, lag_s: FloatArray, limit_g_s: FloatArray,
-    tick_s: float = TICK_S,
-) -> FloatArray:
-    """Set-points of all hoppers that make the nozzle follow the wanted flow over one tick.
+    before_g_s: float, after_g_s: float, lag_s: float, limit_g_s: float, tick_s: float = TICK_S
+) -> float:
+    """Set-point of a hopper that makes the nozzle follow the wanted flow over one tick [g/s].
 
-    at_start_g_s, at_end_g_s : (n_hoppers,) flow r·w wanted at the nozzle, each hopper's dead time
-        after the tick's start and end [g/s]
-    lag_s, limit_g_s : (n_hoppers,) τ and u_max
-    returns : (n_hoppers,) [g/s], each in [0, u_max]
+    before_g_s, after_g_s : flow r·w wanted at the nozzle one dead time after the tick's start
+        and end
+    lag_s, limit_g_s : τ and u_max
+    returns : in [0, u_max]
 
     A steady ramp of 0.1 g/s² through a lag of 2 s asks for 0.2 g/s above the flow at mid-tick:
 
-    >>> lead(np.array([1.0]), np.array([1.01]), np.array([2.0]), np.array([9.0]))
-    array([1.205])
+    >>> round(lead(1.0, 1.01, 2.0, 9.0), 6)
+    1.205
     """
-    mean = 0.5 * (at_start_g_s + at_end_g_s)
-    slope = (at_end_g_s - at_start_g_s) / tick_s
-    setpoints: FloatArray = np.clip(mean + lag_s * slope, 0.0, limit_g_s)
-    return setpoints
+    mean = 0.5 * (before_g_s + after_g_s)
+    slope = (after_g_s - before_g_s) / tick_s
+    return min(max(mean + lag_s * slope, 0.0), limit_g_s)
 
 
 class PowderPlan:
@@ -72,33 +65,45 @@ class PowderPlan:
         self, mode: str, hoses: Sequence[Hose], window: JobWindow, clock: ProgramClock
     ) -> None:
         self._leads = mode == "lead"
-        self._dead_times_s = tuple(hose.dead_time_s for hose in hoses)
-        self._lag_s = np.array([hose.lag_s for hose in hoses])
-        self._limit_g_s = np.array([hose.limit_g_s for hose in hoses])
+        self._hoses = tuple(hoses)
         self._window = window
         self._clock = clock
+        self._reached: list[float] | None = None
         self.settling_s = max(hose.settling_s for hose in hoses)
         #: How long before motion the set-points begin to follow the program.
-        self.lead_s = max(self._dead_times_s) if self._leads else 0.0
+        self.lead_s = max(hose.dead_time_s for hose in hoses) if self._leads else 0.0
 
-    def setpoints_g_s(self, t: float) -> FloatArray:
-        """What to send at t, (n_hoppers,) [g/s]."""
+    def start(self) -> None:
+        """The next set-points are the first: nothing led lies behind them."""
+        self._reached = None
+
+    def setpoints_g_s(self, t: float) -> list[float]:
+        """What to send at t, of each hopper [g/s]; to be asked for once a tick."""
         if not self._leads:
-            return np.minimum(self._wanted_g_s(self._clock.now(t)), self._limit_g_s)
-        return lead(self._arriving(t, 0.0), self._arriving(t, TICK_S), self._lag_s,
-                    self._limit_g_s)
+            s = self._clock.now(t)
+            return [
+                min(self._wanted_g_s(hopper, s), hose.limit_g_s)
+                for hopper, hose in enumerate(self._hoses)
+            ]
+        # A tick goes on from where the one before ended, whatever a report has since corrected:
+        # so the changes of a ramp add up to the whole ramp.
+        before = self._arriving(t, 0.0) if self._reached is None else self._reached
+        after = self._reached = self._arriving(t, TICK_S)
+        return [
+            lead(before[hopper], after[hopper], hose.lag_s, hose.limit_g_s)
+            for hopper, hose in enumerate(self._hoses)
+        ]
 
-    def _arriving(self, t: float, later_s: float) -> FloatArray:
+    def _arriving(self, t: float, later_s: float) -> list[float]:
         """The flow wanted at the nozzle when what is sent `later_s` after t comes out there."""
-        return np.array([
-            self._wanted_g_s(self._clock.ahead(t, later_s + dead_time_s))[hopper]
-            for hopper, dead_time_s in enumerate(self._dead_times_s)
-        ])
+        return [
+            self._wanted_g_s(hopper, self._clock.ahead(t, later_s + hose.dead_time_s))
+            for hopper, hose in enumerate(self._hoses)
+        ]
 
-    def _wanted_g_s(self, s: float) -> FloatArray:
+    def _wanted_g_s(self, hopper: int, s: float) -> float:
         """The flow the nozzle must deliver at program time s.
 
         It is scaled by the override as beam and speed are, so the mass laid per millimetre stays.
         """
-        flow: FloatArray = self._window.flow_g_s(s) * self._clock.rate_at(s)
-        return flow
+        return self._window.flow_g_s(hopper, s) * self._clock.rate_at(s)

@@ -18,6 +18,9 @@ from lmctl.run.job_window import FloatArray, JobWindow, Stretch
 #: Where the count comes from planner blocks (Bf), it is only known to a line or two.
 _LOOK_BACK_S, _LOOK_AHEAD_S = 0.15, 0.55
 
+#: A position so near to where it is expected needs no search for the line it lies on.
+_EXPECTED_S, _EXPECTED_MM = 0.05, 0.01
+
 #: Distance that a deviation of one second from the expected time counts as [mm/s]: it only
 #: decides where a path lies on itself.
 _TIME_WEIGHT_MM_S = 0.02
@@ -40,19 +43,24 @@ class ProgramClock:
     """Program time of one run.
 
     rate : feed override now (1 = as planned)
-    acknowledged : lines the controller has taken so far; time never runs past their end
-
     The clock stands until `run_from`, and again after `stand`.
     """
 
     def __init__(self, window: JobWindow) -> None:
         self.rate = 1.0
-        self.acknowledged = 0
         self._window = window
+        self._acknowledged = 0
+        self._limit_s = 0.0  # program time at the end of the lines acknowledged
         self._change: RateChange | None = None
         self._known_t = 0.0
         self._known_s = 0.0
         self._runs_from_t = math.inf
+
+    def acknowledge(self, lines: int) -> None:
+        """The controller has taken so many lines; time never runs past their end."""
+        if lines != self._acknowledged:
+            self._acknowledged = lines
+            self._limit_s = self._window.line_start_s(lines)
 
     def run_from(self, t: float) -> None:
         """Motion starts, or is to start, at machine time t."""
@@ -103,7 +111,10 @@ class ProgramClock:
         if executed >= self._window.n_lines:
             self._known_s = self._window.end_s
         else:
-            self._known_s = self._nearest(executed, position_mm, expected_s)
+            found_s = self._as_expected(position_mm, expected_s)
+            self._known_s = (
+                self._nearest(executed, position_mm, expected_s) if found_s is None else found_s
+            )
         self._known_t = t
 
     def now(self, t: float) -> float:
@@ -111,9 +122,8 @@ class ProgramClock:
         running_s = t - max(self._known_t, self._runs_from_t)
         if running_s <= 0.0:
             return self._known_s
-        limit_s = self._window.line_start_s(self.acknowledged)
         reached_s = self._window.advance(self._known_s, running_s, self.rate)
-        return max(self._known_s, min(reached_s, limit_s))
+        return max(self._known_s, min(reached_s, self._limit_s))
 
     def ahead(self, t: float, machine_s: float) -> float:
         """Program time that will have been reached `machine_s` after t, if all goes on as it is."""
@@ -125,6 +135,20 @@ class ProgramClock:
         before_s = (self._window.machine_s(change.from_s, self.rate)
                     - self._window.machine_s(s, self.rate))
         return self._window.advance(change.from_s, running_s - before_s, change.after)
+
+    def _as_expected(self, position_mm: tuple[float, ...], expected_s: float) -> float | None:
+        """Program time of a position that lies where it is expected, found without a search."""
+        start_mm, end_mm, start_s, end_s = self._window.line_at(expected_s)
+        along = [end - start for start, end in zip(start_mm, end_mm, strict=True)]
+        off = [at - start for at, start in zip(position_mm, start_mm, strict=False)]
+        length2 = sum(step * step for step in along)
+        if length2 == 0.0:
+            return None
+        share = sum(a * b for a, b in zip(off, along, strict=False)) / length2
+        off2 = sum((a - share * b) ** 2 for a, b in zip(off, along, strict=False))
+        found_s = start_s + share * (end_s - start_s)
+        near = abs(found_s - expected_s) < _EXPECTED_S and off2 < _EXPECTED_MM**2
+        return found_s if near and 0.0 <= share <= 1.0 else None
 
     def _nearest(
         self, executed: int, position_mm: tuple[float, ...], expected_s: float
@@ -157,7 +181,7 @@ class ProgramClock:
         first = int(stretch.end_s.searchsorted(start_s - _LOOK_BACK_S))
         last = int(stretch.start_s.searchsorted(start_s + _LOOK_AHEAD_S, side="right"))
         near = _rows(stretch, min(first, row), last)
-        if last < len(stretch.program) or stretch.last_line + 1 >= self.acknowledged:
+        if last < len(stretch.program) or stretch.last_line + 1 >= self._acknowledged:
             return near
         after = self._window.stretch(stretch.index + 1)
         last = int(after.start_s.searchsorted(start_s + _LOOK_AHEAD_S, side="right"))

@@ -64,7 +64,6 @@ def _feeder_listener(cell: Cell, feeder: FeederDriver, failed: Failed) -> Feeder
         cell.reported()
 
     def fault(reason: str) -> None:
-        failed(MachineError(f"feeder {feeder.name}: {reason}",
-                            hint="check powder level, carrier gas and the link to the feeder"))
+        failed(feeder.fault or MachineError(f"feeder {feeder.name}: {reason}"))
 
     return FeederListener(on_status=status, on_fault=fault)

@@ -42,12 +42,15 @@ def test_paths_are_found_with_their_lines(job):
 def test_flow_is_linear_between_knots_and_constant_outside(job):
     knots = [(0.0, (1.0, 0.0)), (6.0, (0.0, 2.0)), (8.0, (0.0, 0.0)), (18.0, (1.0, 1.0))]
     window = job(there_and_back(), flow=knots).window()
-    assert window.flow_g_s(-5.0).tolist() == [1.0, 0.0]
-    assert window.flow_g_s(3.0) == pytest.approx([0.5, 1.0])
-    assert window.flow_g_s(6.0) == pytest.approx([0.0, 2.0])
-    assert window.flow_g_s(7.0) == pytest.approx([0.0, 1.0])
-    assert window.flow_g_s(13.0) == pytest.approx([0.5, 0.5])
-    assert window.flow_g_s(99.0).tolist() == [1.0, 1.0]
+    def flows(s):
+        return [window.flow_g_s(hopper, s) for hopper in range(2)]
+
+    assert flows(-5.0) == [1.0, 0.0]
+    assert flows(3.0) == pytest.approx([0.5, 1.0])
+    assert flows(6.0) == pytest.approx([0.0, 2.0])
+    assert flows(7.0) == pytest.approx([0.0, 1.0])
+    assert flows(13.0) == pytest.approx([0.5, 0.5])
+    assert flows(99.0) == [1.0, 1.0]
 
 
 def test_an_override_scales_feed_and_neither_rapids_nor_dwells(job):
@@ -88,7 +91,7 @@ def test_only_layers_near_the_run_are_held(job):
     window = type(small.window())(small.manifest, Counting().__getitem__, (0, 0, 0))
     for line in range(0, window.n_lines, 2):
         window.forget(line)
-        window.flow_g_s(min(window.line_start_s(line) + 8.0, window.end_s))
+        window.flow_g_s(0, min(window.line_start_s(line) + 8.0, window.end_s))
         assert window.first_loaded_line <= line
         assert len(window._loaded) <= 4
     assert read == list(range(50))  # each once, in order

@@ -68,7 +68,7 @@ def share_within(job, *, mode="lead", dwell_s=0.0, rate=1.0, theta_error_s=0.0, 
     small = rings(job, mode, dwell_s)
     window = small.window()
     clock = ProgramClock(window)
-    clock.acknowledged = window.n_lines
+    clock.acknowledge(window.n_lines)
     clock.set_rate(0.0, rate)
     hoses = [Hose(theta + theta_error_s, lag, 10.0)
              for theta, lag in zip(THETA_S, LAG_S, strict=True)]
@@ -159,10 +159,9 @@ def test_a_dead_time_wrong_by_half_a_second_costs_little(job, error_s):
 
 
 def test_set_points_stay_within_the_hopper(job):
-    u = lead(np.array([0.1, 0.1, 0.5]), np.array([0.0, 0.3, 0.5]), np.ones(3), np.full(3, 0.9))
-    assert u[0] == 0.0
-    assert u[1] == 0.9
-    assert u[2] == 0.5
+    assert lead(0.1, 0.0, 1.0, 0.9) == 0.0
+    assert lead(0.1, 0.3, 1.0, 0.9) == 0.9
+    assert lead(0.5, 0.5, 1.0, 0.9) == 0.5
 
 
 @pytest.mark.parametrize("rate", [0.6, 1.0, 1.4])
@@ -172,10 +171,9 @@ def test_the_law_is_the_one_of_the_design(rate):
     def w(s):
         return 0.2 + slope * s
     s_ahead = 4.0
-    u = lead(rate * np.array([w(s_ahead)]), rate * np.array([w(s_ahead + rate * TICK_S)]),
-             np.array([lag]), np.array([9.0]))
+    u = lead(rate * w(s_ahead), rate * w(s_ahead + rate * TICK_S), lag, 9.0)
     middle = s_ahead + rate * TICK_S / 2
-    assert u[0] == pytest.approx(rate * (w(middle) + rate * lag * slope))
+    assert u == pytest.approx(rate * (w(middle) + rate * lag * slope))
 
 
 def test_settling_is_dead_time_and_four_lags():

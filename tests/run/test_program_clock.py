@@ -37,7 +37,7 @@ def place(window, s):
 def test_it_stands_until_motion_starts_and_follows_reports(job):
     window = job(zigzag()).window()
     clock = ProgramClock(window)
-    clock.acknowledged = window.n_lines
+    clock.acknowledge(window.n_lines)
     assert clock.now(5.0) == 0.0
     assert clock.ahead(5.0, 3.0) == 0.0
     clock.run_from(7.0)
@@ -53,7 +53,7 @@ def test_it_stands_until_motion_starts_and_follows_reports(job):
 def test_a_machine_faster_or_slower_than_planned_is_followed(job, speed):
     window = job(zigzag()).window()
     clock = ProgramClock(window)
-    clock.acknowledged = window.n_lines
+    clock.acknowledge(window.n_lines)
     clock.run_from(0.0)
     worst = 0.0
     for k in range(1, 75):
@@ -69,7 +69,7 @@ def test_a_line_with_acceleration_is_followed_within_30_ms(job):
     lasting_s, length_mm = 0.25, 2.5
     window = job(zigzag(lasting_s=lasting_s)).window()
     clock = ProgramClock(window)
-    clock.acknowledged = window.n_lines
+    clock.acknowledge(window.n_lines)
     clock.run_from(0.0)
     worst, errors = 0.0, []
     for k in range(1, 90):
@@ -90,18 +90,18 @@ def test_a_line_with_acceleration_is_followed_within_30_ms(job):
 def test_time_never_runs_past_what_the_controller_has_taken(job):
     window = job(zigzag()).window()
     clock = ProgramClock(window)
-    clock.acknowledged = 4
+    clock.acknowledge(4)
     clock.run_from(0.0)
     assert clock.now(0.9) == pytest.approx(0.9)
     assert clock.now(3.0) == pytest.approx(1.0)
-    clock.acknowledged = 6
+    clock.acknowledge(6)
     assert clock.now(3.0) == pytest.approx(1.5)
 
 
 def test_a_hold_stops_it_where_the_machine_stopped(job):
     window = job(zigzag()).window()
     clock = ProgramClock(window)
-    clock.acknowledged = window.n_lines
+    clock.acknowledge(window.n_lines)
     clock.run_from(0.0)
     clock.stand(1.0)
     clock.report(1.1, *place(window, 1.04))
@@ -116,7 +116,7 @@ def test_a_hold_stops_it_where_the_machine_stopped(job):
 def test_an_override_changes_the_rate_from_then_on(job):
     window = job(zigzag()).window()
     clock = ProgramClock(window)
-    clock.acknowledged = window.n_lines
+    clock.acknowledge(window.n_lines)
     clock.run_from(0.0)
     clock.set_rate(2.0, 0.6)
     assert clock.now(2.0) == pytest.approx(2.0)
@@ -130,7 +130,7 @@ def test_a_coarse_count_of_executed_lines_is_corrected_by_position(job, off):
     rows = [("bead", (0.1 * i, 0.02 * (i % 3), 0), 0.01, 0) for i in range(1, 300)]
     window = job([rows[:150], rows[150:]]).window()
     clock = ProgramClock(window)
-    clock.acknowledged = window.n_lines
+    clock.acknowledge(window.n_lines)
     clock.run_from(0.0)
     for k in range(1, 25):
         s = k * POLL_S
@@ -145,7 +145,7 @@ def test_a_path_that_retraces_itself_is_told_apart_by_time(job):
         rows += [("bead", (1, 0, 0), 0.05, 0), ("bead", (0, 0, 0), 0.05, 0)]
     window = job([rows]).window()
     clock = ProgramClock(window)
-    clock.acknowledged = window.n_lines
+    clock.acknowledge(window.n_lines)
     clock.run_from(0.0)
     for k in range(1, 9):
         s = k * POLL_S + 0.017
@@ -157,7 +157,7 @@ def test_in_a_dwell_time_runs_on_though_the_position_stands(job):
     window = job([[("travel", (10, 0, 0), 0.2), ("dwell", (10, 0, 0), 5.0),
                    ("bead", (20, 0, 0), 1.0, 0)]]).window()
     clock = ProgramClock(window)
-    clock.acknowledged = 3
+    clock.acknowledge(3)
     clock.run_from(0.0)
     for k in range(3, 52):
         clock.report(k * POLL_S, 1, (10.0, 0.0, 0.0))
@@ -167,7 +167,7 @@ def test_in_a_dwell_time_runs_on_though_the_position_stands(job):
 def test_the_end_is_the_end(job):
     window = job(zigzag(4)).window()
     clock = ProgramClock(window)
-    clock.acknowledged = 4
+    clock.acknowledge(4)
     clock.run_from(0.0)
     clock.report(0.9, 4, place(window, 1.0)[1])
     assert clock.now(0.9) == 1.0
@@ -179,7 +179,7 @@ def test_a_planned_override_is_counted_with_before_it_comes(job):
     rows = [("bead", (10, 0, 0), 4.0, 0), ("travel", (0, 5, 0), 1.0), ("bead", (10, 5, 0), 5.0, 1)]
     window = job([rows]).window()
     clock = ProgramClock(window)
-    clock.acknowledged = 3
+    clock.acknowledge(3)
     clock.run_from(0.0)
     clock.plan_rate(4.0, 5.0, 0.5)
     assert clock.ahead(1.0, 2.0) == pytest.approx(3.0)
