@@ -1,6 +1,5 @@
 """The bench file: what it says is what stands, and every mistake is told at once."""
 
-import tomllib
 from importlib.resources import files
 
 import pytest
@@ -59,12 +58,11 @@ def test_ptys_and_old_maps():
 
 def test_every_key_of_the_shipped_bench_is_checked():
     """A wrong type in any one place is found there, and there only."""
-    data = tomllib.loads(SHIPPED)
     lines = SHIPPED.splitlines()
     checked = 0
     for i, line in enumerate(lines):
         key, equals, _ = line.partition(" = ")
-        if not equals or line.startswith("#"):
+        if not equals or line.startswith(("#", "[")):
             continue
         broken = "\n".join([*lines[:i], f"{key} = []", *lines[i + 1 :]])
         found = [m for m in mistakes(broken) if not m.startswith("feeder") or "channels" not in m]
@@ -72,7 +70,6 @@ def test_every_key_of_the_shipped_bench_is_checked():
         assert key in found[0].split(":")[0]
         checked += 1
     assert checked > 30
-    assert data["name"] == "bench"
 
 
 @pytest.mark.parametrize(
