@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from lmctl.field.features import length
 from lmctl.field.grid import Grid, Window
+from lmctl.field.kernel import kernel
 
 FloatArray = NDArray[np.float64]
 
@@ -94,7 +94,7 @@ def _beyond(field: Field, points: FloatArray, border: FloatArray) -> FloatArray:
     return border - length(points - at)
 
 
-@njit(cache=True)
+@kernel
 def _sample_kernel(values: NDArray[np.float32], nodes: FloatArray) -> FloatArray:
     """(n, 4): trilinear value and its slopes per node along x, y, z; nodes in node units."""
     nz, ny, nx = values.shape

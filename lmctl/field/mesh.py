@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from lmctl.errors import InputError
 from lmctl.field.field import Field
 from lmctl.field.grid import Grid
+from lmctl.field.kernel import kernel
 from lmctl.field.seeds import seed_triangles
 from lmctl.field.sign import inside_by_parity
 from lmctl.field.sweep import sweep_sources
@@ -84,7 +84,7 @@ def _place(count: int, grid: Grid) -> str:
     return f"{count} triangles, grid of {nx} x {ny} x {nz} nodes, pitch {grid.pitch_mm:g} mm"
 
 
-@njit(cache=True)
+@kernel
 def _negate_outside(values: NDArray[np.float32], inside: NDArray[np.uint8]) -> None:
     flat, inner = values.reshape(-1), inside.reshape(-1)
     for n in range(flat.size):

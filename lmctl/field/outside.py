@@ -12,11 +12,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from lmctl.errors import InputError
+from lmctl.field.flood import LEVELS, flood
 from lmctl.field.grid import Grid
+from lmctl.field.kernel import kernel
 from lmctl.field.patches import Patches
 from lmctl.field.samples import LARGEST_SHARE_DROPPED, Samples
 from lmctl.field.sweep import sweep_sources
@@ -25,7 +26,6 @@ FloatArray = NDArray[np.float64]
 Sources = NDArray[np.int32]
 
 LEVELS_PER_SPACING = 8
-LEVELS = 64
 # Samples strewn at random leave empty circles of up to 2.2 spacings among 10⁵ of them: what is
 # wider is an opening.
 WIDEST_GAP_SPACINGS = 3.0
@@ -62,8 +62,10 @@ def orient(samples: Samples, patches: Patches, pitch_mm: float) -> Orientation:
     spacing = np.maximum(samples.spacing_mm, 1.2 * grid.pitch_mm)
     levels = np.minimum(LEVELS - 1, distance / spacing[sources] * LEVELS_PER_SPACING)
     clear = levels.astype(np.uint8)
-    way = clear.copy()
-    _let_in_kernel(way)
+    way, tags = clear.copy(), np.zeros(grid.shape, dtype=np.int8)
+    for face in (tags[0], tags[-1], tags[:, 0], tags[:, -1], tags[:, :, 0], tags[:, :, -1]):
+        face[:] = -1
+    flood(way, tags)
     relative = np.ascontiguousarray(
         (samples.points_mm - np.asarray(grid.origin_mm)) / grid.pitch_mm
     )
@@ -152,14 +154,16 @@ def nearest_samples(points_mm: FloatArray, reach_mm: FloatArray, grid: Grid) -> 
     """
     sources = np.full(grid.shape, -1, dtype=np.int32)
     relative = np.ascontiguousarray((points_mm - np.asarray(grid.origin_mm)) / grid.pitch_mm)
-    _nearest_kernel(relative, reach_mm / grid.pitch_mm, sources)
+    squared = np.full(grid.shape, np.inf, dtype=np.float32)
+    _nearest_kernel(relative, reach_mm / grid.pitch_mm, sources, squared)
     return sources
 
 
-@njit(cache=True)
-def _nearest_kernel(points: FloatArray, reach: FloatArray, sources: Sources) -> None:
+@kernel
+def _nearest_kernel(
+    points: FloatArray, reach: FloatArray, sources: Sources, squared: NDArray[np.float32]
+) -> None:
     nz, ny, nx = sources.shape
-    squared = np.full((nz, ny, nx), np.float32(np.inf), dtype=np.float32)
     for n in range(points.shape[0]):
         x, y, z, r = points[n, 0], points[n, 1], points[n, 2], reach[n]
         k0, k1 = max(0, int(np.ceil(z - r))), min(nz - 1, int(np.floor(z + r)))
@@ -178,50 +182,7 @@ def _nearest_kernel(points: FloatArray, reach: FloatArray, sources: Sources) -> 
                         sources[k, j, i] = n
 
 
-@njit(cache=True)
-def _let_in_kernel(level: NDArray[np.uint8]) -> None:
-    """Replace each node's level by the lowest one on its best way from the faces of the box.
-
-    A priority flood from the faces, widest first; the nodes of a level wait in a linked list.
-    """
-    nz, ny, nx = level.shape
-    plane, total = ny * nx, nz * ny * nx
-    flat = level.reshape(-1)
-    following = np.full(total, -2, dtype=np.int32)  # −2: not met yet; −1: last of its list
-    head = np.full(LEVELS, -1, dtype=np.int32)
-    for n in range(total):
-        k, j, i = n // plane, n // nx % ny, n % nx
-        if k == 0 or j == 0 or i == 0 or k == nz - 1 or j == ny - 1 or i == nx - 1:
-            following[n] = head[flat[n]]
-            head[flat[n]] = n
-    at = LEVELS - 1
-    while at >= 0:
-        n = head[at]
-        if n < 0:
-            at -= 1
-            continue
-        head[at] = following[n]
-        k, j, i = n // plane, n // nx % ny, n % nx
-        for side in range(6):
-            if side == 0:
-                inside, m = i > 0, n - 1
-            elif side == 1:
-                inside, m = i < nx - 1, n + 1
-            elif side == 2:
-                inside, m = j > 0, n - nx
-            elif side == 3:
-                inside, m = j < ny - 1, n + nx
-            elif side == 4:
-                inside, m = k > 0, n - plane
-            else:
-                inside, m = k < nz - 1, n + plane
-            if inside and following[m] == -2:
-                flat[m] = min(flat[m], np.uint8(at))
-                following[m] = head[flat[m]]
-                head[flat[m]] = m
-
-
-@njit(cache=True)
+@kernel
 def _sides_kernel(
     level: NDArray[np.uint8], sources: Sources, points: FloatArray, normal: FloatArray,
     sides: NDArray[np.uint8],

@@ -16,6 +16,7 @@ from lmctl.field.samples import Samples
 
 FloatArray = NDArray[np.float64]
 
+FITTED = 16  # a quadric has six unknowns; 16 neighbours leave noise something to average over
 CHUNK = 4096  # samples fitted at once: bounds the memory
 FEWEST_SHARING = 6  # of 17 samples on a plane: fewer happen by chance where edges crowd
 PAIRS = np.triu_indices(10, 1)  # planes tried near an edge: the sample and two of ten neighbours
@@ -75,7 +76,7 @@ def fit_patches(samples: Samples) -> Patches:
 def _around(samples: Samples, rows: NDArray[np.int64]) -> FloatArray:
     """(m, 17, 3): each sample (at 0) and its neighbours, relative to it."""
     points = samples.points_mm
-    offsets: FloatArray = points[samples.neighbours[rows]] - points[rows][:, None]
+    offsets: FloatArray = points[samples.neighbours[rows, :FITTED]] - points[rows][:, None]
     return np.concatenate([np.zeros((len(rows), 1, 3)), offsets], axis=1)
 
 

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import contourpy
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from lmctl.errors import InputError
+from lmctl.field.kernel import kernel
 
 FloatArray = NDArray[np.float64]
 
@@ -88,7 +88,11 @@ def plane_distance(loops: Sequence[FloatArray], grid: PlaneGrid) -> NDArray[np.f
     segments, ends = _segments(loops, grid)
     if len(segments) == 0:
         return np.full(grid.shape, -np.inf, dtype=np.float32)
-    return np.asarray(_distance_kernel(segments, ends, *grid.shape, grid.pitch_mm))
+    distance = np.empty(grid.shape, dtype=np.float32)
+    nearest, odd = np.full(grid.shape, -1, dtype=np.int32), np.zeros(grid.shape, dtype=np.uint8)
+    squared = np.full(grid.shape, np.inf)
+    _distance_kernel(segments, ends, grid.pitch_mm, nearest, squared, odd, distance)
+    return distance
 
 
 def loop_area_mm2(loop: FloatArray) -> float:
@@ -141,7 +145,7 @@ def _segments(
     return np.ascontiguousarray(np.vstack(pieces)), np.ascontiguousarray(np.vstack(ends))
 
 
-@njit(cache=True)
+@kernel
 def _to_segment_squared(segments: FloatArray, s: int, px: float, py: float) -> float:
     ax, ay = segments[s, 0], segments[s, 1]
     ux, uy = segments[s, 2] - ax, segments[s, 3] - ay
@@ -154,14 +158,13 @@ def _to_segment_squared(segments: FloatArray, s: int, px: float, py: float) -> f
     return float(dx * dx + dy * dy)
 
 
-@njit(cache=True)
+@kernel
 def _distance_kernel(
-    segments: FloatArray, ends: NDArray[np.int64], ny: int, nx: int, pitch: float
-) -> NDArray[np.float32]:
+    segments: FloatArray, ends: NDArray[np.int64], pitch: float, nearest: NDArray[np.int32],
+    squared: FloatArray, odd: NDArray[np.uint8], distance: NDArray[np.float32],
+) -> None:
     """Seeds, parity and sweeps in one kernel: the planes are small, the calls are many."""
-    nearest = np.full((ny, nx), -1, dtype=np.int32)
-    squared = np.full((ny, nx), np.inf, dtype=np.float64)
-    odd = np.zeros((ny, nx), dtype=np.uint8)
+    ny, nx = nearest.shape
     band = SEED_PITCHES * pitch
     for s in range(segments.shape[0]):
         x0, y0, x1, y1 = segments[s, 0], segments[s, 1], segments[s, 2], segments[s, 3]
@@ -202,21 +205,20 @@ def _distance_kernel(
                         im = i + (side - 2) * di if side else i - di
                         if jn < 0 or jn >= ny or im < 0 or im >= nx:
                             continue
-                        s = nearest[jn, im]
+                        s = np.int64(nearest[jn, im])
                         if s < 0 or s == nearest[j, i]:
                             continue
                         d2 = _to_segment_squared(segments, s, i * pitch, j * pitch)
                         if d2 < squared[j, i]:
                             squared[j, i] = d2
                             nearest[j, i] = s
-    distance = np.empty((ny, nx), dtype=np.float32)
     for j in range(ny):
         inside = 0
         for i in range(nx):
             inside ^= odd[j, i]
             least = squared[j, i]
             for step in (-1, 1):
-                s = nearest[j, i]
+                s = np.int64(nearest[j, i])
                 first, last = ends[s]
                 while True:
                     s += step
@@ -227,4 +229,3 @@ def _distance_kernel(
                     least = d2
             d = np.sqrt(least)
             distance[j, i] = d if inside else -d
-    return distance

@@ -16,7 +16,7 @@ from lmctl.field.grid import Grid
 
 FloatArray = NDArray[np.float64]
 
-NEIGHBOURS = 16  # a quadric has six unknowns; 16 neighbours leave noise something to average over
+NEIGHBOURS = 24
 FEWEST = 64  # below this a closed surface is a guess
 ISOLATED = 4.0  # times as far from its sixth neighbour as its surroundings are from theirs
 LARGEST_SHARE_DROPPED = 0.02
@@ -28,7 +28,7 @@ class Samples:
     """Distinct samples of one surface.
 
     points_mm : (n, 3) float64
-    neighbours : (n, 16) int32, the nearest other samples, nearest first
+    neighbours : (n, NEIGHBOURS) int32, the nearest other samples, nearest first
     spacing_mm : (n,) float64, side of the square of surface each sample stands for
     remarks : what was dropped
     """

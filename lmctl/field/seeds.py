@@ -7,10 +7,10 @@ Seeding dominates a distance field when every seed asks a search tree (3.2–3.7
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from lmctl.field.grid import Grid
+from lmctl.field.kernel import kernel
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -31,14 +31,16 @@ def seed_triangles(
     """
     relative = np.ascontiguousarray((corners_mm - np.asarray(grid.origin_mm)) / grid.pitch_mm)
     owner = np.full(grid.shape, -1, dtype=np.int32)
-    _nearest_triangle_kernel(relative, BAND_PITCHES, owner)
+    squared = np.full(grid.shape, BAND_PITCHES**2, dtype=np.float32)
+    _nearest_triangle_kernel(relative, BAND_PITCHES, owner, squared)
+    del squared
     triangle = owner[owner >= 0]
     points = np.empty((len(triangle), 3))
     _closest_kernel(relative, owner, points)
     return owner, points * grid.pitch_mm + np.asarray(grid.origin_mm), triangle
 
 
-@njit(cache=True)
+@kernel
 def closest_on_triangle(
     t: FloatArray, px: float, py: float, pz: float
 ) -> tuple[float, float, float]:
@@ -83,9 +85,9 @@ def closest_on_triangle(
     return ax + v * abx + w * acx, ay + v * aby + w * acy, az + v * abz + w * acz
 
 
-@njit(cache=True)
+@kernel
 def _nearest_triangle_kernel(
-    triangles: FloatArray, band: float, owner: NDArray[np.int32]
+    triangles: FloatArray, band: float, owner: NDArray[np.int32], squared: NDArray[np.float32]
 ) -> None:
     """owner: the nearest triangle of every node within `band`; all in node units.
 
@@ -93,7 +95,6 @@ def _nearest_triangle_kernel(
     the band of the triangle's plane: a long oblique triangle fills little of its box.
     """
     nz, ny, nx = owner.shape
-    squared = np.full((nz, ny, nx), np.float32(band * band), dtype=np.float32)
     low, high, count = np.empty(3), np.empty(3), np.array([nx, ny, nz])
     first, last = np.empty(3, dtype=np.int64), np.empty(3, dtype=np.int64)
     for n in range(triangles.shape[0]):
@@ -128,7 +129,7 @@ def _nearest_triangle_kernel(
                         owner[k, j, i] = n
 
 
-@njit(cache=True)
+@kernel
 def _closest_kernel(
     triangles: FloatArray, owner: NDArray[np.int32], points: FloatArray
 ) -> None:

@@ -8,10 +8,10 @@ only the rays through it, and the other two axes outvote those.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from lmctl.field.grid import Grid
+from lmctl.field.kernel import kernel
 
 FloatArray = NDArray[np.float64]
 
@@ -31,7 +31,7 @@ def inside_by_parity(
     return crossings, int(_vote_kernel(crossings))
 
 
-@njit(cache=True)
+@kernel
 def _crossings_kernel(triangles: FloatArray, crossings: NDArray[np.uint8]) -> None:
     """Bit a of a node flips where a ray along axis a (0 = x) entered or left just before it.
 
@@ -82,7 +82,7 @@ def _crossings_kernel(triangles: FloatArray, crossings: NDArray[np.uint8]) -> No
                         crossings[node[2], node[1], node[0]] ^= np.uint8(1 << a)
 
 
-@njit(cache=True)
+@kernel
 def _vote_kernel(crossings: NDArray[np.uint8]) -> int:
     """Crossings become parities, parities a vote, in place; returns the disputed nodes."""
     nz, ny, nx = crossings.shape
@@ -106,7 +106,7 @@ def _vote_kernel(crossings: NDArray[np.uint8]) -> int:
     return disputed
 
 
-@njit(cache=True)
+@kernel
 def _vote_plane(crossings: NDArray[np.uint8], k: int) -> int:
     disputed = 0
     for j in range(crossings.shape[1]):

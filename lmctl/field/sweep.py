@@ -7,10 +7,10 @@ order scalar sweeping errs by 0.107 RMS, carried points by 0.005 (method.md 1, E
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from lmctl.field.grid import Grid
+from lmctl.field.kernel import kernel
 
 FloatArray = NDArray[np.float64]
 Sources = NDArray[np.int32]
@@ -35,7 +35,7 @@ def sweep_sources(sources: Sources, surface_mm: FloatArray, grid: Grid) -> NDArr
     return distance
 
 
-@njit(cache=True)
+@kernel
 def _from_row(
     sources: Sources, squared: NDArray[np.float32], points: FloatArray,
     k: int, j: int, kn: int, jn: int,
@@ -51,7 +51,7 @@ def _from_row(
                 sources[k, j, i] = row
 
 
-@njit(cache=True)
+@kernel
 def _along_row(
     sources: Sources, squared: NDArray[np.float32], points: FloatArray, k: int, j: int
 ) -> None:
@@ -75,7 +75,7 @@ def _along_row(
             row = own
 
 
-@njit(cache=True)
+@kernel
 def _sweep_kernel(
     sources: Sources, points: FloatArray, squared: NDArray[np.float32]
 ) -> None:
@@ -100,7 +100,7 @@ def _sweep_kernel(
                 _along_row(sources, squared, points, k, j)
 
 
-@njit(cache=True)
+@kernel
 def _lengths_kernel(
     sources: Sources, points: FloatArray, distance: NDArray[np.float32], pitch: float
 ) -> None:
