@@ -31,6 +31,7 @@ from lmctl.machine.status_watch import StatusWatch
 T = TypeVar("T")
 
 _COMMAND_TAG = -1
+_LOST_HINT = "check cable and power of the controller, and that no other program talks to it"
 _LEAST_RX_USABLE = 127  # before the controller has said how much it has
 
 
@@ -157,6 +158,7 @@ class Conversation:
         try:
             return await self._wait(waiter, timeout_s)
         except TimeoutError:
+            self.watch.given_up()
             return None
         finally:
             if waiter in self._report_waiters:
@@ -234,12 +236,12 @@ class Conversation:
             return
         self.lost = reason
         self.watch.stop()
-        self._fail_waiting(self.error(reason, hint="check cable and power of the controller"))
+        self._fail_waiting(self.error(reason, hint=_LOST_HINT))
         self._hearer.lost(reason)
 
     def _refuse_if_lost(self) -> None:
         if self.lost is not None:
-            raise self.error(self.lost, hint="check cable and power of the controller")
+            raise self.error(self.lost, hint=_LOST_HINT)
 
     def _fail_command(self, why: str, hint: str) -> None:
         if self._command is not None and not self._command.done():

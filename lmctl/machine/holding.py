@@ -10,6 +10,7 @@ from lmctl.errors import MachineError
 from lmctl.machine.conversation import Conversation
 
 _POLL_S = 0.02
+_ANSWER_S = 0.1  # a report takes 10 ms at 115,200 baud; a lost one must not use up the deadline
 _RESUMED_S = 10.0  # restoring the spindle behind a door takes some seconds
 
 
@@ -31,7 +32,7 @@ async def hold(talk: Conversation, seen_within_s: float, stopped_within_s: float
     idle_reports = 0
     talk.realtime(Realtime.HOLD)
     while True:
-        report = await talk.fresh_report(_POLL_S)
+        report = await talk.fresh_report(_ANSWER_S)
         if report is not None:
             if is_held(report):
                 return
@@ -71,7 +72,7 @@ async def resume(talk: Conversation) -> None:
                 hint="look whether the safety door is closed",
             )
         await asyncio.sleep(_POLL_S)
-        report = await talk.fresh_report(_POLL_S)
+        report = await talk.fresh_report(_ANSWER_S)
 
 
 def _not_held(talk: Conversation, seen: bool, waited_s: float) -> MachineError:

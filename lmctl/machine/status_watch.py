@@ -25,9 +25,9 @@ class StatusWatch:
         self._ask = ask
         self._silent = silent
         self._loop = asyncio.get_running_loop()
-        self._asked_s: float | None = None  # when the open question was put
+        self._asked_s: float | None = None  # when the open question was put last
+        self._open_since_s: float | None = None  # when it was first put; silence counts from here
         self._answered_s: float | None = None
-        self._quiet_since_s = 0.0  # silence counts from here
         self._due_s = 0.0
         self._timer: asyncio.TimerHandle | None = None
 
@@ -37,9 +37,10 @@ class StatusWatch:
         return float("inf") if self._answered_s is None else self._loop.time() - self._answered_s
 
     def start(self) -> None:
-        """Ask now and every period from now on; silence counts from now."""
+        """Ask now and every period from now on."""
         self.stop()
-        self._due_s = self._quiet_since_s = self._loop.time()
+        self._due_s = self._loop.time()
+        self._asked_s = self._open_since_s = None
         self._tick()
 
     def stop(self) -> None:
@@ -53,18 +54,25 @@ class StatusWatch:
         now_s = self._loop.time()
         if self._asked_s is None or now_s - self._asked_s >= self._retry_s:
             self._asked_s = now_s
+            if self._open_since_s is None:
+                self._open_since_s = now_s
             self._ask()
+
+    def given_up(self) -> None:
+        """The open question will not be waited for: the next may be put at once."""
+        self._asked_s = None
 
     def answered(self) -> None:
         """A report has arrived."""
-        self._asked_s = None
-        self._answered_s = self._quiet_since_s = self._loop.time()
+        self._asked_s = self._open_since_s = None
+        self._answered_s = self._loop.time()
 
     def _tick(self) -> None:
         now_s = self._loop.time()
-        if now_s - self._quiet_since_s >= SILENT_S:
+        # Only a question can be met with silence: a computer that slept for a while has put none.
+        if self._open_since_s is not None and now_s - self._open_since_s >= SILENT_S:
             self._timer = None
-            self._silent(f"no status report for {now_s - self._quiet_since_s:.1f} s")
+            self._silent(f"no answer to '?' for {now_s - self._open_since_s:.1f} s")
             return
         self.ask_now()
         missed = max(0, int((now_s - self._due_s) // self._period_s))

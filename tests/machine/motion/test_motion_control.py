@@ -98,7 +98,7 @@ def test_a_hold_that_does_not_come_is_said_within_its_deadline(controller, in_vi
             loop = asyncio.get_running_loop()
             device.deceleration_s = 99.0
             start_s = loop.time()
-            with pytest.raises(MachineError, match=r"still moves 2\.0"):
+            with pytest.raises(MachineError, match=r"still moves 2\.\d"):
                 await driver.hold(stopped_within_s=2.0)
             assert loop.time() - start_s < 2.1
             device._run_on()
@@ -106,7 +106,7 @@ def test_a_hold_that_does_not_come_is_said_within_its_deadline(controller, in_vi
                 None if byte == Realtime.HOLD else usual(byte)
             )
             start_s = loop.time()
-            with pytest.raises(MachineError, match=r"no hold showed within 0\.2"):
+            with pytest.raises(MachineError, match=r"no hold showed within 0\.\d"):
                 await driver.hold()
             assert loop.time() - start_s < 0.3
             await driver.close()
@@ -262,15 +262,15 @@ def test_silence_is_a_loss(controller, in_virtual_time, wire):
             start_s = loop.time()
             await until(lambda: events)
             assert SILENT_S - 0.2 <= loop.time() - start_s <= SILENT_S + 0.2
-            assert events == [("lost", "no status report for 3.0 s")]
+            assert events == [("lost", "no answer to '?' for 3.0 s")]
             assert driver.status_age_s >= SILENT_S - 0.1
             asked = len(device.asked_at_s)
             await asyncio.sleep(30.0)
             assert len(events) == 1
             assert len(device.asked_at_s) == asked
-            with pytest.raises(MachineError, match="no status report"):
+            with pytest.raises(MachineError, match="no answer to"):
                 await driver.hold()
-            with pytest.raises(MachineError, match="no status report"):
+            with pytest.raises(MachineError, match="no answer to"):
                 await driver.command("$G")
             await driver.close()
 
@@ -451,6 +451,24 @@ def test_push_messages_overrides_and_offsets_are_followed(controller, in_virtual
             device.write(b"<Idle|WPos:7.000,8.000,9.000|FS:0,0>\r\n")
             await asyncio.sleep(0.01)
             assert driver.position_mm == (7.0, 8.0, 9.0)
+            await driver.close()
+
+    in_virtual_time(main())
+
+
+def test_a_computer_that_slept_has_not_lost_its_controller(controller, in_virtual_time):
+    device = controller(GRBL)
+
+    async def main() -> None:
+        async with device.on_tcp() as endpoint:
+            driver = await opened(endpoint)
+            events = heard(driver)
+            await asyncio.sleep(1.05)  # between two questions
+            loop = asyncio.get_running_loop()
+            loop._land_on(loop.time() + 100.0)
+            await asyncio.sleep(1.0)
+            assert events == []
+            assert driver.status_age_s <= 0.1
             await driver.close()
 
     in_virtual_time(main())
