@@ -161,3 +161,32 @@ def test_any_bytes_are_taken(data):
     host.receive_data(data)
     host.receive_data(b"\n")
     assert 0 <= host.free <= 127
+
+
+def test_every_scenario_of_both_firmwares_is_followed_answer_by_answer(scenarios):
+    """Answers fall to lines in order; where a banner comes, what is outstanding is given up."""
+    checked = 0
+    for scenario in scenarios:
+        lines = [write[:-1] for write in scenario.sent if write.endswith(b"\n")]
+        lines = [line.replace(b"?", b"") for line in lines]  # `?` + newline: the newline is a line
+        resets = sum("Grbl" in line for line in scenario.received)
+        # A scenario that begins with a reset sends its lines after the banner.
+        begun = 2 if scenario.sent[0] == b"\x18" else 0
+        parts = ["".join(f"{line}\r\n" for line in scenario.received[begun:]).encode()]
+
+        def events(parts: list[bytes], lines: list[bytes] = lines) -> list:
+            host = GrblHost(100_000, 256)
+            for tag, line in enumerate(lines):
+                host.send_line(line, tag)
+            return [event for part in parts for event in host.receive_data(part)]
+
+        whole = events(parts)
+        assert whole == events([bytes((byte,)) for byte in parts[0]])
+        assert not any(isinstance(event, Unknown) for event in whole)
+        if resets == (begun > 0):
+            said = [line for line in scenario.received if line == "ok" or line[:6] == "error:"]
+            assert [event for event in whole if isinstance(event, Answered)] == [
+                Answered(tag, int(line.partition(":")[2] or 0)) for tag, line in enumerate(said)
+            ]
+            checked += len(said)
+    assert checked > 150
