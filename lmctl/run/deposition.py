@@ -1,6 +1,6 @@
-"""Depositing: lines to the controller, powder to the hoppers, in step with what is executed.
+"""Depositing: lines to the controller in step with what is executed, and the journal of it.
 
-Driven by the motion driver's reports and a timer; between them it does nothing.
+Driven by the motion driver's reports; between them it does nothing.
 """
 
 from __future__ import annotations
@@ -13,13 +13,10 @@ from lmctl.run.cell import Cell
 from lmctl.run.job_window import JobWindow
 from lmctl.run.outlook import Outlook
 from lmctl.run.overrides import override_bytes
-from lmctl.run.powder_lead import TICK_S, PowderPlan
+from lmctl.run.powder_feed import PowderFeed
 from lmctl.run.program_clock import ProgramClock
 from lmctl.run.recorder import Recorder
 from lmctl.run.streamer import Streamer
-
-#: Flows are sent when they differ at the feeders' resolution, 0.01 g/min (process.md 1.4).
-_FLOW_DECIMALS = 2
 
 #: An override waits so long for a travel in which it can be set [s].
 _OVERRIDE_WITHIN_S = 60.0
@@ -32,22 +29,23 @@ Progress = Callable[[float, float, int, float], None]
 
 
 class Deposition:
-    """One job on one cell, from the first set-point to the last executed line.
+    """One job on one cell, from the first line to the last executed one.
 
     started : whether a line of the job has been sent
     done : called once, when the last line has been executed
-    failed : called with what goes wrong in a report or at a tick
+    failed : called with what goes wrong in a report
     """
 
     def __init__(
-        self, cell: Cell, window: JobWindow, plan: PowderPlan, clock: ProgramClock,
+        self, cell: Cell, window: JobWindow, clock: ProgramClock, feed: PowderFeed,
         recorder: Recorder, horizon_s: float, *, done: Callable[[], None],
         failed: Callable[[Exception], None], progress: Progress | None,
     ) -> None:
-        self.clock = clock
-        self.plan = plan
+        self.started = False
         self._cell = cell
         self._window = window
+        self._clock = clock
+        self._feed = feed
         self._recorder = recorder
         self._streamer = Streamer(window, horizon_s)
         self._done = done
@@ -56,13 +54,6 @@ class Deposition:
         self._outlook = Outlook(window.end_s)
         self._loop = asyncio.get_running_loop()
         self._streaming = False
-        self._finished = False
-        self.started = False
-        self._tick_timer: asyncio.TimerHandle | None = None
-        self._tick_due_t = 0.0
-        self._names = tuple(hopper.name for hopper in cell.hoppers)
-        self._flows_g_min: tuple[float, ...] = (0.0,) * len(self._names)
-        self._fed_g = [0.0] * len(self._names)
         self._layer = 0
         self._layer_t = 0.0
         self._percent = 100
@@ -76,58 +67,31 @@ class Deposition:
     def place(self) -> str:
         """Where in the job the run is, for people."""
         if self.executed >= self._window.n_lines:
-            return "after the last line"
+            return "the end of the program"
         return f"layer {self._layer + 1}, program line {self.executed}"
 
-    # --- powder -------------------------------------------------------------------------------
-
-    def powder_on(self) -> None:
-        """Send set-points from now on, every tick, where they change."""
-        if self._tick_timer is None:
-            self._flows_g_min = (-1.0,) * len(self._names)  # the first is always sent
-            self._tick_due_t = self._loop.time()
-            self.plan.start()
-            self._tick()
-
-    def powder_off(self) -> None:
-        """Send no more set-points."""
-        if self._tick_timer is not None:
-            self._tick_timer.cancel()
-            self._tick_timer = None
-
-    def _tick(self) -> None:
-        self._tick_due_t += TICK_S
-        self._tick_timer = self._loop.call_at(self._tick_due_t, self._tick)
-        try:
-            self._send_flows()
-        except Exception as error:
-            self.powder_off()
-            self._failed(error)
-
-    def _send_flows(self) -> None:
-        setpoints = self.plan.setpoints_g_s(self._loop.time())
-        for hopper, flow_g_s in enumerate(setpoints):
-            self._fed_g[hopper] += flow_g_s * TICK_S
-        flows = tuple(round(flow_g_s * 60.0, _FLOW_DECIMALS) for flow_g_s in setpoints)
-        if flows != self._flows_g_min:
-            self._flows_g_min = flows
-            by_name = dict(zip(self._names, flows, strict=True))
-            self._recorder.setpoint(by_name)
-            self._cell.set_flows(by_name)
-
-    # --- motion -------------------------------------------------------------------------------
-
-    def start_motion(self) -> None:
+    def start(self) -> None:
         """Send the first lines; the rest follows as lines are executed."""
         self.started = self._streaming = True
         self._layer_t = self._loop.time()
         self._release()
 
+    def resumed(self) -> None:
+        """Motion goes on after a hold."""
+        self._outlook.restart()
+
+    def stop(self) -> None:
+        """Send no more lines, whatever is reported; those not yet on the wire are dropped."""
+        self._streaming = False
+        self._cell.motion.discard_queue()
+
+    # --- feed override ------------------------------------------------------------------------
+
     def override_now(self, percent: int) -> None:
         """Set the feed override at once."""
         for byte in override_bytes(percent):
             self._cell.motion.realtime(byte)
-        self.clock.set_rate(self._loop.time(), percent / 100.0)
+        self._clock.set_rate(self._loop.time(), percent / 100.0)
 
     def override_when_dark(self, percent: int) -> None:
         """Set the feed override in the next travel that powder sent from now on can reach.
@@ -135,31 +99,24 @@ class Deposition:
         What is in the hoses was sent for the old one. Where no such travel comes soon, at once.
         """
         t = self._loop.time()
-        reach_s = self.clock.ahead(t, self.plan.lead_s + _NOTICE_S)
-        dark = self._window.next_dark_s(reach_s, self.clock.ahead(t, _OVERRIDE_WITHIN_S))
+        reach_s = self._clock.ahead(t, self._feed.plan.lead_s + _NOTICE_S)
+        dark = self._window.next_dark_s(reach_s, self._clock.ahead(t, _OVERRIDE_WITHIN_S))
         if dark is None:
             self.override_now(percent)
         else:
-            self.clock.plan_rate(*dark, percent / 100.0)
+            self._clock.plan_rate(*dark, percent / 100.0)
 
-    def resumed(self) -> None:
-        """Motion goes on after a hold."""
-        self._outlook.restart()
-
-    def stop_streaming(self) -> None:
-        """Send no more lines, whatever is reported."""
-        self._streaming = False
-        self._cell.motion.discard_queue()
+    # --- listeners of the motion driver -------------------------------------------------------
 
     def on_status(self, report: StatusReport) -> None:
-        """Listener of the motion driver: take the place the machine has reached."""
+        """Take the place the machine has reached."""
         try:
             self._take(report)
         except Exception as error:
             self._failed(error)
 
     def on_progress(self) -> None:
-        """Listener of the motion driver: more lines are acknowledged or executed."""
+        """More lines are acknowledged or executed."""
         if not self._streaming:
             return
         try:
@@ -175,46 +132,50 @@ class Deposition:
         if self._streaming:
             if report.overrides is not None:
                 self._controller_override(t, report.overrides[0])
-            self.clock.report(t, motion.executed, position_mm)
-            if (due := self.clock.due_rate(t)) is not None:
+            self._clock.report(t, motion.executed, position_mm)
+            if (due := self._clock.due_rate(t)) is not None:
                 self.override_now(round(due * 100.0))
+            self._tell(t)
         self._recorder.sample(
-            self.executed, position_mm, report.feed_mm_min, report.spindle, self._flows_g_min,
-            self._cell.measured_g_min(),
+            self.executed, position_mm, report.feed_mm_min, report.spindle,
+            self._feed.flows_g_min, self._cell.measured_g_min(),
         )
-        if self._streaming and self._progress is not None:
-            s = self.clock.now(t)
-            remaining_s = self._outlook.remaining_s(t, s, self.clock.rate)
-            if remaining_s is not None:
-                self._progress(s, self._window.end_s, self._layer, remaining_s)
 
     def _controller_override(self, t: float, percent: int) -> None:
         """What the controller reports counts: its panel may have been used."""
         if percent != self._percent:
             self._percent = percent
             self._recorder.override(percent, "controller")
-        self.clock.set_rate(t, percent / 100.0)
+        self._clock.set_rate(t, percent / 100.0)
+
+    def _tell(self, t: float) -> None:
+        if self._progress is None:
+            return
+        s = self._clock.now(t)
+        remaining_s = self._outlook.remaining_s(t, s, self._clock.rate)
+        if remaining_s is not None:
+            self._progress(s, self._window.end_s, self._layer, remaining_s)
 
     def _go_on(self) -> None:
-        motion = self._cell.motion
-        self.clock.acknowledge(motion.acknowledged)
+        motion, window = self._cell.motion, self._window
         executed = motion.executed
+        self._clock.acknowledge(motion.acknowledged)
         if completed := self._streamer.completed(executed):
             self._recorder.executed(completed)
-        while self._layer < len(self._window.manifest.layers):
-            entry = self._window.manifest.layers[self._layer]
-            if executed < entry.first_line + entry.n_lines:
+        while self._layer < len(window.manifest.layers):
+            stretch = window.stretch(self._layer)
+            if executed <= stretch.last_line:
                 break
             self._layer_done()
-        self._window.forget(executed)
-        if executed >= self._window.n_lines and not self._finished:
-            self._finished = True
+        window.forget(executed)
+        if executed >= window.n_lines:
+            self._streaming = False
             self._done()
         else:
             self._release()
 
     def _release(self) -> None:
-        batch = self._streamer.take(self._cell.motion.executed, self.clock.rate)
+        batch = self._streamer.take(self._cell.motion.executed, self._clock.rate)
         if batch.begun:
             self._recorder.paths(batch.begun)
         if batch.lines:
@@ -223,17 +184,13 @@ class Deposition:
     def _layer_done(self) -> None:
         stretch = self._window.stretch(self._layer)
         t = self._loop.time()
+        fed_g = {name: round(fed, 3) for name, fed in self._feed.take_fed_g().items()}
         self._recorder.layer(
             layer=self._layer, z_mm=stretch.z_mm, lines=[stretch.first_line, stretch.last_line],
             paths=len(stretch.paths), beam_s=round(stretch.beam_s, 3),
             beam_mm=round(stretch.beam_mm, 3), energy_J=round(stretch.energy_J, 1),
             planned_s=round(float(stretch.end_s[-1] - stretch.start_s[0]), 3),
-            lasted_s=round(t - self._layer_t, 3),
-            fed_g={
-                name: round(fed, 3)
-                for name, fed in zip(self._names, self._fed_g, strict=True)
-            },
+            lasted_s=round(t - self._layer_t, 3), fed_g=fed_g,
         )
         self._layer += 1
         self._layer_t = t
-        self._fed_g = [0.0] * len(self._names)

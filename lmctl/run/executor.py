@@ -163,7 +163,7 @@ class Executor:
         try:
             await machine.run()
         finally:
-            warnings = (_BEAM_STAYED_OFF,) if sequence.touched and sequence.beam_off else ()
+            warnings = (_BEAM_STAYED_OFF,) if sequence.accepted and sequence.beam_off else ()
             machine_s = loop.time() - start_t
             recorder.seal(machine.state, lines=sequence.executed, warnings=list(warnings))
             await sequence.close()
@@ -187,7 +187,7 @@ class Executor:
                               where=(halted, journal), hint=log)
         if error is None or not isinstance(error, LmctlError):
             return error or RuntimeError("the run ended without a reason")
-        if not sequence.touched:
+        if not sequence.accepted:
             error.where = (*error.where, journal)
             return error
         failed = RunFailed(error.what, where=(*error.where, halted, journal),

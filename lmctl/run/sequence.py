@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import re
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 from firmware_protocol.realtime import Realtime
 from lmctl.config.machine import Hopper, MachineProfile
@@ -16,6 +17,7 @@ from lmctl.run.cell import Cell, is_idle
 from lmctl.run.deposition import Deposition, Progress
 from lmctl.run.job_window import JobWindow
 from lmctl.run.machine_check import check_motion
+from lmctl.run.powder_feed import PowderFeed
 from lmctl.run.powder_lead import Hose, PowderPlan
 from lmctl.run.program_clock import ProgramClock
 from lmctl.run.recorder import Recorder
@@ -32,6 +34,15 @@ _REST_PATIENCE_S = 10.0
 _OVERRIDE_PATIENCE_S = 5.0
 
 _ARMED = re.compile(r"\[GC:(?=.*\bM4\b)(?=.*\bS0(?:\.0*)?[\] ]).*\]")
+
+
+@dataclass(frozen=True)
+class _Work:
+    """What a run works with once the machine has been accepted."""
+
+    clock: ProgramClock
+    feed: PowderFeed
+    deposition: Deposition
 
 
 class CellSequence:
@@ -58,7 +69,7 @@ class CellSequence:
         self._loop = asyncio.get_running_loop()
         self._override_percent = 100
         self._cell: Cell | None = None
-        self._deposition: Deposition | None = None
+        self._accepted: _Work | None = None
         self._acts = {
             Do.CONNECT: self._connect,
             Do.CHECK_MACHINE: self._check_machine,
@@ -87,8 +98,8 @@ class CellSequence:
 
     def halt(self) -> None:
         """Feed hold, at once and without waiting; beam and motion go down together under M4."""
-        if self._deposition is not None:
-            self._deposition.stop_streaming()
+        if self._accepted is not None:
+            self._accepted.deposition.stop()
         if self._cell is not None:
             self._cell.motion.realtime(Realtime.HOLD)
 
@@ -96,30 +107,32 @@ class CellSequence:
         """Set the feed override where powder can follow; before motion starts, for all of it."""
         self._override_percent = percent
         self._recorder.override(percent, "operator")
-        if self._deposition is not None and self._deposition.started:
-            self._deposition.override_when_dark(percent)
+        if self._accepted is not None and self._accepted.deposition.started:
+            self._accepted.deposition.override_when_dark(percent)
 
     async def close(self) -> None:
         """Let go of the cell, whatever became of the run."""
-        if self._deposition is not None:
-            self._deposition.powder_off()
+        if self._accepted is not None:
+            self._accepted.feed.off()
         if self._cell is not None:
             await self._cell.close()
 
     @property
-    def touched(self) -> bool:
+    def accepted(self) -> bool:
         """Whether the machine was accepted, so that something of it may have been switched on."""
-        return self._deposition is not None
+        return self._accepted is not None
 
     @property
     def executed(self) -> int:
         """Lines of the job known to be executed."""
-        return 0 if self._deposition is None else self._deposition.executed
+        return 0 if self._accepted is None else self._accepted.deposition.executed
 
     @property
     def place(self) -> str:
         """Where in the job the run is, for people."""
-        return "before the first line" if self._deposition is None else self._deposition.place
+        if self._accepted is None or not self._accepted.deposition.started:
+            return "the purge position, before the first line"
+        return self._accepted.deposition.place
 
     # --- start --------------------------------------------------------------------------------
 
@@ -127,8 +140,8 @@ class CellSequence:
         self._cell = await Cell.connect(self._profile, self._hoppers)
 
     async def _check_machine(self) -> None:
-        motion, profile = self._the_cell.motion, self._profile
-        identity = motion.identity
+        cell, profile = self._connected, self._profile
+        motion, identity = cell.motion, cell.motion.identity
         # Until interlocks are watched, no beam leaves for a machine that is not the bench.
         self.beam_off = not identity.is_bench
         self._recorder.machine(
@@ -145,13 +158,14 @@ class CellSequence:
         )
         clock = ProgramClock(window)
         hoses = [Hose(h.dead_time_s, h.lag_s, h.max_flow_g_min / 60.0) for h in self._hoppers]
-        self._deposition = Deposition(
-            self._the_cell, window,
-            PowderPlan(self._job.manifest.powder_mode, hoses, window, clock), clock,
-            self._recorder, profile.motion.send_horizon_s, done=self._program_done,
-            failed=self._failed, progress=self._progress,
+        plan = PowderPlan(self._job.manifest.powder_mode, hoses, window, clock)
+        feed = PowderFeed(cell, plan, self._recorder, self._failed)
+        deposition = Deposition(
+            cell, window, clock, feed, self._recorder, profile.motion.send_horizon_s,
+            done=self._program_done, failed=self._failed, progress=self._progress,
         )
-        watch(self._the_cell, self._deposition, self._failed)
+        self._accepted = _Work(clock, feed, deposition)
+        watch(cell, deposition, self._failed)
 
     async def _read_through(self) -> None:
         """Have every line refused now that would be refused in the middle of the part."""
@@ -162,33 +176,33 @@ class CellSequence:
 
     async def _move_to_purge(self) -> None:
         """Up to the purge height if below it, across, and down."""
-        cell, motion = self._the_cell, self._the_cell.motion
+        cell, motion = self._connected, self._connected.motion
         x, y, z = self._profile.motion.purge_mm
+        travel = self._profile.motion.travel_mm
+        reach_mm = sum(high - low for low, high in (travel.x, travel.y, travel.z))
+        longest_s = reach_mm / min(self._profile.motion.max_speed_mm_s)
         await motion.command("G21 G90 G94")
         await motion.command("M5 S0")
         at = motion.position_mm
-        travel = self._profile.motion.travel_mm
-        speed = min(self._profile.motion.max_speed_mm_s)
-        reach = sum(high - low for low, high in (travel.x, travel.y, travel.z))
         if at is None or at[2] < z:
             await motion.command(f"G0 Z{z:.3f}")
         await motion.command(f"G0 X{x:.3f} Y{y:.3f}")
         await motion.command(f"G0 Z{z:.3f}")
-        await cell.at_rest_at((x, y, z), reach / speed + _REST_PATIENCE_S)
+        await cell.at_rest_at((x, y, z), longest_s + _REST_PATIENCE_S)
 
     async def _gas_on(self) -> None:
-        await self._the_cell.feeders_do(FeederDriver.start_gas)
+        await self._connected.feeders_do(FeederDriver.start_gas)
 
     async def _powder_on(self) -> None:
-        self._the_deposition.powder_on()
-        await self._the_cell.feeders_do(FeederDriver.feed_on)
+        self._work.feed.on()
+        await self._connected.feeders_do(FeederDriver.feed_on)
 
     async def _await_stable(self) -> None:
-        await self._stable_after(self._the_deposition.plan.settling_s)
+        await self._stable_after(self._work.feed.plan.settling_s)
 
     async def _stable_after(self, settling_s: float) -> None:
         """Wait until what comes out of the hoses is what goes in, and the feeders agree."""
-        cell = self._the_cell
+        cell = self._connected
         await asyncio.sleep(settling_s)
         await cell.until(
             lambda: all(f.status is not None and f.status.stable for f in cell.feeders),
@@ -196,63 +210,66 @@ class CellSequence:
         )
 
     async def _arm_beam(self) -> None:
-        motion = self._the_cell.motion
+        motion = self._connected.motion
         if self._override_percent != 100:
-            await self._override_now()
+            await self._override_at_once()
         await motion.command("M4 S0")
         said = await motion.command("$G")
         if not any(_ARMED.fullmatch(line) for line in said):
             raise MachineError("the controller did not arm the beam at zero",
                                where=f"it says {' '.join(said) or 'nothing'} after M4 S0")
 
+    async def _override_at_once(self) -> None:
+        motion, percent = self._connected.motion, self._override_percent
+        self._work.deposition.override_now(percent)
+        await self._connected.until(
+            lambda: motion.overrides[0] == percent, _OVERRIDE_PATIENCE_S,
+            f"a feed override of {percent} %",
+        )
+
     async def _lead_powder(self) -> None:
         """Run the program's clock down to its start, so that led powder arrives in time."""
-        deposition = self._the_deposition
-        await self._run_clock_in(deposition.plan.lead_s)
-
-    async def _run_clock_in(self, wait_s: float) -> None:
-        start_t = self._loop.time() + wait_s
-        self._the_deposition.clock.run_from(start_t)
+        wait_s = self._work.feed.plan.lead_s
+        self._work.clock.run_from(self._loop.time() + wait_s)
         await asyncio.sleep(wait_s)
 
     async def _start_motion(self) -> None:
-        self._the_deposition.start_motion()
+        self._work.deposition.start()
 
     # --- hold ---------------------------------------------------------------------------------
 
     async def _feed_hold(self) -> None:
-        self._the_deposition.clock.stand(self._loop.time())
-        await self._the_cell.motion.hold()
+        self._work.clock.stand(self._loop.time())
+        await self._connected.motion.hold()
 
     async def _keep_powder(self) -> None:
         await asyncio.sleep(KEEP_POWDER_S)
 
     async def _purge_hose(self) -> None:
         """θ + 4τ of fresh powder, the last θ of it already what the resumed path will want."""
-        plan = self._the_deposition.plan
+        plan = self._work.feed.plan
         await self._stable_after(plan.settling_s - plan.lead_s)
-        await self._run_clock_in(plan.lead_s)
+        await self._lead_powder()
 
     async def _cycle_start(self) -> None:
-        await self._the_cell.motion.resume()
-        self._the_deposition.resumed()
+        await self._connected.motion.resume()
+        self._work.deposition.resumed()
 
     # --- stop ---------------------------------------------------------------------------------
 
     async def _rest_beam(self) -> None:
-        cell = self._the_cell
-        self._the_deposition.clock.stand(self._loop.time())
-        if cell.motion.status is not None and cell.motion.status.state == "Hold":
-            await cell.motion.resume()
-        await cell.until(lambda: is_idle(cell.motion.status), _REST_PATIENCE_S, "standstill")
-        await cell.motion.command("M5")
+        cell, motion = self._connected, self._connected.motion
+        self._work.clock.stand(self._loop.time())
+        if motion.status is not None and motion.status.state == "Hold":
+            await motion.resume()
+        await cell.until(lambda: is_idle(motion.status), _REST_PATIENCE_S, "standstill")
+        await motion.command("M5")
 
     async def _stop_motion(self) -> None:
         """Hold, and reset once it stands; without a hold in 250 ms reset at once (0x18)."""
-        motion = self._the_cell.motion
-        if self._deposition is not None:
-            self._deposition.clock.stand(self._loop.time())
-            self._deposition.stop_streaming()
+        motion = self._connected.motion
+        self._work.clock.stand(self._loop.time())
+        self._work.deposition.stop()
         try:
             await motion.hold()
         except MachineError as error:
@@ -260,32 +277,24 @@ class CellSequence:
         await motion.reset()
 
     async def _powder_off(self) -> None:
-        self._the_deposition.powder_off()
-        await self._the_cell.feeders_do(FeederDriver.feed_off)
+        self._work.feed.off()
+        await self._connected.feeders_do(FeederDriver.feed_off)
 
     async def _gas_off(self) -> None:
         """Gas off after the post-flow: powder left in a hose clogs the next start."""
-        await self._the_cell.feeders_do(FeederDriver.gas_off)
+        await self._connected.feeders_do(FeederDriver.gas_off)
 
     async def _gas_off_now(self) -> None:
-        await self._the_cell.feeders_do(lambda feeder: feeder.gas_off(post_flow=False))
-
-    # --- common -------------------------------------------------------------------------------
-
-    async def _override_now(self) -> None:
-        cell, percent = self._the_cell, self._override_percent
-        self._the_deposition.override_now(percent)
-        await cell.until(lambda: cell.motion.overrides[0] == percent, _OVERRIDE_PATIENCE_S,
-                         f"a feed override of {percent} %")
+        await self._connected.feeders_do(lambda feeder: feeder.gas_off(post_flow=False))
 
     @property
-    def _the_cell(self) -> Cell:
+    def _connected(self) -> Cell:
         if self._cell is None:
             raise AttributeError("the cell is not connected")
         return self._cell
 
     @property
-    def _the_deposition(self) -> Deposition:
-        if self._deposition is None:
-            raise AttributeError("the machine has not been checked")
-        return self._deposition
+    def _work(self) -> _Work:
+        if self._accepted is None:
+            raise AttributeError("the machine has not been accepted")
+        return self._accepted
