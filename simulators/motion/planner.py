@@ -15,13 +15,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import sqrt
 
-Vector = tuple[float, float, float]
+from simulators.motion.actions import Motion, Vector
 
 _MIN_SPEED_MM_S = 1.0 / 60.0  # MINIMUM_FEED_RATE
 _UNBOUNDED = 1.0e38
 _STRAIGHT = 0.999999  # cosine beyond which a junction is straight on, or a reversal
-
-BEAM_OFF, BEAM_CONSTANT, BEAM_DYNAMIC = 0, 1, 2
 
 
 @dataclass(frozen=True)
@@ -34,28 +32,6 @@ class Kinematics:
     junction_deviation_mm: float
 
 
-@dataclass(frozen=True, slots=True)
-class Motion:
-    """One straight move as the interpreter asks for it.
-
-    target_mm : machine coordinates
-    rate_mm_s : programmed feed; ignored for a rapid
-    power : laser S over its maximum, before any override, when `beam` is not BEAM_OFF
-    floor : least power of a lit beam, as a fraction ($31 over $30)
-    outputs : switched at the moment the block starts
-    """
-
-    target_mm: Vector
-    rate_mm_s: float
-    rapid: bool = False
-    feed_override: bool = True
-    line: int = 0
-    beam: int = BEAM_OFF
-    power: float = 0.0
-    floor: float = 0.0
-    outputs: tuple[tuple[str, int, float], ...] = ()
-
-
 class Block:
     """A planned straight move. `previous` and `following` link the queue."""
 
@@ -63,17 +39,16 @@ class Block:
         "acceleration",
         "entry_sqr",
         "following",
+        "length",
         "max_entry_sqr",
         "max_junction_sqr",
         "motion",
         "nominal",
-        "planned_exit_sqr",
         "previous",
         "ramp_sqr",
         "rapid_rate",
         "start",
         "target",
-        "length",
     )
 
     acceleration: float
@@ -216,9 +191,7 @@ class Planner:
         if motion.rapid:
             speed = block.rapid_rate * self.rapid_factor
         else:
-            speed = motion.rate_mm_s
-            if motion.feed_override:
-                speed *= self.feed_factor
+            speed = motion.rate_mm_s * self.feed_factor
             if speed > block.rapid_rate:
                 speed = block.rapid_rate
         return speed if speed > _MIN_SPEED_MM_S else _MIN_SPEED_MM_S

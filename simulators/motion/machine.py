@@ -1,0 +1,371 @@
+"""The machine behind the interpreter: motion, beam, coolant and doors, and the states they are in.
+
+Real-time commands act here. Time passes by `settle`: whatever has ended by then (a motion, a hold,
+a jog's cancellation) changes the state as the firmware's cycle-stop flag does. What the firmware
+would say meanwhile goes to `say`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from enum import Enum
+
+from firmware_protocol.dialect import GRBLHAL, Dialect
+from firmware_protocol.messages import Alarm, Feedback, Message
+from simulators.motion.actions import Motion, Vector
+from simulators.motion.planner import Planner
+from simulators.motion.reports import StatusReporter
+from simulators.motion.settings import Settings
+from simulators.motion.states import MOVING, State
+from simulators.motion.stepper import Stepper
+from simulators.motion.trace import Trace
+
+ABORTED_ALARM, SOFT_LIMIT_ALARM, HOMING_ALARM = 3, 2, 6
+
+_ORIGIN: Vector = (0.0, 0.0, 0.0)
+# How far the step segment buffer runs ahead: of 10 ms each, Grbl keeps 5 ready and grblHAL 9.
+_SEGMENT_S = 0.01
+_SEGMENTS = {False: 5, True: 9}
+_DOOR_COOLANT_DELAY_S, _DOOR_SPINDLE_DELAY_S = 1.0, 4.0  # Grbl 1.1 `config.h`
+
+
+class Stopping(Enum):
+    """Why the axes are braking."""
+
+    HOLD = "hold"
+    DOOR = "door"
+    JOG_CANCEL = "jog cancel"
+    SOFT_LIMIT = "soft limit"
+
+
+class Machine:
+    """State and motion of one controller. Times are seconds on the loop's clock."""
+
+    def __init__(
+        self,
+        dialect: Dialect,
+        settings: Settings,
+        planner_blocks: int,
+        say: Callable[[Message], None],
+        displaced: Callable[[Vector], None],
+    ) -> None:
+        self.hal = dialect is GRBLHAL
+        self.settings = settings
+        self.say = say
+        self._displaced = displaced
+        self.state = State.IDLE
+        self.alarm = 0
+        self.critical = False
+        self.stopping: Stopping | None = None
+        self.restore_s: float | None = None  # when a closed door lets motion go on
+        self.homed = False
+        self.door_open = False
+        self.overrides = (100, 100, 100)
+        self.spindle_mode = 5
+        self.flood = False
+        self.mist = False
+        self.probed_mm = _ORIGIN
+        self.input_result: int | None = None
+        self.now_s = 0.0
+        self.trace = Trace(_ORIGIN)
+        self.planner = Planner(planner_blocks, settings.kinematics())
+        segments = _SEGMENTS[self.hal]
+        self.stepper = Stepper(self.planner, self.trace, segments * _SEGMENT_S, segments)
+        self.reporter = StatusReporter(dialect)
+        self._spindle_stopped = False  # by a hold or the door, to be restored
+        self._coolant_stopped = False  # by the door
+        self._power_before = 0.0  # standing power to restore
+        self._door_after_jog = False
+
+    def settle(self, now_s: float) -> None:
+        """Let time pass to now_s."""
+        self.now_s = now_s
+        stepper = self.stepper
+        stepper.advance(now_s)
+        if self.stopping is not None:
+            if stepper.stopped(now_s):
+                self._has_stopped()
+        elif self.state in MOVING:
+            if self.state is not State.HOME and stepper.stopped(now_s):
+                stepper.running = False
+                self.state = State.IDLE
+        elif self.restore_s is not None and now_s >= self.restore_s:
+            self._go_on()
+
+    def start(self) -> None:
+        """Execute what is planned, if the state allows it (the firmware's auto cycle start)."""
+        if self.state is State.IDLE and self.planner.first is not None:
+            self.state = State.RUN
+            self.stepper.start(self.now_s)
+
+    def at_rest(self) -> bool:
+        """All motion has been executed."""
+        return self.planner.first is None and self.stepper.stopped(self.now_s)
+
+    def held(self) -> bool:
+        """A hold or door stop is complete."""
+        return self.state in (State.HOLD, State.DOOR) and self.stopping is None
+
+    def next_event_s(self) -> float:
+        """When planned motion next changes something without further input."""
+        return self.stepper.next_event_s()
+
+    def position_mm(self) -> Vector:
+        """Where the axes are, in whole steps."""
+        (x, y, z), (sx, sy, sz) = self.stepper.position_mm(self.now_s), self._steps_per_mm()
+        return (round(x * sx) / sx, round(y * sy) / sy, round(z * sz) / sz)
+
+    def substate(self) -> int | None:
+        """The number behind Hold and Door."""
+        if self.state is State.HOLD:
+            return 0 if self.stopping is None else 1
+        if self.state is State.DOOR:
+            if self.stopping is not None:
+                return 2
+            return 3 if self.restore_s is not None else int(self.door_open)
+        return None
+
+    # --- real-time commands
+
+    def hold(self) -> None:
+        if self.state is State.JOG:
+            self.cancel_jog()
+        elif self.state in (State.RUN, State.IDLE):
+            self._brake(Stopping.HOLD)
+            self.state = State.HOLD
+            self._stopped_at_once()
+
+    def door(self) -> None:
+        """Stop for the safety door: axes, then beam and coolant."""
+        if self.state in (State.ALARM, State.CHECK, State.SLEEP, State.HOME, State.TOOL):
+            return
+        if self.hal and self.state is State.DOOR:
+            return
+        self.say(Feedback("MSG", "Check Door"))
+        self.restore_s = None
+        if self.state is State.JOG:
+            self.cancel_jog()
+            self._door_after_jog = True
+            return
+        if self.stopping is None:
+            self._brake(Stopping.DOOR)
+        self.stopping = Stopping.DOOR
+        self.state = State.DOOR
+        self._stopped_at_once()
+
+    def cancel_jog(self) -> None:
+        if self.state is State.JOG and self.stopping is None:
+            self._brake(Stopping.JOG_CANCEL)
+
+    def soft_limit(self) -> None:
+        """A target outside the travel: come to rest, then lock."""
+        if self.state is State.RUN:
+            self.state = State.HOLD
+        self._brake(Stopping.SOFT_LIMIT)
+        self._stopped_at_once()
+
+    def resume(self) -> None:
+        if self.state is State.HOLD and self.stopping is None:
+            if self._spindle_stopped:
+                self.say(Feedback("MSG", "Restoring spindle"))
+            if self.hal:
+                self.say(Feedback("MSG", ""))
+            self._go_on()
+        elif self.state is State.DOOR and self.held() and not self.door_open:
+            if self.restore_s is None:
+                self.restore_s = self.now_s + self._restore_delay_s()
+                self.settle(self.now_s)
+        elif self.state is State.TOOL:
+            self.state = State.IDLE
+            self.start()
+
+    def toggle_spindle_stop(self) -> None:
+        if self.state is not State.HOLD or self.stopping is not None:
+            return
+        if self._spindle_stopped:
+            self.say(Feedback("MSG", "Restoring spindle"))
+            self._restore_spindle()
+        else:
+            self._stop_spindle()
+
+    def toggle_coolant(self, mist: bool) -> None:
+        if self.state in (State.IDLE, State.RUN, State.HOLD):
+            self.set_coolant(self.flood != (not mist), self.mist != mist)
+
+    def set_overrides(self, feed: int, rapid: int, spindle: int) -> None:
+        """Percent; clipped to what the firmware allows."""
+        wanted = (min(200, max(10, feed)), rapid, min(200, max(10, spindle)))
+        if wanted == self.overrides:
+            return
+        self.overrides = wanted
+        self.stepper.set_overrides(
+            wanted[0] / 100.0, wanted[1] / 100.0, wanted[2] / 100.0, self.now_s
+        )
+        self.reporter.overrides_changed()
+
+    def reset(self) -> int:
+        """Everything off and forgotten; position kept. Returns the alarm it earns, or 0."""
+        moving = self.state in MOVING or self.stopping is not None
+        homing = self.state is State.HOME
+        locked = self.state is State.ALARM or (self.state is State.SLEEP)
+        self._stop_dead()
+        self.critical = False
+        self._spindle_stopped = self._coolant_stopped = self._door_after_jog = False
+        self.set_spindle(5, 0.0)
+        self.set_coolant(False, False)
+        self.set_overrides(100, 100, 100)
+        self.reporter.restart()
+        alarm = 0
+        if homing:
+            alarm = HOMING_ALARM
+        elif moving and not self.hal:
+            alarm = ABORTED_ALARM
+        self.alarm = alarm or (self.alarm if locked else 0)
+        self.state = State.ALARM if alarm or locked else State.IDLE
+        if alarm:
+            self.homed = False
+        return alarm
+
+    def stop_keeping_state(self) -> None:
+        """grblHAL's 0x19: stop dead, forget the plan, keep position and offsets."""
+        self._stop_dead()
+        self._spindle_stopped = self._coolant_stopped = False
+        self.set_spindle(5, 0.0)
+        self.set_coolant(False, False)
+        if self.state is not State.ALARM:
+            self.state = State.IDLE
+
+    def raise_alarm(self, code: int) -> None:
+        """Lock. Soft limits stay locked until a reset."""
+        self.alarm = code
+        self.state = State.ALARM
+        self.say(Alarm(code))
+        self.set_spindle(5, 0.0)
+        self.set_coolant(False, False)
+        if code == SOFT_LIMIT_ALARM:
+            self.critical = True
+            self.say(Feedback("MSG", "Reset to continue"))
+
+    # --- outputs
+
+    def set_spindle(self, mode: int, standing: float) -> None:
+        """M3, M4 or M5 with the axes at rest."""
+        changed = mode != self.spindle_mode or standing != self.stepper.standing
+        self.spindle_mode = mode
+        self.stepper.stand(standing, self.now_s)
+        if changed:
+            self.reporter.accessories_changed()
+
+    def set_coolant(self, flood: bool, mist: bool) -> None:
+        if (flood, mist) != (self.flood, self.mist):
+            self.flood, self.mist = flood, mist
+            self.reporter.accessories_changed()
+
+    def accessories(self) -> str:
+        """The letters of `A:`."""
+        _, power = self.stepper.head()
+        on = self.spindle_mode != 5 and not self._spindle_stopped
+        if not self.hal and self.settings.laser:
+            on = on and power > 0.0  # its spindle reads as off while the PWM is at zero
+        letters = ("C" if self.spindle_mode == 4 else "S") if on else ""
+        if self._coolant_stopped:
+            return letters
+        return letters + ("F" if self.flood else "") + ("M" if self.mist else "")
+
+    def feed_and_speed(self) -> tuple[float, float]:
+        """Actual feed [mm/min] and S, at the head of what is committed, as the firmware tells."""
+        speed, power = self.stepper.head()
+        block = self.stepper.held_block
+        if self.hal and self.held() and block is not None:
+            speed = block.nominal  # it shows what it will go on with
+        elif self.state not in MOVING and self.stopping is None:
+            speed = 0.0
+        return speed * 60.0, power * self.settings[30]
+
+    # --- homing
+
+    def homing_moves(self) -> tuple[list[Motion], list[Motion]]:
+        """To the switches, Z first, and off them again."""
+        x, y, _ = self.planner.position_mm
+        toward: list[float] = []
+        clear: list[float] = []
+        for axis, travel in enumerate(self.settings.travel_mm):
+            far = int(self.settings[23]) >> axis & 1
+            toward.append(-travel if far else 0.0)
+            clear.append(toward[axis] + (self.settings[27] if far else -self.settings[27]))
+        seek, pull = self.settings[25] / 60.0, self.settings[24] / 60.0
+        to_z: Vector = (x, y, toward[2])
+        to_xy: Vector = (toward[0], toward[1], toward[2])
+        off: Vector = (clear[0], clear[1], clear[2])
+        return [Motion(to_z, seek), Motion(to_xy, seek)], [Motion(off, pull)]
+
+    # ---
+
+    def _stop_dead(self) -> None:
+        self.stepper.stop_dead(self.now_s)
+        self.stopping = self.restore_s = None
+        self._displaced(self.planner.position_mm)
+
+    def _steps_per_mm(self) -> Vector:
+        return self.planner.kinematics.steps_per_mm
+
+    def _brake(self, why: Stopping) -> None:
+        self.stopping = why
+        self.stepper.hold(self.now_s)
+
+    def _stopped_at_once(self) -> None:
+        if self.stopping is not None and self.stepper.stopped(self.now_s):
+            self._has_stopped()
+
+    def _has_stopped(self) -> None:
+        why, self.stopping = self.stopping, None
+        if why is Stopping.HOLD:
+            if self.settings.laser and self.settings.laser_off_in_hold:
+                self._stop_spindle()
+        elif why is Stopping.DOOR:
+            self._stop_spindle()
+            self._coolant_stopped = True
+            self.reporter.accessories_changed()
+        else:
+            self.stepper.forget(self.now_s)
+            self._displaced(self.planner.position_mm)
+            if why is Stopping.SOFT_LIMIT:
+                self.raise_alarm(SOFT_LIMIT_ALARM)
+            elif self._door_after_jog:
+                self._door_after_jog = False
+                self.state = State.DOOR
+            else:
+                self.state = State.IDLE
+
+    def _stop_spindle(self) -> None:
+        if self.spindle_mode != 5 and not self._spindle_stopped:
+            self._spindle_stopped = True
+            self._power_before = self.stepper.standing
+            self.stepper.stand(0.0, self.stepper.end_s)
+            self.reporter.accessories_changed()
+
+    def _restore_spindle(self) -> None:
+        if self._spindle_stopped:
+            self._spindle_stopped = False
+            self.stepper.stand(self._power_before, self.now_s)
+            self.reporter.accessories_changed()
+
+    def _restore_delay_s(self) -> float:
+        coolant_s, spindle_s = _DOOR_COOLANT_DELAY_S, _DOOR_SPINDLE_DELAY_S
+        if self.hal:
+            spindle_s, coolant_s = self.settings[392], self.settings[393]
+        delay_s = coolant_s if self.flood or self.mist else 0.0
+        if self._spindle_stopped and not self.settings.laser:
+            delay_s += spindle_s
+        return delay_s
+
+    def _go_on(self) -> None:
+        self.restore_s = None
+        self._restore_spindle()
+        if self._coolant_stopped:
+            self._coolant_stopped = False
+            self.reporter.accessories_changed()
+        self.state = State.IDLE
+        if self.planner.first is not None:
+            self.state = State.RUN
+            self.stepper.start(self.now_s)

@@ -1,0 +1,121 @@
+"""Puts a simulated controller behind a wire: a TCP port, as a serial device server, or a pty.
+
+One client at a time; a second one is turned away. Coming and going resets nothing, as on a
+controller whose port does not toggle DTR.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import socket
+import tty
+from typing import cast
+
+from simulators.motion.sim import MotionSim
+
+_READ_BYTES = 65536
+
+
+class TcpServer:
+    """Listens until closed. port : the one it listens on."""
+
+    def __init__(self, server: asyncio.Server, clients: set[asyncio.Transport]) -> None:
+        self._server = server
+        self._clients = clients
+        self.port: int = server.sockets[0].getsockname()[1]
+
+    def close(self) -> None:
+        """Stop listening and drop the client."""
+        self._server.close()
+        for client in list(self._clients):
+            client.abort()
+
+
+async def serve_tcp(sim: MotionSim, host: str = "127.0.0.1", port: int = 0) -> TcpServer:
+    """Serve sim on host:port; port 0 takes a free one. raises: OSError when it is taken"""
+    clients: set[asyncio.Transport] = set()
+    loop = asyncio.get_running_loop()
+    server = await loop.create_server(lambda: _Client(sim, clients), host, port)
+    return TcpServer(server, clients)
+
+
+class _Client(asyncio.Protocol):
+    def __init__(self, sim: MotionSim, clients: set[asyncio.Transport]) -> None:
+        self._sim = sim
+        self._clients = clients
+        self._transport: asyncio.Transport | None = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        client = cast(asyncio.Transport, transport)
+        if self._clients:
+            client.abort()
+            return
+        client.get_extra_info("socket").setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._transport = client
+        self._clients.add(client)
+        self._sim.attach(client.write)
+
+    def data_received(self, data: bytes) -> None:
+        if self._transport is not None:
+            self._sim.receive(data)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        if self._transport is not None:
+            self._clients.discard(self._transport)
+            self._sim.detach()
+
+
+class Pty:
+    """A pseudo-terminal whose other end is at `path`. Its slave side is kept open here, so that a
+    client may come and go.
+    """
+
+    def __init__(self, sim: MotionSim, loop: asyncio.AbstractEventLoop) -> None:
+        self._sim = sim
+        self._loop = loop
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._master)
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        self.path = os.ttyname(self._slave)
+        self._unsent = b""
+        loop.add_reader(self._master, self._readable)
+        sim.attach(self._write)
+
+    def close(self) -> None:
+        """Hang up."""
+        self._sim.detach()
+        self._loop.remove_reader(self._master)
+        self._loop.remove_writer(self._master)
+        os.close(self._master)
+        os.close(self._slave)
+
+    def _readable(self) -> None:
+        self._sim.receive(os.read(self._master, _READ_BYTES))
+
+    def _write(self, data: bytes) -> None:
+        if self._unsent:
+            self._unsent += data
+            return
+        rest = self._try(data)
+        if rest:
+            self._unsent = rest
+            self._loop.add_writer(self._master, self._writable)
+
+    def _writable(self) -> None:
+        self._unsent = self._try(self._unsent)
+        if not self._unsent:
+            self._loop.remove_writer(self._master)
+
+    def _try(self, data: bytes) -> bytes:
+        """Write what goes; the rest."""
+        try:
+            return data[os.write(self._master, data) :]
+        except BlockingIOError:
+            return data
+
+
+def open_pty(sim: MotionSim) -> Pty:
+    """Put sim behind a pseudo-terminal, until it is closed."""
+    return Pty(sim, asyncio.get_running_loop())

@@ -1,0 +1,25 @@
+"""The states of the controller, by the names its status report gives them."""
+
+from __future__ import annotations
+
+from enum import Enum
+
+
+class State(Enum):
+    IDLE = "Idle"
+    RUN = "Run"
+    HOLD = "Hold"
+    JOG = "Jog"
+    HOME = "Home"
+    ALARM = "Alarm"
+    CHECK = "Check"
+    DOOR = "Door"
+    SLEEP = "Sleep"
+    TOOL = "Tool"
+
+
+MOVING = frozenset((State.RUN, State.JOG, State.HOME))
+"""States in which the axes may be moving without being told to stop."""
+
+SUSPENDED = frozenset((State.HOLD, State.DOOR, State.SLEEP, State.TOOL))
+"""States in which no line is read from the receive buffer."""

@@ -1,0 +1,269 @@
+"""Executes planned blocks in time: accelerations, holds and overrides, computed and never stepped.
+
+Like the firmware's step segment buffer, the stepper works a little ahead of the motion: at time t
+it has committed what happens until t + `lead_s` (but no more than `lead_blocks` blocks). A block
+leaves the planner when its last piece is committed, and a hold or an override takes effect at that
+*head*, not at t. What is committed goes to the trace; the rest of the block at the head is a plan
+of at most three phases, and is planned again when its exit speed, a hold or an override change it.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from math import sqrt
+
+from simulators.motion.actions import BEAM_CONSTANT, BEAM_DYNAMIC, Vector
+from simulators.motion.planner import Block, Planner
+from simulators.motion.profile import Ramp, braking, profile
+from simulators.motion.trace import Trace
+
+_TINY_MM = 1e-9
+_ALIKE = 1e-9  # relative difference of squared speeds that is rounding
+_SLACK_S = 1e-9  # a timer may come early by the clock's resolution
+
+
+class Stepper:
+    """The executing end of a planner.
+
+    running : blocks are taken from the planner
+    holding : braking to rest along the path; when that is done `running` ends with it
+    end_s : when what is committed ends; the machine stands still after it unless more follows
+    """
+
+    def __init__(self, planner: Planner, trace: Trace, lead_s: float, lead_blocks: int) -> None:
+        self.running = False
+        self.holding = False
+        self.end_s = 0.0
+        self.last_line = 0
+        self.spindle_factor = 1.0
+        self._planner = planner
+        self._trace = trace
+        self._lead_s = lead_s
+        self._lead_blocks = lead_blocks
+        self._head_s = 0.0
+        self._ends: deque[float] = deque()  # of blocks committed whole and not yet over
+        self._block: Block | None = None
+        self._row = 0
+        self._done_mm = 0.0  # of the block, at the start of the phase
+        self._speed = 0.0  # there
+        self._ramps: list[Ramp] = []  # the block's phases, the next one last
+        self._exit_sqr = 0.0  # for which they were planned
+        self._standing = 0.0  # before the override
+
+    def start(self, now_s: float) -> None:
+        """Take blocks from the planner, from rest or on with the motion under way."""
+        self.running = True
+        self.holding = False
+        if self.end_s < now_s:
+            self.end_s = now_s
+        first = self._planner.first
+        if first is not None and self._speed == 0.0:
+            if self._block is not None:  # left in the middle by a hold
+                self._place(0.0)
+                self._planner.replan()
+                self._plan()
+            elif first.entry_sqr > 0.0:  # stopped by a hold just at its start
+                first.entry_sqr = 0.0
+                self._planner.replan()
+        self._head_s = self.end_s
+
+    def hold(self, now_s: float) -> None:
+        """Brake to rest along the path, from the head on."""
+        self.advance(now_s)
+        self._cut()
+        if self._speed == 0.0:
+            self.running = False  # at rest at the head, or to be when what is committed ends
+        else:
+            self.holding = True
+            if self._block is not None:
+                self._plan()
+
+    def set_overrides(self, feed: float, rapid: float, spindle: float, now_s: float) -> None:
+        """Factors on programmed feed, rapid speed and S, from the head on."""
+        self.advance(now_s)
+        self._cut()
+        if spindle != self.spindle_factor:
+            self.spindle_factor = spindle
+            self.stand(self._standing, self.end_s if self.running else now_s)
+        self._planner.set_overrides(feed, rapid)
+        if self._block is not None and self.running:
+            self._plan()
+
+    def stop_dead(self, now_s: float) -> None:
+        """A reset: motion ends at once, wherever it is, and the plan is forgotten."""
+        self.advance(now_s)
+        self._head_s = now_s
+        self._cut()
+        self._trace.truncate(now_s)
+        self.end_s = min(self.end_s, now_s)
+        self.forget(now_s)
+
+    def forget(self, now_s: float) -> None:
+        """Drop all that is planned and not committed; the machine is where it stands."""
+        self._block = None
+        self._ramps.clear()
+        self._ends.clear()
+        self._speed = 0.0
+        self.running = self.holding = False
+        self._planner.clear(self._trace.position_at(now_s))
+
+    def stopped(self, now_s: float) -> bool:
+        """Standing still with nothing to do, or held."""
+        return now_s >= self.end_s - _SLACK_S and (not self.running or self._planner.first is None)
+
+    def next_event_s(self) -> float:
+        """When, if nothing changes, a block leaves the planner next or motion ends."""
+        if self._block is not None and self.running:
+            rest_s = sum(ramp.duration for ramp in self._ramps)
+            return self.end_s + rest_s - self._lead_s
+        if self._planner.first is not None and self.running:
+            crowded = len(self._ends) >= self._lead_blocks
+            return max(self.end_s - self._lead_s, self._ends[0] if crowded else 0.0)
+        return self.end_s
+
+    def advance(self, now_s: float) -> None:
+        """Commit what is certain at now_s."""
+        planner, trace = self._planner, self._trace
+        block = self._block
+        if block is not None and self.running and not self.holding:
+            following = block.following
+            exit_sqr = 0.0 if following is None else following.entry_sqr
+            if exit_sqr != self._exit_sqr:
+                self._cut()
+                self._plan()
+        until_s = now_s + self._lead_s + _SLACK_S
+        ends, ramps, end_s = self._ends, self._ramps, self.end_s
+        while self.running:
+            if block is None:
+                block = planner.first
+                if block is None or end_s >= until_s:
+                    block = None
+                    break
+                while ends and ends[0] <= now_s + _SLACK_S:
+                    ends.popleft()
+                if len(ends) >= self._lead_blocks:
+                    block = None
+                    break
+                self._load(block)
+            acceleration, duration, distance, exit_speed = ramps[-1]
+            if end_s + duration > until_s:
+                break
+            power = block.motion.power * self.spindle_factor
+            trace.moved(
+                self._row, end_s, end_s + duration, self._done_mm, self._speed, acceleration, power
+            )
+            ramps.pop()
+            self.end_s = end_s = end_s + duration
+            self._done_mm += distance
+            self._speed = exit_speed
+            if ramps:
+                continue
+            if self._done_mm >= block.length - _TINY_MM:
+                planner.discard_first()
+                ends.append(end_s)
+                self._block = block = None
+            if self.holding and (exit_speed == 0.0 or planner.first is None):
+                self.running = self.holding = False
+                self._speed = 0.0
+        if block is None or not self.running:
+            self._head_s = end_s
+        else:
+            self._head_s = until_s
+            if planner.planned is block:  # the look-ahead starts from what the block does now
+                speed, done_mm = self._within_ramp(until_s)
+                block.entry_sqr = speed * speed
+                block.ramp_sqr = 2.0 * block.acceleration * (block.length - done_mm)
+
+    def position_mm(self, now_s: float) -> Vector:
+        """Where the machine is."""
+        block = self._block
+        if block is None or now_s <= self.end_s or not self.running:
+            return self._trace.position_at(now_s)
+        _, done_mm = self._within_ramp(now_s)
+        part = done_mm / block.length
+        (x0, y0, z0), (x1, y1, z1) = block.start, block.target
+        return (x0 + (x1 - x0) * part, y0 + (y1 - y0) * part, z0 + (z1 - z0) * part)
+
+    def head(self) -> tuple[float, float]:
+        """Speed and laser S (as a fraction) at the head, which is what the firmware reports."""
+        block = self._block
+        if block is None or not self.running:
+            return self._speed, min(1.0, self._standing * self.spindle_factor)
+        speed, _ = self._within_ramp(self._head_s)
+        motion = block.motion
+        power = motion.power * self.spindle_factor
+        if motion.beam == BEAM_DYNAMIC:
+            power *= speed / motion.rate_mm_s
+        return speed, min(power, 1.0)
+
+    @property
+    def held_block(self) -> Block | None:
+        """The block in which a hold has stopped, or that is being executed at the head."""
+        return self._block
+
+    @property
+    def standing(self) -> float:
+        """Power, before the override, with which the beam burns at standstill."""
+        return self._standing
+
+    def stand(self, power: float, when_s: float) -> None:
+        """The beam burns with this power whenever the machine stands still, from when_s on."""
+        self._standing = power
+        self._trace.stood(when_s, min(1.0, power * self.spindle_factor))
+
+    def _load(self, block: Block) -> None:
+        self._block = block
+        self._row = self._trace.begin(block)
+        self._done_mm = 0.0
+        if abs(self._speed * self._speed - block.entry_sqr) < _ALIKE * block.entry_sqr:
+            self._speed = sqrt(block.entry_sqr)  # else rounding would pile up
+        motion = block.motion
+        self.last_line = motion.line
+        standing = motion.power if motion.beam == BEAM_CONSTANT else 0.0
+        if standing != self._standing:
+            self.stand(standing, self.end_s)
+        for kind, port, value in motion.outputs:
+            self._trace.outputs.append((self.end_s, kind, port, value))
+        self._plan()
+
+    def _within_ramp(self, when_s: float) -> tuple[float, float]:
+        """Speed, and distance into the block, at an instant of the phase being executed."""
+        dt = when_s - self.end_s
+        if dt <= 0.0:
+            return self._speed, self._done_mm
+        acceleration = self._ramps[-1][0]
+        speed = self._speed + acceleration * dt
+        return speed, self._done_mm + 0.5 * (self._speed + speed) * dt
+
+    def _cut(self) -> None:
+        """Commit the phase under way up to the head, so that the rest can be planned anew."""
+        block, head_s = self._block, self._head_s
+        if block is None or not self.running:
+            return
+        if head_s > self.end_s:
+            acceleration = self._ramps[-1].acceleration
+            power = block.motion.power * self.spindle_factor
+            speed, done_mm = self._within_ramp(head_s)
+            self._trace.moved(
+                self._row, self.end_s, head_s, self._done_mm, self._speed, acceleration, power
+            )
+            self._speed, self._done_mm, self.end_s = speed, done_mm, head_s
+        self._place(self._speed)
+
+    def _place(self, speed: float) -> None:
+        """Tell the planner from where the look-ahead starts."""
+        block = self._block
+        assert block is not None
+        block.entry_sqr = speed * speed
+        block.ramp_sqr = 2.0 * block.acceleration * (block.length - self._done_mm)
+
+    def _plan(self) -> None:
+        block = self._block
+        assert block is not None
+        left_mm = block.length - self._done_mm
+        if self.holding:
+            self._ramps[:] = braking(self._speed, left_mm, block.acceleration)
+            return
+        following = block.following
+        self._exit_sqr = exit_sqr = 0.0 if following is None else following.entry_sqr
+        self._ramps[:] = profile(self._speed, left_mm, block.acceleration, block.nominal, exit_sqr)

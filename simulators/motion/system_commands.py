@@ -1,0 +1,231 @@
+"""`$` commands. Sources: Grbl 1.1 `system.c`, `doc/markdown/commands.md`; the transcripts."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+
+from firmware_protocol.dialect import GRBLHAL, Dialect
+from firmware_protocol.gcode import GcodeError
+from firmware_protocol.messages import Feedback, Message, Unknown
+from simulators.motion import reports
+from simulators.motion.machine import Machine
+from simulators.motion.modal import Interpreter
+from simulators.motion.perform import out_of_travel
+from simulators.motion.settings import SettingError, Settings
+from simulators.motion.states import State
+from simulators.motion.waits import Steps, Wait
+
+BAD_NUMBER, UNKNOWN, HOMING_OFF, NOT_IDLE, STORED_TOO_LONG = 2, 3, 5, 8, 14
+DOOR_OPEN, JOG_OUTSIDE = 13, 15
+
+_HELP = "$$ $# $G $I $N $x=val $Nx=line $J=line $SLP $C $X $H ~ ! ? ctrl-x"
+_ASSIGNMENT = re.compile(r"\$([0-9.]+)=(.*)")
+_STORED = re.compile(r"\$N([0-9])=(.*)")
+_NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)")
+_HOMING_CLEARANCE_S = 0.5  # debounce and settling between seeking the switches and leaving them
+
+
+class SystemCommands:
+    """Executes `$` lines for one controller.
+
+    startup : the stored lines, by number
+    leave_check_mode : called when `$C` ends check mode, after the answer
+    """
+
+    def __init__(
+        self,
+        dialect: Dialect,
+        settings: Settings,
+        interpreter: Interpreter,
+        machine: Machine,
+        identity: list[Message],
+        gcode: Callable[[bytes], Steps],
+        leave_check_mode: Callable[[], None],
+    ) -> None:
+        self.startup = {0: "", 1: ""}
+        self._dialect = dialect
+        self._hal = dialect is GRBLHAL
+        self._settings = settings
+        self._interpreter = interpreter
+        self._machine = machine
+        self._identity = identity
+        self._gcode = gcode
+        self._leave_check_mode = leave_check_mode
+        self._anytime: dict[str, Callable[[], int]] = {
+            "$": self._help,
+            "$$": self._list_settings,
+            "$G": self._parser_state,
+            "$C": self._check_mode,
+            "$X": self._unlock,
+        }
+        self._at_rest: dict[str, Callable[[], int]] = {
+            "$#": self._parameters,
+            "$I": lambda: self._say(*self._identity),
+            "$N": lambda: self._say(*reports.startup_listing(self.startup)),
+            "$SLP": self._sleep,
+            "$RST=$": self._restore_settings,
+            "$RST=#": self._restore_offsets,
+            "$RST=*": lambda: self._restore_settings() or self._restore_offsets(),
+        }
+
+    def execute(self, text: str) -> Steps:
+        """text : upper case, without spaces and comments, beginning with `$`"""
+        now = self._anytime.get(text)
+        if now is not None:
+            return now()
+        machine = self._machine
+        if text.startswith("$J="):
+            return (yield from self._jog(text))
+        if machine.state not in (State.IDLE, State.ALARM):
+            return NOT_IDLE
+        if text == "$H":
+            return (yield from self._home())
+        later = self._at_rest.get(text)
+        if later is not None:
+            return later()
+        if stored := _STORED.fullmatch(text):
+            return (yield from self._store_line(int(stored[1]), stored[2]))
+        if text.startswith("$I="):
+            return 0
+        return self._assign(text)
+
+    def run_startup(self) -> Steps:
+        """The stored lines, after a reset or homing."""
+        for number in sorted(self.startup):
+            block = self.startup[number]
+            if block:
+                code = yield from self._gcode(block.encode("latin-1"))
+                answer = f"error:{code}" if code else "ok"
+                self._machine.say(Unknown(f">{block}:{answer}"))
+        return 0
+
+    def _say(self, *messages: Message) -> int:
+        for message in messages:
+            self._machine.say(message)
+        return 0
+
+    def _help(self) -> int:
+        return self._say(Feedback("HLP", _HELP))
+
+    def _list_settings(self) -> int:
+        if self._machine.state in (State.RUN, State.HOLD):
+            return NOT_IDLE
+        return self._say(*reports.settings_listing(self._settings))
+
+    def _parser_state(self) -> int:
+        return self._say(reports.parser_state(self._dialect, self._interpreter))
+
+    def _parameters(self) -> int:
+        return self._say(
+            *reports.parameters(self._dialect, self._interpreter, self._machine.probed_mm)
+        )
+
+    def _check_mode(self) -> int:
+        machine = self._machine
+        if machine.state is State.CHECK:
+            self._say(Feedback("MSG", "Disabled"))
+            self._leave_check_mode()
+            return 0
+        if machine.state is not State.IDLE:
+            return NOT_IDLE
+        machine.state = State.CHECK
+        return self._say(Feedback("MSG", "Enabled"))
+
+    def _unlock(self) -> int:
+        machine = self._machine
+        if machine.state is State.ALARM:
+            if machine.door_open:
+                return DOOR_OPEN
+            self._say(Feedback("MSG", "Caution: Unlocked"))
+            machine.state = State.IDLE
+            machine.alarm = 0
+        return 0
+
+    def _sleep(self) -> int:
+        if self._hal:
+            return UNKNOWN  # not built into the firmware whose transcripts these are
+        machine = self._machine
+        machine.set_spindle(5, 0.0)
+        machine.set_coolant(False, False)
+        machine.state = State.SLEEP
+        return 0
+
+    def _assign(self, text: str) -> int:
+        assignment = _ASSIGNMENT.fullmatch(text)
+        if assignment is None:
+            return UNKNOWN if self._hal else BAD_NUMBER
+        number, value = assignment.groups()
+        if not number.isdigit() or not _NUMBER.fullmatch(value):
+            return BAD_NUMBER
+        try:
+            self._settings.store(int(number), float(value))
+        except SettingError as refused:
+            return refused.code
+        self._refresh()
+        return 0
+
+    def _restore_settings(self) -> int:
+        self._settings.restore()
+        self._refresh()
+        return self._say(Feedback("MSG", "Restoring defaults"))
+
+    def _restore_offsets(self) -> int:
+        self._interpreter.offsets.restore()
+        self._interpreter.refresh()
+        return self._say(Feedback("MSG", "Restoring defaults"))
+
+    def _refresh(self) -> None:
+        self._interpreter.refresh()
+        self._machine.planner.kinematics = self._settings.kinematics()
+
+    def _store_line(self, number: int, block: str) -> Steps:
+        if number not in self.startup:
+            return UNKNOWN
+        if len(block) >= self._dialect.line_chars:
+            return STORED_TOO_LONG
+        if block:  # the firmware runs it before it keeps it
+            code = yield from self._gcode(block.encode("latin-1"))
+            if code:
+                return code
+        self.startup[number] = block
+        return 0
+
+    def _jog(self, text: str) -> Steps:
+        machine = self._machine
+        if machine.state not in (State.IDLE, State.JOG):
+            return NOT_IDLE
+        try:
+            motion = self._interpreter.jog(text[3:].encode("latin-1"))
+        except GcodeError as refused:
+            return refused.code
+        if out_of_travel(machine, motion.target_mm):
+            return JOG_OUTSIDE
+        self._interpreter.position_mm = motion.target_mm
+        yield Wait.ROOM
+        if machine.planner.add(motion) is not None and machine.state is State.IDLE:
+            machine.state = State.JOG
+            machine.stepper.start(machine.now_s)
+        return 0
+
+    def _home(self) -> Steps:
+        machine = self._machine
+        if not self._settings.homing:
+            return HOMING_OFF
+        if machine.door_open:
+            return DOOR_OPEN
+        machine.state = State.HOME
+        seek, leave = machine.homing_moves()
+        for moves in (seek, leave):
+            for motion in moves:
+                machine.planner.add(motion)
+            machine.stepper.start(machine.now_s)
+            yield Wait.REST
+            yield machine.now_s + _HOMING_CLEARANCE_S
+        machine.stepper.running = False
+        machine.state = State.IDLE
+        machine.alarm = 0
+        machine.homed = True
+        machine.reporter.homed_changed()
+        self._interpreter.position_mm = machine.planner.position_mm
+        return (yield from self.run_startup())
