@@ -2,7 +2,9 @@
 
 `ok` means planned, not done. What is done is read from status reports:
 
-- `Ln:n`: the line with word `N n` is being executed, so those before it are done.
+- `Ln:n`: the line with word `N n` is being executed, so those before it are done. (A firmware
+  names the block it cuts into segments, which leads the axes by its segment buffer, under 0.1 s;
+  the position in the same report does not lead.)
 - else `Bf:`: the planner still holds b blocks, so of the acknowledged lines that make a block the
   last b are not done, nor, to be careful, is the one before: a block leaves the planner while tens
   of milliseconds of it are still in the segment buffer (protocol of both firmwares).
