@@ -5,6 +5,7 @@ from __future__ import annotations
 from importlib import resources
 from pathlib import Path
 
+from lmctl.errors import UsageError
 from lmctl.examples.gear_cloud import write_gear_cloud
 
 #: Name of each template and what it is, in one line.
@@ -23,15 +24,20 @@ def write_template(name: str, folder: Path) -> list[Path]:
 
     Files of these names that are there already are replaced.
     returns : what was written, the part file first
+    raises : UsageError where the folder cannot be written to
     """
     names = [f"{name}.toml", *CELL_FILES]
     written = [folder / file for file in names]
-    for path in written:
-        path.write_text(_text(path.name), encoding="utf-8")
-    if name == "gear":
-        cloud = folder / "gear_cloud.xyz"
-        write_gear_cloud(cloud)
-        written.append(cloud)
+    try:
+        for path in written:
+            path.write_text(_text(path.name), encoding="utf-8")
+        if name == "gear":
+            written.append(folder / "gear_cloud.xyz")
+            write_gear_cloud(written[-1])
+    except OSError as error:
+        raise UsageError(
+            f"cannot write the template into {folder}", where=str(error.strerror)
+        ) from None
     return written
 
 

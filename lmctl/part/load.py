@@ -80,21 +80,16 @@ def _build(part: config.PartFile, text: str, folder: Path, said: _Said) -> Part:
     materials = resolve_materials(part)
     bodies = _Bodies(part, folder, said)
     body = bodies.build()
-    low, high = body.bounds_mm
     if isinstance(body, MeshSolid | FieldSolid | Combined):
-        grid, is_stored = body.grid, True
+        grid = body.grid
+        said.warnings += _coarse(part, body)
     else:
-        grid, is_stored = checked_grid(low, high, bodies.pitch_mm, stored=False), False
-    thinnest = float((high - low).min())
-    if is_stored and thinnest < 3 * bodies.pitch_mm:
-        said.warnings.append(
-            f"the part is only {thinnest:.3g} mm thick, a pitch of {bodies.pitch_mm:g} mm is "
-            f"coarse for it; pitch_mm = {thinnest / 5:.2g} would resolve it"
-        )
+        grid = checked_grid(*body.bounds_mm, bodies.pitch_mm, stored=False)
     said.notes += [note for material in materials if (note := material.note())]
-    unwritten = sorted(set(config.Process.model_fields) - part.process.model_fields_set)
-    if unwritten:
-        values = ", ".join(f"{key} {getattr(part.process, key)}" for key in unwritten)
+    # power and speed are the materials' own or the library's, and named there
+    unwritten = set(config.Process.model_fields) - part.process.model_fields_set
+    if keys := sorted(unwritten - {"power_W", "speed_mm_s"}):
+        values = ", ".join(f"{key} {getattr(part.process, key)}" for key in keys)
         said.notes.append(f"process: by default {values}")
     return Part(
         name=part.name,
@@ -110,6 +105,22 @@ def _build(part: config.PartFile, text: str, folder: Path, said: _Said) -> Part:
         grid=grid,
         plane=plane_around(grid, part.process.bead_width_mm),
     )
+
+
+def _coarse(part: config.PartFile, body: MeshSolid | FieldSolid | Combined) -> list[str]:
+    """A warning where the part is thin for its pitch and depths or outlines come from its field."""
+    low, high = body.bounds_mm
+    thinnest, pitch = float((high - low).min()), body.grid.pitch_mm
+    by_depth = part.process.strategy == "iso-3d" or (
+        part.composition is not None
+        and isinstance(part.composition.feature, config.SurfaceFeature)
+    )
+    if thinnest >= 3 * pitch or (isinstance(body, MeshSolid) and not by_depth):
+        return []
+    return [
+        f"the part is only {thinnest:.3g} mm thick, a pitch of {pitch:g} mm is coarse for it; "
+        f"pitch_mm = {thinnest / 5:.2g} would resolve it"
+    ]
 
 
 class _Bodies:

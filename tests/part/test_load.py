@@ -221,7 +221,12 @@ def test_what_is_neither_part_mesh_nor_cloud(folder: Folder) -> None:
         load_part(where / "no.toml")
 
 
-def test_a_thin_mesh_is_told_which_pitch_resolves_it(folder: Folder, making: Any) -> None:
+def test_a_thin_mesh_graded_by_depth_is_told_its_pitch(folder: Folder, making: Any) -> None:
     where = folder(m__stl=making.stl(making.box((0, 0, 0), (60, 1.2, 20))))
-    part = part_from_model(where / "m.stl", units="mm")
-    assert any("1.2 mm thick" in text and "pitch_mm = 0.24" in text for text in part.warnings)
+    assert not any("thick" in text for text in part_from_model(where / "m.stl").warnings)
+    (where / "part.toml").write_text(
+        TWO + '[[body]]\nkind = "mesh"\nfile = "m.stl"\nunits = "mm"\n[composition]\n'
+        'profile = { kind = "linear", near = {"316L" = 1}, far = {"WC-12Co" = 1} }\n'
+    )
+    warnings = load_part(where / "part.toml").warnings
+    assert any("1.2 mm thick" in text and "pitch_mm = 0.24" in text for text in warnings)

@@ -1,0 +1,64 @@
+"""Specks of a measured field are put on the side of what surrounds them; real bodies stay."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lmctl.field.field import Field
+from lmctl.field.grid import Grid
+from lmctl.part.bodies import zero_bounds
+from lmctl.part.formulas import Sphere
+from lmctl.part.specks import without_specks
+
+
+@pytest.fixture
+def ball() -> Field:
+    grid = Grid.around(np.full(3, -5.0), np.full(3, 5.0), 0.5)
+    return Field(grid, Sphere((0, 0, 0), 5).distance(grid.window()), None, np.empty((0, 3)))
+
+
+def with_values(field: Field, *changes: tuple[tuple[slice, ...], float]) -> Field:
+    values = field.values.copy()
+    for where, value in changes:
+        values[where] = value
+    return Field(field.grid, values, None, field.surface_mm)
+
+
+def test_a_sound_field_is_left_alone(ball: Field) -> None:
+    cleared, count = without_specks(ball)
+    assert cleared is ball
+    assert count == 0
+
+
+def test_islands_and_voids_change_sides_and_nothing_else(ball: Field) -> None:
+    island = (slice(1, 3), slice(1, 3), slice(1, 2))
+    void = (slice(12, 14), slice(12, 13), slice(12, 13))
+    cleared, count = without_specks(with_values(ball, (island, 0.2), (void, -0.3)))
+    assert count == 2
+    assert (cleared.values[island] == np.float32(-0.2)).all()
+    assert (cleared.values[void] == np.float32(0.3)).all()
+    same = np.ones(ball.values.shape, dtype=bool)
+    same[island] = same[void] = False
+    np.testing.assert_array_equal(cleared.values[same], ball.values[same])
+
+
+def test_a_second_body_of_some_size_stays(ball: Field) -> None:
+    post = (slice(0, 3), slice(0, 3), slice(0, 3))
+    cleared, count = without_specks(with_values(ball, (post, 0.2)))
+    assert count == 0
+    assert (cleared.values[post] > 0).all()
+
+
+def test_the_only_body_stays_however_small() -> None:
+    grid = Grid.around(np.full(3, -1.0), np.full(3, 1.0), 1.0)
+    small = Field(grid, Sphere((0, 0, 0), 1.2).distance(grid.window()), None, np.empty((0, 3)))
+    assert without_specks(small)[1] == 0
+
+
+def test_bounds_ignore_burrs_thinner_than_a_bead(ball: Field) -> None:
+    burr = (slice(0, 8), slice(13, 14), slice(13, 14))
+    spiked = with_values(ball, (burr, 0.2))
+    assert zero_bounds(spiked)[0][2] == pytest.approx(ball.grid.origin_mm[2])
+    low, _ = zero_bounds(spiked, least_area_mm2=1.0)
+    assert low[2] == pytest.approx(-5, abs=0.1)
