@@ -7,6 +7,7 @@ is the device's own act. All of pymodbus that the simulators use stands here.
 from __future__ import annotations
 
 import asyncio
+import errno
 import logging
 from collections.abc import Callable
 
@@ -120,7 +121,7 @@ async def serve_tcp(device: PmxDevice, host: str = "127.0.0.1", port: int = 0) -
     server = _TcpServer(_NOTHING, address=(host, port), ignore_missing_devices=True)
     server.context = _DeviceRegisters(device)
     if not await server.listen():
-        raise OSError(f"cannot listen on {host}:{port}")
+        raise OSError(errno.EADDRINUSE, f"port {port} is taken or not allowed")
     assert isinstance(server.transport, asyncio.Server)
     port = server.transport.sockets[0].getsockname()[1]
     return FeederServer(f"modbus-tcp://{host}:{port}", server.close)

@@ -1,0 +1,106 @@
+"""The simulated cell, assembled: a motion controller and its feeders, each on its own wire."""
+
+from __future__ import annotations
+
+import asyncio
+from contextlib import AsyncExitStack
+from dataclasses import replace
+from types import TracebackType
+
+from simulators.bench_config import Address, BenchConfig
+from simulators.feeder.device import PmxDevice
+from simulators.feeder.server import serve_pty, serve_tcp
+from simulators.motion import server as motion_server
+from simulators.motion.sim import MotionSim
+from simulators.record import BenchRecord
+
+_ANY_PORT = Address("127.0.0.1", 0)
+
+
+class Bench:
+    """A cell on the running loop, from entering to leaving.
+
+    ephemeral_ports : take free ports of 127.0.0.1 in place of those configured
+    endpoints : by "motion" and the feeders' names, in the spelling of a machine profile
+    motion, feeders : the devices themselves, for whoever plays the operator's hands
+    Entering raises OSError, naming the device, where a port is taken.
+
+    >>> async def cell(config):
+    ...     async with Bench(config, ephemeral_ports=True) as bench:
+    ...         return sorted(bench.endpoints)
+    """
+
+    def __init__(self, config: BenchConfig, *, ephemeral_ports: bool = False) -> None:
+        self.config = config
+        self._ephemeral_ports = ephemeral_ports
+        self._running = AsyncExitStack()
+        self.endpoints: dict[str, str] = {}
+        self.feeders: dict[str, PmxDevice] = {}
+
+    async def __aenter__(self) -> Bench:
+        try:
+            await self._start()
+        except BaseException:
+            await self._running.aclose()
+            raise
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        await self._running.aclose()
+
+    @property
+    def record(self) -> BenchRecord:
+        """What has been done so far, for judging; also after leaving."""
+        return BenchRecord(self.motion.trace, list(self.feeders.values()))
+
+    async def _start(self) -> None:
+        clock = asyncio.get_running_loop().time
+        self.motion = MotionSim(self.config.motion)
+        self._running.callback(self.motion.close)
+        self.endpoints["motion"] = await self._serve_motion(self._address("motion"))
+        for feeder in self.config.feeders:
+            device = PmxDevice(feeder, clock)
+            self.feeders[feeder.name] = device
+            self.endpoints[feeder.name] = await self._serve_feeder(
+                device, self._address(feeder.name)
+            )
+
+    def _address(self, name: str) -> Address:
+        address = self.config.addresses[name]
+        return _ANY_PORT if self._ephemeral_ports and not address.pty else address
+
+    async def _serve_motion(self, address: Address) -> str:
+        if address.pty:
+            pty = motion_server.open_pty(self.motion)
+            self._running.callback(pty.close)
+            return f"pty://{pty.path}"
+        try:
+            server = await motion_server.serve_tcp(self.motion, address.host, address.port)
+        except OSError as error:
+            raise _taken("motion", address, error) from error
+        self._running.callback(server.close)
+        return f"tcp://{address.host}:{server.port}"
+
+    async def _serve_feeder(self, device: PmxDevice, address: Address) -> str:
+        if address.pty:
+            server = await serve_pty(device)
+        else:
+            try:
+                server = await serve_tcp(device, address.host, address.port)
+            except OSError as error:
+                raise _taken(f"feeder {device.config.name}", address, error) from error
+        self._running.push_async_callback(server.close)
+        return server.endpoint
+
+
+def with_motion_on_pty(config: BenchConfig) -> BenchConfig:
+    """The same cell, its motion controller on a new pty."""
+    return replace(config, addresses={**config.addresses, "motion": Address(pty=True)})
+
+
+def _taken(name: str, address: Address, error: OSError) -> OSError:
+    reason = error.strerror or str(error)
+    return OSError(f"{name} cannot listen on {address.host}:{address.port}: {reason}")
