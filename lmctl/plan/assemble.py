@@ -26,7 +26,10 @@ LAYER_REST_S = 0.01
 
 @dataclass(frozen=True)
 class Way:
-    """How to move with the beam off; lengths [mm]."""
+    """How to move with the beam off.
+
+    dwell_s : waited before each path whose mixture differs by more than `dwell_step`; 0 for none
+    """
 
     travel_mm_s: float
     clearance_mm: float
@@ -52,8 +55,10 @@ def layer_moves(
         points = np.column_stack([bead.points + offset_mm[:2], np.full(len(bead.points), z_mm)])
         entry = points[0] - way.lead_in_mm * _direction(points[0], points[1:])
         exit_ = points[-1] - way.lead_in_mm * _direction(points[-1], points[-2::-1])
-        pause = way.dwell_s if np.abs(bead.fractions[0] - last).max() > way.dwell_step else 0.0
-        parts += _travel(at, entry, way, last, bead.fractions[0], pause)
+        parts.append(_travel(at, entry, way, bead.fractions[0]))
+        if way.dwell_s > 0 and np.abs(bead.fractions[0] - last).max() > way.dwell_step:
+            parts.append(lines(entry, feed_mm_s=0.0, kind=LineKind.DWELL,
+                               fractions=bead.fractions[0], dwell_s=way.dwell_s))
         parts.append(lines(points[0], feed_mm_s=bead.speed_mm_s[0], kind=LineKind.LEAD,
                            fractions=bead.fractions[0], path=number))
         parts.append(lines(points[1:], feed_mm_s=bead.speed_mm_s, power_W=bead.power_W,
@@ -71,25 +76,15 @@ def way_home(at_mm: FloatArray, home_mm: FloatArray, way: Way, last: FloatArray)
     return lines(stops, feed_mm_s=way.travel_mm_s, kind=LineKind.TRAVEL, fractions=last)
 
 
-def _travel(
-    at: FloatArray, to: FloatArray, way: Way, last: FloatArray, following: FloatArray,
-    pause_s: float,
-) -> list[Moves]:
-    """Beam-off moves from one path's end to the next one's lead-in, with a dwell above it."""
+def _travel(at: FloatArray, to: FloatArray, way: Way, following: FloatArray) -> Moves:
+    """Beam-off moves from one path's end to the next one's lead-in."""
     near = np.linalg.norm(to - at) <= STRAIGHT_TRAVEL_BEADS * way.bead_mm
-    if at[2] == to[2] and near and pause_s == 0:
+    if at[2] == to[2] and near:
         stops = to[None]
     else:
         top = max(at[2], to[2] + way.clearance_mm)
         stops = np.array([[at[0], at[1], top], [to[0], to[1], top], to])
-    moves = [lines(stops, feed_mm_s=way.travel_mm_s, kind=LineKind.TRAVEL, fractions=following)]
-    if pause_s > 0:
-        above = lines(stops[-2], feed_mm_s=0.0, kind=LineKind.DWELL, fractions=last,
-                      dwell_s=pause_s)
-        moves = [lines(stops[:-1], feed_mm_s=way.travel_mm_s, kind=LineKind.TRAVEL, fractions=last),
-                 above,
-                 lines(to, feed_mm_s=way.travel_mm_s, kind=LineKind.TRAVEL, fractions=following)]
-    return moves
+    return lines(stops, feed_mm_s=way.travel_mm_s, kind=LineKind.TRAVEL, fractions=following)
 
 
 def _direction(point: FloatArray, others: FloatArray) -> FloatArray:

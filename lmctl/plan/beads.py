@@ -26,6 +26,8 @@ _TOLERANCE = 0.01
 _SHARE_TOLERANCE = 0.03
 #: Speed differs from the recipe's by at most this factor, to level the volume.
 MOST_LEVELLING = 1.5
+#: Segments are made to last this part of what a line may: corners take time.
+_FILL = 0.9
 #: Volume fraction within which a predicted mixture counts as right (process.md 2.3).
 TOLERANCE_FRACTION = 0.02
 #: Where the mixture changes too fast along a path, the path is slowed down, but not below this.
@@ -72,21 +74,19 @@ def make_bead(
     along = arc_lengths(trace.points)
     edges = np.concatenate([[0.0], (along[bounds[1:-1] - 1] + along[bounds[1:-1]]) / 2,
                             [along[-1]]])
-    centres = (edges[1:] + edges[:-1]) / 2
+    knots, laid = _knots(edges, levels)
     off = np.abs(levels - wanted).max(axis=1)
-    at = _vertices(trace, along, centres, recipe)
-    slowest = float(recipe.speed(levels).min()) / MOST_LEVELLING * PACES[-1]
-    at = densified(np.column_stack([at, np.zeros(len(at))]), longest_s * slowest)[:, 0]
+    at = _vertices(trace, along, knots, recipe)
+    slowest = (recipe.speed(levels).min() * _levelling(trace, along, at, recipe).min())
+    at = densified(np.column_stack([at, np.zeros(len(at))]), _FILL * longest_s * slowest)[:, 0]
     fractions = np.column_stack([
-        np.interp(at, centres, levels[:, m]) for m in range(levels.shape[1])])
-    share = np.interp(at, along, trace.share_mm)
-    levelling = np.clip(
-        recipe.pitch_mm * 2 / (share[1:] + share[:-1]), 1 / MOST_LEVELLING, MOST_LEVELLING)
+        np.interp(at, knots, laid[:, m]) for m in range(levels.shape[1])])
     middle = (fractions[1:] + fractions[:-1]) / 2
     bead = Bead(
         points=at_lengths(trace.points, at),
         fractions=fractions,
-        speed_mm_s=np.minimum(recipe.speed(middle) * levelling, max_speed_mm_s),
+        speed_mm_s=np.minimum(
+            recipe.speed(middle) * _levelling(trace, along, at, recipe), max_speed_mm_s),
         power_W=recipe.power(middle),
         pace=1.0,
         snapped_mm=float(np.diff(edges)[off > step / 2].sum()),
@@ -95,11 +95,37 @@ def make_bead(
     return _slowed(bead, recipe) if leads and len(levels) > 1 else bead
 
 
-def _vertices(
-    trace: Trace, along: FloatArray, centres: FloatArray, recipe: Recipe
+def _knots(edges: FloatArray, levels: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Lengths along the trace (k,) and mixtures (k, m) between which the mixture is linear.
+
+    At each edge between runs (r + 1,) it changes over the nearer halves of both, as wide on
+    either side: even slopes become one slope, and a plateau stays flat up to its end.
+    """
+    half = np.diff(edges) / 2
+    reach = np.minimum(half[1:], half[:-1])
+    inner = edges[1:-1]
+    knots = np.concatenate([[(edges[0] + edges[1]) / 2], np.stack(
+        [inner - reach, inner + reach], axis=1).ravel()])
+    owner = np.concatenate([[0], np.repeat(np.arange(len(inner)), 2)])
+    owner[2::2] += 1
+    keep = np.append(True, np.diff(knots) > 1e-9)
+    return knots[keep], levels[owner[keep]]
+
+
+def _levelling(
+    trace: Trace, along: FloatArray, at: FloatArray, recipe: Recipe
 ) -> FloatArray:
-    """Lengths along the trace at which the bead has a vertex: corners, and centres of runs."""
-    inner = centres if len(centres) > 1 else np.empty(0)
+    """Factor on the speed between vertices `at` (v,), (v − 1,): nominal pitch over the share."""
+    share = np.interp(at, along, trace.share_mm)
+    return np.clip(
+        recipe.pitch_mm * 2 / (share[1:] + share[:-1]), 1 / MOST_LEVELLING, MOST_LEVELLING)
+
+
+def _vertices(
+    trace: Trace, along: FloatArray, knots: FloatArray, recipe: Recipe
+) -> FloatArray:
+    """Lengths along the trace at which the bead has a vertex: corners and knots."""
+    inner = knots if len(knots) > 1 else np.empty(0)
     all_mm = np.union1d(along, inner)
     points = at_lengths(trace.points, all_mm)
     share = np.interp(all_mm, along, trace.share_mm)

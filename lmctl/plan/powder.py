@@ -92,9 +92,10 @@ def _with_rest(
 
 def _thinned(times_s: FloatArray, flow: FloatArray) -> Flow:
     """Strictly rising times, without knots in the middle of constant stretches."""
-    keep = np.append(np.diff(times_s) > 1e-9, True)
-    keep[0] = True
+    end_s = times_s[-1]
+    keep = np.concatenate([[True], np.diff(times_s) > 1e-9])
     times_s, flow = times_s[keep], flow[keep]
+    times_s[-1] = end_s
     same = np.asarray((np.abs(np.diff(flow, axis=0)) <= 1e-12).all(axis=1))
     inner = np.zeros(len(times_s), dtype=np.bool_)
     inner[1:-1] = same[1:] & same[:-1]

@@ -80,9 +80,9 @@ def _linear_s(start: FloatArray, end: FloatArray, limits: Limits) -> float:
     """Shortest straight ramp; infinite where a hopper is to stop or to reach its greatest flow."""
     room = np.where(end > start, limits.max_flow_g_s - end, end)
     change = np.abs(end - start)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        time = np.where(change > 1e-12, limits.lag_s * change / np.maximum(room, 0), 0.0)
-    return float(time.max()) * _MARGIN
+    time = np.full(len(room), np.inf)
+    np.divide(limits.lag_s * change, room, out=time, where=room > 1e-9)
+    return float(np.where(change > 1e-12, time, 0.0).max()) * _MARGIN
 
 
 def _fastest_course_s(start: FloatArray, end: FloatArray, limits: Limits) -> FloatArray:

@@ -30,6 +30,8 @@ INSET_TOLERANCE = 0.05
 #: Outermost tracks nearer to their middle than this part of a bead become one: not more, or
 #: the outline would be missed.
 _OUTER_MERGE = 0.02
+#: Beads this many widths apart still meet: without overlap, one width is the rule itself.
+_NO_VOID = 1.01
 
 
 @dataclass(frozen=True)
@@ -47,8 +49,8 @@ class Centrelines:
 
 
 def widest_gap_mm(bead_mm: float, pitch_mm: float) -> float:
-    """Tracks may lie so far apart without one between: 1.5 pitches, but no void."""
-    return min(1.5 * pitch_mm, bead_mm)
+    """Tracks may lie so far apart without one between: 1.5 pitches, but no void to speak of."""
+    return min(1.5 * pitch_mm, _NO_VOID * bead_mm)
 
 
 def centrelines(radius_mm: FloatArray, bead_mm: float, pitch_mm: float) -> Centrelines:
@@ -73,17 +75,19 @@ def share_beside_mm(rest_mm: FloatArray, bead_mm: float, pitch_mm: float) -> Flo
 
 
 def fitting_pitch_mm(
-    radius_mm: FloatArray, weight: FloatArray, bead_mm: float, pitch_mm: float
+    radius_mm: FloatArray, weight: FloatArray, deepest_mm: float, bead_mm: float, pitch_mm: float
 ) -> float:
     """The pitch within the tolerance whose tracks meet best along a medial axis.
 
     radius_mm, weight : (n,) float64, depth and length of its pieces
+    deepest_mm : largest depth of the island; decides where it has no axis but a point (a disc)
     """
-    if len(radius_mm) == 0 or weight.sum() <= 0:
-        return pitch_mm
+    point = weight.sum() < bead_mm
+    if point:
+        radius_mm, weight = np.array([deepest_mm]), np.ones(1)
     steps = np.linspace(1 - PITCH_TOLERANCE, 1 + PITCH_TOLERANCE, 61)
     costs = [
-        np.average(_misfit(radius_mm, bead_mm, pitch_mm * step) ** 2, weights=weight)
+        np.average(_misfit(radius_mm, bead_mm, pitch_mm * step, point) ** 2, weights=weight)
         + 0.02 * (step - 1) ** 2
         for step in steps
     ]
@@ -99,9 +103,14 @@ def _levels(
     return depth, level, depth - level * pitch_mm
 
 
-def _misfit(radius_mm: FloatArray, bead_mm: float, pitch_mm: float) -> FloatArray:
-    """How far the spacing in the middle is from one pitch, in pitches."""
+def _misfit(radius_mm: FloatArray, bead_mm: float, pitch_mm: float, point: bool) -> FloatArray:
+    """How far the spacing in the middle is from one pitch, in pitches.
+
+    point : the middle is a point, where no centreline can run
+    """
     _, level, rest = _levels(radius_mm, bead_mm, pitch_mm)
+    if point:
+        return np.asarray(2 * rest / pitch_mm - 1)
     gap = 2 * rest > widest_gap_mm(bead_mm, pitch_mm)
     spacing = np.where(gap, rest, 2 * rest)
     spacing = np.where((rest < pitch_mm / 4) & (level > 0), rest + pitch_mm, spacing)

@@ -75,10 +75,8 @@ def in_plane_tracks(section: Section, bead_mm: float, pitch_mm: float) -> list[T
         if deepest < (0.5 - spacing.INSET_TOLERANCE) * bead_mm:
             continue
         mine = owner == island
-        radius = axis.edge_radius_mm()[mine]
-        weight = axis.edge_lengths_mm()[mine]
         pitch = spacing.fitting_pitch_mm(
-            np.append(radius, deepest), np.append(weight, bead_mm), bead_mm, pitch_mm)
+            axis.edge_radius_mm()[mine], axis.edge_lengths_mm()[mine], deepest, bead_mm, pitch_mm)
         tracks += _island_tracks(grid, values, axis, mine, bead_mm, pitch, island - 1)
     return [track for track in tracks if track.length_mm >= bead_mm / 2]
 
@@ -145,8 +143,10 @@ def _island_tracks(
         for loop in loops:
             tracks += _contour_tracks(loop, meeting, bead_mm, pitch_mm, island)
     for chain in chains:
+        points = densified(
+            np.column_stack([axis.points[chain], middle.share_mm[chain]]), bead_mm / 10)
         tracks.append(Track(
-            axis.points[chain], middle.share_mm[chain], bool(chain[0] == chain[-1]), island))
+            points[:, :2], points[:, 2], bool(chain[0] == chain[-1]), island))
     return tracks
 
 

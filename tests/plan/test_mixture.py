@@ -1,0 +1,54 @@
+"""Quantised composition: multiples of the step, summing to 1, near the field."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from lmctl.plan.mixture import quantised, runs
+
+mixtures = st.integers(1, 5).flatmap(
+    lambda m: hnp.arrays(np.float64, (7, m), elements=st.floats(0.001, 1))
+).map(lambda rows: rows / rows.sum(axis=1, keepdims=True))
+
+
+@settings(max_examples=100, deadline=None)
+@given(mixtures, st.sampled_from([0.01, 0.02, 0.03, 0.05, 0.1, 0.5]))
+def test_quanta_sum_to_one_and_lie_within_a_quantum(fractions, step):
+    result = quantised(fractions, step)
+    quanta = round(1 / step)
+    assert result.sum(axis=1) == pytest.approx(np.ones(7), abs=1e-12)
+    assert result * quanta == pytest.approx(np.round(result * quanta), abs=1e-9)
+    assert np.abs(result - fractions).max() <= 1 / quanta + 1e-9
+    assert (result >= 0).all()
+
+
+def test_two_materials_round_to_the_nearest():
+    second = np.array([0.0, 0.009, 0.011, 0.5, 0.9899, 1.0])
+    result = quantised(np.stack([1 - second, second], axis=1), 0.02)
+    assert result[:, 1] == pytest.approx([0, 0, 0.02, 0.5, 0.98, 1])
+
+
+def test_a_slope_is_cut_in_runs_centred_on_their_values():
+    second = np.linspace(0.2, 0.3, 1001)
+    bounds, levels = runs(np.stack([1 - second, second], axis=1), 0.02)
+    assert levels[:, 1] == pytest.approx([0.2, 0.22, 0.24, 0.26, 0.28, 0.3])
+    centres = [second[(a + b) // 2] for a, b in pairwise(bounds[1:-1])]
+    assert centres == pytest.approx([0.22, 0.24, 0.26, 0.28], abs=0.003)
+
+
+def test_noise_at_the_edge_of_a_quantum_makes_one_run():
+    rng = np.random.default_rng(1)
+    second = 0.51 + rng.uniform(-0.002, 0.002, 500)
+    _, levels = runs(np.stack([1 - second, second], axis=1), 0.02)
+    assert len(levels) == 1
+
+
+def test_noise_on_a_slope_does_not_flicker():
+    rng = np.random.default_rng(1)
+    second = np.linspace(0.2, 0.4, 2000) + rng.uniform(-0.001, 0.001, 2000)
+    _, levels = runs(np.stack([1 - second, second], axis=1), 0.02)
+    assert len(levels) == 11

@@ -1,0 +1,140 @@
+"""The nozzle model against a fine numerical integration; ramps against the model."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lmctl.plan.nozzle import Nozzle
+from lmctl.plan.ramps import LEAST_RAMP_S, SETTLED, Limits, needed_s, ramp
+
+#: Volume flow in units of the whole, so that flows are volume fractions.
+UNIT = Limits(np.array([1.0, 1.0]), np.array([4.0, 4.0]), np.ones(2))
+
+
+def mix(second):
+    return np.array([1 - second, second])
+
+
+def integrated(times, wanted, dead_time, lag, limit, ask, leads):
+    """Euler in steps of 0.1 ms; set-points as run sends them."""
+    step = 1e-4
+    t = np.arange(0, times[-1] + step, step)
+    ahead = dead_time if leads else 0.0
+    w = np.interp(t + ahead, times, wanted)
+    slope = (np.interp(t + ahead + step, times, wanted) - w) / step if leads else 0.0
+    u = np.clip(w + lag * slope, 0, limit) if leads else w
+    late = np.interp(t - dead_time, t, u, left=wanted[0])
+    y = np.empty_like(t)
+    y[0] = wanted[0]
+    for i in range(len(t) - 1):
+        y[i + 1] = y[i] + step / lag * (late[i] - y[i])
+    return np.interp(ask, t, y)
+
+
+@pytest.mark.parametrize("leads", [True, False])
+def test_nozzle_against_integration(leads):
+    times = np.array([0, 2, 2.4, 5, 5.2, 9, 9.1, 14.0])
+    wanted = np.array([1, 1, 0.2, 0.2, 1.5, 0.9, 0.0, 0.0])
+    ask = np.linspace(0.5, 13.5, 40)
+    nozzle = Nozzle(np.array([1.3]), np.array([0.8]), np.array([3.0]), leads=leads)
+    got = nozzle.advance(times, wanted[:, None], ask)[:, 0]
+    expected = integrated(times, wanted, 1.3, 0.8, 3.0, ask, leads)
+    # Whoever integrates cannot lead into the first dead time.
+    settled = ask > 1.3
+    assert got[settled] == pytest.approx(expected[settled], abs=2e-3)
+
+
+@pytest.mark.parametrize("leads", [True, False])
+def test_the_nozzle_goes_on_from_stretch_to_stretch(leads):
+    times = np.linspace(0, 20, 41)
+    wanted = np.stack([1 + np.sin(times), 2 + np.cos(times)], axis=1)
+    ask = np.linspace(0.1, 19.9, 100)
+
+    def nozzle():
+        return Nozzle(np.array([3.0, 0.4]), np.array([1.0, 0.3]), np.full(2, 9.0), leads=leads)
+
+    whole = nozzle().advance(times, wanted, ask)
+    pieces, n = [], nozzle()
+    for first, last in ((0, 4), (4, 5), (5, 30), (30, 40)):
+        part = ask[(ask > times[first]) & (ask <= times[last])]
+        pieces.append(n.advance(times[first : last + 1], wanted[first : last + 1], part))
+    assert np.vstack(pieces) == pytest.approx(whole, abs=1e-9)
+
+
+def test_led_within_bounds_the_nozzle_is_what_is_wanted():
+    times = np.array([0.0, 1, 2, 4])
+    wanted = np.array([[1.0], [1.0], [2.0], [2.0]])
+    nozzle = Nozzle(np.array([3.0]), np.array([1.0]), np.array([4.0]), leads=True)
+    ask = np.linspace(0, 4, 50)
+    assert nozzle.advance(times, wanted, ask)[:, 0] == pytest.approx(
+        np.interp(ask, times, wanted[:, 0]), abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("start", "end"), [(0.2, 0.3), (0.3, 0.2), (0.5, 0.9), (0.9, 0.1), (0.0, 0.4), (0.05, 0.95)])
+def test_a_ramp_that_is_given_its_time_arrives(start, end):
+    """What the nozzle lays at the gap's end is the new mixture, bounds and all."""
+    a, b = mix(start), mix(end)
+    gap = needed_s(a, b, UNIT, 0.02)
+    arrival = laid_after(a, b, gap, 0.0)
+    assert np.abs(arrival - b).max() <= 0.02
+
+
+@pytest.mark.parametrize(("start", "end"), [(0.1, 0.0), (0.9, 1.0), (0.5, 0.0), (0.3, 1.0)])
+def test_a_hopper_that_stops_needs_its_hose_to_empty(start, end):
+    """process.md 2.3: τ ln(a/b) down to a rest b; here b is what may still be missing."""
+    a, b = mix(start), mix(end)
+    falling = max(a[0] - b[0], a[1] - b[1])
+    gap = needed_s(a, b, UNIT, 0.02)
+    assert gap == pytest.approx(np.log(falling / SETTLED), rel=0.15)
+    assert np.abs(laid_after(a, b, gap, 0.0) - b).max() <= 0.02
+    assert np.abs(laid_after(a, b, gap, 2.0) - b).max() <= 0.005
+
+
+def laid_after(a, b, gap, later):
+    """Volume fractions at the nozzle `later` after a gap with the planned ramp in it."""
+    course, share = ramp(a, b, gap, UNIT)
+    times = np.concatenate([[-1.0], course, [course[-1] + 10]])
+    flow = np.vstack([a, a + share[:, None] * (b - a), b])
+    if course[0] == 0:
+        times[0] = -0.5
+    nozzle = Nozzle(np.zeros(2), UNIT.lag_s, UNIT.max_flow_g_s, leads=True)
+    laid = nozzle.advance(times, flow, np.array([gap + later]))[0]
+    return laid / laid.sum()
+
+
+@settings(max_examples=80, deadline=None)
+@given(start=st.floats(0, 1), end=st.floats(0, 1), gap=st.floats(0.01, 20))
+def test_a_course_is_a_course(start, end, gap):
+    times, share = ramp(mix(start), mix(end), gap, UNIT)
+    assert times[0] >= 0
+    assert (np.diff(times) >= 0).all()
+    assert (np.diff(share) > 0).all()
+    assert share[0] == 0
+    assert share[-1] == 1
+
+
+def test_total_volume_is_even_along_a_ramp():
+    times, share = ramp(mix(0.9), mix(0.0), 5.0, UNIT)
+    flow = mix(0.9) + share[:, None] * (mix(0.0) - mix(0.9))
+    assert flow.sum(axis=1) == pytest.approx(np.ones(len(times)))
+
+
+def test_a_short_straight_ramp_lies_in_the_middle_of_a_long_gap():
+    """So that an error of the dead time of a quarter of the gap does not reach a bead."""
+    times, _ = ramp(mix(0.4), mix(0.5), 4.0, UNIT)
+    assert times == pytest.approx([1.0, 3.0])
+
+
+def test_changes_within_a_quantum_need_no_time():
+    assert needed_s(mix(0.50), mix(0.52), UNIT, 0.02) == 0
+    assert needed_s(mix(0.50), mix(0.54), UNIT, 0.02) >= LEAST_RAMP_S
+    assert needed_s(mix(0.5), mix(0.5), UNIT, 0.02) == 0
+
+
+def test_time_needed_is_that_of_the_slowest_hose():
+    quick = Limits(np.array([0.5, 0.5]), np.full(2, 4.0), np.ones(2))
+    one_slow = Limits(np.array([0.5, 3.0]), np.full(2, 4.0), np.ones(2))
+    assert needed_s(mix(0.9), mix(0.2), one_slow, 0.02) > 3 * needed_s(
+        mix(0.9), mix(0.2), quick, 0.02)

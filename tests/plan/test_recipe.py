@@ -1,0 +1,82 @@
+"""From volume fractions to mass flows, within what hoppers can meter."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from lmctl.config.part_file import Process
+from lmctl.errors import PlanError
+from lmctl.plan.recipe import hopper_flows_g_min, make_recipe
+
+
+def mixes(*second):
+    second = np.array(second, dtype=float)
+    return np.stack([1 - second, second], axis=1)
+
+
+def test_the_worked_example_of_volume_to_mass():
+    """process.md 3.2: equal volumes of steel and carbide at 7.8 mm³/s."""
+    flow = hopper_flows_g_min([0.5, 0.5], [0.00785, 0.0143], [0.75, 0.55], 7.8)
+    assert flow == pytest.approx([2.4492, 6.084], abs=5e-5)
+
+
+def test_flow_and_laid_volume_are_each_others_inverse(recipe):
+    fractions = mixes(0, 0.1, 0.5, 0.77, 1)
+    assert recipe.laid_fractions(recipe.flow_g_s(fractions)) == pytest.approx(fractions)
+
+
+def test_laid_volume_is_pitch_height_and_speed(recipe):
+    flow = recipe.flow_g_s(mixes(0.3))
+    volume = (flow * recipe.catch_efficiency / recipe.density_g_mm3).sum()
+    assert volume == pytest.approx(2.0 * 0.667 * 0.8 * 10)
+
+
+def test_speed_and_power_lie_between_the_pure_recipes(recipe):
+    assert recipe.power(mixes(0, 0.5, 1)) == pytest.approx([1500, 1650, 1800])
+    assert recipe.speed(mixes(0.25)) == pytest.approx([10])
+
+
+def test_what_a_hopper_cannot_meter_goes_to_the_nearer(recipe):
+    """The carbide hopper meters 0.8 g/min and more: 4.8 % of the volume here."""
+    least = 0.8 / recipe.flow_g_s(mixes(1.0))[0, 1] / 60
+    wanted = np.array([0.0, 0.3, 0.45, 0.55, 0.9, 1.0, 1.5]) * least
+    got = recipe.deliverable(mixes(*wanted))[:, 1]
+    assert got == pytest.approx(np.array([0, 0, 0, 1, 1, 1, 1.5]) * least)
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[
+    HealthCheck.function_scoped_fixture])
+@given(second=st.lists(st.floats(0, 1), min_size=1, max_size=20))
+def test_whatever_is_wanted_can_be_metered_afterwards(recipe, second):
+    got = recipe.deliverable(mixes(*second))
+    flow = recipe.flow_g_s(got)
+    assert got.sum(axis=1) == pytest.approx(np.ones(len(second)))
+    assert ((flow < 1e-12) | (flow >= recipe.min_flow_g_s * (1 - 1e-6))).all()
+    assert np.abs(got[:, 1] - second).max() <= 0.15
+
+
+def test_too_much_for_a_hopper_says_what_to_do(materials, profile):
+    fast = make_recipe(materials, Process(layer_height_mm=4.0), profile)
+    with pytest.raises(PlanError) as caught:
+        fast.check_deliverable(mixes(0.0, 1.0), "layer 3")
+    text = caught.value.render()
+    assert "hopper B (WC-12Co)" in text
+    assert "at most 60" in text
+    assert "layer 3" in text
+    assert "lower speed_mm_s" in text
+
+
+def test_too_little_of_a_pure_powder_says_what_to_do(materials, profile):
+    slow = make_recipe(materials, Process(layer_height_mm=0.03), profile)
+    with pytest.raises(PlanError, match=r"at least 0\.8"):
+        slow.check_deliverable(slow.deliverable(mixes(0.0)), "layer 1")
+
+
+def test_a_material_without_a_hopper(materials, profile):
+    other = (materials[0], replace(materials[1], name="IN718"))
+    with pytest.raises(PlanError, match="no hopper of 'bench cell' holds IN718") as caught:
+        make_recipe(other, Process(), profile)
+    assert "A: 316L" in caught.value.where[0]
