@@ -191,6 +191,8 @@ class _Placed(NamedTuple):
             low = max(low, round(row.least * row.per_unit))
         if row.greatest is not None:
             high = min(high, round(row.greatest * row.per_unit))
+        if row.type is Type.ASCII:
+            low, high = 1, 0  # no number is text
         if row.may_be_missing:  # its code stands at one end of the range, and is no value
             low, high = low + (low == missing), high - (high == missing)
         return cls(row.name, offset, row.words, row.per_unit, low, high, row)
@@ -230,14 +232,17 @@ class Block:
         words = [0] * self.count
         for name, offset, size, per_unit, low, high, row in self._placed:
             value = values[name]
-            if row.type is Type.ASCII:
+            if type(value) is int:
+                raw = value * per_unit
+            elif type(value) is float and math.isfinite(value):
+                raw = round(value * per_unit)
+            elif row.type is Type.ASCII:
                 words[offset : offset + size] = _encode_text(row, value)
                 continue
-            raw = row.type.not_available
-            if value is not None or not row.may_be_missing:
-                raw = round(_number(row, value) * per_unit)
-                if not low <= raw <= high:
-                    raise _out_of_range(row, low, high, value)
+            else:
+                raw = _rare_counts(row, value)
+            if not low <= raw <= high and value is not None:
+                raise _out_of_range(row, low, high, value)
             if size == 1:
                 words[offset] = raw & 0xFFFF
             else:
@@ -246,15 +251,20 @@ class Block:
         return words
 
 
-def _number(row: Register, value: Value) -> int | float:
-    if isinstance(value, int) or (isinstance(value, float) and math.isfinite(value)):
-        return value
+def _rare_counts(row: Register, value: Value) -> int:
+    """Counts of what is neither a plain int nor a finite float."""
+    if value is None and row.may_be_missing:
+        return row.type.not_available
     if value is None:
         raise RegisterError(f"{row.name} cannot be left out")
+    if isinstance(value, int):  # bool, and members of an IntEnum
+        return int(value) * row.per_unit
     raise RegisterError(f"{row.name} must be a number, not {value!r}")
 
 
 def _out_of_range(row: Register, low: int, high: int, value: Value) -> RegisterError:
+    if row.type is Type.ASCII:
+        return RegisterError(f"{row.name} must be plain ASCII text, not {value!r}")
     unit = row.unit and f" {row.unit}"
     return RegisterError(
         f"{row.name} must be between {low / row.per_unit:g} and {high / row.per_unit:g}{unit}, "

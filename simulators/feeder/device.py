@@ -82,7 +82,8 @@ class PmxDevice:
         self.heartbeat_s = time_s
         self.watchdog_tripped = False
         self.gas_since_s = math.inf
-        self.discs_since_s = math.inf  # may lie ahead: powder waits for the gas pre-flow
+        self._starting_s = math.inf  # discs are to start: powder waits for the gas pre-flow
+        self.discs_on = False
         self.discs_off_s = -math.inf
         self.seq_applied = 0
 
@@ -108,10 +109,6 @@ class PmxDevice:
             self._fault(ESTOP, time_s, gas_off=True)
 
     # --- state
-
-    @property
-    def discs_on(self) -> bool:
-        return self.discs_since_s <= self.now()
 
     def stable(self, time_s: float) -> bool:
         return self.discs_on and time_s >= self.spans[-1].stable_s
@@ -149,24 +146,34 @@ class PmxDevice:
     def settle(self) -> float:
         """Carry out everything due until now; returns now."""
         now_s = self.now()
-        while True:
-            due_s, act = min(self._due(), key=lambda item: item[0])
-            if due_s > now_s:
-                break
-            act(due_s)
+        while (due_s := self._next_due_s()) <= now_s:
+            self._do_due(due_s)
         if Command.GAS_ON not in self.command and now_s >= self._postflow_ends_s():
             self.gas_since_s = math.inf
         return now_s
 
-    def _due(self) -> list[tuple[float, Callable[[float], None]]]:
-        due: list[tuple[float, Callable[[float], None]]] = []
-        if not self.spans or self.spans[-1].start_s != self.discs_since_s:
-            due.append((self.discs_since_s, self._start_discs))
-        due.append((self._watchdog_s(), self._trip))
-        for channel, hopper in self.hoppers.items():
-            if hopper_code(channel, EMPTY) not in self.alarms:
-                due.append((hopper.process.empty_s, self._run_empty(channel)))
-        return due
+    def _next_due_s(self) -> float:
+        """When something happens by itself: discs start, the watchdog trips, a hopper is empty."""
+        due_s = min(self._starting_s, self._watchdog_s())
+        for hopper in self.hoppers.values():
+            if hopper.process.empty_s < due_s and self._empty_code(hopper) not in self.alarms:
+                due_s = hopper.process.empty_s
+        return due_s
+
+    def _do_due(self, due_s: float) -> None:
+        if self._starting_s == due_s:
+            self._start_discs(due_s)
+            return
+        for hopper in self.hoppers.values():
+            code = self._empty_code(hopper)
+            if hopper.process.empty_s == due_s and code not in self.alarms:
+                self._fault(code, due_s, gas_off=False)
+                return
+        self._trip(due_s)
+
+    @staticmethod
+    def _empty_code(hopper: Hopper) -> int:
+        return hopper_code(hopper.config.channel, EMPTY)
 
     def _watchdog_s(self) -> float:
         """When the host's silence trips the watchdog; it watches while the host is in command."""
@@ -181,9 +188,6 @@ class PmxDevice:
             self.alarms.latch(WATCHDOG)
         else:
             self._fault(WATCHDOG, time_s, gas_off=action == WatchdogAction.ALL_STOP)
-
-    def _run_empty(self, channel: int) -> Callable[[float], None]:
-        return lambda time_s: self._fault(hopper_code(channel, EMPTY), time_s, gas_off=False)
 
     def _fault(self, code: int, time_s: float, *, gas_off: bool) -> None:
         """Latch an alarm and stop powder; nothing starts again without a new command."""
@@ -252,22 +256,25 @@ class PmxDevice:
             self.gas_since_s = min(self.gas_since_s, time_s)
         elif time_s >= self._postflow_ends_s():
             self.gas_since_s = math.inf
-        if feed and self.discs_since_s == math.inf:
-            self.discs_since_s = max(time_s, self.gas_since_s + self.config.preflow_s)
+        if feed and not self.discs_on and self._starting_s == math.inf:
+            self._starting_s = max(time_s, self.gas_since_s + self.config.preflow_s)
             self.settle()
 
     def _start_discs(self, time_s: float) -> None:
+        self._starting_s = math.inf
+        self.discs_on = True
         self.spans.append(FeedSpan(time_s, time_s + self.holding["STABILISE"], math.inf))
         for hopper in self.hoppers.values():
             hopper.process.command(time_s, hopper.rpm, self.holding["RAMP"])
 
     def _stop_discs(self, time_s: float) -> None:
-        if self.discs_since_s <= time_s:
+        self._starting_s = math.inf
+        if self.discs_on:
+            self.discs_on = False
             for hopper in self.hoppers.values():
                 hopper.process.command(time_s, 0.0)
             self.spans[-1] = FeedSpan(self.spans[-1].start_s, self.spans[-1].stable_s, time_s)
             self.discs_off_s = time_s
-        self.discs_since_s = math.inf
 
     def _commit(self, time_s: float) -> None:
         """The shadow block becomes the running recipe, whole."""

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 from firmware_protocol.pmx import (
     DEVICE_ID,
     MAP_MAJOR,
@@ -10,9 +13,8 @@ from firmware_protocol.pmx import (
     PMX,
     SYSTEM_BLOCK,
     Command,
-    HopperFlags,
     Mode,
-    Status,
+    State,
     hopper_names,
     hopper_row,
 )
@@ -64,16 +66,44 @@ def read_holding(device: PmxDevice, address: int, count: int) -> list[int]:
     return device.holding.read(address, count)
 
 
+@dataclass(frozen=True)
+class _Seen:
+    """One hopper at one instant, as its device sees it. flow_est : its factor times disc speed."""
+
+    rpm: float
+    flow_est_g_min: float
+    left_g: float
+    at_setpoint: bool
+    low: bool
+
+    @classmethod
+    def now(cls, hopper: Hopper, device: PmxDevice, time_s: float) -> _Seen:
+        channel, holding = hopper.config.channel, device.holding
+        rpm = hopper.process.disc_rpm(time_s)
+        left_g = hopper.config.fill_g - hopper.process.fed_g(time_s)
+        tolerance_rpm = holding["AT_SPEED_TOL"] / 100.0 * hopper.rpm + 1e-9
+        warn_g = holding[hopper_row(channel, "LEVEL_WARN")] / 100.0 * hopper.config.fill_g
+        return cls(
+            rpm, min(_MOST, rpm * holding[hopper_row(channel, "FEED_FACTOR")]), left_g,
+            device.discs_on and abs(rpm - hopper.rpm) <= tolerance_rpm, left_g <= warn_g,
+        )
+
+
 def _system(device: PmxDevice, time_s: float) -> dict[str, Value]:
-    gas_L_min = _gas_L_min(device, time_s)
-    warnings = _warnings(device, time_s)
+    hoppers = device.hoppers.values()
+    seen = [_Seen.now(hopper, device, time_s) for hopper in hoppers]
+    gas_L_min = sum(h.carrier_L_min for h in hoppers) if device.gas_flows(time_s) else 0.0
+    # WARNING: bits 0..4 are x51..x55 of any hopper
+    warnings = any(one.low for one in seen) << LEVEL_LOW - _FIRST_WARNING
+    warnings |= any(h.limited for h in hoppers) << CLIPPED - _FIRST_WARNING
+    state = device.state(time_s)
     return {
         "DEVICE_ID": DEVICE_ID,
         "MAP_VERSION": MAP_MAJOR << 8 | device.config.map_minor,
         "FW_VERSION": _FIRMWARE,
         "N_HOPPERS": max(device.hoppers),
         "SERIAL": _SERIAL,
-        "STATUS": _status(device, time_s, bool(warnings)),
+        "STATUS": _status(device, time_s, state, seen, warnings),
         "ALARM": device.alarms.system_bits(),
         "WARNING": warnings,
         "FIRST_ALARM_CODE": device.alarms.first,
@@ -82,8 +112,8 @@ def _system(device: PmxDevice, time_s: float) -> dict[str, Value]:
         "HEARTBEAT_AGE": min(_OLDEST_MS, int((time_s - device.heartbeat_s) * 1000)),
         "UPTIME": int(time_s - device.powered_s),
         "MODE": Mode.LOCAL if device.local else Mode.REMOTE,
-        "STATE": device.state(time_s),
-        "TOTAL_FLOW": min(_MOST, sum(_flow_est(h, device, time_s) for h in _all(device))),
+        "STATE": state,
+        "TOTAL_FLOW": min(_MOST, sum(one.flow_est_g_min for one in seen)),
         "MIXER_PRESSURE": round(_MIXER_MBAR_PER_L_MIN * gas_L_min),
         "TOTAL_GAS": min(_MOST, gas_L_min),
         "SUPPLY_PRESSURE": _SUPPLY_BAR,
@@ -93,70 +123,72 @@ def _system(device: PmxDevice, time_s: float) -> dict[str, Value]:
     }
 
 
-def _status(device: PmxDevice, time_s: float, warning: bool) -> int:
+def _status(
+    device: PmxDevice, time_s: float, state: State, seen: Sequence[_Seen], warnings: int
+) -> int:
+    """STATUS; conditions in the order of the bits of `pmx.Status`."""
     command = device.command
-    gas = device.gas_flows(time_s)
     return _bits(
-        (Status.READY, not device.alarms and not device.booting(time_s)),
-        (Status.REMOTE, not device.local and Command.ENABLE_REMOTE in command),
-        (Status.GAS_OK, device.gas_ok(time_s)),
-        (Status.FEEDING, device.discs_on),
-        (Status.AT_SETPOINT, all(_at_setpoint(h, device, time_s) for h in _all(device))),
-        (Status.STABLE, device.stable(time_s)),
-        (Status.WARNING, warning),
-        (Status.ALARM, bool(device.alarms)),
-        (Status.WATCHDOG_TRIPPED, device.watchdog_tripped),
-        (Status.ESTOP_CHAIN_OK, not device.estop_open),
-        (Status.LID_CLOSED, True),
-        (Status.PURGING, gas and not device.discs_on and Command.PURGE in command),
-        (Status.RAMPING, any(h.process.ramping(time_s) for h in _all(device))),
-        (Status.REFILLING, Command.REFILL_HOLD in command),
-        (Status.CONFIG_VALID, True),
-        (Status.TOGGLE, bool(int(time_s / _CYCLE_S) & 1)),
+        not device.alarms and state is not State.BOOT,
+        not device.local and Command.ENABLE_REMOTE in command,
+        device.gas_ok(time_s),
+        device.discs_on,
+        all(one.at_setpoint for one in seen),
+        device.stable(time_s),
+        bool(warnings),
+        bool(device.alarms),
+        device.watchdog_tripped,
+        not device.estop_open,
+        True,  # lids closed
+        Command.PURGE in command and device.gas_flows(time_s) and not device.discs_on,
+        any(h.process.ramping(time_s) for h in device.hoppers.values()),
+        Command.REFILL_HOLD in command,
+        True,  # configuration valid
+        bool(int(time_s / _CYCLE_S) & 1),
     )
 
 
 def _hopper(device: PmxDevice, channel: int, time_s: float) -> dict[str, Value]:
     hopper = device.hoppers[channel]
     process = hopper.process
-    fed_g = process.fed_g(time_s)
-    left_g = hopper.config.fill_g - fed_g
+    seen = _Seen.now(hopper, device, time_s)
     refilling = Command.REFILL_HOLD in device.command
+    stirring = Command.STIR_ON in device.command
     gas = device.gas_flows(time_s)
     empty = time_s >= process.empty_s
-    weighed = 0.0 if empty else process.disc_flow_g_s(time_s) * 60.0
-    stirring = Command.STIR_ON in device.command
+    weighed_g_min = 0.0 if empty else process.disc_flow_g_s(time_s) * 60.0
+    # in the order of the bits of `pmx.HopperFlags`
     flags = _bits(
-        (HopperFlags.PRESENT, True),
-        (HopperFlags.ENABLED, True),
-        (HopperFlags.RUNNING, device.discs_on and process.disc_rpm(time_s) > 0),
-        (HopperFlags.AT_SETPOINT, _at_setpoint(hopper, device, time_s)),
-        (HopperFlags.STABLE, device.stable(time_s)),
-        (HopperFlags.LEVEL_LOW, _level_low(hopper, device, time_s)),
-        (HopperFlags.LEVEL_EMPTY, empty),
-        (HopperFlags.REFILLING, refilling),
-        (HopperFlags.LID_CLOSED, True),
-        (HopperFlags.PRESSURISED, gas),
-        (HopperFlags.HEATED_OK, True),
-        (HopperFlags.LIW_VALID, not refilling),
-        (HopperFlags.STIRRER_ON, stirring),
-        (HopperFlags.LIMITED, hopper.limited),
-        (HopperFlags.BELOW_N_MIN, 0 < hopper.rpm < device.holding[hopper_row(channel, "N_MIN")]),
-        (HopperFlags.FAULT, hopper_code(channel, EMPTY) in device.alarms),
+        True,  # present
+        True,  # enabled
+        device.discs_on and seen.rpm > 0,
+        seen.at_setpoint,
+        device.stable(time_s),
+        seen.low,
+        empty,
+        refilling,
+        True,  # lid closed
+        gas,  # pressurised
+        True,  # warm enough
+        not refilling,  # weighed flow valid
+        stirring,
+        hopper.limited,
+        0 < hopper.rpm < device.holding[hopper_row(channel, "N_MIN")],
+        hopper_code(channel, EMPTY) in device.alarms,
     )
     return {
         "STATUS": flags,
         "ALARM": device.alarms.hopper_bits(channel),
-        "DISC_ACT": process.disc_rpm(time_s),
+        "DISC_ACT": seen.rpm,
         "DISC_RAMPED": process.setpoint_rpm(time_s),
-        "FLOW_EST": min(_MOST, _flow_est(hopper, device, time_s)),
-        "FLOW_LIW": None if refilling else min(_MOST, weighed),
-        "WEIGHT": left_g,
-        "LEVEL": 100.0 * left_g / hopper.config.fill_g,
+        "FLOW_EST": seen.flow_est_g_min,
+        "FLOW_LIW": None if refilling else min(_MOST, weighed_g_min),
+        "WEIGHT": seen.left_g,
+        "LEVEL": 100.0 * seen.left_g / hopper.config.fill_g,
         "STIRRER_ACT": hopper.stirrer_rpm if stirring else 0.0,
         "CARRIER_ACT": hopper.carrier_L_min if gas else 0.0,
         "PRESSURE": _HOPPER_MBAR if gas else 0,
-        "TOTALISER": fed_g,
+        "TOTALISER": hopper.config.fill_g - seen.left_g,
         "FEED_FACTOR_ACT": device.holding[hopper_row(channel, "FEED_FACTOR")],
         # not simulated, and said so:
         "MOTOR_CURRENT": None, "TORQUE": None, "TEMP": None, "FLOW_RSD_60S": None,
@@ -164,39 +196,6 @@ def _hopper(device: PmxDevice, channel: int, time_s: float) -> dict[str, Value]:
     }
 
 
-def _all(device: PmxDevice) -> list[Hopper]:
-    return list(device.hoppers.values())
-
-
-def _flow_est(hopper: Hopper, device: PmxDevice, time_s: float) -> float:
-    """What the device believes it feeds: its own factor times the disc's speed [g/min]."""
-    factor = device.holding[hopper_row(hopper.config.channel, "FEED_FACTOR")]
-    return factor * hopper.process.disc_rpm(time_s)
-
-
-def _gas_L_min(device: PmxDevice, time_s: float) -> float:
-    return sum(h.carrier_L_min for h in _all(device)) if device.gas_flows(time_s) else 0.0
-
-
-def _at_setpoint(hopper: Hopper, device: PmxDevice, time_s: float) -> bool:
-    if not device.discs_on:
-        return False
-    tolerance = device.holding["AT_SPEED_TOL"] / 100.0 * hopper.rpm
-    return abs(hopper.process.disc_rpm(time_s) - hopper.rpm) <= tolerance + 1e-9
-
-
-def _level_low(hopper: Hopper, device: PmxDevice, time_s: float) -> bool:
-    left_g = hopper.config.fill_g - hopper.process.fed_g(time_s)
-    warn_percent = device.holding[hopper_row(hopper.config.channel, "LEVEL_WARN")]
-    return 100.0 * left_g <= warn_percent * hopper.config.fill_g
-
-
-def _warnings(device: PmxDevice, time_s: float) -> int:
-    """WARNING: bits 0..4 are x51..x55 of any hopper."""
-    low = any(_level_low(h, device, time_s) for h in _all(device))
-    clipped = any(h.limited for h in _all(device))
-    return low << LEVEL_LOW - _FIRST_WARNING | clipped << CLIPPED - _FIRST_WARNING
-
-
-def _bits(*flags: tuple[Status | HopperFlags, bool]) -> int:
-    return sum(int(flag) for flag, on in flags if on)
+def _bits(*conditions: bool) -> int:
+    """The first condition is bit 0."""
+    return sum(1 << bit for bit, on in enumerate(conditions) if on)
