@@ -27,6 +27,7 @@ class Dialect:
     rx_bytes : size of the receive buffer as `[OPT:]` states it; one byte less is usable
     rx_shown_margin : what `Bf:` leaves off `rx_bytes` when the buffer is empty
     planner_blocks : what `Bf:` shows when the planner is empty
+    segment_buffer_s : most motion cut into segments and not yet made; `Ln:` and `Bf:` lead by it
     realtime : bytes acted on; `dropped` : bytes thrown away unread
     """
 
@@ -38,6 +39,7 @@ class Dialect:
     rx_bytes: int
     rx_shown_margin: int
     planner_blocks: int
+    segment_buffer_s: float
     realtime: frozenset[Realtime]
     dropped: frozenset[int]
     error_policy: ErrorPolicy
@@ -54,6 +56,7 @@ GRBL = Dialect(
     rx_bytes=128,
     rx_shown_margin=0,
     planner_blocks=15,
+    segment_buffer_s=0.05,
     realtime=GRBL_REALTIME,
     dropped=frozenset(range(0x80, 0x100)) - GRBL_REALTIME,
     error_policy=ErrorPolicy.RUN_ON,
@@ -68,6 +71,7 @@ GRBLHAL = Dialect(
     rx_bytes=1024,
     rx_shown_margin=1,
     planner_blocks=100,
+    segment_buffer_s=0.09,
     realtime=GRBLHAL_REALTIME,
     dropped=(frozenset(range(0x80, 0xC0)) | _CONTROL) - GRBLHAL_REALTIME,
     error_policy=ErrorPolicy.LATCH,

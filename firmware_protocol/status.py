@@ -55,6 +55,13 @@ class StatusReport:
     accessories: str | None = None
     other: tuple[tuple[str, str], ...] = ()
 
+    @property
+    def held(self) -> bool:
+        """Held at standstill, or standing behind a door that is closed or open."""
+        if self.state == "Hold":
+            return self.substate in (None, 0)
+        return self.state == "Door" and self.substate in (None, 0, 1)
+
     def format(self) -> str:
         """The report as text without line end, fields in the order both firmwares use.
 

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from firmware_protocol.status import StatusReport
 from lmctl.errors import MachineError
 from lmctl.machine.conversation import Conversation
-from lmctl.machine.holding import is_held
 from lmctl.machine.identify import Identity, read_identity, read_offset, read_settings
 
 RESET_S = 5.0
@@ -96,7 +95,7 @@ async def _come_to_rest(talk: Conversation, found: StatusReport, timeout_s: floa
 
 
 def _stands_still(report: StatusReport) -> bool:
-    return is_held(report) or report.state in ("Sleep", "Check", "Tool")
+    return report.held or report.state in ("Sleep", "Check", "Tool")
 
 
 def _restless(talk: Conversation, report: StatusReport | None) -> MachineError:

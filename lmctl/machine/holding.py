@@ -5,19 +5,12 @@ from __future__ import annotations
 import asyncio
 
 from firmware_protocol.realtime import Realtime
-from firmware_protocol.status import StatusReport
 from lmctl.errors import MachineError
 from lmctl.machine.conversation import Conversation
 
 _POLL_S = 0.02
 _ANSWER_S = 0.1  # a report takes 10 ms at 115,200 baud; a lost one must not use up the deadline
 _RESUMED_S = 10.0  # restoring the spindle behind a door takes some seconds
-
-
-def is_held(report: StatusReport) -> bool:
-    """Held at standstill, or standing behind a door that is closed or open."""
-    still = (None, 0) if report.state == "Hold" else (None, 0, 1)
-    return report.state in ("Hold", "Door") and report.substate in still
 
 
 async def hold(talk: Conversation, seen_within_s: float, stopped_within_s: float) -> None:
@@ -34,7 +27,7 @@ async def hold(talk: Conversation, seen_within_s: float, stopped_within_s: float
     while True:
         report = await talk.fresh_report(_ANSWER_S)
         if report is not None:
-            if is_held(report):
+            if report.held:
                 return
             if report.state == "Alarm":
                 raise talk.error("an alarm came instead of the hold", hint="look at the alarm")
@@ -57,7 +50,7 @@ async def resume(talk: Conversation) -> None:
     """
     loop = asyncio.get_running_loop()
     report = await talk.fresh_report(1.0)
-    if report is None or not (is_held(report) or report.state == "Idle"):
+    if report is None or not (report.held or report.state == "Idle"):
         raise talk.error(
             "resume refused: the machine is not held at standstill (state "
             f"{'unknown' if report is None else report.state})",

