@@ -71,10 +71,10 @@ def place(part: Part, profile: MachineProfile) -> Placement:
         platform = np.array([sum(travel.x) / 2, sum(travel.y) / 2, 0.0])
         offset = platform - np.array([*((low + high) / 2)[:2], low[2]])
     height = part.process.layer_height_mm
-    n_layers = int(np.floor((high[2] - low[2]) / height + 0.5))
+    n_layers = int(np.floor((high[2] - low[2]) / height + 0.5 - 1e-6))  # a plane on top is out
     if n_layers < 1:
         raise PlanError(
-            f"{part.name} is {high[2] - low[2]:.3g} mm tall, less than half a layer",
+            f"{part.name} is {high[2] - low[2]:.3g} mm tall, not more than half a layer",
             where=f"process.layer_height_mm = {height:g}",
             hint="lower layer_height_mm, or check the units of the part",
         )
