@@ -197,7 +197,7 @@ class FeederDriver:
     async def _order(self, command: Command, what: str) -> None:
         await self._cycle.asked(self._link.write(_COMMAND, [int(command)]), what)
         self._command = command
-        self._cycle.wake()
+        self._cycle.ask_status()
 
 
 async def _connect(feeder: Feeder, timeout_s: float) -> ModbusLink:

@@ -70,8 +70,9 @@ class FeederCycle:
         }
         self._readings: Mapping[str, HopperReading] = {}
         self._channels = {h.channel: h.name for h in hoppers}
-        self._due_s = self._hoppers_due_s = self._loop.time()
+        self._due_s = self._status_due_s = self._hoppers_due_s = self._loop.time()
         self._news = False
+        self._ask_status = False
         self._woken: asyncio.Future[None] | None = None
         self._waiting: list[asyncio.Future[None]] = []
         self._task: asyncio.Task[None] | None = None
@@ -84,7 +85,7 @@ class FeederCycle:
         wanted = self._recipe.counts(flows_g_min)
         if wanted != self._wanted:
             self._wanted = wanted
-            self.wake()
+            self._wake()
 
     async def first_status(self) -> FeederStatus:
         """A status without heartbeat; recipes are then numbered on from the one that runs."""
@@ -94,12 +95,16 @@ class FeederCycle:
         return status
 
     async def turn(self) -> None:
-        """Heartbeat, recipe where it changed, and status: one request, two on an old map.
+        """Heartbeat, recipe where it changed, and the status where it is due.
 
+        That is one request; with a status, two on an old map. The next status shows whether the
+        device has taken the recipe over.
         Raises NoAnswerError, RefusedError; RegisterError for an answer without meaning.
         """
         self._news = False
-        self._due_s = self._loop.time() + self.period_s
+        now_s = self._loop.time()
+        with_status = self._ask_status or now_s >= self._status_due_s
+        self._due_s = now_s + self.period_s if with_status else self._status_due_s
         self._heartbeat = (self._heartbeat + 1) & 0xFFFF
         wanted = self._wanted
         if wanted == self._sent:
@@ -110,6 +115,12 @@ class FeederCycle:
             words = self._recipe.words(
                 wanted, sequence=self._sequence, heartbeat=self._heartbeat
             )
+        if not with_status:
+            await self._link.write(self._recipe.address, words)
+            self._sent = wanted
+            return
+        self._ask_status = False
+        self._status_due_s = self._due_s
         if self._has_mirror:
             answer = await self._link.exchange(
                 self._recipe.address, words, MIRROR + SYSTEM_BLOCK.address, SYSTEM_BLOCK.count
@@ -135,11 +146,10 @@ class FeederCycle:
         if isinstance(ended, Exception):
             raise ended
 
-    def wake(self) -> None:
-        """There are news for the device, or someone waits for its answer."""
-        self._news = True
-        if self._woken is not None and not self._woken.done():
-            self._woken.set_result(None)
+    def ask_status(self) -> None:
+        """Read the status at once: someone waits for it."""
+        self._ask_status = True
+        self._wake()
 
     def start_afresh(self) -> None:
         """Forget the fault and what the device was told: the recipe goes out again."""
@@ -207,11 +217,16 @@ class FeederCycle:
         if self._news:
             return
         self._woken = self._loop.create_future()
-        timer = self._loop.call_at(self._due_s, self.wake)
+        timer = self._loop.call_at(self._due_s, self._wake)
         try:
             await self._woken
         finally:
             timer.cancel()
+
+    def _wake(self) -> None:
+        self._news = True
+        if self._woken is not None and not self._woken.done():
+            self._woken.set_result(None)
 
     async def _read_hoppers(self) -> None:
         self._hoppers_due_s = self._loop.time() + _HOPPER_CYCLES * self.period_s

@@ -209,14 +209,13 @@ class PmxDevice:
         time_s = self.settle()
         if self.booting(time_s):
             raise RefusedError(BUSY)
-        self.holding.check(address, words)
-        written = range(address, address + len(words))
-        new = dict(zip(written, words, strict=True))
+        new = dict(enumerate(words, address))
+        self.holding.check(new)
         if refusal := objection(self._facts(time_s), new):
             self.refusal = refusal
             raise RefusedError(REFUSED)
         sequence, heartbeat = self.holding.raw("SEQ"), self.holding.raw("HEARTBEAT")
-        self.holding.store(address, words)
+        self.holding.store(new)
         if self.holding.raw("HEARTBEAT") != heartbeat:
             self.heartbeat_s = time_s
         if new.get(WD_RESET) == WATCHDOG_RESET_KEY:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 
 from firmware_protocol.pmx import hopper_row, register_map
 from firmware_protocol.registers import Kind, Value
@@ -59,19 +59,18 @@ class HoldingRegisters:
         except KeyError:
             raise RefusedError(ILLEGAL_ADDRESS) from None
 
-    def check(self, address: int, words: Sequence[int]) -> None:
-        """Raises RefusedError for words that may not be written there; nothing is changed."""
-        for at, word in enumerate(words, address):
-            if at not in self._words:
-                raise RefusedError(ILLEGAL_ADDRESS)
-            least, greatest = self._limits.get(at, (0, 0xFFFF))
+    def check(self, new: Mapping[int, int]) -> None:
+        """Raises RefusedError for {address: word} that may not be written; nothing is changed."""
+        if not new.keys() <= self._words.keys():
+            raise RefusedError(ILLEGAL_ADDRESS)
+        for address, word in new.items() - self._words.items():
+            least, greatest = self._limits.get(address, (0, 0xFFFF))
             if not least <= word <= greatest:
                 raise RefusedError(ILLEGAL_VALUE)
 
-    def store(self, address: int, words: Sequence[int]) -> None:
+    def store(self, new: Mapping[int, int]) -> None:
         """Write words that were checked."""
-        for at, word in enumerate(words, address):
-            self._words[at] = word
+        self._words.update(new)
 
     def __getitem__(self, name: str) -> float:
         """A one-word number in its unit."""
@@ -86,7 +85,7 @@ class HoldingRegisters:
         self._words[self._places[name][0]] = word
 
     def _put(self, name: str, value: Value) -> None:
-        self.store(self._map.wire_address(name), self._map.encode(name, value))
+        self.store(dict(enumerate(self._map.encode(name, value), self._map.wire_address(name))))
 
 
 def _stored(hopper: HopperConfig) -> dict[str, Value]:

@@ -51,8 +51,10 @@ def objection(facts: Facts, new: Mapping[int, int]) -> Refusal:
     resets = new.get(ALARM_RESET) == ALARM_RESET_KEY
     if resets and (trip_remains or facts.empty or facts.estop_open):
         return Refusal.CAUSE_REMAINS
+    if COMMAND not in new:
+        return Refusal.NONE
     faulted = trip_remains or (facts.alarmed and not resets)
-    return _command_objection(Command(new.get(COMMAND, 0)), facts.estop_open, faulted)
+    return _command_objection(Command(new[COMMAND]), facts.estop_open, faulted)
 
 
 def _command_objection(wanted: Command, estop_open: bool, faulted: bool) -> Refusal:
