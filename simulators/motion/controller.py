@@ -27,6 +27,9 @@ from simulators.motion.waits import Steps, Wait, Waiting
 LOCKED, TOO_LONG = 9, 11
 
 _OK = b"ok\r\n"
+_FLAGS = frozenset((Realtime.STATUS, Realtime.HOLD, Realtime.START))
+"""Bytes that set a flag in the firmware: several at once are one."""
+_EXECUTING = frozenset((State.IDLE, State.RUN))
 _SLACK_S = 1e-9  # a timer may come early by the clock's resolution
 
 
@@ -56,6 +59,7 @@ class Controller:
         self._latched = 0
         self._out: list[bytes] = []
         self._line: Steps | None = None
+        self._held: Motion | None = None  # an ordinary move that waits for room
         self._answered = False  # the line under way earns an answer
         self._waiting: Waiting = Wait.NEVER
         self._leaving_check = False
@@ -66,10 +70,12 @@ class Controller:
 
     def receive(self, data: bytes, now_s: float) -> bytes:
         """Bytes have arrived; what the controller sends at once."""
-        self.machine.settle(now_s)
+        if now_s > self.machine.now_s:
+            self.machine.settle(now_s)
         realtime = self.device.receive_data(data)
-        for byte in realtime:
-            self._realtime(byte)
+        for index, byte in enumerate(realtime):
+            if byte not in _FLAGS or byte not in realtime[:index]:
+                self._realtime(byte)
         return self._go_on()
 
     def wake(self, now_s: float) -> bytes:
@@ -94,7 +100,11 @@ class Controller:
             return machine.restore_s
         if machine.stopping is not None:
             return machine.next_event_s()
-        if self._line is None or machine.state in SUSPENDED or self._waiting is Wait.NEVER:
+        if machine.state in SUSPENDED:
+            return None
+        if self._held is not None:
+            return machine.next_event_s()
+        if self._line is None or self._waiting is Wait.NEVER:
             return None
         if isinstance(self._waiting, Wait):
             return machine.next_event_s()
@@ -111,6 +121,8 @@ class Controller:
         while machine.state not in SUSPENDED and not machine.critical:
             if machine.stopping is not None:
                 break
+            if self._held is not None and not self._plan_held():
+                break
             if self._line is not None and not self._resume_line():
                 break
             if not self._read_lines():
@@ -126,42 +138,57 @@ class Controller:
         """Take lines until one has to wait (True) or none is left or may be taken (False)."""
         take, out, machine = self.device.take_line, self._out, self.machine
         interpret, planner = self.interpreter.interpret, machine.planner
-        capacity = planner.capacity
-        plain = not self.settings[20]  # without soft limits no target needs a look
+        add, capacity = planner.add, planner.capacity
         while True:
-            if machine.state in SUSPENDED or machine.critical or machine.stopping is not None:
+            state = machine.state
+            if state in SUSPENDED or machine.critical or machine.stopping is not None:
                 return False
-            line = take()
-            if line is None:
-                return False
-            text, too_long = line
-            if (
-                too_long
-                or self._latched
-                or b"$" in text
-                or not text
-                or (machine.state is not State.RUN and machine.state is not State.IDLE)
-            ):
-                if self._unusual(text, too_long):
-                    return True
-                continue
-            try:
-                actions = interpret(text)
-            except GcodeError as refused:
-                self._answer(refused.code)
-                continue
-            if len(actions) == 1 and plain and planner.count < capacity:
-                motion = actions[0]
-                if type(motion) is Motion and (
-                    planner.add(motion) is not None or motion.beam != BEAM_CONSTANT
-                ):
-                    out.append(_OK)
-                    continue
-            elif not actions:
-                out.append(_OK)
-                continue
-            if self._begin(perform(machine, actions)):
+            usual = state in _EXECUTING and not self._latched
+            plain = usual and not self.settings[20]  # without soft limits no target needs a look
+            while True:
+                line = take()
+                if line is None:
+                    return False
+                text, too_long = line
+                if not usual or too_long or b"$" in text or not text:
+                    waits = self._unusual(text, too_long)
+                    break
+                try:
+                    actions = interpret(text)
+                except GcodeError as refused:
+                    self._answer(refused.code)
+                    waits = False
+                    break
+                if plain and len(actions) == 1:
+                    motion = actions[0]
+                    if type(motion) is Motion:
+                        if planner.count >= capacity:
+                            self._held = motion
+                            return True
+                        if add(motion) is not None or motion.beam != BEAM_CONSTANT:
+                            out.append(_OK)
+                            continue
+                waits = self._begin(perform(machine, actions))
+                break
+            if waits:
                 return True
+
+    def _plan_held(self) -> bool:
+        """Try the move that found the planner full again; True when it is planned."""
+        machine, motion = self.machine, self._held
+        assert motion is not None
+        planner = machine.planner
+        if planner.count >= planner.capacity and machine.state is State.IDLE:
+            machine.start()
+            machine.settle(machine.now_s)
+        if planner.count >= planner.capacity:
+            return False
+        self._held = None
+        if planner.add(motion) is not None or motion.beam != BEAM_CONSTANT:
+            self._out.append(_OK)
+        else:
+            self._begin(perform(machine, (motion,)))
+        return True
 
     def _unusual(self, text: bytes, too_long: bool) -> bool:
         """Any other line; True where it has to wait."""
@@ -260,6 +287,8 @@ class Controller:
         elif byte in (Realtime.HOLD, Realtime.HOLD_TOP):
             machine.hold()
         elif byte in (Realtime.START, Realtime.START_TOP):
+            if machine.state is State.TOOL:
+                self.interpreter.mount_tool()
             machine.resume()
         elif byte == Realtime.DOOR:
             machine.door()
@@ -286,7 +315,7 @@ class Controller:
 
     def _reset(self) -> None:
         machine = self.machine
-        waited = self._line is not None and self._answered
+        waited = self._held is not None or (self._line is not None and self._answered)
         self._drop_line()
         alarm = machine.reset()
         if alarm:
@@ -325,6 +354,7 @@ class Controller:
             accessories=machine.accessories(),
             pins="D" if machine.door_open else "",
             homed=machine.homed,
+            tool=self.interpreter.modal.tool,
             input_result=machine.input_result,
         )
         self.say(machine.reporter.report(snapshot, int(self.settings[10]), everything))
@@ -337,4 +367,5 @@ class Controller:
         if self._line is not None:
             self._line.close()
             self._line = None
+        self._held = None
         self._waiting = Wait.NEVER

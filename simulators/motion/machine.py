@@ -348,7 +348,8 @@ class Machine:
         if self._spindle_stopped:
             self._spindle_stopped = False
             self.stepper.stand(self._power_before, self.now_s)
-            self.reporter.accessories_changed()
+            if self.hal or not self.settings.laser:  # Grbl's laser only waits for the next step
+                self.reporter.accessories_changed()
 
     def _restore_delay_s(self) -> float:
         coolant_s, spindle_s = _DOOR_COOLANT_DELAY_S, _DOOR_SPINDLE_DELAY_S
@@ -364,7 +365,8 @@ class Machine:
         self._restore_spindle()
         if self._coolant_stopped:
             self._coolant_stopped = False
-            self.reporter.accessories_changed()
+            if self.flood or self.mist:
+                self.reporter.accessories_changed()
         self.state = State.IDLE
         if self.planner.first is not None:
             self.state = State.RUN

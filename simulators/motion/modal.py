@@ -8,6 +8,7 @@ section 3.8). The ordinary line, one straight move, takes a short way through.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 from firmware_protocol.dialect import GRBLHAL, Dialect
 from firmware_protocol.gcode import GcodeError, tokenise
@@ -46,10 +47,17 @@ BAD_JOG = 16
 _MAX_LINE = 10_000_000
 _INCH_MM = 25.4
 _AXES = "XYZ"
-_ORDINARY = frozenset("NGXYZFS")
+_NUMERIC = b"0123456789.+- "
+_ORDINARY = frozenset(b"NGXYZFS")
 _PLANES = {170: (0, 1, 2), 180: (2, 0, 1), 190: (1, 2, 0)}
 _FREE = frozenset("NFST")  # words that are never left over
 _JOG_CODES = frozenset((200, 210, 900, 910, 530))
+
+
+@lru_cache(maxsize=256)
+def _is_ordinary(letters: bytes) -> bool:
+    """The letters of a line are those of one straight move, none of them twice."""
+    return bool(letters) and len(set(letters)) == len(letters) and _ORDINARY.issuperset(letters)
 
 
 @dataclass
@@ -89,6 +97,7 @@ class Interpreter:
         self._hal = self.dialect is GRBLHAL
         self._grammar = Grammar(self.dialect)
         self._outputs: tuple[tuple[str, int, float], ...] = ()
+        self._next_tool = 0
         self.refresh()
 
     def refresh(self) -> None:
@@ -107,15 +116,20 @@ class Interpreter:
 
     def interpret(self, line: bytes) -> tuple[Action, ...] | list[Action]:
         """raises: GcodeError; the state is then as before"""
+        letters = line.translate(None, _NUMERIC)
+        if _is_ordinary(letters):
+            words = line.decode().split()
+            try:
+                if len(words) == len(letters):
+                    # Only digits, signs and points are left to float(), and each word has its own
+                    # letter: what float() takes is what the firmware takes.
+                    motion = self._ordinary({word[0]: float(word[1:]) for word in words})
+                    if motion is not None:
+                        return (motion,)
+            except ValueError:
+                pass  # the long way finds the error number
         tokens = tokenise(line)
-        values = dict(tokens)
-        if len(values) == len(tokens) and values.keys() <= _ORDINARY:
-            motion = self._ordinary(values)
-            if motion is not None:
-                return (motion,)
-        if not tokens:
-            return ()
-        return self._block(self._grammar.sort(tokens))
+        return self._block(self._grammar.sort(tokens)) if tokens else ()
 
     def _ordinary(self, values: dict[str, float]) -> Motion | None:
         """The one straight move that these words ask for; None where it takes a longer look."""
@@ -358,9 +372,15 @@ class Interpreter:
 
     def _set_tool(self, words: Words, actions: list[Action]) -> None:
         if "T" in words.values:
-            self.modal.tool = int(words.values["T"])
+            self._next_tool = int(words.values["T"])
+            if not self._hal:
+                self.modal.tool = self._next_tool
         if "tool" in words.m:
             actions.append(ToolChange())
+
+    def mount_tool(self) -> None:
+        """grblHAL: the tool selected by T has been put in and acknowledged."""
+        self.modal.tool = self._next_tool
 
     def _set_coolant(self, code: int | None, actions: list[Action]) -> None:
         modal = self.modal

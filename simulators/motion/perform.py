@@ -85,6 +85,7 @@ def _at_rest(machine: Machine, action: Action) -> Steps:
             yield Wait.REST
         case ToolChange():
             machine.state = State.TOOL
+            machine.reporter.tool_requested()
         case ProgramEnd():
             machine.set_spindle(5, 0.0)
             machine.set_coolant(False, False)

@@ -80,6 +80,7 @@ class Planner:
         self._last_nominal = 0.0
         self._last_unit: Vector = (0.0, 0.0, 0.0)
         self._steps = (0, 0, 0)
+        self._at: Vector = (0.0, 0.0, 0.0)  # the same in mm
         self.kinematics = kinematics
 
     @property
@@ -93,19 +94,21 @@ class Planner:
         self._rates = kinematics.max_rate_mm_s
         self._accelerations = kinematics.acceleration_mm_s2
         self._deviation = kinematics.junction_deviation_mm
+        self._alike = len({*self._rates}) == 1 and len({*self._accelerations}) == 1
+        self.clear(self._at)
 
     @property
     def position_mm(self) -> Vector:
         """Where the last block ends, in whole steps."""
-        (nx, ny, nz), (sx, sy, sz) = self._steps, self._per_mm
-        return (nx / sx, ny / sy, nz / sz)
+        return self._at
 
     def clear(self, position_mm: Vector) -> None:
         """Drop every block; the next one starts at position_mm."""
         self.first = self._last = self.planned = None
         self.count = 0
         (x, y, z), (sx, sy, sz) = position_mm, self._per_mm
-        self._steps = (round(x * sx), round(y * sy), round(z * sz))
+        self._steps = nx, ny, nz = round(x * sx), round(y * sy), round(z * sz)
+        self._at = (nx / sx, ny / sy, nz / sz)
 
     def add(self, motion: Motion) -> Block | None:
         """Append a move and plan it in; None where it is shorter than a step. Needs room."""
@@ -113,7 +116,9 @@ class Planner:
         sx, sy, sz = self._per_mm
         was_x, was_y, was_z = self._steps
         now_x, now_y, now_z = round(x * sx), round(y * sy), round(z * sz)
-        dx, dy, dz = (now_x - was_x) / sx, (now_y - was_y) / sy, (now_z - was_z) / sz
+        dx = (now_x - was_x) / sx
+        dy = (now_y - was_y) / sy
+        dz = (now_z - was_z) / sz
         length = sqrt(dx * dx + dy * dy + dz * dz)
         if length == 0.0:
             return None
@@ -122,10 +127,16 @@ class Planner:
         block = Block()
         block.motion = motion
         block.length = length
-        block.start = (was_x / sx, was_y / sy, was_z / sz)
-        block.target = (now_x / sx, now_y / sy, now_z / sz)
-        block.acceleration = acceleration = _along(self._accelerations, ux, uy, uz)
-        block.rapid_rate = _along(self._rates, ux, uy, uz)
+        block.start = self._at
+        block.target = self._at = (now_x / sx, now_y / sy, now_z / sz)
+        if self._alike:  # the usual machine, in half the time
+            steepest = max(abs(ux), abs(uy), abs(uz))
+            acceleration = self._accelerations[0] / steepest
+            block.rapid_rate = self._rates[0] / steepest
+        else:
+            acceleration = _along(self._accelerations, ux, uy, uz)
+            block.rapid_rate = _along(self._rates, ux, uy, uz)
+        block.acceleration = acceleration
         block.ramp_sqr = 2.0 * acceleration * length
         block.following = None
         block.nominal = nominal = self._nominal(block)
@@ -138,7 +149,8 @@ class Planner:
         else:
             block.max_junction_sqr = junction_sqr = self._junction_sqr(ux, uy, uz)
             slower = self._last_nominal if self._last_nominal < nominal else nominal
-            block.max_entry_sqr = min(slower * slower, junction_sqr)
+            slower *= slower
+            block.max_entry_sqr = slower if slower < junction_sqr else junction_sqr
             block.entry_sqr = 0.0
             block.previous = last
             last.following = block
@@ -206,7 +218,10 @@ class Planner:
             return _UNBOUNDED
         jx, jy, jz = ux - px, uy - py, uz - pz
         size = sqrt(jx * jx + jy * jy + jz * jz)
-        acceleration = _along(self._accelerations, jx / size, jy / size, jz / size)
+        if self._alike:
+            acceleration = self._accelerations[0] * size / max(abs(jx), abs(jy), abs(jz))
+        else:
+            acceleration = _along(self._accelerations, jx / size, jy / size, jz / size)
         sin_half = sqrt(0.5 * (1.0 - cos_theta))
         return acceleration * self._deviation * sin_half / (1.0 - sin_half)
 

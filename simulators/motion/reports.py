@@ -44,6 +44,7 @@ class Snapshot:
     accessories: str
     pins: str
     homed: bool
+    tool: int
     input_result: int | None
 
 
@@ -63,6 +64,7 @@ class StatusReporter:
         self._show_accessories = self._hal
         self._show_reference = True
         self._show_input = False
+        self._show_tool = False
 
     def overrides_changed(self) -> None:
         self._overrides_in = 0
@@ -76,6 +78,9 @@ class StatusReporter:
 
     def homed_changed(self) -> None:
         self._show_homed = True
+
+    def tool_requested(self) -> None:
+        self._show_tool = True
 
     def input_read(self) -> None:
         self._show_input = True
@@ -94,6 +99,8 @@ class StatusReporter:
         accessories = None
         if self._show_accessories or (overrides and now.accessories):
             accessories = now.accessories
+        if now.state is State.TOOL:  # asked for with every report, but once with the tool instead
+            accessories = now.accessories + ("" if self._show_tool else "T")
         self._show_accessories = False
         (x, y, z), (ox, oy, oz) = now.position_mm, now.offset_mm
         work = (x - ox, y - oy, z - oz)
@@ -140,13 +147,16 @@ class StatusReporter:
             return
         if self._show_homed:
             yield "H", str(int(now.homed))
+        if self._show_tool:
+            yield "T", str(now.tool)
         if self._show_reference:
             yield "TLR", "0"
         if self._show_input and now.input_result is not None:
             yield "In", str(now.input_result)
         if everything:
             yield "FW", "grblHAL"
-        self._show_homed = self._show_reference = self._show_input = False
+        self._show_homed = self._show_reference = False
+        self._show_tool = self._show_input = False
 
 
 def identity(dialect: Dialect, info: str, planner_blocks: int, rx_bytes: int) -> list[Message]:

@@ -27,8 +27,9 @@ class MotionSim:
 
     @property
     def trace(self) -> Trace:
-        """The record of all motion. It runs up to 0.1 s ahead of the clock (see Stepper)."""
+        """The record of all motion, up to 0.1 s beyond now (see Stepper)."""
         self._advance()
+        self._controller.machine.stepper.commit()
         return self._controller.machine.trace
 
     @property

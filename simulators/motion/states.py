@@ -6,6 +6,8 @@ from enum import Enum
 
 
 class State(Enum):
+    __hash__ = object.__hash__  # Enum's own runs in Python, and states are looked up all the time
+
     IDLE = "Idle"
     RUN = "Run"
     HOLD = "Hold"

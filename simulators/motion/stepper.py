@@ -123,7 +123,7 @@ class Stepper:
 
     def advance(self, now_s: float) -> None:
         """Commit what is certain at now_s."""
-        planner, trace = self._planner, self._trace
+        planner, moved = self._planner, self._trace.moved
         block = self._block
         if block is not None and self.running and not self.holding:
             following = block.following
@@ -146,14 +146,13 @@ class Stepper:
                     break
                 self._load(block)
             acceleration, duration, distance, exit_speed = ramps[-1]
-            if end_s + duration > until_s:
+            over_s = end_s + duration
+            if over_s > until_s:
                 break
             power = block.motion.power * self.spindle_factor
-            trace.moved(
-                self._row, end_s, end_s + duration, self._done_mm, self._speed, acceleration, power
-            )
+            moved((end_s, over_s, self._done_mm, self._speed, acceleration, power, self._row))
             ramps.pop()
-            self.end_s = end_s = end_s + duration
+            self.end_s = end_s = over_s
             self._done_mm += distance
             self._speed = exit_speed
             if ramps:
@@ -173,6 +172,20 @@ class Stepper:
                 speed, done_mm = self._within_ramp(until_s)
                 block.entry_sqr = speed * speed
                 block.ramp_sqr = 2.0 * block.acceleration * (block.length - done_mm)
+
+    def commit(self) -> None:
+        """Bring the record up to the head, in the middle of a phase too."""
+        if self._block is None or not self.running or self._head_s <= self.end_s:
+            return
+        acceleration, duration, distance, exit_speed = self._ramps[-1]
+        end_s, done_mm = self.end_s, self._done_mm
+        self._cut()
+        self._ramps[-1] = Ramp(
+            acceleration,
+            duration - (self.end_s - end_s),
+            distance - (self._done_mm - done_mm),
+            exit_speed,
+        )
 
     def position_mm(self, now_s: float) -> Vector:
         """Where the machine is."""
@@ -222,8 +235,8 @@ class Stepper:
         standing = motion.power if motion.beam == BEAM_CONSTANT else 0.0
         if standing != self._standing:
             self.stand(standing, self.end_s)
-        for kind, port, value in motion.outputs:
-            self._trace.outputs.append((self.end_s, kind, port, value))
+        if motion.outputs:
+            self._trace.outputs += [(self.end_s, *output) for output in motion.outputs]
         self._plan()
 
     def _within_ramp(self, when_s: float) -> tuple[float, float]:
@@ -245,7 +258,7 @@ class Stepper:
             power = block.motion.power * self.spindle_factor
             speed, done_mm = self._within_ramp(head_s)
             self._trace.moved(
-                self._row, self.end_s, head_s, self._done_mm, self._speed, acceleration, power
+                (self.end_s, head_s, self._done_mm, self._speed, acceleration, power, self._row)
             )
             self._speed, self._done_mm, self.end_s = speed, done_mm, head_s
         self._place(self._speed)

@@ -108,20 +108,11 @@ class Trace:
         self.rows = row + 1
         return row
 
-    def moved(
-        self,
-        row: int,
-        start_s: float,
-        end_s: float,
-        distance_mm: float,
-        speed_mm_s: float,
-        acceleration_mm_s2: float,
-        power: float,
-    ) -> None:
-        """A phase of block `row`, from distance_mm into it, has been committed."""
-        self._phases.extend(
-            (start_s, end_s, distance_mm, speed_mm_s, acceleration_mm_s2, power, row)
-        )
+    def moved(self, phase: tuple[float, float, float, float, float, float, float]) -> None:
+        """A phase has been committed: its start and end [s], distance into the block and speed at
+        its start, acceleration, beam power before any scaling with speed, and row of the block.
+        """
+        self._phases.extend(phase)
 
     def stood(self, when_s: float, power: float) -> None:
         """From when_s on, the beam burns with this power whenever the machine stands still."""
