@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from lmctl.field.field import Field, sample
 from lmctl.field.grid import Grid, Window
 from lmctl.field.mesh import mesh_field
-from lmctl.field.plane import PlaneGrid, plane_distance, section_loops
+from lmctl.field.plane import PlaneGrid, loop_area_mm2, plane_distance, section_loops
+from lmctl.part.measured import Bounds, zero_bounds
 from lmctl.part.mesh_files import Mesh
 from lmctl.part.slicing import Slicer
 
 FloatArray = NDArray[np.float64]
-Bounds = tuple[FloatArray, FloatArray]
 Vector = tuple[float, float, float]
 
 
@@ -124,7 +124,9 @@ class FieldSolid(Stored):
         return values.astype(np.float32).reshape(plane.shape)
 
     def loops(self, z_mm: float, plane: PlaneGrid) -> list[FloatArray]:
-        return section_loops(self.cut(z_mm, plane), plane)
+        """Outlines that enclose at least a cell of the field's grid; smaller ones are noise."""
+        loops = section_loops(self.cut(z_mm, plane), plane)
+        return [loop for loop in loops if abs(loop_area_mm2(loop)) >= self.grid.pitch_mm**2]
 
 
 def without_slivers(corners: FloatArray) -> FloatArray:
@@ -137,45 +139,6 @@ def without_slivers(corners: FloatArray) -> FloatArray:
     longest = np.max([((p - q) ** 2).sum(axis=1) for p, q in ((a, b), (b, c), (c, a))], axis=0)
     wide: FloatArray = corners[twice_area > 1e-6 * longest]
     return wide
-
-
-def is_closed(field: Field) -> bool:
-    """Whether the inside stays clear of the grid's faces, as that of a closed surface does."""
-    v = field.values
-    faces = (v[0], v[-1], v[:, 0], v[:, -1], v[:, :, 0], v[:, :, -1])
-    return all(float(face.max()) < 0 for face in faces)
-
-
-def zero_bounds(field: Field, least_area_mm2: float = 0.0) -> Bounds:
-    """Where a field's inside begins and ends along x, y, z.
-
-    In each plane of nodes across an axis the n-th largest value is taken, n nodes being the least
-    area, and interpolated to zero between planes. For a measured cloud this is the fitted surface:
-    not its farthest stray point, nor a burr too small to be deposited.
-    """
-    pitch = field.grid.pitch_mm
-    rank = max(1, round(least_area_mm2 / pitch**2))
-    low, high = np.empty(3), np.empty(3)
-    for axis in range(3):
-        planes = np.moveaxis(field.values, 2 - axis, 0)
-        peak = np.array([_ranked(plane, rank) for plane in planes])
-        if not (peak > 0).any():  # nowhere that thick: take any inside at all
-            peak = np.array([_ranked(plane, 1) for plane in planes])
-        inside = np.flatnonzero(peak > 0)
-        first, last = int(inside[0]), int(inside[-1])
-        places = field.grid.axis_mm(axis)
-        before = peak[first] / (peak[first] - peak[first - 1]) if first > 0 else 0.0
-        after = peak[last] / (peak[last] - peak[last + 1]) if last + 1 < len(peak) else 0.0
-        low[axis] = places[first] - before * pitch
-        high[axis] = places[last] + after * pitch
-    return low, high
-
-
-def _ranked(plane: NDArray[np.float32], rank: int) -> float:
-    """The rank-th largest value (1: the largest)."""
-    flat = plane.ravel()
-    place = max(0, flat.size - rank)
-    return float(np.partition(flat, place)[place])
 
 
 def plane_points(plane: PlaneGrid, z_mm: float) -> FloatArray:

@@ -20,7 +20,8 @@ from lmctl.field.grid import Grid, Window
 from lmctl.field.plane import PlaneGrid, section_loops
 from lmctl.field.seeds import seed_triangles
 from lmctl.field.sweep import sweep_sources
-from lmctl.part.bodies import Body, Bounds, Stored, without_slivers
+from lmctl.part.bodies import Body, Stored, without_slivers
+from lmctl.part.measured import Bounds
 
 FloatArray = NDArray[np.float64]
 Operation = Literal["union", "difference", "intersection"]

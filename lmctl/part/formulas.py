@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from lmctl.field.grid import Window
 from lmctl.field.plane import PlaneGrid, plane_distance, section_loops
 from lmctl.field.primitives import box_distance, cylinder_distance, sphere_distance
-from lmctl.part.bodies import Bounds, Vector, nothing_of, plane_points
+from lmctl.part.bodies import Vector, nothing_of, plane_points
+from lmctl.part.measured import Bounds
 
 FloatArray = NDArray[np.float64]
 

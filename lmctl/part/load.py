@@ -13,18 +13,18 @@ from lmctl.config.part_rules import load_part_file, parse_part_file
 from lmctl.errors import InputError
 from lmctl.field.cloud import cloud_field
 from lmctl.field.grid import Grid
-from lmctl.part.bodies import Body, Bounds, FieldSolid, MeshSolid, is_closed
+from lmctl.part.bodies import Body, FieldSolid, MeshSolid
 from lmctl.part.cloud_files import CLOUD_SUFFIXES, Cloud, read_cloud
 from lmctl.part.combined import Combined
 from lmctl.part.composition import rule_of
 from lmctl.part.files import read_data
 from lmctl.part.formulas import Box, Cylinder, Sphere
 from lmctl.part.materials import resolve_materials
+from lmctl.part.measured import Bounds, is_closed, without_specks
 from lmctl.part.mesh_files import MESH_SUFFIXES, Mesh, read_mesh
 from lmctl.part.mesh_report import mend
 from lmctl.part.part import Part
 from lmctl.part.resolution import checked_grid, choose_pitch, plane_around
-from lmctl.part.specks import without_specks
 
 #: What a bare mesh or cloud is made of.
 DEFAULT_MATERIAL = "316L"

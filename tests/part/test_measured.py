@@ -1,4 +1,4 @@
-"""Specks of a measured field are put on the side of what surrounds them; real bodies stay."""
+"""Measured fields: specks change sides, bounds ignore burrs, real bodies stay."""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ import pytest
 
 from lmctl.field.field import Field
 from lmctl.field.grid import Grid
-from lmctl.part.bodies import zero_bounds
 from lmctl.part.formulas import Sphere
-from lmctl.part.specks import without_specks
+from lmctl.part.measured import is_closed, without_specks, zero_bounds
 
 
 @pytest.fixture
@@ -62,3 +61,25 @@ def test_bounds_ignore_burrs_thinner_than_a_bead(ball: Field) -> None:
     assert zero_bounds(spiked)[0][2] == pytest.approx(ball.grid.origin_mm[2])
     low, _ = zero_bounds(spiked, least_area_mm2=1.0)
     assert low[2] == pytest.approx(-5, abs=0.1)
+
+
+def test_bounds_ignore_scattered_nodes_that_are_off(ball: Field) -> None:
+    values = ball.values.copy()
+    random = np.random.default_rng(2)
+    face = np.flatnonzero(np.abs(ball.grid.axis_mm(2) + 5.5) < 1e-9)[0]
+    for _ in range(25):  # more than a bead's area of them, but not together
+        j, i = random.integers(0, 8, 2) * 3
+        values[face, j, i] = 0.3
+    low, _ = zero_bounds(Field(ball.grid, values, None, ball.surface_mm), least_area_mm2=3.0)
+    assert low[2] == pytest.approx(-5, abs=0.15)
+
+
+def test_a_narrow_body_has_bounds_too(ball: Field) -> None:
+    low, high = zero_bounds(ball, least_area_mm2=1e6)
+    assert low == pytest.approx([-5, -5, -5], abs=1e-5)
+    assert high == pytest.approx([5, 5, 5], abs=1e-5)
+
+
+def test_a_leak_is_seen(ball: Field) -> None:
+    assert is_closed(ball)
+    assert not is_closed(with_values(ball, ((slice(0, 1), slice(5, 6), slice(5, 6)), 0.1)))
