@@ -62,6 +62,11 @@ class Link:
         self._loop.add_reader(self._fd, self._readable)
 
     @property
+    def paced(self) -> bool:
+        """Whether the wire is slow enough that bytes are handed over a few at a time."""
+        return self._rate is not None
+
+    @property
     def unsent(self) -> int:
         """Bytes written and still held here."""
         return len(self._unsent)

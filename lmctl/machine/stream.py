@@ -57,7 +57,7 @@ class Stream:
 
     def pump(self) -> None:
         """Send the lines there is room for, in one write."""
-        if self.halted or self.held or not self._queue:
+        if self.halted or self.held or not self._queue or not self._talk.worth_a_write:
             return
         queue, talk, progress = self._queue, self._talk, self.progress
         out = []

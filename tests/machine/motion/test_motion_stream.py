@@ -215,6 +215,32 @@ def test_discarded_lines_are_never_sent(controller, in_virtual_time):
     in_virtual_time(main())
 
 
+def test_lines_go_out_several_at_once_where_the_wire_allows_and_the_planner_stays_fed(
+    controller, in_virtual_time
+):
+    device = controller(GRBLHAL, blocks=10)
+    arrivals, least_waiting = [], []
+
+    def feed(data: bytes, usual=device.feed) -> None:
+        if b"X" in data:
+            arrivals.append(data.count(b"\n"))
+            least_waiting.append(device.device.lines_waiting)
+        usual(data)
+
+    device.feed = feed
+
+    async def main() -> None:
+        async with device.on_tcp() as endpoint:
+            driver = await opened(endpoint)
+            driver.submit([b"N%d G1 X1.234 Y5.678 F600" % n for n in range(400)])
+            await until(lambda: driver.executed == 400)
+            await driver.close()
+
+    in_virtual_time(main())
+    assert len(arrivals) < 400 / 5
+    assert min(least_waiting[1:-1]) > 20
+
+
 def test_the_same_stream_gives_the_same_history(controller, in_virtual_time):
     """At every instant the same counts, however the kernel cut the bytes within it."""
     histories = []
