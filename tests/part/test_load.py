@@ -230,3 +230,18 @@ def test_a_thin_mesh_graded_by_depth_is_told_its_pitch(folder: Folder, making: A
     )
     warnings = load_part(where / "part.toml").warnings
     assert any("1.2 mm thick" in text and "pitch_mm = 0.24" in text for text in warnings)
+
+
+def test_a_cloud_too_sparse_for_its_pitch_names_one_that_fits(folder: Folder) -> None:
+    random = np.random.default_rng(5)
+    ball = random.normal(size=(600, 3))
+    ball *= 10 / np.linalg.norm(ball, axis=1)[:, None]
+    text = "\n".join(f"{x:.4f} {y:.4f} {z:.4f}" for x, y, z in ball.tolist())
+    part = STEEL + '[[body]]\nkind = "cloud"\nfile = "s.xyz"\nunits = "mm"\n'
+    where = folder(part__toml="pitch_mm = 0.2\n" + part, s__xyz=text)
+    with pytest.raises(InputError, match=r"samples are up to .* the grid pitch is 0\.2 mm"):
+        load_part(where / "part.toml")
+    (where / "part.toml").write_text("pitch_mm = 1.5\n" + part)
+    ball_part = load_part(where / "part.toml")
+    assert area(ball_part.section(0.0)) == pytest.approx(100 * np.pi, rel=0.02)
+    assert ball_part.sources.keys() == {"s.xyz"}
