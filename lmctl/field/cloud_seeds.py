@@ -6,6 +6,8 @@ edge where two sheets meet, or in the corner of three: all are tried.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,32 +23,49 @@ BAND_PITCHES = 1.25  # nodes this near the fitted surface are seeds
 FAR_PITCHES = 3.0  # a node this far from the nearest sample's patch is no seed
 
 
-def seed_cloud(
-    owner: Sources, samples: Samples, sheets: Sheets, grid: Grid
-) -> tuple[Sources, FloatArray, FloatArray]:
+@dataclass(frozen=True)
+class CloudSeeds:
+    """Nodes near a cloud's surface.
+
+    nodes : (m,) int64, flat index of each in the grid, rising
+    surface_mm : (m, 3) float64, the closest point of each
+    inwards : (m, 3) float64, the direction inwards from there through the node
+    distance_mm : (m,) float64, positive inside
+    supported : (m,) bool, whether samples are near the closest point, or on all sides of it
+    """
+
+    nodes: NDArray[np.int64]
+    surface_mm: FloatArray
+    inwards: FloatArray
+    distance_mm: FloatArray
+    supported: NDArray[np.bool_]
+
+
+def seed_cloud(owner: Sources, samples: Samples, sheets: Sheets, grid: Grid) -> CloudSeeds:
     """The nodes near a cloud's surface, each with its closest point.
 
     owner : (nz, ny, nx) int32, row of the nearest sample, or −1 where none is near
-    returns : sources (nz, ny, nx) int32, row of a seed or −1;
-        surface_mm (m, 3) float64, the closest point of each seed;
-        distance (m,) float64 [mm], of the seed from it, positive inside
     """
-    sources = np.full(grid.shape, -1, dtype=np.int32)
     most = int((owner >= 0).sum())
-    surface, distance = np.empty((most, 3)), np.empty(most)
+    nodes, distance = np.empty(most, dtype=np.int64), np.empty(most)
+    surface, inwards = np.empty((most, 3)), np.empty((most, 3))
+    supported = np.empty(most, dtype=np.bool_)
     count = _seed_kernel(
-        owner, sources, sheets.patch, sheets.spacing, sheets.count, sheets.member,
-        sheets.solid, samples.neighbours, surface, distance,
+        owner, sheets.patch, sheets.spacing, sheets.count, sheets.member, sheets.solid,
+        samples.neighbours, nodes, surface, inwards, distance, supported,
     )
-    origin = np.asarray(grid.origin_mm)
-    return sources, surface[:count] * grid.pitch_mm + origin, distance[:count] * grid.pitch_mm
+    return CloudSeeds(
+        nodes[:count].copy(), surface[:count] * grid.pitch_mm + np.asarray(grid.origin_mm),
+        inwards[:count].copy(), distance[:count] * grid.pitch_mm, supported[:count].copy(),
+    )
 
 
 @kernel
 def _seed_kernel(
-    owner: Sources, sources: Sources, patch: FloatArray, spacing: FloatArray,
+    owner: Sources, patch: FloatArray, spacing: FloatArray,
     sheet_count: NDArray[np.uint8], member: NDArray[np.int32], solid: NDArray[np.uint8],
-    neighbours: NDArray[np.int32], surface: FloatArray, distance: FloatArray,
+    neighbours: NDArray[np.int32], nodes: NDArray[np.int64], surface: FloatArray,
+    inwards: FloatArray, distance: FloatArray, supported: NDArray[np.bool_],
 ) -> int:
     """Everything in node units. Returns the number of seeds."""
     nz, ny, nx = owner.shape
@@ -55,22 +74,23 @@ def _seed_kernel(
     for k in range(nz):
         for j in range(ny):
             for i in range(nx):
-                nearest = np.int64(owner[k, j, i])
+                nearest = int(np.int64(owner[k, j, i]))
                 if nearest < 0 or sheet_count[nearest] == 0:
                     continue
                 x, y, z = float(i), float(j), float(k)
-                reach, sheets = 2.0 * spacing[nearest], np.int64(sheet_count[nearest])
+                reach, sheets = 2.0 * spacing[nearest], int(np.int64(sheet_count[nearest]))
                 if sheets == 1:
                     # One sheet only: its nearest patch tells most nodes to be off it.
-                    off = height_over(patch, np.int64(member[nearest, 0, 0]), reach, x, y, z)[0]
-                    if abs(off) > FAR_PITCHES:
+                    r = int(np.int64(member[nearest, 0, 0]))
+                    if abs(height_over(patch, r, reach, x, y, z)[0]) > FAR_PITCHES:
                         continue
                 # Each sheet is the mean of its patches, the ones near the node counting most.
                 sharpness = 2.0 / spacing[nearest] ** 2
+                n[1, 0] = n[1, 1] = n[1, 2] = n[2, 0] = n[2, 1] = n[2, 2] = 0.0
                 for s in range(sheets):
                     total, height, sx, sy, sz, first = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
                     for m in range(MEMBERS):
-                        r = np.int64(member[nearest, s, m])
+                        r = int(np.int64(member[nearest, s, m]))
                         if r < 0:
                             break
                         away = (x - patch[r, 0]) ** 2 + (y - patch[r, 1]) ** 2 + (
@@ -86,15 +106,24 @@ def _seed_kernel(
                     size = np.sqrt(sx * sx + sy * sy + sz * sz)
                     d[s] = height / total
                     n[s, 0], n[s, 1], n[s, 2] = sx / size, sy / size, sz / size
-                near = _nearest_boundary(d, n, np.int64(solid[nearest]), sheets, step)
+                near = _nearest_boundary(d, n, int(np.int64(solid[nearest])), sheets, step)
                 if abs(near) > BAND_PITCHES:
                     continue
-                x, y, z = x + step[0], y + step[1], z + step[2]
-                if _supported(x, y, z, patch, neighbours, nearest, spacing[nearest]):
-                    surface[count, 0], surface[count, 1], surface[count, 2] = x, y, z
-                    distance[count] = near
-                    sources[k, j, i] = count
-                    count += 1
+                surface[count, 0] = x + step[0]
+                surface[count, 1] = y + step[1]
+                surface[count, 2] = z + step[2]
+                distance[count] = near
+                supported[count] = _supported(
+                    x + step[0], y + step[1], z + step[2], patch, neighbours, nearest,
+                    spacing[nearest],
+                )
+                # On the surface itself all sheets there have a say in what is inwards.
+                for c in range(3):
+                    inwards[count, c] = -step[c] / near
+                    if abs(near) < 1e-3:
+                        inwards[count, c] = (n[0, c] + n[1, c] + n[2, c]) / sheets
+                nodes[count] = (k * ny + j) * nx + i
+                count += 1
     return count
 
 
@@ -162,23 +191,24 @@ def _nearest_boundary(
     return float(best if inside else -best)
 
 
+
 @kernel
 def _supported(
-    px: float, py: float, pz: float, patch: FloatArray, neighbours: NDArray[np.int32],
-    nearest: int, spacing: float,
+    x: float, y: float, z: float, patch: FloatArray, neighbours: NDArray[np.int32], nearest: int,
+    spacing: float,
 ) -> bool:
     """Whether samples lie around a surface point, or at least one is quite near.
 
     Within a gap samples lie on all sides. Beyond the last samples of a sheet they all lie on
     one: there the patch only goes on straight, and may already be in the air.
     """
-    x, y, z, found = 0.0, 0.0, 0.0, 0
+    sx, sy, sz, found = 0.0, 0.0, 0.0, 0
     for m in range(neighbours.shape[1] + 1):
-        r = nearest if m == 0 else np.int64(neighbours[nearest, m - 1])
-        dx, dy, dz = patch[r, 0] - px, patch[r, 1] - py, patch[r, 2] - pz
+        r = nearest if m == 0 else int(np.int64(neighbours[nearest, m - 1]))
+        dx, dy, dz = patch[r, 0] - x, patch[r, 1] - y, patch[r, 2] - z
         away = np.sqrt(dx * dx + dy * dy + dz * dz) + 1e-12
         if away < 0.7 * spacing:
             return True
         if away < 2.5 * spacing:
-            x, y, z, found = x + dx / away, y + dy / away, z + dz / away, found + 1
-    return found > 0 and bool(x * x + y * y + z * z < (0.55 * found) ** 2)
+            sx, sy, sz, found = sx + dx / away, sy + dy / away, sz + dz / away, found + 1
+    return found > 0 and bool(sx * sx + sy * sy + sz * sz < (0.55 * found) ** 2)

@@ -1,7 +1,7 @@
 """How the kernels of this package are compiled: once, cached on disk, dividing as numpy does.
 
-Python's way of dividing puts a branch that can raise behind every division, which costs a third
-of the compile time; no kernel here divides by what may be zero without looking.
+Python's way of dividing puts a branch that can raise behind every division; no kernel here
+divides by what may be zero without looking.
 """
 
 from __future__ import annotations

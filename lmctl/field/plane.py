@@ -89,7 +89,7 @@ def plane_distance(loops: Sequence[FloatArray], grid: PlaneGrid) -> NDArray[np.f
     if len(segments) == 0:
         return np.full(grid.shape, -np.inf, dtype=np.float32)
     distance = np.empty(grid.shape, dtype=np.float32)
-    nearest, odd = np.full(grid.shape, -1, dtype=np.int32), np.zeros(grid.shape, dtype=np.uint8)
+    nearest, odd = np.full(grid.shape, -1, dtype=np.int64), np.zeros(grid.shape, dtype=np.uint8)
     squared = np.full(grid.shape, np.inf)
     _distance_kernel(segments, ends, grid.pitch_mm, nearest, squared, odd, distance)
     return distance
@@ -160,7 +160,7 @@ def _to_segment_squared(segments: FloatArray, s: int, px: float, py: float) -> f
 
 @kernel
 def _distance_kernel(
-    segments: FloatArray, ends: NDArray[np.int64], pitch: float, nearest: NDArray[np.int32],
+    segments: FloatArray, ends: NDArray[np.int64], pitch: float, nearest: NDArray[np.int64],
     squared: FloatArray, odd: NDArray[np.uint8], distance: NDArray[np.float32],
 ) -> None:
     """Seeds, parity and sweeps in one kernel: the planes are small, the calls are many."""
@@ -205,7 +205,7 @@ def _distance_kernel(
                         im = i + (side - 2) * di if side else i - di
                         if jn < 0 or jn >= ny or im < 0 or im >= nx:
                             continue
-                        s = np.int64(nearest[jn, im])
+                        s = int(nearest[jn, im])
                         if s < 0 or s == nearest[j, i]:
                             continue
                         d2 = _to_segment_squared(segments, s, i * pitch, j * pitch)
@@ -218,7 +218,7 @@ def _distance_kernel(
             inside ^= odd[j, i]
             least = squared[j, i]
             for step in (-1, 1):
-                s = np.int64(nearest[j, i])
+                s = int(nearest[j, i])
                 first, last = ends[s]
                 while True:
                     s += step

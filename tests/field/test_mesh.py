@@ -1,0 +1,158 @@
+"""Fields of meshes: exact distances, and signs that survive what CAD exports do to a mesh."""
+
+from __future__ import annotations
+
+import igl
+import numpy as np
+import pytest
+
+from lmctl.errors import InputError
+from lmctl.field.field import sample, sample_gradient
+from lmctl.field.grid import Grid
+from lmctl.field.mesh import mesh_field
+from lmctl.field.primitives import box_distance
+
+BOX = ([-6.1, -4.3, -2.7], [6.2, 4.4, 3.1])
+
+
+@pytest.fixture
+def grid() -> Grid:
+    return Grid.around(np.array(BOX[0]), np.array(BOX[1]), 0.5)
+
+
+def test_a_box_is_measured_exactly(box_mesh, grid):
+    field = mesh_field(*box_mesh(*BOX), grid)
+    true = box_distance(grid.window().points(), *BOX).reshape(grid.shape)
+    assert np.abs(field.values - true)[np.abs(true) < 0.5].max() < 1e-5
+    # Farther out the point taken is the best among those of the seeds.
+    assert np.abs(field.values - true).max() < 0.1 * grid.pitch_mm
+    assert np.array_equal(field.values > 0, true > 0)
+    assert field.remarks == ()
+
+
+def test_faces_exactly_on_nodes_keep_their_signs(box_mesh):
+    low, high = [-3.0, -2.0, -2.0], [3.0, 2.0, 2.0]
+    grid = Grid.around(np.array(low), np.array(high), 0.5)
+    field = mesh_field(*box_mesh(low, high), grid)
+    true = box_distance(grid.window().points(), low, high).reshape(grid.shape)
+    assert np.abs(field.values - true).max() < 0.1 * grid.pitch_mm
+    assert field.remarks == ()
+
+
+def test_every_node_agrees_with_libigl(sphere_mesh):
+    vertices, triangles = sphere_mesh(8.0, 48)
+    vertices = vertices * [1.0, 0.7, 1.3] + 0.2 * np.sin(vertices[:, ::-1])
+    grid = Grid.around(vertices.min(axis=0), vertices.max(axis=0), 0.4)
+    points = grid.window().points()
+    exact = -igl.signed_distance(
+        points, vertices, triangles, sign_type=igl.SIGNED_DISTANCE_TYPE_PSEUDONORMAL
+    )[0].reshape(grid.shape)
+    error = mesh_field(vertices, triangles, grid).values - exact
+    assert np.sqrt(np.mean(error**2)) < 0.03 * grid.pitch_mm
+    away = np.abs(exact) > 1e-6
+    assert np.array_equal((error + exact > 0)[away], (exact > 0)[away])
+
+
+@pytest.mark.parametrize("wound", ["outwards", "inwards", "at random"])
+def test_winding_does_not_matter(sphere_mesh, wound):
+    vertices, triangles = sphere_mesh(8.0)
+    flip = {"outwards": np.zeros(len(triangles), bool), "inwards": np.ones(len(triangles), bool),
+            "at random": np.random.default_rng(0).random(len(triangles)) < 0.5}[wound]
+    triangles = np.where(flip[:, None], triangles[:, ::-1], triangles)
+    grid = Grid.around(vertices.min(axis=0), vertices.max(axis=0), 0.5)
+    field = mesh_field(vertices, triangles, grid)
+    true = 8.0 - np.linalg.norm(grid.window().points(), axis=1).reshape(grid.shape)
+    away = np.abs(true) > 0.05
+    assert np.array_equal((field.values > 0)[away], (true > 0)[away])
+
+
+def test_a_small_hole_is_outvoted_and_reported(sphere_mesh):
+    vertices, triangles = sphere_mesh(8.0)
+    grid = Grid.around(vertices.min(axis=0), vertices.max(axis=0), 0.5)
+    centres = vertices[triangles].mean(axis=1)
+    hole = np.linalg.norm(centres - [0.0, 8.0, 0.0], axis=1) < 1.0
+    assert hole.any()
+    field = mesh_field(vertices, triangles[~hole], grid)
+    points = grid.window().points()
+    true = 8.0 - np.linalg.norm(points, axis=1).reshape(grid.shape)
+    # Nodes in the hole itself may go either way.
+    away = (np.abs(true) > 0.05) & (
+        np.linalg.norm(points - [0.0, 8.0, 0.0], axis=1).reshape(grid.shape) > 2.0
+    )
+    assert np.array_equal((field.values > 0)[away], (true > 0)[away])
+    assert "open or cuts through itself" in field.remarks[0]
+
+
+def test_slivers_and_triangles_without_area_do_no_harm(box_mesh, grid):
+    vertices, triangles = box_mesh(*BOX)
+    flat = np.array([[0, 0, 1], [2, 2, 2]])
+    field = mesh_field(vertices, np.vstack([triangles, flat]), grid)
+    assert np.array_equal(field.values, mesh_field(vertices, triangles, grid).values)
+
+
+def test_error_falls_as_the_pitch_halves(sphere_mesh):
+    vertices, triangles = sphere_mesh(8.0, 256)
+    errors = []
+    for pitch in (1.0, 0.5, 0.25):
+        grid = Grid.around(vertices.min(axis=0), vertices.max(axis=0), pitch)
+        points = grid.window().points()
+        true = 8.0 - np.linalg.norm(points, axis=1)
+        error = mesh_field(vertices, triangles, grid).values.reshape(-1) - true
+        errors.append(np.sqrt(np.mean(error[np.abs(true) < 4.0] ** 2)))
+    assert errors[1] < 0.6 * errors[0]
+    assert errors[2] < 0.6 * errors[1]
+
+
+def test_closest_points_lie_on_the_surface_at_the_distance_given(sphere_mesh):
+    vertices, triangles = sphere_mesh(8.0)
+    grid = Grid.around(vertices.min(axis=0), vertices.max(axis=0), 1.0)
+    field = mesh_field(vertices, triangles, grid)
+    closest = field.closest.reshape(-1, 3)
+    assert np.linalg.norm(closest, axis=1) == pytest.approx(8.0, abs=0.02)
+    away = np.linalg.norm(closest - grid.window().points(), axis=1)
+    assert away == pytest.approx(np.abs(field.values.reshape(-1)), abs=1e-5)
+
+
+def test_sampling_between_and_beyond_the_nodes(sphere_mesh):
+    vertices, triangles = sphere_mesh(8.0)
+    grid = Grid.around(vertices.min(axis=0), vertices.max(axis=0), 0.5)
+    field = mesh_field(vertices, triangles, grid)
+    points = np.random.default_rng(1).uniform(-14.0, 14.0, (500, 3))
+    true = 8.0 - np.linalg.norm(points, axis=1)
+    assert np.abs(sample(field, points) - true)[true < 6.0].max() < 0.05
+    nodes = grid.window(10, 11).points()
+    assert np.array_equal(sample(field, nodes), field.values[10].reshape(-1).astype(np.float64))
+    near = points[np.abs(true) < 3.0]
+    inwards = -near / np.linalg.norm(near, axis=1)[:, None]
+    slope = sample_gradient(field, near)
+    assert np.sum(slope * inwards, axis=1) == pytest.approx(1.0, abs=0.03)
+
+
+def test_a_window_of_its_own_grid_is_its_own_values(box_mesh, grid):
+    field = mesh_field(*box_mesh(*BOX), grid)
+    assert np.shares_memory(field.on_window(grid.window(2, 5)), field.values)
+    other = Grid.around(np.array(BOX[0]), np.array(BOX[1]), 0.3)
+    true = box_distance(other.window(5, 9).points(), *BOX)
+    got = field.on_window(other.window(5, 9))
+    assert got.shape == other.window(5, 9).shape
+    assert np.abs(got.reshape(-1) - true).max() < 0.2
+
+
+@pytest.mark.parametrize(
+    ("break_it", "what"),
+    [
+        (lambda v, t: (v, t[:0]), "no triangles"),
+        (lambda v, t: (v, t + 3), "not there"),
+        (lambda v, t: (v, -t), "not there"),
+        (lambda v, t: (np.where(v > 6, np.nan, v), t), "not numbers"),
+        (lambda v, t: (np.where(v > 6, np.inf, v), t), "not numbers"),
+        (lambda v, t: (v + 1000.0, t), "outside its grid"),
+        (lambda v, t: (v, t[:1]), "encloses nothing"),
+        (lambda v, t: (v[:, :2], t), "not a list of triangles"),
+        (lambda v, t: (v, np.vstack([t, t])), "encloses nothing"),
+    ],
+)
+def test_meshes_that_cannot_be_used_are_refused(box_mesh, grid, break_it, what):
+    with pytest.raises(InputError, match=what) as error:
+        mesh_field(*break_it(*box_mesh(*BOX)), grid)
+    assert error.value.where
