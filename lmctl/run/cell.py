@@ -15,6 +15,8 @@ from lmctl.machine.motion import MotionDriver
 #: A nozzle within this of a place is there [mm]: a step of any common machine is finer.
 _THERE_MM = 0.05
 
+_CLOSE_S = 2.0
+
 
 class Cell:
     """One motion controller and the feeders a job uses.
@@ -57,8 +59,7 @@ class Cell:
     async def close(self) -> None:
         """Close every link; the devices are left as they are."""
         await asyncio.gather(
-            self.motion.close(), *(feeder.close() for feeder in self.feeders),
-            return_exceptions=True,
+            _close(self.motion), *map(_close, self.feeders), return_exceptions=True
         )
 
     def reported(self) -> None:
@@ -131,6 +132,12 @@ async def _close_all(opening: Sequence[asyncio.Future[Any]]) -> None:
     for device in await asyncio.gather(*opening, return_exceptions=True):
         if not isinstance(device, BaseException):
             await device.close()
+
+
+async def _close(device: MotionDriver | FeederDriver) -> None:
+    """Close a link; one that will not close must not keep a run from ending."""
+    async with asyncio.timeout(_CLOSE_S):
+        await device.close()
 
 
 async def _open_feeder(feeder: Feeder, hoppers: Sequence[Hopper]) -> FeederDriver:

@@ -56,6 +56,7 @@ class Deposition:
         self._streaming = False
         self._layer = 0
         self._layer_t = 0.0
+        self._layer_fed_g: dict[str, float] = {}
         self._percent = 100
 
     @property
@@ -74,10 +75,16 @@ class Deposition:
         """Send the first lines; the rest follows as lines are executed."""
         self.started = self._streaming = True
         self._layer_t = self._loop.time()
+        self._recorder.purged(self._feed.take_fed_g())
         self._release()
+
+    def held(self) -> None:
+        """Motion is to stop for a while: powder fed from now on is not this layer's."""
+        self._count_fed()
 
     def resumed(self) -> None:
         """Motion goes on after a hold."""
+        self._recorder.purged(self._feed.take_fed_g())
         self._outlook.restart()
 
     def stop(self) -> None:
@@ -184,13 +191,19 @@ class Deposition:
     def _layer_done(self) -> None:
         stretch = self._window.stretch(self._layer)
         t = self._loop.time()
-        fed_g = {name: round(fed, 3) for name, fed in self._feed.take_fed_g().items()}
+        self._count_fed()
         self._recorder.layer(
             layer=self._layer, z_mm=stretch.z_mm, lines=[stretch.first_line, stretch.last_line],
             paths=len(stretch.paths), beam_s=round(stretch.beam_s, 3),
             beam_mm=round(stretch.beam_mm, 3), energy_J=round(stretch.energy_J, 1),
             planned_s=round(float(stretch.end_s[-1] - stretch.start_s[0]), 3),
-            lasted_s=round(t - self._layer_t, 3), fed_g=fed_g,
+            lasted_s=round(t - self._layer_t, 3),
+            fed_g={name: round(fed, 3) for name, fed in self._layer_fed_g.items()},
         )
         self._layer += 1
         self._layer_t = t
+        self._layer_fed_g.clear()
+
+    def _count_fed(self) -> None:
+        for name, fed in self._feed.take_fed_g().items():
+            self._layer_fed_g[name] = self._layer_fed_g.get(name, 0.0) + fed

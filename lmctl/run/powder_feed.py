@@ -9,9 +9,6 @@ from lmctl.run.cell import Cell
 from lmctl.run.powder_lead import TICK_S, PowderPlan
 from lmctl.run.recorder import Recorder
 
-#: Flows are sent when they differ at the feeders' resolution, 0.01 g/min (process.md 1.4).
-_FLOW_DECIMALS = 2
-
 
 class PowderFeed:
     """The set-points of one run.
@@ -48,6 +45,8 @@ class PowderFeed:
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
+            self.flows_g_min = (0.0,) * len(self._names)
+            self._recorder.setpoint(dict(zip(self._names, self.flows_g_min, strict=True)))
 
     def take_fed_g(self) -> dict[str, float]:
         """What the set-points since the last call asked for, by hopper [g]."""
@@ -65,10 +64,9 @@ class PowderFeed:
             self._failed(error)
 
     def _send(self) -> None:
-        setpoints_g_s = self.plan.setpoints_g_s(self._loop.time())
-        for hopper, flow_g_s in enumerate(setpoints_g_s):
-            self._fed_g[hopper] += flow_g_s * TICK_S
-        flows = tuple(round(flow_g_s * 60.0, _FLOW_DECIMALS) for flow_g_s in setpoints_g_s)
+        flows = tuple(self.plan.setpoints_g_min(self._loop.time()))
+        for hopper, flow_g_min in enumerate(flows):
+            self._fed_g[hopper] += flow_g_min * TICK_S / 60.0
         if flows != self.flows_g_min:
             self.flows_g_min = flows
             by_name = dict(zip(self._names, flows, strict=True))

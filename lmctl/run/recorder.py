@@ -9,6 +9,7 @@ executed  a path has been executed: all its lines, not only acknowledged
 setpoint  flows sent to the hoppers [g/min]
 override  a feed override asked for, or reported by the controller [%]
 samples   columns of equal length, one value a status report
+purge     powder fed over the purge position or in a hold, before motion goes on [g]
 layer     all lines of a layer have been executed
 fault     the first reason why a run ended badly, and each later one
 seal      the end: state, lines executed
@@ -75,6 +76,10 @@ class Recorder:
         """Paths that have been executed."""
         for path in done:
             self._append("executed", path=path.path)
+
+    def purged(self, fed_g: dict[str, float]) -> None:
+        """Powder that has gone into no layer."""
+        self._append("purge", fed_g={name: round(fed, 3) for name, fed in fed_g.items()})
 
     def layer(self, **fields: Any) -> None:
         """A layer has been executed."""

@@ -157,7 +157,7 @@ class CellSequence:
             without_beam if self.beam_off else None,
         )
         clock = ProgramClock(window)
-        hoses = [Hose(h.dead_time_s, h.lag_s, h.max_flow_g_min / 60.0) for h in self._hoppers]
+        hoses = [Hose(h.dead_time_s, h.lag_s, h.max_flow_g_min) for h in self._hoppers]
         plan = PowderPlan(self._job.manifest.powder_mode, hoses, window, clock)
         feed = PowderFeed(cell, plan, self._recorder, self._failed)
         deposition = Deposition(
@@ -240,6 +240,7 @@ class CellSequence:
 
     async def _feed_hold(self) -> None:
         self._work.clock.stand(self._loop.time())
+        self._work.deposition.held()
         await self._connected.motion.hold()
 
     async def _keep_powder(self) -> None:

@@ -70,7 +70,7 @@ def share_within(job, *, mode="lead", dwell_s=0.0, rate=1.0, theta_error_s=0.0, 
     clock = ProgramClock(window)
     clock.acknowledge(window.n_lines)
     clock.set_rate(0.0, rate)
-    hoses = [Hose(theta + theta_error_s, lag, 10.0)
+    hoses = [Hose(theta + theta_error_s, lag, 600.0)
              for theta, lag in zip(THETA_S, LAG_S, strict=True)]
     plan = PowderPlan(mode, hoses, window, clock)
     starts_t = plan.lead_s + 0.5 + phase_s
@@ -88,7 +88,7 @@ def share_within(job, *, mode="lead", dwell_s=0.0, rate=1.0, theta_error_s=0.0, 
         if clock.due_rate(t) is not None:
             clock.set_rate(t, clock.due_rate(t))
         rates.append((t, clock.now(t), clock.rate))
-        setpoints.append(plan.setpoints_g_s(t))
+        setpoints.append([u / 60.0 for u in plan.setpoints_g_min(t)])
         t = len(setpoints) * TICK_S
     setpoints = np.array(setpoints)
     times = np.arange(starts_t, t, 0.01)
@@ -158,22 +158,37 @@ def test_a_dead_time_wrong_by_half_a_second_costs_little(job, error_s):
     assert share_within(job, theta_error_s=error_s)[0] >= 0.90
 
 
-def test_set_points_stay_within_the_hopper(job):
+def test_set_points_stay_within_the_hopper():
     assert lead(0.1, 0.0, 1.0, 0.9) == 0.0
     assert lead(0.1, 0.3, 1.0, 0.9) == 0.9
     assert lead(0.5, 0.5, 1.0, 0.9) == 0.5
+    assert lead(0.5, 0.7, 0.0, 0.9) == pytest.approx(0.7)  # without lag nothing leads
 
 
 @pytest.mark.parametrize("rate", [0.6, 1.0, 1.4])
-def test_the_law_is_the_one_of_the_design(rate):
-    """u = r (w(s + rθ) + rτ w'(s + rθ)) where w is a straight ramp: a tick's mean is mid-tick."""
-    slope, lag = 0.05, 1.3
-    def w(s):
-        return 0.2 + slope * s
-    s_ahead = 4.0
-    u = lead(rate * w(s_ahead), rate * w(s_ahead + rate * TICK_S), lag, 9.0)
-    middle = s_ahead + rate * TICK_S / 2
-    assert u == pytest.approx(rate * (w(middle) + rate * lag * slope))
+def test_for_short_ticks_the_law_is_the_one_of_the_design(rate):
+    """u = r (w(s + rθ) + rτ w'(s + rθ)) where w is a straight ramp."""
+    slope, lag, tick_s, ahead_s = 0.05, 1.3, 1e-4, 4.0
+    now, then = (rate * (0.2 + slope * s) for s in (ahead_s, ahead_s + rate * tick_s))
+    assert lead(now, then, lag, 9.0, tick_s) == pytest.approx(now + rate * rate * lag * slope,
+                                                              rel=1e-3)
+
+
+def test_what_a_limit_cuts_off_is_made_good(job):
+    """A step that the hopper cannot follow at once is reached as fast as it can, and exactly."""
+    window = job([[("bead", (100, 0, 0), 20.0, 0)]],
+                 flow=[(0.0, (0.1, 0.1)), (5.0, (0.1, 0.1)), (5.2, (0.5, 0.1)),
+                       (20.0, (0.5, 0.1))]).window()
+    clock = ProgramClock(window)
+    clock.acknowledge(1)
+    plan = PowderPlan("lead", [Hose(2.0, 1.0, 36.0), Hose(2.0, 1.0, 36.0)], window, clock)
+    clock.run_from(0.0)
+    setpoints = np.array([plan.setpoints_g_min(tick * TICK_S) for tick in range(100)])
+    assert setpoints[:, 0].max() == 36.0
+    arrived = at_nozzle(setpoints[:, 0], 2.0, 1.0, np.arange(0.05, 10.0, 0.1))
+    settled = int((5.0 + 1.0 * math.log((36 - 6) / (36 - 30)) + 0.2) / 0.1)
+    assert arrived[settled:] == pytest.approx(30.0, abs=0.02)
+    assert arrived[:48] == pytest.approx(6.0, abs=0.02)
 
 
 def test_settling_is_dead_time_and_four_lags():
