@@ -168,8 +168,14 @@ class ModbusLink:
             if (wait_s := self._quiet_until_s - self._loop.time()) > 0:
                 await asyncio.sleep(wait_s)
             asked_s = self._loop.time()
+            asking = asyncio.current_task()
+            cancelled_before = asking.cancelling() if asking else 0
             try:
                 answer: ModbusPDU = await request(*args, **settings)
+                # pymodbus waits by asyncio.wait_for, which before Python 3.12 swallows a cancel
+                # that comes in the same turn of the loop as the answer (CPython gh-86296).
+                if asking and asking.cancelling() > cancelled_before:
+                    raise asyncio.CancelledError
             except asyncio.CancelledError:
                 self._expect_late_answer(asked_s + self._timeout_s)
                 raise
