@@ -16,6 +16,9 @@ from lmctl.config.toml_file import Model
 #: No machine reaches farther; it keeps grids of a hostile file from overflowing.
 FARTHEST_MM = 100_000.0
 
+#: Points of a table nearer to each other than this are one place twice.
+LEAST_STEP_MM = 1e-6
+
 Positive = Annotated[float, Field(gt=0)]
 Share = Annotated[float, Field(gt=0, le=1)]
 Coordinate = Annotated[float, Field(ge=-FARTHEST_MM, le=FARTHEST_MM)]
@@ -216,7 +219,7 @@ class TableProfile(Model):
     @classmethod
     def _rising(cls, value: tuple[TablePoint, ...]) -> tuple[TablePoint, ...]:
         for index in range(1, len(value)):
-            if value[index].at_mm <= value[index - 1].at_mm:
+            if value[index].at_mm < value[index - 1].at_mm + LEAST_STEP_MM:
                 raise ValueError(
                     f"point {index + 1} at {value[index].at_mm:g} mm does not lie beyond "
                     f"point {index} at {value[index - 1].at_mm:g} mm"

@@ -165,5 +165,6 @@ def _vector(mixture: dict[str, float], names: list[str]) -> FloatArray:
 
 
 def _whole(fractions: FloatArray) -> FloatArray:
-    """Rows made to sum to 1: what interpolation and the part file's rounding left is shared out."""
-    return np.asarray(fractions / fractions.sum(axis=1, keepdims=True), dtype=np.float64)
+    """Rows without the −1e-17 that interpolation leaves, made to sum to 1."""
+    positive = np.maximum(fractions, 0.0)
+    return np.asarray(positive / positive.sum(axis=1, keepdims=True), dtype=np.float64)

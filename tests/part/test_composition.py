@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from lmctl.config.part_rules import parse_part_file
@@ -123,6 +123,7 @@ def test_spans_sum_to_one(near, far, start, length, a, k, distance) -> None:  # 
 
 
 @settings(max_examples=100)
+@example([(1e-197, np.array([0.0, 0.0, 1.0])), (-21.5, np.array([0.5, 0.25, 0.25]))], np.zeros(1))
 @given(st.lists(st.tuples(st.floats(-1e4, 1e4), mixtures), min_size=1, max_size=8,
                 unique_by=lambda row: round(row[0], 3)), distances)
 def test_tables_sum_to_one(rows, distance) -> None:  # type: ignore[no-untyped-def]
