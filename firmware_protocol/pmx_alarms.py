@@ -18,11 +18,11 @@ class Alarm:
 
 
 _SYSTEM_ALARMS = {
-    101: ("the emergency-stop chain is open", "release the emergency stop, then reset the alarm"),
+    101: ("the emergency-stop chain is open", "release the emergency stop"),
     102: ("the gas supply pressure is low", "check gas bottle, valve and regulator"),
     103: ("the mixer pressure is too high", "look for a clogged nozzle or kinked hose"),
     104: ("the host's heartbeat stopped, and its watchdog tripped",
-          "find out why the host went silent, then reset watchdog and alarm"),
+          "find out why the host went silent"),
     105: ("its configuration is invalid", "check the stored hopper settings"),
     106: ("it reports an internal fault", "switch it off and on; see its manual if that fails"),
 }

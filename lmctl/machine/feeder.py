@@ -106,7 +106,7 @@ class FeederDriver:
         """
         if self.status is not None and self.status.alarm is not None:
             alarm = self.status.alarm
-            raise self._cycle.error(alarm.text, f"{alarm.hint}; then reset its alarms")
+            raise self._cycle.error(alarm.text, f"{alarm.hint}, then reset the alarm")
         self._cycle.watching = True
         started_s = self._loop.time()
         preflow_s = self._feeder.gas_preflow_s

@@ -79,7 +79,7 @@ async def identify(
 async def _feed_factor(link: ModbusLink, hopper: Hopper, place: list[str]) -> float:
     """The stored factor [g/rev]. Raises MachineError where the hopper cannot feed its maximum."""
     names = [hopper_row(hopper.channel, name) for name in ("FEED_FACTOR", "N_MIN", "N_MAX")]
-    block = PMX.block(names)
+    (block,) = PMX.plan_reads(names)
     values = block.decode(await link.read_holding(block.address, block.count))
     factor, _, most_rpm = (float(values[name] or 0.0) for name in names)
     if factor * most_rpm < hopper.max_flow_g_min:

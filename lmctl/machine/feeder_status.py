@@ -124,7 +124,7 @@ class HopperReader:
             name for name in hopper_names(hopper.channel)
             if PMX[name].address < 100 * hopper.channel + _READ
         ]
-        self._block = PMX.block(wanted)
+        (self._block,) = PMX.plan_reads(wanted)
         self.address, self.count = self._block.address, self._block.count
         self._hopper = hopper
         self._factor = feed_factor_g_rev

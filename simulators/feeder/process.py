@@ -84,10 +84,6 @@ class HopperProcess:
         piece = self._piece_at(time_s)
         return min(self.config.fill_g, piece.fed_g + self._fed_in(piece, time_s - piece.start_s))
 
-    def level_s(self, weight_g: float) -> float:
-        """When the powder left falls to weight_g, as commanded now; inf if it never does."""
-        return self._time_fed(self.config.fill_g - weight_g)
-
     def nozzle_flow_g_s(self, time_s: FloatArray) -> FloatArray:
         """Flow out of the nozzle at each time, of any shape; exact but for the noise added."""
         time_s = np.asarray(time_s, dtype=np.float64)

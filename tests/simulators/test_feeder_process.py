@@ -114,15 +114,15 @@ def test_slower_feeding_puts_the_end_off():
     hopper.command(29.0, 0.0)
     assert hopper.empty_s == math.inf
     assert hopper.fed_g(1e6) == pytest.approx(29.0)
-    assert hopper.level_s(2.0) == 29.0  # passed already
 
 
-def test_the_level_falls_when_it_is_said_to():
-    hopper = HopperProcess(replace(PLAIN, fill_g=100.0, drive_lag_s=0.5))
-    hopper.command(0.0, 20.0, ramp_s=8.0)
-    for weight_g in (99.0, 98.0, 60.0, 1.0):
-        when = hopper.level_s(weight_g)
-        assert hopper.fed_g(when) == pytest.approx(100.0 - weight_g, rel=1e-9)
+def test_powder_runs_out_when_it_is_said_to_through_ramp_and_drive_lag():
+    for fill_g in (1.0, 2.0, 40.0, 99.0):
+        hopper = HopperProcess(replace(PLAIN, fill_g=fill_g, drive_lag_s=0.5))
+        full = HopperProcess(replace(PLAIN, drive_lag_s=0.5))
+        for process in (hopper, full):
+            process.command(0.0, 20.0, ramp_s=8.0)
+        assert full.fed_g(hopper.empty_s) == pytest.approx(fill_g, rel=1e-9)
 
 
 def test_a_new_command_replaces_what_had_not_begun():
