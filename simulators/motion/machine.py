@@ -12,7 +12,8 @@ from enum import Enum
 
 from firmware_protocol.dialect import GRBLHAL, Dialect
 from firmware_protocol.messages import Alarm, Feedback, Message
-from simulators.motion.actions import Motion, Vector
+from simulators.motion.accessories import Accessories
+from simulators.motion.actions import Vector
 from simulators.motion.planner import Planner
 from simulators.motion.reports import StatusReporter
 from simulators.motion.settings import Settings
@@ -26,7 +27,6 @@ _ORIGIN: Vector = (0.0, 0.0, 0.0)
 # How far the step segment buffer runs ahead: of 10 ms each, Grbl keeps 5 ready and grblHAL 9.
 _SEGMENT_S = 0.01
 _SEGMENTS = {False: 5, True: 9}
-_DOOR_COOLANT_DELAY_S, _DOOR_SPINDLE_DELAY_S = 1.0, 4.0  # Grbl 1.1 `config.h`
 
 
 class Stopping(Enum):
@@ -61,9 +61,6 @@ class Machine:
         self.homed = False
         self.door_open = False
         self.overrides = (100, 100, 100)
-        self.spindle_mode = 5
-        self.flood = False
-        self.mist = False
         self.probed_mm = _ORIGIN
         self.input_result: int | None = None
         self.now_s = 0.0
@@ -72,9 +69,7 @@ class Machine:
         segments = _SEGMENTS[self.hal]
         self.stepper = Stepper(self.planner, self.trace, segments * _SEGMENT_S, segments)
         self.reporter = StatusReporter(dialect)
-        self._spindle_stopped = False  # by a hold or the door, to be restored
-        self._coolant_stopped = False  # by the door
-        self._power_before = 0.0  # standing power to restore
+        self.accessories = Accessories(settings, self.stepper, self.reporter, self.hal)
         self._door_after_jog = False
 
     def settle(self, now_s: float) -> None:
@@ -114,16 +109,6 @@ class Machine:
         """Where the axes are, in whole steps."""
         (x, y, z), (sx, sy, sz) = self.stepper.position_mm(self.now_s), self._steps_per_mm()
         return (round(x * sx) / sx, round(y * sy) / sy, round(z * sz) / sz)
-
-    def substate(self) -> int | None:
-        """The number behind Hold and Door."""
-        if self.state is State.HOLD:
-            return 0 if self.stopping is None else 1
-        if self.state is State.DOOR:
-            if self.stopping is not None:
-                return 2
-            return 3 if self.restore_s is not None else int(self.door_open)
-        return None
 
     # --- real-time commands
 
@@ -166,14 +151,14 @@ class Machine:
 
     def resume(self) -> None:
         if self.state is State.HOLD and self.stopping is None:
-            if self._spindle_stopped:
+            if self.accessories.spindle_stopped:
                 self.say(Feedback("MSG", "Restoring spindle"))
             if self.hal:
                 self.say(Feedback("MSG", ""))
             self._go_on()
         elif self.state is State.DOOR and self.held() and not self.door_open:
             if self.restore_s is None:
-                self.restore_s = self.now_s + self._restore_delay_s()
+                self.restore_s = self.now_s + self.accessories.restore_delay_s()
                 self.settle(self.now_s)
         elif self.state is State.TOOL:
             self.state = State.IDLE
@@ -182,15 +167,16 @@ class Machine:
     def toggle_spindle_stop(self) -> None:
         if self.state is not State.HOLD or self.stopping is not None:
             return
-        if self._spindle_stopped:
+        if self.accessories.spindle_stopped:
             self.say(Feedback("MSG", "Restoring spindle"))
-            self._restore_spindle()
+            self.accessories.restore_spindle(self.now_s)
         else:
-            self._stop_spindle()
+            self.accessories.stop_spindle()
 
     def toggle_coolant(self, mist: bool) -> None:
         if self.state in (State.IDLE, State.RUN, State.HOLD):
-            self.set_coolant(self.flood != (not mist), self.mist != mist)
+            on = self.accessories
+            on.set_coolant(on.flood != (not mist), on.mist != mist)
 
     def set_overrides(self, feed: int, rapid: int, spindle: int) -> None:
         """Percent; clipped to what the firmware allows."""
@@ -210,9 +196,8 @@ class Machine:
         locked = self.state is State.ALARM or (self.state is State.SLEEP)
         self._stop_dead()
         self.critical = False
-        self._spindle_stopped = self._coolant_stopped = self._door_after_jog = False
-        self.set_spindle(5, 0.0)
-        self.set_coolant(False, False)
+        self._door_after_jog = False
+        self.accessories.all_off(self.now_s)
         self.set_overrides(100, 100, 100)
         self.reporter.restart()
         alarm = 0
@@ -229,9 +214,7 @@ class Machine:
     def stop_keeping_state(self) -> None:
         """grblHAL's 0x19: stop dead, forget the plan, keep position and offsets."""
         self._stop_dead()
-        self._spindle_stopped = self._coolant_stopped = False
-        self.set_spindle(5, 0.0)
-        self.set_coolant(False, False)
+        self.accessories.all_off(self.now_s)
         if self.state is not State.ALARM:
             self.state = State.IDLE
 
@@ -240,66 +223,10 @@ class Machine:
         self.alarm = code
         self.state = State.ALARM
         self.say(Alarm(code))
-        self.set_spindle(5, 0.0)
-        self.set_coolant(False, False)
+        self.accessories.all_off(self.now_s)
         if code == SOFT_LIMIT_ALARM:
             self.critical = True
             self.say(Feedback("MSG", "Reset to continue"))
-
-    # --- outputs
-
-    def set_spindle(self, mode: int, standing: float) -> None:
-        """M3, M4 or M5 with the axes at rest."""
-        changed = mode != self.spindle_mode or standing != self.stepper.standing
-        self.spindle_mode = mode
-        self.stepper.stand(standing, self.now_s)
-        if changed:
-            self.reporter.accessories_changed()
-
-    def set_coolant(self, flood: bool, mist: bool) -> None:
-        if (flood, mist) != (self.flood, self.mist):
-            self.flood, self.mist = flood, mist
-            self.reporter.accessories_changed()
-
-    def accessories(self) -> str:
-        """The letters of `A:`."""
-        _, power = self.stepper.head()
-        on = self.spindle_mode != 5 and not self._spindle_stopped
-        if not self.hal and self.settings.laser:
-            on = on and power > 0.0  # its spindle reads as off while the PWM is at zero
-        letters = ("C" if self.spindle_mode == 4 else "S") if on else ""
-        if self._coolant_stopped:
-            return letters
-        return letters + ("F" if self.flood else "") + ("M" if self.mist else "")
-
-    def feed_and_speed(self) -> tuple[float, float]:
-        """Actual feed [mm/min] and S, at the head of what is committed, as the firmware tells."""
-        speed, power = self.stepper.head()
-        block = self.stepper.held_block
-        if self.hal and self.held() and block is not None:
-            speed = block.nominal  # it shows what it will go on with
-        elif self.state not in MOVING and self.stopping is None:
-            speed = 0.0
-        return speed * 60.0, power * self.settings[30]
-
-    # --- homing
-
-    def homing_moves(self) -> tuple[list[Motion], list[Motion]]:
-        """To the switches, Z first, and off them again."""
-        x, y, _ = self.planner.position_mm
-        toward: list[float] = []
-        clear: list[float] = []
-        for axis, travel in enumerate(self.settings.travel_mm):
-            far = int(self.settings[23]) >> axis & 1
-            toward.append(-travel if far else 0.0)
-            clear.append(toward[axis] + (self.settings[27] if far else -self.settings[27]))
-        seek, pull = self.settings[25] / 60.0, self.settings[24] / 60.0
-        to_z: Vector = (x, y, toward[2])
-        to_xy: Vector = (toward[0], toward[1], toward[2])
-        off: Vector = (clear[0], clear[1], clear[2])
-        return [Motion(to_z, seek), Motion(to_xy, seek)], [Motion(off, pull)]
-
-    # ---
 
     def _stop_dead(self) -> None:
         self.stepper.stop_dead(self.now_s)
@@ -321,11 +248,9 @@ class Machine:
         why, self.stopping = self.stopping, None
         if why is Stopping.HOLD:
             if self.settings.laser and self.settings.laser_off_in_hold:
-                self._stop_spindle()
+                self.accessories.stop_spindle()
         elif why is Stopping.DOOR:
-            self._stop_spindle()
-            self._coolant_stopped = True
-            self.reporter.accessories_changed()
+            self.accessories.stop_for_door()
         else:
             self.stepper.forget(self.now_s)
             self._displaced(self.planner.position_mm)
@@ -337,36 +262,9 @@ class Machine:
             else:
                 self.state = State.IDLE
 
-    def _stop_spindle(self) -> None:
-        if self.spindle_mode != 5 and not self._spindle_stopped:
-            self._spindle_stopped = True
-            self._power_before = self.stepper.standing
-            self.stepper.stand(0.0, self.stepper.end_s)
-            self.reporter.accessories_changed()
-
-    def _restore_spindle(self) -> None:
-        if self._spindle_stopped:
-            self._spindle_stopped = False
-            self.stepper.stand(self._power_before, self.now_s)
-            if self.hal or not self.settings.laser:  # Grbl's laser only waits for the next step
-                self.reporter.accessories_changed()
-
-    def _restore_delay_s(self) -> float:
-        coolant_s, spindle_s = _DOOR_COOLANT_DELAY_S, _DOOR_SPINDLE_DELAY_S
-        if self.hal:
-            spindle_s, coolant_s = self.settings[392], self.settings[393]
-        delay_s = coolant_s if self.flood or self.mist else 0.0
-        if self._spindle_stopped and not self.settings.laser:
-            delay_s += spindle_s
-        return delay_s
-
     def _go_on(self) -> None:
         self.restore_s = None
-        self._restore_spindle()
-        if self._coolant_stopped:
-            self._coolant_stopped = False
-            if self.flood or self.mist:
-                self.reporter.accessories_changed()
+        self.accessories.restore(self.now_s)
         self.state = State.IDLE
         if self.planner.first is not None:
             self.state = State.RUN

@@ -62,7 +62,7 @@ class Offsets:
         if code in (281, 301):
             return lambda: self.stored.update({code - 1: position_mm})
         if code == 920:
-            given = self._given(words, scale, used)
+            given = self._given(words, scale)
             return lambda: self._set_g92(
                 _replaced(self.g92, given, position_mm, self.systems[wcs], self.tool)
             )
@@ -70,7 +70,7 @@ class Offsets:
             return lambda: self._set_g92(_ZERO)
         length = words.g.get("tool length", 0)
         if length == 431:
-            given = self._given(words, scale, used)
+            given = self._given(words, scale)
             if given[0] is not None or given[1] is not None or given[2] is None:
                 raise GcodeError(TOOL_AXIS)
             along_z = given[2]
@@ -89,7 +89,7 @@ class Offsets:
         used: set[str],
     ) -> Callable[[], None]:
         values = words.values
-        given = self._given(words, scale, used)
+        given = self._given(words, scale)
         if "P" not in values or "L" not in values:
             raise GcodeError(NO_VALUE)
         systems = SYSTEMS_GRBLHAL if many_systems else SYSTEMS_GRBL
@@ -113,11 +113,10 @@ class Offsets:
         self.tool = offset
 
     @staticmethod
-    def _given(words: Words, scale: float, used: set[str]) -> list[float | None]:
+    def _given(words: Words, scale: float) -> list[float | None]:
         given = [words.values[axis] * scale if axis in words.values else None for axis in "XYZ"]
         if given == [None, None, None]:
             raise GcodeError(NO_AXES)
-        used.update("XYZ")
         return given
 
 

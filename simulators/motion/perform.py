@@ -63,9 +63,9 @@ def _move(machine: Machine, motion: Motion) -> Steps:
 def _at_rest(machine: Machine, action: Action) -> Steps:
     match action:
         case Spindle(mode, standing):
-            machine.set_spindle(mode, standing)
+            machine.accessories.set_spindle(mode, standing, machine.now_s)
         case Coolant(flood, mist):
-            machine.set_coolant(flood, mist)
+            machine.accessories.set_coolant(flood, mist)
         case Dwell(seconds):
             yield machine.now_s + seconds
         case Switch(kind, port, value):
@@ -87,8 +87,7 @@ def _at_rest(machine: Machine, action: Action) -> Steps:
             machine.state = State.TOOL
             machine.reporter.tool_requested()
         case ProgramEnd():
-            machine.set_spindle(5, 0.0)
-            machine.set_coolant(False, False)
+            machine.accessories.all_off(machine.now_s)
             machine.set_overrides(100, 100, 100)
             machine.say(Feedback("MSG", "Pgm End"))
         case Motion():

@@ -14,7 +14,7 @@ from firmware_protocol.dialect import GRBLHAL, Dialect
 from firmware_protocol.messages import Feedback, Message, Setting, Status, StoredLine
 from firmware_protocol.status import StatusReport
 from simulators.motion.actions import Vector
-from simulators.motion.modal import Interpreter
+from simulators.motion.interpreter import Interpreter
 from simulators.motion.offsets import SYSTEMS_GRBL, SYSTEMS_GRBLHAL
 from simulators.motion.ports import ANALOG_IN, ANALOG_OUT, DIGITAL_IN, DIGITAL_OUT
 from simulators.motion.settings import Settings

@@ -9,10 +9,11 @@ from firmware_protocol.dialect import GRBLHAL, Dialect
 from firmware_protocol.gcode import GcodeError
 from firmware_protocol.messages import Feedback, Message, Unknown
 from simulators.motion import reports
+from simulators.motion.homing import home
+from simulators.motion.interpreter import Interpreter
 from simulators.motion.machine import Machine
-from simulators.motion.modal import Interpreter
 from simulators.motion.perform import out_of_travel
-from simulators.motion.settings import SettingError, Settings
+from simulators.motion.settings import SettingError
 from simulators.motion.states import State
 from simulators.motion.waits import Steps, Wait
 
@@ -23,7 +24,6 @@ _HELP = "$$ $# $G $I $N $x=val $Nx=line $J=line $SLP $C $X $H ~ ! ? ctrl-x"
 _ASSIGNMENT = re.compile(r"\$([0-9.]+)=(.*)")
 _STORED = re.compile(r"\$N([0-9])=(.*)")
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)")
-_HOMING_CLEARANCE_S = 0.5  # debounce and settling between seeking the switches and leaving them
 
 
 class SystemCommands:
@@ -36,7 +36,6 @@ class SystemCommands:
     def __init__(
         self,
         dialect: Dialect,
-        settings: Settings,
         interpreter: Interpreter,
         machine: Machine,
         identity: list[Message],
@@ -46,7 +45,7 @@ class SystemCommands:
         self.startup = {0: "", 1: ""}
         self._dialect = dialect
         self._hal = dialect is GRBLHAL
-        self._settings = settings
+        self._settings = machine.settings
         self._interpreter = interpreter
         self._machine = machine
         self._identity = identity
@@ -146,8 +145,7 @@ class SystemCommands:
         if self._hal:
             return UNKNOWN  # not built into the firmware whose transcripts these are
         machine = self._machine
-        machine.set_spindle(5, 0.0)
-        machine.set_coolant(False, False)
+        machine.accessories.all_off(machine.now_s)
         machine.state = State.SLEEP
         return 0
 
@@ -214,18 +212,6 @@ class SystemCommands:
             return HOMING_OFF
         if machine.door_open:
             return DOOR_OPEN
-        machine.state = State.HOME
-        seek, leave = machine.homing_moves()
-        for moves in (seek, leave):
-            for motion in moves:
-                machine.planner.add(motion)
-            machine.stepper.start(machine.now_s)
-            yield Wait.REST
-            yield machine.now_s + _HOMING_CLEARANCE_S
-        machine.stepper.running = False
-        machine.state = State.IDLE
-        machine.alarm = 0
-        machine.homed = True
-        machine.reporter.homed_changed()
+        yield from home(machine)
         self._interpreter.position_mm = machine.planner.position_mm
         return (yield from self.run_startup())

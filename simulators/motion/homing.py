@@ -1,0 +1,49 @@
+"""The homing cycle: to the switches, Z first, and off them again.
+
+The switches are where the travel ends: at 0, or at -travel where `$23` says so. The seek for each
+switch is one move, without the firmware's second, slower approach.
+"""
+
+from __future__ import annotations
+
+from simulators.motion.actions import Motion, Vector
+from simulators.motion.machine import Machine
+from simulators.motion.states import State
+from simulators.motion.waits import Steps, Wait
+
+_CLEARANCE_S = 0.5  # debounce and settling after each leg
+
+
+def home(machine: Machine) -> Steps:
+    """Homes all axes and leaves the machine Idle."""
+    machine.state = State.HOME
+    settings = machine.settings
+    seek, leave = settings[25] / 60.0, settings[24] / 60.0
+    x, y, _ = machine.planner.position_mm
+    switch, clear = _ends(machine)
+    for legs in (
+        (Motion((x, y, switch[2]), seek), Motion(switch, seek)),
+        (Motion(clear, leave),),
+    ):
+        for leg in legs:
+            machine.planner.add(leg)
+        machine.stepper.start(machine.now_s)
+        yield Wait.REST
+        yield machine.now_s + _CLEARANCE_S
+    machine.stepper.running = False
+    machine.state = State.IDLE
+    machine.alarm = 0
+    machine.homed = True
+    machine.reporter.homed_changed()
+    return 0
+
+
+def _ends(machine: Machine) -> tuple[Vector, Vector]:
+    """Where the switches are, and where the axes stand after pulling off."""
+    settings = machine.settings
+    switch, clear = [], []
+    for axis, travel in enumerate(settings.travel_mm):
+        far = int(settings[23]) >> axis & 1
+        switch.append(-travel if far else 0.0)
+        clear.append(switch[axis] + (settings[27] if far else -settings[27]))
+    return (switch[0], switch[1], switch[2]), (clear[0], clear[1], clear[2])

@@ -1,0 +1,289 @@
+"""G-code interpreter: a line and the modal state give actions, or the firmware's error number.
+
+Nothing moves or waits here. The state is that *behind* the line, as the firmware's parser state
+is; the order of a line's actions is the firmware's (Grbl 1.1 `gcode.c` step 4; NIST RS274/NGC
+section 3.8). The ordinary line, one straight move, takes a short way through.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+from firmware_protocol.dialect import GRBLHAL, Dialect
+from firmware_protocol.gcode import GcodeError, tokenise
+from simulators.motion.actions import (
+    BEAM_CONSTANT,
+    BEAM_DYNAMIC,
+    BEAM_OFF,
+    Action,
+    Coolant,
+    Dwell,
+    Motion,
+    Pause,
+    Probe,
+    ProgramEnd,
+    Spindle,
+    ToolChange,
+    Vector,
+)
+from simulators.motion.modal import (
+    AXIS_LETTERS,
+    INCH_MM,
+    MAX_LINE,
+    NO_AXES,
+    NO_FEED,
+    UNUSED,
+    Modal,
+    check,
+    target_of,
+)
+from simulators.motion.offsets import Offsets
+from simulators.motion.settings import Settings
+from simulators.motion.words import Grammar, Words
+
+BAD_JOG = 16
+
+_NUMERIC = b"0123456789.+- "
+_ORDINARY = frozenset(b"NGXYZFS")
+_JOG_CODES = frozenset((200, 210, 900, 910, 530))
+
+
+@lru_cache(maxsize=256)
+def _is_ordinary(letters: bytes) -> bool:
+    """The letters of a line are those of one straight move, none of them twice."""
+    return bool(letters) and len(set(letters)) == len(letters) and _ORDINARY.issuperset(letters)
+
+
+@dataclass
+class Interpreter:
+    """Turns lines into actions.
+
+    position_mm : machine coordinates of the last target
+    """
+
+    dialect: Dialect
+    settings: Settings
+    position_mm: Vector = (0.0, 0.0, 0.0)
+    modal: Modal = field(default_factory=Modal)
+    offsets: Offsets = field(default_factory=Offsets)
+
+    def __post_init__(self) -> None:
+        self._hal = self.dialect is GRBLHAL
+        self._grammar = Grammar(self.dialect)
+        self._outputs: tuple[tuple[str, int, float], ...] = ()
+        self._next_tool = 0
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Settings or offsets have changed."""
+        self._laser = self.settings.laser
+        self._full = self.settings[30]
+        self._floor = min(1.0, self.settings[31] / self._full)
+        self.work_offset_mm = self.offsets.total(self.modal.wcs)
+
+    def reset(self) -> None:
+        """Back to the state after power-up; stored offsets stay."""
+        self.modal = Modal(tool=self.modal.tool)
+        self.offsets.reset()
+        self._outputs = ()
+        self.refresh()
+
+    def interpret(self, line: bytes) -> tuple[Action, ...] | list[Action]:
+        """raises: GcodeError; the state is then as before"""
+        letters = line.translate(None, _NUMERIC)
+        if _is_ordinary(letters):
+            words = line.decode().split()
+            try:
+                if len(words) == len(letters):
+                    # Only digits, signs and points are left to float(), and each word has its own
+                    # letter: what float() takes is what the firmware takes.
+                    motion = self._ordinary({word[0]: float(word[1:]) for word in words})
+                    if motion is not None:
+                        return (motion,)
+            except ValueError:
+                pass  # the long way finds the error number
+        tokens = tokenise(line)
+        return self._block(self._grammar.sort(tokens)) if tokens else ()
+
+    def _ordinary(self, values: dict[str, float]) -> Motion | None:
+        """The one straight move that these words ask for; None where it takes a longer look."""
+        modal = self.modal
+        rapid = False
+        code = values.get("G")
+        if code != 1.0 and (code is not None or modal.motion != 10):
+            if code != 0.0 and (code is not None or modal.motion != 0):
+                return None
+            rapid = True
+        speed = values.get("S", modal.speed)
+        feed = values.get("F")
+        if feed is None:
+            feed = modal.feed
+        elif modal.units == 200:
+            feed *= INCH_MM
+        line = values.get("N", 0.0)
+        if (
+            feed <= 0.0
+            or not 0.0 <= line <= MAX_LINE
+            or speed < 0.0
+            or modal.feed_mode == 930
+            or not (self._laser or speed == modal.speed)
+        ):
+            return None
+        scale = 1.0 if modal.units == 210 else INCH_MM
+        x, y, z = self.position_mm
+        ox, oy, oz = self.work_offset_mm if modal.distance == 900 else self.position_mm
+        if "X" in values:
+            x = values["X"] * scale + ox
+        if "Y" in values:
+            y = values["Y"] * scale + oy
+        if "Z" in values:
+            z = values["Z"] * scale + oz
+        elif "X" not in values and "Y" not in values:
+            return None
+        modal.motion = 0 if rapid else 10
+        modal.feed = feed
+        modal.speed = speed
+        self.position_mm = target = (x, y, z)
+        beam, power = self._beam(rapid)
+        outputs, self._outputs = self._outputs, ()
+        return Motion(target, feed / 60.0, rapid, int(line), beam, power, self._floor, outputs)
+
+    def jog(self, line: bytes) -> Motion:
+        """A `$J=` line: its own feed, units and distance mode; the modal state stays."""
+        words = self._grammar.sort(tokenise(line))
+        if words.m or not _JOG_CODES.issuperset(words.g.values()):
+            raise GcodeError(BAD_JOG)
+        values = words.values
+        if not values.keys() <= frozenset("NFXYZ"):
+            raise GcodeError(BAD_JOG if self._hal else UNUSED)
+        if not any(axis in values for axis in AXIS_LETTERS):
+            raise GcodeError(NO_AXES)
+        if not values.get("F"):
+            raise GcodeError(NO_FEED)
+        modal = self.modal
+        scale = INCH_MM if words.g.get("units", modal.units) == 200 else 1.0
+        base: Vector = (0.0, 0.0, 0.0)
+        if "nonmodal" not in words.g:
+            absolute = words.g.get("distance", modal.distance) == 900
+            base = self.work_offset_mm if absolute else self.position_mm
+        target = target_of(words, scale, base, self.position_mm)
+        return Motion(target, values["F"] * scale / 60.0, line=int(values.get("N", 0.0)))
+
+    def _beam(self, rapid: bool) -> tuple[int, float]:
+        mode = self.modal.spindle
+        if mode == 5 or (rapid and self._laser):
+            return BEAM_OFF, 0.0
+        power = self.modal.speed / self._full
+        if power > 1.0:
+            power = 1.0
+        return (BEAM_DYNAMIC if mode == 4 and self._laser else BEAM_CONSTANT), power
+
+    def _standing(self, motion: int) -> float:
+        """Beam power at standstill, by the spindle state and the motion mode."""
+        mode = self.modal.spindle
+        if mode == 5 or (self._laser and (mode == 4 or motion not in (10, 20, 30))):
+            return 0.0
+        return max(min(1.0, self.modal.speed / self._full), self._floor if self.modal.speed else 0)
+
+    def _block(self, words: Words) -> list[Action]:
+        modal, g, m = self.modal, words.g, words.m
+        block = check(words, modal, self.offsets, self.position_mm, self._hal, self.settings[12])
+        motion = block.motion
+        actions: list[Action] = []
+        self._set_speed(words, motion, block.moves, actions)
+        self._set_tool(words, actions)
+        if m.get("spindle", modal.spindle) != modal.spindle:
+            modal.spindle = m["spindle"]
+            actions.append(Spindle(modal.spindle, self._standing(motion)))
+        self._set_coolant(m.get("coolant"), actions)
+        if block.ports is not None:
+            self._outputs += block.ports.queued
+            actions += block.ports.actions
+        if block.dwell_s is not None:
+            actions.append(Dwell(block.dwell_s))
+        modal.feed = block.feed
+        modal.feed_mode = g.get("feed", modal.feed_mode)
+        modal.plane = g.get("plane", modal.plane)
+        modal.units = g.get("units", modal.units)
+        modal.wcs = g.get("wcs", modal.wcs)
+        modal.distance = g.get("distance", modal.distance)
+        modal.retract = g.get("retract", modal.retract)
+        modal.tool_length = g.get("tool length", modal.tool_length)
+        if block.change_offsets is not None:
+            block.change_offsets()
+        self.work_offset_mm = self.offsets.total(modal.wcs)
+        if block.points:
+            probes = block.moves and motion >= 382
+            beam, power = self._beam(block.rapid or probes)
+            for point in block.points:
+                outputs, self._outputs = self._outputs, ()
+                actions.append(
+                    Motion(
+                        point,
+                        block.rate_mm_min / 60.0,
+                        block.rapid,
+                        block.line,
+                        beam,
+                        power,
+                        self._floor,
+                        outputs,
+                    )
+                )
+            self.position_mm = block.points[-1]
+            if probes:
+                actions.append(Probe(alarm=motion in (382, 384)))
+        modal.motion = motion
+        self._finish(m.get("stop"), actions)
+        return actions
+
+    def _set_speed(self, words: Words, motion: int, moves: bool, actions: list[Action]) -> None:
+        modal = self.modal
+        speed = words.values.get("S", modal.speed)
+        burning = (10, 20, 30)
+        # With M3 the beam burns at standstill, so entering or leaving G1 without a move shows.
+        switches = (
+            self._laser
+            and modal.spindle == 3
+            and not moves
+            and (modal.motion in burning) != (motion in burning)
+        )
+        changed = speed != modal.speed
+        modal.speed = speed
+        if modal.spindle != 5 and (changed or switches) and not (moves and self._laser):
+            actions.append(Spindle(modal.spindle, self._standing(motion)))
+
+    def _set_tool(self, words: Words, actions: list[Action]) -> None:
+        if "T" in words.values:
+            self._next_tool = int(words.values["T"])
+            if not self._hal:
+                self.modal.tool = self._next_tool
+        if "tool" in words.m:
+            actions.append(ToolChange())
+
+    def mount_tool(self) -> None:
+        """grblHAL: the tool selected by T has been put in and acknowledged."""
+        self.modal.tool = self._next_tool
+
+    def _set_coolant(self, code: int | None, actions: list[Action]) -> None:
+        modal = self.modal
+        if code is None:
+            return
+        flood, mist = (code == 8 or modal.flood, code == 7 or modal.mist)
+        if code == 9:
+            flood = mist = False
+        if (flood, mist) != (modal.flood, modal.mist):
+            modal.flood, modal.mist = flood, mist
+            actions.append(Coolant(flood, mist))
+
+    def _finish(self, stop: int | None, actions: list[Action]) -> None:
+        modal = self.modal
+        if stop in (0, 1):
+            if stop == 0:
+                actions.append(Pause())
+        elif stop is not None:
+            modal.motion, modal.plane, modal.distance = 10, 170, 900
+            modal.feed_mode, modal.wcs = 940, 540
+            modal.spindle, modal.flood, modal.mist = 5, False, False
+            self.refresh()
+            actions.append(ProgramEnd())

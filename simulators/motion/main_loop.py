@@ -1,0 +1,246 @@
+"""The controller's main loop: lines from the receive buffer to answers.
+
+A line that has to wait (for room in the planner, for the axes to come to rest, for a dwell) is a
+generator that yields what it waits for; meanwhile no other line leaves the receive buffer, as in
+the firmware. The ordinary move for which there is room never becomes a generator.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from firmware_protocol.device import GrblDevice
+from firmware_protocol.dialect import ErrorPolicy
+from firmware_protocol.gcode import GcodeError, significant
+from firmware_protocol.messages import ErrorReply, Feedback, Message
+from simulators.motion.actions import BEAM_CONSTANT, Motion
+from simulators.motion.interpreter import Interpreter
+from simulators.motion.machine import Machine
+from simulators.motion.perform import perform
+from simulators.motion.states import SUSPENDED, State
+from simulators.motion.system_commands import SystemCommands
+from simulators.motion.waits import Steps, Wait, Waiting
+
+LOCKED, TOO_LONG = 9, 11
+
+_EXECUTING = frozenset((State.IDLE, State.RUN))
+_SLACK_S = 1e-9  # a timer may come early by the clock's resolution
+
+
+class MainLoop:
+    """Executes lines on the machine.
+
+    say, ok : a message, or the answer "ok", is to be sent
+    reset_wanted : a line has asked for a reset (leaving check mode); nothing is read until then
+    """
+
+    def __init__(
+        self,
+        device: GrblDevice,
+        interpreter: Interpreter,
+        machine: Machine,
+        identity: list[Message],
+        say: Callable[[Message], None],
+        ok: Callable[[], None],
+    ) -> None:
+        self.reset_wanted = False
+        self._device = device
+        self._interpreter = interpreter
+        self._machine = machine
+        self._say = say
+        self._ok = ok
+        self._commands = SystemCommands(
+            device.dialect, interpreter, machine, identity, self._gcode, self._want_reset
+        )
+        self._latches = device.dialect.error_policy is ErrorPolicy.LATCH
+        self._latched = 0
+        self._line: Steps | None = None
+        self._held: Motion | None = None  # an ordinary move that waits for room
+        self._answered = False  # the line under way earns an answer
+        self._waiting: Waiting = Wait.NEVER
+
+    def next_wake_s(self) -> float | None:
+        """When a line that waits may go on, if nothing else happens."""
+        machine = self._machine
+        if machine.state in SUSPENDED:
+            return None
+        if self._held is None:
+            if self._line is None or self._waiting is Wait.NEVER:
+                return None
+            if not isinstance(self._waiting, Wait):
+                return self._waiting
+        return machine.next_event_s()
+
+    def restart(self) -> bool:
+        """A reset: forget the line under way; True if it would have earned an answer."""
+        owed = self._held is not None or (self._line is not None and self._answered)
+        self.drop_line()
+        self._latched = 0
+        self.reset_wanted = False
+        return owed
+
+    def run_startup(self) -> None:
+        """Execute the stored lines."""
+        self._begin(self._commands.run_startup(), answered=False)
+
+    def go_on(self) -> None:
+        """Do all that can be done at this instant."""
+        machine = self._machine
+        while not self._barred():
+            if self._held is not None and not self._plan_held():
+                return
+            if self._line is not None and not self._resume_line():
+                return
+            if not self._read_lines():
+                machine.start()
+                return
+
+    def _barred(self) -> bool:
+        """No line may be taken or go on."""
+        machine = self._machine
+        return (
+            machine.state in SUSPENDED
+            or machine.critical
+            or machine.stopping is not None
+            or self.reset_wanted
+        )
+
+    def _read_lines(self) -> bool:
+        """Take lines until one has to wait (True) or none is left or may be taken (False)."""
+        take, ok, machine = self._device.take_line, self._ok, self._machine
+        interpret, planner = self._interpreter.interpret, machine.planner
+        add, capacity = planner.add, planner.capacity
+        while True:
+            if self._barred():
+                return False
+            usual = machine.state in _EXECUTING and not self._latched
+            plain = usual and not machine.settings[20]  # without soft limits no target needs a look
+            while True:
+                line = take()
+                if line is None:
+                    return False
+                text, too_long = line
+                if not usual or too_long or b"$" in text or not text:
+                    waits = self._unusual(text, too_long)
+                    break
+                try:
+                    actions = interpret(text)
+                except GcodeError as refused:
+                    self._answer(refused.code)
+                    waits = False
+                    break
+                if plain and len(actions) == 1:
+                    motion = actions[0]
+                    if type(motion) is Motion:
+                        if planner.count >= capacity:
+                            self._held = motion
+                            return True
+                        if add(motion) is not None or motion.beam != BEAM_CONSTANT:
+                            ok()
+                            continue
+                waits = self._begin(perform(machine, actions))
+                break
+            if waits:
+                return True
+
+    def _plan_held(self) -> bool:
+        """Try the move that found the planner full again; True when it is planned."""
+        machine, motion = self._machine, self._held
+        assert motion is not None
+        planner = machine.planner
+        if planner.count >= planner.capacity and machine.state is State.IDLE:
+            machine.start()
+            machine.settle(machine.now_s)
+        if planner.count >= planner.capacity:
+            return False
+        self._held = None
+        if planner.add(motion) is not None or motion.beam != BEAM_CONSTANT:
+            self._ok()
+        else:
+            self._begin(perform(machine, (motion,)))
+        return True
+
+    def _unusual(self, text: bytes, too_long: bool) -> bool:
+        """Any other line; True where it has to wait."""
+        block = significant(text)
+        if too_long:
+            self._answer(TOO_LONG)
+        elif not block:
+            self._answer(0)
+        elif block[:1] == b"$":
+            return self._begin(self._commands.execute(block.decode("latin-1")))
+        elif self._machine.state in (State.ALARM, State.JOG):
+            self._answer(LOCKED)
+        elif self._latched:
+            self._answer(self._latched)
+        else:
+            return self._begin(self._gcode(block))
+        return False
+
+    def _gcode(self, block: bytes) -> Steps:
+        try:
+            actions = self._interpreter.interpret(block)
+        except GcodeError as refused:
+            return refused.code
+        return (yield from perform(self._machine, actions))
+
+    def _begin(self, steps: Steps, answered: bool = True) -> bool:
+        """Execute as far as possible; True where it has to wait."""
+        self._line = steps
+        self._answered = answered
+        return not self._advance_line()
+
+    def _resume_line(self) -> bool:
+        """Try the waiting line again; True when it is done."""
+        return self._ready() and self._advance_line()
+
+    def _advance_line(self) -> bool:
+        steps = self._line
+        assert steps is not None
+        try:
+            while True:
+                self._waiting = next(steps)
+                if not self._ready():
+                    return False
+        except StopIteration as done:
+            self._line = None
+            if self._answered:
+                self._answer(done.value)
+        return True
+
+    def _ready(self) -> bool:
+        machine, waiting = self._machine, self._waiting
+        if waiting is Wait.NEVER or self._barred():
+            return False
+        if not isinstance(waiting, Wait):
+            return machine.now_s >= waiting - _SLACK_S
+        if waiting is Wait.ROOM:
+            planner = machine.planner
+            if planner.count >= planner.capacity:
+                machine.start()
+                machine.settle(machine.now_s)
+            return planner.count < planner.capacity
+        machine.start()
+        machine.settle(machine.now_s)
+        return machine.at_rest()
+
+    def _answer(self, code: int) -> None:
+        if code:
+            self._say(ErrorReply(code))
+        else:
+            self._ok()
+        if self._latches:
+            self._latched = code
+        if self._machine.state is State.SLEEP:
+            self._say(Feedback("MSG", "Sleeping"))
+
+    def _want_reset(self) -> None:
+        self.reset_wanted = True
+
+    def drop_line(self) -> None:
+        """Forget the line under way."""
+        if self._line is not None:
+            self._line.close()
+            self._line = None
+        self._held = None
+        self._waiting = Wait.NEVER

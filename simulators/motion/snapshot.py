@@ -1,0 +1,52 @@
+"""The machine at one instant, as its status report tells it."""
+
+from __future__ import annotations
+
+from simulators.motion.actions import Vector
+from simulators.motion.machine import Machine
+from simulators.motion.reports import Snapshot
+from simulators.motion.states import MOVING, State
+
+
+def snapshot(machine: Machine, offset_mm: Vector, tool: int, rx_free: int) -> Snapshot:
+    """offset_mm, tool, rx_free : what the machine itself does not know"""
+    feed_mm_min, speed = _feed_and_speed(machine)
+    return Snapshot(
+        state=machine.state,
+        substate=_substate(machine),
+        position_mm=machine.position_mm(),
+        offset_mm=offset_mm,
+        blocks_free=machine.planner.capacity - machine.planner.count,
+        rx_free=rx_free,
+        line=machine.stepper.last_line,
+        feed_mm_min=feed_mm_min,
+        speed=speed,
+        overrides=machine.overrides,
+        accessories=machine.accessories.letters(),
+        pins="D" if machine.door_open else "",
+        homed=machine.homed,
+        tool=tool,
+        input_result=machine.input_result,
+    )
+
+
+def _substate(machine: Machine) -> int | None:
+    """The number behind Hold and Door."""
+    if machine.state is State.HOLD:
+        return 0 if machine.stopping is None else 1
+    if machine.state is State.DOOR:
+        if machine.stopping is not None:
+            return 2
+        return 3 if machine.restore_s is not None else int(machine.door_open)
+    return None
+
+
+def _feed_and_speed(machine: Machine) -> tuple[float, float]:
+    """Actual feed [mm/min] and S, at the head of what is committed, as the firmware tells."""
+    speed, power = machine.stepper.head()
+    block = machine.stepper.held_block
+    if machine.hal and machine.held() and block is not None:
+        speed = block.nominal  # it shows what it will go on with
+    elif machine.state not in MOVING and machine.stopping is None:
+        speed = 0.0
+    return speed * 60.0, power * machine.settings[30]
