@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lmctl.cli.console import clock, progress_bar
+from lmctl.cli.console import clock, progress_bar, say
 from lmctl.config.machine import MachineProfile
 from lmctl.errors import UsageError
 
@@ -15,15 +15,19 @@ if TYPE_CHECKING:
 
 
 def open_part(path: Path, units: str | None = None) -> Part:
-    """A part file, or a bare mesh or cloud with defaults that its warnings name."""
+    """A part file, or a bare mesh or cloud; says what was taken by default."""
     from lmctl.part.load import load_part, part_from_model
 
-    if path.suffix.lower() == ".toml":
-        if units is not None:
-            raise UsageError("--units is for a bare mesh or cloud", where=str(path),
-                             hint="a part file states the units of each of its bodies")
-        return load_part(path)
-    return part_from_model(path, units=units)
+    if path.suffix.lower() != ".toml":
+        part = part_from_model(path, units=units)
+    elif units is not None:
+        raise UsageError("--units is for a bare mesh or cloud", where=str(path),
+                         hint="a part file states the units of each of its bodies")
+    else:
+        part = load_part(path)
+    for text in part.notes:
+        say(f"note: {text}")
+    return part
 
 
 def plan_to_file(part: Part, profile: MachineProfile, target: Path) -> JobManifest:

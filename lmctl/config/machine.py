@@ -55,7 +55,7 @@ class Motion(Model):
     clearance_mm: Positive = 5.0
     purge_mm: Vector
     send_horizon_s: Annotated[float, Field(ge=0.1, le=10)] = 1.0
-    status_period_s: Annotated[float, Field(ge=0.02, le=1)] = 0.1
+    status_period_s: Annotated[float, Field(ge=0.02, le=1)] = 0.2
 
 
 class Laser(Model):
