@@ -1,0 +1,168 @@
+"""Runs that are held, stopped or fail: beam and motion first, then powder, then gas."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lmctl.errors import MachineError, RunFailed, RunStopped
+
+#: Beam off within so much of a feed hold [s]: the controller's step buffer, then slowing down.
+BEAM_OFF_S = 0.13
+
+
+def acts(one):
+    return [record["do"] for record in one.records("act")]
+
+
+def test_a_long_hold_keeps_the_place_and_the_beam_returns_through_fresh_powder(
+    run, large_square_job
+):
+    one = run(large_square_job, acts=[
+        (3.0, lambda r: r.executor.hold()), (50.0, lambda r: r.executor.resume()),
+    ])
+    whole = run(large_square_job)
+    assert one.result.state == "done"
+    one.check_safe()
+    assert one.executed == whole.executed
+    assert one.path.length_mm.sum() == pytest.approx(whole.path.length_mm.sum(), abs=0.01)
+    off_s = next(r["t"] for r in one.records("act") if r["do"] == "powder off")
+    assert one.began_s + off_s - one.entered_s("held") == pytest.approx(30.0, abs=0.1)
+    assert one.entered_s("resuming") - one.entered_s("purging") >= 7.0  # θ + 4τ of hopper A
+    dark = np.argmax(np.diff(one.path.time_s))
+    assert one.path.time_s[dark] == pytest.approx(one.started_s + 3.0, abs=BEAM_OFF_S)
+    assert one.path.time_s[dark + 1] >= one.entered_s("resuming")
+    # The nozzle gives what it should from the first moment on.
+    assert one.path.flow_g_s[dark + 1] == pytest.approx(0.1, rel=0.02)
+
+
+def test_a_short_hold_keeps_powder_running_and_still_purges(run, large_square_job):
+    one = run(large_square_job, acts=[
+        (3.0, lambda r: r.executor.hold()), (5.0, lambda r: r.executor.resume()),
+    ])
+    assert one.result.state == "done"
+    one.check_safe()
+    assert acts(one).count("powder off") == 1  # at the end
+    assert one.entered_s("resuming") - one.entered_s("purging") == pytest.approx(7.0, abs=0.3)
+
+
+def test_a_hold_while_purging_holds_again(run, large_square_job):
+    one = run(large_square_job, acts=[
+        (3.0, lambda r: r.executor.hold()), (5.0, lambda r: r.executor.resume()),
+        (8.0, lambda r: r.executor.hold()), (20.0, lambda r: r.executor.resume()),
+    ])
+    assert one.result.state == "done"
+    one.check_safe()
+    assert one.states.count("held") == 2
+    assert one.states.count("resuming") == 1
+
+
+@pytest.mark.parametrize("how", [lambda r: r.executor.stop(), lambda r: r.task.cancel()],
+                         ids=["stop", "cancel"])
+def test_a_stop_is_orderly_and_says_where(run, large_square_job, how):
+    one = run(large_square_job, acts=[(3.0, how)])
+    assert isinstance(one.error, RunStopped)
+    assert one.error.exit_code == 5
+    text = one.error.render()
+    assert "layer 1, program line" in text
+    assert "journal.jsonl" in text
+    one.check_safe()
+    assert one.states[-2:] == ["stopping", "stopped"]
+    assert acts(one)[-3:] == ["beam and motion off", "powder off", "post-flow, gas off"]
+    assert one.path.time_s.max() < one.started_s + 3.0 + BEAM_OFF_S
+    assert one.ended_s - one.entered_s("stopping") > 10.0  # post-flow
+
+
+def test_a_second_stop_skips_the_post_flow(run, large_square_job):
+    one = run(large_square_job, acts=[
+        (3.0, lambda r: r.executor.stop()), (4.0, lambda r: r.executor.stop()),
+    ])
+    assert isinstance(one.error, RunStopped)
+    one.check_safe()
+    assert acts(one)[-3:] == ["beam and motion off", "powder off", "gas off"]
+    assert one.ended_s - one.entered_s("stopping") < 5.0
+
+
+def test_a_stop_in_a_hold_is_a_stop(run, large_square_job):
+    one = run(large_square_job, acts=[
+        (3.0, lambda r: r.executor.hold()), (10.0, lambda r: r.executor.stop()),
+    ])
+    assert isinstance(one.error, RunStopped)
+    one.check_safe()
+
+
+def reboot(one):
+    """Another host's 0x18 in the middle of the stream: to this host the controller restarts."""
+    one.bench.motion.receive(b"\x18")
+
+
+def deafen(one):
+    """The wire to the controller breaks; what it says still arrives."""
+    one.bench.motion.receive = lambda data: None
+
+
+def silence(one):
+    one.bench.motion.detach()
+
+
+def estop_chain(one):
+    one.bench.feeders["F1"].open_estop_chain(True)
+
+
+def feeder_restarts(one):
+    one.bench.feeders["F2"].restart()
+
+
+def feeder_to_local(one):
+    one.bench.feeders["F1"].turn_local(True)
+
+
+#: What happens, how soon the host can know, and what it must say.
+FAULTS = {
+    "reboot": (reboot, 0.0, "the motion controller restarted"),
+    "estop": (estop_chain, 0.5, "emergency"),
+    "feeder restarts": (feeder_restarts, 2.5, "feeder F2"),
+    "feeder to local": (feeder_to_local, 0.5, "feeder F1"),
+}
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_fault_takes_beam_and_motion_down_first(run, large_square_job, name):
+    act, seen_s, words = FAULTS[name]
+    one = run(large_square_job, acts=[(3.0, act)])
+    assert isinstance(one.error, RunFailed), one.error
+    text = one.error.render()
+    assert words.lower() in text.lower()
+    assert "journal.jsonl" in text
+    assert len(one.standing_beam) == 0
+    assert one.path.time_s.max() < one.started_s + 3.0 + seen_s + BEAM_OFF_S
+    assert one.still_feeding == []
+    assert one.states[-2:] == ["tripped", "faulted"]
+    assert [do for do in acts(one)[-5:] if "off" in do][:2] == ["beam and motion off", "powder off"]
+    faults = one.records("fault")
+    assert words.lower() in faults[0]["what"].lower()
+    (seal,) = one.records("seal")
+    assert seal["state"] == "faulted"
+
+
+@pytest.mark.parametrize("act", [deafen, silence])
+def test_without_a_host_the_controller_runs_dry_within_the_send_horizon(
+    run, large_square_job, act
+):
+    one = run(large_square_job, acts=[(3.0, act)])
+    assert isinstance(one.error, RunFailed)
+    assert "motion controller is lost" in one.error.render()
+    assert one.path.time_s.max() < one.started_s + 3.0 + 1.0 + BEAM_OFF_S
+    assert len(one.standing_beam) == 0
+    assert one.still_feeding == []
+    assert one.records("seal")[0]["state"] == "faulted"
+
+
+def test_a_locked_machine_is_refused_and_left_alone(run, square_job):
+    """Grbl with homing on ($22=1) starts in alarm until it is homed."""
+    one = run(square_job, bench=[('dialect = "grblhal"', 'dialect = "grbl"'),
+                                 ("10 = 511", "10 = 3\n22 = 1")])
+    assert isinstance(one.error, MachineError)
+    assert "Alarm" in one.error.render()
+    assert one.executed == []
+    assert one.states == ["connecting", "checking", "faulted"]
