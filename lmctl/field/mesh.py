@@ -12,6 +12,7 @@ from lmctl.field.kernel import kernel
 from lmctl.field.seeds import seed_triangles
 from lmctl.field.sign import inside_by_parity
 from lmctl.field.sweep import sweep_sources
+from lmctl.field.triangles import walk_to_nearest
 
 FloatArray = NDArray[np.float64]
 
@@ -21,7 +22,9 @@ def mesh_field(
 ) -> Field:
     """Signed distance to a mesh at the nodes of a grid that holds it (method.md 1, Eq. 1).
 
-    Exact within 1.25 pitches of the surface; closest points are swept from there over the rest.
+    Next to the surface triangles are rasterised into their neighbourhood; closest points are
+    swept from there over the rest, and from its own every node walks over the mesh to the
+    nearest point there is.
     Signs by ray parity voted over three axes, so triangles may be wound either way, and a small
     hole does not turn a line of nodes inside out.
 
@@ -31,10 +34,11 @@ def mesh_field(
         numbers, and a mesh outside the grid
     """
     corners = _corners(vertices, triangles, grid)
-    sources, surface_mm, _ = seed_triangles(corners, grid)
+    sources, surface_mm, triangle = seed_triangles(corners, grid)
     if len(surface_mm) == 0:
         raise InputError("the mesh lies outside its grid", where=_place(len(triangles), grid))
     values = sweep_sources(sources, surface_mm, grid)
+    walk_to_nearest(sources, values, triangle, corners, grid)
     inside, disputed = inside_by_parity(corners, grid)
     if not inside.any():
         raise InputError(
@@ -50,7 +54,7 @@ def mesh_field(
             f"inside and outside are disputed at {disputed} of {grid.n_nodes} nodes "
             f"({share:.2g} %): the mesh is open or cuts through itself",
         )
-    return Field(grid, values, sources, surface_mm, remarks)
+    return Field(grid, values, sources, corners, remarks)
 
 
 def _corners(vertices: FloatArray, triangles: NDArray[np.integer], grid: Grid) -> FloatArray:

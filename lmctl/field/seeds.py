@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from lmctl.field.grid import Grid
 from lmctl.field.kernel import kernel
+from lmctl.field.triangles import closest_on_triangle
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -38,51 +39,6 @@ def seed_triangles(
     points = np.empty((len(triangle), 3))
     _closest_kernel(relative, owner, points)
     return owner, points * grid.pitch_mm + np.asarray(grid.origin_mm), triangle
-
-
-@kernel
-def closest_on_triangle(
-    t: FloatArray, px: float, py: float, pz: float
-) -> tuple[float, float, float]:
-    """The point of triangle t (3, 3) nearest to p; degenerate triangles included.
-
-    Ericson, Real-Time Collision Detection (2005), 5.1.5: by the Voronoi region p lies in.
-    """
-    ax, ay, az = t[0, 0], t[0, 1], t[0, 2]
-    abx, aby, abz = t[1, 0] - ax, t[1, 1] - ay, t[1, 2] - az
-    acx, acy, acz = t[2, 0] - ax, t[2, 1] - ay, t[2, 2] - az
-    apx, apy, apz = px - ax, py - ay, pz - az
-    d1 = abx * apx + aby * apy + abz * apz
-    d2 = acx * apx + acy * apy + acz * apz
-    if d1 <= 0.0 and d2 <= 0.0:
-        return ax, ay, az
-    bb = abx * abx + aby * aby + abz * abz
-    bc = abx * acx + aby * acy + abz * acz
-    cc = acx * acx + acy * acy + acz * acz
-    d3, d4 = d1 - bb, d2 - bc
-    if d3 >= 0.0 and d4 <= d3:
-        return t[1, 0], t[1, 1], t[1, 2]
-    vc = d1 * d4 - d3 * d2
-    if vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
-        s = d1 / (d1 - d3)
-        return ax + s * abx, ay + s * aby, az + s * abz
-    d5, d6 = d1 - bc, d2 - cc
-    if d6 >= 0.0 and d5 <= d6:
-        return t[2, 0], t[2, 1], t[2, 2]
-    vb = d5 * d2 - d1 * d6
-    if vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
-        s = d2 / (d2 - d6)
-        return ax + s * acx, ay + s * acy, az + s * acz
-    va = d3 * d6 - d5 * d4
-    if va <= 0.0 and d4 - d3 >= 0.0 and d5 - d6 >= 0.0:
-        s = (d4 - d3) / ((d4 - d3) + (d5 - d6))
-        return (
-            t[1, 0] + s * (t[2, 0] - t[1, 0]),
-            t[1, 1] + s * (t[2, 1] - t[1, 1]),
-            t[1, 2] + s * (t[2, 2] - t[1, 2]),
-        )
-    v, w = vb / (va + vb + vc), vc / (va + vb + vc)
-    return ax + v * abx + w * acx, ay + v * aby + w * acy, az + v * abz + w * acz
 
 
 @kernel
@@ -122,7 +78,7 @@ def _nearest_triangle_kernel(
                 elif abs(height) > band + 1e-3 * nx:
                     continue
                 for i in range(i0, i1 + 1):
-                    qx, qy, qz = closest_on_triangle(t, float(i), float(j), float(k))
+                    qx, qy, qz, _ = closest_on_triangle(triangles, n, float(i), float(j), float(k))
                     d2 = np.float32((qx - i) ** 2 + (qy - j) ** 2 + (qz - k) ** 2)
                     if d2 < squared[k, j, i]:
                         squared[k, j, i] = d2
@@ -140,9 +96,8 @@ def _closest_kernel(
         for j in range(ny):
             for i in range(nx):
                 if owner[k, j, i] >= 0:
-                    q = closest_on_triangle(
-                        triangles[owner[k, j, i]], float(i), float(j), float(k)
+                    points[row, 0], points[row, 1], points[row, 2], _ = closest_on_triangle(
+                        triangles, int(np.int64(owner[k, j, i])), float(i), float(j), float(k)
                     )
-                    points[row, 0], points[row, 1], points[row, 2] = q
                     owner[k, j, i] = row
                     row += 1

@@ -25,7 +25,7 @@ class LineKind(IntEnum):
     """What a program line does. Only BEAD lines have the beam on."""
 
     SETUP = 0   # modal words, spindle mode; no motion
-    TRAVEL = 1  # G0, beam off
+    TRAVEL = 1  # from path to path, beam off; G1 at S0, so that a feed override scales it too
     LEAD = 2    # G1 at S0: run-up or run-out, beam off
     BEAD = 3    # G1 at S > 0
     DWELL = 4   # G4
@@ -36,7 +36,7 @@ def line_dtype(n_materials: int) -> np.dtype[Any]:
 
     end_s : float64, program time at which the line ends
     x_mm, y_mm, z_mm : float64, position at its end
-    speed_mm_s : float32, programmed speed (rapid lines: the planned peak)
+    speed_mm_s : float32, programmed speed, 0 for lines without motion
     power_W : float32, beam power, 0 for all but BEAD
     path : int32, global number of the path the line belongs to, −1 for none. A path is one
         stretch from lead-in to lead-out: beam on once, off once.
@@ -103,8 +103,10 @@ class JobManifest:
     """Everything about a job that is not a layer.
 
     profile_digest : MachineProfile.planning_digest() of the profile planned for
+    bounds_mm : least and greatest x, y, z the nozzle goes to
     totals : what `lmctl plan --json` prints: layers, contours, vertices, path_length_mm,
-        laser_on_s, duration_s, powder_g (by material), warnings, ...
+        laser_on_s, duration_s, powder_g (by material), warnings, ...; of these `check_job` reads
+        longest_line_s, peak_power_W and peak_flow_g_min (by hopper)
     verdict : findings only geometry can prove, as {"level": "ok"|"warning", "text": ...}
     sources : {file name: sha256} of the data files the part was made from
     """

@@ -71,9 +71,13 @@ def arrange(
     mixture = last
     for group in groups:
         waiting = [_turned(traces[i], layer, centre) for i in group]
-        while waiting:
-            nearest = min(range(len(waiting)), key=lambda i: _way(waiting[i], at_mm))
-            trace = _entered(waiting.pop(nearest), at_mm, mixture)
+        ends = np.array([_entries(trace) for trace in waiting])
+        left = np.ones(len(waiting), dtype=np.bool_)
+        while left.any():
+            way = np.linalg.norm(ends - at_mm, axis=2).min(axis=1)
+            nearest = int(np.argmin(np.where(left, way, np.inf)))
+            left[nearest] = False
+            trace = _entered(waiting[nearest], at_mm, mixture)
             arranged.append(trace)
             at_mm, mixture = trace.points[-1], trace.fractions[-1]
     return arranged
@@ -132,9 +136,9 @@ def _entered(trace: Trace, at_mm: FloatArray, mixture: FloatArray | None) -> Tra
     return _rotated(trace, int(np.argmin(cost)))
 
 
-def _way(trace: Trace, at_mm: FloatArray) -> float:
-    ends = trace.points[:1] if trace.closed else trace.points[[0, -1]]
-    return float(np.linalg.norm(ends - at_mm, axis=1).min())
+def _entries(trace: Trace) -> FloatArray:
+    """Where a trace may be begun, (2, 2): its ends, or its start twice."""
+    return trace.points[[0, 0]] if trace.closed else trace.points[[0, -1]]
 
 
 def _rotated(trace: Trace, first: int) -> Trace:

@@ -48,9 +48,9 @@ class Centrelines:
     share_mm: FloatArray
 
 
-def widest_gap_mm(bead_mm: float, pitch_mm: float) -> float:
+def widest_gap_mm(bead_mm: float, pitch_mm: FloatArray | float) -> FloatArray:
     """Tracks may lie so far apart without one between: 1.5 pitches, but no void to speak of."""
-    return min(1.5 * pitch_mm, _NO_VOID * bead_mm)
+    return np.minimum(1.5 * np.asarray(pitch_mm), _NO_VOID * bead_mm)
 
 
 def centrelines(radius_mm: FloatArray, bead_mm: float, pitch_mm: float) -> Centrelines:
@@ -86,16 +86,13 @@ def fitting_pitch_mm(
     if point:
         radius_mm, weight = np.array([deepest_mm]), np.ones(1)
     steps = np.linspace(1 - PITCH_TOLERANCE, 1 + PITCH_TOLERANCE, 61)
-    costs = [
-        np.average(_misfit(radius_mm, bead_mm, pitch_mm * step, point) ** 2, weights=weight)
-        + 0.02 * (step - 1) ** 2
-        for step in steps
-    ]
-    return float(pitch_mm * steps[int(np.argmin(costs))])
+    misfit = _misfit(radius_mm, bead_mm, pitch_mm * steps[:, None], point)
+    cost = misfit**2 @ weight / weight.sum() + 0.02 * (steps - 1) ** 2
+    return float(pitch_mm * steps[int(np.argmin(cost))])
 
 
 def _levels(
-    radius_mm: FloatArray, bead_mm: float, pitch_mm: float
+    radius_mm: FloatArray, bead_mm: float, pitch_mm: FloatArray | float
 ) -> tuple[FloatArray, IntArray, FloatArray]:
     """Depth below the first contour, number of the innermost, way from it to the middle."""
     depth = radius_mm - bead_mm / 2
@@ -103,9 +100,12 @@ def _levels(
     return depth, level, depth - level * pitch_mm
 
 
-def _misfit(radius_mm: FloatArray, bead_mm: float, pitch_mm: float, point: bool) -> FloatArray:
+def _misfit(
+    radius_mm: FloatArray, bead_mm: float, pitch_mm: FloatArray, point: bool
+) -> FloatArray:
     """How far the spacing in the middle is from one pitch, in pitches.
 
+    radius_mm : (n,), pitch_mm : (p, 1); returns (p, n)
     point : the middle is a point, where no centreline can run
     """
     _, level, rest = _levels(radius_mm, bead_mm, pitch_mm)

@@ -54,7 +54,7 @@ def _height(placement: Placement) -> list[Finding]:
         found.append(_finding(
             False, f"the lowest {placement.skipped * height:.3g} mm of the part have nothing as "
             "wide as a bead and are left out"))
-    if abs(left) > height / 2:
+    if left > 0.51 * height:  # more than half a layer: layers without tracks at the top
         built = (placement.skipped + placement.n_layers) * height
         found.append(_finding(
             False, f"layers reach {built:.4g} mm, the part {built + left:.4g} mm: what is above "

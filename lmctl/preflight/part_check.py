@@ -17,7 +17,7 @@ def check_part(part: Part, profile: MachineProfile) -> Placement:
     """Where the part will stand; all that is in the way at once.
 
     Raises PlanError: a material without a hopper, a part outside the machine's travel, a recipe
-    beyond the laser's power, a part without layers.
+    beyond the laser's power or the axes' speed, a part without layers.
     """
     wrong: list[LmctlError] = []
     for material in part.materials:
@@ -30,6 +30,13 @@ def check_part(part: Part, profile: MachineProfile) -> Placement:
                 f"{material.name} wants {material.power_W:g} W; the laser of {profile.name!r} "
                 f"has {profile.laser.max_power_W:g}",
                 hint="lower the material's power_W, with its speed_mm_s",
+            ))
+        fastest = min(profile.motion.max_speed_mm_s[:2])
+        if material.speed_mm_s > fastest:
+            wrong.append(PlanError(
+                f"{material.name} wants {material.speed_mm_s:g} mm/s; the axes of "
+                f"{profile.name!r} reach {fastest:g}",
+                hint="lower the material's speed_mm_s, with its power_W",
             ))
     placement = place(part, profile)
     outside = _outside(placement, profile)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from lmctl.config.machine import MachineProfile
 from lmctl.errors import PlanError
+from lmctl.job.container import MOST_LAYERS
 
 if TYPE_CHECKING:
     from lmctl.part.part import Part
@@ -61,7 +62,8 @@ class Placement:
 def place(part: Part, profile: MachineProfile) -> Placement:
     """The part where its file puts it, else centred in x and y with its lowest point at z = 0.
 
-    Layers are those whose middle plane meets the part. Raises PlanError where there is none.
+    Layers are those whose middle plane meets the part. Raises PlanError where there is none, or more
+    than a job holds.
     """
     low, high = (np.asarray(corner, dtype=np.float64) for corner in part.bounds_mm)
     if part.placement_mm is not None:
@@ -77,5 +79,11 @@ def place(part: Part, profile: MachineProfile) -> Placement:
             f"{part.name} is {high[2] - low[2]:.3g} mm tall, not more than half a layer",
             where=f"process.layer_height_mm = {height:g}",
             hint="lower layer_height_mm, or check the units of the part",
+        )
+    if n_layers > MOST_LAYERS:
+        raise PlanError(
+            f"{part.name} would have {n_layers:,} layers; a job holds at most {MOST_LAYERS:,}",
+            where=f"process.layer_height_mm = {height:g}",
+            hint="raise layer_height_mm, or check the units of the part",
         )
     return Placement(offset, low, high, height, n_layers)

@@ -75,8 +75,8 @@ def composition_colours(fractions: NDArray[np.floating]) -> FloatArray:
     """Colours of volume fractions, (n, n_materials) -> (n, 3) float64 in [0, 1]."""
     values = np.asarray(fractions, dtype=np.float64)
     if values.shape[1] == 2:
-        shades = np.asarray(colormaps[TWO_MATERIAL_MAP](values[:, 1]), dtype=np.float64)
-        return np.ascontiguousarray(shades[:, :3])
+        shades: FloatArray = colormaps[TWO_MATERIAL_MAP](values[:, 1])
+        return shades[:, :3]
     anchors = np.array([to_rgb(ANCHORS[i % len(ANCHORS)]) for i in range(values.shape[1])])
     return np.clip(values @ anchors, 0.0, 1.0)
 

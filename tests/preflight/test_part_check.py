@@ -45,6 +45,11 @@ def test_less_than_half_a_layer(part, profile):
     assert "0.3 mm tall" in text
 
 
+def test_more_layers_than_a_job_holds(part, profile):
+    text = refusal(replace(part, process=Process(layer_height_mm=0.0005)), profile)
+    assert "20,000 layers" in text
+
+
 def test_only_some_layers(part, profile):
     placement = check_part(part, profile)
     lowered = placement.only(2, 9, set_down=True)
@@ -80,6 +85,11 @@ def test_a_material_no_hopper_holds(part, profile):
 def test_more_power_than_the_laser_has(part, profile):
     hot = MaterialSpec("316L", 0.008, None, 0.7, 5000.0, 10.0, ())
     assert "316L wants 5000 W" in refusal(replace(part, materials=(hot,)), profile)
+
+
+def test_more_speed_than_the_axes_have(part, profile):
+    fast = MaterialSpec("316L", 0.008, None, 0.7, 1500.0, 150.0, ())
+    assert "316L wants 150 mm/s" in refusal(replace(part, materials=(fast,)), profile)
 
 
 def test_everything_in_the_way_at_once(part, profile):
