@@ -1,4 +1,4 @@
-"""Modbus TCP and RTU by pymodbus: the one module of lmctl that knows the library.
+"""Modbus TCP and RTU by pymodbus, which only this module and its messages know.
 
 It asks once and never repeats by itself: a time-out leaves the outcome of a write unknown, so
 whoever asked has to read before writing again (protocol.md 14). A lost TCP connection is made
@@ -19,6 +19,12 @@ from pymodbus.pdu import ModbusPDU
 from firmware_protocol.registers import MOST_READ, MOST_WRITTEN
 from lmctl.errors import MachineError
 from lmctl.machine.modbus_endpoint import RtuEndpoint, TcpEndpoint, parse_modbus_endpoint
+from lmctl.machine.modbus_pdus import (
+    ExchangeRequest,
+    ExchangeResponse,
+    WriteRequest,
+    WriteResponse,
+)
 
 #: Most registers one exchange (FC 23) may write; it may read MOST_READ.
 MOST_EXCHANGED = 121
@@ -61,8 +67,6 @@ class RefusedError(MachineError):
 class _Client(Protocol):
     """What is used of pymodbus's two clients, whose types tell less."""
 
-    ctx: Any
-
     async def connect(self) -> bool: ...
     def close(self) -> None: ...
     def read_input_registers(
@@ -71,13 +75,8 @@ class _Client(Protocol):
     def read_holding_registers(
         self, address: int, *, count: int, device_id: int
     ) -> Awaitable[ModbusPDU]: ...
-    def write_registers(
-        self, address: int, values: list[int], *, device_id: int
-    ) -> Awaitable[ModbusPDU]: ...
-    def readwrite_registers(
-        self, *, read_address: int, read_count: int, write_address: int, values: Sequence[int],
-        device_id: int,
-    ) -> Awaitable[ModbusPDU]: ...
+    def register(self, custom_response_class: type[ModbusPDU]) -> None: ...
+    def execute(self, no_response_expected: bool, request: ModbusPDU) -> Awaitable[ModbusPDU]: ...
 
 
 class ModbusLink:
@@ -108,6 +107,8 @@ class ModbusLink:
         """
         where = parse_modbus_endpoint(endpoint)
         client = _client(where, timeout_s)
+        for answer in (WriteResponse, ExchangeResponse):
+            client.register(answer)
         try:
             connected = await client.connect()
         except Exception as error:  # pyserial lets termios.error and others through
@@ -143,9 +144,8 @@ class ModbusLink:
     async def write(self, address: int, words: Sequence[int]) -> None:
         """FC 16, one register too."""
         _check_count(len(words), MOST_WRITTEN)
-        await self._ask(
-            self._client.write_registers, address, list(words), device_id=self._device_id
-        )
+        request = WriteRequest(address=address, registers=words, dev_id=self._device_id)
+        await self._ask(self._client.execute, False, request)
 
     async def exchange(
         self, write_address: int, words: Sequence[int], read_address: int, count: int
@@ -153,10 +153,8 @@ class ModbusLink:
         """FC 23: write holding registers, then read holding registers, in one request."""
         _check_count(len(words), MOST_EXCHANGED)
         _check_count(count, MOST_READ)
-        answer = await self._ask(
-            self._client.readwrite_registers, write_address=write_address, values=words,
-            read_address=read_address, read_count=count, device_id=self._device_id,
-        )
+        request = ExchangeRequest(read_address, count, write_address, words, self._device_id)
+        answer = await self._ask(self._client.execute, False, request)
         return self._registers(answer, count)
 
     async def close(self) -> None:

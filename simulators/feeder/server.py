@@ -14,6 +14,7 @@ from collections.abc import Callable
 from pymodbus.constants import ExcCodes
 from pymodbus.exceptions import ModbusIOException, NoSuchIdException
 from pymodbus.framer import FramerType
+from pymodbus.pdu import ModbusPDU
 from pymodbus.server import ModbusSerialServer, ModbusTcpServer
 from pymodbus.server.base import ModbusBaseServer
 from pymodbus.server.requesthandler import ServerRequestHandler
@@ -22,6 +23,7 @@ from pymodbus.simulator.simcore import SimCore
 
 from simulators.feeder.device import PmxDevice
 from simulators.feeder.holding import RefusedError
+from simulators.feeder.pdus import ExchangeRequest, WriteRequest
 from simulators.feeder.pty_transport import PtyTransport
 from simulators.feeder.readings import read_holding, read_input
 
@@ -33,6 +35,9 @@ _WITH_REGISTERS = {3, 4, 6, 16, 22, 23}
 
 #: pymodbus wants a register to begin with; the device's own take its place.
 _NOTHING = SimDevice(id=1, simdata=SimData(0, datatype=DataType.REGISTERS))
+
+
+_PDUS: list[type[ModbusPDU]] = [WriteRequest, ExchangeRequest]
 
 
 class _DeviceRegisters(SimCore):
@@ -127,7 +132,8 @@ class FeederServer:
 
 async def serve_tcp(device: PmxDevice, host: str = "127.0.0.1", port: int = 0) -> FeederServer:
     """Answer Modbus TCP; port 0 takes a free one. Raises OSError where it cannot listen."""
-    server = _TcpServer(_NOTHING, address=(host, port), ignore_missing_devices=True)
+    server = _TcpServer(_NOTHING, address=(host, port), ignore_missing_devices=True,
+                        custom_pdu=_PDUS)
     server.context = _DeviceRegisters(device)
     if not await server.listen():
         raise OSError(errno.EADDRINUSE, f"port {port} is taken or not allowed")
@@ -138,7 +144,8 @@ async def serve_tcp(device: PmxDevice, host: str = "127.0.0.1", port: int = 0) -
 
 async def serve_pty(device: PmxDevice) -> FeederServer:
     """Answer Modbus RTU on a new pty, without parity: Linux ptys carry none."""
-    server = _RtuServer(_NOTHING, framer=FramerType.RTU, ignore_missing_devices=True)
+    server = _RtuServer(_NOTHING, framer=FramerType.RTU, ignore_missing_devices=True,
+                        custom_pdu=_PDUS)
     server.context = _DeviceRegisters(device)
     connection = server.callback_new_connection()
     transport = PtyTransport(connection)
