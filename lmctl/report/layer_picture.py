@@ -76,9 +76,10 @@ def composition_colours(fractions: NDArray[np.floating]) -> FloatArray:
     values = np.asarray(fractions, dtype=np.float64)
     if values.shape[1] == 2:
         shades: FloatArray = colormaps[TWO_MATERIAL_MAP](values[:, 1])
-        return shades[:, :3]
+        return np.asarray(shades[:, :3], dtype=np.float64)
     anchors = np.array([to_rgb(ANCHORS[i % len(ANCHORS)]) for i in range(values.shape[1])])
-    return np.clip(values @ anchors, 0.0, 1.0)
+    mixed: FloatArray = np.clip(values @ anchors, 0.0, 1.0)
+    return mixed
 
 
 def _frame(axes: Axes, segments: FloatArray, margin_mm: float) -> float:
