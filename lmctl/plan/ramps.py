@@ -80,9 +80,10 @@ def _linear_s(start: FloatArray, end: FloatArray, limits: Limits) -> float:
     """Shortest straight ramp; infinite where a hopper is to stop or to reach its greatest flow."""
     room = np.where(end > start, limits.max_flow_g_s - end, end)
     change = np.abs(end - start)
-    time = np.full(len(room), np.inf)
-    np.divide(limits.lag_s * change, room, out=time, where=room > 1e-9)
-    return float(np.where(change > 1e-12, time, 0.0).max()) * _MARGIN
+    slow = limits.lag_s * np.where(change > 1e-12, change, 0.0)
+    time = np.where(slow > 0, np.inf, 0.0)
+    np.divide(slow, room, out=time, where=room > 1e-9)
+    return float(time.max()) * _MARGIN
 
 
 def _fastest_course_s(start: FloatArray, end: FloatArray, limits: Limits) -> FloatArray:

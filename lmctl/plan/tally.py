@@ -50,6 +50,7 @@ class Tally:
     slowed_mm: float = 0.0
     slowest_pace: float = 1.0
     right_mm: float = 0.0
+    asked_mm: float = 0.0
     worst_mixture: float = 0.0
     fed_g: FloatArray = field(default_factory=lambda: np.zeros(0))
     wasted_g: FloatArray = field(default_factory=lambda: np.zeros(0))
@@ -110,6 +111,7 @@ class Tally:
 
     def add_mixture(self, length_mm: FloatArray, error: FloatArray) -> None:
         """Predicted errors of volume fraction at the nozzle, (q,), each over so much bead."""
+        self.asked_mm += float(length_mm.sum())
         self.right_mm += float(length_mm[error <= TOLERANCE_FRACTION].sum())
         self.worst_mixture = max(self.worst_mixture, float(error.max(initial=0.0)))
 
@@ -150,7 +152,7 @@ class Tally:
 
     @property
     def mixture_share(self) -> float:
-        return self.right_mm / self.path_mm if self.path_mm else 1.0
+        return self.right_mm / self.asked_mm if self.asked_mm else 1.0
 
 
 def _integral(flow: Flow, at_s: FloatArray) -> FloatArray:

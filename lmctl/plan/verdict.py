@@ -65,7 +65,10 @@ def _height(placement: Placement) -> list[Finding]:
 def _mixture(tally: Tally, mode: str) -> list[Finding]:
     text = (f"{tally.mixture_share:.1%} of the path within ±0.02 of its mixture at the nozzle, "
             f"by the powder model (mode {mode}); worst {tally.worst_mixture:.3f}")
-    found = [_finding(tally.mixture_share >= ENOUGH_MIXTURE, text)]
+    fine = tally.mixture_share >= ENOUGH_MIXTURE
+    if not fine and mode == "lead":
+        text += ": elsewhere it changes along the path faster than powder can follow"
+    found = [_finding(fine, text)]
     if tally.slowed_mm:
         found.append(_finding(
             True, f"{tally.slowed_mm:.0f} mm of path slowed to as little as "
