@@ -15,13 +15,12 @@ from simulators.motion.actions import Vector
 from simulators.motion.config import MotionConfig
 from simulators.motion.interpreter import Interpreter
 from simulators.motion.machine import Machine
-from simulators.motion.main_loop import MainLoop
+from simulators.motion.main_loop import OK, MainLoop
 from simulators.motion.realtime_commands import act
 from simulators.motion.settings import Settings
 from simulators.motion.snapshot import snapshot
 from simulators.motion.states import State
 
-_OK = b"ok\r\n"
 _FLAGS = frozenset((Realtime.STATUS, Realtime.HOLD, Realtime.START))
 """Bytes that set a flag in the firmware: several at once are one."""
 
@@ -46,7 +45,7 @@ class Controller:
             self.machine,
             reports.identity(dialect, config.info, planner_blocks, self.device.rx_bytes),
             self.say,
-            self._ok,
+            self._out,
         )
         if self.settings.homing and (not self.machine.hal or int(self.settings[22]) & 4):
             self.machine.state = State.ALARM  # until homed
@@ -89,9 +88,6 @@ class Controller:
 
     def say(self, message: Message) -> None:
         self._out.append(self.device.send(message))
-
-    def _ok(self) -> None:
-        self._out.append(_OK)
 
     def _sent(self) -> bytes:
         """Let the main loop go on; everything there is to send."""
@@ -142,7 +138,7 @@ class Controller:
         if alarm:
             self.say(Alarm(alarm))
         if owed:
-            self._ok()  # the line it was in the middle of ends, and is answered
+            self._out.append(OK)  # the line it was in the middle of ends, and is answered
         self.interpreter.reset()
         self._banner()
 

@@ -22,6 +22,7 @@ from simulators.motion.system_commands import SystemCommands
 from simulators.motion.waits import Steps, Wait, Waiting
 
 LOCKED, TOO_LONG = 9, 11
+OK = b"ok\r\n"
 
 _EXECUTING = frozenset((State.IDLE, State.RUN))
 _SLACK_S = 1e-9  # a timer may come early by the clock's resolution
@@ -30,7 +31,8 @@ _SLACK_S = 1e-9  # a timer may come early by the clock's resolution
 class MainLoop:
     """Executes lines on the machine.
 
-    say, ok : a message, or the answer "ok", is to be sent
+    say : a message is to be sent
+    out : what is to be sent; "ok" goes there without becoming a message first
     reset_wanted : a line has asked for a reset (leaving check mode); nothing is read until then
     """
 
@@ -41,14 +43,14 @@ class MainLoop:
         machine: Machine,
         identity: list[Message],
         say: Callable[[Message], None],
-        ok: Callable[[], None],
+        out: list[bytes],
     ) -> None:
         self.reset_wanted = False
         self._device = device
         self._interpreter = interpreter
         self._machine = machine
         self._say = say
-        self._ok = ok
+        self._send = out.append
         self._commands = SystemCommands(
             device.dialect, interpreter, machine, identity, self._gcode, self._want_reset
         )
@@ -107,7 +109,7 @@ class MainLoop:
 
     def _read_lines(self) -> bool:
         """Take lines until one has to wait (True) or none is left or may be taken (False)."""
-        take, ok, machine = self._device.take_line, self._ok, self._machine
+        take, send, machine = self._device.take_line, self._send, self._machine
         interpret, planner = self._interpreter.interpret, machine.planner
         add, capacity = planner.add, planner.capacity
         while True:
@@ -136,7 +138,7 @@ class MainLoop:
                             self._held = motion
                             return True
                         if add(motion) is not None or motion.beam != BEAM_CONSTANT:
-                            ok()
+                            send(OK)
                             continue
                 waits = self._begin(perform(machine, actions))
                 break
@@ -155,7 +157,7 @@ class MainLoop:
             return False
         self._held = None
         if planner.add(motion) is not None or motion.beam != BEAM_CONSTANT:
-            self._ok()
+            self._send(OK)
         else:
             self._begin(perform(machine, (motion,)))
         return True
@@ -228,7 +230,7 @@ class MainLoop:
         if code:
             self._say(ErrorReply(code))
         else:
-            self._ok()
+            self._send(OK)
         if self._latches:
             self._latched = code
         if self._machine.state is State.SLEEP:

@@ -130,7 +130,7 @@ class Planner:
         block.start = self._at
         block.target = self._at = (now_x / sx, now_y / sy, now_z / sz)
         if self._alike:  # the usual machine, in half the time
-            steepest = max(abs(ux), abs(uy), abs(uz))
+            steepest = max(ux, -ux, uy, -uy, uz, -uz)
             acceleration = self._accelerations[0] / steepest
             block.rapid_rate = self._rates[0] / steepest
         else:
@@ -139,7 +139,7 @@ class Planner:
         block.acceleration = acceleration
         block.ramp_sqr = 2.0 * acceleration * length
         block.following = None
-        block.nominal = nominal = self._nominal(block)
+        block.nominal = nominal = self._nominal(motion, block.rapid_rate)
 
         last = self._last
         if last is None:
@@ -185,7 +185,7 @@ class Planner:
         before = _UNBOUNDED
         block = self.first
         while block is not None:
-            block.nominal = nominal = self._nominal(block)
+            block.nominal = nominal = self._nominal(block.motion, block.rapid_rate)
             slower = min(before, nominal)
             block.max_entry_sqr = min(slower * slower, block.max_junction_sqr)
             before = nominal
@@ -198,14 +198,13 @@ class Planner:
         self.planned = self.first
         self._recalculate(thorough=True)
 
-    def _nominal(self, block: Block) -> float:
-        motion = block.motion
+    def _nominal(self, motion: Motion, rapid_rate: float) -> float:
         if motion.rapid:
-            speed = block.rapid_rate * self.rapid_factor
+            speed = rapid_rate * self.rapid_factor
         else:
             speed = motion.rate_mm_s * self.feed_factor
-            if speed > block.rapid_rate:
-                speed = block.rapid_rate
+            if speed > rapid_rate:
+                speed = rapid_rate
         return speed if speed > _MIN_SPEED_MM_S else _MIN_SPEED_MM_S
 
     def _junction_sqr(self, ux: float, uy: float, uz: float) -> float:
@@ -219,7 +218,7 @@ class Planner:
         jx, jy, jz = ux - px, uy - py, uz - pz
         size = sqrt(jx * jx + jy * jy + jz * jz)
         if self._alike:
-            acceleration = self._accelerations[0] * size / max(abs(jx), abs(jy), abs(jz))
+            acceleration = self._accelerations[0] * size / max(jx, -jx, jy, -jy, jz, -jz)
         else:
             acceleration = _along(self._accelerations, jx / size, jy / size, jz / size)
         sin_half = sqrt(0.5 * (1.0 - cos_theta))

@@ -9,6 +9,7 @@ phases take about 200 bytes.
 from __future__ import annotations
 
 from array import array
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +23,10 @@ FloatArray = NDArray[np.float64]
 _BLOCK = 11  # line, start xyz, end xyz, length, rate, beam, floor
 _PHASE = 7  # t0, t1, distance at t0, speed at t0, acceleration, power, block
 _STAND = 2  # from when, power
+
+Phase = tuple[float, float, float, float, float, float, float]
+"""Its start and end [s], distance into the block and speed at its start, acceleration, beam power
+before any scaling with speed, row of the block."""
 _ROUNDING = 1e-6
 
 
@@ -79,6 +84,7 @@ class Phases:
 class Trace:
     """The record of one controller. Grows by `begin`, `moved` and `stood`, which the stepper calls.
 
+    moved : to be called with each phase as it is committed
     outputs : (time, kind, port, value) of every digital ("D") or analog ("A") output switched
     """
 
@@ -88,6 +94,7 @@ class Trace:
         self._blocks = array("d")
         self._phases = array("d")
         self._stands = array("d", (0.0, 0.0))
+        self.moved: Callable[[Phase], None] = self._phases.extend
         self.rows = 0
 
     def begin(self, block: Block) -> int:
@@ -107,12 +114,6 @@ class Trace:
         row = self.rows
         self.rows = row + 1
         return row
-
-    def moved(self, phase: tuple[float, float, float, float, float, float, float]) -> None:
-        """A phase has been committed: its start and end [s], distance into the block and speed at
-        its start, acceleration, beam power before any scaling with speed, and row of the block.
-        """
-        self._phases.extend(phase)
 
     def stood(self, when_s: float, power: float) -> None:
         """From when_s on, the beam burns with this power whenever the machine stands still."""
