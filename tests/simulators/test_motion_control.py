@@ -460,3 +460,11 @@ def test_whatever_is_sent_it_says_only_what_a_controller_says(rig, dialect, step
     ends = controller.trace.blocks().end_mm
     if len(ends):
         assert controller.machine.position_mm() == pytest.approx(tuple(ends[-1]), abs=0.003)
+
+
+@BOTH
+def test_a_setting_written_behind_a_planned_move_loses_neither(rig, dialect):
+    controller = rig(dialect)
+    controller.ask("G1 X5 F600\n$100=125\nG1 X10\n", 5.0)
+    assert controller.machine.position_mm() == (10.0, 0.0, 0.0)
+    assert len(controller.trace.blocks().line) == 2
