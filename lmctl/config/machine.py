@@ -143,7 +143,9 @@ class MachineProfile(Model):
             mode="json",
             exclude={
                 "motion": {"endpoint", "baud", "status_period_s"},
-                "feeder": {"__all__": {"endpoint", "device_id"}},
+                "feeder": {"__all__": {
+                    "endpoint", "device_id", "watchdog_s", "gas_preflow_s", "gas_postflow_s",
+                }},
                 "hopper": {"__all__": {"dead_time_s", "lag_s"}},
             },
         )
