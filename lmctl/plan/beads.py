@@ -124,14 +124,20 @@ def _levelling(
 def _vertices(
     trace: Trace, along: FloatArray, knots: FloatArray, recipe: Recipe
 ) -> FloatArray:
-    """Lengths along the trace at which the bead has a vertex: corners and knots."""
-    inner = knots if len(knots) > 1 else np.empty(0)
+    """Lengths along the trace at which the bead has a vertex: corners, knots, middles between.
+
+    With the middles, no line's mixture is more than half a quantum from that at its end.
+    """
+    inner = np.empty(0)
+    if len(knots) > 1:
+        inner = np.sort(np.concatenate([knots, (knots[1:] + knots[:-1]) / 2]))
     all_mm = np.union1d(along, inner)
+    all_mm = all_mm[np.append(True, np.diff(all_mm) > 1e-6)]
     points = at_lengths(trace.points, all_mm)
     share = np.interp(all_mm, along, trace.share_mm)
     tolerance_mm = _TOLERANCE * recipe.bead_mm
     scaled = share * tolerance_mm / (_SHARE_TOLERANCE * recipe.pitch_mm)
-    fixed = np.searchsorted(all_mm, inner)
+    fixed = np.clip(np.searchsorted(all_mm, inner - 1e-6), 0, len(all_mm) - 1)
     kept = simplified(np.column_stack([points, scaled]), tolerance_mm, fixed)
     return np.asarray(all_mm[kept])
 

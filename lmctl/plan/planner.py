@@ -24,9 +24,6 @@ from lmctl.preflight.placement import Placement
 if TYPE_CHECKING:
     from lmctl.part.part import Part
 
-#: Below this a bead is finer than the program's raster of positions can carry.
-FINEST_BEAD_MM = 0.1
-
 
 def plan_job(
     part: Part, profile: MachineProfile, out: Path,
@@ -38,10 +35,6 @@ def plan_job(
     Raises PlanError where the part cannot be planned as asked, JobError where the file cannot be
     written.
     """
-    if part.process.bead_width_mm < FINEST_BEAD_MM:
-        raise PlanError(
-            f"a bead of {part.process.bead_width_mm:g} mm is too fine to program",
-            hint=f"process.bead_width_mm must be at least {FINEST_BEAD_MM:g}")
     placement = _layers_with_tracks(part, check_part(part, profile))
     planner = LayerPlanner(part, profile, placement)
     with JobWriter(out) as job:

@@ -274,7 +274,6 @@ def test_other_horizons(tmp_path, make_part, shapes, profile):
         ({"outline": "thin"}, "nothing as wide as a bead"),
         ({"height_mm": 0.3}, "not more than half a layer"),
         ({"placement_mm": (290.0, 150.0, 0.0)}, "outside the travel"),
-        ({"process": Process(bead_width_mm=0.05)}, "too fine"),
         ({"process": Process(layer_height_mm=8.0), "height_mm": 16.0}, "at most 60"),
     ],
 )
