@@ -30,6 +30,10 @@ class Cell:
         self.motion = motion
         self.feeders = tuple(feeders)
         self.hoppers = tuple(hoppers)
+        self._feeder_of = [
+            (hopper.name, feeder)
+            for hopper in self.hoppers for feeder in self.feeders if feeder.name == hopper.feeder
+        ]
         self._waiting: list[asyncio.Future[None]] = []
 
     @classmethod
@@ -103,12 +107,11 @@ class Cell:
 
     def measured_g_min(self) -> tuple[float | None, ...]:
         """What each hopper's disc delivers by its own last reading, in the hoppers' order."""
-        readings = {
-            name: reading.flow_est_g_min
-            for feeder in self.feeders if feeder.status is not None
-            for name, reading in feeder.status.hoppers.items()
-        }
-        return tuple(readings.get(hopper.name) for hopper in self.hoppers)
+        measured: list[float | None] = []
+        for name, feeder in self._feeder_of:
+            reading = None if feeder.status is None else feeder.status.hoppers.get(name)
+            measured.append(None if reading is None else reading.flow_est_g_min)
+        return tuple(measured)
 
     async def feeders_do(self, act: Callable[[FeederDriver], Awaitable[None]]) -> None:
         """Have every feeder do the same at once; a dead one does not keep the others from it.

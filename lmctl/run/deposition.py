@@ -54,6 +54,7 @@ class Deposition:
         self._outlook = Outlook(window.end_s)
         self._loop = asyncio.get_running_loop()
         self._streaming = False
+        self._seen = 0  # lines executed when last looked at
         self._layer = 0
         self._layer_t = 0.0
         self._layer_fed_g: dict[str, float] = {}
@@ -167,6 +168,9 @@ class Deposition:
         motion, window = self._cell.motion, self._window
         executed = motion.executed
         self._clock.acknowledge(motion.acknowledged)
+        if executed == self._seen:
+            return
+        self._seen = executed
         if completed := self._streamer.completed(executed):
             self._recorder.executed(completed)
         while self._layer < len(window.manifest.layers):

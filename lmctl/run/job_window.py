@@ -195,6 +195,16 @@ class JobWindow:
         start_s, start = times[after - 1], flow[after - 1]
         return start + (flow[after] - start) * (s - start_s) / (times[after] - start_s)
 
+    def flow_steady_until_s(self, hopper: int, s: float) -> float:
+        """Program time up to which a hopper's flow surely is what it is at s; s if it changes."""
+        stretch = self._at(s)
+        times, flow = stretch.flow_s, stretch.flow_g_s[hopper]
+        after = bisect_right(times, s)
+        steady = after
+        while 0 < steady < len(times) and flow[steady] == flow[steady - 1]:
+            steady += 1
+        return times[steady - 1] if steady > after else s
+
     def _at(self, s: float) -> Stretch:
         """The layer in which a program time lies, or the nearest one still held."""
         for stretch in self._loaded:

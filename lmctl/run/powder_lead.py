@@ -38,6 +38,9 @@ LEAST_SLACK_G_MIN = 0.01
 #: Most ticks a set-point is chosen to last; it is held longer where it still fits.
 _LONGEST_HOLD = 16
 
+#: By no more than this does a report set the clock forward [s].
+_CLOCK_MARGIN_S = 0.5
+
 
 @dataclass(frozen=True)
 class Hose:
@@ -114,8 +117,12 @@ class PowderPlan:
         self._hoses = tuple(hoses)
         self._window = window
         self._clock = clock
+        self._rests = [remaining(hose.lag_s) for hose in hoses]
         self._outflow: list[float] | None = None
         self._setpoints: list[float] = []
+        self._steady_until_t = -math.inf
+        self._steady_ticks = 0
+        self._turns = 0
         self.settling_s = max(hose.settling_s for hose in hoses)
         #: How long before motion the set-points begin to follow the program.
         self.lead_s = max(hose.dead_time_s for hose in hoses) if self._leads else 0.0
@@ -123,27 +130,63 @@ class PowderPlan:
     def start(self) -> None:
         """The next set-points are the first: the hoses will settle at them."""
         self._outflow = None
+        self._steady_until_t = -math.inf
 
     def setpoints_g_min(self, t: float) -> list[float]:
         """What to send at t, of each hopper; to be asked for once a tick."""
-        if not self._leads:
-            s = self._clock.now(t)
-            return [
-                round(min(self._wanted_g_min(hopper, s), hose.limit_g_min), _FLOW_DECIMALS)
-                for hopper, hose in enumerate(self._hoses)
-            ]
+        if t < self._steady_until_t and self._clock.turns == self._turns:
+            self._steady_ticks += 1
+            return self._setpoints
+        self._setpoints = self._led(t) if self._leads else self._unled(t)
+        self._turns = self._clock.turns
+        self._steady_until_t = t + self._steady_s(t)
+        return self._setpoints
+
+    def _unled(self, t: float) -> list[float]:
+        s = self._clock.now(t)
+        return [
+            round(min(self._wanted_g_min(hopper, s), hose.limit_g_min), _FLOW_DECIMALS)
+            for hopper, hose in enumerate(self._hoses)
+        ]
+
+    def _led(self, t: float) -> list[float]:
         if self._outflow is None:
             self._outflow = [self._arriving(hopper, t, 0.0) for hopper in range(len(self._hoses))]
             self._setpoints = list(self._outflow)
-        for hopper, hose in enumerate(self._hoses):
-            held, rest = self._setpoints[hopper], remaining(hose.lag_s)
-            outflow, wanted = self._outflow[hopper], self._arriving(hopper, t, TICK_S)
+            self._steady_ticks = 0
+        setpoints = []
+        for hopper, (hose, rest) in enumerate(zip(self._hoses, self._rests, strict=True)):
+            held, outflow = self._setpoints[hopper], self._outflow[hopper]
+            outflow = held + (outflow - held) * rest**self._steady_ticks
+            wanted = self._arriving(hopper, t, TICK_S)
             if abs(held + (outflow - held) * rest - wanted) > slack_g_min(wanted):
                 held = lead(outflow, self._coming(hopper, t), hose.lag_s, hose.limit_g_min)
             held = round(held, _FLOW_DECIMALS)
-            self._setpoints[hopper] = held
+            setpoints.append(held)
             self._outflow[hopper] = held + (outflow - held) * rest
-        return list(self._setpoints)
+        self._steady_ticks = 0
+        return setpoints
+
+    def _steady_s(self, t: float) -> float:
+        """How long from t the set-points just found surely do, so that nothing need be asked.
+
+        That is while the flow wanted of every hopper stays what it is, and its set-point, to
+        which its outflow tends, is near it.
+        """
+        if self._clock.rate_will_change:
+            return 0.0
+        steady_s = math.inf
+        for hopper, hose in enumerate(self._hoses):
+            at_s = self._clock.ahead(t, hose.dead_time_s if self._leads else 0.0)
+            if self._outflow is not None:
+                wanted = self._wanted_g_min(hopper, at_s)
+                here = max(abs(self._outflow[hopper] - wanted),
+                           abs(self._setpoints[hopper] - wanted))
+                if here > slack_g_min(wanted):
+                    return 0.0
+            until_s = self._window.flow_steady_until_s(hopper, at_s)
+            steady_s = min(steady_s, (until_s - at_s) / max(self._clock.rate, 1.0))
+        return steady_s - _CLOCK_MARGIN_S
 
     def _coming(self, hopper: int, t: float) -> Iterator[float]:
         """What is wanted of a hopper at the end of each coming tick."""

@@ -43,11 +43,13 @@ class ProgramClock:
     """Program time of one run.
 
     rate : feed override now (1 = as planned)
+    turns : how often something other than the passing of time has changed what lies ahead
     The clock stands until `run_from`, and again after `stand`.
     """
 
     def __init__(self, window: JobWindow) -> None:
         self.rate = 1.0
+        self.turns = 0
         self._window = window
         self._acknowledged = 0
         self._limit_s = 0.0  # program time at the end of the lines acknowledged
@@ -65,12 +67,14 @@ class ProgramClock:
     def run_from(self, t: float) -> None:
         """Motion starts, or is to start, at machine time t."""
         self._known_t = self._runs_from_t = t
+        self.turns += 1
 
     def stand(self, t: float) -> None:
         """Motion stops at t; until a report corrects it, program time is what it is by then."""
         self._known_s = self.now(t)
         self._known_t = t
         self._runs_from_t = math.inf
+        self.turns += 1
 
     def set_rate(self, t: float, rate: float) -> None:
         """The feed override is `rate` from t on."""
@@ -78,6 +82,7 @@ class ProgramClock:
             self._known_s = self.now(t)
             self._known_t = t
             self.rate = rate
+            self.turns += 1
 
     def plan_rate(self, from_s: float, to_s: float, rate: float) -> None:
         """The feed override will be set to `rate` when program time is from_s.
@@ -85,6 +90,12 @@ class ProgramClock:
         It takes `set_rate` then to tell that it has been.
         """
         self._change = RateChange(from_s, to_s, self.rate, rate)
+        self.turns += 1
+
+    @property
+    def rate_will_change(self) -> bool:
+        """Whether a planned override is still to come, or powder still following it."""
+        return self._change is not None
 
     def due_rate(self, t: float) -> float | None:
         """The planned override if it is time to set it, else None."""
@@ -138,14 +149,16 @@ class ProgramClock:
 
     def _as_expected(self, position_mm: tuple[float, ...], expected_s: float) -> float | None:
         """Program time of a position that lies where it is expected, found without a search."""
-        start_mm, end_mm, start_s, end_s = self._window.line_at(expected_s)
-        along = [end - start for start, end in zip(start_mm, end_mm, strict=True)]
-        off = [at - start for at, start in zip(position_mm, start_mm, strict=False)]
-        length2 = sum(step * step for step in along)
+        (x0, y0, z0), (x1, y1, z1), start_s, end_s = self._window.line_at(expected_s)
+        x, y, z = position_mm[:3]
+        dx, dy, dz = x1 - x0, y1 - y0, z1 - z0
+        length2 = dx * dx + dy * dy + dz * dz
         if length2 == 0.0:
             return None
-        share = sum(a * b for a, b in zip(off, along, strict=False)) / length2
-        off2 = sum((a - share * b) ** 2 for a, b in zip(off, along, strict=False))
+        share = ((x - x0) * dx + (y - y0) * dy + (z - z0) * dz) / length2
+        off2 = (
+            (x - x0 - share * dx) ** 2 + (y - y0 - share * dy) ** 2 + (z - z0 - share * dz) ** 2
+        )
         found_s = start_s + share * (end_s - start_s)
         near = abs(found_s - expected_s) < _EXPECTED_S and off2 < _EXPECTED_MM**2
         return found_s if near and 0.0 <= share <= 1.0 else None

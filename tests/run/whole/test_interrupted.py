@@ -117,18 +117,19 @@ def feeder_to_local(one):
     one.bench.feeders["F1"].turn_local(True)
 
 
-#: What happens, how soon the host can know, and what it must say.
+#: What happens, in how many cycles of its feeder the host can know, and what it must say.
 FAULTS = {
-    "reboot": (reboot, 0.0, "the motion controller restarted"),
-    "estop": (estop_chain, 0.5, "emergency"),
-    "feeder restarts": (feeder_restarts, 2.5, "feeder F2"),
-    "feeder to local": (feeder_to_local, 0.5, "feeder F1"),
+    "reboot": (reboot, 0, "the motion controller restarted"),
+    "estop": (estop_chain, 1, "emergency"),
+    "feeder restarts": (feeder_restarts, 5, "feeder F2"),
+    "feeder to local": (feeder_to_local, 1, "feeder F1"),
 }
 
 
 @pytest.mark.parametrize("name", FAULTS)
-def test_a_fault_takes_beam_and_motion_down_first(run, large_square_job, name):
-    act, seen_s, words = FAULTS[name]
+def test_a_fault_takes_beam_and_motion_down_first(run, profile, large_square_job, name):
+    act, cycles, words = FAULTS[name]
+    seen_s = cycles * profile.feeder[0].watchdog_s / 4
     one = run(large_square_job, acts=[(3.0, act)])
     assert isinstance(one.error, RunFailed), one.error
     text = one.error.render()
