@@ -10,8 +10,12 @@ from numpy.typing import NDArray
 from lmctl.field.features import length
 from lmctl.field.grid import Grid, Window
 from lmctl.field.kernel import kernel
+from lmctl.field.triangles import closest_in_rows
 
 FloatArray = NDArray[np.float64]
+
+
+ENTRIES_TRIED = 4
 
 
 @dataclass(frozen=True)
@@ -21,7 +25,8 @@ class Field:
     values : (nz, ny, nx) float32 [mm]
     sources : (nz, ny, nx) int32, for each node the row of `surface_mm` that is nearest to it,
         or None where a field was made without
-    surface_mm : (n, 3) float64 [mm], points of the surface; (0, 3) without `sources`
+    surface_mm : what the surface is made of, float64 [mm]: points (n, 3), or triangles (n, 3, 3);
+        (0, 3) without `sources`
     remarks : what a person should know about the data it was made from
     """
 
@@ -36,7 +41,13 @@ class Field:
         """The nearest surface point of each node, (nz, ny, nx, 3) float32 [mm]; made anew."""
         if self.sources is None:
             return None
-        return self.surface_mm.astype(np.float32)[self.sources]
+        closest = np.empty((*self.grid.shape, 3), dtype=np.float32)
+        for window in self.grid.slabs(8):
+            rows = self.sources[window.z_first : window.z_last]
+            closest[window.z_first : window.z_last] = closest_in_rows(
+                self.surface_mm, rows.reshape(-1), window.points()
+            ).reshape(*window.shape, 3)
+        return closest
 
     def on_window(self, window: Window) -> NDArray[np.float32]:
         """Values at the nodes of any window: its own planes as they are, others interpolated."""
@@ -48,8 +59,8 @@ class Field:
 def sample(field: Field, points: FloatArray) -> FloatArray:
     """Signed distance at any points, trilinear between nodes.
 
-    Outside the grid (where the body is not) the distance to the surface point that is nearest
-    to the nearest node; a field without sources adds the distance to the grid's box instead.
+    Outside the grid (where the body is not) the distance to the surface that nodes of the grid's
+    faces know; a field without sources adds the distance to the grid's box instead.
 
     points : (n, 3) float64 [mm]; returns : (n,) float64 [mm]
     """
@@ -85,13 +96,24 @@ def _outside(grid: Grid, points: FloatArray) -> NDArray[np.bool_]:
 
 
 def _beyond(field: Field, points: FloatArray, border: FloatArray) -> FloatArray:
-    last = np.asarray(field.grid.shape[::-1]) - 1
-    node = np.clip(np.rint(_in_nodes(field.grid, points)).astype(np.int64), 0, last)
-    if field.sources is not None:
-        surface = field.surface_mm[field.sources[node[:, 2], node[:, 1], node[:, 0]]]
-        return -length(points - surface)
-    at = np.asarray(field.grid.origin_mm) + field.grid.pitch_mm * node
-    return border - length(points - at)
+    """Distance at points outside the grid, by the surface nearest to where the way in enters it."""
+    origin, last = np.asarray(field.grid.origin_mm), np.asarray(field.grid.shape[::-1]) - 1
+    nodes = _in_nodes(field.grid, points)
+    enter = np.clip(nodes, 0, last)
+    if field.sources is None:
+        return border - field.grid.pitch_mm * length(nodes - enter)
+    away = np.full(len(points), np.inf)
+    for _ in range(ENTRIES_TRIED):
+        x, y, z = np.rint(enter).astype(np.int64).T
+        closest = closest_in_rows(field.surface_mm, field.sources[z, y, x], points)
+        away = np.minimum(away, length(points - closest))
+        # The straight way from each point to there enters the grid at its last face.
+        way = (closest - origin) / field.grid.pitch_mm - nodes
+        with np.errstate(divide="ignore", invalid="ignore"):
+            faces = (np.clip(nodes, 0, last) - nodes) / way
+        part = np.nanmax(np.where(np.isfinite(faces), faces, 0.0), axis=1)
+        enter = np.clip(nodes + part[:, None] * way, 0, last)
+    return -away
 
 
 @kernel

@@ -8,9 +8,8 @@ from numpy.typing import NDArray
 from lmctl.errors import InputError
 from lmctl.field.field import Field
 from lmctl.field.grid import Grid
-from lmctl.field.kernel import kernel
 from lmctl.field.seeds import seed_triangles
-from lmctl.field.sign import inside_by_parity
+from lmctl.field.sign import negate_outside
 from lmctl.field.sweep import sweep_sources
 from lmctl.field.triangles import walk_to_nearest
 
@@ -39,14 +38,13 @@ def mesh_field(
         raise InputError("the mesh lies outside its grid", where=_place(len(triangles), grid))
     values = sweep_sources(sources, surface_mm, grid)
     walk_to_nearest(sources, values, triangle, corners, grid)
-    inside, disputed = inside_by_parity(corners, grid)
-    if not inside.any():
+    disputed = negate_outside(values, corners, grid)
+    if not (values > 0.0).any():
         raise InputError(
             "the mesh encloses nothing that the grid can see",
             where=_place(len(triangles), grid),
             hint="check that it is closed and in millimetres, or use a smaller pitch",
         )
-    _negate_outside(values, inside)
     remarks: tuple[str, ...] = ()
     if disputed:
         share = 100.0 * disputed / grid.n_nodes
@@ -87,10 +85,3 @@ def _place(count: int, grid: Grid) -> str:
     nz, ny, nx = grid.shape
     return f"{count} triangles, grid of {nx} x {ny} x {nz} nodes, pitch {grid.pitch_mm:g} mm"
 
-
-@kernel
-def _negate_outside(values: NDArray[np.float32], inside: NDArray[np.uint8]) -> None:
-    flat, inner = values.reshape(-1), inside.reshape(-1)
-    for n in range(flat.size):
-        if inner[n] == 0:
-            flat[n] = -flat[n]

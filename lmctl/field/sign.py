@@ -15,20 +15,21 @@ from lmctl.field.kernel import kernel
 
 FloatArray = NDArray[np.float64]
 
+ON_SURFACE_PITCHES = 1e-4
 
-def inside_by_parity(
-    corners_mm: FloatArray, grid: Grid
-) -> tuple[NDArray[np.uint8], int]:
-    """Which nodes lie inside a mesh, by the majority of three rays.
 
+def negate_outside(distance: NDArray[np.float32], corners_mm: FloatArray, grid: Grid) -> int:
+    """Negate, in place, the distance of nodes outside a mesh, by the majority of three rays.
+
+    distance : (nz, ny, nx) float32 [mm], unsigned
     corners_mm : (m, 3, 3) float64, triangle, corner, x y z
-    returns : inside (nz, ny, nx) uint8, 1 or 0;
-        the number of nodes the three rays do not agree about: 0 for a closed mesh
+    returns : the number of nodes the three rays do not agree about: 0 for a closed mesh. Nodes
+        on the surface do not count
     """
     relative = np.ascontiguousarray((corners_mm - np.asarray(grid.origin_mm)) / grid.pitch_mm)
     crossings = np.zeros(grid.shape, dtype=np.uint8)
     _crossings_kernel(relative, crossings)
-    return crossings, int(_vote_kernel(crossings))
+    return int(_vote_kernel(crossings, distance, ON_SURFACE_PITCHES * grid.pitch_mm))
 
 
 @kernel
@@ -83,8 +84,10 @@ def _crossings_kernel(triangles: FloatArray, crossings: NDArray[np.uint8]) -> No
 
 
 @kernel
-def _vote_kernel(crossings: NDArray[np.uint8]) -> int:
-    """Crossings become parities, parities a vote, in place; returns the disputed nodes."""
+def _vote_kernel(
+    crossings: NDArray[np.uint8], distance: NDArray[np.float32], on_surface: float
+) -> int:
+    """Crossings become parities, in place, and parities a vote; returns the disputed nodes."""
     nz, ny, nx = crossings.shape
     disputed = 0
     for k in range(nz):
@@ -99,21 +102,9 @@ def _vote_kernel(crossings: NDArray[np.uint8]) -> int:
                 if k > 0:
                     bits ^= crossings[k - 1, j, i] & np.uint8(4)
                 crossings[k, j, i] = bits
-        # The plane before this one is no longer needed as parities: make it a vote.
-        if k > 0:
-            disputed += _vote_plane(crossings, k - 1)
-    disputed += _vote_plane(crossings, nz - 1)
-    return disputed
-
-
-@kernel
-def _vote_plane(crossings: NDArray[np.uint8], k: int) -> int:
-    disputed = 0
-    for j in range(crossings.shape[1]):
-        for i in range(crossings.shape[2]):
-            bits = crossings[k, j, i]
-            votes = (bits & 1) + ((bits >> 1) & 1) + ((bits >> 2) & 1)
-            if votes == 1 or votes == 2:
-                disputed += 1
-            crossings[k, j, i] = np.uint8(1 if votes >= 2 else 0)
+                votes = (bits & 1) + ((bits >> 1) & 1) + ((bits >> 2) & 1)
+                if (votes == 1 or votes == 2) and distance[k, j, i] > on_surface:
+                    disputed += 1
+                if votes < 2:
+                    distance[k, j, i] = -distance[k, j, i]
     return disputed

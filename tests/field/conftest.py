@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 import shapely
 
+from lmctl.field.grid import Grid
+
 
 @dataclass(frozen=True)
 class Prism:
@@ -20,17 +22,15 @@ class Prism:
     def area_mm2(self) -> float:
         return float(2 * self.polygon.area + self.polygon.length * self.height_mm)
 
-    def distance(self, points: np.ndarray) -> np.ndarray:
-        """Positive inside."""
-        xy, back = np.unique(points[:, :2], axis=0, return_inverse=True)
-        across = shapely.distance(shapely.points(xy), self.polygon.boundary)
-        inside = shapely.contains_xy(self.polygon, xy[:, 0], xy[:, 1])
-        flat = np.where(inside, across, -across)[back.reshape(-1)]
-        deep = np.minimum(points[:, 2], self.height_mm - points[:, 2])
-        return np.where(
-            np.minimum(flat, deep) > 0, np.minimum(flat, deep),
-            -np.hypot(np.minimum(flat, 0), np.minimum(deep, 0)),
-        )
+    def distance(self, grid: Grid) -> np.ndarray:
+        """At the nodes of a grid, in order, positive inside: (n,)."""
+        yy, xx = np.meshgrid(grid.axis_mm(1), grid.axis_mm(0), indexing="ij")
+        across = shapely.distance(shapely.points(xx, yy), self.polygon.boundary)
+        flat = np.where(shapely.contains_xy(self.polygon, xx, yy), across, -across)
+        deep = np.minimum(grid.axis_mm(2), self.height_mm - grid.axis_mm(2))[:, None, None]
+        both = np.minimum(flat, deep)
+        beyond = -np.hypot(np.minimum(flat, 0), np.minimum(deep, 0))
+        return np.where(both > 0, both, beyond).reshape(-1)
 
     def cloud(self, count: int, noise_mm: float, rng: np.random.Generator) -> np.ndarray:
         """Points strewn evenly over the whole surface, with noise along every axis."""
@@ -65,7 +65,7 @@ def gear_polygon(
         [[root, -pitch / 2]], np.column_stack([radius, -half]), [[outer, 0.0]],
         np.column_stack([radius, half])[::-1],
     ])
-    polar = np.concatenate([tooth + [0.0, n * pitch] for n in range(teeth)])
+    polar = np.concatenate([tooth + np.array([0.0, n * pitch]) for n in range(teeth)])
     turn = np.linspace(0, 2 * np.pi, 128, endpoint=False)
     return shapely.Polygon(
         polar[:, :1] * np.column_stack([np.cos(polar[:, 1]), np.sin(polar[:, 1])]),

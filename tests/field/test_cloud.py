@@ -24,7 +24,7 @@ def test_signs_of_a_noisy_gear_are_right_away_from_its_surface(gear):
     points = gear.cloud(20_000, 0.02, np.random.default_rng(11))
     grid = around(points, 0.25)
     field = cloud_field(points, grid)
-    true = gear.distance(grid.window().points())
+    true = gear.distance(grid)
     away = np.abs(true) > 1.5 * np.sqrt(gear.area_mm2() / len(points))
     assert np.array_equal((field.values.reshape(-1) > 0)[away], (true > 0)[away])
     # Samples are 0.8 mm apart: edges are found from the faces that meet in them.
@@ -74,8 +74,8 @@ def test_edges_of_a_box_stay_sharp():
     true = box_distance(grid.window().points(), [0, 0, 0], size)
     error = np.abs(errors_near(cloud_field(points, grid), true, 0.25))
     # Samples are 0.2 mm apart; a fit across edges would err by about as much at all of them.
-    assert np.quantile(error, 0.99) < 0.02
-    assert error.max() < 0.2
+    assert np.quantile(error, 0.99) < 0.01
+    assert np.sqrt(np.mean(error**2)) < 0.01
 
 
 def test_uneven_density_and_small_holes_are_bridged(sphere_cloud):
@@ -99,8 +99,9 @@ def test_thin_walls_have_two_sides():
     grid = around(points, 0.2)
     true = box_distance(grid.window().points(), [0, 0, 0], size)
     field = cloud_field(points, grid)
-    away = np.abs(true) > 0.15
+    away = np.abs(true) > 0.3  # samples are 0.27 mm apart
     assert np.array_equal((field.values.reshape(-1) > 0)[away], (true > 0)[away])
+    assert np.quantile(np.abs(errors_near(field, true, 0.2)), 0.98) < 0.02
 
 
 def test_repeats_and_strays_are_dropped_and_told(sphere_cloud):
@@ -144,7 +145,7 @@ def test_a_cloud_too_sparse_for_its_pitch_is_told_the_pitch_it_can_bear(sphere_c
 @pytest.mark.parametrize(
     ("points", "what"),
     [
-        (np.zeros((2, 3)) + [[0.0], [1.0]], "only 2 distinct points"),
+        (np.array([[0.0, 0, 0], [1, 1, 1]]), "only 2 distinct points"),
         (np.zeros((500, 3)), "only 1 distinct point"),
         (np.random.default_rng(0).random((500, 3)) * [5, 5, 0], "in one plane"),
         (np.outer(np.linspace(0, 9, 500), [1.0, 2.0, 0.5]), "on one line"),

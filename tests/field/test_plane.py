@@ -90,7 +90,7 @@ def polygons(draw: st.DrawFn) -> np.ndarray:
     return np.vstack([corners, corners[:1]])
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(polygons())
 def test_distance_of_any_polygon_equals_the_direct_one(polygon: np.ndarray):
     got, true = plane_distance([polygon], GRID), brute_force([polygon], GRID)
