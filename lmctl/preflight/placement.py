@@ -62,8 +62,8 @@ class Placement:
 def place(part: Part, profile: MachineProfile) -> Placement:
     """The part where its file puts it, else centred in x and y with its lowest point at z = 0.
 
-    Layers are those whose middle plane meets the part. Raises PlanError where there is none, or more
-    than a job holds.
+    Layers are those whose middle plane meets the part. Raises PlanError where there is none, or
+    more than a job holds.
     """
     low, high = (np.asarray(corner, dtype=np.float64) for corner in part.bounds_mm)
     if part.placement_mm is not None:

@@ -46,8 +46,8 @@ def test_less_than_half_a_layer(part, profile):
 
 
 def test_more_layers_than_a_job_holds(part, profile):
-    text = refusal(replace(part, process=Process(layer_height_mm=0.0005)), profile)
-    assert "20,000 layers" in text
+    tall = replace(part, high_mm=(20.0, 20.0, 87.0), process=Process(layer_height_mm=0.005))
+    assert "18,000 layers" in refusal(tall, profile)
 
 
 def test_only_some_layers(part, profile):
