@@ -2,6 +2,7 @@
 
 import os
 import re
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -290,3 +291,16 @@ def test_what_cannot_be_planned_is_refused_whole(
 
 def test_the_job_is_one_the_machine_takes(planned, profile):
     check_job(planned[0], profile)
+
+
+def test_a_tall_part_takes_no_more_memory_than_a_low_one(tmp_path, make_part, shapes, profile):
+    def peak(layers):
+        part = make_part(shapes["annulus"], lambda p: 0.5 + 0.01 * p[:, 0], height_mm=0.8 * layers)
+        tracemalloc.start()
+        plan_job(part, profile, tmp_path / "a.lmj")
+        _, most = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        return most
+
+    peak(1)  # compiled kernels are loaded once
+    assert peak(12) < 1.3 * peak(3)
