@@ -1,4 +1,4 @@
-"""Sending set-points to the feeders: every tick, where they change."""
+"""Sending set-points to the feeders: every tick at which they may change, where they do."""
 
 from __future__ import annotations
 
@@ -7,7 +7,11 @@ from collections.abc import Callable
 
 from lmctl.run.cell import Cell
 from lmctl.run.powder_lead import TICK_S, PowderPlan
+from lmctl.run.program_clock import ProgramClock
 from lmctl.run.recorder import Recorder
+
+#: However steady the flow, set-points are looked at once in so many ticks.
+_MOST_TICKS = 50
 
 
 class PowderFeed:
@@ -18,7 +22,7 @@ class PowderFeed:
     """
 
     def __init__(
-        self, cell: Cell, plan: PowderPlan, recorder: Recorder,
+        self, cell: Cell, plan: PowderPlan, clock: ProgramClock, recorder: Recorder,
         failed: Callable[[Exception], None],
     ) -> None:
         self.plan = plan
@@ -29,46 +33,66 @@ class PowderFeed:
         self._names = tuple(hopper.name for hopper in cell.hoppers)
         self.flows_g_min: tuple[float, ...] = (0.0,) * len(self._names)
         self._fed_g = [0.0] * len(self._names)
+        self._fed_until_t = self._loop.time()
+        self._is_on = False
+        self._ticked_t = 0.0
         self._timer: asyncio.TimerHandle | None = None
-        self._due_t = 0.0
+        clock.turned = self._look_again
 
     def on(self) -> None:
         """Send set-points from now on; the first at once."""
-        if self._timer is None:
-            self.flows_g_min = (-1.0,) * len(self._names)  # whatever comes first is a change
-            self._due_t = self._loop.time()
+        if not self._is_on:
+            self._is_on = True
             self.plan.start()
-            self._tick()
+            self._ticked_t = self._loop.time()
+            self._tick(0)
 
     def off(self) -> None:
         """Send no more set-points. (It is for the feeders' own command to stop the discs.)"""
-        if self._timer is not None:
-            self._timer.cancel()
-            self._timer = None
-            self.flows_g_min = (0.0,) * len(self._names)
-            self._recorder.setpoint(dict(zip(self._names, self.flows_g_min, strict=True)))
+        if self._is_on:
+            self._is_on = False
+            if self._timer is not None:
+                self._timer.cancel()
+            self._change((0.0,) * len(self._names))
 
     def take_fed_g(self) -> dict[str, float]:
         """What the set-points since the last call asked for, by hopper [g]."""
+        self._count_fed()
         fed = dict(zip(self._names, self._fed_g, strict=True))
         self._fed_g = [0.0] * len(self._names)
         return fed
 
-    def _tick(self) -> None:
-        self._due_t += TICK_S
-        self._timer = self._loop.call_at(self._due_t, self._tick)
+    def _tick(self, ticks: int) -> None:
+        """ticks : since the last one."""
+        self._ticked_t += ticks * TICK_S
         try:
-            self._send()
+            flows = tuple(self.plan.setpoints_g_min(self._ticked_t, ticks))
+            if flows != self.flows_g_min:
+                self._change(flows)
+                self._cell.set_flows(dict(zip(self._names, flows, strict=True)))
+            rest = self.plan.steady_s(self._ticked_t) / TICK_S
         except Exception as error:
-            self.off()
+            self._is_on = False
             self._failed(error)
+            return
+        self._tick_after(int(min(max(rest, 1), _MOST_TICKS)))
 
-    def _send(self) -> None:
-        flows = tuple(self.plan.setpoints_g_min(self._loop.time()))
-        for hopper, flow_g_min in enumerate(flows):
-            self._fed_g[hopper] += flow_g_min * TICK_S / 60.0
-        if flows != self.flows_g_min:
-            self.flows_g_min = flows
-            by_name = dict(zip(self._names, flows, strict=True))
-            self._recorder.setpoint(by_name)
-            self._cell.set_flows(by_name)
+    def _tick_after(self, ticks: int) -> None:
+        self._timer = self._loop.call_at(self._ticked_t + ticks * TICK_S, self._tick, ticks)
+
+    def _look_again(self) -> None:
+        """What lies ahead has changed: the very next tick is due."""
+        if self._is_on and self._timer is not None:
+            self._timer.cancel()
+            self._tick_after(int((self._loop.time() - self._ticked_t) / TICK_S) + 1)
+
+    def _change(self, flows_g_min: tuple[float, ...]) -> None:
+        self._count_fed()
+        self.flows_g_min = flows_g_min
+        self._recorder.setpoint(dict(zip(self._names, flows_g_min, strict=True)))
+
+    def _count_fed(self) -> None:
+        now_t = self._loop.time()
+        for hopper, flow_g_min in enumerate(self.flows_g_min):
+            self._fed_g[hopper] += flow_g_min / 60.0 * (now_t - self._fed_until_t)
+        self._fed_until_t = now_t

@@ -4,12 +4,13 @@ A hopper's flow reaches the nozzle after a dead time θ and through a first-orde
 (process.md 2.1). With w the flow wanted at the nozzle against program time s, run at rate r, the
 law is u = r·(w(s + rθ) + rτ·w′(s + rθ)), within [0, u_max].
 
-No set-point leaves [0, u_max] or the feeder's resolution, and each is a telegram. So the law is
-taken in its exact form for held set-points: the one that brings the modelled outflow of the lag
-from where the last set-points have brought it to r·w at the end of the hold. A set-point is held
-for as long as the outflow stays within a slack far below what a composition shows; a new one is
-chosen to last as long as it can. For short holds that is the law above, and whatever limits,
-rounding or a corrected clock have left undone is made good by the next set-point.
+No set-point leaves [0, u_max], the feeder's resolution, or what lies between nothing and its least
+steady flow, and each is a telegram. So the law is taken in its exact form for held set-points: the
+one that brings the modelled outflow of the lag from where the last set-points have brought it to
+r·w at the end of the hold. A set-point is held for as long as the outflow stays within a slack far
+below what a composition shows; a new one is chosen to last as long as it can. For short holds that
+is the law above, and whatever limits, rounding or a corrected clock have left undone is made good
+by the next set-point.
 
 Where rapids or dwells lie ahead, their program time does not run at r, so "rθ ahead" is asked of
 the clock, which knows the lines.
@@ -44,11 +45,15 @@ _CLOCK_MARGIN_S = 0.5
 
 @dataclass(frozen=True)
 class Hose:
-    """Dead time θ and lag τ of one hopper [s], and the most it delivers [g/min]."""
+    """Dead time θ and lag τ of one hopper [s], the least and most it delivers [g/min].
+
+    Below `least_g_min` (and above nothing) its disc does not turn steadily, or not at all.
+    """
 
     dead_time_s: float
     lag_s: float
     limit_g_min: float
+    least_g_min: float = 0.0
 
     @property
     def settling_s(self) -> float:
@@ -67,14 +72,16 @@ def slack_g_min(wanted: float) -> float:
 
 
 def lead(
-    outflow: float, wanted: Iterable[float], lag_s: float, limit: float, tick_s: float = TICK_S
+    outflow: float, wanted: Iterable[float], lag_s: float, limit: float, tick_s: float = TICK_S,
+    least: float = 0.0,
 ) -> float:
     """Set-point that keeps a lag's outflow at what is wanted for as many ticks as one can.
 
     outflow : of the lag now [g/min]
     wanted : outflow wanted at the end of each coming tick; read only as far as the set-point lasts
-    returns : within [0, limit]: the one that meets `wanted` at the end of the longest hold within
-        which the outflow strays by no more than `slack_g_min`; else the one for the first tick
+    limit, least : the most and the least a hopper delivers [g/min]
+    returns : 0 or within [least, limit]: what meets `wanted` at the end of the longest hold in
+        which the outflow strays by no more than `slack_g_min`; else what meets it after one tick
 
     On a steady ramp of 0.1 a second a lag of 2 s takes 0.2 more than the flow at mid-hold:
 
@@ -88,6 +95,8 @@ def lead(
         ahead.append(goal)
         setpoint = outflow + (goal - outflow) / (1.0 - rest ** len(ahead))
         setpoint = min(max(setpoint, 0.0), limit)
+        if setpoint < least:
+            setpoint = least if setpoint > least / 2.0 else 0.0
         if chosen is not None and not _stays_near(outflow, setpoint, rest, ahead):
             break
         chosen = setpoint
@@ -120,9 +129,6 @@ class PowderPlan:
         self._rests = [remaining(hose.lag_s) for hose in hoses]
         self._outflow: list[float] | None = None
         self._setpoints: list[float] = []
-        self._steady_until_t = -math.inf
-        self._steady_ticks = 0
-        self._turns = 0
         self.settling_s = max(hose.settling_s for hose in hoses)
         #: How long before motion the set-points begin to follow the program.
         self.lead_s = max(hose.dead_time_s for hose in hoses) if self._leads else 0.0
@@ -130,16 +136,10 @@ class PowderPlan:
     def start(self) -> None:
         """The next set-points are the first: the hoses will settle at them."""
         self._outflow = None
-        self._steady_until_t = -math.inf
 
-    def setpoints_g_min(self, t: float) -> list[float]:
-        """What to send at t, of each hopper; to be asked for once a tick."""
-        if t < self._steady_until_t and self._clock.turns == self._turns:
-            self._steady_ticks += 1
-            return self._setpoints
-        self._setpoints = self._led(t) if self._leads else self._unled(t)
-        self._turns = self._clock.turns
-        self._steady_until_t = t + self._steady_s(t)
+    def setpoints_g_min(self, t: float, ticks: int = 1) -> list[float]:
+        """What to send at t, of each hopper. ticks : since this was last asked."""
+        self._setpoints = self._led(t, ticks) if self._leads else self._unled(t)
         return self._setpoints
 
     def _unled(self, t: float) -> list[float]:
@@ -149,26 +149,25 @@ class PowderPlan:
             for hopper, hose in enumerate(self._hoses)
         ]
 
-    def _led(self, t: float) -> list[float]:
+    def _led(self, t: float, ticks: int) -> list[float]:
         if self._outflow is None:
             self._outflow = [self._arriving(hopper, t, 0.0) for hopper in range(len(self._hoses))]
             self._setpoints = list(self._outflow)
-            self._steady_ticks = 0
         setpoints = []
         for hopper, (hose, rest) in enumerate(zip(self._hoses, self._rests, strict=True)):
             held, outflow = self._setpoints[hopper], self._outflow[hopper]
-            outflow = held + (outflow - held) * rest**self._steady_ticks
+            outflow = held + (outflow - held) * rest**ticks
             wanted = self._arriving(hopper, t, TICK_S)
             if abs(held + (outflow - held) * rest - wanted) > slack_g_min(wanted):
-                held = lead(outflow, self._coming(hopper, t), hose.lag_s, hose.limit_g_min)
+                held = lead(outflow, self._coming(hopper, t), hose.lag_s, hose.limit_g_min,
+                            least=hose.least_g_min)
             held = round(held, _FLOW_DECIMALS)
             setpoints.append(held)
-            self._outflow[hopper] = held + (outflow - held) * rest
-        self._steady_ticks = 0
+            self._outflow[hopper] = outflow
         return setpoints
 
-    def _steady_s(self, t: float) -> float:
-        """How long from t the set-points just found surely do, so that nothing need be asked.
+    def steady_s(self, t: float) -> float:
+        """How long from t the set-points just found surely do, unless the clock turns.
 
         That is while the flow wanted of every hopper stays what it is, and its set-point, to
         which its outflow tends, is near it.
@@ -180,9 +179,9 @@ class PowderPlan:
             at_s = self._clock.ahead(t, hose.dead_time_s if self._leads else 0.0)
             if self._outflow is not None:
                 wanted = self._wanted_g_min(hopper, at_s)
-                here = max(abs(self._outflow[hopper] - wanted),
-                           abs(self._setpoints[hopper] - wanted))
-                if here > slack_g_min(wanted):
+                off = max(abs(self._outflow[hopper] - wanted),
+                          abs(self._setpoints[hopper] - wanted))
+                if off > slack_g_min(wanted):
                     return 0.0
             until_s = self._window.flow_steady_until_s(hopper, at_s)
             steady_s = min(steady_s, (until_s - at_s) / max(self._clock.rate, 1.0))

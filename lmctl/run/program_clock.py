@@ -8,6 +8,7 @@ Pure: it is told the time (loop clock, seconds) with every call.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +25,10 @@ _EXPECTED_S, _EXPECTED_MM = 0.05, 0.01
 #: Distance that a deviation of one second from the expected time counts as [mm/s]: it only
 #: decides where a path lies on itself.
 _TIME_WEIGHT_MM_S = 0.02
+
+
+def _ignore() -> None:
+    """What happens when nobody listens."""
 
 
 @dataclass(frozen=True)
@@ -43,13 +48,13 @@ class ProgramClock:
     """Program time of one run.
 
     rate : feed override now (1 = as planned)
-    turns : how often something other than the passing of time has changed what lies ahead
+    turned : called when something other than the passing of time changes what lies ahead
     The clock stands until `run_from`, and again after `stand`.
     """
 
     def __init__(self, window: JobWindow) -> None:
         self.rate = 1.0
-        self.turns = 0
+        self.turned: Callable[[], None] = _ignore
         self._window = window
         self._acknowledged = 0
         self._limit_s = 0.0  # program time at the end of the lines acknowledged
@@ -67,14 +72,14 @@ class ProgramClock:
     def run_from(self, t: float) -> None:
         """Motion starts, or is to start, at machine time t."""
         self._known_t = self._runs_from_t = t
-        self.turns += 1
+        self.turned()
 
     def stand(self, t: float) -> None:
         """Motion stops at t; until a report corrects it, program time is what it is by then."""
         self._known_s = self.now(t)
         self._known_t = t
         self._runs_from_t = math.inf
-        self.turns += 1
+        self.turned()
 
     def set_rate(self, t: float, rate: float) -> None:
         """The feed override is `rate` from t on."""
@@ -82,7 +87,7 @@ class ProgramClock:
             self._known_s = self.now(t)
             self._known_t = t
             self.rate = rate
-            self.turns += 1
+            self.turned()
 
     def plan_rate(self, from_s: float, to_s: float, rate: float) -> None:
         """The feed override will be set to `rate` when program time is from_s.
@@ -90,7 +95,7 @@ class ProgramClock:
         It takes `set_rate` then to tell that it has been.
         """
         self._change = RateChange(from_s, to_s, self.rate, rate)
-        self.turns += 1
+        self.turned()
 
     @property
     def rate_will_change(self) -> bool:

@@ -157,9 +157,12 @@ class CellSequence:
             without_beam if self.beam_off else None,
         )
         clock = ProgramClock(window)
-        hoses = [Hose(h.dead_time_s, h.lag_s, h.max_flow_g_min) for h in self._hoppers]
+        hoses = [
+            Hose(h.dead_time_s, h.lag_s, h.max_flow_g_min, h.min_flow_g_min)
+            for h in self._hoppers
+        ]
         plan = PowderPlan(self._job.manifest.powder_mode, hoses, window, clock)
-        feed = PowderFeed(cell, plan, self._recorder, self._failed)
+        feed = PowderFeed(cell, plan, clock, self._recorder, self._failed)
         deposition = Deposition(
             cell, window, clock, feed, self._recorder, profile.motion.send_horizon_s,
             done=self._program_done, failed=self._failed, progress=self._progress,

@@ -217,3 +217,29 @@ def test_what_a_limit_cuts_off_is_made_good(job):
 
 def test_settling_is_dead_time_and_four_lags():
     assert Hose(3.0, 1.0, 1.0).settling_s == 7.0
+
+
+def test_a_set_point_is_nothing_or_what_the_disc_can_turn():
+    assert lead(1.0, [0.95], 1.0, 9.0, least=0.8) == 0.8  # 0.475 would be nearer to the law
+    assert lead(1.0, [0.93], 1.0, 9.0, least=0.8) == 0.0
+    assert lead(1.0, [1.0], 1.0, 9.0, least=0.8) == 1.0
+
+
+def test_a_dip_below_the_least_flow_is_made_good(job):
+    """A flow that swings faster than the hopper can be led without standing still now and then."""
+    swing = [(float(s), (1.9 / 60 + 0.4 / 60 * math.sin(3.0 * s), 0.2))
+             for s in np.arange(0.0, 20.0, 0.02)]
+    window = job([[("bead", (200, 0, 0), 20.0, 0)]], flow=swing).window()
+    clock = ProgramClock(window)
+    clock.acknowledge(1)
+    plan = PowderPlan("lead", [Hose(1.0, 1.0, 60.0, 0.8), Hose(1.0, 1.0, 60.0)], window, clock)
+    clock.run_from(1.0)
+    setpoints = np.array([plan.setpoints_g_min(tick * TICK_S) for tick in range(200)])
+    asked = setpoints[:, 0]
+    assert ((asked == 0.0) | (asked >= 0.8)).all()
+    assert (asked == 0.0).any()
+    times = np.arange(4.0, 15.0, 0.01)
+    wanted = np.array([60.0 * window.flow_g_s(0, t - 1.0) for t in times])
+    error = np.abs(at_nozzle(asked, 1.0, 1.0, times) - wanted)
+    assert error.mean() < 0.05
+    assert error.max() < 0.25
