@@ -15,6 +15,10 @@ FloatArray = NDArray[np.float64]
 POSITION_STEP_MM = 0.001
 FEED_STEP_MM_MIN = 0.1
 
+#: A motion shorter than a motor step makes no block in the firmware, so it would neither run nor
+#: be counted; the steps of common axes are 0.002 to 0.0125 mm long.
+LEAST_MOTION_MM = 0.02
+
 
 @dataclass(frozen=True)
 class Moves:
@@ -76,15 +80,23 @@ def lines(
 
 
 def on_raster(moves: Moves, start_mm: FloatArray) -> Moves:
-    """Round to what the program text can say, and drop motions that vanish by it.
+    """Round to what the program text can say, and drop motions too short to be made.
 
-    The firmware makes no block of a motion without length, so none may be counted on. A dropped
-    motion is one whose rounded end equals the rounded end of the line before.
+    The firmware makes no block of a motion shorter than a motor step, so none may be counted on.
+    What is dropped ends within LEAST_MOTION_MM of the last motion kept; the next starts there.
     """
     target = np.round(moves.target_mm / POSITION_STEP_MM) * POSITION_STEP_MM + 0.0
     feed = np.maximum(np.round(moves.feed_mm_s * 60 / FEED_STEP_MM_MIN), 1) * FEED_STEP_MM_MIN / 60
+    moving = moves.is_motion()
+    rounded = replace(moves, target_mm=target, feed_mm_s=np.where(moving, feed, 0.0))
     before = np.vstack([start_mm, target[:-1]])
-    stays = np.abs(target - before).max(axis=1) < POSITION_STEP_MM / 2
-    rounded = replace(
-        moves, target_mm=target, feed_mm_s=np.where(moves.is_motion(), feed, 0.0))
-    return rounded.take(~(stays & moves.is_motion()))
+    short = moving & (np.linalg.norm(target - before, axis=1) < LEAST_MOTION_MM)
+    if not short.any():
+        return rounded
+    keep = np.ones(len(moves), dtype=bool)
+    at = np.asarray(start_mm, dtype=np.float64)
+    for i in np.flatnonzero(moving):
+        keep[i] = np.linalg.norm(target[i] - at) >= LEAST_MOTION_MM
+        if keep[i]:
+            at = target[i]
+    return rounded.take(keep)

@@ -133,6 +133,11 @@ def test_no_law_of_motion_is_broken(points, speed, blocks):
     assert more <= durations.sum() * (1 + 1e-9)
 
 
-def test_moves_that_vanish_on_the_raster_are_dropped():
-    moves = on_raster(path([[1, 0], [1.0004, 0], [1.0008, 0], [2, 0]]), ORIGIN)
-    assert moves.target_mm[:, 0] == pytest.approx([1.0, 1.001, 2.0])
+def test_moves_shorter_than_a_motor_step_are_dropped():
+    """The firmware would make no block of them; many in a row still add up to a motion."""
+    moves = on_raster(path([[1, 0], [1.0004, 0], [1.0012, 0], [2, 0]]), ORIGIN)
+    assert moves.target_mm[:, 0] == pytest.approx([1.0, 2.0])
+    creeping = on_raster(path([[1 + 0.005 * i, 0] for i in range(101)]), ORIGIN)
+    steps = np.diff(creeping.target_mm[:, 0])
+    assert steps.min() >= 0.02 - 1e-9
+    assert creeping.target_mm[-1, 0] == pytest.approx(1.5, abs=0.02)
