@@ -73,7 +73,9 @@ class Cell:
             if not future.done():
                 future.set_result(None)
 
-    async def until(self, condition: Callable[[], bool], timeout_s: float, what: str) -> None:
+    async def until(
+        self, condition: Callable[[], bool], timeout_s: float, what: str, hint: str = ""
+    ) -> None:
         """Wait for a condition on the devices' reports. Raises MachineError after the time-out."""
         try:
             async with asyncio.timeout(timeout_s):
@@ -82,7 +84,9 @@ class Cell:
                     self._waiting.append(future)
                     await future
         except TimeoutError:
-            raise MachineError(f"{what} did not happen within {timeout_s:.0f} s") from None
+            raise MachineError(
+                f"{what} did not come about within {timeout_s:.0f} s", hint=hint
+            ) from None
 
     async def at_rest_at(self, place_mm: Iterable[float | None], timeout_s: float) -> None:
         """Wait until the machine stands idle at a place (None: wherever in that axis)."""

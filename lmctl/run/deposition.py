@@ -1,4 +1,4 @@
-"""Depositing: lines to the controller in step with what is executed, and the journal of it.
+"""Depositing: lines to the controller as the machine gets on, and the journal of it.
 
 Driven by the motion driver's reports; between them it does nothing.
 """
@@ -73,7 +73,7 @@ class Deposition:
         return f"layer {self._layer + 1}, program line {self.executed}"
 
     def start(self) -> None:
-        """Send the first lines; the rest follows as lines are executed."""
+        """Send the first lines; the rest follows as the machine reports where it is."""
         self.started = self._streaming = True
         self._layer_t = self._loop.time()
         self._recorder.purged(self._feed.take_fed_g())
@@ -143,6 +143,7 @@ class Deposition:
             self._clock.report(t, motion.executed, position_mm)
             if (due := self._clock.due_rate(t)) is not None:
                 self.override_now(round(due * 100.0))
+            self._release()
             self._tell(t)
         self._recorder.sample(
             self.executed, position_mm, report.feed_mm_min, report.spindle,
@@ -182,11 +183,9 @@ class Deposition:
         if executed >= window.n_lines:
             self._streaming = False
             self._done()
-        else:
-            self._release()
 
     def _release(self) -> None:
-        batch = self._streamer.take(self._cell.motion.executed, self._clock.rate)
+        batch = self._streamer.take(self._clock.now(self._loop.time()), self._clock.rate)
         if batch.begun:
             self._recorder.paths(batch.begun)
         if batch.lines:

@@ -130,8 +130,14 @@ class JobWindow:
         stretch = self.stretch_of_line(line)
         return float(stretch.start_s[line - stretch.first_line])
 
-    def line_at(self, s: float) -> tuple[list[float], list[float], float, float]:
-        """The line that runs at program time s by plan: where it starts and ends, and when."""
+    def line_at(self, s: float) -> int:
+        """The line that runs at program time s; the job's last one at its end."""
+        stretch = self._at(s)
+        row = int(stretch.end_s.searchsorted(s, side="right"))
+        return min(stretch.first_line + row, stretch.last_line)
+
+    def span_at(self, s: float) -> tuple[list[float], list[float], float, float]:
+        """Where the line that runs at program time s starts and ends, and when."""
         stretch = self._at(s)
         row = min(int(stretch.end_s.searchsorted(s)), len(stretch.program) - 1)
         return (stretch.start_mm[row].tolist(), stretch.end_mm[row].tolist(),

@@ -154,7 +154,7 @@ class ProgramClock:
 
     def _as_expected(self, position_mm: tuple[float, ...], expected_s: float) -> float | None:
         """Program time of a position that lies where it is expected, found without a search."""
-        (x0, y0, z0), (x1, y1, z1), start_s, end_s = self._window.line_at(expected_s)
+        (x0, y0, z0), (x1, y1, z1), start_s, end_s = self._window.span_at(expected_s)
         x, y, z = position_mm[:3]
         dx, dy, dz = x1 - x0, y1 - y0, z1 - z0
         length2 = dx * dx + dy * dy + dz * dz

@@ -228,6 +228,7 @@ class CellSequence:
         await self._connected.until(
             lambda: motion.overrides[0] == percent, _OVERRIDE_PATIENCE_S,
             f"a feed override of {percent} %",
+            hint="reports must carry Ov: for grblHAL add 64 to $10",
         )
 
     async def _lead_powder(self) -> None:

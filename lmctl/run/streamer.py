@@ -25,7 +25,7 @@ class Batch:
 
 
 class Streamer:
-    """Releases a job's lines as earlier ones are executed. Knows no driver and no time.
+    """Releases a job's lines as program time goes on. Knows no driver and no clock.
 
     released : lines given out so far
     """
@@ -36,15 +36,15 @@ class Streamer:
         self._horizon_s = horizon_s
         self._open: deque[PathSpan] = deque()  # begun and not yet executed
 
-    def take(self, executed: int, rate: float) -> Batch:
-        """The lines that may be sent now that `executed` lines are known to be executed.
+    def take(self, s: float, rate: float) -> Batch:
+        """The lines that may be sent now that program time s has been reached.
 
-        rate : feed override; planned times are divided by it where it slows motion down. (Where
-            it speeds motion up they are not: rapids keep their time.)
+        rate : feed override. The horizon is machine time: it holds less program time where an
+            override slows motion down, more where it speeds it up.
         """
         window = self._window
-        limit_s = window.line_start_s(executed) + self._horizon_s * min(rate, 1.0)
-        least = min(executed + _LEAST_LINES, window.n_lines)
+        limit_s = window.advance(s, self._horizon_s, rate)
+        least = window.line_at(s) + _LEAST_LINES
         lines: list[bytes] = []
         begun: list[PathSpan] = []
         while self.released < window.n_lines:
