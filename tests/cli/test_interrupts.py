@@ -1,0 +1,141 @@
+"""Ctrl-C and busy ports, met by the real program in a process of its own."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from importlib.resources import files
+from pathlib import Path
+
+import pytest
+
+from lmctl.run.journal_file import read, verify
+
+BLOCK = """
+name = "block"
+[[material]]
+name = "316L"
+[[body]]
+kind = "box"
+low_mm = [0, 0, 0]
+high_mm = [120, 90, 40]
+"""
+
+
+def start(folder: Path, *arguments: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-m", "lmctl.cli", *arguments], cwd=folder, text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    )
+
+
+def finish(folder: Path, *arguments: str) -> None:
+    """Run a command that must succeed."""
+    done = subprocess.run(
+        [sys.executable, "-m", "lmctl.cli", *arguments], cwd=folder, text=True,
+        capture_output=True, timeout=60,
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def when(condition: Callable[[], bool], process: subprocess.Popen[str]) -> None:
+    """Wait until something shows on disk; the process must not end before."""
+    for _ in range(600):
+        if condition():
+            return
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.05)
+    raise AssertionError("it never came to that")
+
+
+@pytest.fixture
+def part(tmp_path: Path) -> Path:
+    (tmp_path / "part.toml").write_text(BLOCK)
+    return tmp_path / "part.toml"
+
+
+def test_ctrl_c_while_planning_leaves_nothing(part: Path, tmp_path: Path) -> None:
+    process = start(tmp_path, "plan", "part.toml")
+    when(lambda: any(tmp_path.glob(".*.tmp")), process)
+    process.send_signal(signal.SIGINT)
+    _, talk = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "Traceback" not in talk
+    assert "interrupted" in talk
+    assert [path.name for path in tmp_path.iterdir()] == ["part.toml"]
+
+
+def test_ctrl_c_while_running_stops_in_the_safe_order(part: Path, tmp_path: Path) -> None:
+    part.write_text(BLOCK.replace("[120, 90, 40]", "[60, 40, 1.6]"))
+    finish(tmp_path, "plan", "part.toml")
+    process = start(tmp_path, "run", "part.lmj", "--sim", "--speed", "20")
+    journal = tmp_path / "runs" / "run-0001" / "journal.jsonl"
+    when(lambda: journal.exists() and '"depositing"' in journal.read_text(), process)
+    process.send_signal(signal.SIGINT)
+    _, talk = process.communicate(timeout=60)
+    assert process.returncode == 5, talk
+    assert "Traceback" not in talk
+    assert verify(journal).sealed
+    records = list(read(journal))
+    assert records[-1]["state"] == "stopped"
+    acts = [record["do"] for record in records if record["kind"] == "act"]
+    assert acts[-3:] == ["beam and motion off", "powder off", "post-flow, gas off"]
+
+
+@pytest.mark.parametrize("mute", [True, False], ids=["silent", "talking nonsense"])
+def test_a_port_that_is_no_controller(part: Path, tmp_path: Path, mute: bool) -> None:
+    part.write_text(BLOCK.replace("[120, 90, 40]", "[20, 10, 0.8]"))
+    master, slave = os.openpty()
+    text = (files("lmctl.examples") / "cell.toml").read_text()
+    (tmp_path / "cell.toml").write_text(
+        text.replace("tcp://127.0.0.1:2323", f"pty://{os.ttyname(slave)}")
+    )
+    finish(tmp_path, "plan", "part.toml")
+    if not mute:
+        os.write(master, b"\xff\x00hello, this is a modem\r\n" * 3)
+    process = start(tmp_path, "run", "part.lmj", "--machine", "cell.toml")
+    _, talk = process.communicate(timeout=60)
+    os.close(master)
+    os.close(slave)
+    assert process.returncode == 4, talk
+    assert "Traceback" not in talk
+    assert "hint: " in talk
+
+
+def test_a_bench_of_its_own_is_a_machine_like_any_other(part: Path, tmp_path: Path) -> None:
+    """`python -m simulators` at the far end of real wires, driven as --machine drives a cell."""
+    part.write_text(BLOCK.replace("[120, 90, 40]", "[6, 4, 0.8]"))
+    bench_text = (files("lmctl.examples") / "bench.toml").read_text()
+    for port in ("2323", "5021", "5022"):
+        bench_text = bench_text.replace(f"127.0.0.1:{port}", "127.0.0.1:0")
+    (tmp_path / "bench.toml").write_text(bench_text)
+    bench = subprocess.Popen(
+        [sys.executable, "-m", "simulators", "bench.toml"], cwd=tmp_path, text=True,
+        stdout=subprocess.PIPE,
+    )
+    try:
+        assert bench.stdout is not None
+        endpoints = json.loads(bench.stdout.readline())
+        endpoints = endpoints.get("endpoints", endpoints)
+        cell = (files("lmctl.examples") / "cell.toml").read_text()
+        for old, name in (("tcp://127.0.0.1:2323", "motion"),
+                          ("modbus-tcp://127.0.0.1:5021", "F1"),
+                          ("modbus-tcp://127.0.0.1:5022", "F2")):
+            cell = cell.replace(old, endpoints[name])
+        cell = cell.replace("watchdog_s = 4", "watchdog_s = 4\ngas_preflow_s = 0.2\n"
+                            "gas_postflow_s = 0.2").replace("dead_time_s = 3.0",
+                            "dead_time_s = 0.3").replace("lag_s = 1.0", "lag_s = 0.2")
+        (tmp_path / "cell.toml").write_text(cell)
+        finish(tmp_path, "plan", "part.toml", "-m", "cell.toml")
+        process = start(tmp_path, "run", "part.lmj", "-m", "cell.toml", "--json")
+        data, talk = process.communicate(timeout=100)
+        assert process.returncode == 0, talk
+        assert json.loads(data)["state"] == "done"
+    finally:
+        bench.send_signal(signal.SIGINT)
+        bench.communicate(timeout=20)
