@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,7 +20,7 @@ FloatArray = NDArray[np.float64]
 
 REACH_SPACINGS = 2.2  # a patch speaks for the surface this far from its sample
 SURE_PITCHES = 0.5  # nearer to the surface than this a node's own fit knows its side best
-LEVELS_PER_PITCH = np.uint8(8)
+LEVELS_PER_PITCH = 8
 PROBE_PITCHES = 2.0
 LARGEST_SHARE_DISPUTED = 0.05
 
@@ -49,17 +47,25 @@ def cloud_field(points: FloatArray, grid: Grid) -> Field:
     del owner
     if not seeds.supported.any():
         raise _nothing_inside(len(samples.points_mm), grid)
-    tags = _tags(orientation, seeds, grid)
+    sources, values = _swept(seeds, seeds.supported, grid)
+    tags = _tags(values, orientation, seeds, grid)
     good = _on_the_surface(tags, seeds, grid)
-    sources = np.full(grid.shape, -1, dtype=np.int32)
-    sources.reshape(-1)[seeds.nodes[good]] = np.flatnonzero(good)
-    values = sweep_sources(sources, seeds.surface_mm, grid)
+    if not np.array_equal(good, seeds.supported):
+        sources, values = _swept(seeds, good, grid)
     sure = good & (np.abs(seeds.distance_mm) <= SURE_PITCHES * grid.pitch_mm)
     tags.reshape(-1)[seeds.nodes[sure]] = np.where(seeds.distance_mm[sure] > 0.0, 1, -1)
     if not (tags > 0).any():
         raise _nothing_inside(len(samples.points_mm), grid)
     values *= tags
     return Field(grid, values, sources, seeds.surface_mm, samples.remarks + orientation.remarks)
+
+
+def _swept(
+    seeds: CloudSeeds, used: NDArray[np.bool_], grid: Grid
+) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+    sources = np.full(grid.shape, -1, dtype=np.int32)
+    sources.reshape(-1)[seeds.nodes[used]] = np.flatnonzero(used)
+    return sources, sweep_sources(sources, seeds.surface_mm, grid)
 
 
 def _nothing_inside(count: int, grid: Grid) -> InputError:
@@ -70,7 +76,9 @@ def _nothing_inside(count: int, grid: Grid) -> InputError:
     )
 
 
-def _tags(orientation: Orientation, seeds: CloudSeeds, grid: Grid) -> NDArray[np.int8]:
+def _tags(
+    values: NDArray[np.float32], orientation: Orientation, seeds: CloudSeeds, grid: Grid
+) -> NDArray[np.int8]:
     """(nz, ny, nx) int8, −1 outside, +1 inside: from what is surely deep, towards the seeds."""
     coarse = orientation.deep_grid
     nearest = [
@@ -81,29 +89,12 @@ def _tags(orientation: Orientation, seeds: CloudSeeds, grid: Grid) -> NDArray[np
         for a in range(3)
     ]
     tags = orientation.deep[np.ix_(nearest[2], nearest[1], nearest[0])]
-    away = np.abs(seeds.distance_mm)
-    level = np.full(grid.shape, LEVELS - 1, dtype=np.uint8)
-    held = seeds.supported  # what may be in the air must not stand in the way
-    level.reshape(-1)[seeds.nodes[held]] = (
-        away[held] * (LEVELS_PER_PITCH / grid.pitch_mm)
-    ).astype(np.uint8)
-    widest_first = np.argsort(-away, kind="stable")
-    sides = np.where(seeds.distance_mm > 0.0, 1, -1).astype(np.int8)
-    flood(_spread(level), tags, seeds.nodes[widest_first], sides[widest_first])
+    level = np.minimum(values * (LEVELS_PER_PITCH / grid.pitch_mm), LEVELS - 1).astype(np.uint8)
+    used = np.flatnonzero(seeds.supported)
+    used = used[np.argsort(-np.abs(seeds.distance_mm[used]), kind="stable")]
+    sides = np.where(seeds.distance_mm[used] > 0.0, 1, -1).astype(np.int8)
+    flood(level, tags, seeds.nodes[used], sides)
     return tags
-
-
-def _spread(level: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """How far each node is from those with a low level, in levels, along the grid's axes."""
-    for axis in (0, 1, 2):
-        # Planes across the last axis are scattered in memory: turn that one to the middle.
-        turned = np.ascontiguousarray(level.transpose(0, 2, 1)) if axis == 2 else level
-        planes = turned if axis == 0 else turned.transpose(1, 0, 2)
-        for order in (planes, planes[::-1]):
-            for before, here in itertools.pairwise(order):
-                np.minimum(here, before + LEVELS_PER_PITCH, out=here)
-        level = turned.transpose(0, 2, 1) if axis == 2 else turned
-    return np.ascontiguousarray(level)
 
 
 def _on_the_surface(

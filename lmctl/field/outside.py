@@ -100,7 +100,7 @@ def orient(samples: Samples, patches: Patches, pitch_mm: float) -> Orientation:
 def _tagging_grid(samples: Samples, pitch_mm: float) -> Grid:
     """A grid just fine enough for the gaps between samples, with air all around."""
     points, typical = samples.points_mm, samples.typical_spacing_mm
-    pitch = max(pitch_mm, 0.75 * typical)
+    pitch = max(pitch_mm, 0.6 * typical)
     margin = int(np.ceil(4.0 * typical / pitch)) + 2
     return Grid.around(points.min(axis=0), points.max(axis=0), pitch, margin)
 

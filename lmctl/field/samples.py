@@ -61,11 +61,7 @@ def clean_samples(points: FloatArray, grid: Grid) -> Samples:
             where=(where, f"{len(bad)} points, the first is number {bad[0] + 1}"),
             hint="remove those lines from the file",
         )
-    # In order of place, so that the order in the file does not matter.
-    ordered = points[np.lexsort(points.T)]
-    new = np.ones(len(ordered), dtype=np.bool_)
-    new[1:] = np.any(ordered[1:] != ordered[:-1], axis=1)
-    distinct = ordered[new]
+    distinct = np.unique(points, axis=0)
     remarks = []
     if len(distinct) < len(points):
         repeated = len(points) - len(distinct)
