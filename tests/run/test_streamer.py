@@ -26,7 +26,7 @@ def test_exactly_the_horizon_is_released(job):
 
 def test_the_horizon_is_machine_time(job):
     def released(rate):
-        return len(Streamer(job(ladder(100)).window(), horizon_s=1.05).take(0.0, rate).lines)
+        return len(Streamer(job(ladder(100)).window(), horizon_s=1.06).take(0.0, rate).lines)
 
     assert released(0.5) == 5
     assert released(2.0) == 21
