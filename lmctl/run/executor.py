@@ -112,10 +112,9 @@ class Executor:
             self._sequence.set_override(percent)
 
     def _request(self, event: Event) -> None:
-        if self._machine is None or not self._machine.knows(event):
+        if self._machine is None or not self._machine.wish(event):
             raise UsageError(f"cannot {event} now: the run is {self.state}",
                              hint="a run can be held while it deposits and resumed once held")
-        self._machine.post(event)
 
     # --- the run ------------------------------------------------------------------------------
 
@@ -151,9 +150,14 @@ class Executor:
         loop = asyncio.get_running_loop()
         start_t = loop.time()
         recorder = Recorder(journal, lambda: loop.time() - start_t, [h.name for h in hoppers])
+
+        def held_elsewhere() -> None:
+            if machine.state is State.DEPOSITING:
+                machine.wish(Event.HOLD)
+
         sequence = CellSequence(
             job, self._profile, hoppers, recorder,
-            program_done=lambda: machine.post(Event.PROGRAM_DONE),
+            program_done=lambda: machine.post(Event.PROGRAM_DONE), held=held_elsewhere,
             failed=lambda error: machine.trip(error), progress=self._progress,
         )
         machine = StateMachine(sequence.carry_out, sequence.halt, recorder)
@@ -170,8 +174,8 @@ class Executor:
         if machine.state is not State.DONE:
             raise self._ending(made, machine, sequence)
         return RunResult(
-            made.run, machine.state, sequence.executed, machine_s, time.perf_counter() - began,
-            made.journal, warnings,
+            made.run, machine.state.value, sequence.executed, machine_s,
+            time.perf_counter() - began, made.journal, warnings,
         )
 
     def _ending(

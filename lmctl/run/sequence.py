@@ -49,13 +49,14 @@ class CellSequence:
     """Carries out effects on one cell for one job.
 
     program_done : called when the last line has been executed
+    held : called while the machine reports a hold, whoever asked for it
     failed : called with each reason why the run cannot go on
     beam_off : whether every power is sent as zero, because the machine is not the bench
     """
 
     def __init__(
         self, job: JobReader, profile: MachineProfile, hoppers: Sequence[Hopper],
-        recorder: Recorder, *, program_done: Callable[[], None],
+        recorder: Recorder, *, program_done: Callable[[], None], held: Callable[[], None],
         failed: Callable[[Exception], None], progress: Progress | None,
     ) -> None:
         self.beam_off = True
@@ -64,6 +65,7 @@ class CellSequence:
         self._hoppers = tuple(hoppers)
         self._recorder = recorder
         self._program_done = program_done
+        self._held = held
         self._failed = failed
         self._progress = progress
         self._loop = asyncio.get_running_loop()
@@ -168,7 +170,7 @@ class CellSequence:
             done=self._program_done, failed=self._failed, progress=self._progress,
         )
         self._accepted = _Work(clock, feed, deposition)
-        watch(cell, deposition, self._failed)
+        watch(cell, deposition, self._failed, self._held)
 
     async def _read_through(self) -> None:
         """Have every line refused now that would be refused in the middle of the part."""

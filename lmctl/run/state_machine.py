@@ -38,15 +38,24 @@ class StateMachine:
         self._carry_out = carry_out
         self._halt = halt
         self._logbook = logbook
-        self._events: asyncio.Queue[Event] = asyncio.Queue()
+        self._events: asyncio.Queue[tuple[Event, bool]] = asyncio.Queue()
         self._activity: asyncio.Task[None] | None = None
 
     def post(self, event: Event) -> None:
-        """Let something happen, after what has happened already."""
-        self._events.put_nowait(event)
+        """Something has happened. Where the state does not know it, that is a fault."""
+        self._events.put_nowait((event, False))
 
-    def knows(self, event: Event) -> bool:
-        """Whether the event means something in the present state."""
+    def wish(self, event: Event) -> bool:
+        """Somebody would like something to happen. Returns whether the present state knows it.
+
+        Where the state no longer does when its turn comes (asked twice, say), it is dropped.
+        """
+        if not self._knows(event):
+            return False
+        self._events.put_nowait((event, True))
+        return True
+
+    def _knows(self, event: Event) -> bool:
         return (self.state, event) in TRANSITIONS
 
     def trip(self, error: Exception) -> None:
@@ -65,7 +74,9 @@ class StateMachine:
         self.post(Event.START)
         try:
             while self.state not in FINAL:
-                self._take(await self._next())
+                event, wished = await self._next()
+                if not wished or self._knows(event):
+                    self._take(event)
         except BaseException:
             self._halt()
             raise
@@ -74,19 +85,19 @@ class StateMachine:
                 self._activity.cancel()
         return self.state
 
-    async def _next(self) -> Event:
+    async def _next(self) -> tuple[Event, bool]:
         try:
             return await self._events.get()
         except asyncio.CancelledError:
             task = asyncio.current_task()
             if task is not None:
                 task.uncancel()
-            return Event.STOP
+            return Event.STOP, True
 
     def _take(self, event: Event) -> None:
         """One transition: written down, then its effects begin; those still under way break off."""
         before = self.state
-        if not self.knows(event):
+        if not self._knows(event):
             self._note(RuntimeError(f"{event!r} came while the run was {before}"))
         self.state, effects = step(before, event)
         try:
@@ -112,7 +123,7 @@ class StateMachine:
                     return
                 # Stopping after a fault already: what fails now must not keep the rest from it.
                 self._note(error)
-        if self.knows(Event.ACHIEVED):
+        if self._knows(Event.ACHIEVED):
             self.post(Event.ACHIEVED)
 
     def _note(self, error: Exception) -> None:

@@ -16,21 +16,34 @@ from lmctl.run.deposition import Deposition
 Failed = Callable[[Exception], None]
 
 
-def watch(cell: Cell, deposition: Deposition, failed: Failed) -> None:
+def watch(
+    cell: Cell, deposition: Deposition, failed: Failed, held: Callable[[], None]
+) -> None:
     """Listen to every device of the cell from now on.
 
     failed : called with each reason why the run cannot go on; the first one counts
+    held : called while the machine reports a hold, whoever asked for it
     """
-    cell.motion.listener = _motion_listener(cell, deposition, failed)
+    cell.motion.listener = _motion_listener(cell, deposition, failed, held)
     for feeder in cell.feeders:
         feeder.listener = _feeder_listener(cell, feeder, failed)
 
 
-def _motion_listener(cell: Cell, deposition: Deposition, failed: Failed) -> MotionListener:
+def _motion_listener(
+    cell: Cell, deposition: Deposition, failed: Failed, held: Callable[[], None]
+) -> MotionListener:
     dialect = cell.motion.identity.dialect
+    behind_door = False
 
     def status(report: StatusReport) -> None:
+        nonlocal behind_door
         deposition.on_status(report)
+        if report.state == "Hold":
+            held()
+        elif report.state == "Door" and not behind_door:
+            behind_door = True
+            failed(MachineError("the safety door was opened during the run",
+                                hint="close it, look at the part, and start the run anew"))
         cell.reported()
 
     def rejected(tag: int, code: int) -> None:

@@ -172,11 +172,30 @@ def test_hold_and_resume_go_through_a_purge():
     ]
 
 
-def test_only_events_the_state_knows_can_be_asked_for():
+def test_a_wish_the_state_does_not_know_is_no_fault():
     rig = Rig()
-    known = {}
-    run(rig, *((at + 0.5, lambda state=state: known.update({state: [
-        event for event in (Event.HOLD, Event.RESUME, Event.STOP) if rig.machine.knows(event)
-    ]})) for state, at in ENTERED.items()))
-    assert known[State.GAS] == [Event.STOP]
-    assert known[State.DEPOSITING] == [Event.HOLD, Event.STOP]
+    answers = {}
+    ended = run(rig, *(
+        (at + 0.5, lambda state=state: answers.update({state: rig.machine.wish(Event.HOLD)}))
+        for state, at in ENTERED.items() if state is not State.DEPOSITING
+    ))
+    assert ended is State.DONE
+    assert set(answers.values()) == {False}
+    assert Do.FEED_HOLD not in rig.log
+    rig = Rig()
+    run(rig, (10.0, lambda: rig.machine.wish(Event.HOLD)),
+        (50.0, lambda: rig.machine.wish(Event.STOP)))
+    assert Do.FEED_HOLD in rig.log
+
+
+def test_asking_twice_is_asking_once():
+    rig = Rig()
+
+    def twice(event):
+        assert rig.machine.wish(event)
+        assert rig.machine.wish(event)
+
+    ended = run(rig, (10.0, lambda: twice(Event.HOLD)), (15.0, lambda: twice(Event.RESUME)))
+    assert ended is State.DONE
+    assert rig.log.count(Do.FEED_HOLD) == rig.log.count(Do.CYCLE_START) == 1
+    assert rig.faults == []

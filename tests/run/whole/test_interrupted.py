@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import errno
+import os
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from lmctl.errors import MachineError, RunFailed, RunStopped
+from lmctl.run.journal_file import verify
 
 #: Beam off within so much of a feed hold [s]: the controller's step buffer, then slowing down.
 BEAM_OFF_S = 0.13
@@ -167,3 +172,105 @@ def test_a_locked_machine_is_refused_and_left_alone(run, square_job):
     assert "Alarm" in one.error.render()
     assert one.executed == []
     assert one.states == ["connecting", "checking", "faulted"]
+
+
+def test_a_hold_that_does_not_come_is_followed_by_a_reset(run, large_square_job):
+    """A controller that ignores `!`: 0x18 after 250 ms, and the run is over."""
+
+    def deaf_to_hold(one):
+        receive = one.bench.motion.receive
+        one.bench.motion.receive = lambda data: receive(data.replace(b"!", b""))
+        one.executor.hold()
+
+    one = run(large_square_job, acts=[(3.0, deaf_to_hold)])
+    assert isinstance(one.error, RunFailed)
+    assert "no hold showed" in one.error.render()
+    assert one.path.time_s.max() < one.started_s + 3.0 + 2 * 0.25 + 2 * BEAM_OFF_S
+    assert one.still_feeding == []
+    assert one.records("seal")[0]["state"] == "faulted"
+
+
+@pytest.mark.parametrize("bench", [
+    [], [('dialect = "grblhal"', 'dialect = "grbl"'), ("10 = 511", "10 = 3")],
+])
+def test_a_line_damaged_on_its_way_stops_the_run_at_once(run, large_square_job, bench):
+    def damage(one):
+        receive = one.bench.motion.receive
+        left = [1]
+
+        def damaged(data):
+            if b" G1 " in data and left:
+                left.clear()
+                data = data.replace(b" G1 ", b" G9 ", 1)
+            receive(data)
+
+        one.bench.motion.receive = damaged
+
+    one = run(large_square_job, bench=bench, acts=[(3.0, damage)])
+    assert isinstance(one.error, RunFailed)
+    text = one.error.render()
+    assert "program line" in text
+    assert "was rejected" in text
+    assert len(one.standing_beam) == 0
+    assert one.path.time_s.max() < one.started_s + 4.5
+    assert one.still_feeding == []
+
+
+def test_a_hold_at_the_controller_s_own_panel_is_a_hold(run, large_square_job):
+    one = run(large_square_job, acts=[
+        (3.0, lambda r: r.bench.motion.receive(b"!")), (20.0, lambda r: r.executor.resume()),
+    ])
+    assert one.result.state == "done"
+    one.check_safe()
+    assert one.states.count("held") == 1
+
+
+def test_an_opened_door_ends_the_run(run, large_square_job):
+    one = run(large_square_job, acts=[
+        (3.0, lambda r: r.bench.motion.set_door(True)),
+        (8.0, lambda r: r.bench.motion.set_door(False)),
+    ])
+    assert isinstance(one.error, RunFailed)
+    assert "door" in one.error.render()
+    assert one.path.time_s.max() < one.started_s + 3.0 + BEAM_OFF_S
+    assert one.still_feeding == []
+    assert one.records("seal")[0]["state"] == "faulted"
+
+
+def test_a_job_altered_while_it_runs_ends_the_run(run, tmp_path, profile, job_file):
+    job_file(tmp_path / "job.lmj", profile, job_file.squares(layers=4, per_layer=3, side_mm=12.0))
+
+    def alter(one):
+        (copy,) = tmp_path.glob("bench-*/runs/*/job.lmj")
+        data = bytearray(copy.read_bytes())
+        at = data.rindex(b"S500")
+        data[at:at + 4] = b"S999"
+        copy.write_bytes(data)
+
+    one = run(tmp_path / "job.lmj", acts=[(1.0, alter)])
+    assert isinstance(one.error, RunFailed)
+    assert "job.lmj" in one.error.what
+    assert "plan the part again" in one.error.hint
+    assert len(one.standing_beam) == 0
+    assert one.still_feeding == []
+    assert one.states[-2:] == ["tripped", "faulted"]
+
+
+def test_a_full_disk_ends_the_run_safely(run, large_square_job, monkeypatch):
+    def fill_disk(one):
+        def write(fd, data):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+        full = SimpleNamespace(**{**vars(os), "write": write})
+        monkeypatch.setattr("lmctl.run.journal.os", full)
+
+    one = run(large_square_job, acts=[(3.0, fill_disk)])
+    monkeypatch.undo()
+    assert isinstance(one.error, RunFailed)
+    assert "No space left on device" in one.error.render()
+    assert len(one.standing_beam) == 0
+    assert one.still_feeding == []
+    found = verify(one.journal)
+    assert found.whole
+    assert not found.sealed  # it could not be
+    assert one.path.time_s.max() < one.started_s + 3.0 + 5.0
