@@ -13,7 +13,7 @@ from lmctl.config.machine import Hopper, MachineProfile
 from lmctl.errors import JobError, LmctlError, RunFailed, RunStopped, UsageError
 from lmctl.job.reader import JobReader
 from lmctl.preflight.job_check import check_job
-from lmctl.run import rundir
+from lmctl.run import rundir, signals
 from lmctl.run.deposition import Progress
 from lmctl.run.journal import Journal
 from lmctl.run.overrides import LEAST_PERCENT, MOST_PERCENT
@@ -121,7 +121,8 @@ class Executor:
     async def run(self) -> RunResult:
         """Run the job to its end.
 
-        Being cancelled is an operator's stop: the machine is brought to rest first.
+        Ctrl-C is an operator's stop, and so is being cancelled: the machine is brought to rest
+        first. A second one skips the post-flow.
         Raises JobError, ConfigError before anything is touched; MachineError where the machine
         cannot be used; RunFailed after a fault, RunStopped after a stop. A run that has begun
         leaves a sealed journal, whatever ends it.
@@ -165,7 +166,8 @@ class Executor:
         if self._override_percent != 100:
             sequence.set_override(self._override_percent)
         try:
-            await machine.run()
+            with signals.calling(lambda: machine.wish(Event.STOP)):
+                await machine.run()
         finally:
             warnings = (_BEAM_STAYED_OFF,) if sequence.accepted and sequence.beam_off else ()
             machine_s = loop.time() - start_t

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import signal
 from types import SimpleNamespace
 
 import numpy as np
@@ -62,8 +63,14 @@ def test_a_hold_while_purging_holds_again(run, large_square_job):
     assert one.states.count("resuming") == 1
 
 
-@pytest.mark.parametrize("how", [lambda r: r.executor.stop(), lambda r: r.task.cancel()],
-                         ids=["stop", "cancel"])
+def interrupt(one):
+    signal.raise_signal(signal.SIGINT)
+
+
+@pytest.mark.parametrize("how", [
+    lambda r: r.executor.stop(), lambda r: r.task.cancel(), interrupt,
+    lambda r: signal.raise_signal(signal.SIGTERM),
+], ids=["stop", "cancel", "ctrl-c", "terminate"])
 def test_a_stop_is_orderly_and_says_where(run, large_square_job, how):
     one = run(large_square_job, acts=[(3.0, how)])
     assert isinstance(one.error, RunStopped)
@@ -78,10 +85,9 @@ def test_a_stop_is_orderly_and_says_where(run, large_square_job, how):
     assert one.ended_s - one.entered_s("stopping") > 10.0  # post-flow
 
 
-def test_a_second_stop_skips_the_post_flow(run, large_square_job):
-    one = run(large_square_job, acts=[
-        (3.0, lambda r: r.executor.stop()), (4.0, lambda r: r.executor.stop()),
-    ])
+@pytest.mark.parametrize("how", [lambda r: r.executor.stop(), interrupt], ids=["stop", "ctrl-c"])
+def test_a_second_stop_skips_the_post_flow(run, large_square_job, how):
+    one = run(large_square_job, acts=[(3.0, how), (4.0, how)])
     assert isinstance(one.error, RunStopped)
     one.check_safe()
     assert acts(one)[-3:] == ["beam and motion off", "powder off", "gas off"]
