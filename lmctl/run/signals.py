@@ -19,7 +19,8 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 def calling(act: Callable[[], object]) -> Iterator[None]:
     """Call `act` at each interrupt, termination or hang-up, as long as the context lasts.
 
-    One that is ignored (hang-up under nohup) stays ignored. Outside the main thread signals cannot be taken; there this does nothing.
+    One that is ignored (hang-up under nohup) stays ignored. Outside the main thread signals
+    cannot be taken; there this does nothing.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
