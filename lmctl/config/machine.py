@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal, get_args
 
 from pydantic import Field, field_validator, model_validator
 
@@ -18,6 +18,8 @@ from lmctl.config.toml_file import Model
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 Vector = tuple[float, float, float]
+
+_ROUNDING_S = 1e-9
 
 
 class Travel(Model):
@@ -94,6 +96,56 @@ class Hopper(Model):
     carrier_L_min: Annotated[float, Field(gt=0, le=100)] = 4.0
 
 
+SafetyInput = Literal[
+    "estop", "door", "laser_ready", "laser_fault", "back_reflection", "chiller", "shield_gas",
+    "extraction", "oxygen", "key",
+]
+SAFETY_INPUTS: tuple[SafetyInput, ...] = get_args(SafetyInput)
+
+#: Heartbeats that may be missed before a watchdog relay opens: one lost answer must not stop a run.
+_RELAY_PERIODS = 3
+
+
+class Safety(Model):
+    """The safety-input device: how the cell's safety circuits stand, as the host may read it.
+
+    period_s : of its heartbeat, with which it is read
+    relay_timeout_s : its watchdog relay opens when heartbeats stop so long; None: no relay wired
+    fitted : the inputs that the cell has; the others are not looked at
+    shield_gas_min_L_min .. oxygen_trip_ppm : limits of the values it reads; None: not watched
+    """
+
+    endpoint: str
+    device_id: Annotated[int, Field(ge=1, le=247)] = 1
+    period_s: Annotated[float, Field(ge=0.02, le=1)] = 0.1
+    relay_timeout_s: Annotated[float, Field(ge=0.06, le=60)] | None = None
+    fitted: tuple[SafetyInput, ...] = SAFETY_INPUTS
+    shield_gas_min_L_min: Annotated[float, Field(gt=0, le=600)] | None = None
+    chiller_min_L_min: Annotated[float, Field(gt=0, le=600)] | None = None
+    chiller_max_C: Annotated[float, Field(gt=0, le=100)] | None = None
+    oxygen_warn_ppm: Annotated[float, Field(gt=0, le=210_000)] | None = None
+    oxygen_trip_ppm: Annotated[float, Field(gt=0, le=210_000)] | None = None
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Safety:
+        wrong = [f"{name!r} is fitted twice" for name in sorted(_twice(list(self.fitted)))]
+        if self.relay_timeout_s is not None and (
+            self.relay_timeout_s < _RELAY_PERIODS * self.period_s - _ROUNDING_S
+        ):
+            wrong.append(
+                f"relay_timeout_s must be at least {_RELAY_PERIODS} times period_s, "
+                f"{_RELAY_PERIODS * self.period_s:g} s"
+            )
+        warn_ppm, trip_ppm = self.oxygen_warn_ppm, self.oxygen_trip_ppm
+        if warn_ppm is not None and trip_ppm is not None and warn_ppm > trip_ppm:
+            wrong.append("oxygen_warn_ppm is above oxygen_trip_ppm")
+        if "oxygen" not in self.fitted and (warn_ppm is not None or trip_ppm is not None):
+            wrong.append('there are limits for oxygen, but "oxygen" is not among fitted')
+        if wrong:
+            raise ValueError("; ".join(wrong))
+        return self
+
+
 class MachineProfile(Model):
     """A whole cell. Raises ConfigError with every mistake at once when read by `load`."""
 
@@ -102,6 +154,7 @@ class MachineProfile(Model):
     laser: Laser
     feeder: Annotated[tuple[Feeder, ...], Field(min_length=1)]
     hopper: Annotated[tuple[Hopper, ...], Field(min_length=1)]
+    safety: Safety | None = None
 
     @model_validator(mode="after")
     def _consistent(self) -> MachineProfile:
@@ -135,7 +188,8 @@ class MachineProfile(Model):
         return self
 
     def planning_digest(self) -> str:
-        """SHA-256 of what planning uses: not endpoints, and not θ and τ, which a run may relearn.
+        """SHA-256 of what planning uses: not endpoints and safety, and not θ and τ, which a run
+        may relearn.
 
         A job planned for a profile runs on any profile of equal digest.
         """
@@ -147,6 +201,7 @@ class MachineProfile(Model):
                     "endpoint", "device_id", "watchdog_s", "gas_preflow_s", "gas_postflow_s",
                 }},
                 "hopper": {"__all__": {"dead_time_s", "lag_s"}},
+                "safety": True,
             },
         )
         return hashlib.sha256(json.dumps(used, sort_keys=True).encode()).hexdigest()

@@ -1,0 +1,146 @@
+"""The SIO register map of safety-input devices, as a table: what the host may read of a cell's
+safety circuits, and the watchdog relay that its heartbeat keeps closed.
+
+The circuits themselves are hardware; this device only tells how they stand. A bit that is 1 is
+good, so an answer of zeros, as a broken device gives it, reads as everything open. Every input
+register a can also be read as holding register `MIRROR + a`, so that one FC 23 request writes the
+heartbeat and reads all inputs back.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntFlag
+
+from firmware_protocol.registers import Kind, Register, RegisterMap, Type
+
+DEVICE_ID = 0x5349
+MAP_MAJOR = 1
+MIRROR = 500
+#: The deliberate word that closes an open watchdog relay and forgets the first-out code.
+RELAY_RESET_KEY = 0xC105
+#: Limits of RELAY_TIMEOUT.
+LEAST_TIMEOUT_MS, GREATEST_TIMEOUT_MS = 50, 60_000
+
+
+class Inputs(IntFlag):
+    """INPUTS, input register 6: 1 is good."""
+
+    ESTOP_CLOSED = 1 << 0
+    DOOR_CLOSED = 1 << 1
+    LASER_READY = 1 << 2
+    LASER_HEALTHY = 1 << 3
+    NO_BACK_REFLECTION = 1 << 4
+    CHILLER_OK = 1 << 5
+    SHIELD_GAS_OK = 1 << 6
+    EXTRACTION_OK = 1 << 7
+    OXYGEN_VALID = 1 << 8
+    KEY_ON = 1 << 9
+
+
+#: Every input, good.
+ALL_GOOD = Inputs((1 << len(Inputs)) - 1)
+
+
+class Status(IntFlag):
+    """STATUS, input register 7: of the device itself; 1 is good."""
+
+    SELF_TEST_OK = 1 << 0
+    RELAY_FITTED = 1 << 1
+    RELAY_CLOSED = 1 << 2
+    HEARTBEAT_FRESH = 1 << 3
+
+
+_I, _H = Kind.INPUT, Kind.HOLDING
+
+_READINGS = (
+    Register("DEVICE_ID", _I, 0, doc="0x5349; anything else is no SIO device"),
+    Register("MAP_VERSION", _I, 1, doc="high byte major, low byte minor"),
+    Register("FW_VERSION", _I, 2, doc="high byte major, low byte minor"),
+    Register("RESERVED_3", _I, 3),
+    Register("SERIAL", _I, 4, Type.U32),
+    Register("INPUTS", _I, 6, Type.BITS, doc="see Inputs"),
+    Register("STATUS", _I, 7, Type.BITS, doc="see Status"),
+    Register("FIRST_OUT", _I, 8, doc="what opened first since the last reset; 0 for nothing"),
+    Register("TRIP_COUNT", _I, 9, doc="modulo 65536, of inputs opening: shows missed ones"),
+    Register("HEARTBEAT_ECHO", _I, 10, doc="the last heartbeat written"),
+    Register("HEARTBEAT_AGE", _I, 11, unit="ms", doc="stays at 65535 when older"),
+    Register("UPTIME", _I, 12, Type.U32, unit="s", doc="goes back when the device restarts"),
+    Register("TICK", _I, 14, unit="ms", doc="modulo 65536: time stamp of this sample"),
+    Register("SHIELD_GAS", _I, 15, per_unit=100, unit="L/min", may_be_missing=True),
+    Register("CHILLER_TEMP", _I, 16, Type.I16, 10, "°C", may_be_missing=True),
+    Register("CHILLER_FLOW", _I, 17, per_unit=100, unit="L/min", may_be_missing=True),
+    Register("OXYGEN", _I, 18, Type.U32, 10, "ppm", may_be_missing=True,
+             doc="air is 209000 ppm; without meaning while OXYGEN_VALID is 0"),
+    Register("EXTRACTION_DP", _I, 20, Type.I16, unit="Pa", may_be_missing=True,
+             doc="across the filter: falls with the fan, rises as the filter clogs"),
+)
+
+_CONTROL = (
+    Register("HEARTBEAT", _H, 0, writable=True, doc="host changes it at least every timeout/4"),
+    Register("RELAY_TIMEOUT", _H, 1, unit="ms", writable=True, least=LEAST_TIMEOUT_MS,
+             greatest=GREATEST_TIMEOUT_MS, doc="the relay opens when heartbeats stop so long"),
+    Register("RELAY_RESET", _H, 2, writable=True, doc="0xC105 closes an open relay; reads 0"),
+)
+
+SIO = RegisterMap(_READINGS + _CONTROL)
+
+#: Everything the device tells; and of it, what changes: read at every cycle.
+WHOLE_BLOCK = SIO.block(row.name for row in _READINGS)
+CYCLE_BLOCK = SIO.block(row.name for row in _READINGS if row.address >= SIO["INPUTS"].address)
+
+
+@dataclass(frozen=True)
+class FirstOut:
+    """What opened first, in plain words. hint : what to do about it."""
+
+    code: int
+    text: str
+    hint: str
+
+
+_WORDS = {
+    Inputs.ESTOP_CLOSED: ("the emergency-stop chain is open", "release the emergency stop"),
+    Inputs.DOOR_CLOSED: ("the door is open", "close the door"),
+    Inputs.LASER_READY: ("the laser is not ready", "see the laser's own display"),
+    Inputs.LASER_HEALTHY: ("the laser reports a fault", "see the laser's own display"),
+    Inputs.NO_BACK_REFLECTION: (
+        "the laser sees too much light coming back",
+        "look at optics, standoff and the part's surface before going on",
+    ),
+    Inputs.CHILLER_OK: ("the chiller reports a fault", "check its water, filter and set-point"),
+    Inputs.SHIELD_GAS_OK: ("too little shield gas", "check bottle, regulator and hose"),
+    Inputs.EXTRACTION_OK: ("the extraction does not draw", "check fan, filter and flap"),
+    Inputs.OXYGEN_VALID: (
+        "the oxygen analyser gives no valid reading", "check its sensor, pump and calibration"
+    ),
+    Inputs.KEY_ON: ("the laser's key switch is off", "turn the key"),
+}
+_RELAY_WORDS = (
+    "the watchdog relay opened: the host's heartbeat stopped", "find out why the host went silent"
+)
+
+#: FIRST_OUT codes: 101 and on for the inputs, in the order of their bits; 120 for the relay.
+_FIRST_CODE = 101
+RELAY_CODE = 120
+
+
+def input_code(one: Inputs) -> int:
+    """FIRST_OUT code of one input: 101 for the e-stop chain, 102 for the door."""
+    return _FIRST_CODE + int(one).bit_length() - 1
+
+
+_FIRST_OUTS = {
+    **{input_code(one): FirstOut(input_code(one), *words) for one, words in _WORDS.items()},
+    RELAY_CODE: FirstOut(RELAY_CODE, *_RELAY_WORDS),
+}
+
+
+def first_out(code: int) -> FirstOut:
+    """A FIRST_OUT code in words; one the map does not list is named as such.
+
+    >>> first_out(102).text
+    'the door is open'
+    """
+    unknown = f"safety code {code}, which its register map does not list"
+    return _FIRST_OUTS.get(code) or FirstOut(code, unknown, "see the device's manual")

@@ -1,0 +1,79 @@
+"""Is this a safety-input device, the one the profile means? Asked before anything is written."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from firmware_protocol.safety_io import CYCLE_BLOCK, DEVICE_ID, MAP_MAJOR, WHOLE_BLOCK, Status
+from lmctl.config.machine import Safety
+from lmctl.errors import ConfigError, MachineError
+from lmctl.machine.modbus import ModbusLink, NoAnswerError, RefusedError
+from lmctl.machine.modbus_endpoint import RtuEndpoint, parse_modbus_endpoint
+
+#: Characters beside the registers in an FC 23 request and its answer on a serial line, with the
+#: silence after each.
+_FRAME_CHARACTERS = 13 + 5 + 7
+_HEARTBEAT_REGISTERS = 2
+
+
+@dataclass(frozen=True)
+class SafetyIdentity:
+    map_version: tuple[int, int]
+    firmware: tuple[int, int]
+    serial: int
+
+
+def place(safety: Safety) -> str:
+    return f"safety device: {safety.endpoint}, device {safety.device_id}"
+
+
+def check_line(safety: Safety) -> None:
+    """Raises ConfigError for a bad endpoint, or a serial line too slow for the period."""
+    where = parse_modbus_endpoint(safety.endpoint)
+    if not isinstance(where, RtuEndpoint):
+        return
+    characters = _FRAME_CHARACTERS + 2 * (_HEARTBEAT_REGISTERS + CYCLE_BLOCK.count)
+    exchange_s = characters * where.character_s
+    if exchange_s > safety.period_s:
+        raise ConfigError(
+            f"the safety device cannot be read every {safety.period_s:g} s over its line",
+            where=f"{safety.endpoint}: at {where.baud} baud an exchange takes {exchange_s:.3f} s",
+            hint="raise period_s of [safety], or the line's baud rate",
+        )
+
+
+async def identify(link: ModbusLink, safety: Safety) -> SafetyIdentity:
+    """Read what the device is.
+
+    Raises MachineError where it does not answer, is no safety-input device of a known map, or
+    lacks the relay that the profile wants.
+    """
+    try:
+        words = await link.read_input(WHOLE_BLOCK.address, WHOLE_BLOCK.count)
+    except (NoAnswerError, RefusedError) as error:
+        raise MachineError(
+            f"safety device: {error.what}", where=place(safety), hint=error.hint
+        ) from error
+    values: dict[str, Any] = WHOLE_BLOCK.decode(words)
+    if values["DEVICE_ID"] != DEVICE_ID:
+        raise MachineError(
+            "the device for safety inputs is none",
+            where=[place(safety), f"its DEVICE_ID is {values['DEVICE_ID']}, not {DEVICE_ID}"],
+            hint="check endpoint and device_id of [safety] in the machine profile",
+        )
+    version, firmware = divmod(values["MAP_VERSION"], 256), divmod(values["FW_VERSION"], 256)
+    if version[0] != MAP_MAJOR:
+        raise MachineError(
+            "the safety device speaks another register map",
+            where=[place(safety),
+                   f"map {version[0]}.{version[1]}; map {MAP_MAJOR} is known here"],
+            hint="it needs another version of lmctl, or other firmware",
+        )
+    if safety.relay_timeout_s is not None and Status.RELAY_FITTED not in Status(values["STATUS"]):
+        raise MachineError(
+            "the safety device has no watchdog relay",
+            where=[place(safety), f"the profile says relay_timeout_s = {safety.relay_timeout_s:g}"],
+            hint="take relay_timeout_s out of [safety], or fit the relay",
+        )
+    return SafetyIdentity(version, firmware, values["SERIAL"])

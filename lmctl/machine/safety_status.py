@@ -1,0 +1,136 @@
+"""What the safety-input device says of the cell, in people's terms."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from firmware_protocol.safety_io import (
+    CYCLE_BLOCK,
+    FirstOut,
+    Inputs,
+    Status,
+    first_out,
+    input_code,
+)
+from lmctl.config.machine import SafetyInput
+
+#: The bit of each input a cell may have, by its name in the machine profile.
+BITS: dict[SafetyInput, Inputs] = {
+    "estop": Inputs.ESTOP_CLOSED,
+    "door": Inputs.DOOR_CLOSED,
+    "laser_ready": Inputs.LASER_READY,
+    "laser_fault": Inputs.LASER_HEALTHY,
+    "back_reflection": Inputs.NO_BACK_REFLECTION,
+    "chiller": Inputs.CHILLER_OK,
+    "shield_gas": Inputs.SHIELD_GAS_OK,
+    "extraction": Inputs.EXTRACTION_OK,
+    "oxygen": Inputs.OXYGEN_VALID,
+    "key": Inputs.KEY_ON,
+}
+
+
+@dataclass(frozen=True)
+class SafetyStatus:
+    """One answer. True is good; None: not fitted, or the device says "not available".
+
+    time_s : loop time it arrived
+    relay_closed : the watchdog relay; None where the profile has none
+    oxygen_ppm : None too while the analyser calls itself invalid
+    open_inputs : every fitted input that is not good, in words and with advice
+    first_out : what opened first since the last reset, None where nothing did
+    trip_count : modulo 65536, of inputs that opened: one that opened and closed between two
+        answers shows here
+    self_test_ok : of the device
+    """
+
+    time_s: float
+    estop_closed: bool | None
+    door_closed: bool | None
+    laser_ready: bool | None
+    laser_healthy: bool | None
+    no_back_reflection: bool | None
+    chiller_ok: bool | None
+    shield_gas_ok: bool | None
+    extraction_ok: bool | None
+    oxygen_valid: bool | None
+    key_on: bool | None
+    relay_closed: bool | None
+    shield_gas_L_min: float | None
+    chiller_C: float | None
+    chiller_L_min: float | None
+    oxygen_ppm: float | None
+    extraction_Pa: float | None
+    open_inputs: tuple[FirstOut, ...]
+    first_out: FirstOut | None
+    trip_count: int
+    self_test_ok: bool
+    heartbeat_echo: int
+    heartbeat_age_s: float
+    uptime_s: int
+    tick_ms: int
+
+
+def safety_status(
+    words: Sequence[int], time_s: float, fitted: Sequence[SafetyInput], *, has_relay: bool
+) -> SafetyStatus:
+    """The cycle block's words as a status. Raises RegisterError where their number is wrong."""
+    values: dict[str, Any] = CYCLE_BLOCK.decode(words)
+    inputs, status = Inputs(values["INPUTS"]), Status(values["STATUS"])
+
+    def good(name: SafetyInput) -> bool | None:
+        return BITS[name] in inputs if name in fitted else None
+
+    oxygen_valid = good("oxygen")
+    code = values["FIRST_OUT"]
+    return SafetyStatus(
+        time_s=time_s,
+        estop_closed=good("estop"),
+        door_closed=good("door"),
+        laser_ready=good("laser_ready"),
+        laser_healthy=good("laser_fault"),
+        no_back_reflection=good("back_reflection"),
+        chiller_ok=good("chiller"),
+        shield_gas_ok=good("shield_gas"),
+        extraction_ok=good("extraction"),
+        oxygen_valid=oxygen_valid,
+        key_on=good("key"),
+        relay_closed=Status.RELAY_CLOSED in status if has_relay else None,
+        shield_gas_L_min=values["SHIELD_GAS"],
+        chiller_C=values["CHILLER_TEMP"],
+        chiller_L_min=values["CHILLER_FLOW"],
+        oxygen_ppm=values["OXYGEN"] if oxygen_valid else None,
+        extraction_Pa=values["EXTRACTION_DP"],
+        open_inputs=tuple(
+            first_out(input_code(BITS[name])) for name in fitted if BITS[name] not in inputs
+        ),
+        first_out=first_out(code) if code else None,
+        trip_count=values["TRIP_COUNT"],
+        self_test_ok=Status.SELF_TEST_OK in status,
+        heartbeat_echo=values["HEARTBEAT_ECHO"],
+        heartbeat_age_s=values["HEARTBEAT_AGE"] / 1000.0,
+        uptime_s=values["UPTIME"],
+        tick_ms=values["TICK"],
+    )
+
+
+def _ignore_status(status: SafetyStatus) -> None:
+    pass
+
+
+def _ignore_fault(reason: str, hint: str) -> None:
+    pass
+
+
+@dataclass
+class SafetyListener:
+    """Who hears of the device: callables that return at once.
+
+    on_status : every answer; see SafetyDriver for which of them count as good
+    on_fault : why the device cannot be relied on, once at the beginning of each such time, and
+        what to do
+    """
+
+    on_status: Callable[[SafetyStatus], None] = field(default=_ignore_status)
+    on_fault: Callable[[str, str], None] = field(default=_ignore_fault)
