@@ -79,6 +79,7 @@ class JobWindow:
     read_layer : JobReader.layer
     start_mm : where the nozzle is before the first line
     rewrite : what is done to the text of each line before it is sent
+    first_layer : where running begins; no layer before it is ever asked for
 
     Lines are counted from 0 through the whole job; program times before the job give its first
     flow, times after it its last.
@@ -90,26 +91,27 @@ class JobWindow:
         read_layer: Callable[[int], JobLayer],
         start_mm: tuple[float, float, float],
         rewrite: Callable[[bytes], bytes] | None = None,
+        first_layer: int = 0,
     ) -> None:
         self.manifest = manifest
         self.n_lines = sum(entry.n_lines for entry in manifest.layers)
         self.end_s = manifest.layers[-1].end_s
         self._read_layer = read_layer
         self._rewrite = rewrite
+        self._first_layer = first_layer
         self._first_lines = [entry.first_line for entry in manifest.layers]
         self._starts_s = [entry.start_s for entry in manifest.layers]
         self._loaded: deque[Stretch] = deque()
         self._behind_mm = np.array(start_mm, dtype=np.float64)  # end of the last layer read
         self._behind_fed_s = 0.0
 
-    @property
-    def first_loaded_line(self) -> int:
-        """The first line that has not been forgotten."""
-        return self.stretch(0).first_line if not self._loaded else self._loaded[0].first_line
+    def begin(self) -> Stretch:
+        """The layer in which running begins. It must not have been forgotten."""
+        return self.stretch(self._first_layer)
 
     def stretch(self, layer: int) -> Stretch:
         """A layer, by its place in the job. It must not have been forgotten."""
-        first = self._loaded[0].index if self._loaded else 0
+        first = self._first_loaded
         if layer < first:
             raise IndexError(f"layer {layer} lies behind")
         while layer >= first + len(self._loaded):
@@ -142,6 +144,11 @@ class JobWindow:
         row = min(int(stretch.end_s.searchsorted(s)), len(stretch.program) - 1)
         return (stretch.start_mm[row].tolist(), stretch.end_mm[row].tolist(),
                 float(stretch.start_s[row]), float(stretch.end_s[row]))
+
+    @property
+    def _first_loaded(self) -> int:
+        """The first layer that has not been forgotten."""
+        return self._loaded[0].index if self._loaded else self._first_layer
 
     def forget(self, before_line: int) -> None:
         """Drop the layers that end before this line, but for the last one read."""
@@ -217,7 +224,7 @@ class JobWindow:
             if stretch.flow_s[0] <= s < stretch.flow_s[-1]:
                 return stretch
         layer = max(bisect_right(self._starts_s, s) - 1, 0)
-        return self.stretch(max(layer, self._loaded[0].index if self._loaded else 0))
+        return self.stretch(max(layer, self._first_loaded))
 
     def machine_s(self, s: float, rate: float) -> float:
         """Machine time from the job's start to program time s, at one override throughout."""
@@ -229,10 +236,9 @@ class JobWindow:
 
     def _load(self, index: int) -> None:
         layer = self._read_layer(index)
-        entry = self.manifest.layers[index]
         lines = layer.lines
         end_s = np.ascontiguousarray(lines["end_s"])
-        start_s = np.concatenate([[entry.start_s], end_s[:-1]])
+        start_s = np.concatenate([layer.flow_s[:1], end_s[:-1]])
         end_mm = np.column_stack([lines["x_mm"], lines["y_mm"], lines["z_mm"]])
         start_mm = np.concatenate([self._behind_mm[None], end_mm[:-1]])
         lasting_s = end_s - start_s

@@ -56,11 +56,12 @@ class ProgramClock:
         self.rate = 1.0
         self.turned: Callable[[], None] = _ignore
         self._window = window
-        self._acknowledged = 0
-        self._limit_s = 0.0  # program time at the end of the lines acknowledged
+        first = window.begin()
+        self._acknowledged = first.first_line
         self._change: RateChange | None = None
         self._known_t = 0.0
-        self._known_s = 0.0
+        self._known_s = float(first.start_s[0])
+        self._limit_s = self._known_s  # program time at the end of the lines acknowledged
         self._runs_from_t = math.inf
 
     def acknowledge(self, lines: int) -> None:

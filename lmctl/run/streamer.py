@@ -27,11 +27,11 @@ class Batch:
 class Streamer:
     """Releases a job's lines as program time goes on. Knows no driver and no clock.
 
-    released : lines given out so far
+    released : the first line not given out yet
     """
 
     def __init__(self, window: JobWindow, horizon_s: float) -> None:
-        self.released = 0
+        self.released = window.begin().first_line
         self._window = window
         self._horizon_s = horizon_s
         self._open: deque[PathSpan] = deque()  # begun and not yet executed
