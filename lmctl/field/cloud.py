@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.errors import InputError
 from lmctl.field.cloud_seeds import BAND_PITCHES, CloudSeeds, seed_cloud
+from lmctl.field.even import fit_evenly
 from lmctl.field.field import Field
 from lmctl.field.flood import LEVELS, flood
 from lmctl.field.grid import Grid
 from lmctl.field.outside import Orientation, nearest_samples, orient
-from lmctl.field.patches import fit_patches
 from lmctl.field.samples import clean_samples
 from lmctl.field.sheets import sort_sheets
 from lmctl.field.sweep import sweep_sources
@@ -20,7 +22,7 @@ FloatArray = NDArray[np.float64]
 
 REACH_SPACINGS = 2.2  # a patch speaks for the surface this far from its sample
 SURE_PITCHES = 0.5  # nearer to the surface than this a node's own fit knows its side best
-LEVELS_PER_PITCH = 8
+LEVELS_PER_PITCH = np.uint8(8)
 PROBE_PITCHES = 2.0
 LARGEST_SHARE_DISPUTED = 0.05
 
@@ -38,7 +40,7 @@ def cloud_field(points: FloatArray, grid: Grid) -> Field:
     raises : InputError for a cloud that is broken, too sparse for the pitch, open, or flat
     """
     samples = clean_samples(points, grid)
-    patches = fit_patches(samples)
+    samples, patches = fit_evenly(samples, grid.pitch_mm)
     orientation = orient(samples, patches, grid.pitch_mm)
     sheets = sort_sheets(samples, patches, orientation.inward, grid)
     reach = REACH_SPACINGS * samples.spacing_mm + BAND_PITCHES * grid.pitch_mm
@@ -47,25 +49,16 @@ def cloud_field(points: FloatArray, grid: Grid) -> Field:
     del owner
     if not seeds.supported.any():
         raise _nothing_inside(len(samples.points_mm), grid)
-    sources, values = _swept(seeds, seeds.supported, grid)
-    tags = _tags(values, orientation, seeds, grid)
+    tags = _tags(orientation, seeds, grid)
     good = _on_the_surface(tags, seeds, grid)
-    if not np.array_equal(good, seeds.supported):
-        sources, values = _swept(seeds, good, grid)
-    sure = good & (np.abs(seeds.distance_mm) <= SURE_PITCHES * grid.pitch_mm)
-    tags.reshape(-1)[seeds.nodes[sure]] = np.where(seeds.distance_mm[sure] > 0.0, 1, -1)
+    sources = np.full(grid.shape, -1, dtype=np.int32)
+    sources.reshape(-1)[seeds.nodes[good]] = np.flatnonzero(good)
+    values = sweep_sources(sources, seeds.surface_mm, grid)
+    tags.reshape(-1)[seeds.nodes[good]] = np.where(seeds.distance_mm[good] > 0.0, 1, -1)
     if not (tags > 0).any():
         raise _nothing_inside(len(samples.points_mm), grid)
     values *= tags
     return Field(grid, values, sources, seeds.surface_mm, samples.remarks + orientation.remarks)
-
-
-def _swept(
-    seeds: CloudSeeds, used: NDArray[np.bool_], grid: Grid
-) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-    sources = np.full(grid.shape, -1, dtype=np.int32)
-    sources.reshape(-1)[seeds.nodes[used]] = np.flatnonzero(used)
-    return sources, sweep_sources(sources, seeds.surface_mm, grid)
 
 
 def _nothing_inside(count: int, grid: Grid) -> InputError:
@@ -76,9 +69,7 @@ def _nothing_inside(count: int, grid: Grid) -> InputError:
     )
 
 
-def _tags(
-    values: NDArray[np.float32], orientation: Orientation, seeds: CloudSeeds, grid: Grid
-) -> NDArray[np.int8]:
+def _tags(orientation: Orientation, seeds: CloudSeeds, grid: Grid) -> NDArray[np.int8]:
     """(nz, ny, nx) int8, −1 outside, +1 inside: from what is surely deep, towards the seeds."""
     coarse = orientation.deep_grid
     nearest = [
@@ -89,12 +80,29 @@ def _tags(
         for a in range(3)
     ]
     tags = orientation.deep[np.ix_(nearest[2], nearest[1], nearest[0])]
-    level = np.minimum(values * (LEVELS_PER_PITCH / grid.pitch_mm), LEVELS - 1).astype(np.uint8)
-    used = np.flatnonzero(seeds.supported)
-    used = used[np.argsort(-np.abs(seeds.distance_mm[used]), kind="stable")]
-    sides = np.where(seeds.distance_mm[used] > 0.0, 1, -1).astype(np.int8)
-    flood(level, tags, seeds.nodes[used], sides)
+    away = np.abs(seeds.distance_mm)
+    level = np.full(grid.shape, LEVELS - 1, dtype=np.uint8)
+    held = seeds.supported  # what may be in the air must not stand in the way
+    level.reshape(-1)[seeds.nodes[held]] = (
+        away[held] * (LEVELS_PER_PITCH / grid.pitch_mm)
+    ).astype(np.uint8)
+    widest_first = np.argsort(-away, kind="stable")
+    sides = np.where(seeds.distance_mm > 0.0, 1, -1).astype(np.int8)
+    flood(_spread(level), tags, seeds.nodes[widest_first], sides[widest_first])
     return tags
+
+
+def _spread(level: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """How far each node is from those with a low level, in levels, along the grid's axes."""
+    for axis in (0, 1, 2):
+        # Planes across the last axis are scattered in memory: turn that one to the middle.
+        turned = np.ascontiguousarray(level.transpose(0, 2, 1)) if axis == 2 else level
+        planes = turned if axis == 0 else turned.transpose(1, 0, 2)
+        for order in (planes, planes[::-1]):
+            for before, here in itertools.pairwise(order):
+                np.minimum(here, before + LEVELS_PER_PITCH, out=here)
+        level = turned.transpose(0, 2, 1) if axis == 2 else turned
+    return np.ascontiguousarray(level)
 
 
 def _on_the_surface(
@@ -102,9 +110,9 @@ def _on_the_surface(
 ) -> NDArray[np.bool_]:
     """Which seeds measure to the surface, now that the sides of nodes are known.
 
-    A patch may have reached out into the air, or into the body: supported seeds are then on the
-    wrong side, and are left out with their neighbours. Unsupported ones must have the inside on
-    one side of their surface point, the outside on the other.
+    A patch may have reached out into the air, or into the body. Seeds whose patch may have, for
+    no sample supports them, or their side or that of a neighbour is not the flood's, must have
+    the inside on one side of their surface point, the outside on the other.
     """
     side = tags.reshape(-1)[seeds.nodes]
     wrong = seeds.supported & (side * seeds.distance_mm < 0.0) & (
@@ -121,8 +129,8 @@ def _on_the_surface(
     for dk, dj, di in np.ndindex(3, 3, 3):
         nodes = seeds.nodes[wrong] + ((dk - 1) * ny + (dj - 1)) * nx + (di - 1)
         near_wrong[np.clip(nodes, 0, grid.n_nodes - 1)] = True
-    good = ~near_wrong[seeds.nodes]
-    rest = np.flatnonzero(~seeds.supported & good)
+    good = seeds.supported & ~near_wrong[seeds.nodes]
+    rest = np.flatnonzero(~good)
     inside, outside = (
         _tags_at(tags, seeds.surface_mm[rest] + way * grid.pitch_mm * seeds.inwards[rest], grid)
         for way in (PROBE_PITCHES, -PROBE_PITCHES)

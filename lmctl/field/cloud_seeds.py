@@ -120,7 +120,7 @@ def _seed_kernel(
                 # On the surface itself all sheets there have a say in what is inwards.
                 for c in range(3):
                     inwards[count, c] = -step[c] / near
-                    if abs(near) < 1e-3:
+                    if abs(near) < 0.1:
                         inwards[count, c] = (n[0, c] + n[1, c] + n[2, c]) / sheets
                 nodes[count] = (k * ny + j) * nx + i
                 count += 1

@@ -88,9 +88,16 @@ def orient(samples: Samples, patches: Patches, pitch_mm: float) -> Orientation:
     # Air on the side the normal points to: the other side is inside.
     inward = np.where(sure, np.where(sides[:, 0] > sides[:, 1], -1, 1), 0).astype(np.int8)
     _spread(inward, floating, samples, patches)
-    lost = int((inward == 0).sum() - floating.sum())
-    if lost:
-        remarks.append(f"{lost} points whose side could not be told were dropped")
+    lost = (inward == 0) & ~floating
+    if lost.mean() > LARGEST_SHARE_DROPPED:
+        raise InputError(
+            "inside and outside of the point cloud cannot be told apart everywhere",
+            where=f"at {int(lost.sum())} of {len(lost)} samples, "
+            f"the first near {', '.join(f'{c:.1f}' for c in samples.points_mm[lost][0])}",
+            hint="scan more evenly and from all around; leave out closed cavities",
+        )
+    if lost.any():
+        remarks.append(f"{int(lost.sum())} points whose side could not be told were dropped")
     deep = np.where(way > gap, -1, np.where(clear > 1.5 * gap, 1, 0)).astype(np.int8)
     return Orientation(
         inward, deep, grid, 2.0 * gap / LEVELS_PER_SPACING * typical, tuple(remarks)
@@ -100,7 +107,7 @@ def orient(samples: Samples, patches: Patches, pitch_mm: float) -> Orientation:
 def _tagging_grid(samples: Samples, pitch_mm: float) -> Grid:
     """A grid just fine enough for the gaps between samples, with air all around."""
     points, typical = samples.points_mm, samples.typical_spacing_mm
-    pitch = max(pitch_mm, 0.6 * typical)
+    pitch = max(pitch_mm, 0.75 * typical)
     margin = int(np.ceil(4.0 * typical / pitch)) + 2
     return Grid.around(points.min(axis=0), points.max(axis=0), pitch, margin)
 

@@ -33,6 +33,7 @@ class Patches:
         normal × tangent
     smooth : (n,) bool, a quadric explains the whole neighbourhood
     trusted : (n,) bool, enough of the neighbourhood lies on the patch to believe it
+    noise_mm : root mean square of the samples' distance from smooth patches
     tolerance_mm : how far from its patch a sample of the same sheet may lie
     """
 
@@ -42,6 +43,7 @@ class Patches:
     bend: FloatArray
     smooth: NDArray[np.bool_]
     trusted: NDArray[np.bool_]
+    noise_mm: float
     tolerance_mm: float
 
 
@@ -57,8 +59,8 @@ def fit_patches(samples: Samples) -> Patches:
         base[part] += samples.points_mm[part]
     # Edges are the minority of the neighbourhoods, so a low quantile is the noise of the rest.
     noise = max(1.3 * float(np.quantile(residual, 0.3)), 0.01 * samples.typical_spacing_mm)
-    smooth = (residual < 2.5 * noise) & (
-        np.abs(bend).max(axis=1) * samples.spacing_mm < 0.5
+    smooth = (residual < 1.6 * noise) & (
+        np.abs(bend).max(axis=1) * samples.spacing_mm < 0.25
     )
     tolerance = max(4.0 * noise, 0.05 * samples.typical_spacing_mm)
     trusted = smooth.copy()
@@ -70,7 +72,7 @@ def fit_patches(samples: Samples) -> Patches:
         base[rows] = samples.points_mm[rows] + offset[:, None] * normal[rows]
         tangent[rows] = _perpendicular(normal[rows])
         bend[rows] = 0.0
-    return Patches(base, normal, tangent, bend, smooth, trusted, tolerance)
+    return Patches(base, normal, tangent, bend, smooth, trusted, noise, tolerance)
 
 
 def _around(samples: Samples, rows: NDArray[np.int64]) -> FloatArray:
@@ -82,18 +84,48 @@ def _around(samples: Samples, rows: NDArray[np.int64]) -> FloatArray:
 
 def _nearness(around: FloatArray) -> FloatArray:
     """(m, 17) weights, 1 at the sample and falling towards the last neighbour."""
-    squared = np.einsum("mki,mki->mk", around, around)
+    squared = (around * around).sum(axis=2)
     weights: FloatArray = (1.0 - squared / (1.2 * squared.max(axis=1, keepdims=True))) ** 2
     return weights
 
 
+def _along(around: FloatArray, direction: FloatArray) -> FloatArray:
+    """Each point's component along its sample's direction: (m, 17)."""
+    component: FloatArray = (around @ direction[:, :, None])[:, :, 0]
+    return component
+
+
 def _plane(around: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Weighted least-squares planes: centres (m, 3), axes (m, 3, 3) by rising spread."""
+    """Weighted least-squares planes: centres (m, 3) and unit normals (m, 3)."""
     total = weights.sum(axis=1)
-    centre = np.einsum("mk,mki->mi", weights, around) / total[:, None]
+    centre = (weights[:, None] @ around)[:, 0] / total[:, None]
     local = around - centre[:, None]
-    spread = np.einsum("mk,mki,mkj->mij", weights, local, local)
-    return centre, np.linalg.eigh(spread)[1].transpose(0, 2, 1)
+    spread = (local * weights[:, :, None]).transpose(0, 2, 1) @ local
+    return centre, _least_axis(spread)
+
+
+def _least_axis(spread: FloatArray) -> FloatArray:
+    """Unit eigenvector of the least eigenvalue of symmetric matrices (m, 3, 3).
+
+    In closed form (O. K. Smith 1961, doi:10.1145/355578.366316): the vector is perpendicular to
+    the rows of A − λI, so it is the longest of their cross products.
+    """
+    scale = np.abs(spread).max(axis=(1, 2), keepdims=True)
+    a = spread / np.where(scale > 0.0, scale, 1.0)
+    mean = (a[:, 0, 0] + a[:, 1, 1] + a[:, 2, 2]) / 3.0
+    b = a - mean[:, None, None] * np.eye(3)
+    size = np.sqrt((b * b).sum(axis=(1, 2)) / 6.0)
+    det = (np.cross(b[:, 0], b[:, 1]) * b[:, 2]).sum(axis=1)
+    ratio = np.clip(det / (2.0 * np.maximum(size, 1e-12) ** 3), -1.0, 1.0)
+    least = mean + 2.0 * size * np.cos(np.arccos(ratio) / 3.0 + 2.0 * np.pi / 3.0)
+    rows = a - least[:, None, None] * np.eye(3)
+    across = np.cross(rows, np.roll(rows, -1, axis=1))
+    squared = (across * across).sum(axis=2)
+    best = squared.argmax(axis=1)
+    at = np.arange(len(a))
+    axis = across[at, best] / np.sqrt(np.maximum(squared[at, best], 1e-300))[:, None]
+    # All rows parallel: the points are on a line, and any perpendicular will do.
+    return np.where(squared[at, best][:, None] > 1e-24, axis, [0.0, 0.0, 1.0])
 
 
 def _quadrics(
@@ -101,28 +133,26 @@ def _quadrics(
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """Heights over the least-squares plane, fitted by 1, u, v, u², uv, v²."""
     weights = _nearness(around)
-    _, axes = _plane(around, weights)
-    scale = np.sqrt(np.einsum("mki,mki->mk", around, around).max(axis=1))[:, None]
-    u = np.einsum("mki,mi->mk", around, axes[:, 2]) / scale
-    v = np.einsum("mki,mi->mk", around, np.cross(axes[:, 0], axes[:, 2])) / scale
-    height = np.einsum("mki,mi->mk", around, axes[:, 0])
+    _, up = _plane(around, weights)
+    side = _perpendicular(up)
+    across = np.cross(up, side)
+    scale = np.sqrt((around * around).sum(axis=2).max(axis=1))[:, None]
+    u, v, height = _along(around, side), _along(around, across), _along(around, up)
+    u, v = u / scale, v / scale
     basis = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=2)
-    weighted = basis * weights[:, :, None]
-    normal_matrix = np.einsum("mka,mkb->mab", weighted, basis) + 1e-9 * np.eye(6)
-    right = np.einsum("mka,mk->ma", weighted, height)
-    coefficients = np.linalg.solve(normal_matrix, right[:, :, None])[:, :, 0]
-    misfit = height - np.einsum("mka,ma->mk", basis, coefficients)
+    weighted = (basis * weights[:, :, None]).transpose(0, 2, 1)
+    normal_matrix = weighted @ basis + 1e-9 * np.eye(6)
+    coefficients = np.linalg.solve(normal_matrix, weighted @ height[:, :, None])
+    misfit = height - (basis @ coefficients)[:, :, 0]
+    coefficients = coefficients[:, :, 0]
     freedom = 1.0 - 6.0 / around.shape[1]
-    residual = np.sqrt(
-        np.einsum("mk,mk->m", weights, misfit**2) / (weights.sum(axis=1) * freedom)
-    )
+    residual = np.sqrt((weights * misfit**2).sum(axis=1) / (weights.sum(axis=1) * freedom))
     slope_u, slope_v = coefficients[:, 1:2] / scale, coefficients[:, 2:3] / scale
-    across = np.cross(axes[:, 0], axes[:, 2])
-    normal = axes[:, 0] - slope_u * axes[:, 2] - slope_v * across
+    normal = up - slope_u * side - slope_v * across
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    tangent = axes[:, 2] - np.einsum("mi,mi->m", axes[:, 2], normal)[:, None] * normal
+    tangent = side - (side * normal).sum(axis=1, keepdims=True) * normal
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
-    base = coefficients[:, :1] * axes[:, 0]
+    base = coefficients[:, :1] * up
     return base, normal, tangent, coefficients[:, 3:] / scale**2, residual
 
 
@@ -140,23 +170,22 @@ def _shared_planes(
     size = np.linalg.norm(tried, axis=2)
     broad = size > 0.3 * np.linalg.norm(first, axis=2) * np.linalg.norm(second, axis=2)
     tried /= np.where(size > 0.0, size, 1.0)[:, :, None]
-    misses = np.einsum("mpi,mki->mpk", tried, around) / tolerance
-    score = np.einsum("mk,mpk->mp", near, np.maximum(0.0, 1.0 - misses**2))
+    misses = tried @ (around / tolerance).transpose(0, 2, 1)
+    score = (np.maximum(0.0, 1.0 - misses * misses) @ near[:, :, None])[:, :, 0]
     best = np.argmax(np.where(broad, score, -1.0), axis=1)
     normal = tried[np.arange(len(around)), best]
     offset = np.zeros(len(around))
     for _ in range(2):
-        miss = (np.einsum("mi,mki->mk", normal, around) - offset[:, None]) / tolerance
+        miss = (_along(around, normal) - offset[:, None]) / tolerance
         weights = near * np.maximum(0.0, 1.0 - miss**2) ** 2
-        centre, axes = _plane(around, weights + 1e-12)
-        offset_now = np.einsum("mi,mi->m", centre, axes[:, 0])
+        centre, refined = _plane(around, weights + 1e-12)
+        offset_now = (centre * refined).sum(axis=1)
         # A refinement that turns away, or leaves its own sample, has been caught by an edge.
-        kept = (np.abs(np.einsum("mi,mi->m", axes[:, 0], normal)) > 0.9) & (
-            np.abs(offset_now) < tolerance
-        )
-        normal = np.where(kept[:, None], axes[:, 0], normal)
+        turned = np.abs((refined * normal).sum(axis=1))
+        kept = (turned > 0.9) & (np.abs(offset_now) < tolerance)
+        normal = np.where(kept[:, None], refined, normal)
         offset = np.where(kept, offset_now, offset)
-    miss = np.einsum("mi,mki->mk", normal, around) - offset[:, None]
+    miss = _along(around, normal) - offset[:, None]
     return offset, normal, np.count_nonzero(np.abs(miss) < tolerance, axis=1)
 
 

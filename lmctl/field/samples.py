@@ -20,6 +20,8 @@ NEIGHBOURS = 24
 FEWEST = 64  # below this a closed surface is a guess
 ISOLATED = 4.0  # times as far from its sixth neighbour as its surroundings are from theirs
 LARGEST_SHARE_DROPPED = 0.02
+SPACING_OF_SIXTH = float(np.sqrt(np.pi / 6.0))  # within that distance d lie six: π d² / 6 for each
+DENSE_PITCHES = 0.35  # samples nearer to each other than this tell the grid nothing more
 COARSEST_PITCHES = 5.0  # samples typically farther apart than this leave details to guesswork
 
 
@@ -61,7 +63,11 @@ def clean_samples(points: FloatArray, grid: Grid) -> Samples:
             where=(where, f"{len(bad)} points, the first is number {bad[0] + 1}"),
             hint="remove those lines from the file",
         )
-    distinct = np.unique(points, axis=0)
+    # In order of place, so that the order in the file does not matter.
+    ordered = points[np.lexsort(points.T)]
+    new = np.ones(len(ordered), dtype=np.bool_)
+    new[1:] = np.any(ordered[1:] != ordered[:-1], axis=1)
+    distinct = ordered[new]
     remarks = []
     if len(distinct) < len(points):
         repeated = len(points) - len(distinct)
@@ -72,6 +78,10 @@ def clean_samples(points: FloatArray, grid: Grid) -> Samples:
             hint=f"a closed surface needs at least {FEWEST}, evenly spread",
         )
     _refuse_flat(distinct, where)
+    _refuse_outside(distinct, grid, where)
+    if _typical_spacing(distinct) < DENSE_PITCHES * grid.pitch_mm:
+        distinct = thinned(distinct, 0.5 * grid.pitch_mm)
+        remarks.append(f"samples denser than the grid were averaged to {len(distinct)} points")
     spacing, neighbours = _neighbourhoods(distinct)
     isolated = spacing > ISOLATED * np.median(spacing[neighbours], axis=1)
     if isolated.mean() <= LARGEST_SHARE_DROPPED and isolated.any():
@@ -79,14 +89,35 @@ def clean_samples(points: FloatArray, grid: Grid) -> Samples:
         distinct = distinct[~isolated]
         spacing, neighbours = _neighbourhoods(distinct)
     _refuse_sparse(spacing, grid, where)
-    _refuse_outside(distinct, grid, where)
     return Samples(distinct, neighbours, spacing, tuple(remarks))
 
 
+def averaged(samples: Samples, cell_mm: float) -> Samples:
+    """The samples averaged in cells of a side; where the cloud is sparser it stays as it is."""
+    points = thinned(samples.points_mm, cell_mm)
+    spacing, neighbours = _neighbourhoods(points)
+    return Samples(points, neighbours, spacing, samples.remarks)
+
+
+def thinned(points: FloatArray, cell_mm: float) -> FloatArray:
+    """The mean of the points in each occupied cell of a side, in order of place."""
+    place = np.floor((points - points.min(axis=0)) / cell_mm).astype(np.int64)
+    size = place.max(axis=0) + 1
+    cell = (place[:, 2] * size[1] + place[:, 1]) * size[0] + place[:, 0]
+    _, member, count = np.unique(cell, return_inverse=True, return_counts=True)
+    return np.stack([np.bincount(member, points[:, a]) / count for a in range(3)], axis=1)
+
+
+def _typical_spacing(points: FloatArray) -> float:
+    """From a few hundred samples spread through the cloud's order."""
+    some = points[:: max(1, len(points) // 500)]
+    sixth = cKDTree(points).query(some, k=7)[0][:, 6]
+    return float(np.median(sixth)) * SPACING_OF_SIXTH
+
+
 def _neighbourhoods(points: FloatArray) -> tuple[FloatArray, NDArray[np.int32]]:
-    """Spacing from the distance that holds six neighbours: π d² / 6 of surface each."""
     distances, rows = cKDTree(points).query(points, k=NEIGHBOURS + 1)
-    return distances[:, 6] * np.sqrt(np.pi / 6.0), rows[:, 1:].astype(np.int32)
+    return distances[:, 6] * SPACING_OF_SIXTH, rows[:, 1:].astype(np.int32)
 
 
 def _refuse_flat(points: FloatArray, where: str) -> None:

@@ -22,6 +22,9 @@ FloatArray = NDArray[np.float64]
 MEMBERS = 8  # patches that are averaged to a sheet: enough to smooth noise, few enough to be local
 FEWEST_MEMBERS = 3  # two samples may be strays
 SAME_SHEET_SLOPE = 0.1  # a sample this steeply off a patch belongs to another sheet
+FLAT_TURN = 0.9  # cosine of the angle between patches of one sheet; where an edge is near
+SMOOTH_TURN = 0.5  # where none is, patches of a tight curve may differ more
+LEADS_TRIED = 4
 
 
 @dataclass(frozen=True)
@@ -63,8 +66,8 @@ def sort_sheets(
     member = np.full((len(patch), 3, MEMBERS), -1, dtype=np.int32)
     solid, count = np.zeros(len(patch), dtype=np.uint8), np.zeros(len(patch), dtype=np.uint8)
     _sort_kernel(
-        patch, samples.neighbours, usable, spacing, patches.tolerance_mm / h, count, member,
-        solid,
+        patch, samples.neighbours, usable, patches.smooth, spacing, patches.tolerance_mm / h,
+        count, member, solid,
     )
     return Sheets(patch, spacing, count, member, solid)
 
@@ -129,51 +132,75 @@ def _solid_bits(meets: NDArray[np.int64]) -> int:
 
 
 @kernel
+def _join(
+    patch: FloatArray, smooth: NDArray[np.bool_], around: NDArray[np.int64],
+    sheet: NDArray[np.int64], lead: int, mark: int, reach: float, tolerance: float,
+) -> int:
+    """Mark the samples that share the sheet of `lead`, among those not in one; how many."""
+    count = 0
+    for m in range(len(around)):
+        if sheet[m] != -1:
+            continue
+        r, same, gap = around[m], 0.0, 0.0
+        for c in range(3):
+            same += patch[r, 3 + c] * patch[lead, 3 + c]
+            gap += (patch[r, c] - patch[lead, c]) ** 2
+        if same < (SMOOTH_TURN if smooth[r] and smooth[lead] else FLAT_TURN):
+            continue
+        off = height_over(patch, lead, reach, patch[r, 0], patch[r, 1], patch[r, 2])[0]
+        if abs(off) < tolerance + SAME_SHEET_SLOPE * np.sqrt(gap):
+            count += 1
+            if mark >= 0:
+                sheet[m] = mark
+    return count
+
+
+@kernel
 def _sort_kernel(
     patch: FloatArray, neighbours: NDArray[np.int32], usable: NDArray[np.bool_],
-    spacing: FloatArray, tolerance: float, counts: NDArray[np.uint8], member: NDArray[np.int32],
-    solid: NDArray[np.uint8],
+    smooth: NDArray[np.bool_], spacing: FloatArray, tolerance: float,
+    counts: NDArray[np.uint8], member: NDArray[np.int32], solid: NDArray[np.uint8],
 ) -> None:
     many = neighbours.shape[1] + 1
     around, sheet = np.zeros(many, dtype=np.int64), np.zeros(many, dtype=np.int64)
-    lead, meets = np.zeros(3, dtype=np.int64), np.zeros(4, dtype=np.int64)
+    leads, meets = np.zeros(3, dtype=np.int64), np.zeros(4, dtype=np.int64)
     for n in range(len(patch)):
         reach, sheets = 2.0 * spacing[n], 0
         meets[0] = meets[1] = meets[2] = 0
         for m in range(many):
             around[m] = n if m == 0 else np.int64(neighbours[n, m - 1])
             sheet[m] = -1 if usable[around[m]] else -2
-        for first in range(many):
-            if sheet[first] != -1 or sheets == 3:
-                continue
-            r0, count = around[first], 0
-            for m in range(first, many):
-                if sheet[m] != -1:
+        while sheets < 3:
+            # The one of the next few samples whose patch most others share speaks for the sheet.
+            lead, most, tried = -1, 0, 0
+            for m in range(many):
+                if sheet[m] != -1 or tried == LEADS_TRIED:
                     continue
-                r, same, gap = around[m], 0.0, 0.0
-                for c in range(3):
-                    same += patch[r, 3 + c] * patch[r0, 3 + c]
-                    gap += (patch[r, c] - patch[r0, c]) ** 2
-                off = height_over(patch, r0, reach, patch[r, 0], patch[r, 1], patch[r, 2])[0]
-                if same > 0.5 and abs(off) < tolerance + SAME_SHEET_SLOPE * np.sqrt(gap):
-                    sheet[m] = sheets
-                    count += 1
+                tried += 1
+                count = _join(patch, smooth, around, sheet, around[m], -1, reach, tolerance)
+                if count > most:
+                    lead, most = around[m], count
+                if smooth[around[m]]:
+                    break
+            if lead < 0:
+                break
+            _join(patch, smooth, around, sheet, lead, sheets, reach, tolerance)
             # A sheet that meets another in neither way is not part of the body here.
-            told = sheets == 0 or count >= FEWEST_MEMBERS
+            told = sheets == 0 or most >= FEWEST_MEMBERS
             for s in range(sheets):
                 one, two = 0.0, 0.0
                 for m in range(many):
                     r = around[m]
                     x, y, z = patch[r, 0], patch[r, 1], patch[r, 2]
                     if sheet[m] == sheets:
-                        one += height_over(patch, lead[s], reach, x, y, z)[0]
+                        one += height_over(patch, leads[s], reach, x, y, z)[0]
                     elif sheet[m] == s:
-                        two += height_over(patch, r0, reach, x, y, z)[0]
+                        two += height_over(patch, lead, reach, x, y, z)[0]
                 pair = 0 if sheets == 1 else (2 if s == 0 else 1)
                 meets[pair] = 1 if one > 0.0 else -1
                 told = told and one * two > 0.0
             if told:
-                lead[sheets] = r0
+                leads[sheets] = lead
                 count = 0
                 for m in range(many):
                     if sheet[m] == sheets and count < MEMBERS:
