@@ -24,14 +24,10 @@ from firmware_protocol.pmx import (
 from firmware_protocol.pmx_alarms import EMPTY, ESTOP, WATCHDOG, hopper_code
 from simulators.feeder.alarms import AlarmBook
 from simulators.feeder.config import FeederConfig, HopperConfig
-from simulators.feeder.holding import (
-    BUSY,
-    REFUSED,
-    HoldingRegisters,
-    RefusedError,
-)
+from simulators.feeder.holding import HoldingRegisters
 from simulators.feeder.permits import ALARM_RESET, COMMAND, WD_RESET, Facts, objection
 from simulators.feeder.process import HopperProcess
+from simulators.modbus_refusal import BUSY, REFUSED, RefusedError
 
 
 @dataclass

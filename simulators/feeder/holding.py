@@ -7,9 +7,7 @@ from collections.abc import Mapping
 from firmware_protocol.pmx import hopper_row, register_map
 from firmware_protocol.registers import Kind, Value
 from simulators.feeder.config import FeederConfig, HopperConfig
-
-#: Exception codes of process.md 1.4.
-ILLEGAL_ADDRESS, ILLEGAL_VALUE, REFUSED, BUSY = 2, 3, 4, 6
+from simulators.modbus_refusal import ILLEGAL_ADDRESS, ILLEGAL_VALUE, RefusedError
 
 #: Stored configuration begins here; nothing below it survives a restart.
 CONFIGURATION = 1000
@@ -17,14 +15,6 @@ CONFIGURATION = 1000
 _DEFAULTS: dict[str, Value] = {
     "WD_TIMEOUT": 1000, "WD_ACTION": 1, "STABILISE": 8.0, "POSTFLOW": 10.0, "AT_SPEED_TOL": 2.0,
 }
-
-
-class RefusedError(Exception):
-    """A request is answered by a Modbus exception."""
-
-    def __init__(self, code: int) -> None:
-        super().__init__(f"Modbus exception {code}")
-        self.code = code
 
 
 class HoldingRegisters:

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from firmware_protocol.pmx import ALARM_RESET_KEY, PMX, WATCHDOG_RESET_KEY, Command, Refusal
-from simulators.feeder.holding import CONFIGURATION, ILLEGAL_VALUE, RefusedError
+from simulators.feeder.holding import CONFIGURATION
+from simulators.modbus_refusal import ILLEGAL_VALUE, RefusedError
 
 COMMAND = PMX.wire_address("COMMAND")
 WD_TIMEOUT = PMX.wire_address("WD_TIMEOUT")

@@ -1,121 +1,140 @@
-"""The wire of a simulated feeder: Modbus TCP, or Modbus RTU over a pty, by pymodbus.
+"""The wire of a simulated feeder: Modbus TCP, or Modbus RTU over a pty.
 
-pymodbus frames and answers; registers are computed by the device when they are read, and a write
-is the device's own act. All of pymodbus that the simulators use stands here.
+pymodbus frames; registers are computed by the device when they are read, and a write is the
+device's own act. All of pymodbus that the simulators use stands here and in `pdus`.
+
+pymodbus's own server is left out: a request would go through a task, a thread-safe call into its
+own loop and its table of registers, which is more than half of a whole round trip.
 """
 
 from __future__ import annotations
 
 import asyncio
-import errno
 import logging
 from collections.abc import Callable
+from typing import cast
 
-from pymodbus.constants import ExcCodes
-from pymodbus.exceptions import ModbusIOException, NoSuchIdException
-from pymodbus.framer import FramerType
-from pymodbus.pdu import ModbusPDU
-from pymodbus.server import ModbusSerialServer, ModbusTcpServer
-from pymodbus.server.base import ModbusBaseServer
-from pymodbus.server.requesthandler import ServerRequestHandler
-from pymodbus.simulator import DataType, SimData, SimDevice
-from pymodbus.simulator.simcore import SimCore
+from pymodbus.exceptions import ModbusIOException
+from pymodbus.framer import FramerBase, FramerRTU, FramerSocket
+from pymodbus.pdu import DecodePDU, ExceptionResponse, ModbusPDU
+from pymodbus.pdu.register_message import (
+    MaskWriteRegisterRequest,
+    MaskWriteRegisterResponse,
+    WriteMultipleRegistersResponse,
+    WriteSingleRegisterRequest,
+    WriteSingleRegisterResponse,
+)
 
 from simulators.feeder.device import PmxDevice
-from simulators.feeder.holding import RefusedError
-from simulators.feeder.pdus import ExchangeRequest, WriteRequest
+from simulators.feeder.holding import ILLEGAL_VALUE, RefusedError
+from simulators.feeder.pdus import (
+    REQUESTS,
+    ExchangeRequest,
+    ReadHoldingRequest,
+    ReadInputRequest,
+    RegistersAnswer,
+    WriteRequest,
+)
 from simulators.feeder.pty_transport import PtyTransport
 from simulators.feeder.readings import read_holding, read_input
 
 # What pymodbus would otherwise print on stderr; a program that wants it sets up logging.
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())
 
-_READ_INPUT = 4
-_WITH_REGISTERS = {3, 4, 6, 16, 22, 23}
+ILLEGAL_FUNCTION = 1
 
-#: pymodbus wants a register to begin with; the device's own take its place.
-_NOTHING = SimDevice(id=1, simdata=SimData(0, datatype=DataType.REGISTERS))
-
-
-_PDUS: list[type[ModbusPDU]] = [WriteRequest, ExchangeRequest]
+#: No request is longer (RTU; Modbus TCP puts 6 bytes before it and leaves 2 out).
+_LONGEST_FRAME = 260
 
 
-class _DeviceRegisters(SimCore):
-    """The device in the place of pymodbus's table of registers."""
+class _Connection(asyncio.Protocol):
+    """One host, answered at once: the registers never wait. among : where it stands while open"""
 
-    def __init__(self, device: PmxDevice) -> None:
-        super().__init__(_NOTHING)
+    def __init__(
+        self, device: PmxDevice, framer: type[FramerBase], among: set[_Connection]
+    ) -> None:
+        requests = DecodePDU(True)
+        for request in REQUESTS:
+            requests.register(request)
         self._device = device
+        self._framer = framer(requests)
+        self._unread = b""
+        self._among = among
+        self._transport: asyncio.WriteTransport | None = None
 
-    def device_ids(self) -> list[int]:
-        return [self._device.config.device_id]
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self._transport = cast(asyncio.WriteTransport, transport)
+        self._among.add(self)
 
-    async def async_getValues(
-        self, device_id: int, func_code: int, address: int, count: int = 1
-    ) -> list[int] | list[bool] | ExcCodes:
-        self._check(device_id)
-        if func_code not in _WITH_REGISTERS:
-            return ExcCodes.ILLEGAL_FUNCTION
-        read = read_input if func_code == _READ_INPUT else read_holding
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._transport = None
+        self._among.discard(self)
+
+    def close(self) -> None:
+        if self._transport is not None:
+            self._transport.close()
+
+    def data_received(self, data: bytes) -> None:
+        unread = self._unread + data
+        while unread:
+            try:
+                used, request = self._framer.handleFrame(unread, self._device.config.device_id, 0)
+            except ModbusIOException as nonsense:
+                self._send(ExceptionResponse(0, ILLEGAL_FUNCTION), nonsense.transaction_id)
+                unread = b""
+                break
+            unread = unread[used:]
+            if request is None:
+                break
+            self._send(self._answer(request), request.transaction_id)
+        self._unread = unread if len(unread) <= _LONGEST_FRAME else b""
+
+    def _answer(self, request: ModbusPDU) -> ModbusPDU:
         try:
-            return read(self._device, address, count)
+            return carry_out(self._device, request)
         except RefusedError as refused:
-            return ExcCodes(refused.code)
+            return ExceptionResponse(request.function_code, refused.code)
 
-    async def async_setValues(
-        self, device_id: int, func_code: int, address: int, values: list[int] | list[bool]
-    ) -> ExcCodes | None:
-        self._check(device_id)
-        if func_code not in _WITH_REGISTERS:
-            return ExcCodes.ILLEGAL_FUNCTION
-        try:
-            self._device.write(address, values)
-        except RefusedError as refused:
-            return ExcCodes(refused.code)
-        return None
-
-    def _check(self, device_id: int) -> None:
-        if device_id != self._device.config.device_id:
-            raise NoSuchIdException(f"there is no device {device_id} on this line")
+    def _send(self, answer: ModbusPDU, number: int) -> None:
+        answer.dev_id, answer.transaction_id = self._device.config.device_id, number
+        if self._transport is not None:
+            self._transport.write(self._framer.buildFrame(answer))
 
 
-class _Handler(ServerRequestHandler):
-    """One connection, answering at once.
-
-    The registers never wait, so a request is carried through as it arrives. pymodbus's own way
-    (by a thread-safe call into its own loop) costs a third of the whole round trip.
-    """
-
-    def callback_data(self, data: bytes, addr: tuple[str, int] | None = None) -> int:
-        try:
-            used = super(ServerRequestHandler, self).callback_data(data, addr)
-        except ModbusIOException:
-            return super().callback_data(data, addr)  # answers it with an exception
-        if self.last_pdu:
-            self._answer()
-        return used
-
-    def _answer(self) -> None:
-        answering = self.handle_request()
-        try:
-            answering.send(None)
-        except StopIteration:
-            return
-        raise RuntimeError("a simulated register waited for something")
-
-
-class _TcpServer(ModbusTcpServer):
-    def callback_new_connection(self) -> ServerRequestHandler:
-        return _handler(self)
-
-
-class _RtuServer(ModbusSerialServer):
-    def callback_new_connection(self) -> ServerRequestHandler:
-        return _handler(self)
+def carry_out(device: PmxDevice, request: ModbusPDU) -> ModbusPDU:
+    """Do what a request asks, and answer it. Raises RefusedError."""
+    match request:
+        case ExchangeRequest():
+            _refuse_unsound(request.sound)
+            device.write(request.write_address, request.write_registers)
+            read = read_holding(device, request.read_address, request.read_count)
+            return RegistersAnswer(request.function_code, read)
+        case WriteRequest():
+            _refuse_unsound(request.sound)
+            device.write(request.address, request.registers)
+            return WriteMultipleRegistersResponse(address=request.address, count=request.count)
+        case ReadInputRequest():
+            read = read_input(device, request.address, request.count)
+            return RegistersAnswer(request.function_code, read)
+        case ReadHoldingRequest():
+            read = read_holding(device, request.address, request.count)
+            return RegistersAnswer(request.function_code, read)
+        case WriteSingleRegisterRequest():
+            device.write(request.address, request.registers)
+            return WriteSingleRegisterResponse(
+                address=request.address, registers=request.registers)
+        case MaskWriteRegisterRequest():
+            (word,) = read_holding(device, request.address, 1)
+            word = (word & request.and_mask) | (request.or_mask & ~request.and_mask)
+            device.write(request.address, [word])
+            return MaskWriteRegisterResponse(
+                request.address, request.and_mask, request.or_mask)
+    raise RefusedError(ILLEGAL_FUNCTION)
 
 
-def _handler(server: ModbusBaseServer) -> _Handler:
-    return _Handler(server, server.trace_packet, server.trace_pdu, server.trace_connect)
+def _refuse_unsound(sound: bool) -> None:
+    if not sound:
+        raise RefusedError(ILLEGAL_VALUE)
 
 
 class FeederServer:
@@ -132,22 +151,22 @@ class FeederServer:
 
 async def serve_tcp(device: PmxDevice, host: str = "127.0.0.1", port: int = 0) -> FeederServer:
     """Answer Modbus TCP; port 0 takes a free one. Raises OSError where it cannot listen."""
-    server = _TcpServer(_NOTHING, address=(host, port), ignore_missing_devices=True,
-                        custom_pdu=_PDUS)
-    server.context = _DeviceRegisters(device)
-    if not await server.listen():
-        raise OSError(errno.EADDRINUSE, f"port {port} is taken or not allowed")
-    assert isinstance(server.transport, asyncio.Server)
-    port = server.transport.sockets[0].getsockname()[1]
-    return FeederServer(f"modbus-tcp://{host}:{port}", server.close)
+    open_: set[_Connection] = set()
+    server = await asyncio.get_running_loop().create_server(
+        lambda: _Connection(device, FramerSocket, open_), host, port)
+    port = server.sockets[0].getsockname()[1]
+
+    def close() -> None:
+        server.close()
+        for connection in list(open_):
+            connection.close()
+
+    return FeederServer(f"modbus-tcp://{host}:{port}", close)
 
 
 async def serve_pty(device: PmxDevice) -> FeederServer:
     """Answer Modbus RTU on a new pty, without parity: Linux ptys carry none."""
-    server = _RtuServer(_NOTHING, framer=FramerType.RTU, ignore_missing_devices=True,
-                        custom_pdu=_PDUS)
-    server.context = _DeviceRegisters(device)
-    connection = server.callback_new_connection()
+    connection = _Connection(device, FramerRTU, set())
     transport = PtyTransport(connection)
     connection.connection_made(transport)
     return FeederServer(f"modbus-rtu://{transport.path}?baud=19200&parity=N", transport.close)

@@ -16,7 +16,8 @@ from lmctl.machine.feeder_status import FeederListener
 from simulators import virtual_time
 from simulators.feeder.config import FeederConfig, HopperConfig
 from simulators.feeder.device import PmxDevice
-from simulators.feeder.server import FeederServer, serve_pty, serve_tcp
+from simulators.feeder.server import serve_pty, serve_tcp
+from simulators.modbus_server import ModbusServer
 
 TRUTH = HopperConfig(
     channel=1, material="316L", density_g_mm3=0.008, catch_efficiency=0.7, dead_time_s=3.0,
@@ -40,7 +41,7 @@ class Ears(FeederListener):
 @asynccontextmanager
 async def simulated(config: FeederConfig, wire: str = "tcp") -> AsyncIterator[tuple]:
     device = PmxDevice(config, asyncio.get_running_loop().time)
-    server: FeederServer = await (serve_tcp if wire == "tcp" else serve_pty)(device)
+    server: ModbusServer = await (serve_tcp if wire == "tcp" else serve_pty)(device)
     try:
         yield device, server
     finally:
@@ -50,7 +51,7 @@ async def simulated(config: FeederConfig, wire: str = "tcp") -> AsyncIterator[tu
 @asynccontextmanager
 async def driven(
     config: FeederConfig = ONE, *hoppers: Hopper, wire: str = "tcp", **settings
-) -> AsyncIterator[tuple[FeederDriver, PmxDevice, FeederServer, Ears]]:
+) -> AsyncIterator[tuple[FeederDriver, PmxDevice, ModbusServer, Ears]]:
     async with simulated(config, wire) as (device, server):
         feeder = Feeder(name="F1", endpoint=server.endpoint, **settings)
         driver = await FeederDriver.open(feeder, hoppers or (hopper(),))
@@ -414,7 +415,7 @@ def test_a_tcp_link_that_comes_back_in_time_is_no_fault():
     virtual_time.run(main())
 
 
-def server_connections(server: FeederServer) -> list:
+def server_connections(server: ModbusServer) -> list:
     return [c.transport for c in server._close.__self__.active_connections.values()]
 
 

@@ -23,8 +23,8 @@ from firmware_protocol.pmx import (
 from firmware_protocol.registers import Kind
 from simulators.feeder.config import FeederConfig, HopperConfig
 from simulators.feeder.device import PmxDevice
-from simulators.feeder.holding import BUSY, ILLEGAL_ADDRESS, ILLEGAL_VALUE, REFUSED, RefusedError
 from simulators.feeder.readings import read_holding, read_input
+from simulators.modbus_refusal import BUSY, ILLEGAL_ADDRESS, ILLEGAL_VALUE, REFUSED, RefusedError
 
 REMOTE = Command.ENABLE_REMOTE
 GAS = REMOTE | Command.GAS_ON
