@@ -1,0 +1,191 @@
+"""Going on with a job from any place: nothing left out, little laid twice, and a safe way in."""
+
+from __future__ import annotations
+
+import re
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lmctl.config.machine import load_profile
+from lmctl.job.reader import JobReader
+from lmctl.job.schema import LineKind
+from lmctl.run.job_window import JobWindow
+from lmctl.run.reentry import OVERLAP_MM, RUN_UP_MM, START, Place, enter
+
+PROFILE = load_profile(Path(str(files("lmctl.examples") / "cell.toml")))
+FLOW = [(0.0, (0.1, 0.0)), (8.0, (0.1, 0.0)), (9.0, (0.0, 0.1)), (1e3, (0.0, 0.1))]
+
+
+@pytest.fixture(scope="module")
+def whole(job_file, tmp_path_factory):
+    path = tmp_path_factory.mktemp("reentry") / "job.lmj"
+    job_file(path, PROFILE, job_file.squares(layers=3, per_layer=2), flow=FLOW)
+    with JobReader(path) as reader:
+        yield reader
+
+
+def rows(whole):
+    return np.concatenate([layer.lines for layer in whole.layers()])
+
+
+def points(whole, lines):
+    ends = np.column_stack([lines["x_mm"], lines["y_mm"], lines["z_mm"]])
+    return np.concatenate([[PROFILE.motion.purge_mm], ends])
+
+
+def go(whole, place):
+    return enter(whole.manifest, whole.layer, place, PROFILE.motion)
+
+
+def spoken(program, start):
+    """What a controller makes of a program: (lit, from, to, feed) of each motion."""
+    at, feed, power, made = np.array(start, dtype=float), None, None, []
+    for line in program:
+        words = dict(re.findall(r"([FSXYZ])(-?[0-9.]+)", line))
+        feed, power = float(words.get("F", feed or 0)), float(words.get("S", power or 0))
+        to = np.array([float(words.get(axis, old)) for axis, old in zip("XYZ", at, strict=True)])
+        if " G1 " in line:
+            made.append((power > 0, at, to, feed))
+        at = to
+    return made
+
+
+def lit_mm(motions):
+    return sum(float(np.linalg.norm(to - at)) for lit, at, to, _ in motions if lit)
+
+
+def beads_mm(whole, since=START):
+    lines = rows(whole)
+    length = np.linalg.norm(np.diff(points(whole, lines), axis=0), axis=1)
+    length[: since.line] = 0.0
+    length[since.line] *= 1.0 - since.share
+    return float(length[lines["kind"] == LineKind.BEAD].sum())
+
+
+def the_rest(whole, entry):
+    after = [whole.layer(i) for i in range(entry.layer.index + 1, len(whole.manifest.layers))]
+    return [line for layer in (entry.layer, *after) for line in layer.program]
+
+
+def n_lines(whole):
+    return sum(entry.n_lines for entry in whole.manifest.layers)
+
+
+@settings(max_examples=150, deadline=None)
+@given(data=st.data())
+def test_from_any_place_the_rest_is_laid_and_no_more_than_the_overlap_twice(whole, data):
+    line = data.draw(st.integers(0, n_lines(whole) - 1))
+    place = Place(line, data.draw(st.floats(0, 1)))
+    entry = go(whole, place)
+    left_mm = beads_mm(whole, place)
+    if entry is None:
+        assert left_mm < 0.02
+        return
+    laid_mm = lit_mm(spoken(the_rest(whole, entry), PROFILE.motion.purge_mm))
+    assert laid_mm == pytest.approx(left_mm + entry.repeated_mm, abs=0.03)
+    assert 0.0 <= entry.repeated_mm <= OVERLAP_MM + 1e-9
+
+
+@settings(max_examples=100, deadline=None)
+@given(data=st.data())
+def test_the_way_in_is_dark_continuous_and_never_longer_than_a_quarter_horizon(whole, data):
+    place = Place(data.draw(st.integers(0, n_lines(whole) - 60)), data.draw(st.floats(0, 0.9)))
+    entry = go(whole, place)
+    n = entry.lit_line - entry.layer.first_line
+    layer = entry.layer
+    motions = spoken(layer.program, PROFILE.motion.purge_mm)
+    assert not any(lit for lit, *_ in motions[: n - 1])
+    assert motions[n - 1][0]
+    for (_, _, before, _), (_, after, _, _) in zip(motions, motions[1:], strict=False):
+        assert np.array_equal(before, after)
+    start_s = np.concatenate([layer.flow_s[:1], layer.lines["end_s"][:-1]])
+    lasting_s = layer.lines["end_s"] - start_s
+    assert (lasting_s[:n] <= 0.25 + 1e-9).all()
+    assert (lasting_s >= 0).all()
+    assert np.all(np.diff(layer.flow_s) > 0)
+    # Across only at clearance height: never beside the part at its own height.
+    for _, at, to, _ in motions[: n - 1]:
+        if np.hypot(*(to - at)[:2]) > RUN_UP_MM + 0.01:
+            assert at[2] >= layer.z_mm + PROFILE.motion.clearance_mm - 1e-9
+
+
+def test_a_bead_is_entered_before_the_place_reached_with_its_own_feed_and_power(whole):
+    lines = rows(whole)
+    bead = int(np.flatnonzero(lines["kind"] == LineKind.BEAD)[6])
+    entry = go(whole, Place(bead, 0.5))
+    motions = spoken(entry.layer.program, PROFILE.motion.purge_mm)
+    first = next(i for i, motion in enumerate(motions) if motion[0])
+    _, at, _, feed = motions[first]
+    way = points(whole, lines)
+    reached = (way[bead] + way[bead + 1]) / 2
+    assert entry.repeated_mm == pytest.approx(OVERLAP_MM)
+    assert np.linalg.norm(reached - at) <= OVERLAP_MM + 1e-6  # along a corner it is less
+    assert feed == pytest.approx(600.0)
+    assert "S500" in entry.layer.program[entry.lit_line - entry.layer.first_line]
+    assert entry.layer.program[entry.lit_line - entry.layer.first_line].startswith(
+        f"N{entry.lit_line} ")
+
+
+def test_a_place_in_a_travel_goes_on_with_the_next_path_from_its_beginning(whole):
+    lines = rows(whole)
+    second = int(np.flatnonzero(lines["path"] == 1)[0])
+    entry = go(whole, Place(second - 3, 0.4))
+    assert entry.repeated_mm == 0.0
+    assert lines["path"][entry.lit_line] == 1
+    assert lines["kind"][entry.lit_line - 1] == LineKind.LEAD
+
+
+def test_a_path_all_laid_is_not_entered_again(whole):
+    lines = rows(whole)
+    last = int(np.flatnonzero((lines["path"] == 0) & (lines["kind"] == LineKind.BEAD))[-1])
+    entry = go(whole, Place(last, 1.0))
+    assert lines["path"][entry.lit_line] == 1
+
+
+def test_after_the_last_bead_there_is_nothing_to_enter(whole):
+    lines = rows(whole)
+    last = int(np.flatnonzero(lines["kind"] == LineKind.BEAD)[-1])
+    assert go(whole, Place(last + 1)) is None
+    assert go(whole, Place(n_lines(whole) - 1, 1.0)) is None
+
+
+def test_on_the_way_in_the_flow_is_what_it_will_be_at_the_first_bead(whole):
+    lines = rows(whole)
+    bead = int(np.flatnonzero(lines["kind"] == LineKind.BEAD)[30])
+    entry = go(whole, Place(bead, 0.25))
+    layer = entry.layer
+    n = entry.lit_line - layer.first_line
+    lit_s = layer.lines["end_s"][n - 1]
+    original = whole.layer(layer.index)
+    for hopper in range(2):
+        want = np.interp(lit_s, original.flow_s, original.flow_g_s[:, hopper])
+        at = np.interp(np.linspace(layer.flow_s[0], lit_s, 20), layer.flow_s,
+                       layer.flow_g_s[:, hopper])
+        assert at == pytest.approx(want)
+        later = np.linspace(lit_s, layer.flow_s[-1], 50)
+        assert np.interp(later, layer.flow_s, layer.flow_g_s[:, hopper]) == pytest.approx(
+            np.interp(later, original.flow_s, original.flow_g_s[:, hopper]))
+
+
+def test_a_job_window_runs_from_an_entry_in_the_jobs_own_line_numbers(whole):
+    lines = rows(whole)
+    bead = int(np.flatnonzero(lines["path"] == 3)[5])
+    entry = go(whole, Place(bead))
+    index = entry.layer.index
+
+    def read(layer):
+        assert layer >= index
+        return entry.layer if layer == index else whole.layer(layer)
+
+    window = JobWindow(whole.manifest, read, PROFILE.motion.purge_mm, first_layer=index)
+    assert window.begin().first_line == entry.layer.first_line
+    assert window.line_start_s(entry.lit_line) == pytest.approx(
+        float(entry.layer.lines["end_s"][entry.lit_line - entry.layer.first_line - 1]))
+    assert window.line_start_s(bead + 3) == pytest.approx(float(lines["end_s"][bead + 2]))
+    assert window.line_at(float(entry.layer.flow_s[0])) <= entry.lit_line
+    assert window.end_s == pytest.approx(float(lines["end_s"][-1]))
