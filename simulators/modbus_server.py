@@ -1,41 +1,48 @@
-"""The wire of a simulated device: Modbus TCP, or Modbus RTU over a pty, by pymodbus.
+"""The wire of a simulated device: Modbus TCP, or Modbus RTU over a pty.
 
-pymodbus frames and answers; registers are computed by the device when they are read, and a write
-is the device's own act. All of pymodbus that the simulators use stands here and in its messages.
+pymodbus frames; registers are computed by the device when they are read, and a write is the
+device's own act. All of pymodbus that the simulators use stands here and in its messages.
+
+Its server is left out: a request would go through a task, a thread-safe call into its own loop
+and a table of registers, and that was half of a whole round trip.
 """
 
 from __future__ import annotations
 
 import asyncio
-import errno
 import logging
-from collections.abc import Callable, Sequence
-from typing import Protocol
+from collections.abc import Sequence
+from typing import Protocol, cast
 
-from pymodbus.constants import ExcCodes
-from pymodbus.exceptions import ModbusIOException, NoSuchIdException
-from pymodbus.framer import FramerType
-from pymodbus.pdu import ModbusPDU
-from pymodbus.server import ModbusSerialServer, ModbusTcpServer
-from pymodbus.server.base import ModbusBaseServer
-from pymodbus.server.requesthandler import ServerRequestHandler
-from pymodbus.simulator import DataType, SimData, SimDevice
-from pymodbus.simulator.simcore import SimCore
+from pymodbus.exceptions import ModbusIOException
+from pymodbus.framer import FramerBase, FramerRTU, FramerSocket
+from pymodbus.pdu import DecodePDU, ExceptionResponse, ModbusPDU
+from pymodbus.pdu.register_message import (
+    MaskWriteRegisterRequest,
+    MaskWriteRegisterResponse,
+    WriteMultipleRegistersResponse,
+    WriteSingleRegisterRequest,
+    WriteSingleRegisterResponse,
+)
 
-from simulators.modbus_pdus import ExchangeRequest, WriteRequest
-from simulators.modbus_refusal import RefusedError, SilentError
+from simulators.modbus_pdus import (
+    REQUESTS,
+    ExchangeRequest,
+    ReadHoldingRequest,
+    ReadInputRequest,
+    RegistersAnswer,
+    WriteRequest,
+)
+from simulators.modbus_refusal import ILLEGAL_VALUE, RefusedError, SilentError
 from simulators.pty_transport import PtyTransport
 
 # What pymodbus would otherwise print on stderr; a program that wants it sets up logging.
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())
 
-_READ_INPUT = 4
-_WITH_REGISTERS = {3, 4, 6, 16, 22, 23}
+_ILLEGAL_FUNCTION = 1
 
-#: pymodbus wants a register to begin with; the device's own take its place.
-_NOTHING = SimDevice(id=1, simdata=SimData(0, datatype=DataType.REGISTERS))
-
-_PDUS: list[type[ModbusPDU]] = [WriteRequest, ExchangeRequest]
+#: More than the longest request (Modbus TCP): bytes that are none are not kept for ever.
+_MOST_UNREAD = 264
 
 
 class Registers(Protocol):
@@ -51,126 +58,134 @@ class Registers(Protocol):
     def write(self, address: int, words: Sequence[int]) -> None: ...
 
 
-class _Core(SimCore):
-    """The device in the place of pymodbus's table of registers."""
-
-    def __init__(self, registers: Registers) -> None:
-        super().__init__(_NOTHING)
-        self._registers = registers
-
-    def device_ids(self) -> list[int]:
-        return [self._registers.device_id]
-
-    async def async_getValues(
-        self, device_id: int, func_code: int, address: int, count: int = 1
-    ) -> list[int] | list[bool] | ExcCodes:
-        self._check(device_id)
-        if func_code not in _WITH_REGISTERS:
-            return ExcCodes.ILLEGAL_FUNCTION
-        registers = self._registers
-        read = registers.read_input if func_code == _READ_INPUT else registers.read_holding
-        try:
-            return read(address, count)
-        except RefusedError as refused:
-            return ExcCodes(refused.code)
-        except SilentError:
-            raise _unanswered(device_id) from None
-
-    async def async_setValues(
-        self, device_id: int, func_code: int, address: int, values: list[int] | list[bool]
-    ) -> ExcCodes | None:
-        self._check(device_id)
-        if func_code not in _WITH_REGISTERS:
-            return ExcCodes.ILLEGAL_FUNCTION
-        try:
-            self._registers.write(address, values)
-        except RefusedError as refused:
-            return ExcCodes(refused.code)
-        except SilentError:
-            raise _unanswered(device_id) from None
-        return None
-
-    def _check(self, device_id: int) -> None:
-        if device_id != self._registers.device_id:
-            raise _unanswered(device_id)
-
-
-def _unanswered(device_id: int) -> NoSuchIdException:
-    """What makes pymodbus say nothing, as it does for a device that is not on the line."""
-    return NoSuchIdException(f"there is no device {device_id} on this line")
-
-
-class _Handler(ServerRequestHandler):
-    """One connection, answering at once.
-
-    The registers never wait, so a request is carried through as it arrives. pymodbus's own way
-    (by a thread-safe call into its own loop) costs a third of the whole round trip.
-    """
-
-    def callback_data(self, data: bytes, addr: tuple[str, int] | None = None) -> int:
-        try:
-            used = super(ServerRequestHandler, self).callback_data(data, addr)
-        except ModbusIOException:
-            return super().callback_data(data, addr)  # answers it with an exception
-        if self.last_pdu:
-            self._answer()
-        return used
-
-    def _answer(self) -> None:
-        answering = self.handle_request()
-        try:
-            answering.send(None)
-        except StopIteration:
-            return
-        raise RuntimeError("a simulated register waited for something")
-
-
-class _TcpServer(ModbusTcpServer):
-    def callback_new_connection(self) -> ServerRequestHandler:
-        return _handler(self)
-
-
-class _RtuServer(ModbusSerialServer):
-    def callback_new_connection(self) -> ServerRequestHandler:
-        return _handler(self)
-
-
-def _handler(server: ModbusBaseServer) -> _Handler:
-    return _Handler(server, server.trace_packet, server.trace_pdu, server.trace_connect)
-
-
 class ModbusServer:
     """A device on its wire. `endpoint` is where a host finds it, in the driver's own spelling."""
 
-    def __init__(self, endpoint: str, close: Callable[[], None]) -> None:
-        self.endpoint = endpoint
-        self._close = close
+    def __init__(self, registers: Registers) -> None:
+        self.endpoint = ""
+        self.registers = registers
+        self.open: set[_Connection] = set()
+        self.listening: asyncio.Server | None = None
+
+    def drop_hosts(self) -> None:
+        """Cut the connections of the hosts, who may come again."""
+        for connection in list(self.open):
+            connection.close()
+
+    def stop(self) -> None:
+        """Go dead: cut the connections, and take no more."""
+        if self.listening is not None:
+            self.listening.close()
+        self.drop_hosts()
 
     async def close(self) -> None:
-        self._close()
+        self.stop()
         await asyncio.sleep(0)  # let the transports say goodbye
+
+
+class _Connection(asyncio.Protocol):
+    """One host, answered at once: registers never wait."""
+
+    def __init__(self, server: ModbusServer, framer: type[FramerBase]) -> None:
+        requests = DecodePDU(True)
+        for request in REQUESTS:
+            requests.register(request)
+        self._server = server
+        self._framer = framer(requests)
+        self._unread = b""
+        self._transport: asyncio.WriteTransport | None = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self._transport = cast(asyncio.WriteTransport, transport)
+        self._server.open.add(self)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._transport = None
+        self._server.open.discard(self)
+
+    def close(self) -> None:
+        if self._transport is not None:
+            self._transport.close()
+
+    def data_received(self, data: bytes) -> None:
+        registers, framer = self._server.registers, self._framer
+        unread = self._unread + data
+        while unread:
+            try:
+                used, request = framer.handleFrame(unread, registers.device_id, 0)
+            except ModbusIOException as nonsense:
+                self._send(ExceptionResponse(0, _ILLEGAL_FUNCTION), nonsense.transaction_id)
+                unread = b""
+                break
+            unread = unread[used:]
+            if request is None:
+                break
+            answer = _answer(registers, request)
+            if answer is not None:
+                self._send(answer, request.transaction_id)
+        self._unread = unread if len(unread) <= _MOST_UNREAD else b""
+
+    def _send(self, answer: ModbusPDU, number: int) -> None:
+        answer.dev_id, answer.transaction_id = self._server.registers.device_id, number
+        if self._transport is not None:
+            self._transport.write(self._framer.buildFrame(answer))
+
+
+def _answer(registers: Registers, request: ModbusPDU) -> ModbusPDU | None:
+    try:
+        return _carried_out(registers, request)
+    except RefusedError as refused:
+        return ExceptionResponse(request.function_code, refused.code)
+    except SilentError:
+        return None
+
+
+def _carried_out(registers: Registers, request: ModbusPDU) -> ModbusPDU:
+    """Do what a request asks, and say so. Raises RefusedError, SilentError."""
+    match request:
+        case ExchangeRequest() if request.sound:
+            registers.write(request.write_address, request.write_registers)
+            return RegistersAnswer(request.function_code, registers.read_holding(
+                request.read_address, request.read_count))
+        case WriteRequest() if request.sound:
+            registers.write(request.address, request.registers)
+            return WriteMultipleRegistersResponse(address=request.address, count=request.count)
+        case ExchangeRequest() | WriteRequest():
+            raise RefusedError(ILLEGAL_VALUE)
+        case ReadInputRequest():
+            return RegistersAnswer(
+                request.function_code, registers.read_input(request.address, request.count))
+        case ReadHoldingRequest():
+            return RegistersAnswer(
+                request.function_code, registers.read_holding(request.address, request.count))
+        case WriteSingleRegisterRequest():
+            registers.write(request.address, request.registers)
+            return WriteSingleRegisterResponse(
+                address=request.address, registers=request.registers)
+        case MaskWriteRegisterRequest():
+            (word,) = registers.read_holding(request.address, 1)
+            word = (word & request.and_mask) | (request.or_mask & ~request.and_mask)
+            registers.write(request.address, [word])
+            return MaskWriteRegisterResponse(request.address, request.and_mask, request.or_mask)
+    raise RefusedError(_ILLEGAL_FUNCTION)
 
 
 async def serve_tcp(
     registers: Registers, host: str = "127.0.0.1", port: int = 0
 ) -> ModbusServer:
     """Answer Modbus TCP; port 0 takes a free one. Raises OSError where it cannot listen."""
-    server = _TcpServer(_NOTHING, address=(host, port), ignore_missing_devices=True,
-                        custom_pdu=_PDUS)
-    server.context = _Core(registers)
-    if not await server.listen():
-        raise OSError(errno.EADDRINUSE, f"port {port} is taken or not allowed")
-    assert isinstance(server.transport, asyncio.Server)
-    port = server.transport.sockets[0].getsockname()[1]
-    return ModbusServer(f"modbus-tcp://{host}:{port}", server.close)
+    server = ModbusServer(registers)
+    server.listening = await asyncio.get_running_loop().create_server(
+        lambda: _Connection(server, FramerSocket), host, port)
+    server.endpoint = f"modbus-tcp://{host}:{server.listening.sockets[0].getsockname()[1]}"
+    return server
 
 
 async def serve_pty(registers: Registers) -> ModbusServer:
     """Answer Modbus RTU on a new pty, without parity: Linux ptys carry none."""
-    server = _RtuServer(_NOTHING, framer=FramerType.RTU, ignore_missing_devices=True,
-                        custom_pdu=_PDUS)
-    server.context = _Core(registers)
-    connection = server.callback_new_connection()
+    server = ModbusServer(registers)
+    connection = _Connection(server, FramerRTU)
     transport = PtyTransport(connection)
     connection.connection_made(transport)
-    return ModbusServer(f"modbus-rtu://{transport.path}?baud=19200&parity=N", transport.close)
+    server.endpoint = f"modbus-rtu://{transport.path}?baud=19200&parity=N"
+    return server
