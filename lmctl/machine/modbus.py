@@ -1,4 +1,4 @@
-"""Modbus TCP and RTU by pymodbus, which only this module and its messages know.
+"""Modbus TCP and RTU, over a `modbus_wire`.
 
 It asks once and never repeats by itself: a time-out leaves the outcome of a write unknown, so
 whoever asked has to read before writing again (protocol.md 14). A lost TCP connection is made
@@ -8,23 +8,16 @@ again in the background; meanwhile every request fails at once.
 from __future__ import annotations
 
 import asyncio
-import logging
-from collections.abc import Awaitable, Sequence
-from typing import Any, Protocol
+from collections.abc import Sequence
 
-from pymodbus.client import AsyncModbusSerialClient, AsyncModbusTcpClient
-from pymodbus.exceptions import ModbusException
 from pymodbus.pdu import ModbusPDU
+from pymodbus.pdu.register_message import ReadHoldingRegistersRequest, ReadInputRegistersRequest
 
 from firmware_protocol.registers import MOST_READ, MOST_WRITTEN
 from lmctl.errors import MachineError
 from lmctl.machine.modbus_endpoint import RtuEndpoint, TcpEndpoint, parse_modbus_endpoint
-from lmctl.machine.modbus_pdus import (
-    ExchangeRequest,
-    ExchangeResponse,
-    WriteRequest,
-    WriteResponse,
-)
+from lmctl.machine.modbus_pdus import ExchangeRequest, WriteRequest
+from lmctl.machine.modbus_wire import ModbusWire
 
 #: Most registers one exchange (FC 23) may write; it may read MOST_READ.
 MOST_EXCHANGED = 121
@@ -41,12 +34,7 @@ _MEANINGS = {
     11: "the gateway got no answer from it",
 }
 
-_RECONNECT_S = 0.1
-_RECONNECT_MOST_S = 1.0
 _LONGEST_FRAME = 256  # characters of an RTU frame
-
-# pymodbus would otherwise print its findings on stderr; they come as errors of ours.
-logging.getLogger("pymodbus").addHandler(logging.NullHandler())
 
 
 class NoAnswerError(MachineError):
@@ -64,21 +52,6 @@ class RefusedError(MachineError):
         self.code = code
 
 
-class _Client(Protocol):
-    """What is used of pymodbus's two clients, whose types tell less."""
-
-    async def connect(self) -> bool: ...
-    def close(self) -> None: ...
-    def read_input_registers(
-        self, address: int, *, count: int, device_id: int
-    ) -> Awaitable[ModbusPDU]: ...
-    def read_holding_registers(
-        self, address: int, *, count: int, device_id: int
-    ) -> Awaitable[ModbusPDU]: ...
-    def register(self, custom_response_class: type[ModbusPDU]) -> None: ...
-    def execute(self, no_response_expected: bool, request: ModbusPDU) -> Awaitable[ModbusPDU]: ...
-
-
 class ModbusLink:
     """One device at the far end of its own connection or serial line; one request at a time.
 
@@ -87,10 +60,10 @@ class ModbusLink:
     """
 
     def __init__(
-        self, client: _Client, where: TcpEndpoint | RtuEndpoint, device_id: int, timeout_s: float
+        self, wire: ModbusWire, where: TcpEndpoint | RtuEndpoint, device_id: int, timeout_s: float
     ) -> None:
         self.endpoint = where.text
-        self._client = client
+        self._wire = wire
         self._device_id = device_id
         self._timeout_s = timeout_s
         self._character_s = where.character_s if isinstance(where, RtuEndpoint) else None
@@ -106,19 +79,17 @@ class ModbusLink:
         Raises ConfigError for text that is no endpoint, MachineError where it cannot be reached.
         """
         where = parse_modbus_endpoint(endpoint)
-        client = _client(where, timeout_s)
-        for answer in (WriteResponse, ExchangeResponse):
-            client.register(answer)
+        wire = ModbusWire(where, timeout_s)
         try:
-            connected = await client.connect()
+            connected = await wire.connect()
         except Exception as error:  # pyserial lets termios.error and others through
             connected, reason = False, str(error)
         else:
             reason = ""
         if not connected:
-            client.close()
+            wire.close()
             raise _unreachable(where, reason)
-        return cls(client, where, device_id, timeout_s)
+        return cls(wire, where, device_id, timeout_s)
 
     @property
     def age_s(self) -> float:
@@ -128,24 +99,21 @@ class ModbusLink:
     async def read_input(self, address: int, count: int) -> Sequence[int]:
         """FC 04."""
         _check_count(count, MOST_READ)
-        answer = await self._ask(
-            self._client.read_input_registers, address, count=count, device_id=self._device_id
-        )
-        return self._registers(answer, count)
+        request = ReadInputRegistersRequest(
+            dev_id=self._device_id, address=address, count=count)
+        return self._registers(await self._ask(request), count)
 
     async def read_holding(self, address: int, count: int) -> Sequence[int]:
         """FC 03."""
         _check_count(count, MOST_READ)
-        answer = await self._ask(
-            self._client.read_holding_registers, address, count=count, device_id=self._device_id
-        )
-        return self._registers(answer, count)
+        request = ReadHoldingRegistersRequest(
+            dev_id=self._device_id, address=address, count=count)
+        return self._registers(await self._ask(request), count)
 
     async def write(self, address: int, words: Sequence[int]) -> None:
         """FC 16, one register too."""
         _check_count(len(words), MOST_WRITTEN)
-        request = WriteRequest(address=address, registers=words, dev_id=self._device_id)
-        await self._ask(self._client.execute, False, request)
+        await self._ask(WriteRequest(address=address, registers=words, dev_id=self._device_id))
 
     async def exchange(
         self, write_address: int, words: Sequence[int], read_address: int, count: int
@@ -154,30 +122,23 @@ class ModbusLink:
         _check_count(len(words), MOST_EXCHANGED)
         _check_count(count, MOST_READ)
         request = ExchangeRequest(read_address, count, write_address, words, self._device_id)
-        answer = await self._ask(self._client.execute, False, request)
-        return self._registers(answer, count)
+        return self._registers(await self._ask(request), count)
 
     async def close(self) -> None:
-        self._client.close()
+        self._wire.close()
         await asyncio.sleep(0)  # let the transport say goodbye
 
-    async def _ask(self, request: Any, *args: Any, **settings: Any) -> ModbusPDU:
+    async def _ask(self, request: ModbusPDU) -> ModbusPDU:
         async with self._one_at_a_time:
             if (wait_s := self._quiet_until_s - self._loop.time()) > 0:
                 await asyncio.sleep(wait_s)
             asked_s = self._loop.time()
-            asking = asyncio.current_task()
-            cancelled_before = asking.cancelling() if asking else 0
             try:
-                answer: ModbusPDU = await request(*args, **settings)
-                # pymodbus waits by asyncio.wait_for, which before Python 3.12 swallows a cancel
-                # that comes in the same turn of the loop as the answer (CPython gh-86296).
-                if asking and asking.cancelling() > cancelled_before:
-                    raise asyncio.CancelledError
+                answer = await self._wire.ask(request)
             except asyncio.CancelledError:
                 self._expect_late_answer(asked_s + self._timeout_s)
                 raise
-            except (ModbusException, OSError) as error:
+            except OSError as error:  # TimeoutError is one
                 self._expect_late_answer(self._loop.time())
                 raise NoAnswerError(
                     "it does not answer", where=self.endpoint,
@@ -191,8 +152,8 @@ class ModbusLink:
     def _expect_late_answer(self, sent_s: float) -> None:
         """Keep a serial line quiet until a late answer is surely over.
 
-        RTU answers carry no number: the next request would take it for its own. On TCP pymodbus
-        drops late answers by their transaction number.
+        RTU answers carry no number: the next request would take it for its own. On TCP late
+        answers are dropped by their transaction number.
         """
         if self._character_s is not None:
             self._quiet_until_s = sent_s + _LONGEST_FRAME * self._character_s
@@ -204,19 +165,6 @@ class ModbusLink:
                 where=self.endpoint,
             )
         return answer.registers
-
-
-def _client(where: TcpEndpoint | RtuEndpoint, timeout_s: float) -> _Client:
-    if isinstance(where, TcpEndpoint):
-        return AsyncModbusTcpClient(
-            where.host, port=where.port, timeout=timeout_s, retries=0,
-            reconnect_delay=_RECONNECT_S, reconnect_delay_max=_RECONNECT_MOST_S,
-        )
-    return AsyncModbusSerialClient(
-        where.path, baudrate=where.baud, parity=where.parity, stopbits=where.stop_bits,
-        timeout=timeout_s, retries=0, reconnect_delay=_RECONNECT_S,
-        reconnect_delay_max=_RECONNECT_MOST_S,
-    )
 
 
 def _unreachable(where: TcpEndpoint | RtuEndpoint, reason: str) -> MachineError:

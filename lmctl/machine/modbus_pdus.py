@@ -1,6 +1,6 @@
-"""Messages of pymodbus, with all their registers packed at once.
+"""Messages of pymodbus, with all their registers packed and unpacked at once.
 
-pymodbus packs them one by one, and spells every message out for a log nobody reads; together
+pymodbus takes them one by one, and spells every message out for a log nobody reads; together
 that is a quarter of a round trip. Its own extension point (`register`) takes these in place.
 """
 
@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import struct
 
+from pymodbus.pdu import ModbusPDU
 from pymodbus.pdu.register_message import (
+    ReadHoldingRegistersResponse,
     ReadWriteMultipleRegistersRequest,
-    ReadWriteMultipleRegistersResponse,
     WriteMultipleRegistersRequest,
     WriteMultipleRegistersResponse,
 )
@@ -24,7 +25,7 @@ class WriteRequest(WriteMultipleRegistersRequest):
         return struct.pack(f">HHB{count}H", self.address, count, 2 * count, *self.registers)
 
 
-class WriteResponse(WriteMultipleRegistersResponse):
+class WriteAnswer(WriteMultipleRegistersResponse):
     """FC 16."""
 
     def __str__(self) -> str:
@@ -42,13 +43,30 @@ class ExchangeRequest(ReadWriteMultipleRegistersRequest):
         )
 
 
-class ExchangeResponse(ReadWriteMultipleRegistersResponse):
-    """FC 23."""
+class ReadHoldingAnswer(ReadHoldingRegistersResponse):
+    """FC 03."""
 
     def decode(self, data: bytes) -> None:
         """Raises struct.error, which pymodbus takes for a broken frame, where data are short."""
-        count = data[0] // 2
-        self.registers = struct.unpack_from(f">{count}H", data, 1)
+        self.registers = struct.unpack_from(f">{data[0] // 2}H", data, 1)
 
     def __str__(self) -> str:
         return f"{len(self.registers)} registers"
+
+
+class ReadInputAnswer(ReadHoldingAnswer):
+    """FC 04."""
+
+    function_code = 4
+
+
+class ExchangeAnswer(ReadHoldingAnswer):
+    """FC 23."""
+
+    function_code = 23
+
+
+#: To be registered with pymodbus's decoder.
+ANSWERS: tuple[type[ModbusPDU], ...] = (
+    ReadHoldingAnswer, ReadInputAnswer, WriteAnswer, ExchangeAnswer,
+)
