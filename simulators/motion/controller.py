@@ -14,7 +14,7 @@ from simulators.motion import reports
 from simulators.motion.actions import Vector
 from simulators.motion.config import MotionConfig
 from simulators.motion.interpreter import Interpreter
-from simulators.motion.machine import Machine
+from simulators.motion.machine import ESTOP_ALARM, HARD_LIMIT_ALARM, Machine
 from simulators.motion.main_loop import OK, MainLoop
 from simulators.motion.realtime_commands import act
 from simulators.motion.settings import Settings
@@ -47,8 +47,7 @@ class Controller:
             self.say,
             self._out,
         )
-        if self.settings.homing and (not self.machine.hal or int(self.settings[22]) & 4):
-            self.machine.state = State.ALARM  # until homed
+        self._lock_unless_homed()
         self._banner()
         self._out.clear()  # nobody was there to read it
 
@@ -77,6 +76,66 @@ class Controller:
         machine.door_open = is_open
         return self._sent()
 
+    def set_estop(self, is_open: bool, now_s: float) -> bytes:
+        """The e-stop input changes; to Grbl, which has none, it is its reset input."""
+        machine = self.machine
+        machine.settle(now_s)
+        opens = is_open and not machine.estop_open
+        machine.estop_open = is_open
+        if opens and machine.hal:
+            self._drop_lines()
+            machine.halt(ESTOP_ALARM)
+        elif opens:
+            self._reset()
+        return self._sent()
+
+    def meet_limit_switch(self, now_s: float) -> bytes:
+        """An axis runs into its limit switch."""
+        self.machine.settle(now_s)
+        self._drop_lines()
+        self.machine.halt(HARD_LIMIT_ALARM)
+        return self._sent()
+
+    def leave_travel(self, now_s: float) -> bytes:
+        """A target turns out to be outside the travel."""
+        self.machine.settle(now_s)
+        self.machine.soft_limit()
+        return self._sent()
+
+    def set_overrides(self, feed: int, rapid: int, beam: int, now_s: float) -> bytes:
+        """Percent, turned at the panel."""
+        self.machine.settle(now_s)
+        self.machine.set_overrides(feed, rapid, beam)
+        return self._sent()
+
+    def lose_power(self, now_s: float) -> bytes:
+        """Off and on; what it says when it is up again."""
+        self.machine.settle(now_s)
+        self._drop_lines()
+        self.machine.lose_power()
+        self.interpreter.reset()
+        self._lock_unless_homed()
+        self._out.clear()
+        self._banner()
+        return self._sent()
+
+    def set_estop(self, is_open: bool, now_s: float) -> bytes:
+        """The e-stop input changes. grblHAL has one; on Grbl the chain is wired to its reset pin,
+        and acts as it opens.
+        """
+        machine = self.machine
+        machine.settle(now_s)
+        opens = is_open and not machine.estop_open
+        machine.estop_open = is_open
+        if opens:
+            self.device.discard_rx()
+            if machine.hal:
+                self._loop.drop_line()
+                machine.emergency_stop()
+            else:
+                self._reset()
+        return self._sent()
+
     def next_wake_s(self) -> float | None:
         """When to call `wake`, if nothing is received before."""
         machine = self.machine
@@ -101,6 +160,15 @@ class Controller:
         data = b"".join(out)
         out.clear()
         return data
+
+    def _lock_unless_homed(self) -> None:
+        """After power-up, where the settings want it."""
+        if self.settings.homing and (not self.machine.hal or int(self.settings[22]) & 4):
+            self.machine.state = State.ALARM
+
+    def _drop_lines(self) -> None:
+        self.device.discard_rx()
+        self._loop.restart()
 
     def _realtime(self, byte: int) -> None:
         machine = self.machine
@@ -145,6 +213,9 @@ class Controller:
     def _banner(self) -> None:
         machine = self.machine
         self.say(Banner(self.dialect.banner))
+        if machine.hal and machine.estop_open:
+            machine.emergency_stop()
+            return
         if machine.state is State.ALARM:
             self.say(Feedback("MSG", "'$H'|'$X' to unlock"))
             return

@@ -21,9 +21,10 @@ def home(machine: Machine) -> Steps:
     seek, leave = settings[25] / 60.0, settings[24] / 60.0
     x, y, _ = machine.planner.position_mm
     switch, clear = _ends(machine)
+    there, off = (_as_believed(machine, place) for place in (switch, clear))
     for legs in (
-        (Motion((x, y, switch[2]), seek), Motion(switch, seek)),
-        (Motion(clear, leave),),
+        (Motion((x, y, there[2]), seek), Motion(there, seek)),
+        (Motion(off, leave),),
     ):
         for leg in legs:
             machine.planner.add(leg)
@@ -31,11 +32,18 @@ def home(machine: Machine) -> Steps:
         yield Wait.REST
         yield machine.now_s + _CLEARANCE_S
     machine.stepper.running = False
+    machine.take_position(clear, (0.0, 0.0, 0.0))
     machine.state = State.IDLE
     machine.alarm = 0
     machine.homed = True
     machine.reporter.homed_changed()
     return 0
+
+
+def _as_believed(machine: Machine, place_mm: Vector) -> Vector:
+    """A place as the controller has it before it is homed."""
+    (x, y, z), (dx, dy, dz) = place_mm, machine.trace.shift_mm
+    return (x - dx, y - dy, z - dz)
 
 
 def _ends(machine: Machine) -> tuple[Vector, Vector]:

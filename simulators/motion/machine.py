@@ -21,7 +21,8 @@ from simulators.motion.states import MOVING, State
 from simulators.motion.stepper import Stepper
 from simulators.motion.trace import Trace
 
-ABORTED_ALARM, SOFT_LIMIT_ALARM, HOMING_ALARM = 3, 2, 6
+HARD_LIMIT_ALARM, SOFT_LIMIT_ALARM, ABORTED_ALARM, HOMING_ALARM, ESTOP_ALARM = 1, 2, 3, 6, 10
+_CRITICAL = frozenset((HARD_LIMIT_ALARM, SOFT_LIMIT_ALARM, ESTOP_ALARM))
 
 _ORIGIN: Vector = (0.0, 0.0, 0.0)
 # How far the step segment buffer runs ahead: of 10 ms each, Grbl keeps 5 ready and grblHAL 9.
@@ -60,6 +61,8 @@ class Machine:
         self.restore_s: float | None = None  # when a closed door lets motion go on
         self.homed = False
         self.door_open = False
+        self.estop_open = False
+        self.estop_open = False
         self.overrides = (100, 100, 100)
         self.probed_mm = _ORIGIN
         self.input_result: int | None = None
@@ -201,7 +204,9 @@ class Machine:
         self.set_overrides(100, 100, 100)
         self.reporter.restart()
         alarm = 0
-        if homing:
+        if self.estop_open and self.hal:
+            alarm = ESTOP_ALARM
+        elif homing:
             alarm = HOMING_ALARM
         elif moving and not self.hal:
             alarm = ABORTED_ALARM
@@ -218,13 +223,47 @@ class Machine:
         if self.state is not State.ALARM:
             self.state = State.IDLE
 
+    def halt(self, code: int) -> None:
+        """A limit switch or the e-stop input: motion and beam end at once, wherever they are."""
+        self._stop_dead()
+        self.homed = False
+        self.raise_alarm(code)
+
+    def lose_power(self) -> None:
+        """Everything is forgotten but the settings; axes stand where they are, at 0, 0, 0."""
+        self._stop_dead()
+        self.critical = self.homed = self._door_after_jog = False
+        self.accessories.all_off(self.now_s)
+        self.set_overrides(100, 100, 100)
+        self.reporter.restart()
+        self.alarm = 0
+        self.state = State.IDLE
+        (x, y, z), (dx, dy, dz) = self.trace.position_at(self.now_s), self.trace.shift_mm
+        self.take_position(_ORIGIN, (x + dx, y + dy, z + dz))
+
+    def take_position(self, believed_mm: Vector, shift_mm: Vector) -> None:
+        """Standing still, take the axes to be elsewhere. shift_mm : truth less belief"""
+        self.trace.rebase(self.now_s, believed_mm, shift_mm)
+        self.planner.clear(believed_mm)
+        self._displaced(believed_mm)
+
+    def emergency_stop(self) -> None:
+        """grblHAL's e-stop input: dead at once, and locked until it is closed and reset."""
+        if self.state in MOVING or self.stopping is not None:
+            self.homed = False
+        self._stop_dead()
+        self._door_after_jog = False
+        self.raise_alarm(ESTOP_ALARM)
+        self.critical = True
+        self.say(Feedback("MSG", "Emergency stop - clear, then reset to continue"))
+
     def raise_alarm(self, code: int) -> None:
-        """Lock. Soft limits stay locked until a reset."""
+        """Lock. Limits and e-stop stay locked until a reset."""
         self.alarm = code
         self.state = State.ALARM
         self.say(Alarm(code))
         self.accessories.all_off(self.now_s)
-        if code == SOFT_LIMIT_ALARM:
+        if code in _CRITICAL:
             self.critical = True
             self.say(Feedback("MSG", "Reset to continue"))
 

@@ -12,6 +12,7 @@ import socket
 import tty
 from typing import cast
 
+from simulators.faults.edge import Edge
 from simulators.motion.sim import MotionSim
 
 _READ_BYTES = 65536
@@ -32,37 +33,49 @@ class TcpServer:
             client.abort()
 
 
-async def serve_tcp(sim: MotionSim, host: str = "127.0.0.1", port: int = 0) -> TcpServer:
-    """Serve sim on host:port; port 0 takes a free one. raises: OSError when it is taken"""
+async def serve_tcp(
+    sim: MotionSim, host: str = "127.0.0.1", port: int = 0, edge: Edge | None = None
+) -> TcpServer:
+    """Serve sim on host:port; port 0 takes a free one. raises: OSError when it is taken
+
+    edge : where faults befall its bytes
+    """
     clients: set[asyncio.Transport] = set()
     loop = asyncio.get_running_loop()
-    server = await loop.create_server(lambda: _Client(sim, clients), host, port)
+    met = edge or Edge()
+    server = await loop.create_server(lambda: _Client(sim, clients, met), host, port)
     return TcpServer(server, clients)
 
 
 class _Client(asyncio.Protocol):
-    def __init__(self, sim: MotionSim, clients: set[asyncio.Transport]) -> None:
+    def __init__(self, sim: MotionSim, clients: set[asyncio.Transport], edge: Edge) -> None:
         self._sim = sim
         self._clients = clients
+        self._edge = edge
         self._transport: asyncio.Transport | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         client = cast(asyncio.Transport, transport)
-        if self._clients:
+        if self._clients or not self._edge.is_open:
             client.abort()
             return
         client.get_extra_info("socket").setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._transport = client
         self._clients.add(client)
-        self._sim.attach(client.write)
+        self._sim.attach(self._edge.joined(client, client.write))
 
     def data_received(self, data: bytes) -> None:
-        if self._transport is not None:
+        if self._transport is None:
+            return
+        if self._edge.to_device is None:
             self._sim.receive(data)
+        else:
+            self._edge.to_device(data, self._sim.receive)
 
     def connection_lost(self, exc: Exception | None) -> None:
         if self._transport is not None:
             self._clients.discard(self._transport)
+            self._edge.left(self._transport)
             self._sim.detach()
 
 
@@ -71,20 +84,31 @@ class Pty:
     client may come and go.
     """
 
-    def __init__(self, sim: MotionSim, loop: asyncio.AbstractEventLoop) -> None:
+    def __init__(self, sim: MotionSim, loop: asyncio.AbstractEventLoop, edge: Edge) -> None:
         self._sim = sim
         self._loop = loop
+        self._edge = edge
         self._master, self._slave = os.openpty()
         tty.setraw(self._master)
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
         self.path = os.ttyname(self._slave)
         self._unsent = b""
-        loop.add_reader(self._master, self._readable)
-        sim.attach(self._write)
+        self.resume_reading()
+        sim.attach(edge.joined(self, self._write))
+
+    def pause_reading(self) -> None:
+        self._loop.remove_reader(self._master)
+
+    def resume_reading(self) -> None:
+        self._loop.add_reader(self._master, self._readable)
+
+    def abort(self) -> None:
+        """A cable was pulled: nothing passes while the edge is closed, and nothing hangs up."""
 
     def close(self) -> None:
         """Hang up."""
+        self._edge.left(self)
         self._sim.detach()
         self._loop.remove_reader(self._master)
         self._loop.remove_writer(self._master)
@@ -92,9 +116,19 @@ class Pty:
         os.close(self._slave)
 
     def _readable(self) -> None:
-        self._sim.receive(os.read(self._master, _READ_BYTES))
+        self._take(os.read(self._master, _READ_BYTES))
+
+    def _take(self, data: bytes) -> None:
+        if not self._edge.is_open:
+            return
+        if self._edge.to_device is None:
+            self._sim.receive(data)
+        else:
+            self._edge.to_device(data, self._sim.receive)
 
     def _write(self, data: bytes) -> None:
+        if not self._edge.is_open:
+            return
         if self._unsent:
             self._unsent += data
             return
@@ -116,6 +150,6 @@ class Pty:
             return data
 
 
-def open_pty(sim: MotionSim) -> Pty:
-    """Put sim behind a pseudo-terminal, until it is closed."""
-    return Pty(sim, asyncio.get_running_loop())
+def open_pty(sim: MotionSim, edge: Edge | None = None) -> Pty:
+    """Put sim behind a pseudo-terminal, until it is closed. edge : where faults befall its bytes"""
+    return Pty(sim, asyncio.get_running_loop(), edge or Edge())

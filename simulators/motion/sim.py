@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
+from firmware_protocol.realtime import Realtime
 from simulators.motion.actions import Vector
 from simulators.motion.config import MotionConfig
 from simulators.motion.controller import Controller
@@ -54,6 +55,40 @@ class MotionSim:
     def set_door(self, is_open: bool) -> None:
         """Drive the door input, as an interlock or a watchdog relay wired to it does."""
         self._send(self._controller.set_door(is_open, self._loop.time()))
+
+    def set_estop(self, is_open: bool) -> None:
+        """Drive the e-stop input."""
+        self._send(self._controller.set_estop(is_open, self._loop.time()))
+
+    def press(self, button: Realtime) -> None:
+        """Feed hold, cycle start or reset, at the panel."""
+        self._send(self._controller.receive(bytes((button,)), self._loop.time()))
+
+    def set_overrides(self, feed: int, rapid: int, beam: int) -> None:
+        """Percent, turned at the panel."""
+        self._send(self._controller.set_overrides(feed, rapid, beam, self._loop.time()))
+
+    def meet_limit_switch(self) -> None:
+        """An axis runs into its limit switch: motion ends, position is lost."""
+        self._send(self._controller.meet_limit_switch(self._loop.time()))
+
+    def leave_travel(self) -> None:
+        """A target turns out to be outside the travel, as with soft limits on."""
+        self._send(self._controller.leave_travel(self._loop.time()))
+
+    def lose_power(self) -> bytes:
+        """Off and on again: all ends at once; what it says when it is up, for who waits for it."""
+        banner = self._controller.lose_power(self._loop.time())
+        self._send(b"")
+        return banner
+
+    def settle(self) -> None:
+        """Let the controller work out what it knows of the motion to come."""
+        self._advance()
+
+    def set_estop(self, is_open: bool) -> None:
+        """Drive the e-stop input, as an emergency-stop chain wired to it does."""
+        self._send(self._controller.set_estop(is_open, self._loop.time()))
 
     def attach(self, write: Callable[[bytes], None]) -> None:
         """A client has come: what the controller sends goes to `write` from now on."""

@@ -23,11 +23,25 @@ def snapshot(machine: Machine, offset_mm: Vector, tool: int, rx_free: int) -> Sn
         speed=speed,
         overrides=machine.overrides,
         accessories=machine.accessories.letters(),
-        pins="D" if machine.door_open else "",
+        pins=_pins(machine),
         homed=machine.homed,
         tool=tool,
         input_result=machine.input_result,
     )
+
+
+def _pins(machine: Machine) -> str:
+    """Letters of the inputs that are active; the e-stop of Grbl is its reset input."""
+    pins = "D" if machine.door_open else ""
+    if machine.estop_open:
+        pins += "E" if machine.hal else "R"
+    return pins
+
+
+def _pins(machine: Machine) -> str:
+    """Inputs that are on; the emergency-stop chain is at Grbl's reset pin."""
+    estop = "E" if machine.hal else "R"
+    return "D" * machine.door_open + estop * machine.estop_open
 
 
 def _substate(machine: Machine) -> int | None:

@@ -11,6 +11,7 @@ from __future__ import annotations
 from array import array
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import inf
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -72,6 +73,9 @@ class ExecutedBlocks:
 class Phases:
     """Stretches of constant acceleration, in order: from start_s to end_s (n,) each, speed
     speed_mm_s + acceleration_mm_s2 · (t - start_s), in row `block` of `ExecutedBlocks`.
+
+    distance_mm : (n,) into the block at start_s
+    power : (n,) beam power over its maximum, before any scaling with speed
     """
 
     start_s: FloatArray
@@ -79,6 +83,8 @@ class Phases:
     speed_mm_s: FloatArray
     acceleration_mm_s2: FloatArray
     block: NDArray[np.int64]
+    distance_mm: FloatArray
+    power: FloatArray
 
 
 class Trace:
@@ -96,6 +102,23 @@ class Trace:
         self._stands = array("d", (0.0, 0.0))
         self.moved: Callable[[Phase], None] = self._phases.extend
         self.rows = 0
+        self._rebased_s = -inf
+        self._rebased_mm = position_mm
+        self._shifts = [(-inf, (0.0, 0.0, 0.0))]
+
+    def line_of(self, row: int) -> int:
+        """N word of a block."""
+        return int(self._blocks[row * _BLOCK])
+
+    @property
+    def shift_mm(self) -> Vector:
+        """Where the machine really is, less where its controller takes it to be."""
+        return self._shifts[-1][1]
+
+    def rebase(self, when_s: float, believed_mm: Vector, shift_mm: Vector) -> None:
+        """Standing still, the controller takes the machine to be elsewhere from now on."""
+        self._rebased_s, self._rebased_mm = when_s, believed_mm
+        self._shifts.append((when_s, shift_mm))
 
     def begin(self, block: Block) -> int:
         """A block is about to move; its row."""
@@ -135,13 +158,16 @@ class Trace:
         self.outputs = [switched for switched in self.outputs if switched[0] <= when_s]
 
     def position_at(self, when_s: float) -> Vector:
-        """Where the machine was, shortly before the end of the record; no arrays are built."""
+        """Where the controller took the machine to be, shortly before the end of the record.
+
+        No arrays are built.
+        """
         phases = self._phases
         at = len(phases) - _PHASE
         while at >= 0 and phases[at] > when_s:
             at -= _PHASE
-        if at < 0:
-            return self._origin
+        if at < 0 or phases[at] < self._rebased_s:
+            return self._rebased_mm
         start_s, end_s, distance, speed, acceleration, _, row = phases[at : at + _PHASE]
         dt = min(when_s, end_s) - start_s
         return self._along(int(row), distance + (speed + 0.5 * acceleration * dt) * dt)
@@ -171,6 +197,7 @@ class Trace:
         distance = distance0 + (speed0 + 0.5 * acceleration * dt) * dt
         part = np.where(begun, np.minimum(1.0, distance / block[:, 7]), 0.0)[:, None]
         position = block[:, 1:4] + (block[:, 4:7] - block[:, 1:4]) * part
+        position += self._shift(t0)
         lit = _beam(power, speed, block)
         return TraceSample(
             position,
@@ -191,8 +218,9 @@ class Trace:
         t0, t1, distance, speed, acceleration = phases[last, :5].T
         dt = t1 - t0
         reached = (distance + (speed + 0.5 * acceleration * dt) * dt) / blocks[:, 7]
-        start = blocks[:, 1:4]
-        end = start + (blocks[:, 4:7] - start) * np.minimum(1.0, reached)[:, None]
+        shift = self._shift(phases[first, 0])
+        start = blocks[:, 1:4] + shift
+        end = start + (blocks[:, 4:7] + shift - start) * np.minimum(1.0, reached)[:, None]
         return ExecutedBlocks(
             line=blocks[:, 0].astype(np.int64),
             start_s=phases[first, 0],
@@ -206,8 +234,13 @@ class Trace:
 
     def phases(self) -> Phases:
         """Every phase committed."""
-        t0, t1, _, speed, acceleration, _, row = self._phase_rows().T
-        return Phases(t0, t1, speed, acceleration, row.astype(np.int64))
+        t0, t1, distance, speed, acceleration, power, row = self._phase_rows().T
+        return Phases(t0, t1, speed, acceleration, row.astype(np.int64), distance, power)
+
+    def standing(self) -> tuple[FloatArray, FloatArray]:
+        """From when on the beam burns with which power whenever the machine stands still."""
+        stands = np.array(self._stands, dtype=np.float64).reshape(-1, _STAND)
+        return stands[:, 0], stands[:, 1]
 
     @property
     def size_bytes(self) -> int:
@@ -215,6 +248,11 @@ class Trace:
         return sum(
             table.itemsize * len(table) for table in (self._blocks, self._phases, self._stands)
         )
+
+    def _shift(self, time_s: FloatArray) -> FloatArray:
+        """(n, 3) what to add to the controller's positions at each time."""
+        since_s, shift = zip(*self._shifts, strict=True)
+        return np.asarray(shift)[np.searchsorted(since_s, time_s, side="right") - 1]
 
     def _phase_rows(self) -> FloatArray:
         return np.array(self._phases, dtype=np.float64).reshape(-1, _PHASE)

@@ -1,0 +1,115 @@
+"""The edge of a simulated device, where its bytes meet its link: the one place of byte faults.
+
+A server hands every chunk through its device's edge. As long as nothing is wrong there, that is
+one look at an attribute.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from typing import Protocol
+
+Deliver = Callable[[bytes], None]
+
+
+class Filter(Protocol):
+    """Takes each chunk of one direction, and passes on what gets through, when it does."""
+
+    def __call__(self, data: bytes, deliver: Deliver) -> None: ...
+
+
+class Link(Protocol):
+    """One connection of a host, as asyncio's transports are."""
+
+    def abort(self) -> None: ...
+    def pause_reading(self) -> None: ...
+    def resume_reading(self) -> None: ...
+
+
+class Edge:
+    """What passes between one device and its host.
+
+    to_device, to_host : what chunks go through, None while all is well
+    is_open : links are accepted; is_rtu : frames on it are Modbus RTU
+    host_was_there : (time on the loop's clock, True as it came, False as it went)
+    """
+
+    def __init__(self) -> None:
+        self.to_device: Filter | None = None
+        self.to_host: Filter | None = None
+        self.is_open = True
+        self.is_rtu = False
+        self.host_was_there: list[tuple[float, bool]] = []
+        self._filters: dict[str, list[Filter]] = {"to_device": [], "to_host": []}
+        self._links: dict[Link, Deliver] = {}
+        self._reading = True
+        self._loop = asyncio.get_running_loop()
+
+    # --- for servers
+
+    def joined(self, link: Link, write: Deliver) -> Deliver:
+        """A host has come; what the device sends goes to what is returned here."""
+        self._links[link] = write
+        self.host_was_there.append((self._loop.time(), True))
+        if not self._reading:
+            link.pause_reading()
+
+        def send(data: bytes) -> None:
+            if self.to_host is None:
+                write(data)
+            else:
+                self.to_host(data, write)
+
+        return send
+
+    def left(self, link: Link) -> None:
+        """A host has gone."""
+        if self._links.pop(link, None) is not None:
+            self.host_was_there.append((self._loop.time(), False))
+
+    # --- for faults
+
+    def put(self, direction: str, one: Filter) -> None:
+        """Let chunks of a direction go through one more filter, behind those that are there."""
+        self._filters[direction].append(one)
+        self._set(direction)
+
+    def take(self, direction: str, one: Filter) -> None:
+        """Take a filter away again; without effect where it is gone."""
+        if one in self._filters[direction]:
+            self._filters[direction].remove(one)
+            self._set(direction)
+
+    def say(self, data: bytes) -> None:
+        """Bytes to the host that the device did not send."""
+        for write in list(self._links.values()):
+            write(data)
+
+    def open(self, is_open: bool) -> None:
+        """Closed, hosts are thrown out, and turned away."""
+        self.is_open = is_open
+        if not is_open:
+            for link in list(self._links):
+                link.abort()
+
+    def read(self, reading: bool) -> None:
+        """Whether bytes are taken off the link; else they pile up on the host's side."""
+        self._reading = reading
+        for link in self._links:
+            if reading:
+                link.resume_reading()
+            else:
+                link.pause_reading()
+
+    def _set(self, direction: str) -> None:
+        filters = tuple(self._filters[direction])
+        setattr(self, direction, _chain(filters) if filters else None)
+
+
+def _chain(filters: tuple[Filter, ...]) -> Filter:
+    first, *rest = filters
+    if not rest:
+        return first
+    behind = _chain(tuple(rest))
+    return lambda data, deliver: first(data, lambda passed: behind(passed, deliver))
