@@ -119,23 +119,6 @@ class Controller:
         self._banner()
         return self._sent()
 
-    def set_estop(self, is_open: bool, now_s: float) -> bytes:
-        """The e-stop input changes. grblHAL has one; on Grbl the chain is wired to its reset pin,
-        and acts as it opens.
-        """
-        machine = self.machine
-        machine.settle(now_s)
-        opens = is_open and not machine.estop_open
-        machine.estop_open = is_open
-        if opens:
-            self.device.discard_rx()
-            if machine.hal:
-                self._loop.drop_line()
-                machine.emergency_stop()
-            else:
-                self._reset()
-        return self._sent()
-
     def next_wake_s(self) -> float | None:
         """When to call `wake`, if nothing is received before."""
         machine = self.machine
@@ -213,9 +196,6 @@ class Controller:
     def _banner(self) -> None:
         machine = self.machine
         self.say(Banner(self.dialect.banner))
-        if machine.hal and machine.estop_open:
-            machine.emergency_stop()
-            return
         if machine.state is State.ALARM:
             self.say(Feedback("MSG", "'$H'|'$X' to unlock"))
             return

@@ -62,7 +62,6 @@ class Machine:
         self.homed = False
         self.door_open = False
         self.estop_open = False
-        self.estop_open = False
         self.overrides = (100, 100, 100)
         self.probed_mm = _ORIGIN
         self.input_result: int | None = None
@@ -198,13 +197,13 @@ class Machine:
         homing = self.state is State.HOME
         locked = self.state is State.ALARM or (self.state is State.SLEEP)
         self._stop_dead()
-        self.critical = False
+        self.critical = self.estop_open and self.hal
         self._door_after_jog = False
         self.accessories.all_off(self.now_s)
         self.set_overrides(100, 100, 100)
         self.reporter.restart()
         alarm = 0
-        if self.estop_open and self.hal:
+        if self.critical:
             alarm = ESTOP_ALARM
         elif homing:
             alarm = HOMING_ALARM
@@ -225,8 +224,10 @@ class Machine:
 
     def halt(self, code: int) -> None:
         """A limit switch or the e-stop input: motion and beam end at once, wherever they are."""
+        if code != ESTOP_ALARM or self.state in MOVING or self.stopping is not None:
+            self.homed = False
         self._stop_dead()
-        self.homed = False
+        self._door_after_jog = False
         self.raise_alarm(code)
 
     def lose_power(self) -> None:
@@ -247,16 +248,6 @@ class Machine:
         self.planner.clear(believed_mm)
         self._displaced(believed_mm)
 
-    def emergency_stop(self) -> None:
-        """grblHAL's e-stop input: dead at once, and locked until it is closed and reset."""
-        if self.state in MOVING or self.stopping is not None:
-            self.homed = False
-        self._stop_dead()
-        self._door_after_jog = False
-        self.raise_alarm(ESTOP_ALARM)
-        self.critical = True
-        self.say(Feedback("MSG", "Emergency stop - clear, then reset to continue"))
-
     def raise_alarm(self, code: int) -> None:
         """Lock. Limits and e-stop stay locked until a reset."""
         self.alarm = code
@@ -265,7 +256,8 @@ class Machine:
         self.accessories.all_off(self.now_s)
         if code in _CRITICAL:
             self.critical = True
-            self.say(Feedback("MSG", "Reset to continue"))
+            text = "Emergency stop - clear, then reset" if code == ESTOP_ALARM else "Reset"
+            self.say(Feedback("MSG", f"{text} to continue"))
 
     def _stop_dead(self) -> None:
         self.stepper.stop_dead(self.now_s)

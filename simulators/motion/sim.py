@@ -86,10 +86,6 @@ class MotionSim:
         """Let the controller work out what it knows of the motion to come."""
         self._advance()
 
-    def set_estop(self, is_open: bool) -> None:
-        """Drive the e-stop input, as an emergency-stop chain wired to it does."""
-        self._send(self._controller.set_estop(is_open, self._loop.time()))
-
     def attach(self, write: Callable[[bytes], None]) -> None:
         """A client has come: what the controller sends goes to `write` from now on."""
         self._write = write

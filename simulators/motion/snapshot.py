@@ -38,12 +38,6 @@ def _pins(machine: Machine) -> str:
     return pins
 
 
-def _pins(machine: Machine) -> str:
-    """Inputs that are on; the emergency-stop chain is at Grbl's reset pin."""
-    estop = "E" if machine.hal else "R"
-    return "D" * machine.door_open + estop * machine.estop_open
-
-
 def _substate(machine: Machine) -> int | None:
     """The number behind Hold and Door."""
     if machine.state is State.HOLD:
