@@ -35,7 +35,10 @@ class KnownMotion:
 
     def phases(self) -> Phases:
         rows = np.arange(len(self.moves))
-        return Phases(self._column(1), self._column(2), self._column(4), self._column(5), rows)
+        return Phases(
+            self._column(1), self._column(2), self._column(4), self._column(5), rows,
+            np.zeros(len(self.moves)), self._column(8),
+        )
 
     def blocks(self) -> ExecutedBlocks:
         nothing = np.zeros((len(self.moves), 3))
