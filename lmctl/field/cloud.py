@@ -58,7 +58,10 @@ def cloud_field(points: FloatArray, grid: Grid) -> Field:
     if not (tags > 0).any():
         raise _nothing_inside(len(samples.points_mm), grid)
     values *= tags
-    return Field(grid, values, sources, seeds.surface_mm, samples.remarks + orientation.remarks)
+    return Field(
+        grid, values, sources, seeds.surface_mm, samples.remarks + orientation.remarks,
+        seeds.inwards,
+    )
 
 
 def _nothing_inside(count: int, grid: Grid) -> InputError:

@@ -79,11 +79,7 @@ def _seed_kernel(
                     continue
                 x, y, z = float(i), float(j), float(k)
                 reach, sheets = 2.0 * spacing[nearest], int(np.int64(sheet_count[nearest]))
-                if sheets == 1:
-                    # One sheet only: its nearest patch tells most nodes to be off it.
-                    r = int(np.int64(member[nearest, 0, 0]))
-                    if abs(height_over(patch, r, reach, x, y, z)[0]) > FAR_PITCHES:
-                        continue
+                off = False
                 # Each sheet is the mean of its patches, the ones near the node counting most.
                 sharpness = 2.0 / spacing[nearest] ** 2
                 n[1, 0] = n[1, 1] = n[1, 2] = n[2, 0] = n[2, 1] = n[2, 2] = 0.0
@@ -100,12 +96,20 @@ def _seed_kernel(
                             first = away
                         weight = 1.0 / (1.0 + sharpness * max(away - first, 0.0)) ** 2
                         here, gx, gy, gz = height_over(patch, r, reach, x, y, z)
+                        if sheets == 1 and abs(here) > FAR_PITCHES:
+                            # One sheet only, and its nearest patch tells the node to be off it.
+                            off = True
+                            break
                         total += weight
                         height += weight * here
                         sx, sy, sz = sx + weight * gx, sy + weight * gy, sz + weight * gz
+                    if off:
+                        break
                     size = np.sqrt(sx * sx + sy * sy + sz * sz)
                     d[s] = height / total
                     n[s, 0], n[s, 1], n[s, 2] = sx / size, sy / size, sz / size
+                if off:
+                    continue
                 near = _nearest_boundary(d, n, int(np.int64(solid[nearest])), sheets, step)
                 if abs(near) > BAND_PITCHES:
                     continue

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from dataclasses import field as field_of
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.field.features import length
 from lmctl.field.grid import Grid, Window
+from lmctl.field.interpolate import sharpen
 from lmctl.field.kernel import kernel
 from lmctl.field.triangles import closest_in_rows
 
@@ -24,10 +26,13 @@ class Field:
 
     values : (nz, ny, nx) float32 [mm]
     sources : (nz, ny, nx) int32, for each node the row of `surface_mm` that is nearest to it,
-        or None where a field was made without
+        −1 where none is known; None where a field was made without
     surface_mm : what the surface is made of, float64 [mm]: points (n, 3), or triangles (n, 3, 3);
         (0, 3) without `sources`
     remarks : what a person should know about the data it was made from
+    inwards : (n, 3) float64, unit directions inwards at points of `surface_mm`, or (0, 3)
+    exact : the closest points are those of the surface itself, not of a fit, so that distances
+        between nodes may be made from them
     """
 
     grid: Grid
@@ -35,6 +40,8 @@ class Field:
     sources: NDArray[np.int32] | None
     surface_mm: FloatArray
     remarks: tuple[str, ...] = ()
+    inwards: FloatArray = field_of(default_factory=lambda: np.empty((0, 3)))
+    exact: bool = False
 
     @property
     def closest(self) -> NDArray[np.float32] | None:
@@ -57,7 +64,10 @@ class Field:
 
 
 def sample(field: Field, points: FloatArray) -> FloatArray:
-    """Signed distance at any points, trilinear between nodes.
+    """Signed distance at any points.
+
+    Trilinear between nodes; near the surface of an exact field of third order where that is
+    smooth, and sharp at its edges and corners (`interpolate`).
 
     Outside the grid (where the body is not) the distance to the surface that nodes of the grid's
     faces know; a field without sources adds the distance to the grid's box instead.
@@ -65,7 +75,10 @@ def sample(field: Field, points: FloatArray) -> FloatArray:
     points : (n, 3) float64 [mm]; returns : (n,) float64 [mm]
     """
     points = np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 3)
-    distance = _sample_kernel(field.values, _in_nodes(field.grid, points))[:, 0]
+    nodes = _in_nodes(field.grid, points)
+    distance = np.ascontiguousarray(_sample_kernel(field.values, nodes)[:, 0])
+    if field.exact:
+        _sharpen(field, nodes, distance)
     out = _outside(field.grid, points)
     if out.any():
         distance[out] = _beyond(field, points[out], distance[out])
@@ -81,6 +94,19 @@ def sample_gradient(field: Field, points: FloatArray) -> FloatArray:
     slopes = _sample_kernel(field.values, _in_nodes(field.grid, points))[:, 1:]
     gradient: FloatArray = slopes / field.grid.pitch_mm
     return gradient
+
+
+def _sharpen(field: Field, nodes: FloatArray, distance: FloatArray) -> None:
+    assert field.sources is not None
+    h = field.grid.pitch_mm
+    surface = field.surface_mm[:, None] if field.surface_mm.ndim == 2 else field.surface_mm
+    relative = np.ascontiguousarray((surface - np.asarray(field.grid.origin_mm)) / h)
+    distance /= h
+    sharpen(
+        np.clip(nodes, 0.0, np.asarray(field.grid.shape[::-1]) - 1.0), field.values,
+        field.sources, relative, field.inwards, h, distance,
+    )
+    distance *= h
 
 
 def _in_nodes(grid: Grid, points: FloatArray) -> FloatArray:

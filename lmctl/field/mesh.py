@@ -52,7 +52,7 @@ def mesh_field(
             f"inside and outside are disputed at {disputed} of {grid.n_nodes} nodes "
             f"({share:.2g} %): the mesh is open or cuts through itself",
         )
-    return Field(grid, values, sources, corners, remarks)
+    return Field(grid, values, sources, corners, remarks, exact=True)
 
 
 def _corners(vertices: FloatArray, triangles: NDArray[np.integer], grid: Grid) -> FloatArray:

@@ -134,10 +134,13 @@ def _solid_bits(meets: NDArray[np.int64]) -> int:
 @kernel
 def _join(
     patch: FloatArray, smooth: NDArray[np.bool_], around: NDArray[np.int64],
-    sheet: NDArray[np.int64], lead: int, mark: int, reach: float, tolerance: float,
+    sheet: NDArray[np.int64], ask: NDArray[np.int64], reach: float, tolerance: float,
 ) -> int:
-    """Mark the samples that share the sheet of `lead`, among those not in one; how many."""
-    count = 0
+    """How many samples share the sheet of sample ask[0], of those in none; they get mark ask[1],
+    unless that is −1. (Numbers in an array have one type, where those in the code have each their
+    own, and the kernel would be compiled for each.)
+    """
+    count, lead = 0, ask[0]
     for m in range(len(around)):
         if sheet[m] != -1:
             continue
@@ -150,8 +153,8 @@ def _join(
         off = height_over(patch, lead, reach, patch[r, 0], patch[r, 1], patch[r, 2])[0]
         if abs(off) < tolerance + SAME_SHEET_SLOPE * np.sqrt(gap):
             count += 1
-            if mark >= 0:
-                sheet[m] = mark
+            if ask[1] >= 0:
+                sheet[m] = ask[1]
     return count
 
 
@@ -164,6 +167,7 @@ def _sort_kernel(
     many = neighbours.shape[1] + 1
     around, sheet = np.zeros(many, dtype=np.int64), np.zeros(many, dtype=np.int64)
     leads, meets = np.zeros(3, dtype=np.int64), np.zeros(4, dtype=np.int64)
+    ask = np.zeros(2, dtype=np.int64)
     for n in range(len(patch)):
         reach, sheets = 2.0 * spacing[n], 0
         meets[0] = meets[1] = meets[2] = 0
@@ -177,25 +181,27 @@ def _sort_kernel(
                 if sheet[m] != -1 or tried == LEADS_TRIED:
                     continue
                 tried += 1
-                count = _join(patch, smooth, around, sheet, around[m], -1, reach, tolerance)
+                ask[0], ask[1] = around[m], -1
+                count = _join(patch, smooth, around, sheet, ask, reach, tolerance)
                 if count > most:
                     lead, most = around[m], count
                 if smooth[around[m]]:
                     break
             if lead < 0:
                 break
-            _join(patch, smooth, around, sheet, lead, sheets, reach, tolerance)
+            ask[0], ask[1] = lead, sheets
+            _join(patch, smooth, around, sheet, ask, reach, tolerance)
             # A sheet that meets another in neither way is not part of the body here.
             told = sheets == 0 or most >= FEWEST_MEMBERS
             for s in range(sheets):
                 one, two = 0.0, 0.0
                 for m in range(many):
-                    r = around[m]
-                    x, y, z = patch[r, 0], patch[r, 1], patch[r, 2]
-                    if sheet[m] == sheets:
-                        one += height_over(patch, leads[s], reach, x, y, z)[0]
-                    elif sheet[m] == s:
-                        two += height_over(patch, lead, reach, x, y, z)[0]
+                    mine = sheet[m] == sheets
+                    if mine or sheet[m] == s:
+                        r, other = around[m], leads[s] if mine else lead
+                        x, y, z = patch[r, 0], patch[r, 1], patch[r, 2]
+                        off = height_over(patch, other, reach, x, y, z)[0]
+                        one, two = one + (off if mine else 0.0), two + (0.0 if mine else off)
                 pair = 0 if sheets == 1 else (2 if s == 0 else 1)
                 meets[pair] = 1 if one > 0.0 else -1
                 told = told and one * two > 0.0
