@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import os
+import socket
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, NamedTuple
 
 from lmctl import __version__
 from lmctl.config.machine import Hopper, MachineProfile
@@ -14,11 +16,14 @@ from lmctl.errors import JobError, LmctlError, RunFailed, RunStopped, UsageError
 from lmctl.job.reader import JobReader
 from lmctl.preflight.job_check import check_job
 from lmctl.run import rundir, signals
+from lmctl.run.control import Controls, ControlSocket, Peer, listening
 from lmctl.run.deposition import Progress
 from lmctl.run.journal import Journal
 from lmctl.run.overrides import LEAST_PERCENT, MOST_PERCENT
+from lmctl.run.ownership import owning
 from lmctl.run.recorder import Recorder, wall_stamp
 from lmctl.run.sequence import CellSequence
+from lmctl.run.snapshot import View
 from lmctl.run.state_machine import StateMachine
 from lmctl.run.states import Event, State
 
@@ -49,6 +54,15 @@ class RunResult:
     warnings: tuple[str, ...] = ()
 
 
+class _Live(NamedTuple):
+    """What a run that has begun is made of."""
+
+    machine: StateMachine
+    sequence: CellSequence
+    recorder: Recorder
+    view: View
+
+
 async def run_job(
     job_path: Path, profile: MachineProfile, runs_dir: Path, *, operator: str = "",
     progress: Progress | None = None,
@@ -73,13 +87,12 @@ class Executor:
         self._operator = operator
         self._progress = progress
         self._override_percent = 100
-        self._machine: StateMachine | None = None
-        self._sequence: CellSequence | None = None
+        self._live: _Live | None = None
 
     @property
     def state(self) -> State:
         """Where the run is."""
-        return State.READY if self._machine is None else self._machine.state
+        return State.READY if self._live is None else self._live.machine.state
 
     # --- the operator -------------------------------------------------------------------------
 
@@ -108,11 +121,36 @@ class Executor:
             raise UsageError(f"a feed override of {percent} % is not possible",
                              hint=f"give {LEAST_PERCENT} to {MOST_PERCENT}")
         self._override_percent = percent
-        if self._sequence is not None:
-            self._sequence.set_override(percent)
+        if self._live is not None:
+            self._live.sequence.set_override(percent)
+
+    def snapshot(self) -> dict[str, Any]:
+        """How the run stands: see `lmctl.run.snapshot`. Not before `run` has begun."""
+        live = self._live
+        assert live is not None
+        return live.view.snapshot(
+            self.state.value, live.sequence, live.recorder.latest, self._override_percent,
+            live.machine.fault,
+        )
+
+    def _act(self, act: str, percent: int | None) -> None:
+        """An act of the control socket. Raises UsageError."""
+        if act == "override":
+            self.set_override(percent or 0)
+        else:
+            self._request({"hold": Event.HOLD, "resume": Event.RESUME, "stop": Event.STOP}[act])
+
+    def _came(self, act: str, peer: Peer, refused: str) -> None:
+        """Journal an act of the control socket; a journal that cannot be written ends the run."""
+        live = self._live
+        assert live is not None
+        try:
+            live.recorder.operator(act, refused, uid=peer.uid, pid=peer.pid, wall=wall_stamp())
+        except LmctlError as error:
+            live.machine.trip(error)
 
     def _request(self, event: Event) -> None:
-        if self._machine is None or not self._machine.wish(event):
+        if self._live is None or not self._live.machine.wish(event):
             raise UsageError(f"cannot {event} now: the run is {self.state}",
                              hint="a run can be held while it deposits and resumed once held")
 
@@ -133,24 +171,29 @@ class Executor:
             digest = job.digest
         made = rundir.create(self._runs_dir, self._job_path)
         try:
-            with JobReader(made.job) as job:
+            with (
+                owning(self._profile, made.run, self._runs_dir),
+                listening(made.path) as control, JobReader(made.job) as job,
+            ):
                 if job.digest != digest:
                     raise JobError(f"{self._job_path} changed while it was read")
                 hoppers = _hoppers_of(job, self._profile)
                 header = self._header(job, hoppers)
                 with Journal(made.journal, header, local=self._local(made.run)) as journal:
-                    return await self._drive(job, hoppers, made, journal, began)
+                    return await self._drive(job, hoppers, made, journal, control, began)
         finally:
             if not made.journal.exists():
                 rundir.discard(made)
 
     async def _drive(
         self, job: JobReader, hoppers: list[Hopper], made: rundir.RunDir, journal: Journal,
-        began: float,
+        control: socket.socket, began: float,
     ) -> RunResult:
         loop = asyncio.get_running_loop()
         start_t = loop.time()
         recorder = Recorder(journal, lambda: loop.time() - start_t, [h.name for h in hoppers])
+
+        view = View(made.run, job.manifest, self._profile, hoppers, self._operator, self._progress)
 
         def held_elsewhere() -> None:
             if machine.state is State.DEPOSITING:
@@ -159,10 +202,12 @@ class Executor:
         sequence = CellSequence(
             job, self._profile, hoppers, recorder,
             program_done=lambda: machine.post(Event.PROGRAM_DONE), held=held_elsewhere,
-            failed=lambda error: machine.trip(error), progress=self._progress,
+            failed=lambda error: machine.trip(error), progress=view.hear,
         )
         machine = StateMachine(sequence.carry_out, sequence.halt, recorder)
-        self._sequence, self._machine = sequence, machine
+        self._live = _Live(machine, sequence, recorder, view)
+        operators = ControlSocket(control, Controls(self.snapshot, self._act, self._came))
+        operators.start()
         if self._override_percent != 100:
             sequence.set_override(self._override_percent)
         try:
@@ -172,6 +217,7 @@ class Executor:
             warnings = (_BEAM_STAYED_OFF,) if sequence.accepted and sequence.beam_off else ()
             machine_s = loop.time() - start_t
             recorder.seal(machine.state, lines=sequence.executed, warnings=list(warnings))
+            await operators.close()
             await sequence.close()
         if machine.state is not State.DONE:
             raise self._ending(made, machine, sequence)

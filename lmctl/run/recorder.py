@@ -6,8 +6,12 @@ state     a transition: event, from, to
 act       an effect begun (a `Do`), or one that failed while stopping
 path      a path is about to be sent: its number, layer, first and last line
 executed  a path has been executed: all its lines, not only acknowledged
+place     motion has come to rest: the line reached, and the share of it that has been executed
+entry     how the job goes on after that: the line lit first, and the bead laid twice [mm]
+alarm     an interlock has tripped: which, and the words the operator reads
 setpoint  flows sent to the hoppers [g/min]
 override  a feed override asked for, or reported by the controller [%]
+operator  an act that came by the control socket: from whom, and why it was refused if it was
 samples   columns of equal length, one value a status report
 purge     powder fed over the purge position or in a hold, before motion goes on [g]
 layer     all lines of a layer have been executed
@@ -19,11 +23,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from datetime import UTC, datetime
-from typing import Any
+from typing import Any, NamedTuple
 
 from lmctl.errors import JournalError, LmctlError
+from lmctl.run.alarms import Alarm
 from lmctl.run.job_window import PathSpan
 from lmctl.run.journal import Journal
+from lmctl.run.reentry import Entry, Place
 from lmctl.run.states import Do, Event, State
 
 #: Samples wait so long before they are written [s].
@@ -32,11 +38,22 @@ BATCH_S = 2.0
 _COLUMNS = ("t", "line", "x_mm", "y_mm", "z_mm", "feed_mm_min", "s_word")
 
 
+class Latest(NamedTuple):
+    """The last status report, as journaled. Flows in the hoppers' order [g/min]."""
+
+    position_mm: tuple[float, ...]
+    feed_mm_min: float | None
+    s_word: float | None
+    set_g_min: tuple[float, ...]
+    measured_g_min: tuple[float | None, ...]
+
+
 class Recorder:
     """The run's hand in its journal.
 
     now_s : machine time since the run began, as records carry it
     hoppers : names, in the order flows are given
+    latest : the last sample, for whoever asks how things stand
 
     When the journal cannot be written (a full disk) the first write says so by JournalError, which
     ends the run; the writes of the safe stop that follows are dropped, so that nothing keeps it.
@@ -51,6 +68,7 @@ class Recorder:
         self._samples: list[tuple[Any, ...]] = []
         self._batch_due_s = 0.0
         self._broken = False
+        self.latest: Latest | None = None
 
     def machine(self, **fields: Any) -> None:
         """Who answered on the motion link."""
@@ -77,6 +95,24 @@ class Recorder:
         for path in done:
             self._append("executed", path=path.path)
 
+    def place(self, place: Place) -> None:
+        """How far the job has been executed; durable."""
+        self._append("place", line=place.line, share=round(place.share, 6))
+        self._sync()
+
+    def entry(self, entry: Entry) -> None:
+        """How the job goes on from a place."""
+        self._append(
+            "entry", line=entry.place.line, share=round(entry.place.share, 6),
+            lit_line=entry.lit_line, layer=entry.layer.index,
+            repeated_mm=round(entry.repeated_mm, 3),
+        )
+
+    def alarm(self, alarm: Alarm) -> None:
+        """An interlock has tripped."""
+        self._append("alarm", name=alarm.name, what=alarm.what, where=list(alarm.where),
+                     hint=alarm.hint)
+
     def purged(self, fed_g: dict[str, float]) -> None:
         """Powder that has gone into no layer."""
         self._append("purge", fed_g={name: round(fed, 3) for name, fed in fed_g.items()})
@@ -94,12 +130,22 @@ class Recorder:
         """A feed override. source : "operator" as asked for, "controller" as reported."""
         self._append("override", feed_percent=percent, source=source)
 
+    def operator(self, act: str, refused: str, **local: Any) -> None:
+        """An act that came from outside; durable. refused : why, "" where it was accepted.
+
+        local : who, by user and process number
+        """
+        self._append("operator", act=act, accepted=not refused,
+                     **({"refused": refused} if refused else {}), local=local)
+        self._sync()
+
     def sample(
         self, line: int, position_mm: tuple[float, ...], feed_mm_min: float | None,
         s_word: float | None, set_g_min: tuple[float, ...],
         measured_g_min: tuple[float | None, ...],
     ) -> None:
         """One status report; written together with others after a while."""
+        self.latest = Latest(position_mm, feed_mm_min, s_word, set_g_min, measured_g_min)
         now_s = self._now_s()
         if not self._samples:
             self._batch_due_s = now_s + BATCH_S

@@ -1,0 +1,74 @@
+"""How a run stands, for whoever asks from outside, as JSON values."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from typing import Any
+
+from lmctl.config.machine import Hopper, MachineProfile
+from lmctl.errors import LmctlError
+from lmctl.job.schema import JobManifest
+from lmctl.run.deposition import Progress
+from lmctl.run.recorder import Latest
+from lmctl.run.sequence import CellSequence
+
+
+class View:
+    """One run, looked at. What it knows comes from progress and from what `snapshot` is given."""
+
+    def __init__(
+        self, run: str, manifest: JobManifest, profile: MachineProfile,
+        hoppers: Sequence[Hopper], operator: str, progress: Progress | None,
+    ) -> None:
+        end_s = manifest.layers[-1].end_s
+        self._fixed = {
+            "run": run, "pid": os.getpid(), "part": manifest.part_name, "machine": profile.name,
+            "operator": operator, "layers": len(manifest.layers),
+            "lines": sum(entry.n_lines for entry in manifest.layers),
+            "hoppers": [h.name for h in hoppers],
+        }
+        self._told = (0.0, end_s, 0, end_s)
+        self._progress = progress
+
+    def hear(self, done_s: float, total_s: float, layer: int, remaining_s: float) -> None:
+        """Take progress, and hand it on."""
+        self._told = (done_s, total_s, layer, remaining_s)
+        if self._progress is not None:
+            self._progress(done_s, total_s, layer, remaining_s)
+
+    def snapshot(
+        self, state: str, sequence: CellSequence, latest: Latest | None, override_percent: int,
+        fault: Exception | None,
+    ) -> dict[str, Any]:
+        """What the control socket answers to "status".
+
+        run, part, machine, operator, pid, lines, layers, hoppers : as the run began
+        state, line, layer (from 1), place (in words), override_percent
+        done_s, total_s : program time; remaining_s : machine time
+        beam_off : whether every power goes out as zero
+        position_mm, s_word, set_g_min, measured_g_min : as last reported, None before the first;
+            flows in the hoppers' order
+        alarms : first-out first, each with what, where and hint
+        """
+        done_s, total_s, layer, remaining_s = self._told
+        return {
+            **self._fixed, "state": state, "line": sequence.executed, "layer": layer + 1,
+            "place": sequence.place, "override_percent": override_percent,
+            "done_s": round(done_s, 3), "total_s": round(total_s, 3),
+            "remaining_s": round(remaining_s, 1), "beam_off": sequence.beam_off,
+            "position_mm": None if latest is None else list(latest.position_mm),
+            "s_word": None if latest is None else latest.s_word,
+            "set_g_min": None if latest is None else list(latest.set_g_min),
+            "measured_g_min": None if latest is None else list(latest.measured_g_min),
+            "alarms": _alarms(fault),
+        }
+
+
+def _alarms(fault: Exception | None) -> list[dict[str, Any]]:
+    """What is wrong, first-out first: so far the one fault that ended the run."""
+    if fault is None:
+        return []
+    if isinstance(fault, LmctlError):
+        return [{"what": fault.what, "where": list(fault.where), "hint": fault.hint}]
+    return [{"what": f"internal error: {fault!r}", "where": [], "hint": ""}]
