@@ -25,6 +25,7 @@ from pymodbus.pdu.register_message import (
     WriteSingleRegisterResponse,
 )
 
+from simulators.faults.edge import Edge
 from simulators.modbus_pdus import (
     REQUESTS,
     ExchangeRequest,
@@ -61,9 +62,10 @@ class Registers(Protocol):
 class ModbusServer:
     """A device on its wire. `endpoint` is where a host finds it, in the driver's own spelling."""
 
-    def __init__(self, registers: Registers) -> None:
+    def __init__(self, registers: Registers, edge: Edge | None = None) -> None:
         self.endpoint = ""
         self.registers = registers
+        self.edge = edge or Edge()
         self.open: set[_Connection] = set()
         self.listening: asyncio.Server | None = None
 
@@ -93,13 +95,20 @@ class _Connection(asyncio.Protocol):
         self._server = server
         self._framer = framer(requests)
         self._unread = b""
-        self._transport: asyncio.WriteTransport | None = None
+        self._transport: asyncio.Transport | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        self._transport = cast(asyncio.WriteTransport, transport)
+        link = cast(asyncio.Transport, transport)
+        if not self._server.edge.is_open:
+            link.abort()
+            return
+        self._transport = link
+        self._write = self._server.edge.joined(link, link.write)
         self._server.open.add(self)
 
     def connection_lost(self, exc: Exception | None) -> None:
+        if self._transport is not None:
+            self._server.edge.left(self._transport)
         self._transport = None
         self._server.open.discard(self)
 
@@ -108,6 +117,13 @@ class _Connection(asyncio.Protocol):
             self._transport.close()
 
     def data_received(self, data: bytes) -> None:
+        to_device = self._server.edge.to_device
+        if to_device is None:
+            self._take(data)
+        else:
+            to_device(data, self._take)
+
+    def _take(self, data: bytes) -> None:
         registers, framer = self._server.registers, self._framer
         unread = self._unread + data
         while unread:
@@ -128,7 +144,7 @@ class _Connection(asyncio.Protocol):
     def _send(self, answer: ModbusPDU, number: int) -> None:
         answer.dev_id, answer.transaction_id = self._server.registers.device_id, number
         if self._transport is not None:
-            self._transport.write(self._framer.buildFrame(answer))
+            self._write(self._framer.buildFrame(answer))
 
 
 def _answer(registers: Registers, request: ModbusPDU) -> ModbusPDU | None:
@@ -171,19 +187,26 @@ def _carried_out(registers: Registers, request: ModbusPDU) -> ModbusPDU:
 
 
 async def serve_tcp(
-    registers: Registers, host: str = "127.0.0.1", port: int = 0
+    registers: Registers, host: str = "127.0.0.1", port: int = 0, edge: Edge | None = None
 ) -> ModbusServer:
-    """Answer Modbus TCP; port 0 takes a free one. Raises OSError where it cannot listen."""
-    server = ModbusServer(registers)
+    """Answer Modbus TCP; port 0 takes a free one. Raises OSError where it cannot listen.
+
+    edge : where faults befall its bytes
+    """
+    server = ModbusServer(registers, edge)
     server.listening = await asyncio.get_running_loop().create_server(
         lambda: _Connection(server, FramerSocket), host, port)
     server.endpoint = f"modbus-tcp://{host}:{server.listening.sockets[0].getsockname()[1]}"
     return server
 
 
-async def serve_pty(registers: Registers) -> ModbusServer:
-    """Answer Modbus RTU on a new pty, without parity: Linux ptys carry none."""
-    server = ModbusServer(registers)
+async def serve_pty(registers: Registers, edge: Edge | None = None) -> ModbusServer:
+    """Answer Modbus RTU on a new pty, without parity: Linux ptys carry none.
+
+    edge : where faults befall its bytes
+    """
+    server = ModbusServer(registers, edge)
+    server.edge.is_rtu = True
     connection = _Connection(server, FramerRTU)
     transport = PtyTransport(connection)
     connection.connection_made(transport)

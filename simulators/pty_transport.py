@@ -24,11 +24,20 @@ class PtyTransport(asyncio.Transport):
         os.set_blocking(self._device, False)
         self.path = os.ttyname(self._host)
         self._unsent = b""
-        self._loop.add_reader(self._device, self._readable)
+        self.resume_reading()
 
     def write(self, data: bytes | bytearray | memoryview) -> None:
         self._unsent += bytes(data)
         self._writable()
+
+    def pause_reading(self) -> None:
+        self._loop.remove_reader(self._device)
+
+    def resume_reading(self) -> None:
+        self._loop.add_reader(self._device, self._readable)
+
+    def abort(self) -> None:
+        """A cable was pulled: a serial line has nothing to hang up."""
 
     def close(self) -> None:
         if self._device < 0:

@@ -27,6 +27,10 @@ class Link(Protocol):
     def resume_reading(self) -> None: ...
 
 
+def nothing_passes(data: bytes, deliver: Deliver) -> None:
+    """Every chunk is lost."""
+
+
 class Edge:
     """What passes between one device and its host.
 
@@ -87,8 +91,15 @@ class Edge:
             write(data)
 
     def open(self, is_open: bool) -> None:
-        """Closed, hosts are thrown out, and turned away."""
+        """Closed, hosts are thrown out, and turned away; on a serial line nothing passes."""
+        if is_open == self.is_open:
+            return
         self.is_open = is_open
+        for direction in self._filters:
+            if is_open:
+                self.take(direction, nothing_passes)
+            else:
+                self.put(direction, nothing_passes)
         if not is_open:
             for link in list(self._links):
                 link.abort()

@@ -104,7 +104,7 @@ class Pty:
         self._loop.add_reader(self._master, self._readable)
 
     def abort(self) -> None:
-        """A cable was pulled: nothing passes while the edge is closed, and nothing hangs up."""
+        """A cable was pulled: a serial line has nothing to hang up."""
 
     def close(self) -> None:
         """Hang up."""
@@ -116,19 +116,13 @@ class Pty:
         os.close(self._slave)
 
     def _readable(self) -> None:
-        self._take(os.read(self._master, _READ_BYTES))
-
-    def _take(self, data: bytes) -> None:
-        if not self._edge.is_open:
-            return
+        data = os.read(self._master, _READ_BYTES)
         if self._edge.to_device is None:
             self._sim.receive(data)
         else:
             self._edge.to_device(data, self._sim.receive)
 
     def _write(self, data: bytes) -> None:
-        if not self._edge.is_open:
-            return
         if self._unsent:
             self._unsent += data
             return
