@@ -8,11 +8,15 @@ from dataclasses import replace
 from types import TracebackType
 
 from simulators.bench_config import Address, BenchConfig
+from simulators.faults.edge import Edge
 from simulators.feeder.device import PmxDevice
-from simulators.feeder.server import serve_pty, serve_tcp
+from simulators.feeder.server import FeederRegisters
+from simulators.modbus_server import Registers, serve_pty, serve_tcp
 from simulators.motion import server as motion_server
 from simulators.motion.sim import MotionSim
 from simulators.record import BenchRecord
+from simulators.safety.device import SafetyDevice
+from simulators.safety.wiring import SafetyWiring
 
 _ANY_PORT = Address("127.0.0.1", 0)
 
@@ -21,8 +25,9 @@ class Bench:
     """A cell on the running loop, from entering to leaving.
 
     ephemeral_ports : take free ports of 127.0.0.1 in place of those configured
-    endpoints : by "motion" and the feeders' names, in the spelling of a machine profile
-    motion, feeders : the devices themselves, for whoever plays the operator's hands
+    endpoints : by "motion", "safety" and the feeders' names, in the spelling of a machine profile
+    motion, feeders, safety : the devices themselves, for whoever plays the operator's hands
+    edges : by the names of the endpoints, where faults befall a device's bytes
     Entering raises OSError, naming the device, where a port is taken.
 
     >>> async def cell(config):
@@ -36,6 +41,8 @@ class Bench:
         self._running = AsyncExitStack()
         self.endpoints: dict[str, str] = {}
         self.feeders: dict[str, PmxDevice] = {}
+        self.safety: SafetyDevice | None = None
+        self.edges: dict[str, Edge] = {}
 
     async def __aenter__(self) -> Bench:
         try:
@@ -64,8 +71,16 @@ class Bench:
         for feeder in self.config.feeders:
             device = PmxDevice(feeder, clock)
             self.feeders[feeder.name] = device
-            self.endpoints[feeder.name] = await self._serve_feeder(
-                device, self._address(feeder.name)
+            self.endpoints[feeder.name] = await self._serve_modbus(
+                f"feeder {feeder.name}", FeederRegisters(device), self._edge(feeder.name),
+                self._address(feeder.name),
+            )
+        if self.config.safety is not None:
+            self.safety = SafetyDevice(self.config.safety, clock)
+            wiring = SafetyWiring(self.safety, self.motion, self.feeders.values())
+            self._running.callback(wiring.close)
+            self.endpoints["safety"] = await self._serve_modbus(
+                "safety", self.safety, self._edge("safety"), self._address("safety")
             )
 
     def _address(self, name: str) -> Address:
@@ -74,24 +89,31 @@ class Bench:
 
     async def _serve_motion(self, address: Address) -> str:
         if address.pty:
-            pty = motion_server.open_pty(self.motion)
+            pty = motion_server.open_pty(self.motion, self._edge("motion"))
             self._running.callback(pty.close)
             return f"pty://{pty.path}"
         try:
-            server = await motion_server.serve_tcp(self.motion, address.host, address.port)
+            server = await motion_server.serve_tcp(
+                self.motion, address.host, address.port, self._edge("motion")
+            )
         except OSError as error:
             raise _taken("motion", address, error) from error
         self._running.callback(server.close)
         return f"tcp://{address.host}:{server.port}"
 
-    async def _serve_feeder(self, device: PmxDevice, address: Address) -> str:
+    def _edge(self, name: str) -> Edge:
+        return self.edges.setdefault(name, Edge())
+
+    async def _serve_modbus(
+        self, name: str, device: Registers, edge: Edge, address: Address
+    ) -> str:
         if address.pty:
-            server = await serve_pty(device)
+            server = await serve_pty(device, edge)
         else:
             try:
-                server = await serve_tcp(device, address.host, address.port)
+                server = await serve_tcp(device, address.host, address.port, edge)
             except OSError as error:
-                raise _taken(f"feeder {device.config.name}", address, error) from error
+                raise _taken(name, address, error) from error
         self._running.push_async_callback(server.close)
         return server.endpoint
 

@@ -13,6 +13,7 @@ from firmware_protocol.pmx import MOST_HOPPERS
 from simulators.feeder.config import FeederConfig, HopperConfig
 from simulators.motion.config import MotionConfig
 from simulators.motion.settings import SettingError, Settings
+from simulators.safety.config import SafetyConfig
 from simulators.table_reader import TableReader
 
 _DIALECTS = {"grbl": GRBL, "grblhal": GRBLHAL}
@@ -42,12 +43,16 @@ class Address:
 
 @dataclass(frozen=True)
 class BenchConfig:
-    """One motion controller and its feeders. addresses : by "motion" and the feeders' names."""
+    """One motion controller, its feeders, and a safety-input device where there is one.
+
+    addresses : by "motion", "safety" and the feeders' names
+    """
 
     name: str
     motion: MotionConfig
     feeders: tuple[FeederConfig, ...]
     addresses: Mapping[str, Address]
+    safety: SafetyConfig | None = None
 
     @classmethod
     def parse(cls, text: str) -> BenchConfig:
@@ -75,6 +80,7 @@ def _bench(top: TableReader) -> BenchConfig:
     name = top.text("name", "bench")
     addresses: dict[str, Address] = {}
     motion = _motion(top.table("motion"), addresses)
+    safety = _safety(top.table("safety", {}), addresses) if top.has("safety") else None
     feeders = []
     for table in top.tables("feeder"):
         feeders.append(_feeder(table, addresses))
@@ -82,7 +88,7 @@ def _bench(top: TableReader) -> BenchConfig:
     ports = [address.port for address in addresses.values() if address.port]
     for port in sorted({port for port in ports if ports.count(port) > 1}):
         top.blame("", f"two devices answer at port {port}")
-    return BenchConfig(name, motion, tuple(feeders), addresses)
+    return BenchConfig(name, motion, tuple(feeders), addresses, safety)
 
 
 def _motion(table: TableReader, addresses: dict[str, Address]) -> MotionConfig:
@@ -107,6 +113,27 @@ def _motion(table: TableReader, addresses: dict[str, Address]) -> MotionConfig:
     return MotionConfig(
         dialect=dialect, rx_bytes=rx_bytes, planner_blocks=blocks, settings=values
     )
+
+
+def _safety(table: TableReader, addresses: dict[str, Address]) -> SafetyConfig:
+    addresses["safety"] = _address(table, "modbus-tcp", "modbus-tcp://127.0.0.1:0")
+    usual = SafetyConfig()
+    safety = SafetyConfig(
+        device_id=table.integer("device_id", usual.device_id, least=1, most=247),
+        watchdog_relay=table.flag("watchdog_relay", usual.watchdog_relay),
+        boot_s=table.number("boot_s", usual.boot_s, least=0, most=3600),
+        shield_gas_L_min=table.number(
+            "shield_gas_L_min", usual.shield_gas_L_min, least=0, most=600
+        ),
+        chiller_C=table.number("chiller_C", usual.chiller_C, least=-50, most=150),
+        chiller_L_min=table.number("chiller_L_min", usual.chiller_L_min, least=0, most=600),
+        oxygen_ppm=table.number("oxygen_ppm", usual.oxygen_ppm, least=0, most=1e6),
+        extraction_Pa=table.number(
+            "extraction_Pa", usual.extraction_Pa, least=-30_000, most=30_000
+        ),
+    )
+    table.close()
+    return safety
 
 
 def _feeder(table: TableReader, addresses: dict[str, Address]) -> FeederConfig:

@@ -26,6 +26,9 @@ class TableReader:
         place = f"{self._path}.{key}" if self._path and key else self._path + key
         self.mistakes.append(f"{place}: {reason}" if place else reason)
 
+    def has(self, key: str) -> bool:
+        return key in self._table
+
     def number(
         self, key: str, default: float = _REQUIRED, *, least: float = -math.inf,
         above: float = -math.inf, most: float = math.inf,
@@ -64,6 +67,13 @@ class TableReader:
         if not isinstance(value, str) or not value.strip():
             self.blame(key, "must be text")
             return "?"
+        return value
+
+    def flag(self, key: str, default: bool) -> bool:
+        value = self._get(key, default)
+        if not isinstance(value, bool):
+            self.blame(key, "must be true or false")
+            return default
         return value
 
     def choice(self, key: str, options: Iterable[str], default: str = _REQUIRED) -> str:

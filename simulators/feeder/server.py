@@ -10,7 +10,7 @@ from simulators.feeder.readings import read_holding, read_input
 from simulators.modbus_server import ModbusServer
 
 
-class _Registers:
+class FeederRegisters:
     """The device as its wire sees it."""
 
     def __init__(self, device: PmxDevice) -> None:
@@ -32,9 +32,9 @@ class _Registers:
 
 async def serve_tcp(device: PmxDevice, host: str = "127.0.0.1", port: int = 0) -> ModbusServer:
     """Answer Modbus TCP; port 0 takes a free one. Raises OSError where it cannot listen."""
-    return await modbus_server.serve_tcp(_Registers(device), host, port)
+    return await modbus_server.serve_tcp(FeederRegisters(device), host, port)
 
 
 async def serve_pty(device: PmxDevice) -> ModbusServer:
     """Answer Modbus RTU on a new pty, without parity: Linux ptys carry none."""
-    return await modbus_server.serve_pty(_Registers(device))
+    return await modbus_server.serve_pty(FeederRegisters(device))

@@ -1,0 +1,1 @@
+"""A simulated safety-input device, and how it is wired to the rest of the cell."""

@@ -1,0 +1,21 @@
+"""What is true of a simulated safety-input device; told to nobody but the simulators."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class SafetyConfig:
+    """watchdog_relay : it has one, wired to the motion controller's door input
+    boot_s : time from power-up until it answers writes
+    """
+
+    device_id: int = 1
+    watchdog_relay: bool = False
+    boot_s: float = 0.0
+    shield_gas_L_min: float = 15.0
+    chiller_C: float = 22.0
+    chiller_L_min: float = 10.0
+    oxygen_ppm: float = 20.0
+    extraction_Pa: float = 800.0

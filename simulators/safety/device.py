@@ -1,0 +1,256 @@
+"""The SIO device: inputs, watchdog relay, and the hands that open, starve and break them.
+
+Nothing runs between requests; `settle` opens the relay at its own instant, whoever asks later. Who
+is wired to the relay asks at `next_due_s`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+from firmware_protocol.registers import Value
+from firmware_protocol.safety_io import (
+    DEVICE_ID,
+    GREATEST_TIMEOUT_MS,
+    LEAST_TIMEOUT_MS,
+    MAP_MAJOR,
+    MIRROR,
+    RELAY_CODE,
+    RELAY_RESET_KEY,
+    SIO,
+    WHOLE_BLOCK,
+    Inputs,
+    Status,
+)
+from simulators.modbus_refusal import (
+    BUSY,
+    ILLEGAL_ADDRESS,
+    ILLEGAL_VALUE,
+    REFUSED,
+    RefusedError,
+    SilentError,
+)
+from simulators.safety.config import SafetyConfig
+from simulators.safety.inputs import InputCard
+
+_FIRMWARE = 0x0100
+_SERIAL = 1
+_OLDEST_MS = 0xFFFF
+_DEFAULT_TIMEOUT_MS = 500
+_SLACK_S = 1e-9  # a timer may come early by the clock's resolution
+
+_HEARTBEAT, _RELAY_TIMEOUT, _RELAY_RESET = (
+    SIO.wire_address(name) for name in ("HEARTBEAT", "RELAY_TIMEOUT", "RELAY_RESET")
+)
+_CONTROL_WORDS = 3
+#: What the communication side tells itself, though the input side stands still.
+_ALIVE = [SIO.wire_address(name) for name in ("HEARTBEAT_ECHO", "HEARTBEAT_AGE")]
+
+
+class SafetyDevice:
+    """One device. now : the simulation's clock.
+
+    on_change : called whenever door, e-stop chain or relay may have changed, or `next_due_s` has
+    relay_opened_s : when the relay opened by itself, oldest first
+    """
+
+    def __init__(self, config: SafetyConfig, now: Callable[[], float]) -> None:
+        self.config = config
+        self.now = now
+        self.card = InputCard(config)
+        self.on_change: Callable[[], None] = _nobody
+        self.relay_opened_s: list[float] = []
+        self._frozen: list[int] | None = None
+        self._silent = False
+        self._exception: int | None = None
+        self._power_up()
+
+    def _power_up(self) -> None:
+        self._powered_s = self.now()
+        self._control = [0, _DEFAULT_TIMEOUT_MS, 0]
+        self._heartbeat_s = -math.inf
+        self.relay_closed = False
+        self.card.forget()
+
+    @property
+    def device_id(self) -> int:
+        return self.config.device_id
+
+    # --- what is wired to other devices
+
+    @property
+    def estop_open(self) -> bool:
+        return Inputs.ESTOP_CLOSED not in self.card.good
+
+    @property
+    def door_open(self) -> bool:
+        return Inputs.DOOR_CLOSED not in self.card.good
+
+    @property
+    def relay_open(self) -> bool:
+        """Whether a relay that is there stands open."""
+        return self.config.watchdog_relay and not self.relay_closed
+
+    def next_due_s(self) -> float:
+        """When the relay opens by itself if nothing is written before; inf for never."""
+        if not self.relay_closed:
+            return math.inf
+        return self._heartbeat_s + self._control[_RELAY_TIMEOUT] / 1000.0
+
+    def settle(self) -> float:
+        """Carry out what is due until now; returns now."""
+        now_s = self.now()
+        if (due_s := self.next_due_s()) <= now_s + _SLACK_S:
+            self.relay_closed = False
+            self.relay_opened_s.append(due_s)
+            self.card.tripped(RELAY_CODE)
+            self.on_change()
+        return now_s
+
+    # --- hands
+
+    def set_input(self, one: Inputs, good: bool) -> None:
+        """Open or close any input."""
+        self.settle()
+        self.card.set_input(one, good)
+        self.on_change()
+
+    def open_door(self, is_open: bool = True) -> None:
+        self.set_input(Inputs.DOOR_CLOSED, not is_open)
+
+    def open_estop_chain(self, is_open: bool = True) -> None:
+        self.set_input(Inputs.ESTOP_CLOSED, not is_open)
+
+    def invalidate_analyser(self, invalid: bool = True) -> None:
+        self.set_input(Inputs.OXYGEN_VALID, not invalid)
+
+    def set_shield_gas(self, flow_L_min: float | None) -> None:
+        """None: "not available". Below 5 L/min its own switch opens too."""
+        self._set_values(SHIELD_GAS=flow_L_min)
+
+    def set_chiller(self, temperature_C: float | None, flow_L_min: float | None) -> None:
+        """Outside 5 to 35 °C, or below 4 L/min, its own switch opens too."""
+        self._set_values(CHILLER_TEMP=temperature_C, CHILLER_FLOW=flow_L_min)
+
+    def set_oxygen(self, ppm: float | None) -> None:
+        self._set_values(OXYGEN=ppm)
+
+    def set_extraction(self, pressure_Pa: int | None) -> None:
+        """Outside 200 to 2000 Pa its own switch opens too."""
+        self._set_values(EXTRACTION_DP=pressure_Pa)
+
+    def freeze(self, frozen: bool = True) -> None:
+        """Its input side stands still and TICK with it; heartbeats are still echoed."""
+        self._frozen = self._fresh_words() if frozen else None
+
+    def silence(self, silent: bool = True) -> None:
+        """It neither hears nor answers."""
+        self._silent = silent
+
+    def refuse(self, code: int | None) -> None:
+        """Answer every request with this Modbus exception, and carry none out; None: no more."""
+        self._exception = code
+
+    def restart(self) -> None:
+        """Power off and on: the relay opens, everything volatile is forgotten."""
+        self.settle()
+        self._power_up()
+        self.on_change()
+
+    def _set_values(self, **values: Value) -> None:
+        self.settle()
+        self.card.set_values(values)
+        self.on_change()
+
+    # --- requests
+
+    def read_input(self, address: int, count: int) -> list[int]:
+        self._meet()
+        words = self._words()
+        if address + count > len(words):
+            raise RefusedError(ILLEGAL_ADDRESS)
+        return words[address : address + count]
+
+    def read_holding(self, address: int, count: int) -> list[int]:
+        if address >= MIRROR:
+            return self.read_input(address - MIRROR, count)
+        self._meet()
+        if address + count > _CONTROL_WORDS:
+            raise RefusedError(ILLEGAL_ADDRESS)
+        return self._control[address : address + count]
+
+    def write(self, address: int, words: Sequence[int]) -> None:
+        """All of them, or none."""
+        time_s = self._meet()
+        if time_s < self._powered_s + self.config.boot_s:
+            raise RefusedError(BUSY)
+        new = dict(enumerate(words, address))
+        if not new.keys() <= set(range(_CONTROL_WORDS)):
+            raise RefusedError(ILLEGAL_ADDRESS)
+        if not LEAST_TIMEOUT_MS <= new.get(_RELAY_TIMEOUT, LEAST_TIMEOUT_MS) <= GREATEST_TIMEOUT_MS:
+            raise RefusedError(ILLEGAL_VALUE)
+        reset = new.pop(_RELAY_RESET, 0) == RELAY_RESET_KEY
+        heard = new.get(_HEARTBEAT, self._control[_HEARTBEAT]) != self._control[_HEARTBEAT]
+        timeout_s = new.get(_RELAY_TIMEOUT, self._control[_RELAY_TIMEOUT]) / 1000.0
+        fresh = heard or time_s < self._heartbeat_s + timeout_s
+        if reset and self.config.watchdog_relay and not fresh:
+            raise RefusedError(REFUSED)
+        sooner = timeout_s * 1000.0 < self._control[_RELAY_TIMEOUT]
+        for at, word in new.items():
+            self._control[at] = word
+        if heard:
+            self._heartbeat_s = time_s
+        if reset:
+            self.relay_closed = self.config.watchdog_relay
+            self.card.reset_first_out()
+        if reset or sooner:
+            self.on_change()
+
+    def _meet(self) -> float:
+        """A request has come. Raises what it earns where the device is broken; returns now."""
+        time_s = self.settle()
+        if self._silent:
+            raise SilentError
+        if self._exception is not None:
+            raise RefusedError(self._exception)
+        return time_s
+
+    def _words(self) -> list[int]:
+        words = self._fresh_words()
+        if self._frozen is None:
+            return words
+        return [word if at in _ALIVE else old
+                for at, (old, word) in enumerate(zip(self._frozen, words, strict=True))]
+
+    def _fresh_words(self) -> list[int]:
+        time_s = self.settle()
+        age_s = time_s - self._heartbeat_s
+        timeout_s = self._control[_RELAY_TIMEOUT] / 1000.0
+        status = Status.SELF_TEST_OK
+        if self.config.watchdog_relay:
+            status |= Status.RELAY_FITTED
+        if self.relay_closed:
+            status |= Status.RELAY_CLOSED
+        if age_s < timeout_s:
+            status |= Status.HEARTBEAT_FRESH
+        return WHOLE_BLOCK.encode({
+            "DEVICE_ID": DEVICE_ID,
+            "MAP_VERSION": MAP_MAJOR << 8,
+            "FW_VERSION": _FIRMWARE,
+            "RESERVED_3": 0,
+            "SERIAL": _SERIAL,
+            "INPUTS": int(self.card.good),
+            "STATUS": int(status),
+            "FIRST_OUT": self.card.first_out,
+            "TRIP_COUNT": self.card.trips & 0xFFFF,
+            "HEARTBEAT_ECHO": self._control[_HEARTBEAT],
+            "HEARTBEAT_AGE": int(min(_OLDEST_MS, age_s * 1000)),
+            "UPTIME": int(time_s - self._powered_s),
+            "TICK": int(time_s * 1000) & 0xFFFF,
+            **self.card.values,
+        })
+
+
+def _nobody() -> None:
+    pass

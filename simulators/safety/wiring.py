@@ -1,0 +1,60 @@
+"""The wires of a cell: who else hears of door, e-stop chain and watchdog relay."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import Iterable
+
+from simulators.feeder.device import PmxDevice
+from simulators.motion.sim import MotionSim
+from simulators.safety.device import SafetyDevice
+
+
+class SafetyWiring:
+    """The door and the relay in series at the controller's door input; the e-stop chain at the
+    controller's and every feeder's e-stop input. On the running loop's clock, until closed.
+    """
+
+    def __init__(
+        self, safety: SafetyDevice, motion: MotionSim, feeders: Iterable[PmxDevice]
+    ) -> None:
+        self._safety = safety
+        self._motion = motion
+        self._feeders = tuple(feeders)
+        self._loop = asyncio.get_running_loop()
+        self._timer: asyncio.TimerHandle | None = None
+        self._door = self._estop = False
+        safety.on_change = self._drive
+        self._drive()
+
+    def close(self) -> None:
+        self._safety.on_change = lambda: None
+        if self._timer is not None:
+            self._timer.cancel()
+
+    def _drive(self) -> None:
+        """Bring every input to where its wire stands, and look again when the relay is due."""
+        safety = self._safety
+        door, estop = safety.door_open or safety.relay_open, safety.estop_open
+        if estop != self._estop:
+            self._estop = estop
+            self._motion.set_estop(estop)
+            for feeder in self._feeders:
+                feeder.open_estop_chain(estop)
+        if door != self._door:
+            self._door = door
+            self._motion.set_door(door)
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        due_s = safety.next_due_s()
+        if due_s < math.inf:
+            self._timer = self._loop.call_at(due_s, self._look)
+
+    def _look(self) -> None:
+        """The relay was due: it opens, or heartbeats have put it off."""
+        self._timer = None
+        self._safety.settle()
+        if self._timer is None:
+            self._drive()
