@@ -6,9 +6,6 @@ state     a transition: event, from, to
 act       an effect begun (a `Do`), or one that failed while stopping
 path      a path is about to be sent: its number, layer, first and last line
 executed  a path has been executed: all its lines, not only acknowledged
-place     motion has come to rest: the line reached, and the share of it that has been executed
-entry     how the job goes on after that: the line lit first, and the bead laid twice [mm]
-alarm     an interlock has tripped: which, and the words the operator reads
 setpoint  flows sent to the hoppers [g/min]
 override  a feed override asked for, or reported by the controller [%]
 operator  an act that came by the control socket: from whom, and why it was refused if it was
@@ -26,10 +23,8 @@ from datetime import UTC, datetime
 from typing import Any, NamedTuple
 
 from lmctl.errors import JournalError, LmctlError
-from lmctl.run.alarms import Alarm
 from lmctl.run.job_window import PathSpan
 from lmctl.run.journal import Journal
-from lmctl.run.reentry import Entry, Place
 from lmctl.run.states import Do, Event, State
 
 #: Samples wait so long before they are written [s].
@@ -94,24 +89,6 @@ class Recorder:
         """Paths that have been executed."""
         for path in done:
             self._append("executed", path=path.path)
-
-    def place(self, place: Place) -> None:
-        """How far the job has been executed; durable."""
-        self._append("place", line=place.line, share=round(place.share, 6))
-        self._sync()
-
-    def entry(self, entry: Entry) -> None:
-        """How the job goes on from a place."""
-        self._append(
-            "entry", line=entry.place.line, share=round(entry.place.share, 6),
-            lit_line=entry.lit_line, layer=entry.layer.index,
-            repeated_mm=round(entry.repeated_mm, 3),
-        )
-
-    def alarm(self, alarm: Alarm) -> None:
-        """An interlock has tripped."""
-        self._append("alarm", name=alarm.name, what=alarm.what, where=list(alarm.where),
-                     hint=alarm.hint)
 
     def purged(self, fed_g: dict[str, float]) -> None:
         """Powder that has gone into no layer."""
