@@ -1,0 +1,250 @@
+"""The simulated safety-input device, each hand on it, by a hand-driven clock."""
+
+import math
+
+import pytest
+
+from firmware_protocol.registers import RegisterError
+from firmware_protocol.safety_io import (
+    ALL_GOOD,
+    CYCLE_BLOCK,
+    DEVICE_ID,
+    MIRROR,
+    RELAY_CODE,
+    RELAY_RESET_KEY,
+    WHOLE_BLOCK,
+    Inputs,
+    Status,
+    input_code,
+)
+from simulators.modbus_refusal import RefusedError, SilentError
+from simulators.safety.config import SafetyConfig
+from simulators.safety.device import SafetyDevice
+
+
+class Rig:
+    """A device, its clock, and how often it told of a change."""
+
+    def __init__(self, **config) -> None:
+        self.now_s = 0.0
+        self.device = SafetyDevice(SafetyConfig(**config), lambda: self.now_s)
+        self.changes = 0
+        self.device.on_change = self._changed
+        self.beats = 0
+
+    def _changed(self) -> None:
+        self.changes += 1
+
+    def read(self) -> dict:
+        words = self.device.read_input(0, WHOLE_BLOCK.count)
+        mirrored = self.device.read_holding(MIRROR + CYCLE_BLOCK.address, CYCLE_BLOCK.count)
+        assert words[CYCLE_BLOCK.address :] == mirrored
+        return WHOLE_BLOCK.decode(words)
+
+    def beat(self) -> None:
+        self.beats += 1
+        self.device.write(0, [self.beats])
+
+    def inputs(self) -> Inputs:
+        return Inputs(self.read()["INPUTS"])
+
+    def status(self) -> Status:
+        return Status(self.read()["STATUS"])
+
+
+def test_at_power_up_all_is_good_and_the_relay_is_open():
+    rig = Rig(watchdog_relay=True)
+    told = rig.read()
+    assert told["DEVICE_ID"] == DEVICE_ID
+    assert told["MAP_VERSION"] == 0x0100
+    assert Inputs(told["INPUTS"]) == ALL_GOOD
+    assert Status(told["STATUS"]) == Status.SELF_TEST_OK | Status.RELAY_FITTED
+    assert told["HEARTBEAT_AGE"] == 0xFFFF
+    assert (told["FIRST_OUT"], told["TRIP_COUNT"], told["UPTIME"]) == (0, 0, 0)
+    assert rig.device.relay_open
+    assert not Rig().device.relay_open  # there is none
+
+
+@pytest.mark.parametrize("one", list(Inputs))
+def test_every_input_opens_and_closes_and_is_first_out(one):
+    rig = Rig()
+    rig.device.set_input(one, False)
+    assert rig.inputs() == ALL_GOOD & ~one
+    told = rig.read()
+    assert (told["FIRST_OUT"], told["TRIP_COUNT"]) == (input_code(one), 1)
+    rig.device.set_input(one, True)
+    assert rig.inputs() == ALL_GOOD
+    assert rig.read()["FIRST_OUT"] == input_code(one)  # until it is reset
+    rig.device.write(2, [RELAY_RESET_KEY])
+    assert rig.read()["FIRST_OUT"] == 0
+    assert rig.changes >= 2
+
+
+def test_the_first_stays_the_first_and_every_opening_counts():
+    rig = Rig()
+    rig.device.open_door()
+    rig.device.open_estop_chain()
+    rig.device.open_door(False)
+    rig.device.open_door()
+    told = rig.read()
+    assert (told["FIRST_OUT"], told["TRIP_COUNT"]) == (102, 3)
+    rig.device.write(2, [RELAY_RESET_KEY])
+    assert rig.read()["FIRST_OUT"] == 101  # still open, the first of them
+    assert rig.device.door_open
+    assert rig.device.estop_open
+
+
+@pytest.mark.parametrize(
+    ("act", "one"),
+    [
+        (lambda d: d.set_shield_gas(4.9), Inputs.SHIELD_GAS_OK),
+        (lambda d: d.set_shield_gas(None), Inputs.SHIELD_GAS_OK),
+        (lambda d: d.set_chiller(36.0, 10.0), Inputs.CHILLER_OK),
+        (lambda d: d.set_chiller(22.0, 3.0), Inputs.CHILLER_OK),
+        (lambda d: d.set_extraction(100), Inputs.EXTRACTION_OK),
+        (lambda d: d.set_extraction(2500), Inputs.EXTRACTION_OK),
+        (lambda d: d.invalidate_analyser(), Inputs.OXYGEN_VALID),
+    ],
+)
+def test_switches_follow_their_values(act, one):
+    rig = Rig()
+    act(rig.device)
+    assert rig.inputs() == ALL_GOOD & ~one
+
+
+def test_values_are_told_as_set():
+    rig = Rig()
+    device = rig.device
+    device.set_shield_gas(12.34)
+    device.set_chiller(24.5, 8.0)
+    device.set_oxygen(209_000.0)
+    device.set_extraction(350)
+    told = rig.read()
+    assert (told["SHIELD_GAS"], told["CHILLER_TEMP"], told["CHILLER_FLOW"]) == (12.34, 24.5, 8.0)
+    assert (told["OXYGEN"], told["EXTRACTION_DP"]) == (209_000.0, 350)
+    device.set_oxygen(None)
+    assert rig.read()["OXYGEN"] is None
+    with pytest.raises(RegisterError, match="SHIELD_GAS must be between"):
+        device.set_shield_gas(-1.0)
+    assert rig.read()["SHIELD_GAS"] == 12.34
+
+
+def test_the_relay_closes_by_its_key_and_opens_when_heartbeats_stop():
+    rig = Rig(watchdog_relay=True)
+    with pytest.raises(RefusedError) as refused:
+        rig.device.write(2, [RELAY_RESET_KEY])
+    assert refused.value.code == 4  # no heartbeat so far
+    rig.device.write(0, [1, 200, RELAY_RESET_KEY])
+    assert not rig.device.relay_open
+    assert Status.RELAY_CLOSED in rig.status()
+    assert rig.device.read_holding(0, 3) == [1, 200, 0]
+    rig.now_s = 0.15
+    rig.device.write(0, [2])
+    rig.now_s = 0.3
+    rig.device.write(0, [2])  # the same number is no heartbeat
+    assert rig.device.next_due_s() == pytest.approx(0.35)
+    rig.now_s = 0.5
+    assert rig.device.settle() == 0.5
+    assert rig.device.relay_open
+    assert rig.device.relay_opened_s == [pytest.approx(0.35)]
+    told = rig.read()
+    assert (told["FIRST_OUT"], told["TRIP_COUNT"]) == (RELAY_CODE, 1)
+    assert told["HEARTBEAT_AGE"] == 350
+    rig.device.write(0, [3])
+    assert rig.device.relay_open  # latched, until
+    rig.device.write(2, [RELAY_RESET_KEY])
+    assert not rig.device.relay_open
+
+
+def test_a_shorter_time_is_told_to_whoever_waits_for_the_relay():
+    rig = Rig(watchdog_relay=True)
+    rig.device.write(0, [1, 5000, RELAY_RESET_KEY])
+    changes = rig.changes
+    rig.device.write(1, [100])
+    assert rig.changes == changes + 1
+    assert rig.device.next_due_s() == pytest.approx(0.1)
+
+
+def test_other_words_do_not_reset_the_relay():
+    rig = Rig(watchdog_relay=True)
+    rig.beat()
+    for word in (0, 1, 0xBECF, 0xFFFF):
+        rig.device.write(2, [word])
+        assert rig.device.relay_open
+
+
+def test_frozen_its_inputs_and_tick_stand_still_while_heartbeats_are_echoed():
+    rig = Rig()
+    rig.beat()
+    rig.now_s = 1.0
+    rig.device.freeze()
+    rig.device.open_door()
+    rig.now_s = 2.0
+    rig.beat()
+    told = rig.read()
+    assert Inputs(told["INPUTS"]) == ALL_GOOD
+    assert (told["TICK"], told["UPTIME"]) == (1000, 1)
+    assert (told["HEARTBEAT_ECHO"], told["HEARTBEAT_AGE"]) == (2, 0)
+    rig.device.freeze(False)
+    assert rig.read()["TICK"] == 2000
+    assert Inputs.DOOR_CLOSED not in rig.inputs()
+
+
+def test_silent_it_does_not_hear_either():
+    rig = Rig(watchdog_relay=True)
+    rig.device.write(0, [1, 100, RELAY_RESET_KEY])
+    rig.device.silence()
+    for request in (lambda: rig.read(), lambda: rig.device.read_holding(0, 1), rig.beat):
+        with pytest.raises(SilentError):
+            request()
+    rig.now_s = 0.1
+    rig.device.settle()
+    assert rig.device.relay_open
+    rig.device.silence(False)
+    assert Inputs(rig.read()["INPUTS"]) == ALL_GOOD
+
+
+def test_exceptions_carry_nothing_out():
+    rig = Rig()
+    rig.device.refuse(6)
+    with pytest.raises(RefusedError) as refused:
+        rig.beat()
+    assert refused.value.code == 6
+    rig.device.refuse(None)
+    assert rig.read()["HEARTBEAT_ECHO"] == 0
+
+
+def test_a_restart_opens_the_relay_and_forgets():
+    rig = Rig(watchdog_relay=True, boot_s=1.0)
+    rig.now_s = 5.0
+    rig.device.write(0, [7, 300, RELAY_RESET_KEY])
+    rig.device.open_door()
+    rig.device.restart()
+    assert rig.device.relay_open
+    told = rig.read()
+    assert (told["UPTIME"], told["HEARTBEAT_ECHO"], told["TRIP_COUNT"]) == (0, 0, 0)
+    assert told["FIRST_OUT"] == 102  # it is still open
+    assert rig.device.next_due_s() == math.inf
+    with pytest.raises(RefusedError) as refused:
+        rig.device.write(0, [8])
+    assert refused.value.code == 6
+    rig.now_s = 6.0
+    rig.device.write(0, [8])
+
+
+@pytest.mark.parametrize(
+    ("request_", "code"),
+    [
+        (lambda d: d.read_input(20, 2), 2), (lambda d: d.read_input(21, 1), 2),
+        (lambda d: d.read_holding(3, 1), 2), (lambda d: d.read_holding(0, 4), 2),
+        (lambda d: d.read_holding(MIRROR + 21, 1), 2), (lambda d: d.write(3, [1]), 2),
+        (lambda d: d.write(MIRROR, [1]), 2), (lambda d: d.write(0, [1, 49]), 3),
+        (lambda d: d.write(1, [60_001]), 3), (lambda d: d.write(0, [1, 100, 0, 0]), 2),
+    ],
+)
+def test_what_is_not_there_or_out_of_limits(request_, code):
+    rig = Rig()
+    with pytest.raises(RefusedError) as refused:
+        request_(rig.device)
+    assert refused.value.code == code
+    assert rig.device.read_holding(0, 3) == [0, 500, 0]
