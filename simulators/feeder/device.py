@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from firmware_protocol.pmx import (
     ALARM_RESET_KEY,
@@ -25,21 +25,29 @@ from firmware_protocol.pmx_alarms import EMPTY, ESTOP, WATCHDOG, hopper_code
 from simulators.feeder.alarms import AlarmBook
 from simulators.feeder.config import FeederConfig, HopperConfig
 from simulators.feeder.holding import HoldingRegisters
+from simulators.feeder.mishaps import Mishaps
 from simulators.feeder.permits import ALARM_RESET, COMMAND, WD_RESET, Facts, objection
 from simulators.feeder.process import HopperProcess
 from simulators.modbus_refusal import BUSY, REFUSED, RefusedError
 
+_ENDLESS_G = 1e12
+
 
 @dataclass
 class Hopper:
-    """A hopper and what the running recipe asks of it."""
+    """A hopper and what the running recipe asks of it. told : the same, were all well with it"""
 
     config: HopperConfig
     process: HopperProcess
+    told: HopperProcess
     rpm: float = 0.0
     carrier_L_min: float = 0.0
     stirrer_rpm: float = 0.0
     limited: bool = False
+
+    def command(self, time_s: float, rpm: float, ramp_s: float = 0.0) -> None:
+        self.process.command(time_s, rpm, ramp_s)
+        self.told.command(time_s, rpm, ramp_s)
 
 
 @dataclass(frozen=True)
@@ -55,6 +63,8 @@ class PmxDevice:
     """One device. now : the simulation's clock.
 
     hoppers : by channel. spans : when powder was fed, oldest first.
+    gas : (time, whether carrier gas flows from then on)
+    mishaps : what is wrong with it, if anything
     local : its switch stands at LOCAL; estop_open : the emergency-stop chain
     """
 
@@ -62,7 +72,15 @@ class PmxDevice:
         self.config = config
         self.now = now
         self.holding = HoldingRegisters(config)
-        self.hoppers = {h.channel: Hopper(h, HopperProcess(h)) for h in config.hoppers}
+        self.hoppers = {
+            h.channel: Hopper(
+                h, HopperProcess(h), HopperProcess(replace(h, fill_g=_ENDLESS_G, noise_rsd=0.0))
+            )
+            for h in config.hoppers
+        }
+        self.mishaps: Mishaps | None = None
+        self.gas: list[tuple[float, bool]] = []
+        self.gas_since_s = math.inf
         self.alarms = AlarmBook()
         self.spans: list[FeedSpan] = []
         self.local = False
@@ -77,7 +95,7 @@ class PmxDevice:
         self.refusal = Refusal.NONE
         self.heartbeat_s = time_s
         self.watchdog_tripped = False
-        self.gas_since_s = math.inf
+        self._gas_off(time_s)
         self._starting_s = math.inf  # discs are to start: powder waits for the gas pre-flow
         self.discs_on = False
         self.discs_off_s = -math.inf
@@ -103,6 +121,14 @@ class PmxDevice:
         self.estop_open = is_open
         if is_open:
             self._fault(ESTOP, time_s, gas_off=True)
+
+    def trip(self, code: int) -> None:
+        """It raises an alarm, and stops powder."""
+        self._fault(code, self.settle(), gas_off=code == ESTOP)
+
+    def trip_watchdog(self) -> None:
+        """Its watchdog trips, whatever the host does."""
+        self._trip(self.settle())
 
     # --- state
 
@@ -145,7 +171,7 @@ class PmxDevice:
         while (due_s := self._next_due_s()) <= now_s:
             self._do_due(due_s)
         if Command.GAS_ON not in self.command and now_s >= self._postflow_ends_s():
-            self.gas_since_s = math.inf
+            self._gas_off(self._postflow_ends_s())
         return now_s
 
     def _next_due_s(self) -> float:
@@ -192,8 +218,18 @@ class PmxDevice:
         self._stop_discs(time_s)
         self._take(self.command & kept)
         if gas_off:
-            self.gas_since_s = math.inf
+            self._gas_off(time_s)
             self.discs_off_s = -math.inf
+
+    def _gas_on(self, time_s: float) -> None:
+        if self.gas_since_s == math.inf:
+            self.gas.append((time_s, True))
+        self.gas_since_s = min(self.gas_since_s, time_s)
+
+    def _gas_off(self, time_s: float) -> None:
+        if self.gas_since_s < math.inf:
+            self.gas.append((max(time_s, self.gas[-1][0]), False))
+        self.gas_since_s = math.inf
 
     # --- requests
 
@@ -239,7 +275,8 @@ class PmxDevice:
             tripped=self.watchdog_tripped,
             alarmed=bool(self.alarms),
             estop_open=self.estop_open,
-            empty=any(h.process.empty_s <= time_s for h in self.hoppers.values()),
+            cause_stands=any(h.process.empty_s <= time_s for h in self.hoppers.values())
+            or (self.mishaps is not None and bool(self.mishaps.causes)),
         )
 
     def _obey(self, command: Command, time_s: float) -> None:
@@ -248,9 +285,9 @@ class PmxDevice:
         if not feed:
             self._stop_discs(time_s)
         if Command.GAS_ON in command:
-            self.gas_since_s = min(self.gas_since_s, time_s)
+            self._gas_on(time_s)
         elif time_s >= self._postflow_ends_s():
-            self.gas_since_s = math.inf
+            self._gas_off(time_s)
         if feed and not self.discs_on and self._starting_s == math.inf:
             self._starting_s = max(time_s, self.gas_since_s + self.config.preflow_s)
             self.settle()
@@ -260,20 +297,22 @@ class PmxDevice:
         self.discs_on = True
         self.spans.append(FeedSpan(time_s, time_s + self.holding["STABILISE"], math.inf))
         for hopper in self.hoppers.values():
-            hopper.process.command(time_s, hopper.rpm, self.holding["RAMP"])
+            hopper.command(time_s, hopper.rpm, self.holding["RAMP"])
 
     def _stop_discs(self, time_s: float) -> None:
         self._starting_s = math.inf
         if self.discs_on:
             self.discs_on = False
             for hopper in self.hoppers.values():
-                hopper.process.command(time_s, 0.0)
+                hopper.command(time_s, 0.0)
             self.spans[-1] = FeedSpan(self.spans[-1].start_s, self.spans[-1].stable_s, time_s)
             self.discs_off_s = time_s
 
     def _commit(self, time_s: float) -> None:
         """The shadow block becomes the running recipe, whole."""
-        self.seq_applied = self.holding.raw("SEQ")
+        ignored = self.mishaps is not None and self.mishaps.ignores_recipes
+        if not ignored:
+            self.seq_applied = self.holding.raw("SEQ")
         by_flow = self.holding.raw("SETPOINT_MODE") == SetpointMode.G_MIN
         ramp_s = self.holding["RAMP"]
         for channel, hopper in self.hoppers.items():
@@ -283,9 +322,13 @@ class PmxDevice:
             else:
                 rpm = self.holding[hopper_row(channel, "DISC_SP")]
             most_rpm = self.holding[hopper_row(channel, "N_MAX")]
+            if ignored:
+                if self.discs_on:
+                    hopper.told.command(time_s, min(rpm, most_rpm), ramp_s)
+                continue
             hopper.limited = rpm > most_rpm
             hopper.rpm = min(rpm, most_rpm)
             hopper.carrier_L_min = self.holding[hopper_row(channel, "CARRIER_SP")]
             hopper.stirrer_rpm = self.holding[hopper_row(channel, "STIRRER_SP")]
             if self.discs_on:
-                hopper.process.command(time_s, hopper.rpm, ramp_s)
+                hopper.command(time_s, hopper.rpm, ramp_s)

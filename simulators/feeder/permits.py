@@ -27,7 +27,7 @@ class Facts:
     tripped: bool
     alarmed: bool
     estop_open: bool
-    empty: bool
+    cause_stands: bool
 
 
 def objection(facts: Facts, new: Mapping[int, int]) -> Refusal:
@@ -50,7 +50,7 @@ def objection(facts: Facts, new: Mapping[int, int]) -> Refusal:
         return Refusal.POWDER_RUNNING
     trip_remains = facts.tripped and new.get(WD_RESET) != WATCHDOG_RESET_KEY
     resets = new.get(ALARM_RESET) == ALARM_RESET_KEY
-    if resets and (trip_remains or facts.empty or facts.estop_open):
+    if resets and (trip_remains or facts.cause_stands or facts.estop_open):
         return Refusal.CAUSE_REMAINS
     if COMMAND not in new:
         return Refusal.NONE

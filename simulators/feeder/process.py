@@ -43,6 +43,9 @@ class HopperProcess:
     def __init__(self, config: HopperConfig) -> None:
         self.config = config
         self.empty_s = math.inf
+        self._fill_g = config.fill_g
+        self._speed = self._share = 1.0
+        self._n_min_rpm = config.n_min_rpm
         self._hose = Hose(config.dead_time_s, config.lag_s, config.drive_lag_s)
         self._ramp = (-math.inf, 0.0, -math.inf, 0.0)  # from time, rpm; to time, rpm
         self._pieces = [_Piece(-math.inf, 0.0, 0.0, 0.0, 0.0)]
@@ -62,6 +65,34 @@ class HopperProcess:
         self._pieces = self._disc_pieces(time_s, start_rpm, end_rpm, ramp_s, flow_g_s, fed_g)
         self._feed_hose(time_s)
 
+    def disturb(
+        self, time_s: float, *, speed: float | None = None, share: float | None = None,
+        n_min_rpm: float | None = None,
+    ) -> None:
+        """From time_s on, the process is other than it should be, until it is disturbed again.
+
+        speed : of the disc over its set-point, 0 stalls it
+        share : of the powder fed that gets through the hose
+        """
+        self._speed = self._speed if speed is None else speed
+        self._share = self._share if share is None else share
+        self._n_min_rpm = self._n_min_rpm if n_min_rpm is None else n_min_rpm
+        self._command_again(time_s)
+
+    def set_left_g(self, time_s: float, left_g: float) -> None:
+        """From time_s on, so much powder is left."""
+        fed_g = self.fed_g(time_s)
+        if time_s >= self.empty_s:
+            self._pieces = [_Piece(time_s, 0.0, 0.0, 0.0, fed_g)]
+        self._fill_g = fed_g + left_g
+        self.empty_s = math.inf
+        self._command_again(time_s)
+
+    def _command_again(self, time_s: float) -> None:
+        """What was commanded last goes on."""
+        _, _, end_s, end_rpm = self._ramp
+        self.command(time_s, end_rpm, max(0.0, end_s - time_s))
+
     def setpoint_rpm(self, time_s: float) -> float:
         """The set-point as ramped so far."""
         start_s, start_rpm, end_s, end_rpm = self._ramp
@@ -80,9 +111,17 @@ class HopperProcess:
     def fed_g(self, time_s: float) -> float:
         """Powder that left the hopper so far."""
         if time_s >= self.empty_s:
-            return self.config.fill_g
+            return self._fill_g
         piece = self._piece_at(time_s)
-        return min(self.config.fill_g, piece.fed_g + self._fed_in(piece, time_s - piece.start_s))
+        return min(self._fill_g, piece.fed_g + self._fed_in(piece, time_s - piece.start_s))
+
+    def left_g(self, time_s: float) -> float:
+        """Powder left in the hopper."""
+        return self._fill_g - self.fed_g(time_s)
+
+    def when_left_s(self, left_g: float) -> float:
+        """When so much is left, as commanded now; at the latest now where it is less already."""
+        return self._time_fed(self._fill_g - left_g)
 
     def nozzle_flow_g_s(self, time_s: FloatArray) -> FloatArray:
         """Flow out of the nozzle at each time, of any shape; exact but for the noise added."""
@@ -110,7 +149,9 @@ class HopperProcess:
         """
         drive_s = self.config.drive_lag_s
         pieces: list[_Piece] = []
-        for begin_s, value, slope in self._wanted(start_rpm, end_rpm, ramp_s):
+        for begin_s, value, slope in self._wanted(
+            start_rpm * self._speed, end_rpm * self._speed, ramp_s
+        ):
             if pieces:
                 length = time_s + begin_s - pieces[-1].start_s
                 flow_g_s = self._value(pieces[-1], length)
@@ -128,15 +169,15 @@ class HopperProcess:
             ramp_s = 0.0
         if ramp_s > 0:
             climb = (end_rpm - start_rpm) / ramp_s
-            crossing_s = (self.config.n_min_rpm - start_rpm) / climb
+            crossing_s = (self._n_min_rpm - start_rpm) / climb
             edges = [0.0, crossing_s, ramp_s] if 0 < crossing_s < ramp_s else [0.0, ramp_s]
             for begin_s, end_s in itertools.pairwise(edges):
-                if start_rpm + climb * (begin_s + end_s) / 2 >= self.config.n_min_rpm:
+                if start_rpm + climb * (begin_s + end_s) / 2 >= self._n_min_rpm:
                     value = self._law_g_s(start_rpm + climb * begin_s)
                     lines.append((begin_s, value, self.config.feed_factor_g_rev * climb / 60.0))
                 else:
                     lines.append((begin_s, 0.0, 0.0))
-        turns = end_rpm >= self.config.n_min_rpm and end_rpm > 0
+        turns = end_rpm >= self._n_min_rpm and end_rpm > 0
         lines.append((ramp_s, self._law_g_s(end_rpm) if turns else 0.0, 0.0))
         return lines
 
@@ -148,10 +189,13 @@ class HopperProcess:
         if self.empty_s <= time_s:
             return
         self._hose.cut(time_s)
-        self.empty_s = self._time_fed(self.config.fill_g)
+        self.empty_s = self._time_fed(self._fill_g)
+        share = self._share
         for piece in self._pieces:
             if piece.start_s < self.empty_s:
-                self._hose.add(piece.start_s, piece.c0, piece.c1, piece.c2)
+                self._hose.add(
+                    piece.start_s, piece.c0 * share, piece.c1 * share, piece.c2 * share
+                )
         if self.empty_s < math.inf:
             self._hose.add(self.empty_s, 0.0, 0.0, 0.0)
 

@@ -42,12 +42,12 @@ def read_input(device: PmxDevice, address: int, count: int) -> list[int]:
     """Words of input registers. Raises RefusedError(ILLEGAL_ADDRESS) where one is not there."""
     time_s = device.settle()
     if address < SYSTEM_BLOCK.count:
-        words, start = SYSTEM_BLOCK.encode(_system(device, time_s)), 0
+        words, start = SYSTEM_BLOCK.encode(readings(device, 0, time_s)), 0
     else:
         channel = address // 100
         if channel not in device.hoppers:
             raise RefusedError(ILLEGAL_ADDRESS)
-        values = _hopper(device, channel, time_s)
+        values = readings(device, channel, time_s)
         block = _HOPPER_BLOCKS[channel]
         words = block.encode({hopper_row(channel, name): v for name, v in values.items()})
         start = block.address
@@ -55,6 +55,12 @@ def read_input(device: PmxDevice, address: int, count: int) -> list[int]:
     if first + count > len(words):
         raise RefusedError(ILLEGAL_ADDRESS)
     return words[first : first + count]
+
+
+def readings(device: PmxDevice, channel: int, time_s: float) -> dict[str, Value]:
+    """What the device tells after `settle`: of a hopper by its channel, of itself by 0."""
+    values = _hopper(device, channel, time_s) if channel else _system(device, time_s)
+    return values if device.mishaps is None else device.mishaps.told(channel, values)
 
 
 def read_holding(device: PmxDevice, address: int, count: int) -> list[int]:
@@ -80,7 +86,7 @@ class _Seen:
     def now(cls, hopper: Hopper, device: PmxDevice, time_s: float) -> _Seen:
         channel, holding = hopper.config.channel, device.holding
         rpm = hopper.process.disc_rpm(time_s)
-        left_g = hopper.config.fill_g - hopper.process.fed_g(time_s)
+        left_g = hopper.process.left_g(time_s)
         tolerance_rpm = holding["AT_SPEED_TOL"] / 100.0 * hopper.rpm + 1e-9
         warn_g = holding[hopper_row(channel, "LEVEL_WARN")] / 100.0 * hopper.config.fill_g
         return cls(
@@ -184,11 +190,11 @@ def _hopper(device: PmxDevice, channel: int, time_s: float) -> dict[str, Value]:
         "FLOW_EST": seen.flow_est_g_min,
         "FLOW_LIW": None if refilling else min(_MOST, weighed_g_min),
         "WEIGHT": seen.left_g,
-        "LEVEL": 100.0 * seen.left_g / hopper.config.fill_g,
+        "LEVEL": min(100.0, 100.0 * seen.left_g / hopper.config.fill_g),
         "STIRRER_ACT": hopper.stirrer_rpm if stirring else 0.0,
         "CARRIER_ACT": hopper.carrier_L_min if gas else 0.0,
         "PRESSURE": _HOPPER_MBAR if gas else 0,
-        "TOTALISER": hopper.config.fill_g - seen.left_g,
+        "TOTALISER": process.fed_g(time_s),
         "FEED_FACTOR_ACT": device.holding[hopper_row(channel, "FEED_FACTOR")],
         # not simulated, and said so:
         "MOTOR_CURRENT": None, "TORQUE": None, "TEMP": None, "FLOW_RSD_60S": None,
