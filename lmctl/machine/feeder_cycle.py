@@ -105,7 +105,8 @@ class FeederCycle:
         """
         self._news = False
         now_s = self._loop.time()
-        with_status = self._ask_status or now_s >= self._status_due_s
+        # A recipe that goes out in the second half of a cycle is the next heartbeat and status too.
+        with_status = self._ask_status or now_s >= self._status_due_s - self.period_s / 2.0
         self._due_s = now_s + self.period_s if with_status else self._status_due_s
         self._heartbeat = (self._heartbeat + 1) & 0xFFFF
         wanted = self._wanted

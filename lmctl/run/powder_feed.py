@@ -70,7 +70,7 @@ class PowderFeed:
             if flows != self.flows_g_min:
                 self._change(flows)
                 self._cell.set_flows(dict(zip(self._names, flows, strict=True)))
-            rest = self.plan.steady_s(self._ticked_t) / TICK_S
+            rest = round(self.plan.good_for_s(self._ticked_t) / TICK_S, 6)
         except Exception as error:
             self._is_on = False
             self._failed(error)
