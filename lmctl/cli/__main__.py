@@ -22,6 +22,11 @@ COMMANDS = {
     "plan": ("lmctl.cli.plan", "Plan a part (or a bare mesh or cloud) into a job file."),
     "show": ("lmctl.cli.show", "Draw a layer of a job: its paths coloured by composition."),
     "run": ("lmctl.cli.run", "Run a job on the simulated machine or a real one."),
+    "hold": ("lmctl.cli.operate", "Stop a run on its path, beam off; from another terminal."),
+    "resume": ("lmctl.cli.operate", "End a hold."),
+    "stop": ("lmctl.cli.operate", "End a run: beam and motion, then powder, then gas."),
+    "override": ("lmctl.cli.operate", "Scale speed, beam and powder of a run together."),
+    "status": ("lmctl.cli.operate", "Say how a run stands, and what to do about its alarms."),
     "jobs": ("lmctl.cli.jobs", "List job files and runs."),
     "log": ("lmctl.cli.log", "Print the log of a run; verify its journal."),
 }

@@ -31,7 +31,8 @@ def listen(folder: Path) -> socket.socket:
     listens there, or no socket can be made.
     """
     path = folder.absolute() / SOCKET
-    if connect(folder) is not None:
+    if (living := connect(folder)) is not None:
+        living.close()
         raise JournalError(f"another process already drives {folder.name}", where=str(path),
                            hint=f"`lmctl status {folder.name}` shows how far it is")
     try:
@@ -57,6 +58,8 @@ def connect(folder: Path) -> socket.socket | None:
     A socket whose process has died is removed. Raises JournalError where it is another user's.
     """
     path = folder / SOCKET
+    if not os.path.lexists(path):
+        return None
     client = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     client.settimeout(_ANSWER_S)
     try:

@@ -107,10 +107,11 @@ def list_runs(runs_dir: Path) -> list[RunSummary]:
 
     Reads only the first and the last record of each journal.
     """
-    return [_summary(RunDir(runs_dir / name)) for name in _names(runs_dir)]
+    return [summary(RunDir(runs_dir / name)) for name in _names(runs_dir)]
 
 
-def _summary(run: RunDir) -> RunSummary:
+def summary(run: RunDir) -> RunSummary:
+    """A run in one row; reads only the first and the last record of its journal."""
     header: dict[str, Any] = {}
     end: dict[str, Any] = {}
     try:

@@ -1,0 +1,181 @@
+"""`lmctl hold|resume|stop|override|status`: a run under way, driven from another terminal."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import click
+
+from lmctl.cli.console import clock, put, put_json
+
+#: A hold is waited for so long; it takes a tenth of a second on any common machine.
+_HELD_S = 10.0
+_POLL_S = 0.1
+_NOT_YET_HELD = ("depositing", "holding", "purging", "resuming")
+
+_Decorator = Callable[[Callable[..., None]], Callable[..., None]]
+
+
+def _common(command: Callable[..., None]) -> Callable[..., None]:
+    """The argument and options that all of these commands have."""
+    decorators: list[_Decorator] = [
+        click.argument("run", required=False),
+        click.option("--runs", "runs_dir", type=click.Path(path_type=Path), default=Path("runs"),
+                     show_default=True, help="Folder of runs."),
+        click.option("--json", "as_json", is_flag=True, help="Print the status as JSON."),
+    ]
+    for decorate in reversed(decorators):
+        command = decorate(command)
+    return command
+
+
+@click.command()
+@_common
+def hold(run: str | None, runs_dir: Path, as_json: bool) -> None:
+    """Stop RUN on its path: beam off, position kept. RUN is the only one under way by default."""
+    folder, now = _act(run, runs_dir, "hold")
+    deadline_s = time.monotonic() + _HELD_S
+    while now["state"] in _NOT_YET_HELD and time.monotonic() < deadline_s:
+        time.sleep(_POLL_S)
+        now = _ask(folder, "status")
+    if as_json:
+        _put_status(now)
+    elif now["state"] == "held":
+        put(f"{now['run']} is held at {now['place']}: beam off, position kept")
+        put(f"hint: `lmctl resume {now['run']}` purges the hose and goes on; `lmctl stop` ends it")
+    else:
+        put(f"{now['run']} was told to hold and is {now['state']}")
+        _put_alarms(now)
+
+
+@click.command()
+@_common
+def resume(run: str | None, runs_dir: Path, as_json: bool) -> None:
+    """End a hold of RUN: powder first, and the beam returns once the hose is purged."""
+    _, now = _act(run, runs_dir, "resume")
+    _say(now, as_json, "resumes: powder first, then motion and beam",
+         "`lmctl status` shows when it deposits again")
+
+
+@click.command()
+@_common
+def stop(run: str | None, runs_dir: Path, as_json: bool) -> None:
+    """End RUN: beam and motion, then powder, then gas. A second stop skips the post-flow."""
+    _, now = _act(run, runs_dir, "stop")
+    _say(now, as_json, "stops: beam and motion, then powder, then gas after its post-flow",
+         "a second stop skips the post-flow")
+
+
+@click.command()
+@click.argument("percent", type=int)
+@_common
+def override(percent: int, run: str | None, runs_dir: Path, as_json: bool) -> None:
+    """Scale speed, beam and powder of RUN together to PERCENT (50 to 200) of the plan.
+
+    It takes effect in the next travel that powder can be made to follow.
+    """
+    _, now = _act(run, runs_dir, "override", percent=percent)
+    _say(now, as_json, f"goes to {percent} % in the next travel that powder can follow", "")
+
+
+@click.command()
+@_common
+@click.option("--watch", "every_s", type=click.FloatRange(0.1, 3600), metavar="SECONDS",
+              help="Print the status so often, in a line, until the run ends.")
+def status(run: str | None, runs_dir: Path, as_json: bool, every_s: float | None) -> None:
+    """Say how RUN stands: state, place, time left, override, alarms with what to do."""
+    from lmctl.errors import JournalError
+    from lmctl.run import control_client, rundir
+
+    folder = control_client.find_run(runs_dir, run)
+    if every_s is not None:
+        for now in control_client.watch(folder, every_s):
+            _put_status(now) if as_json else put(_in_a_line(now))
+        return
+    try:
+        now = control_client.ask(folder, "status")
+    except JournalError:
+        ended = rundir.summary(rundir.RunDir(folder))
+        if ended.state == "running":
+            raise
+        if as_json:
+            put_json(asdict(ended))
+        else:
+            put(f"{ended.run} is not under way: {ended.state}")
+            put(f"hint: `lmctl log {ended.run}` shows how far it came")
+        return
+    if as_json:
+        _put_status(now)
+    else:
+        put(status_text(now))
+        _put_alarms(now)
+
+
+def status_text(now: dict[str, Any]) -> str:
+    """How a run stands, in a few lines for people."""
+    by = f" (operator {now['operator']})" if now["operator"] else ""
+    lines = [
+        f"{now['run']}: {now['state']}, {now['part']} on {now['machine']}{by}",
+        f"  layer      {now['layer']} of {now['layers']}, program line {now['line']} of "
+        f"{now['lines']}",
+        f"  time left  {clock(now['remaining_s'])}",
+        f"  override   {now['override_percent']} %",
+    ]
+    if now["position_mm"] is not None:
+        x, y, z = now["position_mm"][:3]
+        lines.append(f"  nozzle     X {x:.2f}  Y {y:.2f}  Z {z:.2f} mm")
+        flows = zip(now["hoppers"], now["set_g_min"], now["measured_g_min"], strict=False)
+        lines.append("  powder     " + ", ".join(
+            f"{name} {'-' if is_g is None else f'{is_g:.2f}'} of {set_g:.2f} g/min"
+            for name, set_g, is_g in flows
+        ))
+    if now["beam_off"] and now["state"] not in ("ready", "connecting", "checking"):
+        lines.append("  beam       stays off in this run")
+    return "\n".join(lines)
+
+
+def _in_a_line(now: dict[str, Any]) -> str:
+    alarm = f"  ALARM {now['alarms'][0]['what']}" if now["alarms"] else ""
+    return (f"{now['run']}  {now['state']:<10}  layer {now['layer']}/{now['layers']}  "
+            f"line {now['line']}/{now['lines']}  {clock(now['remaining_s'])} left  "
+            f"{now['override_percent']} %{alarm}")
+
+
+def _put_alarms(now: dict[str, Any]) -> None:
+    for number, alarm in enumerate(now["alarms"]):
+        put(f"  {'alarm' if number == 0 else 'then'}{' ' * (6 if number == 0 else 7)}"
+            f"{alarm['what']}")
+        for place in alarm["where"]:
+            put(f"             {place}")
+        if alarm["hint"]:
+            put(f"             what to do: {alarm['hint']}")
+
+
+def _act(run: str | None, runs_dir: Path, do: str, **values: Any) -> tuple[Path, dict[str, Any]]:
+    from lmctl.run import control_client
+
+    folder = control_client.find_run(runs_dir, run)
+    return folder, control_client.ask(folder, do, **values)
+
+
+def _ask(folder: Path, do: str) -> dict[str, Any]:
+    from lmctl.run import control_client
+
+    return control_client.ask(folder, do)
+
+
+def _say(now: dict[str, Any], as_json: bool, what: str, hint: str) -> None:
+    if as_json:
+        _put_status(now)
+        return
+    put(f"{now['run']} {what}")
+    if hint:
+        put(f"hint: {hint}")
+
+
+def _put_status(now: dict[str, Any]) -> None:
+    put_json({key: value for key, value in now.items() if key != "ok"})

@@ -1,0 +1,112 @@
+"""One machine, one owner: whoever comes second is told who has it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from importlib.resources import files
+
+import pytest
+
+from lmctl.config.machine import load_profile
+from lmctl.errors import MachineError
+from lmctl.run.ownership import owner_of, owning, refuse_if_owned
+
+
+@pytest.fixture(autouse=True)
+def own_locks(tmp_path, monkeypatch):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    return tmp_path / "lmctl-locks"
+
+
+@pytest.fixture
+def profile():
+    return load_profile(files("lmctl.examples") / "cell.toml")
+
+
+def rewired(profile, motion, feeders):
+    return profile.model_copy(update={
+        "motion": profile.motion.model_copy(update={"endpoint": motion}),
+        "feeder": tuple(
+            feeder.model_copy(update={"endpoint": endpoint})
+            for feeder, endpoint in zip(profile.feeder, feeders, strict=True)
+        ),
+    })
+
+
+FEEDERS = ("modbus-tcp://10.0.0.1:502", "modbus-tcp://10.0.0.2")
+
+
+def test_a_second_run_is_told_which_run_has_the_machine(profile, tmp_path, own_locks):
+    with owning(profile, "run-0007", tmp_path / "runs"):
+        with pytest.raises(MachineError) as refused, owning(profile, "run-0008", tmp_path):
+            pass
+        text = refused.value.render()
+        assert "run-0007 has the machine" in text
+        assert str(os.getpid()) in text
+        assert f"lmctl status run-0007 --runs {tmp_path / 'runs'}" in text
+        owner = owner_of(profile)
+        assert owner is not None
+        assert owner.what == "run-0007"
+        with pytest.raises(MachineError, match="run-0007"):
+            refuse_if_owned(profile)
+    assert owner_of(profile) is None
+    assert list(own_locks.iterdir()) == []
+    with owning(profile, "run-0008", tmp_path):
+        pass
+
+
+def test_one_shared_wire_is_enough(profile, tmp_path):
+    mine = rewired(profile, "tcp://10.0.0.9:23", FEEDERS)
+    other = rewired(profile, "tcp://10.0.0.8:23", ("modbus-tcp://10.0.0.3", FEEDERS[1] + ":502"))
+    with owning(mine, "run-0001", tmp_path), pytest.raises(MachineError, match="run-0001"), \
+            owning(other, "run-0002", tmp_path):
+        pass
+    with owning(other, "run-0002", tmp_path):  # what it did get, it gave back
+        pass
+
+
+def test_cells_that_share_no_wire_may_run_at_once(profile, tmp_path):
+    other = rewired(profile, "tcp://10.0.0.8:23", FEEDERS)
+    with owning(profile, "run-0001", tmp_path), owning(other, "run-0002", tmp_path):
+        pass
+
+
+def test_one_port_by_two_names_is_one_port(profile, tmp_path):
+    (tmp_path / "ttyUSB0").touch()
+    (tmp_path / "by-id").symlink_to(tmp_path / "ttyUSB0")
+    one = rewired(profile, f"serial://{tmp_path}/ttyUSB0", FEEDERS)
+    two = rewired(profile, f"serial://{tmp_path}/by-id",
+                  ("modbus-tcp://10.0.0.6", "modbus-tcp://10.0.0.7"))
+    with owning(one, "run-0001", tmp_path), pytest.raises(MachineError, match="run-0001"), \
+            owning(two, "run-0002", tmp_path):
+        pass
+
+
+def test_a_killed_owner_leaves_nothing_that_keeps_others_out(profile, tmp_path):
+    program = (
+        "import os, sys, tempfile; tempfile.tempdir = sys.argv[1]\n"
+        "from pathlib import Path\n"
+        "from lmctl.config.machine import load_profile\n"
+        "from lmctl.run.ownership import owning\n"
+        "with owning(load_profile(Path(sys.argv[2])), 'run-0001', Path('.')):\n"
+        "    print('mine', flush=True); os.kill(os.getpid(), 9)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program, str(tmp_path), str(files("lmctl.examples") / "cell.toml")],
+        capture_output=True, text=True,
+    )
+    assert done.stdout == "mine\n", done.stderr
+    assert list((tmp_path / "lmctl-locks").iterdir())
+    assert owner_of(profile) is None
+    with owning(profile, "run-0002", tmp_path):
+        pass
+
+
+def test_a_lock_file_with_nonsense_in_it_is_still_a_lock(profile, tmp_path, own_locks):
+    with owning(profile, "run-0001", tmp_path):
+        for path in own_locks.iterdir():
+            path.write_bytes(b"\xff[")
+        with pytest.raises(MachineError, match="another process has the machine"):
+            refuse_if_owned(profile)
