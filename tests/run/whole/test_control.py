@@ -1,0 +1,89 @@
+"""Runs driven through their control socket, as another terminal would."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+
+from lmctl.run.control_path import SOCKET
+from lmctl.run.journal_file import fingerprint
+from lmctl.run.states import State
+
+
+class Terminal:
+    """Keeps one connection to a run's socket, and every answer."""
+
+    def __init__(self, folder):
+        self.folder = folder
+        self.said = []
+        self.talks = []
+
+    def asks(self, do, **values):
+        """An act for `run(acts=...)`."""
+
+        def act(_):
+            (path,) = self.folder.glob(f"*/runs/run-0001/{SOCKET}")
+            self.talks.append(asyncio.create_task(self.talk(path, {"do": do, **values})))
+
+        return act
+
+    async def talk(self, path, request):
+        reader, writer = await asyncio.open_unix_connection(str(path))
+        writer.write(json.dumps(request).encode() + b"\n")
+        while line := await reader.readline():
+            self.said.append(json.loads(line))
+            if request["do"] != "watch":
+                break
+        writer.close()
+
+
+def acts_of(bench_run):
+    return [(r["act"], r["accepted"]) for r in bench_run.records("operator")]
+
+
+def test_hold_resume_and_override_by_the_socket(run, square_job, tmp_path):
+    terminal = Terminal(tmp_path)
+    ran = run(square_job, acts=[
+        (2.0, terminal.asks("status")), (2.5, terminal.asks("resume")),
+        (3.0, terminal.asks("hold")), (4.0, terminal.asks("status")),
+        (4.5, terminal.asks("override", percent=80)), (5.0, terminal.asks("resume")),
+    ])
+    assert ran.result is not None, ran.error
+    assert ran.executor.state is State.DONE
+    ran.check_safe()
+    ok = [answer["ok"] for answer in terminal.said]
+    assert ok == [True, False, True, True, True, True]
+    before, _, _, held, *_ = terminal.said
+    assert before["state"] == "depositing"
+    assert 0 < before["line"] < before["lines"]
+    assert before["run"] == "run-0001"
+    assert len(before["position_mm"]) == 3
+    assert before["alarms"] == []
+    assert held["state"] == "held"
+    assert acts_of(ran) == [("resume", False), ("hold", True), ("override 80 %", True),
+                            ("resume", True)]
+    refused = ran.records("operator")[0]
+    assert "cannot resume now: the run is depositing" in refused["refused"]
+    assert refused["local"].keys() == {"uid", "pid", "wall"}
+
+
+def test_a_stop_ends_it_in_the_safe_order_and_is_seen_by_who_watches(run, square_job, tmp_path):
+    terminal = Terminal(tmp_path)
+    ran = run(square_job, acts=[(1.0, terminal.asks("watch", every_s=1.0)),
+                                (3.0, terminal.asks("stop"))])
+    ran.check_safe()
+    assert ran.executor.state is State.STOPPED
+    states = [answer["state"] for answer in terminal.said]
+    assert states[0] == "depositing"
+    assert states[-1] == "stopped"
+    assert acts_of(ran) == [("stop", True)]
+    assert not (ran.journal.parent / SOCKET).exists()
+
+
+def test_looking_on_changes_nothing_in_the_journal(run, square_job, tmp_path):
+    alone = run(square_job)
+    terminal = Terminal(tmp_path)
+    watched = run(square_job, acts=[(0.5, terminal.asks("watch", every_s=0.1)),
+                                    (2.0, terminal.asks("status"))])
+    assert len(terminal.said) > 20
+    assert fingerprint(watched.journal) == fingerprint(alone.journal)
