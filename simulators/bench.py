@@ -19,6 +19,7 @@ from simulators.safety.device import SafetyDevice
 from simulators.safety.wiring import SafetyWiring
 
 _ANY_PORT = Address("127.0.0.1", 0)
+_SAFETY_BAUD = 115_200  # it is asked ten times a second and more
 
 
 class Bench:
@@ -80,7 +81,7 @@ class Bench:
             wiring = SafetyWiring(self.safety, self.motion, self.feeders.values())
             self._running.callback(wiring.close)
             self.endpoints["safety"] = await self._serve_modbus(
-                "safety", self.safety, self._edge("safety"), self._address("safety")
+                "safety", self.safety, self._edge("safety"), self._address("safety"), _SAFETY_BAUD
             )
 
     def _address(self, name: str) -> Address:
@@ -105,10 +106,10 @@ class Bench:
         return self.edges.setdefault(name, Edge())
 
     async def _serve_modbus(
-        self, name: str, device: Registers, edge: Edge, address: Address
+        self, name: str, device: Registers, edge: Edge, address: Address, baud: int = 19_200
     ) -> str:
         if address.pty:
-            server = await serve_pty(device, edge)
+            server = await serve_pty(device, edge, baud)
         else:
             try:
                 server = await serve_tcp(device, address.host, address.port, edge)

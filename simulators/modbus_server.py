@@ -200,15 +200,18 @@ async def serve_tcp(
     return server
 
 
-async def serve_pty(registers: Registers, edge: Edge | None = None) -> ModbusServer:
+async def serve_pty(
+    registers: Registers, edge: Edge | None = None, baud: int = 19_200
+) -> ModbusServer:
     """Answer Modbus RTU on a new pty, without parity: Linux ptys carry none.
 
     edge : where faults befall its bytes
+    baud : what the endpoint says; a pty itself takes no time
     """
     server = ModbusServer(registers, edge)
     server.edge.is_rtu = True
     connection = _Connection(server, FramerRTU)
     transport = PtyTransport(connection)
     connection.connection_made(transport)
-    server.endpoint = f"modbus-rtu://{transport.path}?baud=19200&parity=N"
+    server.endpoint = f"modbus-rtu://{transport.path}?baud={baud}&parity=N"
     return server

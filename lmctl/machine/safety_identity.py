@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,8 +13,9 @@ from lmctl.machine.modbus import ModbusLink, NoAnswerError, RefusedError
 from lmctl.machine.modbus_endpoint import RtuEndpoint, parse_modbus_endpoint
 
 #: Characters beside the registers in an FC 23 request and its answer on a serial line, with the
-#: silence after each.
+#: silence after each; and those for which a line stays quiet after an answer that did not come.
 _FRAME_CHARACTERS = 13 + 5 + 7
+_QUIET_CHARACTERS = 256
 _HEARTBEAT_REGISTERS = 2
 
 
@@ -29,17 +31,21 @@ def place(safety: Safety) -> str:
 
 
 def check_line(safety: Safety) -> None:
-    """Raises ConfigError for a bad endpoint, or a serial line too slow for the period."""
+    """Raises ConfigError for a bad endpoint, or a serial line too slow for the period.
+
+    One lost answer, and the quiet after it, must fit in the periods after which a device is silent.
+    """
     where = parse_modbus_endpoint(safety.endpoint)
     if not isinstance(where, RtuEndpoint):
         return
     characters = _FRAME_CHARACTERS + 2 * (_HEARTBEAT_REGISTERS + CYCLE_BLOCK.count)
-    exchange_s = characters * where.character_s
-    if exchange_s > safety.period_s:
+    least_s = (characters + _QUIET_CHARACTERS) * where.character_s
+    if least_s > safety.period_s:
         raise ConfigError(
             f"the safety device cannot be read every {safety.period_s:g} s over its line",
-            where=f"{safety.endpoint}: at {where.baud} baud an exchange takes {exchange_s:.3f} s",
-            hint="raise period_s of [safety], or the line's baud rate",
+            where=f"{safety.endpoint}: at {where.baud} baud an exchange takes "
+                  f"{characters * where.character_s:.3f} s, and {least_s:.3f} s after a lost one",
+            hint=f"raise period_s of [safety] to {math.ceil(100 * least_s) / 100:g}, or the line's baud rate",
         )
 
 
