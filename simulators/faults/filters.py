@@ -1,0 +1,177 @@
+"""What can befall bytes on their way: each a filter of `faults.edge`."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from simulators.faults.edge import Deliver
+
+Spent = Callable[[], None]
+
+_OK = b"ok\r\n"
+_REPORT = re.compile(rb"<[^<>\r\n]*>")
+_STATE = re.compile(rb"<[^|>]*")
+_GARBLE = bytes(byte ^ 0x15 for byte in range(256))
+
+
+@dataclass
+class SomeBytes:
+    """One in `every` bytes, `count` times, becomes `changed(byte)`; then it is spent."""
+
+    changed: Callable[[int], bytes]
+    count: int
+    every: int
+    spent: Spent
+    _passed: int = 0
+
+    def __call__(self, data: bytes, deliver: Deliver) -> None:
+        out = bytearray()
+        for byte in data:
+            self._passed += 1
+            if self.count and self._passed % self.every == 0:
+                self.count -= 1
+                out += self.changed(byte)
+            else:
+                out.append(byte)
+        if not self.count:
+            self.spent()
+        if out:
+            deliver(bytes(out))
+
+
+class Late:
+    """Every chunk comes later, in order."""
+
+    def __init__(self, late_s: float) -> None:
+        self._late_s = late_s
+        self._loop = asyncio.get_running_loop()
+        self._waiting: deque[tuple[bytes, Deliver]] = deque()
+
+    def __call__(self, data: bytes, deliver: Deliver) -> None:
+        self._waiting.append((data, deliver))
+        self._loop.call_later(self._late_s, self._one)
+
+    def flush(self) -> None:
+        """Let go of all that waits."""
+        while self._waiting:
+            self._one()
+
+    def _one(self) -> None:
+        if self._waiting:
+            data, deliver = self._waiting.popleft()
+            deliver(data)
+
+
+@dataclass
+class SomeAnswers:
+    """The next `count` answers `ok` are lost (times 0) or doubled (times 2)."""
+
+    times: int
+    count: int
+    spent: Spent
+
+    def __call__(self, data: bytes, deliver: Deliver) -> None:
+        out = b""
+        for line in data.splitlines(keepends=True):
+            if line == _OK and self.count:
+                self.count -= 1
+                line *= self.times
+            out += line
+        if not self.count:
+            self.spent()
+        if out:
+            deliver(out)
+
+
+@dataclass
+class SomeReplies:
+    """The next `count` chunks, each a reply, are lost (times 0) or doubled (times 2)."""
+
+    times: int
+    count: int
+    spent: Spent
+
+    def __call__(self, data: bytes, deliver: Deliver) -> None:
+        self.count -= 1
+        if not self.count:
+            self.spent()
+        if self.times:
+            deliver(data * self.times)
+
+
+@dataclass
+class FrozenReports:
+    """Each status report is the first one that came, in a state of our choice."""
+
+    state: str
+    _frozen: bytes = b""
+
+    def __call__(self, data: bytes, deliver: Deliver) -> None:
+        deliver(_REPORT.sub(self._lie, data))
+
+    def _lie(self, report: re.Match[bytes]) -> bytes:
+        if not self._frozen:
+            self._frozen = _STATE.sub(b"<" + self.state.encode(), report[0], count=1)
+        return self._frozen
+
+
+@dataclass
+class Echo:
+    """What the host sends is heard, and comes back to it garbled."""
+
+    say: Deliver
+
+    def __call__(self, data: bytes, deliver: Deliver) -> None:
+        deliver(data)
+        self.say(data.translate(_GARBLE))
+
+
+@dataclass
+class Exceptions:
+    """The next `count` requests are answered by an exception, and do not reach the device."""
+
+    code: int
+    count: int
+    is_rtu: bool
+    say: Deliver
+    spent: Spent
+
+    def __call__(self, data: bytes, deliver: Deliver) -> None:
+        for request in [data] if self.is_rtu else _tcp_frames(data):
+            if not self.count:
+                deliver(request)
+                continue
+            self.count -= 1
+            self.say(self._refusal(request))
+        if not self.count:
+            self.spent()
+
+    def _refusal(self, request: bytes) -> bytes:
+        if self.is_rtu:
+            answer = bytes((request[0], request[1] | 0x80, self.code))
+            return answer + _crc(answer)
+        return request[:4] + bytes((0, 3, request[6], request[7] | 0x80, self.code))
+
+
+def _tcp_frames(data: bytes) -> list[bytes]:
+    """Modbus TCP requests in a chunk; a torn one comes as it is (hosts send them whole)."""
+    frames = []
+    while len(data) >= 8:
+        length = 6 + int.from_bytes(data[4:6], "big")
+        frames.append(data[:length])
+        data = data[length:]
+    return frames + ([data] if data else [])
+
+
+def _crc(data: bytes) -> bytes:
+    """CRC16 of Modbus RTU (polynomial 0xA001), low byte first."""
+    crc = 0xFFFF
+    for byte in data:
+        crc ^= byte
+        for _ in range(8):
+            crc = crc >> 1 ^ (0xA001 if crc & 1 else 0)
+    return crc.to_bytes(2, "little")

@@ -1,0 +1,200 @@
+"""A fault file: which faults happen to the simulated cell, and when.
+
+    [[fault]]
+    kind = "disc_stalls"        # a name of `kinds.KINDS`, its parameters beside it
+    device = "F1"
+    channel = 1
+    at_s = 30.0                 # or at_line = 120
+                                # or at_level_g = { feeder = "F1", channel = 1, grams = 50 }
+    for_s = 5.0                 # kinds that last only; for ever without
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from simulators.bench_config import BenchConfig
+from simulators.faults.kinds import KINDS, Fault, Strikes, mistakes_in
+from simulators.table_reader import TableReader
+
+MOST_FAULTS = 1000
+MOST_BYTES = 1_000_000
+_LONGEST_S = 1e7
+_MOST_LINE = 9_999_999
+
+_WHEN = ("at_s", "at_line", "at_level_g")
+_OWN_KEYS = ("kind", "device", "channel", "for_s", *_WHEN)
+
+
+class FaultPlanError(ValueError):
+    """The text is no fault file for this bench; one line a mistake."""
+
+    def __init__(self, mistakes: list[str]) -> None:
+        super().__init__("\n".join(mistakes))
+        self.mistakes = tuple(mistakes)
+
+
+@dataclass(frozen=True)
+class AtTime:
+    """Seconds after the plan was armed."""
+
+    s: float
+
+
+@dataclass(frozen=True)
+class AtLine:
+    """As the axes begin the first move whose N word is at least `line`."""
+
+    line: int
+
+
+@dataclass(frozen=True)
+class AtLevel:
+    """As so much powder is left in a hopper."""
+
+    feeder: str
+    channel: int
+    grams: float
+
+
+@dataclass(frozen=True)
+class PlannedFault:
+    """A fault and when it is to happen. for_s : how long it stands, None for ever"""
+
+    fault: Fault
+    when: AtTime | AtLine | AtLevel
+    for_s: float | None = None
+
+
+@dataclass(frozen=True)
+class FaultPlan:
+    """What is to go wrong."""
+
+    faults: tuple[PlannedFault, ...] = ()
+
+    @classmethod
+    def parse(cls, text: str, bench: BenchConfig) -> FaultPlan:
+        """Raises FaultPlanError with every mistake, each with the path of its key."""
+        try:
+            data = tomllib.loads(text)
+        except (tomllib.TOMLDecodeError, RecursionError) as error:
+            raise FaultPlanError([f"not valid TOML: {error}"]) from None
+        mistakes: list[str] = []
+        top = TableReader(data, "", mistakes)
+        tables = data.get("fault", [])
+        readers = top.tables("fault")
+        top.close()
+        if len(readers) > MOST_FAULTS:
+            raise FaultPlanError([f"fault: at most {MOST_FAULTS} faults, here are {len(readers)}"])
+        if not mistakes and not readers:
+            mistakes.append("there is no [[fault]] in it")
+        cell = _Cell(
+            {f.name: {h.channel for h in f.hoppers} for f in bench.feeders},
+            bench.safety is not None,
+        )
+        planned = [
+            _planned(reader, table, cell)
+            for reader, table in zip(readers, tables, strict=bool(readers))
+        ]
+        if mistakes:
+            raise FaultPlanError(mistakes)
+        return cls(tuple(one for one in planned if one is not None))
+
+    @classmethod
+    def load(cls, path: Path, bench: BenchConfig) -> FaultPlan:
+        """Raises OSError where the file cannot be read; FaultPlanError."""
+        with path.open("rb") as file:
+            data = file.read(MOST_BYTES + 1)
+        if len(data) > MOST_BYTES:
+            raise FaultPlanError([f"larger than {MOST_BYTES} bytes"])
+        try:
+            return cls.parse(data.decode("utf-8"), bench)
+        except UnicodeDecodeError as error:
+            raise FaultPlanError([f"not text: byte {error.start} is not UTF-8"]) from None
+
+
+@dataclass(frozen=True)
+class _Cell:
+    """What a bench has. channels : of its hoppers, by feeder"""
+
+    channels: Mapping[str, set[int]]
+    safety: bool
+
+    def devices(self, strikes: Strikes) -> list[str]:
+        """Names that may be given for a device."""
+        safety = ["safety"] if self.safety else []
+        if strikes is Strikes.LINK:
+            return ["motion", *safety, *self.channels]
+        return [*(safety if strikes is Strikes.MODBUS else []), *self.channels]
+
+
+def _planned(reader: TableReader, table: Mapping[str, Any], cell: _Cell) -> PlannedFault | None:
+    known = len(reader.mistakes)
+    kind = reader.text("kind")
+    device = reader.text("device") if "device" in table else ""
+    channel = reader.integer("channel", least=1, most=4) if "channel" in table else 0
+    when = _when(reader, table, cell)
+    for_s = reader.number("for_s", above=0, most=_LONGEST_S) if "for_s" in table else None
+    values = {key: value for key, value in table.items() if key not in _OWN_KEYS}
+    if kind != "?" and device != "?":
+        for mistake in mistakes_in(kind, device, channel, values):
+            key, _, reason = mistake.partition(": ")
+            reader.blame(key, reason)
+    if kind in KINDS:
+        if for_s is not None and not KINDS[kind].lasts:
+            reader.blame("for_s", f"{kind} is over as soon as it has happened")
+        if KINDS[kind].strikes is Strikes.SAFETY and not cell.safety:
+            reader.blame("kind", f"the bench has no safety device for {kind}")
+        if device not in ("", "?"):
+            _check_device(reader, KINDS[kind].strikes, device, channel or 1, cell)
+    if len(reader.mistakes) > known or when is None:
+        return None
+    return PlannedFault(Fault.of(kind, device, channel, **values), when, for_s)
+
+
+def _when(
+    reader: TableReader, table: Mapping[str, Any], cell: _Cell
+) -> AtTime | AtLine | AtLevel | None:
+    given = [key for key in _WHEN if key in table]
+    if len(given) != 1:
+        reader.blame("", f"needs one of {', '.join(_WHEN)}")
+        return None
+    if given == ["at_s"]:
+        return AtTime(reader.number("at_s", least=0, most=_LONGEST_S))
+    if given == ["at_line"]:
+        return AtLine(reader.integer("at_line", least=0, most=_MOST_LINE))
+    level = reader.table("at_level_g")
+    feeder = level.text("feeder")
+    channel = level.integer("channel", 1, least=1, most=4)
+    grams = level.number("grams", least=0, most=1e6)
+    level.close()
+    if feeder != "?":
+        _check_hopper(level, "feeder", feeder, channel, cell)
+    return AtLevel(feeder, channel, grams)
+
+
+def _check_device(
+    reader: TableReader, strikes: Strikes, device: str, channel: int, cell: _Cell
+) -> None:
+    if strikes is Strikes.HOPPER:
+        _check_hopper(reader, "device", device, channel, cell)
+    elif strikes in (Strikes.LINK, Strikes.MODBUS, Strikes.FEEDER):
+        _check_name(reader, "device", device, cell.devices(strikes))
+
+
+def _check_hopper(
+    reader: TableReader, key: str, feeder: str, channel: int, cell: _Cell
+) -> None:
+    there = _check_name(reader, key, feeder, list(cell.channels))
+    if there and channel not in cell.channels[feeder]:
+        reader.blame("channel", f"feeder {feeder!r} has no hopper {channel}")
+
+
+def _check_name(reader: TableReader, key: str, name: str, there: list[str]) -> bool:
+    if name not in there:
+        reader.blame(key, f"there is no {name!r} for it in the bench; it has {', '.join(there)}")
+    return name in there
