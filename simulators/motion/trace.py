@@ -57,6 +57,7 @@ class ExecutedBlocks:
     rate_mm_s : (n,) programmed speed, 0 for a rapid
     beam : (n,) int, BEAM_OFF, BEAM_CONSTANT (M3) or BEAM_DYNAMIC (M4)
     complete : (n,) bool, moved to its end
+    share : (n,) of its length that was moved
     """
 
     line: NDArray[np.int64]
@@ -67,6 +68,7 @@ class ExecutedBlocks:
     rate_mm_s: FloatArray
     beam: NDArray[np.int64]
     complete: NDArray[np.bool_]
+    share: FloatArray
 
 
 @dataclass(frozen=True)
@@ -218,9 +220,10 @@ class Trace:
         t0, t1, distance, speed, acceleration = phases[last, :5].T
         dt = t1 - t0
         reached = (distance + (speed + 0.5 * acceleration * dt) * dt) / blocks[:, 7]
+        share = np.minimum(1.0, reached)
         shift = self._shift(phases[first, 0])
         start = blocks[:, 1:4] + shift
-        end = start + (blocks[:, 4:7] + shift - start) * np.minimum(1.0, reached)[:, None]
+        end = start + (blocks[:, 4:7] + shift - start) * share[:, None]
         return ExecutedBlocks(
             line=blocks[:, 0].astype(np.int64),
             start_s=phases[first, 0],
@@ -230,6 +233,7 @@ class Trace:
             rate_mm_s=blocks[:, 8],
             beam=blocks[:, 9].astype(np.int64),
             complete=reached >= 1.0 - _ROUNDING,
+            share=share,
         )
 
     def phases(self) -> Phases:

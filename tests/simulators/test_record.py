@@ -45,6 +45,7 @@ class KnownMotion:
         return ExecutedBlocks(
             self._column(0, int), self._column(1), self._column(2), nothing, nothing,
             self._column(6), self._column(7, int), np.ones(len(self.moves), dtype=bool),
+            np.ones(len(self.moves)),
         )
 
     def sample(self, times_s) -> TraceSample:
