@@ -104,12 +104,13 @@ class Conversation:
     def worth_a_write(self) -> bool:
         """Whether so much room is free, or so little under way, that lines should go out now.
 
-        A wire without a pace is spared a write for every answer. Three quarters full, a buffer of
-        1,024 bytes does not run dry, and a dry run of short lines takes a quarter less time.
+        A wire without a pace is spared a write for every answer. Half full, and with the planner
+        behind it, the buffer does not run dry, and a dry run of short lines takes a quarter less
+        time.
         """
         host = self._host
         return (
-            host.free >= host.rx_usable // 4
+            host.free >= host.rx_usable // 2
             or host.unanswered == 0
             or (self._link is not None and self._link.paced)
         )

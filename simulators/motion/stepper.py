@@ -116,9 +116,13 @@ class Stepper:
         if self._block is not None and self.running:
             rest_s = sum(ramp.duration for ramp in self._ramps)
             return self.end_s + rest_s - self._lead_s
-        if self._planner.first is not None and self.running:
+        block = self._planner.first
+        if block is not None and self.running:
             crowded = len(self._ends) >= self._lead_blocks
-            return max(self.end_s - self._lead_s, self._ends[0] if crowded else 0.0)
+            loads_s = max(self.end_s - self._lead_s, self._ends[0] if crowded else 0.0)
+            # That it is loaded changes nothing yet: it leaves when its last piece is committed.
+            rest_s = sum(ramp.duration for ramp in self._profile(block, block.length))
+            return max(loads_s, self.end_s + rest_s - self._lead_s)
         return self.end_s
 
     def advance(self, now_s: float) -> None:
@@ -278,5 +282,11 @@ class Stepper:
             self._ramps[:] = braking(self._speed, left_mm, block.acceleration)
             return
         following = block.following
-        self._exit_sqr = exit_sqr = 0.0 if following is None else following.entry_sqr
-        self._ramps[:] = profile(self._speed, left_mm, block.acceleration, block.nominal, exit_sqr)
+        self._exit_sqr = 0.0 if following is None else following.entry_sqr
+        self._ramps[:] = self._profile(block, left_mm)
+
+    def _profile(self, block: Block, left_mm: float) -> list[Ramp]:
+        """The rest of a block from the speed at the head, unless a hold brakes it."""
+        following = block.following
+        exit_sqr = 0.0 if following is None else following.entry_sqr
+        return profile(self._speed, left_mm, block.acceleration, block.nominal, exit_sqr)
