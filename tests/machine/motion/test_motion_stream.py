@@ -238,7 +238,7 @@ def test_lines_go_out_several_at_once_where_the_wire_allows_and_the_planner_stay
 
     in_virtual_time(main())
     assert len(arrivals) < 400 / 5
-    assert min(least_waiting[1:-1]) > 20
+    assert min(least_waiting[1:-1]) > 15  # of 38 that the buffer holds
 
 
 def test_the_same_stream_gives_the_same_history(controller, in_virtual_time):
