@@ -45,7 +45,8 @@ def check_line(safety: Safety) -> None:
             f"the safety device cannot be read every {safety.period_s:g} s over its line",
             where=f"{safety.endpoint}: at {where.baud} baud an exchange takes "
                   f"{characters * where.character_s:.3f} s, and {least_s:.3f} s after a lost one",
-            hint=f"raise period_s of [safety] to {math.ceil(100 * least_s) / 100:g}, or the line's baud rate",
+            hint=f"raise period_s of [safety] to {math.ceil(100 * least_s) / 100:g}, or the line's "
+                 "baud rate",
         )
 
 
