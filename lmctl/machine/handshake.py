@@ -9,12 +9,22 @@ still, which keeps its position.
 from __future__ import annotations
 
 import asyncio
+from contextlib import suppress
 from dataclasses import dataclass
 
+from firmware_protocol.dialect import GRBLHAL
+from firmware_protocol.realtime import Realtime
 from firmware_protocol.status import StatusReport
 from lmctl.errors import MachineError
 from lmctl.machine.conversation import Conversation
-from lmctl.machine.identify import Identity, read_identity, read_offset, read_settings
+from lmctl.machine.identify import (
+    Identity,
+    homed_axes,
+    homing_enabled,
+    read_identity,
+    read_offset,
+    read_settings,
+)
 
 RESET_S = 5.0
 """Longest time from a reset to the banner, an AVR board's boot included."""
@@ -32,12 +42,20 @@ class Introduction:
 
     found : its first report, before anything was sent that could change its state
     offset_mm : work offset, or None where it would not tell
+    homed : whether it calls its axes homed; None where it does not say (Grbl never does)
     """
 
     found: StatusReport
     identity: Identity
     settings: dict[int, str]
     offset_mm: tuple[float, ...] | None
+    homed: bool | None
+
+    @property
+    def position_stated(self) -> bool:
+        """Whether somebody has said where the machine is: its homing, or without one ($22) its
+        operator, since nobody else can have."""
+        return self.homed is True or not homing_enabled(self.settings)
 
 
 async def introduce(talk: Conversation, timeout_s: float) -> Introduction:
@@ -47,20 +65,29 @@ async def introduce(talk: Conversation, timeout_s: float) -> Introduction:
         for coming to rest
     raises : MachineError where it is silent, is not a Grbl, or does not come to rest
     """
-    found = await _first_report(talk, timeout_s)
+    found = await first_report(talk, timeout_s)
     await _come_to_rest(talk, found, timeout_s)
-    identity = await _identify(talk)
+    identity = await identify(talk)
     talk.settle_on(identity.dialect, identity.rx_bytes)
     settings = read_settings(await talk.command("$$", _COMMAND_S))
-    try:
+    offset_mm: tuple[float, ...] | None = None
+    with suppress(MachineError):  # refused in some alarms; reports carry WCO: as well
         parser_state = await talk.command("$G", _COMMAND_S)
         offset_mm = read_offset(parser_state, await talk.command("$#", _COMMAND_S))
-    except MachineError:  # refused in some alarms; reports carry WCO: as well
-        return Introduction(found, identity, settings, None)
-    return Introduction(found, identity, settings, offset_mm)
+    return Introduction(found, identity, settings, offset_mm, await homed(talk))
 
 
-async def _first_report(talk: Conversation, timeout_s: float) -> StatusReport:
+async def homed(talk: Conversation) -> bool | None:
+    """Whether the controller calls its axes homed; None where it does not say."""
+    if talk.dialect is not GRBLHAL:
+        return None
+    talk.realtime(Realtime.STATUS_FULL)
+    report = await talk.fresh_report(_ASK_EVERY_S)
+    return None if report is None else homed_axes(report)
+
+
+async def first_report(talk: Conversation, timeout_s: float) -> StatusReport:
+    """Ask `?` until it is answered. Raises MachineError where the controller is silent."""
     loop = asyncio.get_running_loop()
     deadline_s = loop.time() + timeout_s
     while loop.time() < deadline_s:
@@ -114,8 +141,8 @@ def _restless(talk: Conversation, report: StatusReport | None) -> MachineError:
     )
 
 
-async def _identify(talk: Conversation) -> Identity:
-    """Answer to `$I`, asked again while it is refused.
+async def identify(talk: Conversation) -> Identity:
+    """What answers `$I`, asked again while it is refused. Raises MachineError.
 
     The first one may end a line that a dead host left half sent; what comes of the two together
     is no command and no motion, only an error.

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 from firmware_protocol.dialect import GRBL, GRBLHAL, Dialect
 from firmware_protocol.messages import Feedback, Setting, parse_message
+from firmware_protocol.status import StatusReport
 from lmctl.errors import MachineError
 
 BENCH_INFO = "lmctl-bench"
@@ -96,6 +97,18 @@ def read_offset(parser_state: Sequence[str], offsets: Sequence[str]) -> tuple[fl
     for extra in (said.get("G92", ()), (0.0, 0.0, *tool) if len(tool) == 1 else tool):
         total = [a + b for a, b in zip(total, (*extra, *[0.0] * len(total)), strict=False)]
     return tuple(total)
+
+
+def homing_enabled(settings: Mapping[int, str]) -> bool:
+    """Whether the controller has a homing cycle and waits for it ($22; grblHAL: its lowest bit)."""
+    stated = settings.get(HOMING, "0")
+    return stated.isdecimal() and bool(int(stated) & 1)
+
+
+def homed_axes(report: StatusReport) -> bool | None:
+    """grblHAL's `H:homed[,mask]` in a report: whether all axes to be homed are; None without it."""
+    said = dict(report.other).get("H")
+    return None if said is None else said.partition(",")[0] == "1"
 
 
 def refuse_unfit(identity: Identity, settings: Mapping[int, str], endpoint: str) -> None:

@@ -15,7 +15,7 @@ from firmware_protocol.status import StatusReport
 from lmctl.machine import holding
 from lmctl.machine.conversation import Conversation, Hearer
 from lmctl.machine.handshake import RESET_S, Introduction, introduce
-from lmctl.machine.identify import HOMING, Identity, refuse_unfit
+from lmctl.machine.identify import Identity, refuse_unfit
 from lmctl.machine.stream import Stream
 
 _HOMED_S = 180.0
@@ -99,7 +99,7 @@ class MotionDriver:
         if driver.offset_mm is None:
             driver.offset_mm = said.offset_mm
         idle = driver.status is not None and driver.status.state == "Idle"
-        driver.position_trusted = idle and said.settings.get(HOMING, "0") == "0"
+        driver.position_trusted = idle and said.position_stated
         driver._talk.watch.start()
         return driver
 
