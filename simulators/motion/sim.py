@@ -42,6 +42,11 @@ class MotionSim:
         return lines
 
     @property
+    def now_s(self) -> float:
+        """The clock it lives on."""
+        return self._loop.time()
+
+    @property
     def position_mm(self) -> Vector:
         """Where the axes are now, machine coordinates."""
         self._advance()

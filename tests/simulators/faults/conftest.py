@@ -1,0 +1,128 @@
+"""A bench in virtual time with raw wires: what a host would send, and what it would hear."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from importlib.resources import files
+
+import pytest
+
+from firmware_protocol.pmx import PMX, Command, hopper_row
+from simulators import virtual_time
+from simulators.bench import Bench
+from simulators.bench_config import BenchConfig
+from simulators.faults.board import FaultBoard
+from simulators.faults.kinds import Fault
+from simulators.judge import Judge
+
+SHIPPED = (files("lmctl.examples") / "bench.toml").read_text(encoding="utf-8")
+SAFETY = "\n[safety]\nwatchdog_relay = false\n"
+
+
+def cell_text(*replaced: tuple[str, str]) -> str:
+    text = SHIPPED if "[safety]" in SHIPPED else SHIPPED + SAFETY
+    for old, new in replaced:
+        assert old in text
+        text = text.replace(old, new)
+    return text
+
+
+class Cell:
+    """A running bench. said : every byte the controller sent to the raw host"""
+
+    def __init__(self, bench: Bench) -> None:
+        self.bench = bench
+        self.board = FaultBoard(bench)
+        self.loop = asyncio.get_running_loop()
+        self.said = b""
+        self._heartbeat = 0
+        self.reader: asyncio.StreamReader
+        self.writer: asyncio.StreamWriter
+
+    @property
+    def now_s(self) -> float:
+        return self.loop.time()
+
+    @property
+    def judge(self) -> Judge:
+        return Judge(self.bench)
+
+    def inject(self, kind: str, device: str = "", channel: int = 0, for_s=None, **values) -> int:
+        return self.board.inject(Fault.of(kind, device, channel, **values), for_s)
+
+    async def connect(self) -> None:
+        port = int(self.bench.endpoints["motion"].rpartition(":")[2])
+        self.reader, self.writer = await asyncio.open_connection("127.0.0.1", port)
+        self._listening = asyncio.create_task(self._listen())
+
+    async def _listen(self) -> None:
+        try:
+            while data := await self.reader.read(65536):
+                self.said += data
+        except ConnectionError:
+            pass
+
+    async def send(self, text: str | bytes, then_s: float = 0.01) -> bytes:
+        """Write to the controller; what it says within then_s."""
+        before = len(self.said)
+        self.writer.write(text.encode() if isinstance(text, str) else text)
+        await asyncio.sleep(then_s)
+        return self.said[before:]
+
+    async def drop(self) -> None:
+        self._listening.cancel()
+        self.writer.close()
+
+    def feed(self, feeder: str = "F1", g_min: float = 10.0) -> None:
+        """Gas, recipe and discs on, as a host would command them; the watchdog is long."""
+        device = self.bench.feeders[feeder]
+        self._write(device, "COMMAND", int(Command.ENABLE_REMOTE | Command.GAS_ON))
+        self._write(device, "WD_TIMEOUT", 60_000)
+        self._write(device, "STABILISE", 80)
+        self._write(device, "SETPOINT_MODE", 1)
+        self.recipe(feeder, g_min)
+        self._write(device, "COMMAND", int(
+            Command.ENABLE_REMOTE | Command.GAS_ON | Command.FEED_ON))
+
+    def recipe(self, feeder: str, g_min: float) -> None:
+        device = self.bench.feeders[feeder]
+        for channel in device.hoppers:
+            self._write(device, hopper_row(channel, "CARRIER_SP"), 500)
+            self._write(device, hopper_row(channel, "FLOW_SP"), round(g_min * 100))
+        self._heartbeat += 1
+        self._write(device, "HEARTBEAT", self._heartbeat)
+        self._write(device, "SEQ", self._heartbeat)
+
+    def reset_alarm(self, feeder: str = "F1") -> None:
+        self._write(self.bench.feeders[feeder], "ALARM_RESET", 1)
+
+    @staticmethod
+    def _write(device, name: str, word: int) -> None:
+        device.write(PMX.wire_address(name), [word])
+
+
+@pytest.fixture(scope="session")
+def play() -> Callable[..., object]:
+    """Plays an async scene on a bench of its own: play(scene, *replacements in its text)."""
+
+    def run(scene: Callable[[Cell], Awaitable[object]], *replaced: tuple[str, str]) -> object:
+        async def main() -> object:
+            async with Bench(BenchConfig.parse(cell_text(*replaced)), ephemeral_ports=True) as it:
+                cell = Cell(it)
+                await cell.connect()
+                try:
+                    return await scene(cell)
+                finally:
+                    cell.board.close()
+                    await cell.drop()
+                    await asyncio.sleep(0.01)
+
+        return virtual_time.run(main())
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def bench_config() -> BenchConfig:
+    return BenchConfig.parse(cell_text())
