@@ -16,6 +16,7 @@ from firmware_protocol.pmx_alarms import refusal
 from firmware_protocol.registers import RegisterError
 from lmctl.config.machine import Feeder, Hopper
 from lmctl.errors import MachineError
+from lmctl.machine.beat import on_beat
 from lmctl.machine.feeder_identity import FeederIdentity
 from lmctl.machine.feeder_recipe import RecipeWriter
 from lmctl.machine.feeder_status import (
@@ -107,7 +108,10 @@ class FeederCycle:
         now_s = self._loop.time()
         # A recipe that goes out in the second half of a cycle is the next heartbeat and status too.
         with_status = self._ask_status or now_s >= self._status_due_s - self.period_s / 2.0
-        self._due_s = now_s + self.period_s if with_status else self._status_due_s
+        if with_status:
+            self._due_s = on_beat(now_s + self.period_s, now_s)
+        else:
+            self._due_s = self._status_due_s
         self._heartbeat = (self._heartbeat + 1) & 0xFFFF
         wanted = self._wanted
         if wanted == self._sent:

@@ -5,13 +5,15 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
+from lmctl.machine.beat import on_beat
+
 SILENT_S = 3.0
 _LEAST_RETRY_S = 0.5
 _RETRY_PERIODS = 3
 
 
 class StatusWatch:
-    """Asks for a status report every period, drift-free, with at most one question open.
+    """Asks for a status report every period, on the beat, with at most one question open.
 
     ask : writes the `?`
     silent : called once when nothing has answered for `SILENT_S`
@@ -28,7 +30,6 @@ class StatusWatch:
         self._asked_s: float | None = None  # when the open question was put last
         self._open_since_s: float | None = None  # when it was first put; silence counts from here
         self._answered_s: float | None = None
-        self._due_s = 0.0
         self._timer: asyncio.TimerHandle | None = None
 
     @property
@@ -39,7 +40,6 @@ class StatusWatch:
     def start(self) -> None:
         """Ask now and every period from now on."""
         self.stop()
-        self._due_s = self._loop.time()
         self._asked_s = self._open_since_s = None
         self._tick()
 
@@ -75,6 +75,4 @@ class StatusWatch:
             self._silent(f"no answer to '?' for {now_s - self._open_since_s:.1f} s")
             return
         self.ask_now()
-        missed = max(0, int((now_s - self._due_s) // self._period_s))
-        self._due_s += (missed + 1) * self._period_s
-        self._timer = self._loop.call_at(self._due_s, self._tick)
+        self._timer = self._loop.call_at(on_beat(now_s + self._period_s, now_s), self._tick)

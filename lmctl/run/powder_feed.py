@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
+from lmctl.machine.beat import on_beat
 from lmctl.run.cell import Cell
 from lmctl.run.powder_lead import TICK_S, PowderPlan
 from lmctl.run.program_clock import ProgramClock
@@ -44,7 +45,7 @@ class PowderFeed:
         if not self._is_on:
             self._is_on = True
             self.plan.start()
-            self._ticked_t = self._loop.time()
+            self._ticked_t = on_beat(self._loop.time(), -1.0)
             self._tick(0)
 
     def off(self) -> None:
@@ -64,7 +65,7 @@ class PowderFeed:
 
     def _tick(self, ticks: int) -> None:
         """ticks : since the last one."""
-        self._ticked_t += ticks * TICK_S
+        self._ticked_t = self._after(ticks)
         try:
             flows = tuple(self.plan.setpoints_g_min(self._ticked_t, ticks))
             if flows != self.flows_g_min:
@@ -78,7 +79,10 @@ class PowderFeed:
         self._tick_after(int(min(max(rest, 1), _MOST_TICKS)))
 
     def _tick_after(self, ticks: int) -> None:
-        self._timer = self._loop.call_at(self._ticked_t + ticks * TICK_S, self._tick, ticks)
+        self._timer = self._loop.call_at(self._after(ticks), self._tick, ticks)
+
+    def _after(self, ticks: int) -> float:
+        return on_beat(self._ticked_t + ticks * TICK_S, -1.0)
 
     def _look_again(self) -> None:
         """What lies ahead has changed: the very next tick is due."""
