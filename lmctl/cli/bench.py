@@ -3,35 +3,49 @@
 from __future__ import annotations
 
 import math
+import os
+import signal
 from importlib.resources import as_file, files
 from pathlib import Path
 
 from lmctl.config.machine import MachineProfile
 from lmctl.config.toml_file import read_text
-from lmctl.errors import ConfigError
+from lmctl.errors import ConfigError, Finding
 from lmctl.run.executor import Progress, RunResult, run_job
 from simulators import virtual_time
 from simulators.bench import Bench
 from simulators.bench_config import BenchConfig
+from simulators.faults.board import FaultBoard
+from simulators.faults.plan import FaultPlan, FaultPlanError
 
 
 def run_simulated(
     job: Path, profile: MachineProfile, runs_dir: Path, *, operator: str = "",
     progress: Progress | None = None, bench: Path | None = None, speed: float | None = None,
+    faults: Path | None = None, happened: list[str] | None = None,
 ) -> RunResult:
     """Run a job on the bench, in virtual time.
 
     The stack is the one that drives a real cell; only the profile's endpoints are replaced by
     those of the bench, feeder by feeder name.
     speed : times real time, or None for as fast as it goes.
-    Raises ConfigError for a bad bench file, and whatever the run raises.
+    faults : a file of what goes wrong with the bench; what did is added to `happened` in words
+    Raises ConfigError for a bad bench or fault file, and whatever the run raises.
     """
     config = load_bench(bench)
+    plan = FaultPlan() if faults is None else load_faults(faults, config)
 
     async def whole_run() -> RunResult:
         async with Bench(config, ephemeral_ports=True) as cell:
             wired = rewire(profile, cell.endpoints)
-            return await run_job(job, wired, runs_dir, operator=operator, progress=progress)
+            board = FaultBoard(cell, on_host_killed=_kill_this_process)
+            board.arm(plan)
+            try:
+                return await run_job(job, wired, runs_dir, operator=operator, progress=progress)
+            finally:
+                board.close()
+                if happened is not None:
+                    happened.extend(map(str, board.happened))
 
     return virtual_time.run(whole_run(), speed=math.inf if speed is None else speed)
 
@@ -49,19 +63,50 @@ def load_bench(path: Path | None) -> BenchConfig:
         ) from None
 
 
-def rewire(profile: MachineProfile, endpoints: dict[str, str]) -> MachineProfile:
-    """The profile with its endpoints replaced: "motion", and each feeder by its name.
+def load_faults(path: Path, bench: BenchConfig) -> FaultPlan:
+    """What is to go wrong with a bench. Raises ConfigError with every mistake."""
+    try:
+        return FaultPlan.parse(read_text(path), bench)
+    except FaultPlanError as error:
+        findings = [Finding(*_key_and_reason(mistake)) for mistake in error.mistakes]
+        count = "1 mistake" if len(findings) == 1 else f"{len(findings)} mistakes"
+        raise ConfigError(
+            f"{path} has {count}", findings=findings,
+            hint="a fault file has a table [[fault]] for each thing that goes wrong",
+        ) from None
 
-    Raises ConfigError where the bench lacks a feeder of the profile.
+
+def _key_and_reason(mistake: str) -> tuple[str, str]:
+    key, colon, reason = mistake.partition(": ")
+    return (key, reason) if colon else ("", mistake)
+
+
+def _kill_this_process() -> None:
+    """As a power cut does: nothing is written any more."""
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def rewire(profile: MachineProfile, endpoints: dict[str, str]) -> MachineProfile:
+    """The profile with its endpoints replaced: "motion", "safety", and each feeder by its name.
+
+    Raises ConfigError where the bench lacks a feeder or the safety device of the profile.
     """
     missing = [feeder.name for feeder in profile.feeder if feeder.name not in endpoints]
     if missing:
         raise ConfigError(
             f"the bench has no feeder {', '.join(missing)}",
-            where=f"it has {', '.join(sorted(set(endpoints) - {'motion'}))}",
+            where=f"it has {', '.join(sorted(set(endpoints) - {'motion', 'safety'}))}",
             hint="give --bench a file with a [[feeder]] for each feeder of the profile",
         )
+    if profile.safety is not None and "safety" not in endpoints:
+        raise ConfigError(
+            "the bench has no safety device, and the profile has one",
+            hint="give --bench a file with a table [safety]",
+        )
     return profile.model_copy(update={
+        "safety": profile.safety and profile.safety.model_copy(
+            update={"endpoint": endpoints["safety"]}
+        ),
         "motion": profile.motion.model_copy(update={"endpoint": endpoints["motion"]}),
         "feeder": tuple(
             feeder.model_copy(update={"endpoint": endpoints[feeder.name]})

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from lmctl.cli.console import clock, progress_bar, put, put_json
+from lmctl.cli.console import clock, progress_bar, put, put_json, say
 from lmctl.cli.profiles import profile_or_bench_cell
 from lmctl.config.machine import MachineProfile
 from lmctl.errors import UsageError
@@ -25,13 +25,15 @@ if TYPE_CHECKING:
               help="With --sim: the simulated cell's own file [the bench that ships].")
 @click.option("--speed", type=click.FloatRange(min=0, min_open=True),
               help="With --sim: times real time; 1 is real time [as fast as it goes].")
+@click.option("--faults", type=click.Path(path_type=Path),
+              help="With --sim: a file of what goes wrong with the simulated cell, and when.")
 @click.option("--runs", "runs_dir", type=click.Path(path_type=Path), default=Path("runs"),
               show_default=True, help="Folder of run journals.")
 @click.option("--operator", default="", help="Name for the journal.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as one JSON object.")
 def run(
     job: Path, sim: bool, machine: Path | None, bench: Path | None, speed: float | None,
-    runs_dir: Path, operator: str, as_json: bool,
+    faults: Path | None, runs_dir: Path, operator: str, as_json: bool,
 ) -> None:
     """Run JOB. Never real hardware by default: give --sim, or --machine FILE.
 
@@ -41,11 +43,11 @@ def run(
     if not sim and machine is None:
         raise UsageError("on which machine?",
                          hint="--sim for the simulated one, --machine FILE for a real one")
-    if not sim and (bench is not None or speed is not None):
-        raise UsageError("--bench and --speed belong to --sim")
+    if not sim and (bench is not None or speed is not None or faults is not None):
+        raise UsageError("--bench, --speed and --faults belong to --sim")
     profile = profile_or_bench_cell(machine)
     result = run_with_bar(job, profile, runs_dir, operator=operator, sim=sim, bench=bench,
-                          speed=speed)
+                          speed=speed, faults=faults)
     if as_json:
         put_json(result_as_json(result))
     else:
@@ -54,9 +56,25 @@ def run(
 
 def run_with_bar(
     job: Path, profile: MachineProfile, runs_dir: Path, *, operator: str, sim: bool,
-    bench: Path | None, speed: float | None,
+    bench: Path | None, speed: float | None, faults: Path | None = None,
 ) -> RunResult:
     """Run a job with a progress bar on a terminal. Raises what the run raises."""
+    happened: list[str] = []
+    try:
+        result = _run_with_bar(job, profile, runs_dir, operator=operator, sim=sim, bench=bench,
+                               speed=speed, faults=faults, happened=happened)
+        if faults is not None and not happened:
+            say("faults injected: none")
+    finally:
+        if happened:
+            say("faults injected: " + ", ".join(happened))
+    return result
+
+
+def _run_with_bar(
+    job: Path, profile: MachineProfile, runs_dir: Path, *, operator: str, sim: bool,
+    bench: Path | None, speed: float | None, faults: Path | None, happened: list[str],
+) -> RunResult:
     from lmctl.run.executor import run_job
 
     with progress_bar("running") as update:
@@ -71,7 +89,7 @@ def run_with_bar(
         from lmctl.cli.bench import run_simulated
 
         return run_simulated(job, profile, runs_dir, operator=operator, progress=progress,
-                             bench=bench, speed=speed)
+                             bench=bench, speed=speed, faults=faults, happened=happened)
 
 
 def result_as_json(result: RunResult) -> dict[str, object]:

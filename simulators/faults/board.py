@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from simulators.faults.kinds import Fault
@@ -25,11 +24,15 @@ class Happened:
     at_s: float
     cleared_s: float | None = None
 
+    def __str__(self) -> str:
+        return f"{self.fault} at {self.at_s:.3f} s"
+
 
 class FaultBoard:
     """Everything that goes wrong with one bench, for as long as the bench runs.
 
     on_host_killed : what to do where the host is to be killed; its kind is a mark without it
+    on_happened : called with each fault as it has become real
     happened : what became real so far, in order
 
     >>> def stall(bench):
@@ -38,10 +41,12 @@ class FaultBoard:
     """
 
     def __init__(
-        self, bench: Bench, on_host_killed: Callable[[], None] | None = None
+        self, bench: Bench, on_host_killed: Callable[[], None] | None = None,
+        on_happened: Callable[[Happened], None] | None = None,
     ) -> None:
         self._loop = asyncio.get_running_loop()
         self._scene = Scene(bench, self._loop, on_host_killed)
+        self._on_happened = on_happened
         self._happened: list[Happened] = []
         self._undo: dict[int, Undo] = {}
         self._timers: list[asyncio.TimerHandle] = []
@@ -51,19 +56,21 @@ class FaultBoard:
     def happened(self) -> tuple[Happened, ...]:
         return tuple(self._happened)
 
-    @property
-    def kinds(self) -> Mapping[str, Callable[[Scene, Fault], Undo | None]]:
-        """What can happen to this bench, by name."""
-        return MappingProxyType(ACTS)
-
     def inject(self, fault: Fault, for_s: float | None = None) -> int:
         """Make a fault real at this instant; its number in `happened`.
 
         for_s : clear it after so long. Raises ValueError where the bench lacks the device.
         """
         number = len(self._happened)
-        undo = ACTS[fault.kind.name](self._scene, fault)
-        self._happened.append(Happened(fault, self._loop.time()))
+        happens = Happened(fault, self._loop.time())
+        self._happened.append(happens)
+        try:
+            undo = ACTS[fault.kind.name](self._scene, fault)
+        except ValueError:
+            self._happened.pop()
+            raise
+        if self._on_happened is not None:
+            self._on_happened(happens)
         if undo is not None:
             self._undo[number] = undo
             if for_s is not None:

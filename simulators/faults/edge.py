@@ -36,6 +36,7 @@ class Edge:
 
     to_device, to_host : what chunks go through, None while all is well
     is_open : links are accepted; is_rtu : frames on it are Modbus RTU
+    host_came : set as the first host comes
     host_was_there : (time on the loop's clock, True as it came, False as it went)
     """
 
@@ -44,6 +45,7 @@ class Edge:
         self.to_host: Filter | None = None
         self.is_open = True
         self.is_rtu = False
+        self.host_came = asyncio.Event()
         self.host_was_there: list[tuple[float, bool]] = []
         self._filters: dict[str, list[Filter]] = {"to_device": [], "to_host": []}
         self._links: dict[Link, Deliver] = {}
@@ -56,6 +58,7 @@ class Edge:
         """A host has come; what the device sends goes to what is returned here."""
         self._links[link] = write
         self.host_was_there.append((self._loop.time(), True))
+        self.host_came.set()
         if not self._reading:
             link.pause_reading()
 
