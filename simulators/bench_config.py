@@ -121,6 +121,7 @@ def _safety(table: TableReader, addresses: dict[str, Address]) -> SafetyConfig:
     safety = SafetyConfig(
         device_id=table.integer("device_id", usual.device_id, least=1, most=247),
         watchdog_relay=table.flag("watchdog_relay", usual.watchdog_relay),
+        laser_circuit=table.flag("laser_circuit", usual.laser_circuit),
         boot_s=table.number("boot_s", usual.boot_s, least=0, most=3600),
         shield_gas_L_min=table.number(
             "shield_gas_L_min", usual.shield_gas_L_min, least=0, most=600

@@ -91,6 +91,14 @@ class MotionSim:
         """Let the controller work out what it knows of the motion to come."""
         self._advance()
 
+    def cut_laser(self, is_cut: bool, delay_s: float) -> None:
+        """The laser's own safety circuit opens or closes; the source is dark after delay_s."""
+        laser, now_s = self._controller.machine.trace.laser, self._loop.time()
+        if is_cut:
+            laser.cut(now_s + delay_s)
+        else:
+            laser.close(now_s)
+
     def attach(self, write: Callable[[bytes], None]) -> None:
         """A client has come: what the controller sends goes to `write` from now on."""
         self._write = write

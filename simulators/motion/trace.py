@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from simulators.motion.actions import BEAM_DYNAMIC, Vector
+from simulators.motion.laser_circuit import LaserCircuit
 from simulators.motion.planner import Block
 
 FloatArray = NDArray[np.float64]
@@ -94,10 +95,12 @@ class Trace:
 
     moved : to be called with each phase as it is committed
     outputs : (time, kind, port, value) of every digital ("D") or analog ("A") output switched
+    laser : its safety circuit; while that is open there is no beam, here as at the nozzle
     """
 
     def __init__(self, position_mm: Vector) -> None:
         self.outputs: list[tuple[float, str, int, float]] = []
+        self.laser = LaserCircuit()
         self._origin = position_mm
         self._blocks = array("d")
         self._phases = array("d")
@@ -183,7 +186,7 @@ class Trace:
         """The machine at any instants, in any order, (n,) seconds on the loop's clock."""
         t = np.atleast_1d(np.asarray(times_s, dtype=np.float64))
         phases, blocks = self._phase_rows(), self._block_rows()
-        stands = np.array(self._stands, dtype=np.float64).reshape(-1, _STAND)
+        stands = self._stand_rows()
         standing_power = stands[np.searchsorted(stands[:, 0], t, side="right") - 1, 1]
         if not len(phases):
             still = np.zeros(len(t))
@@ -243,7 +246,7 @@ class Trace:
 
     def standing(self) -> tuple[FloatArray, FloatArray]:
         """From when on the beam burns with which power whenever the machine stands still."""
-        stands = np.array(self._stands, dtype=np.float64).reshape(-1, _STAND)
+        stands = self._stand_rows()
         return stands[:, 0], stands[:, 1]
 
     @property
@@ -259,7 +262,11 @@ class Trace:
         return np.asarray(shift)[np.searchsorted(since_s, time_s, side="right") - 1]
 
     def _phase_rows(self) -> FloatArray:
-        return np.array(self._phases, dtype=np.float64).reshape(-1, _PHASE)
+        return self.laser.darkened(np.array(self._phases, dtype=np.float64).reshape(-1, _PHASE))
+
+    def _stand_rows(self) -> FloatArray:
+        stands = np.array(self._stands, dtype=np.float64).reshape(-1, _STAND)
+        return self.laser.darkened_stands(stands)
 
     def _block_rows(self) -> FloatArray:
         return np.array(self._blocks, dtype=np.float64).reshape(-1, _BLOCK)

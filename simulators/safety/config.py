@@ -8,11 +8,13 @@ from dataclasses import dataclass
 @dataclass(frozen=True)
 class SafetyConfig:
     """watchdog_relay : it has one, wired to the motion controller's door input
+    laser_circuit : e-stop chain, door and relay stand in the laser's own safety circuit as well
     boot_s : time from power-up until it answers writes
     """
 
     device_id: int = 1
     watchdog_relay: bool = False
+    laser_circuit: bool = False
     boot_s: float = 0.0
     shield_gas_L_min: float = 15.0
     chiller_C: float = 22.0

@@ -10,10 +10,14 @@ from simulators.feeder.device import PmxDevice
 from simulators.motion.sim import MotionSim
 from simulators.safety.device import SafetyDevice
 
+#: From an opened safety circuit to a dark laser: a safe-off takes less than 50 ms.
+LASER_OFF_S = 0.02
+
 
 class SafetyWiring:
     """The door and the relay in series at the controller's door input; the e-stop chain at the
-    controller's and every feeder's e-stop input. On the running loop's clock, until closed.
+    controller's and every feeder's e-stop input; all three in the laser's own safety circuit where
+    the cell has it so. On the running loop's clock, until closed.
     """
 
     def __init__(
@@ -42,6 +46,8 @@ class SafetyWiring:
             self._motion.set_estop(estop)
             for feeder in self._feeders:
                 feeder.open_estop_chain(estop)
+        if safety.config.laser_circuit:
+            self._motion.cut_laser(door or estop, LASER_OFF_S)
         if door != self._door:
             self._door = door
             self._motion.set_door(door)

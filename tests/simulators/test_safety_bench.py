@@ -33,7 +33,9 @@ def test_a_bench_without_the_table_has_no_device():
 
 
 def test_the_shipped_bench_with_it():
-    assert BenchConfig.parse(SAFE).safety == SafetyConfig(watchdog_relay=True)
+    assert BenchConfig.parse(SAFE).safety == SafetyConfig(
+        watchdog_relay=True, laser_circuit=True
+    )
     assert BenchConfig.parse(SAFE).addresses["safety"].port == 5023
 
 

@@ -1,0 +1,66 @@
+"""The laser's own safety circuit: it takes the beam away whatever the controller asks for.
+
+That is hardware beside the controller, which notices nothing: the source goes dark (stop category
+0), the axes go on.
+"""
+
+from __future__ import annotations
+
+from math import inf
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+_T0, _T1, _DISTANCE, _SPEED, _ACCELERATION, _POWER = range(6)
+
+
+class LaserCircuit:
+    """When it was open, and what that makes of the beam in the record of motion."""
+
+    def __init__(self) -> None:
+        self._open: list[list[float]] = []  # from, to
+
+    def cut(self, when_s: float) -> None:
+        """Dark from when_s on, until it is closed."""
+        if not self._open or self._open[-1][1] < inf:
+            self._open.append([when_s, inf])
+
+    def close(self, when_s: float) -> None:
+        if self._open and self._open[-1][1] == inf:
+            self._open[-1][1] = when_s
+            if when_s <= self._open[-1][0]:  # closed again before the source had noticed
+                self._open.pop()
+
+    def is_open(self, times_s: FloatArray) -> NDArray[np.bool_]:
+        """(n,) at instants."""
+        dark = np.zeros(len(times_s), dtype=bool)
+        for from_s, to_s in self._open:
+            dark |= (times_s >= from_s) & (times_s < to_s)
+        return dark
+
+    def darkened(self, phases: FloatArray) -> FloatArray:
+        """Phases (n, 7) as the trace keeps them, split where the circuit opens or closes."""
+        for edge_s in (edge_s for span in self._open for edge_s in span):
+            within = np.flatnonzero((phases[:, _T0] < edge_s) & (edge_s < phases[:, _T1]))
+            for at in within[::-1]:
+                phases = np.insert(phases, at + 1, phases[at], axis=0)
+                first, rest = phases[at], phases[at + 1]
+                dt = edge_s - first[_T0]
+                rest[_DISTANCE] += (first[_SPEED] + 0.5 * first[_ACCELERATION] * dt) * dt
+                rest[_SPEED] += first[_ACCELERATION] * dt
+                first[_T1] = rest[_T0] = edge_s
+        if self._open:
+            phases[self.is_open(phases[:, _T0]), _POWER] = 0.0
+        return phases
+
+    def darkened_stands(self, stands: FloatArray) -> FloatArray:
+        """Standing power (n, 2), from when and how much, with what the circuit takes away."""
+        for edge_s in (edge_s for span in self._open for edge_s in span if edge_s < inf):
+            at = int(np.searchsorted(stands[:, 0], edge_s, side="right"))
+            power = stands[at - 1, 1] if at else 0.0
+            stands = np.insert(stands, at, (edge_s, power), axis=0)
+        if self._open:
+            stands[self.is_open(stands[:, 0]), 1] = 0.0
+        return stands
