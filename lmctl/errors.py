@@ -84,6 +84,12 @@ class RunFailed(LmctlError):  # noqa: N818 (it is the outcome's name, as the ope
     """The run ended before the part was finished and cannot simply be resumed."""
 
 
+class RunBrokenOff(RunFailed):
+    """The run ended before the part was finished; `lmctl recover` can go on with it."""
+
+    exit_code = 5
+
+
 class MachineError(LmctlError):
     """A device is unreachable, silent, refused, or in alarm."""
 

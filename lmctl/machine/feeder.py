@@ -74,6 +74,11 @@ class FeederDriver:
         return self._cycle.status_age_s
 
     @property
+    def period_s(self) -> float:
+        """How often it is asked."""
+        return self._cycle.period_s
+
+    @property
     def fault(self) -> MachineError | None:
         """The first reason why the feeder cannot be relied on, from `start_gas` on."""
         return self._cycle.fault
@@ -134,9 +139,12 @@ class FeederDriver:
         )
 
     async def feed_off(self) -> None:
-        """Discs off; returns when they stand. Gas flows on. Raises MachineError."""
+        """Discs off; returns when they stand. Gas flows on. Raises MachineError.
+
+        A device at LOCAL or in alarm may refuse: then it counts what its discs do.
+        """
         self._cycle.feeding = False
-        await self._order(self._command & ~Command.FEED_ON, "stop powder")
+        await self._stop(self._command & ~Command.FEED_ON, "stop powder")
         await self._cycle.until(
             lambda status: not status.feeding, _PATIENCE_S, "powder did not stop", faulty=True
         )
@@ -147,8 +155,8 @@ class FeederDriver:
         Returns when gas has stopped. Raises MachineError.
         """
         self._cycle.watching = self._cycle.feeding = False
-        await self._order(self._command & Command.ENABLE_REMOTE, "stop gas")
-        if not post_flow:
+        taken = await self._stop(self._command & Command.ENABLE_REMOTE, "stop gas")
+        if taken and not post_flow:
             await self._cycle.asked(self._link.write(_POSTFLOW, [0]), "stop gas")
         await self._cycle.until(
             lambda status: status.state not in (State.STOPPING, State.GAS_PREFLOW),
@@ -196,6 +204,17 @@ class FeederDriver:
         await self._cycle.asked(self._cycle.turn(), "take its settings")
         await self._order(Command.ENABLE_REMOTE, "take commands")
         self._cycle.start()
+
+    async def _stop(self, command: Command, what: str) -> bool:
+        """An order that only takes away; False where it was refused."""
+        try:
+            await self._order(command, what)
+        except MachineError as error:
+            if not isinstance(error.__cause__, RefusedError):
+                raise
+            self._cycle.ask_status()
+            return False
+        return True
 
     async def _order(self, command: Command, what: str) -> None:
         await self._cycle.asked(self._link.write(_COMMAND, [int(command)]), what)

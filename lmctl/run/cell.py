@@ -11,6 +11,7 @@ from lmctl.config.machine import Feeder, Hopper, MachineProfile
 from lmctl.errors import LmctlError, MachineError
 from lmctl.machine.feeder import FeederDriver
 from lmctl.machine.motion import MotionDriver
+from lmctl.machine.safety import SafetyDriver
 
 #: A nozzle within this of a place is there [mm]: a step of any common machine is finer.
 _THERE_MM = 0.05
@@ -19,16 +20,18 @@ _CLOSE_S = 2.0
 
 
 class Cell:
-    """One motion controller and the feeders a job uses.
+    """One motion controller, the feeders a job uses, and the safety inputs where there are any.
 
     hoppers : those of the profile that the job uses, in the job's order
     """
 
     def __init__(
-        self, motion: MotionDriver, feeders: Sequence[FeederDriver], hoppers: Sequence[Hopper]
+        self, motion: MotionDriver, feeders: Sequence[FeederDriver],
+        safety: SafetyDriver | None, hoppers: Sequence[Hopper],
     ) -> None:
         self.motion = motion
         self.feeders = tuple(feeders)
+        self.safety = safety
         self.hoppers = tuple(hoppers)
         self._feeder_of = [
             (hopper.name, feeder)
@@ -38,7 +41,7 @@ class Cell:
 
     @classmethod
     async def connect(cls, profile: MachineProfile, hoppers: Sequence[Hopper]) -> Cell:
-        """Open motion and the hoppers' feeders, all at once.
+        """Open motion, the hoppers' feeders and the safety inputs, all at once.
 
         Raises MachineError: one report however many devices fail; those that answered are closed.
         """
@@ -51,20 +54,25 @@ class Cell:
             )),
             *(asyncio.ensure_future(_open_feeder(feeder, hoppers)) for feeder in feeders),
         ]
+        if profile.safety is not None:
+            opening.append(asyncio.ensure_future(SafetyDriver.open(profile.safety)))
         try:
             await asyncio.wait(opening)
             if failures := [error for one in opening if (error := one.exception())]:
                 raise _one_report(failures)
-            return cls(opening[0].result(), [one.result() for one in opening[1:]], hoppers)
+            motion, *others = (one.result() for one in opening)
+            safety = others.pop() if profile.safety is not None else None
+            return cls(motion, others, safety, hoppers)
         except BaseException:  # cancellation included
             await _close_all(opening)
             raise
 
     async def close(self) -> None:
         """Close every link; the devices are left as they are."""
-        await asyncio.gather(
-            _close(self.motion), *map(_close, self.feeders), return_exceptions=True
-        )
+        devices: list[MotionDriver | FeederDriver | SafetyDriver] = [self.motion, *self.feeders]
+        if self.safety is not None:
+            devices.append(self.safety)
+        await asyncio.gather(*map(_close, devices), return_exceptions=True)
 
     def reported(self) -> None:
         """A device has reported: let whoever waits look again."""
@@ -117,12 +125,16 @@ class Cell:
             measured.append(None if reading is None else reading.flow_est_g_min)
         return tuple(measured)
 
-    async def feeders_do(self, act: Callable[[FeederDriver], Awaitable[None]]) -> None:
-        """Have every feeder do the same at once; a dead one does not keep the others from it.
+    async def feeders_do(
+        self, act: Callable[[FeederDriver], Awaitable[None]],
+        those: Iterable[FeederDriver] | None = None,
+    ) -> None:
+        """Have every feeder (or `those`) do the same at once; a dead one does not stop the others.
 
         Raises MachineError, one report for all that failed.
         """
-        done = await asyncio.gather(*map(act, self.feeders), return_exceptions=True)
+        feeders = self.feeders if those is None else tuple(those)
+        done = await asyncio.gather(*map(act, feeders), return_exceptions=True)
         if failures := [one for one in done if isinstance(one, BaseException)]:
             raise _one_report(failures)
 
@@ -141,7 +153,7 @@ async def _close_all(opening: Sequence[asyncio.Future[Any]]) -> None:
             await device.close()
 
 
-async def _close(device: MotionDriver | FeederDriver) -> None:
+async def _close(device: MotionDriver | FeederDriver | SafetyDriver) -> None:
     """Close a link; one that will not close must not keep a run from ending."""
     async with asyncio.timeout(_CLOSE_S):
         await device.close()

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from dataclasses import dataclass, field
 
 from firmware_protocol.status import StatusReport
 from lmctl.run.cell import Cell
@@ -16,6 +17,7 @@ from lmctl.run.overrides import override_bytes
 from lmctl.run.powder_feed import PowderFeed
 from lmctl.run.program_clock import ProgramClock
 from lmctl.run.recorder import Recorder
+from lmctl.run.reentry import START, Entry, Place
 from lmctl.run.streamer import Streamer
 
 #: An override waits so long for a travel in which it can be set [s].
@@ -28,9 +30,20 @@ _NOTICE_S = 0.3
 Progress = Callable[[float, float, int, float], None]
 
 
-class Deposition:
-    """One job on one cell, from the first line to the last executed one.
+@dataclass
+class LayerTally:
+    """What a layer has taken so far, holds included. began_t : loop time, None before it began."""
 
+    layer: int = 0
+    began_t: float | None = None
+    fed_g: dict[str, float] = field(default_factory=dict)
+
+
+class Deposition:
+    """One job on one cell, from where it is entered to its last line or to the next hold.
+
+    entry : how it is entered, None at its first line
+    tally : of the layer entered; None for a fresh one
     started : whether a line of the job has been sent
     done : called once, when the last line has been executed
     failed : called with what goes wrong in a report
@@ -38,10 +51,16 @@ class Deposition:
 
     def __init__(
         self, cell: Cell, window: JobWindow, clock: ProgramClock, feed: PowderFeed,
-        recorder: Recorder, horizon_s: float, *, done: Callable[[], None],
+        recorder: Recorder, horizon_s: float, *, entry: Entry | None = None,
+        tally: LayerTally | None = None, done: Callable[[], None],
         failed: Callable[[Exception], None], progress: Progress | None,
     ) -> None:
+        begin = window.begin()
         self.started = False
+        self.tally = tally or LayerTally(begin.index)
+        self._first_line = begin.first_line
+        self._lit_line = 0 if entry is None else entry.lit_line
+        self._place = START if entry is None else entry.place
         self._cell = cell
         self._window = window
         self._clock = clock
@@ -53,45 +72,66 @@ class Deposition:
         self._progress = progress
         self._outlook = Outlook(window.end_s)
         self._loop = asyncio.get_running_loop()
-        self._streaming = False
-        self._seen = 0  # lines executed when last looked at
-        self._layer = 0
-        self._layer_t = 0.0
-        self._layer_fed_g: dict[str, float] = {}
+        self._streaming = self._tracking = False
+        self._seen = self._first_line  # lines executed when last looked at
         self._percent = 100
 
     @property
     def executed(self) -> int:
         """Lines of the job known to be executed."""
-        return self._cell.motion.executed if self.started else 0
+        return max(self._place.line, self._counted)
 
     @property
-    def place(self) -> str:
+    def _counted(self) -> int:
+        """The same, but that lines run again count only once they are."""
+        return self._first_line + (self._cell.motion.executed if self.started else 0)
+
+    @property
+    def where(self) -> str:
         """Where in the job the run is, for people."""
         if self.executed >= self._window.n_lines:
             return "the end of the program"
-        return f"layer {self._layer + 1}, program line {self.executed}"
+        return f"layer {self.tally.layer + 1}, program line {self.executed}"
+
+    def job_line(self, tag: int) -> int:
+        """The job's number of a line of the stream."""
+        return self._first_line + tag
 
     def start(self) -> None:
         """Send the first lines; the rest follows as the machine reports where it is."""
-        self.started = self._streaming = True
-        self._layer_t = self._loop.time()
+        self.started = self._streaming = self._tracking = True
+        if self.tally.began_t is None:
+            self.tally.began_t = self._loop.time()
         self._recorder.purged(self._feed.take_fed_g())
         self._release()
 
-    def held(self) -> None:
-        """Motion is to stop for a while: powder fed from now on is not this layer's."""
-        self._count_fed()
-
-    def resumed(self) -> None:
-        """Motion goes on after a hold."""
-        self._recorder.purged(self._feed.take_fed_g())
-        self._outlook.restart()
-
     def stop(self) -> None:
         """Send no more lines, whatever is reported; those not yet on the wire are dropped."""
-        self._streaming = False
-        self._cell.motion.discard_queue()
+        if self._streaming:
+            self._streaming = False
+            self._count_fed()
+            self._cell.motion.discard_queue()
+
+    def settle(self) -> Place:
+        """Motion has come to rest: how far the job has been executed, by the last report.
+
+        What is reported later is no longer this job's.
+        """
+        if self._tracking:
+            self.stop()
+            self._tracking = False
+            s = self._clock.reported_s
+            line = self._window.line_at(s)
+            start_s, end_s = self._window.line_start_s(line), self._window.line_start_s(line + 1)
+            share = (s - start_s) / (end_s - start_s) if end_s > start_s else 0.0
+            if line >= self._lit_line:
+                self._place = max(self._place, Place(line, min(max(share, 0.0), 1.0)))
+        return self._place
+
+    def layers_done(self, before: int) -> None:
+        """All layers before one are finished, though lines without beam at their end were not."""
+        while self.tally.layer < before:
+            self._layer_done()
 
     # --- feed override ------------------------------------------------------------------------
 
@@ -137,10 +177,11 @@ class Deposition:
         position_mm = motion.position_mm
         if position_mm is None:
             return
-        if self._streaming:
+        if self._tracking:
             if report.overrides is not None:
                 self._controller_override(t, report.overrides[0])
-            self._clock.report(t, motion.executed, position_mm)
+            self._clock.report(t, self._counted, position_mm)
+        if self._streaming:
             if (due := self._clock.due_rate(t)) is not None:
                 self.override_now(round(due * 100.0))
             self._release()
@@ -163,19 +204,18 @@ class Deposition:
         s = self._clock.now(t)
         remaining_s = self._outlook.remaining_s(t, s, self._clock.rate)
         if remaining_s is not None:
-            self._progress(s, self._window.end_s, self._layer, remaining_s)
+            self._progress(s, self._window.end_s, self.tally.layer, remaining_s)
 
     def _go_on(self) -> None:
-        motion, window = self._cell.motion, self._window
-        executed = motion.executed
-        self._clock.acknowledge(motion.acknowledged)
+        window, executed = self._window, self._counted
+        self._clock.acknowledge(self._first_line + self._cell.motion.acknowledged)
         if executed == self._seen:
             return
         self._seen = executed
         if completed := self._streamer.completed(executed):
             self._recorder.executed(completed)
-        while self._layer < len(window.manifest.layers):
-            stretch = window.stretch(self._layer)
+        while self.tally.layer < len(window.manifest.layers):
+            stretch = window.stretch(self.tally.layer)
             if executed <= stretch.last_line:
                 break
             self._layer_done()
@@ -192,21 +232,20 @@ class Deposition:
             self._cell.motion.submit(batch.lines)
 
     def _layer_done(self) -> None:
-        stretch = self._window.stretch(self._layer)
+        tally, stretch = self.tally, self._window.stretch(self.tally.layer)
         t = self._loop.time()
         self._count_fed()
         self._recorder.layer(
-            layer=self._layer, z_mm=stretch.z_mm, lines=[stretch.first_line, stretch.last_line],
+            layer=tally.layer, z_mm=stretch.z_mm, lines=[stretch.first_line, stretch.last_line],
             paths=len(stretch.paths), beam_s=round(stretch.beam_s, 3),
             beam_mm=round(stretch.beam_mm, 3), energy_J=round(stretch.energy_J, 1),
             planned_s=round(float(stretch.end_s[-1] - stretch.start_s[0]), 3),
-            lasted_s=round(t - self._layer_t, 3),
-            fed_g={name: round(fed, 3) for name, fed in self._layer_fed_g.items()},
+            lasted_s=round(t - (t if tally.began_t is None else tally.began_t), 3),
+            fed_g={name: round(fed, 3) for name, fed in tally.fed_g.items()},
         )
-        self._layer += 1
-        self._layer_t = t
-        self._layer_fed_g.clear()
+        self.tally = LayerTally(tally.layer + 1, t)
 
     def _count_fed(self) -> None:
+        fed_g = self.tally.fed_g
         for name, fed in self._feed.take_fed_g().items():
-            self._layer_fed_g[name] = self._layer_fed_g.get(name, 0.0) + fed
+            fed_g[name] = fed_g.get(name, 0.0) + fed

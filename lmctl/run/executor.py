@@ -12,16 +12,18 @@ from typing import Any, NamedTuple
 
 from lmctl import __version__
 from lmctl.config.machine import Hopper, MachineProfile
-from lmctl.errors import JobError, LmctlError, RunFailed, RunStopped, UsageError
+from lmctl.errors import JobError, LmctlError, UsageError
 from lmctl.job.reader import JobReader
 from lmctl.preflight.job_check import check_job
 from lmctl.run import rundir, signals
 from lmctl.run.control import Controls, ControlSocket, Peer, listening
 from lmctl.run.deposition import Progress
+from lmctl.run.endings import ending, recoverable
 from lmctl.run.journal import Journal
 from lmctl.run.overrides import LEAST_PERCENT, MOST_PERCENT
 from lmctl.run.ownership import owning
 from lmctl.run.recorder import Recorder, wall_stamp
+from lmctl.run.reentry import START, Place
 from lmctl.run.sequence import CellSequence
 from lmctl.run.snapshot import View
 from lmctl.run.state_machine import StateMachine
@@ -75,17 +77,20 @@ class Executor:
     """One run of one job. `hold`, `resume`, `stop` and `set_override` act while `run` runs.
 
     progress : told (program time done, in all, layer, machine time left) about once a second
+    place, continues : how far the job has been executed before, and by which run
     """
 
     def __init__(
         self, job_path: Path, profile: MachineProfile, runs_dir: Path, *, operator: str = "",
-        progress: Progress | None = None,
+        progress: Progress | None = None, place: Place = START, continues: str = "",
     ) -> None:
         self._job_path = job_path
         self._profile = profile
         self._runs_dir = runs_dir
         self._operator = operator
         self._progress = progress
+        self._place = place
+        self._continues = continues
         self._override_percent = 100
         self._live: _Live | None = None
 
@@ -101,7 +106,16 @@ class Executor:
         self._request(Event.HOLD)
 
     def resume(self) -> None:
-        """End a hold; the beam returns once the hose is purged. Raises UsageError."""
+        """End a hold; the beam returns once the hose is purged.
+
+        Raises UsageError where nothing is held, or what it was held for still is so.
+        """
+        standing = [] if self._live is None else self._live.sequence.standing()
+        if standing and self.state is State.HELD:
+            raise UsageError(
+                f"cannot resume: {standing[0].what}",
+                where=[error.what for error in standing[1:]], hint=standing[0].hint,
+            )
         self._request(Event.RESUME)
 
     def stop(self) -> None:
@@ -130,7 +144,6 @@ class Executor:
         assert live is not None
         return live.view.snapshot(
             self.state.value, live.sequence, live.recorder.latest, self._override_percent,
-            live.machine.fault,
         )
 
     def _act(self, act: str, percent: int | None) -> None:
@@ -138,7 +151,7 @@ class Executor:
         if act == "override":
             self.set_override(percent or 0)
         else:
-            self._request({"hold": Event.HOLD, "resume": Event.RESUME, "stop": Event.STOP}[act])
+            {"hold": self.hold, "resume": self.resume, "stop": self.stop}[act]()
 
     def _came(self, act: str, peer: Peer, refused: str) -> None:
         """Journal an act of the control socket; a journal that cannot be written ends the run."""
@@ -202,7 +215,8 @@ class Executor:
         sequence = CellSequence(
             job, self._profile, hoppers, recorder,
             program_done=lambda: machine.post(Event.PROGRAM_DONE), held=held_elsewhere,
-            failed=lambda error: machine.trip(error), progress=view.hear,
+            tripped=lambda error: machine.trip(error), progress=view.hear,
+            place=self._place,
         )
         machine = StateMachine(sequence.carry_out, sequence.halt, recorder)
         self._live = _Live(machine, sequence, recorder, view)
@@ -216,36 +230,16 @@ class Executor:
         finally:
             warnings = (_BEAM_STAYED_OFF,) if sequence.accepted and sequence.beam_off else ()
             machine_s = loop.time() - start_t
-            recorder.seal(machine.state, lines=sequence.executed, warnings=list(warnings))
+            recorder.seal(machine.state, lines=sequence.executed, warnings=list(warnings),
+                          recoverable=recoverable(machine, sequence))
             await operators.close()
             await sequence.close()
         if machine.state is not State.DONE:
-            raise self._ending(made, machine, sequence)
+            raise ending(made, machine, sequence)
         return RunResult(
             made.run, machine.state.value, sequence.executed, machine_s,
             time.perf_counter() - began, made.journal, warnings,
         )
-
-    def _ending(
-        self, made: rundir.RunDir, machine: StateMachine, sequence: CellSequence
-    ) -> Exception:
-        """What to raise for a run that did not get done."""
-        journal = f"journal: {made.journal}"
-        log = f"`lmctl log {made.run}` shows how far it came"
-        halted = f"beam off, motion held at {sequence.place}"
-        error = machine.fault
-        if machine.state is State.STOPPED:
-            return RunStopped(f"{made.run} was stopped by the operator",
-                              where=(halted, journal), hint=log)
-        if error is None or not isinstance(error, LmctlError):
-            return error or RuntimeError("the run ended without a reason")
-        if not sequence.accepted:
-            error.where = (*error.where, journal)
-            return error
-        failed = RunFailed(error.what, where=(*error.where, halted, journal),
-                           hint=error.hint or log)
-        failed.__cause__ = error
-        return failed
 
     def _header(self, job: JobReader, hoppers: list[Hopper]) -> dict[str, object]:
         manifest, profile = job.manifest, self._profile
@@ -256,6 +250,7 @@ class Executor:
             "profile": profile.planning_digest(), "operator": self._operator,
             "powder_mode": manifest.powder_mode, "layers": len(manifest.layers),
             "lines": sum(entry.n_lines for entry in manifest.layers),
+            **({"continues": self._continues} if self._continues else {}),
             "planned_s": manifest.layers[-1].end_s, "materials": list(manifest.materials),
             "warnings": list(manifest.totals.get("warnings", [])),
             "hoppers": [

@@ -48,6 +48,7 @@ class ProgramClock:
     """Program time of one run.
 
     rate : feed override now (1 = as planned)
+    reported_s : program time of the last place reported, nothing added for what came after
     turned : called when something other than the passing of time changes what lies ahead
     The clock stands until `run_from`, and again after `stand`.
     """
@@ -61,6 +62,7 @@ class ProgramClock:
         self._change: RateChange | None = None
         self._known_t = 0.0
         self._known_s = float(first.start_s[0])
+        self.reported_s = self._known_s
         self._limit_s = self._known_s  # program time at the end of the lines acknowledged
         self._runs_from_t = math.inf
 
@@ -132,6 +134,7 @@ class ProgramClock:
             self._known_s = (
                 self._nearest(executed, position_mm, expected_s) if found_s is None else found_s
             )
+        self.reported_s = self._known_s
         self._known_t = t
 
     def now(self, t: float) -> float:

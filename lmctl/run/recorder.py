@@ -6,6 +6,9 @@ state     a transition: event, from, to
 act       an effect begun (a `Do`), or one that failed while stopping
 path      a path is about to be sent: its number, layer, first and last line
 executed  a path has been executed: all its lines, not only acknowledged
+place     motion has come to rest: the line reached, and the share of it that has been executed
+entry     how the job goes on after that: the line lit first, and the bead laid twice [mm]
+alarm     an interlock has tripped: which, and the words the operator reads
 setpoint  flows sent to the hoppers [g/min]
 override  a feed override asked for, or reported by the controller [%]
 operator  an act that came by the control socket: from whom, and why it was refused if it was
@@ -23,8 +26,10 @@ from datetime import UTC, datetime
 from typing import Any, NamedTuple
 
 from lmctl.errors import JournalError, LmctlError
+from lmctl.run.alarms import Alarm
 from lmctl.run.job_window import PathSpan
 from lmctl.run.journal import Journal
+from lmctl.run.reentry import Entry, Place
 from lmctl.run.states import Do, Event, State
 
 #: Samples wait so long before they are written [s].
@@ -58,7 +63,7 @@ class Recorder:
         self, journal: Journal, now_s: Callable[[], float], hoppers: Iterable[str]
     ) -> None:
         self._journal = journal
-        self._now_s = now_s
+        self.now_s = now_s
         self._hoppers = tuple(hoppers)
         self._samples: list[tuple[Any, ...]] = []
         self._batch_due_s = 0.0
@@ -89,6 +94,24 @@ class Recorder:
         """Paths that have been executed."""
         for path in done:
             self._append("executed", path=path.path)
+
+    def place(self, place: Place) -> None:
+        """How far the job has been executed; durable."""
+        self._append("place", line=place.line, share=round(place.share, 6))
+        self._sync()
+
+    def entry(self, entry: Entry) -> None:
+        """How the job goes on from a place."""
+        self._append(
+            "entry", line=entry.place.line, share=round(entry.place.share, 6),
+            lit_line=entry.lit_line, layer=entry.layer.index,
+            repeated_mm=round(entry.repeated_mm, 3),
+        )
+
+    def alarm(self, alarm: Alarm) -> None:
+        """An interlock has tripped."""
+        self._append("alarm", name=alarm.name, what=alarm.what, where=list(alarm.where),
+                     hint=alarm.hint)
 
     def purged(self, fed_g: dict[str, float]) -> None:
         """Powder that has gone into no layer."""
@@ -123,7 +146,7 @@ class Recorder:
     ) -> None:
         """One status report; written together with others after a while."""
         self.latest = Latest(position_mm, feed_mm_min, s_word, set_g_min, measured_g_min)
-        now_s = self._now_s()
+        now_s = self.now_s()
         if not self._samples:
             self._batch_due_s = now_s + BATCH_S
         self._samples.append((
@@ -162,12 +185,12 @@ class Recorder:
         """The last record."""
         self.write_samples()
         if not self._broken:
-            self._journal.seal(self._now_s(), state=state, **fields,
+            self._journal.seal(self.now_s(), state=state, **fields,
                                local={"wall": wall_stamp()})
 
     def _append(self, kind: str, **fields: Any) -> None:
         if not self._broken:
-            self._journal.append(self._now_s(), kind, **fields)
+            self._journal.append(self.now_s(), kind, **fields)
 
     def _flush(self) -> None:
         self._write(self._journal.flush)

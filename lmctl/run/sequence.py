@@ -5,27 +5,25 @@ from __future__ import annotations
 import asyncio
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 from firmware_protocol.realtime import Realtime
 from lmctl.config.machine import Hopper, MachineProfile
-from lmctl.errors import MachineError
+from lmctl.errors import JobError, MachineError
 from lmctl.job.reader import JobReader
 from lmctl.machine.feeder import FeederDriver
+from lmctl.run.alarms import Alarms, EmergencyStop, Interlock
 from lmctl.run.beam_off import without_beam
 from lmctl.run.cell import Cell, is_idle
-from lmctl.run.deposition import Deposition, Progress
-from lmctl.run.job_window import JobWindow
+from lmctl.run.deposition import Progress
 from lmctl.run.machine_check import check_motion
-from lmctl.run.powder_feed import PowderFeed
-from lmctl.run.powder_lead import Hose, PowderPlan
-from lmctl.run.program_clock import ProgramClock
 from lmctl.run.recorder import Recorder
+from lmctl.run.reentry import START, Place
 from lmctl.run.states import Do
-from lmctl.run.watch import watch
+from lmctl.run.watch import Watch
+from lmctl.run.work import Work, Workshop
 
-#: Powder is kept running so long in a hold; then it only fills the catcher (process.md 5.5).
-KEEP_POWDER_S = 30.0
+#: A held run waits so long for its operator; then it is stopped, and can be recovered [s].
+HELD_AT_MOST_S = 1800.0
 
 #: Beyond its own settling time a feeder may take so long to call its powder stable.
 _STABLE_PATIENCE_S = 60.0
@@ -33,16 +31,13 @@ _STABLE_PATIENCE_S = 60.0
 _REST_PATIENCE_S = 10.0
 _OVERRIDE_PATIENCE_S = 5.0
 
+#: Effects that only feeders can fail.
+_BY_FEEDERS = frozenset({
+    Do.ACKNOWLEDGE, Do.GAS_ON, Do.POWDER_ON, Do.AWAIT_STABLE, Do.POWDER_OFF, Do.GAS_OFF,
+    Do.GAS_OFF_NOW,
+})
+
 _ARMED = re.compile(r"\[GC:(?=.*\bM4\b)(?=.*\bS0(?:\.0*)?[\] ]).*\]")
-
-
-@dataclass(frozen=True)
-class _Work:
-    """What a run works with once the machine has been accepted."""
-
-    clock: ProgramClock
-    feed: PowderFeed
-    deposition: Deposition
 
 
 class CellSequence:
@@ -50,15 +45,18 @@ class CellSequence:
 
     program_done : called when the last line has been executed
     held : called while the machine reports a hold, whoever asked for it
-    failed : called with each reason why the run cannot go on
+    tripped : called with each reason to hold (Interlock) or to end the run
+    place : how far the job has been executed before this run
+    alarms : what is wrong, or was when the run was last held
     beam_off : whether every power is sent as zero, because the machine is not the bench
     """
 
     def __init__(
         self, job: JobReader, profile: MachineProfile, hoppers: Sequence[Hopper],
         recorder: Recorder, *, program_done: Callable[[], None], held: Callable[[], None],
-        failed: Callable[[Exception], None], progress: Progress | None,
+        tripped: Callable[[Exception], None], progress: Progress | None, place: Place = START,
     ) -> None:
+        self.alarms = Alarms()
         self.beam_off = True
         self._job = job
         self._profile = profile
@@ -66,12 +64,16 @@ class CellSequence:
         self._recorder = recorder
         self._program_done = program_done
         self._held = held
-        self._failed = failed
+        self._tripped = tripped
         self._progress = progress
+        self._place = place
         self._loop = asyncio.get_running_loop()
         self._override_percent = 100
         self._cell: Cell | None = None
-        self._accepted: _Work | None = None
+        self._workshop: Workshop | None = None
+        self._accepted: Work | None = None
+        self._watch: Watch | None = None
+        self._resumed = False
         self._acts = {
             Do.CONNECT: self._connect,
             Do.CHECK_MACHINE: self._check_machine,
@@ -83,9 +85,10 @@ class CellSequence:
             Do.LEAD_POWDER: self._lead_powder,
             Do.START_MOTION: self._start_motion,
             Do.FEED_HOLD: self._feed_hold,
-            Do.KEEP_POWDER: self._keep_powder,
-            Do.PURGE_HOSE: self._purge_hose,
-            Do.CYCLE_START: self._cycle_start,
+            Do.CLEAR_MOTION: self._clear_motion,
+            Do.AWAIT_OPERATOR: self._await_operator,
+            Do.ACKNOWLEDGE: self._acknowledge,
+            Do.LEAVE_PART: self._leave_part,
             Do.REST_BEAM: self._rest_beam,
             Do.STOP_MOTION: self._stop_motion,
             Do.POWDER_OFF: self._powder_off,
@@ -94,16 +97,32 @@ class CellSequence:
         }
 
     async def carry_out(self, do: Do) -> None:
-        """Return when the effect has been achieved. Raises MachineError, JobError."""
-        self._recorder.act(do)
-        await self._acts[do]()
+        """Return when the effect has been achieved. Raises MachineError, JobError.
 
-    def halt(self) -> None:
-        """Feed hold, at once and without waiting; beam and motion go down together under M4."""
+        What a feeder will not do is an Interlock: the others and motion can still be held.
+        """
+        self._recorder.act(do)
+        try:
+            await self._acts[do]()
+        except MachineError as error:
+            if do in _BY_FEEDERS:
+                raise Interlock.of(error.what, error) from error
+            raise
+
+    def halt(self, error: Exception | None) -> None:
+        """Beam and motion down together (M4), at once and without waiting: `!`.
+
+        An open safety chain resets the controller instead: its position is lost anyway.
+        """
         if self._accepted is not None:
             self._accepted.deposition.stop()
         if self._cell is not None:
-            self._cell.motion.realtime(Realtime.HOLD)
+            stop = isinstance(error, EmergencyStop)
+            self._cell.motion.realtime(Realtime.RESET if stop else Realtime.HOLD)
+
+    def standing(self) -> list[MachineError]:
+        """What keeps a held run from going on just now."""
+        return [] if self._watch is None else self._watch.standing()
 
     def set_override(self, percent: int) -> None:
         """Set the feed override where powder can follow; before motion starts, for all of it."""
@@ -114,6 +133,8 @@ class CellSequence:
 
     async def close(self) -> None:
         """Let go of the cell, whatever became of the run."""
+        if self._watch is not None:
+            self._watch.stop()
         if self._accepted is not None:
             self._accepted.feed.off()
         if self._cell is not None:
@@ -125,16 +146,22 @@ class CellSequence:
         return self._accepted is not None
 
     @property
+    def began(self) -> bool:
+        """Whether a line of the job may have been executed, by this run or before it."""
+        started = self._accepted is not None and self._accepted.deposition.started
+        return started or self._place != START or self._resumed
+
+    @property
     def executed(self) -> int:
-        """Lines of the job known to be executed."""
-        return 0 if self._accepted is None else self._accepted.deposition.executed
+        """Lines of the job known to be executed, by this run or before it."""
+        return self._place.line if self._accepted is None else self._accepted.deposition.executed
 
     @property
     def place(self) -> str:
         """Where in the job the run is, for people."""
         if self._accepted is None or not self._accepted.deposition.started:
             return "the purge position, before the first line"
-        return self._accepted.deposition.place
+        return self._accepted.deposition.where
 
     # --- start --------------------------------------------------------------------------------
 
@@ -154,23 +181,23 @@ class CellSequence:
         check_motion(motion, profile)
         if self.beam_off:
             await self._read_through()
-        window = JobWindow(
-            self._job.manifest, self._job.layer, profile.motion.purge_mm,
-            without_beam if self.beam_off else None,
+        self._workshop = Workshop(
+            self._job, profile, self._hoppers, cell, self._recorder,
+            without_beam if self.beam_off else None, self._program_done, self._tripped,
+            self._progress,
         )
-        clock = ProgramClock(window)
-        hoses = [
-            Hose(h.dead_time_s, h.lag_s, h.max_flow_g_min, h.min_flow_g_min)
-            for h in self._hoppers
-        ]
-        plan = PowderPlan(self._job.manifest.powder_mode, hoses, window, clock)
-        feed = PowderFeed(cell, plan, clock, self._recorder, self._failed)
-        deposition = Deposition(
-            cell, window, clock, feed, self._recorder, profile.motion.send_horizon_s,
-            done=self._program_done, failed=self._failed, progress=self._progress,
+        self._accepted = self._workshop.make(self._place, None)
+        if self._accepted is None:
+            raise JobError("no bead of this job is left to lay", where=f"from {self._place}")
+        self._watch = Watch(
+            cell, profile, lambda: self._work.deposition, self.alarms, self._recorder,
+            self._tripped, self._held,
         )
-        self._accepted = _Work(clock, feed, deposition)
-        watch(cell, deposition, self._failed, self._held)
+        if standing := self._watch.standing():
+            raise MachineError(
+                "the cell is not ready", where=[alarm.what for alarm in standing],
+                hint="; ".join(dict.fromkeys(alarm.hint for alarm in standing if alarm.hint)),
+            )
 
     async def _read_through(self) -> None:
         """Have every line refused now that would be refused in the middle of the part."""
@@ -180,7 +207,7 @@ class CellSequence:
             await asyncio.sleep(0)
 
     async def _move_to_purge(self) -> None:
-        """Up to the purge height if below it, across, and down."""
+        """Up off the part, to the purge height if below it; across, and down."""
         cell, motion = self._connected, self._connected.motion
         x, y, z = self._profile.motion.purge_mm
         travel = self._profile.motion.travel_mm
@@ -189,8 +216,8 @@ class CellSequence:
         await motion.command("G21 G90 G94")
         await motion.command("M5 S0")
         at = motion.position_mm
-        if at is None or at[2] < z:
-            await motion.command(f"G0 Z{z:.3f}")
+        off_mm = z if at is None else max(z, at[2] + self._profile.motion.clearance_mm)
+        await motion.command(f"G0 Z{min(off_mm, travel.z[1]):.3f}")
         await motion.command(f"G0 X{x:.3f} Y{y:.3f}")
         await motion.command(f"G0 Z{z:.3f}")
         await cell.at_rest_at((x, y, z), longest_s + _REST_PATIENCE_S)
@@ -203,12 +230,9 @@ class CellSequence:
         await self._connected.feeders_do(FeederDriver.feed_on)
 
     async def _await_stable(self) -> None:
-        await self._stable_after(self._work.feed.plan.settling_s)
-
-    async def _stable_after(self, settling_s: float) -> None:
-        """Wait until what comes out of the hoses is what goes in, and the feeders agree."""
+        """θ + 4τ until what comes out of the hoses is what goes in, and the feeders agree."""
         cell = self._connected
-        await asyncio.sleep(settling_s)
+        await asyncio.sleep(self._work.feed.plan.settling_s)
         await cell.until(
             lambda: all(f.status is not None and f.status.stable for f in cell.feeders),
             _STABLE_PATIENCE_S, "stable powder",
@@ -242,25 +266,59 @@ class CellSequence:
     async def _start_motion(self) -> None:
         self._work.deposition.start()
 
-    # --- hold ---------------------------------------------------------------------------------
+    # --- hold and resume ----------------------------------------------------------------------
 
     async def _feed_hold(self) -> None:
+        """Return when the machine stands. Without a hold in 250 ms the controller is reset."""
+        motion = self._connected.motion
         self._work.clock.stand(self._loop.time())
-        self._work.deposition.held()
-        await self._connected.motion.hold()
+        self._work.deposition.stop()
+        try:
+            await motion.hold()
+        except MachineError:
+            motion.realtime(Realtime.RESET)
+            raise
 
-    async def _keep_powder(self) -> None:
-        await asyncio.sleep(KEEP_POWDER_S)
+    async def _clear_motion(self) -> None:
+        """A reset at standstill keeps the position and drops what was planned."""
+        self._settle()
+        await self._connected.motion.reset()
 
-    async def _purge_hose(self) -> None:
-        """θ + 4τ of fresh powder, the last θ of it already what the resumed path will want."""
-        plan = self._work.feed.plan
-        await self._stable_after(plan.settling_s - plan.lead_s)
-        await self._lead_powder()
+    async def _await_operator(self) -> None:
+        await asyncio.sleep(HELD_AT_MOST_S)
 
-    async def _cycle_start(self) -> None:
-        await self._connected.motion.resume()
-        self._work.deposition.resumed()
+    async def _acknowledge(self) -> None:
+        """The operator has asked to go on: latched alarms are reset, where their cause is gone."""
+        faulty = [feeder for feeder in self._connected.feeders if feeder.fault is not None]
+        self._watching.acknowledged()
+        await self._connected.feeders_do(FeederDriver.acknowledge, faulty)
+
+    async def _leave_part(self) -> None:
+        """To the purge position; from there the job goes on at the place reached."""
+        motion = self._connected.motion
+        if not is_idle(motion.status):  # behind a door that has been closed since
+            await motion.reset()
+        if not motion.position_trusted:
+            raise MachineError(
+                "the position is no longer known",
+                hint="home the machine; then `lmctl recover` goes on with the part",
+            )
+        await self._move_to_purge()
+        if self._workshop is None:
+            raise AttributeError("the machine has not been accepted")
+        work = self._workshop.make(self._settle(), self._work)
+        self._resumed = True
+        if work is not None:
+            self._accepted = work
+            return
+        self._program_done()
+        await self._loop.create_future()  # what follows from that breaks this off
+
+    def _settle(self) -> Place:
+        """How far the job has been executed, now that motion has come to rest; journaled."""
+        place = self._work.deposition.settle()
+        self._recorder.place(place)
+        return place
 
     # --- stop ---------------------------------------------------------------------------------
 
@@ -281,6 +339,7 @@ class CellSequence:
             await motion.hold()
         except MachineError as error:
             self._recorder.act(Do.STOP_MOTION, failed=f"{error.what}; reset instead")
+        self._settle()
         await motion.reset()
 
     async def _powder_off(self) -> None:
@@ -301,7 +360,13 @@ class CellSequence:
         return self._cell
 
     @property
-    def _work(self) -> _Work:
+    def _watching(self) -> Watch:
+        if self._watch is None:
+            raise AttributeError("the machine has not been accepted")
+        return self._watch
+
+    @property
+    def _work(self) -> Work:
         if self._accepted is None:
             raise AttributeError("the machine has not been accepted")
         return self._accepted

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from typing import Any
 
 from lmctl.config.machine import Hopper, MachineProfile
-from lmctl.errors import LmctlError
 from lmctl.job.schema import JobManifest
 from lmctl.run.deposition import Progress
 from lmctl.run.recorder import Latest
@@ -39,7 +38,6 @@ class View:
 
     def snapshot(
         self, state: str, sequence: CellSequence, latest: Latest | None, override_percent: int,
-        fault: Exception | None,
     ) -> dict[str, Any]:
         """What the control socket answers to "status".
 
@@ -61,14 +59,9 @@ class View:
             "s_word": None if latest is None else latest.s_word,
             "set_g_min": None if latest is None else list(latest.set_g_min),
             "measured_g_min": None if latest is None else list(latest.measured_g_min),
-            "alarms": _alarms(fault),
+            "alarms": [
+                {"name": one.name, "what": one.what, "where": list(one.where), "hint": one.hint,
+                 "at_s": round(one.at_s, 3)}
+                for one in sequence.alarms
+            ],
         }
-
-
-def _alarms(fault: Exception | None) -> list[dict[str, Any]]:
-    """What is wrong, first-out first: so far the one fault that ended the run."""
-    if fault is None:
-        return []
-    if isinstance(fault, LmctlError):
-        return [{"what": fault.what, "where": list(fault.where), "hint": fault.hint}]
-    return [{"what": f"internal error: {fault!r}", "where": [], "hint": ""}]

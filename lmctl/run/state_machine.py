@@ -7,7 +7,17 @@ from collections.abc import Awaitable, Callable
 from typing import Protocol
 
 from lmctl.errors import LmctlError
-from lmctl.run.states import FINAL, TRANSITIONS, Do, Event, State, step
+from lmctl.run.alarms import Interlock
+from lmctl.run.states import (
+    FINAL,
+    GOES_ON,
+    GOES_ON_AFTER_INTERLOCK,
+    TRANSITIONS,
+    Do,
+    Event,
+    State,
+    step,
+)
 
 #: States in which nothing has been switched on yet.
 _UNTOUCHED = (State.READY, State.CONNECTING, State.CHECKING)
@@ -24,13 +34,13 @@ class StateMachine:
     """One run's state.
 
     carry_out : achieves one effect, or raises why it cannot
-    halt : feed hold, at once; called at a fault before anything else
+    halt : beam and motion down, at once; called with what went wrong before anything else
 
     fault : the first reason the run went wrong, or None
     """
 
     def __init__(
-        self, carry_out: Callable[[Do], Awaitable[None]], halt: Callable[[], None],
+        self, carry_out: Callable[[Do], Awaitable[None]], halt: Callable[[Exception | None], None],
         logbook: Logbook,
     ) -> None:
         self.state = State.READY
@@ -59,11 +69,27 @@ class StateMachine:
         return (self.state, event) in TRANSITIONS
 
     def trip(self, error: Exception) -> None:
-        """A reason to end the run: hold at once, then go by the table."""
-        if self.state not in _UNTOUCHED and self.state not in FINAL:
-            self._halt()
-        self._note(error)
-        self.post(Event.FAULT)
+        """Something is wrong: hold at once, then go by the table.
+
+        An `Interlock` holds the run; anything else ends it.
+        """
+        self._trip(error, Event.INTERLOCK if isinstance(error, Interlock) else Event.FAULT)
+
+    def _effect_failed(self, error: Exception) -> None:
+        """What had to be done was not: where no transition answers that, it is a fault."""
+        answered = step(self.state, Event.INTERLOCK) != (self.state, ())
+        held = isinstance(error, Interlock) and answered
+        self._trip(error, Event.INTERLOCK if held else Event.FAULT)
+
+    def _trip(self, error: Exception, event: Event) -> None:
+        goes_on = step(self.state, event) == (self.state, ())
+        if self.state not in _UNTOUCHED and not goes_on:
+            self._halt(error)
+        self._note(error, final=not self._is_held_by(event))
+        self.post(event)
+
+    def _is_held_by(self, event: Event) -> bool:
+        return step(self.state, event).state not in (State.TRIPPED, State.FAULTED)
 
     async def run(self) -> State:
         """From READY to a final state, which is returned.
@@ -78,7 +104,7 @@ class StateMachine:
                 if not wished or self._knows(event):
                     self._take(event)
         except BaseException:
-            self._halt()
+            self._halt(None)
             raise
         finally:
             if self._activity is not None:
@@ -98,7 +124,7 @@ class StateMachine:
         """One transition: written down, then its effects begin; those still under way break off."""
         before = self.state
         if not self._knows(event):
-            self._note(RuntimeError(f"{event!r} came while the run was {before}"))
+            self._note(RuntimeError(f"{event!r} came while the run was {before}"), final=True)
         self.state, effects = step(before, event)
         try:
             self._logbook.state(event, before, self.state)
@@ -118,17 +144,17 @@ class StateMachine:
             try:
                 await self._carry_out(do)
             except Exception as error:
-                if self.state is not State.TRIPPED:
-                    self.trip(error)
+                going_on = GOES_ON_AFTER_INTERLOCK if isinstance(error, Interlock) else GOES_ON
+                if self.state not in going_on:
+                    self._effect_failed(error)
                     return
-                # Stopping after a fault already: what fails now must not keep the rest from it.
-                self._note(error)
+                self._note(error, final=self.state is State.TRIPPED)
         if self._knows(Event.ACHIEVED):
             self.post(Event.ACHIEVED)
 
-    def _note(self, error: Exception) -> None:
-        """Write a fault down; the first one is the run's."""
-        if self.fault is None:
+    def _note(self, error: Exception, *, final: bool) -> None:
+        """Write down what went wrong; the first that ends the run is its fault."""
+        if final and self.fault is None:
             self.fault = error
         try:
             self._logbook.fault(error)

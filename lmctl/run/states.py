@@ -20,10 +20,10 @@ class State(StrEnum):
     POWDER = "powder"          # powder runs into the catcher until it is stable
     ARMED = "armed"            # beam ready at zero; powder led up to the first line
     DEPOSITING = "depositing"
-    HOLDING = "holding"        # slowing down on the path
-    HELD = "held"              # at rest, beam off, position kept
-    PURGING = "purging"        # fresh powder through the hose before the beam may return
-    RESUMING = "resuming"
+    HOLDING = "holding"        # slowing down on the path; then motion and powder off
+    HELD = "held"              # at rest, beam and powder off, position kept, nothing planned
+    PURGING = "purging"        # off the part; fresh powder through the hose at the purge position
+    RESUMING = "resuming"      # beam armed, powder led up to the place where the path is entered
     FINISHING = "finishing"    # program done; powder off, then gas after its post-flow
     STOPPING = "stopping"      # by the operator
     TRIPPED = "tripped"        # by a fault
@@ -44,6 +44,7 @@ class Event(StrEnum):
     HOLD = "hold"                  # operator
     RESUME = "resume"              # operator
     STOP = "stop"                  # operator
+    INTERLOCK = "interlock"        # something is not as it must be, and a hold is the answer
     FAULT = "fault"                # a device, a link, or our own mistake
 
 
@@ -63,9 +64,10 @@ class Do(StrEnum):
     LEAD_POWDER = "lead powder up to the first line"
     START_MOTION = "start motion"
     FEED_HOLD = "feed hold"
-    KEEP_POWDER = "keep powder a while"
-    PURGE_HOSE = "purge hose"
-    CYCLE_START = "cycle start"
+    CLEAR_MOTION = "clear the controller of motion"
+    AWAIT_OPERATOR = "wait for the operator"
+    ACKNOWLEDGE = "acknowledge alarms"
+    LEAVE_PART = "leave the part for the purge position"
     REST_BEAM = "see beam and motion at rest"
     STOP_MOTION = "beam and motion off"
     POWDER_OFF = "powder off"
@@ -81,7 +83,8 @@ class Transition(NamedTuple):
 _STOP = (Do.STOP_MOTION, Do.POWDER_OFF, Do.GAS_OFF)
 _STOP_NOW = (Do.STOP_MOTION, Do.POWDER_OFF, Do.GAS_OFF_NOW)
 _FINISH = (Do.REST_BEAM, Do.POWDER_OFF, Do.GAS_OFF)
-_HELD = Transition(State.HELD, (Do.KEEP_POWDER, Do.POWDER_OFF))
+#: Once it stands, the controller is emptied: a cycle start at its panel then starts nothing.
+_HOLD = Transition(State.HOLDING, (Do.FEED_HOLD, Do.CLEAR_MOTION, Do.POWDER_OFF))
 
 #: States in which a device may be on, so that ending them takes the whole order of stopping.
 _LIVE = (
@@ -96,20 +99,33 @@ TRANSITIONS: dict[tuple[State, Event], Transition] = {
     (State.GAS, Event.ACHIEVED): Transition(State.POWDER, (Do.POWDER_ON, Do.AWAIT_STABLE)),
     (State.POWDER, Event.ACHIEVED): Transition(State.ARMED, (Do.ARM_BEAM, Do.LEAD_POWDER)),
     (State.ARMED, Event.ACHIEVED): Transition(State.DEPOSITING, (Do.START_MOTION,)),
-    (State.DEPOSITING, Event.HOLD): Transition(State.HOLDING, (Do.FEED_HOLD,)),
+    (State.DEPOSITING, Event.HOLD): _HOLD,
+    (State.DEPOSITING, Event.INTERLOCK): _HOLD,
     (State.DEPOSITING, Event.PROGRAM_DONE): Transition(State.FINISHING, _FINISH),
-    (State.HOLDING, Event.ACHIEVED): _HELD,
+    (State.HOLDING, Event.ACHIEVED): Transition(State.HELD, (Do.AWAIT_OPERATOR,)),
+    (State.HOLDING, Event.INTERLOCK): Transition(State.HOLDING, ()),
     (State.HOLDING, Event.PROGRAM_DONE): Transition(State.FINISHING, _FINISH),
-    (State.HELD, Event.RESUME): Transition(State.PURGING, (Do.POWDER_ON, Do.PURGE_HOSE)),
+    (State.HELD, Event.RESUME): Transition(
+        State.PURGING,
+        (Do.ACKNOWLEDGE, Do.LEAVE_PART, Do.GAS_ON, Do.POWDER_ON, Do.AWAIT_STABLE),
+    ),
+    # Nobody has come: gas is not kept for ever, and the run can be recovered later.
+    (State.HELD, Event.ACHIEVED): Transition(State.STOPPING, _STOP),
+    (State.HELD, Event.INTERLOCK): Transition(State.HELD, ()),
     (State.HELD, Event.PROGRAM_DONE): Transition(State.FINISHING, _FINISH),
-    (State.PURGING, Event.ACHIEVED): Transition(State.RESUMING, (Do.CYCLE_START,)),
-    (State.PURGING, Event.HOLD): _HELD,
+    (State.PURGING, Event.ACHIEVED): Transition(
+        State.RESUMING, (Do.ARM_BEAM, Do.LEAD_POWDER, Do.START_MOTION)
+    ),
+    (State.PURGING, Event.HOLD): _HOLD,
+    (State.PURGING, Event.INTERLOCK): _HOLD,
     (State.PURGING, Event.PROGRAM_DONE): Transition(State.FINISHING, _FINISH),
     (State.RESUMING, Event.ACHIEVED): Transition(State.DEPOSITING, ()),
-    (State.RESUMING, Event.HOLD): Transition(State.HOLDING, (Do.FEED_HOLD,)),
+    (State.RESUMING, Event.HOLD): _HOLD,
+    (State.RESUMING, Event.INTERLOCK): _HOLD,
     (State.RESUMING, Event.PROGRAM_DONE): Transition(State.FINISHING, _FINISH),
     (State.FINISHING, Event.ACHIEVED): Transition(State.DONE, ()),
-    # The part is made: a stop only cuts the post-flow short.
+    # The part is made: what interlocks say now is written down, a stop only cuts the post-flow.
+    (State.FINISHING, Event.INTERLOCK): Transition(State.FINISHING, ()),
     (State.FINISHING, Event.STOP): Transition(
         State.FINISHING, (Do.REST_BEAM, Do.POWDER_OFF, Do.GAS_OFF_NOW)
     ),
@@ -118,21 +134,35 @@ TRANSITIONS: dict[tuple[State, Event], Transition] = {
     (State.READY, Event.STOP): Transition(State.STOPPED, ()),
     (State.CONNECTING, Event.STOP): Transition(State.STOPPED, ()),
     (State.CHECKING, Event.STOP): Transition(State.STOPPED, ()),
-    (State.READY, Event.FAULT): Transition(State.FAULTED, ()),
-    (State.CONNECTING, Event.FAULT): Transition(State.FAULTED, ()),
-    (State.CHECKING, Event.FAULT): Transition(State.FAULTED, ()),
+    **{
+        (untouched, event): Transition(State.FAULTED, ())
+        for untouched in (State.READY, State.CONNECTING, State.CHECKING)
+        for event in (Event.INTERLOCK, Event.FAULT)
+    },
+    # Nothing has been laid yet: there is nothing to hold for.
+    **{
+        (starting, Event.INTERLOCK): Transition(State.TRIPPED, _STOP)
+        for starting in (State.GAS, State.POWDER, State.ARMED)
+    },
     **{(live, Event.STOP): Transition(State.STOPPING, _STOP) for live in _LIVE},
     **{(live, Event.FAULT): Transition(State.TRIPPED, _STOP) for live in _LIVE},
     (State.STOPPING, Event.ACHIEVED): Transition(State.STOPPED, ()),
     (State.STOPPING, Event.STOP): Transition(State.STOPPING, _STOP_NOW),
+    (State.STOPPING, Event.INTERLOCK): Transition(State.STOPPING, ()),
     (State.STOPPING, Event.FAULT): Transition(State.TRIPPED, _STOP),
     (State.STOPPING, Event.PROGRAM_DONE): Transition(State.STOPPING, ()),
     (State.TRIPPED, Event.ACHIEVED): Transition(State.FAULTED, ()),
     (State.TRIPPED, Event.STOP): Transition(State.TRIPPED, _STOP_NOW),
     # One fault brings others (a lost link, then silence): the first one's stop goes on.
+    (State.TRIPPED, Event.INTERLOCK): Transition(State.TRIPPED, ()),
     (State.TRIPPED, Event.FAULT): Transition(State.TRIPPED, ()),
     (State.TRIPPED, Event.PROGRAM_DONE): Transition(State.TRIPPED, ()),
 }
+
+#: States whose effects go on when one of them fails: each takes something off the machine, and a
+#: dead device must not keep the others from it. In HOLDING that is so for feeders only.
+GOES_ON = frozenset({State.TRIPPED})
+GOES_ON_AFTER_INTERLOCK = frozenset({State.TRIPPED, State.HOLDING})
 
 
 def step(state: State, event: Event) -> Transition:

@@ -2,81 +2,156 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
 
 from firmware_protocol.codes import alarm_meaning, error_meaning
 from firmware_protocol.status import StatusReport
+from lmctl.config.machine import MachineProfile
 from lmctl.errors import JobError, MachineError
 from lmctl.machine.feeder import FeederDriver
 from lmctl.machine.feeder_status import FeederListener, FeederStatus
 from lmctl.machine.motion import MotionListener
+from lmctl.machine.safety_status import SafetyListener, SafetyStatus
+from lmctl.run.alarms import Alarms, Interlock
 from lmctl.run.cell import Cell
 from lmctl.run.deposition import Deposition
+from lmctl.run.interlocks import STALE_PERIODS, Facts, FeederFacts
+from lmctl.run.recorder import Recorder
+from lmctl.run.supervision import Supervision
 
-Failed = Callable[[Exception], None]
 
+class Watch:
+    """Listens to every device of a cell from now on, and looks at the interlocks with each report.
 
-def watch(
-    cell: Cell, deposition: Deposition, failed: Failed, held: Callable[[], None]
-) -> None:
-    """Listen to every device of the cell from now on.
-
-    failed : called with each reason why the run cannot go on; the first one counts
+    deposition : the one under way
+    tripped : called with each reason to hold (Interlock) or to end the run
     held : called while the machine reports a hold, whoever asked for it
     """
-    cell.motion.listener = _motion_listener(cell, deposition, failed, held)
-    for feeder in cell.feeders:
-        feeder.listener = _feeder_listener(cell, feeder, failed)
 
+    def __init__(
+        self, cell: Cell, profile: MachineProfile, deposition: Callable[[], Deposition],
+        alarms: Alarms, recorder: Recorder, tripped: Callable[[Exception], None],
+        held: Callable[[], None],
+    ) -> None:
+        self._cell = cell
+        self._profile = profile
+        self._deposition = deposition
+        self._alarms = alarms
+        self._recorder = recorder
+        self._tripped = tripped
+        self._held = held
+        self._loop = asyncio.get_running_loop()
+        self._supervision = Supervision(self._raise)
+        cell.motion.listener = MotionListener(
+            on_progress=lambda: deposition().on_progress(), on_status=self._motion_status,
+            on_error=self._line_rejected, on_alarm=self._motion_alarm,
+            on_restart=self._motion_restarted, on_lost=self._motion_lost,
+        )
+        for feeder in cell.feeders:
+            feeder.listener = self._feeder_listener(feeder)
+        if cell.safety is not None:
+            cell.safety.listener = SafetyListener(
+                on_status=self._safety_status, on_fault=self._safety_fault
+            )
+        # Reports drive everything else; this one notices that they have stopped.
+        self._stale_s = STALE_PERIODS * profile.motion.status_period_s
+        self._timer = self._loop.call_later(self._stale_s, self._look_again)
 
-def _motion_listener(
-    cell: Cell, deposition: Deposition, failed: Failed, held: Callable[[], None]
-) -> MotionListener:
-    dialect = cell.motion.identity.dialect
-    behind_door = False
+    def stop(self) -> None:
+        """Look no more; devices may still report."""
+        self._timer.cancel()
 
-    def status(report: StatusReport) -> None:
-        nonlocal behind_door
-        deposition.on_status(report)
+    def standing(self) -> list[MachineError]:
+        """Which interlocks hold at this moment."""
+        return self._supervision.standing(self._facts())
+
+    def acknowledged(self) -> None:
+        """An operator has seen the alarms: what still holds is told anew."""
+        self._alarms.acknowledged()
+        self._supervision.forget()
+
+    # --- devices ------------------------------------------------------------------------------
+
+    def _motion_status(self, report: StatusReport) -> None:
+        self._deposition().on_status(report)
+        self._look()
         if report.state == "Hold":
-            held()
-        elif report.state == "Door" and not behind_door:
-            behind_door = True
-            failed(MachineError("the safety door was opened during the run",
-                                hint="close it, look at the part, and start the run anew"))
-        cell.reported()
+            self._held()
+        self._cell.reported()
 
-    def rejected(tag: int, code: int) -> None:
-        meaning = error_meaning(code, dialect)
-        failed(JobError(f"program line {tag} was rejected: {meaning.words}",
-                        where=f"error {code} of the motion controller", hint=meaning.remedy))
+    def _line_rejected(self, tag: int, code: int) -> None:
+        meaning = error_meaning(code, self._cell.motion.identity.dialect)
+        line = self._deposition().job_line(tag)
+        self._tripped(JobError(f"program line {line} was rejected: {meaning.words}",
+                               where=f"error {code} of the motion controller",
+                               hint=meaning.remedy))
 
-    def alarm(code: int) -> None:
-        meaning = alarm_meaning(code, dialect)
-        failed(MachineError(f"the motion controller is in alarm: {meaning.words}",
-                            where=f"alarm {code}", hint=meaning.remedy))
+    def _motion_alarm(self, code: int) -> None:
+        meaning = alarm_meaning(code, self._cell.motion.identity.dialect)
+        self._tripped(MachineError(f"the motion controller is in alarm: {meaning.words}",
+                                   where=f"alarm {code}", hint=meaning.remedy))
 
-    def restarted() -> None:
-        failed(MachineError("the motion controller restarted in the middle of the run",
-                            where="its position is lost",
-                            hint="look for a loose power or reset line, then home the machine"))
+    def _motion_restarted(self) -> None:
+        self._tripped(MachineError(
+            "the motion controller restarted in the middle of the run",
+            where="its position is lost",
+            hint="look for a loose power or reset line, then home the machine",
+        ))
 
-    def lost(reason: str) -> None:
-        failed(MachineError(f"the motion controller is lost: {reason}",
-                            where="it runs dry and the beam goes out within the send horizon",
-                            hint="check cable and power of the controller"))
+    def _motion_lost(self, reason: str) -> None:
+        self._tripped(MachineError(
+            f"the motion controller is lost: {reason}",
+            where="it runs dry and the beam goes out within the send horizon",
+            hint="check cable and power of the controller",
+        ))
 
-    return MotionListener(
-        on_progress=deposition.on_progress, on_status=status, on_error=rejected, on_alarm=alarm,
-        on_restart=restarted, on_lost=lost,
-    )
+    def _feeder_listener(self, feeder: FeederDriver) -> FeederListener:
+        def status(_: FeederStatus) -> None:
+            self._cell.reported()
 
+        def fault(reason: str) -> None:
+            error = feeder.fault or MachineError(f"feeder {feeder.name}: {reason}")
+            self._raise(Interlock.of(f"feeder {feeder.name}", error))
 
-def _feeder_listener(cell: Cell, feeder: FeederDriver, failed: Failed) -> FeederListener:
-    def status(_: FeederStatus) -> None:
-        cell.reported()
+        return FeederListener(on_status=status, on_fault=fault)
 
-    def fault(reason: str) -> None:
-        failed(feeder.fault or MachineError(f"feeder {feeder.name}: {reason}"))
+    def _safety_status(self, _: SafetyStatus) -> None:
+        self._look()
+        self._cell.reported()
 
-    return FeederListener(on_status=status, on_fault=fault)
+    def _safety_fault(self, reason: str, hint: str) -> None:
+        self._raise(Interlock("safety inputs silent", f"safety device: {reason}", hint=hint))
+
+    # --- interlocks ---------------------------------------------------------------------------
+
+    def _look(self) -> None:
+        report = self._cell.motion.status
+        dark = report is not None and not report.spindle
+        self._supervision.look(self._facts(), self._loop.time(), dark=dark)
+
+    def _look_again(self) -> None:
+        self._look()
+        self._timer = self._loop.call_later(self._stale_s / 2.0, self._look_again)
+
+    def _raise(self, error: MachineError) -> None:
+        alarm = self._alarms.add(error, self._recorder.now_s())
+        if alarm is not None:
+            self._recorder.alarm(alarm)
+            self._tripped(error)
+
+    def _facts(self) -> Facts:
+        cell, safety = self._cell, self._cell.safety
+        return Facts(
+            motion=cell.motion.status,
+            motion_age_s=cell.motion.status_age_s,
+            motion_period_s=self._profile.motion.status_period_s,
+            feeders=[
+                FeederFacts(feeder.name, feeder.status, feeder.status_age_s, feeder.period_s,
+                            feeder.hoppers)
+                for feeder in cell.feeders
+            ],
+            safety=None if safety is None else safety.status,
+            safety_age_s=0.0 if safety is None else safety.status_age_s,
+            limits=self._profile.safety if safety is not None else None,
+        )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from importlib.resources import files
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -101,7 +102,7 @@ def test_the_way_in_is_dark_continuous_and_never_longer_than_a_quarter_horizon(w
     motions = spoken(layer.program, PROFILE.motion.purge_mm)
     assert not any(lit for lit, *_ in motions[: n - 1])
     assert motions[n - 1][0]
-    for (_, _, before, _), (_, after, _, _) in zip(motions, motions[1:], strict=False):
+    for (_, _, before, _), (_, after, _, _) in pairwise(motions):
         assert np.array_equal(before, after)
     start_s = np.concatenate([layer.flow_s[:1], layer.lines["end_s"][:-1]])
     lasting_s = layer.lines["end_s"] - start_s

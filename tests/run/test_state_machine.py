@@ -7,6 +7,7 @@ import asyncio
 import pytest
 
 from lmctl.errors import JournalError, MachineError
+from lmctl.run.alarms import Interlock
 from lmctl.run.state_machine import StateMachine
 from lmctl.run.states import Do, Event, State
 from simulators import virtual_time
@@ -15,22 +16,26 @@ from simulators import virtual_time
 class Rig:
     """Effects that take a second each, and a log of everything that happens."""
 
-    def __init__(self, fails=(), full_disk=False):
-        self.log, self.faults = [], []
-        self.fails = dict(fails)
+    def __init__(self, fails=(), full_disk=False, lasts=()):
+        self.log, self.faults, self.states = [], [], []
+        self.fails, self.lasts = dict(fails), dict(lasts)
         self.full_disk = full_disk
-        self.machine = StateMachine(self.carry_out, lambda: self.log.append("halt"), self)
+        self.program = None
+        self.machine = StateMachine(self.carry_out, lambda error: self.log.append("halt"), self)
 
     async def carry_out(self, do):
         self.log.append(do)
-        await asyncio.sleep(1.0)
+        await asyncio.sleep(self.lasts.get(do, 1.0))
         if do in self.fails:
             raise self.fails[do]
         if do is Do.START_MOTION:
-            asyncio.get_running_loop().call_later(
+            self.program = asyncio.get_running_loop().call_later(
                 10.0, self.machine.post, Event.PROGRAM_DONE)
+        elif do in (Do.FEED_HOLD, Do.STOP_MOTION) and self.program is not None:
+            self.program.cancel()
 
     def state(self, event, before, after):
+        self.states.append(after)
         if self.full_disk and after is State.POWDER:
             raise JournalError("disk full")
 
@@ -159,17 +164,80 @@ def test_a_full_disk_stops_the_run_safely():
     assert rig.log[-3:] == SAFE_STOP[1:]
 
 
+HELD = [Do.FEED_HOLD, Do.CLEAR_MOTION, Do.POWDER_OFF, Do.AWAIT_OPERATOR]
+RESUMED = [
+    Do.ACKNOWLEDGE, Do.LEAVE_PART, Do.GAS_ON, Do.POWDER_ON, Do.AWAIT_STABLE,
+    Do.ARM_BEAM, Do.LEAD_POWDER, Do.START_MOTION,
+]
+WAITS = {Do.AWAIT_OPERATOR: 1000.0}
+
+
 def test_hold_and_resume_go_through_a_purge():
-    rig = Rig()
+    rig = Rig(lasts=WAITS)
     machine = rig.machine
     ended = run(rig, (10.0, lambda: machine.post(Event.HOLD)),
-                (11.5, lambda: machine.post(Event.RESUME)))
+                (15.0, lambda: machine.post(Event.RESUME)))
     assert ended is State.DONE
     held = rig.log.index(Do.FEED_HOLD)
-    # Resumed before the powder's grace has run out, so it was never switched off.
-    assert rig.log[held:held + 5] == [
-        Do.FEED_HOLD, Do.KEEP_POWDER, Do.POWDER_ON, Do.PURGE_HOSE, Do.CYCLE_START
-    ]
+    assert rig.log[held:held + 12] == HELD + RESUMED
+
+
+def test_an_interlock_holds_at_once_and_is_not_the_end():
+    rig = Rig(lasts=WAITS)
+    machine = rig.machine
+    ended = run(rig, (10.0, lambda: machine.trip(Interlock("gas", "gas is low"))),
+                (10.2, lambda: machine.trip(Interlock("disc", "disc is jammed"))),
+                (20.0, lambda: machine.post(Event.RESUME)))
+    assert ended is State.DONE
+    assert machine.fault is None
+    assert rig.faults == ["gas is low", "disc is jammed"]
+    at = rig.log.index("halt")
+    assert rig.log[at + 1:at + 13] == HELD + RESUMED
+
+
+def test_an_interlock_before_anything_is_laid_ends_the_run():
+    rig = Rig()
+    tripped = run(rig, (4.5, lambda: rig.machine.trip(Interlock("gas", "gas is low"))))
+    assert tripped is State.FAULTED
+    assert str(rig.machine.fault) == "gas is low"
+    assert rig.log[-3:] == SAFE_STOP[1:]
+
+
+def test_a_held_run_nobody_comes_to_is_stopped():
+    rig = Rig(lasts=WAITS)
+    assert run(rig, (10.0, lambda: rig.machine.post(Event.HOLD))) is State.STOPPED
+    assert rig.log[-3:] == SAFE_STOP[1:]
+
+
+def test_a_feeder_that_fails_while_resuming_holds_again():
+    rig = Rig(fails={Do.GAS_ON: Interlock("F1", "no gas")}, lasts=WAITS)
+    machine = rig.machine
+
+    def again():
+        rig.fails.clear()
+        machine.post(Event.RESUME)
+
+    rig.fails = {}
+    ended = run(
+        rig, (10.0, lambda: machine.post(Event.HOLD)),
+        (15.0, lambda: (rig.fails.update({Do.GAS_ON: Interlock("F1", "no gas")}),
+                        machine.post(Event.RESUME))),
+        (40.0, again),
+    )
+    assert ended is State.DONE
+    assert rig.faults == ["no gas"]
+    assert machine.fault is None
+    held = rig.log.index(Do.FEED_HOLD)
+    first = HELD + RESUMED[:3] + ["halt"]
+    assert rig.log[held:held + len(first) + 4] == first + HELD
+
+
+def test_a_dead_feeder_does_not_keep_the_run_from_being_held():
+    dead = Interlock("F1", "feeder is gone")
+    rig = Rig(fails={Do.POWDER_OFF: dead}, lasts=WAITS)
+    run(rig, (10.0, lambda: rig.machine.post(Event.HOLD)),
+        (30.0, lambda: rig.machine.post(Event.STOP)))
+    assert State.HELD in rig.states
 
 
 def test_a_wish_the_state_does_not_know_is_no_fault():
@@ -189,13 +257,13 @@ def test_a_wish_the_state_does_not_know_is_no_fault():
 
 
 def test_asking_twice_is_asking_once():
-    rig = Rig()
+    rig = Rig(lasts=WAITS)
 
     def twice(event):
         assert rig.machine.wish(event)
         assert rig.machine.wish(event)
 
-    ended = run(rig, (10.0, lambda: twice(Event.HOLD)), (15.0, lambda: twice(Event.RESUME)))
+    ended = run(rig, (10.0, lambda: twice(Event.HOLD)), (14.5, lambda: twice(Event.RESUME)))
     assert ended is State.DONE
-    assert rig.log.count(Do.FEED_HOLD) == rig.log.count(Do.CYCLE_START) == 1
+    assert rig.log.count(Do.FEED_HOLD) == rig.log.count(Do.LEAVE_PART) == 1
     assert rig.faults == []

@@ -11,21 +11,21 @@ from lmctl.run.states import FINAL, TRANSITIONS, Do, Event, State, drawn, step
 # Next state for each event, written apart from the table: a dot is an event the state does not
 # know, which is a fault. Columns in the order of Event.
 NEXT = """
-             start       achieved    done       hold     resume   stop      fault
-ready        connecting  .           .          .        .        stopped   faulted
-connecting   .           checking    .          .        .        stopped   faulted
-checking     .           gas         .          .        .        stopped   faulted
-gas          .           powder      .          .        .        stopping  tripped
-powder       .           armed       .          .        .        stopping  tripped
-armed        .           depositing  .          .        .        stopping  tripped
-depositing   .           .           finishing  holding  .        stopping  tripped
-holding      .           held        finishing  .        .        stopping  tripped
-held         .           .           finishing  .        purging  stopping  tripped
-purging      .           resuming    finishing  held     .        stopping  tripped
-resuming     .           depositing  finishing  holding  .        stopping  tripped
-finishing    .           done        .          .        .        finishing tripped
-stopping     .           stopped     stopping   .        .        stopping  tripped
-tripped      .           faulted     tripped    .        .        tripped   tripped
+             start       achieved    done       hold     resume   stop      interlock fault
+ready        connecting  .           .          .        .        stopped   faulted   faulted
+connecting   .           checking    .          .        .        stopped   faulted   faulted
+checking     .           gas         .          .        .        stopped   faulted   faulted
+gas          .           powder      .          .        .        stopping  tripped   tripped
+powder       .           armed       .          .        .        stopping  tripped   tripped
+armed        .           depositing  .          .        .        stopping  tripped   tripped
+depositing   .           .           finishing  holding  .        stopping  holding   tripped
+holding      .           held        finishing  .        .        stopping  holding   tripped
+held         .           stopping    finishing  .        purging  stopping  held      tripped
+purging      .           resuming    finishing  holding  .        stopping  holding   tripped
+resuming     .           depositing  finishing  holding  .        stopping  holding   tripped
+finishing    .           done        .          .        .        finishing finishing tripped
+stopping     .           stopped     stopping   .        .        stopping  stopping  tripped
+tripped      .           faulted     tripped    .        .        tripped   tripped   tripped
 """
 
 
@@ -93,26 +93,35 @@ def test_from_everywhere_beam_and_motion_go_first_then_powder_then_gas(state, ev
         assert effects[2:] in ([Do.GAS_OFF], [Do.GAS_OFF_NOW])
 
 
-def test_the_beam_returns_after_a_hold_only_through_fresh_powder():
+@pytest.mark.parametrize("event", [Event.HOLD, Event.INTERLOCK])
+def test_the_beam_returns_after_a_hold_only_off_the_part_and_through_fresh_powder(event):
     effects = effects_of(
-        Event.HOLD, Event.ACHIEVED, Event.RESUME, Event.ACHIEVED, Event.ACHIEVED,
+        event, Event.ACHIEVED, Event.RESUME, Event.ACHIEVED, Event.ACHIEVED,
         state=State.DEPOSITING,
     )
     assert effects == [
-        Do.FEED_HOLD, Do.KEEP_POWDER, Do.POWDER_OFF, Do.POWDER_ON, Do.PURGE_HOSE, Do.CYCLE_START
+        Do.FEED_HOLD, Do.CLEAR_MOTION, Do.POWDER_OFF, Do.AWAIT_OPERATOR,
+        Do.ACKNOWLEDGE, Do.LEAVE_PART, Do.GAS_ON, Do.POWDER_ON, Do.AWAIT_STABLE,
+        Do.ARM_BEAM, Do.LEAD_POWDER, Do.START_MOTION,
     ]
 
 
 def test_no_row_starts_motion_or_powder_out_of_order():
     for (state, _), (_, effects) in TRANSITIONS.items():
         if Do.START_MOTION in effects:
-            assert state is State.ARMED
-        if Do.CYCLE_START in effects:
-            assert state is State.PURGING
+            assert state in (State.ARMED, State.PURGING)
+            assert state is State.ARMED or effects[0] is Do.ARM_BEAM
         if Do.POWDER_ON in effects:
             assert state in (State.GAS, State.HELD)
+            assert effects[effects.index(Do.POWDER_ON) + 1] is Do.AWAIT_STABLE
         if Do.ARM_BEAM in effects:
-            assert state is State.POWDER
+            assert state in (State.POWDER, State.PURGING)
+
+
+def test_an_interlock_never_waits_where_a_beam_may_be_on():
+    """From each state with motion a hold is the very first thing, and it empties the controller."""
+    for state in (State.DEPOSITING, State.PURGING, State.RESUMING):
+        assert effects_of(Event.INTERLOCK, state=state)[:2] == [Do.FEED_HOLD, Do.CLEAR_MOTION]
 
 
 def test_every_state_is_reached_and_every_live_one_can_be_left():
@@ -130,5 +139,5 @@ def test_every_state_is_reached_and_every_live_one_can_be_left():
 def test_the_drawing_has_a_row_for_each_transition():
     rows = drawn().splitlines()
     assert len(rows) == 2 + len(TRANSITIONS)
-    assert "| held | resume | purging | powder on; purge hose |" in rows
+    assert "| armed | achieved | depositing | start motion |" in rows
     assert "| resuming | achieved | depositing | – |" in rows

@@ -1,0 +1,49 @@
+"""What is said of a run that did not get done, and whether it can go on later."""
+
+from __future__ import annotations
+
+from lmctl.errors import JobError, LmctlError, RunBrokenOff, RunFailed, RunStopped
+from lmctl.run.alarms import Alarm
+from lmctl.run.rundir import RunDir
+from lmctl.run.sequence import CellSequence
+from lmctl.run.state_machine import StateMachine
+from lmctl.run.states import State
+
+
+def recoverable(machine: StateMachine, sequence: CellSequence) -> bool:
+    """Whether `lmctl recover` can go on with the part.
+
+    Not where the job itself is what went wrong: it would go wrong again.
+    """
+    wrong_job = isinstance(machine.fault, JobError)
+    return sequence.began and machine.state is not State.DONE and not wrong_job
+
+
+def ending(made: RunDir, machine: StateMachine, sequence: CellSequence) -> Exception:
+    """What to raise for a run that did not get done."""
+    journal = f"journal: {made.journal}"
+    halted = f"beam off, motion held at {sequence.place}"
+    going_on = recoverable(machine, sequence)
+    hint = (
+        f"`lmctl recover {made.run}` goes on from there" if going_on
+        else f"`lmctl log {made.run}` shows how far it came"
+    )
+    error, first = machine.fault, sequence.alarms.first
+    if first is None and machine.state is State.STOPPED:
+        return RunStopped(f"{made.run} was stopped by the operator", where=(halted, journal),
+                          hint=hint)
+    if isinstance(error, LmctlError) and not sequence.accepted:
+        error.where = (*error.where, journal)
+        return error
+    # What came first is the reason; what ended the run may only have followed from it.
+    reason = error if first is None else first
+    if not isinstance(reason, Alarm | LmctlError):
+        return reason or RuntimeError("the run ended without a reason")
+    then = "" if first is None or error is None or str(error) == first.what else str(error)
+    kind = RunStopped if machine.state is State.STOPPED else (
+        RunBrokenOff if going_on else RunFailed)
+    ended = kind(reason.what, where=(*reason.where, *filter(None, [then]), halted, journal),
+                 hint="; then ".join(filter(None, (reason.hint, hint))))
+    ended.__cause__ = error
+    return ended
+

@@ -1,0 +1,243 @@
+"""The interlock table (process.md 5.4) as data: what is looked at, for how long, and the answer.
+
+Pure: rules look at facts that carry their own ages. A stale input is a tripped input.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+from firmware_protocol.status import StatusReport
+from lmctl.config.machine import Hopper, Safety
+from lmctl.machine.feeder_status import FeederStatus, HopperReading
+from lmctl.machine.safety_status import SafetyStatus
+
+#: Reports missing before a device counts as silent (process.md 5.3).
+STALE_PERIODS = 3
+
+_SHIELD_GAS_S, _CARRIER_GAS_S, _DISC_S, _WEIGHED_S = 0.5, 1.0, 2.0, 20.0
+_CARRIER_SHARE = 0.8
+_DISC_SHARE, _DISC_LEAST_G_MIN = 0.02, 0.05
+_WEIGHED_SHARE, _WEIGHED_LEAST_G_MIN = 0.15, 0.5
+
+
+class Reaction(Enum):
+    """What the run does about it."""
+
+    HOLD = "hold: beam and motion down, then powder; gas stays"
+    RESET = "reset the controller at once; powder, then gas off"
+    PATH_END = "hold as soon as the beam is off by the program"
+
+
+@dataclass(frozen=True)
+class FeederFacts:
+    """A feeder's last good answer and how old it is. hoppers : those the job uses."""
+
+    name: str
+    status: FeederStatus | None
+    age_s: float
+    period_s: float
+    hoppers: Sequence[Hopper]
+
+
+@dataclass(frozen=True)
+class Facts:
+    """All a rule may look at. safety, limits : None where the cell has no safety-input device."""
+
+    motion: StatusReport | None
+    motion_age_s: float
+    motion_period_s: float
+    feeders: Sequence[FeederFacts]
+    safety: SafetyStatus | None
+    safety_age_s: float
+    limits: Safety | None
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What a rule has found. subject : which of several like things, or ""."""
+
+    what: str
+    hint: str
+    subject: str = ""
+
+
+@dataclass(frozen=True)
+class Rule:
+    """One row of the table. for_s : how long it must be so before anything is done."""
+
+    name: str
+    look: Callable[[Facts], Iterator[Finding]]
+    reaction: Reaction = Reaction.HOLD
+    for_s: float = 0.0
+
+
+def _estop(facts: Facts) -> Iterator[Finding]:
+    if facts.safety is not None and facts.safety.estop_closed is False:
+        yield Finding("the emergency stop chain is open",
+                      "release the emergency stop, reset the safety circuit, home the machine")
+
+
+def _door(facts: Facts) -> Iterator[Finding]:
+    by_input = facts.safety is not None and facts.safety.door_closed is False
+    report = facts.motion
+    # Door:0 is what a controller says once it is closed again, until it is told to go on.
+    if by_input or (report is not None and report.state == "Door" and report.substate != 0):
+        yield Finding("the safety door is open", "close it; look at the part, then resume")
+
+
+def _laser(facts: Facts) -> Iterator[Finding]:
+    safety = facts.safety
+    if safety is None:
+        return
+    for good, what, hint in (
+        (safety.laser_healthy, "the laser reports a fault", "see the laser's own display"),
+        (safety.no_back_reflection, "the laser sees back-reflection",
+         "look at the protective glass and at the melt pool"),
+        (safety.laser_ready, "the laser is not ready", "see the laser's own display"),
+        (safety.key_on, "the laser's key switch is off", "turn the key"),
+    ):
+        if good is False:
+            yield Finding(what, hint, what)
+
+
+def _chiller(facts: Facts) -> Iterator[Finding]:
+    safety, limits = facts.safety, facts.limits
+    if safety is None or limits is None:
+        return
+    if safety.chiller_ok is False:
+        yield Finding("the chiller does not cool", "check its flow, level and fault display")
+    elif limits.chiller_min_L_min is not None and (
+        safety.chiller_L_min is None or safety.chiller_L_min < limits.chiller_min_L_min
+    ):
+        yield Finding(f"the chiller flows at {_or_unknown(safety.chiller_L_min, 'L/min')}, "
+                      f"{limits.chiller_min_L_min:g} L/min is needed", "check its pump and level")
+    elif limits.chiller_max_C is not None and (
+        safety.chiller_C is None or safety.chiller_C > limits.chiller_max_C
+    ):
+        yield Finding(f"the chiller is at {_or_unknown(safety.chiller_C, '°C')}, "
+                      f"{limits.chiller_max_C:g} °C is allowed", "let it cool down")
+
+
+def _shield_gas(facts: Facts) -> Iterator[Finding]:
+    safety, limits = facts.safety, facts.limits
+    if safety is None or limits is None:
+        return
+    least = limits.shield_gas_min_L_min
+    if safety.shield_gas_ok is False:
+        yield Finding("shield gas is missing", "check bottle, regulator and valve")
+    elif least is not None and (
+        safety.shield_gas_L_min is None or safety.shield_gas_L_min < least
+    ):
+        yield Finding(f"shield gas flows at {_or_unknown(safety.shield_gas_L_min, 'L/min')}, "
+                      f"{least:g} L/min is needed", "check bottle, regulator and valve")
+
+
+def _oxygen(facts: Facts) -> Iterator[Finding]:
+    safety, limits = facts.safety, facts.limits
+    if safety is None or limits is None:
+        return
+    if safety.oxygen_valid is False:
+        yield Finding("the oxygen analyser gives no valid reading",
+                      "check it; what it does not see counts as too much", "analyser")
+    elif limits.oxygen_trip_ppm is not None and (
+        safety.oxygen_ppm is None or safety.oxygen_ppm > limits.oxygen_trip_ppm
+    ):
+        yield Finding(f"oxygen is at {_or_unknown(safety.oxygen_ppm, 'ppm')}, "
+                      f"{limits.oxygen_trip_ppm:g} ppm is allowed", "purge the chamber")
+
+
+def _relay(facts: Facts) -> Iterator[Finding]:
+    if facts.safety is not None and facts.safety.relay_closed is False:
+        yield Finding("the watchdog relay is open", "find out why heartbeats stopped")
+
+
+def _extraction(facts: Facts) -> Iterator[Finding]:
+    if facts.safety is not None and facts.safety.extraction_ok is False:
+        yield Finding("extraction has failed", "check fan and filter")
+
+
+def _safety_silent(facts: Facts) -> Iterator[Finding]:
+    if facts.limits is not None and facts.safety_age_s > STALE_PERIODS * facts.limits.period_s:
+        yield Finding(f"the safety inputs have not been read for {facts.safety_age_s:.1f} s",
+                      "check power and cable of the safety-input device")
+
+
+def _motion_silent(facts: Facts) -> Iterator[Finding]:
+    if facts.motion_age_s > STALE_PERIODS * facts.motion_period_s:
+        yield Finding(f"the motion controller has not reported for {facts.motion_age_s:.1f} s",
+                      "check its cable; if the beam is still on, use the emergency stop")
+
+
+def _feeder_silent(facts: Facts) -> Iterator[Finding]:
+    for feeder in facts.feeders:
+        if feeder.age_s > STALE_PERIODS * feeder.period_s:
+            yield Finding(f"feeder {feeder.name}: no answer for {feeder.age_s:.1f} s",
+                          "check its power and cable", feeder.name)
+
+
+def _carrier_gas(facts: Facts) -> Iterator[Finding]:
+    for feeder, hopper, reading in _hoppers(facts):
+        least = _CARRIER_SHARE * hopper.carrier_L_min
+        if reading.carrier_L_min is not None and reading.carrier_L_min < least:
+            yield Finding(
+                f"hopper {hopper.name}: carrier gas flows at {reading.carrier_L_min:.1f} L/min, "
+                f"{hopper.carrier_L_min:g} L/min is set",
+                f"check gas supply and hose of feeder {feeder.name}", hopper.name,
+            )
+
+
+def _disc(facts: Facts) -> Iterator[Finding]:
+    for feeder, hopper, reading in _hoppers(facts):
+        flow, wanted = reading.flow_est_g_min, reading.setpoint_g_min
+        if flow is not None and abs(flow - wanted) > max(_DISC_LEAST_G_MIN, _DISC_SHARE * wanted):
+            yield Finding(
+                f"hopper {hopper.name}: its disc feeds {flow:.2f} g/min, {wanted:.2f} g/min is set",
+                f"look whether the disc of feeder {feeder.name} is jammed", hopper.name,
+            )
+
+
+def _weighed(facts: Facts) -> Iterator[Finding]:
+    for feeder, hopper, reading in _hoppers(facts):
+        weighed, wanted = reading.flow_weighed_g_min, reading.setpoint_g_min
+        if weighed is not None and abs(weighed - wanted) > max(
+            _WEIGHED_LEAST_G_MIN, _WEIGHED_SHARE * wanted
+        ):
+            yield Finding(
+                f"hopper {hopper.name}: by weight it loses {weighed:.2f} g/min, {wanted:.2f} g/min "
+                "is set", f"look whether powder moves in feeder {feeder.name}", hopper.name,
+            )
+
+
+def _hoppers(facts: Facts) -> Iterator[tuple[FeederFacts, Hopper, HopperReading]]:
+    """Feeder, hopper and reading of each hopper whose powder runs and has settled."""
+    for feeder in facts.feeders:
+        if feeder.status is not None and feeder.status.feeding and feeder.status.stable:
+            for hopper in feeder.hoppers:
+                if (reading := feeder.status.hoppers.get(hopper.name)) is not None:
+                    yield feeder, hopper, reading
+
+
+#: The first row that holds is the first alarm, where several hold at once.
+RULES: tuple[Rule, ...] = (
+    Rule("emergency stop", _estop, Reaction.RESET),
+    Rule("door", _door),
+    Rule("laser", _laser),
+    Rule("chiller", _chiller),
+    Rule("shield gas", _shield_gas, for_s=_SHIELD_GAS_S),
+    Rule("oxygen", _oxygen),
+    Rule("safety inputs silent", _safety_silent),
+    Rule("watchdog relay", _relay),
+    Rule("motion silent", _motion_silent),
+    Rule("feeder silent", _feeder_silent),
+    Rule("carrier gas", _carrier_gas, for_s=_CARRIER_GAS_S),
+    Rule("disc", _disc, for_s=_DISC_S),
+    Rule("weighed flow", _weighed, for_s=_WEIGHED_S),
+    Rule("extraction", _extraction, Reaction.PATH_END),
+)
+
+
+def _or_unknown(value: float | None, unit: str) -> str:
+    return "an unknown value" if value is None else f"{value:g} {unit}"

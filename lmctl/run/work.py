@@ -1,0 +1,88 @@
+"""One job on one accepted cell, from where it is entered: clock, powder and deposition together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from lmctl.config.machine import Hopper, MachineProfile
+from lmctl.job.reader import JobReader
+from lmctl.job.schema import JobLayer
+from lmctl.run.cell import Cell
+from lmctl.run.deposition import Deposition, LayerTally, Progress
+from lmctl.run.job_window import JobWindow
+from lmctl.run.powder_feed import PowderFeed
+from lmctl.run.powder_lead import Hose, PowderPlan
+from lmctl.run.program_clock import ProgramClock
+from lmctl.run.recorder import Recorder
+from lmctl.run.reentry import START, Entry, Place, enter
+
+
+@dataclass(frozen=True)
+class Work:
+    """What a run works with between one hold and the next."""
+
+    clock: ProgramClock
+    feed: PowderFeed
+    deposition: Deposition
+
+
+@dataclass(frozen=True)
+class Workshop:
+    """Makes `Work` for a job.
+
+    rewrite : what is done to each line before it is sent
+    done, failed : as `Deposition` and `PowderFeed` have them
+    """
+
+    job: JobReader
+    profile: MachineProfile
+    hoppers: Sequence[Hopper]
+    cell: Cell
+    recorder: Recorder
+    rewrite: Callable[[bytes], bytes] | None
+    done: Callable[[], None]
+    failed: Callable[[Exception], None]
+    progress: Progress | None
+
+    def make(self, place: Place, before: Work | None) -> Work | None:
+        """Work that goes on from a place; None where no bead is left to lay.
+
+        before : the work that was broken off there
+        """
+        entry: Entry | None = None
+        if place != START:
+            entry = enter(self.job.manifest, self.job.layer, place, self.profile.motion)
+            if entry is None:
+                return None
+            self.recorder.entry(entry)
+        window = self._window(entry)
+        clock = ProgramClock(window)
+        hoses = [
+            Hose(h.dead_time_s, h.lag_s, h.max_flow_g_min, h.min_flow_g_min)
+            for h in self.hoppers
+        ]
+        plan = PowderPlan(self.job.manifest.powder_mode, hoses, window, clock)
+        feed = PowderFeed(self.cell, plan, clock, self.recorder, self.failed)
+        return Work(clock, feed, Deposition(
+            self.cell, window, clock, feed, self.recorder, self.profile.motion.send_horizon_s,
+            entry=entry, tally=self._tally(entry, before), done=self.done, failed=self.failed,
+            progress=self.progress,
+        ))
+
+    def _window(self, entry: Entry | None) -> JobWindow:
+        def layer(index: int) -> JobLayer:
+            entered = entry is not None and index == entry.layer.index
+            return entry.layer if entry is not None and entered else self.job.layer(index)
+
+        first = 0 if entry is None else entry.layer.index
+        return JobWindow(self.job.manifest, layer, self.profile.motion.purge_mm, self.rewrite,
+                         first_layer=first)
+
+    def _tally(self, entry: Entry | None, before: Work | None) -> LayerTally | None:
+        """What the layer entered has taken before the hold."""
+        if before is None or entry is None:
+            return None
+        self.recorder.purged(before.feed.take_fed_g())
+        before.deposition.layers_done(entry.layer.index)
+        return before.deposition.tally
