@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from firmware_protocol.safety_io import CYCLE_BLOCK, MIRROR, RELAY_RESET_KEY, SIO
 from lmctl.config.machine import Safety
 from lmctl.errors import MachineError
+from lmctl.machine.beat import on_beat
 from lmctl.machine.modbus import ModbusLink, NoAnswerError, RefusedError
 from lmctl.machine.safety_identity import SafetyIdentity, check_line, identify, place
 from lmctl.machine.safety_status import SafetyListener, SafetyStatus, safety_status
@@ -123,10 +124,11 @@ class SafetyDriver:
         self._watch()
 
     async def _run(self) -> None:
-        period_s, due_s = self._safety.period_s, self._loop.time()
+        period_s, started_s = self._safety.period_s, self._loop.time()
         while True:
-            due_s = max(due_s + period_s, self._loop.time())
+            due_s = on_beat(started_s + period_s, started_s)
             await asyncio.sleep(due_s - self._loop.time())
+            started_s = self._loop.time()
             await self._turn()
 
     async def _turn(self) -> None:

@@ -246,7 +246,7 @@ def test_a_frozen_answer_is_no_answer():
             assert driver.status_age_s > 0.9
             device.freeze(False)
             await asyncio.sleep(0.11)
-            assert driver.status_age_s <= PERIOD_S
+            assert driver.status_age_s <= PERIOD_S + 0.001
 
     virtual_time.run(main())
 
@@ -344,7 +344,7 @@ def test_exceptions_are_told_in_words():
             assert "it refuses to answer: it is busy (Modbus exception 06)" in reason
             device.refuse(None)
             await asyncio.sleep(0.11)
-            assert driver.status_age_s <= PERIOD_S
+            assert driver.status_age_s <= PERIOD_S + 0.001
 
     virtual_time.run(main())
 
@@ -430,7 +430,7 @@ def test_doubled_answers_that_come_late_open_and_close_nothing_wrongly():
             device.open_door(False)
             await asyncio.sleep(1.0)
             assert driver.status.door_closed is True
-            assert driver.status_age_s <= PERIOD_S
+            assert driver.status_age_s <= PERIOD_S + 0.001
 
     virtual_time.run(main())
 
@@ -444,7 +444,7 @@ def test_a_lost_connection_is_made_again():
         await asyncio.sleep(0.5)
         server.drop_hosts()
         await asyncio.sleep(3.0)
-        assert driver.status_age_s <= PERIOD_S
+        assert driver.status_age_s <= PERIOD_S + 0.001
         server.stop()
         await asyncio.sleep(3.0)
         assert driver.status_age_s > 2.5

@@ -230,3 +230,93 @@ def test_power_off_and_on_opens_the_relay_at_once():
         assert "D" in cell.status().pins
 
     played("grblhal", act)
+
+
+CIRCUIT = "watchdog_relay = true\nlaser_circuit = true"
+
+
+@dialects
+@pytest.mark.parametrize("contact", ["door", "estop", "relay"])
+def test_in_the_lasers_own_circuit_every_contact_takes_the_beam_away_at_the_source(
+    dialect, contact
+):
+    async def act(cell):
+        safety = cell.bench.safety
+        cell.beat(timeout_ms=70)
+        await asyncio.sleep(0.01)
+        cell.bench.motion.receive(b"~")
+        cell.start(3.0, 10.0)
+        await asyncio.sleep(1.0)
+        if contact == "relay":
+            cell.stop_beating()
+            await asyncio.sleep(0.1)
+            (opened_s,) = safety.relay_opened_s
+        else:
+            (safety.open_door if contact == "door" else safety.open_estop_chain)()
+            opened_s = asyncio.get_running_loop().time()
+        await asyncio.sleep(1.0)
+        assert cell.dark_after_s(opened_s) <= 0.02
+        assert cell.dark_after_s(opened_s - 0.05) >= 0.049
+
+    played(dialect, act, CIRCUIT)
+
+
+def test_a_circuit_that_closes_lets_the_controllers_beam_through_again():
+    async def act(cell):
+        cell.start(3.0, 10.0)
+        await asyncio.sleep(0.5)
+        motion = cell.bench.motion
+        motion.cut_laser(True, 0.02)
+        motion.cut_laser(True, 0.02)  # another contact of it
+        await asyncio.sleep(0.3)
+        motion.cut_laser(False, 0.02)
+        await asyncio.sleep(0.2)
+        motion.cut_laser(True, 0.02)
+        await asyncio.sleep(0.01)
+        motion.cut_laser(False, 0.02)  # before the source had noticed
+        await asyncio.sleep(0.3)
+        times = np.arange(0.4, 1.25, 0.001)
+        lit = motion.trace.sample(times).power_fraction > 0.0
+        dark = (times >= 0.52) & (times < 0.8)
+        settled = (np.abs(times - 0.52) > 0.0015) & (np.abs(times - 0.8) > 0.0015)
+        np.testing.assert_array_equal(lit[settled], ~dark[settled])
+        # nothing but the beam has changed
+        moving = motion.trace.sample(times).speed_mm_s
+        assert moving.min() == pytest.approx(10.0, rel=1e-6)
+
+    played("grblhal", act, "")
+
+
+def test_the_record_of_phases_and_standing_tells_the_same_as_its_samples():
+    async def act(cell):
+        motion = cell.bench.motion
+        motion.receive(b"G21G90G94\nM3S500\nG1X2F600\nG4P0.2\nG1X4F600\n")
+        for wait_s, is_cut in ((0.05, True), (0.1, False), (0.1, True), (0.05, False),
+                               (0.2, True), (0.1, False)):
+            await asyncio.sleep(wait_s)
+            motion.cut_laser(is_cut, 0.0)
+        await asyncio.sleep(0.5)
+        trace = motion.trace
+        phases = trace.phases()
+        assert (phases.start_s[1:] >= phases.end_s[:-1] - 1e-12).all()
+        middle = (phases.start_s + phases.end_s) / 2
+        sample = trace.sample(middle)
+        np.testing.assert_array_equal(phases.power > 0, sample.power_fraction > 0)
+        np.testing.assert_allclose(
+            phases.speed_mm_s + phases.acceleration_mm_s2 * (middle - phases.start_s),
+            sample.speed_mm_s,
+        )
+        since, power = trace.standing()
+        assert (np.diff(since) >= 0).all()
+        still = np.arange(0.0, 1.0, 0.0007)
+        told = trace.sample(still)
+        at = np.searchsorted(since, still, side="right") - 1
+        np.testing.assert_array_equal(
+            told.power_fraction[told.block < 0], power[at][told.block < 0]
+        )
+        assert {0.0, 0.5} == set(told.power_fraction[told.block < 0])
+        assert {0.0, 0.5} == set(told.power_fraction[told.block >= 0])
+        assert len(trace.blocks().line) == 2
+        assert trace.blocks().complete.all()
+
+    played("grblhal", act, "")
