@@ -22,6 +22,12 @@ _NUMBER = re.compile(_DECIMAL)
 _POSITION = re.compile(rf"{_DECIMAL}(?:,{_DECIMAL}){{2,7}}")
 _KEY = re.compile(r"[A-Za-z][A-Za-z0-9]{0,15}")
 
+#: Most reports of a machine at work are of this form, and change in every field.
+_USUAL = re.compile(
+    rf"<(Run|Idle)\|MPos:({_DECIMAL}),({_DECIMAL}),({_DECIMAL})\|Bf:([0-9]{{1,9}}),([0-9]{{1,9}})"
+    rf"(?:\|Ln:([0-9]{{1,9}}))?\|FS:({_DECIMAL}),({_DECIMAL})>"
+)
+
 _Values = tuple[tuple[str, object], ...]
 
 
@@ -101,6 +107,13 @@ def parse_status(text: str) -> StatusReport | None:
     >>> parse_status("<Run|MPos:1.000,0.000,0.000|Ln:7>").line_number
     7
     """
+    if usual := _USUAL.fullmatch(text):
+        state, x, y, z, blocks, rx, line, feed, spindle = usual.groups()
+        return StatusReport(
+            state, machine_mm=(float(x), float(y), float(z)), blocks_free=int(blocks),
+            rx_free=int(rx), line_number=int(line) if line else None, feed_mm_min=float(feed),
+            spindle=float(spindle),
+        )
     if len(text) < 3 or text[0] != "<" or text[-1] != ">":
         return None
     head, *fields = text[1:-1].split("|")
@@ -129,7 +142,7 @@ def _lengths(values: tuple[float, ...]) -> str:
     return ",".join(f"{value:.3f}" for value in values)
 
 
-@lru_cache(maxsize=256)  # most fields of a report are those of the report before
+@lru_cache(maxsize=256)  # many fields of a report are those of the report before
 def _read_field(field: str) -> _Values | None:
     """A field's values by attribute; of an unknown field by ""; None if it is malformed."""
     key, colon, value = field.partition(":")

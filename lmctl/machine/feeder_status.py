@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 from firmware_protocol.pmx import (
@@ -64,16 +65,16 @@ class FeederStatus:
     mixer_pressure_mbar: float | None
     hoppers: Mapping[str, HopperReading]
 
-    @property
+    @cached_property
     def gas_ok(self) -> bool:
         return Status.GAS_OK in self.flags
 
-    @property
+    @cached_property
     def feeding(self) -> bool:
         """Discs turn, whether or not the flow has settled."""
         return self.state in (State.STABILISING, State.FEEDING)
 
-    @property
+    @cached_property
     def stable(self) -> bool:
         """Powder has run long enough to be steady at the nozzle."""
         return Status.STABLE in self.flags

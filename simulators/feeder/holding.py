@@ -51,12 +51,14 @@ class HoldingRegisters:
 
     def check(self, new: Mapping[int, int]) -> None:
         """Raises RefusedError for {address: word} that may not be written; nothing is changed."""
-        if not new.keys() <= self._words.keys():
+        words = self._words
+        if not new.keys() <= words.keys():
             raise RefusedError(ILLEGAL_ADDRESS)
-        for address, word in new.items() - self._words.items():
-            least, greatest = self._limits.get(address, (0, 0xFFFF))
-            if not least <= word <= greatest:
-                raise RefusedError(ILLEGAL_VALUE)
+        for address, word in new.items():
+            if word != words[address] and address in self._limits:
+                least, greatest = self._limits[address]
+                if not least <= word <= greatest:
+                    raise RefusedError(ILLEGAL_VALUE)
 
     def store(self, new: Mapping[int, int]) -> None:
         """Write words that were checked."""

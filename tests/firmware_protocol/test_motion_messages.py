@@ -112,3 +112,19 @@ def test_any_near_report_is_parsed_or_unknown(inner):
     if isinstance(message, Status):  # what was believed survives being written and read again
         again = parse_message(message.format())
         assert isinstance(again, Status)
+
+
+@given(
+    st.sampled_from(["Run", "Idle"]), st.lists(st.decimals(-999, 999, places=3), min_size=3,
+                                              max_size=3),
+    st.integers(0, 999), st.integers(0, 9999), st.none() | st.integers(0, 10**7),
+    st.integers(0, 9999), st.integers(0, 1000),
+)
+def test_the_order_of_the_fields_says_nothing(state, position, blocks, rx, line, feed, speed):
+    fields = [f"MPos:{','.join(map(str, position))}", f"Bf:{blocks},{rx}"]
+    fields += [] if line is None else [f"Ln:{line}"]
+    fields += [f"FS:{feed},{speed}"]
+    usual = parse_status(f"<{'|'.join([state, *fields])}>")
+    assert usual is not None
+    assert usual == parse_status(f"<{'|'.join([state, *reversed(fields)])}>")
+    assert usual.line_number == line
