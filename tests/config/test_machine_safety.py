@@ -41,6 +41,8 @@ def test_the_shipped_cell_with_it():
 def test_a_job_is_planned_for_the_cell_with_and_without_it():
     plain = toml_file.parse(PLAIN, MachineProfile, name="cell.toml")
     assert profile("relay_timeout_s = 1").planning_digest() == plain.planning_digest()
+    shipped = toml_file.parse(SAFE, MachineProfile, name="cell-safe.toml")
+    assert shipped.planning_digest() == plain.planning_digest()
 
 
 def test_a_cell_has_what_it_has():
