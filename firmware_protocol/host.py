@@ -111,6 +111,10 @@ class GrblHost:
     def send_line(self, line: bytes, tag: int) -> bytes:
         """The bytes of a line, counted until it is answered. Raises LocalProtocolError."""
         self.check_line(line)
+        return self.send_checked(line, tag)
+
+    def send_checked(self, line: bytes, tag: int) -> bytes:
+        """As `send_line`, for a line that has passed `check_line` before it had to wait."""
         size = len(line) + 1
         if size > self._free:
             raise LocalProtocolError(f"line {tag} needs {size} bytes, {self._free} are free")

@@ -126,8 +126,8 @@ class Conversation:
         return self._host.can_send(line)
 
     def count_line(self, line: bytes, tag: int) -> bytes:
-        """The bytes of a line, counted as sent; hand them to `write` with others in one go."""
-        return self._host.send_line(line, tag)
+        """The bytes of a checked line, counted as sent; `write` them with others in one go."""
+        return self._host.send_checked(line, tag)
 
     def write(self, data: bytes) -> None:
         """Send what `count_line` gave."""
