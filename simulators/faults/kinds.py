@@ -6,6 +6,7 @@ Nothing here acts: `faults.board` does.
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
@@ -131,7 +132,8 @@ def mistakes_in(
 ) -> list[str]:
     """Why these do not make a fault, each with the key it is about; empty where they do."""
     if kind not in KINDS:
-        return [f"kind: there is no fault {kind!r}"]
+        alike = difflib.get_close_matches(kind, KINDS, n=1)
+        return [f"kind: there is no fault {kind!r}" + "".join(f"; {a!r}?" for a in alike)]
     known = KINDS[kind]
     parameters = {parameter.name: parameter for parameter in known.parameters}
     wants_device = known.strikes in (Strikes.MODBUS, Strikes.FEEDER, Strikes.HOPPER)

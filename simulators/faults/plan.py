@@ -85,8 +85,8 @@ class FaultPlan:
             raise FaultPlanError([f"not valid TOML: {error}"]) from None
         mistakes: list[str] = []
         top = TableReader(data, "", mistakes)
-        tables = data.get("fault", [])
         readers = top.tables("fault")
+        tables = data["fault"] if readers else []
         top.close()
         if len(readers) > MOST_FAULTS:
             raise FaultPlanError([f"fault: at most {MOST_FAULTS} faults, here are {len(readers)}"])
@@ -98,7 +98,7 @@ class FaultPlan:
         )
         planned = [
             _planned(reader, table, cell)
-            for reader, table in zip(readers, tables, strict=bool(readers))
+            for reader, table in zip(readers, tables, strict=True)
         ]
         if mistakes:
             raise FaultPlanError(mistakes)

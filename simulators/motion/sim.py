@@ -87,10 +87,6 @@ class MotionSim:
         self._send(b"")
         return banner
 
-    def settle(self) -> None:
-        """Let the controller work out what it knows of the motion to come."""
-        self._advance()
-
     def cut_laser(self, is_cut: bool, delay_s: float) -> None:
         """The laser's own safety circuit opens or closes; the source is dark after delay_s."""
         laser, now_s = self._controller.machine.trace.laser, self._loop.time()

@@ -107,13 +107,29 @@ class Trace:
         self._stands = array("d", (0.0, 0.0))
         self.moved: Callable[[Phase], None] = self._phases.extend
         self.rows = 0
+        self._awaited: list[tuple[int, Callable[[int], None]]] = []
         self._rebased_s = -inf
         self._rebased_mm = position_mm
         self._shifts = [(-inf, (0.0, 0.0, 0.0))]
 
-    def line_of(self, row: int) -> int:
-        """N word of a block."""
-        return int(self._blocks[row * _BLOCK])
+    def await_line(self, line: int, begun: Callable[[int], None]) -> Callable[[], None]:
+        """Call begun(row) as the first block whose N word is at least `line` is about to move.
+
+        What is returned stops the waiting.
+        """
+        waiting = (line, begun)
+        self._awaited.append(waiting)
+        return lambda: self._awaited.remove(waiting) if waiting in self._awaited else None
+
+    def start_s(self, row: int) -> float | None:
+        """When a block among the last ones began to move; None where it has not."""
+        phases = self._phases
+        began_s = None
+        for at in range(len(phases) - _PHASE, -1, -_PHASE):
+            if phases[at + _PHASE - 1] < row:
+                break
+            began_s = phases[at]
+        return began_s
 
     @property
     def shift_mm(self) -> Vector:
@@ -141,7 +157,14 @@ class Trace:
         )
         row = self.rows
         self.rows = row + 1
+        if self._awaited:
+            self._begun(motion.line, row)
         return row
+
+    def _begun(self, line: int, row: int) -> None:
+        for waiting in [one for one in self._awaited if one[0] <= line]:
+            self._awaited.remove(waiting)
+            waiting[1](row)
 
     def stood(self, when_s: float, power: float) -> None:
         """From when_s on, the beam burns with this power whenever the machine stands still."""

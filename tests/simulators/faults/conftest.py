@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import os
+import tty
 from collections.abc import Awaitable, Callable
 from importlib.resources import files
 
@@ -37,6 +39,7 @@ class Cell:
         self.loop = asyncio.get_running_loop()
         self.said = b""
         self._heartbeat = 0
+        self._to_close = []
         self.reader: asyncio.StreamReader
         self.writer: asyncio.StreamWriter
 
@@ -55,6 +58,7 @@ class Cell:
         port = int(self.bench.endpoints["motion"].rpartition(":")[2])
         self.reader, self.writer = await asyncio.open_connection("127.0.0.1", port)
         self._listening = asyncio.create_task(self._listen())
+        self._to_close += [self._listening.cancel, self.writer.close]
 
     async def _listen(self) -> None:
         try:
@@ -70,9 +74,19 @@ class Cell:
         await asyncio.sleep(then_s)
         return self.said[before:]
 
+    async def modbus(self, device: str = "F1") -> RawModbus:
+        """A host's connection to a feeder, by bare frames."""
+        endpoint = self.bench.endpoints[device]
+        if endpoint.startswith("modbus-rtu"):
+            raw = RawModbus.on_pty(endpoint.removeprefix("modbus-rtu://").partition("?")[0])
+        else:
+            raw = await RawModbus.on_tcp(int(endpoint.rpartition(":")[2]))
+        self._to_close.append(raw.close)
+        return raw
+
     async def drop(self) -> None:
-        self._listening.cancel()
-        self.writer.close()
+        for close in self._to_close:
+            close()
 
     def feed(self, feeder: str = "F1", g_min: float = 10.0) -> None:
         """Gas, recipe and discs on, as a host would command them; the watchdog is long."""
@@ -100,6 +114,76 @@ class Cell:
     @staticmethod
     def _write(device, name: str, word: int) -> None:
         device.write(PMX.wire_address(name), [word])
+
+
+class RawModbus:
+    """Frames out, bytes back. ask() numbers requests from 1 on TCP."""
+
+    def __init__(self, write, close, is_rtu: bool) -> None:
+        self._write, self.close, self._is_rtu = write, close, is_rtu
+        self._number = 0
+        self.got = b""
+
+    @classmethod
+    async def on_tcp(cls, port: int) -> RawModbus:
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        raw = cls(writer.write, writer.close, False)
+        raw._task = asyncio.create_task(raw._listen(reader))
+        return raw
+
+    @classmethod
+    def on_pty(cls, path: str) -> RawModbus:
+        line = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        tty.setraw(line)
+        loop = asyncio.get_running_loop()
+
+        def close() -> None:
+            loop.remove_reader(line)
+            os.close(line)
+
+        raw = cls(lambda data: os.write(line, data), close, True)
+
+        def readable() -> None:
+            raw.got += os.read(line, 4096)
+
+        loop.add_reader(line, readable)
+        return raw
+
+    async def _listen(self, reader: asyncio.StreamReader) -> None:
+        try:
+            while data := await reader.read(4096):
+                self.got += data
+            self.got += b"<closed>"
+        except ConnectionError:
+            self.got += b"<closed>"
+
+    async def ask(self, address: int, count: int = 1, then_s: float = 0.01) -> bytes:
+        """Read input registers: the bytes that come back within then_s."""
+        self._number += 1
+        request = bytes((1, 4)) + address.to_bytes(2, "big") + count.to_bytes(2, "big")
+        if self._is_rtu:
+            request += _crc(request)
+        else:
+            request = self._number.to_bytes(2, "big") + bytes((0, 0, 0, 6)) + request
+        before = len(self.got)
+        self._write(request)
+        await asyncio.sleep(then_s)
+        return self.got[before:]
+
+    async def read(self, address: int, count: int = 1) -> list[int]:
+        """The words of input registers; empty without an answer."""
+        answer = await self.ask(address, count)
+        words = answer[3:-2] if self._is_rtu else answer[9:]
+        return [int.from_bytes(words[i : i + 2], "big") for i in range(0, len(words), 2)]
+
+
+def _crc(data: bytes) -> bytes:
+    crc = 0xFFFF
+    for byte in data:
+        crc ^= byte
+        for _ in range(8):
+            crc = crc >> 1 ^ (0xA001 if crc & 1 else 0)
+    return crc.to_bytes(2, "little")
 
 
 @pytest.fixture(scope="session")

@@ -1,0 +1,143 @@
+"""When faults happen, for how long, and what is remembered of them."""
+
+import asyncio
+
+import pytest
+
+from simulators.faults.board import FaultBoard
+from simulators.faults.kinds import Fault
+from simulators.faults.plan import FaultPlan
+
+LINES = "G21 G90 G94\nM4 S0\n" + "".join(f"N{n} G1 X{n} F600 S500\n" for n in range(1, 41))
+
+
+def plan(cell, text):
+    return FaultPlan.parse(text, cell.bench.config)
+
+
+def test_a_fault_at_a_time_and_for_a_while(play):
+    async def scene(cell):
+        await asyncio.sleep(7.0)
+        cell.board.arm(plan(cell, '[[fault]]\nkind="door"\nat_s=2.5\nfor_s=1.25\n'))
+        await asyncio.sleep(2.6)
+        standing = cell.board.happened
+        await asyncio.sleep(2.0)
+        return standing, cell.board.happened
+
+    (standing,), (over,) = play(scene)
+    assert (standing.at_s, standing.cleared_s) == (pytest.approx(9.5), None)
+    assert over.cleared_s == pytest.approx(10.75)
+    assert str(over) == "door at 9.500 s"
+
+
+@pytest.mark.parametrize("line", [1, 2, 30, 40])
+def test_a_fault_as_a_line_begins(play, line):
+    async def scene(cell):
+        cell.board.arm(plan(cell, f'[[fault]]\nkind="bytes_lost"\nat_line={line}\n'))
+        await cell.send(LINES, then_s=10.0)
+        return cell.board.happened[0].at_s, cell.judge.lines()[line - 1]
+
+    at_s, executed = play(scene)
+    assert executed.line == line
+    assert at_s == pytest.approx(executed.begin_s, abs=0.0101 if line == 1 else 1e-9)
+
+
+def test_a_line_that_never_comes_is_waited_for_in_vain_and_a_later_one_will_do(play):
+    async def scene(cell):
+        cell.board.arm(plan(
+            cell, '[[fault]]\nkind="panel_hold"\nat_line=100\n[[fault]]\nkind="door"\nat_line=7\n'))
+        await cell.send("G21 G90 G94\nN3 G1 X5 F600\nN9 G1 X10\n", then_s=5.0)
+        return [str(one.fault) for one in cell.board.happened], cell.judge.lines()[1].begin_s, (
+            cell.board.happened[0].at_s)
+
+    names, begin_s, at_s = play(scene)
+    assert names == ["door"]
+    assert at_s == pytest.approx(begin_s, abs=1e-9)
+
+
+def test_watching_for_lines_changes_nothing_of_the_motion(play):
+    async def scene(cell, text):
+        if text:
+            cell.board.arm(plan(cell, text))
+        await cell.send(LINES, then_s=10.0)
+        return cell.judge.lines()
+
+    plain = play(lambda cell: scene(cell, ""))
+    watched = play(lambda cell: scene(cell, '[[fault]]\nkind="bytes_lost"\nat_line=1000\n'))
+    assert [line.end_s for line in watched] == pytest.approx([line.end_s for line in plain])
+
+
+def test_a_fault_at_a_level(play):
+    async def scene(cell):
+        cell.inject("hopper_level", "F1", grams=10.0)
+        cell.board.arm(plan(
+            cell, '[[fault]]\nkind="panel_hold"\nat_level_g={feeder="F1", grams=8}\n'))
+        cell.feed("F1", 12.0)
+        await asyncio.sleep(5.0)
+        cell.recipe("F1", 30.0)
+        await asyncio.sleep(30.0)
+        return cell.board.happened[-1].at_s
+
+    # 12 g/min from 3 s to 5 s, then 30 g/min
+    assert play(scene) == pytest.approx(5.0 + (2.0 - 0.4) / 0.5, abs=1e-6)
+
+
+def test_a_level_already_passed_is_reached_at_once(play):
+    async def scene(cell):
+        cell.board.arm(plan(
+            cell, '[[fault]]\nkind="panel_hold"\nat_level_g={feeder="F1", grams=1e6}\n'))
+        await asyncio.sleep(0.01)
+        return cell.board.happened[0].at_s
+
+    assert play(scene) == 0.0
+
+
+def test_closing_disarms(play):
+    async def scene(cell):
+        cell.board.arm(plan(cell, '[[fault]]\nkind="door"\nat_s=1\n'
+                                  '[[fault]]\nkind="door"\nat_line=1\n'))
+        cell.board.close()
+        await cell.send(LINES, then_s=3.0)
+        return cell.board.happened
+
+    assert play(scene) == ()
+
+
+def test_clearing_by_fault_and_all(play):
+    async def scene(cell):
+        door = Fault.of("door")
+        cell.board.inject(door)
+        cell.inject("controller_silent")
+        cell.inject("disc_stalls", "F1")
+        await asyncio.sleep(1.0)
+        cell.board.clear(door)
+        first = [one.cleared_s for one in cell.board.happened]
+        await asyncio.sleep(1.0)
+        cell.board.clear_all()
+        return first, [one.cleared_s for one in cell.board.happened]
+
+    assert play(scene) == ([1.0, None, None], [1.0, 2.0, 2.0])
+
+
+def test_a_device_the_bench_has_not(play):
+    async def scene(cell):
+        for kind, device in (("link_closed", "F9"), ("disc_stalls", "F9"),
+                             ("feeder_local", "F9")):
+            with pytest.raises(ValueError, match="F9"):
+                cell.inject(kind, device)
+        with pytest.raises(ValueError, match="no hopper 3"):
+            cell.inject("disc_stalls", "F1", 3)
+        return cell.board.happened
+
+    assert play(scene) == ()
+
+
+def test_the_host_is_killed_by_whoever_owns_it(play):
+    async def scene(cell):
+        done, told = [], []
+        board = FaultBoard(cell.bench, lambda: done.append(cell.now_s), told.append)
+        board.inject(Fault.of("host_killed"))
+        cell.inject("host_killed")  # a mark only
+        return done, [str(one) for one in told]
+
+    assert play(scene) == ([0.0], ["host_killed at 0.000 s"])
