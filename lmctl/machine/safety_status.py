@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any
 
 from firmware_protocol.safety_io import (
+    ALL_GOOD,
     CYCLE_BLOCK,
     FirstOut,
     Inputs,
@@ -77,41 +79,47 @@ def safety_status(
 ) -> SafetyStatus:
     """The cycle block's words as a status. Raises RegisterError where their number is wrong."""
     values: dict[str, Any] = CYCLE_BLOCK.decode(words)
-    inputs, status = Inputs(values["INPUTS"]), Status(values["STATUS"])
-
-    def good(name: SafetyInput) -> bool | None:
-        return BITS[name] in inputs if name in fitted else None
-
-    oxygen_valid = good("oxygen")
-    code = values["FIRST_OUT"]
+    facts, open_inputs = _inputs(values["INPUTS"], tuple(fitted))
+    estop, door, ready, healthy, no_reflection, chiller, gas, extraction, oxygen, key = facts
+    status, code = values["STATUS"], values["FIRST_OUT"]
     return SafetyStatus(
         time_s=time_s,
-        estop_closed=good("estop"),
-        door_closed=good("door"),
-        laser_ready=good("laser_ready"),
-        laser_healthy=good("laser_fault"),
-        no_back_reflection=good("back_reflection"),
-        chiller_ok=good("chiller"),
-        shield_gas_ok=good("shield_gas"),
-        extraction_ok=good("extraction"),
-        oxygen_valid=oxygen_valid,
-        key_on=good("key"),
-        relay_closed=Status.RELAY_CLOSED in status if has_relay else None,
+        estop_closed=estop,
+        door_closed=door,
+        laser_ready=ready,
+        laser_healthy=healthy,
+        no_back_reflection=no_reflection,
+        chiller_ok=chiller,
+        shield_gas_ok=gas,
+        extraction_ok=extraction,
+        oxygen_valid=oxygen,
+        key_on=key,
+        relay_closed=bool(status & Status.RELAY_CLOSED.value) if has_relay else None,
         shield_gas_L_min=values["SHIELD_GAS"],
         chiller_C=values["CHILLER_TEMP"],
         chiller_L_min=values["CHILLER_FLOW"],
-        oxygen_ppm=values["OXYGEN"] if oxygen_valid else None,
+        oxygen_ppm=values["OXYGEN"] if oxygen else None,
         extraction_Pa=values["EXTRACTION_DP"],
-        open_inputs=tuple(
-            first_out(input_code(BITS[name])) for name in fitted if BITS[name] not in inputs
-        ),
+        open_inputs=open_inputs,
         first_out=first_out(code) if code else None,
         trip_count=values["TRIP_COUNT"],
-        self_test_ok=Status.SELF_TEST_OK in status,
+        self_test_ok=bool(status & Status.SELF_TEST_OK.value),
         heartbeat_echo=values["HEARTBEAT_ECHO"],
         heartbeat_age_s=values["HEARTBEAT_AGE"] / 1000.0,
         uptime_s=values["UPTIME"],
         tick_ms=values["TICK"],
+    )
+
+
+@lru_cache(maxsize=64)  # asked ten times a second for what hardly ever changes
+def _inputs(
+    word: int, fitted: tuple[SafetyInput, ...]
+) -> tuple[tuple[bool | None, ...], tuple[FirstOut, ...]]:
+    """The inputs' facts, in the order of BITS, and those that are open in words."""
+    good = Inputs(word & ALL_GOOD)
+    facts = tuple(bit in good if name in fitted else None for name, bit in BITS.items())
+    return facts, tuple(
+        first_out(input_code(BITS[name])) for name in fitted if BITS[name] not in good
     )
 
 
