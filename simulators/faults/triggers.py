@@ -20,20 +20,33 @@ async def when_line(motion: MotionSim, line: int) -> None:
     """
     loop = asyncio.get_running_loop()
     while True:
-        row: asyncio.Future[int] = loop.create_future()
-        forget = motion.trace.await_line(line, row.set_result)
-        try:
-            while not row.done():
-                _ = motion.trace  # brings it up to what is known of the motion to come
-                await asyncio.wait([row], timeout=_LOOK_S)
-        finally:
-            forget()
-        while (begins_s := motion.trace.start_s(row.result())) is None or begins_s > loop.time():
-            if motion.trace.rows <= row.result():
+        row = await _loaded(motion, line)
+        while (begins_s := motion.trace.start_s(row)) is None or begins_s > loop.time():
+            if motion.trace.rows <= row:
                 break  # a reset came before it
             await asyncio.sleep(_LOOK_S if begins_s is None else begins_s - loop.time())
         else:
             return
+
+
+async def _loaded(motion: MotionSim, line: int) -> int:
+    """Row of the move, as soon as it is the next to begin."""
+    loop = asyncio.get_running_loop()
+    row: asyncio.Future[int] = loop.create_future()
+    timer: asyncio.TimerHandle
+
+    def look() -> None:
+        nonlocal timer
+        motion.settle()
+        timer = loop.call_later(_LOOK_S, look)
+
+    timer = loop.call_later(_LOOK_S, look)
+    forget = motion.trace.await_line(line, row.set_result)
+    try:
+        return await row
+    finally:
+        timer.cancel()
+        forget()
 
 
 async def when_level(feeder: PmxDevice, channel: int, grams: float) -> None:

@@ -95,6 +95,10 @@ class MotionSim:
         else:
             laser.close(now_s)
 
+    def settle(self) -> None:
+        """Let the controller work out what is certain of the motion to come."""
+        self._advance()
+
     def attach(self, write: Callable[[bytes], None]) -> None:
         """A client has come: what the controller sends goes to `write` from now on."""
         self._write = write
