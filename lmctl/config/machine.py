@@ -68,13 +68,18 @@ class Laser(Model):
 
 
 class Feeder(Model):
-    """One Modbus feeder device. watchdog_s : it stops its discs when heartbeats stop so long."""
+    """One Modbus feeder device.
+
+    watchdog_s : it stops its discs when heartbeats stop so long
+    stabilise_s : powder is called stable no sooner than this after its start (process.md 5.5)
+    """
 
     name: str
     endpoint: str
     device_id: Annotated[int, Field(ge=1, le=247)] = 1
     watchdog_s: Annotated[float, Field(ge=0.1, le=60)] = 2.0
     gas_preflow_s: NotNegative = 3.0
+    stabilise_s: Annotated[float, Field(ge=0, le=600)] = 8.0
     gas_postflow_s: NotNegative = 10.0
 
 
@@ -198,7 +203,8 @@ class MachineProfile(Model):
             exclude={
                 "motion": {"endpoint", "baud", "status_period_s"},
                 "feeder": {"__all__": {
-                    "endpoint", "device_id", "watchdog_s", "gas_preflow_s", "gas_postflow_s",
+                    "endpoint", "device_id", "watchdog_s", "gas_preflow_s", "stabilise_s",
+                    "gas_postflow_s",
                 }},
                 "hopper": {"__all__": {"dead_time_s", "lag_s"}},
                 "safety": True,

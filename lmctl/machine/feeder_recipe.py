@@ -15,9 +15,6 @@ from firmware_protocol.pmx import (
 from firmware_protocol.registers import Value
 from lmctl.config.machine import Feeder, Hopper
 
-#: Powder is called stable no sooner than this after its start (process.md 5.5).
-LEAST_STABILISE_S = 8.0
-
 #: Longest ramp of a recipe [s].
 MOST_RAMP_S = 60.0
 
@@ -98,7 +95,7 @@ def _settings(
     values |= {
         "WD_TIMEOUT": round(feeder.watchdog_s * 1000),
         "WD_ACTION": WatchdogAction.DISCS_STOP,
-        "STABILISE": max(LEAST_STABILISE_S, settling_s(hoppers)),
+        "STABILISE": max(feeder.stabilise_s, settling_s(hoppers)),
         "POSTFLOW": postflow_s(feeder, hoppers),
         "SETPOINT_MODE": SetpointMode.G_MIN,
         "AT_SPEED_TOL": 2.0,

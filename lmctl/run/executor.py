@@ -23,13 +23,12 @@ from lmctl.run.journal import Journal
 from lmctl.run.overrides import LEAST_PERCENT, MOST_PERCENT
 from lmctl.run.ownership import owning
 from lmctl.run.recorder import Recorder, wall_stamp
-from lmctl.run.reentry import START, Place
-from lmctl.run.sequence import CellSequence
+from lmctl.run.sequence import CellSequence, Continuation
 from lmctl.run.snapshot import View
 from lmctl.run.state_machine import StateMachine
 from lmctl.run.states import Event, State
 
-__all__ = ["Executor", "Progress", "RunResult", "run_job"]
+__all__ = ["Continuation", "Executor", "Progress", "RunResult", "run_job"]
 
 _BEAM_STAYED_OFF = (
     "the machine did not identify itself as the bench: every power was sent as S0, so the beam "
@@ -77,19 +76,18 @@ class Executor:
     """One run of one job. `hold`, `resume`, `stop` and `set_override` act while `run` runs.
 
     progress : told (program time done, in all, layer, machine time left) about once a second
-    place, continues : how far the job has been executed before, and by which run
+    continues : the run that has made the part so far, or None
     """
 
     def __init__(
         self, job_path: Path, profile: MachineProfile, runs_dir: Path, *, operator: str = "",
-        progress: Progress | None = None, place: Place = START, continues: str = "",
+        progress: Progress | None = None, continues: Continuation | None = None,
     ) -> None:
         self._job_path = job_path
         self._profile = profile
         self._runs_dir = runs_dir
         self._operator = operator
         self._progress = progress
-        self._place = place
         self._continues = continues
         self._override_percent = 100
         self._live: _Live | None = None
@@ -216,7 +214,7 @@ class Executor:
             job, self._profile, hoppers, recorder,
             program_done=lambda: machine.post(Event.PROGRAM_DONE), held=held_elsewhere,
             tripped=lambda error: machine.trip(error), progress=view.hear,
-            place=self._place,
+            continues=self._continues,
         )
         machine = StateMachine(sequence.carry_out, sequence.halt, recorder)
         self._live = _Live(machine, sequence, recorder, view)
@@ -250,7 +248,7 @@ class Executor:
             "profile": profile.planning_digest(), "operator": self._operator,
             "powder_mode": manifest.powder_mode, "layers": len(manifest.layers),
             "lines": sum(entry.n_lines for entry in manifest.layers),
-            **({"continues": self._continues} if self._continues else {}),
+            **({} if self._continues is None else {"continues": self._continues.run}),
             "planned_s": manifest.layers[-1].end_s, "materials": list(manifest.materials),
             "warnings": list(manifest.totals.get("warnings", [])),
             "hoppers": [

@@ -32,8 +32,8 @@ from lmctl.run.journal import Journal
 from lmctl.run.reentry import Entry, Place
 from lmctl.run.states import Do, Event, State
 
-#: Samples wait so long before they are written [s].
-BATCH_S = 2.0
+#: Samples wait so long before they are written [s]: after a crash no more than that is in doubt.
+BATCH_S = 0.5
 
 _COLUMNS = ("t", "line", "x_mm", "y_mm", "z_mm", "feed_mm_min", "s_word")
 

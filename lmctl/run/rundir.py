@@ -61,7 +61,7 @@ def create(runs_dir: Path, job: Path) -> RunDir:
     The copy is what the run reads: the job it began with, whatever becomes of the original.
     Two processes never get the same folder. Raises JobError, JournalError.
     """
-    number = max((int(name[4:]) for name in _names(runs_dir)), default=0) + 1
+    number = max((int(name[4:]) for name in names(runs_dir)), default=0) + 1
     while True:
         path = runs_dir / f"run-{number:04d}"
         try:
@@ -93,10 +93,10 @@ def discard(made: RunDir) -> None:
 def find(runs_dir: Path, run: str) -> RunDir:
     """The folder of a run, by its name. Raises JournalError where there is none."""
     if not _NAME.fullmatch(run) or not (runs_dir / run).is_dir():
-        names = _names(runs_dir)
+        known = names(runs_dir)
         raise JournalError(
             f"there is no run {run!r} in {runs_dir}",
-            where=f"the last one is {names[-1]}" if names else "it holds no run",
+            where=f"the last one is {known[-1]}" if known else "it holds no run",
             hint="`lmctl jobs` lists runs",
         )
     return RunDir(runs_dir / run)
@@ -107,7 +107,7 @@ def list_runs(runs_dir: Path) -> list[RunSummary]:
 
     Reads only the first and the last record of each journal.
     """
-    return [summary(RunDir(runs_dir / name)) for name in _names(runs_dir)]
+    return [summary(RunDir(runs_dir / name)) for name in names(runs_dir)]
 
 
 def summary(run: RunDir) -> RunSummary:
@@ -134,7 +134,8 @@ def summary(run: RunDir) -> RunSummary:
     )
 
 
-def _names(runs_dir: Path) -> list[str]:
+def names(runs_dir: Path) -> list[str]:
+    """Names of the runs in a folder, oldest first. Raises JournalError."""
     try:
         return sorted(
             (path.name for path in runs_dir.iterdir() if _NAME.fullmatch(path.name)),

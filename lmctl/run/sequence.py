@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import re
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 from firmware_protocol.realtime import Realtime
 from lmctl.config.machine import Hopper, MachineProfile
@@ -40,13 +41,26 @@ _BY_FEEDERS = frozenset({
 _ARMED = re.compile(r"\[GC:(?=.*\bM4\b)(?=.*\bS0(?:\.0*)?[\] ]).*\]")
 
 
+@dataclass(frozen=True)
+class Continuation:
+    """What an earlier run has made of the part.
+
+    place : how far the job has been executed
+    trusted : somebody has seen to it that the machine's position is true
+    """
+
+    run: str
+    place: Place
+    trusted: bool
+
+
 class CellSequence:
     """Carries out effects on one cell for one job.
 
     program_done : called when the last line has been executed
     held : called while the machine reports a hold, whoever asked for it
     tripped : called with each reason to hold (Interlock) or to end the run
-    place : how far the job has been executed before this run
+    continues : what an earlier run has made of the part; None for a new one
     alarms : what is wrong, or was when the run was last held
     beam_off : whether every power is sent as zero, because the machine is not the bench
     """
@@ -54,7 +68,8 @@ class CellSequence:
     def __init__(
         self, job: JobReader, profile: MachineProfile, hoppers: Sequence[Hopper],
         recorder: Recorder, *, program_done: Callable[[], None], held: Callable[[], None],
-        tripped: Callable[[Exception], None], progress: Progress | None, place: Place = START,
+        tripped: Callable[[Exception], None], progress: Progress | None,
+        continues: Continuation | None = None,
     ) -> None:
         self.alarms = Alarms()
         self.beam_off = True
@@ -66,7 +81,8 @@ class CellSequence:
         self._held = held
         self._tripped = tripped
         self._progress = progress
-        self._place = place
+        self._continues = continues
+        self._place = START if continues is None else continues.place
         self._loop = asyncio.get_running_loop()
         self._override_percent = 100
         self._cell: Cell | None = None
@@ -178,6 +194,10 @@ class CellSequence:
             rx_bytes=identity.rx_bytes, planner_blocks=identity.planner_blocks,
             is_bench=identity.is_bench, position_trusted=motion.position_trusted,
         )
+        if self._continues is not None:
+            if self._continues.trusted:
+                motion.trust_position()
+            await self._reset_alarms([f for f in cell.feeders if f.status and f.status.alarm])
         check_motion(motion, profile)
         if self.beam_off:
             await self._read_through()
@@ -291,7 +311,15 @@ class CellSequence:
         """The operator has asked to go on: latched alarms are reset, where their cause is gone."""
         faulty = [feeder for feeder in self._connected.feeders if feeder.fault is not None]
         self._watching.acknowledged()
-        await self._connected.feeders_do(FeederDriver.acknowledge, faulty)
+        await self._reset_alarms(faulty)
+
+    async def _reset_alarms(self, faulty: Sequence[FeederDriver]) -> None:
+        cell = self._connected
+        if cell.safety is not None and cell.safety.status is not None and (
+            cell.safety.status.relay_closed is False
+        ):
+            await cell.safety.reset_relay()
+        await cell.feeders_do(FeederDriver.acknowledge, faulty)
 
     async def _leave_part(self) -> None:
         """To the purge position; from there the job goes on at the place reached."""

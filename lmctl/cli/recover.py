@@ -1,0 +1,111 @@
+"""`lmctl recover`: go on with a part whose run was stopped, tripped, or died."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from lmctl.cli.cell import cell_options, choose_cell
+from lmctl.cli.console import put, put_json, say
+from lmctl.cli.run import outcome, result_as_json
+from lmctl.config.machine import MachineProfile
+from lmctl.errors import JournalError, MachineError, UsageError
+
+if TYPE_CHECKING:
+    from lmctl.machine.motion import MotionDriver
+    from lmctl.run.aftermath import Aftermath
+    from lmctl.run.executor import Continuation, RunResult
+
+
+@click.command()
+@click.argument("run")
+@cell_options
+@click.option("--yes", is_flag=True, help="Do not ask before the machine is touched.")
+@click.option("--operator", default="", help="Name for the journal.")
+@click.option("--json", "as_json", is_flag=True, help="Print the result as one JSON object.")
+def recover(
+    run: str, runs_dir: Path, machine: Path | None, sim: bool, bench: Path | None, yes: bool,
+    operator: str, as_json: bool,
+) -> None:
+    """Go on with the part of RUN, which was stopped, tripped or died.
+
+    Its journal is verified and the machine is looked at before anything is sent to it. What will
+    be done is shown, and asked. The part is entered again a few millimetres before the place
+    reached, after fresh powder; a new run is journaled, which names the one it continues.
+    """
+    from lmctl.run import rundir
+    from lmctl.run.aftermath import aftermath, continued_by
+
+    choice = choose_cell(machine, sim, bench)
+    made = rundir.find(runs_dir, run)
+    after = aftermath(made)
+    if later := continued_by(made):
+        raise JournalError(f"{run} has been continued by {later}",
+                           hint=f"`lmctl recover {later}` goes on from where that one came")
+
+    async def act(profile: MachineProfile) -> RunResult:
+        from lmctl.run.executor import Executor
+
+        continuation = await _prepared(after, profile, yes=yes)
+        return await Executor(made.job, profile, runs_dir, operator=operator,
+                              continues=continuation).run()
+
+    result = choice.do(act)
+    if as_json:
+        put_json(result_as_json(result))
+    else:
+        put(outcome(result))
+
+
+async def _prepared(after: Aftermath, profile: MachineProfile, *, yes: bool) -> Continuation:
+    """Look, say what will be done, ask, and home the machine where its position is lost."""
+    from lmctl.job.reader import JobReader
+    from lmctl.machine.homing import homing_words, run_home
+    from lmctl.machine.motion import MotionDriver
+    from lmctl.run.executor import Continuation
+    from lmctl.run.recovery import find_place
+    from lmctl.run.reentry import OVERLAP_MM
+
+    motion = await MotionDriver.open(profile.motion.endpoint, baud=profile.motion.baud,
+                                     status_period_s=profile.motion.status_period_s)
+    try:
+        with JobReader(after.run.job) as job:
+            found = find_place(job, after, motion.position_mm)
+            layer = sum(entry.first_line <= found.place.line for entry in job.manifest.layers)
+        trusted = found.matched or motion.position_trusted
+        steps = [] if trusted and not _alarmed(motion) else [
+            "home the machine: its position is not known", *homing_words(motion.settings)
+        ]
+        say("\n".join([
+            f"{after.run.run} ended {after.ended} ({after.header.get('part', '')})",
+            f"  the machine is {motion.found.state}, at {_position(motion.position_mm)}",
+            f"  executed: up to layer {layer}, program line {found.place.line} "
+            f"({100 * found.place.share:.0f} % of it): {found.why}",
+            "what will be done:",
+            *(f"  {step}" for step in steps),
+            "  acknowledge the feeders' alarms; gas and powder on at the purge position, until "
+            "stable",
+            f"  enter the part again up to {OVERLAP_MM:g} mm before that place, and go on to its "
+            "end",
+        ]))
+        if not yes and not click.confirm("go on?", err=True):
+            raise UsageError("not recovered: nothing has been sent that moves the machine")
+        if steps:
+            await run_home(motion)
+    finally:
+        await motion.close()
+    return Continuation(after.run.run, found.place, trusted=True)
+
+
+def _alarmed(motion: MotionDriver) -> bool:
+    if motion.status is None:
+        raise MachineError("the motion controller does not say where it is")
+    return motion.status.state == "Alarm"
+
+
+def _position(position_mm: tuple[float, ...] | None) -> str:
+    if position_mm is None:
+        return "an unknown place"
+    return " ".join(f"{axis}{value:.3f}" for axis, value in zip("XYZ", position_mm, strict=False))

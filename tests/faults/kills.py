@@ -1,0 +1,216 @@
+"""`kill -9` of the host at random moments, then `lmctl recover`: what the machine really did.
+
+The simulated cell is a process of its own, in real time, and so is the host. For each kill: the
+journal verifies and claims no path that was not executed; recovery completes the part with nothing
+missing, and repeats no more than the send horizon holds and the overlap.
+
+    python tests/faults/kills.py [KILLS]
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+
+from lmctl.config.machine import load_profile
+from lmctl.job.reader import JobReader
+from lmctl.job.schema import LineKind
+from lmctl.run.journal_file import read, verify
+from lmctl.run.reentry import OVERLAP_MM
+
+#: Delays far shorter than a cell's, so that a run takes seconds.
+SHORT = {
+    "watchdog_s = 4":
+        "watchdog_s = 1\ngas_preflow_s = 0.1\nstabilise_s = 0.2\ngas_postflow_s = 0.2",
+    "dead_time_s = 3.0": "dead_time_s = 0.2", "dead_time_s = 2.6": "dead_time_s = 0.2",
+    "lag_s = 1.0": "lag_s = 0.05", "lag_s = 0.8": "lag_s = 0.05",
+    "preflow_s = 3.0 ": "preflow_s = 0.1 ",
+    'name = "F2"\nendpoint = "modbus-tcp://127.0.0.1:5022"\ndevice_id = 1\n\n[[feeder.hopper]]':
+        'name = "F2"\nendpoint = "modbus-tcp://127.0.0.1:5022"\npreflow_s = 0.1\n\n'
+        "[[feeder.hopper]]",
+}
+SPEED_MM_S = 20.0
+AT_ONCE = 4
+_LONGEST_S = 60.0
+
+
+@dataclass
+class Outcome:
+    """One kill. at_s : after the journal was begun; shortfalls : empty where all was well."""
+
+    seed: int
+    at_s: float
+    state: str = ""
+    recovered: str = ""
+    repeated_mm: float = 0.0
+    shortfalls: list[str] = field(default_factory=list)
+
+    def row(self) -> str:
+        return (f"{self.seed:4d}  {self.at_s:6.2f} s  {self.state:12s} {self.recovered:10s} "
+                f"{self.repeated_mm:6.2f} mm  {'; '.join(self.shortfalls) or 'ok'}")
+
+
+def run_kills(job: Path, seeds: range, folder: Path) -> list[Outcome]:
+    """Kill one host a seed, several at once: they mostly wait."""
+    with ThreadPoolExecutor(AT_ONCE) as pool:
+        return list(pool.map(lambda seed: one_kill(job, seed, folder / f"{seed:04d}"), seeds))
+
+
+def one_kill(job: Path, seed: int, folder: Path) -> Outcome:
+    folder.mkdir(parents=True)
+    outcome = Outcome(seed, random.Random(seed).uniform(0.2, 9.0))
+    bench_file, record = folder / "bench.toml", folder / "record.json"
+    bench_text = shortened("bench.toml")
+    for port in ("2323", "5021", "5022"):
+        bench_text = bench_text.replace(f"127.0.0.1:{port}", "127.0.0.1:0")
+    bench_file.write_text(bench_text)
+    bench = subprocess.Popen(
+        [sys.executable, "-m", "simulators", bench_file, "--record", record],
+        stdout=subprocess.PIPE, text=True,
+    )
+    try:
+        assert bench.stdout is not None
+        cell = folder / "cell.toml"
+        cell.write_text(wired(json.loads(bench.stdout.readline())))
+        outcome.state = _run_and_kill(job, cell, folder, outcome.at_s)
+        _judge_journal(folder, outcome)
+        if outcome.state != "done":
+            _recover(cell, folder, outcome)
+    finally:
+        bench.send_signal(signal.SIGTERM)
+        bench.wait(_LONGEST_S)
+        if bench.stdout is not None:
+            bench.stdout.close()
+    _judge_record(job, json.loads(record.read_text()), folder, outcome)
+    return outcome
+
+
+def _run_and_kill(job: Path, cell: Path, folder: Path, at_s: float) -> str:
+    """The last state the journal knows, after the host has been killed."""
+    with (folder / "host.txt").open("w") as said:
+        host = subprocess.Popen(
+            [sys.executable, "-m", "lmctl.cli", "run", job, "--machine", cell,
+             "--runs", folder / "runs"], stdout=said, stderr=said,
+        )
+        began, journal = time.monotonic(), folder / "runs" / "run-0001" / "journal.jsonl"
+        while not journal.exists() and time.monotonic() < began + _LONGEST_S:
+            time.sleep(0.01)
+        try:
+            host.wait(at_s)
+        except subprocess.TimeoutExpired:
+            host.send_signal(signal.SIGKILL)
+            host.wait()
+    states = [r["to"] for r in read(journal) if r["kind"] == "state"] if journal.exists() else []
+    return states[-1] if states else "not begun"
+
+
+def _judge_journal(folder: Path, outcome: Outcome) -> None:
+    journal = folder / "runs" / "run-0001" / "journal.jsonl"
+    if journal.exists() and not verify(journal).whole:
+        outcome.shortfalls.append("the journal does not verify")
+
+
+def _recover(cell: Path, folder: Path, outcome: Outcome) -> None:
+    runs = folder / "runs"
+    if not (runs / "run-0001" / "journal.jsonl").exists():
+        outcome.recovered = "not begun"
+        return
+    time.sleep(0.1)
+    done = subprocess.run(
+        [sys.executable, "-m", "lmctl.cli", "recover", "run-0001", "--machine", cell,
+         "--runs", runs, "--yes", "--json"],
+        capture_output=True, text=True, timeout=_LONGEST_S, check=False,
+    )
+    (folder / "recover.txt").write_text(done.stderr)
+    outcome.recovered = "done" if done.returncode == 0 else f"exit {done.returncode}"
+    if done.returncode:
+        outcome.shortfalls.append(done.stderr.strip().splitlines()[-1])
+
+
+def _judge_record(job: Path, record: dict, folder: Path, outcome: Outcome) -> None:
+    drawn = {line["line"]: line["drawn_mm"] for line in record["drawn"]}
+    outcome.repeated_mm = record["verdict"]["repeated_mm"]
+    with JobReader(job) as reader:
+        horizon_s = reader.manifest.send_horizon_s
+        lines = np.concatenate([layer.lines for layer in reader.layers()])
+    ends = np.column_stack([lines["x_mm"], lines["y_mm"], lines["z_mm"]])
+    length = np.linalg.norm(np.diff(ends, axis=0, prepend=ends[:1]), axis=1)
+    beads = np.flatnonzero(lines["kind"] == LineKind.BEAD)
+    short = outcome.shortfalls
+    if outcome.recovered == "done" or outcome.state == "done":
+        missing = [n for n in beads.tolist() if drawn.get(n, 0.0) < length[n] - 0.05]
+        if missing:
+            short.append(f"lines {missing[:5]} are missing")
+    if outcome.repeated_mm > SPEED_MM_S * horizon_s + OVERLAP_MM:
+        short.append("more was repeated than the horizon holds")
+    if record["verdict"]["beam_standing"]:
+        short.append("the beam was lit without motion")
+    if record["verdict"]["overruns"]:
+        short.append("bytes were lost")
+    for journal in sorted(folder.glob("runs/*/journal.jsonl")):
+        short += _false_claims(journal, lines, length, drawn)
+
+
+def _false_claims(journal: Path, lines: np.ndarray, length: np.ndarray, drawn: dict) -> list[str]:
+    claimed = {r["path"] for r in read(journal) if r["kind"] == "executed"}
+    return [
+        f"{journal.parent.name} claims path {path}, which was not executed"
+        for path in sorted(claimed)
+        for n in np.flatnonzero((lines["path"] == path) & (lines["kind"] == LineKind.BEAD)).tolist()
+        if drawn.get(n, 0.0) < length[n] - 0.05
+    ]
+
+
+def shortened(name: str) -> str:
+    text = (files("lmctl.examples") / name).read_text()
+    for old, new in SHORT.items():
+        text = text.replace(old, new)
+    return text
+
+
+def wired(endpoints: dict[str, str]) -> str:
+    text = shortened("cell.toml").replace("tcp://127.0.0.1:2323", endpoints["motion"])
+    for name, port in (("F1", "5021"), ("F2", "5022")):
+        text = text.replace(f"modbus-tcp://127.0.0.1:{port}", endpoints[name])
+    return text
+
+
+def write_small_job(folder: Path) -> Path:
+    """Three layers of two squares, seven seconds of program."""
+    from tests.run.conftest import squares, write_job
+
+    cell, job = folder / "cell.toml", folder / "job.lmj"
+    cell.write_text(shortened("cell.toml"))
+    write_job(job, load_profile(cell), squares(layers=3, per_layer=2, speed_mm_s=SPEED_MM_S))
+    return job
+
+
+def main() -> int:
+    kills = int(sys.argv[1]) if len(sys.argv) > 1 else 100
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        outcomes = run_kills(write_small_job(folder), range(kills), folder / "kills")
+    print("seed  killed at  in state     recovered   repeated")
+    for outcome in outcomes:
+        print(outcome.row())
+    wrong = sum(bool(outcome.shortfalls) for outcome in outcomes)
+    print(f"{kills} kills, {wrong} fell short; most repeated "
+          f"{max(outcome.repeated_mm for outcome in outcomes):.2f} mm")
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    sys.path.insert(0, os.getcwd())
+    sys.exit(main())
