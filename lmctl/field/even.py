@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from lmctl.field.patches import FITTED, Patches, fit_patches
+from lmctl.field.fits import FITTED
+from lmctl.field.patches import Patches, fit_patches
 from lmctl.field.samples import Samples, averaged
 
 NOISY_SPACINGS = 0.2  # noise beyond this hides the surface between neighbours
