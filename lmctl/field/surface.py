@@ -1,0 +1,58 @@
+"""The surface of a field at any level, as triangles for viewing and export (method.md 1)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmctl.errors import InputError
+from lmctl.field.field import Field, sample, sample_gradient
+
+FloatArray = NDArray[np.float64]
+Triangles = NDArray[np.int64]
+
+ROUNDS = 2  # of moving vertices onto the level
+FARTHEST_MOVE = 0.5  # pitches; where more is asked for, an edge is near and the slope no guide
+
+
+def iso_surface(field: Field, level_mm: float = 0.0) -> tuple[FloatArray, Triangles]:
+    """The surface on which a field is `level_mm` deep, closed, its triangles wound outwards.
+
+    Marching cubes (Lewiner et al. 2003, doi:10.1080/10867651.2003.10487582) on the nodes, then
+    every vertex is moved to where the field, read between its nodes, has that level.
+
+    level_mm : > 0 inside, < 0 outside the body
+    returns : (n, 3) float64 [mm]; (m, 3) int64, rows of it
+    raises : InputError where no place has that depth, or the surface would leave the grid
+    """
+    values, grid = field.values, field.grid
+    nz, ny, nx = grid.shape
+    where = f"level {level_mm:g} mm; grid of {nx} x {ny} x {nz} nodes, pitch {grid.pitch_mm:g} mm"
+    if not np.isfinite(level_mm) or not float(values.min()) < level_mm < float(values.max()):
+        raise InputError(
+            "the field has no surface at this level", where=where,
+            hint=f"its levels are from {values.min():.3g} to {values.max():.3g} mm",
+        )
+    faces = (values[0], values[-1], values[:, 0], values[:, -1], values[:, :, 0], values[:, :, -1])
+    if max(float(face.max()) for face in faces) >= level_mm:
+        raise InputError(
+            "the surface at this level leaves the field's grid", where=where,
+            hint="give the grid more nodes of padding, or choose a level farther inside",
+        )
+    from skimage.measure import marching_cubes  # takes a second, which few need to spend
+
+    corners, triangles, _, _ = marching_cubes(values, level_mm)
+    points = corners[:, ::-1] * grid.pitch_mm + np.asarray(grid.origin_mm)
+    return _onto_level(field, level_mm, points), triangles.astype(np.int64)
+
+
+def _onto_level(field: Field, level_mm: float, points: FloatArray) -> FloatArray:
+    farthest = FARTHEST_MOVE * field.grid.pitch_mm
+    moved = points
+    for _ in range(ROUNDS):
+        slope = sample_gradient(field, moved)
+        slope /= np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-12)
+        step = np.clip(level_mm - sample(field, moved), -farthest, farthest)
+        moved = moved + step[:, None] * slope
+    better = np.abs(sample(field, moved) - level_mm) < np.abs(sample(field, points) - level_mm)
+    return np.where(better[:, None], moved, points)
