@@ -39,6 +39,7 @@ class Stretch:
     fed : (n,) whether a feed override scales the line (G1); dark : (n,) whether the beam is off
     fed_end_s : (n,) program time spent in G1 since the job began, up to each line's end
     program : the text of each line, without its end
+    path_starts : the first line of each path
     flow_s, flow_g_s : knots of the flow at the nozzle: times, and of each hopper its values there
         (plain lists: they are asked for one value at a time, ten times a second)
     beam_s, beam_mm, energy_J : of its bead lines, as planned
@@ -57,18 +58,17 @@ class Stretch:
     fed_end_s: FloatArray
     program: list[bytes]
     paths: tuple[PathSpan, ...]
+    path_starts: tuple[int, ...]
     flow_s: list[float]
     flow_g_s: list[list[float]]
     beam_s: float
     beam_mm: float
     energy_J: float
 
-
     def paths_from(self, line: int, before: int) -> tuple[PathSpan, ...]:
         """The paths that begin at or after a line of this layer, and before another."""
         return self.paths[
-            bisect_left(self.paths, line, key=_first_line):
-            bisect_left(self.paths, before, key=_first_line)
+            bisect_left(self.path_starts, line):bisect_left(self.path_starts, before)
         ]
 
 
@@ -161,7 +161,8 @@ class JobWindow:
         The override acts on G1 only: rapids and dwells take the time they were planned to take.
         """
         if rate == 1.0 or machine_s <= 0.0:
-            return min(s + max(machine_s, 0.0), self.end_s)
+            reached_s = s + machine_s if machine_s > 0.0 else s
+            return reached_s if reached_s < self.end_s else self.end_s
         stretch = self._at(s)
         target = self.machine_s(s, rate) + machine_s
         while True:
@@ -248,10 +249,11 @@ class JobWindow:
         program = [line.encode("ascii") for line in layer.program]
         if self._rewrite is not None:
             program = [self._rewrite(line) for line in program]
+        paths = _paths(index, layer.first_line, lines["path"])
         self._loaded.append(Stretch(
             index, layer.z_mm, layer.first_line,
             layer.first_line + len(program) - 1, start_s, end_s, start_mm, end_mm, fed, ~bead,
-            fed_end_s, program, _paths(index, layer.first_line, lines["path"]),
+            fed_end_s, program, paths, tuple(path.first_line for path in paths),
             layer.flow_s.tolist(), layer.flow_g_s.T.tolist(),
             beam_s=float(lasting_s[bead].sum()),
             beam_mm=float(np.linalg.norm((end_mm - start_mm)[bead], axis=1).sum()),
@@ -271,7 +273,3 @@ def _paths(layer: int, first_line: int, path: NDArray[np.int32]) -> tuple[PathSp
         for first, last in zip(firsts, lasts, strict=True)
         if path[first] >= 0
     )
-
-
-def _first_line(path: PathSpan) -> int:
-    return path.first_line
