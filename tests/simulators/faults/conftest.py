@@ -208,5 +208,10 @@ def play() -> Callable[..., object]:
 
 
 @pytest.fixture(scope="session")
+def bench_text() -> str:
+    return cell_text()
+
+
+@pytest.fixture(scope="session")
 def bench_config() -> BenchConfig:
     return BenchConfig.parse(cell_text())
