@@ -27,6 +27,8 @@ COMMANDS = {
     "stop": ("lmctl.cli.operate", "End a run: beam and motion, then powder, then gas."),
     "override": ("lmctl.cli.operate", "Scale speed, beam and powder of a run together."),
     "status": ("lmctl.cli.operate", "Say how a run stands, and what to do about its alarms."),
+    "recover": ("lmctl.cli.recover", "Go on with a part whose run was stopped, tripped or died."),
+    "machine": ("lmctl.cli.machine", "Look at a machine, check it, home it, jog it, unlock it."),
     "jobs": ("lmctl.cli.jobs", "List job files and runs."),
     "log": ("lmctl.cli.log", "Print the log of a run; verify its journal."),
 }
@@ -48,8 +50,8 @@ def program() -> None:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command. Returns the exit code; writes errors to standard error."""
     try:
-        program.main(args=arguments, prog_name="lmctl", standalone_mode=False)
-        return 0
+        code = program.main(args=arguments, prog_name="lmctl", standalone_mode=False)
+        return code if isinstance(code, int) else 0  # of a command that has called ctx.exit
     except LmctlError as error:
         click.echo(error.render(), err=True)
         return error.exit_code

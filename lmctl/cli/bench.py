@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 import os
 import signal
+from collections.abc import Callable, Coroutine
 from importlib.resources import as_file, files
 from pathlib import Path
+from typing import Any, TypeVar
 
 from lmctl.config.machine import MachineProfile
 from lmctl.config.toml_file import read_text
@@ -18,6 +20,7 @@ from simulators.bench_config import BenchConfig
 from simulators.faults.board import FaultBoard
 from simulators.faults.plan import FaultPlan, FaultPlanError
 
+T = TypeVar("T")
 
 def run_simulated(
     job: Path, profile: MachineProfile, runs_dir: Path, *, operator: str = "",
@@ -48,6 +51,20 @@ def run_simulated(
                     happened.extend(map(str, board.happened))
 
     return virtual_time.run(whole_run(), speed=math.inf if speed is None else speed)
+
+
+def on_bench(
+    act: Callable[[MachineProfile], Coroutine[Any, Any, T]], profile: MachineProfile,
+    bench: Path | None = None,
+) -> T:
+    """Do something with a simulated cell of a profile, in virtual time. Raises what it raises."""
+    config = load_bench(bench)
+
+    async def whole_act() -> T:
+        async with Bench(config, ephemeral_ports=True) as cell:
+            return await act(rewire(profile, cell.endpoints))
+
+    return virtual_time.run(whole_act())
 
 
 def load_bench(path: Path | None) -> BenchConfig:

@@ -1,0 +1,59 @@
+"""Which cell a `lmctl machine` command works with: a real one (--machine), or the bench (--sim)."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Coroutine
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from lmctl.cli.profiles import profile_or_bench_cell
+from lmctl.config.machine import MachineProfile
+from lmctl.errors import UsageError
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class CellChoice:
+    """The cell that was named on the command line."""
+
+    profile: MachineProfile
+    sim: bool
+    bench: Path | None
+
+    def do(self, act: Callable[[MachineProfile], Coroutine[Any, Any, T]]) -> T:
+        """Do something with it; a simulated cell lives as long as that. Raises what it raises."""
+        if not self.sim:
+            return asyncio.run(act(self.profile))
+        from lmctl.cli.bench import on_bench
+
+        return on_bench(act, self.profile, self.bench)
+
+
+def choose_cell(machine: Path | None, sim: bool, bench: Path | None) -> CellChoice:
+    """Raises UsageError where no cell is named, ConfigError for a bad profile."""
+    if not sim and machine is None:
+        raise UsageError("which machine?",
+                         hint="--machine FILE for a real one, --sim for the simulated one")
+    if bench is not None and not sim:
+        raise UsageError("--bench belongs to --sim")
+    return CellChoice(profile_or_bench_cell(machine), sim, bench)
+
+
+def cell_options(command: Callable[..., None]) -> Callable[..., None]:
+    """The options that name a cell, and the folder where its journal is."""
+    for option in (
+        click.option("--runs", "runs_dir", type=click.Path(path_type=Path), default=Path("runs"),
+                     show_default=True, help="Folder of runs, and of the machine's journal."),
+        click.option("--bench", type=click.Path(path_type=Path),
+                     help="With --sim: the simulated cell's own file [the bench that ships]."),
+        click.option("--sim", is_flag=True, help="The simulated machine."),
+        click.option("-m", "--machine", type=click.Path(path_type=Path),
+                     help="Machine profile of a real one."),
+    ):
+        command = option(command)
+    return command

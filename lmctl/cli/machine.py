@@ -1,0 +1,24 @@
+"""`lmctl machine`: looking at a cell, checking it, and moving it by hand."""
+
+from __future__ import annotations
+
+import click
+
+from lmctl.cli.lazy import LazyGroup
+
+COMMANDS = {
+    "status": ("lmctl.cli.machine_looks", "One look at every device. Nothing is moved."),
+    "doctor": ("lmctl.cli.machine_looks", "Check all that can be checked, and say what to do."),
+    "home": ("lmctl.cli.machine_acts", "Home the axes."),
+    "jog": ("lmctl.cli.machine_acts", "Move the axes by hand, without beam."),
+    "offset": ("lmctl.cli.machine_acts", "Say where program zero is."),
+    "unlock": ("lmctl.cli.machine_acts", "End latched alarms of controller and feeders."),
+}
+
+
+@click.command(cls=LazyGroup, table=COMMANDS)
+def machine() -> None:
+    """Look at a machine, check it, home it, jog it, unlock it.
+
+    Name the machine by --machine FILE, or take the simulated one by --sim.
+    """

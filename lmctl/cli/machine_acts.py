@@ -1,0 +1,253 @@
+"""`lmctl machine home|jog|offset|unlock`: acts on a machine, asked about first and journaled."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+import sys
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+from lmctl.cli.cell import CellChoice, cell_options, choose_cell
+from lmctl.cli.console import put, say
+from lmctl.config.machine import MachineProfile
+from lmctl.errors import LmctlError, MachineError, UsageError
+
+if TYPE_CHECKING:
+    from lmctl.machine.motion import MotionDriver
+    from lmctl.run.doctor import CellLook
+
+T = TypeVar("T")
+
+_WORD = re.compile(r"([XYZxyz])([+-]?[0-9]{1,5}(?:\.[0-9]{1,4})?)")
+
+
+@click.command()
+@cell_options
+@click.option("--yes", is_flag=True, help="Do not ask.")
+def home(
+    machine: Path | None, sim: bool, bench: Path | None, runs_dir: Path, yes: bool
+) -> None:
+    """Home the axes, which clears an alarm. Says what will move, and asks first."""
+    from lmctl.machine.homing import homing_words, run_home
+
+    cell = choose_cell(machine, sim, bench)
+    found = _look(cell, runs_dir).motion
+    if isinstance(found, LmctlError):
+        raise found
+    if not found.settings:
+        raise MachineError(
+            f"the controller does not tell its settings in state {found.report.state}",
+            hint="wait until it stands; `lmctl machine unlock` ends an alarm",
+        )
+    for line in homing_words(found.settings):
+        say(line)
+    _ask("Is the way free? Home the machine?", yes)
+    at = _move(cell, runs_dir, {"do": "home"}, run_home)
+    put(f"homed; the machine stands at {_place(at)}")
+
+
+@click.command(context_settings={"ignore_unknown_options": True})
+@click.argument("words", nargs=-1, required=True, metavar="X10 Y-5 Z2")
+@cell_options
+@click.option("--feed", "feed_mm_min", type=click.FloatRange(1, 100_000), default=600.0,
+              show_default=True, help="Speed along the way [mm/min].")
+@click.option("--relative", is_flag=True, help="By so much from where the machine is.")
+def jog(
+    words: tuple[str, ...], machine: Path | None, sim: bool, bench: Path | None, runs_dir: Path,
+    feed_mm_min: float, relative: bool,
+) -> None:
+    """Move the named axes to a place [mm], in a straight line, without beam. Ctrl-C stops it.
+
+    Axes that are not named stay where they are.
+    """
+    from lmctl.machine.jog import Jog, run_jog
+
+    cell = choose_cell(machine, sim, bench)
+    wanted = Jog(_axes(words), relative, feed_mm_min)
+    at = _move(
+        cell, runs_dir,
+        {"do": "jog", "to_mm": wanted.to_mm, "relative": relative, "feed_mm_min": feed_mm_min},
+        lambda motion: run_jog(wanted, motion, cell.profile.motion),
+    )
+    put(f"the machine stands at {_place(at)}")
+
+
+@click.command(context_settings={"ignore_unknown_options": True})
+@click.argument("words", nargs=-1, required=True, metavar="X-300 Y-300 Z-200")
+@cell_options
+@click.option("--here", is_flag=True, help="The values are where the machine stands now.")
+def offset(
+    words: tuple[str, ...], machine: Path | None, sim: bool, bench: Path | None, runs_dir: Path,
+    here: bool,
+) -> None:
+    """Set the work offset (G54): the machine coordinates [mm] of program zero.
+
+    With --here: the program coordinates of the place where the machine stands. Axes that are not
+    named keep theirs. The controller remembers it.
+    """
+    from lmctl.machine.homing import run_offset
+
+    cell = choose_cell(machine, sim, bench)
+    axes = _axes(words)
+    at = _move(cell, runs_dir, {"do": "offset", "axes": axes, "here": here},
+               lambda motion: run_offset(motion, axes, here=here))
+    put(f"program zero lies at {_place(at)} of the machine")
+
+
+@click.command()
+@cell_options
+@click.option("--yes", is_flag=True, help="Do not ask.")
+def unlock(
+    machine: Path | None, sim: bool, bench: Path | None, runs_dir: Path, yes: bool
+) -> None:
+    """End the latched alarms of the motion controller and the feeders, as a deliberate act.
+
+    With homing enabled the position stays distrusted: home the machine afterwards. Without it, to
+    unlock is to say that the position is right.
+    """
+    cell = choose_cell(machine, sim, bench)
+    locked = _locked(_look(cell, runs_dir), cell.profile)
+    if not locked:
+        put("nothing is locked")
+        return
+    for device, reason in locked.items():
+        say(f"{device}: {reason}")
+    _ask("Are the causes gone? Unlock?", yes)
+    cell.do(lambda profile: _unlocked(profile, runs_dir, locked))
+    put("unlocked: " + ", ".join(locked))
+    if "motion" in locked:
+        put("hint: `lmctl machine doctor` says whether its position is to be trusted")
+
+
+def _locked(look: CellLook, profile: MachineProfile) -> dict[str, str]:
+    """Devices with a latched alarm, each with the reason. Raises where one cannot be reached."""
+    from firmware_protocol.pmx import Status
+
+    found = {}
+    if isinstance(look.motion, LmctlError):
+        raise look.motion
+    if look.motion.report.state == "Alarm":
+        found["motion"] = "the controller is locked by an alarm"
+    for feeder in profile.feeder:
+        told = look.feeders[feeder.name]
+        if isinstance(told, LmctlError):
+            raise told
+        if told.status.alarm is not None:
+            found[feeder.name] = told.status.alarm.text
+        elif Status.WATCHDOG_TRIPPED in told.status.flags:
+            found[feeder.name] = "its watchdog has tripped"
+    return found
+
+
+async def _unlocked(profile: MachineProfile, runs_dir: Path, locked: dict[str, str]) -> None:
+    from lmctl.machine.feeder import FeederDriver
+    from lmctl.machine.homing import run_unlock
+    from lmctl.run.doctor import hoppers_on
+
+    async def unlocked() -> dict[str, Any]:
+        if "motion" in locked:
+            await _with_motion(profile, run_unlock)
+        for feeder in profile.feeder:
+            if feeder.name in locked:
+                driver = await FeederDriver.open(feeder, hoppers_on(profile, feeder.name))
+                try:
+                    await driver.acknowledge()
+                finally:
+                    await driver.close()
+        return {}
+
+    await _journaled(profile, runs_dir, {"do": "unlock", "locked": locked}, unlocked)
+
+
+async def _with_motion(
+    profile: MachineProfile, act: Callable[[MotionDriver], Awaitable[T]]
+) -> tuple[T, bool]:
+    """What the act returns, and whether the position is to be trusted after it."""
+    from lmctl.machine.motion import MotionDriver
+
+    motion = await MotionDriver.open(
+        profile.motion.endpoint, baud=profile.motion.baud,
+        status_period_s=profile.motion.status_period_s,
+    )
+    try:
+        return await act(motion), motion.position_trusted
+    finally:
+        await motion.close()
+
+
+def _move(
+    cell: CellChoice, runs_dir: Path, what: dict[str, Any],
+    act: Callable[[MotionDriver], Awaitable[tuple[float, ...]]],
+) -> tuple[float, ...]:
+    """Act on the axes, journaled; returns what the act does, a place."""
+
+    async def moved(profile: MachineProfile) -> tuple[float, ...]:
+        async def acted() -> dict[str, Any]:
+            at, trusted = await _with_motion(profile, act)
+            return {"mm": [round(axis, 3) for axis in at], "trusted": trusted}
+
+        return tuple((await _journaled(profile, runs_dir, what, acted))["mm"])
+
+    return cell.do(moved)
+
+
+async def _journaled(
+    profile: MachineProfile, runs_dir: Path, what: dict[str, Any],
+    act: Callable[[], Awaitable[dict[str, Any]]],
+) -> dict[str, Any]:
+    """Have the machine to oneself, and write down the act before it begins and when it has ended.
+
+    act : returns what is written at its end, and from here
+    """
+    from lmctl.run.machine_journal import MachineJournal
+    from lmctl.run.ownership import owning
+
+    journal = MachineJournal(runs_dir, profile.name)
+    with owning(profile, f"lmctl machine {what['do']}", runs_dir):
+        journal.append("act", **what)
+        try:
+            result = await act()
+        except asyncio.CancelledError:
+            journal.append("ended", do=what["do"], why="stopped by the operator")
+            raise
+        except LmctlError as error:
+            journal.append("ended", do=what["do"], why=error.what)
+            raise
+        journal.append("ended", do=what["do"], **result)
+        return result
+
+
+def _look(cell: CellChoice, runs_dir: Path) -> CellLook:
+    from lmctl.cli.machine_looks import look
+
+    return cell.do(lambda profile: look(profile, "lmctl machine", runs_dir))
+
+
+def _place(at: tuple[float, ...]) -> str:
+    return "  ".join(f"{axis} {value:.3f}" for axis, value in zip("XYZ", at, strict=False)) + " mm"
+
+
+def _axes(words: tuple[str, ...]) -> dict[str, float]:
+    """Axis words as places. Raises UsageError."""
+    found: dict[str, float] = {}
+    for word in words:
+        matched = _WORD.fullmatch(word)
+        if matched is None:
+            raise UsageError(f"{word!r} is no axis with a place", hint="write X10 Y-5 Z2.5")
+        axis = matched[1].upper()
+        if axis in found:
+            raise UsageError(f"{axis} is named twice")
+        found[axis] = float(matched[2])
+    return found
+
+
+def _ask(question: str, yes: bool) -> None:
+    if yes:
+        return
+    if not sys.stdin.isatty():
+        raise UsageError("nobody is there to be asked", hint="--yes, if you are sure")
+    click.confirm(question, abort=True, err=True)

@@ -1,0 +1,209 @@
+"""`lmctl machine status|doctor`: looking at every device, moving and writing nothing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from lmctl.cli.cell import cell_options, choose_cell
+from lmctl.cli.console import put, put_json
+from lmctl.config.machine import MachineProfile
+from lmctl.errors import LmctlError, MachineError
+
+if TYPE_CHECKING:
+    from lmctl.machine.look_modbus import FeederLook
+    from lmctl.machine.look_motion import MotionLook
+    from lmctl.machine.safety_status import SafetyStatus
+    from lmctl.run.doctor import CellLook
+
+
+@click.command()
+@cell_options
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@click.pass_context
+def status(
+    ctx: click.Context, machine: Path | None, sim: bool, bench: Path | None, runs_dir: Path,
+    as_json: bool,
+) -> None:
+    """One look at every device of the cell. Exit code 4 where one cannot be reached."""
+    cell = choose_cell(machine, sim, bench)
+    seen = cell.do(lambda profile: look(profile, "lmctl machine status", runs_dir))
+    found = {
+        "motion": _motion_facts(seen.motion),
+        "feeders": {name: _feeder_facts(one) for name, one in seen.feeders.items()},
+        "safety": None if seen.safety is None else _safety_facts(seen.safety),
+    }
+    if as_json:
+        put_json(found)
+    else:
+        _put_facts(found, cell.profile)
+    if any(isinstance(one, LmctlError) for one in (seen.motion, seen.safety,
+                                                   *seen.feeders.values())):
+        ctx.exit(MachineError.exit_code)
+
+
+@click.command()
+@cell_options
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@click.pass_context
+def doctor(
+    ctx: click.Context, machine: Path | None, sim: bool, bench: Path | None, runs_dir: Path,
+    as_json: bool,
+) -> None:
+    """Check all that can be checked without moving or writing anything.
+
+    Exit code 4 where a run would be refused or could not go well, 1 where something else should
+    be mended, 0 where all is well.
+    """
+    from lmctl.run.doctor import examine
+
+    cell = choose_cell(machine, sim, bench)
+    seen = cell.do(lambda profile: look(profile, "lmctl machine doctor", runs_dir))
+    found = examine(seen, cell.profile)
+    checks = [check for of_device in found.values() for check in of_device]
+    wrong = [check for check in checks if not check.good]
+    if as_json:
+        put_json({
+            "good": not wrong,
+            "checks": [
+                {"device": device, "good": check.good, "text": check.text,
+                 "hint": "" if check.good else check.hint, "dangerous": check.dangerous}
+                for device, of_device in found.items() for check in of_device
+            ],
+        })
+    else:
+        for device, of_device in found.items():
+            put(device)
+            for check in of_device:
+                put(f"  {'✓' if check.good else '✗'} {check.text}")
+                if not check.good and check.hint:
+                    put(f"      what to do: {check.hint}")
+        stops = sum(check.dangerous for check in wrong)
+        put(f"{len(checks)} checks, " + (
+            "all well" if not wrong
+            else f"{len(wrong)} to mend" + (f"; {stops} of them keep a run from starting or "
+                                            "going well" if stops else "")
+        ))
+    if wrong:
+        ctx.exit(MachineError.exit_code if any(check.dangerous for check in wrong) else 1)
+
+
+async def look(profile: MachineProfile, who: str, runs_dir: Path) -> CellLook:
+    """Look at all devices. Raises MachineError where the machine is in other hands."""
+    from lmctl.run.doctor import look_at
+    from lmctl.run.ownership import owning
+
+    with owning(profile, who, runs_dir):  # a controller at work must not be asked by two
+        return await look_at(profile)
+
+
+def _error(error: LmctlError) -> dict[str, Any]:
+    return {"error": error.what, "where": list(error.where), "hint": error.hint}
+
+
+def _motion_facts(look: MotionLook | LmctlError) -> dict[str, Any]:
+    if isinstance(look, LmctlError):
+        return _error(look)
+    report, identity = look.report, look.identity
+    return {
+        "firmware": None if identity is None else f"{identity.dialect.name} {identity.version}",
+        "state": report.state, "substate": report.substate,
+        "position_mm": None if look.position_mm is None else list(look.position_mm),
+        "position_trusted": look.position_trusted, "homed": look.homed,
+        "pins": report.pins or "",
+        "overrides_percent": None if report.overrides is None else list(report.overrides),
+        "blocks_free": report.blocks_free, "rx_free": report.rx_free,
+    }
+
+
+def _feeder_facts(look: FeederLook | LmctlError) -> dict[str, Any]:
+    if isinstance(look, LmctlError):
+        return _error(look)
+    status = look.status
+    return {
+        "state": status.state.name, "mode": status.mode.name,
+        "alarm": None if status.alarm is None else status.alarm.text,
+        "what_to_do": None if status.alarm is None else status.alarm.hint,
+        "gas_L_min": status.total_gas_L_min,
+        "hoppers": {
+            name: {"level_percent": reading.level_percent, "flow_g_min": reading.flow_est_g_min,
+                   "carrier_L_min": reading.carrier_L_min}
+            for name, reading in status.hoppers.items()
+        },
+    }
+
+
+def _safety_facts(look: SafetyStatus | LmctlError) -> dict[str, Any]:
+    if isinstance(look, LmctlError):
+        return _error(look)
+    return {
+        "open": [one.text for one in look.open_inputs], "relay_closed": look.relay_closed,
+        "shield_gas_L_min": look.shield_gas_L_min, "chiller_C": look.chiller_C,
+        "chiller_L_min": look.chiller_L_min, "oxygen_ppm": look.oxygen_ppm,
+        "extraction_Pa": look.extraction_Pa,
+    }
+
+
+def _put_facts(found: dict[str, Any], profile: MachineProfile) -> None:
+    _put_device("motion", profile.motion.endpoint, found["motion"], _put_motion)
+    for feeder in profile.feeder:
+        _put_device(f"feeder {feeder.name}", feeder.endpoint, found["feeders"][feeder.name],
+                    _put_feeder)
+    if found["safety"] is not None and profile.safety is not None:
+        _put_device("safety", profile.safety.endpoint, found["safety"], _put_safety)
+
+
+def _put_device(name: str, endpoint: str, facts: dict[str, Any], put_facts: Any) -> None:
+    put(f"{name}  {endpoint}")
+    if "error" not in facts:
+        put_facts(facts)
+        return
+    put(f"  cannot be looked at: {facts['error']}")
+    for place in facts["where"]:
+        put(f"    {place}")
+    if facts["hint"]:
+        put(f"    what to do: {facts['hint']}")
+
+
+def _put_motion(facts: dict[str, Any]) -> None:
+    sub = "" if facts["substate"] is None else f":{facts['substate']}"
+    put(f"  state      {facts['state']}{sub}" + (f", {facts['firmware']}" if facts["firmware"]
+                                                 else ""))
+    at = facts["position_mm"]
+    place = "not told" if at is None else "  ".join(
+        f"{axis} {value:.3f}" for axis, value in zip("XYZ", at, strict=False)) + " mm"
+    put(f"  position   {place}" + ("" if facts["position_trusted"] else " (not to be trusted)"))
+    if facts["overrides_percent"] is not None:
+        feed, rapid, spindle = facts["overrides_percent"]
+        put(f"  overrides  feed {feed} %, rapid {rapid} %, power {spindle} %")
+    if facts["blocks_free"] is not None:
+        put(f"  free       {facts['blocks_free']} blocks, {facts['rx_free']} bytes")
+    put(f"  inputs     {facts['pins'] or 'none active'}")
+
+
+def _put_feeder(facts: dict[str, Any]) -> None:
+    put(f"  state      {facts['state']}, switch at {facts['mode']}")
+    if facts["alarm"]:
+        put(f"  alarm      {facts['alarm']}")
+        put(f"             what to do: {facts['what_to_do']}")
+    put(f"  gas        {_number(facts['gas_L_min'], '.1f')} L/min")
+    for name, hopper in facts["hoppers"].items():
+        put(f"  hopper {name:<4}level {_number(hopper['level_percent'], '.0f')} %, "
+            f"{_number(hopper['flow_g_min'], '.2f')} g/min")
+
+
+def _put_safety(facts: dict[str, Any]) -> None:
+    put(f"  inputs     {'; '.join(facts['open']) or 'all good'}")
+    for key, name, unit in (
+        ("shield_gas_L_min", "shield gas", "L/min"), ("chiller_C", "chiller", "°C"),
+        ("chiller_L_min", "chiller", "L/min"), ("oxygen_ppm", "oxygen", "ppm"),
+        ("extraction_Pa", "extraction", "Pa"),
+    ):
+        if facts[key] is not None:
+            put(f"  {name:<11}{facts[key]:g} {unit}")
+
+
+def _number(value: float | None, form: str) -> str:
+    return "-" if value is None else format(value, form)
