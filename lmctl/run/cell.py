@@ -7,7 +7,7 @@ from collections.abc import Awaitable, Callable, Iterable, Sequence
 from typing import Any
 
 from firmware_protocol.status import StatusReport
-from lmctl.config.machine import Feeder, Hopper, MachineProfile
+from lmctl.config.machine import Feeder, Hopper, MachineProfile, Motion, Safety
 from lmctl.errors import LmctlError, MachineError
 from lmctl.machine.feeder import FeederDriver
 from lmctl.machine.motion import MotionDriver
@@ -47,15 +47,14 @@ class Cell:
         """
         names = {hopper.feeder for hopper in hoppers}
         feeders = [feeder for feeder in profile.feeder if feeder.name in names]
-        opening: list[asyncio.Future[Any]] = [
-            asyncio.ensure_future(MotionDriver.open(
-                profile.motion.endpoint, baud=profile.motion.baud,
-                status_period_s=profile.motion.status_period_s,
-            )),
-            *(asyncio.ensure_future(_open_feeder(feeder, hoppers)) for feeder in feeders),
-        ]
+        safety_first: list[asyncio.Future[Any]] = []
         if profile.safety is not None:
-            opening.append(asyncio.ensure_future(SafetyDriver.open(profile.safety)))
+            safety_first.append(asyncio.ensure_future(_open_safety(profile.safety)))
+        opening: list[asyncio.Future[Any]] = [
+            asyncio.ensure_future(_open_motion(profile.motion, safety_first)),
+            *(asyncio.ensure_future(_open_feeder(feeder, hoppers)) for feeder in feeders),
+            *safety_first,
+        ]
         try:
             await asyncio.wait(opening)
             if failures := [error for one in opening if (error := one.exception())]:
@@ -157,6 +156,29 @@ async def _close(device: MotionDriver | FeederDriver | SafetyDriver) -> None:
     """Close a link; one that will not close must not keep a run from ending."""
     async with asyncio.timeout(_CLOSE_S):
         await device.close()
+
+
+async def _open_safety(safety: Safety) -> SafetyDriver:
+    """An open watchdog relay is closed: starting a run is the deliberate act for it."""
+    driver = await SafetyDriver.open(safety)
+    try:
+        if safety.relay_timeout_s is not None:
+            await driver.reset_relay()
+    except BaseException:
+        await driver.close()
+        raise
+    return driver
+
+
+async def _open_motion(
+    motion: Motion, safety_first: Sequence[asyncio.Future[Any]]
+) -> MotionDriver:
+    """The controller stands behind its door input for as long as the watchdog relay is open."""
+    if safety_first:
+        await asyncio.wait(safety_first)
+    return await MotionDriver.open(
+        motion.endpoint, baud=motion.baud, status_period_s=motion.status_period_s
+    )
 
 
 async def _open_feeder(feeder: Feeder, hoppers: Sequence[Hopper]) -> FeederDriver:
