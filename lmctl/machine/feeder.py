@@ -92,17 +92,14 @@ class FeederDriver:
     def listener(self, listener: FeederListener) -> None:
         self._cycle.listener = listener
 
-    def set_flows(self, flows_g_min: Mapping[str, float], ramp_s: float = 0.0) -> None:
+    def set_flows(self, flows_g_min: Mapping[str, float]) -> None:
         """From now on feed so much from each hopper, by its name: the latest call counts.
 
-        ramp_s : the device goes there evenly in so long (to 0.1 s), from wherever it is; flows
-            that change steadily so need one recipe a bend instead of one a tick
         Returns at once; all hoppers change together, as one recipe. Flows equal at the device's
         resolution (0.01 g/min) are not sent again.
-        Raises ValueError for a flow that is no number, beyond its hopper's range, or nobody's,
-        and for a ramp beyond 0 to 60 s.
+        Raises ValueError for a flow that is no number, beyond its hopper's range, or nobody's.
         """
-        self._cycle.set_flows(flows_g_min, ramp_s)
+        self._cycle.set_flows(flows_g_min)
 
     async def start_gas(self) -> None:
         """Carrier gas on; returns when its pre-flow is over.

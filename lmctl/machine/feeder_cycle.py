@@ -65,7 +65,6 @@ class FeederCycle:
         self._heartbeat = 0
         self._sequence = 0
         self._wanted = (0,) * len(hoppers)
-        self._ramp = 0
         self._sent: tuple[int, ...] | None = None
         self._readers = {
             h.name: HopperReader(h, identity.feed_factor_g_rev[h.name]) for h in hoppers
@@ -83,11 +82,10 @@ class FeederCycle:
     def status_age_s(self) -> float:
         return self._loop.time() - self.status.time_s if self.status else float("inf")
 
-    def set_flows(self, flows_g_min: Mapping[str, float], ramp_s: float) -> None:
-        wanted, ramp = self._recipe.counts(flows_g_min), self._recipe.ramp_counts(ramp_s)
+    def set_flows(self, flows_g_min: Mapping[str, float]) -> None:
+        wanted = self._recipe.counts(flows_g_min)
         if wanted != self._wanted:
             self._wanted = wanted
-            self._ramp = ramp
             self._wake()
 
     async def first_status(self) -> FeederStatus:
@@ -120,7 +118,7 @@ class FeederCycle:
             # A new number at every attempt: after a lost answer the device may hold either.
             self._sequence = self._sequence % 0xFFFF + 1
             words = self._recipe.words(
-                wanted, ramp=self._ramp, sequence=self._sequence, heartbeat=self._heartbeat
+                wanted, sequence=self._sequence, heartbeat=self._heartbeat
             )
         if not with_status:
             await self._link.write(self._recipe.address, words)

@@ -15,11 +15,7 @@ from firmware_protocol.pmx import (
 from firmware_protocol.registers import Value
 from lmctl.config.machine import Feeder, Hopper
 
-#: Longest ramp of a recipe [s].
-MOST_RAMP_S = 60.0
-
 _COUNTS_PER_G_MIN = 100
-_COUNTS_PER_S = 10
 
 
 class RecipeWriter:
@@ -37,7 +33,7 @@ class RecipeWriter:
         self._words = block.encode(_settings(feeder, hoppers, n_hoppers))
         self._at = {
             name: table.wire_address(name) - block.address
-            for name in ("HEARTBEAT", "SEQ", "RAMP")
+            for name in ("HEARTBEAT", "SEQ")
         }
         self._flow_at = [
             table.wire_address(hopper_row(h.channel, "FLOW_SP")) - block.address for h in hoppers
@@ -62,19 +58,9 @@ class RecipeWriter:
             counts.append(count)
         return tuple(counts)
 
-    @staticmethod
-    def ramp_counts(ramp_s: float) -> int:
-        """A ramp as the device resolves it, 0.1 s. Raises ValueError beyond 0 to MOST_RAMP_S."""
-        if not 0 <= ramp_s <= MOST_RAMP_S:
-            raise ValueError(f"a ramp of {ramp_s} s is not within 0 to {MOST_RAMP_S:g}")
-        return round(ramp_s * _COUNTS_PER_S)
-
-    def words(
-        self, counts: Sequence[int], *, ramp: int, sequence: int, heartbeat: int
-    ) -> list[int]:
+    def words(self, counts: Sequence[int], *, sequence: int, heartbeat: int) -> list[int]:
         """The write that makes these flows the recipe number `sequence`."""
         words = list(self._words)
-        words[self._at["RAMP"]] = ramp
         words[self._at["HEARTBEAT"]] = heartbeat
         words[self._at["SEQ"]] = sequence
         for at, count in zip(self._flow_at, counts, strict=True):

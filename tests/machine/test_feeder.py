@@ -194,31 +194,6 @@ def test_set_points_reach_the_device_without_waiting_for_the_cycle():
     virtual_time.run(main())
 
 
-def test_a_ramp_is_the_devices_own_and_costs_one_recipe():
-    async def main():
-        async with driven() as (driver, device, _, ears):
-            await feeding(driver, 6.0)
-            applied = device.seq_applied
-            driver.set_flows({"A": 16.0}, ramp_s=5.0)
-            await asyncio.sleep(2.5)
-            assert disc_rpm(device) == pytest.approx(5.5)
-            driver.set_flows({"A": 6.0}, ramp_s=2.5)  # back from where it is
-            await asyncio.sleep(1.25)
-            assert disc_rpm(device) == pytest.approx(4.25)
-            await asyncio.sleep(3.0)
-            assert disc_rpm(device) == 3.0
-            assert device.seq_applied == applied + 2
-            driver.set_flows({"A": 9.0})
-            await asyncio.sleep(0.05)
-            assert disc_rpm(device) == 4.5
-            assert ears.faults == []
-            for ramp_s in (-0.1, 61.0, float("nan")):
-                with pytest.raises(ValueError, match="ramp"):
-                    driver.set_flows({"A": 1.0}, ramp_s=ramp_s)
-
-    virtual_time.run(main())
-
-
 @maps
 def test_requests_are_few(map_minor):
     """Each costs a third of a millisecond: a dry run's speed hangs on their number."""
