@@ -188,6 +188,12 @@ class Judge:
         device.settle()
         return next((at_s for at_s, on in device.gas if not on and at_s >= after_s), None)
 
+    def gas_on(self, feeder: str, at_s: float) -> bool:
+        """Whether its carrier gas was on until at_s."""
+        device = self._feeders[feeder]
+        device.settle()
+        return next((on for since_s, on in reversed(device.gas) if since_s < at_s), False)
+
     # --- lines
 
     def lines(self) -> tuple[ExecutedLine, ...]:

@@ -23,6 +23,7 @@ class Verdict:
     powder_lacks : the beam lit, and the powder not as told (whole run)
     powder_stops : of the feeders that stopped since; powder_on : names of those that feed now
     gas_off_s : by feeder, when its carrier gas went off since
+    gas_first : feeders whose gas was off when their powder stopped
     repeated_mm : drawn more than once with the beam lit (whole run); overruns : bytes lost
     """
 
@@ -35,6 +36,7 @@ class Verdict:
     powder_stops: tuple[PowderStop, ...]
     powder_on: tuple[str, ...]
     gas_off_s: dict[str, float]
+    gas_first: tuple[str, ...]
     repeated_mm: float
     overruns: int
 
@@ -58,11 +60,7 @@ class Verdict:
             if not self.since_s <= lack.end_s <= self.since_s + grace_s
         ]
         found += [f"{feeder} still feeds" for feeder in self.powder_on]
-        found += [
-            f"gas of {stop.feeder} went off before its powder"
-            for stop in self.powder_stops
-            if self.gas_off_s.get(stop.feeder, stop.told_s) < stop.told_s
-        ]
+        found += [f"gas of {feeder} went off before its powder" for feeder in self.gas_first]
         return found
 
 
@@ -72,7 +70,7 @@ def verdict(bench: Bench, since_s: float = 0.0, off_by: float = 0.2) -> Verdict:
     off_by : see `Judge.powder_lacks`
     """
     judge = Judge(bench)
-    stops = (judge.powder_stop(feeder, since_s) for feeder in bench.feeders)
+    stops = [judge.powder_stop(feeder, since_s) for feeder in bench.feeders]
     gas_off = {feeder: judge.gas_off_s(feeder, since_s) for feeder in bench.feeders}
     return Verdict(
         since_s=since_s,
@@ -83,6 +81,10 @@ def verdict(bench: Bench, since_s: float = 0.0, off_by: float = 0.2) -> Verdict:
         powder_lacks=judge.powder_lacks(off_by),
         powder_stops=tuple(stop for stop in stops if stop is not None),
         powder_on=tuple(feeder for feeder in bench.feeders if judge.powder_on(feeder)),
+        gas_first=tuple(
+            stop.feeder for stop in stops
+            if stop is not None and not judge.gas_on(stop.feeder, stop.told_s)
+        ),
         gas_off_s={feeder: at_s for feeder, at_s in gas_off.items() if at_s is not None},
         repeated_mm=sum(line.repeated_mm for line in judge.drawn()),
         overruns=judge.overruns,
@@ -98,7 +100,8 @@ def record_as_json(bench: Bench, happened: tuple[Happened, ...] = ()) -> dict[st
     since_s = happened[-1].at_s if happened else 0.0
     return {
         "faults": [
-            {"fault": str(one.fault), "at_s": one.at_s, "cleared_s": one.cleared_s}
+            {"fault": str(one.fault), "at_s": one.at_s, "visible_s": one.visible_s,
+             "cleared_s": one.cleared_s}
             for one in happened
         ],
         "verdict": asdict(verdict(bench, since_s)),

@@ -11,6 +11,7 @@ from simulators.faults.kinds import Fault
 from simulators.faults.plan import AtLevel, AtLine, AtTime, FaultPlan, PlannedFault
 from simulators.faults.strikes import ACTS, Scene, Undo
 from simulators.faults.triggers import when_level, when_line
+from simulators.faults.witness import watch
 
 if TYPE_CHECKING:
     from simulators.bench import Bench
@@ -18,10 +19,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Happened:
-    """A fault that became real. Times are the loop's; cleared_s None while it stands."""
+    """A fault that became real at at_s. Times are the loop's.
+
+    visible_s : when the first bytes that could tell got to the host; None: none did so far, as
+        with a device that is silent
+    cleared_s : None while it stands, and for a fault over as soon as it has happened
+    """
 
     fault: Fault
     at_s: float
+    visible_s: float | None = None
     cleared_s: float | None = None
 
     def __str__(self) -> str:
@@ -64,9 +71,11 @@ class FaultBoard:
         number = len(self._happened)
         happens = Happened(fault, self._loop.time())
         self._happened.append(happens)
+        forget = watch(self._scene, fault, lambda: self._seen(number))
         try:
             undo = ACTS[fault.kind.name](self._scene, fault)
         except ValueError:
+            forget()
             self._happened.pop()
             raise
         if self._on_happened is not None:
@@ -116,6 +125,9 @@ class FaultBoard:
 
     def _inject_planned(self, planned: PlannedFault) -> None:
         self.inject(planned.fault, planned.for_s)
+
+    def _seen(self, number: int) -> None:
+        self._happened[number] = replace(self._happened[number], visible_s=self._loop.time())
 
     def _clear(self, number: int) -> None:
         undo = self._undo.pop(number, None)

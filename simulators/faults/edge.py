@@ -48,6 +48,7 @@ class Edge:
         self.host_came = asyncio.Event()
         self.host_was_there: list[tuple[float, bool]] = []
         self._filters: dict[str, list[Filter]] = {"to_device": [], "to_host": []}
+        self._witnesses: list[Filter] = []
         self._links: dict[Link, Deliver] = {}
         self._reading = True
         self._loop = asyncio.get_running_loop()
@@ -88,10 +89,25 @@ class Edge:
             self._filters[direction].remove(one)
             self._set(direction)
 
+    def witness(self, one: Filter) -> Callable[[], None]:
+        """Let what really gets to the host pass one more filter; what takes it away again."""
+        self._witnesses.append(one)
+        self._set("to_host")
+
+        def forget() -> None:
+            if one in self._witnesses:
+                self._witnesses.remove(one)
+                self._set("to_host")
+
+        return forget
+
     def say(self, data: bytes) -> None:
         """Bytes to the host that the device did not send."""
         for write in list(self._links.values()):
-            write(data)
+            if self._witnesses:
+                _chain(tuple(self._witnesses))(data, write)
+            else:
+                write(data)
 
     def open(self, is_open: bool) -> None:
         """Closed, hosts are thrown out, and turned away; on a serial line nothing passes."""
@@ -118,6 +134,8 @@ class Edge:
 
     def _set(self, direction: str) -> None:
         filters = tuple(self._filters[direction])
+        if direction == "to_host":
+            filters += tuple(self._witnesses)
         setattr(self, direction, _chain(filters) if filters else None)
 
 

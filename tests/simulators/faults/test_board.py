@@ -141,3 +141,43 @@ def test_the_host_is_killed_by_whoever_owns_it(play):
         return done, [str(one) for one in told]
 
     assert play(scene) == ([0.0], ["host_killed at 0.000 s"])
+
+
+def test_a_fault_is_visible_with_the_first_bytes_that_get_to_the_host(play):
+    async def scene(cell):
+        host = await cell.modbus()
+        numbers = [cell.inject("hard_limit"), cell.inject("lid_open", "F1"),
+                   cell.inject("disc_stalls", "F1"), cell.inject("device_silent", "F2", for_s=5.0),
+                   cell.inject("modbus_exception", "safety"), cell.inject("host_killed")]
+        await asyncio.sleep(1.0)
+        await host.read(6)
+        other = await cell.modbus("F2")
+        await other.ask(6)
+        await asyncio.sleep(5.0)
+        await other.ask(6)
+        await (await cell.modbus("safety")).ask(0)
+        return [cell.board.happened[number].visible_s for number in numbers]
+
+    alarm, lid, disc, silent, exception, host = play(scene)
+    assert alarm == 0.0
+    assert lid == disc == pytest.approx(1.0, abs=0.01)
+    assert silent == pytest.approx(6.02, abs=0.01)
+    assert exception == pytest.approx(6.03, abs=0.01)
+    assert host is None
+
+
+def test_what_a_feeder_has_not_noticed_it_cannot_tell(play):
+    async def scene(cell):
+        host = await cell.modbus()
+        number = cell.inject("speed_deviates", "F1")
+        await host.ask(6, then_s=1.9)
+        before = cell.board.happened[number].visible_s
+        await asyncio.sleep(0.2)
+        await host.ask(6)
+        edges = cell.bench.edges.values()
+        return before, cell.board.happened[number].visible_s, [edge.to_host for edge in edges]
+
+    before, after, filters = play(scene)
+    assert before is None
+    assert after == pytest.approx(2.1, abs=0.01)
+    assert set(filters) == {None}
