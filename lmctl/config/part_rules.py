@@ -1,7 +1,8 @@
 """Reading a part file with every mistake at once, also those that concern several keys.
 
 The cross-checks run on the plain data, before and regardless of the models' own checks: a file with
-a misspelt key *and* an unknown material is told of both.
+a misspelt key *and* an unknown material is told of both. What concerns the bodies among themselves
+is in `tree_rules`, what concerns mixtures and blends in `composition_rules`.
 """
 
 from __future__ import annotations
@@ -9,21 +10,21 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Iterator
-from math import isclose, isfinite
 from pathlib import Path
 from typing import Any
 
 from lmctl.config import materials, toml_file
+from lmctl.config.composition_rules import composition_findings
 from lmctl.config.part_file import PartFile
+from lmctl.config.tree_rules import tree_findings
 from lmctl.errors import ConfigError, Finding
 
-#: How far the fractions of one mixture may be from 1 in sum; what is left is normalised away.
-SUM_TOLERANCE = 1e-6
-
+#: What pydantic puts into the path of a key: the kind of the body, feature or profile it is in.
 _TAG = re.compile(
-    r"^(body\[\d+\]|composition\.feature|composition\.profile)"
-    r"\.(?:mesh|cloud|box|sphere|cylinder|axis|point|surface|coordinate|linear|power|table|constant)"
-    r"(?=$|\.)"
+    r"(body\[\d+\]|\bfeature|\bprofile)\."
+    r"(?:mesh|cloud|box|sphere|cylinder|cone|torus|half-space|prism|shell|moved|union|difference"
+    r"|intersection|point|segment|axis|polyline|spline|plane|face|sheet|surface|coordinate"
+    r"|linear|parabola|normalised|power|table|steps|constant)(?=$|\.)"
 )
 
 
@@ -76,33 +77,14 @@ def cross_findings(data: dict[str, Any]) -> list[Finding]:
     tables = [item for item in _list(data.get("material")) if isinstance(item, dict)]
     names = [item["name"] for item in tables if isinstance(item.get("name"), str)]
     findings = list(_material_findings(tables))
+    findings += tree_findings(data, several_materials=len(names) > 1)
     bodies = _list(data.get("body"))
-    if len(bodies) > 1 and "combine" not in data:
-        findings.append(
-            Finding("combine", f"is missing: how do the {len(bodies)} bodies make one solid? "
-                    '"union", "difference" or "intersection"; write it above the first [table]')
-        )
-    if len(bodies) == 1 and "combine" in data:
-        findings.append(Finding("combine", "has nothing to combine: there is one body"))
-    composition = data.get("composition")
-    if composition is None and len(names) > 1:
-        findings.append(
-            Finding("composition", f"is missing: which of the {len(names)} materials goes where?")
-        )
-    if isinstance(composition, dict) and isinstance(composition.get("profile"), dict):
-        profile = composition["profile"]
-        for path, mixture in _mixtures(profile):
-            findings += _mixture_findings(f"composition.profile.{path}", mixture, names)
-        feature = composition.get("feature", {"kind": "surface"})
-        if (
-            profile.get("kind") in ("linear", "power")
-            and "over_mm" not in profile
-            and isinstance(feature, dict)
-            and feature.get("kind") != "surface"
-        ):
-            findings.append(
-                Finding("composition.profile.over_mm", "is missing: from which distance to which? "
-                        "(only the own surface has a largest depth to take)")
+    known = {b["name"] for b in bodies if isinstance(b, dict) and isinstance(b.get("name"), str)}
+    findings += composition_findings("composition", data.get("composition"), names, known)
+    for number, body in enumerate(bodies, start=1):
+        if isinstance(body, dict):
+            findings += composition_findings(
+                f"body[{number}].composition", body.get("composition"), names, known
             )
     return findings
 
@@ -123,31 +105,6 @@ def _material_findings(tables: list[dict[str, Any]]) -> Iterator[Finding]:
                 f"is missing, and the library has no material {name!r}"
                 + (f" ({guess})" if guess else ""),
             )
-
-
-def _mixtures(profile: dict[str, Any]) -> Iterator[tuple[str, Any]]:
-    for key in ("near", "far", "of"):
-        if key in profile:
-            yield key, profile[key]
-    for number, point in enumerate(_list(profile.get("points")), start=1):
-        if isinstance(point, dict) and "of" in point:
-            yield f"points[{number}].of", point["of"]
-
-
-def _mixture_findings(path: str, mixture: Any, names: list[str]) -> Iterator[Finding]:
-    if not isinstance(mixture, dict) or not mixture:
-        return  # the model says so
-    for name in mixture:
-        if name not in names:
-            guess = materials.closest(name, names)
-            listed = guess or f"the part's materials are {', '.join(names) or 'missing'}"
-            yield Finding(path, f"there is no material {name!r}: {listed}")
-    shares = list(mixture.values())
-    if any(isinstance(v, bool) or not isinstance(v, int | float) for v in shares):
-        return
-    total = sum(shares)
-    if isfinite(total) and not isclose(total, 1.0, rel_tol=0, abs_tol=SUM_TOLERANCE):
-        yield Finding(path, f"the fractions sum to {total:g}, not to 1")
 
 
 def _list(value: Any) -> list[Any]:

@@ -1,8 +1,8 @@
 """The nodes of a part's tree: each answers how deep a place is, and where its outline runs.
 
 What needs the whole field at once (a mesh, a cloud) keeps a stored field on its own grid, made when
-first asked for, and is interpolated on any other grid. Bodies with a formula are in `formulas`,
-booleans in `combined`.
+first asked for, and is interpolated on any other grid. Bodies with a formula are in `formulas` and
+`prism`, those made of others in `combined`, `offset` and `moved`.
 """
 
 from __future__ import annotations
@@ -14,10 +14,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.field.field import Field, sample
+from lmctl.field.field import Field, sample, sample_gradient
 from lmctl.field.grid import Grid, Window
 from lmctl.field.mesh import mesh_field
 from lmctl.field.plane import PlaneGrid, loop_area_mm2, plane_distance, section_loops
+from lmctl.field.triangles import closest_in_rows
+from lmctl.part.depth import greatest, onto_zero
 from lmctl.part.measured import Bounds, zero_bounds
 from lmctl.part.mesh_files import Mesh
 from lmctl.part.slicing import Slicer
@@ -31,14 +33,20 @@ class Body(Protocol):
 
     @property
     def bounds_mm(self) -> Bounds:
-        """Lowest and highest x, y, z of the solid, each (3,) float64 [mm]."""
+        """Lowest and highest x, y, z of the solid, each (3,) float64 [mm]; may be infinite."""
 
     @property
     def largest_depth_mm(self) -> float:
-        """The greatest distance from the surface inside; of a stored field, at its nodes."""
+        """The greatest distance from the surface inside, within 1e-4 mm of what `at` says."""
 
     def at(self, points: FloatArray) -> FloatArray:
         """Distance at points (n, 3) float64 -> (n,) float64 [mm]."""
+
+    def feet(self, points: FloatArray) -> FloatArray:
+        """The surface point nearest to each of points (n, 3) -> (n, 3) float64 [mm]."""
+
+    def inward(self, points: FloatArray) -> FloatArray:
+        """The direction in which the distance grows, (n, 3) -> (n, 3) float64 of length 1."""
 
     def distance(self, window: Window) -> NDArray[np.float32]:
         """Distance at the nodes of a slab, float32 of window.shape [mm]."""
@@ -58,11 +66,22 @@ class Stored:
         raise NotImplementedError
 
     @property
+    def bounds_mm(self) -> Bounds:
+        raise NotImplementedError
+
+    @cached_property
     def largest_depth_mm(self) -> float:
-        return float(self.field.values.max())
+        """Refined between the nodes: a body's deepest place is rarely one of them."""
+        return greatest(self.at, *self.bounds_mm)
 
     def at(self, points: FloatArray) -> FloatArray:
         return sample(self.field, points)
+
+    def feet(self, points: FloatArray) -> FloatArray:
+        return closest_points(self.field, points)
+
+    def inward(self, points: FloatArray) -> FloatArray:
+        return unit_rows(sample_gradient(self.field, points))
 
     def distance(self, window: Window) -> NDArray[np.float32]:
         return self.field.on_window(window)
@@ -75,7 +94,7 @@ class MeshSolid(Stored):
     mesh: Mesh
     grid: Grid
 
-    @property
+    @cached_property
     def bounds_mm(self) -> Bounds:
         return self.mesh.vertices.min(axis=0), self.mesh.vertices.max(axis=0)
 
@@ -127,6 +146,43 @@ class FieldSolid(Stored):
         """Outlines that enclose at least a cell of the field's grid; smaller ones are noise."""
         loops = section_loops(self.cut(z_mm, plane), plane)
         return [loop for loop in loops if abs(loop_area_mm2(loop)) >= self.grid.pitch_mm**2]
+
+
+def closest_points(field: Field, points: FloatArray) -> FloatArray:
+    """The nearest of the surface points that the corners of each point's cell know, (n, 3) [mm].
+
+    Where they know none, down the slope to the surface.
+
+    points : (n, 3) float64 [mm], those outside the grid taken to its rim
+    """
+    points = np.ascontiguousarray(points, dtype=np.float64)
+    best, nearest = np.empty_like(points), np.full(len(points), np.inf)
+    if field.sources is not None:
+        last = np.asarray(field.grid.shape[::-1]) - 1
+        nodes = (points - np.asarray(field.grid.origin_mm)) / field.grid.pitch_mm
+        first = np.clip(np.floor(nodes).astype(np.int64), 0, last - 1)
+        for corner in np.ndindex(2, 2, 2):
+            x, y, z = (first + corner).T
+            rows = field.sources[z, y, x]
+            known = np.flatnonzero(rows >= 0)
+            found = closest_in_rows(field.surface_mm, rows[known], points[known])
+            squared = ((found - points[known]) ** 2).sum(axis=1)
+            nearer = squared < nearest[known]
+            best[known[nearer]], nearest[known[nearer]] = found[nearer], squared[nearer]
+    far = ~np.isfinite(nearest)
+    if far.any():
+        best[far] = onto_zero(
+            lambda p: sample(field, p), lambda p: unit_rows(sample_gradient(field, p)),
+            points[far], rounds=4,
+        )
+    return best
+
+
+def unit_rows(vectors: FloatArray) -> FloatArray:
+    """Rows (n, 3) at length 1; those of no length stay."""
+    size = np.linalg.norm(vectors, axis=1)
+    unit: FloatArray = vectors / np.maximum(size, 1e-12)[:, None]
+    return unit
 
 
 def without_slivers(corners: FloatArray) -> FloatArray:

@@ -1,4 +1,8 @@
-"""Bodies with a formula: everything about them is computed where and when it is asked for."""
+"""Bodies with a formula: exact distances, and outlines by their own shape where they stand upright.
+
+An outline read off a 3D distance is too flat near a pole or a lid; the shape's own in-plane
+distance is not.
+"""
 
 from __future__ import annotations
 
@@ -7,29 +11,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.field.grid import Window
-from lmctl.field.plane import PlaneGrid, plane_distance, section_loops
-from lmctl.field.primitives import box_distance, cylinder_distance, sphere_distance
-from lmctl.part.bodies import Vector, nothing_of, plane_points
+from lmctl.field.features import unit_vector
+from lmctl.field.plane import PlaneGrid, plane_distance
+from lmctl.field.primitives import (
+    box_distance,
+    cone_distance,
+    cylinder_distance,
+    half_space_distance,
+    sphere_distance,
+    torus_distance,
+)
+from lmctl.part.analytic import Analytic
+from lmctl.part.bodies import Vector, nothing_of
 from lmctl.part.measured import Bounds
 
 FloatArray = NDArray[np.float64]
-
-
-class Analytic:
-    """What bodies with a formula share: `at` gives all the rest."""
-
-    def at(self, points: FloatArray) -> FloatArray:
-        raise NotImplementedError
-
-    def distance(self, window: Window) -> NDArray[np.float32]:
-        return self.at(window.points()).astype(np.float32).reshape(window.shape)
-
-    def cut(self, z_mm: float, plane: PlaneGrid) -> NDArray[np.float32]:
-        return self.at(plane_points(plane, z_mm)).astype(np.float32).reshape(plane.shape)
-
-    def loops(self, z_mm: float, plane: PlaneGrid) -> list[FloatArray]:
-        return section_loops(self.cut(z_mm, plane), plane)
 
 
 @dataclass(frozen=True)
@@ -56,9 +52,8 @@ class Sphere(Analytic):
         height = abs(z_mm - self.centre_mm[2])
         if height >= self.radius_mm:
             return nothing_of(plane)
-        x, y = plane.x_mm - self.centre_mm[0], plane.y_mm - self.centre_mm[1]
         circle = float(np.sqrt(self.radius_mm**2 - height**2))
-        return (circle - np.hypot(x[None, :], y[:, None])).astype(np.float32)
+        return (circle - _radii(plane, self.centre_mm)).astype(np.float32)
 
 
 @dataclass(frozen=True)
@@ -92,27 +87,26 @@ class Box(Analytic):
 
 
 @dataclass(frozen=True)
-class Cylinder(Analytic):
-    """A round bar between the centres of its end faces."""
+class Cone(Analytic):
+    """A round bar between the centres of its end faces, each with its own radius."""
 
     base_mm: Vector
     top_mm: Vector
-    radius_mm: float
+    base_radius_mm: float
+    top_radius_mm: float
 
     @property
     def bounds_mm(self) -> Bounds:
         base, top = np.array(self.base_mm), np.array(self.top_mm)
         along = (top - base) / np.linalg.norm(top - base)
-        reach = self.radius_mm * np.sqrt(np.maximum(0.0, 1.0 - along**2))
-        return np.minimum(base, top) - reach, np.maximum(base, top) + reach
-
-    @property
-    def largest_depth_mm(self) -> float:
-        length = float(np.linalg.norm(np.subtract(self.top_mm, self.base_mm)))
-        return min(self.radius_mm, 0.5 * length)
+        reach = np.sqrt(np.maximum(0.0, 1.0 - along**2))
+        below, above = self.base_radius_mm * reach, self.top_radius_mm * reach
+        return np.minimum(base - below, top - above), np.maximum(base + below, top + above)
 
     def at(self, points: FloatArray) -> FloatArray:
-        return cylinder_distance(points, self.base_mm, self.top_mm, self.radius_mm)
+        return cone_distance(
+            points, self.base_mm, self.top_mm, self.base_radius_mm, self.top_radius_mm
+        )
 
     def cut(self, z_mm: float, plane: PlaneGrid) -> NDArray[np.float32]:
         """Standing upright, the distance to its circle; else its own, which is zero there too."""
@@ -121,5 +115,90 @@ class Cylinder(Analytic):
             return Analytic.cut(self, z_mm, plane)
         if not min(z0, z1) <= z_mm < max(z0, z1):
             return nothing_of(plane)
-        x, y = plane.x_mm - x0, plane.y_mm - y0
-        return (self.radius_mm - np.hypot(x[None, :], y[:, None])).astype(np.float32)
+        share = (z_mm - z0) / (z1 - z0)
+        radius = self.base_radius_mm + share * (self.top_radius_mm - self.base_radius_mm)
+        return (radius - _radii(plane, self.base_mm)).astype(np.float32)
+
+
+class Cylinder(Cone):
+    """A round bar between the centres of its end faces."""
+
+    def __init__(self, base_mm: Vector, top_mm: Vector, radius_mm: float) -> None:
+        super().__init__(base_mm, top_mm, radius_mm, radius_mm)
+
+    @property
+    def largest_depth_mm(self) -> float:
+        length = float(np.linalg.norm(np.subtract(self.top_mm, self.base_mm)))
+        return min(self.base_radius_mm, 0.5 * length)
+
+    def at(self, points: FloatArray) -> FloatArray:
+        return cylinder_distance(points, self.base_mm, self.top_mm, self.base_radius_mm)
+
+
+@dataclass(frozen=True)
+class Torus(Analytic):
+    """A ring of round section around an axis (of any length but 0)."""
+
+    centre_mm: Vector
+    axis: Vector
+    radius_mm: float
+    tube_radius_mm: float
+
+    @property
+    def bounds_mm(self) -> Bounds:
+        along = unit_vector(self.axis)
+        reach = self.radius_mm * np.sqrt(np.maximum(0.0, 1.0 - along**2)) + self.tube_radius_mm
+        centre = np.array(self.centre_mm)
+        return centre - reach, centre + reach
+
+    @property
+    def largest_depth_mm(self) -> float:
+        return self.tube_radius_mm
+
+    def at(self, points: FloatArray) -> FloatArray:
+        return torus_distance(
+            points, self.centre_mm, self.axis, self.radius_mm, self.tube_radius_mm
+        )
+
+    def cut(self, z_mm: float, plane: PlaneGrid) -> NDArray[np.float32]:
+        """Lying flat, the distance to its two circles; else its own, which is zero there too."""
+        if self.axis[:2] != (0.0, 0.0):
+            return Analytic.cut(self, z_mm, plane)
+        height = abs(z_mm - self.centre_mm[2])
+        if height >= self.tube_radius_mm:
+            return nothing_of(plane)
+        half = float(np.sqrt(self.tube_radius_mm**2 - height**2))
+        return (half - np.abs(_radii(plane, self.centre_mm) - self.radius_mm)).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class HalfSpace(Analytic):
+    """Everything behind a plane; `outward` (of any length but 0) is the way out of it."""
+
+    point_mm: Vector
+    outward: Vector
+
+    @property
+    def bounds_mm(self) -> Bounds:
+        """Infinite, but for a plane across an axis on the side it closes."""
+        along = unit_vector(self.outward)
+        low, high = np.full(3, -np.inf), np.full(3, np.inf)
+        for axis in range(3):
+            if along[axis] == 1.0:
+                high[axis] = self.point_mm[axis]
+            elif along[axis] == -1.0:
+                low[axis] = self.point_mm[axis]
+        return low, high
+
+    @property
+    def largest_depth_mm(self) -> float:
+        return float("inf")
+
+    def at(self, points: FloatArray) -> FloatArray:
+        return half_space_distance(points, self.point_mm, self.outward)
+
+
+def _radii(plane: PlaneGrid, centre_mm: Vector) -> FloatArray:
+    """Distance of each node of a plane from a point in it, (ny, nx) float64 [mm]."""
+    x, y = plane.x_mm - centre_mm[0], plane.y_mm - centre_mm[1]
+    return np.asarray(np.hypot(x[None, :], y[:, None]))

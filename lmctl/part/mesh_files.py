@@ -1,8 +1,9 @@
-"""Triangles from STL, PLY and OBJ files.
+"""Triangles from STL, PLY, OBJ, OFF and 3MF files.
 
-trimesh parses all but binary STL, which is one array; nothing it would fetch, merge or repair on
-its own is let happen. What a header promises is compared with the file's length *before* parsing,
-so that a truncated file is called truncated and a hostile count allocates nothing.
+trimesh parses all but binary STL, which is one array, and 3MF (`threemf`); nothing it would fetch,
+merge or repair on its own is let happen. What a header promises is compared with the file's length
+*before* parsing, so that a truncated file is called truncated and a hostile count allocates
+nothing.
 """
 
 from __future__ import annotations
@@ -16,11 +17,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.config.part_file import FARTHEST_MM, MM_PER_UNIT
+from lmctl.config.quantities import FARTHEST_MM, MM_PER_UNIT
 from lmctl.errors import InputError
 from lmctl.part.files import DataFile
+from lmctl.part.threemf import read_3mf
 
-MESH_SUFFIXES = ("stl", "ply", "obj")
+MESH_SUFFIXES = ("stl", "ply", "obj", "off", "3mf")
 
 #: More triangles than this would take minutes and gigabytes to bring onto any grid.
 MOST_TRIANGLES = 5_000_000
@@ -37,8 +39,10 @@ class Mesh:
     triangles: NDArray[np.int64]
 
 
-def read_mesh(file: DataFile, units: str) -> Mesh:
+def read_mesh(file: DataFile, units: str | None) -> Mesh:
     """The triangles of a mesh file, as they stand in it, in mm.
+
+    units : None for a 3MF file, which states its own
 
     Raises InputError where it cannot be read, holds no triangles, coordinates that are not numbers,
     corners that are not there, or a size no part of this machine's kind has.
@@ -46,9 +50,16 @@ def read_mesh(file: DataFile, units: str) -> Mesh:
     if file.suffix not in MESH_SUFFIXES:
         raise InputError(
             f"{file.path} is not a kind of mesh file that can be read",
-            hint="STL, PLY and OBJ files can; the ending must say which it is",
+            hint="STL, PLY, OBJ, OFF and 3MF files can; the ending must say which it is",
         )
-    vertices, triangles = _from_binary_stl(file) if _is_binary_stl(file) else _parsed(file)
+    if file.suffix == "3mf":
+        vertices, triangles = read_3mf(file, units)
+        units = "mm"
+    elif units is None:
+        raise InputError(f"{file.path} does not state its units",
+                         hint="say them in the part file: units = \"mm\"")
+    else:
+        vertices, triangles = _from_binary_stl(file) if _is_binary_stl(file) else _parsed(file)
     if len(triangles) == 0:
         raise InputError(
             f"{file.path} holds no triangles",
@@ -100,7 +111,7 @@ def parse(file: DataFile, loader: Literal["load_mesh", "load"]) -> Any:
     import trimesh  # takes a second and a half, which a part without mesh need not spend
 
     data = file.data
-    if file.suffix == "obj" or (file.suffix == "stl" and _is_text_stl(data)):
+    if file.suffix in ("obj", "off") or (file.suffix == "stl" and _is_text_stl(data)):
         if b"\0" in data:
             raise InputError(f"{file.path} is not text, as {file.suffix.upper()} files of its kind "
                              "are", hint="it is damaged or of another kind; export it again")

@@ -19,6 +19,9 @@ BYTES_PER_NODE = 20
 #: A stored field above this (2 GB while it is made) is refused.
 MOST_STORED_NODES = 100_000_000
 
+#: A boolean's boundary needs to be found, not resolved: eight bytes a node while it is.
+MOST_BOUNDARY_NODES = 16_000_000
+
 #: A grid that is only walked by slabs may be larger, but not endless.
 MOST_WALKED_NODES = 4_000_000_000
 
@@ -56,6 +59,13 @@ def checked_grid(low: FloatArray, high: FloatArray, pitch_mm: float, *, stored: 
             hint=f"give a pitch_mm of at least {finest_pitch(low, high, most):g}",
         )
     return Grid.around(low, high, pitch_mm, PADDING)
+
+
+def boundary_grid(low: FloatArray, high: FloatArray, pitch_mm: float) -> Grid:
+    """The grid on which a boolean's boundary is looked for: of the pitch, or coarser where that
+    would be more than can be held. What is found on it is exact at any pitch."""
+    most = max(pitch_mm, finest_pitch(low, high, MOST_BOUNDARY_NODES))
+    return Grid.around(low, high, most, PADDING)
 
 
 def finest_pitch(low: FloatArray, high: FloatArray, most_nodes: int) -> float:

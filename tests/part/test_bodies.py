@@ -160,7 +160,7 @@ def test_combined_distances_are_distances(
 ) -> None:
     """The table of two discs R 10, 12 mm apart: min and max alone would give 4 for the first."""
     at = discs(operation, bodies).at(np.array([[*place, 0.0]]))
-    assert at == pytest.approx([distance], abs=0.06)  # edges are rounded within the pitch
+    assert at == pytest.approx([distance], abs=1e-4)
 
 
 @pytest.mark.parametrize("operation", ["union", "difference", "intersection"])
@@ -180,7 +180,7 @@ def test_combined_bounds_and_order() -> None:
     assert high == pytest.approx([5, 10, 10], abs=1e-5)
     assert section_area(body, 5.0) == pytest.approx(50, abs=4 * CORNER_MM2)
     three = Combined("difference", (A, B, Sphere((0, 0, 0), 3)), discs("union").grid)
-    assert three.at(np.zeros((1, 3)))[0] == pytest.approx(-3, abs=0.06)
+    assert three.at(np.zeros((1, 3)))[0] == pytest.approx(-3, abs=1e-6)
 
 
 def test_combination_with_a_mesh(making: Any) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,17 +11,21 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from lmctl.config.part_rules import parse_part_file
-from lmctl.part.bodies import Body
-from lmctl.part.composition import Rule, Span, Table, rule_of
-from lmctl.part.formulas import Box, Sphere
+from lmctl.part.composition import Rule
+from lmctl.part.data import Data
+from lmctl.part.profiles import Span, Table
+from lmctl.part.tree import Tree
 
 HEAD = 'name = "p"\n[[material]]\nname = "316L"\n[[material]]\nname = "WC-12Co"\n'
 BODY = '[[body]]\nkind = "sphere"\ncentre_mm = [0, 0, 0]\nradius_mm = 10\n'
 
 
-def rule(composition: str, body: Body | None = None, head: str = HEAD) -> Rule:
-    text = f"{head}{BODY}[composition]\n{composition}\n"
-    return rule_of(parse_part_file(text, name="p"), body or Sphere((0, 0, 0), 10))
+def rule(composition: str, body: str = BODY, head: str = HEAD) -> Rule:
+    return rule_in(f"{head}{body}[composition]\n{composition}\n")
+
+
+def rule_in(text: str) -> Rule:
+    return Tree(parse_part_file(text, name="p"), Data(Path(), 2.0)).rule
 
 
 def steel(found: Rule, *points: tuple[float, float, float]) -> list[float]:
@@ -80,7 +85,7 @@ def test_own_surface_normalised_by_the_largest_depth() -> None:
     assert steel(found, (10, 0, 0), (7.5, 0, 0), (0, 0, 0), (11, 0, 0)) == pytest.approx(
         [0, 0.25, 1, 0])
     box = rule('profile = { kind = "linear", near = {"WC-12Co" = 1}, far = {"316L" = 1} }',
-               Box((0, 0, 0), (30, 20, 8)))
+               '[[body]]\nkind = "box"\nlow_mm = [0, 0, 0]\nhigh_mm = [30, 20, 8]\n')
     assert steel(box, (15, 10, 4), (15, 10, 1), (2, 10, 4)) == pytest.approx([1, 0.25, 0.5])
 
 
@@ -103,8 +108,7 @@ def test_many_materials_in_their_own_order() -> None:
 
 
 def test_one_material_needs_no_rule() -> None:
-    part = parse_part_file('name = "p"\n[[material]]\nname = "316L"\n' + BODY, name="p")
-    found = rule_of(part, Sphere((0, 0, 0), 10))
+    found = rule_in('name = "p"\n[[material]]\nname = "316L"\n' + BODY)
     np.testing.assert_array_equal(found.fractions(np.zeros((4, 3))), np.ones((4, 1)))
 
 

@@ -156,7 +156,7 @@ def test_flat_far_and_pointless_meshes(making: Any) -> None:
     assert "origin" in refused(making.stl((far[0] + 1e6, far[1])), "stl").what
     cloud = trimesh.PointCloud(np.eye(3)).export(file_type="ply")
     assert "cloud" in refused(cloud, "ply").hint
-    assert "STL, PLY and OBJ" in refused(b"abc", "step").hint
+    assert "STL, PLY, OBJ, OFF and 3MF" in refused(b"abc", "step").hint
 
 
 def test_names_in_other_encodings_do_not_matter(exports: dict[str, bytes]) -> None:

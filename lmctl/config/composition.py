@@ -1,0 +1,279 @@
+"""Of what a part or one of its bodies is, as a part file says it: features, profiles, blends."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, field_validator, model_validator
+
+from lmctl.config.quantities import (
+    LEAST_STEP_MM,
+    Coordinate,
+    Direction,
+    FileName,
+    Name,
+    Units,
+    Vector,
+    Way,
+)
+from lmctl.config.toml_file import Model
+
+
+class PointFeature(Model):
+    """Distance to a point."""
+
+    kind: Literal["point"]
+    at_mm: Vector
+
+
+class SegmentFeature(Model):
+    """Distance to a straight line between two points."""
+
+    kind: Literal["segment"]
+    start_mm: Vector
+    end_mm: Vector
+
+    @model_validator(mode="after")
+    def _not_empty(self) -> SegmentFeature:
+        if self.start_mm == self.end_mm:
+            raise ValueError("start_mm and end_mm are the same point")
+        return self
+
+
+class AxisFeature(Model):
+    """Distance to an infinite line."""
+
+    kind: Literal["axis"]
+    point_mm: Vector
+    direction: Direction
+
+
+class PolylineFeature(Model):
+    """Distance to the straight lines through points, in their order; open at its ends."""
+
+    kind: Literal["polyline"]
+    points_mm: Way
+
+
+class SplineFeature(Model):
+    """Distance to the smooth curve through points, in their order (a natural cubic spline)."""
+
+    kind: Literal["spline"]
+    points_mm: Annotated[Way, Field(max_length=1000)]
+
+
+class PlaneFeature(Model):
+    """Distance to a plane, on either side of it."""
+
+    kind: Literal["plane"]
+    point_mm: Vector
+    normal: Direction
+
+
+class FaceFeature(Model):
+    """Distance to one face of a mesh body: the patch around a place, or a named group of an OBJ.
+
+    of : the mesh body's name
+    at_mm : a place on the face; the patch reaches as far as edges are blunter than angle_deg
+    group : the name of a `g` or `o` group in an OBJ file
+    """
+
+    kind: Literal["face"]
+    of: Name
+    at_mm: Vector | None = None
+    angle_deg: Annotated[float, Field(gt=0, le=180)] = 30.0
+    group: Name | None = None
+
+    @model_validator(mode="after")
+    def _one_way(self) -> FaceFeature:
+        if (self.at_mm is None) == (self.group is None):
+            raise ValueError("say which face: either at_mm, a place on it, or group, its name")
+        return self
+
+
+class SheetFeature(Model):
+    """Distance to any surface of triangles from a file, open or closed."""
+
+    kind: Literal["sheet"]
+    file: FileName
+    units: Units
+
+
+class SurfaceFeature(Model):
+    """Depth below a body's surface, or below an iso-contour of its distance.
+
+    of : a body's name; None is the body (or the part) this composition belongs to
+    level_mm : depth of the iso-contour that depth is counted from
+    """
+
+    kind: Literal["surface"]
+    of: Name | None = None
+    level_mm: Coordinate = 0.0
+
+
+class CoordinateFeature(Model):
+    """A coordinate itself, with its sign: composition explicit in x, y or z."""
+
+    kind: Literal["coordinate"]
+    along: Literal["x", "y", "z"]
+
+
+Feature = Annotated[
+    PointFeature | SegmentFeature | AxisFeature | PolylineFeature | SplineFeature | PlaneFeature
+    | FaceFeature | SheetFeature | SurfaceFeature | CoordinateFeature,
+    Field(discriminator="kind"),
+]
+
+Fraction = Annotated[float, Field(ge=0, le=1)]
+#: Volume fractions by material name; materials left out are 0; they must sum to 1.
+Mixture = Annotated[dict[str, Fraction], Field(min_length=1)]
+Range = tuple[Coordinate, Coordinate]
+
+
+def _ordered(value: Range) -> Range:
+    if value[0] >= value[1]:
+        raise ValueError(f"the first value must be below the second, not {list(value)}")
+    return value
+
+
+class _Span(Model):
+    """A profile between two mixtures: `near` at over_mm[0] of the feature, `far` at over_mm[1].
+
+    over_mm : may be left out for a surface only: then it is [0, largest depth], as in (5)
+    """
+
+    near: Mixture
+    far: Mixture
+    over_mm: Range | None = None
+
+    @field_validator("over_mm")
+    @classmethod
+    def _rising(cls, value: Range | None) -> Range | None:
+        return None if value is None else _ordered(value)
+
+
+class LinearProfile(_Span):
+    """far · d + near · (1 − d), d running from 0 to 1 over `over_mm`."""
+
+    kind: Literal["linear"]
+
+
+class ParabolaProfile(_Span):
+    """far · d² + near · (1 − d²), d running from 0 to 1 over `over_mm` (method.md 5.2)."""
+
+    kind: Literal["parabola"]
+
+
+class NormalisedProfile(Model):
+    """far · d + near · (1 − d) with d the share of the largest depth (method.md (5))."""
+
+    kind: Literal["normalised"]
+    near: Mixture
+    far: Mixture
+
+
+class PowerProfile(_Span):
+    """far · f + near · (1 − f) with f = (a·d)^k clamped to [0, 1] (method.md (4))."""
+
+    kind: Literal["power"]
+    a: Annotated[float, Field(gt=0, le=1000)] = 1.0
+    k: Annotated[float, Field(gt=0, le=100)]
+
+
+class TablePoint(Model):
+    """The mixture at one distance from the feature."""
+
+    at_mm: Coordinate
+    of: Mixture
+
+
+class TableProfile(Model):
+    """Mixtures at rising distances, linear between them, constant beyond the first and last."""
+
+    kind: Literal["table"]
+    points: Annotated[tuple[TablePoint, ...], Field(min_length=1, max_length=10_000)]
+
+    @field_validator("points")
+    @classmethod
+    def _rising(cls, value: tuple[TablePoint, ...]) -> tuple[TablePoint, ...]:
+        for index in range(1, len(value)):
+            if value[index].at_mm < value[index - 1].at_mm + LEAST_STEP_MM:
+                raise ValueError(
+                    f"point {index + 1} at {value[index].at_mm:g} mm does not lie beyond "
+                    f"point {index} at {value[index - 1].at_mm:g} mm"
+                )
+        return value
+
+
+class Step(Model):
+    """One mixture over a range of distances."""
+
+    over_mm: Range
+    of: Mixture
+
+    @field_validator("over_mm")
+    @classmethod
+    def _rising(cls, value: Range) -> Range:
+        return _ordered(value)
+
+
+class StepsProfile(Model):
+    """Layers of one mixture each, one beginning where the other ends; the outer two go on."""
+
+    kind: Literal["steps"]
+    steps: Annotated[tuple[Step, ...], Field(min_length=1, max_length=10_000)]
+
+    @field_validator("steps")
+    @classmethod
+    def _joined(cls, value: tuple[Step, ...]) -> tuple[Step, ...]:
+        for index in range(1, len(value)):
+            end, start = value[index - 1].over_mm[1], value[index].over_mm[0]
+            if abs(end - start) > LEAST_STEP_MM:
+                fault = "leaves a gap after" if start > end else "overlaps"
+                raise ValueError(
+                    f"step {index + 1} {fault} step {index}: it begins at {start:g} mm, "
+                    f"step {index} ends at {end:g} mm"
+                )
+        return value
+
+
+class ConstantProfile(Model):
+    """One mixture everywhere."""
+
+    kind: Literal["constant"]
+    of: Mixture
+
+
+Profile = Annotated[
+    LinearProfile | ParabolaProfile | NormalisedProfile | PowerProfile | TableProfile
+    | StepsProfile | ConstantProfile,
+    Field(discriminator="kind"),
+]
+
+
+class BlendPart(Model):
+    """One feature and profile of a blend; weight : its constant share, None with inverse ones."""
+
+    feature: Feature = SurfaceFeature(kind="surface")
+    profile: Profile
+    weight: Annotated[float, Field(ge=0, le=1)] | None = None
+
+
+class Composition(Model):
+    """Of what something is: a mixture at each distance to a feature, or several of them blended.
+
+    blend, weights : (6)-(8): Σ wᵢ f(rᵢ) with constant weights that sum to 1, or with weights
+        by inverse distance to the power `power`
+    """
+
+    feature: Feature = SurfaceFeature(kind="surface")
+    profile: Profile | None = None
+    blend: Annotated[tuple[BlendPart, ...], Field(max_length=100)] = ()
+    weights: Literal["constant", "inverse-distance"] = "constant"
+    power: Annotated[float, Field(gt=0, le=20)] = 1.0
+
+
+def measured_from(composition: Composition) -> set[str]:
+    """Names of the bodies whose surfaces or faces a composition's features are."""
+    features = [composition.feature, *(part.feature for part in composition.blend)]
+    return {f.of for f in features if isinstance(f, FaceFeature | SurfaceFeature) and f.of}

@@ -1,0 +1,72 @@
+"""What bodies computed where and when they are asked for share: `at` gives all the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmctl.field.grid import Window
+from lmctl.field.plane import PlaneGrid, section_loops
+from lmctl.part.bodies import plane_points
+from lmctl.part.depth import greatest, onto_zero, unit_slope
+from lmctl.part.measured import Bounds
+
+FloatArray = NDArray[np.float64]
+
+#: Nodes evaluated at a time: keeps temporaries in tens of megabytes.
+NODES_AT_ONCE = 250_000
+
+
+class Analytic:
+    """A body whose `at` is exact, or as good as what it is made of."""
+
+    @property
+    def bounds_mm(self) -> Bounds:
+        raise NotImplementedError
+
+    def at(self, points: FloatArray) -> FloatArray:
+        raise NotImplementedError
+
+    @cached_property
+    def largest_depth_mm(self) -> float:
+        return greatest(self.at, *self.bounds_mm)
+
+    def feet(self, points: FloatArray) -> FloatArray:
+        return onto_zero(self.at, self.inward, points)
+
+    def inward(self, points: FloatArray) -> FloatArray:
+        return unit_slope(self.at, points)
+
+    def distance(self, window: Window) -> NDArray[np.float32]:
+        values = np.empty(window.shape, dtype=np.float32)
+        flat = values.reshape(-1)
+        for first, points in chunks(window):
+            flat[first : first + len(points)] = self.at(points)
+        return values
+
+    def cut(self, z_mm: float, plane: PlaneGrid) -> NDArray[np.float32]:
+        return self.at(plane_points(plane, z_mm)).astype(np.float32).reshape(plane.shape)
+
+    def loops(self, z_mm: float, plane: PlaneGrid) -> list[FloatArray]:
+        return section_loops(self.cut(z_mm, plane), plane)
+
+
+def chunks(window: Window) -> Iterator[tuple[int, FloatArray]]:
+    """A window's nodes in the array's own order, a bounded number at a time.
+
+    Yields the number of the first and the points (n, 3) float64 [mm].
+    """
+    grid = window.grid
+    x, y = grid.axis_mm(0), grid.axis_mm(1)
+    z = grid.axis_mm(2)[window.z_first : window.z_last]
+    rows = max(1, NODES_AT_ONCE // len(x))
+    for first in range(0, len(z) * len(y), rows):
+        k, j = np.divmod(np.arange(first, min(first + rows, len(z) * len(y))), len(y))
+        points = np.empty((len(k), len(x), 3))
+        points[:, :, 0] = x
+        points[:, :, 1] = y[j, None]
+        points[:, :, 2] = z[k, None]
+        yield first * len(x), points.reshape(-1, 3)

@@ -1,0 +1,77 @@
+"""The data files a part file names, each read once, and what there is to say about them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmctl.config.bodies import CloudBody, MeshBody
+from lmctl.config.composition import FaceFeature, SheetFeature
+from lmctl.errors import InputError
+from lmctl.part.bodies import without_slivers
+from lmctl.part.cloud_files import Cloud, read_cloud
+from lmctl.part.faces import grouped_corners, patch_around
+from lmctl.part.files import DataFile, read_data
+from lmctl.part.mesh_files import Mesh, read_mesh
+from lmctl.part.mesh_report import mend
+
+FloatArray = NDArray[np.float64]
+
+
+class Data:
+    """Files below a part file's folder, by name.
+
+    sources : {name: sha256} of what was read; warnings, notes : for a person
+    """
+
+    def __init__(self, folder: Path, bead_mm: float) -> None:
+        self._folder = folder
+        self._bead_mm = bead_mm
+        self._meshes: dict[tuple[str, str | None], Mesh] = {}
+        self._clouds: dict[tuple[str, str], Cloud] = {}
+        self.sources: dict[str, str] = {}
+        self.warnings: list[str] = []
+        self.notes: list[str] = []
+
+    def mesh(self, body: MeshBody) -> Mesh:
+        """A closed mesh, mended where it needed to be. Raises InputError."""
+        key = body.file, body.units
+        if key not in self._meshes:
+            read = read_mesh(self._file(body.file), body.units)
+            self._meshes[key], said = mend(read, body.file, self._bead_mm)
+            self.warnings += said
+        return self._meshes[key]
+
+    def cloud(self, body: CloudBody) -> Cloud:
+        """Measured points. Raises InputError."""
+        key = body.file, body.units
+        if key not in self._clouds:
+            self._clouds[key] = read_cloud(self._file(body.file), body.units)
+            self.notes += self._clouds[key].notes
+        return self._clouds[key]
+
+    def points(self, body: MeshBody | CloudBody) -> FloatArray:
+        """(n, 3) float64 [mm]: a mesh's corners or a cloud's points."""
+        return self.mesh(body).vertices if isinstance(body, MeshBody) else self.cloud(body).points
+
+    def sheet(self, feature: SheetFeature) -> FloatArray:
+        """Triangles (m, 3, 3) float64 [mm] of a surface that need not close. Raises InputError."""
+        mesh = read_mesh(self._file(feature.file), feature.units)
+        corners = without_slivers(mesh.vertices[mesh.triangles])
+        if len(corners) == 0:
+            raise InputError(f"{feature.file} has no triangle with an area", hint="export it again")
+        return corners
+
+    def face(self, body: MeshBody, feature: FaceFeature) -> FloatArray:
+        """Triangles (m, 3, 3) float64 [mm] of one face of a mesh. Raises InputError."""
+        if feature.group is not None:
+            return grouped_corners(self._file(body.file), feature.group, body.units)
+        assert feature.at_mm is not None, "the model asks for one of the two"
+        return patch_around(self.mesh(body), feature.at_mm, feature.angle_deg)
+
+    def _file(self, name: str) -> DataFile:
+        file = read_data(name, self._folder)
+        self.sources[name] = file.sha256
+        return file

@@ -1,0 +1,99 @@
+"""One face of a mesh: the smooth patch around a place, or a group that an OBJ file names."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmctl.config.materials import closest
+from lmctl.config.quantities import MM_PER_UNIT
+from lmctl.errors import InputError
+from lmctl.field.triangles import closest_in_rows
+from lmctl.part.bodies import without_slivers
+from lmctl.part.files import DataFile
+from lmctl.part.mesh_files import Mesh
+from lmctl.part.mesh_topology import components, edge_numbers
+
+FloatArray = NDArray[np.float64]
+
+#: A place farther from the mesh than this names no face of it.
+FARTHEST_SHARE = 0.05
+
+
+def patch_around(mesh: Mesh, at_mm: Sequence[float], angle_deg: float) -> FloatArray:
+    """The triangles that hang together with the one nearest to a place, over blunt edges only.
+
+    angle_deg : between two triangles' normals, up to which they are of one face
+    returns : (m, 3, 3) float64 [mm]
+    raises : InputError where the place is far from the mesh
+    """
+    corners = mesh.vertices[mesh.triangles]
+    place = np.asarray(at_mm, dtype=np.float64)
+    rows = np.arange(len(corners), dtype=np.int32)
+    found = closest_in_rows(
+        np.ascontiguousarray(corners), rows, np.tile(place, (len(corners), 1)))
+    away = np.linalg.norm(found - place, axis=1)
+    nearest = int(np.argmin(away))
+    size = float(np.ptp(mesh.vertices, axis=0).max())
+    if away[nearest] > FARTHEST_SHARE * size:
+        where = ", ".join(f"{v:g}" for v in place)
+        raise InputError(
+            f"there is no face at ({where}) mm",
+            where=f"the mesh is {away[nearest]:.3g} mm away from there",
+            hint="give a place on the face, in the mesh's own coordinates",
+        )
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
+    number, counts = edge_numbers(mesh.triangles)
+    order = np.argsort(number, kind="stable")
+    pairs = order[(counts == 2)[number[order]]].reshape(-1, 2) // 3
+    blunt = (normal[pairs[:, 0]] * normal[pairs[:, 1]]).sum(axis=1) >= np.cos(np.deg2rad(angle_deg))
+    patch = components(pairs[blunt], len(corners))
+    return without_slivers(corners[patch == patch[nearest]])
+
+
+def grouped_corners(file: DataFile, group: str, units: str | None) -> FloatArray:
+    """The triangles of a `g` or `o` group of an OBJ file, polygons cut into fans.
+
+    returns : (m, 3, 3) float64 [mm]
+    raises : InputError where the file is of another kind, has no such group, or cannot be read
+    """
+    if file.suffix != "obj":
+        raise InputError(f"{file.path} has no named faces",
+                         hint="only OBJ files name groups; choose the face by at_mm instead")
+    vertices: list[list[float]] = []
+    triangles: list[tuple[int, int, int]] = []
+    groups: set[str] = set()
+    current = False
+    for number, line in enumerate(file.data.decode("utf-8", "replace").splitlines(), start=1):
+        words = line.split()
+        try:
+            if words[:1] == ["v"]:
+                vertices.append([float(word) for word in words[1:4]])
+            elif words[:1] in (["g"], ["o"]):
+                groups |= set(words[1:]) | {" ".join(words[1:])}
+                current = group in words[1:] or group == " ".join(words[1:])
+            elif current and words[:1] == ["f"]:
+                corners = [int(word.partition("/")[0]) for word in words[1:]]
+                corners = [c - 1 if c > 0 else len(vertices) + c for c in corners]
+                if min(corners) < 0 or max(corners) >= len(vertices):
+                    raise ValueError("a corner that is not there")
+                triangles += [(corners[0], b, c)
+                              for b, c in itertools.pairwise(corners[1:])]
+        except (ValueError, IndexError) as error:
+            raise InputError(f"{file.path}, line {number}: {error}", where=repr(line[:60]),
+                             hint="the file is damaged; export it again") from None
+    if not triangles:
+        names = sorted(name for name in groups if name)
+        guess = closest(group, names) or f"its groups are {', '.join(names[:20]) or 'not named'}"
+        raise InputError(f"{file.path} has no faces in a group {group!r}", where=guess,
+                         hint="name one of its groups, or choose the face by at_mm")
+    corners_mm = np.array(vertices, dtype=np.float64)[np.array(triangles)]
+    corners_mm *= MM_PER_UNIT[units or "mm"]
+    if not np.isfinite(corners_mm).all():
+        raise InputError(f"{file.path} has coordinates that are not numbers",
+                         hint="export it again")
+    return without_slivers(corners_mm)

@@ -1,0 +1,89 @@
+"""The mixture at each distance from a feature (method.md 2); every row sums to 1."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+class Profile(Protocol):
+    """The mixture at each distance."""
+
+    def fractions(self, distance: FloatArray) -> FloatArray:
+        """distance (n,) [mm] -> (n, n_materials) float64, each ≥ 0, rows summing to 1"""
+
+    @property
+    def span_mm(self) -> tuple[float, float]:
+        """Between which distances the mixture changes; equal where it never does."""
+
+
+@dataclass(frozen=True, eq=False)
+class Span:
+    """near · (1 − f) + far · f with f = (a·d)^k clamped to [0, 1] (method.md (4); k = 1: linear).
+
+    d runs from 0 at over_mm[0] to 1 at over_mm[1], clamped; near, far : (n_materials,)
+    """
+
+    near: FloatArray
+    far: FloatArray
+    over_mm: tuple[float, float]
+    a: float = 1.0
+    k: float = 1.0
+
+    def fractions(self, distance: FloatArray) -> FloatArray:
+        start, end = self.over_mm
+        d = np.clip((distance - start) / (end - start), 0.0, 1.0)
+        f = np.clip((self.a * d) ** self.k, 0.0, 1.0)[:, None]
+        return whole(self.near * (1.0 - f) + self.far * f)
+
+    @property
+    def span_mm(self) -> tuple[float, float]:
+        return self.over_mm
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Mixtures at rising distances, linear between, constant beyond; one row is a constant.
+
+    at_mm : (k,) strictly rising; of : (k, n_materials)
+    """
+
+    at_mm: FloatArray
+    of: FloatArray
+
+    def fractions(self, distance: FloatArray) -> FloatArray:
+        columns = [np.interp(distance, self.at_mm, column) for column in self.of.T]
+        return whole(np.stack(columns, axis=1))
+
+    @property
+    def span_mm(self) -> tuple[float, float]:
+        return float(self.at_mm[0]), float(self.at_mm[-1])
+
+
+@dataclass(frozen=True, eq=False)
+class Steps:
+    """Mixtures that change at once. ends_mm : (k,) rising, where all but the last end; of : (k + 1,
+    n_materials)"""
+
+    ends_mm: FloatArray
+    of: FloatArray
+
+    def fractions(self, distance: FloatArray) -> FloatArray:
+        return whole(self.of[np.searchsorted(self.ends_mm, distance, side="right")])
+
+    @property
+    def span_mm(self) -> tuple[float, float]:
+        if len(self.ends_mm) == 0:
+            return 0.0, 0.0
+        return float(self.ends_mm[0]), float(self.ends_mm[-1])
+
+
+def whole(fractions: FloatArray) -> FloatArray:
+    """Rows without the −1e-17 that interpolation leaves, made to sum to 1."""
+    positive = np.maximum(fractions, 0.0)
+    return np.asarray(positive / positive.sum(axis=1, keepdims=True), dtype=np.float64)
