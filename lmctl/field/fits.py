@@ -1,4 +1,4 @@
-"""A quadric, or the plane of most, through the neighbours of every sample: the kernels of `patches`.
+"""A quadric, or the plane of most, through each sample's neighbours: the kernels of `patches`.
 
 What numpy would do in batches of (m, 17, 3) arrays takes a fifth of the time sample by sample.
 """
@@ -205,7 +205,7 @@ def _gather(
 
 @kernel
 def _solve(matrix: FloatArray, right: FloatArray) -> None:
-    """Cholesky on the lower triangle of a symmetric matrix, in place; `right` becomes the answer."""
+    """By Cholesky on the lower triangle, in place; `right` becomes the answer."""
     size = len(right)
     for a in range(size):
         matrix[a, a] += 1e-9  # neighbours on a line leave some terms without a say

@@ -29,6 +29,7 @@ LEVELS_PER_SPACING = 8
 # Samples strewn at random leave empty circles of up to 2.2 spacings among 10⁵ of them: what is
 # wider is an opening.
 WIDEST_GAP_SPACINGS = 3.0
+WELL_CLEAR_SPACINGS = 5.0  # no place of the way out is told from another that is wider than this
 
 
 @dataclass(frozen=True)
@@ -57,11 +58,14 @@ def orient(samples: Samples, patches: Patches, pitch_mm: float) -> Orientation:
     sources = nearest_samples(
         samples.points_mm, np.full(len(samples.points_mm), 1.5 * grid.pitch_mm), grid
     )
-    distance = sweep_sources(sources, samples.points_mm, grid)
     # A wall of samples is no thinner than the grid can show.
     spacing = np.maximum(samples.spacing_mm, 1.2 * grid.pitch_mm)
-    levels = np.minimum(LEVELS - 1, distance / spacing[sources] * LEVELS_PER_SPACING)
-    clear = levels.astype(np.uint8)
+    distance = sweep_sources(
+        sources, samples.points_mm, grid, WELL_CLEAR_SPACINGS * float(spacing.max())
+    )
+    clear = np.empty(grid.shape, dtype=np.uint8)
+    _clear_kernel(distance, sources, LEVELS_PER_SPACING / spacing, clear)
+    del distance
     way, tags = clear.copy(), np.zeros(grid.shape, dtype=np.int8)
     for face in (tags[0], tags[-1], tags[:, 0], tags[:, -1], tags[:, :, 0], tags[:, :, -1]):
         face[:] = -1
@@ -190,6 +194,22 @@ def _nearest_kernel(
 
 
 @kernel
+def _clear_kernel(
+    distance: NDArray[np.float32], sources: Sources, levels_per_mm: FloatArray,
+    clear: NDArray[np.uint8],
+) -> None:
+    """How far every node is from its sample, in levels."""
+    nz, ny, nx = sources.shape
+    for k in range(nz):
+        for j in range(ny):
+            for i in range(nx):
+                level = LEVELS - 1.0
+                if sources[k, j, i] >= 0:
+                    level = min(level, distance[k, j, i] * levels_per_mm[sources[k, j, i]])
+                clear[k, j, i] = np.uint8(level)
+
+
+@kernel
 def _sides_kernel(
     level: NDArray[np.uint8], sources: Sources, points: FloatArray, normal: FloatArray,
     sides: NDArray[np.uint8],
@@ -200,6 +220,8 @@ def _sides_kernel(
         for j in range(ny):
             for i in range(nx):
                 n = sources[k, j, i]
+                if n < 0:
+                    continue
                 x, y, z = i - points[n, 0], j - points[n, 1], k - points[n, 2]
                 along = x * normal[n, 0] + y * normal[n, 1] + z * normal[n, 2]
                 if along * along > 0.64 * (x * x + y * y + z * z):

@@ -22,6 +22,7 @@ ISOLATED = 4.0  # times as far from its sixth neighbour as its surroundings are 
 LARGEST_SHARE_DROPPED = 0.02
 SPACING_OF_SIXTH = float(np.sqrt(np.pi / 6.0))  # within that distance d lie six: π d² / 6 for each
 DENSE_PITCHES = 0.35  # samples nearer to each other than this tell the grid nothing more
+BLOCK_PITCHES = 8.0
 COARSEST_PITCHES = 5.0  # samples typically farther apart than this leave details to guesswork
 
 
@@ -67,7 +68,7 @@ def clean_samples(points: FloatArray, grid: Grid) -> Samples:
     ordered = points[np.lexsort(points.T)]
     new = np.ones(len(ordered), dtype=np.bool_)
     new[1:] = np.any(ordered[1:] != ordered[:-1], axis=1)
-    distinct = ordered[new]
+    distinct = _by_blocks(ordered[new], BLOCK_PITCHES * grid.pitch_mm)
     remarks = []
     if len(distinct) < len(points):
         repeated = len(points) - len(distinct)
@@ -83,13 +84,29 @@ def clean_samples(points: FloatArray, grid: Grid) -> Samples:
         distinct = thinned(distinct, 0.5 * grid.pitch_mm)
         remarks.append(f"samples denser than the grid were averaged to {len(distinct)} points")
     spacing, neighbours = _neighbourhoods(distinct)
-    isolated = spacing > ISOLATED * np.median(spacing[neighbours], axis=1)
+    isolated = _isolated(spacing, neighbours)
     if isolated.mean() <= LARGEST_SHARE_DROPPED and isolated.any():
         remarks.append(f"{int(isolated.sum())} points far from all others were dropped as outliers")
         distinct = distinct[~isolated]
         spacing, neighbours = _neighbourhoods(distinct)
     _refuse_sparse(spacing, grid, where)
     return Samples(distinct, neighbours, spacing, tuple(remarks))
+
+
+def _by_blocks(points: FloatArray, side_mm: float) -> FloatArray:
+    """Neighbours near each other in memory, too: block by block, within one as they were."""
+    if len(points) == 0:
+        return points
+    block = np.floor((points - points.min(axis=0)) / side_mm)
+    ordered: FloatArray = points[np.lexsort(block.T)]
+    return ordered
+
+
+def _isolated(spacing: FloatArray, neighbours: NDArray[np.int32]) -> NDArray[np.bool_]:
+    theirs = spacing[neighbours]
+    isolated: NDArray[np.bool_] = spacing > ISOLATED * theirs.min(axis=1)
+    isolated[isolated] = spacing[isolated] > ISOLATED * np.median(theirs[isolated], axis=1)
+    return isolated
 
 
 def averaged(samples: Samples, cell_mm: float) -> Samples:

@@ -16,13 +16,16 @@ FloatArray = NDArray[np.float64]
 Sources = NDArray[np.int32]
 
 
-def sweep_sources(sources: Sources, surface_mm: FloatArray, grid: Grid) -> NDArray[np.float32]:
+def sweep_sources(
+    sources: Sources, surface_mm: FloatArray, grid: Grid, within_mm: float = np.inf
+) -> NDArray[np.float32]:
     """Spread the rows in `sources` from the nodes that have one to all nodes, in place.
 
     sources : (nz, ny, nx) int32, row of `surface_mm` at seeds (which keep it), −1 elsewhere;
-        on return every node holds a row
+        on return every node holds a row, those farther than `within_mm` from the surface −1
     surface_mm : (n, 3) float64 [mm], n ≥ 1
-    returns : (nz, ny, nx) float32 [mm], unsigned distance of each node to its surface point
+    returns : (nz, ny, nx) float32 [mm], unsigned distance of each node to its surface point, or
+        infinity
 
     The eight Gauss–Seidel orderings of fast sweeping, each node trying its upwind neighbours'
     points; the four orderings that share a direction in z run plane by plane, so that a plane is
@@ -30,14 +33,14 @@ def sweep_sources(sources: Sources, surface_mm: FloatArray, grid: Grid) -> NDArr
     """
     relative = np.ascontiguousarray((surface_mm - np.asarray(grid.origin_mm)) / grid.pitch_mm)
     distance = np.empty(grid.shape, dtype=np.float32)
-    _sweep_kernel(sources, relative, distance)
+    _sweep_kernel(sources, relative, distance, np.float32((within_mm / grid.pitch_mm) ** 2))
     _lengths_kernel(sources, relative, distance, grid.pitch_mm)
     return distance
 
 
 @kernel
 def _from_row(
-    sources: Sources, squared: NDArray[np.float32], points: FloatArray,
+    sources: Sources, squared: NDArray[np.float32], points: FloatArray, most: float,
     k: int, j: int, kn: int, jn: int,
 ) -> None:
     """Row (k, j) tries the surface points of the neighbouring row (kn, jn), node by node."""
@@ -46,14 +49,15 @@ def _from_row(
         if row >= 0 and row != sources[k, j, i]:
             dx, dy, dz = points[row, 0] - i, points[row, 1] - j, points[row, 2] - k
             d2 = np.float32(dx * dx + dy * dy + dz * dz)
-            if d2 < squared[k, j, i]:
+            if d2 < squared[k, j, i] and d2 <= most:
                 squared[k, j, i] = d2
                 sources[k, j, i] = row
 
 
 @kernel
 def _along_row(
-    sources: Sources, squared: NDArray[np.float32], points: FloatArray, k: int, j: int
+    sources: Sources, squared: NDArray[np.float32], points: FloatArray, most: float,
+    k: int, j: int,
 ) -> None:
     """Row (k, j) forwards, then backwards: each node tries the point of the one before."""
     nx = sources.shape[2]
@@ -68,7 +72,7 @@ def _along_row(
             if row >= 0 and row != own:
                 dx, dy, dz = points[row, 0] - i, points[row, 1] - j, points[row, 2] - k
                 d2 = np.float32(dx * dx + dy * dy + dz * dz)
-                if d2 < squared[k, j, i]:
+                if d2 < squared[k, j, i] and d2 <= most:
                     squared[k, j, i] = d2
                     sources[k, j, i] = row
                     own = row
@@ -77,9 +81,10 @@ def _along_row(
 
 @kernel
 def _sweep_kernel(
-    sources: Sources, points: FloatArray, squared: NDArray[np.float32]
+    sources: Sources, points: FloatArray, squared: NDArray[np.float32], most: float
 ) -> None:
-    """points in node units. A seed's squared distance is −1 here, so nothing is nearer."""
+    """points in node units; none is carried farther than to a squared distance of `most`. A
+    seed's squared distance is −1 here, so nothing is nearer."""
     nz, ny, nx = sources.shape
     for k in range(nz):
         for j in range(ny):
@@ -91,13 +96,13 @@ def _sweep_kernel(
             k = n if step > 0 else nz - 1 - n
             for j in range(ny):
                 if n > 0:
-                    _from_row(sources, squared, points, k, j, k - step, j)
+                    _from_row(sources, squared, points, most, k, j, k - step, j)
                 if j > 0:
-                    _from_row(sources, squared, points, k, j, k, j - 1)
-                _along_row(sources, squared, points, k, j)
+                    _from_row(sources, squared, points, most, k, j, k, j - 1)
+                _along_row(sources, squared, points, most, k, j)
             for j in range(ny - 2, -1, -1):
-                _from_row(sources, squared, points, k, j, k, j + 1)
-                _along_row(sources, squared, points, k, j)
+                _from_row(sources, squared, points, most, k, j, k, j + 1)
+                _along_row(sources, squared, points, most, k, j)
 
 
 @kernel
@@ -109,5 +114,8 @@ def _lengths_kernel(
         for j in range(ny):
             for i in range(nx):
                 row = sources[k, j, i]
+                if row < 0:
+                    distance[k, j, i] = np.inf
+                    continue
                 dx, dy, dz = points[row, 0] - i, points[row, 1] - j, points[row, 2] - k
                 distance[k, j, i] = np.float32(pitch * np.sqrt(dx * dx + dy * dy + dz * dz))
