@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simulators.feeder.device import FeedSpan, PmxDevice
+from simulators.feeder.device import PmxDevice
+from simulators.feeder.hopper import FeedSpan
 from simulators.feeder.process import HopperProcess
 from simulators.motion.trace import Trace
 

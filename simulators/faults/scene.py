@@ -12,7 +12,8 @@ from simulators.faults.kinds import Fault
 
 if TYPE_CHECKING:
     from simulators.bench import Bench
-    from simulators.feeder.device import Hopper, PmxDevice
+    from simulators.feeder.device import PmxDevice
+    from simulators.feeder.hopper import Hopper
     from simulators.safety.device import SafetyDevice
 
 Undo = Callable[[], None]

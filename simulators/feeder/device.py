@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
 
 from firmware_protocol.pmx import (
     ALARM_RESET_KEY,
@@ -23,40 +22,12 @@ from firmware_protocol.pmx import (
 )
 from firmware_protocol.pmx_alarms import EMPTY, ESTOP, WATCHDOG, hopper_code
 from simulators.feeder.alarms import AlarmBook
-from simulators.feeder.config import FeederConfig, HopperConfig
+from simulators.feeder.config import FeederConfig
 from simulators.feeder.holding import HoldingRegisters
+from simulators.feeder.hopper import FeedSpan, Hopper
 from simulators.feeder.mishaps import Mishaps
 from simulators.feeder.permits import ALARM_RESET, COMMAND, WD_RESET, Facts, objection
-from simulators.feeder.process import HopperProcess
 from simulators.modbus_refusal import BUSY, REFUSED, RefusedError
-
-_ENDLESS_G = 1e12
-
-
-@dataclass
-class Hopper:
-    """A hopper and what the running recipe asks of it. told : the same, were all well with it"""
-
-    config: HopperConfig
-    process: HopperProcess
-    told: HopperProcess
-    rpm: float = 0.0
-    carrier_L_min: float = 0.0
-    stirrer_rpm: float = 0.0
-    limited: bool = False
-
-    def command(self, time_s: float, rpm: float, ramp_s: float = 0.0) -> None:
-        self.process.command(time_s, rpm, ramp_s)
-        self.told.command(time_s, rpm, ramp_s)
-
-
-@dataclass(frozen=True)
-class FeedSpan:
-    """Discs were on from start_s to end_s (inf while they are), called stable from stable_s."""
-
-    start_s: float
-    stable_s: float
-    end_s: float
 
 
 class PmxDevice:
@@ -72,12 +43,7 @@ class PmxDevice:
         self.config = config
         self.now = now
         self.holding = HoldingRegisters(config)
-        self.hoppers = {
-            h.channel: Hopper(
-                h, HopperProcess(h), HopperProcess(replace(h, fill_g=_ENDLESS_G, noise_rsd=0.0))
-            )
-            for h in config.hoppers
-        }
+        self.hoppers = {h.channel: Hopper.of(h) for h in config.hoppers}
         self.mishaps: Mishaps | None = None
         self.gas: list[tuple[float, bool]] = []
         self.gas_since_s = math.inf

@@ -20,7 +20,8 @@ from firmware_protocol.pmx import (
 )
 from firmware_protocol.pmx_alarms import CLIPPED, EMPTY, LEVEL_LOW, hopper_code
 from firmware_protocol.registers import Value
-from simulators.feeder.device import Hopper, PmxDevice
+from simulators.feeder.device import PmxDevice
+from simulators.feeder.hopper import Hopper
 from simulators.modbus_refusal import ILLEGAL_ADDRESS, RefusedError
 
 _FIRMWARE = 0x0100
