@@ -40,8 +40,7 @@ class Hearer:
     """Who is told what the controller says, as callables.
 
     line_answered(tag, error), report(report), alarm(code), restarted(asked) in stream order;
-    batch_done() after each arrival of bytes; lost(reason) once. asking() before each `?` gives the
-    bytes that are to go with it.
+    batch_done() after each arrival of bytes; lost(reason) once.
     """
 
     line_answered: Callable[[int, int], None]
@@ -50,7 +49,6 @@ class Hearer:
     restarted: Callable[[bool], None]
     batch_done: Callable[[], None]
     lost: Callable[[str], None]
-    asking: Callable[[], bytes] = bytes
 
 
 class Conversation:
@@ -201,12 +199,7 @@ class Conversation:
             return await future
 
     def _ask(self) -> None:
-        question, lines = Realtime.STATUS.wire, self._hearer.asking()
-        if self._link is not None and not self._link.paced and self._link.unsent == 0:
-            self._link.write(question + lines)
-        else:
-            self.realtime(Realtime.STATUS)
-            self.write(lines)
+        self.realtime(Realtime.STATUS)
 
     def _received(self, data: bytes) -> None:
         self.heard_bytes = True

@@ -70,7 +70,6 @@ class MotionDriver:
                 alarm=self._alarmed,
                 restarted=self._restarted,
                 batch_done=self._batch_done,
-                asking=lambda: self._stream.with_question(),
                 lost=self._lost,
             ),
         )
@@ -164,15 +163,13 @@ class MotionDriver:
             return None
         return tuple(m - o for m, o in zip(report.machine_mm, self.offset_mm, strict=False))
 
-    def submit(self, lines: Iterable[bytes], *, hurry: bool = True) -> None:
+    def submit(self, lines: Iterable[bytes]) -> None:
         """Queue lines of the stream; they go out as the controller has room.
 
-        hurry : without it they wait for the next status question and go with it: a report, and the
-            answers to all of them, then come at once
         While held, halted by an error or alarm, or lost, they stay queued; a reset drops them.
         raises : LocalProtocolError for a line that could never be sent
         """
-        self._stream.submit(lines, self.identity, hurry=hurry)
+        self._stream.submit(lines, self.identity)
 
     def discard_queue(self) -> int:
         """Drop the lines submitted and not sent; returns how many."""

@@ -36,7 +36,6 @@ class Stream:
         self._rejected = rejected
         self._queue: deque[bytes] = deque()
         self._loop = asyncio.get_running_loop()
-        self._patient = False  # what is queued waits for the next question
         self._owing_since_s: float | None = None  # Idle, and an answer is due
 
     @property
@@ -44,11 +43,8 @@ class Stream:
         """Lines submitted and not sent."""
         return len(self._queue)
 
-    def submit(self, lines: Iterable[bytes], identity: Identity, *, hurry: bool) -> None:
-        """Queue lines; in a hurry send what fits, else let them wait for the next question.
-
-        Raises LocalProtocolError for an impossible line.
-        """
+    def submit(self, lines: Iterable[bytes], identity: Identity) -> None:
+        """Queue lines and send what fits. Raises LocalProtocolError for an impossible line."""
         lines = list(lines)
         for line in lines:
             self._talk.check_line(line)
@@ -57,30 +53,20 @@ class Stream:
             self.progress = Progress(identity.planner_blocks, lead_s)
             self.running = True
         self._queue.extend(lines)
-        self._patient = not hurry
         self.pump()
 
     def pump(self) -> None:
         """Send the lines there is room for, in one write."""
-        if not self._patient and self._talk.worth_a_write and (fitting := self._fitting()):
-            self._talk.write(fitting)
-
-    def with_question(self) -> bytes:
-        """The lines to go out together with a status question, counted as sent."""
-        self._patient = False
-        return self._fitting()
-
-    def _fitting(self) -> bytes:
-        """The lines there is room for, counted as sent."""
-        if self.halted or self.held:
-            return b""
+        if self.halted or self.held or not self._queue or not self._talk.worth_a_write:
+            return
         queue, talk, progress = self._queue, self._talk, self.progress
         out = []
         while queue and talk.can_send(queue[0]):
             line = queue.popleft()
             out.append(talk.count_line(line, progress.sent))
             progress.line_sent(line)
-        return b"".join(out)
+        if out:
+            talk.write(b"".join(out))
 
     def discard_queue(self) -> int:
         """Drop the lines not sent; returns how many."""

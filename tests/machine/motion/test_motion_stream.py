@@ -265,33 +265,3 @@ def test_the_same_stream_gives_the_same_history(controller, in_virtual_time):
     assert len(histories[0]) > 50
     same = histories[0] == histories[1] == histories[2]
     assert same  # not compared here: the difference of long histories takes minutes to print
-
-
-def test_lines_without_hurry_go_out_with_the_next_question(controller, in_virtual_time):
-    device = controller(GRBLHAL)
-    arrivals = []
-
-    def feed(data: bytes, usual=device.feed) -> None:
-        arrivals.append((asyncio.get_running_loop().time(), data))
-        usual(data)
-
-    device.feed = feed
-
-    async def main() -> None:
-        async with device.on_tcp() as endpoint:
-            driver = await opened(endpoint, period_s=0.2)
-            await asyncio.sleep(1.0)
-            arrivals.clear()
-            submitted_s = asyncio.get_running_loop().time()
-            await asyncio.sleep(0.05)
-            driver.submit(program(20), hurry=False)
-            await until(lambda: driver.acknowledged == 20)
-            ((arrived_s, data),) = [a for a in arrivals if b"X" in a[1]]
-            assert submitted_s + 0.05 < arrived_s <= submitted_s + 0.2
-            assert data == b"?" + b"".join(line + b"\n" for line in program(20))
-            driver.submit(program(5), hurry=False)
-            driver.submit(program(5))  # takes those along
-            assert driver.queued == 0
-            await driver.close()
-
-    in_virtual_time(main())
