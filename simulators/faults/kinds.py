@@ -9,78 +9,9 @@ from __future__ import annotations
 import difflib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import Enum
 from types import MappingProxyType
 
-Value = float | int | str | bool
-
-
-class Strikes(Enum):
-    """What a fault befalls, and so what must be named with it."""
-
-    MOTION = "the motion controller"
-    LINK = "the link of a device"  # device
-    MODBUS = "a Modbus device"  # device
-    FEEDER = "a feeder"  # device
-    HOPPER = "a hopper of a feeder"  # device and channel
-    SAFETY = "the safety device"
-    CELL = "the whole cell"
-    HOST = "the host"
-
-
-class Host(Enum):
-    """What a host that controls a run has to do about it."""
-
-    STOPS = "stops beam, motion and powder"
-    MAY_STOP = "may go on, or stop"
-    GOES_ON = "goes on"
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """One knob of a fault: a number from least to most, one of choices, or yes and no.
-
-    default : None where it must be given. whole : an integer
-    """
-
-    name: str
-    default: Value | None
-    doc: str
-    least: float = 0.0
-    most: float = 0.0
-    whole: bool = False
-    choices: tuple[str, ...] = ()
-
-    def mistake(self, value: object) -> str:
-        """Why value will not do; "" where it will."""
-        if self.choices:
-            wanted = " or ".join(repr(choice) for choice in self.choices)
-            return "" if value in self.choices else f"must be {wanted}"
-        if isinstance(self.default, bool):
-            return "" if isinstance(value, bool) else "must be true or false"
-        if isinstance(value, bool) or not isinstance(value, int if self.whole else int | float):
-            return "must be a whole number" if self.whole else "must be a number"
-        assert isinstance(value, int | float)
-        if not self.least <= value <= self.most:  # not a number is outside, too
-            return f"must be from {self.least:g} to {self.most:g}"
-        return ""
-
-
-@dataclass(frozen=True)
-class FaultKind:
-    """A kind of fault.
-
-    does : in plain words; alarm : what a host should name first, "" where there is nothing to name
-    lasts : it stands until it is cleared; otherwise it is over as soon as it has happened
-    """
-
-    name: str
-    does: str
-    strikes: Strikes
-    host: Host
-    alarm: str
-    parameters: tuple[Parameter, ...] = ()
-    lasts: bool = False
+from simulators.faults.kind import FaultKind, Host, Parameter, Strikes, Value
 
 
 @dataclass(frozen=True)
@@ -175,36 +106,36 @@ _STOP, _MAY, _ON = Host.STOPS, Host.MAY_STOP, Host.GOES_ON
 
 _MOTION_KINDS = (
     FaultKind("controller_reboots", "the controller loses power and comes back: motion and beam "
-              "end at once, its position starts at zero", _M, _STOP, "the controller restarted",
+              "end at once, its position starts at zero", _M, _STOP, "restarted",
               (Parameter("boot_s", 1.5, "silent for so long", 0, 60),)),
     FaultKind("controller_silent", "the controller answers nothing, and goes on with what it has",
-              _M, _STOP, "the controller is silent",
+              _M, _STOP, "not reported",
               (Parameter("hears", False, "it still obeys what it is sent"),), lasts=True),
     FaultKind("controller_stalls", "the controller takes no more bytes off its link, and goes on "
-              "with what it has", _M, _STOP, "the controller is silent", lasts=True),
+              "with what it has", _M, _STOP, "not reported", lasts=True),
     FaultKind("controller_lies", "its status reports are frozen", _M, _STOP,
               "position does not follow",
               (Parameter("state", "Run", "the state it reports", choices=("Run", "Idle")),),
               lasts=True),
     FaultKind("hard_limit", "an axis meets its limit switch: alarm 1, position lost", _M, _STOP,
-              "ALARM:1 hard limit"),
+              "hard limit"),
     FaultKind("soft_limit", "a target outside the travel: alarm 2, position kept", _M, _STOP,
-              "ALARM:2 soft limit"),
-    FaultKind("motion_door", "the controller's own door input opens", _M, _STOP, "the door is open",
+              "soft limit"),
+    FaultKind("motion_door", "the controller's own door input opens", _M, _STOP, "door",
               lasts=True),
     FaultKind("motion_estop", "the controller's own e-stop input opens", _M, _STOP,
-              "emergency stop", lasts=True),
+              "emergency", lasts=True),
     FaultKind("panel_hold", "feed hold is pressed at the panel", _M, _STOP,
-              "feed hold at the panel"),
+              "hold"),
     FaultKind("panel_start", "cycle start is pressed at the panel", _M, _MAY,
               "cycle start at the panel"),
     FaultKind("panel_override", "overrides are turned at the panel", _M, _ON, "",
               (_n("feed", 100, "percent of the programmed feed", 200, 10),
                _n("rapid", 100, "percent: 25, 50 or 100", 100, 25),
                _n("beam", 100, "percent of the programmed power", 200, 10))),
-    FaultKind("ok_lost", "answers of the controller get lost", _M, _STOP,
+    FaultKind("ok_lost", "answers of the controller get lost", _M, _MAY,
               "an answer is missing", (_REPLIES,)),
-    FaultKind("ok_doubled", "answers of the controller come twice", _M, _STOP,
+    FaultKind("ok_doubled", "answers of the controller come twice", _M, _MAY,
               "an answer nobody waits for", (_REPLIES,)),
 )
 
@@ -228,54 +159,54 @@ _MODBUS_KINDS = (
               "out", _B, _MAY, "the device refuses requests",
               (_n("code", 4, "1 function, 2 address, 3 value, 4 refused, 5 later, 6 busy", 6),
                _REPLIES)),
-    FaultKind("replies_slow", "replies come late", _B, _MAY, "the device is silent",
+    FaultKind("replies_slow", "replies come late", _B, _MAY, "no answer",
               (Parameter("late_s", 0.5, "by how much", 0.001, 60),), lasts=True),
     FaultKind("replies_dropped", "requests are carried out, but not answered", _B, _MAY,
-              "the device is silent", (_REPLIES,)),
+              "no answer", (_REPLIES,)),
     FaultKind("replies_doubled", "replies come twice", _B, _ON, "", (_REPLIES,)),
-    FaultKind("device_silent", "it neither hears nor answers", _B, _STOP, "the device is silent",
+    FaultKind("device_silent", "it neither hears nor answers", _B, _STOP, "no answer",
               lasts=True),
 )
 
 _FEEDER_KINDS = (
     FaultKind("feeder_restarts", "power off and on: discs stop, everything volatile is forgotten",
-              _F, _STOP, "the feeder restarted"),
+              _F, _STOP, "restarted"),
     FaultKind("feeder_local", "somebody turns its switch to LOCAL", _F, _STOP,
-              "switched to LOCAL", lasts=True),
+              "LOCAL", lasts=True),
     FaultKind("feeder_estop", "the feeder's emergency-stop chain opens", _F, _STOP,
-              "alarm 101", lasts=True),
+              "emergency", lasts=True),
     FaultKind("watchdog_trips", "its watchdog trips, though the host is alive", _F, _STOP,
-              "alarm 104"),
+              "watchdog"),
     FaultKind("data_stale", "its registers stand still, TICK and TOGGLE with them", _F, _STOP,
-              "the feeder's data stand still", lasts=True),
+              "same data", lasts=True),
     FaultKind("feeder_lies", "discs stand, and it goes on telling that they feed at set-point",
-              _F, _MAY, "weighed flow differs from the estimate", lasts=True),
+              _F, _STOP, "by weight", lasts=True),
     FaultKind("recipe_ignored", "recipes are taken, but SEQ_APPLIED and discs stay as they are",
-              _F, _STOP, "the feeder does not apply its recipe", lasts=True),
-    FaultKind("supply_low", "the gas supply pressure falls", _F, _STOP, "alarm 102",
+              _F, _MAY, "recipe", lasts=True),
+    FaultKind("supply_low", "the gas supply pressure falls", _F, _STOP, "supply pressure",
               (Parameter("bar", 1.0, "to so much", 0, 6), _NOTICED), lasts=True),
-    FaultKind("over_pressure", "the mixer pressure rises", _F, _STOP, "alarm 103",
+    FaultKind("over_pressure", "the mixer pressure rises", _F, _STOP, "mixer pressure",
               (_n("mbar", 1500, "to so much", 30_000), _NOTICED), lasts=True),
 )
 
 _HOPPER_KINDS = (
-    FaultKind("disc_stalls", "the disc stands", _H, _STOP, "alarm x02", (_NOTICED,), lasts=True),
+    FaultKind("disc_stalls", "the disc stands", _H, _STOP, "stalled", (_NOTICED,), lasts=True),
     FaultKind("speed_deviates", "the disc turns faster or slower than told", _H, _STOP,
-              "alarm x03",
+              "speed",
               (Parameter("percent", -30.0, "more than told", -90, 100), _NOTICED), lasts=True),
     FaultKind("flow_readback_off", "its flow estimate reads wrong; the flow itself is right", _H,
               _STOP, "flow and set-point differ",
               (Parameter("percent", -30.0, "more than there is", -100, 100),), lasts=True),
     FaultKind("hose_clogs", "mixer pressure rises, and less powder gets through", _H, _STOP,
-              "alarm 103",
+              "mixer pressure",
               (Parameter("share", 0.3, "of the powder that gets through", 0, 1),
                _n("mbar", 900, "mixer pressure", 30_000), _NOTICED), lasts=True),
-    FaultKind("hopper_empty", "the hopper runs empty", _H, _STOP, "alarm x07"),
+    FaultKind("hopper_empty", "the hopper runs empty", _H, _STOP, "empty"),
     FaultKind("hopper_level", "so much powder is left in the hopper", _H, _MAY, "the level is low",
               (Parameter("grams", None, "powder left", 0, 1e6),)),
-    FaultKind("carrier_low", "less carrier gas than set", _H, _STOP, "alarm x04",
+    FaultKind("carrier_low", "less carrier gas than set", _H, _STOP, "carrier gas",
               (Parameter("share", 0.5, "of what is set", 0, 1), _NOTICED), lasts=True),
-    FaultKind("lid_open", "the lid is opened", _H, _STOP, "alarm x06", (_NOTICED,), lasts=True),
+    FaultKind("lid_open", "the lid is opened", _H, _STOP, "lid", (_NOTICED,), lasts=True),
     FaultKind("below_n_min", "the disc needs a higher speed to turn at all", _H, _STOP,
               "set-point below the least speed",
               (Parameter("n_min_rpm", 5.0, "below this it stands", 0, 600),), lasts=True),
@@ -296,16 +227,16 @@ _SAFETY_KINDS = (
               (Parameter("pressure_Pa", 20, "pressure difference at the filter", -30_000, 30_000,
                          whole=True),), lasts=True),
     FaultKind("safety_stuck", "its inputs stand still, TICK with them; heartbeats are echoed", _S,
-              _STOP, "the safety device's data stand still", lasts=True),
+              _STOP, "same data", lasts=True),
     FaultKind("safety_restarts", "power off and on: its watchdog relay opens", _S, _STOP,
-              "the safety device restarted"),
+              "restarted"),
 )
 
 _CELL_KINDS = (
     FaultKind("estop", "somebody presses emergency stop: every device's chain opens", Strikes.CELL,
-              _STOP, "emergency stop", lasts=True),
+              _STOP, "emergency", lasts=True),
     FaultKind("door", "somebody opens the door: every input that knows of it", Strikes.CELL, _STOP,
-              "the door is open", lasts=True),
+              "door", lasts=True),
     FaultKind("host_killed", "the host's process is killed (SIGKILL), by whoever owns it",
               Strikes.HOST, _STOP, ""),
 )
