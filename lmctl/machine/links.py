@@ -22,7 +22,9 @@ from serial.tools import list_ports
 from lmctl.errors import MachineError
 from lmctl.machine.endpoint import Endpoint, parse_endpoint
 
-_AHEAD_S = 0.004  # of bytes handed to the port and not yet on the wire: 46 bytes at 115,200 baud
+_AHEAD_S = 0.003  # of bytes handed to the port and not yet on the wire: 34 bytes at 115,200 baud
+_REFILL_AT = 0.75  # of it
+_RATE_TRUSTED = 0.995  # of the nominal rate: two clocks differ, and what is ahead must not pile up
 _LEAST_AHEAD = 16  # bytes, so that a slow line does not wake the loop for every byte
 _BITS_PER_BYTE = 10  # 8N1
 _USB_NATIVE = ("ttyACM", "cu.usbmodem", "tty.usbmodem")  # its baud rate is a fiction
@@ -32,7 +34,7 @@ _READ_BYTES = 65_536
 class Link:
     """An open descriptor, watched by the running loop.
 
-    rate_bytes_s : bytes a second the wire carries; None where there is nothing to pace
+    rate_bytes_s : bytes a second to hand over; None where there is nothing to pace
     on_data : called with the bytes of each arrival
     on_lost : called once with the reason when the far end is gone; never after `close`
     """
@@ -114,8 +116,8 @@ class Link:
         if room > 0:
             self._send(self._unsent, min(room, len(self._unsent)))
         if self._unsent and not self._blocked:
-            # Come back when half of what is ahead has gone, so that the wire never falls idle.
-            at_s = self._wire_free_s - 0.5 * self._most_ahead / self._rate
+            # Come back early: timers are late by a millisecond, on a busy computer by several.
+            at_s = self._wire_free_s - _REFILL_AT * self._most_ahead / self._rate
             self._timer = self._loop.call_at(at_s, self._timed)
 
     def _timed(self) -> None:
@@ -180,7 +182,8 @@ async def open_link(
         return Link(endpoint, await _connect(where, timeout_s), None, on_data, on_lost)
     port = _open_port(where, baud)
     paced = where.kind == "serial" and not _is_usb_native(where.path)
-    return Link(endpoint, port, baud / _BITS_PER_BYTE if paced else None, on_data, on_lost)
+    rate_bytes_s = _RATE_TRUSTED * baud / _BITS_PER_BYTE if paced else None
+    return Link(endpoint, port, rate_bytes_s, on_data, on_lost)
 
 
 async def _connect(where: Endpoint, timeout_s: float) -> socket.socket:
