@@ -1,0 +1,60 @@
+"""`run --sim --faults`: the simulated cell fails as a file says, and the run ends as it should."""
+
+import pytest
+
+FAULTS = """
+[[fault]]
+kind = "panel_override"
+feed = 110
+at_s = 5
+
+[[fault]]
+kind = "hard_limit"
+at_line = 40
+"""
+
+
+@pytest.fixture
+def box(lmctl, tmp_path):
+    """A small box, planned."""
+    lmctl("init", "-t", "box", ".")
+    text = (tmp_path / "box.toml").read_text()
+    (tmp_path / "box.toml").write_text(text.replace("[30, 20, 8]", "[12, 8, 0.8]"))
+    assert lmctl("plan", "box.toml", "--machine", "cell.toml", "-o", "box.lmj").code == 0
+    return tmp_path / "box.lmj"
+
+
+def test_faults_happen_end_the_run_and_are_listed(lmctl, box, tmp_path):
+    (tmp_path / "faults.toml").write_text(FAULTS)
+    ended = lmctl("run", box, "--sim", "--faults", "faults.toml")
+    assert ended.code != 0
+    (listed,) = [line for line in ended.talk.splitlines() if line.startswith("faults injected")]
+    assert listed.startswith("faults injected: panel_override (feed 110) at 5.000 s, hard_limit at")
+    assert "hard limit" in ended.talk.partition("error:")[2]
+    assert ended.data == ""
+
+
+def test_faults_that_never_come_are_said_not_to_have_come(lmctl, box, tmp_path):
+    (tmp_path / "faults.toml").write_text('[[fault]]\nkind = "estop"\nat_line = 9000000\n')
+    ended = lmctl("run", box, "--sim", "--faults", "faults.toml")
+    assert ended.code == 0, ended.talk
+    assert "faults injected: none" in ended.talk
+
+
+def test_every_mistake_in_a_fault_file_at_once(refused, tmp_path, lmctl):
+    (tmp_path / "job.lmj").write_bytes(b"")
+    (tmp_path / "faults.toml").write_text(
+        '[[fault]]\nkind = "dor"\nat_s = 1\n[[fault]]\nkind = "disc_stalls"\ndevice = "F9"\n')
+    talk = refused("run", "job.lmj", "--sim", "--faults", "faults.toml", code=3)
+    assert "faults.toml has 3 mistakes" in talk
+    assert "fault[1].kind: there is no fault 'dor'; 'door'?" in talk
+    assert "fault[2].device: there is no 'F9'" in talk
+    assert "fault[2]: needs one of at_s, at_line, at_level_g" in talk
+    assert "faults injected" not in talk
+
+
+def test_a_fault_file_that_is_not_there_or_not_for_a_real_machine(refused, tmp_path):
+    (tmp_path / "job.lmj").write_bytes(b"")
+    refused("run", "job.lmj", "--sim", "--faults", "nothing.toml", code=3)
+    refused("run", "job.lmj", "--machine", "cell.toml", "--faults", "faults.toml", code=2,
+            hint=False)
