@@ -1,10 +1,11 @@
 """The SIO register map of safety-input devices, as a table: what the host may read of a cell's
-safety circuits, and the watchdog relay that its heartbeat keeps closed.
+safety circuits, the watchdog relay that its heartbeat keeps closed, and the laser-enable output.
 
-The circuits themselves are hardware; this device only tells how they stand. A bit that is 1 is
-good, so an answer of zeros, as a broken device gives it, reads as everything open. Every input
-register a can also be read as holding register `MIRROR + a`, so that one FC 23 request writes the
-heartbeat and reads all inputs back.
+The circuits themselves are hardware; this device only tells how they stand. Its laser-enable
+output is one contact more in the laser's circuit, for a host that wants the beam dark before
+motion has come to rest. A bit that is 1 is good, so an answer of zeros, as a broken device gives
+it, reads as everything open. Every input register a can also be read as holding register
+`MIRROR + a`, so that one FC 23 request writes the heartbeat and reads all inputs back.
 """
 
 from __future__ import annotations
@@ -15,7 +16,8 @@ from enum import IntFlag
 from firmware_protocol.registers import Kind, Register, RegisterMap, Type
 
 DEVICE_ID = 0x5349
-MAP_MAJOR = 1
+#: Map 1.1 has the laser-enable output.
+MAP_MAJOR, MAP_MINOR = 1, 1
 MIRROR = 500
 #: The deliberate word that closes an open watchdog relay and forgets the first-out code.
 RELAY_RESET_KEY = 0xC105
@@ -49,6 +51,8 @@ class Status(IntFlag):
     RELAY_FITTED = 1 << 1
     RELAY_CLOSED = 1 << 2
     HEARTBEAT_FRESH = 1 << 3
+    LASER_ENABLE_FITTED = 1 << 4
+    LASER_ENABLED = 1 << 5  # the output itself, read back: not what it was told
 
 
 _I, _H = Kind.INPUT, Kind.HOLDING
@@ -81,6 +85,9 @@ _CONTROL = (
     Register("RELAY_TIMEOUT", _H, 1, unit="ms", writable=True, least=LEAST_TIMEOUT_MS,
              greatest=GREATEST_TIMEOUT_MS, doc="the relay opens when heartbeats stop so long"),
     Register("RELAY_RESET", _H, 2, writable=True, doc="0xC105 closes an open relay; reads 0"),
+    Register("LASER_ENABLE", _H, 3, writable=True, least=0, greatest=1,
+             doc="0: off, at power-up too; 0 to 1 with the relay closed: on; it drops as the relay "
+                 "opens, and stays off until it is 0 and then 1 again; only where it is fitted"),
 )
 
 SIO = RegisterMap(_READINGS + _CONTROL)

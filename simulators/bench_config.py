@@ -122,6 +122,7 @@ def _safety(table: TableReader, addresses: dict[str, Address]) -> SafetyConfig:
         device_id=table.integer("device_id", usual.device_id, least=1, most=247),
         watchdog_relay=table.flag("watchdog_relay", usual.watchdog_relay),
         laser_circuit=table.flag("laser_circuit", usual.laser_circuit),
+        laser_enable=table.flag("laser_enable", usual.laser_enable),
         boot_s=table.number("boot_s", usual.boot_s, least=0, most=3600),
         shield_gas_L_min=table.number(
             "shield_gas_L_min", usual.shield_gas_L_min, least=0, most=600
@@ -133,6 +134,8 @@ def _safety(table: TableReader, addresses: dict[str, Address]) -> SafetyConfig:
             "extraction_Pa", usual.extraction_Pa, least=-30_000, most=30_000
         ),
     )
+    if safety.laser_enable and not safety.watchdog_relay:
+        table.blame("laser_enable", "needs watchdog_relay = true: it drops with the relay")
     table.close()
     return safety
 

@@ -116,6 +116,7 @@ class Safety(Model):
 
     period_s : of its heartbeat, with which it is read
     relay_timeout_s : its watchdog relay opens when heartbeats stop so long; None: no relay wired
+    laser_enable : its laser-enable output stands in the laser's circuit; it drops with the relay
     fitted : the inputs that the cell has; the others are not looked at
     shield_gas_min_L_min .. oxygen_trip_ppm : limits of the values it reads; None: not watched
     """
@@ -124,6 +125,7 @@ class Safety(Model):
     device_id: Annotated[int, Field(ge=1, le=247)] = 1
     period_s: Annotated[float, Field(ge=0.02, le=1)] = 0.1
     relay_timeout_s: Annotated[float, Field(ge=0.06, le=60)] | None = None
+    laser_enable: bool = False
     fitted: tuple[SafetyInput, ...] = SAFETY_INPUTS
     shield_gas_min_L_min: Annotated[float, Field(gt=0, le=600)] | None = None
     chiller_min_L_min: Annotated[float, Field(gt=0, le=600)] | None = None
@@ -140,6 +142,10 @@ class Safety(Model):
             wrong.append(
                 f"relay_timeout_s must be at least {_RELAY_PERIODS} times period_s, "
                 f"{_RELAY_PERIODS * self.period_s:g} s"
+            )
+        if self.laser_enable and self.relay_timeout_s is None:
+            wrong.append(
+                "laser_enable needs relay_timeout_s: the output drops with the watchdog relay"
             )
         warn_ppm, trip_ppm = self.oxygen_warn_ppm, self.oxygen_trip_ppm
         if warn_ppm is not None and trip_ppm is not None and warn_ppm > trip_ppm:

@@ -112,10 +112,7 @@ async def look_at_safety(safety: Safety) -> SafetyStatus:
         try:
             await identify_safety(link, safety)
             words = await link.read_input(CYCLE_BLOCK.address, CYCLE_BLOCK.count)
-            return safety_status(
-                words, asyncio.get_running_loop().time(), safety.fitted,
-                has_relay=safety.relay_timeout_s is not None,
-            )
+            return safety_status(words, asyncio.get_running_loop().time(), safety)
         finally:
             await link.close()
     except (NoAnswerError, RefusedError) as error:

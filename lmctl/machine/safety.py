@@ -1,7 +1,8 @@
 """The safety-input device: facts about the cell's safety circuits, each with its age.
 
 Every period one request (FC 23) writes the heartbeat, which keeps the watchdog relay closed, and
-reads all inputs back. What the facts mean for a run is decided elsewhere.
+reads all inputs back. What the facts mean for a run is decided elsewhere. A word to the
+laser-enable output waits for no period: it goes out straight after a request that is under way.
 """
 
 from __future__ import annotations
@@ -9,10 +10,11 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Sequence
 
-from firmware_protocol.safety_io import CYCLE_BLOCK, MIRROR, RELAY_RESET_KEY, SIO
+from firmware_protocol.safety_io import CYCLE_BLOCK, MIRROR, RELAY_RESET_KEY, SIO, Status
 from lmctl.config.machine import Safety
 from lmctl.errors import MachineError
 from lmctl.machine.beat import on_beat
+from lmctl.machine.laser_enable import SETTLE_S, LaserEnable
 from lmctl.machine.modbus import ModbusLink, NoAnswerError, RefusedError
 from lmctl.machine.safety_identity import SafetyIdentity, check_line, identify, place
 from lmctl.machine.safety_status import SafetyListener, SafetyStatus, safety_status
@@ -22,13 +24,17 @@ _SILENT_PERIODS = 3
 #: A device on a network may take this long to answer, however short the period [s].
 _LEAST_PATIENCE_S = 0.05
 _RESET_PATIENCE_S = 1.0
+#: More than an output takes to follow its word, and to be found not to [s].
+_OUTPUT_PATIENCE_S = 0.2
 _ROUNDING_S = 1e-6
 
 _HEARTBEAT = SIO.wire_address("HEARTBEAT")
 _RELAY_RESET = SIO.wire_address("RELAY_RESET")
 
-#: Words of the cycle block that are bits of good things: INPUTS and STATUS.
+#: Words of the cycle block that are bits of good things: INPUTS and STATUS. That the laser is
+#: enabled is not one of them.
 _BIT_WORDS = 2
+_NEVER_WORSE = (0, Status.LASER_ENABLED.value)
 
 
 class SafetyDriver:
@@ -50,6 +56,7 @@ class SafetyDriver:
         self._control = (
             [] if safety.relay_timeout_s is None else [round(safety.relay_timeout_s * 1000)]
         )
+        self._laser = LaserEnable() if safety.laser_enable else None
         self._heartbeat = 0
         self._words: Sequence[int] = ()  # of the last status
         self._good: SafetyStatus | None = None  # the last good answer
@@ -57,6 +64,8 @@ class SafetyDriver:
         self._waiting: list[asyncio.Future[None]] = []
         self._task: asyncio.Task[None] | None = None
         self._timer: asyncio.TimerHandle | None = None
+        self._rest: asyncio.Future[None] | None = None  # between two requests
+        self._urgent = False  # the next request is not to wait for its period
 
     @classmethod
     async def open(cls, safety: Safety) -> SafetyDriver:
@@ -107,14 +116,53 @@ class SafetyDriver:
             "its watchdog relay does not close", "check the relay and its supply",
         )
 
+    def enable_laser(self, on: bool) -> None:
+        """Drop the laser-enable output, or have it come on. Returns at once; nothing without one.
+
+        The word goes out in a request of its own, straight after one that is under way, and again
+        in every request. Off comes first: on goes out only when off has been read back, and is
+        not taken up while the output cannot be relied on.
+        """
+        if self._laser is None or self._laser.wanted == on:
+            return
+        self._laser.demand(on)
+        self._urgent = True
+        _wake(self._rest)
+
+    async def laser_enabled(self, on: bool) -> None:
+        """Wait until the output, told so by `enable_laser`, reads back on or off; without one, not.
+
+        Raises MachineError where it does not, within a few periods; it is off then, or told to be.
+        """
+        if (laser := self._laser) is None:
+            return
+
+        def shown(_: SafetyStatus) -> bool:
+            if laser.fault is not None:
+                raise self._error(laser.fault.reason, laser.fault.hint)
+            return laser.is_shown(on)
+
+        try:
+            await self._until(
+                shown, _OUTPUT_PATIENCE_S + _SILENT_PERIODS * self._safety.period_s,
+                f"its laser-enable output does not {'come on' if on else 'drop'}",
+                "check the device, its cable and the output's wiring",
+            )
+        except MachineError:
+            self.enable_laser(False)
+            raise
+
     async def close(self) -> None:
-        """End the heartbeat and disconnect; a watchdog relay opens by itself in its time."""
+        """Drop the output, end the heartbeat, disconnect; a relay opens by itself in its time."""
         if self._timer is not None:
             self._timer.cancel()
         try:
             if self._task is not None:
                 self._task.cancel()
                 await asyncio.gather(self._task, return_exceptions=True)
+            if self._laser is not None and self._laser.wanted:
+                self._laser.demand(False)
+                await self._turn()
         finally:
             await self._link.close()
 
@@ -127,16 +175,29 @@ class SafetyDriver:
         period_s, started_s = self._safety.period_s, self._loop.time()
         while True:
             due_s = on_beat(started_s + period_s, started_s)
-            await asyncio.sleep(due_s - self._loop.time())
+            if self._laser is not None and self._laser.pending:
+                due_s = min(due_s, started_s + SETTLE_S)
+            if not self._urgent:
+                await self._until_due(due_s)
+            self._urgent = False
             started_s = self._loop.time()
             await self._turn()
+
+    async def _until_due(self, due_s: float) -> None:
+        """Rest, unless something cannot wait."""
+        self._rest = self._loop.create_future()
+        timer = self._loop.call_at(due_s, _wake, self._rest)
+        try:
+            await self._rest
+        finally:
+            timer.cancel()
 
     async def _turn(self) -> None:
         """One heartbeat and what comes back."""
         self._heartbeat = self._heartbeat % 0xFFFF + 1  # never 0, which a dead device would echo
         try:
             words = await self._link.exchange(
-                _HEARTBEAT, [self._heartbeat, *self._control],
+                _HEARTBEAT, self._written(),
                 MIRROR + CYCLE_BLOCK.address, CYCLE_BLOCK.count,
             )
         except NoAnswerError:
@@ -145,6 +206,12 @@ class SafetyDriver:
             self._why = (f"it refuses to answer: {error.what}", "see the device's manual")
         else:
             self._answered(words)
+
+    def _written(self) -> list[int]:
+        """From HEARTBEAT on; a RELAY_RESET of 0 does nothing."""
+        if self._laser is None:
+            return [self._heartbeat, *self._control]
+        return [self._heartbeat, *self._control, 0, self._laser.word()]
 
     def _answered(self, words: Sequence[int]) -> None:
         status, last = self._read(words), self._good
@@ -163,24 +230,35 @@ class SafetyDriver:
             self.listener.on_status(status)
             if last is not None and status.uptime_s < last.uptime_s:
                 self._tell("the device restarted", "check its power supply")
+                if self._laser is not None:
+                    self._laser.restarted()
+            if self._laser is not None:
+                self._look_at_output(self._laser, status)
             self._tell_waiting()
+
+    def _look_at_output(self, laser: LaserEnable, status: SafetyStatus) -> None:
+        fault = laser.read_back(status.laser_enabled is True, status.time_s)
+        if fault is not None:
+            self._tell(fault.reason, fault.hint)
+        if laser.has_news:
+            self._urgent = True
 
     def _worse(self, words: Sequence[int]) -> None:
         """Take from an answer that proves nothing only what has opened."""
         known = self._words
         if not known:
             return
-        bits = [old & new for old, new in zip(known, words[:_BIT_WORDS], strict=False)]
+        bits = [
+            old & (new | kept)
+            for old, new, kept in zip(known, words[:_BIT_WORDS], _NEVER_WORSE, strict=False)
+        ]
         merged = (*bits, *known[_BIT_WORDS:])
         if merged != tuple(known):
             self._words, self.status = merged, self._read(merged)
             self.listener.on_status(self.status)
 
     def _read(self, words: Sequence[int]) -> SafetyStatus:
-        return safety_status(
-            words, self._loop.time(), self._safety.fitted,
-            has_relay=self._safety.relay_timeout_s is not None,
-        )
+        return safety_status(words, self._loop.time(), self._safety)
 
     def _watch(self) -> None:
         """Give the device up when its last good answer is too old; look again until it is."""
@@ -223,3 +301,8 @@ class SafetyDriver:
         """A task that dies of a bug leaves no run without its facts unnoticed."""
         if not task.cancelled() and task.exception() is not None:
             self._why = ("its driver failed", "this is a bug: please report it")
+
+
+def _wake(rest: asyncio.Future[None] | None) -> None:
+    if rest is not None and not rest.done():
+        rest.set_result(None)

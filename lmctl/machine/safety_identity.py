@@ -6,7 +6,14 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from firmware_protocol.safety_io import CYCLE_BLOCK, DEVICE_ID, MAP_MAJOR, WHOLE_BLOCK, Status
+from firmware_protocol.safety_io import (
+    CYCLE_BLOCK,
+    DEVICE_ID,
+    MAP_MAJOR,
+    SIO,
+    WHOLE_BLOCK,
+    Status,
+)
 from lmctl.config.machine import Safety
 from lmctl.errors import ConfigError, MachineError
 from lmctl.machine.modbus import ModbusLink, NoAnswerError, RefusedError
@@ -16,7 +23,7 @@ from lmctl.machine.modbus_endpoint import RtuEndpoint, parse_modbus_endpoint
 #: silence after each; and those for which a line stays quiet after an answer that did not come.
 _FRAME_CHARACTERS = 13 + 5 + 7
 _QUIET_CHARACTERS = 256
-_HEARTBEAT_REGISTERS = 2
+_WRITTEN_REGISTERS = SIO.block(["HEARTBEAT", "LASER_ENABLE"]).count
 
 
 @dataclass(frozen=True)
@@ -38,7 +45,7 @@ def check_line(safety: Safety) -> None:
     where = parse_modbus_endpoint(safety.endpoint)
     if not isinstance(where, RtuEndpoint):
         return
-    characters = _FRAME_CHARACTERS + 2 * (_HEARTBEAT_REGISTERS + CYCLE_BLOCK.count)
+    characters = _FRAME_CHARACTERS + 2 * (_WRITTEN_REGISTERS + CYCLE_BLOCK.count)
     least_s = (characters + _QUIET_CHARACTERS) * where.character_s
     if least_s > safety.period_s:
         raise ConfigError(
@@ -54,7 +61,7 @@ async def identify(link: ModbusLink, safety: Safety) -> SafetyIdentity:
     """Read what the device is.
 
     Raises MachineError where it does not answer, is no safety-input device of a known map, or
-    lacks the relay that the profile wants.
+    lacks the relay or the laser-enable output that the profile wants.
     """
     try:
         words = await link.read_input(WHOLE_BLOCK.address, WHOLE_BLOCK.count)
@@ -77,10 +84,17 @@ async def identify(link: ModbusLink, safety: Safety) -> SafetyIdentity:
                    f"map {version[0]}.{version[1]}; map {MAP_MAJOR} is known here"],
             hint="it needs another version of lmctl, or other firmware",
         )
-    if safety.relay_timeout_s is not None and Status.RELAY_FITTED not in Status(values["STATUS"]):
+    fitted = Status(values["STATUS"])
+    if safety.relay_timeout_s is not None and Status.RELAY_FITTED not in fitted:
         raise MachineError(
             "the safety device has no watchdog relay",
             where=[place(safety), f"the profile says relay_timeout_s = {safety.relay_timeout_s:g}"],
             hint="take relay_timeout_s out of [safety], or fit the relay",
+        )
+    if safety.laser_enable and Status.LASER_ENABLE_FITTED not in fitted:
+        raise MachineError(
+            "the safety device has no laser-enable output",
+            where=[place(safety), "the profile says laser_enable = true"],
+            hint="take laser_enable out of [safety], or fit the output",
         )
     return SafetyIdentity(version, firmware, values["SERIAL"])

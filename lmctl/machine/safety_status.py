@@ -16,7 +16,7 @@ from firmware_protocol.safety_io import (
     first_out,
     input_code,
 )
-from lmctl.config.machine import SafetyInput
+from lmctl.config.machine import Safety, SafetyInput
 
 #: The bit of each input a cell may have, by its name in the machine profile.
 BITS: dict[SafetyInput, Inputs] = {
@@ -38,7 +38,8 @@ class SafetyStatus:
     """One answer. True is good; None: not fitted, or the device says "not available".
 
     time_s : loop time it arrived
-    relay_closed : the watchdog relay; None where the profile has none
+    relay_closed, laser_enabled : watchdog relay, and laser-enable output as read back; None where
+        the profile has none
     oxygen_ppm : None too while the analyser calls itself invalid
     open_inputs : every fitted input that is not good, in words and with advice
     first_out : what opened first since the last reset, None where nothing did
@@ -59,6 +60,7 @@ class SafetyStatus:
     oxygen_valid: bool | None
     key_on: bool | None
     relay_closed: bool | None
+    laser_enabled: bool | None
     shield_gas_L_min: float | None
     chiller_C: float | None
     chiller_L_min: float | None
@@ -75,11 +77,14 @@ class SafetyStatus:
 
 
 def safety_status(
-    words: Sequence[int], time_s: float, fitted: Sequence[SafetyInput], *, has_relay: bool
+    words: Sequence[int], time_s: float, safety: Safety
 ) -> SafetyStatus:
-    """The cycle block's words as a status. Raises RegisterError where their number is wrong."""
+    """The cycle block's words as a status of the cell that the profile describes.
+
+    Raises RegisterError where their number is wrong.
+    """
     values: dict[str, Any] = CYCLE_BLOCK.decode(words)
-    facts, open_inputs = _inputs(values["INPUTS"], tuple(fitted))
+    facts, open_inputs = _inputs(values["INPUTS"], safety.fitted)
     estop, door, ready, healthy, no_reflection, chiller, gas, extraction, oxygen, key = facts
     status, code = values["STATUS"], values["FIRST_OUT"]
     return SafetyStatus(
@@ -94,7 +99,10 @@ def safety_status(
         extraction_ok=extraction,
         oxygen_valid=oxygen,
         key_on=key,
-        relay_closed=bool(status & Status.RELAY_CLOSED.value) if has_relay else None,
+        relay_closed=(
+            None if safety.relay_timeout_s is None else bool(status & Status.RELAY_CLOSED.value)
+        ),
+        laser_enabled=bool(status & Status.LASER_ENABLED.value) if safety.laser_enable else None,
         shield_gas_L_min=values["SHIELD_GAS"],
         chiller_C=values["CHILLER_TEMP"],
         chiller_L_min=values["CHILLER_FLOW"],
@@ -136,8 +144,8 @@ class SafetyListener:
     """Who hears of the device: callables that return at once.
 
     on_status : every answer; see SafetyDriver for which of them count as good
-    on_fault : why the device cannot be relied on, once at the beginning of each such time, and
-        what to do
+    on_fault : why the device, or its laser-enable output, cannot be relied on, once at the
+        beginning of each such time, and what to do
     """
 
     on_status: Callable[[SafetyStatus], None] = field(default=_ignore_status)

@@ -9,12 +9,14 @@ from dataclasses import dataclass
 class SafetyConfig:
     """watchdog_relay : it has one, wired to the motion controller's door input
     laser_circuit : e-stop chain, door and relay stand in the laser's own safety circuit as well
+    laser_enable : it has a laser-enable output, which stands in the laser's own circuit
     boot_s : time from power-up until it answers writes
     """
 
     device_id: int = 1
     watchdog_relay: bool = False
     laser_circuit: bool = False
+    laser_enable: bool = False
     boot_s: float = 0.0
     shield_gas_L_min: float = 15.0
     chiller_C: float = 22.0

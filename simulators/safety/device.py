@@ -1,4 +1,4 @@
-"""The SIO device: inputs, watchdog relay, and the hands that open, starve and break them.
+"""The SIO device: inputs, watchdog relay, laser-enable output, and the hands that break them.
 
 Nothing runs between requests; `settle` opens the relay at its own instant, whoever asks later. Who
 is wired to the relay asks at `next_due_s`.
@@ -15,6 +15,7 @@ from firmware_protocol.safety_io import (
     GREATEST_TIMEOUT_MS,
     LEAST_TIMEOUT_MS,
     MAP_MAJOR,
+    MAP_MINOR,
     MIRROR,
     RELAY_CODE,
     RELAY_RESET_KEY,
@@ -33,6 +34,7 @@ from simulators.modbus_refusal import (
 )
 from simulators.safety.config import SafetyConfig
 from simulators.safety.inputs import InputCard
+from simulators.safety.laser_output import LaserOutput
 
 _FIRMWARE = 0x0100
 _SERIAL = 1
@@ -40,10 +42,10 @@ _OLDEST_MS = 0xFFFF
 _DEFAULT_TIMEOUT_MS = 500
 _SLACK_S = 1e-9  # a timer may come early by the clock's resolution
 
-_HEARTBEAT, _RELAY_TIMEOUT, _RELAY_RESET = (
-    SIO.wire_address(name) for name in ("HEARTBEAT", "RELAY_TIMEOUT", "RELAY_RESET")
+_HEARTBEAT, _RELAY_TIMEOUT, _RELAY_RESET, _LASER_ENABLE = (
+    SIO.wire_address(name)
+    for name in ("HEARTBEAT", "RELAY_TIMEOUT", "RELAY_RESET", "LASER_ENABLE")
 )
-_CONTROL_WORDS = 3
 #: What the communication side tells itself, though the input side stands still.
 _ALIVE = [SIO.wire_address(name) for name in ("HEARTBEAT_ECHO", "HEARTBEAT_AGE")]
 
@@ -51,7 +53,8 @@ _ALIVE = [SIO.wire_address(name) for name in ("HEARTBEAT_ECHO", "HEARTBEAT_AGE")
 class SafetyDevice:
     """One device. now : the simulation's clock.
 
-    on_change : called whenever door, e-stop chain or relay may have changed, or `next_due_s` has
+    on_change : called whenever door, e-stop chain, relay or output may have changed, or
+        `next_due_s` has
     relay_opened_s : when the relay opened by itself, oldest first
     """
 
@@ -59,6 +62,7 @@ class SafetyDevice:
         self.config = config
         self.now = now
         self.card = InputCard(config)
+        self._output = LaserOutput()
         self.on_change: Callable[[], None] = _nobody
         self.relay_opened_s: list[float] = []
         self._frozen: list[int] | None = None
@@ -68,7 +72,8 @@ class SafetyDevice:
 
     def _power_up(self) -> None:
         self._powered_s = self.now()
-        self._control = [0, _DEFAULT_TIMEOUT_MS, 0]
+        self._control = [0, _DEFAULT_TIMEOUT_MS, 0, *[0] * self.config.laser_enable]
+        self._output.forget()
         self._heartbeat_s = -math.inf
         self.relay_closed = False
         self.card.forget()
@@ -92,6 +97,11 @@ class SafetyDevice:
         """Whether a relay that is there stands open."""
         return self.config.watchdog_relay and not self.relay_closed
 
+    @property
+    def laser_cut(self) -> bool:
+        """Whether a laser-enable output that is there stands off."""
+        return self.config.laser_enable and not self._output.is_on
+
     def next_due_s(self) -> float:
         """When the relay opens by itself if nothing is written before; inf for never."""
         if not self.relay_closed:
@@ -103,6 +113,7 @@ class SafetyDevice:
         now_s = self.now()
         if (due_s := self.next_due_s()) <= now_s + _SLACK_S:
             self.relay_closed = False
+            self._output.drop()
             self.relay_opened_s.append(due_s)
             self.card.tripped(RELAY_CODE)
             self.on_change()
@@ -140,6 +151,12 @@ class SafetyDevice:
         """Outside 200 to 2000 Pa its own switch opens too."""
         self._set_values(EXTRACTION_DP=pressure_Pa)
 
+    def stick_output(self, stuck: bool = True) -> None:
+        """The laser-enable output stays as it is, whatever it is told, or follows again."""
+        self.settle()
+        self._output.stick(stuck)
+        self.on_change()
+
     def freeze(self, frozen: bool = True) -> None:
         """Its input side stands still and TICK with it; heartbeats are still echoed."""
         self._frozen = self._fresh_words() if frozen else None
@@ -176,7 +193,7 @@ class SafetyDevice:
         if address >= MIRROR:
             return self.read_input(address - MIRROR, count)
         self._meet()
-        if address + count > _CONTROL_WORDS:
+        if address + count > len(self._control):
             raise RefusedError(ILLEGAL_ADDRESS)
         return self._control[address : address + count]
 
@@ -186,9 +203,11 @@ class SafetyDevice:
         if time_s < self._powered_s + self.config.boot_s:
             raise RefusedError(BUSY)
         new = dict(enumerate(words, address))
-        if not new.keys() <= set(range(_CONTROL_WORDS)):
+        if not new.keys() <= set(range(len(self._control))):
             raise RefusedError(ILLEGAL_ADDRESS)
         if not LEAST_TIMEOUT_MS <= new.get(_RELAY_TIMEOUT, LEAST_TIMEOUT_MS) <= GREATEST_TIMEOUT_MS:
+            raise RefusedError(ILLEGAL_VALUE)
+        if new.get(_LASER_ENABLE, 0) > 1:
             raise RefusedError(ILLEGAL_VALUE)
         reset = new.pop(_RELAY_RESET, 0) == RELAY_RESET_KEY
         heard = new.get(_HEARTBEAT, self._control[_HEARTBEAT]) != self._control[_HEARTBEAT]
@@ -197,14 +216,17 @@ class SafetyDevice:
         if reset and self.config.watchdog_relay and not fresh:
             raise RefusedError(REFUSED)
         sooner = timeout_s * 1000.0 < self._control[_RELAY_TIMEOUT]
+        was_cut = self.laser_cut
         for at, word in new.items():
             self._control[at] = word
+        if _LASER_ENABLE in new:
+            self._output.tell(new[_LASER_ENABLE], self.relay_closed)
         if heard:
             self._heartbeat_s = time_s
         if reset:
             self.relay_closed = self.config.watchdog_relay
             self.card.reset_first_out()
-        if reset or sooner:
+        if reset or sooner or self.laser_cut != was_cut:
             self.on_change()
 
     def _meet(self) -> float:
@@ -232,11 +254,15 @@ class SafetyDevice:
             status |= Status.RELAY_FITTED
         if self.relay_closed:
             status |= Status.RELAY_CLOSED
+        if self.config.laser_enable:
+            status |= Status.LASER_ENABLE_FITTED
+        if self._output.is_on:
+            status |= Status.LASER_ENABLED
         if age_s < timeout_s:
             status |= Status.HEARTBEAT_FRESH
         return WHOLE_BLOCK.encode({
             "DEVICE_ID": DEVICE_ID,
-            "MAP_VERSION": MAP_MAJOR << 8,
+            "MAP_VERSION": MAP_MAJOR << 8 | MAP_MINOR,
             "FW_VERSION": _FIRMWARE,
             "RESERVED_3": 0,
             "SERIAL": _SERIAL,

@@ -17,7 +17,8 @@ LASER_OFF_S = 0.02
 class SafetyWiring:
     """The door and the relay in series at the controller's door input; the e-stop chain at the
     controller's and every feeder's e-stop input; all three in the laser's own safety circuit where
-    the cell has it so. On the running loop's clock, until closed.
+    the cell has it so, and the laser-enable output there where it has one. On the running loop's
+    clock, until closed.
     """
 
     def __init__(
@@ -46,8 +47,10 @@ class SafetyWiring:
             self._motion.set_estop(estop)
             for feeder in self._feeders:
                 feeder.open_estop_chain(estop)
-        if safety.config.laser_circuit:
-            self._motion.cut_laser(door or estop, LASER_OFF_S)
+        circuit = safety.config.laser_circuit
+        if circuit or safety.config.laser_enable:
+            is_cut = (circuit and (door or estop)) or safety.laser_cut
+            self._motion.cut_laser(is_cut, LASER_OFF_S)
         if door != self._door:
             self._door = door
             self._motion.set_door(door)

@@ -18,7 +18,7 @@ ROWS = [
     ("CHILLER_TEMP", I, 16, Type.I16, 10, True), ("CHILLER_FLOW", I, 17, Type.U16, 100, True),
     ("OXYGEN", I, 18, Type.U32, 10, True), ("EXTRACTION_DP", I, 20, Type.I16, 1, True),
     ("HEARTBEAT", H, 0, Type.U16, 1, False), ("RELAY_TIMEOUT", H, 1, Type.U16, 1, False),
-    ("RELAY_RESET", H, 2, Type.U16, 1, False),
+    ("RELAY_RESET", H, 2, Type.U16, 1, False), ("LASER_ENABLE", H, 3, Type.U16, 1, False),
 ]
 
 

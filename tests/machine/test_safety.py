@@ -67,7 +67,7 @@ wires = pytest.mark.parametrize("wire", ["tcp", "rtu"])
 def test_facts_come_every_period_with_their_age(wire):
     async def main():
         async with driven(wire=wire) as (driver, device, ears):
-            assert driver.identity.map_version == (1, 0)
+            assert driver.identity.map_version == (1, 1)
             assert driver.status is not None
             await asyncio.sleep(1.05)
             assert len(ears.statuses) == 10

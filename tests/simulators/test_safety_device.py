@@ -56,7 +56,7 @@ def test_at_power_up_all_is_good_and_the_relay_is_open():
     rig = Rig(watchdog_relay=True)
     told = rig.read()
     assert told["DEVICE_ID"] == DEVICE_ID
-    assert told["MAP_VERSION"] == 0x0100
+    assert told["MAP_VERSION"] == 0x0101
     assert Inputs(told["INPUTS"]) == ALL_GOOD
     assert Status(told["STATUS"]) == Status.SELF_TEST_OK | Status.RELAY_FITTED
     assert told["HEARTBEAT_AGE"] == 0xFFFF

@@ -1,0 +1,84 @@
+"""The laser-enable output as the host knows it: what it shall be, was told, and was read back.
+
+No wire is here. The output goes on only by an edge from 0 to 1, so that a 1 follows no word but a
+0 that was read back; and once it is off against its word, only a new demand brings it on again.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+#: A contact follows its word within this time [s]: a laser's safe-off takes less than 50 ms.
+SETTLE_S = 0.05
+
+_CHECK = "check the laser-enable output, its relay and the wiring of its read-back"
+
+
+@dataclass(frozen=True)
+class OutputFault:
+    """Words and what to do."""
+
+    reason: str
+    hint: str
+
+
+class LaserEnable:
+    """One output, off so far.
+
+    wanted : on or off, as demanded last; off from when it is found otherwise than told
+    fault : why it cannot be relied on, while that is so
+    """
+
+    def __init__(self) -> None:
+        self.wanted = False
+        self.fault: OutputFault | None = None
+        self._told = False  # the word of the last request
+        self._agrees = False  # it was read back as told
+        self._answered_s = math.inf  # when a request with that word was first answered
+
+    def demand(self, on: bool) -> None:
+        """On is no demand while it cannot be relied on."""
+        self.wanted = on and self.fault is None
+
+    @property
+    def pending(self) -> bool:
+        """Whether something is yet to be shown, and no fault."""
+        return self.fault is None and not self.is_shown(self.wanted)
+
+    def is_shown(self, on: bool) -> bool:
+        """Whether it is wanted, told and read back so."""
+        return self.wanted == self._told == on and self._agrees
+
+    @property
+    def has_news(self) -> bool:
+        """Whether the next word is another than the last."""
+        return self.wanted != self._told and (self._told or self._agrees)
+
+    def word(self) -> int:
+        """What the next request tells it."""
+        if self.has_news:
+            self._told, self._agrees, self._answered_s = self.wanted, False, math.inf
+            self.fault = None
+        return int(self._told)
+
+    def read_back(self, is_on: bool, now_s: float) -> OutputFault | None:
+        """A good answer to the last request; returns what is newly wrong."""
+        if is_on == self._told:
+            self._agrees, self.fault = True, None
+            self._answered_s = min(self._answered_s, now_s - SETTLE_S)
+            return None
+        self._agrees = False
+        self._answered_s = min(self._answered_s, now_s)
+        if self.fault is not None or now_s < self._answered_s + SETTLE_S:
+            return None
+        seen, told = ("off", "on") if self._told else ("on", "off")
+        reason = f"its laser-enable output is {seen} and was told to be {told}"
+        self.fault = OutputFault(reason, _CHECK)
+        self.wanted = False
+        return self.fault
+
+    def restarted(self) -> None:
+        """The device has forgotten what it was told."""
+        self.wanted = self._told = self._agrees = False
+        self.fault = None

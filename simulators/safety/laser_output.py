@@ -1,0 +1,40 @@
+"""The laser-enable output of a simulated safety-input device: one contact, and what it was told."""
+
+from __future__ import annotations
+
+
+class LaserOutput:
+    """Off at power-up. is_on : the contact itself, stuck or not."""
+
+    def __init__(self) -> None:
+        self.is_on = False
+        self._level = 0  # the last word
+        self._driven = False  # the contact, if it follows
+        self._stuck = False
+
+    def tell(self, level: int, may_come_on: bool) -> None:
+        """A word of the host: 0 drops it, and only an edge to 1 while it may has it come on."""
+        if level == 0:
+            self._drive(False)
+        elif self._level == 0 and may_come_on:
+            self._drive(True)
+        self._level = level
+
+    def drop(self) -> None:
+        """The watchdog's act: a host that goes on with its 1 does not bring it back."""
+        self._drive(False)
+
+    def forget(self) -> None:
+        """Power off and on."""
+        self._level = 0
+        self._drive(False)
+
+    def stick(self, stuck: bool) -> None:
+        """The contact stays where it is, or follows again."""
+        self._stuck = stuck
+        self._drive(self._driven)
+
+    def _drive(self, on: bool) -> None:
+        self._driven = on
+        if not self._stuck:
+            self.is_on = on
