@@ -19,6 +19,7 @@ from lmctl.errors import LmctlError, MachineError, UsageError
 if TYPE_CHECKING:
     from lmctl.machine.motion import MotionDriver
     from lmctl.run.doctor import CellLook
+    from lmctl.run.whereabouts import Whereabouts
 
 T = TypeVar("T")
 
@@ -148,9 +149,9 @@ async def _unlocked(profile: MachineProfile, runs_dir: Path, locked: dict[str, s
     from lmctl.machine.homing import run_unlock
     from lmctl.run.doctor import hoppers_on
 
-    async def unlocked() -> dict[str, Any]:
+    async def unlocked(whereabouts: Whereabouts) -> None:
         if "motion" in locked:
-            await _with_motion(profile, run_unlock)
+            await _with_motion(profile, whereabouts, run_unlock)
         for feeder in profile.feeder:
             if feeder.name in locked:
                 driver = await FeederDriver.open(feeder, hoppers_on(profile, feeder.name))
@@ -158,15 +159,14 @@ async def _unlocked(profile: MachineProfile, runs_dir: Path, locked: dict[str, s
                     await driver.acknowledge()
                 finally:
                     await driver.close()
-        return {}
 
     await _journaled(profile, runs_dir, {"do": "unlock", "locked": locked}, unlocked)
 
 
 async def _with_motion(
-    profile: MachineProfile, act: Callable[[MotionDriver], Awaitable[T]]
-) -> tuple[T, bool]:
-    """What the act returns, and whether the position is to be trusted after it."""
+    profile: MachineProfile, whereabouts: Whereabouts, act: Callable[[MotionDriver], Awaitable[T]]
+) -> T:
+    """What the act returns."""
     from lmctl.machine.motion import MotionDriver
 
     motion = await MotionDriver.open(
@@ -174,8 +174,10 @@ async def _with_motion(
         status_period_s=profile.motion.status_period_s,
     )
     try:
-        return await act(motion), motion.position_trusted
+        whereabouts.vouch(motion)
+        return await act(motion)
     finally:
+        whereabouts.see(motion)
         await motion.close()
 
 
@@ -186,38 +188,38 @@ def _move(
     """Act on the axes, journaled; returns what the act does, a place."""
 
     async def moved(profile: MachineProfile) -> tuple[float, ...]:
-        async def acted() -> dict[str, Any]:
-            at, trusted = await _with_motion(profile, act)
-            return {"mm": [round(axis, 3) for axis in at], "trusted": trusted}
-
-        return tuple((await _journaled(profile, runs_dir, what, acted))["mm"])
+        return await _journaled(
+            profile, runs_dir, what, lambda whereabouts: _with_motion(profile, whereabouts, act)
+        )
 
     return cell.do(moved)
 
 
 async def _journaled(
     profile: MachineProfile, runs_dir: Path, what: dict[str, Any],
-    act: Callable[[], Awaitable[dict[str, Any]]],
-) -> dict[str, Any]:
-    """Have the machine to oneself, and write down the act before it begins and when it has ended.
-
-    act : returns what is written at its end, and from here
-    """
-    from lmctl.run.machine_journal import MachineJournal
+    act: Callable[[Whereabouts], Awaitable[T]],
+) -> T:
+    """Have the machine to oneself; write the act down before it begins and when it has ended."""
     from lmctl.run.ownership import owning
+    from lmctl.run.whereabouts import Whereabouts
 
-    journal = MachineJournal(runs_dir, profile.name)
     with owning(profile, f"lmctl machine {what['do']}", runs_dir):
+        whereabouts = Whereabouts(runs_dir, profile.name)
+        journal = whereabouts.journal
         journal.append("act", **what)
+        why = "a bug"
         try:
-            result = await act()
+            result = await act(whereabouts)
+            why = ""
         except asyncio.CancelledError:
-            journal.append("ended", do=what["do"], why="stopped by the operator")
+            why = "stopped by the operator"
             raise
         except LmctlError as error:
-            journal.append("ended", do=what["do"], why=error.what)
+            why = error.what
             raise
-        journal.append("ended", do=what["do"], **result)
+        finally:
+            journal.append("ended", do=what["do"], **({"why": why} if why else {}),
+                           **whereabouts.left)
         return result
 
 

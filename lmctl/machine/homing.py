@@ -45,6 +45,7 @@ async def run_home(motion: MotionDriver) -> tuple[float, ...]:
     """
     if motion.status is not None and motion.status.state == "Idle":
         await motion.command("M5 S0")
+    motion.position_trusted = False
     try:
         await motion.home()
     except asyncio.CancelledError:

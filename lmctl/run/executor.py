@@ -27,6 +27,7 @@ from lmctl.run.sequence import CellSequence, Continuation
 from lmctl.run.snapshot import View
 from lmctl.run.state_machine import StateMachine
 from lmctl.run.states import Event, State
+from lmctl.run.whereabouts import Whereabouts
 
 __all__ = ["Continuation", "Executor", "Progress", "RunResult", "run_job"]
 
@@ -214,6 +215,7 @@ class Executor:
             job, self._profile, hoppers, recorder,
             program_done=lambda: machine.post(Event.PROGRAM_DONE), held=held_elsewhere,
             tripped=lambda error: machine.trip(error), progress=view.hear,
+            whereabouts=Whereabouts(self._runs_dir, self._profile.name), run=made.run,
             continues=self._continues,
         )
         machine = StateMachine(sequence.carry_out, sequence.halt, recorder)

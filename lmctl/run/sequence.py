@@ -5,11 +5,12 @@ from __future__ import annotations
 import asyncio
 import re
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 from firmware_protocol.realtime import Realtime
 from lmctl.config.machine import Hopper, MachineProfile
-from lmctl.errors import JobError, MachineError
+from lmctl.errors import JobError, JournalError, MachineError
 from lmctl.job.reader import JobReader
 from lmctl.machine.feeder import FeederDriver
 from lmctl.run.alarms import Alarms, EmergencyStop, Interlock
@@ -21,6 +22,7 @@ from lmctl.run.recorder import Recorder
 from lmctl.run.reentry import START, Place
 from lmctl.run.states import Do
 from lmctl.run.watch import Watch
+from lmctl.run.whereabouts import Whereabouts
 from lmctl.run.work import Work, Workshop
 
 #: A held run waits so long for its operator; then it is stopped, and can be recovered [s].
@@ -60,6 +62,7 @@ class CellSequence:
     program_done : called when the last line has been executed
     held : called while the machine reports a hold, whoever asked for it
     tripped : called with each reason to hold (Interlock) or to end the run
+    whereabouts, run : what is known of the machine's position, and who will move it
     continues : what an earlier run has made of the part; None for a new one
     alarms : what is wrong, or was when the run was last held
     beam_off : whether every power is sent as zero, because the machine is not the bench
@@ -69,7 +72,7 @@ class CellSequence:
         self, job: JobReader, profile: MachineProfile, hoppers: Sequence[Hopper],
         recorder: Recorder, *, program_done: Callable[[], None], held: Callable[[], None],
         tripped: Callable[[Exception], None], progress: Progress | None,
-        continues: Continuation | None = None,
+        whereabouts: Whereabouts, run: str, continues: Continuation | None = None,
     ) -> None:
         self.alarms = Alarms()
         self.beam_off = True
@@ -77,6 +80,8 @@ class CellSequence:
         self._profile = profile
         self._hoppers = tuple(hoppers)
         self._recorder = recorder
+        self._whereabouts = whereabouts
+        self._run = run
         self._program_done = program_done
         self._held = held
         self._tripped = tripped
@@ -154,6 +159,8 @@ class CellSequence:
         if self._accepted is not None:
             self._accepted.feed.off()
         if self._cell is not None:
+            with suppress(JournalError):  # unwritten, the position is not trusted the next time
+                self._whereabouts.end(self._cell.motion)
             await self._cell.close()
 
     @property
@@ -187,6 +194,7 @@ class CellSequence:
     async def _check_machine(self) -> None:
         cell, profile = self._connected, self._profile
         motion, identity = cell.motion, cell.motion.identity
+        self._whereabouts.vouch(motion)
         # Until interlocks are watched, no beam leaves for a machine that is not the bench.
         self.beam_off = not identity.is_bench
         self._recorder.machine(
@@ -199,6 +207,7 @@ class CellSequence:
                 motion.trust_position()
             await self._reset_alarms([f for f in cell.feeders if f.status and f.status.alarm])
         check_motion(motion, profile)
+        self._whereabouts.begin(motion, self._run)
         if self.beam_off:
             await self._read_through()
         self._workshop = Workshop(

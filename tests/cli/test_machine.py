@@ -1,0 +1,303 @@
+"""`lmctl machine`, met as an operator meets it: on the bench, on a bench of its own, on nothing."""
+
+from __future__ import annotations
+
+import json
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from importlib.resources import files
+from pathlib import Path
+
+import pytest
+
+from lmctl.run.journal_file import read, verify
+
+BENCH = (files("lmctl.examples") / "bench.toml").read_text()
+CELL = (files("lmctl.examples") / "cell.toml").read_text()
+PART = """
+name = "block"
+[[material]]
+name = "316L"
+[[body]]
+kind = "box"
+low_mm = [0, 0, 0]
+high_mm = [20, 20, 0.8]
+"""
+HOMING = ("32 = 1", "32 = 1\n20 = 1\n22 = 1\n24 = 6000\n25 = 30000")
+
+
+@pytest.fixture
+def bench(tmp_path) -> Callable[..., Path]:
+    """Writes a bench file: the shipped one with replacements."""
+
+    def write(*replacements: tuple[str, str]) -> Path:
+        text = BENCH
+        for old, new in replacements:
+            assert old in text
+            text = text.replace(old, new)
+        (tmp_path / "bench.toml").write_text(text)
+        return tmp_path / "bench.toml"
+
+    return write
+
+
+@pytest.fixture
+def standing(bench, tmp_path) -> Iterator[Callable[..., Path]]:
+    """Starts a bench as a process of its own; returns the profile of the cell it is."""
+    running = []
+
+    def start(*replacements: tuple[str, str]) -> Path:
+        ports = [(f":{old}", f":{_free_port()}") for old in (2323, 5021, 5022)]
+        path = bench(*replacements, *ports)
+        process = subprocess.Popen(
+            [sys.executable, "-m", "simulators", str(path)], stdout=subprocess.PIPE, text=True
+        )
+        running.append(process)
+        assert process.stdout is not None
+        assert "motion" in process.stdout.readline()
+        text = CELL
+        for old, new in ports:
+            text = text.replace(old, new)
+        (tmp_path / "cell.toml").write_text(text)
+        return tmp_path / "cell.toml"
+
+    yield start
+    for process in running:
+        process.kill()
+        process.communicate()
+
+
+def _free_port() -> int:
+    with socket.socket() as one:
+        one.bind(("127.0.0.1", 0))
+        return int(one.getsockname()[1])
+
+
+def acts(folder: Path) -> list[dict[str, object]]:
+    path = folder / "runs/machine-bench-cell.jsonl"
+    assert verify(path).whole
+    return [record for record in read(path) if record["kind"] in ("act", "ended")]
+
+
+# --- looking ----------------------------------------------------------------------------------
+
+
+def test_status_shows_every_device(lmctl) -> None:
+    text = lmctl("machine", "status", "--sim").data
+    for part in ("Idle, grblhal", "X 0.000  Y 0.000  Z 0.000 mm", "feeder F2", "hopper A", "100 %"):
+        assert part in text
+    seen = lmctl("machine", "status", "--sim", "--json").json
+    assert seen["motion"]["position_trusted"] is True
+    assert seen["motion"]["blocks_free"] == 100
+    assert seen["feeders"]["F1"]["hoppers"]["A"]["level_percent"] == 100.0
+
+
+def test_doctor_finds_the_shipped_cell_well(lmctl) -> None:
+    outcome = lmctl("machine", "doctor", "--sim")
+    assert outcome.code == 0, outcome.data
+    assert "✗" not in outcome.data
+    assert outcome.data.rstrip().endswith("all well")
+
+
+@pytest.mark.parametrize(("change", "said", "what_to_do", "code"), [
+    (("32 = 1", "32 = 0"), "laser mode is off", "send $32=1", 4),
+    (("10 = 511", "10 = 1"), "neither Ln: nor Bf:", "send $10=7", 4),
+    (("30 = 1000", "30 = 255"), "full power is S255", "send $30=1000", 4),
+    (("32 = 1", "32 = 1\n13 = 1"), "every position would be misread", "send $13=0", 4),
+    (("32 = 1", "32 = 1\n31 = 50"), "low powers would be raised", "send $31=0", 1),
+    (("111 = 6000", "111 = 3000"), "speed of Y: $111=3000.000, the profile has 6000",
+     "send $111=6000", 1),
+    (("122 = 500", "122 = 250"), "acceleration of Z: $122=250.000", "send $122=500", 1),
+    (("132 = 200", "132 = 150"), "travel of Z: $132=150.000, the profile has 200", "$132=200", 1),
+    (("32 = 1", "32 = 1\n11 = 0.05"), "junction deviation: $11=0.050, not 0.01", "$11=0.01", 1),
+    (("planner_blocks = 100", "planner_blocks = 40"), "the profile has 100 blocks",
+     "motion.planner_blocks = 40", 1),
+    (("n_min_rpm = 0.3", "n_min_rpm = 1.0"), "2.59 to 64.8 g/min; the profile has 0.8 to 60",
+     "correct min_flow_g_min", 1),
+    (("n_max_rpm = 25.0", "n_max_rpm = 10.0"), "cannot feed 60 g/min", "lower its max_flow", 4),
+    (HOMING, "position is not to be trusted", "lmctl machine home", 4),
+    (HOMING, "Z of the profile, 0 to 200 mm, is 0 to 200 on the controller, which has -200 to 0",
+     "lmctl machine offset Z-200", 4),
+    (("32 = 1", "32 = 1\n22 = 1"), "soft limits off ($20)", "send $20=1", 4),
+    (('dialect = "grblhal"', 'dialect = "grbl"'), "no Bf:", "send $10=", 4),
+])
+def test_doctor_says_what_is_wrong_and_what_to_do(
+    lmctl, bench, change, said, what_to_do, code
+) -> None:
+    if "grbl\"" in change[1]:
+        path = bench(change, ("10 = 511", "10 = 1"), ("rx_bytes = 1024", "rx_bytes = 128"))
+    else:
+        path = bench(change)
+    outcome = lmctl("machine", "doctor", "--sim", "--bench", path)
+    lines = outcome.data.splitlines()
+    (at,) = [i for i, line in enumerate(lines) if "✗" in line and said in line][:1]
+    assert what_to_do in lines[at + 1]
+    assert outcome.code == code
+    checks = lmctl("machine", "doctor", "--sim", "--bench", path, "--json").json
+    assert checks["good"] is False
+    assert any(said in check["text"] and not check["good"] for check in checks["checks"])
+
+
+def test_what_doctor_calls_dangerous_keeps_a_run_from_starting(
+    lmctl, refused, bench, tmp_path
+) -> None:
+    path = bench(("30 = 1000", "30 = 255"), ("32 = 1", "32 = 1\n13 = 1"))
+    (tmp_path / "part.toml").write_text(PART)
+    assert lmctl("plan", "part.toml").code == 0
+    text = refused("run", "part.lmj", "--sim", "--bench", path, code=4)
+    assert "full power is S255" in text
+    assert "also: reports in mm: $13=1" in text
+
+
+def test_one_dead_device_keeps_no_other_from_being_looked_at(lmctl, tmp_path) -> None:
+    (tmp_path / "cell.toml").write_text(CELL.replace("2323", str(_free_port())))
+    outcome = lmctl("machine", "doctor", "--machine", "cell.toml")
+    assert outcome.code == 4
+    assert outcome.data.count("✗") == 3
+    outcome = lmctl("machine", "status", "--machine", "cell.toml")
+    assert outcome.code == 4
+    assert outcome.data.count("cannot be looked at") == 3
+    assert "feeder F2" in outcome.data
+
+
+def test_looking_changes_nothing(lmctl, standing, tmp_path) -> None:
+    cell = standing()
+    before = lmctl("machine", "status", "-m", cell, "--json").json
+    for _ in range(2):
+        assert lmctl("machine", "doctor", "-m", cell).code == 0
+    assert lmctl("machine", "status", "-m", cell, "--json").json == before
+    assert not (tmp_path / "runs").exists()
+
+
+# --- acting -----------------------------------------------------------------------------------
+
+
+def test_a_machine_is_homed_offset_jogged_and_stays_known(lmctl, refused, standing, tmp_path):
+    """From one command to the next, and so for a run."""
+    cell = standing(HOMING)
+    assert "nobody knows where the machine is" in refused(
+        "machine", "jog", "X10", "-m", cell, code=4)
+    assert "limited to 10 mm" in refused("machine", "jog", "X-20", "--relative", "-m", cell, code=2)
+    assert lmctl("machine", "jog", "X-5", "--relative", "-m", cell).code == 0
+    homed = lmctl("machine", "home", "-m", cell, "--yes")
+    assert homed.code == 0
+    assert "Z goes first, to its switch: Z+" in homed.talk
+    assert "stands at X -1.000  Y -1.000  Z -1.000" in homed.data
+    offset = lmctl("machine", "offset", "X-300", "Y-300", "Z-200", "-m", cell)
+    assert "program zero lies at X -300.000  Y -300.000  Z -200.000" in offset.data
+    assert lmctl("machine", "doctor", "-m", cell).code == 0
+    jogged = lmctl("machine", "jog", "X250", "z190.5", "--feed", "6000", "-m", cell)
+    assert "X 250.000  Y 299.000  Z 190.500" in jogged.data
+    text = refused("machine", "jog", "Y10", "--relative", "-m", cell, code=2, hint=False)
+    assert "Y: 309.00 mm, the travel is 0 to 300" in text
+    seen = acts(tmp_path)
+    assert [record["do"] for record in seen if record["kind"] == "act"] == [
+        "jog", "jog", "jog", "home", "offset", "jog", "jog"]
+    assert [record["trusted"] for record in seen if record["kind"] == "ended"] == [
+        False, False, False, True, True, True, True]
+    assert "nobody knows" in str(seen[1]["why"])
+
+
+def test_a_homed_grbl_which_says_nothing_of_it_is_known_while_it_stands_where_it_was_left(
+    lmctl, standing
+) -> None:
+    cell = standing(HOMING, ('dialect = "grblhal"', 'dialect = "grbl"'), ("10 = 511", "10 = 3"),
+                    ("rx_bytes = 1024", "rx_bytes = 128"),
+                    ("planner_blocks = 100", "planner_blocks = 15"))
+    unlocked = lmctl("machine", "unlock", "-m", cell, "--yes")
+    assert unlocked.code == 0, unlocked.talk
+    assert lmctl("machine", "jog", "X-5", "-m", cell).code == 4
+    assert lmctl("machine", "home", "-m", cell, "--yes").code == 0
+    assert lmctl("machine", "offset", "X-300", "Y-300", "Z-200", "-m", cell).code == 0
+    assert lmctl("machine", "jog", "X290", "--feed", "3000", "-m", cell).code == 0
+    assert lmctl("machine", "jog", "X285", "--runs", "elsewhere", "-m", cell).code == 4
+
+
+def test_ctrl_c_ends_a_jog_at_once(standing, tmp_path, lmctl) -> None:
+    cell = standing()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "lmctl.cli", "machine", "jog", "X250", "--feed", "600",
+         "-m", str(cell)], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )
+    journal = tmp_path / "runs/machine-bench-cell.jsonl"
+    for _ in range(200):
+        if journal.exists() and '"act"' in journal.read_text():
+            break
+        time.sleep(0.05)
+    time.sleep(1.0)
+    process.send_signal(signal.SIGINT)
+    _, talk = process.communicate(timeout=20)
+    assert process.returncode == 130
+    assert talk.strip() == "interrupted"
+    first = lmctl("machine", "status", "-m", cell, "--json").json["motion"]
+    time.sleep(0.3)
+    second = lmctl("machine", "status", "-m", cell, "--json").json["motion"]
+    assert first["state"] == second["state"] == "Idle"
+    assert 0 < first["position_mm"][0] == second["position_mm"][0] < 60
+    assert acts(tmp_path)[-1]["why"] == "stopped by the operator"
+
+
+def test_a_machine_at_work_is_left_alone(lmctl, refused, standing, tmp_path) -> None:
+    cell = standing()
+    holder = subprocess.Popen(
+        [sys.executable, "-m", "lmctl.cli", "machine", "jog", "X250", "--feed", "600",
+         "-m", str(cell)], cwd=tmp_path, stderr=subprocess.PIPE,
+    )
+    try:
+        for _ in range(200):
+            if (tmp_path / "runs/machine-bench-cell.jsonl").exists():
+                break
+            time.sleep(0.05)
+        for command in (["jog", "X5"], ["home", "--yes"], ["status"], ["doctor"], ["unlock"]):
+            text = refused("machine", *command, "-m", cell, code=4)
+            assert "lmctl machine jog has the machine" in text
+    finally:
+        holder.send_signal(signal.SIGINT)
+        holder.communicate(timeout=20)
+
+
+@pytest.mark.parametrize(("words", "said"), [
+    (["Q5"], "'Q5' is no axis"), (["X"], "'X' is no axis"), (["X5", "X6"], "X is named twice"),
+    (["Xnan"], "'Xnan' is no axis"), (["X1e3"], "'X1e3' is no axis"), (["--fast"], "no axis"),
+    (["X5\nM3 S1000"], "no axis"), (["X-1"], "the travel is 0 to 300"),
+    (["X5", "--feed", "9000"], "too fast"),
+])
+def test_jogs_that_cannot_be_meant(lmctl, words, said) -> None:
+    outcome = lmctl("machine", "jog", "--sim", *words)
+    assert outcome.code == 2
+    assert said in outcome.talk
+
+
+def test_nobody_is_homed_without_being_asked(refused, lmctl, bench, monkeypatch) -> None:
+    monkeypatch.setattr("sys.stdin.isatty", lambda: False)
+    path = bench(HOMING)
+    assert "nobody is there to be asked" in refused("machine", "home", "--sim", "--bench", path,
+                                                    code=2)
+    assert "no homing cycle ($22=0)" in refused("machine", "home", "--sim", code=4)
+    assert lmctl("machine", "unlock", "--sim").data == "nothing is locked\n"
+
+
+@pytest.mark.parametrize("command", ["status", "doctor", "home", "unlock"])
+def test_a_machine_has_to_be_named(refused, command) -> None:
+    assert "which machine?" in refused("machine", command, code=2)
+    refused("machine", command, "-m", "nothere.toml", code=3)
+
+
+def test_the_machines_journal_may_end_half_written_but_not_be_altered(
+    lmctl, refused, tmp_path
+) -> None:
+    for _ in range(2):
+        assert lmctl("machine", "jog", "X5", "--sim").code == 0
+    path = tmp_path / "runs/machine-bench-cell.jsonl"
+    with path.open("ab") as file:
+        file.write(b'{"prev":"half')
+    assert lmctl("machine", "jog", "X5", "--sim").code == 0
+    assert len(acts(tmp_path)) == 6
+    text = path.read_text()
+    path.write_text(text.replace('"X":5.0', '"X":6.0', 1))
+    assert "was damaged or altered" in refused("machine", "jog", "X5", "--sim", code=1)
+    assert json.loads(text.splitlines()[0])["machine"] == "bench cell"
