@@ -13,12 +13,17 @@ from lmctl.errors import UsageError
 @click.command()
 @click.argument("folder", type=click.Path(path_type=Path), default=Path())
 @click.option("-t", "--template", default="gear", show_default=True,
-              help="gear, box or sphere.")
+              help="Which example; --list names them.")
+@click.option("--list", "listed", is_flag=True, help="List the templates and stop.")
 @click.option("--force", is_flag=True, help="Replace files of the same names.")
-def init(folder: Path, template: str, force: bool) -> None:
+def init(folder: Path, template: str, listed: bool, force: bool) -> None:
     """Write an example part, its cell profile and its bench into FOLDER [this one]."""
     from lmctl.examples.templates import CELL_FILES, TEMPLATES, write_template
 
+    if listed:
+        for name, text in TEMPLATES.items():
+            put(f"{name:20} {text}")
+        return
     if template not in TEMPLATES:
         raise UsageError(
             f"there is no template {template!r}",

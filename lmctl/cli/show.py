@@ -1,4 +1,4 @@
-"""`lmctl show`: a layer of a job as a picture."""
+"""`lmctl show`: a layer of a job, or the fields of a part, as a picture or for other programs."""
 
 from __future__ import annotations
 
@@ -7,22 +7,69 @@ from typing import TYPE_CHECKING
 
 import click
 
-from lmctl.cli.console import put
+from lmctl.cli.console import progress_bar, put, say
+from lmctl.cli.planning import open_part
 from lmctl.errors import UsageError
 
 if TYPE_CHECKING:
     from lmctl.job.reader import JobReader
 
 PICTURES = (".png", ".svg", ".pdf")
+SURFACES = (".ply", ".stl", ".3mf")
+FIELD = ".vti"
 
 
 @click.command()
-@click.argument("job", type=click.Path(path_type=Path))
-@click.option("-l", "--layer", type=int, help="Layer number, from 1 [the middle one].")
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("-l", "--layer", type=int, help="Of a job: layer number, from 1 [the middle one].")
+@click.option("-x", "x_mm", type=float, help="Of a part: where the plane across x lies [middle].")
+@click.option("-y", "y_mm", type=float, help="The same for y.")
+@click.option("-z", "z_mm", type=float, help="The same for z.")
 @click.option("-o", "--output", type=click.Path(path_type=Path),
-              help="Picture file: .png, .svg or .pdf [JOB-layer-N.png].")
-def show(job: Path, layer: int | None, output: Path | None) -> None:
-    """Draw a layer of JOB, its paths coloured by composition."""
+              help="File to write. .png, .svg, .pdf: a picture; .vti: a part's distance and "
+              "composition for ParaView; .ply: its surface, coloured; .stl, .3mf: its surface.")
+@click.option("--units", type=click.Choice(["mm", "cm", "m", "inch"]),
+              help="Units of a bare mesh or cloud.")
+def show(
+    file: Path, layer: int | None, x_mm: float | None, y_mm: float | None, z_mm: float | None,
+    output: Path | None, units: str | None,
+) -> None:
+    """Draw FILE: a layer of a job, or sections of a part's distance and composition."""
+    if file.suffix.lower() == ".lmj":
+        put(str(_show_job(file, layer, output)))
+        return
+    if layer is not None:
+        raise UsageError("--layer is for jobs", where=str(file),
+                         hint="choose planes of a part with -x, -y and -z")
+    target = output or Path(f"{file.stem}-fields.png")
+    if target.suffix.lower() not in (*PICTURES, *SURFACES, FIELD):
+        raise UsageError(f"cannot show a part as {target.suffix or 'a file with no ending'}",
+                         where=str(target),
+                         hint=f"choose one of {', '.join((*PICTURES, FIELD, *SURFACES))}")
+    _check_folder(target)
+    part = open_part(file, units)
+    for text in part.warnings:
+        say(f"warning: {text}")
+    try:
+        if target.suffix.lower() == FIELD:
+            from lmctl.report.part_export import write_field
+
+            with progress_bar("writing") as update:
+                write_field(part, target, lambda done, total: update(done, total, ""))
+        elif target.suffix.lower() in SURFACES:
+            from lmctl.report.part_export import write_surface
+
+            write_surface(part, target)
+        else:
+            from lmctl.report.part_picture import draw_part
+
+            draw_part(part, (x_mm, y_mm, z_mm), target)
+    except OSError as error:
+        raise UsageError(f"cannot write {target}", where=str(error.strerror)) from None
+    put(str(target))
+
+
+def _show_job(job: Path, layer: int | None, output: Path | None) -> Path:
     from lmctl.job.reader import JobReader
 
     with JobReader(job) as reader:
@@ -32,7 +79,12 @@ def show(job: Path, layer: int | None, output: Path | None) -> None:
             raise UsageError(f"{job} has no layer {number}", hint=f"layers go from 1 to {count}")
         target = output or Path(f"{job.stem}-layer-{number}.png")
         draw_job_layer(reader, number - 1, target)
-    put(str(target))
+    return target
+
+
+def _check_folder(target: Path) -> None:
+    if not target.parent.is_dir():
+        raise UsageError(f"there is no folder {target.parent}", hint="make it first")
 
 
 def draw_job_layer(reader: JobReader, index: int, target: Path) -> None:
@@ -44,8 +96,7 @@ def draw_job_layer(reader: JobReader, index: int, target: Path) -> None:
     if target.suffix.lower() not in PICTURES:
         raise UsageError(f"cannot draw a picture as {target.suffix or 'a file with no ending'}",
                          where=str(target), hint=f"choose one of {', '.join(PICTURES)}")
-    if not target.parent.is_dir():
-        raise UsageError(f"there is no folder {target.parent}", hint="make it first")
+    _check_folder(target)
     manifest = reader.manifest
     layer = reader.layer(index)
     process = parse(reader.part_text, PartFile, name="the job's part file").process

@@ -13,6 +13,21 @@ TEMPLATES: dict[str, str] = {
     "gear": "a spur gear from a scan, graded by distance from its axis",
     "box": "a block with a hard skin, graded by depth below its own surface",
     "sphere": "half a ball, graded by distance from its centre",
+    "cutter": "a boring cutter, steel to carbide along its axis, built along x",
+    "cutter-parabolic": "the same, by a parabola",
+    "blade": "a turbine blade: hard shell, graded shell, metal core with three passages",
+    "fig3-sphere": "a sphere graded from a point",
+    "fig3-cylinder": "a cylinder graded from a line",
+    "fig3-box": "a box graded from an axis",
+    "fig3-surface": "a wavy plate graded from a spline",
+    "fig4-point": "a block graded from a point",
+    "fig4-line": "the block graded from a line",
+    "fig4-blend": "the block graded from both, 0.3 point and 0.7 line",
+    "fig4-blend-reversed": "the block graded from both, 0.7 point and 0.3 line",
+    "fig6-contained": "a union in which one body lies in the other",
+    "fig7-hole": "a body less one that lies in it",
+    "fig8-union": "the union of two bodies that overlap, materials passing into each other",
+    "fig9-intersection": "what two bodies of different materials share",
 }
 
 #: The simulated cell: what every template is accompanied by.

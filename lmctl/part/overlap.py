@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from lmctl.field.grid import Grid
 from lmctl.part.bodies import Body
 from lmctl.part.boundary import Boundary
-from lmctl.part.operands import Operands
+from lmctl.part.operands import ON_SURFACE, Operands, alone
 
 FloatArray = NDArray[np.float64]
 
@@ -48,22 +48,40 @@ class Overlap:
 
     def _to_piece(self, number: int, points: FloatArray, depth: FloatArray) -> FloatArray:
         """Distance to the piece of one body's surface in the other; to all of it if none is."""
-        tree = self._pieces[number] if len(points) else None
-        if tree is None:
+        piece = self._pieces[number] if len(points) else None
+        if piece is None:
             return depth
-        hidden = np.flatnonzero(self.bodies[1 - number].at(self.bodies[number].feet(points)) < 0)
-        result = depth.copy()
-        if len(hidden):
-            result[hidden] = np.maximum(depth[hidden], tree.query(points[hidden])[0])
+        other = self.bodies[1 - number]
+        feet = self.bodies[number].feet(points)
+        elsewhere = np.flatnonzero(other.at(feet) < self._slack)
+        if len(elsewhere) == 0:
+            return depth
+        result, asked = depth.copy(), points[elsewhere]
+        start = piece.data[piece.query(asked)[1]]
+        at, found = self._operands.settle(asked, start, alone(np.full(len(asked), number)))
+        away, least = np.linalg.norm(start - asked, axis=1), np.linalg.norm(at - asked, axis=1)
+        better = found & (least < away) & (other.at(at) >= -self._slack)
+        result[elsewhere] = np.maximum(depth[elsewhere], np.where(better, least, away))
         return result
 
     @cached_property
+    def _operands(self) -> Operands:
+        return Operands.of("intersection", self.bodies, self.grid.pitch_mm)
+
+    @property
+    def _slack(self) -> float:
+        return ON_SURFACE * self.grid.pitch_mm
+
+    @cached_property
     def _pieces(self) -> list[cKDTree | None]:
-        """For each body the points on its piece of the overlap's boundary, if it has any."""
-        operands = Operands.of("intersection", self.bodies, self.grid.pitch_mm)
-        boundary = Boundary(operands, self.grid)
+        """For each body the points of its surface that lie in the other, if there are any.
+
+        Faces that the two share are of neither piece: beyond them there is nothing to pass into.
+        """
+        boundary = Boundary(self._operands, self.grid)
         pieces: list[cKDTree | None] = []
         for number in range(2):
-            feet = boundary.feet_mm[(boundary.active == number).any(axis=1)]
+            feet = boundary.feet_mm[boundary.active[:, 0] == number]
+            feet = feet[self.bodies[1 - number].at(feet) > self._slack] if len(feet) else feet
             pieces.append(cKDTree(feet) if len(feet) else None)
         return pieces

@@ -1,0 +1,133 @@
+"""A part for other programs: its multi-colour field for ParaView, its surface with colours."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmctl.errors import InputError
+from lmctl.field.field import Field
+from lmctl.field.grid import Grid
+from lmctl.field.surface import iso_surface
+from lmctl.field.surface_files import Kind, surface_bytes
+from lmctl.part.bodies import MeshSolid
+from lmctl.part.part import Part
+from lmctl.part.resolution import PADDING, finest_pitch
+from lmctl.report.layer_picture import composition_colours
+
+FloatArray = NDArray[np.float64]
+Progress = Callable[[int, int], None]
+
+#: Planes of a field written at a time.
+SLAB_PLANES = 8
+
+#: Nodes of the grid a surface is found on; its vertices are then moved onto the part itself.
+MOST_SURFACE_NODES = 30_000_000
+
+#: A field file above this many bytes is refused.
+MOST_BYTES = 20_000_000_000
+
+
+def write_field(part: Part, target: Path, progress: Progress | None = None) -> None:
+    """The pair d(S), F(r) (method.md (3)) on the part's grid as a VTK image (.vti), for ParaView.
+
+    Point data: `distance` [mm], positive inside, and one array a material with its volume
+    fraction. Written slab by slab, so that memory does not grow with the grid.
+
+    Raises InputError where the file would be too large, OSError where it cannot be written.
+    """
+    grid, names = part.grid, [m.name for m in part.materials]
+    block = 4 * grid.n_nodes
+    if (total := block * (1 + len(names))) > MOST_BYTES:
+        raise InputError(
+            f"the field would take {total / 1e9:.3g} GB",
+            where=f"{grid.n_nodes:.3g} nodes at a pitch of {grid.pitch_mm:g} mm; at most "
+            f"{MOST_BYTES / 1e9:g} GB", hint="raise pitch_mm in the part file",
+        )
+    head = _head(grid, names, block)
+    partial = target.with_name(f".{target.name}.partial")
+    try:
+        with partial.open("wb") as file:
+            file.write(head)
+            starts = [len(head) + n * (8 + block) for n in range(1 + len(names))]
+            for start in starts:
+                file.seek(start)
+                file.write(np.uint64(block).tobytes())
+            plane = 4 * grid.shape[1] * grid.shape[2]
+            for window in grid.slabs(SLAB_PLANES):
+                offset = 8 + window.z_first * plane
+                file.seek(starts[0] + offset)
+                file.write(np.ascontiguousarray(part.distance(window), dtype="<f4").tobytes())
+                fractions = part.composition(window.points())
+                for start, column in zip(starts[1:], fractions.T, strict=True):
+                    file.seek(start + offset)
+                    file.write(np.ascontiguousarray(column, dtype="<f4").tobytes())
+                if progress is not None:
+                    progress(window.z_last, grid.shape[0])
+            file.seek(0, os.SEEK_END)
+            file.write(b"\n  </AppendedData>\n</VTKFile>\n")
+        partial.replace(target)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def _head(grid: Grid, names: list[str], block: int) -> bytes:
+    nz, ny, nx = grid.shape
+    extent = f"0 {nx - 1} 0 {ny - 1} 0 {nz - 1}"
+    origin = " ".join(f"{v:.9g}" for v in grid.origin_mm)
+    spacing = " ".join([f"{grid.pitch_mm:.9g}"] * 3)
+    arrays = "".join(
+        f'        <DataArray type="Float32" Name="{_plain(name)}" format="appended" '
+        f'offset="{number * (8 + block)}"/>\n'
+        for number, name in enumerate(["distance", *names])
+    )
+    return (
+        '<?xml version="1.0"?>\n<VTKFile type="ImageData" version="1.0" '
+        'byte_order="LittleEndian" header_type="UInt64">\n'
+        f'  <ImageData WholeExtent="{extent}" Origin="{origin}" Spacing="{spacing}">\n'
+        f'    <Piece Extent="{extent}">\n      <PointData Scalars="distance">\n{arrays}'
+        "      </PointData>\n    </Piece>\n  </ImageData>\n"
+        '  <AppendedData encoding="raw">\n_'
+    ).encode("ascii")
+
+
+def _plain(name: str) -> str:
+    """A material's name as an array's: nothing in it that XML or ParaView would take otherwise."""
+    return re.sub(r"[^A-Za-z0-9 .+/_-]", "_", name)
+
+
+def write_surface(part: Part, target: Path) -> None:
+    """The surface of a part as PLY (coloured by composition), STL or 3MF, by its ending.
+
+    Raises OSError where the file cannot be written.
+    """
+    kinds: dict[str, Kind] = {".ply": "ply", ".stl": "stl", ".3mf": "3mf"}
+    kind = kinds[target.suffix.lower()]
+    vertices, triangles = _surface(part)
+    colours = None
+    if kind == "ply":
+        shades = composition_colours(part.composition(vertices))
+        colours = np.rint(255 * shades).astype(np.uint8)
+    target.write_bytes(surface_bytes(kind, vertices, triangles, colours))
+
+
+def _surface(part: Part) -> tuple[FloatArray, NDArray[np.int64]]:
+    """A mesh's own triangles; of any other body its zero level, moved onto the body itself."""
+    if isinstance(part.body, MeshSolid):
+        return part.body.mesh.vertices, part.body.mesh.triangles
+    low, high = part.bounds_mm
+    pitch = max(part.grid.pitch_mm, finest_pitch(low, high, MOST_SURFACE_NODES))
+    grid = Grid.around(low, high, pitch, PADDING)
+    values = np.empty(grid.shape, dtype=np.float32)
+    for window in grid.slabs(SLAB_PLANES):
+        values[window.z_first : window.z_last] = part.distance(window)
+    vertices, triangles = iso_surface(Field(grid, values, None, np.empty((0, 3))))
+    step = part.body.at(vertices)[:, None] * part.body.inward(vertices)
+    near = np.linalg.norm(step, axis=1) <= 0.5 * pitch
+    vertices[near] -= step[near]
+    return vertices, triangles

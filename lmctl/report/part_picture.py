@@ -1,0 +1,138 @@
+"""A part as a picture: its distance and its composition in three planes through its middle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+
+from lmctl.part.part import Part
+from lmctl.report.layer_picture import TWO_MATERIAL_MAP, composition_colours
+
+FloatArray = NDArray[np.float64]
+
+DISTANCE_MAP = "RdBu"
+
+#: Nodes along the longer side of each plane.
+NODES = 400
+
+#: How much of a plane's longer side is left free around the part.
+MARGIN = 0.06
+
+#: Iso-contours drawn on each side of the surface, about.
+CONTOURS = 8
+
+
+def draw_part(part: Part, at_mm: tuple[float | None, float | None, float | None], target: Path
+              ) -> None:
+    """Draw three planes of a part and save them; the ending of `target` chooses the format.
+
+    at_mm : the x, y and z of the planes across each axis; None is the middle
+    Raises OSError where the file cannot be written.
+    """
+    low, high = part.bounds_mm
+    middle = 0.5 * (low + high)
+    figure = Figure(figsize=(12.0, 7.6), dpi=130, layout="constrained")
+    axes = figure.subplots(2, 3)
+    planes = [
+        _plane(low, high, across, float(middle[across]) if place is None else place)
+        for across, place in ((2, at_mm[2]), (1, at_mm[1]), (0, at_mm[0]))
+    ]
+    depths = [part.body.at(plane.points) for plane in planes]
+    reach = max(float(np.abs(depth).max()) for depth in depths)
+    step = _even_step(float((high - low).max()) / (4 * CONTOURS))
+    for column, (plane, depth) in enumerate(zip(planes, depths, strict=True)):
+        _draw_distance(axes[0, column], plane, depth, step, reach)
+        _draw_composition(axes[1, column], plane, depth, part)
+        for axis in axes[:, column]:
+            axis.set_aspect("equal")
+            axis.set_xlabel(f"{plane.names[0]} [mm]")
+            axis.set_ylabel(f"{plane.names[1]} [mm]")
+        axes[0, column].set_title(plane.title, fontsize=10)
+    shades = ScalarMappable(Normalize(-reach, reach), DISTANCE_MAP)
+    figure.colorbar(shades, ax=list(axes[0]), label="distance, positive inside [mm]", shrink=0.9)
+    _key(figure, list(axes[1]), tuple(material.name for material in part.materials))
+    figure.suptitle(f"{part.name}: distance (contours every {step:g} mm) and composition")
+    figure.savefig(target)
+
+
+@dataclass(frozen=True, eq=False)
+class _Plane:
+    """points (n, 3) [mm] of an array of `shape`; extent and names of the picture's two axes"""
+
+    points: FloatArray
+    shape: tuple[int, int]
+    extent: tuple[float, float, float, float]
+    names: tuple[str, str]
+    title: str
+
+
+def _plane(low: FloatArray, high: FloatArray, across: int, at: float) -> _Plane:
+    """A plane through a box, with a margin around it."""
+    u, v = [axis for axis in range(3) if axis != across]
+    margin = MARGIN * float(max(high[u] - low[u], high[v] - low[v]))
+    u0, u1, v0, v1 = low[u] - margin, high[u] + margin, low[v] - margin, high[v] + margin
+    pitch = max(u1 - u0, v1 - v0) / NODES
+    us, vs = np.arange(u0 + pitch / 2, u1, pitch), np.arange(v0 + pitch / 2, v1, pitch)
+    points = np.empty((len(vs), len(us), 3))
+    points[:, :, u], points[:, :, v], points[:, :, across] = us, vs[:, None], at
+    extent = (float(u0), float(us[-1] + pitch / 2), float(v0), float(vs[-1] + pitch / 2))
+    return _Plane(points.reshape(-1, 3), (len(vs), len(us)), extent, ("xyz"[u], "xyz"[v]),
+                  f"{'xyz'[across]} = {at:.4g} mm")
+
+
+def _draw_distance(
+    axes: Axes, plane: _Plane, depth: FloatArray, step: float, reach: float
+) -> None:
+    values = depth.reshape(plane.shape)
+    axes.imshow(values, origin="lower", extent=plane.extent, cmap=DISTANCE_MAP, vmin=-reach,
+                vmax=reach)
+    levels = step * np.arange(np.ceil(depth.min() / step), np.floor(depth.max() / step) + 1)
+    if len(levels):
+        axes.contour(values, levels=levels, extent=plane.extent, colors="#00000055",
+                     linewidths=0.5)
+    _outline(axes, plane, depth, 1.2)
+
+
+def _draw_composition(axes: Axes, plane: _Plane, depth: FloatArray, part: Part) -> None:
+    colours = np.ones((len(depth), 3))
+    rows = np.flatnonzero(depth > 0)
+    if len(rows):
+        colours[rows] = composition_colours(part.composition(plane.points[rows]))
+    axes.imshow(colours.reshape(*plane.shape, 3), origin="lower", extent=plane.extent,
+                interpolation="nearest")
+    _outline(axes, plane, depth, 0.8)
+
+
+def _outline(axes: Axes, plane: _Plane, depth: FloatArray, width: float) -> None:
+    if depth.min() < 0 < depth.max():
+        axes.contour(depth.reshape(plane.shape), levels=[0.0], extent=plane.extent,
+                     colors="black", linewidths=width)
+
+
+def _key(figure: Figure, axes: list[Axes], materials: tuple[str, ...]) -> None:
+    if len(materials) == 2:
+        figure.colorbar(
+            ScalarMappable(Normalize(0.0, 1.0), TWO_MATERIAL_MAP), ax=axes,
+            label=f"volume fraction of {materials[1]}", shrink=0.9,
+        )
+        return
+    shares = np.eye(len(materials))
+    handles = [
+        Patch(color=tuple(colour), label=name)
+        for name, colour in zip(materials, composition_colours(shares), strict=True)
+    ]
+    axes[-1].legend(handles=handles, loc="center left", bbox_to_anchor=(1.02, 0.5), frameon=False)
+
+
+def _even_step(size_mm: float) -> float:
+    """The nearest of 1, 2 and 5 times a power of ten."""
+    power = 10.0 ** np.floor(np.log10(max(size_mm, 1e-6)))
+    return float(min((1, 2, 5, 10), key=lambda m: abs(np.log(m * power / size_mm))) * power)
