@@ -11,7 +11,7 @@ from lmctl.field.grid import Grid
 from lmctl.field.seeds import seed_triangles
 from lmctl.field.sign import negate_outside
 from lmctl.field.sweep import sweep_sources
-from lmctl.field.triangles import walk_to_nearest
+from lmctl.field.triangles import walk_to_nearest, without_copies
 
 FloatArray = NDArray[np.float64]
 
@@ -24,35 +24,39 @@ def mesh_field(
     Next to the surface triangles are rasterised into their neighbourhood; closest points are
     swept from there over the rest, and from its own every node walks over the mesh to the
     nearest point there is.
-    Signs by ray parity voted over three axes, so triangles may be wound either way, and a small
-    hole does not turn a line of nodes inside out.
+    Signs by the vote of rays along three axes (`sign`), so triangles may be wound either way, be
+    there twice, overlap, and leave holes: a ray through a hole has no vote.
 
     vertices : (n, 3) float64 [mm]; triangles : (m, 3) int, rows of `vertices`
-    returns : Field with sources; its remarks say how many nodes the vote was not unanimous at
+    returns : Field with sources; its remarks say what was wrong with the mesh
     raises : InputError for no triangles, indices out of range, coordinates that are not
         numbers, and a mesh outside the grid
     """
-    corners = _corners(vertices, triangles, grid)
+    corners, copies = without_copies(_corners(vertices, triangles, grid))
     sources, surface_mm, triangle = seed_triangles(corners, grid)
     if len(surface_mm) == 0:
         raise InputError("the mesh lies outside its grid", where=_place(len(triangles), grid))
     values = sweep_sources(sources, surface_mm, grid)
     walk_to_nearest(sources, values, triangle, corners, grid)
-    disputed = negate_outside(values, corners, grid)
+    lost, disputed = negate_outside(values, corners, grid)
     if not (values > 0.0).any():
         raise InputError(
             "the mesh encloses nothing that the grid can see",
             where=_place(len(triangles), grid),
             hint="check that it is closed and in millimetres, or use a smaller pitch",
         )
-    remarks: tuple[str, ...] = ()
+    remarks = []
+    if copies:
+        remarks.append(f"{copies} triangles of the mesh are there more than once: each counts once")
+    if lost:
+        remarks.append(f"the mesh is open: {lost} rays that enter it do not come out")
     if disputed:
         share = 100.0 * disputed / grid.n_nodes
-        remarks = (
+        remarks.append(
             f"inside and outside are disputed at {disputed} of {grid.n_nodes} nodes "
             f"({share:.2g} %): the mesh is open or cuts through itself",
         )
-    return Field(grid, values, sources, corners, remarks, exact=True)
+    return Field(grid, values, sources, corners, tuple(remarks), exact=True)
 
 
 def _corners(vertices: FloatArray, triangles: NDArray[np.integer], grid: Grid) -> FloatArray:

@@ -33,7 +33,7 @@ def sweep_sources(
     """
     relative = np.ascontiguousarray((surface_mm - np.asarray(grid.origin_mm)) / grid.pitch_mm)
     distance = np.empty(grid.shape, dtype=np.float32)
-    _sweep_kernel(sources, relative, distance, np.float32((within_mm / grid.pitch_mm) ** 2))
+    _sweep_kernel(sources, relative, distance, float((within_mm / grid.pitch_mm) ** 2))
     _lengths_kernel(sources, relative, distance, grid.pitch_mm)
     return distance
 

@@ -37,11 +37,7 @@ def neighbours_over_edges(corners_mm: FloatArray) -> NDArray[np.int32]:
     −1 where there is none. Corners are one where their coordinates are; where more than two
     triangles share an edge they are taken in pairs.
     """
-    bits = np.ascontiguousarray(corners_mm + 0.0).view(np.uint64).reshape(-1, 3, 3)
-    mixed = np.zeros(bits.shape[:2], dtype=np.uint64)
-    for axis, odd in enumerate((0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9)):
-        mixed = (mixed ^ bits[:, :, axis]) * np.uint64(odd)
-        mixed ^= mixed >> np.uint64(29)
+    mixed = _corner_keys(corners_mm)
     edge = (mixed + np.roll(mixed, -1, axis=1)).reshape(-1)
     order = np.argsort(edge, kind="stable")
     same = edge[order[1:]] == edge[order[:-1]]
@@ -52,6 +48,26 @@ def neighbours_over_edges(corners_mm: FloatArray) -> NDArray[np.int32]:
     one, other = order[first], order[first + 1]
     neighbours[one], neighbours[other] = other // 3, one // 3
     return neighbours.reshape(-1, 3)
+
+
+def without_copies(corners_mm: FloatArray) -> tuple[FloatArray, int]:
+    """Each triangle (m, 3, 3) once, whichever way it is wound, and how many were left out."""
+    keys = _corner_keys(corners_mm).sum(axis=1)
+    _, first = np.unique(keys, return_index=True)
+    if len(first) == len(keys):
+        return corners_mm, 0
+    first.sort()
+    return corners_mm[first], len(keys) - len(first)
+
+
+def _corner_keys(corners_mm: FloatArray) -> NDArray[np.uint64]:
+    """A number for each corner, (m, 3) uint64, the same where the coordinates are."""
+    bits = np.ascontiguousarray(corners_mm + 0.0).view(np.uint64).reshape(-1, 3, 3)
+    mixed = np.zeros(bits.shape[:2], dtype=np.uint64)
+    for axis, odd in enumerate((0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9)):
+        mixed = (mixed ^ bits[:, :, axis]) * np.uint64(odd)
+        mixed ^= mixed >> np.uint64(29)
+    return mixed
 
 
 def closest_in_rows(
