@@ -51,7 +51,11 @@ def check_motion(motion: MotionDriver, profile: MachineProfile) -> None:
             f"the motion controller is not ready: its state is {state}", where=place,
             hint="find the reason, then `lmctl machine home` or `lmctl machine unlock`",
         )
-    found = [*judge_settings(motion.identity, motion.settings, motion.offset_mm, profile)]
+    found = [
+        Check(motion.position_trusted, "the machine has not been homed: nobody knows where it is",
+              "`lmctl machine home`", dangerous=True),
+        *judge_settings(motion.identity, motion.settings, motion.offset_mm, profile),
+    ]
     wrong = [check for check in found if check.dangerous and not check.good]
     if wrong:
         first, *others = wrong
@@ -59,9 +63,6 @@ def check_motion(motion: MotionDriver, profile: MachineProfile) -> None:
             first.text, where=[place, *(f"also: {check.text}" for check in others)],
             hint="; ".join(dict.fromkeys(check.hint for check in wrong)),
         )
-    if not motion.position_trusted:
-        raise MachineError("the machine has not been homed: nobody knows where it is", where=place,
-                           hint="`lmctl machine home`, then try again")
 
 
 def judge_settings(

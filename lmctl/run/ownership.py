@@ -79,7 +79,8 @@ def refuse_if_owned(profile: MachineProfile) -> None:
 
 
 def _endpoints(profile: MachineProfile) -> list[str]:
-    return [profile.motion.endpoint, *(feeder.endpoint for feeder in profile.feeder)]
+    safety = [profile.safety.endpoint] if profile.safety else []
+    return [profile.motion.endpoint, *(feeder.endpoint for feeder in profile.feeder), *safety]
 
 
 def _wire(endpoint: str) -> str:
