@@ -93,6 +93,14 @@ class Deposition:
             return "the end of the program"
         return f"layer {self.tally.layer + 1}, program line {self.executed}"
 
+    @property
+    def should_move(self) -> bool:
+        """Whether the program is under way, and not in a wait of its own."""
+        if not self._streaming or self.executed >= self._window.n_lines:
+            return False
+        start_mm, end_mm, _, _ = self._window.span_at(self._clock.now(self._loop.time()))
+        return start_mm != end_mm
+
     def job_line(self, tag: int) -> int:
         """The job's number of a line of the stream."""
         return self._first_line + tag

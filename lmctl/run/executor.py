@@ -32,8 +32,14 @@ from lmctl.run.whereabouts import Whereabouts
 __all__ = ["Continuation", "Executor", "Progress", "RunResult", "run_job"]
 
 _BEAM_STAYED_OFF = (
-    "the machine did not identify itself as the bench: every power was sent as S0, so the beam "
+    "the profile names no safety-input device ([safety]): every power was sent as S0, so the beam "
     "stayed off"
+)
+
+
+#: States in which a hold is somebody else's: pressed at the machine's own panel.
+_MUST_NOT_BE_HELD = (
+    State.GAS, State.POWDER, State.ARMED, State.DEPOSITING, State.PURGING, State.RESUMING,
 )
 
 
@@ -207,13 +213,10 @@ class Executor:
 
         view = View(made.run, job.manifest, self._profile, hoppers, self._operator, self._progress)
 
-        def held_elsewhere() -> None:
-            if machine.state is State.DEPOSITING:
-                machine.wish(Event.HOLD)
-
         sequence = CellSequence(
             job, self._profile, hoppers, recorder,
-            program_done=lambda: machine.post(Event.PROGRAM_DONE), held=held_elsewhere,
+            program_done=lambda: machine.post(Event.PROGRAM_DONE),
+            held=lambda: machine.state not in _MUST_NOT_BE_HELD,
             tripped=lambda error: machine.trip(error), progress=view.hear,
             whereabouts=Whereabouts(self._runs_dir, self._profile.name), run=made.run,
             continues=self._continues,

@@ -17,6 +17,9 @@ from lmctl.machine.safety_status import SafetyStatus
 #: Reports missing before a device counts as silent (process.md 5.3).
 STALE_PERIODS = 3
 
+#: A machine that says it runs must move within so much [s]: at the slowest bead it does.
+_STILL_S = 1.0
+
 _SHIELD_GAS_S, _CARRIER_GAS_S, _DISC_S, _WEIGHED_S = 0.5, 1.0, 2.0, 20.0
 _CARRIER_SHARE = 0.8
 _DISC_SHARE, _DISC_LEAST_G_MIN = 0.02, 0.05
@@ -44,9 +47,15 @@ class FeederFacts:
 
 @dataclass(frozen=True)
 class Facts:
-    """All a rule may look at. safety, limits : None where the cell has no safety-input device."""
+    """All a rule may look at.
+
+    still_s : for how long the controller has said that it runs the program without moving, the
+        program's own waits left out
+    safety, limits : None where the cell has no safety-input device
+    """
 
     motion: StatusReport | None
+    still_s: float
     motion_age_s: float
     motion_period_s: float
     feeders: Sequence[FeederFacts]
@@ -66,12 +75,17 @@ class Finding:
 
 @dataclass(frozen=True)
 class Rule:
-    """One row of the table. for_s : how long it must be so before anything is done."""
+    """One row of the table.
+
+    for_s : how long it must be so before anything is done
+    latched : it stands until an operator acknowledges it, and so does not keep one from that
+    """
 
     name: str
     look: Callable[[Facts], Iterator[Finding]]
     reaction: Reaction = Reaction.HOLD
     for_s: float = 0.0
+    latched: bool = False
 
 
 def _estop(facts: Facts) -> Iterator[Finding]:
@@ -81,10 +95,12 @@ def _estop(facts: Facts) -> Iterator[Finding]:
 
 
 def _door(facts: Facts) -> Iterator[Finding]:
-    by_input = facts.safety is not None and facts.safety.door_closed is False
-    report = facts.motion
+    safety, report = facts.safety, facts.motion
+    by_input = safety is not None and safety.door_closed is False
+    by_relay = safety is not None and safety.relay_closed is False and not by_input
     # Door:0 is what a controller says once it is closed again, until it is told to go on.
-    if by_input or (report is not None and report.state == "Door" and report.substate != 0):
+    by_motion = report is not None and report.state == "Door" and report.substate != 0
+    if by_input or (by_motion and not by_relay):
         yield Finding("the safety door is open", "close it; look at the part, then resume")
 
 
@@ -171,6 +187,15 @@ def _motion_silent(facts: Facts) -> Iterator[Finding]:
                       "check its cable; if the beam is still on, use the emergency stop")
 
 
+def _not_following(facts: Facts) -> Iterator[Finding]:
+    if facts.still_s > _STILL_S:
+        yield Finding(
+            f"the motion controller says it runs, but its position has not changed for "
+            f"{facts.still_s:.1f} s",
+            "its reports cannot be relied on: reset it, home the machine",
+        )
+
+
 def _feeder_silent(facts: Facts) -> Iterator[Finding]:
     for feeder in facts.feeders:
         if feeder.age_s > STALE_PERIODS * feeder.period_s:
@@ -229,8 +254,9 @@ RULES: tuple[Rule, ...] = (
     Rule("shield gas", _shield_gas, for_s=_SHIELD_GAS_S),
     Rule("oxygen", _oxygen),
     Rule("safety inputs silent", _safety_silent),
-    Rule("watchdog relay", _relay),
+    Rule("watchdog relay", _relay, latched=True),
     Rule("motion silent", _motion_silent),
+    Rule("position", _not_following, Reaction.RESET),
     Rule("feeder silent", _feeder_silent),
     Rule("carrier gas", _carrier_gas, for_s=_CARRIER_GAS_S),
     Rule("disc", _disc, for_s=_DISC_S),

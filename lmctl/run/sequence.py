@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import asyncio
-import re
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
-from firmware_protocol.realtime import Realtime
 from lmctl.config.machine import Hopper, MachineProfile
 from lmctl.errors import JobError, JournalError, MachineError
 from lmctl.job.reader import JobReader
 from lmctl.machine.feeder import FeederDriver
-from lmctl.run.alarms import Alarms, EmergencyStop, Interlock
+from lmctl.run.alarms import Alarms, Interlock
+from lmctl.run.beam import Beam
 from lmctl.run.beam_off import without_beam
-from lmctl.run.cell import Cell, is_idle
+from lmctl.run.cell import Cell
 from lmctl.run.deposition import Progress
 from lmctl.run.machine_check import check_motion
 from lmctl.run.recorder import Recorder
@@ -31,7 +30,6 @@ HELD_AT_MOST_S = 1800.0
 #: Beyond its own settling time a feeder may take so long to call its powder stable.
 _STABLE_PATIENCE_S = 60.0
 
-_REST_PATIENCE_S = 10.0
 _OVERRIDE_PATIENCE_S = 5.0
 
 #: Effects that only feeders can fail.
@@ -39,8 +37,6 @@ _BY_FEEDERS = frozenset({
     Do.ACKNOWLEDGE, Do.GAS_ON, Do.POWDER_ON, Do.AWAIT_STABLE, Do.POWDER_OFF, Do.GAS_OFF,
     Do.GAS_OFF_NOW,
 })
-
-_ARMED = re.compile(r"\[GC:(?=.*\bM4\b)(?=.*\bS0(?:\.0*)?[\] ]).*\]")
 
 
 @dataclass(frozen=True)
@@ -60,17 +56,17 @@ class CellSequence:
     """Carries out effects on one cell for one job.
 
     program_done : called when the last line has been executed
-    held : called while the machine reports a hold, whoever asked for it
+    held : whether a hold that the machine reports is this run's own
     tripped : called with each reason to hold (Interlock) or to end the run
     whereabouts, run : what is known of the machine's position, and who will move it
     continues : what an earlier run has made of the part; None for a new one
     alarms : what is wrong, or was when the run was last held
-    beam_off : whether every power is sent as zero, because the machine is not the bench
+    beam_off : whether every power is sent as zero: no safety-input device, and not the bench
     """
 
     def __init__(
         self, job: JobReader, profile: MachineProfile, hoppers: Sequence[Hopper],
-        recorder: Recorder, *, program_done: Callable[[], None], held: Callable[[], None],
+        recorder: Recorder, *, program_done: Callable[[], None], held: Callable[[], bool],
         tripped: Callable[[Exception], None], progress: Progress | None,
         whereabouts: Whereabouts, run: str, continues: Continuation | None = None,
     ) -> None:
@@ -131,15 +127,11 @@ class CellSequence:
             raise
 
     def halt(self, error: Exception | None) -> None:
-        """Beam and motion down together (M4), at once and without waiting: `!`.
-
-        An open safety chain resets the controller instead: its position is lost anyway.
-        """
+        """Beam and motion off at once, without waiting."""
         if self._accepted is not None:
             self._accepted.deposition.stop()
         if self._cell is not None:
-            stop = isinstance(error, EmergencyStop)
-            self._cell.motion.realtime(Realtime.RESET if stop else Realtime.HOLD)
+            self._beam.off_at_once(error)
 
     def standing(self) -> list[MachineError]:
         """What keeps a held run from going on just now."""
@@ -195,8 +187,8 @@ class CellSequence:
         cell, profile = self._connected, self._profile
         motion, identity = cell.motion, cell.motion.identity
         self._whereabouts.vouch(motion)
-        # Until interlocks are watched, no beam leaves for a machine that is not the bench.
-        self.beam_off = not identity.is_bench
+        # A beam only where door and emergency stop are watched, or where nothing can burn.
+        self.beam_off = not (identity.is_bench or _is_watched(profile))
         self._recorder.machine(
             dialect=identity.dialect.name, version=identity.version, info=identity.info,
             rx_bytes=identity.rx_bytes, planner_blocks=identity.planner_blocks,
@@ -236,20 +228,7 @@ class CellSequence:
             await asyncio.sleep(0)
 
     async def _move_to_purge(self) -> None:
-        """Up off the part, to the purge height if below it; across, and down."""
-        cell, motion = self._connected, self._connected.motion
-        x, y, z = self._profile.motion.purge_mm
-        travel = self._profile.motion.travel_mm
-        reach_mm = sum(high - low for low, high in (travel.x, travel.y, travel.z))
-        longest_s = reach_mm / min(self._profile.motion.max_speed_mm_s)
-        await motion.command("G21 G90 G94")
-        await motion.command("M5 S0")
-        at = motion.position_mm
-        off_mm = z if at is None else max(z, at[2] + self._profile.motion.clearance_mm)
-        await motion.command(f"G0 Z{min(off_mm, travel.z[1]):.3f}")
-        await motion.command(f"G0 X{x:.3f} Y{y:.3f}")
-        await motion.command(f"G0 Z{z:.3f}")
-        await cell.at_rest_at((x, y, z), longest_s + _REST_PATIENCE_S)
+        await self._beam.move_to_purge(self._profile.motion)
 
     async def _gas_on(self) -> None:
         await self._connected.feeders_do(FeederDriver.start_gas)
@@ -268,14 +247,9 @@ class CellSequence:
         )
 
     async def _arm_beam(self) -> None:
-        motion = self._connected.motion
         if self._override_percent != 100:
             await self._override_at_once()
-        await motion.command("M4 S0")
-        said = await motion.command("$G")
-        if not any(_ARMED.fullmatch(line) for line in said):
-            raise MachineError("the controller did not arm the beam at zero",
-                               where=f"it says {' '.join(said) or 'nothing'} after M4 S0")
+        await self._beam.arm()
 
     async def _override_at_once(self) -> None:
         motion, percent = self._connected.motion, self._override_percent
@@ -298,15 +272,8 @@ class CellSequence:
     # --- hold and resume ----------------------------------------------------------------------
 
     async def _feed_hold(self) -> None:
-        """Return when the machine stands. Without a hold in 250 ms the controller is reset."""
-        motion = self._connected.motion
-        self._work.clock.stand(self._loop.time())
-        self._work.deposition.stop()
-        try:
-            await motion.hold()
-        except MachineError:
-            motion.realtime(Realtime.RESET)
-            raise
+        self._send_no_more()
+        await self._beam.hold()
 
     async def _clear_motion(self) -> None:
         """A reset at standstill keeps the position and drops what was planned."""
@@ -332,14 +299,7 @@ class CellSequence:
 
     async def _leave_part(self) -> None:
         """To the purge position; from there the job goes on at the place reached."""
-        motion = self._connected.motion
-        if not is_idle(motion.status):  # behind a door that has been closed since
-            await motion.reset()
-        if not motion.position_trusted:
-            raise MachineError(
-                "the position is no longer known",
-                hint="home the machine; then `lmctl recover` goes on with the part",
-            )
+        await self._beam.come_to_rest()
         await self._move_to_purge()
         if self._workshop is None:
             raise AttributeError("the machine has not been accepted")
@@ -360,24 +320,18 @@ class CellSequence:
     # --- stop ---------------------------------------------------------------------------------
 
     async def _rest_beam(self) -> None:
-        cell, motion = self._connected, self._connected.motion
         self._work.clock.stand(self._loop.time())
-        if motion.status is not None and motion.status.state == "Hold":
-            await motion.resume()
-        await cell.until(lambda: is_idle(motion.status), _REST_PATIENCE_S, "standstill")
-        await motion.command("M5")
+        await self._beam.rest()
 
     async def _stop_motion(self) -> None:
-        """Hold, and reset once it stands; without a hold in 250 ms reset at once (0x18)."""
-        motion = self._connected.motion
+        self._send_no_more()
+        await self._beam.stop(
+            self._settle, lambda why: self._recorder.act(Do.STOP_MOTION, failed=why)
+        )
+
+    def _send_no_more(self) -> None:
         self._work.clock.stand(self._loop.time())
         self._work.deposition.stop()
-        try:
-            await motion.hold()
-        except MachineError as error:
-            self._recorder.act(Do.STOP_MOTION, failed=f"{error.what}; reset instead")
-        self._settle()
-        await motion.reset()
 
     async def _powder_off(self) -> None:
         self._work.feed.off()
@@ -389,6 +343,10 @@ class CellSequence:
 
     async def _gas_off_now(self) -> None:
         await self._connected.feeders_do(lambda feeder: feeder.gas_off(post_flow=False))
+
+    @property
+    def _beam(self) -> Beam:
+        return Beam(self._connected)
 
     @property
     def _connected(self) -> Cell:
@@ -407,3 +365,8 @@ class CellSequence:
         if self._accepted is None:
             raise AttributeError("the machine has not been accepted")
         return self._accepted
+
+
+def _is_watched(profile: MachineProfile) -> bool:
+    """Whether the cell's door and emergency stop can be read."""
+    return profile.safety is not None and {"estop", "door"} <= set(profile.safety.fitted)

@@ -50,8 +50,12 @@ class Supervision:
         self._told.clear()
 
     def standing(self, facts: Facts) -> list[MachineError]:
-        """What holds at this moment, however short."""
-        return [alarm_of(rule, finding) for rule in self._rules for finding in rule.look(facts)]
+        """What holds at this moment, however short, and would not end by being acknowledged."""
+        return [
+            alarm_of(rule, finding)
+            for rule in self._rules if not rule.latched
+            for finding in rule.look(facts)
+        ]
 
 
 def alarm_of(rule: Rule, finding: Finding) -> MachineError:

@@ -26,13 +26,13 @@ class Watch:
 
     deposition : the one under way
     tripped : called with each reason to hold (Interlock) or to end the run
-    held : called while the machine reports a hold, whoever asked for it
+    held : whether a hold that the machine reports is this run's own
     """
 
     def __init__(
         self, cell: Cell, profile: MachineProfile, deposition: Callable[[], Deposition],
         alarms: Alarms, recorder: Recorder, tripped: Callable[[Exception], None],
-        held: Callable[[], None],
+        held: Callable[[], bool],
     ) -> None:
         self._cell = cell
         self._profile = profile
@@ -43,6 +43,8 @@ class Watch:
         self._held = held
         self._loop = asyncio.get_running_loop()
         self._supervision = Supervision(self._raise)
+        self._moved_t = self._loop.time()  # when the place reported last changed, or had not to
+        self._last_mm: tuple[float, ...] | None = None
         cell.motion.listener = MotionListener(
             on_progress=lambda: deposition().on_progress(), on_status=self._motion_status,
             on_error=self._line_rejected, on_alarm=self._motion_alarm,
@@ -56,6 +58,7 @@ class Watch:
             )
         # Reports drive everything else; this one notices that they have stopped.
         self._stale_s = STALE_PERIODS * profile.motion.status_period_s
+        self._looked_t = self._loop.time()
         self._timer = self._loop.call_later(self._stale_s, self._look_again)
 
     def stop(self) -> None:
@@ -75,9 +78,13 @@ class Watch:
 
     def _motion_status(self, report: StatusReport) -> None:
         self._deposition().on_status(report)
+        at_mm = self._cell.motion.position_mm
+        if at_mm != self._last_mm or report.state != "Run" or not self._deposition().should_move:
+            self._last_mm, self._moved_t = at_mm, self._loop.time()
         self._look()
-        if report.state == "Hold":
-            self._held()
+        if report.state == "Hold" and not self._held():
+            self._raise(Interlock("panel hold", "feed hold was pressed at the machine",
+                                  hint="resume when it may go on"))
         self._cell.reported()
 
     def _line_rejected(self, tag: int, code: int) -> None:
@@ -126,13 +133,15 @@ class Watch:
     # --- interlocks ---------------------------------------------------------------------------
 
     def _look(self) -> None:
+        self._looked_t = self._loop.time()
         report = self._cell.motion.status
         dark = report is not None and not report.spindle
         self._supervision.look(self._facts(), self._loop.time(), dark=dark)
 
     def _look_again(self) -> None:
-        self._look()
-        self._timer = self._loop.call_later(self._stale_s / 2.0, self._look_again)
+        if self._loop.time() - self._looked_t >= self._stale_s / 2.0:
+            self._look()
+        self._timer = self._loop.call_at(self._looked_t + self._stale_s, self._look_again)
 
     def _raise(self, error: MachineError) -> None:
         alarm = self._alarms.add(error, self._recorder.now_s())
@@ -144,6 +153,7 @@ class Watch:
         cell, safety = self._cell, self._cell.safety
         return Facts(
             motion=cell.motion.status,
+            still_s=self._loop.time() - self._moved_t if self._last_mm is not None else 0.0,
             motion_age_s=cell.motion.status_age_s,
             motion_period_s=self._profile.motion.status_period_s,
             feeders=[

@@ -1,0 +1,40 @@
+"""What a host must say first of each fault, and how soon it can know."""
+
+from __future__ import annotations
+
+#: Regular expressions on the first alarm, by kind of fault.
+EXPECTED = {
+    "controller_reboots": "restarted|lost|not reported|refused",
+    "controller_silent": "not reported|silent|no answer|lost",
+    "controller_stalls": "not reported|silent|no answer|lost",
+    "controller_lies": "position has not changed|still moves",
+    "hard_limit": "limit", "soft_limit": "travel|limit",
+    "motion_door": "door", "motion_estop": "e-stop|emergency", "panel_hold": "hold",
+    "panel_start": "", "panel_override": "",
+    "ok_lost": "unanswered|no answer", "ok_doubled": "answer",
+    "link_closed": "lost|no answer|not answer|closed|not been read|not reported", "bytes_lost": "",
+    "bytes_doubled": "", "bytes_flipped": "", "bytes_late": "", "garbage_echoed": "",
+    "modbus_exception": "", "replies_slow": "", "replies_dropped": "", "replies_doubled": "",
+    "device_silent": "no answer|not answer|not been read|silent",
+    "feeder_restarts": "feeder F1", "feeder_local": "LOCAL|feeder F1",
+    "feeder_estop": "emergency|e-stop",
+    "watchdog_trips": "watchdog", "data_stale": "same data", "feeder_lies": "weight|weighed",
+    "recipe_ignored": "recipe", "supply_low": "pressure", "over_pressure": "pressure",
+    "disc_stalls": "disc|stall", "speed_deviates": "speed|disc", "flow_readback_off": "disc|flow",
+    "hose_clogs": "pressure|clog", "hopper_empty": "empty", "hopper_level": "level",
+    "carrier_low": "carrier|gas", "lid_open": "lid", "below_n_min": "disc|least speed|stop",
+    "shield_gas_low": "shield gas", "chiller_fails": "chiller", "oxygen_high": "oxygen",
+    "analyser_invalid": "analyser", "extraction_low": "extraction",
+    "safety_stuck": "safety device|safety inputs", "safety_restarts": "safety|relay|door",
+    "estop": "emergency|e-stop", "door": "door",
+}
+
+#: Longest time from a fault to its first alarm while beads are laid [s], by how it shows.
+SEEN_WITHIN_S = {
+    "default": 2.0,
+    # An answer that is missing narrows the window; that it is missing shows when all is done.
+    "ok_lost": 30.0,
+}
+
+#: Faults that no host can see: a doubled `ok` is an `ok`.
+UNSEEN = frozenset({"ok_doubled"})

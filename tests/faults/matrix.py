@@ -1,0 +1,252 @@
+"""Every fault in every state of a run, in virtual time, judged by the simulators' own record.
+
+For each: the beam is off within 100 ms of the fault being visible to the host, powder stops, the
+journal is whole, the right alarm comes first, and the run can be resumed or recovered, or says why
+not. Prints a Markdown table; exits 1 if one falls short.
+
+    python tests/faults/matrix.py [KIND …]
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import re
+import shutil
+import sys
+import tempfile
+from dataclasses import dataclass, field
+from importlib.resources import files
+from pathlib import Path
+
+from lmctl.cli.bench import rewire
+from lmctl.config.machine import load_profile
+from lmctl.errors import LmctlError, UsageError
+from lmctl.run.executor import Executor
+from lmctl.run.journal_file import read, verify
+from lmctl.run.states import State
+from simulators import virtual_time
+from simulators.bench import Bench
+from simulators.bench_config import BenchConfig
+from simulators.faults.board import FaultBoard
+from simulators.faults.kinds import KINDS, Fault, Host, Strikes
+from simulators.verdict import Verdict, verdict
+from tests.faults.expected import EXPECTED, SEEN_WITHIN_S, UNSEEN
+from tests.faults.kills import SHORT
+
+#: From an alarm to a dark beam [s]: issue and design ask for so much.
+DARK_WITHIN_S = 0.1
+
+#: States in which something can go wrong, in the order in which a run comes to them. (Connecting
+#: and checking take no machine time; there a device that fails is one that does not answer.)
+STATES = (
+    State.GAS, State.POWDER, State.ARMED, State.DEPOSITING, State.HOLDING,
+    State.HELD, State.PURGING, State.RESUMING, State.STOPPING, State.FINISHING,
+)
+_HOLD_AT_S, _MOST_S = 1.0, 400.0
+_LOOK_S = 0.005
+
+
+@dataclass
+class Cell:
+    """What became of one fault in one state."""
+
+    fault: Fault
+    state: State
+    came: bool = False
+    first: str = ""
+    seen_s: float | None = None
+    dark_s: float = 0.0
+    end: str = ""
+    shortfalls: list[str] = field(default_factory=list)
+
+    @property
+    def text(self) -> str:
+        if not self.came:
+            return "–"
+        return ("**" + "; ".join(self.shortfalls) + "**") if self.shortfalls else self.end
+
+
+class Trial:
+    """One run of a small job, into which one fault is put."""
+
+    def __init__(self, fault: Fault, state: State, job: Path, folder: Path) -> None:
+        self.cell = Cell(fault, state)
+        self._job, self._folder = job, folder
+        self._error: LmctlError | None = None
+        self._final = ""
+
+    async def main(self) -> None:
+        self._loop = asyncio.get_running_loop()
+        async with Bench(BenchConfig.parse(text("bench-safe.toml")), ephemeral_ports=True) as bench:
+            profile = rewire(load_profile(self._folder / "cell.toml"), bench.endpoints)
+            self._board = FaultBoard(bench)
+            self._executor = Executor(self._job, profile, self._folder / "runs")
+            self._began_s = self._loop.time()
+            running = asyncio.create_task(self._executor.run())
+            operator = asyncio.create_task(self._operate())
+            try:
+                async with asyncio.timeout(_MOST_S):
+                    await running
+            except LmctlError as error:
+                self._error = error
+            except TimeoutError:
+                self.cell.shortfalls.append("the run did not end")
+            operator.cancel()
+            self._final = self._executor.state.value
+            self._board.clear_all()
+            await asyncio.sleep(5.0)
+            since_s = self._board.happened[0].at_s if self._board.happened else self._began_s
+            self._judge(verdict(bench, since_s))
+
+    # --- the operator and the fault -----------------------------------------------------------
+
+    async def _operate(self) -> None:
+        await self._bring_to(self.cell.state)
+        self._board.inject(self.cell.fault)
+        self.cell.came = True
+        await asyncio.sleep(10.0)
+        self._board.clear_all()
+        await asyncio.sleep(3.0)
+        while True:
+            if self._executor.state is State.HELD:
+                try:
+                    self._executor.resume()
+                except UsageError as error:
+                    self.cell.end = f"held: {error.what}"
+                    self._executor.stop()
+                await asyncio.sleep(40.0)
+                if self._executor.state is State.HELD:
+                    self._executor.stop()
+            await asyncio.sleep(0.5)
+
+    async def _bring_to(self, state: State) -> None:
+        if state in (State.HOLDING, State.HELD, State.PURGING, State.RESUMING, State.STOPPING):
+            await self._until(State.DEPOSITING)
+            await asyncio.sleep(_HOLD_AT_S)
+            (self._executor.stop if state is State.STOPPING else self._executor.hold)()
+        if state in (State.PURGING, State.RESUMING):
+            await self._until(State.HELD)
+            await asyncio.sleep(0.5)
+            self._executor.resume()
+        await self._until(state)
+        if state is State.DEPOSITING:
+            await asyncio.sleep(_HOLD_AT_S)
+
+    async def _until(self, state: State) -> None:
+        while self._executor.state is not state:  # noqa: ASYNC110 (states have no event)
+            await asyncio.sleep(_LOOK_S)
+
+    # --- the judge ----------------------------------------------------------------------------
+
+    def _judge(self, found: Verdict) -> None:
+        cell = self.cell
+        if not cell.came:
+            return
+        (folder,) = (self._folder / "runs").iterdir()
+        journal = folder / "journal.jsonl"
+        check = verify(journal)
+        if not (check.whole and check.sealed):
+            cell.shortfalls.append("the journal is not whole")
+        records = list(read(journal))
+        injected_s = found.since_s - self._began_s
+        troubles = [r for r in records if r["kind"] in ("alarm", "fault") and r["t"] >= injected_s]
+        if troubles:
+            cell.seen_s = troubles[0]["t"] - injected_s
+            cell.first = troubles[0]["what"]
+        cell.dark_s = found.dark_after_s
+        self._judge_answer(troubles, found)
+        seal = records[-1] if records[-1]["kind"] == "seal" else {}
+        if not cell.end:
+            cell.end = self._final
+        if self._final not in ("done",):
+            cell.end += ", can be recovered" if seal.get("recoverable") else ", to be begun anew"
+
+    def _judge_answer(self, troubles: list[dict], found: Verdict) -> None:
+        cell, kind = self.cell, self.cell.fault.kind
+        allowed_s = SEEN_WITHIN_S.get(kind.name, SEEN_WITHIN_S["default"])
+        seen_s = cell.seen_s
+        laying = cell.state is State.DEPOSITING
+        if (
+            kind.host is Host.STOPS and kind.name not in UNSEEN and laying and seen_s is None
+            and self._final == "done"
+        ):
+            cell.shortfalls.append("nothing was noticed")
+        if seen_s is not None:
+            if laying and seen_s > allowed_s + DARK_WITHIN_S:
+                cell.shortfalls.append(f"seen only after {seen_s:.2f} s")
+            words = EXPECTED[kind.name]
+            if not re.search(words, cell.first, re.IGNORECASE):
+                cell.shortfalls.append(f"first alarm: {cell.first}")
+        host_stops = seen_s is not None and self._final != "done"
+        within_s = seen_s + DARK_WITHIN_S if host_stops and seen_s is not None else _MOST_S
+        grace_s = (seen_s or 0.0) + DARK_WITHIN_S
+        cell.shortfalls += found.shortfalls(within_s, grace_s)
+        if found.overruns:
+            cell.shortfalls.append("bytes were lost")
+
+
+def text(name: str) -> str:
+    found = (files("lmctl.examples") / name).read_text()
+    for old, new in SHORT.items():
+        found = found.replace(old, new)
+    return found
+
+
+def try_one(fault: Fault, state: State, folder: Path, job: Path) -> Cell:
+    """One fault in one state."""
+    here = folder / f"{fault.kind.name}-{fault.device}-{state}"
+    here.mkdir()
+    shutil.copyfile(job.parent / "cell.toml", here / "cell.toml")
+    trial = Trial(fault, state, job, here)
+    virtual_time.run(trial.main())
+    return trial.cell
+
+
+def faults_of(name: str) -> list[Fault]:
+    """One fault of a kind for each sort of device it may strike."""
+    kind = KINDS[name]
+    values = {"grams": 100.0} if name == "hopper_level" else {}
+    if kind.strikes is Strikes.LINK:
+        return [Fault.of(name, device, **values) for device in ("motion", "F1", "safety")]
+    if kind.strikes is Strikes.MODBUS:
+        return [Fault.of(name, device, **values) for device in ("F1", "safety")]
+    if kind.strikes in (Strikes.FEEDER, Strikes.HOPPER):
+        return [Fault.of(name, "F1", **values)]
+    return [] if kind.strikes is Strikes.HOST else [Fault.of(name, **values)]
+
+
+def write_job(folder: Path) -> Path:
+    """Two layers of two squares: four seconds of program."""
+    from tests.run.conftest import squares
+    from tests.run.conftest import write_job as write
+
+    (folder / "cell.toml").write_text(text("cell-safe.toml"))
+    job = folder / "job.lmj"
+    write(job, load_profile(folder / "cell.toml"), squares(layers=2, per_layer=2, side_mm=8.0))
+    return job
+
+
+def main() -> int:
+    names = sys.argv[1:] or list(KINDS)
+    shown = [state.value for state in STATES]
+    print("| fault | seen, dark [s] | " + " | ".join(shown) + " |")
+    print("| --- " * (len(shown) + 2) + "|")
+    wrong = 0
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        job = write_job(folder)
+        for fault in (fault for kind in names for fault in faults_of(kind)):
+            cells = [try_one(fault, state, folder, job) for state in STATES]
+            laying = cells[STATES.index(State.DEPOSITING)]
+            seen = "–" if laying.seen_s is None else f"{laying.seen_s:.2f}"
+            print(f"| {fault} | {seen}, {laying.dark_s:.2f} | "
+                  + " | ".join(cell.text for cell in cells) + " |", flush=True)
+            wrong += sum(bool(cell.shortfalls) for cell in cells)
+    print(f"\n{wrong} fell short")
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    sys.path.insert(0, os.getcwd())
+    sys.exit(main())
