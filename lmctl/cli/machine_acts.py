@@ -14,7 +14,7 @@ import click
 from lmctl.cli.cell import CellChoice, cell_options, choose_cell
 from lmctl.cli.console import put, say
 from lmctl.config.machine import MachineProfile
-from lmctl.errors import LmctlError, MachineError, UsageError
+from lmctl.errors import LmctlError, UsageError
 
 if TYPE_CHECKING:
     from lmctl.machine.motion import MotionDriver
@@ -33,18 +33,10 @@ def home(
     machine: Path | None, sim: bool, bench: Path | None, runs_dir: Path, yes: bool
 ) -> None:
     """Home the axes, which clears an alarm. Says what will move, and asks first."""
-    from lmctl.machine.homing import homing_words, run_home
+    from lmctl.machine.homing import run_home
 
     cell = choose_cell(machine, sim, bench)
-    found = _look(cell, runs_dir).motion
-    if isinstance(found, LmctlError):
-        raise found
-    if not found.settings:
-        raise MachineError(
-            f"the controller does not tell its settings in state {found.report.state}",
-            hint="wait until it stands; `lmctl machine unlock` ends an alarm",
-        )
-    for line in homing_words(found.settings):
+    for line in cell.do(lambda profile: _what_moves(profile, runs_dir)):
         say(line)
     _ask("Is the way free? Home the machine?", yes)
     at = _move(cell, runs_dir, {"do": "home"}, run_home)
@@ -124,6 +116,16 @@ def unlock(
         put("hint: `lmctl machine doctor` says whether its position is to be trusted")
 
 
+async def _what_moves(profile: MachineProfile, runs_dir: Path) -> list[str]:
+    from lmctl.machine.at_hand import motion_at_hand
+    from lmctl.machine.homing import homing_words
+    from lmctl.run.ownership import owning
+
+    with owning(profile, "lmctl machine home", runs_dir):
+        async with motion_at_hand(profile) as motion:
+            return homing_words(motion.settings)
+
+
 def _locked(look: CellLook, profile: MachineProfile) -> dict[str, str]:
     """Devices with a latched alarm, each with the reason. Raises where one cannot be reached."""
     from firmware_protocol.pmx import Status
@@ -167,18 +169,14 @@ async def _with_motion(
     profile: MachineProfile, whereabouts: Whereabouts, act: Callable[[MotionDriver], Awaitable[T]]
 ) -> T:
     """What the act returns."""
-    from lmctl.machine.motion import MotionDriver
+    from lmctl.machine.at_hand import motion_at_hand
 
-    motion = await MotionDriver.open(
-        profile.motion.endpoint, baud=profile.motion.baud,
-        status_period_s=profile.motion.status_period_s,
-    )
-    try:
-        whereabouts.vouch(motion)
-        return await act(motion)
-    finally:
-        whereabouts.see(motion)
-        await motion.close()
+    async with motion_at_hand(profile) as motion:
+        try:
+            whereabouts.vouch(motion)
+            return await act(motion)
+        finally:
+            whereabouts.see(motion)
 
 
 def _move(

@@ -79,8 +79,15 @@ def _motion(look: MotionLook | LmctlError, profile: MachineProfile) -> Iterator[
         return
     state = look.report.state
     if look.identity is None:
-        yield Check(False, f"it is in state {state}: settings cannot be read",
-                    "wait until it stands, or end the hold, then try again")
+        relay = profile.safety is not None and profile.safety.relay_timeout_s is not None
+        yield Check(
+            False, f"it is in state {state}: settings cannot be read",
+            "close the door" + (
+                "; with the door closed it is the watchdog relay, which is open while no host "
+                "heartbeats, as it should be: a run closes it and checks the settings" if relay
+                else ""
+            ) if state == "Door" else "wait until it stands, or end the hold, then try again",
+        )
         return
     identity = look.identity
     yield Check(True, f"{identity.dialect.name} {identity.version} answers"

@@ -301,3 +301,14 @@ def test_the_machines_journal_may_end_half_written_but_not_be_altered(
     path.write_text(text.replace('"X":5.0', '"X":6.0', 1))
     assert "was damaged or altered" in refused("machine", "jog", "X5", "--sim", code=1)
     assert json.loads(text.splitlines()[0])["machine"] == "bench cell"
+
+
+def test_behind_a_watchdog_relay_axes_can_be_moved_and_doctor_says_why_it_sees_little(lmctl):
+    examples = files("lmctl.examples")
+    cell = ["--sim", "-m", examples / "cell-safe.toml", "--bench", examples / "bench-safe.toml"]
+    assert "X 5.000" in lmctl("machine", "jog", "X5", *cell).data
+    doctor = lmctl("machine", "doctor", *cell)
+    assert doctor.code == 1
+    assert "it is in state Door" in doctor.data
+    assert "it is the watchdog relay" in doctor.data
+    assert "every fitted input is good" in doctor.data
