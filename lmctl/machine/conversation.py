@@ -40,7 +40,8 @@ class Hearer:
     """Who is told what the controller says, as callables.
 
     line_answered(tag, error), report(report), alarm(code), restarted(asked) in stream order;
-    batch_done() after each arrival of bytes; lost(reason) once.
+    surplus_answer() where an answer answers nothing; batch_done() after each arrival of bytes;
+    lost(reason) once.
     """
 
     line_answered: Callable[[int, int], None]
@@ -226,7 +227,10 @@ class Conversation:
             meaning = alarm_meaning(event.code, self.dialect)
             self._fail_command(f"alarm {event.code}: {meaning.words}", meaning.remedy)
             self._hearer.alarm(event.code)
-        elif isinstance(event, Unknown | RemoteProtocolError):
+        elif isinstance(event, RemoteProtocolError):
+            self.damaged += 1
+            self._hearer.surplus_answer()
+        elif isinstance(event, Unknown):
             self.damaged += 1
         elif self._command is not None:
             self._command_answer.append(event.format())

@@ -69,6 +69,7 @@ class MotionDriver:
                 report=self._reported,
                 alarm=self._alarmed,
                 restarted=self._restarted,
+                surplus_answer=lambda: self._stream.surplus_answer(),
                 batch_done=self._batch_done,
                 lost=self._lost,
             ),

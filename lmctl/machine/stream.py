@@ -94,6 +94,19 @@ class Stream:
             self._talk.realtime(Realtime.HOLD)
             self._rejected(tag, error)
 
+    def surplus_answer(self) -> None:
+        """An answer came with no line due: an earlier one came twice, and credited a line.
+
+        Which one cannot be told, so neither can what was acknowledged and executed.
+        """
+        if self.running and not self.halted:
+            self.halted = True
+            self._talk.realtime(Realtime.HOLD)
+            self._talk.give_up(
+                "an answer came that nobody waits for: the line doubles or invents bytes, and what "
+                "was executed cannot be told"
+            )
+
     def observe(self, report: StatusReport) -> bool:
         """Take a report in its place among the answers; True if more lines count as executed."""
         grown = self.progress.observe(report, self._loop.time())
