@@ -50,6 +50,7 @@ class Hearer:
     restarted: Callable[[bool], None]
     batch_done: Callable[[], None]
     lost: Callable[[str], None]
+    surplus_answer: Callable[[], None] = lambda: None
 
 
 class Conversation:
