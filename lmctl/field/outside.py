@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.errors import InputError
-from lmctl.field.flood import LEVELS, flood
+from lmctl.field.flood import LEVELS
 from lmctl.field.grid import Grid
 from lmctl.field.kernel import kernel
 from lmctl.field.patches import Patches
@@ -66,10 +66,12 @@ def orient(samples: Samples, patches: Patches, pitch_mm: float) -> Orientation:
     clear = np.empty(grid.shape, dtype=np.uint8)
     _clear_kernel(distance, sources, LEVELS_PER_SPACING / spacing, clear)
     del distance
-    way, tags = clear.copy(), np.zeros(grid.shape, dtype=np.int8)
-    for face in (tags[0], tags[-1], tags[:, 0], tags[:, -1], tags[:, :, 0], tags[:, :, -1]):
-        face[:] = -1
-    flood(way, tags)
+    way = np.zeros(grid.shape, dtype=np.uint8)
+    for axis in range(3):
+        for end in (0, -1):
+            np.moveaxis(way, axis, 0)[end] = np.moveaxis(clear, axis, 0)[end]
+    while _widen_kernel(clear.reshape(-1), way.reshape(-1), *grid.shape):
+        pass
     relative = np.ascontiguousarray(
         (samples.points_mm - np.asarray(grid.origin_mm)) / grid.pitch_mm
     )
@@ -207,6 +209,39 @@ def _clear_kernel(
                 if sources[k, j, i] >= 0:
                     level = min(level, distance[k, j, i] * levels_per_mm[sources[k, j, i]])
                 clear[k, j, i] = np.uint8(level)
+
+
+@kernel
+def _widen_kernel(
+    clear: NDArray[np.uint8], way: NDArray[np.uint8], nz: int, ny: int, nx: int
+) -> bool:
+    """Carry the way in from node to node, there and back again in array order; whether it widened.
+
+    way : how wide the narrowest place is on the widest way found so far; at most `clear`
+    """
+    plane, widened = ny * nx, False
+    for direction in range(2):
+        step = 1 - 2 * direction
+        n = -1 if step > 0 else way.size
+        for k in range(nz):
+            for j in range(ny):
+                for i in range(nx):
+                    # i, j, k count from the end on the way back, so what is behind is behind.
+                    n += step
+                    if way[n] == clear[n]:
+                        continue
+                    widest = way[n]
+                    if i > 0:
+                        widest = max(widest, way[n - step])
+                    if j > 0:
+                        widest = max(widest, way[n - step * nx])
+                    if k > 0:
+                        widest = max(widest, way[n - step * plane])
+                    widest = min(widest, clear[n])
+                    if widest > way[n]:
+                        way[n] = widest
+                        widened = True
+    return widened
 
 
 @kernel
