@@ -125,7 +125,7 @@ class Safety(Model):
     device_id: Annotated[int, Field(ge=1, le=247)] = 1
     period_s: Annotated[float, Field(ge=0.02, le=1)] = 0.1
     relay_timeout_s: Annotated[float, Field(ge=0.06, le=60)] | None = None
-    laser_enable: bool = False
+    laser_enable: Annotated[bool, Field(strict=True)] = False
     fitted: tuple[SafetyInput, ...] = SAFETY_INPUTS
     shield_gas_min_L_min: Annotated[float, Field(gt=0, le=600)] | None = None
     chiller_min_L_min: Annotated[float, Field(gt=0, le=600)] | None = None

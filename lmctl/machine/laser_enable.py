@@ -17,8 +17,9 @@ _CHECK = "check the laser-enable output, its relay and the wiring of its read-ba
 
 @dataclass(frozen=True)
 class OutputFault:
-    """Words and what to do."""
+    """Words and what to do. told : on or off, which it did not do"""
 
+    told: bool
     reason: str
     hint: str
 
@@ -55,11 +56,14 @@ class LaserEnable:
         """Whether the next word is another than the last."""
         return self.wanted != self._told and (self._told or self._agrees)
 
+    def against(self, on: bool) -> OutputFault | None:
+        """The fault for which it will not be shown on, or off."""
+        return self.fault if self.fault is not None and (on or not self.fault.told) else None
+
     def word(self) -> int:
         """What the next request tells it."""
         if self.has_news:
             self._told, self._agrees, self._answered_s = self.wanted, False, math.inf
-            self.fault = None
         return int(self._told)
 
     def read_back(self, is_on: bool, now_s: float) -> OutputFault | None:
@@ -70,11 +74,12 @@ class LaserEnable:
             return None
         self._agrees = False
         self._answered_s = min(self._answered_s, now_s)
-        if self.fault is not None or now_s < self._answered_s + SETTLE_S:
+        known = self.fault is not None and self.fault.told == self._told
+        if known or now_s < self._answered_s + SETTLE_S:
             return None
         seen, told = ("off", "on") if self._told else ("on", "off")
         reason = f"its laser-enable output is {seen} and was told to be {told}"
-        self.fault = OutputFault(reason, _CHECK)
+        self.fault = OutputFault(self._told, reason, _CHECK)
         self.wanted = False
         return self.fault
 

@@ -26,6 +26,7 @@ _LEAST_PATIENCE_S = 0.05
 _RESET_PATIENCE_S = 1.0
 #: More than an output takes to follow its word, and to be found not to [s].
 _OUTPUT_PATIENCE_S = 0.2
+_WITH_THE_RELAY = "it drops with the watchdog relay, which is open: see what opened that"
 _ROUNDING_S = 1e-6
 
 _HEARTBEAT = SIO.wire_address("HEARTBEAT")
@@ -138,8 +139,8 @@ class SafetyDriver:
             return
 
         def shown(_: SafetyStatus) -> bool:
-            if laser.fault is not None:
-                raise self._error(laser.fault.reason, laser.fault.hint)
+            if (fault := laser.against(on)) is not None:
+                raise self._error(fault.reason, fault.hint)
             return laser.is_shown(on)
 
         try:
@@ -239,7 +240,8 @@ class SafetyDriver:
     def _look_at_output(self, laser: LaserEnable, status: SafetyStatus) -> None:
         fault = laser.read_back(status.laser_enabled is True, status.time_s)
         if fault is not None:
-            self._tell(fault.reason, fault.hint)
+            dropped = status.relay_closed is False
+            self._tell(fault.reason, _WITH_THE_RELAY if dropped else fault.hint)
         if laser.has_news:
             self._urgent = True
 

@@ -157,6 +157,12 @@ class SafetyDevice:
         self._output.stick(stuck)
         self.on_change()
 
+    def drop_output(self) -> None:
+        """The laser-enable output drops by itself."""
+        self.settle()
+        self._output.drop()
+        self.on_change()
+
     def freeze(self, frozen: bool = True) -> None:
         """Its input side stands still and TICK with it; heartbeats are still echoed."""
         self._frozen = self._fresh_words() if frozen else None

@@ -21,7 +21,7 @@ class LaserOutput:
         self._level = level
 
     def drop(self) -> None:
-        """The watchdog's act: a host that goes on with its 1 does not bring it back."""
+        """By itself, as with the watchdog: a host that repeats its 1 does not bring it back."""
         self._drive(False)
 
     def forget(self) -> None:

@@ -25,6 +25,7 @@ def test_without_the_table_there_is_no_device():
 def test_defaults():
     safety = profile("").safety
     assert (safety.device_id, safety.period_s, safety.relay_timeout_s) == (1, 0.1, None)
+    assert safety.laser_enable is False
     assert safety.fitted == SAFETY_INPUTS
     assert len(SAFETY_INPUTS) == 10
     assert safety.shield_gas_min_L_min is None
@@ -33,7 +34,7 @@ def test_defaults():
 
 def test_the_shipped_cell_with_it():
     safety = toml_file.parse(SAFE, MachineProfile, name="cell-safe.toml").safety
-    assert safety.relay_timeout_s == 0.3
+    assert (safety.relay_timeout_s, safety.laser_enable) == (0.3, True)
     assert safety.fitted == SAFETY_INPUTS
     assert (safety.chiller_max_C, safety.shield_gas_min_L_min) == (25.0, 12.0)
 
@@ -59,6 +60,8 @@ def test_a_cell_has_what_it_has():
         ("relay_timeout_s = 0.05", "safety.relay_timeout_s", "greater than or equal to 0.06"),
         ("relay_timeout_s = 61", "safety.relay_timeout_s", "less than or equal to 60"),
         ("relay_timeout_s = 0.25", "safety", "at least 3 times period_s, 0.3 s"),
+        ("laser_enable = true", "safety", "laser_enable needs relay_timeout_s"),
+        ("laser_enable = 'yes'", "safety.laser_enable", "boolean"),
         ('fitted = ["door", "dor"]', "safety.fitted[2]", "'estop', 'door'"),
         ('fitted = ["door", "door"]', "safety", "'door' is fitted twice"),
         ("shield_gas_min_L_min = 0", "safety.shield_gas_min_L_min", "greater than 0"),

@@ -34,7 +34,7 @@ def test_a_bench_without_the_table_has_no_device():
 
 def test_the_shipped_bench_with_it():
     assert BenchConfig.parse(SAFE).safety == SafetyConfig(
-        watchdog_relay=True, laser_circuit=True
+        watchdog_relay=True, laser_circuit=True, laser_enable=True
     )
     assert BenchConfig.parse(SAFE).addresses["safety"].port == 5023
 
@@ -46,6 +46,8 @@ def test_the_shipped_bench_with_it():
         ("device_id = 248", "safety.device_id: must be a whole number from 1 to 247"),
         ("oxygen_ppm = -1", "safety.oxygen_ppm: must be at least 0"),
         ("relay = true", "safety.relay: there is no such key"),
+        ("laser_enable = true", "safety.laser_enable: needs watchdog_relay = true"),
+        ("laser_enable = 1", "safety.laser_enable: must be true or false"),
         ('endpoint = "tcp://127.0.0.1:1"', 'safety.endpoint: must be "modbus-tcp://HOST:PORT"'),
         ('endpoint = "modbus-tcp://127.0.0.1:5021"', "two devices answer at port 5021"),
     ],
@@ -259,6 +261,57 @@ def test_in_the_lasers_own_circuit_every_contact_takes_the_beam_away_at_the_sour
         assert cell.dark_after_s(opened_s - 0.05) >= 0.049
 
     played(dialect, act, CIRCUIT)
+
+
+ENABLE = "watchdog_relay = true\nlaser_enable = true"
+
+
+@dialects
+def test_there_is_a_beam_only_while_the_laser_enable_output_is_on(dialect):
+    async def act(cell):
+        safety, lit = cell.bench.safety, []
+        cell.beat()
+        await asyncio.sleep(0.01)
+        cell.bench.motion.receive(b"~")
+        cell.start(3.0, 10.0)
+        for level in (0, 1, 0, 1):
+            safety.write(3, [level])
+            await asyncio.sleep(0.4)
+            now_s = asyncio.get_running_loop().time()
+            times = np.arange(now_s - 0.3, now_s, 0.001)
+            lit.append(cell.bench.motion.trace.sample(times).power_fraction > 0.0)
+        assert [bool(one.any()) for one in lit] == [False, True, False, True]
+        assert all(one.all() for one in lit[1::2])
+        assert cell.status().state == "Run"  # it notices nothing
+
+    played(dialect, act, ENABLE)
+
+
+def test_either_of_enable_output_and_laser_circuit_keeps_the_beam_away():
+    async def act(cell):
+        safety = cell.bench.safety
+        cell.beat()
+        await asyncio.sleep(0.01)
+        safety.write(3, [1])
+        cell.bench.motion.receive(b"~")
+        cell.start(3.0, 10.0)
+        await asyncio.sleep(0.5)
+        opened_s = asyncio.get_running_loop().time()
+        safety.open_door()
+        await asyncio.sleep(0.01)
+        safety.write(3, [0])  # no new time to darkness
+        await asyncio.sleep(0.1)
+        safety.write(3, [1])
+        await asyncio.sleep(0.1)
+        assert cell.dark_after_s(opened_s) <= 0.02
+        safety.write(3, [0])
+        safety.open_door(False)
+        cell.bench.motion.receive(b"~")
+        await asyncio.sleep(1.0)
+        assert cell.status().state == "Run"
+        assert cell.dark_after_s(opened_s + 0.02) == 0.0
+
+    played("grblhal", act, f"{ENABLE}\nlaser_circuit = true")
 
 
 def test_a_circuit_that_closes_lets_the_controllers_beam_through_again():

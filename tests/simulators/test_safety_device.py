@@ -156,6 +156,75 @@ def test_the_relay_closes_by_its_key_and_opens_when_heartbeats_stop():
     assert not rig.device.relay_open
 
 
+def test_the_laser_enable_output_comes_on_by_an_edge_while_the_relay_is_closed():
+    rig = Rig(watchdog_relay=True, laser_enable=True)
+    assert Status.LASER_ENABLE_FITTED in rig.status()
+    assert rig.device.laser_cut
+    rig.device.write(0, [1, 200, 0, 1])
+    assert rig.device.laser_cut  # the relay is open
+    rig.device.write(0, [2, 200, RELAY_RESET_KEY, 1])
+    assert rig.device.laser_cut  # that was no edge
+    rig.device.write(3, [0])
+    changes = rig.changes
+    rig.device.write(0, [3, 200, 0, 1])
+    assert not rig.device.laser_cut
+    assert Status.LASER_ENABLED in rig.status()
+    assert rig.changes == changes + 1
+    rig.device.write(0, [4, 200])  # who does not write it leaves it
+    assert not rig.device.laser_cut
+    assert rig.device.read_holding(0, 4) == [4, 200, 0, 1]
+    rig.device.write(0, [5, 200, 0, 0])
+    assert rig.device.laser_cut
+    assert Status.LASER_ENABLED not in rig.status()
+    assert rig.changes == changes + 2
+
+
+def test_the_laser_enable_output_drops_with_the_relay_and_no_heartbeat_brings_it_back():
+    rig = Rig(watchdog_relay=True, laser_enable=True)
+    rig.device.write(0, [1, 200, RELAY_RESET_KEY, 0])
+    rig.device.write(3, [1])
+    rig.now_s = 0.2
+    rig.device.settle()
+    assert rig.device.laser_cut
+    rig.device.write(0, [2, 200, 0, 1])
+    rig.device.write(0, [3, 200, RELAY_RESET_KEY, 1])
+    assert not rig.device.relay_open
+    assert rig.device.laser_cut
+    rig.device.write(3, [0])
+    rig.device.write(3, [1])
+    assert not rig.device.laser_cut
+    rig.device.restart()
+    assert rig.device.laser_cut
+    assert rig.device.read_holding(3, 1) == [0]
+
+
+def test_a_stuck_output_is_read_back_as_it_is_and_follows_again():
+    rig = Rig(watchdog_relay=True, laser_enable=True)
+    rig.device.write(0, [1, 200, RELAY_RESET_KEY, 0])
+    rig.device.stick_output()
+    rig.device.write(3, [1])
+    assert Status.LASER_ENABLED not in rig.status()
+    rig.device.stick_output(False)
+    assert Status.LASER_ENABLED in rig.status()
+    rig.device.stick_output()
+    rig.device.restart()
+    assert not rig.device.laser_cut
+    assert Status.LASER_ENABLED in rig.status()
+    rig.device.stick_output(False)
+    assert rig.device.laser_cut
+
+
+@pytest.mark.parametrize(
+    ("config", "words", "code"), [({"laser_enable": True}, [2], 3), ({}, [1], 2)]
+)
+def test_the_laser_enable_output_takes_0_and_1_where_it_is_fitted(config, words, code):
+    rig = Rig(watchdog_relay=True, **config)
+    with pytest.raises(RefusedError) as refused:
+        rig.device.write(3, words)
+    assert refused.value.code == code
+    assert not Rig().device.laser_cut  # there is none
+
+
 def test_a_shorter_time_is_told_to_whoever_waits_for_the_relay():
     rig = Rig(watchdog_relay=True)
     rig.device.write(0, [1, 5000, RELAY_RESET_KEY])
