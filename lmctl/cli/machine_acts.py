@@ -153,7 +153,7 @@ async def _unlocked(profile: MachineProfile, runs_dir: Path, locked: dict[str, s
 
     async def unlocked(whereabouts: Whereabouts) -> None:
         if "motion" in locked:
-            await _with_motion(profile, whereabouts, run_unlock)
+            await with_motion(profile, whereabouts, run_unlock)
         for feeder in profile.feeder:
             if feeder.name in locked:
                 driver = await FeederDriver.open(feeder, hoppers_on(profile, feeder.name))
@@ -162,10 +162,10 @@ async def _unlocked(profile: MachineProfile, runs_dir: Path, locked: dict[str, s
                 finally:
                     await driver.close()
 
-    await _journaled(profile, runs_dir, {"do": "unlock", "locked": locked}, unlocked)
+    await journaled(profile, runs_dir, {"do": "unlock", "locked": locked}, unlocked)
 
 
-async def _with_motion(
+async def with_motion(
     profile: MachineProfile, whereabouts: Whereabouts, act: Callable[[MotionDriver], Awaitable[T]]
 ) -> T:
     """What the act returns."""
@@ -186,14 +186,14 @@ def _move(
     """Act on the axes, journaled; returns what the act does, a place."""
 
     async def moved(profile: MachineProfile) -> tuple[float, ...]:
-        return await _journaled(
-            profile, runs_dir, what, lambda whereabouts: _with_motion(profile, whereabouts, act)
+        return await journaled(
+            profile, runs_dir, what, lambda whereabouts: with_motion(profile, whereabouts, act)
         )
 
     return cell.do(moved)
 
 
-async def _journaled(
+async def journaled(
     profile: MachineProfile, runs_dir: Path, what: dict[str, Any],
     act: Callable[[Whereabouts], Awaitable[T]],
 ) -> T:

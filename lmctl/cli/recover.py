@@ -12,11 +12,13 @@ from lmctl.cli.console import put, put_json, say
 from lmctl.cli.run import outcome, result_as_json
 from lmctl.config.machine import MachineProfile
 from lmctl.errors import JournalError, MachineError, UsageError
+from lmctl.run.reentry import OVERLAP_MM
 
 if TYPE_CHECKING:
     from lmctl.machine.motion import MotionDriver
     from lmctl.run.aftermath import Aftermath
     from lmctl.run.executor import Continuation, RunResult
+    from lmctl.run.recovery import Recovery
 
 
 @click.command()
@@ -48,7 +50,7 @@ def recover(
     async def act(profile: MachineProfile) -> RunResult:
         from lmctl.run.executor import Executor
 
-        continuation = await _prepared(after, profile, yes=yes)
+        continuation = await _prepared(after, profile, runs_dir, yes=yes)
         return await Executor(made.job, profile, runs_dir, operator=operator,
                               continues=continuation).run()
 
@@ -59,44 +61,53 @@ def recover(
         put(outcome(result))
 
 
-async def _prepared(after: Aftermath, profile: MachineProfile, *, yes: bool) -> Continuation:
+async def _prepared(
+    after: Aftermath, profile: MachineProfile, runs_dir: Path, *, yes: bool
+) -> Continuation:
     """Look, say what will be done, ask, and home the machine where its position is lost."""
-    from lmctl.job.reader import JobReader
+    from lmctl.cli.machine_acts import journaled, with_motion
+    from lmctl.machine.at_hand import motion_at_hand
     from lmctl.machine.homing import homing_words, run_home
-    from lmctl.machine.motion import MotionDriver
     from lmctl.run.executor import Continuation
-    from lmctl.run.recovery import find_place
-    from lmctl.run.reentry import OVERLAP_MM
+    from lmctl.run.ownership import owning
 
-    motion = await MotionDriver.open(profile.motion.endpoint, baud=profile.motion.baud,
-                                     status_period_s=profile.motion.status_period_s)
-    try:
-        with JobReader(after.run.job) as job:
-            found = find_place(job, after, motion.position_mm)
-            layer = sum(entry.first_line <= found.place.line for entry in job.manifest.layers)
-        trusted = found.matched or motion.position_trusted
-        steps = [] if trusted and not _alarmed(motion) else [
-            "home the machine: its position is not known", *homing_words(motion.settings)
-        ]
-        say("\n".join([
-            f"{after.run.run} ended {after.ended} ({after.header.get('part', '')})",
-            f"  the machine is {motion.found.state}, at {_position(motion.position_mm)}",
-            f"  executed: up to layer {layer}, program line {found.place.line} "
-            f"({100 * found.place.share:.0f} % of it): {found.why}",
-            "what will be done:",
-            *(f"  {step}" for step in steps),
-            "  acknowledge the feeders' alarms; gas and powder on at the purge position, until "
-            "stable",
-            f"  enter the part again up to {OVERLAP_MM:g} mm before that place, and go on to its "
-            "end",
-        ]))
-        if not yes and not click.confirm("go on?", err=True):
-            raise UsageError("not recovered: nothing has been sent that moves the machine")
-        if steps:
-            await run_home(motion)
-    finally:
-        await motion.close()
-    return Continuation(after.run.run, found.place, trusted=True)
+    with owning(profile, "lmctl recover", runs_dir):
+        async with motion_at_hand(profile) as motion:
+            found, words = _found(after, motion)
+            trusted = found.matched or motion.position_trusted
+            home = not trusted or _alarmed(motion)
+            steps = ["home the machine: its position is not known",
+                     *homing_words(motion.settings)] if home else []
+    say("\n".join([
+        *words,
+        "what will be done:",
+        *(f"  {step}" for step in steps),
+        "  acknowledge the feeders' alarms; gas and powder on at the purge position, until stable",
+        f"  enter the part again up to {OVERLAP_MM:g} mm before that place, and go on to its end",
+    ]))
+    if not yes and not click.confirm("go on?", err=True):
+        raise UsageError("not recovered: nothing has been sent that moves the machine")
+    if home:
+        await journaled(profile, runs_dir, {"do": "home"},
+                        lambda whereabouts: with_motion(profile, whereabouts, run_home))
+    return Continuation(after.run.run, found.place, trusted=found.matched or home)
+
+
+def _found(after: Aftermath, motion: MotionDriver) -> tuple[Recovery, list[str]]:
+    """Where the job goes on, and how that was found out."""
+    from lmctl.job.reader import JobReader
+    from lmctl.run.recovery import find_place
+
+    with JobReader(after.run.job) as job:
+        found = find_place(job, after, motion.position_mm)
+        layer = sum(entry.first_line <= found.place.line for entry in job.manifest.layers)
+    return found, [
+        f"{after.run.run} ended {after.ended} ({after.header.get('part', '')})",
+        f"  the machine was found in state {motion.found.state}, at "
+        f"{_position(motion.position_mm)}",
+        f"  executed: up to layer {layer}, program line {found.place.line} "
+        f"({100 * found.place.share:.0f} % of it): {found.why}",
+    ]
 
 
 def _alarmed(motion: MotionDriver) -> bool:

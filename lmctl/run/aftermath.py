@@ -21,6 +21,7 @@ class Aftermath:
     ended : its last state, or "broken off" where its process died
     proven : executed for certain; more may have been
     exact : whether `proven` is the very place where motion came to rest
+    position_kept : nothing is known by which the machine would have lost its position
     last_line : no line after this one can have been sent
     lit_line : the line with which the part was entered last; what lies before it was not run then
     """
@@ -30,6 +31,7 @@ class Aftermath:
     header: dict[str, Any]
     proven: Place
     exact: bool
+    position_kept: bool
     last_line: int
     lit_line: int
 
@@ -69,7 +71,7 @@ def aftermath(made: RunDir) -> Aftermath:
         )
     return Aftermath(
         made, so_far.state if so_far.sealed else "broken off", so_far.header, so_far.proven,
-        so_far.exact, so_far.last_line, so_far.lit_line,
+        so_far.exact, so_far.position_kept, so_far.last_line, so_far.lit_line,
     )
 
 
@@ -95,6 +97,7 @@ class _Reading:
         self.fault = ""
         self.proven = START
         self.exact = True
+        self.position_kept = True
         self.last_line = -1
         self.lit_line = 0
         self._ends: dict[int, int] = {}  # last line of each path begun
@@ -126,6 +129,7 @@ class _Reading:
         elif kind == "seal":
             self.sealed = True
             self.recoverable = bool(record.get("recoverable"))
+            self.position_kept = bool(record.get("position_trusted"))
 
     def _prove(self, place: Place) -> None:
         self.proven = max(self.proven, place)

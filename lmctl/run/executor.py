@@ -234,7 +234,8 @@ class Executor:
             warnings = (_BEAM_STAYED_OFF,) if sequence.accepted and sequence.beam_off else ()
             machine_s = loop.time() - start_t
             recorder.seal(machine.state, lines=sequence.executed, warnings=list(warnings),
-                          recoverable=recoverable(machine, sequence))
+                          recoverable=recoverable(machine, sequence),
+                          position_trusted=sequence.position_trusted)
             await operators.close()
             await sequence.close()
         if machine.state is not State.DONE:

@@ -23,7 +23,7 @@ ON_LINE_MM = 0.05
 class Recovery:
     """Where to go on, and how that is known.
 
-    matched : the machine stands on a line that was sent, so its position can be trusted
+    matched : the machine stands where the job says, and nothing has made it lose its position
     """
 
     place: Place
@@ -45,12 +45,14 @@ def find_place(
     if not after.began:
         return Recovery(START, False, "nothing of the part had been begun")
     if after.exact:
-        matched = position_mm is not None and _distance_mm(job, after.proven, position_mm)
-        return Recovery(after.proven, bool(matched), "motion came to rest there, as journaled")
+        stands = position_mm is not None and _stands_at(job, after.proven, position_mm)
+        return Recovery(after.proven, stands and after.position_kept,
+                        "motion came to rest there, as journaled")
     if position_mm is not None:
         found = _on_lines_sent(job, after, np.asarray(position_mm[:3], dtype=np.float64))
         if found is not None:
-            return Recovery(max(found, after.proven), True, "the machine stands there")
+            return Recovery(max(found, after.proven), after.position_kept,
+                            "the machine stands there")
     return Recovery(
         after.proven, False,
         "the machine does not stand on a line that was sent; this much the journal proves",
@@ -74,7 +76,7 @@ def _on_lines_sent(job: JobReader, after: Aftermath, position_mm: FloatArray) ->
     return None
 
 
-def _distance_mm(job: JobReader, place: Place, position_mm: Sequence[float]) -> bool:
+def _stands_at(job: JobReader, place: Place, position_mm: Sequence[float]) -> bool:
     """Whether the machine stands at a place."""
     index = _layer_of(job.manifest, place.line)
     start_mm, end_mm = _lines_of(job, index)

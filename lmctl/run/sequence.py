@@ -161,6 +161,11 @@ class CellSequence:
         return self._accepted is not None
 
     @property
+    def position_trusted(self) -> bool:
+        """Whether the machine is where it says it is."""
+        return self._cell is not None and self._cell.motion.position_trusted
+
+    @property
     def began(self) -> bool:
         """Whether a line of the job may have been executed, by this run or before it."""
         started = self._accepted is not None and self._accepted.deposition.started

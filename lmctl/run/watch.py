@@ -82,7 +82,8 @@ class Watch:
         if at_mm != self._last_mm or report.state != "Run" or not self._deposition().should_move:
             self._last_mm, self._moved_t = at_mm, self._loop.time()
         self._look()
-        if report.state == "Hold" and not self._held():
+        # Not before it stands: a controller that runs into a limit slows down first, too.
+        if report.state == "Hold" and report.held and not self._held():
             self._raise(Interlock("panel hold", "feed hold was pressed at the machine",
                                   hint="resume when it may go on"))
         self._cell.reported()

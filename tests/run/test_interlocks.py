@@ -1,0 +1,195 @@
+"""Every row of the interlock table: what trips it, what does not, after how long, what is done."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from firmware_protocol.pmx import HopperFlags, Mode, Status
+from firmware_protocol.pmx import State as FeederState
+from firmware_protocol.status import parse_status
+from lmctl.config.machine import Hopper, Safety
+from lmctl.machine.feeder_status import FeederStatus, HopperReading
+from lmctl.machine.safety_status import SafetyStatus
+from lmctl.run.alarms import Alarms, EmergencyStop, Interlock
+from lmctl.run.interlocks import RULES, Facts, FeederFacts
+from lmctl.run.supervision import Supervision
+
+LIMITS = Safety(
+    endpoint="modbus-tcp://127.0.0.1:5023", shield_gas_min_L_min=12, chiller_min_L_min=6,
+    chiller_max_C=25, oxygen_trip_ppm=1000, relay_timeout_s=0.5,
+)
+GOOD = SafetyStatus(
+    time_s=0.0, estop_closed=True, door_closed=True, laser_ready=True, laser_healthy=True,
+    no_back_reflection=True, chiller_ok=True, shield_gas_ok=True, extraction_ok=True,
+    oxygen_valid=True, key_on=True, relay_closed=True, laser_enabled=None, shield_gas_L_min=15.0,
+    chiller_C=22.0, chiller_L_min=10.0, oxygen_ppm=20.0, extraction_Pa=800.0, open_inputs=(),
+    first_out=None, trip_count=0, self_test_ok=True, heartbeat_echo=1, heartbeat_age_s=0.0,
+    uptime_s=1, tick_ms=1,
+)
+HOPPER = Hopper(name="A", feeder="F1", material="316L", dead_time_s=3, lag_s=1, max_flow_g_min=60)
+
+
+def reading(**changes):
+    return replace(HopperReading(
+        time_s=0.0, flags=HopperFlags(0), setpoint_g_min=6.0, flow_est_g_min=6.0,
+        flow_weighed_g_min=6.0, weight_g=1000.0, level_percent=50.0, carrier_L_min=4.0,
+    ), **changes)
+
+
+def feeder(age_s=0.0, feeding=True, **changes):
+    status = FeederStatus(
+        time_s=0.0, state=FeederState.FEEDING if feeding else FeederState.READY, mode=Mode.REMOTE,
+        flags=Status.STABLE, alarm=None, alarm_count=0, warnings=0, seq_applied=1,
+        heartbeat_age_s=0.0, uptime_s=1, tick_ms=1, total_flow_g_min=6.0, total_gas_L_min=4.0,
+        mixer_pressure_mbar=100.0, hoppers={"A": reading(**changes)},
+    )
+    return FeederFacts("F1", status, age_s, 1.0, (HOPPER,))
+
+
+FINE = Facts(
+    motion=parse_status("<Run|MPos:1.000,2.000,3.000|FS:600,500>"), motion_age_s=0.1,
+    motion_period_s=0.2, still_s=0.0, feeders=(feeder(),), safety=GOOD, safety_age_s=0.0,
+    limits=LIMITS,
+)
+
+
+def with_safety(**changes):
+    return replace(FINE, safety=replace(GOOD, **changes))
+
+
+def with_motion(text):
+    return replace(FINE, motion=parse_status(text))
+
+
+#: What is the matter, by the name of the rule that must find it.
+TRIPPED = [
+    ("emergency stop", with_safety(estop_closed=False), "emergency stop"),
+    ("door", with_safety(door_closed=False), "door"),
+    ("door", with_motion("<Door:1|MPos:1.000,2.000,3.000>"), "door"),
+    ("laser", with_safety(laser_healthy=False), "fault"),
+    ("laser", with_safety(no_back_reflection=False), "back-reflection"),
+    ("laser", with_safety(laser_ready=False), "not ready"),
+    ("laser", with_safety(key_on=False), "key"),
+    ("chiller", with_safety(chiller_ok=False), "chiller"),
+    ("chiller", with_safety(chiller_C=25.1), "25.1 °C"),
+    ("chiller", with_safety(chiller_C=None), "unknown"),
+    ("chiller", with_safety(chiller_L_min=5.9), "5.9 L/min"),
+    ("shield gas", with_safety(shield_gas_ok=False), "shield gas"),
+    ("shield gas", with_safety(shield_gas_L_min=11.0), "11 L/min"),
+    ("shield gas", with_safety(shield_gas_L_min=None), "unknown"),
+    ("oxygen", with_safety(oxygen_valid=False, oxygen_ppm=None), "analyser"),
+    ("oxygen", with_safety(oxygen_ppm=1001.0), "1001 ppm"),
+    ("watchdog relay", with_safety(relay_closed=False), "relay"),
+    ("extraction", with_safety(extraction_ok=False), "extraction"),
+    ("safety inputs silent", replace(FINE, safety_age_s=0.31), "0.3 s"),
+    ("motion silent", replace(FINE, motion_age_s=0.7), "0.7 s"),
+    ("position", replace(FINE, still_s=1.1), "1.1 s"),
+    ("feeder silent", replace(FINE, feeders=(feeder(age_s=3.1),)), "feeder F1"),
+    ("carrier gas", replace(FINE, feeders=(feeder(carrier_L_min=3.1),)), "3.1 L/min"),
+    ("disc", replace(FINE, feeders=(feeder(flow_est_g_min=5.8),)), "5.80 g/min"),
+    ("weighed flow", replace(FINE, feeders=(feeder(flow_weighed_g_min=4.9),)), "4.90 g/min"),
+]
+
+
+def found(facts):
+    return [(rule.name, finding) for rule in RULES for finding in rule.look(facts)]
+
+
+def test_a_good_cell_trips_nothing_with_a_safety_device_and_without():
+    assert found(FINE) == []
+    assert found(replace(FINE, safety=None, limits=None)) == []
+    assert found(replace(FINE, feeders=())) == []
+
+
+@pytest.mark.parametrize(("name", "facts", "words"), TRIPPED,
+                         ids=[f"{n}-{w}" for n, _, w in TRIPPED])
+def test_each_row(name, facts, words):
+    ((rule, finding),) = found(facts)
+    assert rule == name
+    assert words in finding.what
+    assert finding.hint
+
+
+def test_every_rule_has_a_row_above():
+    assert {rule.name for rule in RULES} == {name for name, *_ in TRIPPED}
+
+
+@pytest.mark.parametrize("facts", [
+    with_motion("<Door:0|MPos:1.000,2.000,3.000>"),  # closed again, not yet gone on
+    replace(FINE, feeders=(feeder(flow_est_g_min=6.11),)),  # within 2 %
+    replace(FINE, feeders=(feeder(flow_est_g_min=0.0, feeding=False),)),  # discs are off
+    replace(FINE, feeders=(feeder(carrier_L_min=None, flow_weighed_g_min=None),)),
+    with_safety(door_closed=None, chiller_ok=None, key_on=None),  # not fitted
+])
+def test_what_is_no_trip(facts):
+    assert found(facts) == []
+
+
+def test_a_relay_that_opens_the_controllers_door_input_is_not_called_a_door():
+    facts = replace(with_safety(relay_closed=False),
+                    motion=parse_status("<Door:1|MPos:1.000,2.000,3.000>"))
+    assert [name for name, _ in found(facts)] == ["watchdog relay"]
+
+
+def watched(rules=RULES):
+    raised = []
+    return Supervision(raised.append, rules), raised
+
+
+def test_a_rule_with_a_time_waits_for_it_and_starts_anew_after_a_gap():
+    supervision, raised = watched()
+    low = with_safety(shield_gas_L_min=5.0)
+    for t in (0.0, 0.2, 0.4):
+        supervision.look(low, t, dark=False)
+    supervision.look(FINE, 0.45, dark=False)
+    supervision.look(low, 0.5, dark=False)
+    supervision.look(low, 0.9, dark=False)
+    assert raised == []
+    supervision.look(low, 1.0, dark=False)
+    assert [type(error) for error in raised] == [Interlock]
+    supervision.look(low, 2.0, dark=False)
+    assert len(raised) == 1  # told once
+    supervision.forget()
+    supervision.look(low, 2.1, dark=False)
+    assert len(raised) == 2
+
+
+def test_an_open_safety_chain_is_no_mere_hold():
+    supervision, raised = watched()
+    supervision.look(with_safety(estop_closed=False), 0.0, dark=False)
+    assert [type(error) for error in raised] == [EmergencyStop]
+
+
+def test_extraction_waits_for_the_end_of_the_path_but_not_for_ever():
+    supervision, raised = watched()
+    bad = with_safety(extraction_ok=False)
+    supervision.look(bad, 0.0, dark=False)
+    supervision.look(bad, 30.0, dark=False)
+    assert raised == []
+    supervision.look(bad, 31.0, dark=True)
+    assert len(raised) == 1
+    supervision, raised = watched()
+    supervision.look(bad, 0.0, dark=False)
+    supervision.look(bad, 60.0, dark=False)
+    assert len(raised) == 1
+
+
+def test_what_stands_keeps_from_resuming_but_not_what_acknowledging_ends():
+    supervision, _ = watched()
+    assert [e.what for e in supervision.standing(with_safety(door_closed=False))] == [
+        "the safety door is open"]
+    assert supervision.standing(with_safety(relay_closed=False)) == []
+
+
+def test_the_first_alarm_stays_first_until_all_are_acknowledged():
+    alarms = Alarms()
+    assert alarms.add(Interlock("gas", "gas is low"), 1.0)
+    assert alarms.add(Interlock("disc", "disc is jammed"), 2.0)
+    assert alarms.add(Interlock("gas", "gas is lower still"), 3.0) is None
+    assert alarms.first.what == "gas is low"
+    assert [alarm.name for alarm in alarms] == ["gas", "disc"]
+    alarms.acknowledged()
+    assert alarms.first is None
+    assert len(alarms) == 0

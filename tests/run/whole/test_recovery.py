@@ -1,0 +1,180 @@
+"""Going on after a run that was stopped or broken off: what the journal proves, and where the
+machine stands. (Hosts killed for good are in tests/faults/test_kills.py.)"""
+
+from __future__ import annotations
+
+import asyncio
+import shutil
+
+import numpy as np
+import pytest
+
+from lmctl.errors import JournalError, LmctlError
+from lmctl.job.reader import JobReader
+from lmctl.run.aftermath import aftermath, continued_by
+from lmctl.run.executor import Continuation, Executor
+from lmctl.run.journal_file import FIRST_PREV, encode_record, line_hash, read
+from lmctl.run.recovery import find_place
+from lmctl.run.reentry import START
+from lmctl.run.rundir import RunDir
+from lmctl.run.states import State
+from simulators import virtual_time
+from simulators.bench import Bench
+from simulators.bench_config import BenchConfig
+from simulators.verdict import verdict
+from tests.run.whole.conftest import EXAMPLES, BenchRun, wired
+
+HORIZON_S, SPEED_MM_S, OVERLAP_MM = 1.0, 10.0, 3.0
+
+
+def broken_off(folder, whole, records):
+    """The folder of a run whose journal ends after so many records, as a crash leaves it."""
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    shutil.copyfile(whole.job, folder / "job.lmj")
+    lines, prev = [], FIRST_PREV
+    for seq, record in enumerate(list(read(whole.journal))[:records]):
+        fields = {k: v for k, v in record.items() if k not in ("prev", "seq", "t", "kind")}
+        line = encode_record(prev, seq, record["t"], record["kind"], fields)
+        lines.append(line)
+        prev = line_hash(line)
+    (folder / "journal.jsonl").write_bytes(b"\n".join(lines) + b'\n{"prev":"half writ')
+    return RunDir(folder)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory, profile, job_file):
+    """An undisturbed run, to compare with."""
+    folder = tmp_path_factory.mktemp("recovery")
+    job_file(folder / "job.lmj", profile, job_file.squares(layers=3, per_layer=2, side_mm=8.0))
+    return BenchRun(folder, profile, folder / "job.lmj")
+
+
+def bead_between_mm(whole, place, time_s):
+    """Bead drawn by the undisturbed run between a place and a moment; negative: place is later."""
+    path = whole.path
+    with JobReader(whole.job) as job:
+        lines = np.concatenate([layer.lines for layer in job.layers()])
+    done = 0.0
+    for n in range(place.line):
+        done += path.length_mm[path.line == n].sum()
+    here = path.line == place.line
+    done += place.share * path.length_mm[here].sum()
+    assert len(lines) > place.line
+    return path.length_mm[path.time_s <= time_s].sum() - done
+
+
+def test_wherever_a_journal_breaks_off_nothing_is_claimed_that_was_not_executed(whole, tmp_path):
+    records = list(read(whole.journal))
+    laying = [i for i, r in enumerate(records) if whole.started_s < whole.began_s + r["t"]]
+    rng = np.random.default_rng(7)
+    for cut in rng.choice(laying[:-8], 40, replace=False).tolist():
+        made = broken_off(tmp_path / "run-0001", whole, cut)
+        # The machine has run on, for no longer than the horizon, and stands on a bead.
+        t = whole.began_s + records[cut - 1]["t"]
+        ends = np.flatnonzero((whole.path.time_s >= t) & (whole.path.time_s <= t + HORIZON_S))
+        if not len(ends):
+            continue
+        at = int(rng.choice(ends))
+        with JobReader(made.job) as job:
+            after = aftermath(made)
+            known = find_place(job, after, tuple(whole.path.position_mm[at]))
+            blind = find_place(job, after, None)
+        time_s = whole.path.time_s[at]
+        horizon_mm = HORIZON_S * SPEED_MM_S
+        for found, most_mm in ((known, horizon_mm), (blind, 2 * horizon_mm)):
+            again_mm = bead_between_mm(whole, found.place, time_s)
+            assert -0.2 < again_mm < most_mm, (cut, found)
+        assert known.matched
+        assert not blind.matched
+
+
+def test_before_anything_was_begun_it_starts_from_the_beginning(whole, tmp_path):
+    made = broken_off(tmp_path / "run-0001", whole, 6)
+    with JobReader(made.job) as job:
+        assert find_place(job, aftermath(made), (1.0, 2.0, 3.0)).place == START
+
+
+def test_a_run_that_is_done_or_altered_is_refused(whole, tmp_path):
+    with pytest.raises(JournalError, match="is done"):
+        aftermath(RunDir(whole.journal.parent))
+    made = broken_off(tmp_path / "run-0001", whole, 30)
+    data = bytearray(made.journal.read_bytes())
+    data[len(data) // 2] ^= 1
+    made.journal.write_bytes(bytes(data))
+    with pytest.raises(JournalError, match="not what was written"):
+        aftermath(made)
+
+
+class TwoRuns:
+    """A run that ends badly, and the one that goes on with it, on one bench."""
+
+    def __init__(self, folder, profile, job, disturb):
+        self.error = self.second_error = self.result = None
+        virtual_time.run(self._main(folder, profile, job, disturb))
+
+    async def _main(self, folder, profile, job, disturb):
+        config = BenchConfig.parse((EXAMPLES / "bench.toml").read_text())
+        async with Bench(config, ephemeral_ports=True) as bench:
+            self.bench = bench
+            cell = wired(profile, bench.endpoints)
+            first = Executor(job, cell, folder / "runs")
+            task = asyncio.create_task(first.run())
+            while first.state is not State.DEPOSITING:  # noqa: ASYNC110
+                await asyncio.sleep(0.01)
+            await asyncio.sleep(4.0)
+            disturb(first, bench)
+            try:
+                await task
+            except LmctlError as error:
+                self.error = error
+            self.made = RunDir(folder / "runs" / "run-0001")
+            position = bench.motion.position_mm
+            with JobReader(self.made.job) as reader:
+                self.found = find_place(reader, aftermath(self.made), tuple(position))
+            going_on = Continuation("run-0001", self.found.place, trusted=self.found.matched)
+            try:
+                self.result = await Executor(
+                    self.made.job, cell, folder / "runs", continues=going_on).run()
+            except LmctlError as error:
+                self.second_error = error
+            self.path = bench.record.beam_path()
+            self.verdict = verdict(bench)
+
+
+def test_a_stopped_run_is_recovered_where_it_stood(whole, profile, tmp_path):
+    two = TwoRuns(tmp_path, profile, whole.job, lambda run, bench: run.stop())
+    assert two.error.exit_code == 5
+    assert "lmctl recover run-0001" in two.error.hint
+    assert two.found.matched
+    assert two.result.state == "done"
+    assert two.verdict.shortfalls(1e9) == []
+    assert two.verdict.repeated_mm == pytest.approx(OVERLAP_MM, abs=0.1)
+    assert two.path.length_mm.sum() == pytest.approx(
+        whole.path.length_mm.sum() + OVERLAP_MM, abs=0.2)
+    assert set(two.path.line) == set(whole.path.line)
+    assert continued_by(two.made) == "run-0002"
+    header = next(read(two.result.journal))
+    assert header["continues"] == "run-0001"
+
+
+def test_after_a_watchdog_trip_recovery_acknowledges_it(whole, profile, tmp_path):
+    """The feeder was left in alarm, as after a dead host: recovering is the deliberate act."""
+
+    def cut(run, bench):
+        bench.feeders["F1"].trip_watchdog()
+        asyncio.get_running_loop().call_later(3.0, run.stop)
+
+    two = TwoRuns(tmp_path, profile, whole.job, cut)
+    assert "watchdog" in two.error.render()
+    assert two.result is not None, two.second_error
+    assert two.result.state == "done"
+    assert set(two.path.line) == set(whole.path.line)
+
+
+def test_a_machine_that_lost_its_place_is_not_believed(whole, profile, tmp_path):
+    two = TwoRuns(tmp_path, profile, whole.job, lambda run, bench: bench.motion.receive(b"\x18"))
+    # It was reset in motion: what it says of itself proves nothing, wherever it seems to stand.
+    assert not two.found.matched
+    assert next(r for r in read(two.made.journal) if r["kind"] == "seal")[
+        "position_trusted"] is False
