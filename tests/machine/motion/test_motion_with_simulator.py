@@ -55,6 +55,10 @@ def rings(turns: int, steps: int = 40) -> list[bytes]:
     return lines
 
 
+every_wire = pytest.mark.parametrize("wire", ["tcp", "pty", "serial"])
+both_dialects = pytest.mark.parametrize("name", ["grbl", "grblhal"])
+
+
 async def executed_all(driver: MotionDriver, deadline_s: float = 600.0) -> None:
     async with asyncio.timeout(deadline_s):
         while driver.executed < driver.sent or driver.queued:  # noqa: ASYNC110
@@ -95,12 +99,13 @@ def test_a_program_is_executed_once_whole_and_followed(in_virtual_time, name, wi
     in_virtual_time(main())
 
 
-@pytest.mark.parametrize("name", ["grbl", "grblhal"])
-def test_hold_and_resume_on_the_way_lose_nothing(in_virtual_time, name):
+@both_dialects
+@every_wire
+def test_hold_and_resume_on_the_way_lose_nothing(in_virtual_time, name, wire):
     lines = rings(3)
 
     async def main() -> None:
-        async with machine(name, "tcp") as (sim, driver):
+        async with machine(name, wire) as (sim, driver):
             driver.submit(lines)
             for _ in range(4):
                 await asyncio.sleep(1.3)
@@ -118,10 +123,11 @@ def test_hold_and_resume_on_the_way_lose_nothing(in_virtual_time, name):
     in_virtual_time(main())
 
 
-@pytest.mark.parametrize("name", ["grbl", "grblhal"])
-def test_cancel_from_a_hold_keeps_the_place_and_another_stream_runs(in_virtual_time, name):
+@both_dialects
+@every_wire
+def test_cancel_from_a_hold_keeps_the_place_and_another_stream_runs(in_virtual_time, name, wire):
     async def main() -> None:
-        async with machine(name, "tcp") as (sim, driver):
+        async with machine(name, wire) as (sim, driver):
             driver.submit(rings(5))
             await asyncio.sleep(3.0)
             await driver.hold()
@@ -140,9 +146,10 @@ def test_cancel_from_a_hold_keeps_the_place_and_another_stream_runs(in_virtual_t
     in_virtual_time(main())
 
 
-def test_a_reset_in_motion_loses_the_position(in_virtual_time):
+@every_wire
+def test_a_reset_in_motion_loses_the_position(in_virtual_time, wire):
     async def main() -> None:
-        async with machine("grbl", "tcp") as (_, driver):
+        async with machine("grbl", wire) as (_, driver):
             alarms = []
             driver.listener.on_alarm = alarms.append
             driver.submit(rings(5))
@@ -157,8 +164,8 @@ def test_a_reset_in_motion_loses_the_position(in_virtual_time):
     in_virtual_time(main())
 
 
-@pytest.mark.parametrize("name", ["grbl", "grblhal"])
-@pytest.mark.parametrize("wire", ["tcp", "serial"])
+@both_dialects
+@every_wire
 def test_a_rejected_line_stops_the_machine_near_it(in_virtual_time, name, wire):
     lines = rings(5)
     lines[100] = b"N100 G1 X1 X2"
@@ -177,9 +184,11 @@ def test_a_rejected_line_stops_the_machine_near_it(in_virtual_time, name, wire):
     in_virtual_time(main())
 
 
-def test_a_feed_override_is_followed(in_virtual_time):
+@both_dialects
+@every_wire
+def test_a_feed_override_is_followed(in_virtual_time, name, wire):
     async def main() -> None:
-        async with machine("grblhal", "tcp") as (_, driver):
+        async with machine(name, wire) as (_, driver):
             driver.submit(rings(3))
             await asyncio.sleep(1.0)
             driver.realtime(Realtime.FEED_MINUS_10)
@@ -195,10 +204,11 @@ def test_a_feed_override_is_followed(in_virtual_time):
     ("settings", "words", "mend"),
     [({"s32": 0}, "laser mode is off", "$32=1"), ({"s10": 1}, "could not be told", "$10=")],
 )
-@pytest.mark.parametrize("name", ["grbl", "grblhal"])
-def test_settings_no_program_may_run_with(in_virtual_time, name, settings, words, mend):
+@both_dialects
+@every_wire
+def test_settings_no_program_may_run_with(in_virtual_time, name, wire, settings, words, mend):
     async def main() -> None:
-        async with machine(name, "tcp", None, **settings):
+        async with machine(name, wire, None, **settings):
             pass
 
     with pytest.raises(MachineError, match=words) as refused:
@@ -206,11 +216,13 @@ def test_settings_no_program_may_run_with(in_virtual_time, name, settings, words
     assert mend in refused.value.hint
 
 
-def test_a_machine_taken_over_in_a_hold_is_where_it_was(in_virtual_time):
+@both_dialects
+@every_wire
+def test_a_machine_taken_over_in_a_hold_is_where_it_was(in_virtual_time, name, wire):
     """A host that dies in a hold: the next one finds the place before it resets anything."""
 
     async def main() -> None:
-        async with machine("grbl", "pty") as (sim, driver):
+        async with machine(name, wire) as (sim, driver):
             driver.submit(rings(5))
             await asyncio.sleep(2.0)
             await driver.hold()
@@ -229,9 +241,10 @@ def test_a_machine_taken_over_in_a_hold_is_where_it_was(in_virtual_time):
     in_virtual_time(main())
 
 
-def test_homing_and_soft_limits(in_virtual_time):
+@every_wire
+def test_homing_and_soft_limits(in_virtual_time, wire):
     async def main() -> None:
-        async with machine("grbl", "tcp", None, s22=1, s20=1) as (_, driver):
+        async with machine("grbl", wire, None, s22=1, s20=1) as (_, driver):
             assert not driver.position_trusted
             await driver.home()
             assert driver.position_trusted
