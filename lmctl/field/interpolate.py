@@ -76,7 +76,7 @@ def sharpen(
         strict = False
         for m in range(8):
             for o in range(m):
-                strict = strict or not _one_sheet(c, n, o, m, False)
+                strict = strict or not _one_sheet(c, n, o, m, strict)
         if strict and abs(distance[q]) > EDGE_PITCHES:
             continue
         for m in range(8):
@@ -110,7 +110,7 @@ def sharpen(
             height[sheets] /= total
             lead[sheets] = first
             sheets += 1
-        joined = _joined(c, n, sheet, lead, height, sheets, meets)
+        joined = _joined(c, n, sheet, lead, height, meets)
         if joined == joined:
             # A distance changes no faster than the way: no node may be contradicted, least of all
             # the nearest.
@@ -187,7 +187,7 @@ def _on_an_edge(c: FloatArray, n: FloatArray, m: int) -> bool:
 @kernel
 def _joined(
     c: FloatArray, n: FloatArray, sheet: NDArray[np.int64], lead: NDArray[np.int64],
-    height: FloatArray, sheets: int, meets: NDArray[np.int64],
+    height: FloatArray, meets: NDArray[np.int64],
 ) -> float:
     """The distance the sheets make together; nan where how they meet cannot be told.
 
@@ -195,6 +195,9 @@ def _joined(
         of either lie on the other too, as those of an edge do
     """
     ridges, grooves = 0, 0
+    sheets = 0
+    for m in range(8):
+        sheets = max(sheets, sheet[m] + 1)
     for s in range(sheets):
         for t in range(s):
             low, high = 0.0, 0.0
