@@ -19,13 +19,17 @@ from lmctl.field.grid import Grid, Window
 from lmctl.field.mesh import mesh_field
 from lmctl.field.plane import PlaneGrid, loop_area_mm2, plane_distance, section_loops
 from lmctl.field.triangles import closest_in_rows
-from lmctl.part.depth import greatest, onto_zero
+from lmctl.part.depth import greatest, onto_zero, unit_slope
 from lmctl.part.measured import Bounds, zero_bounds
 from lmctl.part.mesh_files import Mesh
 from lmctl.part.slicing import Slicer
 
 FloatArray = NDArray[np.float64]
 Vector = tuple[float, float, float]
+
+#: Half the span of slopes of stored fields, and how near a place is taken to lie on their surface.
+STEP_PITCHES = 0.01
+SURFACE_PITCHES = 1e-3
 
 
 class Body(Protocol):
@@ -78,9 +82,20 @@ class Stored:
         return sample(self.field, points)
 
     def feet(self, points: FloatArray) -> FloatArray:
-        return closest_points(self.field, points)
+        """Of stored triangles the nearest place on one; of stored points the nearest, or nearer
+        still the place on the surface between them that the slope leads to."""
+        feet = closest_points(self.field, points)
+        if not (self.field.exact and self.field.surface_mm.ndim == 2):
+            return feet
+        led = onto_zero(self.at, self.inward, points)
+        slack = SURFACE_PITCHES * self.field.grid.pitch_mm
+        nearer = np.linalg.norm(led - points, axis=1) < np.linalg.norm(feet - points, axis=1)
+        better = nearer & (np.abs(self.at(led)) < slack)
+        return np.where(better[:, None], led, feet)
 
     def inward(self, points: FloatArray) -> FloatArray:
+        if self.field.exact:  # read back more precisely than the slope of its nodes is
+            return unit_slope(self.at, points, STEP_PITCHES * self.field.grid.pitch_mm)
         return unit_rows(sample_gradient(self.field, points))
 
     def distance(self, window: Window) -> NDArray[np.float32]:

@@ -21,7 +21,7 @@ from lmctl.part.analytic import Analytic
 from lmctl.part.bodies import Body
 from lmctl.part.boundary import Boundary
 from lmctl.part.measured import Bounds
-from lmctl.part.operands import ON_SURFACE, STEP_OUT, Operands, Operation, alone
+from lmctl.part.operands import ON_SURFACE, STEPS_OUT, Operands, Operation, alone
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -66,7 +66,7 @@ class Combined(Analytic):
         least, most = np.max([b[0] for b in own], axis=0), np.min([b[1] for b in own], axis=0)
         low, high = self.boundary.feet_mm.min(axis=0), self.boundary.feet_mm.max(axis=0)
         # Feet lie beside an outermost place: what comes this near to its body's end, ends there.
-        slack = STEP_OUT * self.grid.pitch_mm
+        slack = STEPS_OUT[0] * self.grid.pitch_mm
         low = np.where(low - least < slack, least, low)
         return low, np.where(most - high < slack, most, high)
 

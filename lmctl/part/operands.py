@@ -24,9 +24,12 @@ Operation = Literal["union", "difference", "intersection"]
 #: Surfaces that may meet at one point: a crease has two, a corner three.
 MOST_ACTIVE = 3
 
-#: A point counts as on a surface, and as left, within these shares of the pitch.
+#: A point counts as on a surface within this share of the pitch.
 ON_SURFACE = 0.02
-STEP_OUT = 0.05
+
+#: Steps out of a surface, in pitches: a long one that no noise of a field hides, then, for narrow
+#: places, shorter ones.
+STEPS_OUT = (0.05, 0.01, 0.002)
 
 #: How far outside a step out must lead, of its length: creases narrower than 2° are not seen.
 LEAST_OUT = 0.02
@@ -108,16 +111,24 @@ class Operands:
         It does when a small step out of all of them leads out of every body: faces that only touch
         have no such step, and what another body covers has none either.
         """
-        step = STEP_OUT * self.pitch_mm
+        exposed = np.zeros(len(points), dtype=bool)
+        for share in STEPS_OUT:
+            rows = np.flatnonzero(~exposed)
+            if len(rows) == 0:
+                break
+            exposed[rows] = self._leads_out(points[rows], active[rows], share * self.pitch_mm)
+        return exposed
+
+    def _leads_out(self, points: FloatArray, active: IntArray, step: float) -> NDArray[np.bool_]:
+        """Whether a step of this length [mm], out of all active surfaces, ends outside all."""
         out = np.zeros_like(points)
         for number in np.unique(active[active >= 0]):
             rows = np.flatnonzero((active == number).any(axis=1))
             out[rows] -= self.signs[number] * self._slope(number, points[rows], step)
         size = np.linalg.norm(out, axis=1)
         there = points + out * (step / np.maximum(size, 1e-12))[:, None]
-        left = self.values(there).max(axis=0) < -LEAST_OUT * step
-        exposed: NDArray[np.bool_] = left & (size > LEAST_OUT)
-        return exposed
+        left: NDArray[np.bool_] = self.values(there).max(axis=0) < -LEAST_OUT * step
+        return left & (size > LEAST_OUT)
 
     def _slope(self, number: int, points: FloatArray, step_mm: float) -> FloatArray:
         """How a body's depth grows around points; on its own edges and corners, between faces."""

@@ -21,7 +21,7 @@ FloatArray = NDArray[np.float64]
 DISTANCE_MAP = "RdBu"
 
 #: Nodes along the longer side of each plane.
-NODES = 400
+NODES = 300
 
 #: How much of a plane's longer side is left free around the part.
 MARGIN = 0.06
