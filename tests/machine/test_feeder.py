@@ -27,6 +27,16 @@ ONE = FeederConfig("F1", (TRUTH,))
 TWO = FeederConfig("F1", (TRUTH, replace(TRUTH, channel=2, material="WC")))
 
 
+SERVING = {"by": serve_tcp}
+
+
+@pytest.fixture(autouse=True, params=["tcp", "rtu"])
+def wire(request, monkeypatch) -> str:
+    """Every test here runs over either wire."""
+    monkeypatch.setitem(SERVING, "by", serve_tcp if request.param == "tcp" else serve_pty)
+    return request.param
+
+
 def hopper(name: str = "A", channel: int = 1, **changes) -> Hopper:
     return Hopper(**{"name": name, "feeder": "F1", "channel": channel, "material": "316L",
                      "dead_time_s": 3.0, "lag_s": 1.0, "max_flow_g_min": 60.0} | changes)
@@ -39,9 +49,9 @@ class Ears(FeederListener):
 
 
 @asynccontextmanager
-async def simulated(config: FeederConfig, wire: str = "tcp") -> AsyncIterator[tuple]:
+async def simulated(config: FeederConfig) -> AsyncIterator[tuple]:
     device = PmxDevice(config, asyncio.get_running_loop().time)
-    server: ModbusServer = await (serve_tcp if wire == "tcp" else serve_pty)(device)
+    server: ModbusServer = await SERVING["by"](device)
     try:
         yield device, server
     finally:
@@ -50,9 +60,9 @@ async def simulated(config: FeederConfig, wire: str = "tcp") -> AsyncIterator[tu
 
 @asynccontextmanager
 async def driven(
-    config: FeederConfig = ONE, *hoppers: Hopper, wire: str = "tcp", **settings
+    config: FeederConfig = ONE, *hoppers: Hopper, **settings
 ) -> AsyncIterator[tuple[FeederDriver, PmxDevice, ModbusServer, Ears]]:
-    async with simulated(config, wire) as (device, server):
+    async with simulated(config) as (device, server):
         feeder = Feeder(name="F1", endpoint=server.endpoint, **settings)
         driver = await FeederDriver.open(feeder, hoppers or (hopper(),))
         driver.listener = ears = Ears()
@@ -78,16 +88,15 @@ async def feeding(driver: FeederDriver, flow_g_min: float = 6.0) -> None:
     await driver.stable(30.0)
 
 
-wires = pytest.mark.parametrize("wire", ["tcp", "rtu"])
+only_tcp = pytest.mark.parametrize("wire", ["tcp"], indirect=True)
 maps = pytest.mark.parametrize("map_minor", [0, 1])
 
 
-@wires
 @maps
-def test_from_opening_to_powder_and_back(wire, map_minor):
+def test_from_opening_to_powder_and_back(map_minor):
     async def main():
         config = replace(ONE, map_minor=map_minor)
-        async with driven(config, wire=wire) as (driver, device, _, ears):
+        async with driven(config) as (driver, device, _, ears):
             assert driver.identity.has_mirror == bool(map_minor)
             assert driver.status.state in (State.NOT_READY, State.READY)
             started_s = now()
@@ -259,10 +268,10 @@ def test_a_second_host_numbers_its_recipes_on():
 # --- what may go wrong
 
 
-def fault_of(act, config: FeederConfig = ONE, within_s: float = 3.0, wire: str = "tcp"):
+def fault_of(act, config: FeederConfig = ONE, within_s: float = 3.0):
     """Feed, let `act(device, server)` spoil it, and return the faults and how late the first is."""
     async def main():
-        async with driven(config, wire=wire) as (driver, device, server, ears):
+        async with driven(config) as (driver, device, server, ears):
             await feeding(driver)
             spoilt_s = now()
             heard_s = []
@@ -300,12 +309,11 @@ def test_the_local_switch_is_noticed():
     assert "LOCAL" in reason
 
 
-@wires
-def test_silence_is_noticed_within_the_watchdog_time(wire):
+def test_silence_is_noticed_within_the_watchdog_time():
     def fall_silent(device, server):
         server.stop()
 
-    (reason,) = fault_of(fall_silent, within_s=2.1, wire=wire)
+    (reason,) = fault_of(fall_silent, within_s=2.1)
     assert reason.startswith("no answer for 1.")
 
 
@@ -375,6 +383,7 @@ def test_an_alarm_with_a_cause_that_remains_cannot_be_reset():
     virtual_time.run(main())
 
 
+@only_tcp
 def test_a_tcp_link_that_comes_back_in_time_is_no_fault():
     async def main():
         async with driven() as (driver, device, server, ears):
@@ -481,6 +490,7 @@ def test_a_device_of_another_kind_or_map_is_refused(monkeypatch):
     virtual_time.run(main())
 
 
+@only_tcp
 def test_nobody_there():
     async def main():
         async with simulated(ONE) as (_, server):
