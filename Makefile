@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --quiet
 
-.PHONY: demo test check bench clean
+.PHONY: demo test check bench faults kills clean
 
 ## the main job: a scanned gear to a printed job log, on the simulated machine
 demo: $(VENV)/.installed
@@ -25,6 +25,15 @@ check: $(VENV)/.installed-test
 ## the benchmarks, each one JSON object
 bench: $(VENV)/.installed-test
 	@for script in tests/benchmarks/*.py; do echo "== $$script"; $(BIN)/python $$script || exit 1; done
+
+## every fault in every state of a run, judged by the simulators' record; the table stays in the tree
+faults: $(VENV)/.installed-test
+	$(BIN)/python -m tests.faults.matrix > tests/faults/MATRIX.md.new; wrong=$$?; \
+	  mv tests/faults/MATRIX.md.new tests/faults/MATRIX.md; tail -n 1 tests/faults/MATRIX.md; exit $$wrong
+
+## a hundred hosts killed at random moments, and what recovery makes of it
+kills: $(VENV)/.installed-test
+	$(BIN)/python -m tests.faults.kills 100
 
 clean:
 	rm -rf $(VENV) lmctl-demo build dist

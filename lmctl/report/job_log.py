@@ -103,7 +103,7 @@ def _gather(record: dict[str, Any], t_s: float, gathered: _Gathered) -> None:
                 Happening(t_s, f"feed override {record['feed_percent']} % ({record['source']})")
             )
         case "fault":
-            text = "; ".join([record["what"], *record["where"]])
+            text = "; ".join([record["what"], *record.get("local", {}).get("where", ())])
             gathered.happenings.append(Happening(t_s, f"FAULT: {text}"))
         case "seal":
             gathered.end = record

@@ -233,10 +233,11 @@ class Executor:
         finally:
             warnings = (_BEAM_STAYED_OFF,) if sequence.accepted and sequence.beam_off else ()
             machine_s = loop.time() - start_t
+            sequence.end()
+            await operators.close()
             recorder.seal(machine.state, lines=sequence.executed, warnings=list(warnings),
                           recoverable=recoverable(machine, sequence),
                           position_trusted=sequence.position_trusted)
-            await operators.close()
             await sequence.close()
         if machine.state is not State.DONE:
             raise ending(made, machine, sequence)

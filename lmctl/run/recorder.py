@@ -110,8 +110,8 @@ class Recorder:
 
     def alarm(self, alarm: Alarm) -> None:
         """An interlock has tripped."""
-        self._append("alarm", name=alarm.name, what=alarm.what, where=list(alarm.where),
-                     hint=alarm.hint)
+        self._append("alarm", name=alarm.name, what=alarm.what, hint=alarm.hint,
+                     local={"where": list(alarm.where)})
 
     def purged(self, fed_g: dict[str, float]) -> None:
         """Powder that has gone into no layer."""
@@ -176,9 +176,11 @@ class Recorder:
     def fault(self, error: BaseException) -> None:
         """A reason to stop, in words; durable."""
         if isinstance(error, LmctlError):
-            self._append("fault", what=error.what, where=list(error.where), hint=error.hint)
+            # Places name ports and files, which differ between equal runs.
+            self._append("fault", what=error.what, hint=error.hint,
+                         local={"where": list(error.where)})
         else:
-            self._append("fault", what=f"internal error: {error!r}", where=[], hint="")
+            self._append("fault", what=f"internal error: {error!r}", hint="")
         self._sync()
 
     def seal(self, state: State, **fields: Any) -> None:

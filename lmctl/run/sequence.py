@@ -144,12 +144,15 @@ class CellSequence:
         if self._accepted is not None and self._accepted.deposition.started:
             self._accepted.deposition.override_when_dark(percent)
 
-    async def close(self) -> None:
-        """Let go of the cell, whatever became of the run."""
+    def end(self) -> None:
+        """The run is over: nothing more is sent, and nothing that is said is heard."""
         if self._watch is not None:
             self._watch.stop()
         if self._accepted is not None:
             self._accepted.feed.off()
+
+    async def close(self) -> None:
+        """Let go of the cell, whatever became of the run."""
         if self._cell is not None:
             with suppress(JournalError):  # unwritten, the position is not trusted the next time
                 self._whereabouts.end(self._cell.motion)

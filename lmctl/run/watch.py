@@ -62,8 +62,13 @@ class Watch:
         self._timer = self._loop.call_later(self._stale_s, self._look_again)
 
     def stop(self) -> None:
-        """Look no more; devices may still report."""
+        """Look and listen no more."""
         self._timer.cancel()
+        self._cell.motion.listener = MotionListener()
+        for feeder in self._cell.feeders:
+            feeder.listener = FeederListener()
+        if self._cell.safety is not None:
+            self._cell.safety.listener = SafetyListener()
 
     def standing(self) -> list[MachineError]:
         """Which interlocks hold at this moment."""

@@ -4,13 +4,12 @@ The simulated cell is a process of its own, in real time, and so is the host. Fo
 journal verifies and claims no path that was not executed; recovery completes the part with nothing
 missing, and repeats no more than the send horizon holds and the overlap.
 
-    python tests/faults/kills.py [KILLS]
+    python -m tests.faults.kills [KILLS]
 """
 
 from __future__ import annotations
 
 import json
-import os
 import random
 import signal
 import subprocess
@@ -212,5 +211,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.path.insert(0, os.getcwd())
     sys.exit(main())

@@ -4,13 +4,12 @@ For each: the beam is off within 100 ms of the fault being visible to the host, 
 journal is whole, the right alarm comes first, and the run can be resumed or recovered, or says why
 not. Prints a Markdown table; exits 1 if one falls short.
 
-    python tests/faults/matrix.py [KIND …]
+    python -m tests.faults.matrix [KIND …]
 """
 
 from __future__ import annotations
 
 import asyncio
-import os
 import re
 import shutil
 import sys
@@ -248,5 +247,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.path.insert(0, os.getcwd())
     sys.exit(main())
