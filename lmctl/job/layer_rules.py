@@ -1,7 +1,9 @@
 """What every layer of a job must satisfy; asked of it when it is written and when it is read.
 
-A job's text goes to the machine as it stands, so a reader trusts nothing: only motion, dwell
-and beam words pass, never a `$` command, a real-time character or a byte above 0x7F.
+A job's text goes to the machine as it stands, so a reader trusts nothing: only the words that a
+plan is made of pass. Never a `$` command, a real-time character or a byte above 0x7F; nor inches,
+offsets, other frames, what is stored in the controller (G10, G28.1), or M3, whose beam stays on
+where the machine stands.
 """
 
 from __future__ import annotations
@@ -15,7 +17,9 @@ from lmctl.job.schema import N_WORD_MODULUS, JobLayer, LineKind, line_dtype
 #: Grbl's line buffer takes 80 characters; N, four coordinates, F and S need fewer than this.
 LONGEST_LINE = 70
 
-_PROGRAM = re.compile(r"(?:N[0-9]{1,7}(?: [GMXYZFSP]-?[0-9]+(?:\.[0-9]+)?)+\n)*")
+_NUMBER = r"-?[0-9]+(?:\.[0-9]+)?"
+_WORD = rf"(?:G(?:[014]|21|90|94)|M[45]|[XYZFSP]{_NUMBER})"
+_PROGRAM = re.compile(rf"(?:N[0-9]{{1,7}}(?: {_WORD})+\n)*")
 
 
 def broken_rule(layer: JobLayer, n_materials: int, n_hoppers: int) -> str | None:

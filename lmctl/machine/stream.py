@@ -7,9 +7,11 @@ next line submitted begins another stream at zero.
 from __future__ import annotations
 
 import asyncio
+import re
 from collections import deque
 from collections.abc import Callable, Iterable
 
+from firmware_protocol.host import LocalProtocolError
 from firmware_protocol.realtime import Realtime
 from firmware_protocol.status import StatusReport
 from lmctl.machine.conversation import Conversation
@@ -17,6 +19,9 @@ from lmctl.machine.identify import Identity
 from lmctl.machine.progress import Progress
 
 _MISSING_ANSWER_S = 5.0
+
+# An AVR board stores these with interrupts off, and what arrives meanwhile is lost.
+_STORES = re.compile(rb"^\s*\$|G\s*0*(?:10|28\.10*|30\.10*)(?![0-9.])", re.IGNORECASE)
 
 
 class Stream:
@@ -48,6 +53,8 @@ class Stream:
         lines = list(lines)
         for line in lines:
             self._talk.check_line(line)
+            if _STORES.search(line):
+                raise LocalProtocolError(f"{line!r} stores something, so it must be sent alone")
         if not self.running:
             lead_s = identity.dialect.segment_buffer_s
             self.progress = Progress(identity.planner_blocks, lead_s)
