@@ -67,7 +67,7 @@ def with_motion(text):
 TRIPPED = [
     ("emergency stop", with_safety(estop_closed=False), "emergency stop"),
     ("door", with_safety(door_closed=False), "door"),
-    ("door", with_motion("<Door:1|MPos:1.000,2.000,3.000>"), "door"),
+    ("controller's door", with_motion("<Door:1|MPos:1.000,2.000,3.000>"), "door"),
     ("laser", with_safety(laser_healthy=False), "fault"),
     ("laser", with_safety(no_back_reflection=False), "back-reflection"),
     ("laser", with_safety(laser_ready=False), "not ready"),
