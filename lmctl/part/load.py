@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from lmctl.config import part_file as config
@@ -23,17 +23,23 @@ from lmctl.part.tree import Tree
 #: What a bare mesh or cloud is made of.
 DEFAULT_MATERIAL = "316L"
 
+Tell = Callable[[str], None]
 
-def load_part(path: Path) -> Part:
+
+def load_part(path: Path, tell: Tell | None = None) -> Part:
     """The part a part file describes.
+
+    tell : is given what the part will take of memory and time, before that begins
 
     Raises ConfigError (the file; all mistakes at once) and InputError (its data).
     """
     checked, text = load_part_file(path)
-    return _build(checked, text, path.parent)
+    return _build(checked, text, path.parent, tell=tell)
 
 
-def part_from_model(path: Path, units: str | None = None) -> Part:
+def part_from_model(
+    path: Path, units: str | None = None, tell: Tell | None = None
+) -> Part:
     """A mesh or cloud file alone as a part, with defaults that its warnings and notes name.
 
     units : "mm", "cm", "m" or "inch"; None takes mm, and says so
@@ -58,14 +64,21 @@ def part_from_model(path: Path, units: str | None = None) -> Part:
         f"[[body]]\nkind = {_quoted(kind)}\nfile = {_quoted(path.name)}\n"
         + (f"units = {_quoted(units or 'mm')}\n" if units or suffix != "3mf" else "")
     )
-    return _build(parse_part_file(text, name=str(path)), text, path.parent, said)
+    return _build(parse_part_file(text, name=str(path)), text, path.parent, said, tell)
 
 
-def _build(part: config.PartFile, text: str, folder: Path, said: Sequence[str] = ()) -> Part:
+def _build(
+    part: config.PartFile, text: str, folder: Path, said: Sequence[str] = (),
+    tell: Tell | None = None,
+) -> Part:
     materials = resolve_materials(part)
     data = Data(folder, part.process.bead_width_mm)
     data.warnings += said
     tree = Tree(part, data)
+    cost = tree.cost()
+    cost.check()
+    if tell is not None and cost.said():
+        tell(cost.said())
     body = tree.body
     if isinstance(body, MeshSolid | FieldSolid):
         grid = body.grid

@@ -128,7 +128,8 @@ class Operands:
         size = np.linalg.norm(out, axis=1)
         there = points + out * (step / np.maximum(size, 1e-12))[:, None]
         left: NDArray[np.bool_] = self.values(there).max(axis=0) < -LEAST_OUT * step
-        return left & (size > LEAST_OUT)
+        out_of_all: NDArray[np.bool_] = left & (size > LEAST_OUT)
+        return out_of_all
 
     def _slope(self, number: int, points: FloatArray, step_mm: float) -> FloatArray:
         """How a body's depth grows around points; on its own edges and corners, between faces."""

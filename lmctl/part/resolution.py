@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+import os
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.errors import InputError
+from lmctl.errors import InputError, UsageError
 from lmctl.field.grid import Grid
 from lmctl.field.plane import PlaneGrid
 
@@ -16,8 +17,10 @@ FloatArray = NDArray[np.float64]
 #: Memory of a stored field while it is made: values, sources, squares, crossings, surface points.
 BYTES_PER_NODE = 20
 
-#: A stored field above this (2 GB while it is made) is refused.
-MOST_STORED_NODES = 100_000_000
+#: What parts may take of the memory, unless the user says otherwise: in megabytes, in this
+#: variable of the environment. No file can say it, as a file may come from someone else.
+LIMIT_VARIABLE = "LMCTL_MEMORY_MB"
+DEFAULT_LIMIT_MB = 2000
 
 #: A boolean's boundary needs to be found, not resolved: eight bytes a node while it is.
 MOST_BOUNDARY_NODES = 16_000_000
@@ -39,7 +42,25 @@ PLANE_PITCHES_PER_BEAD = 8
 
 def choose_pitch(low: FloatArray, high: FloatArray, bead_width_mm: float) -> float:
     """A quarter of the bead width, or the finest pitch a stored field of that box may have."""
-    return max(bead_width_mm / FIELD_PITCHES_PER_BEAD, finest_pitch(low, high, MOST_STORED_NODES))
+    return max(bead_width_mm / FIELD_PITCHES_PER_BEAD, finest_pitch(low, high, most_stored_nodes()))
+
+
+def memory_limit_bytes() -> float:
+    """What the user allows parts to take of the memory. Raises UsageError where it is no number."""
+    said = os.environ.get(LIMIT_VARIABLE, str(DEFAULT_LIMIT_MB))
+    try:
+        megabytes = float(said)
+    except ValueError:
+        megabytes = math.nan
+    if not 50 <= megabytes <= 1e7:
+        raise UsageError(f"{LIMIT_VARIABLE} = {said!r} is no amount of memory",
+                         hint=f"say megabytes, such as {DEFAULT_LIMIT_MB}")
+    return megabytes * 1e6
+
+
+def most_stored_nodes() -> int:
+    """Nodes of the largest field that can be made within the limit."""
+    return int(memory_limit_bytes() / BYTES_PER_NODE)
 
 
 def checked_grid(low: FloatArray, high: FloatArray, pitch_mm: float, *, stored: bool) -> Grid:
@@ -47,16 +68,17 @@ def checked_grid(low: FloatArray, high: FloatArray, pitch_mm: float, *, stored: 
 
     Raises InputError with the nodes and memory it would need and the pitch that fits.
     """
-    most = MOST_STORED_NODES if stored else MOST_WALKED_NODES
+    most = most_stored_nodes() if stored else MOST_WALKED_NODES
     nodes = _nodes(low, high, pitch_mm)
     if nodes > most:
         size = " × ".join(f"{v:.4g}" for v in high - low)
-        memory = f", {_bytes(nodes * BYTES_PER_NODE)}" if stored else ""
+        memory = f", {in_bytes(nodes * BYTES_PER_NODE)}" if stored else ""
         raise InputError(
             f"a pitch of {pitch_mm:g} mm needs {nodes:.2g} grid nodes{memory}",
             where=f"the part is {size} mm; at most {most:.2g} nodes"
-            + (f", {_bytes(most * BYTES_PER_NODE)}" if stored else ""),
-            hint=f"give a pitch_mm of at least {finest_pitch(low, high, most):g}",
+            + (f", {in_bytes(most * BYTES_PER_NODE)}" if stored else ""),
+            hint=f"give a pitch_mm of at least {finest_pitch(low, high, most):g}"
+            + (f", or allow more memory with {LIMIT_VARIABLE}" if stored else ""),
         )
     return Grid.around(low, high, pitch_mm, PADDING)
 
@@ -110,7 +132,7 @@ def _nodes(low: FloatArray, high: FloatArray, pitch_mm: float) -> float:
     return float(np.prod((high - low) / pitch_mm + 2 * PADDING + 2))
 
 
-def _bytes(count: float) -> str:
+def in_bytes(count: float) -> str:
     for unit in ("bytes", "kB", "MB", "GB", "TB"):
         if count < 1000:
             return f"{count:.3g} {unit}"

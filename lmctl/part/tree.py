@@ -24,6 +24,7 @@ from lmctl.part.bodies import Body, FieldSolid, MeshSolid
 from lmctl.part.cloud_files import Cloud
 from lmctl.part.combined import Combined
 from lmctl.part.composition import Carried, Mixed, Rule, Uniform
+from lmctl.part.cost import CLOUD_S, MESH_S, OPERAND_S, Cost, Item
 from lmctl.part.data import Data
 from lmctl.part.formulas import Box, Cone, Cylinder, HalfSpace, Sphere, Torus
 from lmctl.part.measured import Bounds, is_closed, without_specks
@@ -66,6 +67,24 @@ class Tree:
     def body(self) -> Body:
         """What the part is."""
         return self._joined(self._part.combine, self._roots, whole=True)
+
+    def cost(self) -> Cost:
+        """What has to be made before the part can answer. Raises InputError as building would."""
+        items = []
+        if self._part.combine is not None:
+            grid = self._boundary_grid(self._part.combine, self._roots, True)
+            items.append(Item("the combination", grid.n_nodes, OPERAND_S * len(self._roots), False))
+        for number, body in enumerate(self._part.body):
+            name = self._called([number])
+            if isinstance(body, config.MeshBody | config.CloudBody):
+                grid = checked_grid(*self._box(number), body.pitch_mm or self.pitch_mm, stored=True)
+                each_s = MESH_S if isinstance(body, config.MeshBody) else CLOUD_S
+                items.append(Item(name, grid.n_nodes, each_s, True))
+            elif isinstance(body, config.BooleanBody):
+                of = [self._number[other] for other in body.of]
+                grid = self._boundary_grid(body.kind, of, True)
+                items.append(Item(name, grid.n_nodes, OPERAND_S * len(of), False))
+        return Cost(tuple(items))
 
     @cached_property
     def rule(self) -> Rule:
