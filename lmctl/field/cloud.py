@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,6 +11,7 @@ from lmctl.field.even import fit_evenly
 from lmctl.field.field import Field
 from lmctl.field.flood import LEVELS, flood
 from lmctl.field.grid import Grid
+from lmctl.field.kernel import kernel
 from lmctl.field.outside import Orientation, nearest_samples, orient
 from lmctl.field.samples import clean_samples
 from lmctl.field.sheets import sort_sheets
@@ -22,7 +21,7 @@ FloatArray = NDArray[np.float64]
 
 REACH_SPACINGS = 2.2  # a patch speaks for the surface this far from its sample
 SURE_PITCHES = 0.5  # nearer to the surface than this a node's own fit knows its side best
-LEVELS_PER_PITCH = np.uint8(8)
+LEVELS_PER_PITCH = 8
 PROBE_PITCHES = 2.0
 LARGEST_SHARE_DISPUTED = 0.05
 
@@ -43,7 +42,7 @@ def cloud_field(points: FloatArray, grid: Grid) -> Field:
     samples, patches = fit_evenly(samples, grid.pitch_mm)
     orientation = orient(samples, patches, grid.pitch_mm)
     sheets = sort_sheets(samples, patches, orientation.inward, grid)
-    reach = REACH_SPACINGS * samples.spacing_mm + BAND_PITCHES * grid.pitch_mm
+    reach = np.hypot(REACH_SPACINGS * samples.spacing_mm, BAND_PITCHES * grid.pitch_mm)
     owner = nearest_samples(samples.points_mm, reach, grid)
     seeds = seed_cloud(owner, samples, sheets, grid)
     del owner
@@ -82,7 +81,9 @@ def _tags(orientation: Orientation, seeds: CloudSeeds, grid: Grid) -> NDArray[np
         )
         for a in range(3)
     ]
-    tags = orientation.deep[np.ix_(nearest[2], nearest[1], nearest[0])]
+    tags = orientation.deep
+    for axis in range(3):
+        tags = tags.take(nearest[2 - axis], axis)
     away = np.abs(seeds.distance_mm)
     level = np.full(grid.shape, LEVELS - 1, dtype=np.uint8)
     held = seeds.supported  # what may be in the air must not stand in the way
@@ -91,21 +92,34 @@ def _tags(orientation: Orientation, seeds: CloudSeeds, grid: Grid) -> NDArray[np
     ).astype(np.uint8)
     widest_first = np.argsort(-away, kind="stable")
     sides = np.where(seeds.distance_mm > 0.0, 1, -1).astype(np.int8)
-    flood(_spread(level), tags, seeds.nodes[widest_first], sides[widest_first])
+    _spread_kernel(level)
+    flood(level, tags, seeds.nodes[widest_first], sides[widest_first])
     return tags
 
 
-def _spread(level: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """How far each node is from those with a low level, in levels, along the grid's axes."""
-    for axis in (0, 1, 2):
-        # Planes across the last axis are scattered in memory: turn that one to the middle.
-        turned = np.ascontiguousarray(level.transpose(0, 2, 1)) if axis == 2 else level
-        planes = turned if axis == 0 else turned.transpose(1, 0, 2)
-        for order in (planes, planes[::-1]):
-            for before, here in itertools.pairwise(order):
-                np.minimum(here, before + LEVELS_PER_PITCH, out=here)
-        level = turned.transpose(0, 2, 1) if axis == 2 else turned
-    return np.ascontiguousarray(level)
+@kernel
+def _spread_kernel(level: NDArray[np.uint8]) -> None:
+    """How far each node is from those with a low level, in levels, along the grid's axes.
+
+    In place, there and back again in array order, which is all it takes for such distances.
+    """
+    nz, ny, nx = level.shape
+    for direction in range(2):
+        back = direction == 1
+        for kk in range(nz):
+            k, before_k = (nz - 1 - kk, nz - kk) if back else (kk, kk - 1)
+            for jj in range(ny):
+                j, before_j = (ny - 1 - jj, ny - jj) if back else (jj, jj - 1)
+                for ii in range(nx):
+                    i, before_i = (nx - 1 - ii, nx - ii) if back else (ii, ii - 1)
+                    least = LEVELS
+                    if ii > 0:
+                        least = min(least, level[k, j, before_i])
+                    if jj > 0:
+                        least = min(least, level[k, before_j, i])
+                    if kk > 0:
+                        least = min(least, level[before_k, j, i])
+                    level[k, j, i] = min(level[k, j, i], least + LEVELS_PER_PITCH)
 
 
 def _on_the_surface(

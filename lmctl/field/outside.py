@@ -141,23 +141,37 @@ def _spread(
     on flat ground that is the same normal, across a sharp edge it still is the right one
     (König & Gumhold, "Consistent propagation of normal orientations in point clouds", 2009).
     """
-    normal, points, near = patches.normal, samples.points_mm, samples.neighbours[:, :10]
+    normal, points = patches.normal, samples.points_mm
+    near = np.ascontiguousarray(samples.neighbours[:, :10])
     rows = np.flatnonzero((inward == 0) & ~floating)
-    offset = points[near[rows]] - points[rows][:, None]
-    offset /= np.linalg.norm(offset, axis=2, keepdims=True)
-    own, theirs = normal[rows][:, None], normal[near[rows]]
-    agreement = np.sum(own * theirs, axis=2) - 2.0 * (
-        np.sum(own * offset, axis=2) * np.sum(theirs * offset, axis=2)
-    )
+    agreement = np.empty((len(rows), near.shape[1]))
+    _agreement_kernel(points, normal, near, rows, agreement)
     needed = 2.0
     while len(rows) and needed > 1e-3:
-        vote = np.sum(agreement * inward[near[rows]], axis=1)
+        vote = np.einsum("nm,nm->n", agreement, inward[near[rows]])
         told = np.abs(vote) >= needed
         if told.any():
             inward[rows[told]] = np.sign(vote[told]).astype(np.int8)
             rows, agreement = rows[~told], agreement[~told]
         else:
             needed *= 0.5
+
+
+@kernel
+def _agreement_kernel(
+    points: FloatArray, normal: FloatArray, near: NDArray[np.int32], rows: NDArray[np.int64],
+    agreement: FloatArray,
+) -> None:
+    for n in range(len(rows)):
+        for m in range(near.shape[1]):
+            one, two, same, own, theirs, apart = rows[n], near[rows[n], m], 0.0, 0.0, 0.0, 0.0
+            for c in range(3):
+                offset = points[two, c] - points[one, c]
+                same += normal[one, c] * normal[two, c]
+                own += normal[one, c] * offset
+                theirs += normal[two, c] * offset
+                apart += offset * offset
+            agreement[n, m] = same - 2.0 * own * theirs / apart
 
 
 def nearest_samples(points_mm: FloatArray, reach_mm: FloatArray, grid: Grid) -> Sources:

@@ -80,15 +80,17 @@ def clean_samples(points: FloatArray, grid: Grid) -> Samples:
         )
     _refuse_flat(distinct, where)
     _refuse_outside(distinct, grid, where)
-    if _typical_spacing(distinct) < DENSE_PITCHES * grid.pitch_mm:
+    tree = cKDTree(distinct)
+    if _typical_spacing(tree) < DENSE_PITCHES * grid.pitch_mm:
         distinct = thinned(distinct, 0.5 * grid.pitch_mm)
         remarks.append(f"samples denser than the grid were averaged to {len(distinct)} points")
-    spacing, neighbours = _neighbourhoods(distinct)
+        tree = cKDTree(distinct)
+    spacing, neighbours = _neighbourhoods(tree)
     isolated = _isolated(spacing, neighbours)
     if isolated.mean() <= LARGEST_SHARE_DROPPED and isolated.any():
         remarks.append(f"{int(isolated.sum())} points far from all others were dropped as outliers")
         distinct = distinct[~isolated]
-        spacing, neighbours = _neighbourhoods(distinct)
+        spacing, neighbours = _neighbourhoods(cKDTree(distinct))
     _refuse_sparse(spacing, grid, where)
     return Samples(distinct, neighbours, spacing, tuple(remarks))
 
@@ -112,7 +114,7 @@ def _isolated(spacing: FloatArray, neighbours: NDArray[np.int32]) -> NDArray[np.
 def averaged(samples: Samples, cell_mm: float) -> Samples:
     """The samples averaged in cells of a side; where the cloud is sparser it stays as it is."""
     points = thinned(samples.points_mm, cell_mm)
-    spacing, neighbours = _neighbourhoods(points)
+    spacing, neighbours = _neighbourhoods(cKDTree(points))
     return Samples(points, neighbours, spacing, samples.remarks)
 
 
@@ -125,15 +127,14 @@ def thinned(points: FloatArray, cell_mm: float) -> FloatArray:
     return np.stack([np.bincount(member, points[:, a]) / count for a in range(3)], axis=1)
 
 
-def _typical_spacing(points: FloatArray) -> float:
+def _typical_spacing(tree: cKDTree) -> float:
     """From a few hundred samples spread through the cloud's order."""
-    some = points[:: max(1, len(points) // 500)]
-    sixth = cKDTree(points).query(some, k=7)[0][:, 6]
+    sixth = tree.query(tree.data[:: max(1, tree.n // 500)], k=7)[0][:, 6]
     return float(np.median(sixth)) * SPACING_OF_SIXTH
 
 
-def _neighbourhoods(points: FloatArray) -> tuple[FloatArray, NDArray[np.int32]]:
-    distances, rows = cKDTree(points).query(points, k=NEIGHBOURS + 1)
+def _neighbourhoods(tree: cKDTree) -> tuple[FloatArray, NDArray[np.int32]]:
+    distances, rows = tree.query(tree.data, k=NEIGHBOURS + 1)
     return distances[:, 6] * SPACING_OF_SIXTH, rows[:, 1:].astype(np.int32)
 
 
