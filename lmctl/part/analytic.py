@@ -30,6 +30,9 @@ class Analytic:
     def at(self, points: FloatArray) -> FloatArray:
         raise NotImplementedError
 
+    def bound(self, points: FloatArray) -> FloatArray:
+        return self.at(points)
+
     @cached_property
     def largest_depth_mm(self) -> float:
         return greatest(self.at, *self.bounds_mm)

@@ -46,6 +46,10 @@ class Body(Protocol):
     def at(self, points: FloatArray) -> FloatArray:
         """Distance at points (n, 3) float64 -> (n,) float64 [mm]."""
 
+    def bound(self, points: FloatArray) -> FloatArray:
+        """A distance of the right sign and at most the true size, cheap to ask; zero on the same
+        surface, and changing by at most 1 mm per mm."""
+
     def feet(self, points: FloatArray) -> FloatArray:
         """The surface point nearest to each of points (n, 3) -> (n, 3) float64 [mm]."""
 
@@ -80,6 +84,9 @@ class Stored:
 
     def at(self, points: FloatArray) -> FloatArray:
         return sample(self.field, points)
+
+    def bound(self, points: FloatArray) -> FloatArray:
+        return self.at(points)
 
     def feet(self, points: FloatArray) -> FloatArray:
         """Of stored triangles the nearest place on one; of stored points the nearest, or nearer

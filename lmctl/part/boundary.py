@@ -8,6 +8,7 @@ asks the nodes around it for theirs, and searches on from the nearest. Memory go
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -18,7 +19,6 @@ from scipy.spatial import cKDTree
 from lmctl.field.grid import Grid
 from lmctl.field.kernel import kernel
 from lmctl.field.sweep import sweep_sources
-from lmctl.part.analytic import chunks
 from lmctl.part.operands import MOST_ACTIVE, Operands, alone, joined_by
 
 FloatArray = NDArray[np.float64]
@@ -32,6 +32,9 @@ FAR_PITCHES = 16.0
 
 #: Within so many it matters that a foot found on a crease may have a nearer one beside it.
 NEAR_PITCHES = 4.0
+
+#: Nodes along each side of the blocks in which the grid is walked.
+BLOCK_NODES = 8
 
 #: Points searched for at a time.
 POINTS_AT_ONCE = 100_000
@@ -133,16 +136,39 @@ class Boundary:
     def _found(self) -> tuple[FloatArray, NDArray[np.int16]]:
         """Points on the surface and their active bodies."""
         feet, active = [], []
-        for _, points in chunks(self.grid.window()):
+        band = BAND_PITCHES * self.grid.pitch_mm
+        for points in self._blocks():
+            points = points[np.abs(self.operands.bound(points)) <= band]
             values = self.operands.values(points)
-            depth = values.max(axis=0)
-            near = np.flatnonzero(np.abs(depth) <= BAND_PITCHES * self.grid.pitch_mm)
+            near = np.abs(values.max(axis=0, initial=-np.inf)) <= band
             for at, met in self._from_nodes(points[near], values[:, near]):
                 feet.append(at)
                 active.append(met.astype(np.int16))
         if not feet:
             return np.empty((0, 3)), np.empty((0, MOST_ACTIVE), np.int16)
         return np.concatenate(feet), np.concatenate(active)
+
+    def _blocks(self) -> Iterator[FloatArray]:
+        """The nodes of those blocks of the grid that the surface may pass, some at a time.
+
+        Bounds change by at most 1 mm per mm, so one in the middle tells for a whole block.
+        """
+        pitch, origin = self.grid.pitch_mm, np.asarray(self.grid.origin_mm)
+        counts = np.ceil(np.array(self.grid.shape[::-1]) / BLOCK_NODES).astype(int)
+        reach = (0.5 * (BLOCK_NODES - 1) * np.sqrt(3.0) + BAND_PITCHES) * pitch
+        steps = np.stack(
+            np.meshgrid(*[np.arange(BLOCK_NODES)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+        blocks = np.stack(
+            np.meshgrid(*[np.arange(n) for n in counts], indexing="ij"), axis=-1).reshape(-1, 3)
+        firsts = origin + BLOCK_NODES * pitch * blocks
+        middles = firsts + 0.5 * (BLOCK_NODES - 1) * pitch
+        at_once = POINTS_AT_ONCE // BLOCK_NODES**3
+        for first in range(0, len(blocks), POINTS_AT_ONCE):
+            part = slice(first, first + POINTS_AT_ONCE)
+            kept = firsts[part][np.abs(self.operands.bound(middles[part])) <= reach]
+            for start in range(0, len(kept), at_once):
+                some = kept[start : start + at_once]
+                yield (some[:, None] + pitch * steps).reshape(-1, 3)
 
     def _from_nodes(
         self, points: FloatArray, values: FloatArray

@@ -79,6 +79,10 @@ class Combined(Analytic):
             depth[hidden] = np.maximum(depth[hidden], away)
         return self.operands.result * depth
 
+    def bound(self, points: FloatArray) -> FloatArray:
+        """What min and max of the bodies' distances say."""
+        return self.operands.result * self.operands.bound(np.asarray(points, dtype=np.float64))
+
     def feet(self, points: FloatArray) -> FloatArray:
         points = np.asarray(points, dtype=np.float64)
         _, deepest, hidden = self._looked(points)

@@ -79,6 +79,9 @@ class Moved(Analytic):
     def at(self, points: FloatArray) -> FloatArray:
         return self.motion.scale * self.body.at(self.motion.back(points))
 
+    def bound(self, points: FloatArray) -> FloatArray:
+        return self.motion.scale * self.body.bound(self.motion.back(points))
+
     def feet(self, points: FloatArray) -> FloatArray:
         return self.motion.there(self.body.feet(self.motion.back(points)))
 

@@ -59,6 +59,9 @@ class Offset(Analytic):
             depth[rows] = np.copysign(np.maximum(away, np.abs(depth[rows])), depth[rows])
         return depth
 
+    def bound(self, points: FloatArray) -> FloatArray:
+        return self.body.at(points) - self.level_mm
+
     def feet(self, points: FloatArray) -> FloatArray:
         points = np.asarray(points, dtype=np.float64)
         depth = self.body.at(points) - self.level_mm

@@ -10,12 +10,14 @@ and *is* that depth wherever the surface point it is measured to lies in no othe
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.part.bodies import Body
+from lmctl.part.analytic import Analytic
+from lmctl.part.bodies import Body, Stored
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -60,11 +62,41 @@ class Operands:
         return Operands(bodies, (-1, *[others] * (len(bodies) - 1)), -1, pitch_mm)
 
     def values(self, points: FloatArray) -> FloatArray:
-        """Depth in each body, (k, n) float64 [mm]: positive inside as it stands."""
+        """Depth in each body, (k, n) float64 [mm]: positive inside as it stands.
+
+        True where it is positive or the deepest; elsewhere it may be less deep outside than it is,
+        which spares asking bodies that are far away.
+        """
         found = np.empty((len(self.bodies), len(points)))
+        asked = np.zeros(found.shape, dtype=bool)
         for row, body, sign in zip(found, self.bodies, self.signs, strict=True):
-            np.multiply(body.at(points), sign, out=row)
-        return found
+            np.multiply(body.bound(points), sign, out=row)
+        columns = np.arange(len(points))
+        while True:
+            wanted = found > 0
+            wanted[found.argmax(axis=0), columns] = True
+            wanted &= ~asked
+            if not wanted.any():
+                return found
+            for number, (body, sign) in enumerate(zip(self.bodies, self.signs, strict=True)):
+                rows = np.flatnonzero(wanted[number])
+                if len(rows) and not self._exact[number]:
+                    found[number, rows] = sign * body.at(points[rows])
+            asked |= wanted
+
+    def bound(self, points: FloatArray) -> FloatArray:
+        """Depth in the union by `max` alone: of the right sign, and at most as large as it is."""
+        deepest = np.full(len(points), -np.inf)
+        for body, sign in zip(self.bodies, self.signs, strict=True):
+            np.maximum(deepest, sign * body.bound(points), out=deepest)
+        return deepest
+
+    @cached_property
+    def _exact(self) -> tuple[bool, ...]:
+        """Of which bodies `bound` is the distance already."""
+        return tuple(
+            type(body).bound in (Analytic.bound, Stored.bound) for body in self.bodies
+        )
 
     def feet(self, points: FloatArray, which: IntArray) -> FloatArray:
         """The nearest surface point of one body each: `which` (n,) are their numbers."""

@@ -35,7 +35,10 @@ class Overlap:
         (a path may lie a rounding outside) the nearest has all.
         """
         points = np.asarray(points, dtype=np.float64)
-        depths = np.stack([body.at(points) for body in self.bodies])
+        depths = np.stack([body.bound(points) for body in self.bodies])
+        for depth, body in zip(depths, self.bodies, strict=True):
+            inside = np.flatnonzero(depth > 0)
+            depth[inside] = body.at(points[inside])
         deepest = depths.argmax(axis=0)
         weights = np.maximum(depths, 0.0)
         if len(self.bodies) == 2:
