@@ -34,6 +34,9 @@ SEEN_WITHIN_S = {
     "default": 2.0,
     # An answer that is missing narrows the window; that it is missing shows when all is done.
     "ok_lost": 30.0,
+    # A hopper is read once in four cycles, and its disc may deviate for two seconds.
+    "flow_readback_off": 3.5, "speed_deviates": 3.5, "disc_stalls": 3.5, "below_n_min": 3.5,
+    "carrier_low": 2.5,
 }
 
 #: Faults that the small job is too short for: a hopper that lies is found by its weight, and that

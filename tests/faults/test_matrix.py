@@ -1,0 +1,32 @@
+"""A part of the matrix of faults and states; `make faults` does all of it."""
+
+from __future__ import annotations
+
+import pytest
+
+from lmctl.run.states import State
+from simulators.faults.kinds import KINDS
+from tests.faults.expected import EXPECTED
+from tests.faults.matrix import STATES, faults_of, try_one, write_job
+
+#: One of each sort while beads are laid.
+WHILE_LAYING = (
+    "controller_reboots", "controller_silent", "controller_lies", "panel_hold", "ok_doubled",
+    "link_closed", "bytes_flipped", "device_silent", "feeder_restarts", "disc_stalls",
+    "flow_readback_off", "oxygen_high", "safety_stuck",
+)
+IN_EVERY_STATE = ("estop", "door")
+
+
+def test_every_kind_of_fault_has_its_words():
+    assert set(EXPECTED) == set(KINDS) - {"host_killed"}
+
+
+@pytest.mark.parametrize(("kind", "state"), [
+    *[(kind, State.DEPOSITING) for kind in WHILE_LAYING],
+    *[(kind, state) for kind in IN_EVERY_STATE for state in STATES if state != State.DEPOSITING],
+])
+def test_a_fault_ends_safely_and_is_named(kind, state, tmp_path):
+    cell = try_one(faults_of(kind)[0], state, tmp_path, write_job(tmp_path))
+    assert cell.came
+    assert cell.shortfalls == []
