@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from pathlib import Path
 from typing import TypeVar
@@ -12,6 +13,12 @@ from lmctl.errors import ConfigError, Finding
 
 #: A configuration a person wrote is small; more than this is some other file given by mistake.
 LARGEST_FILE_BYTES = 1_000_000
+
+#: Tables of an array ([[hopper]], [[body]]) in one file, and mistakes told of it.
+_MOST_TABLES, _MOST_TOLD = 2_000, 100
+
+#: A key of thirty parts and more: the time that TOML takes for those grows with their square.
+_DEEP_KEY = re.compile(r"(?:\.[ \t]*[\w\"'-]{1,200}[ \t]*){30}")
 
 
 class Model(BaseModel):
@@ -37,7 +44,12 @@ def read_text(path: Path) -> str:
                 where=f"{path.stat().st_size:,} bytes; at most {LARGEST_FILE_BYTES:,}",
                 hint="was a data file given in its place?",
             )
-        return path.read_text(encoding="utf-8")
+        with path.open("rb") as file:  # a device or a pipe states no size
+            data = file.read(LARGEST_FILE_BYTES + 1)
+        if len(data) > LARGEST_FILE_BYTES:
+            raise ConfigError(f"{path} is too large for a configuration file",
+                              where=f"at most {LARGEST_FILE_BYTES:,} bytes are read")
+        return data.decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
     except FileNotFoundError:
         raise ConfigError(f"there is no file {path}", hint="check the name") from None
     except UnicodeDecodeError as error:
@@ -55,12 +67,16 @@ def parse(text: str, model: type[M], *, name: str) -> M:
     name : what to call the text in messages, usually its path.
     Raises ConfigError: one finding for bad TOML, else one for each key that is wrong.
     """
+    if (tables := text.count("\n[[")) > _MOST_TABLES:
+        raise ConfigError(f"{name} has {tables:,} tables; at most {_MOST_TABLES:,} are taken")
     try:
+        if _DEEP_KEY.search(text):
+            raise RecursionError
         data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"{name} is not valid TOML", where=str(error)) from None
     except RecursionError:
         raise ConfigError(f"{name} is not valid TOML", where="nested too deeply") from None
+    except ValueError as error:  # of its own, and of numbers with thousands of digits
+        raise ConfigError(f"{name} is not valid TOML", where=str(error)[:200]) from None
     return check(data, model, name=name)
 
 
@@ -71,9 +87,12 @@ def check(data: object, model: type[M], *, name: str) -> M:
     except ValidationError as error:
         findings = [
             Finding(_dotted(item["loc"]), _plain(item["type"], item["msg"]))
-            for item in error.errors(include_url=False)
+            for item in error.errors(include_url=False)[:_MOST_TOLD]
         ]
-        count = "1 mistake" if len(findings) == 1 else f"{len(findings)} mistakes"
+        number = error.error_count()
+        count = "1 mistake" if number == 1 else f"{number:,} mistakes"
+        if number > len(findings):
+            count += f", of which {len(findings)} are"
         raise ConfigError(f"{name} has {count}", findings=findings) from None
 
 
