@@ -73,3 +73,24 @@ def test_a_feeder_that_falls_silent(over, large_square_job):
     assert "F2" in first["what"]
     one.check_safe()
     assert one.path.time_s.max() < one.started_s + 3.0 + 3.5
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "words"),
+    [
+        ("\n32 = 1\n", "\n32 = 0\n", "laser mode"),
+        ("\n30 = 1000\n", "\n30 = 255\n", "full power"),
+        ("\n10 = 511\n", "\n10 = 1\n", "status reports"),
+        ("\n10 = 511\n", "\n10 = 511\n13 = 1\n", "reports in mm"),
+        ("\n10 = 511\n", "\n10 = 511\n22 = 1\n", "soft limits"),
+        ("\n130 = 300\n", "\n130 = 100\n22 = 1\n20 = 1\n", "travel of X"),
+    ],
+)
+def test_a_controller_set_dangerously_gets_no_line_of_the_program(
+    run, square_job, right, wrong, words
+):
+    one = run(square_job, bench=[(right, wrong)])
+    assert one.result is None
+    assert words in one.error.render()
+    assert one.executed == []
+    assert len(one.path.time_s) == 0
