@@ -88,6 +88,8 @@ def _gather(record: dict[str, Any], t_s: float, gathered: _Gathered) -> None:
     match record["kind"]:
         case "header":
             gathered.header = record
+            if before := record.get("continues"):
+                gathered.happenings.append(Happening(t_s, f"goes on with the part of {before}"))
         case "machine":
             gathered.machine = record
         case "layer":
@@ -102,6 +104,18 @@ def _gather(record: dict[str, Any], t_s: float, gathered: _Gathered) -> None:
             gathered.happenings.append(
                 Happening(t_s, f"feed override {record['feed_percent']} % ({record['source']})")
             )
+        case "operator":
+            refused = f", refused: {record['refused']}" if record.get("refused") else ""
+            gathered.happenings.append(Happening(t_s, f"operator: {record['act']}{refused}"))
+        case "place":
+            gathered.happenings.append(Happening(
+                t_s, f"motion at rest in line {record['line']}, {100 * record['share']:.0f} % of it"
+            ))
+        case "entry":
+            gathered.happenings.append(Happening(
+                t_s, f"enters the part again at line {record['lit_line']}, "
+                f"{record['repeated_mm']:.1f} mm laid twice"
+            ))
         case "fault":
             text = "; ".join([record["what"], *record.get("local", {}).get("where", ())])
             gathered.happenings.append(Happening(t_s, f"FAULT: {text}"))

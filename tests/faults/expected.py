@@ -37,6 +37,8 @@ SEEN_WITHIN_S = {
     # A hopper is read once in four cycles, and its disc may deviate for two seconds.
     "flow_readback_off": 3.5, "speed_deviates": 3.5, "disc_stalls": 3.5, "below_n_min": 3.5,
     "carrier_low": 2.5,
+    # The path is laid to its end.
+    "extraction_low": 60.0,
 }
 
 #: Faults that the small job is too short for: a hopper that lies is found by its weight, and that

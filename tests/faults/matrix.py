@@ -180,6 +180,9 @@ class Trial:
         host_stops = seen_s is not None and self._final != "done"
         within_s = seen_s + DARK_WITHIN_S if host_stops and seen_s is not None else _MOST_S
         grace_s = (seen_s or 0.0) + DARK_WITHIN_S
+        if kind.name in UNSEEN and seen_s is None:
+            cell.end = f"{self._final}, not seen"
+            grace_s = _MOST_S
         cell.shortfalls += found.shortfalls(within_s, grace_s)
         if found.overruns:
             cell.shortfalls.append("bytes were lost")
