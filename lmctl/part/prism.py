@@ -58,12 +58,7 @@ def closed_polygon(corners: FloatArray, name: str) -> FloatArray:
     keep = np.any(corners != np.roll(corners, 1, axis=0), axis=1)
     corners = corners[keep]
     loop = np.vstack([corners, corners[:1]])
-    if len(corners) < 3 or abs(loop_area_mm2(loop)) < 1e-9:
-        raise InputError(f"the outline of {name} encloses nothing",
-                         hint="give at least three corners that are not in one line")
-    if loop_area_mm2(loop) < 0:
-        loop = loop[::-1].copy()
-    first, second = _crossing_kernel(loop)
+    first, second = _crossing_kernel(loop) if len(corners) > 2 else (-1, -1)
     if first >= 0:
         x, y = loop[first]
         raise InputError(
@@ -72,6 +67,11 @@ def closed_polygon(corners: FloatArray, name: str) -> FloatArray:
             f"({loop[second, 0]:g}, {loop[second, 1]:g})",
             hint="give the corners in the order they are met walking around",
         )
+    if len(corners) < 3 or abs(loop_area_mm2(loop)) < 1e-9:
+        raise InputError(f"the outline of {name} encloses nothing",
+                         hint="give at least three corners that are not in one line")
+    if loop_area_mm2(loop) < 0:
+        loop = loop[::-1].copy()
     return np.ascontiguousarray(loop)
 
 

@@ -23,7 +23,7 @@ LIMIT_VARIABLE = "LMCTL_MEMORY_MB"
 DEFAULT_LIMIT_MB = 2000
 
 #: A boolean's boundary needs to be found, not resolved: eight bytes a node while it is.
-MOST_BOUNDARY_NODES = 16_000_000
+MOST_BOUNDARY_NODES = 3_000_000
 
 #: A grid that is only walked by slabs may be larger, but not endless.
 MOST_WALKED_NODES = 4_000_000_000

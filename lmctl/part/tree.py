@@ -124,6 +124,12 @@ class Tree:
                 return points.min(axis=0), points.max(axis=0)
             case config.ShellBody():
                 low, high = self._box(self._number[body.of])
+                if (high - low).min() <= 2 * body.from_mm:
+                    raise InputError(
+                        f"nothing of {body.of!r} lies deeper than {body.from_mm:g} mm",
+                        where=f"it is {float((high - low).min()):.4g} mm thick at most",
+                        hint="lower from_mm of the shell",
+                    )
                 return low + body.from_mm, high - body.from_mm
             case config.MovedBody():
                 low, high = self._box(self._number[body.of])
