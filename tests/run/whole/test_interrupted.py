@@ -116,11 +116,16 @@ def test_held_twice_in_the_overlap_the_first_place_counts(run, large_square_job)
     assert places == sorted(places)
 
 
-def test_nobody_comes_to_a_held_run(run, large_square_job):
+def stop(one):
+    one.executor.stop()
+
+
+def test_nobody_comes_to_a_held_run(run, large_square_job, monkeypatch):
+    monkeypatch.setattr("lmctl.run.sequence.HELD_AT_MOST_S", 100.0)
     one = run(large_square_job, acts=[(3.0, lambda r: r.executor.hold())])
     assert isinstance(one.error, RunStopped)
     assert "lmctl recover" in one.error.hint
-    assert one.entered_s("stopping") - one.entered_s("held") == pytest.approx(1800.0, abs=0.1)
+    assert one.entered_s("stopping") - one.entered_s("held") == pytest.approx(100.0, abs=0.1)
     one.check_safe()
 
 
@@ -209,7 +214,7 @@ INTERLOCKS = {
 
 def test_a_feeder_that_cannot_be_stopped_is_said_so(run, large_square_job):
     """At LOCAL a feeder takes no orders: its powder is for the people at its panel."""
-    one = run(large_square_job, acts=[(3.0, feeder_to_local)])
+    one = run(large_square_job, acts=[(3.0, feeder_to_local), (20.0, stop)])
     assert isinstance(one.error, RunBrokenOff)
     assert "its switch stands at LOCAL" in one.error.what
     assert "powder did not stop" in one.error.render()
@@ -223,8 +228,8 @@ def test_an_interlock_takes_beam_and_motion_down_first_and_waits(
 ):
     act, cycles, words = INTERLOCKS[name]
     seen_s = cycles * profile.feeder[0].watchdog_s / 4
-    one = run(large_square_job, acts=[(3.0, act)])
-    assert isinstance(one.error, RunStopped), one.error  # nobody came
+    one = run(large_square_job, acts=[(3.0, act), (20.0, stop)])
+    assert isinstance(one.error, RunStopped), one.error
     text = one.error.render()
     assert words.lower() in text.lower()
     assert "lmctl recover" in text
