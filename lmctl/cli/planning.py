@@ -19,12 +19,12 @@ def open_part(path: Path, units: str | None = None) -> Part:
     from lmctl.part.load import load_part, part_from_model
 
     if path.suffix.lower() != ".toml":
-        part = part_from_model(path, units=units)
+        part = part_from_model(path, units=units, tell=say)
     elif units is not None:
         raise UsageError("--units is for a bare mesh or cloud", where=str(path),
                          hint="a part file states the units of each of its bodies")
     else:
-        part = load_part(path)
+        part = load_part(path, tell=say)
     for text in part.notes:
         say(f"note: {text}")
     return part

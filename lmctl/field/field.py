@@ -126,20 +126,23 @@ def _beyond(field: Field, points: FloatArray, border: FloatArray) -> FloatArray:
     origin, last = np.asarray(field.grid.origin_mm), np.asarray(field.grid.shape[::-1]) - 1
     nodes = _in_nodes(field.grid, points)
     enter = np.clip(nodes, 0, last)
-    if field.sources is None:
-        return border - field.grid.pitch_mm * length(nodes - enter)
+    to_the_box = border - field.grid.pitch_mm * length(nodes - enter)
+    if field.sources is None or not len(field.surface_mm):
+        return to_the_box
     away = np.full(len(points), np.inf)
     for _ in range(ENTRIES_TRIED):
         x, y, z = np.rint(enter).astype(np.int64).T
-        closest = closest_in_rows(field.surface_mm, field.sources[z, y, x], points)
-        away = np.minimum(away, length(points - closest))
+        rows = field.sources[z, y, x]
+        # A node may know no surface point of its own (-1): then the box has to do.
+        closest = closest_in_rows(field.surface_mm, np.maximum(rows, 0), points)
+        away = np.where(rows >= 0, np.minimum(away, length(points - closest)), away)
         # The straight way from each point to there enters the grid at its last face.
         way = (closest - origin) / field.grid.pitch_mm - nodes
         with np.errstate(divide="ignore", invalid="ignore"):
             faces = (np.clip(nodes, 0, last) - nodes) / way
         part = np.nanmax(np.where(np.isfinite(faces), faces, 0.0), axis=1)
         enter = np.clip(nodes + part[:, None] * way, 0, last)
-    return -away
+    return np.where(np.isfinite(away), -away, to_the_box)
 
 
 @kernel
