@@ -232,6 +232,10 @@ def write_job(folder: Path) -> Path:
 def main() -> int:
     names = sys.argv[1:] or list(KINDS)
     shown = [state.value for state in STATES]
+    print("# Every fault in every state of a run\n\nMade by `make faults`: small job, cell-safe "
+          "and bench-safe, short delays, virtual time. *Seen, dark*: from\nthe fault to the first "
+          "alarm and to a dark beam while beads are laid. A fault stands for 10 s; then an\n"
+          "operator tries to resume. The cell says how the run ended.\n")
     print("| fault | seen, dark [s] | " + " | ".join(shown) + " |")
     print("| --- " * (len(shown) + 2) + "|")
     wrong = 0
