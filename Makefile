@@ -11,16 +11,16 @@ PIP := PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_CONSTRAINT=constraints.txt $(BIN)/pyt
 demo: $(VENV)/.installed
 	$(BIN)/lmctl demo
 
-## every test, in a fresh or existing .venv; some only wait, so three at once on two cores
+## every test, in a fresh or existing .venv
 test: $(VENV)/.installed-test
-	$(BIN)/python -m pytest -n 3 --dist worksteal
+	$(BIN)/python -m pytest -n 2
 
 ## style, types, import contracts, tests
 check: $(VENV)/.installed-test
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/python -m pytest -n 3 --dist worksteal
+	$(BIN)/python -m pytest -n 2
 
 ## the benchmarks, each one JSON object
 bench: $(VENV)/.installed-test
