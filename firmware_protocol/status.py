@@ -11,6 +11,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 STATES = frozenset(
     ("Idle", "Run", "Hold", "Jog", "Alarm", "Door", "Check", "Home", "Sleep", "Tool")
@@ -28,7 +29,7 @@ _USUAL = re.compile(
     rf"(?:\|Ln:([0-9]{{1,9}}))?\|FS:({_DECIMAL}),({_DECIMAL})>"
 )
 
-_Values = tuple[tuple[str, object], ...]
+_Values = tuple[tuple[str, Any], ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +121,7 @@ def parse_status(text: str) -> StatusReport | None:
     state, colon, sub = head.partition(":")
     if state not in STATES or (colon and not _INT.fullmatch(sub)):
         return None
-    found: dict[str, object] = {"substate": int(sub) if colon else None}
+    found: dict[str, Any] = {"substate": int(sub) if colon else None}
     other: list[tuple[str, str]] = []
     for field in fields:
         values = _read_field(field)
@@ -128,14 +129,14 @@ def parse_status(text: str) -> StatusReport | None:
             return None
         for name, value in values:
             if name == "":
-                other.append(value)  # type: ignore[arg-type]
+                other.append(value)
             elif name in found:
                 return None
             else:
                 found[name] = value
     if len(other) > 1 and len({key for key, _ in other}) < len(other):
         return None
-    return StatusReport(state, other=tuple(other), **found)  # type: ignore[arg-type]
+    return StatusReport(state, other=tuple(other), **found)
 
 
 def _lengths(values: tuple[float, ...]) -> str:

@@ -6,7 +6,6 @@ results : (n,) float64 [mm].
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -38,17 +37,6 @@ def segment_distance(points: FloatArray, start: Vector, end: Vector) -> FloatArr
         return length(offset)
     t = np.clip(offset @ along / squared, 0.0, 1.0)
     return length(offset - t[:, None] * along)
-
-
-def polyline_distance(points: FloatArray, vertices: FloatArray) -> FloatArray:
-    """Distance to the open polyline through `vertices` (m, 3), m ≥ 2."""
-    corners = np.asarray(vertices, dtype=np.float64)
-    if corners.ndim != 2 or corners.shape[1] != 3 or len(corners) < 2:
-        raise ValueError("a polyline needs at least two vertices of three coordinates")
-    nearest = np.full(len(points), np.inf)
-    for start, end in itertools.pairwise(corners):
-        np.minimum(nearest, segment_distance(points, start, end), out=nearest)
-    return nearest
 
 
 def plane_offset(points: FloatArray, origin: Vector, normal: Vector) -> FloatArray:

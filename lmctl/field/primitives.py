@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.field.features import Vector, plane_offset, point_distance, segment_distance, unit_vector
+from lmctl.field.features import Vector, plane_offset, point_distance, unit_vector
 
 FloatArray = NDArray[np.float64]
 
@@ -72,11 +72,6 @@ def torus_distance(
 def half_space_distance(points: FloatArray, origin: Vector, normal: Vector) -> FloatArray:
     """Everything behind the plane through `origin` whose outward normal is `normal`."""
     return -plane_offset(points, origin, normal)
-
-
-def capsule_distance(points: FloatArray, start: Vector, end: Vector, radius: float) -> FloatArray:
-    """Everything within `radius` of the segment from `start` to `end`."""
-    return radius - segment_distance(points, start, end)
 
 
 def _axial(points: FloatArray, base: Vector, top: Vector) -> tuple[FloatArray, FloatArray, float]:

@@ -78,8 +78,8 @@ class ModbusWire(ModbusProtocol):
         return used
 
     def callback_new_connection(self) -> ModbusProtocol:
-        """Nobody connects to a host."""
-        raise NotImplementedError
+        """pymodbus asks this of those who listen; a host does not."""
+        raise RuntimeError("a host takes no connections")
 
     def callback_connected(self) -> None:
         """The device is there (again)."""

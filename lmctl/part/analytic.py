@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from functools import cached_property
 
@@ -20,15 +21,17 @@ FloatArray = NDArray[np.float64]
 NODES_AT_ONCE = 250_000
 
 
-class Analytic:
+class Analytic(ABC):
     """A body whose `at` is exact, or as good as what it is made of."""
 
     @property
+    @abstractmethod
     def bounds_mm(self) -> Bounds:
-        raise NotImplementedError
+        """As `Body` has it."""
 
+    @abstractmethod
     def at(self, points: FloatArray) -> FloatArray:
-        raise NotImplementedError
+        """As `Body` has it."""
 
     def bound(self, points: FloatArray) -> FloatArray:
         return self.at(points)

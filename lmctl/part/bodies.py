@@ -7,6 +7,7 @@ first asked for, and is interpolated on any other grid. Bodies with a formula ar
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
@@ -14,12 +15,13 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.field.deepest import largest_depth
 from lmctl.field.field import Field, sample, sample_gradient
 from lmctl.field.grid import Grid, Window
 from lmctl.field.mesh import mesh_field
 from lmctl.field.plane import PlaneGrid, loop_area_mm2, plane_distance, section_loops
 from lmctl.field.triangles import closest_in_rows
-from lmctl.part.depth import greatest, onto_zero, unit_slope
+from lmctl.part.depth import onto_zero, unit_slope
 from lmctl.part.measured import Bounds, zero_bounds
 from lmctl.part.mesh_files import Mesh
 from lmctl.part.slicing import Slicer
@@ -41,7 +43,7 @@ class Body(Protocol):
 
     @property
     def largest_depth_mm(self) -> float:
-        """The greatest distance from the surface inside, within 1e-4 mm of what `at` says."""
+        """The greatest distance from the surface inside, refined between stored nodes."""
 
     def at(self, points: FloatArray) -> FloatArray:
         """Distance at points (n, 3) float64 -> (n,) float64 [mm]."""
@@ -66,21 +68,23 @@ class Body(Protocol):
         """The outline at height z: closed loops (k, 2) float64 [mm], the inside on the left."""
 
 
-class Stored:
+class Stored(ABC):
     """What bodies with a stored field share."""
 
     @property
+    @abstractmethod
     def field(self) -> Field:
-        raise NotImplementedError
+        """The field that is stored."""
 
     @property
+    @abstractmethod
     def bounds_mm(self) -> Bounds:
-        raise NotImplementedError
+        """As `Body` has it."""
 
     @cached_property
     def largest_depth_mm(self) -> float:
         """Refined between the nodes: a body's deepest place is rarely one of them."""
-        return greatest(self.at, *self.bounds_mm)
+        return largest_depth(self.field)[0]
 
     def at(self, points: FloatArray) -> FloatArray:
         return sample(self.field, points)

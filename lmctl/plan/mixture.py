@@ -49,7 +49,9 @@ def runs(fractions: FloatArray, step: float) -> tuple[IntArray, FloatArray]:
 
 
 @njit(cache=True)
-def _run_starts(fractions, rounded, reach):  # type: ignore[no-untyped-def]
+def _run_starts(
+    fractions: FloatArray, rounded: FloatArray, reach: float
+) -> NDArray[np.int64]:
     starts = [0]
     now = 0
     for i in range(1, len(fractions)):

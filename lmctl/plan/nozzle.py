@@ -7,6 +7,8 @@ wherever u meets no bound; without, u is w, and both θ and τ show.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -62,14 +64,16 @@ class Nozzle:
 
 
 @njit(cache=True)
-def _lagged(y, u0, u1, lasting, lag):  # type: ignore[no-untyped-def]
+def _lagged(y: float, u0: float, u1: float, lasting: float, lag: float) -> float:
     """A first-order lag after its input went linearly from u0 to u1."""
     slope = (u1 - u0) / lasting
-    return u1 - lag * slope + (y - u0 + lag * slope) * np.exp(-lasting / lag)
+    return u1 - lag * slope + (y - u0 + lag * slope) * math.exp(-lasting / lag)
 
 
 @njit(cache=True)
-def _follow(times, wanted, lag, limit, start, leads):  # type: ignore[no-untyped-def]
+def _follow(
+    times: FloatArray, wanted: FloatArray, lag: float, limit: float, start: float, leads: bool
+) -> FloatArray:
     """Flow at the nozzle at each knot; exact, the clipped stretches of a set-point included."""
     flow = np.empty(len(times))
     y = start

@@ -53,7 +53,7 @@ def simplified(points: FloatArray, tolerance_mm: float, fixed: IntArray) -> IntA
 
 
 @njit(cache=True)
-def _mark(points, tolerance_sq, keep):  # type: ignore[no-untyped-def]
+def _mark(points: FloatArray, tolerance_sq: float, keep: NDArray[np.bool_]) -> None:
     """Mark in `keep` the vertices Douglas–Peucker needs between those already marked."""
     n = len(points)
     stack_first = np.empty(n, np.int64)

@@ -78,7 +78,10 @@ def _junction_speed_sq(unit: FloatArray, moving: NDArray[np.bool_], motion: Moti
 
 
 @njit(cache=True)
-def _durations(length, speed, acceleration, entry_sq, window):  # type: ignore[no-untyped-def]
+def _durations(
+    length: FloatArray, speed: FloatArray, acceleration: FloatArray, entry_sq: FloatArray,
+    window: int,
+) -> FloatArray:
     """Time of each block; blocks of no length are rests. All arrays (n,) float64."""
     n = len(length)
     gain = 2.0 * acceleration * length

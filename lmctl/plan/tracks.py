@@ -19,7 +19,6 @@ from scipy.spatial import cKDTree
 from lmctl.field.plane import PlaneGrid, iso_loops
 from lmctl.plan import spacing
 from lmctl.plan.medial import MedialAxis, medial_axis
-from lmctl.plan.plane_values import plane_values
 from lmctl.plan.polyline import arc_lengths, densified
 
 FloatArray = NDArray[np.float64]
@@ -184,8 +183,3 @@ def _contour_tracks(
         Track(fine[order[a + 1 : b + 1]], share[order[a + 1 : b + 1]], False, island)
         for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a > 1
     ]
-
-
-def depth_below_outline(section: Section, points_mm: FloatArray) -> FloatArray:
-    """In-plane distance of points to the outline, positive inside. (n, 2) -> (n,) [mm]"""
-    return plane_values(section.distance, section.grid, points_mm)

@@ -133,30 +133,23 @@ def _chiller(facts: Facts) -> Iterator[Finding]:
         return
     if safety.chiller_ok is False:
         yield Finding("the chiller does not cool", "check its flow, level and fault display")
-    elif limits.chiller_min_L_min is not None and (
-        safety.chiller_L_min is None or safety.chiller_L_min < limits.chiller_min_L_min
-    ):
-        yield Finding(f"the chiller flows at {_or_unknown(safety.chiller_L_min, 'L/min')}, "
-                      f"{limits.chiller_min_L_min:g} L/min is needed", "check its pump and level")
-    elif limits.chiller_max_C is not None and (
-        safety.chiller_C is None or safety.chiller_C > limits.chiller_max_C
-    ):
-        yield Finding(f"the chiller is at {_or_unknown(safety.chiller_C, '°C')}, "
-                      f"{limits.chiller_max_C:g} °C is allowed", "let it cool down")
+    else:
+        yield from _beyond("the chiller flows at", safety.chiller_L_min, "L/min",
+                           "check its pump and level", least=limits.chiller_min_L_min)
+        yield from _beyond("the chiller is at", safety.chiller_C, "°C", "let it cool down",
+                           most=limits.chiller_max_C)
 
 
 def _shield_gas(facts: Facts) -> Iterator[Finding]:
     safety, limits = facts.safety, facts.limits
     if safety is None or limits is None:
         return
-    least = limits.shield_gas_min_L_min
+    hint = "check bottle, regulator and valve"
     if safety.shield_gas_ok is False:
-        yield Finding("shield gas is missing", "check bottle, regulator and valve")
-    elif least is not None and (
-        safety.shield_gas_L_min is None or safety.shield_gas_L_min < least
-    ):
-        yield Finding(f"shield gas flows at {_or_unknown(safety.shield_gas_L_min, 'L/min')}, "
-                      f"{least:g} L/min is needed", "check bottle, regulator and valve")
+        yield Finding("shield gas is missing", hint)
+    else:
+        yield from _beyond("shield gas flows at", safety.shield_gas_L_min, "L/min", hint,
+                           least=limits.shield_gas_min_L_min)
 
 
 def _oxygen(facts: Facts) -> Iterator[Finding]:
@@ -166,11 +159,21 @@ def _oxygen(facts: Facts) -> Iterator[Finding]:
     if safety.oxygen_valid is False:
         yield Finding("the oxygen analyser gives no valid reading",
                       "check it; what it does not see counts as too much", "analyser")
-    elif limits.oxygen_trip_ppm is not None and (
-        safety.oxygen_ppm is None or safety.oxygen_ppm > limits.oxygen_trip_ppm
-    ):
-        yield Finding(f"oxygen is at {_or_unknown(safety.oxygen_ppm, 'ppm')}, "
-                      f"{limits.oxygen_trip_ppm:g} ppm is allowed", "purge the chamber")
+    else:
+        yield from _beyond("oxygen is at", safety.oxygen_ppm, "ppm", "purge the chamber",
+                           most=limits.oxygen_trip_ppm)
+
+
+def _beyond(
+    what: str, value: float | None, unit: str, hint: str, *, least: float | None = None,
+    most: float | None = None,
+) -> Iterator[Finding]:
+    """A value below its least or above its most; one that is unknown is both."""
+    said = "an unknown value" if value is None else f"{value:g} {unit}"
+    if least is not None and (value is None or value < least):
+        yield Finding(f"{what} {said}, {least:g} {unit} is needed", hint)
+    if most is not None and (value is None or value > most):
+        yield Finding(f"{what} {said}, {most:g} {unit} is allowed", hint)
 
 
 def _relay(facts: Facts) -> Iterator[Finding]:
@@ -272,7 +275,3 @@ RULES: tuple[Rule, ...] = (
     Rule("weighed flow", _weighed, for_s=_WEIGHED_S),
     Rule("extraction", _extraction, Reaction.PATH_END),
 )
-
-
-def _or_unknown(value: float | None, unit: str) -> str:
-    return "an unknown value" if value is None else f"{value:g} {unit}"

@@ -72,12 +72,6 @@ def owner_of(profile: MachineProfile) -> Owner | None:
     return None
 
 
-def refuse_if_owned(profile: MachineProfile) -> None:
-    """Raise MachineError where another process drives the machine."""
-    if (owner := owner_of(profile)) is not None:
-        raise _refusal(owner, profile.motion.endpoint)
-
-
 def _endpoints(profile: MachineProfile) -> list[str]:
     safety = [profile.safety.endpoint] if profile.safety else []
     return [profile.motion.endpoint, *(feeder.endpoint for feeder in profile.feeder), *safety]

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.job.reader import JobReader
-from lmctl.job.schema import JobManifest
 from lmctl.run.aftermath import Aftermath
-from lmctl.run.reentry import START, Place
+from lmctl.run.reentry import START, Place, layer_of
 
 FloatArray = NDArray[np.float64]
 
@@ -78,7 +77,7 @@ def _on_lines_sent(job: JobReader, after: Aftermath, position_mm: FloatArray) ->
 
 def _stands_at(job: JobReader, place: Place, position_mm: Sequence[float]) -> bool:
     """Whether the machine stands at a place."""
-    index = _layer_of(job.manifest, place.line)
+    index = layer_of(job.manifest, place.line)
     start_mm, end_mm = _lines_of(job, index)
     row = place.line - job.manifest.layers[index].first_line
     at_mm = start_mm[row] + place.share * (end_mm[row] - start_mm[row])
@@ -107,7 +106,7 @@ def _lines_of(job: JobReader, index: int) -> tuple[FloatArray, FloatArray]:
 def _last_before_next_path(job: JobReader, line: int) -> int:
     """The last line that can have been sent when no path after this line's had been begun."""
     manifest = job.manifest
-    for entry in manifest.layers[_layer_of(manifest, line):]:
+    for entry in manifest.layers[layer_of(manifest, line):]:
         paths = job.layer(entry.index).lines["path"]
         rows = np.arange(len(paths)) + entry.first_line
         later = rows[(rows > line) & (paths >= 0)]
@@ -115,7 +114,3 @@ def _last_before_next_path(job: JobReader, line: int) -> int:
             return int(later[0]) - 1
     return manifest.layers[-1].first_line + manifest.layers[-1].n_lines - 1
 
-
-def _layer_of(manifest: JobManifest, line: int) -> int:
-    firsts = [entry.first_line for entry in manifest.layers]
-    return max(int(np.searchsorted(firsts, line, side="right")) - 1, 0)

@@ -133,7 +133,7 @@ def enter(
     in a travel, or on a path's run-up or run-out, goes on with the next bead's path from its
     beginning.
     """
-    index = _layer_of(manifest, place.line)
+    index = layer_of(manifest, place.line)
     row, share = place.line - manifest.layers[index].first_line, place.share
     while index < len(manifest.layers):
         layer = read_layer(index)
@@ -225,7 +225,8 @@ def _modal_words(program: tuple[str, ...]) -> dict[str, str]:
     return words
 
 
-def _layer_of(manifest: JobManifest, line: int) -> int:
+def layer_of(manifest: JobManifest, line: int) -> int:
+    """The layer that holds a line; the first one for a line before the job."""
     firsts = [entry.first_line for entry in manifest.layers]
     return max(bisect_right(firsts, line) - 1, 0)
 

@@ -15,7 +15,6 @@ import shutil
 import sys
 import tempfile
 from dataclasses import dataclass, field
-from importlib.resources import files
 from pathlib import Path
 
 from lmctl.cli.bench import rewire
@@ -31,7 +30,7 @@ from simulators.faults.board import FaultBoard
 from simulators.faults.kinds import KINDS, Fault, Host, Strikes
 from simulators.verdict import Verdict, verdict
 from tests.faults.expected import EXPECTED, SEEN_WITHIN_S, UNSEEN
-from tests.faults.kills import SHORT
+from tests.faults.kills import shortened
 
 #: From an alarm to a dark beam [s]: issue and design ask for so much.
 DARK_WITHIN_S = 0.1
@@ -77,7 +76,8 @@ class Trial:
 
     async def main(self) -> None:
         self._loop = asyncio.get_running_loop()
-        async with Bench(BenchConfig.parse(text("bench-safe.toml")), ephemeral_ports=True) as bench:
+        config = BenchConfig.parse(shortened("bench-safe.toml"))
+        async with Bench(config, ephemeral_ports=True) as bench:
             profile = rewire(load_profile(self._folder / "cell.toml"), bench.endpoints)
             self._board = FaultBoard(bench)
             self._executor = Executor(self._job, profile, self._folder / "runs")
@@ -188,13 +188,6 @@ class Trial:
             cell.shortfalls.append("bytes were lost")
 
 
-def text(name: str) -> str:
-    found = (files("lmctl.examples") / name).read_text()
-    for old, new in SHORT.items():
-        found = found.replace(old, new)
-    return found
-
-
 def try_one(fault: Fault, state: State, folder: Path, job: Path) -> Cell:
     """One fault in one state."""
     here = folder / f"{fault.kind.name}-{fault.device}-{state}"
@@ -223,7 +216,7 @@ def write_job(folder: Path) -> Path:
     from tests.run.conftest import squares
     from tests.run.conftest import write_job as write
 
-    (folder / "cell.toml").write_text(text("cell-safe.toml"))
+    (folder / "cell.toml").write_text(shortened("cell-safe.toml"))
     job = folder / "job.lmj"
     write(job, load_profile(folder / "cell.toml"), squares(layers=2, per_layer=2, side_mm=8.0))
     return job

@@ -78,12 +78,9 @@ def test_distance_to_the_surface_and_its_sign(distance, surface, inside, outside
     assert np.abs(distance(surface[::500])).max() < 1e-9
 
 
-def test_sphere_capsule_and_half_space_in_closed_form():
+def test_sphere_and_half_space_in_closed_form():
     points = np.array([[0.0, 0, 0], [3.0, 4.0, 0], [0, 0, 9.0]])
     assert primitives.sphere_distance(points, [0, 0, 0], 2.0) == pytest.approx([2, -3, -7])
-    assert primitives.capsule_distance(points, [0, 0, 0], [0, 0, 5], 1.0) == pytest.approx(
-        [1, -4, -3]
-    )
     assert primitives.half_space_distance(points, [0, 0, 2], [0, 0, 7]) == pytest.approx([2, 2, -7])
 
 
@@ -114,8 +111,6 @@ def test_features():
     assert features.segment_distance(points, [1, 2, 0], [1, 2, 0]) == pytest.approx(
         [2, np.sqrt(5), np.sqrt(22)]
     )
-    corner = np.array([[0.0, 0, 0], [3, 0, 0], [3, 0, 3]])
-    assert features.polyline_distance(points, corner) == pytest.approx([np.sqrt(8), 0, 1])
     assert features.plane_offset(points, [0, 0, 1], [0, 0, 2]) == pytest.approx([1, -1, 2])
 
 
@@ -123,8 +118,3 @@ def test_features():
 def test_what_is_no_direction_is_refused(direction):
     with pytest.raises(ValueError, match="no direction"):
         features.axis_distance(np.zeros((1, 3)), [0, 0, 0], direction)
-
-
-def test_a_polyline_of_one_vertex_is_refused():
-    with pytest.raises(ValueError, match="at least two"):
-        features.polyline_distance(np.zeros((1, 3)), np.zeros((1, 3)))
