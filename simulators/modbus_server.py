@@ -103,7 +103,7 @@ class _Connection(asyncio.Protocol):
             link.abort()
             return
         self._transport = link
-        self._write = self._server.edge.joined(link, link.write)
+        self._write = self._server.edge.joined(link, self._out)
         self._server.open.add(self)
 
     def connection_lost(self, exc: Exception | None) -> None:
@@ -115,6 +115,11 @@ class _Connection(asyncio.Protocol):
     def close(self) -> None:
         if self._transport is not None:
             self._transport.close()
+
+    def _out(self, data: bytes) -> None:
+        """Bytes that a fault has held back may find the host gone."""
+        if self._transport is not None:
+            self._transport.write(data)
 
     def data_received(self, data: bytes) -> None:
         to_device = self._server.edge.to_device
