@@ -22,8 +22,8 @@ from serial.tools import list_ports
 from lmctl.errors import MachineError
 from lmctl.machine.endpoint import Endpoint, parse_endpoint
 
-_AHEAD_S = 0.003  # of bytes handed to the port and not yet on the wire: 34 bytes at 115,200 baud
-_REFILL_AT = 0.75  # of it
+_AHEAD_S = 0.005  # of bytes handed to the port and not yet on the wire: 57 bytes at 115,200 baud
+_REFILL_AT = 0.7  # of it: what is left outlasts a late timer, and the loop wakes 650 times a second
 _RATE_TRUSTED = 0.995  # of the nominal rate: two clocks differ, and what is ahead must not pile up
 _LEAST_AHEAD = 16  # bytes, so that a slow line does not wake the loop for every byte
 _BITS_PER_BYTE = 10  # 8N1

@@ -2,13 +2,20 @@
 
 The far end is a process of its own in real time: the simulated controller behind a pty that
 carries 115,200 baud (11,520 bytes a second) each way, and whose receive buffer of 128 (Grbl) or
-1,024 bytes (grblHAL) loses and counts what does not fit. It runs with the priority of hardware
-where the system allows that. Beside lmctl, in the same run: printcore of Printrun. It sends line
-numbers and checksums that no Grbl takes, so its far end answers every line at once, which favours
-it. A hold is timed from the call in the host to the byte's arrival at the far end, while lines
-stream; busy means two spinning processes for each core.
+1,024 bytes (grblHAL) loses and counts what does not fit. As hardware would, it has a core of its
+own where there are two, and goes before everything else where the system allows that; the host and
+what loads it share the other cores. Beside lmctl, in the same run: printcore of Printrun. It sends
+line numbers and checksums that no Grbl takes, so its far end answers every line that finds room in
+a planner of Grbl's size.
 
-A million lines by TCP, in virtual time, show that no byte is lost.
+A hold is timed from the call in the host to the byte's arrival at the far end, while lines stream:
+
+- `hold_...`: while beads are laid, 0.5 mm at 10 mm/s. The planner is full, and answers come as
+  lines are executed; this is when holds are called for.
+- `hold_full_wire_...`: while lines are executed faster than the wire can bring them.
+
+Busy means two spinning processes for each core of the host. A million lines by TCP, in virtual
+time, show that no byte is lost.
 
 Prints one JSON object. --lines N shortens that last row, --holds N the others.
 
@@ -25,15 +32,12 @@ import json
 import logging
 import os
 import random
-import re
-import selectors
 import subprocess
 import sys
 import threading
 import time
-import tty
-from collections import deque
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from itertools import count, islice
 from pathlib import Path
 from typing import Any
@@ -42,34 +46,55 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))  # also without being installed
 
-from firmware_protocol.device import GrblDevice
-from firmware_protocol.dialect import GRBL
 from lmctl.machine.motion import MotionDriver, MotionListener
 from simulators import virtual_time
 from simulators.motion.config import MotionConfig
 from simulators.motion.server import serve_tcp
 from simulators.motion.sim import MotionSim
+from tests.benchmarks.far_end.motion import BAUD, BYTES_S, SETTINGS
 
-BAUD = 115_200
-BYTES_S = BAUD / 10
+FAR_END = Path(__file__).parent / "far_end" / "motion.py"
+CORES = sorted(os.sched_getaffinity(0))
+FAR_CORES = CORES[-1:] if len(CORES) > 1 else []
 RX = {"grbl": 128, "grblhal": 1024}
 RATE_LINES = 4000
-WARM_LINES = 100  # not counted: the way to the start, and the first fill of the planner
 SPINNERS_PER_CORE = 2
-# So lively a machine that the wire is the narrowest place: 0.05 mm at 100 mm/s take 0.5 ms.
-SETTINGS = {30: 1000, 32: 1, 110: 60_000, 111: 60_000, 112: 60_000, 120: 50_000, 121: 50_000,
-            122: 50_000, 130: 300, 131: 300, 132: 200}
+PLANNER_LINES = 16
+PRINTCORE_LINES_S = 400  # more than it sends
+
+
+@dataclass(frozen=True)
+class Program:
+    """Lines of some 25 bytes up and down one axis, without end."""
+
+    step_mm: float
+    speed_mm_s: float
+
+    @property
+    def line_s(self) -> float:
+        return self.step_mm / self.speed_mm_s
+
+    @property
+    def head(self) -> bytes:
+        return b"G21 G90 G94 F%d" % (60 * self.speed_mm_s)
+
+    def lines(self) -> Iterator[bytes]:
+        for number in count():
+            step = number % 300
+            x_mm = 10 + self.step_mm * min(step, 300 - step)
+            yield b"N%d G1 X%.3f Y5.000" % (number % 10_000_000, x_mm)
+
+
+FULL_WIRE = Program(step_mm=0.05, speed_mm_s=100.0)  # the wire is the narrowest place
+BEADS = Program(step_mm=0.5, speed_mm_s=10.0)
 
 
 def main() -> None:
     options = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     options.add_argument("--lines", type=int, default=1_000_000)
     options.add_argument("--holds", type=int, default=200)
-    options.add_argument("--far-end", help=argparse.SUPPRESS)
     chosen = options.parse_args()
-    if chosen.far_end:
-        far_end(chosen.far_end)
-        return
+    leave_a_core_to_the_far_end()
     # What else runs here: above one, the idle rows are not idle.
     found: dict[str, Any] = {"load_average_before": round(os.getloadavg()[0], 2)}
     overruns = 0
@@ -80,21 +105,24 @@ def main() -> None:
         found[f"lines_s_{rx_bytes}"] = round(far.lines_s, 1)
         overruns += far.said["overruns"]
     for load in ("idle", "busy"):
-        with spinning(SPINNERS_PER_CORE * (os.cpu_count() or 1) if load == "busy" else 0):
-            took = []
-            for firmware, rx_bytes in RX.items():
-                with FarEnd(firmware) as far:
-                    took += asyncio.run(stream_and_hold(far, chosen.holds // 2))
-                found[f"hold_p99_ms_{load}_{rx_bytes}"] = p99_ms(took[-(chosen.holds // 2) :])
-                overruns += far.said["overruns"]
-            found[f"hold_p99_ms_{load}"] = p99_ms(took)
-            found[f"hold_median_ms_{load}"] = round(1e3 * float(np.median(took)), 2)
-            found |= printcore_figures(load, chosen.holds)
-    if "printcore_hold_p99_ms_busy" in found:
-        found["hold_p99_vs_printcore_busy"] = round(
-            found["hold_p99_ms_busy"] / found["printcore_hold_p99_ms_busy"], 4
-        )
-    found["hardware_priority"] = far.said["hardware_priority"]
+        with spinning(SPINNERS_PER_CORE * len(os.sched_getaffinity(0)) if load == "busy" else 0):
+            for program, name in ((BEADS, "hold"), (FULL_WIRE, "hold_full_wire")):
+                took: list[float] = []
+                for firmware, rx_bytes in RX.items():
+                    with FarEnd(firmware) as far:
+                        took += asyncio.run(stream_and_hold(far, program, chosen.holds // 2))
+                    of_one = took[-(chosen.holds // 2) :]
+                    found[f"{name}_p99_ms_{load}_{rx_bytes}"] = p99_ms(of_one)
+                    overruns += far.said["overruns"]
+                found[f"{name}_p99_ms_{load}"] = p99_ms(took)
+                found[f"{name}_median_ms_{load}"] = round(1e3 * float(np.median(took)), 2)
+                if printcore_holds_s := printcore_hold(program, chosen.holds):
+                    found[f"printcore_{name}_p99_ms_{load}"] = p99_ms(printcore_holds_s)
+                    found[f"printcore_{name}_median_ms_{load}"] = round(
+                        1e3 * float(np.median(printcore_holds_s)), 2)
+                    found[f"{name}_p99_vs_printcore_{load}"] = round(
+                        p99_ms(took) / p99_ms(printcore_holds_s), 4)
+    found["far_end_as_hardware"] = far.said["as_hardware"]
     begun_s = time.perf_counter()
     found["overruns"] = overruns + virtual_time.run(lines_by_tcp(chosen.lines))
     found["tcp_lines"] = chosen.lines
@@ -102,16 +130,14 @@ def main() -> None:
     print(json.dumps(found, indent=2))
 
 
+def leave_a_core_to_the_far_end() -> None:
+    """Keep this process, and the load it starts, off the core that the far end takes."""
+    if FAR_CORES:
+        os.sched_setaffinity(0, os.sched_getaffinity(0) - set(FAR_CORES))
+
+
 def p99_ms(took_s: list[float]) -> float:
     return round(1e3 * float(np.percentile(took_s, 99, method="higher")), 2)
-
-
-def program() -> Iterator[bytes]:
-    """Lines of some 25 bytes up and down one axis, without end."""
-    for number in count():
-        step = number % 3000
-        x_mm = 10 + 0.05 * min(step, 3000 - step)
-        yield b"N%d G1 X%.3f Y5.000" % (number % 10_000_000, x_mm)
 
 
 @contextlib.contextmanager
@@ -138,21 +164,21 @@ async def stream(far: FarEnd, lines: int) -> None:
     driver.listener = MotionListener(
         on_progress=lambda: done.set() if driver.acknowledged == lines + 1 else None
     )
-    driver.submit([b"G21 G90 G94 F6000", *islice(program(), lines)])
+    driver.submit([FULL_WIRE.head, *islice(FULL_WIRE.lines(), lines)])
     await asyncio.wait_for(done.wait(), 60.0)
     await driver.close()
 
 
-async def stream_and_hold(far: FarEnd, holds: int) -> list[float]:
+async def stream_and_hold(far: FarEnd, program: Program, holds: int) -> list[float]:
     """Hold and resume a stream at random moments; seconds from each call to the wire."""
     driver = await open_driver(f"serial://{far.path}")
-    source = program()
+    source = program.lines()
 
     def refill() -> None:
         if driver.queued < 100:
             driver.submit(islice(source, 200))
 
-    driver.submit([b"G21 G90 G94 F6000"])
+    driver.submit([program.head])
     driver.listener = MotionListener(on_progress=refill)
     refill()
     took, chance = [], random.Random(1)
@@ -175,7 +201,7 @@ async def lines_by_tcp(lines: int) -> int:
     sim = MotionSim(MotionConfig(dialect="grblhal", settings=SETTINGS | {10: 511}))
     server = await serve_tcp(sim)
     driver = await open_driver(f"tcp://127.0.0.1:{server.port}")
-    source, done = islice(program(), lines), asyncio.Event()
+    source, done = islice(FULL_WIRE.lines(), lines), asyncio.Event()
 
     def refill() -> None:
         if driver.queued < 500:
@@ -184,7 +210,7 @@ async def lines_by_tcp(lines: int) -> int:
             done.set()
 
     driver.listener = MotionListener(on_progress=refill)
-    driver.submit([b"G21 G90 G94 F6000"])
+    driver.submit([FULL_WIRE.head])
     await done.wait()
     await driver.close()
     server.close()
@@ -196,28 +222,23 @@ async def lines_by_tcp(lines: int) -> int:
 # printcore as the host ---------------------------------------------------------------------------
 
 
-def printcore_figures(load: str, holds: int) -> dict[str, Any]:
+def printcore_hold(program: Program, holds: int) -> list[float]:
+    """The same with printcore, which sends a hold as a line before others; empty without it."""
     try:
         from printrun import gcoder
         from printrun.printcore import printcore
     except ImportError as missing:
         print(f"{missing}: pip install --no-deps printrun, for its rows", file=sys.stderr)
-        return {}
+        return []
     logging.disable()  # it says on the log what it cannot analyse
-    found = {}
-    with FarEnd("any") as far:
+    with FarEnd("any", program.line_s) as far:
         core = printcore(far.path, BAUD)
         wait_until(lambda: core.online)
-        text = [line.partition(b" ")[2].decode() for line in islice(program(), RATE_LINES)]
+        lines = int(0.4 * holds / max(program.line_s, 1 / PRINTCORE_LINES_S)) + 1000
+        text = [line.partition(b" ")[2].decode() for line in islice(program.lines(), lines)]
         core.startprint(gcoder.LightGCode(text))
-        wait_until(lambda: not core.printing)
-        leave(core)
-    found[f"printcore_lines_s_{load}"] = round(far.lines_s, 1)
-    with FarEnd("any") as far:
-        core = printcore(far.path, BAUD)
-        wait_until(lambda: core.online)
-        core.startprint(gcoder.LightGCode(text * (holds // 20 + 1)))
         took, chance = [], random.Random(1)
+        time.sleep(3 * PLANNER_LINES * program.line_s)  # until the planner is full
         for _ in range(holds):
             time.sleep(chance.uniform(0.1, 0.2))
             called_s = time.monotonic()
@@ -225,17 +246,11 @@ def printcore_figures(load: str, holds: int) -> dict[str, Any]:
             took.append(far.hold_arrival_s() - called_s)
         still = core.printing
         core.cancelprint()
-        leave(core)
+        wait_until(lambda: core.print_thread is None and core.send_thread is not None
+                   and core.send_thread.is_alive())
+        core.disconnect()
     assert still, "printcore ran out of lines"
-    found[f"printcore_hold_p99_ms_{load}"] = p99_ms(took)
-    found[f"printcore_hold_median_ms_{load}"] = round(1e3 * float(np.median(took)), 2)
-    return found
-
-
-def leave(core: Any) -> None:
-    wait_until(lambda: core.print_thread is None and core.send_thread is not None
-               and core.send_thread.is_alive())
-    core.disconnect()
+    return took
 
 
 def wait_until(condition: Callable[[], bool], deadline_s: float = 120.0) -> None:
@@ -255,9 +270,9 @@ class FarEnd:
     path : the pty for the host; said : what it says of itself at the end
     """
 
-    def __init__(self, firmware: str) -> None:
+    def __init__(self, firmware: str, line_s: float = 0.0) -> None:
         self._process = subprocess.Popen(
-            [sys.executable, __file__, "--far-end", firmware],
+            [sys.executable, FAR_END, firmware, str(line_s), *map(str, FAR_CORES)],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
         )
         assert self._process.stdout is not None
@@ -285,114 +300,6 @@ class FarEnd:
     def rate_over_limit(self) -> float:
         """Those, over what the wire could carry of lines of that length."""
         return self.lines_s / (BYTES_S * self.said["lines"] / self.said["bytes"])
-
-
-class Wire:
-    """One direction: bytes put in come out whole pieces at a time, when the last has passed.
-
-    deliver(piece, arrival_s)
-    """
-
-    _PIECES = re.compile(rb"[^\n!?~]*[\n!?~]|[^\n!?~]+")
-
-    def __init__(self, deliver: Callable[[bytes, float], None]) -> None:
-        self._loop = asyncio.get_running_loop()
-        self._deliver = deliver
-        self._under_way: deque[tuple[float, bytes]] = deque()
-        self._free_s = 0.0
-
-    def put(self, data: bytes) -> None:
-        if not self._under_way:
-            self._free_s = max(self._free_s, self._loop.time())
-        first = not self._under_way
-        for piece in self._PIECES.findall(data):
-            self._free_s += len(piece) / BYTES_S
-            self._under_way.append((self._free_s, piece))
-        if first and self._under_way:
-            self._loop.call_at(self._under_way[0][0], self._due)
-
-    def _due(self) -> None:
-        while self._under_way and self._under_way[0][0] <= self._loop.time():
-            arrival_s, piece = self._under_way.popleft()
-            self._deliver(piece, arrival_s)
-        if self._under_way:
-            self._loop.call_at(self._under_way[0][0], self._due)
-
-
-class Obliging:
-    """A controller that answers every line at once, whatever it says."""
-
-    def __init__(self) -> None:
-        self._device = GrblDevice(GRBL)
-        self._write: Callable[[bytes], None] = lambda data: None
-
-    def attach(self, write: Callable[[bytes], None]) -> None:
-        self._write = write
-
-    def receive(self, data: bytes) -> None:
-        self._device.receive_data(data)
-        while self._device.take_line() is not None:
-            self._write(b"ok\r\n")
-
-    @property
-    def overruns(self) -> int:
-        return self._device.overruns
-
-
-def far_end(firmware: str) -> None:
-    with contextlib.suppress(PermissionError):
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
-    # The default selector rounds waiting up to a millisecond.
-    def loop() -> asyncio.AbstractEventLoop:
-        return asyncio.SelectorEventLoop(selectors.SelectSelector())
-
-    with asyncio.Runner(loop_factory=loop) as runner:
-        said = runner.run(serve(firmware))
-    said["hardware_priority"] = os.sched_getscheduler(0) == os.SCHED_FIFO
-    print(json.dumps(said))
-
-
-async def serve(firmware: str) -> dict[str, Any]:
-    """Be the controller until standard input is closed."""
-    near, host_side = os.openpty()
-    tty.setraw(host_side)
-    os.set_blocking(near, False)
-    controller: MotionSim | Obliging = Obliging()
-    if firmware != "any":
-        mask = 3 if firmware == "grbl" else 511
-        controller = MotionSim(MotionConfig(dialect=firmware, settings=SETTINGS | {10: mask}))
-    ends: list[tuple[float, int]] = []  # when each program line had arrived, and its bytes
-    begun = b""  # of a line that a real-time byte or a write cut in two
-
-    def arrived(piece: bytes, arrival_s: float) -> None:
-        nonlocal begun
-        if piece.endswith(b"!"):
-            print(arrival_s, flush=True)
-        begun += piece.rstrip(b"!?~")
-        if begun.endswith(b"\n"):
-            if begun.startswith(b"N"):
-                ends.append((arrival_s, len(begun)))
-            begun = b""
-        controller.receive(piece)
-
-    to_device = Wire(arrived)
-
-    def answer(piece: bytes, _: float) -> None:
-        os.write(near, piece)
-
-    to_host = Wire(answer)
-    controller.attach(to_host.put)
-    loop = asyncio.get_running_loop()
-    loop.add_reader(near, lambda: to_device.put(os.read(near, 65_536)))
-    over = asyncio.Event()
-    loop.add_reader(sys.stdin.fileno(), over.set)
-    print(os.ttyname(host_side), flush=True)
-    await over.wait()
-    counted = ends[WARM_LINES:] or [(0.0, 0)]
-    return {
-        "overruns": controller.overruns, "lines": len(counted) - 1,
-        "bytes": sum(size for _, size in counted[1:]), "took_s": counted[-1][0] - counted[0][0],
-    }
 
 
 if __name__ == "__main__":
