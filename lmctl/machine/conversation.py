@@ -41,7 +41,7 @@ class Hearer:
 
     line_answered(tag, error), report(report), alarm(code), restarted(asked) in stream order;
     surplus_answer() where an answer answers nothing; batch_done() after each arrival of bytes;
-    lost(reason) once.
+    asking() before each `?`: what is written then goes with it; lost(reason) once.
     """
 
     line_answered: Callable[[int, int], None]
@@ -51,6 +51,7 @@ class Hearer:
     batch_done: Callable[[], None]
     lost: Callable[[str], None]
     surplus_answer: Callable[[], None] = lambda: None
+    asking: Callable[[], None] = lambda: None
 
 
 class Conversation:
@@ -201,6 +202,7 @@ class Conversation:
             return await future
 
     def _ask(self) -> None:
+        self._hearer.asking()
         self.realtime(Realtime.STATUS)
 
     def _received(self, data: bytes) -> None:

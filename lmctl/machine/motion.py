@@ -30,6 +30,8 @@ def _ignore(*_: object) -> None:
 class MotionListener:
     """Called in the order of the byte stream, from the loop; each must return at once.
 
+    on_question() : a status report is about to be asked for; lines submitted now go with the
+        question and cost the wire no turn of their own
     on_progress() : acknowledged or executed has grown
     on_status(report)
     on_error(tag, code) : line `tag` of the stream is the first that was rejected; `!` is on its way
@@ -38,6 +40,7 @@ class MotionListener:
     on_lost(reason) : the link is gone or the controller silent; nothing follows
     """
 
+    on_question: Callable[[], None] = _ignore
     on_progress: Callable[[], None] = _ignore
     on_status: Callable[[StatusReport], None] = _ignore
     on_error: Callable[[int, int], None] = _ignore
@@ -71,6 +74,7 @@ class MotionDriver:
                 restarted=self._restarted,
                 surplus_answer=lambda: self._stream.surplus_answer(),
                 batch_done=self._batch_done,
+                asking=lambda: self.listener.on_question(),
                 lost=self._lost,
             ),
         )

@@ -7,6 +7,9 @@
   but the last b have left it; one more is held back, should a line have made no block.
 - Idle, everything answered and the planner empty: all is done.
 
+A dwell (G4) alone needs no report: both firmwares wait for the axes to come to rest before it, and
+answer when it is over, so its `ok` says that it and all before it are done.
+
 A block leaves the planner while up to `segment_buffer_s` of motion is still to be made. So what
 has left it counts as executed that much later, or at once where the machine stands held, which it
 does only with the segment buffer empty.
@@ -17,12 +20,14 @@ A line that makes no block (M4, G21) counts as executed once the motion before i
 
 from __future__ import annotations
 
+import re
 from collections import deque
 from itertools import islice
 
 from firmware_protocol.status import StatusReport
 
 _MOVING = ("Run", "Hold", "Door")
+_DWELL = re.compile(rb"G0*4(?![0-9.])", re.IGNORECASE)
 
 
 class Progress:
@@ -43,6 +48,7 @@ class Progress:
         self._answered = 0
         self._rejected: int | None = None  # index of the first rejected line
         self._open: deque[bytes] = deque()  # lines sent and not executed, from index `executed`
+        self._dwells: deque[int] = deque()  # which of the lines not answered are dwells
         self._idle_answered = -1  # `_answered` at the last report if that was Idle
         self._left_planner: deque[tuple[float, int]] = deque()  # (when seen, lines), oldest first
 
@@ -64,6 +70,8 @@ class Progress:
     def line_sent(self, line: bytes) -> None:
         """Count a line that is on its way."""
         self._open.append(line)
+        if _DWELL.search(line):
+            self._dwells.append(self.sent)
         self.sent += 1
 
     def line_answered(self, error: int) -> bool:
@@ -71,9 +79,14 @@ class Progress:
         first = bool(error) and self._rejected is None
         if first:
             self._rejected = self._answered
+        is_dwell = bool(self._dwells) and self._dwells[0] == self._answered
+        if is_dwell:
+            self._dwells.popleft()
         self._answered += 1
         if self._rejected is None:
             self.acknowledged = self._answered
+            if is_dwell:
+                self._count_executed(self._answered)
         return first
 
     def oldest_unanswered(self) -> bytes | None:
@@ -102,10 +115,13 @@ class Progress:
         done = min(done, self.acknowledged)
         if done <= self.executed:
             return False
+        self._count_executed(done)
+        return True
+
+    def _count_executed(self, done: int) -> None:
         for _ in range(done - self.executed):
             self._open.popleft()
         self.executed = done
-        return True
 
     def _lines_out_of_planner(self, report: StatusReport) -> int:
         if report.line_number is not None:

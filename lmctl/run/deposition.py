@@ -1,6 +1,7 @@
 """Depositing: lines to the controller as the machine gets on, and the journal of it.
 
-Driven by the motion driver's reports; between them it does nothing.
+Driven by the motion driver: lines go out with its questions, and its reports say how far they are.
+Between them it does nothing.
 """
 
 from __future__ import annotations
@@ -171,6 +172,17 @@ class Deposition:
         except Exception as error:
             self._failed(error)
 
+    def on_question(self) -> None:
+        """A report is about to be asked for: the next lines go with the question."""
+        if not self._streaming:
+            return
+        try:
+            if (due := self._clock.due_rate(self._loop.time())) is not None:
+                self.override_now(round(due * 100.0))
+            self._release()
+        except Exception as error:
+            self._failed(error)
+
     def on_progress(self) -> None:
         """More lines are acknowledged or executed."""
         if not self._streaming:
@@ -190,9 +202,6 @@ class Deposition:
                 self._controller_override(t, report.overrides[0])
             self._clock.report(t, self._counted, position_mm)
         if self._streaming:
-            if (due := self._clock.due_rate(t)) is not None:
-                self.override_now(round(due * 100.0))
-            self._release()
             self._tell(t)
         self._recorder.sample(
             self.executed, position_mm, report.feed_mm_min, report.spindle,

@@ -46,6 +46,7 @@ class Watch:
         self._moved_t = self._loop.time()  # when the place reported last changed, or had not to
         self._last_mm: tuple[float, ...] | None = None
         cell.motion.listener = MotionListener(
+            on_question=lambda: deposition().on_question(),
             on_progress=lambda: deposition().on_progress(), on_status=self._motion_status,
             on_error=self._line_rejected, on_alarm=self._motion_alarm,
             on_restart=self._motion_restarted, on_lost=self._motion_lost,

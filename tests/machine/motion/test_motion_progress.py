@@ -82,6 +82,34 @@ def test_lines_that_make_no_block_go_with_the_motion_before_them():
     assert progress.executed == 5
 
 
+@pytest.mark.parametrize("dwell", [b"N3 G4 P0.25", b"g04p1", b"G4"])
+def test_the_answer_to_a_dwell_says_that_all_before_it_is_done(dwell):
+    lines = [b"N1 G1 X1", b"N2 G1 X2", dwell, b"N4 G1 X3", dwell]
+    progress = stream(lines, 2)
+    assert progress.executed == 0
+    progress.line_answered(0)
+    assert (progress.acknowledged, progress.executed) == (3, 3)
+    progress.line_answered(0)
+    assert progress.executed == 3
+    progress.observe(run("Ln:1"), 0.0)  # a report of before it takes nothing back
+    assert progress.executed == 3
+    progress.line_answered(0)
+    assert progress.executed == 5
+
+
+@pytest.mark.parametrize("other", [b"G40", b"G4.3", b"G43.1 Z1", b"G14 P1", b"N4 G1 X4"])
+def test_the_answer_to_any_other_line_says_only_that_it_was_taken(other):
+    assert stream([b"G1 X1", other], 2).executed == 0
+
+
+def test_a_dwell_that_was_refused_or_stands_behind_a_refused_line_is_not_done():
+    for errors in ((0, 20, 0), (20, 0, 0), (0, 0, 20)):
+        progress = stream([b"G1 X1", b"G4 P1", b"G4 P1"], 0)
+        for error in errors:
+            progress.line_answered(error)
+        assert progress.executed == (2 if errors[1] == errors[0] == 0 else 0)
+
+
 def test_the_hold_and_the_door_are_read_like_motion():
     for state in ("Hold:1", "Hold:0", "Door:0"):
         progress = stream(NUMBERED, 12)

@@ -265,3 +265,35 @@ def test_the_same_stream_gives_the_same_history(controller, in_virtual_time):
     assert len(histories[0]) > 50
     same = histories[0] == histories[1] == histories[2]
     assert same  # not compared here: the difference of long histories takes minutes to print
+
+
+@pytest.mark.parametrize("wire", ["tcp", "pty", "serial"])
+def test_lines_submitted_as_a_question_is_put_are_there_when_it_is_answered(
+    controller, in_virtual_time, dialect, wire
+):
+    """They go ahead of the question, and their answers come in the same turn as the report."""
+    device = controller(dialect)
+    lines = program(40)
+
+    async def main() -> None:
+        serving = device.on_tcp() if wire == "tcp" else device.on_pty(wire)
+        async with serving as endpoint:
+            driver = await opened(endpoint)
+            waiting, told = list(lines), []
+
+            def question() -> None:
+                if waiting:
+                    driver.submit([waiting.pop(0)])
+                told.append(("asked", driver.sent))
+
+            driver.listener = MotionListener(
+                on_question=question,
+                on_status=lambda report: told.append(("told", driver.sent)),
+            )
+            await until(lambda: driver.executed == len(lines))
+            asked = told[told.index(("asked", 1)) :]
+            assert asked[1::2] == [("told", sent) for _, sent in asked[: len(asked) - 1 : 2]]
+            await driver.close()
+
+    in_virtual_time(main())
+    assert gcode(device.received) == lines

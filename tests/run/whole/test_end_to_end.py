@@ -42,6 +42,19 @@ def test_a_dry_run_executes_the_plan(run, square_job):
     ]
 
 
+def test_dwells_in_small_pieces_take_the_time_planned(run, tmp_path, profile, job_file):
+    """The next piece is always there as one ends: nothing is waited for that was not planned."""
+    layers = job_file.squares(layers=1, per_layer=1)
+    at = next(i for i, row in enumerate(layers[0]) if row[0] == "bead")
+    place = layers[0][at - 1][1]
+    layers[0][at:at] = [("dwell", place, 0.25, -1, "G4 P0.25")] * 80
+    job_file(tmp_path / "job.lmj", profile, layers)
+    one = run(tmp_path / "job.lmj")
+    blocks = one.bench.motion.trace.blocks()
+    first = int(np.flatnonzero(blocks.line == at + 80)[0])
+    assert blocks.start_s[first] - blocks.end_s[first - 1] == pytest.approx(20.0, abs=0.02)
+
+
 def test_the_journal_tells_what_was_run_and_how_it_ended(run, profile, square_job):
     one = run(square_job)
     (header,), (machine,), (seal,) = (one.records(k) for k in ("header", "machine", "seal"))
