@@ -90,6 +90,16 @@ class GrblHost:
         """Lines sent and not answered."""
         return len(self._unanswered)
 
+    @property
+    def oldest_tag(self) -> int | None:
+        """Tag of the line whose answer is due next, or None."""
+        return self._unanswered[0][0] if self._unanswered else None
+
+    @property
+    def newest_tag(self) -> int | None:
+        """Tag of the line sent last, where that is unanswered."""
+        return self._unanswered[-1][0] if self._unanswered else None
+
     def can_send(self, line: bytes) -> bool:
         """Whether the controller has room for `line` (without its end) now."""
         return len(line) < self._free

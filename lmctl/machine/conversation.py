@@ -60,6 +60,8 @@ class Conversation:
     dialect : Grbl's until `settle_on` is told better
     damaged : messages so far that were no message or answered nothing
     heard_bytes : whether anything at all has arrived
+    rx_empty : most free receive bytes reported with nothing unanswered
+    sent_before_question : tag of the newest line unanswered when `?` was sent, or None
     """
 
     def __init__(self, endpoint: str, status_period_s: float, hearer: Hearer) -> None:
@@ -68,6 +70,8 @@ class Conversation:
         self.damaged = 0
         self.heard_bytes = False
         self.lost: str | None = None
+        self.rx_empty = 0
+        self.sent_before_question: int | None = None
         self.watch = StatusWatch(status_period_s, self._ask, self.give_up)
         self._hearer = hearer
         self._host = GrblHost(_LEAST_RX_USABLE, GRBL.line_chars)
@@ -102,6 +106,16 @@ class Conversation:
     def unanswered(self) -> int:
         """Lines sent and not answered, commands included."""
         return self._host.unanswered
+
+    @property
+    def commanding(self) -> bool:
+        """Whether a command is unanswered."""
+        return self._command is not None or self._host.oldest_tag == _COMMAND_TAG
+
+    @property
+    def all_sent(self) -> bool:
+        """Whether nothing is held back here that is counted as sent."""
+        return self._link is not None and not self._link.unsent
 
     @property
     def worth_a_write(self) -> bool:
@@ -202,6 +216,7 @@ class Conversation:
             return await future
 
     def _ask(self) -> None:
+        self.sent_before_question = self._host.newest_tag
         self._hearer.asking()
         self.realtime(Realtime.STATUS)
 
@@ -220,6 +235,8 @@ class Conversation:
             self._command_answered(event.error)
         elif isinstance(event, Status):
             self.watch.answered()
+            if not self._host.unanswered:
+                self.rx_empty = max(self.rx_empty, event.report.rx_free or 0)
             self._hearer.report(event.report)
             for waiter in self._report_waiters:
                 if not waiter.done():

@@ -58,6 +58,11 @@ class Progress:
         return self._rejected
 
     @property
+    def answered(self) -> int:
+        """Lines answered, `ok` or not."""
+        return self._answered
+
+    @property
     def unanswered(self) -> int:
         """Lines sent and not answered."""
         return self.sent - self._answered
@@ -89,10 +94,31 @@ class Progress:
                 self._count_executed(self._answered)
         return first
 
+    def unanswered_bytes(self) -> int:
+        """Bytes of the lines sent and not answered, line ends included."""
+        waiting = islice(self._open, self._answered - self.executed, None)
+        return self.unanswered + sum(map(len, waiting))
+
     def oldest_unanswered(self) -> bytes | None:
         """The line whose answer is due next, or None."""
         at = self._answered - self.executed
         return self._open[at] if at < len(self._open) else None
+
+    def planned_at_least(self, head: int, blocks_free: int) -> int:
+        """How many lines have been planned at least, with `N head` at the planner's head.
+
+        Each block it holds is of another line; a line may have made none.
+        """
+        blocks = self._planner_blocks - blocks_free
+        at = self._place_of(head)
+        if at is None or blocks <= 0:
+            return 0
+        for line in islice(self._open, at, None):
+            blocks -= makes_block(line)
+            at += 1
+            if not blocks:
+                break
+        return self.executed + at
 
     def observe(self, report: StatusReport, now_s: float) -> bool:
         """Take a status report, in its place among the answers; True if `executed` grew."""
@@ -137,11 +163,15 @@ class Progress:
         return self._idle_answered == self._answered
 
     def _before_line(self, number: int) -> int:
+        return self.executed + (self._place_of(number) or 0)
+
+    def _place_of(self, number: int) -> int | None:
+        """Where the line `N number` stands among those sent and not executed; None: not there."""
         word = b"N%d" % number
         for at, line in enumerate(self._open):
             if line.startswith(word) and not line[len(word) : len(word) + 1].isdigit():
-                return self.executed + at
-        return self.executed
+                return at
+        return None
 
     def _before_blocks(self, blocks: int) -> int:
         """The index of the (blocks + 1)th last acknowledged line that makes a block."""

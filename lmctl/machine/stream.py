@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable
 from firmware_protocol.host import LocalProtocolError
 from firmware_protocol.realtime import Realtime
 from firmware_protocol.status import StatusReport
+from lmctl.machine.audit import Audit
 from lmctl.machine.conversation import Conversation
 from lmctl.machine.identify import Identity
 from lmctl.machine.progress import Progress
@@ -41,6 +42,8 @@ class Stream:
         self._rejected = rejected
         self._queue: deque[bytes] = deque()
         self._loop = asyncio.get_running_loop()
+        self._audit = Audit(talk)
+        self._identity: Identity | None = None
         self._owing_since_s: float | None = None  # Idle, and an answer is due
 
     @property
@@ -56,6 +59,7 @@ class Stream:
             if _STORES.search(line):
                 raise LocalProtocolError(f"{line!r} stores something, so it must be sent alone")
         if not self.running:
+            self._identity = identity
             lead_s = identity.dialect.segment_buffer_s
             self.progress = Progress(identity.planner_blocks, lead_s)
             self.running = True
@@ -65,6 +69,8 @@ class Stream:
     def pump(self) -> None:
         """Send the lines there is room for, in one write."""
         if self.halted or self.held or not self._queue or not self._talk.worth_a_write:
+            return
+        if self._audit.in_doubt:
             return
         queue, talk, progress = self._queue, self._talk, self.progress
         out = []
@@ -87,6 +93,7 @@ class Stream:
         self.running = False
         self.held = False
         self.halted = halted
+        self._audit.forget()
         self._owing_since_s = None
 
     def line_answered(self, tag: int, error: int) -> None:
@@ -107,9 +114,7 @@ class Stream:
         Which one cannot be told, so neither can what was acknowledged and executed.
         """
         if self.running and not self.halted:
-            self.halted = True
-            self._talk.realtime(Realtime.HOLD)
-            self._talk.give_up(
+            self._disown(
                 "an answer came that nobody waits for: the line doubles or invents bytes, and what "
                 "was executed cannot be told"
             )
@@ -117,8 +122,18 @@ class Stream:
     def observe(self, report: StatusReport) -> bool:
         """Take a report in its place among the answers; True if more lines count as executed."""
         grown = self.progress.observe(report, self._loop.time())
+        if not self.halted and self._identity is not None:
+            wrong = self._audit.observe(report, self.progress, self._identity)
+            if wrong is not None:
+                self._disown(f"{wrong}; what was executed cannot be told")
         self._look_for_lost_answer(report)
         return grown
+
+    def _disown(self, reason: str) -> None:
+        """Hold the machine and give it up: what was acknowledged cannot be told any more."""
+        self.halted = True
+        self._talk.realtime(Realtime.HOLD)
+        self._talk.give_up(reason)
 
     def _look_for_lost_answer(self, report: StatusReport) -> None:
         """A controller idle for seconds that owes answers lost a line, or we lost an answer."""

@@ -164,7 +164,11 @@ class ScriptedController:
         if b"X" in line:
             if len(self._planner) >= self.blocks:
                 return False
-            number = int(line[1:].split(b" ")[0]) if line[:1] == b"N" else 0
+            word = line[1:].split(b" ")[0] if line[:1] == b"N" else b"0"
+            if not word.isdigit():  # bytes were lost
+                self._answer(ErrorReply(2))
+                return True
+            number = int(word)
             self._gcode_lines += 1
             self._planner.append((self._gcode_lines, number))
         else:
