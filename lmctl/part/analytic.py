@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Hashable, Iterator
 from functools import cached_property
 
 import numpy as np
@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from lmctl.field.grid import Window
 from lmctl.field.plane import PlaneGrid, section_loops
 from lmctl.part.bodies import plane_points
-from lmctl.part.depth import greatest, onto_zero, unit_slope
+from lmctl.part.depth import greatest
 from lmctl.part.measured import Bounds
+from lmctl.part.surfaces import Surface
 
 FloatArray = NDArray[np.float64]
 
@@ -33,6 +34,38 @@ class Analytic(ABC):
     def at(self, points: FloatArray) -> FloatArray:
         """As `Body` has it."""
 
+    @abstractmethod
+    def inward(self, points: FloatArray) -> FloatArray:
+        """As `Body` has it."""
+
+    @property
+    def box_mm(self) -> Bounds:
+        return self.bounds_mm
+
+    @property
+    def key(self) -> Hashable:
+        return self
+
+    @property
+    def slack_mm(self) -> float:
+        return 0.0
+
+    @property
+    def one_foot(self) -> bool:
+        return False
+
+    @property
+    def exact_bound(self) -> bool:
+        return True
+
+    @property
+    def surfaces(self) -> tuple[tuple[Surface, int], ...]:
+        return ((self, 1),)
+
+    @property
+    def rest(self) -> Surface | None:
+        return None
+
     def bound(self, points: FloatArray) -> FloatArray:
         return self.at(points)
 
@@ -41,10 +74,7 @@ class Analytic(ABC):
         return greatest(self.at, *self.bounds_mm)
 
     def feet(self, points: FloatArray) -> FloatArray:
-        return onto_zero(self.at, self.inward, points)
-
-    def inward(self, points: FloatArray) -> FloatArray:
-        return unit_slope(self.at, points)
+        return points - self.at(points)[:, None] * self.inward(points)
 
     def distance(self, window: Window) -> NDArray[np.float32]:
         values = np.empty(window.shape, dtype=np.float32)

@@ -8,6 +8,7 @@ first asked for, and is interpolated on any other grid. Bodies with a formula ar
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Hashable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
@@ -25,6 +26,7 @@ from lmctl.part.depth import onto_zero, unit_slope
 from lmctl.part.measured import Bounds, zero_bounds
 from lmctl.part.mesh_files import Mesh
 from lmctl.part.slicing import Slicer
+from lmctl.part.surfaces import Surface
 
 FloatArray = NDArray[np.float64]
 Vector = tuple[float, float, float]
@@ -33,6 +35,9 @@ Vector = tuple[float, float, float]
 STEP_PITCHES = 0.01
 SURFACE_PITCHES = 1e-3
 
+#: What stored fields may be off by at their surface, in pitches, seen from other bodies.
+SLACK_PITCHES = 0.01
+
 
 class Body(Protocol):
     """A node. Distances are signed, positive inside, true distances everywhere [mm]."""
@@ -40,6 +45,36 @@ class Body(Protocol):
     @property
     def bounds_mm(self) -> Bounds:
         """Lowest and highest x, y, z of the solid, each (3,) float64 [mm]; may be infinite."""
+
+    @property
+    def box_mm(self) -> Bounds:
+        """A box that holds it, told without looking for its surface; may be infinite."""
+
+    @property
+    def key(self) -> Hashable:
+        """Equal for bodies that are known to be the same."""
+
+    @property
+    def slack_mm(self) -> float:
+        """How far from zero its distance may be at its surface [mm]; 0 where that is exact."""
+
+    @property
+    def one_foot(self) -> bool:
+        """Whether the way down the slope leads to its nearest point from everywhere, and it is
+        smooth."""
+
+    @property
+    def exact_bound(self) -> bool:
+        """Whether `bound` is the distance already."""
+
+    @property
+    def surfaces(self) -> tuple[tuple[Surface, int], ...]:
+        """Smooth surfaces that hold its own; each with 1 where the body is on its positive side,
+        else −1."""
+
+    @property
+    def rest(self) -> Surface | None:
+        """What stands for its surface where none of these does, if they leave anything."""
 
     @property
     def largest_depth_mm(self) -> float:
@@ -71,6 +106,9 @@ class Body(Protocol):
 class Stored(ABC):
     """What bodies with a stored field share."""
 
+    one_foot: bool = False
+    exact_bound: bool = True
+
     @property
     @abstractmethod
     def field(self) -> Field:
@@ -80,6 +118,26 @@ class Stored(ABC):
     @abstractmethod
     def bounds_mm(self) -> Bounds:
         """As `Body` has it."""
+
+    @property
+    def box_mm(self) -> Bounds:
+        return self.bounds_mm
+
+    @property
+    def key(self) -> Hashable:
+        return self
+
+    @property
+    def slack_mm(self) -> float:
+        return SLACK_PITCHES * self.field.grid.pitch_mm
+
+    @property
+    def surfaces(self) -> tuple[tuple[Surface, int], ...]:
+        return ((self, 1),)
+
+    @property
+    def rest(self) -> Surface | None:
+        return None
 
     @cached_property
     def largest_depth_mm(self) -> float:
@@ -113,7 +171,7 @@ class Stored(ABC):
         return self.field.on_window(window)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class MeshSolid(Stored):
     """A closed mesh, each corner in use: its triangles give outlines, its field depths."""
 
@@ -142,7 +200,7 @@ class MeshSolid(Stored):
         return self._slicer.loops(z_mm)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FieldSolid(Stored):
     """A body that is known by its field alone, such as a measured cloud.
 

@@ -6,7 +6,9 @@ distance is not.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,10 +24,14 @@ from lmctl.field.primitives import (
     torus_distance,
 )
 from lmctl.part.analytic import Analytic
-from lmctl.part.bodies import Vector, nothing_of
+from lmctl.part.bodies import Vector, nothing_of, unit_rows
 from lmctl.part.measured import Bounds
+from lmctl.part.surfaces import Mantle, Surface, around_axis
 
 FloatArray = NDArray[np.float64]
+
+#: Nearer to a surface than this, the way to its nearest point has no direction.
+ON_IT_MM = 1e-9
 
 
 @dataclass(frozen=True)
@@ -34,6 +40,8 @@ class Sphere(Analytic):
 
     centre_mm: Vector
     radius_mm: float
+
+    one_foot = True
 
     @property
     def bounds_mm(self) -> Bounds:
@@ -46,6 +54,12 @@ class Sphere(Analytic):
 
     def at(self, points: FloatArray) -> FloatArray:
         return sphere_distance(points, self.centre_mm, self.radius_mm)
+
+    def inward(self, points: FloatArray) -> FloatArray:
+        way = np.array(self.centre_mm) - points
+        size = np.linalg.norm(way, axis=1)
+        way[size == 0.0] = (1.0, 0.0, 0.0)
+        return unit_rows(way)
 
     def cut(self, z_mm: float, plane: PlaneGrid) -> NDArray[np.float32]:
         """The distance to the circle in the plane: near a pole the ball's own is too flat."""
@@ -73,6 +87,34 @@ class Box(Analytic):
 
     def at(self, points: FloatArray) -> FloatArray:
         return box_distance(points, self.low_mm, self.high_mm)
+
+    def inward(self, points: FloatArray) -> FloatArray:
+        """Outside towards the nearest place of it, inside away from the nearest face."""
+        low, high = np.array(self.low_mm), np.array(self.high_mm)
+        way = np.clip(points, low, high) - points
+        size = np.sqrt(np.einsum("ij,ij->i", way, way))
+        inside = size <= ON_IT_MM
+        way /= np.where(inside, 1.0, size)[:, None]
+        offset = points[inside] - 0.5 * (low + high)
+        nearest = (np.abs(offset) - 0.5 * (high - low)).argmax(axis=1)
+        rows = np.arange(len(offset))
+        faces = np.zeros_like(offset)
+        faces[rows, nearest] = np.where(offset[rows, nearest] > 0, -1.0, 1.0)
+        way[inside] = faces
+        return way
+
+    @cached_property
+    def surfaces(self) -> tuple[tuple[Surface, int], ...]:
+        """Its six planes."""
+        planes = []
+        for axis in range(3):
+            outward = [0.0, 0.0, 0.0]
+            for corner, sign in ((self.low_mm, -1.0), (self.high_mm, 1.0)):
+                outward[axis] = sign
+                place = [0.0, 0.0, 0.0]
+                place[axis] = corner[axis]
+                planes.append((plane(place, outward), 1))
+        return tuple(planes)
 
     def cut(self, z_mm: float, plane: PlaneGrid) -> NDArray[np.float32]:
         loops = self.loops(z_mm, plane)
@@ -108,6 +150,52 @@ class Cone(Analytic):
             points, self.base_mm, self.top_mm, self.base_radius_mm, self.top_radius_mm
         )
 
+    def inward(self, points: FloatArray) -> FloatArray:
+        """In the half-plane (radius, height): outside towards the nearest place of it, inside away
+        from the nearest of mantle and lids."""
+        radial, axial, outward = around_axis(points, self.base_mm, self._axis)
+        length, run = self._length_mm, self.top_radius_mm - self.base_radius_mm
+        slant = np.hypot(length, run)
+        low = axial < 0.5 * length
+        lid_r = np.minimum(radial, np.where(low, self.base_radius_mm, self.top_radius_mm))
+        lid_z = np.where(low, 0.0, length)
+        t = np.clip(
+            ((radial - self.base_radius_mm) * run + axial * length) / slant**2, 0.0, 1.0)
+        wall_r, wall_z = self.base_radius_mm + t * run, t * length
+        lid_nearer = np.hypot(lid_r - radial, lid_z - axial) < np.hypot(
+            wall_r - radial, wall_z - axial)
+        way_r = np.where(lid_nearer, lid_r, wall_r) - radial
+        way_z = np.where(lid_nearer, lid_z, wall_z) - axial
+        size = np.hypot(way_r, way_z)
+        depth_wall = (self.base_radius_mm + run * axial / length - radial) * length / slant
+        depth_lid = np.minimum(axial, length - axial)
+        inside = (np.minimum(depth_wall, depth_lid) > 0) | (size <= ON_IT_MM)
+        by_wall = depth_wall < depth_lid
+        size = np.where(inside, 1.0, size)
+        way_r = np.where(inside, np.where(by_wall, -length / slant, 0.0), way_r / size)
+        way_z = np.where(
+            inside, np.where(by_wall, run / slant, np.where(low, 1.0, -1.0)), way_z / size)
+        return np.asarray(way_r[:, None] * outward + way_z[:, None] * np.array(self._axis))
+
+    @cached_property
+    def surfaces(self) -> tuple[tuple[Surface, int], ...]:
+        """Its mantle and its lids."""
+        axis = np.array(self._axis)
+        slope = (self.top_radius_mm - self.base_radius_mm) / self._length_mm
+        return (
+            (Mantle(self.base_mm, self._axis, self.base_radius_mm, slope), 1),
+            (plane(self.base_mm, -axis), 1),
+            (plane(self.top_mm, axis), 1),
+        )
+
+    @cached_property
+    def _axis(self) -> Vector:
+        return _vector(unit_vector(np.subtract(self.top_mm, self.base_mm)))
+
+    @cached_property
+    def _length_mm(self) -> float:
+        return float(np.linalg.norm(np.subtract(self.top_mm, self.base_mm)))
+
     def cut(self, z_mm: float, plane: PlaneGrid) -> NDArray[np.float32]:
         """Standing upright, the distance to its circle; else its own, which is zero there too."""
         (x0, y0, z0), (x1, y1, z1) = self.base_mm, self.top_mm
@@ -128,8 +216,7 @@ class Cylinder(Cone):
 
     @property
     def largest_depth_mm(self) -> float:
-        length = float(np.linalg.norm(np.subtract(self.top_mm, self.base_mm)))
-        return min(self.base_radius_mm, 0.5 * length)
+        return min(self.base_radius_mm, 0.5 * self._length_mm)
 
     def at(self, points: FloatArray) -> FloatArray:
         return cylinder_distance(points, self.base_mm, self.top_mm, self.base_radius_mm)
@@ -143,6 +230,8 @@ class Torus(Analytic):
     axis: Vector
     radius_mm: float
     tube_radius_mm: float
+
+    one_foot = True
 
     @property
     def bounds_mm(self) -> Bounds:
@@ -159,6 +248,15 @@ class Torus(Analytic):
         return torus_distance(
             points, self.centre_mm, self.axis, self.radius_mm, self.tube_radius_mm
         )
+
+    def inward(self, points: FloatArray) -> FloatArray:
+        """Towards the circle that its tube runs along."""
+        axis = unit_vector(self.axis)
+        radial, axial, outward = around_axis(points, self.centre_mm, _vector(axis))
+        way = (self.radius_mm - radial)[:, None] * outward - axial[:, None] * axis
+        lost = np.einsum("ij,ij->i", way, way) == 0.0
+        way[lost] = outward[lost]
+        return unit_rows(way)
 
     def cut(self, z_mm: float, plane: PlaneGrid) -> NDArray[np.float32]:
         """Lying flat, the distance to its two circles; else its own, which is zero there too."""
@@ -177,6 +275,8 @@ class HalfSpace(Analytic):
 
     point_mm: Vector
     outward: Vector
+
+    one_foot = True
 
     @property
     def bounds_mm(self) -> Bounds:
@@ -197,8 +297,23 @@ class HalfSpace(Analytic):
     def at(self, points: FloatArray) -> FloatArray:
         return half_space_distance(points, self.point_mm, self.outward)
 
+    def inward(self, points: FloatArray) -> FloatArray:
+        return np.tile(-unit_vector(self.outward), (len(points), 1))
+
+
+def plane(point_mm: Sequence[float], outward: Sequence[float] | FloatArray) -> HalfSpace:
+    """What is behind a plane; equal for equal planes, whatever point of them is given."""
+    along = unit_vector(outward)
+    height = round(float(np.dot(along, point_mm)), 12)
+    return HalfSpace(_vector(height * along + 0.0), _vector(along + 0.0))
+
 
 def _radii(plane: PlaneGrid, centre_mm: Vector) -> FloatArray:
     """Distance of each node of a plane from a point in it, (ny, nx) float64 [mm]."""
     x, y = plane.x_mm - centre_mm[0], plane.y_mm - centre_mm[1]
     return np.asarray(np.hypot(x[None, :], y[:, None]))
+
+
+def _vector(values: Sequence[float] | FloatArray) -> Vector:
+    x, y, z = (float(value) for value in values)
+    return x, y, z

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from lmctl.field.plane import PlaneGrid, plane_distance
 from lmctl.part.analytic import Analytic
 from lmctl.part.bodies import Body, nothing_of
 from lmctl.part.measured import Bounds
+from lmctl.part.surfaces import Surface
 
 FloatArray = NDArray[np.float64]
 
@@ -62,9 +64,43 @@ class Moved(Analytic):
     motion: Motion
 
     @property
+    def key(self) -> Hashable:
+        motion = self.motion
+        return (Moved, self.body.key, motion.scale, motion.turn.tobytes(),
+                motion.shift_mm.tobytes())
+
+    @property
+    def slack_mm(self) -> float:
+        return self.motion.scale * self.body.slack_mm
+
+    @property
+    def one_foot(self) -> bool:
+        return self.body.one_foot
+
+    @property
+    def exact_bound(self) -> bool:
+        return self.body.exact_bound
+
+    @cached_property
+    def surfaces(self) -> tuple[tuple[Surface, int], ...]:
+        return tuple(
+            (Carried(surface, self.motion), sign) for surface, sign in self.body.surfaces)
+
+    @cached_property
+    def rest(self) -> Surface | None:
+        rest = self.body.rest
+        return None if rest is None else Carried(rest, self.motion)
+
+    @property
+    def box_mm(self) -> Bounds:
+        return self._around(*self.body.box_mm)
+
+    @property
     def bounds_mm(self) -> Bounds:
         """Those of its moved box: exact for quarter turns, else at most too large."""
-        low, high = self.body.bounds_mm
+        return self._around(*self.body.bounds_mm)
+
+    def _around(self, low: FloatArray, high: FloatArray) -> Bounds:
         if not np.isfinite([*low, *high]).all():
             return np.full(3, -np.inf), np.full(3, np.inf)
         middle, half = 0.5 * (low + high), 0.5 * (high - low)
@@ -109,6 +145,28 @@ class Moved(Analytic):
     @property
     def _upright(self) -> bool:
         return bool(np.allclose(self.motion.turn[2], (0.0, 0.0, 1.0), atol=1e-12))
+
+
+@dataclass(frozen=True, eq=False)
+class Carried:
+    """A surface carried elsewhere."""
+
+    surface: Surface
+    motion: Motion
+
+    @property
+    def slack_mm(self) -> float:
+        return self.motion.scale * self.surface.slack_mm
+
+    @property
+    def one_foot(self) -> bool:
+        return self.surface.one_foot
+
+    def at(self, points: FloatArray) -> FloatArray:
+        return self.motion.scale * self.surface.at(self.motion.back(points))
+
+    def inward(self, points: FloatArray) -> FloatArray:
+        return self.surface.inward(self.motion.back(points)) @ self.motion.turn.T
 
 
 def plane_over(low: FloatArray, high: FloatArray, pitch_mm: float) -> PlaneGrid:

@@ -1,11 +1,13 @@
 """What of a body lies deeper than a level: its distance is the body's less that level.
 
 That is a true distance wherever the way along it meets the contour. Beside the sharp corners that a
-contour has at a body's middle planes it does not; there the contour itself is measured to.
+contour has at a body's middle planes it does not; there the contour itself is measured to. Its
+edges and corners are where the body's surfaces, each moved inwards by the level, meet.
 """
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -13,38 +15,66 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.errors import InputError
-from lmctl.field.field import Field
 from lmctl.field.grid import Grid
 from lmctl.field.plane import PlaneGrid
-from lmctl.field.seeds import seed_triangles
-from lmctl.field.sweep import sweep_sources
 from lmctl.part.analytic import Analytic
-from lmctl.part.bodies import Body, closest_points, without_slivers
+from lmctl.part.bodies import Body, plane_points
+from lmctl.part.boundary import Boundary
+from lmctl.part.expression import expression_of
 from lmctl.part.measured import Bounds
-from lmctl.part.operands import ON_SURFACE
+from lmctl.part.surfaces import Shifted, Surface
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+#: How far off the contour's own level a point on it may be, in pitches.
+SLACK_PITCHES = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Offset(Analytic):
     """Everything at least `level_mm` deep in a body; with a negative level, all around it too.
 
-    grid : holds the contour; where it has corners they are rounded within its pitch
+    grid : holds the contour
     """
 
     body: Body
     level_mm: float
     grid: Grid
 
+    @property
+    def key(self) -> Hashable:
+        return Offset, self.body.key, self.level_mm
+
+    @property
+    def exact_bound(self) -> bool:
+        return False
+
+    @property
+    def slack_mm(self) -> float:
+        return max(self.body.slack_mm, SLACK_PITCHES * self.grid.pitch_mm)
+
+    @cached_property
+    def surfaces(self) -> tuple[tuple[Surface, int], ...]:
+        """The body's, moved by the level."""
+        return tuple(
+            (Shifted(surface, side * self.level_mm), side) for surface, side in self.body.surfaces
+        )
+
+    @cached_property
+    def rest(self) -> Surface | None:
+        return None if self.level_mm == 0.0 else Shifted(self.body, self.level_mm)
+
+    @property
+    def box_mm(self) -> Bounds:
+        low, high = self.body.box_mm
+        return low + self.level_mm, high - self.level_mm
+
     @cached_property
     def bounds_mm(self) -> Bounds:
         low, high = self.body.bounds_mm
-        if self.level_mm < 0:
-            return low + self.level_mm, high - self.level_mm
-        corners = self._contour.reshape(-1, 3)
-        return (np.maximum(corners.min(axis=0), low + self.level_mm),
-                np.minimum(corners.max(axis=0), high - self.level_mm))
+        ends = low + self.level_mm, high - self.level_mm
+        return ends if self.level_mm < 0 else self._contour.ends(ends)
 
     @cached_property
     def largest_depth_mm(self) -> float:
@@ -52,10 +82,10 @@ class Offset(Analytic):
 
     def at(self, points: FloatArray) -> FloatArray:
         points = np.asarray(points, dtype=np.float64)
-        depth = self.body.at(points) - self.level_mm
-        rows = self._missing(points, depth)
+        depth = self.bound(points)
+        rows, _ = self._missing(points, depth)
         if len(rows):
-            away = np.linalg.norm(points[rows] - self._nearest(points[rows]), axis=1)
+            away = np.linalg.norm(points[rows] - self._contour.nearest(points[rows]), axis=1)
             depth[rows] = np.copysign(np.maximum(away, np.abs(depth[rows])), depth[rows])
         return depth
 
@@ -64,11 +94,10 @@ class Offset(Analytic):
 
     def feet(self, points: FloatArray) -> FloatArray:
         points = np.asarray(points, dtype=np.float64)
-        depth = self.body.at(points) - self.level_mm
-        feet = points - depth[:, None] * self.body.inward(points)
-        off = np.abs(self.body.at(feet) - self.level_mm) > self._slack
-        if off.any():
-            feet[off] = self._nearest(points[off])
+        depth = self.bound(points)
+        missing, feet = self._missing(points, depth)
+        if len(missing):
+            feet[missing] = self._contour.nearest(points[missing])
         return feet
 
     def inward(self, points: FloatArray) -> FloatArray:
@@ -77,47 +106,28 @@ class Offset(Analytic):
     def cut(self, z_mm: float, plane: PlaneGrid) -> NDArray[np.float32]:
         if self.level_mm == 0.0:
             return self.body.cut(z_mm, plane)
-        return Analytic.cut(self, z_mm, plane)
+        depth = self.bound(plane_points(plane, z_mm))
+        return depth.astype(np.float32).reshape(plane.shape)
 
-    def _missing(self, points: FloatArray, depth: FloatArray) -> NDArray[np.int64]:
-        """The rows whose way along the distance does not meet the contour.
-
-        Only on one side: on the other, every way out crosses the contour at right angles.
-        """
+    def _missing(self, points: FloatArray, depth: FloatArray) -> tuple[IntArray, FloatArray]:
+        """The rows whose way along the distance does not meet the contour, and where all lead."""
+        feet = points - depth[:, None] * self.body.inward(points)
         if self.level_mm == 0.0:
-            return np.empty(0, dtype=np.int64)
-        asked = np.flatnonzero(depth < 0 if self.level_mm > 0 else depth > 0)
-        feet = points[asked] - depth[asked, None] * self.body.inward(points[asked])
-        missed: NDArray[np.bool_] = np.abs(self.body.at(feet) - self.level_mm) > self._slack
-        return asked[missed]
+            return np.empty(0, dtype=np.int64), feet
+        return np.flatnonzero(~self._met(feet)), feet
 
-    @property
-    def _slack(self) -> float:
-        return ON_SURFACE * self.grid.pitch_mm
-
-    def _nearest(self, points: FloatArray) -> FloatArray:
-        return closest_points(self._stored, points)
+    def _met(self, points: FloatArray) -> NDArray[np.bool_]:
+        met: NDArray[np.bool_] = np.abs(self.bound(points)) <= self.slack_mm
+        return met
 
     @cached_property
-    def _stored(self) -> Field:
-        """The nearest point of the contour at every node; its sign is not kept."""
-        sources, surface_mm, _ = seed_triangles(self._contour, self.grid)
-        values = sweep_sources(sources, surface_mm, self.grid)
-        return Field(self.grid, values, sources, surface_mm)
-
-    @cached_property
-    def _contour(self) -> FloatArray:
-        """Triangles of the contour, (m, 3, 3) float64 [mm]."""
-        from skimage.measure import marching_cubes  # takes a second, which few parts need to spend
-
-        depth = self.body.distance(self.grid.window()) - np.float32(self.level_mm)
-        if not (depth > 0).any():
+    def _contour(self) -> Boundary:
+        contour = Boundary(expression_of(self), self._met, self.grid)
+        if len(contour.feet_mm) == 0:
             raise InputError(
                 f"nothing lies deeper than {self.level_mm:g} mm",
                 where=f"the deepest place is at {self.body.largest_depth_mm:.4g} mm, the pitch is "
                 f"{self.grid.pitch_mm:g} mm",
                 hint="lower from_mm or to_mm of the shell, or give a smaller pitch_mm",
             )
-        corners, triangles, _, _ = marching_cubes(depth, 0.0)
-        points = corners[:, ::-1] * self.grid.pitch_mm + np.asarray(self.grid.origin_mm)
-        return without_slivers(points[triangles].astype(np.float64))
+        return contour

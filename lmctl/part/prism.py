@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,10 +13,15 @@ from lmctl.errors import InputError
 from lmctl.field.kernel import kernel
 from lmctl.field.plane import PlaneGrid, loop_area_mm2, plane_distance
 from lmctl.part.analytic import Analytic
-from lmctl.part.bodies import nothing_of
+from lmctl.part.bodies import nothing_of, unit_rows
+from lmctl.part.formulas import ON_IT_MM, plane
 from lmctl.part.measured import Bounds
+from lmctl.part.surfaces import Surface
 
 FloatArray = NDArray[np.float64]
+
+#: Polygons of more sides are taken for one surface, not for as many planes.
+MOST_WALLS = 100
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,10 +42,38 @@ class Prism(Analytic):
 
     def at(self, points: FloatArray) -> FloatArray:
         """The nearest of the wall and the two lids; beyond both, of the rim between them."""
-        across = _polygon_kernel(np.ascontiguousarray(points), self.loop_mm)
+        across = _polygon_kernel(np.ascontiguousarray(points), self.loop_mm)[:, 0]
         along = np.minimum(points[:, 2] - self.low_mm, self.high_mm - points[:, 2])
         beyond = np.hypot(np.minimum(across, 0.0), np.minimum(along, 0.0))
         return np.where((across > 0) & (along > 0), np.minimum(across, along), -beyond)
+
+    def inward(self, points: FloatArray) -> FloatArray:
+        found = _polygon_kernel(np.ascontiguousarray(points), self.loop_mm)
+        up, down = points[:, 2] - self.low_mm, self.high_mm - points[:, 2]
+        across, along = found[:, 0], np.minimum(up, down)
+        inside = (across > 0) & (along > 0)
+        # Inside by the nearer of the two; outside by what is left towards each.
+        wall = np.where(inside, across < along, np.maximum(-across, 0.0))
+        lid = np.where(inside, across >= along, np.maximum(-along, 0.0))
+        on_rim = (wall == 0) & (lid == 0)
+        wall, lid = np.where(on_rim, across <= along, wall), np.where(on_rim, across > along, lid)
+        way = np.empty((len(points), 3))
+        way[:, :2] = wall[:, None] * found[:, 1:]
+        way[:, 2] = lid * np.where(up < down, 1.0, -1.0)
+        return unit_rows(way)
+
+    @cached_property
+    def surfaces(self) -> tuple[tuple[Surface, int], ...]:
+        """The planes of its lids, and of its walls or, of many, the column they make."""
+        x, y = (float(v) for v in self.loop_mm[0])
+        lids = plane((x, y, self.low_mm), (0, 0, -1)), plane((x, y, self.high_mm), (0, 0, 1))
+        walls: tuple[Surface, ...] = (Column(self.loop_mm),)
+        if len(self.loop_mm) <= MOST_WALLS:
+            walls = tuple(
+                plane((ax, ay, self.low_mm), (by - ay, ax - bx, 0))
+                for (ax, ay), (bx, by) in pairwise(self.loop_mm)
+            )
+        return tuple((surface, 1) for surface in (*lids, *walls))
 
     def cut(self, z_mm: float, plane: PlaneGrid) -> NDArray[np.float32]:
         loops = self.loops(z_mm, plane)
@@ -47,6 +82,23 @@ class Prism(Analytic):
     def loops(self, z_mm: float, plane: PlaneGrid) -> list[FloatArray]:
         """The polygon; at its lower face already, at its upper one no more."""
         return [self.loop_mm] if self.low_mm <= z_mm < self.high_mm else []
+
+
+@dataclass(frozen=True, eq=False)
+class Column:
+    """A polygon's wall without end along z. loop_mm : as `Prism` has it"""
+
+    loop_mm: FloatArray
+
+    slack_mm = 0.0
+    one_foot = False
+
+    def at(self, points: FloatArray) -> FloatArray:
+        return np.asarray(_polygon_kernel(np.ascontiguousarray(points), self.loop_mm)[:, 0])
+
+    def inward(self, points: FloatArray) -> FloatArray:
+        found = _polygon_kernel(np.ascontiguousarray(points), self.loop_mm)
+        return np.column_stack([found[:, 1:], np.zeros(len(points))])
 
 
 def closed_polygon(corners: FloatArray, name: str) -> FloatArray:
@@ -77,20 +129,32 @@ def closed_polygon(corners: FloatArray, name: str) -> FloatArray:
 
 @kernel
 def _polygon_kernel(points: FloatArray, loop: FloatArray) -> FloatArray:
-    """Signed distance in the plane, positive inside by parity; z is not looked at."""
-    result = np.empty(len(points))
+    """(n, 3): signed distance in the plane, positive inside by parity, and the unit direction
+    inwards in x and y; z is not looked at."""
+    result = np.empty((len(points), 3))
     for n in range(len(points)):
         x, y = points[n, 0], points[n, 1]
-        least, inside = np.inf, False
+        least, inside, best, share = np.inf, False, 0, 0.0
         for e in range(len(loop) - 1):
             ax, ay, bx, by = loop[e, 0], loop[e, 1], loop[e + 1, 0], loop[e + 1, 1]
             ux, uy = bx - ax, by - ay
             t = ((x - ax) * ux + (y - ay) * uy) / (ux * ux + uy * uy)
             t = min(1.0, max(0.0, t))
-            least = min(least, (x - ax - t * ux) ** 2 + (y - ay - t * uy) ** 2)
+            d2 = (x - ax - t * ux) ** 2 + (y - ay - t * uy) ** 2
+            if d2 < least:
+                least, best, share = d2, e, t
             if (ay > y) != (by > y) and ax + (y - ay) * ux / uy > x:
                 inside = not inside
-        result[n] = np.sqrt(least) if inside else -np.sqrt(least)
+        away = np.sqrt(least)
+        sign = 1.0 if inside else -1.0
+        ux, uy = loop[best + 1, 0] - loop[best, 0], loop[best + 1, 1] - loop[best, 1]
+        if (share == 0.0 or share == 1.0) and away > ON_IT_MM:
+            wx = sign * (x - loop[best, 0] - share * ux) / away
+            wy = sign * (y - loop[best, 1] - share * uy) / away
+        else:
+            size = np.sqrt(ux * ux + uy * uy)
+            wx, wy = -uy / size, ux / size
+        result[n, 0], result[n, 1], result[n, 2] = sign * away, wx, wy
     return result
 
 

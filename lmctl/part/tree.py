@@ -183,12 +183,18 @@ class Tree:
                     mesh = self._data.mesh(inner)
                     moved = Mesh(_motion(body).there(mesh.vertices), mesh.triangles)
                     return self._mesh(moved, inner.pitch_mm)
-                return Moved(self._solid(of, False), _motion(body))
+                return self._carried(self._solid(of, False), _motion(body), self._box(number))
             case config.BooleanBody():
                 numbers = [self._number[name] for name in body.of]
                 return self._joined(body.kind, numbers, whole=whole)
             case _:
                 return self._formula(body, number)
+
+    def _carried(self, body: Body, by: Motion, box: Bounds) -> Body:
+        """A body moved elsewhere; of a boolean each of its bodies is, so that it stays one."""
+        if not isinstance(body, Combined):
+            return Moved(body, by)
+        return body.carried(lambda inner: Moved(inner, by), boundary_grid(*box, self.pitch_mm))
 
     def _shell(self, body: config.ShellBody, whole: bool) -> Body:
         of = self._solid(self._number[body.of], whole)

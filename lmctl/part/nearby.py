@@ -1,0 +1,91 @@
+"""From places to the surface points that the nodes around them know."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmctl.field.kernel import kernel
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+#: Surfaces among which a place looks for its nearest point.
+MOST_NEAR = 5
+
+
+@kernel
+def seed(
+    relative: FloatArray, sources: NDArray[np.int32], squared: NDArray[np.float32]
+) -> None:
+    """Offer each foot to the nodes around it; a node keeps the nearest it was offered.
+
+    relative : feet in node units; sources : −1 where none was offered; squared : inf there
+    """
+    nz, ny, nx = sources.shape
+    for n in range(len(relative)):
+        x, y, z = relative[n, 0], relative[n, 1], relative[n, 2]
+        i0, j0, k0 = int(np.floor(x)), int(np.floor(y)), int(np.floor(z))
+        for k in range(max(k0 - 1, 0), min(k0 + 3, nz)):
+            for j in range(max(j0 - 1, 0), min(j0 + 3, ny)):
+                for i in range(max(i0 - 1, 0), min(i0 + 3, nx)):
+                    d2 = np.float32((x - i) ** 2 + (y - j) ** 2 + (z - k) ** 2)
+                    if d2 < squared[k, j, i]:
+                        squared[k, j, i] = d2
+                        sources[k, j, i] = n
+
+
+@kernel
+def around(
+    sources: NDArray[np.int32], feet: FloatArray, active: NDArray[np.int16], points: FloatArray,
+    nodes: FloatArray, rows: IntArray, near: IntArray,
+) -> None:
+    """Of the feet that the corners of each point's cell know, the one nearest to the point, and
+    the surfaces that these feet lie on.
+
+    nodes : (n, 3), where to look, in node units; taken to the grid's rim where they lie outside
+    rows : (n,), to fill with numbers of feet
+    near : (n, MOST_NEAR), to fill with numbers of surfaces, −1 for none
+    """
+    nz, ny, nx = sources.shape
+    for n in range(len(points)):
+        i = int(min(max(nodes[n, 0], 0.0), nx - 1.001))
+        j = int(min(max(nodes[n, 1], 0.0), ny - 1.001))
+        k = int(min(max(nodes[n, 2], 0.0), nz - 1.001))
+        least, best = np.inf, 0
+        count = 0
+        for c in range(8):
+            row = sources[k + (c >> 2 & 1), j + (c >> 1 & 1), i + (c & 1)]
+            d2 = (
+                (feet[row, 0] - points[n, 0]) ** 2 + (feet[row, 1] - points[n, 1]) ** 2
+                + (feet[row, 2] - points[n, 2]) ** 2
+            )
+            if d2 < least:
+                least, best = d2, row
+            for slot in range(active.shape[1]):
+                number = active[row, slot]
+                known = number < 0
+                for m in range(count):
+                    known = known or near[n, m] == number
+                if not known and count < near.shape[1]:
+                    near[n, count] = number
+                    count += 1
+        for m in range(count, near.shape[1]):
+            near[n, m] = -1
+        rows[n] = best
+
+
+def most_near(
+    rows: IntArray, which: IntArray, away: FloatArray, count: int
+) -> IntArray:
+    """For each of `count` rows the nearest surfaces it met, (count, MOST_NEAR), −1 for none.
+
+    rows, which, away : (m,), each meeting: the row, the surface's number, how far away it is
+    """
+    order = np.lexsort((which, away, rows))
+    rows, which = rows[order], which[order]
+    slot = np.arange(len(rows)) - np.searchsorted(rows, rows)
+    kept = slot < MOST_NEAR
+    near = np.full((count, MOST_NEAR), -1, dtype=np.int64)
+    near[rows[kept], slot[kept]] = which[kept]
+    return near
