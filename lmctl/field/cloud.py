@@ -45,12 +45,12 @@ def cloud_field(points: FloatArray, grid: Grid) -> Field:
     reach = np.hypot(REACH_SPACINGS * samples.spacing_mm, BAND_PITCHES * grid.pitch_mm)
     owner = nearest_samples(samples.points_mm, reach, grid)
     seeds = seed_cloud(owner, samples, sheets, grid)
-    del owner
     if not seeds.supported.any():
         raise _nothing_inside(len(samples.points_mm), grid)
     tags = _tags(orientation, seeds, grid)
     good = _on_the_surface(tags, seeds, grid)
-    sources = np.full(grid.shape, -1, dtype=np.int32)
+    sources = owner  # its memory serves again
+    sources.fill(-1)
     sources.reshape(-1)[seeds.nodes[good]] = np.flatnonzero(good)
     values = sweep_sources(sources, seeds.surface_mm, grid)
     tags.reshape(-1)[seeds.nodes[good]] = np.where(seeds.distance_mm[good] > 0.0, 1, -1)
@@ -90,7 +90,11 @@ def _tags(orientation: Orientation, seeds: CloudSeeds, grid: Grid) -> NDArray[np
     level.reshape(-1)[seeds.nodes[held]] = (
         away[held] * (LEVELS_PER_PITCH / grid.pitch_mm)
     ).astype(np.uint8)
-    widest_first = np.argsort(-away, kind="stable")
+    # To a 512th of a level, as short numbers are sorted many times faster.
+    narrowness = np.iinfo(np.uint16).max - np.minimum(
+        away * (512 * LEVELS_PER_PITCH / grid.pitch_mm), np.iinfo(np.uint16).max
+    ).astype(np.uint16)
+    widest_first = np.argsort(narrowness, kind="stable")
     sides = np.where(seeds.distance_mm > 0.0, 1, -1).astype(np.int8)
     _spread_kernel(level)
     flood(level, tags, seeds.nodes[widest_first], sides[widest_first])
@@ -101,25 +105,35 @@ def _tags(orientation: Orientation, seeds: CloudSeeds, grid: Grid) -> NDArray[np
 def _spread_kernel(level: NDArray[np.uint8]) -> None:
     """How far each node is from those with a low level, in levels, along the grid's axes.
 
-    In place, there and back again in array order, which is all it takes for such distances.
+    In place, there and back again along each axis in turn, which is all it takes for such
+    distances.
     """
     nz, ny, nx = level.shape
-    for direction in range(2):
-        back = direction == 1
-        for kk in range(nz):
-            k, before_k = (nz - 1 - kk, nz - kk) if back else (kk, kk - 1)
-            for jj in range(ny):
-                j, before_j = (ny - 1 - jj, ny - jj) if back else (jj, jj - 1)
-                for ii in range(nx):
-                    i, before_i = (nx - 1 - ii, nx - ii) if back else (ii, ii - 1)
-                    least = LEVELS
-                    if ii > 0:
-                        least = min(least, level[k, j, before_i])
-                    if jj > 0:
-                        least = min(least, level[k, before_j, i])
-                    if kk > 0:
-                        least = min(least, level[before_k, j, i])
-                    level[k, j, i] = min(level[k, j, i], least + LEVELS_PER_PITCH)
+    for k in range(nz):
+        for j in range(ny):
+            least = LEVELS
+            for i in range(nx):
+                least = min(least + LEVELS_PER_PITCH, int(np.int64(level[k, j, i])))
+                level[k, j, i] = least
+            for i in range(nx - 1, -1, -1):
+                least = min(least + LEVELS_PER_PITCH, int(np.int64(level[k, j, i])))
+                level[k, j, i] = least
+        for j in range(1, ny):
+            _nearer_kernel(level[k, j - 1], level[k, j])
+        for j in range(ny - 2, -1, -1):
+            _nearer_kernel(level[k, j + 1], level[k, j])
+        if k > 0:
+            for j in range(ny):
+                _nearer_kernel(level[k - 1, j], level[k, j])
+    for k in range(nz - 2, -1, -1):
+        for j in range(ny):
+            _nearer_kernel(level[k + 1, j], level[k, j])
+
+
+@kernel
+def _nearer_kernel(before: NDArray[np.uint8], row: NDArray[np.uint8]) -> None:
+    for i in range(len(row)):
+        row[i] = min(row[i], np.uint8(before[i] + np.uint8(LEVELS_PER_PITCH)))
 
 
 def _on_the_surface(

@@ -20,7 +20,7 @@ FloatArray = NDArray[np.float64]
 Sources = NDArray[np.int32]
 
 BAND_PITCHES = 1.25  # nodes this near the fitted surface are seeds
-FAR_PITCHES = 2.0  # a node this far from the nearest sample's patch is no seed
+FAR_PITCHES = 1.5  # a node this far from the nearest sample's patch is no seed
 
 
 @dataclass(frozen=True)

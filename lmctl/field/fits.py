@@ -29,7 +29,7 @@ def fit_quadrics(
     """
     around, weights = np.zeros((FITTED + 1, 3)), np.empty(FITTED + 1)
     up, side, over = np.empty(3), np.empty(3), np.empty(3)
-    terms, heights = np.empty((FITTED + 1, 6)), np.empty(FITTED + 1)
+    terms, heights = np.ones((FITTED + 1, 6)), np.empty(FITTED + 1)
     matrix, right = np.empty((6, 6)), np.empty(6)
     for n in range(len(points)):
         far = _gather(points, neighbours, n, around, weights)
@@ -37,22 +37,38 @@ def fit_quadrics(
         perpendicular(up, side)
         _cross(up, side, over)
         scale = 1.0 / np.sqrt(far)
-        total = 0.0
-        for a in range(6):
-            right[a] = 0.0
-            for b in range(6):
-                matrix[a, b] = 0.0
+        ux, uy, uz = scale * side[0], scale * side[1], scale * side[2]
+        vx, vy, vz = scale * over[0], scale * over[1], scale * over[2]
+        # Sums of w uᵖ vᵠ: every product of two terms is one of fifteen.
+        s00 = s10 = s01 = s20 = s11 = s02 = s30 = s21 = s12 = s03 = 0.0
+        s40 = s31 = s22 = s13 = s04 = 0.0
+        h00 = h10 = h01 = h20 = h11 = h02 = 0.0
         for m in range(FITTED + 1):
-            u, v = scale * _dot(around[m], side), scale * _dot(around[m], over)
-            heights[m] = _dot(around[m], up)
-            terms[m, 0], terms[m, 1], terms[m, 2] = 1.0, u, v
-            terms[m, 3], terms[m, 4], terms[m, 5] = u * u, u * v, v * v
-            total += weights[m]
-            for a in range(6):
-                part = weights[m] * terms[m, a]
-                right[a] += part * heights[m]
-                for b in range(a + 1):
-                    matrix[a, b] += part * terms[m, b]
+            x, y, z, w = around[m, 0], around[m, 1], around[m, 2], weights[m]
+            u, v = ux * x + uy * y + uz * z, vx * x + vy * y + vz * z
+            h = up[0] * x + up[1] * y + up[2] * z
+            uu, uv, vv = u * u, u * v, v * v
+            heights[m] = h
+            terms[m, 1], terms[m, 2] = u, v
+            terms[m, 3], terms[m, 4], terms[m, 5] = uu, uv, vv
+            wu, wv, wuu, wuv, wvv, wh = w * u, w * v, w * uu, w * uv, w * vv, w * h
+            s00, s10, s01 = s00 + w, s10 + wu, s01 + wv
+            s20, s11, s02 = s20 + wuu, s11 + wuv, s02 + wvv
+            s30, s21, s12, s03 = s30 + wuu * u, s21 + wuu * v, s12 + wvv * u, s03 + wvv * v
+            s40, s31, s22 = s40 + wuu * uu, s31 + wuu * uv, s22 + wuu * vv
+            s13, s04 = s13 + wvv * uv, s04 + wvv * vv
+            h00, h10, h01 = h00 + wh, h10 + wh * u, h01 + wh * v
+            h20, h11, h02 = h20 + wh * uu, h11 + wh * uv, h02 + wh * vv
+        total = s00
+        matrix[0, 0], matrix[1, 0], matrix[2, 0] = s00, s10, s01
+        matrix[3, 0], matrix[4, 0], matrix[5, 0] = s20, s11, s02
+        matrix[1, 1], matrix[2, 1], matrix[3, 1] = s20, s11, s30
+        matrix[4, 1], matrix[5, 1] = s21, s12
+        matrix[2, 2], matrix[3, 2], matrix[4, 2], matrix[5, 2] = s02, s21, s12, s03
+        matrix[3, 3], matrix[4, 3], matrix[5, 3] = s40, s31, s22
+        matrix[4, 4], matrix[5, 4], matrix[5, 5] = s22, s13, s04
+        right[0], right[1], right[2] = h00, h10, h01
+        right[3], right[4], right[5] = h20, h11, h02
         _solve(matrix, right)
         missed = 0.0
         for m in range(FITTED + 1):
@@ -80,25 +96,28 @@ def fit_shared_planes(
     sharing : (n,), on return how many of the 17 lie on the plane
     """
     around, weights = np.zeros((FITTED + 1, 3)), np.empty(FITTED + 1)
-    near, tried, best = np.empty(FITTED + 1), np.empty(3), np.empty(3)
+    near, squared = np.empty(FITTED + 1), np.empty(PLANE_OF + 1)
+    tried, best = np.empty(3), np.empty(3)
     for n in rows:
         _gather(points, neighbours, n, around, near)
         most = -2.0
+        for m in range(1, PLANE_OF + 1):
+            squared[m] = _dot(around[m], around[m])
         for one in range(1, PLANE_OF):
             for two in range(one + 1, PLANE_OF + 1):
                 _cross(around[one], around[two], tried)
-                size = np.sqrt(_dot(tried, tried))
-                lengths = _dot(around[one], around[one]) * _dot(around[two], around[two])
+                size = _dot(tried, tried)
                 score = -1.0
-                if size > BROAD * np.sqrt(lengths):
-                    score = 0.0
+                if size > BROAD * BROAD * squared[one] * squared[two]:
+                    score, fine = 0.0, 1.0 / (np.sqrt(size) * tolerance)
+                    x, y, z = tried[0] * fine, tried[1] * fine, tried[2] * fine
                     for m in range(FITTED + 1):
-                        miss = _dot(tried, around[m]) / (size * tolerance)
+                        miss = x * around[m, 0] + y * around[m, 1] + z * around[m, 2]
                         score += near[m] * max(0.0, 1.0 - miss * miss)
                 if score > most:
                     most = score
                     for c in range(3):
-                        best[c] = tried[c] / max(size, 1e-300)
+                        best[c] = tried[c] / max(np.sqrt(size), 1e-300)
         offset = 0.0
         for _ in range(2):
             for m in range(FITTED + 1):
@@ -128,44 +147,44 @@ def least_squares_plane(around: FloatArray, weights: FloatArray, up: FloatArray)
     1961, doi:10.1145/355578.366316): it is perpendicular to the rows of A − λI, so it is the
     longest of their cross products.
     """
-    centre, a, other = np.zeros(3), np.zeros((3, 3)), np.empty(3)
-    total = 0.0
+    total, cx, cy, cz = 0.0, 0.0, 0.0, 0.0
     for m in range(len(around)):
         total += weights[m]
-        for c in range(3):
-            centre[c] += weights[m] * around[m, c]
-    for c in range(3):
-        centre[c] /= total
+        cx, cy = cx + weights[m] * around[m, 0], cy + weights[m] * around[m, 1]
+        cz += weights[m] * around[m, 2]
+    cx, cy, cz = cx / total, cy / total, cz / total
+    xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for m in range(len(around)):
-        for c in range(3):
-            for e in range(c, 3):
-                a[c, e] += weights[m] * (around[m, c] - centre[c]) * (around[m, e] - centre[e])
-    size = max(a[0, 0], a[1, 1], a[2, 2], 1e-300)
-    for c in range(3):
-        for e in range(c, 3):
-            a[c, e] /= size
-            a[e, c] = a[c, e]
-    mean = (a[0, 0] + a[1, 1] + a[2, 2]) / 3.0
-    squares = 2.0 * (a[0, 1] ** 2 + a[0, 2] ** 2 + a[1, 2] ** 2)
-    for c in range(3):
-        a[c, c] -= mean
-        squares += a[c, c] ** 2
+        x, y, z = around[m, 0] - cx, around[m, 1] - cy, around[m, 2] - cz
+        wx, wy = weights[m] * x, weights[m] * y
+        xx, xy, xz, yy, yz = xx + wx * x, xy + wx * y, xz + wx * z, yy + wy * y, yz + wy * z
+        zz += weights[m] * z * z
+    size = max(xx, yy, zz, 1e-300)
+    xx, xy, xz, yy, yz, zz = xx / size, xy / size, xz / size, yy / size, yz / size, zz / size
+    mean = (xx + yy + zz) / 3.0
+    xx, yy, zz = xx - mean, yy - mean, zz - mean
+    squares = xx * xx + yy * yy + zz * zz + 2.0 * (xy * xy + xz * xz + yz * yz)
     spread = max(np.sqrt(squares / 6.0), 1e-12)
-    _cross(a[0], a[1], other)
-    ratio = min(max(_dot(other, a[2]) / (2.0 * spread**3), -1.0), 1.0)
+    volume = (
+        (xy * yz - xz * yy) * xz + (xz * xy - xx * yz) * yz + (xx * yy - xy * xy) * zz
+    )
+    ratio = min(max(volume / (2.0 * spread**3), -1.0), 1.0)
     least = 2.0 * spread * np.cos(np.arccos(ratio) / 3.0 + 2.0 * np.pi / 3.0)
-    for c in range(3):
-        a[c, c] -= least
+    xx, yy, zz = xx - least, yy - least, zz - least
     longest = 1e-24  # shorter: the points are on a line, and any perpendicular will do
     up[0], up[1], up[2] = 0.0, 0.0, 1.0
-    for c in range(3):
-        _cross(a[c], a[(c + 1) % 3], other)
-        squared = _dot(other, other)
+    for pair in range(3):
+        if pair == 0:
+            x, y, z = xy * yz - xz * yy, xz * xy - xx * yz, xx * yy - xy * xy
+        elif pair == 1:
+            x, y, z = yy * zz - yz * yz, yz * xz - xy * zz, xy * yz - yy * xz
+        else:
+            x, y, z = yz * xz - zz * xy, zz * xx - xz * xz, xz * xy - yz * xx
+        squared = x * x + y * y + z * z
         if squared > longest:
-            longest = squared
-            for e in range(3):
-                up[e] = other[e] / np.sqrt(squared)
-    return float(_dot(centre, up))
+            longest, length = squared, np.sqrt(squared)
+            up[0], up[1], up[2] = x / length, y / length, z / length
+    return float(cx * up[0] + cy * up[1] + cz * up[2])
 
 
 @kernel

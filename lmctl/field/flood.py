@@ -106,7 +106,10 @@ def _spread_widest(
     reaches nearly all of them. No list is as quick.
     """
     plane, widest = ny * nx, np.uint8(LEVELS - 1)
-    for direction in range(2):
+    wanted = False
+    for n in range(tags.size):
+        wanted = wanted or (tags[n] == 0 and level[n] == widest)
+    for direction in range(2 if wanted else 0):
         step = 1 - 2 * direction
         n = -1 if step > 0 else tags.size
         for k in range(nz):

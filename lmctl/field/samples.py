@@ -9,10 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from lmctl.errors import InputError
 from lmctl.field.grid import Grid
+from lmctl.field.nearest import Cells, into_cells, nearest_neighbours
 
 FloatArray = NDArray[np.float64]
 
@@ -23,6 +23,7 @@ LARGEST_SHARE_DROPPED = 0.02
 SPACING_OF_SIXTH = float(np.sqrt(np.pi / 6.0))  # within that distance d lie six: π d² / 6 for each
 DENSE_PITCHES = 0.35  # samples nearer to each other than this tell the grid nothing more
 BLOCK_PITCHES = 8.0
+ASLANT = np.array([0.5773, 0.6131, 0.5392])  # two places are hardly ever as far along this
 COARSEST_PITCHES = 5.0  # samples typically farther apart than this leave details to guesswork
 
 
@@ -64,11 +65,7 @@ def clean_samples(points: FloatArray, grid: Grid) -> Samples:
             where=(where, f"{len(bad)} points, the first is number {bad[0] + 1}"),
             hint="remove those lines from the file",
         )
-    # In order of place, so that the order in the file does not matter.
-    ordered = points[np.lexsort(points.T)]
-    new = np.ones(len(ordered), dtype=np.bool_)
-    new[1:] = np.any(ordered[1:] != ordered[:-1], axis=1)
-    distinct = _by_blocks(ordered[new], BLOCK_PITCHES * grid.pitch_mm)
+    distinct = _by_blocks(_distinct(points), BLOCK_PITCHES * grid.pitch_mm)
     remarks = []
     if len(distinct) < len(points):
         repeated = len(points) - len(distinct)
@@ -80,19 +77,32 @@ def clean_samples(points: FloatArray, grid: Grid) -> Samples:
         )
     _refuse_flat(distinct, where)
     _refuse_outside(distinct, grid, where)
-    tree = cKDTree(distinct)
-    if _typical_spacing(tree) < DENSE_PITCHES * grid.pitch_mm:
+    cells = into_cells(distinct)
+    if _typical_spacing(cells) < DENSE_PITCHES * grid.pitch_mm:
         distinct = thinned(distinct, 0.5 * grid.pitch_mm)
         remarks.append(f"samples denser than the grid were averaged to {len(distinct)} points")
-        tree = cKDTree(distinct)
-    spacing, neighbours = _neighbourhoods(tree)
+        cells = into_cells(distinct)
+    spacing, neighbours = _neighbourhoods(cells)
     isolated = _isolated(spacing, neighbours)
     if isolated.mean() <= LARGEST_SHARE_DROPPED and isolated.any():
         remarks.append(f"{int(isolated.sum())} points far from all others were dropped as outliers")
         distinct = distinct[~isolated]
-        spacing, neighbours = _neighbourhoods(cKDTree(distinct))
+        spacing, neighbours = _neighbourhoods(into_cells(distinct))
     _refuse_sparse(spacing, grid, where)
     return Samples(distinct, neighbours, spacing, tuple(remarks))
+
+
+def _distinct(points: FloatArray) -> FloatArray:
+    """Each place once, in order of place, so that the order in the file does not matter."""
+    along = points @ ASLANT
+    order = np.argsort(along)
+    ordered = points[order]
+    new = np.ones(len(ordered), dtype=np.bool_)
+    new[1:] = np.any(ordered[1:] != ordered[:-1], axis=1)
+    if (new[1:] & (np.diff(along[order]) == 0.0)).any():  # different places, as far along
+        ordered = points[np.lexsort(points.T)]
+        new[1:] = np.any(ordered[1:] != ordered[:-1], axis=1)
+    return ordered[new]
 
 
 def _by_blocks(points: FloatArray, side_mm: float) -> FloatArray:
@@ -100,7 +110,12 @@ def _by_blocks(points: FloatArray, side_mm: float) -> FloatArray:
     if len(points) == 0:
         return points
     block = np.floor((points - points.min(axis=0)) / side_mm)
-    ordered: FloatArray = points[np.lexsort(block.T)]
+    size = block.max(axis=0) + 1.0
+    number = (block[:, 2] * size[1] + block[:, 1]) * size[0] + block[:, 0]
+    few = np.prod(size) < np.iinfo(np.uint16).max  # short numbers are sorted many times faster
+    ordered: FloatArray = points[
+        np.argsort(number.astype(np.uint16) if few else number, kind="stable")
+    ]
     return ordered
 
 
@@ -114,7 +129,7 @@ def _isolated(spacing: FloatArray, neighbours: NDArray[np.int32]) -> NDArray[np.
 def averaged(samples: Samples, cell_mm: float) -> Samples:
     """The samples averaged in cells of a side; where the cloud is sparser it stays as it is."""
     points = thinned(samples.points_mm, cell_mm)
-    spacing, neighbours = _neighbourhoods(cKDTree(points))
+    spacing, neighbours = _neighbourhoods(into_cells(points))
     return Samples(points, neighbours, spacing, samples.remarks)
 
 
@@ -127,15 +142,15 @@ def thinned(points: FloatArray, cell_mm: float) -> FloatArray:
     return np.stack([np.bincount(member, points[:, a]) / count for a in range(3)], axis=1)
 
 
-def _typical_spacing(tree: cKDTree) -> float:
+def _typical_spacing(cells: Cells) -> float:
     """From a few hundred samples spread through the cloud's order."""
-    sixth = tree.query(tree.data[:: max(1, tree.n // 500)], k=7)[0][:, 6]
-    return float(np.median(sixth)) * SPACING_OF_SIXTH
+    some = np.arange(0, len(cells.points), max(1, len(cells.points) // 500))
+    return float(np.median(nearest_neighbours(cells, 6, some)[0][:, 5])) * SPACING_OF_SIXTH
 
 
-def _neighbourhoods(tree: cKDTree) -> tuple[FloatArray, NDArray[np.int32]]:
-    distances, rows = tree.query(tree.data, k=NEIGHBOURS + 1)
-    return distances[:, 6] * SPACING_OF_SIXTH, rows[:, 1:].astype(np.int32)
+def _neighbourhoods(cells: Cells) -> tuple[FloatArray, NDArray[np.int32]]:
+    distances, rows = nearest_neighbours(cells, NEIGHBOURS)
+    return distances[:, 5] * SPACING_OF_SIXTH, rows
 
 
 def _refuse_flat(points: FloatArray, where: str) -> None:

@@ -132,15 +132,12 @@ def _solid_bits(meets: NDArray[np.int64]) -> int:
 
 
 @kernel
-def _join(
+def _sharing(
     patch: FloatArray, smooth: NDArray[np.bool_], around: NDArray[np.int64],
-    sheet: NDArray[np.int64], ask: NDArray[np.int64], reach: float, tolerance: float,
-) -> int:
-    """How many samples share the sheet of sample ask[0], of those in none; they get mark ask[1],
-    unless that is −1. (Numbers in an array have one type, where those in the code have each their
-    own, and the kernel would be compiled for each.)
-    """
-    count, lead = 0, ask[0]
+    sheet: NDArray[np.int64], lead: int, reach: float, tolerance: float,
+) -> tuple[int, int]:
+    """How many samples, of those in none, share the sheet of sample `lead`, and a bit for each."""
+    count, bits = 0, 0
     for m in range(len(around)):
         if sheet[m] != -1:
             continue
@@ -153,9 +150,8 @@ def _join(
         off = height_over(patch, lead, reach, patch[r, 0], patch[r, 1], patch[r, 2])[0]
         if abs(off) < tolerance + SAME_SHEET_SLOPE * np.sqrt(gap):
             count += 1
-            if ask[1] >= 0:
-                sheet[m] = ask[1]
-    return count
+            bits |= 1 << m
+    return count, bits
 
 
 @kernel
@@ -167,7 +163,6 @@ def _sort_kernel(
     many = neighbours.shape[1] + 1
     around, sheet = np.zeros(many, dtype=np.int64), np.zeros(many, dtype=np.int64)
     leads, meets = np.zeros(3, dtype=np.int64), np.zeros(4, dtype=np.int64)
-    ask = np.zeros(2, dtype=np.int64)
     for n in range(len(patch)):
         reach, sheets = 2.0 * spacing[n], 0
         meets[0] = meets[1] = meets[2] = 0
@@ -176,35 +171,37 @@ def _sort_kernel(
             sheet[m] = -1 if usable[around[m]] else -2
         while sheets < 3:
             # The one of the next few samples whose patch most others share speaks for the sheet.
-            lead, most, tried = -1, 0, 0
+            lead, most, shared, tried = -1, 0, 0, 0
             for m in range(many):
                 if sheet[m] != -1 or tried == LEADS_TRIED:
                     continue
                 tried += 1
-                ask[0], ask[1] = around[m], -1
-                count = _join(patch, smooth, around, sheet, ask, reach, tolerance)
+                one = int(np.int64(around[m]))
+                count, bits = _sharing(patch, smooth, around, sheet, one, reach, tolerance)
                 if count > most:
-                    lead, most = around[m], count
-                if smooth[around[m]]:
+                    lead, most, shared = one, count, bits
+                if smooth[one]:
                     break
             if lead < 0:
                 break
-            ask[0], ask[1] = lead, sheets
-            _join(patch, smooth, around, sheet, ask, reach, tolerance)
+            for m in range(many):
+                if shared >> m & 1 != 0:
+                    sheet[m] = sheets
             # A sheet that meets another in neither way is not part of the body here.
             told = sheets == 0 or most >= FEWEST_MEMBERS
             for s in range(sheets):
-                one, two = 0.0, 0.0
+                ours, theirs = 0.0, 0.0
                 for m in range(many):
                     mine = sheet[m] == sheets
                     if mine or sheet[m] == s:
                         r, other = around[m], leads[s] if mine else lead
                         x, y, z = patch[r, 0], patch[r, 1], patch[r, 2]
                         off = height_over(patch, other, reach, x, y, z)[0]
-                        one, two = one + (off if mine else 0.0), two + (0.0 if mine else off)
+                        ours += off if mine else 0.0
+                        theirs += 0.0 if mine else off
                 pair = 0 if sheets == 1 else (2 if s == 0 else 1)
-                meets[pair] = 1 if one > 0.0 else -1
-                told = told and one * two > 0.0
+                meets[pair] = 1 if ours > 0.0 else -1
+                told = told and ours * theirs > 0.0
             if told:
                 leads[sheets] = lead
                 count = 0

@@ -14,6 +14,9 @@ from lmctl.field.kernel import kernel
 
 FloatArray = NDArray[np.float64]
 Sources = NDArray[np.int32]
+Stamps = NDArray[np.uint8]
+
+RUN = 16  # nodes along x of which it is known when one was last changed
 
 
 def sweep_sources(
@@ -29,11 +32,14 @@ def sweep_sources(
 
     The eight Gauss–Seidel orderings of fast sweeping, each node trying its upwind neighbours'
     points; the four orderings that share a direction in z run plane by plane, so that a plane is
-    done with while it is in the cache.
+    done with while it is in the cache. What has been tried in vain is not tried again: a run of
+    nodes asks its neighbours only where these, or it, have changed since.
     """
     relative = np.ascontiguousarray((surface_mm - np.asarray(grid.origin_mm)) / grid.pitch_mm)
     distance = np.empty(grid.shape, dtype=np.float32)
-    _sweep_kernel(sources, relative, distance, float((within_mm / grid.pitch_mm) ** 2))
+    nz, ny, nx = grid.shape
+    changed = np.zeros((nz, ny, -(-nx // RUN)), dtype=np.uint8)
+    _sweep_kernel(sources, relative, distance, float((within_mm / grid.pitch_mm) ** 2), changed)
     _lengths_kernel(sources, relative, distance, grid.pitch_mm)
     return distance
 
@@ -41,68 +47,89 @@ def sweep_sources(
 @kernel
 def _from_row(
     sources: Sources, squared: NDArray[np.float32], points: FloatArray, most: float,
-    k: int, j: int, kn: int, jn: int,
+    changed: Stamps, since: int, now: int, k: int, j: int, kn: int, jn: int,
 ) -> None:
     """Row (k, j) tries the surface points of the neighbouring row (kn, jn), node by node."""
-    for i in range(sources.shape[2]):
-        row = sources[kn, jn, i]
-        if row >= 0 and row != sources[k, j, i]:
-            dx, dy, dz = points[row, 0] - i, points[row, 1] - j, points[row, 2] - k
-            d2 = np.float32(dx * dx + dy * dy + dz * dz)
-            if d2 < squared[k, j, i] and d2 <= most:
-                squared[k, j, i] = d2
-                sources[k, j, i] = row
-
-
-@kernel
-def _along_row(
-    sources: Sources, squared: NDArray[np.float32], points: FloatArray, most: float,
-    k: int, j: int,
-) -> None:
-    """Row (k, j) forwards, then backwards: each node tries the point of the one before."""
     nx = sources.shape[2]
-    for direction in range(2):
-        step = 1 - 2 * direction
-        first = 0 if step > 0 else nx - 1
-        row = sources[k, j, first]
-        i = first
-        for _ in range(nx - 1):
-            i += step
-            own = sources[k, j, i]
-            if row >= 0 and row != own:
+    for run in range(changed.shape[2]):
+        if changed[kn, jn, run] < since:
+            continue
+        for i in range(run * RUN, min(nx, (run + 1) * RUN)):
+            row = sources[kn, jn, i]
+            if row >= 0 and row != sources[k, j, i]:
                 dx, dy, dz = points[row, 0] - i, points[row, 1] - j, points[row, 2] - k
                 d2 = np.float32(dx * dx + dy * dy + dz * dz)
                 if d2 < squared[k, j, i] and d2 <= most:
                     squared[k, j, i] = d2
                     sources[k, j, i] = row
-                    own = row
-            row = own
+                    changed[k, j, run] = now
+
+
+@kernel
+def _along_row(
+    sources: Sources, squared: NDArray[np.float32], points: FloatArray, most: float,
+    changed: Stamps, since: int, now: int, k: int, j: int,
+) -> None:
+    """Row (k, j) forwards, then backwards: each node tries the point of the one before."""
+    nx, runs = sources.shape[2], changed.shape[2]
+    for direction in range(2):
+        step, came = 1 - 2 * direction, False
+        for n in range(runs):
+            run = n if step > 0 else runs - 1 - n
+            if changed[k, j, run] < since and not came:
+                continue
+            first, last = run * RUN, min(nx, (run + 1) * RUN) - 1
+            i, row = first if step > 0 else last, np.int32(-1)
+            if 0 <= i - step < nx:
+                row = sources[k, j, i - step]
+            for _ in range(last - first + 1):
+                own = sources[k, j, i]
+                if row >= 0 and row != own:
+                    dx, dy, dz = points[row, 0] - i, points[row, 1] - j, points[row, 2] - k
+                    d2 = np.float32(dx * dx + dy * dy + dz * dz)
+                    if d2 < squared[k, j, i] and d2 <= most:
+                        squared[k, j, i] = d2
+                        sources[k, j, i] = row
+                        own = row
+                        changed[k, j, run] = now
+                row = own
+                i += step
+            came = changed[k, j, run] >= since
 
 
 @kernel
 def _sweep_kernel(
-    sources: Sources, points: FloatArray, squared: NDArray[np.float32], most: float
+    sources: Sources, points: FloatArray, squared: NDArray[np.float32], most: float,
+    changed: Stamps,
 ) -> None:
     """points in node units; none is carried farther than to a squared distance of `most`. A
-    seed's squared distance is −1 here, so nothing is nearer."""
+    seed's squared distance is −1 here, so nothing is nearer.
+
+    changed : stamped 1 to 4 in the sweeps through a plane down, up; down, up again
+    """
     nz, ny, nx = sources.shape
     for k in range(nz):
         for j in range(ny):
             for i in range(nx):
                 squared[k, j, i] = np.float32(-1.0 if sources[k, j, i] >= 0 else np.inf)
     for direction in range(2):
-        step = 1 - 2 * direction
+        step, down = 1 - 2 * direction, 1 + 2 * direction
+        up = down + 1
+        # Of a row's neighbours in the plane, what changed since they were last asked.
+        below, above, own = (0, 0, 0) if direction == 0 else (2, 3, down)
         for n in range(nz):
             k = n if step > 0 else nz - 1 - n
             for j in range(ny):
                 if n > 0:
-                    _from_row(sources, squared, points, most, k, j, k - step, j)
+                    _from_row(sources, squared, points, most, changed, 0, down, k, j, k - step, j)
                 if j > 0:
-                    _from_row(sources, squared, points, most, k, j, k, j - 1)
-                _along_row(sources, squared, points, most, k, j)
+                    _from_row(
+                        sources, squared, points, most, changed, below, down, k, j, k, j - 1
+                    )
+                _along_row(sources, squared, points, most, changed, own, down, k, j)
             for j in range(ny - 2, -1, -1):
-                _from_row(sources, squared, points, most, k, j, k, j + 1)
-                _along_row(sources, squared, points, most, k, j)
+                _from_row(sources, squared, points, most, changed, above, up, k, j, k, j + 1)
+                _along_row(sources, squared, points, most, changed, up, up, k, j)
 
 
 @kernel
