@@ -42,11 +42,11 @@ def _is_profile(file: Path) -> bool:
 def _check_job(file: Path, profile: MachineProfile) -> None:
     from lmctl.job.reader import JobReader
     from lmctl.preflight.job_check import check_job
+    from lmctl.preflight.program_check import check_program
 
     with JobReader(file) as job:
-        for _ in job.layers():  # opening a layer verifies its digest
-            pass
         check_job(job.manifest, profile)
+        check_program(job, profile)  # opening a layer verifies its digest, too
         put(f"{file}: a whole job of {len(job.manifest.layers)} layers for "
             f"{job.manifest.machine}; nothing wrong")
 

@@ -15,6 +15,7 @@ from lmctl.config.machine import Hopper, MachineProfile
 from lmctl.errors import JobError, LmctlError, UsageError
 from lmctl.job.reader import JobReader
 from lmctl.preflight.job_check import check_job
+from lmctl.preflight.program_check import check_program
 from lmctl.run import rundir, signals
 from lmctl.run.control import Controls, ControlSocket, Peer, listening
 from lmctl.run.deposition import Progress
@@ -186,6 +187,7 @@ class Executor:
         began = time.perf_counter()
         with JobReader(self._job_path) as job:
             check_job(job.manifest, self._profile)
+            check_program(job, self._profile)
             digest = job.digest
         made = rundir.create(self._runs_dir, self._job_path)
         try:

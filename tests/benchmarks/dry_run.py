@@ -132,9 +132,13 @@ def peak_so_far_mb() -> float:
 
 def write_spiral(path: Path, n_lines: int, cell: MachineProfile) -> None:
     """A spiral of SEGMENT_MM chords in layers of LAYER_LINES lines, one path each."""
-    from lmctl.plan.moves import join, lines, on_raster
-    from lmctl.plan.program import program_text
+    from lmctl.plan.moves import Moves, join, lines, on_raster
+    from lmctl.plan.program import CLOSING, OPENING, program_text
     from lmctl.plan.time_law import line_durations
+
+    def modes(count: int, at_mm: np.ndarray, mixture: np.ndarray) -> Moves:
+        return lines(np.repeat(at_mm[None], count, axis=0), feed_mm_s=0.0, kind=LineKind.SETUP,
+                     fractions=mixture)
 
     mixture = np.array([1.0, 0.0])
     at_mm, at_s, count = np.array(cell.motion.purge_mm, dtype=float), 0.0, 0
@@ -154,15 +158,22 @@ def write_spiral(path: Path, n_lines: int, cell: MachineProfile) -> None:
             way = np.linspace(at_mm, moves.target_mm[0], 120)[1:-1]
             travel = lines(way, feed_mm_s=60.0, kind=LineKind.TRAVEL, fractions=mixture)
             moves = join([on_raster(travel, at_mm), moves])
-            end_s = at_s + np.cumsum(line_durations(moves, at_mm, cell.motion))
+            lasting_s, texts = line_durations(moves, at_mm, cell.motion), {}
+            if index == 0:
+                texts = dict(enumerate(OPENING))
+                moves = join([modes(len(OPENING), at_mm, mixture), moves])
+                lasting_s = np.concatenate([np.zeros(len(OPENING)), lasting_s])
+            if count + len(moves) >= n_lines:
+                texts |= {len(moves) + i: words for i, words in enumerate(CLOSING)}
+                moves = join([moves, modes(len(CLOSING), moves.target_mm[-1], mixture)])
+                lasting_s = np.concatenate([lasting_s, np.zeros(len(CLOSING))])
+            end_s = at_s + np.cumsum(lasting_s)
             table = np.zeros(len(moves), line_dtype(2))
             table["end_s"], table["kind"], table["fractions"] = end_s, moves.kind, moves.fractions
             table["x_mm"], table["y_mm"], table["z_mm"] = moves.target_mm.T
             table["speed_mm_s"], table["power_W"] = moves.feed_mm_s, moves.power_W
             table["path"] = np.where(moves.path >= 0, index, -1)
-            text = program_text(moves, count, cell.laser, {})
-            if index == 0:
-                text = (text[0] + " G90 G21 M4", *text[1:])
+            text = program_text(moves, count, cell.laser, texts)
             writer.add_layer(JobLayer(
                 index, 1.0 + 0.5 * index, count, text, table,
                 np.array([at_s, end_s[-1]]), np.array([[FLOW_G_S, 0.0]] * 2),

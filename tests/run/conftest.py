@@ -72,7 +72,10 @@ def build(
         texts = []
         for i, row in enumerate(map(_line, rows)):
             s += row.lasting_s
-            texts.append(row.text(first + i, float(np.linalg.norm(np.array(row.end_mm) - at))))
+            lasting_mm = float(np.linalg.norm(np.array(row.end_mm) - at))
+            texts.append(row.text(first + i, lasting_mm))
+            if row.kind not in (LineKind.SETUP, LineKind.DWELL):
+                table[i]["speed_mm_s"] = lasting_mm / row.lasting_s
             at = np.array(row.end_mm)
             table[i]["end_s"], table[i]["path"], table[i]["kind"] = s, row.path, row.kind
             table[i]["power_W"] = 1500 if row.kind is LineKind.BEAD else 0
@@ -153,10 +156,15 @@ def write_job(path, profile, layers=None, *, flow=None, mode="lead"):
     small = build(layers or squares(), flow or [(0.0, (0.1, 0.1)), (1e6, (0.1, 0.1))], mode,
                   start_mm=profile.motion.purge_mm)
     text = "a part made for tests"
+    ends = np.concatenate([layer.lines for layer in small.layers])
+    bounds = tuple(
+        tuple(float(extreme(ends[axis])) for axis in ("x_mm", "y_mm", "z_mm"))
+        for extreme in (np.min, np.max)
+    )
     manifest = replace(
         small.manifest, machine=profile.name, profile_digest=profile.planning_digest(),
         part_sha256=part_digest(text), layers=(),
-        bounds_mm=((10.0, 10.0, 0.0), (60.0, 60.0, 20.0)),
+        bounds_mm=bounds,
     )
     with JobWriter(path) as writer:
         for layer in small.layers:
