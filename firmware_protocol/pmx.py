@@ -7,6 +7,7 @@ Map 1.1 adds one thing to 1.0: every input register a can also be read as holdin
 from __future__ import annotations
 
 from enum import IntEnum, IntFlag
+from functools import cache
 
 from firmware_protocol.registers import Kind, Register, RegisterMap, Type
 
@@ -215,6 +216,7 @@ _CONFIG = (
 )
 
 
+@cache
 def hopper_row(channel: int, name: str) -> str:
     """Name of a hopper's row in the map: hopper_row(2, "FLOW_SP") is "H2.FLOW_SP"."""
     return f"H{channel}.{name}"

@@ -6,10 +6,10 @@ It turns engineering values into 16-bit words and back; it sends nothing.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from math import isfinite
 from typing import NamedTuple
 
 #: Most registers one request may read (FC 03, 04) and write (FC 16), Modbus application protocol.
@@ -146,7 +146,8 @@ class RegisterMap:
             raise RegisterError("a block needs rows, all of one kind")
         start = self.wire_address(rows[0].name)
         placed = [_Placed.at(row, row.address - rows[0].address) for row in rows]
-        return Block(rows[0].kind, start, placed, self.word_order)
+        count = placed[-1].offset + placed[-1].words
+        return Block(rows[0].kind, start, count, placed, self.word_order)
 
     def plan_reads(self, names: Iterable[str], *, most: int = MOST_READ) -> tuple[Block, ...]:
         """The fewest gapless blocks that hold the rows, none longer than one request may read.
@@ -191,37 +192,56 @@ class _Placed(NamedTuple):
             low = max(low, round(row.least * row.per_unit))
         if row.greatest is not None:
             high = min(high, round(row.greatest * row.per_unit))
-        if row.type is Type.ASCII:
-            low, high = 1, 0  # no number is text
         if row.may_be_missing:  # its code stands at one end of the range, and is no value
             low, high = low + (low == missing), high - (high == missing)
         return cls(row.name, offset, row.words, row.per_unit, low, high, row)
+
+    @property
+    def is_one_number(self) -> bool:
+        return self.words == 1 and self.row.type is not Type.ASCII
 
 
 class Block:
     """A stretch of registers that one request moves: `count` from wire address `address` on."""
 
     def __init__(
-        self, kind: Kind, address: int, placed: Sequence[_Placed], word_order: WordOrder
+        self, kind: Kind, address: int, count: int, placed: Sequence[_Placed],
+        word_order: WordOrder,
     ) -> None:
         self.kind = kind
         self.address = address
-        self.count = placed[-1].offset + placed[-1].words
+        self.count = count
         self.rows = tuple(place.row for place in placed)
         self._placed = tuple(placed)
         self._word_order = word_order
+        # Most rows are a number in one word.
+        self._numbers = [
+            (place.name, place.offset, place.per_unit, place.low, place.high, place.row)
+            for place in placed if place.is_one_number
+        ]
+        self._others = [place for place in placed if not place.is_one_number]
+
+    def only(self, names: Iterable[str]) -> Block:
+        """The same stretch of registers, of which only these rows are looked at."""
+        wanted = set(names)
+        placed = [place for place in self._placed if place.name in wanted]
+        return Block(self.kind, self.address, self.count, placed, self._word_order)
 
     def decode(self, words: Sequence[int]) -> dict[str, Value]:
         """Values by name. Raises RegisterError where the number of words is not `count`."""
         if len(words) != self.count:
             raise RegisterError(f"{len(words)} words came where {self.count} were asked for")
+        order = self._word_order
         values: dict[str, Value] = {}
-        for name, offset, size, per_unit, low, high, row in self._placed:
+        for name, offset, per_unit, low, high, row in self._numbers:
             raw = words[offset]
-            if size == 1 and low <= raw <= high and row.type is not Type.ASCII:
+            if low <= raw <= high:
                 values[name] = raw if per_unit == 1 else raw / per_unit
             else:
-                values[name] = _decode(row, words[offset : offset + size], self._word_order)
+                values[name] = _decode(row, (raw,), order)
+        for place in self._others:
+            own = words[place.offset : place.offset + place.words]
+            values[place.name] = _decode(place.row, own, order)
         return values
 
     def encode(self, values: Mapping[str, Value]) -> list[int]:
@@ -230,25 +250,35 @@ class Block:
         Raises RegisterError for a value that does not fit; KeyError where one is missing.
         """
         words = [0] * self.count
-        for name, offset, size, per_unit, low, high, row in self._placed:
+        for name, offset, per_unit, low, high, row in self._numbers:
             value = values[name]
             if type(value) is int:
                 raw = value * per_unit
-            elif type(value) is float and math.isfinite(value):
+            elif type(value) is float and isfinite(value):
                 raw = round(value * per_unit)
-            elif row.type is Type.ASCII:
-                words[offset : offset + size] = _encode_text(row, value)
-                continue
             else:
                 raw = _rare_counts(row, value)
             if not low <= raw <= high and value is not None:
                 raise _out_of_range(row, low, high, value)
-            if size == 1:
-                words[offset] = raw & 0xFFFF
-            else:
-                pair = raw >> 16 & 0xFFFF, raw & 0xFFFF
-                words[offset], words[offset + 1] = _swapped(pair, self._word_order)
+            words[offset] = raw & 0xFFFF
+        for place in self._others:
+            own = _encode_other(place, values[place.name], self._word_order)
+            words[place.offset : place.offset + place.words] = own
         return words
+
+
+def _encode_other(place: _Placed, value: Value, order: WordOrder) -> tuple[int, ...]:
+    """Words of a text, or of a number in two words."""
+    row = place.row
+    if row.type is Type.ASCII:
+        return _encode_text(row, value)
+    if type(value) is float and isfinite(value):
+        raw = round(value * place.per_unit)
+    else:
+        raw = _rare_counts(row, value)
+    if not place.low <= raw <= place.high and value is not None:
+        raise _out_of_range(row, place.low, place.high, value)
+    return _swapped((raw >> 16 & 0xFFFF, raw & 0xFFFF), order)
 
 
 def _rare_counts(row: Register, value: Value) -> int:
@@ -263,8 +293,6 @@ def _rare_counts(row: Register, value: Value) -> int:
 
 
 def _out_of_range(row: Register, low: int, high: int, value: Value) -> RegisterError:
-    if row.type is Type.ASCII:
-        return RegisterError(f"{row.name} must be plain ASCII text, not {value!r}")
     unit = row.unit and f" {row.unit}"
     return RegisterError(
         f"{row.name} must be between {low / row.per_unit:g} and {high / row.per_unit:g}{unit}, "

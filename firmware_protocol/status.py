@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 STATES = frozenset(
     ("Idle", "Run", "Hold", "Jog", "Alarm", "Door", "Check", "Home", "Sleep", "Tool")
@@ -32,8 +31,7 @@ _USUAL = re.compile(
 _Values = tuple[tuple[str, Any], ...]
 
 
-@dataclass(frozen=True, slots=True)
-class StatusReport:
+class StatusReport(NamedTuple):
     """One status report. None means: not in this report.
 
     machine_mm, work_mm : MPos, WPos, one value an axis (work = machine - offset)

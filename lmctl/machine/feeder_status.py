@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 from firmware_protocol.pmx import (
     PMX,
@@ -41,12 +40,16 @@ class HopperReading:
     carrier_L_min: float | None
 
 
-@dataclass(frozen=True)
-class FeederStatus:
+_TURNING = (State.STABILISING, State.FEEDING)
+
+
+class FeederStatus(NamedTuple):
     """One good status reply. time_s : loop time it arrived.
 
     alarm : the first-out alarm in words, None without one
     seq_applied : number of the recipe that is really running
+    feeding : discs turn, whether or not the flow has settled
+    stable : powder has run long enough to be steady at the nozzle
     """
 
     time_s: float
@@ -64,20 +67,16 @@ class FeederStatus:
     total_gas_L_min: float | None
     mixer_pressure_mbar: float | None
     hoppers: Mapping[str, HopperReading]
+    gas_ok: bool
+    feeding: bool
+    stable: bool
 
-    @cached_property
-    def gas_ok(self) -> bool:
-        return Status.GAS_OK in self.flags
 
-    @cached_property
-    def feeding(self) -> bool:
-        """Discs turn, whether or not the flow has settled."""
-        return self.state in (State.STABILISING, State.FEEDING)
-
-    @cached_property
-    def stable(self) -> bool:
-        """Powder has run long enough to be steady at the nozzle."""
-        return Status.STABLE in self.flags
+#: The rows of the system block that a status is made of.
+_STATUS_ROWS = SYSTEM_BLOCK.only((
+    "STATUS", "WARNING", "FIRST_ALARM_CODE", "ALARM_COUNT", "HEARTBEAT_AGE", "UPTIME", "MODE",
+    "STATE", "TOTAL_FLOW", "MIXER_PRESSURE", "TOTAL_GAS", "SEQ_APPLIED", "TICK",
+))
 
 
 def feeder_status(
@@ -88,12 +87,12 @@ def feeder_status(
 
     Raises RegisterError where their number is wrong; ValueError for a state nobody knows.
     """
-    values: dict[str, Any] = SYSTEM_BLOCK.decode(words)
-    flags = Status(values["STATUS"])
+    values: dict[str, Any] = _STATUS_ROWS.decode(words)
+    flags, state = Status(values["STATUS"]), State(values["STATE"])
     code = values["FIRST_ALARM_CODE"]
     return FeederStatus(
         time_s=time_s,
-        state=State(values["STATE"]),
+        state=state,
         mode=Mode(values["MODE"]),
         flags=flags,
         alarm=alarm(code, names) if code or Status.ALARM in flags else None,
@@ -107,6 +106,9 @@ def feeder_status(
         total_gas_L_min=values["TOTAL_GAS"],
         mixer_pressure_mbar=values["MIXER_PRESSURE"],
         hoppers=hoppers,
+        gas_ok=Status.GAS_OK in flags,
+        feeding=state in _TURNING,
+        stable=Status.STABLE in flags,
     )
 
 

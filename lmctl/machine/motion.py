@@ -166,7 +166,7 @@ class MotionDriver:
             return None if report is None else report.work_mm
         if report.machine_mm is None or self.offset_mm is None:
             return None
-        return tuple(m - o for m, o in zip(report.machine_mm, self.offset_mm, strict=False))
+        return tuple([m - o for m, o in zip(report.machine_mm, self.offset_mm, strict=False)])
 
     def submit(self, lines: Iterable[bytes]) -> None:
         """Queue lines of the stream; they go out as the controller has room.

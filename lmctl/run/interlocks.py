@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from typing import NamedTuple
 
 from firmware_protocol.status import StatusReport
 from lmctl.config.machine import Hopper, Safety
@@ -38,8 +39,7 @@ class Reaction(Enum):
     PATH_END = "hold as soon as the beam is off by the program"
 
 
-@dataclass(frozen=True)
-class FeederFacts:
+class FeederFacts(NamedTuple):
     """A feeder's last good answer and how old it is. hoppers : those the job uses."""
 
     name: str
@@ -49,8 +49,7 @@ class FeederFacts:
     hoppers: Sequence[Hopper]
 
 
-@dataclass(frozen=True)
-class Facts:
+class Facts(NamedTuple):
     """All a rule may look at.
 
     still_s : for how long the controller has said that it runs the program without moving, the
@@ -83,6 +82,7 @@ class Rule:
 
     for_s : how long it must be so before anything is done
     latched : it stands until an operator acknowledges it, and so does not keep one from that
+    of_safety : only the safety-input device says so; without one there is nothing to look at
     """
 
     name: str
@@ -90,6 +90,7 @@ class Rule:
     reaction: Reaction = Reaction.HOLD
     for_s: float = 0.0
     latched: bool = False
+    of_safety: bool = False
 
 
 def _estop(facts: Facts) -> Iterator[Finding]:
@@ -247,31 +248,36 @@ def _weighed(facts: Facts) -> Iterator[Finding]:
             )
 
 
-def _hoppers(facts: Facts) -> Iterator[tuple[FeederFacts, Hopper, HopperReading]]:
+def _hoppers(facts: Facts) -> list[tuple[FeederFacts, Hopper, HopperReading]]:
     """Feeder, hopper and reading of each hopper whose powder runs and has settled."""
-    for feeder in facts.feeders:
-        if feeder.status is not None and feeder.status.feeding and feeder.status.stable:
-            for hopper in feeder.hoppers:
-                if (reading := feeder.status.hoppers.get(hopper.name)) is not None:
-                    yield feeder, hopper, reading
+    return [
+        (feeder, hopper, reading)
+        for feeder in facts.feeders
+        if (status := feeder.status) is not None and status.feeding and status.stable
+        for hopper in feeder.hoppers
+        if (reading := status.hoppers.get(hopper.name)) is not None
+    ]
 
 
 #: The first row that holds is the first alarm, where several hold at once.
 RULES: tuple[Rule, ...] = (
-    Rule("emergency stop", _estop, Reaction.RESET),
-    Rule("door", _door),
+    Rule("emergency stop", _estop, Reaction.RESET, of_safety=True),
+    Rule("door", _door, of_safety=True),
     Rule("controller's door", _controllers_door, for_s=_DOOR_S),
-    Rule("laser", _laser),
-    Rule("chiller", _chiller),
-    Rule("shield gas", _shield_gas, for_s=_SHIELD_GAS_S),
-    Rule("oxygen", _oxygen),
-    Rule("safety inputs silent", _safety_silent),
-    Rule("watchdog relay", _relay, latched=True),
+    Rule("laser", _laser, of_safety=True),
+    Rule("chiller", _chiller, of_safety=True),
+    Rule("shield gas", _shield_gas, for_s=_SHIELD_GAS_S, of_safety=True),
+    Rule("oxygen", _oxygen, of_safety=True),
+    Rule("safety inputs silent", _safety_silent, of_safety=True),
+    Rule("watchdog relay", _relay, latched=True, of_safety=True),
     Rule("motion silent", _motion_silent),
     Rule("position", _not_following, Reaction.RESET),
     Rule("feeder silent", _feeder_silent),
     Rule("carrier gas", _carrier_gas, for_s=_CARRIER_GAS_S),
     Rule("disc", _disc, for_s=_DISC_S),
     Rule("weighed flow", _weighed, for_s=_WEIGHED_S),
-    Rule("extraction", _extraction, Reaction.PATH_END),
+    Rule("extraction", _extraction, Reaction.PATH_END, of_safety=True),
 )
+
+#: The same for a cell without a safety-input device.
+RULES_WITHOUT_SAFETY = tuple(rule for rule in RULES if not rule.of_safety)

@@ -38,10 +38,12 @@ class Stretch:
     start_mm, end_mm : (n, 3) where it starts and ends
     fed : (n,) whether a feed override scales the line (G1); dark : (n,) whether the beam is off
     fed_end_s : (n,) program time spent in G1 since the job began, up to each line's end
+    starts_s, ends_s, corners_mm : the same as plain lists, for what is asked for one value at a
+        time, many times a second; corners are the start of the first line and the end of each
     program : the text of each line, without its end
     path_starts : the first line of each path
-    flow_s, flow_g_s : knots of the flow at the nozzle: times, and of each hopper its values there
-        (plain lists: they are asked for one value at a time, ten times a second)
+    flow_s, flow_g_s : knots of the flow at the nozzle: times, and of each hopper its values there;
+        plain lists too
     beam_s, beam_mm, energy_J : of its bead lines, as planned
     """
 
@@ -56,6 +58,9 @@ class Stretch:
     fed: NDArray[np.bool_]
     dark: NDArray[np.bool_]
     fed_end_s: FloatArray
+    starts_s: list[float]
+    ends_s: list[float]
+    corners_mm: list[list[float]]
     program: list[bytes]
     paths: tuple[PathSpan, ...]
     path_starts: tuple[int, ...]
@@ -130,20 +135,19 @@ class JobWindow:
         if line >= self.n_lines:
             return self.end_s
         stretch = self.stretch_of_line(line)
-        return float(stretch.start_s[line - stretch.first_line])
+        return stretch.starts_s[line - stretch.first_line]
 
     def line_at(self, s: float) -> int:
         """The line that runs at program time s; the job's last one at its end."""
         stretch = self._at(s)
-        row = int(stretch.end_s.searchsorted(s, side="right"))
-        return min(stretch.first_line + row, stretch.last_line)
+        return min(stretch.first_line + bisect_right(stretch.ends_s, s), stretch.last_line)
 
     def span_at(self, s: float) -> tuple[list[float], list[float], float, float]:
         """Where the line that runs at program time s starts and ends, and when."""
         stretch = self._at(s)
-        row = min(int(stretch.end_s.searchsorted(s)), len(stretch.program) - 1)
-        return (stretch.start_mm[row].tolist(), stretch.end_mm[row].tolist(),
-                float(stretch.start_s[row]), float(stretch.end_s[row]))
+        row = min(bisect_left(stretch.ends_s, s), len(stretch.program) - 1)
+        corners = stretch.corners_mm
+        return corners[row], corners[row + 1], stretch.starts_s[row], stretch.ends_s[row]
 
     @property
     def _first_loaded(self) -> int:
@@ -253,7 +257,8 @@ class JobWindow:
         self._loaded.append(Stretch(
             index, layer.z_mm, layer.first_line,
             layer.first_line + len(program) - 1, start_s, end_s, start_mm, end_mm, fed, ~bead,
-            fed_end_s, program, paths, tuple(path.first_line for path in paths),
+            fed_end_s, start_s.tolist(), end_s.tolist(), [*start_mm[:1].tolist(), *end_mm.tolist()],
+            program, paths, tuple(path.first_line for path in paths),
             layer.flow_s.tolist(), layer.flow_g_s.T.tolist(),
             beam_s=float(lasting_s[bead].sum()),
             beam_mm=float(np.linalg.norm((end_mm - start_mm)[bead], axis=1).sum()),

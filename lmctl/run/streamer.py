@@ -6,6 +6,7 @@ than the horizon has to be repeated after a crash.
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections import deque
 from dataclasses import dataclass
 
@@ -50,7 +51,7 @@ class Streamer:
         while self.released < window.n_lines:
             stretch = window.stretch_of_line(self.released)
             first = self.released - stretch.first_line
-            end = max(int(stretch.end_s.searchsorted(limit_s, side="right")),
+            end = max(bisect_right(stretch.ends_s, limit_s),
                       min(least - stretch.first_line, len(stretch.program)))
             if end <= first:
                 break

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 from lmctl.errors import MachineError
 from lmctl.run.alarms import EmergencyStop, Interlock
-from lmctl.run.interlocks import RULES, Facts, Finding, Reaction, Rule
+from lmctl.run.interlocks import Facts, Finding, Reaction, Rule
 
 #: An interlock that waits for the end of a path waits no longer than this [s].
 _PATH_END_S = 60.0
@@ -20,7 +20,7 @@ class Supervision:
     """
 
     def __init__(
-        self, raised: Callable[[MachineError], None], rules: Sequence[Rule] = RULES
+        self, raised: Callable[[MachineError], None], rules: Sequence[Rule]
     ) -> None:
         self._raised = raised
         self._rules = rules

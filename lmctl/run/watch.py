@@ -16,7 +16,13 @@ from lmctl.machine.safety_status import SafetyListener, SafetyStatus
 from lmctl.run.alarms import Alarms, Interlock
 from lmctl.run.cell import Cell
 from lmctl.run.deposition import Deposition
-from lmctl.run.interlocks import STALE_PERIODS, Facts, FeederFacts
+from lmctl.run.interlocks import (
+    RULES,
+    RULES_WITHOUT_SAFETY,
+    STALE_PERIODS,
+    Facts,
+    FeederFacts,
+)
 from lmctl.run.recorder import Recorder
 from lmctl.run.supervision import Supervision
 
@@ -42,7 +48,8 @@ class Watch:
         self._tripped = tripped
         self._held = held
         self._loop = asyncio.get_running_loop()
-        self._supervision = Supervision(self._raise)
+        rules = RULES if cell.safety is not None else RULES_WITHOUT_SAFETY
+        self._supervision = Supervision(self._raise, rules)
         self._moved_t = self._loop.time()  # when the place reported last changed, or had not to
         self._last_mm: tuple[float, ...] | None = None
         cell.motion.listener = MotionListener(

@@ -5,21 +5,56 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from simulators.feeder.config import HopperConfig
-from simulators.feeder.process import HopperProcess
+from simulators.feeder.process import FloatArray, HopperProcess
 
 _ENDLESS_G = 1e12
+
+#: Commands that may wait to be followed.
+_MOST_WAITING = 10_000
+
+
+class Twin:
+    """The process of a hopper that is never empty, and with which all is always well.
+
+    It hears every command, and follows them when somebody asks what it does.
+    """
+
+    def __init__(self, config: HopperConfig) -> None:
+        self._process = HopperProcess(replace(config, fill_g=_ENDLESS_G, noise_rsd=0.0))
+        self._waiting: list[tuple[float, float, float]] = []
+
+    def command(self, time_s: float, rpm: float, ramp_s: float = 0.0) -> None:
+        """As `HopperProcess.command`."""
+        self._waiting.append((time_s, rpm, ramp_s))
+        if len(self._waiting) > _MOST_WAITING:
+            self._follow()
+
+    def disc_rpm(self, time_s: float) -> float:
+        """As `HopperProcess.disc_rpm`."""
+        self._follow()
+        return self._process.disc_rpm(time_s)
+
+    def nozzle_flow_g_s(self, time_s: FloatArray) -> FloatArray:
+        """As `HopperProcess.nozzle_flow_g_s`."""
+        self._follow()
+        return self._process.nozzle_flow_g_s(time_s)
+
+    def _follow(self) -> None:
+        for command in self._waiting:
+            self._process.command(*command)
+        self._waiting.clear()
 
 
 @dataclass
 class Hopper:
     """A hopper and what the running recipe asks of it.
 
-    told : the same process, were all well with it and the hopper never empty; for the judge
+    told : the same, were all well with it; for the judge
     """
 
     config: HopperConfig
     process: HopperProcess
-    told: HopperProcess
+    told: Twin
     rpm: float = 0.0
     carrier_L_min: float = 0.0
     stirrer_rpm: float = 0.0
@@ -28,8 +63,7 @@ class Hopper:
     @classmethod
     def of(cls, config: HopperConfig) -> Hopper:
         """Full, its disc at rest."""
-        told = HopperProcess(replace(config, fill_g=_ENDLESS_G, noise_rsd=0.0))
-        return cls(config, HopperProcess(config), told)
+        return cls(config, HopperProcess(config), Twin(config))
 
     def command(self, time_s: float, rpm: float, ramp_s: float = 0.0) -> None:
         """Let the disc go to rpm from time_s on."""

@@ -26,32 +26,28 @@ class Hose:
         self._dead_time_s = dead_time_s
         self._lag_s = lag_s
         self._drive_lag_s = drive_lag_s
-        self._columns = tuple(array("d") for _ in range(4))  # start, c0, c1, c2
+        self._pieces = array("d")  # start, c0, c1, c2; start, c0, ...
         self._first_y = 0.0  # what left the nozzle as the first kept piece reached it
         self._forgotten = False
 
     def add(self, start_s: float, c0: float, c1: float, c2: float) -> None:
         """From start_s on the hose is fed by this piece. Starts never fall."""
-        for column, value in zip(self._columns, (start_s, c0, c1, c2), strict=True):
-            column.append(value)
-        if len(self._columns[0]) > MOST_PIECES:
+        self._pieces.extend((start_s, c0, c1, c2))
+        if len(self._pieces) > 4 * MOST_PIECES:
             self._forget(MOST_PIECES // 2)
 
     def cut(self, time_s: float) -> None:
         """Drop pieces that have not begun before time_s: something else was commanded."""
-        starts = self._columns[0]
-        keep = len(starts)
-        while keep and starts[keep - 1] >= time_s:
-            keep -= 1
-        for column in self._columns:
-            del column[keep:]
+        pieces = self._pieces
+        while pieces and pieces[-4] >= time_s:
+            del pieces[-4:]
 
     def outflow_g_s(self, time_s: FloatArray) -> FloatArray:
         """Flow out of the nozzle at each time, in any order and shape; 0 before the first piece.
 
         Raises ValueError for times so long ago that the pieces are no longer kept.
         """
-        starts, c0, c1, c2 = (np.array(column) for column in self._columns)
+        starts, c0, c1, c2 = self._columns()
         if not len(starts):
             return np.zeros_like(time_s, dtype=np.float64)
         entered_s = np.asarray(time_s, dtype=np.float64) - self._dead_time_s
@@ -105,7 +101,10 @@ class Hose:
         return y
 
     def _forget(self, n: int) -> None:
-        self._first_y = float(self._first_outflows(*(np.array(c) for c in self._columns))[n])
-        for column in self._columns:
-            del column[:n]
+        self._first_y = float(self._first_outflows(*self._columns())[n])
+        del self._pieces[: 4 * n]
         self._forgotten = True
+
+    def _columns(self) -> tuple[FloatArray, ...]:
+        """Starts, c0, c1 and c2 of the pieces."""
+        return tuple(np.array(self._pieces).reshape(-1, 4).T)

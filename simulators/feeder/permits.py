@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from firmware_protocol.pmx import ALARM_RESET_KEY, PMX, WATCHDOG_RESET_KEY, Command, Refusal
 from simulators.feeder.holding import CONFIGURATION
@@ -18,8 +18,7 @@ _KNOWN_COMMANDS = sum(Command)
 _SHORTEST_WATCHDOG_MS = 100
 
 
-@dataclass(frozen=True)
-class Facts:
+class Facts(NamedTuple):
     """What decides: the LOCAL switch, turning discs, latched trip and alarms, and their causes."""
 
     local: bool

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from itertools import compress
+from typing import NamedTuple
 
 from firmware_protocol.pmx import (
     DEVICE_ID,
@@ -35,6 +36,9 @@ _OLDEST_MS = 0xFFFF
 #: Most that a flow register in 0.01 g/min or L/min can say; it stays there beyond.
 _MOST = 655.34
 _FIRST_WARNING = LEVEL_LOW
+
+#: Of the bits of a word, the lowest first.
+_WEIGHTS = tuple(1 << bit for bit in range(16))
 
 _HOPPER_BLOCKS = {channel: PMX.block(hopper_names(channel)) for channel in range(1, 5)}
 
@@ -73,8 +77,7 @@ def read_holding(device: PmxDevice, address: int, count: int) -> list[int]:
     return device.holding.read(address, count)
 
 
-@dataclass(frozen=True)
-class _Seen:
+class _Seen(NamedTuple):
     """One hopper at one instant, as its device sees it. flow_est : its factor times disc speed."""
 
     rpm: float
@@ -118,14 +121,14 @@ def _system(device: PmxDevice, time_s: float) -> dict[str, Value]:
         "HEARTBEAT_ECHO": device.holding.raw("HEARTBEAT"),
         "HEARTBEAT_AGE": min(_OLDEST_MS, int((time_s - device.heartbeat_s) * 1000)),
         "UPTIME": int(time_s - device.powered_s),
-        "MODE": Mode.LOCAL if device.local else Mode.REMOTE,
-        "STATE": state,
+        "MODE": (Mode.LOCAL if device.local else Mode.REMOTE).value,
+        "STATE": state.value,
         "TOTAL_FLOW": min(_MOST, sum(one.flow_est_g_min for one in seen)),
         "MIXER_PRESSURE": round(_MIXER_MBAR_PER_L_MIN * gas_L_min),
         "TOTAL_GAS": min(_MOST, gas_L_min),
         "SUPPLY_PRESSURE": _SUPPLY_BAR,
         "SEQ_APPLIED": device.seq_applied,
-        "LAST_REFUSAL": device.refusal,
+        "LAST_REFUSAL": device.refusal.value,
         "TICK": int(time_s * 1000) & 0xFFFF,
     }
 
@@ -205,4 +208,4 @@ def _hopper(device: PmxDevice, channel: int, time_s: float) -> dict[str, Value]:
 
 def _bits(*conditions: bool) -> int:
     """The first condition is bit 0."""
-    return sum(1 << bit for bit, on in enumerate(conditions) if on)
+    return sum(compress(_WEIGHTS, conditions))

@@ -8,7 +8,7 @@ grblHAL adds the accessories whenever *they* change.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from firmware_protocol.dialect import GRBLHAL, Dialect
 from firmware_protocol.messages import Feedback, Message, Setting, Status, StoredLine
@@ -27,8 +27,7 @@ _OVERRIDES_EVERY, _OVERRIDES_EVERY_BUSY = 10, 20
 _MPOS, _BUFFERS, _LINE, _FEED, _PINS, _OFFSET, _OVERRIDES = (1 << bit for bit in range(7))
 
 
-@dataclass(frozen=True)
-class Snapshot:
+class Snapshot(NamedTuple):
     """What a status report is made of."""
 
     state: State

@@ -13,7 +13,7 @@ from lmctl.config.machine import Hopper, Safety
 from lmctl.machine.feeder_status import FeederStatus, HopperReading
 from lmctl.machine.safety_status import SafetyStatus
 from lmctl.run.alarms import Alarms, EmergencyStop, Interlock
-from lmctl.run.interlocks import RULES, Facts, FeederFacts
+from lmctl.run.interlocks import RULES, RULES_WITHOUT_SAFETY, Facts, FeederFacts
 from lmctl.run.supervision import Supervision
 
 LIMITS = Safety(
@@ -43,7 +43,8 @@ def feeder(age_s=0.0, feeding=True, **changes):
         time_s=0.0, state=FeederState.FEEDING if feeding else FeederState.READY, mode=Mode.REMOTE,
         flags=Status.STABLE, alarm=None, alarm_count=0, warnings=0, seq_applied=1,
         heartbeat_age_s=0.0, uptime_s=1, tick_ms=1, total_flow_g_min=6.0, total_gas_L_min=4.0,
-        mixer_pressure_mbar=100.0, hoppers={"A": reading(**changes)},
+        mixer_pressure_mbar=100.0, hoppers={"A": reading(**changes)}, gas_ok=True,
+        feeding=feeding, stable=True,
     )
     return FeederFacts("F1", status, age_s, 1.0, (HOPPER,))
 
@@ -56,11 +57,11 @@ FINE = Facts(
 
 
 def with_safety(**changes):
-    return replace(FINE, safety=replace(GOOD, **changes))
+    return FINE._replace(safety=replace(GOOD, **changes))
 
 
 def with_motion(text):
-    return replace(FINE, motion=parse_status(text))
+    return FINE._replace(motion=parse_status(text))
 
 
 #: What is the matter, by the name of the rule that must find it.
@@ -83,13 +84,13 @@ TRIPPED = [
     ("oxygen", with_safety(oxygen_ppm=1001.0), "1001 ppm"),
     ("watchdog relay", with_safety(relay_closed=False), "relay"),
     ("extraction", with_safety(extraction_ok=False), "extraction"),
-    ("safety inputs silent", replace(FINE, safety_age_s=0.31), "0.3 s"),
-    ("motion silent", replace(FINE, motion_age_s=0.7), "0.7 s"),
-    ("position", replace(FINE, still_s=1.1), "1.1 s"),
-    ("feeder silent", replace(FINE, feeders=(feeder(age_s=3.1),)), "feeder F1"),
-    ("carrier gas", replace(FINE, feeders=(feeder(carrier_L_min=3.1),)), "3.1 L/min"),
-    ("disc", replace(FINE, feeders=(feeder(flow_est_g_min=5.8),)), "5.80 g/min"),
-    ("weighed flow", replace(FINE, feeders=(feeder(flow_weighed_g_min=4.9),)), "4.90 g/min"),
+    ("safety inputs silent", FINE._replace(safety_age_s=0.31), "0.3 s"),
+    ("motion silent", FINE._replace(motion_age_s=0.7), "0.7 s"),
+    ("position", FINE._replace(still_s=1.1), "1.1 s"),
+    ("feeder silent", FINE._replace(feeders=(feeder(age_s=3.1),)), "feeder F1"),
+    ("carrier gas", FINE._replace(feeders=(feeder(carrier_L_min=3.1),)), "3.1 L/min"),
+    ("disc", FINE._replace(feeders=(feeder(flow_est_g_min=5.8),)), "5.80 g/min"),
+    ("weighed flow", FINE._replace(feeders=(feeder(flow_weighed_g_min=4.9),)), "4.90 g/min"),
 ]
 
 
@@ -99,8 +100,8 @@ def found(facts):
 
 def test_a_good_cell_trips_nothing_with_a_safety_device_and_without():
     assert found(FINE) == []
-    assert found(replace(FINE, safety=None, limits=None)) == []
-    assert found(replace(FINE, feeders=())) == []
+    assert found(FINE._replace(safety=None, limits=None)) == []
+    assert found(FINE._replace(feeders=())) == []
 
 
 @pytest.mark.parametrize(("name", "facts", "words"), TRIPPED,
@@ -112,15 +113,26 @@ def test_each_row(name, facts, words):
     assert finding.hint
 
 
+@pytest.mark.parametrize(("name", "facts", "words"), TRIPPED,
+                         ids=[f"{n}-{w}" for n, _, w in TRIPPED])
+def test_a_cell_without_a_safety_device_is_spared_only_what_such_a_device_says(name, facts, words):
+    bare = facts._replace(safety=None, limits=None)
+    spared = [rule for rule in RULES if rule not in RULES_WITHOUT_SAFETY]
+    assert [finding for rule in spared for finding in rule.look(bare)] == []
+    kept = [finding for rule in RULES_WITHOUT_SAFETY for finding in rule.look(bare)]
+    assert kept == [finding for _, finding in found(bare)]
+    assert bool(kept) == (name in [rule.name for rule in RULES_WITHOUT_SAFETY])
+
+
 def test_every_rule_has_a_row_above():
     assert {rule.name for rule in RULES} == {name for name, *_ in TRIPPED}
 
 
 @pytest.mark.parametrize("facts", [
     with_motion("<Door:0|MPos:1.000,2.000,3.000>"),  # closed again, not yet gone on
-    replace(FINE, feeders=(feeder(flow_est_g_min=6.11),)),  # within 2 %
-    replace(FINE, feeders=(feeder(flow_est_g_min=0.0, feeding=False),)),  # discs are off
-    replace(FINE, feeders=(feeder(carrier_L_min=None, flow_weighed_g_min=None),)),
+    FINE._replace(feeders=(feeder(flow_est_g_min=6.11),)),  # within 2 %
+    FINE._replace(feeders=(feeder(flow_est_g_min=0.0, feeding=False),)),  # discs are off
+    FINE._replace(feeders=(feeder(carrier_L_min=None, flow_weighed_g_min=None),)),
     with_safety(door_closed=None, chiller_ok=None, key_on=None),  # not fitted
 ])
 def test_what_is_no_trip(facts):
@@ -128,8 +140,8 @@ def test_what_is_no_trip(facts):
 
 
 def test_a_relay_that_opens_the_controllers_door_input_is_not_called_a_door():
-    facts = replace(with_safety(relay_closed=False),
-                    motion=parse_status("<Door:1|MPos:1.000,2.000,3.000>"))
+    facts = with_safety(relay_closed=False)._replace(
+        motion=parse_status("<Door:1|MPos:1.000,2.000,3.000>"))
     assert [name for name, _ in found(facts)] == ["watchdog relay"]
 
 
