@@ -114,6 +114,15 @@ class Blocks:
                 rows.append(far)
             yield some, Near(points, rows, their)
 
+    def joined(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
+        """From blocks (n, m) to the window's own shape, without what is beyond its rim."""
+        side = self._side
+        counts = [-(-n // step) for n, step in zip(self.window.shape, side, strict=True)]
+        padded = values.reshape(*counts, *side).transpose(0, 3, 1, 4, 2, 5)
+        planes, ny, nx = self.window.shape
+        whole = padded.reshape([n * step for n, step in zip(counts, side, strict=True)])
+        return whole[:planes, :ny, :nx]
+
     @property
     def _origin(self) -> FloatArray:
         grid = self.window.grid

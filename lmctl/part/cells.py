@@ -56,17 +56,15 @@ class Cells:
         least = TOUCH_PITCHES * self.pitch_mm
         return np.array([max(leaf.slack_mm, least) for leaf in self.expression.leaves])
 
-    def bounds(self, points: FloatArray) -> FloatArray:
-        """What each leaf's bound says at points (n, 3) -> (k, n) [mm]."""
-        return np.stack([leaf.bound(points) for leaf in self.expression.leaves])
-
-    def change(self, points: FloatArray, on: IntArray | None = None) -> NDArray[np.bool_]:
+    def change(
+        self, points: FloatArray, on: IntArray | None = None, sides: SignArray | None = None
+    ) -> NDArray[np.bool_]:
         """Whether points (n, 3) lie where the expression changes, to the leaves' slack.
 
         on : (n,) leaves on whose surface they are known to lie
+        sides : (k, n) sides of leaves on which they are known to lie, 0 where they are not
         """
-        bounds = self.bounds(points)
-        signs, active = self._signs(bounds, on)
+        signs, active = self._signs(points, on, sides)
         count = active.sum(axis=0)
         found = np.zeros(len(points), dtype=bool)
         single = np.flatnonzero(count == 1)
@@ -88,8 +86,7 @@ class Cells:
 
         others : a formula over the same leaves
         """
-        bounds = self.bounds(points)
-        signs, active = self._signs(bounds, None)
+        signs, active = self._signs(points, None, None)
         sign = others.of(signs)
         found: NDArray[np.bool_] = active[leaf] & (sign > 0)
         rows = np.flatnonzero(active[leaf] & (sign == 0))
@@ -100,15 +97,23 @@ class Cells:
         return found
 
     def _signs(
-        self, bounds: FloatArray, on: IntArray | None
+        self, points: FloatArray, on: IntArray | None, sides: SignArray | None
     ) -> tuple[SignArray, NDArray[np.bool_]]:
         """The side of each leaf that points lie on, 0 on its surface; and which these are."""
-        active = np.abs(bounds) <= self.slack_mm[:, None]
+        shape = len(self.expression.leaves), len(points)
+        signs = np.zeros(shape, dtype=np.int8) if sides is None else sides.copy()
+        for number, leaf in enumerate(self.expression.leaves):
+            asked = signs[number] == 0
+            if on is not None:
+                asked &= on != number
+            rows = np.flatnonzero(asked)
+            if len(rows):
+                bound = leaf.bound(points if len(rows) == len(points) else points[rows])
+                on_it = np.abs(bound) <= self.slack_mm[number]
+                signs[number, rows] = np.where(on_it, 0, np.where(bound > 0, 1, -1))
         if on is not None:
-            active[on, np.arange(bounds.shape[1])] = True
-        signs = np.where(bounds > 0, np.int8(1), np.int8(-1))
-        signs[active] = 0
-        return signs, active
+            signs[on, np.arange(len(points))] = 0
+        return signs, signs == 0
 
     def _toggled(self, signs: SignArray, active: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Whether the one active leaf's sides differ."""

@@ -31,6 +31,7 @@ from lmctl.part.surfaces import Surface, grouped
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+SignArray = NDArray[np.int8]
 
 __all__ = ["Combined", "Operation"]
 
@@ -164,12 +165,10 @@ class Combined(Analytic):
         # No place in a block measures to what is farther from its middle than this.
         reach = np.abs(self.expression.of(bounds)) + 2.0 * blocks.radius_mm
         near = np.abs(bounds) <= reach
-        planes, ny, nx = values.shape
-        for some, found in blocks.look(np.arange(len(blocks.firsts)), bounds, near):
-            depth = self._depths(found.points, found.rows, found.near)
-            x, y, z = np.moveaxis(blocks.firsts[some, None] + blocks.steps, -1, 0)
-            inside = (x < nx) & (y < ny) & (z < planes)
-            values[z[inside], y[inside], x[inside]] = depth[inside]
+        found = np.empty((len(blocks.firsts), len(blocks.steps)), dtype=np.float32)
+        for some, what in blocks.look(np.arange(len(found)), bounds, near):
+            found[some] = self._depths(what.points, what.rows, what.near)
+        values[:] = blocks.joined(found)
 
     def _depths(
         self, points: FloatArray, rows: list[FloatArray], near: NDArray[np.bool_]
@@ -183,19 +182,19 @@ class Combined(Analytic):
         several = np.flatnonzero(near.sum(axis=0) > 1)
         if len(several) == 0:
             return depth
-        rows = [row[several] for row in rows]
         close = depth[several]
-        which, open_ = self._doubted(close, rows, near[:, several])
+        which, sides, open_ = self._doubted(close, [row[several] for row in rows], near[:, several])
         b, m = np.nonzero(open_)
         if len(b):
-            asked = points[several[b], m]
-            hidden = np.flatnonzero(~self._shown(asked, which[b, m]))
-            away = np.linalg.norm(
-                asked[hidden] - self.boundary.nearest(asked[hidden]), axis=1
-            ) if len(hidden) else np.empty(0)
-            b, m = b[hidden], m[hidden]
-            close[b, m] = np.copysign(np.maximum(away, np.abs(close[b, m])), close[b, m])
-            depth[several] = close
+            asked, which = points[several[b], m], which[b, m]
+            feet = self._leaf_feet(asked, which)
+            hidden = np.flatnonzero(~self._cells.change(feet, which, _at(sides, b, m)))
+            if len(hidden):
+                nearest = self.boundary.nearest(asked[hidden])
+                away = np.linalg.norm(asked[hidden] - nearest, axis=1)
+                b, m = b[hidden], m[hidden]
+                close[b, m] = np.copysign(np.maximum(away, np.abs(close[b, m])), close[b, m])
+                depth[several] = close
         return depth
 
     def _exactly(
@@ -221,9 +220,9 @@ class Combined(Analytic):
 
     def _doubted(
         self, depth: FloatArray, rows: Sequence[FloatArray], near: NDArray[np.bool_]
-    ) -> tuple[IntArray, NDArray[np.bool_]]:
-        """The leaf that depths (b, m) are measured to, and where it is not sure that its nearest
-        point is on the boundary.
+    ) -> tuple[IntArray, list[SignArray], NDArray[np.bool_]]:
+        """The leaf that depths (b, m) are measured to; the sides of all leaves that its nearest
+        point has for sure, else 0; and where it is not sure that this point is on the boundary.
 
         It is where the formula changes with that leaf, whatever the sides of all leaves that are
         no farther away: any of them may have either side at that point.
@@ -232,10 +231,10 @@ class Combined(Analytic):
         which = np.full(depth.shape, -1, dtype=np.int64)
         sides = []
         for number, row in enumerate(rows):
-            away = np.abs(row)
             side = np.where(row > 0, np.int8(1), np.int8(-1))
             if near[number].any():
-                side[away <= size] = 0
+                away = np.abs(row)
+                side[away <= size + 2.0 * self._cells.slack_mm[number]] = 0
                 which[(away == size) & (which < 0)] = number
             sides.append(side)
         known = []
@@ -244,11 +243,7 @@ class Combined(Analytic):
             for leaf in np.flatnonzero(near.any(axis=1)):
                 there[leaf] = np.where(which == leaf, sign, sides[leaf])
             known.append(self.expression.of(there))
-        return which, known[0] * known[1] >= 0
-
-    def _shown(self, points: FloatArray, which: IntArray) -> NDArray[np.bool_]:
-        """Whether the nearest point of one leaf each is on the boundary."""
-        return self._cells.change(self._leaf_feet(points, which), which)
+        return which, sides, known[0] * known[1] >= 0
 
     def _leaf_feet(self, points: FloatArray, which: IntArray) -> FloatArray:
         feet = np.empty_like(points)
@@ -264,14 +259,15 @@ class Combined(Analytic):
         rows, near = self._bounds(points)
         self._exactly(points[None], rows, near)
         depth = np.array(np.broadcast_to(self.expression.of(rows), (1, len(points))))
-        which, open_ = self._doubted(depth, rows, near)
+        which, sides, open_ = self._doubted(depth, rows, near)
         depth, which = depth[0], which[0]
         measured = np.concatenate(rows)[which, np.arange(len(points))]
         side = np.where((measured > 0) == (depth > 0), 1.0, -1.0)
         feet = self._leaf_feet(points, which)
         hidden = np.flatnonzero(open_[0])
         if len(hidden):
-            hidden = hidden[~self._cells.change(feet[hidden], which[hidden])]
+            known = _at(sides, np.zeros_like(hidden), hidden)
+            hidden = hidden[~self._cells.change(feet[hidden], which[hidden], known)]
         if len(hidden):
             feet[hidden] = self.boundary.nearest(points[hidden])
             which[hidden] = -1
@@ -285,3 +281,8 @@ class Combined(Analytic):
     def _parts(self, count: int) -> list[slice]:
         at_once = max(1, VALUES_AT_ONCE // len(self.expression.leaves))
         return [slice(first, first + at_once) for first in range(0, count, at_once)]
+
+
+def _at(rows: Sequence[SignArray], b: IntArray, m: IntArray) -> SignArray:
+    """What rows, (b, m) or (b, 1), hold at places, one row each."""
+    return np.stack([row[b, m if row.shape[1] > 1 else 0] for row in rows])
