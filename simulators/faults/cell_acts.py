@@ -47,6 +47,19 @@ def restart_safety(scene: Scene, fault: Fault) -> None:
     scene.safety().restart()
 
 
+def stick_laser_enable(scene: Scene, fault: Fault) -> Undo:
+    safety = scene.safety()
+    if fault.values["contact"] == "closed":
+        safety.weld_output()
+    else:
+        safety.stick_output()
+    return lambda: safety.stick_output(False)
+
+
+def drop_laser_enable(scene: Scene, fault: Fault) -> None:
+    scene.safety().drop_output()
+
+
 def press_estop(scene: Scene, fault: Fault) -> Undo:
     """The chain opens for everyone; where there is a safety device, its wires carry that on."""
     if scene.bench.safety is not None:

@@ -228,6 +228,12 @@ _SAFETY_KINDS = (
                          whole=True),), lasts=True),
     FaultKind("safety_stuck", "its inputs stand still, TICK with them; heartbeats are echoed", _S,
               _STOP, "same data", lasts=True),
+    FaultKind("laser_enable_stuck", "the laser-enable contact stays as it is, or welds closed, "
+              "whatever it is told", _S, _MAY, "laser-enable",
+              (Parameter("contact", "closed", "how it stays", choices=("closed", "as it is")),),
+              lasts=True),
+    FaultKind("laser_enable_drops", "the laser-enable contact opens by itself", _S, _STOP,
+              "laser-enable"),
     FaultKind("safety_restarts", "power off and on: its watchdog relay opens", _S, _STOP,
               "restarted"),
 )

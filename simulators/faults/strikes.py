@@ -63,6 +63,8 @@ ACTS: Mapping[str, Act] = MappingProxyType({
     "analyser_invalid": cell_acts.invalidate_analyser,
     "extraction_low": cell_acts.lower_extraction,
     "safety_stuck": cell_acts.freeze_safety,
+    "laser_enable_stuck": cell_acts.stick_laser_enable,
+    "laser_enable_drops": cell_acts.drop_laser_enable,
     "safety_restarts": cell_acts.restart_safety,
     "estop": cell_acts.press_estop,
     "door": cell_acts.open_door,

@@ -157,6 +157,12 @@ class SafetyDevice:
         self._output.stick(stuck)
         self.on_change()
 
+    def weld_output(self) -> None:
+        """The laser-enable contact closes and stays so; `stick_output(False)` frees it."""
+        self.settle()
+        self._output.weld()
+        self.on_change()
+
     def drop_output(self) -> None:
         """The laser-enable output drops by itself."""
         self.settle()

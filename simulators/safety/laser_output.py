@@ -34,6 +34,10 @@ class LaserOutput:
         self._stuck = stuck
         self._drive(self._driven)
 
+    def weld(self) -> None:
+        """The contact closes, and stays so until it follows again."""
+        self._stuck = self.is_on = True
+
     def _drive(self, on: bool) -> None:
         self._driven = on
         if not self._stuck:

@@ -13,7 +13,7 @@ from tests.faults.matrix import STATES, faults_of, try_one, write_job
 WHILE_LAYING = (
     "controller_reboots", "controller_silent", "controller_lies", "panel_hold", "ok_doubled",
     "link_closed", "bytes_flipped", "device_silent", "feeder_restarts", "disc_stalls",
-    "flow_readback_off", "oxygen_high", "safety_stuck",
+    "flow_readback_off", "oxygen_high", "safety_stuck", "laser_enable_stuck", "laser_enable_drops",
 )
 IN_EVERY_STATE = ("estop", "door")
 
@@ -24,6 +24,8 @@ def test_every_kind_of_fault_has_its_words():
 
 @pytest.mark.parametrize(("kind", "state"), [
     *[(kind, State.DEPOSITING) for kind in WHILE_LAYING],
+    ("laser_enable_stuck", State.GAS), ("laser_enable_stuck", State.HOLDING),
+    ("laser_enable_drops", State.RESUMING),
     *[(kind, state) for kind in IN_EVERY_STATE for state in STATES if state != State.DEPOSITING],
 ])
 def test_a_fault_ends_safely_and_is_named(kind, state, tmp_path):

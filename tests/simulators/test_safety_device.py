@@ -214,6 +214,19 @@ def test_a_stuck_output_is_read_back_as_it_is_and_follows_again():
     assert rig.device.laser_cut
 
 
+def test_a_welded_output_closes_the_circuit_whatever_it_is_told_until_it_is_free():
+    rig = Rig(watchdog_relay=True, laser_enable=True)
+    assert rig.device.laser_cut
+    rig.device.weld_output()
+    assert not rig.device.laser_cut
+    assert Status.LASER_ENABLED in rig.status()
+    rig.device.write(0, [1, 200, RELAY_RESET_KEY, 0])
+    rig.device.drop_output()
+    assert not rig.device.laser_cut
+    rig.device.stick_output(False)
+    assert rig.device.laser_cut
+
+
 @pytest.mark.parametrize(
     ("config", "words", "code"), [({"laser_enable": True}, [2], 3), ({}, [1], 2)]
 )

@@ -165,3 +165,42 @@ def test_without_a_safety_device_estop_and_door_go_to_the_others(play):
     assert (b"|Pn:E" in said, chain, after) == (True, True, False)
     assert b"<Door" in door
     assert happened == 2
+
+
+OUTPUT = [("watchdog_relay = false", "watchdog_relay = true\nlaser_enable = true")]
+
+
+async def lit(cell):
+    """The relay is closed and the laser-enable output on."""
+    cell.bench.safety.write(0, [1, 5000, RELAY_RESET_KEY, 0])
+    cell.bench.safety.write(SIO.wire_address("LASER_ENABLE"), [1])
+    assert word(cell, "STATUS") & Status.LASER_ENABLED
+
+
+def test_the_laser_enable_contact_drops_by_itself_and_can_be_closed_again(play):
+    async def scene(cell):
+        await lit(cell)
+        cell.inject("laser_enable_drops")
+        dropped = word(cell, "STATUS")
+        cell.bench.safety.write(SIO.wire_address("LASER_ENABLE"), [0])
+        cell.bench.safety.write(SIO.wire_address("LASER_ENABLE"), [1])
+        return dropped, word(cell, "STATUS")
+
+    dropped, again = play(scene, *OUTPUT)
+    assert not dropped & Status.LASER_ENABLED
+    assert again & Status.LASER_ENABLED
+
+
+@pytest.mark.parametrize("contact", ["closed", "as it is"])
+def test_a_stuck_laser_enable_contact_stays_closed_and_says_so_until_it_is_over(play, contact):
+    async def scene(cell):
+        await lit(cell)
+        number = cell.inject("laser_enable_stuck", contact=contact)
+        cell.bench.safety.write(SIO.wire_address("LASER_ENABLE"), [0])
+        stuck = word(cell, "STATUS")
+        cell.board.clear(number)
+        return stuck, word(cell, "STATUS")
+
+    stuck, free = play(scene, *OUTPUT)
+    assert stuck & Status.LASER_ENABLED
+    assert not free & Status.LASER_ENABLED
