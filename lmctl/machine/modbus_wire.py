@@ -41,6 +41,7 @@ class ModbusWire(ModbusProtocol):
         self._timeout_s = timeout_s
         self._number = 0
         self._unanswered = 0
+        self._reconnect_s = _RECONNECT_S
         self._asked: ModbusPDU | None = None
         self._answer: asyncio.Future[ModbusPDU] | None = None
 
@@ -81,6 +82,7 @@ class ModbusWire(ModbusProtocol):
         """pymodbus asks this of those who listen; a host does not."""
         raise RuntimeError("a host takes no connections")
 
+            self._reconnect_s = _RECONNECT_S
     def callback_connected(self) -> None:
         """The device is there (again)."""
         self._unanswered = 0
@@ -97,6 +99,21 @@ class ModbusWire(ModbusProtocol):
         self._unanswered += 1
         if self._unanswered > _MOST_UNANSWERED and self.comm_params.comm_type is CommType.TCP:
             self.connection_lost(TimeoutError("nothing answers any more"))
+    async def do_reconnect(self) -> None:
+        """As pymodbus has it, but only an answer shortens the wait again, not a mere connection.
+
+        A gateway takes connections for a device that is off, and drops them: ten times a second.
+        """
+        try:
+            connected = False
+            while not connected:
+                await asyncio.sleep(self._reconnect_s)
+                self._reconnect_s = min(2 * self._reconnect_s, _RECONNECT_MOST_S)
+                connected = await self.connect()
+        except asyncio.CancelledError:
+            pass
+        self.reconnect_task = None
+
 
 
 def _parameters(where: TcpEndpoint | RtuEndpoint, timeout_s: float) -> CommParams:

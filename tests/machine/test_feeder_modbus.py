@@ -161,3 +161,35 @@ def test_requests_of_several_tasks_do_not_mix():
         assert [list(answer) for answer in answers] == [[0x504D], [1]] * 3
 
     linked("rtu", act)
+
+
+def test_a_gateway_that_takes_and_drops_connections_is_left_alone_but_once_a_second():
+    """Connected is not answered: the wait between attempts grows until something answers."""
+    async def main():
+        loop = asyncio.get_running_loop()
+        device = PmxDevice(CONFIG, loop.time)
+        server = await serve_tcp(device)
+        link = await ModbusLink.open(server.endpoint, 1, timeout_s=0.5)
+        await link.read_input(0, 2)
+        port = int(server.endpoint.rsplit(":", 1)[1])
+        await server.close()
+        came_s = []
+
+        def turned_away(reader, writer):
+            came_s.append(loop.time())
+            writer.close()
+
+        gateway = await asyncio.start_server(turned_away, "127.0.0.1", port)
+        await asyncio.sleep(60.0)
+        gateway.close()
+        await gateway.wait_closed()
+        server = await serve_tcp(device, port=port)
+        await asyncio.sleep(1.1)
+        words = await link.read_input(0, 2)
+        await link.close()
+        await server.close()
+        return came_s, words
+
+    came_s, words = virtual_time.run(main())
+    assert 55 <= len(came_s) <= 66
+    assert len(words) == 2
