@@ -77,7 +77,7 @@ def judge_settings(
     yield _equal(settings, LASER_MODE, 1, "laser mode", "M4 would leave the beam on at standstill")
     yield _full_power(settings, laser.s_max)
     yield _equal(settings, _INCHES, 0, "reports in mm", "every position would be misread")
-    yield _near(settings, _LEAST_SPINDLE, 0.0, "least power", "low powers would be raised to it")
+    yield _least_power(settings)
     yield from _per_axis(
         settings, _MOST_RATE, [60.0 * v for v in motion.max_speed_mm_s], "speed", "mm/min",
         lambda has, wants: has >= wants * (1 - _ALIKE), "moves would last longer than planned",
@@ -164,6 +164,23 @@ def _full_power(settings: Mapping[int, str], s_max: int) -> Check:
         good, f"full power is S{stated} on the controller (${MOST_SPINDLE})"
         + ("" if good else f", but S{s_max} in the profile: every power would be wrong"),
         _send(MOST_SPINDLE, s_max, "or correct laser.s_max"), dangerous=True,
+    )
+
+
+def _least_power(settings: Mapping[int, str]) -> Check:
+    """$31 is what the beam has at least while it is on: M4 no longer takes it down with the speed.
+
+    A hundredth of full power melts nothing and only makes thin beads a little hotter.
+    """
+    least, most = number(settings, _LEAST_SPINDLE), number(settings, MOST_SPINDLE)
+    stated = settings.get(_LEAST_SPINDLE, "missing")
+    text = f"least power: ${_LEAST_SPINDLE}={stated}"
+    if least == 0:
+        return Check(True, text)
+    return Check(
+        False, f"{text}, not 0: low powers, and those of slow moves and corners, would be raised "
+               "to it", _send(_LEAST_SPINDLE, 0.0, ""),
+        dangerous=least is None or not most or abs(least) > _ALIKE * most,
     )
 
 

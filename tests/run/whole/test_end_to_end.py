@@ -205,9 +205,14 @@ def test_a_machine_that_is_not_the_bench_gets_no_power(run, square_job, monkeypa
     assert not one.records("machine")[0]["is_bench"]
 
 
+def test_a_least_power_that_melts_nothing_keeps_no_run_from_starting(run, square_job):
+    assert run(square_job, bench=[("32 = 1", "32 = 1\n31 = 10")]).result.state == "done"
+
+
 @pytest.mark.parametrize(("bench", "reason"), [
     ([("30 = 1000", "30 = 255")], "full power is S255"),
     ([("32 = 1", "32 = 0")], "laser mode is off"),
+    ([("32 = 1", "32 = 1\n31 = 11")], "least power: $31=11"),
     ([("10 = 511", "10 = 1")], "neither Ln: nor Bf:"),
 ])
 def test_a_controller_set_wrongly_is_refused_untouched(run, square_job, bench, reason):
