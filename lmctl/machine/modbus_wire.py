@@ -75,6 +75,7 @@ class ModbusWire(ModbusProtocol):
             return len(data)  # nonsense: the time-out will tell
         if found is not None and found.function_code & 0x7F == asked.function_code:
             self._unanswered = 0
+            self._reconnect_s = _RECONNECT_S
             answer.set_result(found)
         return used
 
@@ -82,7 +83,6 @@ class ModbusWire(ModbusProtocol):
         """pymodbus asks this of those who listen; a host does not."""
         raise RuntimeError("a host takes no connections")
 
-            self._reconnect_s = _RECONNECT_S
     def callback_connected(self) -> None:
         """The device is there (again)."""
         self._unanswered = 0
