@@ -9,12 +9,17 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from importlib.resources import files
 from pathlib import Path
 
 import pytest
 
+import lmctl.examples
+from lmctl.config.machine import load_profile
 from lmctl.run.journal_file import read, verify
+from tests.faults.kills import shortened, wired
+from tests.run.conftest import squares, write_job
+
+EXAMPLES = Path(lmctl.examples.__file__).parent
 
 BLOCK = """
 name = "block"
@@ -32,15 +37,6 @@ def start(folder: Path, *arguments: str) -> subprocess.Popen[str]:
         [sys.executable, "-m", "lmctl.cli", *arguments], cwd=folder, text=True,
         stdout=subprocess.PIPE, stderr=subprocess.PIPE,
     )
-
-
-def finish(folder: Path, *arguments: str) -> None:
-    """Run a command that must succeed."""
-    done = subprocess.run(
-        [sys.executable, "-m", "lmctl.cli", *arguments], cwd=folder, text=True,
-        capture_output=True, timeout=60,
-    )
-    assert done.returncode == 0, done.stderr
 
 
 def when(condition: Callable[[], bool], process: subprocess.Popen[str]) -> None:
@@ -70,9 +66,9 @@ def test_ctrl_c_while_planning_leaves_nothing(part: Path, tmp_path: Path) -> Non
     assert [path.name for path in tmp_path.iterdir()] == ["part.toml"]
 
 
-def test_ctrl_c_while_running_stops_in_the_safe_order(part: Path, tmp_path: Path) -> None:
-    part.write_text(BLOCK.replace("[120, 90, 40]", "[60, 40, 1.6]"))
-    finish(tmp_path, "plan", "part.toml")
+def test_ctrl_c_while_running_stops_in_the_safe_order(tmp_path: Path) -> None:
+    write_job(tmp_path / "part.lmj", load_profile(EXAMPLES / "cell.toml"),
+              squares(layers=6, per_layer=3, side_mm=12.0))
     process = start(tmp_path, "run", "part.lmj", "--sim", "--speed", "20")
     journal = tmp_path / "runs" / "run-0001" / "journal.jsonl"
     when(lambda: journal.exists() and '"depositing"' in journal.read_text(), process)
@@ -88,14 +84,13 @@ def test_ctrl_c_while_running_stops_in_the_safe_order(part: Path, tmp_path: Path
 
 
 @pytest.mark.parametrize("mute", [True, False], ids=["silent", "talking nonsense"])
-def test_a_port_that_is_no_controller(part: Path, tmp_path: Path, mute: bool) -> None:
-    part.write_text(BLOCK.replace("[120, 90, 40]", "[20, 10, 0.8]"))
+def test_a_port_that_is_no_controller(tmp_path: Path, mute: bool) -> None:
     master, slave = os.openpty()
-    text = (files("lmctl.examples") / "cell.toml").read_text()
+    text = (EXAMPLES / "cell.toml").read_text()
     (tmp_path / "cell.toml").write_text(
         text.replace("tcp://127.0.0.1:2323", f"pty://{os.ttyname(slave)}")
     )
-    finish(tmp_path, "plan", "part.toml")
+    write_job(tmp_path / "part.lmj", load_profile(EXAMPLES / "cell.toml"), squares())
     if not mute:
         os.write(master, b"\xff\x00hello, this is a modem\r\n" * 3)
     process = start(tmp_path, "run", "part.lmj", "--machine", "cell.toml")
@@ -107,10 +102,9 @@ def test_a_port_that_is_no_controller(part: Path, tmp_path: Path, mute: bool) ->
     assert "hint: " in talk
 
 
-def test_a_bench_of_its_own_is_a_machine_like_any_other(part: Path, tmp_path: Path) -> None:
+def test_a_bench_of_its_own_is_a_machine_like_any_other(tmp_path: Path) -> None:
     """`python -m simulators` at the far end of real wires, driven as --machine drives a cell."""
-    part.write_text(BLOCK.replace("[120, 90, 40]", "[6, 4, 0.8]"))
-    bench_text = (files("lmctl.examples") / "bench.toml").read_text()
+    bench_text = shortened("bench.toml")
     for port in ("2323", "5021", "5022"):
         bench_text = bench_text.replace(f"127.0.0.1:{port}", "127.0.0.1:0")
     (tmp_path / "bench.toml").write_text(bench_text)
@@ -120,18 +114,9 @@ def test_a_bench_of_its_own_is_a_machine_like_any_other(part: Path, tmp_path: Pa
     )
     try:
         assert bench.stdout is not None
-        endpoints = json.loads(bench.stdout.readline())
-        endpoints = endpoints.get("endpoints", endpoints)
-        cell = (files("lmctl.examples") / "cell.toml").read_text()
-        for old, name in (("tcp://127.0.0.1:2323", "motion"),
-                          ("modbus-tcp://127.0.0.1:5021", "F1"),
-                          ("modbus-tcp://127.0.0.1:5022", "F2")):
-            cell = cell.replace(old, endpoints[name])
-        cell = cell.replace("watchdog_s = 4", "watchdog_s = 4\ngas_preflow_s = 0.2\n"
-                            "gas_postflow_s = 0.2").replace("dead_time_s = 3.0",
-                            "dead_time_s = 0.3").replace("lag_s = 1.0", "lag_s = 0.2")
-        (tmp_path / "cell.toml").write_text(cell)
-        finish(tmp_path, "plan", "part.toml", "-m", "cell.toml")
+        (tmp_path / "cell.toml").write_text(wired(json.loads(bench.stdout.readline())))
+        write_job(tmp_path / "part.lmj", load_profile(tmp_path / "cell.toml"),
+                  squares(layers=1, per_layer=1, speed_mm_s=20.0))
         process = start(tmp_path, "run", "part.lmj", "-m", "cell.toml", "--json")
         data, talk = process.communicate(timeout=100)
         assert process.returncode == 0, talk

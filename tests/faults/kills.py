@@ -11,8 +11,6 @@ from __future__ import annotations
 
 import json
 import random
-import signal
-import subprocess
 import sys
 import tempfile
 import time
@@ -28,6 +26,7 @@ from lmctl.job.reader import JobReader
 from lmctl.job.schema import LineKind
 from lmctl.run.journal_file import read, verify
 from lmctl.run.reentry import OVERLAP_MM
+from tests.faults.processes import start
 
 #: Delays far shorter than a cell's, so that a run takes seconds.
 SHORT = {
@@ -41,7 +40,8 @@ SHORT = {
         "[[feeder.hopper]]",
 }
 SPEED_MM_S = 20.0
-AT_ONCE = 5
+#: Cells at a time: each mostly waits, and hosts and cells are forked from one that has imported them.
+AT_ONCE = 20
 _LONGEST_S = 60.0
 
 
@@ -75,42 +75,31 @@ def one_kill(job: Path, seed: int, folder: Path) -> Outcome:
     for port in ("2323", "5021", "5022"):
         bench_text = bench_text.replace(f"127.0.0.1:{port}", "127.0.0.1:0")
     bench_file.write_text(bench_text)
-    bench = subprocess.Popen(
-        [sys.executable, "-m", "simulators", bench_file, "--record", record],
-        stdout=subprocess.PIPE, text=True,
-    )
+    bench = start("simulators", [bench_file, "--record", record], folder, "bench")
     try:
-        assert bench.stdout is not None
         cell = folder / "cell.toml"
-        cell.write_text(wired(json.loads(bench.stdout.readline())))
+        cell.write_text(wired(json.loads(_first_line(folder / "bench.out"))))
         outcome.state = _run_and_kill(job, cell, folder, outcome.at_s)
         _judge_journal(folder, outcome)
         if outcome.state != "done":
             _recover(cell, folder, outcome)
     finally:
-        bench.send_signal(signal.SIGTERM)
-        bench.wait(_LONGEST_S)
-        if bench.stdout is not None:
-            bench.stdout.close()
+        bench.terminate()
+        bench.join(_LONGEST_S)
     _judge_record(job, json.loads(record.read_text()), folder, outcome)
     return outcome
 
 
 def _run_and_kill(job: Path, cell: Path, folder: Path, at_s: float) -> str:
     """The last state the journal knows, after the host has been killed."""
-    with (folder / "host.txt").open("w") as said:
-        host = subprocess.Popen(
-            [sys.executable, "-m", "lmctl.cli", "run", job, "--machine", cell,
-             "--runs", folder / "runs"], stdout=said, stderr=said,
-        )
-        began, journal = time.monotonic(), folder / "runs" / "run-0001" / "journal.jsonl"
-        while not journal.exists() and time.monotonic() < began + _LONGEST_S:
-            time.sleep(0.01)
-        try:
-            host.wait(at_s)
-        except subprocess.TimeoutExpired:
-            host.send_signal(signal.SIGKILL)
-            host.wait()
+    host = start("lmctl.cli", ["run", job, "--machine", cell, "--runs", folder / "runs"],
+                 folder, "host")
+    began, journal = time.monotonic(), folder / "runs" / "run-0001" / "journal.jsonl"
+    while not journal.exists() and time.monotonic() < began + _LONGEST_S:
+        time.sleep(0.01)
+    host.join(at_s)
+    host.kill()
+    host.join()
     states = [r["to"] for r in read(journal) if r["kind"] == "state"] if journal.exists() else []
     return states[-1] if states else "not begun"
 
@@ -127,15 +116,23 @@ def _recover(cell: Path, folder: Path, outcome: Outcome) -> None:
         outcome.recovered = "not begun"
         return
     time.sleep(0.1)
-    done = subprocess.run(
-        [sys.executable, "-m", "lmctl.cli", "recover", "run-0001", "--machine", cell,
-         "--runs", runs, "--yes", "--json"],
-        capture_output=True, text=True, timeout=_LONGEST_S, check=False,
-    )
-    (folder / "recover.txt").write_text(done.stderr)
-    outcome.recovered = "done" if done.returncode == 0 else f"exit {done.returncode}"
-    if done.returncode:
-        outcome.shortfalls.append(done.stderr.strip().splitlines()[-1])
+    host = start("lmctl.cli", ["recover", "run-0001", "--machine", cell, "--runs", runs, "--yes",
+                               "--json"], folder, "recover")
+    host.join(_LONGEST_S)
+    outcome.recovered = "done" if host.exitcode == 0 else f"exit {host.exitcode}"
+    if host.exitcode != 0:
+        outcome.shortfalls.append((folder / "recover.err").read_text().strip().splitlines()[-1])
+
+
+def _first_line(path: Path) -> str:
+    """Of what a program says, once it is whole."""
+    began = time.monotonic()
+    while time.monotonic() < began + _LONGEST_S:
+        line, end, _ = (path.read_text() if path.exists() else "").partition("\n")
+        if end:
+            return line
+        time.sleep(0.01)
+    raise AssertionError(f"nothing was said: {path.with_suffix('.err').read_text()}")
 
 
 def _judge_record(job: Path, record: dict, folder: Path, outcome: Outcome) -> None:
