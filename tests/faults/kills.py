@@ -40,7 +40,7 @@ SHORT = {
         "[[feeder.hopper]]",
 }
 SPEED_MM_S = 20.0
-#: Cells at a time: each mostly waits, and hosts and cells are forked from one that has imported them.
+#: Cells at a time, each of which mostly waits.
 AT_ONCE = 20
 _LONGEST_S = 60.0
 
