@@ -1,7 +1,7 @@
 """Depositing: lines to the controller as the machine gets on, and the journal of it.
 
-Driven by the motion driver: lines go out with its questions, and its reports say how far they are.
-Between them it does nothing.
+Driven by the motion driver: a report says how far the machine is and so which lines may go, and
+those go out with the next question. Between them it does nothing.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from firmware_protocol.status import StatusReport
+from lmctl.config.machine import Motion
 from lmctl.run.cell import Cell
 from lmctl.run.job_window import JobWindow
 from lmctl.run.outlook import Outlook
@@ -26,6 +27,10 @@ _OVERRIDE_WITHIN_S = 60.0
 
 #: The travel must begin so much later than powder sent now arrives [s]: a report and two ticks.
 _NOTICE_S = 0.3
+
+#: Lines wait for the next question only where the horizon holds so many status periods: one has
+#: gone by when they are sent, another until the next are, and motion must see its end in time.
+_PERIODS_AHEAD = 4
 
 #: (program time done, program time in all, layer, remaining machine time) [s]
 Progress = Callable[[float, float, int, float], None]
@@ -43,6 +48,7 @@ class LayerTally:
 class Deposition:
     """One job on one cell, from where it is entered to its last line or to the next hold.
 
+    motion : the machine's limits and its link
     entry : how it is entered, None at its first line
     tally : of the layer entered; None for a fresh one
     started : whether a line of the job has been sent
@@ -52,7 +58,7 @@ class Deposition:
 
     def __init__(
         self, cell: Cell, window: JobWindow, clock: ProgramClock, feed: PowderFeed,
-        recorder: Recorder, horizon_s: float, *, entry: Entry | None = None,
+        recorder: Recorder, motion: Motion, *, entry: Entry | None = None,
         tally: LayerTally | None = None, done: Callable[[], None],
         failed: Callable[[Exception], None], progress: Progress | None,
     ) -> None:
@@ -67,13 +73,15 @@ class Deposition:
         self._clock = clock
         self._feed = feed
         self._recorder = recorder
-        self._streamer = Streamer(window, horizon_s)
+        self._streamer = Streamer(window, motion.send_horizon_s)
         self._done = done
         self._failed = failed
         self._progress = progress
         self._outlook = Outlook(window.end_s)
         self._loop = asyncio.get_running_loop()
         self._streaming = self._tracking = False
+        self._next_lines: list[bytes] = []  # journaled, to go with the next question
+        self._may_wait = _PERIODS_AHEAD * motion.status_period_s <= motion.send_horizon_s
         self._seen = self._first_line  # lines executed when last looked at
         self._percent = 100
 
@@ -112,13 +120,14 @@ class Deposition:
         if self.tally.began_t is None:
             self.tally.began_t = self._loop.time()
         self._recorder.purged(self._feed.take_fed_g())
-        self._release()
+        self._cell.motion.submit(self._released())
 
     def stop(self) -> None:
         """Send no more lines, whatever is reported; those not yet on the wire are dropped."""
         if self._streaming:
             self._streaming = False
             self._count_fed()
+            self._next_lines.clear()
             self._cell.motion.discard_queue()
 
     def settle(self) -> Place:
@@ -173,13 +182,9 @@ class Deposition:
             self._failed(error)
 
     def on_question(self) -> None:
-        """A report is about to be asked for: the next lines go with the question."""
-        if not self._streaming:
-            return
+        """A report is about to be asked for: the lines that the last one let go go with it."""
         try:
-            if (due := self._clock.due_rate(self._loop.time())) is not None:
-                self.override_now(round(due * 100.0))
-            self._release()
+            self._send()
         except Exception as error:
             self._failed(error)
 
@@ -202,6 +207,11 @@ class Deposition:
                 self._controller_override(t, report.overrides[0])
             self._clock.report(t, self._counted, position_mm)
         if self._streaming:
+            if (due := self._clock.due_rate(t)) is not None:
+                self.override_now(round(due * 100.0))
+            self._next_lines += self._released()
+            if not self._may_wait:
+                self._send()
             self._tell(t)
         self._recorder.sample(
             self.executed, position_mm, report.feed_mm_min, report.spindle,
@@ -241,12 +251,17 @@ class Deposition:
             self._streaming = False
             self._done()
 
-    def _release(self) -> None:
+    def _released(self) -> list[bytes]:
+        """The next lines that may be sent, journaled."""
         batch = self._streamer.take(self._clock.now(self._loop.time()), self._clock.rate)
         if batch.begun:
             self._recorder.paths(batch.begun)
-        if batch.lines:
-            self._cell.motion.submit(batch.lines)
+        return batch.lines
+
+    def _send(self) -> None:
+        if self._next_lines:
+            lines, self._next_lines = self._next_lines, []
+            self._cell.motion.submit(lines)
 
     def _layer_done(self) -> None:
         tally, stretch = self.tally, self._window.stretch(self.tally.layer)

@@ -65,7 +65,7 @@ class Workshop:
         plan = PowderPlan(self.job.manifest.powder_mode, hoses, window, clock)
         feed = PowderFeed(self.cell, plan, clock, self.recorder, self.failed)
         return Work(clock, feed, Deposition(
-            self.cell, window, clock, feed, self.recorder, self.profile.motion.send_horizon_s,
+            self.cell, window, clock, feed, self.recorder, self.profile.motion,
             entry=entry, tally=self._tally(entry, before), done=self.done, failed=self.failed,
             progress=self.progress,
         ))

@@ -224,3 +224,21 @@ def test_a_controller_set_wrongly_is_refused_untouched(run, square_job, bench, r
     assert one.states[-1] == "faulted"
     assert one.executed == []
     assert one.bench.record.fed_g() == {"316L": 0.0, "WC-12Co": 0.0}
+
+
+@pytest.mark.parametrize("period_s", [0.1, 0.25, 0.5])
+class TestHoweverOftenTheControllerIsAsked:
+    """Lines go with the next question, or at once where questions are far between."""
+
+    @pytest.fixture
+    def profile(self, profile, period_s):
+        motion = profile.motion.model_copy(update={"status_period_s": period_s})
+        return profile.model_copy(update={"motion": motion})
+
+    def test_motion_never_waits_for_lines(self, run, large_square_job):
+        one = run(large_square_job)
+        assert one.result.state == "done"
+        blocks = one.bench.motion.trace.blocks()
+        own = blocks.line > 0
+        gaps_s = blocks.start_s[own][1:] - blocks.end_s[own][:-1]
+        assert gaps_s.max() == pytest.approx(0.0, abs=1e-6)
