@@ -1,7 +1,8 @@
 """The PMX register map of powder feeders with one to four hoppers (process.md 1.4), as a table.
 
-Map 1.1 adds one thing to 1.0: every input register a can also be read as holding register
-`MIRROR + a`, so that one FC 23 request writes heartbeat and recipe and reads the status back.
+Map 1.1 adds one thing to 1.0: from holding register `MIRROR` on, the input registers can be read
+too, without the gaps between their blocks: the device's, then each hopper's. So one FC 23 request
+writes heartbeat and recipe and reads back as much as is wanted, up to everything.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ MAP_MAJOR = 1
 MAP_MINOR_MIRROR = 1
 MIRROR = 500
 MOST_HOPPERS = 4
+#: Input registers of one hopper.
+HOPPER_WORDS = 20
 #: The deliberate word that resets a latched watchdog trip.
 WATCHDOG_RESET_KEY = 0xBECF
 ALARM_RESET_KEY = 1
@@ -257,6 +260,14 @@ SYSTEM_BLOCK = PMX.block(row.name for row in _SYSTEM)
 def hopper_names(channel: int) -> tuple[str, ...]:
     """Names of a hopper's input rows, in address order."""
     return tuple(hopper_row(channel, name) for _, name, *_ in _HOPPER)
+
+
+def mirrored_at(channel: int) -> int:
+    """Where the mirror shows a hopper's input registers, counted from `MIRROR`.
+
+    The device's own are at 0. A hopper that is not there shows zeros.
+    """
+    return SYSTEM_BLOCK.count + HOPPER_WORDS * (channel - 1)
 
 
 def recipe_names(n_hoppers: int) -> tuple[str, ...]:

@@ -70,6 +70,7 @@ class FeederCycle:
             h.name: HopperReader(h, identity.feed_factor_g_rev[h.name]) for h in hoppers
         }
         self._readings: Mapping[str, HopperReading] = {}
+        self._mirrored = max(reader.mirrored.stop for reader in self._readers.values())
         self._channels = {h.channel: h.name for h in hoppers}
         self._due_s = self._status_due_s = self._hoppers_due_s = self._loop.time()
         self._news = False
@@ -126,17 +127,22 @@ class FeederCycle:
             return
         self._ask_status = False
         self._status_due_s = self._due_s
+        hoppers_due = now_s >= self._hoppers_due_s
         if self._has_mirror:
-            answer = await self._link.exchange(
-                self._recipe.address, words, MIRROR + SYSTEM_BLOCK.address, SYSTEM_BLOCK.count
-            )
+            count = self._mirrored if hoppers_due else SYSTEM_BLOCK.count
+            answer = await self._link.exchange(self._recipe.address, words, MIRROR, count)
+            if hoppers_due:
+                self._heard({n: answer[r.mirrored] for n, r in self._readers.items()})
         else:
             await self._link.write(self._recipe.address, words)
             answer = await self._link.read_input(SYSTEM_BLOCK.address, SYSTEM_BLOCK.count)
         self._sent = wanted
-        self._answered(self._understood(answer))
-        if self._loop.time() >= self._hoppers_due_s:
-            await self._read_hoppers()
+        self._answered(self._understood(answer[: SYSTEM_BLOCK.count]))
+        if hoppers_due and not self._has_mirror:
+            self._heard({
+                name: await self._link.read_input(reader.address, reader.count)
+                for name, reader in self._readers.items()
+            })
 
     def start(self) -> None:
         self._task = asyncio.create_task(self._run(), name=f"feeder {self._name}")
@@ -233,13 +239,12 @@ class FeederCycle:
         if self._woken is not None and not self._woken.done():
             self._woken.set_result(None)
 
-    async def _read_hoppers(self) -> None:
-        self._hoppers_due_s = self._loop.time() + _HOPPER_CYCLES * self.period_s
+    def _heard(self, words: Mapping[str, Sequence[int]]) -> None:
+        """Take what each hopper says, by its name."""
+        now_s = self._loop.time()
+        self._hoppers_due_s = now_s + _HOPPER_CYCLES * self.period_s
         self._readings = {
-            name: reader.reading(
-                await self._link.read_input(reader.address, reader.count), self._loop.time()
-            )
-            for name, reader in self._readers.items()
+            name: self._readers[name].reading(said, now_s) for name, said in words.items()
         }
 
     async def _reason(self, refused: RefusedError) -> str:

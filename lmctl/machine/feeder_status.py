@@ -15,6 +15,7 @@ from firmware_protocol.pmx import (
     Status,
     hopper_names,
     hopper_row,
+    mirrored_at,
 )
 from firmware_protocol.pmx_alarms import Alarm, alarm
 from lmctl.config.machine import Hopper
@@ -117,7 +118,7 @@ _READ = 11
 
 
 class HopperReader:
-    """Reads one hopper. address, count : of its input registers.
+    """Reads one hopper. address, count : of its input registers; mirrored : which of the mirror's.
 
     feed_factor_g_rev : what the device believes, to tell set-points in g/min
     """
@@ -129,6 +130,8 @@ class HopperReader:
         ]
         (self._block,) = PMX.plan_reads(wanted)
         self.address, self.count = self._block.address, self._block.count
+        at = mirrored_at(hopper.channel)
+        self.mirrored = slice(at, at + self.count)
         self._hopper = hopper
         self._factor = feed_factor_g_rev
 

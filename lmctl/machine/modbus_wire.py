@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+from typing import cast
 
 from pymodbus.exceptions import ModbusIOException
 from pymodbus.framer import FramerBase, FramerRTU, FramerSocket
@@ -57,12 +58,19 @@ class ModbusWire(ModbusProtocol):
         answer: asyncio.Future[ModbusPDU] = self.loop.create_future()
         self._answer = answer
         timer = self.loop.call_later(self._timeout_s, self._late, answer)
-        self.send(self._framer.buildFrame(request))
+        self.recv_buffer = b""
+        cast(asyncio.Transport, self.transport).write(self._framer.buildFrame(request))
         try:
             return await answer
         finally:
             timer.cancel()
             self._asked = self._answer = None
+
+    def data_received(self, data: bytes) -> None:
+        """As pymodbus has it, without the copy it keeps of every frame for its log."""
+        unread = self.recv_buffer + data
+        endless = len(unread) > self.max_buffer_size
+        self.recv_buffer = b"" if endless else unread[self.callback_data(unread):]
 
     def callback_data(self, data: bytes, addr: tuple[str, int] | None = None) -> int:
         """Bytes have come; returns how many are dealt with."""
@@ -92,13 +100,6 @@ class ModbusWire(ModbusProtocol):
         if self._answer is not None and not self._answer.done():
             self._answer.set_exception(ConnectionError("the connection was lost"))
 
-    def _late(self, answer: asyncio.Future[ModbusPDU]) -> None:
-        if answer.done():
-            return
-        answer.set_exception(TimeoutError("no answer in time"))
-        self._unanswered += 1
-        if self._unanswered > _MOST_UNANSWERED and self.comm_params.comm_type is CommType.TCP:
-            self.connection_lost(TimeoutError("nothing answers any more"))
     async def do_reconnect(self) -> None:
         """As pymodbus has it, but only an answer shortens the wait again, not a mere connection.
 
@@ -114,6 +115,13 @@ class ModbusWire(ModbusProtocol):
             pass
         self.reconnect_task = None
 
+    def _late(self, answer: asyncio.Future[ModbusPDU]) -> None:
+        if answer.done():
+            return
+        answer.set_exception(TimeoutError("no answer in time"))
+        self._unanswered += 1
+        if self._unanswered > _MOST_UNANSWERED and self.comm_params.comm_type is CommType.TCP:
+            self.connection_lost(TimeoutError("nothing answers any more"))
 
 
 def _parameters(where: TcpEndpoint | RtuEndpoint, timeout_s: float) -> CommParams:

@@ -27,7 +27,7 @@ from itertools import islice
 from firmware_protocol.status import StatusReport
 
 _MOVING = ("Run", "Hold", "Door")
-_DWELL = re.compile(rb"G0*4(?![0-9.])", re.IGNORECASE)
+_DWELL = re.compile(rb"G0?4(?![0-9.])")
 
 
 class Progress:

@@ -22,7 +22,7 @@ from lmctl.machine.progress import Progress
 _MISSING_ANSWER_S = 5.0
 
 # An AVR board stores these with interrupts off, and what arrives meanwhile is lost.
-_STORES = re.compile(rb"^\s*\$|G\s*0*(?:10|28\.10*|30\.10*)(?![0-9.])", re.IGNORECASE)
+_STORES = re.compile(rb"G\s*0*(?:10|28\.10*|30\.10*)(?![0-9.])")
 
 
 class Stream:
@@ -56,7 +56,7 @@ class Stream:
         lines = list(lines)
         for line in lines:
             self._talk.check_line(line)
-            if _STORES.search(line):
+            if _STORES.search(line.upper()) or line.lstrip()[:1] == b"$":
                 raise LocalProtocolError(f"{line!r} stores something, so it must be sent alone")
         if not self.running:
             self._identity = identity

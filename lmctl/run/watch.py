@@ -9,6 +9,7 @@ from firmware_protocol.codes import alarm_meaning, error_meaning
 from firmware_protocol.status import StatusReport
 from lmctl.config.machine import MachineProfile
 from lmctl.errors import JobError, MachineError
+from lmctl.machine.beat import on_beat
 from lmctl.machine.feeder import FeederDriver
 from lmctl.machine.feeder_status import FeederListener, FeederStatus
 from lmctl.machine.motion import MotionListener
@@ -155,7 +156,8 @@ class Watch:
     def _look_again(self) -> None:
         if self._loop.time() - self._looked_t >= self._stale_s / 2.0:
             self._look()
-        self._timer = self._loop.call_at(self._looked_t + self._stale_s, self._look_again)
+        next_t = on_beat(self._looked_t + self._stale_s, self._loop.time())
+        self._timer = self._loop.call_at(next_t, self._look_again)
 
     def _raise(self, error: MachineError) -> None:
         alarm = self._alarms.add(error, self._recorder.now_s())

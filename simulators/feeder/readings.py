@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from firmware_protocol.pmx import (
     DEVICE_ID,
+    HOPPER_WORDS,
     MAP_MAJOR,
     MAP_MINOR_MIRROR,
     MIRROR,
@@ -22,6 +23,7 @@ from firmware_protocol.pmx import (
 from firmware_protocol.pmx_alarms import CLIPPED, EMPTY, LEVEL_LOW, hopper_code
 from firmware_protocol.registers import Value
 from simulators.feeder.device import PmxDevice
+from simulators.feeder.holding import CONFIGURATION
 from simulators.feeder.hopper import Hopper
 from simulators.modbus_refusal import ILLEGAL_ADDRESS, RefusedError
 
@@ -46,17 +48,33 @@ _HOPPER_BLOCKS = {channel: PMX.block(hopper_names(channel)) for channel in range
 def read_input(device: PmxDevice, address: int, count: int) -> list[int]:
     """Words of input registers. Raises RefusedError(ILLEGAL_ADDRESS) where one is not there."""
     time_s = device.settle()
-    if address < SYSTEM_BLOCK.count:
-        words, start = SYSTEM_BLOCK.encode(readings(device, 0, time_s)), 0
-    else:
-        channel = address // 100
-        if channel not in device.hoppers:
-            raise RefusedError(ILLEGAL_ADDRESS)
-        values = readings(device, channel, time_s)
-        block = _HOPPER_BLOCKS[channel]
-        words = block.encode({hopper_row(channel, name): v for name, v in values.items()})
-        start = block.address
-    first = address - start
+    channel, first = divmod(address, 100)
+    if channel and channel not in device.hoppers:
+        raise RefusedError(ILLEGAL_ADDRESS)
+    return _part(_words(device, channel, time_s), first, count)
+
+
+def _mirrored(device: PmxDevice, first: int, count: int) -> list[int]:
+    """Words of the mirror; first : counted from its start."""
+    time_s = device.settle()
+    words = _words(device, 0, time_s)
+    for channel in range(1, max(device.hoppers) + 1):
+        if first + count > len(words):
+            there = channel in device.hoppers
+            words += _words(device, channel, time_s) if there else [0] * HOPPER_WORDS
+    return _part(words, first, count)
+
+
+def _words(device: PmxDevice, channel: int, time_s: float) -> list[int]:
+    """Every input register of a hopper, or of the device (0), after `settle`."""
+    values = readings(device, channel, time_s)
+    if channel == 0:
+        return SYSTEM_BLOCK.encode(values)
+    named = {hopper_row(channel, name): value for name, value in values.items()}
+    return _HOPPER_BLOCKS[channel].encode(named)
+
+
+def _part(words: list[int], first: int, count: int) -> list[int]:
     if first + count > len(words):
         raise RefusedError(ILLEGAL_ADDRESS)
     return words[first : first + count]
@@ -70,9 +88,8 @@ def readings(device: PmxDevice, channel: int, time_s: float) -> dict[str, Value]
 
 def read_holding(device: PmxDevice, address: int, count: int) -> list[int]:
     """Words of holding registers, or of the input registers' mirror where the map has it."""
-    mirrored = address - MIRROR
-    if device.config.map_minor >= MAP_MINOR_MIRROR and 0 <= mirrored < MIRROR:
-        return read_input(device, mirrored, count)
+    if device.config.map_minor >= MAP_MINOR_MIRROR and MIRROR <= address < CONFIGURATION:
+        return _mirrored(device, address - MIRROR, count)
     device.settle()
     return device.holding.read(address, count)
 

@@ -1,7 +1,7 @@
 import pytest
 
 from firmware_protocol import pmx, pmx_alarms
-from firmware_protocol.registers import MOST_WRITTEN, Kind, RegisterError
+from firmware_protocol.registers import MOST_READ, MOST_WRITTEN, Kind, RegisterError
 
 
 # process.md 1.4, every documented address of the system block and the control registers
@@ -63,12 +63,17 @@ def test_the_mirror_collides_with_nothing():
         for row in pmx.PMX.rows if row.kind is Kind.HOLDING
         for a in range(row.address, row.address + row.words)
     }
-    mirrored = {
-        pmx.MIRROR + a
-        for row in pmx.PMX.rows if row.kind is Kind.INPUT
-        for a in range(row.address, row.address + row.words)
-    }
-    assert not holding & mirrored
+    size = pmx.mirrored_at(pmx.MOST_HOPPERS + 1)
+    assert not holding & set(range(pmx.MIRROR, pmx.MIRROR + size))
+    assert size <= MOST_READ
+
+
+def test_the_mirror_has_every_block_once_and_no_gap():
+    at = pmx.SYSTEM_BLOCK.count
+    for channel in range(1, pmx.MOST_HOPPERS + 1):
+        assert pmx.mirrored_at(channel) == at
+        at += pmx.PMX.block(pmx.hopper_names(channel)).count
+    assert at == pmx.mirrored_at(pmx.MOST_HOPPERS + 1)
 
 
 def test_limits():

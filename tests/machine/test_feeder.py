@@ -213,7 +213,7 @@ def test_requests_are_few(map_minor):
             driver._link._ask = lambda *a, **k: (requests.append(now()), ask(*a, **k))[1]
             await asyncio.sleep(20.0)
             turns, hopper_reads = 40, 10
-            expected = turns * (1 if map_minor else 2) + hopper_reads
+            expected = turns if map_minor else 2 * turns + hopper_reads
             assert abs(len(requests) - expected) <= 2
             assert max(np.diff([s.time_s for s in ears.statuses])) <= 0.5 + 1e-9
 

@@ -466,11 +466,24 @@ def test_every_input_register_of_the_table_is_there_and_reads_as_it_should():
 def test_the_mirror_shows_input_registers_where_the_map_has_it():
     cell = Cell()
     assert read_holding(cell.device, MIRROR, 24) == read_input(cell.device, 0, 24)
-    assert read_holding(cell.device, MIRROR + 100, 20) == read_input(cell.device, 100, 20)
+    whole = read_input(cell.device, 0, 24) + read_input(cell.device, 100, 20)
+    assert read_holding(cell.device, MIRROR, 44) == whole
+    assert read_holding(cell.device, MIRROR + 24, 20) == whole[24:]
+    for address, count in ((MIRROR, 45), (MIRROR + 44, 1), (MIRROR + 100, 1)):
+        with pytest.raises(RefusedError):
+            read_holding(cell.device, address, count)
     old = Cell(map_minor=0)
     assert old.read("MAP_VERSION") == 0x0100
     with pytest.raises(RefusedError):
         read_holding(old.device, MIRROR, 24)
+
+
+def test_the_mirror_of_a_hopper_that_is_not_there_is_zeros():
+    cell = Cell(hopper(1), hopper(3))
+    said = read_holding(cell.device, MIRROR, 84)
+    assert said[24:44] == read_input(cell.device, 100, 20)
+    assert said[44:64] == [0] * 20
+    assert said[64:] == read_input(cell.device, 300, 20)
 
 
 def test_toggle_and_tick_move():

@@ -82,7 +82,7 @@ def test_lines_that_make_no_block_go_with_the_motion_before_them():
     assert progress.executed == 5
 
 
-@pytest.mark.parametrize("dwell", [b"N3 G4 P0.25", b"g04p1", b"G4"])
+@pytest.mark.parametrize("dwell", [b"N3 G4 P0.25", b"G04P1", b"G4"])
 def test_the_answer_to_a_dwell_says_that_all_before_it_is_done(dwell):
     lines = [b"N1 G1 X1", b"N2 G1 X2", dwell, b"N4 G1 X3", dwell]
     progress = stream(lines, 2)
