@@ -35,8 +35,12 @@ BAND_PITCHES = 1.0
 #: Points farther from a node than this, in pitches, are left to other nodes.
 REACH_PITCHES = 2.0
 
-#: Beyond so many pitches the nearest found point is as good as the nearest there is.
+#: Beyond so many pitches only the surfaces that the nearest known point lies on are searched.
 FAR_PITCHES = 16.0
+
+#: A place looks again nearer to the foot it found, at these shares of the way back: nodes far away
+#: were told less precisely.
+LOOKS = (0.1, 0.05, 0.0)
 
 #: What comes this near to where it must end, in pitches, ends there.
 END_PITCHES = 0.05
@@ -89,26 +93,48 @@ class Boundary:
 
     def _nearest(self, points: FloatArray) -> FloatArray:
         feet_mm, active = self._found
-        nodes = (points - np.asarray(self.grid.origin_mm)) / self.grid.pitch_mm
-        rows = np.empty(len(points), dtype=np.int64)
-        near = np.empty((len(points), MOST_NEAR), dtype=np.int64)
-        around(self._sources, feet_mm, active, points, nodes, rows, near)
-        last = np.asarray(self.grid.shape[::-1]) - 1
-        beyond = np.any((nodes < 0) | (nodes > last), axis=1)
-        if beyond.any():
-            rows[beyond] = self._tree.query(points[beyond])[1]
-            near[beyond, :MOST_ACTIVE] = active[rows[beyond]]
-            near[beyond, MOST_ACTIVE:] = -1
+        rows, near = self._looked(points)
         feet = feet_mm[rows]
         best = np.linalg.norm(feet - points, axis=1)
-        close = np.flatnonzero(best < FAR_PITCHES * self.grid.pitch_mm)
+        far = best >= FAR_PITCHES * self.grid.pitch_mm
+        close = np.flatnonzero(~far)
         asked, least = points[close], best[close]
         for among, at in self._searched(asked, near[close], feet[close], least):
             found = np.linalg.norm(at - asked[among], axis=1)
             nearer = found < least[among]
             least[among[nearer]] = found[nearer]
             feet[close[among[nearer]]] = at[nearer]
+        away = np.flatnonzero(far)
+        if len(away):
+            at, good = self._surfaces.nearest(
+                points[away], feet[away], active[rows[away]].astype(np.int64), best[away])
+            away, at = away[good], at[good]
+            good = self.holds(at)
+            feet[away[good]] = at[good]
         return feet
+
+    def _looked(self, points: FloatArray) -> tuple[IntArray, IntArray]:
+        """The nearest foot that nodes know, and the surfaces that are met around it, then those
+        around the point."""
+        feet_mm, active = self._found
+        own = self._in_nodes(points)
+        rows = np.full(len(points), -1, dtype=np.int64)
+        last = np.asarray(self.grid.shape[::-1]) - 1
+        beyond = np.any((own < 0) | (own > last), axis=1)
+        if beyond.any():
+            rows[beyond] = self._tree.query(points[beyond])[1]
+        near = np.full((len(points), MOST_NEAR), -1, dtype=np.int64)
+        around(self._sources, feet_mm, active, points, own, rows, near.copy())
+        for share in LOOKS:
+            near[:] = -1
+            there = feet_mm[rows] + share * (points - feet_mm[rows])
+            around(self._sources, feet_mm, active, points, self._in_nodes(there), rows, near)
+        around(self._sources, feet_mm, active, points, own, rows, near)
+        return rows, near
+
+    def _in_nodes(self, points: FloatArray) -> FloatArray:
+        nodes: FloatArray = (points - np.asarray(self.grid.origin_mm)) / self.grid.pitch_mm
+        return nodes
 
     @cached_property
     def _tree(self) -> cKDTree:
@@ -226,9 +252,8 @@ class Boundary:
         feet = self.feet_mm
         sources = np.full(self.grid.shape, -1, dtype=np.int32)
         squared = np.full(self.grid.shape, np.inf, dtype=np.float32)
-        relative = (feet - np.asarray(self.grid.origin_mm)) / self.grid.pitch_mm
-        seed(relative, sources, squared)
-        del squared, relative
+        seed(self._in_nodes(feet), sources, squared)
+        del squared
         sweep_sources(sources, feet, self.grid)
         return sources
 

@@ -11,7 +11,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 #: Surfaces among which a place looks for its nearest point.
-MOST_NEAR = 5
+MOST_NEAR = 6
 
 
 @kernel
@@ -40,22 +40,29 @@ def around(
     sources: NDArray[np.int32], feet: FloatArray, active: NDArray[np.int16], points: FloatArray,
     nodes: FloatArray, rows: IntArray, near: IntArray,
 ) -> None:
-    """Of the feet that the corners of each point's cell know, the one nearest to the point, and
-    the surfaces that these feet lie on.
+    """Of the feet that the corners of a cell know, the one nearest to a point, and the surfaces
+    that these feet lie on; one cell for each point, its own or another.
 
     nodes : (n, 3), where to look, in node units; taken to the grid's rim where they lie outside
-    rows : (n,), to fill with numbers of feet
-    near : (n, MOST_NEAR), to fill with numbers of surfaces, −1 for none
+    rows : (n,), numbers of the nearest feet so far, −1 for none; replaced by nearer ones
+    near : (n, MOST_NEAR), numbers of surfaces so far, −1 for none; more are added
     """
     nz, ny, nx = sources.shape
     for n in range(len(points)):
         i = int(min(max(nodes[n, 0], 0.0), nx - 1.001))
         j = int(min(max(nodes[n, 1], 0.0), ny - 1.001))
         k = int(min(max(nodes[n, 2], 0.0), nz - 1.001))
-        least, best = np.inf, 0
         count = 0
-        for c in range(8):
-            row = sources[k + (c >> 2 & 1), j + (c >> 1 & 1), i + (c & 1)]
+        while count < near.shape[1] and near[n, count] >= 0:
+            count += 1
+        least, best = np.inf, rows[n]
+        for c in range(-1, 8):
+            if c < 0:
+                row = np.int64(rows[n])
+                if row < 0:
+                    continue
+            else:
+                row = np.int64(sources[k + (c >> 2 & 1), j + (c >> 1 & 1), i + (c & 1)])
             d2 = (
                 (feet[row, 0] - points[n, 0]) ** 2 + (feet[row, 1] - points[n, 1]) ** 2
                 + (feet[row, 2] - points[n, 2]) ** 2
@@ -70,8 +77,6 @@ def around(
                 if not known and count < near.shape[1]:
                     near[n, count] = number
                     count += 1
-        for m in range(count, near.shape[1]):
-            near[n, m] = -1
         rows[n] = best
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.field.features import unit_vector
+from lmctl.part.steps import step_along
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -24,7 +25,7 @@ Vector = tuple[float, float, float]
 MOST_ACTIVE = 3
 
 #: Steps of a search at most, and the last of them, which lead to the surfaces the shortest way.
-MOST_STEPS = 12
+MOST_STEPS = 16
 LAST_STEPS = 2
 
 #: Steps after which a search that leads away is given up.
@@ -158,26 +159,22 @@ class Surfaces:
     def _settle(
         self, points: FloatArray, start: FloatArray, active: IntArray, within_mm: FloatArray
     ) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """Gauss–Newton on the conditions of the nearest point: it lies on the surfaces, and what
-        leads there is a sum of their normals. What leads far away is given up."""
+        """Along the surfaces towards each point, and straight back onto them, in turns.
+
+        How far along is learned from how the way to go changed at the step before (Barzilai and
+        Borwein, doi:10.1093/imanum/8.1.141): surfaces that bend away from a far point want short
+        steps. What leads far away is given up.
+        """
         at, rows = start.copy(), np.arange(len(points))
-        columns = range(MOST_ACTIVE)
-        longest, enough = 4.0 * self.pitch_mm, 0.1 * TOUCH_PITCHES * self.pitch_mm
-        for step_number in range(MOST_STEPS + LAST_STEPS):
-            last = step_number >= MOST_STEPS
+        before = np.zeros((len(points), 2, 3))
+        for number in range(MOST_STEPS):
             value, inward = self._active(at[rows], active[rows])
-            origin = at[rows] if last else points[rows]
-            gram = inward @ inward.transpose(0, 2, 1)
-            gram[:, columns, columns] += np.where(active[rows] < 0, 1.0, 1e-12)
-            right = np.einsum("nij,nj->ni", inward, at[rows] - origin) - value
-            share = np.linalg.solve(gram, right[..., None])
-            step = origin + (inward * share).sum(axis=1) - at[rows]
-            size = np.linalg.norm(step, axis=1)
-            at[rows] += step * np.minimum(1.0, longest / np.maximum(size, 1e-300))[:, None]
-            kept = size > enough
-            if step_number >= PATIENCE:
-                kept &= np.linalg.norm(at[rows] - points[rows], axis=1) < 2.0 * within_mm[rows]
-            rows = rows[kept]
+            last = number >= MOST_STEPS - LAST_STEPS
+            going = step_along(
+                rows, points, at, value, inward, before, self.pitch_mm, number == 0, last)
+            if number >= PATIENCE:
+                going &= np.linalg.norm(at[rows] - points[rows], axis=1) < 2.0 * within_mm[rows]
+            rows = rows[going]
             if len(rows) == 0:
                 break
         value, _ = self._active(at, active, inwards=False)
