@@ -1,112 +1,23 @@
-"""The PMX device by its registers alone, as a host sees it, with a clock moved by hand."""
+"""The simulated feeder: from rest to feeding and back, recipes, and its registers."""
 
-import numpy as np
+from __future__ import annotations
+
 import pytest
 
 from firmware_protocol.pmx import (
     MIRROR,
-    PMX,
     SYSTEM_BLOCK,
-    WATCHDOG_RESET_KEY,
     Command,
     HopperFlags,
     Mode,
     Refusal,
     State,
     Status,
-    WatchdogAction,
     hopper_names,
-    hopper_row,
-    recipe_names,
-    register_map,
 )
-from firmware_protocol.registers import Kind
-from simulators.feeder.config import FeederConfig, HopperConfig
-from simulators.feeder.device import PmxDevice
 from simulators.feeder.readings import read_holding, read_input
-from simulators.modbus_refusal import BUSY, ILLEGAL_ADDRESS, ILLEGAL_VALUE, REFUSED, RefusedError
-
-REMOTE = Command.ENABLE_REMOTE
-GAS = REMOTE | Command.GAS_ON
-FEED = GAS | Command.FEED_ON
-
-
-def hopper(channel: int = 1, **changes) -> HopperConfig:
-    settings = {
-        "channel": channel, "material": "316L", "density_g_mm3": 0.008, "catch_efficiency": 0.7,
-        "dead_time_s": 3.0, "lag_s": 1.0, "feed_factor_g_rev": 2.0, "n_min_rpm": 0.3,
-        "n_max_rpm": 20.0, "fill_g": 1000.0,
-    }
-    return HopperConfig(**{**settings, **changes})
-
-
-class Cell:
-    """A device, its clock, and the host's habits."""
-
-    def __init__(self, *hoppers: HopperConfig, **settings) -> None:
-        self.t = 100.0
-        config = FeederConfig("F1", hoppers or (hopper(),), **settings)
-        self.device = PmxDevice(config, lambda: self.t)
-        self.n = len(config.hoppers)
-        self.beats = 0
-
-    def wait(self, seconds: float, *, beating: bool = True) -> None:
-        """Let time pass; a beating host writes its heartbeat four times a second."""
-        end = self.t + seconds
-        while beating and self.t + 0.25 < end:
-            self.t += 0.25
-            self.beat()
-        self.t = end
-
-    def beat(self) -> None:
-        self.beats += 1
-        self.write("HEARTBEAT", self.beats)
-
-    def write(self, name: str, value) -> None:
-        self.device.write(PMX.wire_address(name), PMX.encode(name, value))
-
-    def refused(self, name: str, value) -> int:
-        with pytest.raises(RefusedError) as caught:
-            self.write(name, value)
-        return caught.value.code
-
-    def recipe(self, *flows_g_min: float, seq: int, ramp_s: float = 0.0, **more) -> None:
-        """One write from HEARTBEAT to the last shadow register."""
-        self.beats += 1
-        table = register_map(self.n)
-        values = dict.fromkeys(recipe_names(self.n), 0)
-        values |= {"HEARTBEAT": self.beats, "WD_TIMEOUT": 1000, "WD_ACTION": 1, "SEQ": seq,
-                   "RAMP": ramp_s, "STABILISE": 8.0, "POSTFLOW": 10.0, "SETPOINT_MODE": 1,
-                   "AT_SPEED_TOL": 2.0}
-        for channel, flow in enumerate(flows_g_min, 1):
-            values[hopper_row(channel, "FLOW_SP")] = flow
-            values[hopper_row(channel, "CARRIER_SP")] = 4.0
-        block = table.block(recipe_names(self.n))
-        self.device.write(block.address, block.encode(values | more))
-
-    def read(self, name: str):
-        row = PMX[name]
-        read = read_input if row.kind is Kind.INPUT else read_holding
-        return PMX.decode(name, read(self.device, PMX.wire_address(name), row.words))
-
-    @property
-    def state(self) -> State:
-        return State(self.read("STATE"))
-
-    @property
-    def status(self) -> Status:
-        return Status(self.read("STATUS"))
-
-    def feed(self, *flows_g_min: float) -> None:
-        """Take command and run powder until it is stable."""
-        self.write("COMMAND", REMOTE)
-        self.recipe(*flows_g_min, seq=1)
-        self.write("COMMAND", FEED)
-        self.wait(11.5)
-        assert self.state is State.FEEDING
-
-    def disc_rpm(self, channel: int = 1) -> float:
-        return self.read(hopper_row(channel, "DISC_ACT"))
+from simulators.modbus_refusal import ILLEGAL_ADDRESS, ILLEGAL_VALUE, REFUSED, RefusedError
+from tests.simulators.feeder_cell import FEED, GAS, REMOTE, Cell, hopper
 
 
 def test_it_says_what_it_is():
@@ -242,161 +153,6 @@ def test_a_set_point_below_the_least_speed_stands_still_and_is_told():
     flags = HopperFlags(cell.read("H1.STATUS"))
     assert HopperFlags.BELOW_N_MIN in flags
     assert HopperFlags.AT_SETPOINT not in flags
-
-
-@pytest.mark.parametrize(
-    ("action", "state", "rpm", "gas"),
-    [
-        (WatchdogAction.HOLD, State.FEEDING, 3.0, 4.0),
-        (WatchdogAction.DISCS_STOP, State.STOPPING, 0.0, 4.0),
-        (WatchdogAction.ALL_STOP, State.FAULT, 0.0, 0.0),
-    ],
-)
-def test_a_silent_host_trips_the_watchdog(action, state, rpm, gas):
-    cell = Cell()
-    cell.feed(6.0)
-    cell.write("WD_ACTION", action)
-    cell.beat()
-    cell.wait(0.999, beating=False)
-    assert Status.WATCHDOG_TRIPPED not in cell.status
-    cell.wait(0.5, beating=False)
-    assert Status.WATCHDOG_TRIPPED | Status.ALARM in cell.status
-    assert cell.read("FIRST_ALARM_CODE") == 104
-    assert (cell.disc_rpm(), cell.read("TOTAL_GAS")) == (rpm, gas)
-    if action is WatchdogAction.DISCS_STOP:
-        assert cell.state is State.FAULT
-    else:
-        assert cell.state is state
-
-
-def test_powder_stops_when_the_watchdog_says_though_nobody_asks_until_later():
-    cell = Cell()
-    cell.feed(6.0)
-    cell.beat()
-    last_beat_s = cell.t
-    cell.wait(1000.0, beating=False)
-    assert cell.disc_rpm() == 0.0
-    assert cell.device.spans[-1].end_s == pytest.approx(last_beat_s + 1.0)
-    flow = cell.device.hoppers[1].process.nozzle_flow_g_s
-    assert flow(np.array([last_beat_s + 3.99, last_beat_s + 20.0])) == pytest.approx(
-        [0.1, 0.0], abs=1e-4
-    )
-
-
-def test_a_heartbeat_that_does_not_change_is_none():
-    cell = Cell()
-    cell.feed(6.0)
-    for _ in range(5):
-        cell.t += 0.3
-        cell.write("HEARTBEAT", cell.beats)
-    assert Status.WATCHDOG_TRIPPED in cell.status
-
-
-def test_nothing_starts_by_itself_after_a_trip():
-    cell = Cell()
-    cell.feed(6.0)
-    cell.wait(2.0, beating=False)
-    assert cell.read("COMMAND") == GAS  # the device took FEED_ON back
-    cell.beat()
-    assert cell.refused("COMMAND", FEED) == REFUSED
-    assert cell.read("LAST_REFUSAL") == Refusal.FAULTED
-    assert cell.refused("ALARM_RESET", 1) == REFUSED
-    assert cell.read("LAST_REFUSAL") == Refusal.CAUSE_REMAINS
-    assert cell.refused("WD_RESET", 1) == ILLEGAL_VALUE
-    cell.write("WD_RESET", WATCHDOG_RESET_KEY)
-    assert cell.refused("COMMAND", FEED) == REFUSED
-    cell.write("ALARM_RESET", 1)
-    assert cell.read("FIRST_ALARM_CODE") == 0
-    assert cell.read("ALARM_COUNT") == 1
-    assert cell.disc_rpm() == 0.0
-    cell.write("COMMAND", FEED)
-    assert cell.state is State.STABILISING
-
-
-def test_the_watchdog_watches_only_a_host_in_command():
-    cell = Cell()
-    cell.wait(100.0, beating=False)
-    assert Status.WATCHDOG_TRIPPED not in cell.status
-    cell.write("COMMAND", REMOTE)
-    cell.wait(0.9, beating=False)
-    assert Status.WATCHDOG_TRIPPED not in cell.status
-    cell.write("COMMAND", 0)
-    cell.wait(100.0, beating=False)
-    assert Status.WATCHDOG_TRIPPED not in cell.status
-
-
-def test_an_empty_hopper_is_an_alarm_and_stops_powder():
-    cell = Cell(hopper(fill_g=5.0))
-    cell.feed(20.0)
-    cell.wait(8.0)
-    assert cell.state is State.FAULT
-    assert cell.read("FIRST_ALARM_CODE") == 207
-    assert cell.read("ALARM") == 1 << 8
-    assert cell.read("H1.ALARM") == 1 << 6
-    assert (cell.read("H1.WEIGHT"), cell.read("H1.LEVEL")) == (0.0, 0.0)
-    assert HopperFlags.LEVEL_EMPTY | HopperFlags.FAULT in HopperFlags(cell.read("H1.STATUS"))
-    assert cell.refused("ALARM_RESET", 1) == REFUSED
-
-
-def test_a_low_level_is_a_warning_only():
-    cell = Cell(hopper(fill_g=5.0))
-    cell.feed(20.0)
-    cell.wait(5.3)
-    assert cell.read("WARNING") == 1
-    assert cell.state is State.FEEDING
-
-
-def test_the_first_alarm_is_kept_apart():
-    cell = Cell()
-    cell.feed(6.0)
-    cell.wait(2.0, beating=False)
-    cell.device.open_estop_chain(True)
-    assert cell.read("FIRST_ALARM_CODE") == 104
-    assert cell.read("ALARM") == 1 << 0 | 1 << 3
-    assert cell.read("ALARM_COUNT") == 2
-
-
-def test_an_open_estop_chain_stops_everything_and_must_be_reset():
-    cell = Cell()
-    cell.feed(6.0)
-    cell.device.open_estop_chain(True)
-    assert (cell.state, cell.disc_rpm(), cell.read("TOTAL_GAS")) == (State.ESTOP, 0.0, 0.0)
-    assert Status.ESTOP_CHAIN_OK not in cell.status
-    assert cell.refused("COMMAND", GAS) == REFUSED
-    assert cell.refused("ALARM_RESET", 1) == REFUSED
-    cell.device.open_estop_chain(False)
-    assert cell.state is State.ESTOP
-    cell.write("ALARM_RESET", 1)
-    assert cell.state is State.READY
-
-
-def test_local_takes_the_host_out_of_command():
-    cell = Cell()
-    cell.feed(6.0)
-    cell.device.turn_local(True)
-    assert cell.disc_rpm() == 0.0
-    assert cell.read("MODE") == Mode.LOCAL
-    assert Status.REMOTE not in cell.status
-    assert cell.refused("HEARTBEAT", 5) == REFUSED
-    assert cell.read("LAST_REFUSAL") == Refusal.NOT_REMOTE
-    cell.device.turn_local(False)
-    cell.write("COMMAND", REMOTE)
-    assert Status.REMOTE in cell.status
-
-
-def test_a_restart_forgets_all_but_the_stored_configuration():
-    cell = Cell(boot_s=2.0)
-    cell.t += 3.0
-    cell.write("H1.FEED_FACTOR", 4.0)
-    cell.feed(6.0)
-    cell.device.restart()
-    assert cell.state is State.BOOT
-    assert cell.refused("HEARTBEAT", 9) == BUSY
-    cell.wait(2.0, beating=False)
-    assert cell.state is State.NOT_READY
-    assert (cell.read("UPTIME"), cell.read("SEQ_APPLIED"), cell.read("COMMAND")) == (2, 0, 0)
-    assert cell.read("H1.FEED_FACTOR") == 4.0
-    assert cell.disc_rpm() == 0.0
 
 
 def test_the_stored_feed_factor_is_what_the_device_believes_not_what_is_true():

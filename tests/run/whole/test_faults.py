@@ -1,0 +1,204 @@
+"""Interlocks and faults in a run: beam and motion first, then powder; what can be gone on with."""
+
+from __future__ import annotations
+
+import errno
+import os
+from types import SimpleNamespace
+
+import pytest
+
+from lmctl.errors import MachineError, RunBrokenOff, RunFailed, RunStopped
+from lmctl.run.journal_file import verify
+from tests.run.whole.laid import (
+    BEAM_OFF_S,
+    EXACT_MM,
+    OVERLAP_MM,
+    acts,
+    check_all_is_laid,
+    laid_again_mm,
+)
+
+
+def stop(one):
+    one.executor.stop()
+
+
+def reboot(one):
+    """Another host's 0x18 in the middle of the stream: to this host the controller restarts."""
+    one.bench.motion.receive(b"\x18")
+
+
+def deafen(one):
+    """The wire to the controller breaks; what it says still arrives."""
+    one.bench.motion.receive = lambda data: None
+
+
+def silence(one):
+    one.bench.motion.detach()
+
+
+def estop_chain(one):
+    one.bench.feeders["F1"].open_estop_chain(True)
+
+
+def feeder_restarts(one):
+    one.bench.feeders["F2"].restart()
+
+
+def feeder_to_local(one):
+    one.bench.feeders["F1"].turn_local(True)
+
+
+#: What happens, in how many cycles of its feeder the host can know, and what it must say.
+INTERLOCKS = {
+    "estop": (estop_chain, 1, "emergency"),
+    "feeder restarts": (feeder_restarts, 5, "feeder F2"),
+}
+
+
+def test_a_feeder_that_cannot_be_stopped_is_said_so(run, large_square_job):
+    """At LOCAL a feeder takes no orders: its powder is for the people at its panel."""
+    one = run(large_square_job, acts=[(3.0, feeder_to_local), (20.0, stop)])
+    assert isinstance(one.error, RunBrokenOff)
+    assert "its switch stands at LOCAL" in one.error.what
+    assert "powder did not stop" in one.error.render()
+    assert len(one.standing_beam) == 0
+    assert "held" in one.states
+
+
+@pytest.mark.parametrize("name", INTERLOCKS)
+def test_an_interlock_takes_beam_and_motion_down_first_and_waits(
+    run, profile, large_square_job, name
+):
+    act, cycles, words = INTERLOCKS[name]
+    seen_s = cycles * profile.feeder[0].watchdog_s / 4
+    one = run(large_square_job, acts=[(3.0, act), (20.0, stop)])
+    assert isinstance(one.error, RunStopped), one.error
+    text = one.error.render()
+    assert words.lower() in text.lower()
+    assert "lmctl recover" in text
+    assert len(one.standing_beam) == 0
+    assert one.path.time_s.max() < one.started_s + 3.0 + seen_s + BEAM_OFF_S
+    assert one.still_feeding == []
+    assert one.states[-4:] == ["holding", "held", "stopping", "stopped"]
+    assert [do for do in acts(one) if do.startswith(("feed hold", "powder off"))][:2] == [
+        "feed hold", "powder off"]
+    assert words.lower() in one.records("alarm")[0]["what"].lower()
+    (seal,) = one.records("seal")
+    assert seal["recoverable"]
+
+
+def test_after_an_interlock_the_operator_goes_on_with_the_part(run, large_square_job):
+    """The disc of a feeder that was switched to LOCAL and back: alarms acknowledged, powder new."""
+    one = run(large_square_job, acts=[
+        (3.0, feeder_to_local), (20.0, lambda r: r.bench.feeders["F1"].turn_local(False)),
+        (25.0, lambda r: r.executor.resume()),
+    ])
+    whole = run(large_square_job)
+    assert one.result.state == "done", one.error
+    # Until the feeder was asked again, a second later, nobody could know.
+    assert one.bare_beam[:, 1].max() < one.started_s + 3.0 + 1.0 + BEAM_OFF_S
+    one.bare_beam = []
+    one.check_safe()
+    check_all_is_laid(one, whole)
+    assert laid_again_mm(one, whole) == pytest.approx(OVERLAP_MM, abs=EXACT_MM)
+
+
+def test_a_restarted_controller_ends_the_run(run, large_square_job):
+    one = run(large_square_job, acts=[(3.0, reboot)])
+    assert isinstance(one.error, RunFailed), one.error
+    assert "the motion controller restarted" in one.error.render()
+    assert one.path.time_s.max() < one.started_s + 3.0 + BEAM_OFF_S
+    assert one.still_feeding == []
+    assert one.states[-2:] == ["tripped", "faulted"]
+    assert "restarted" in one.records("fault")[0]["what"]
+    assert one.records("seal")[0]["state"] == "faulted"
+
+
+@pytest.mark.parametrize("act", [deafen, silence])
+def test_without_a_host_the_controller_runs_dry_within_the_send_horizon(
+    run, large_square_job, act
+):
+    one = run(large_square_job, acts=[(3.0, act)])
+    assert isinstance(one.error, RunFailed)
+    assert "the motion controller has not reported for" in one.error.what
+    assert one.path.time_s.max() < one.started_s + 3.0 + 1.0 + BEAM_OFF_S
+    assert len(one.standing_beam) == 0
+    assert one.still_feeding == []
+    assert one.records("seal")[0]["state"] == "faulted"
+
+
+def test_a_locked_machine_is_refused_and_left_alone(run, square_job):
+    """Grbl with homing on ($22=1) starts in alarm until it is homed."""
+    one = run(square_job, bench=[('dialect = "grblhal"', 'dialect = "grbl"'),
+                                 ("10 = 511", "10 = 3\n22 = 1")])
+    assert isinstance(one.error, MachineError)
+    assert "Alarm" in one.error.render()
+    assert one.executed == []
+    assert one.states == ["connecting", "checking", "faulted"]
+
+
+@pytest.mark.parametrize("bench", [
+    [], [('dialect = "grblhal"', 'dialect = "grbl"'), ("10 = 511", "10 = 3")],
+])
+def test_a_line_damaged_on_its_way_stops_the_run_at_once(run, large_square_job, bench):
+    def damage(one):
+        receive = one.bench.motion.receive
+        left = [1]
+
+        def damaged(data):
+            if b" G1 " in data and left:
+                left.clear()
+                data = data.replace(b" G1 ", b" G9 ", 1)
+            receive(data)
+
+        one.bench.motion.receive = damaged
+
+    one = run(large_square_job, bench=bench, acts=[(3.0, damage)])
+    assert isinstance(one.error, RunFailed)
+    text = one.error.render()
+    assert "program line" in text
+    assert "was rejected" in text
+    assert len(one.standing_beam) == 0
+    assert one.path.time_s.max() < one.started_s + 4.5
+    assert one.still_feeding == []
+
+
+def test_a_job_altered_while_it_runs_ends_the_run(run, tmp_path, profile, job_file):
+    job_file(tmp_path / "job.lmj", profile, job_file.squares(layers=4, per_layer=3, side_mm=12.0))
+
+    def alter(one):
+        (copy,) = tmp_path.glob("bench-*/runs/*/job.lmj")
+        data = bytearray(copy.read_bytes())
+        at = data.rindex(b"S500")
+        data[at:at + 4] = b"S999"
+        copy.write_bytes(data)
+
+    one = run(tmp_path / "job.lmj", acts=[(1.0, alter)])
+    assert isinstance(one.error, RunFailed)
+    assert "job.lmj" in one.error.what
+    assert "plan the part again" in one.error.hint
+    assert len(one.standing_beam) == 0
+    assert one.still_feeding == []
+    assert one.states[-2:] == ["tripped", "faulted"]
+
+
+def test_a_full_disk_ends_the_run_safely(run, large_square_job, monkeypatch):
+    def fill_disk(one):
+        def write(fd, data):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+        full = SimpleNamespace(**{**vars(os), "write": write})
+        monkeypatch.setattr("lmctl.run.journal.os", full)
+
+    one = run(large_square_job, acts=[(3.0, fill_disk)])
+    monkeypatch.undo()
+    assert isinstance(one.error, RunFailed)
+    assert "No space left on device" in one.error.render()
+    assert len(one.standing_beam) == 0
+    assert one.still_feeding == []
+    found = verify(one.journal)
+    assert found.whole
+    assert not found.sealed  # it could not be
+    assert one.path.time_s.max() < one.started_s + 3.0 + 5.0

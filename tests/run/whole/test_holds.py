@@ -1,0 +1,154 @@
+"""Holds, panel and door: the place is kept, powder is fresh, and the part is made whole."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lmctl.errors import RunFailed, RunStopped, UsageError
+from tests.run.whole.laid import BEAM_OFF_S, EXACT_MM, OVERLAP_MM, check_all_is_laid, laid_again_mm
+
+
+def test_a_hold_keeps_the_place_and_the_beam_returns_with_overlap_through_fresh_powder(
+    run, large_square_job
+):
+    one = run(large_square_job, acts=[
+        (3.0, lambda r: r.executor.hold()), (50.0, lambda r: r.executor.resume()),
+    ])
+    whole = run(large_square_job)
+    assert one.result.state == "done"
+    one.check_safe()
+    check_all_is_laid(one, whole)
+    assert laid_again_mm(one, whole) == pytest.approx(OVERLAP_MM, abs=EXACT_MM)
+    (entry,) = one.records("entry")
+    assert entry["repeated_mm"] == pytest.approx(OVERLAP_MM)
+    assert one.entered_s("resuming") - one.entered_s("purging") >= 7.0  # θ + 4τ of hopper A
+    dark = np.argmax(np.diff(one.path.time_s))
+    assert one.path.time_s[dark] < one.started_s + 3.0 + BEAM_OFF_S
+    assert one.path.time_s[dark + 1] >= one.entered_s("resuming")
+    # The nozzle gives what it should from the first moment on.
+    assert one.path.flow_g_s[dark + 1] == pytest.approx(0.1, rel=0.02)
+
+
+def test_a_held_cell_feeds_no_powder_and_its_controller_holds_no_motion(run, large_square_job):
+    seen = {}
+
+    def look(one):
+        seen["state"] = one.executor.state
+        seen["feeding"] = [d.spans[-1].end_s > one.loop.time() for d in one.bench.feeders.values()]
+        seen["at"] = one.bench.motion.position_mm
+        one.bench.motion.receive(b"~")  # somebody presses cycle start at its panel
+
+    one = run(large_square_job, acts=[
+        (3.0, lambda r: r.executor.hold()), (8.0, look),
+        (10.0, lambda r: seen.update(then=r.bench.motion.position_mm)),
+        (12.0, lambda r: r.executor.resume()),
+    ])
+    assert one.result.state == "done"
+    one.check_safe()
+    assert seen["state"] == "held"
+    assert seen["feeding"] == [False, False]
+    assert seen["then"] == seen["at"]
+
+
+def test_powder_is_purged_beside_the_part(run, large_square_job):
+    one = run(large_square_job, acts=[
+        (3.0, lambda r: r.executor.hold()), (12.0, lambda r: r.executor.resume()),
+        (20.0, lambda r: setattr(r, "purging_at", r.bench.motion.position_mm)),
+    ])
+    assert one.result.state == "done"
+    assert one.purging_at == pytest.approx(one.executor._profile.motion.purge_mm, abs=0.01)
+
+
+@pytest.mark.parametrize("at_s", [0.5, 1.1, 1.7, 2.3, 2.9, 3.7, 4.4])
+def test_held_anywhere_the_part_is_made_whole(run, square_job, at_s):
+    one = run(square_job, acts=[
+        (at_s, lambda r: r.executor.state == "depositing" and r.executor.hold()),
+        (at_s + 5.0, lambda r: r.executor.state == "held" and r.executor.resume()),
+    ])
+    whole = run(square_job)
+    assert one.result.state == "done"
+    one.check_safe()
+    check_all_is_laid(one, whole)
+    assert -EXACT_MM < laid_again_mm(one, whole) < OVERLAP_MM + EXACT_MM
+    layers = [record["layer"] for record in one.records("layer")]
+    assert layers == [record["layer"] for record in whole.records("layer")]
+
+
+def test_held_twice_in_the_overlap_the_first_place_counts(run, large_square_job):
+    one = run(large_square_job, acts=[
+        (3.0, lambda r: r.executor.hold()), (8.0, lambda r: r.executor.resume()),
+        (32.0, lambda r: r.executor.state == "depositing" and r.executor.hold()),
+        (40.0, lambda r: r.executor.state == "held" and r.executor.resume()),
+    ])
+    whole = run(large_square_job)
+    assert one.result.state == "done"
+    one.check_safe()
+    check_all_is_laid(one, whole)
+    places = [(r["line"], r["share"]) for r in one.records("place")]
+    assert places == sorted(places)
+
+
+def test_nobody_comes_to_a_held_run(run, large_square_job, monkeypatch):
+    monkeypatch.setattr("lmctl.run.sequence.HELD_AT_MOST_S", 100.0)
+    one = run(large_square_job, acts=[(3.0, lambda r: r.executor.hold())])
+    assert isinstance(one.error, RunStopped)
+    assert "lmctl recover" in one.error.hint
+    assert one.entered_s("stopping") - one.entered_s("held") == pytest.approx(100.0, abs=0.1)
+    one.check_safe()
+
+
+def test_a_hold_while_purging_holds_again(run, large_square_job):
+    one = run(large_square_job, acts=[
+        (3.0, lambda r: r.executor.hold()), (8.0, lambda r: r.executor.resume()),
+        (12.0, lambda r: r.executor.hold()), (20.0, lambda r: r.executor.resume()),
+    ])
+    assert one.result.state == "done"
+    one.check_safe()
+    assert one.states.count("held") == 2
+    assert one.states.count("resuming") == 1
+
+
+def test_a_hold_that_does_not_come_is_followed_by_a_reset(run, large_square_job):
+    """A controller that ignores `!`: 0x18 after 250 ms, and the run is over."""
+
+    def deaf_to_hold(one):
+        receive = one.bench.motion.receive
+        one.bench.motion.receive = lambda data: receive(data.replace(b"!", b""))
+        one.executor.hold()
+
+    one = run(large_square_job, acts=[(3.0, deaf_to_hold)])
+    assert isinstance(one.error, RunFailed)
+    assert "no hold showed" in one.error.render()
+    assert one.path.time_s.max() < one.started_s + 3.0 + 2 * 0.25 + 2 * BEAM_OFF_S
+    assert one.still_feeding == []
+    assert one.records("seal")[0]["state"] == "faulted"
+
+
+def test_a_hold_at_the_controller_s_own_panel_is_a_hold(run, large_square_job):
+    one = run(large_square_job, acts=[
+        (3.0, lambda r: r.bench.motion.receive(b"!")), (20.0, lambda r: r.executor.resume()),
+    ])
+    assert one.result.state == "done"
+    one.check_safe()
+    assert one.states.count("held") == 1
+
+
+def test_an_opened_door_holds_the_run_until_it_is_closed(run, large_square_job):
+    refused = []
+
+    def too_early(one):
+        try:
+            one.executor.resume()
+        except UsageError as error:
+            refused.append(error.render())
+
+    one = run(large_square_job, acts=[
+        (3.0, lambda r: r.bench.motion.set_door(True)), (8.0, too_early),
+        (10.0, lambda r: r.bench.motion.set_door(False)), (12.0, lambda r: r.executor.resume()),
+    ])
+    whole = run(large_square_job)
+    assert one.result.state == "done", one.error
+    assert "door is open" in refused[0]
+    one.check_safe()
+    check_all_is_laid(one, whole)

@@ -1,0 +1,49 @@
+"""An operator's stop, Ctrl-C and a cancel: orderly, and they say where the part stands."""
+
+from __future__ import annotations
+
+import signal
+
+import pytest
+
+from lmctl.errors import RunStopped
+from tests.run.whole.laid import BEAM_OFF_S, acts
+
+
+def interrupt(one):
+    signal.raise_signal(signal.SIGINT)
+
+
+@pytest.mark.parametrize("how", [
+    lambda r: r.executor.stop(), lambda r: r.task.cancel(), interrupt,
+    lambda r: signal.raise_signal(signal.SIGTERM),
+], ids=["stop", "cancel", "ctrl-c", "terminate"])
+def test_a_stop_is_orderly_and_says_where(run, large_square_job, how):
+    one = run(large_square_job, acts=[(3.0, how)])
+    assert isinstance(one.error, RunStopped)
+    assert one.error.exit_code == 5
+    text = one.error.render()
+    assert "layer 1, program line" in text
+    assert "journal.jsonl" in text
+    one.check_safe()
+    assert one.states[-2:] == ["stopping", "stopped"]
+    assert acts(one)[-3:] == ["beam and motion off", "powder off", "post-flow, gas off"]
+    assert one.path.time_s.max() < one.started_s + 3.0 + BEAM_OFF_S
+    assert one.ended_s - one.entered_s("stopping") > 10.0  # post-flow
+
+
+@pytest.mark.parametrize("how", [lambda r: r.executor.stop(), interrupt], ids=["stop", "ctrl-c"])
+def test_a_second_stop_skips_the_post_flow(run, large_square_job, how):
+    one = run(large_square_job, acts=[(3.0, how), (4.0, how)])
+    assert isinstance(one.error, RunStopped)
+    one.check_safe()
+    assert acts(one)[-3:] == ["beam and motion off", "powder off", "gas off"]
+    assert one.ended_s - one.entered_s("stopping") < 5.0
+
+
+def test_a_stop_in_a_hold_is_a_stop(run, large_square_job):
+    one = run(large_square_job, acts=[
+        (3.0, lambda r: r.executor.hold()), (10.0, lambda r: r.executor.stop()),
+    ])
+    assert isinstance(one.error, RunStopped)
+    one.check_safe()
