@@ -1,72 +1,40 @@
 """The safety-input device: facts about the cell's safety circuits, each with its age.
 
-Every period one request (FC 23) writes the heartbeat, which keeps the watchdog relay closed, and
-reads all inputs back. What the facts mean for a run is decided elsewhere. A word to the
-laser-enable output waits for no period: it goes out straight after a request that is under way.
+What the facts mean for a run is decided elsewhere; who talks to the device, and how, is
+`safety_cycle`.
 """
 
 from __future__ import annotations
 
-import asyncio
-from collections.abc import Callable, Sequence
-
-from firmware_protocol.safety_io import CYCLE_BLOCK, MIRROR, RELAY_RESET_KEY, SIO, Status
+from firmware_protocol.safety_io import RELAY_RESET_KEY, SIO
 from lmctl.config.machine import Safety
 from lmctl.errors import MachineError
-from lmctl.machine.beat import on_beat
-from lmctl.machine.laser_enable import SETTLE_S, LaserEnable
 from lmctl.machine.modbus import ModbusLink, NoAnswerError, RefusedError
-from lmctl.machine.safety_identity import SafetyIdentity, check_line, identify, place
-from lmctl.machine.safety_status import SafetyListener, SafetyStatus, safety_status
+from lmctl.machine.safety_cycle import SILENT_PERIODS, SafetyCycle
+from lmctl.machine.safety_identity import SafetyIdentity, check_line, identify
+from lmctl.machine.safety_status import SafetyListener, SafetyStatus
 
-#: Periods without a good answer before the device is given up.
-_SILENT_PERIODS = 3
 #: A device on a network may take this long to answer, however short the period [s].
 _LEAST_PATIENCE_S = 0.05
 _RESET_PATIENCE_S = 1.0
 #: More than an output takes to follow its word, and to be found not to [s].
 _OUTPUT_PATIENCE_S = 0.2
-_WITH_THE_RELAY = "it drops with the watchdog relay, which is open: see what opened that"
-_ROUNDING_S = 1e-6
 
-_HEARTBEAT = SIO.wire_address("HEARTBEAT")
 _RELAY_RESET = SIO.wire_address("RELAY_RESET")
-
-#: Words of the cycle block that are bits of good things: INPUTS and STATUS. That the laser is
-#: enabled is not one of them.
-_BIT_WORDS = 2
-_NEVER_WORSE = (0, Status.LASER_ENABLED.value)
 
 
 class SafetyDriver:
-    """One safety-input device.
+    """One safety-input device, opened by `open`.
 
-    An answer is *good* when it echoes the heartbeat just written and its time stamp has moved:
-    one that is frozen, or comes from some buffer on the way, is no answer. Such an answer may
-    still make things worse (an input it shows open is open in `status`), never better.
+    status : the last answer, made worse by what proves nothing better (see SafetyCycle)
+    fault : why it cannot be relied on, or None; listener : who is told
     """
 
     def __init__(self, link: ModbusLink, safety: Safety, identity: SafetyIdentity) -> None:
         self.identity = identity
-        self.listener = SafetyListener()
-        self.status: SafetyStatus | None = None
-        self.fault: MachineError | None = None
         self._safety = safety
         self._link = link
-        self._loop = asyncio.get_running_loop()
-        self._control = (
-            [] if safety.relay_timeout_s is None else [round(safety.relay_timeout_s * 1000)]
-        )
-        self._laser = LaserEnable() if safety.laser_enable else None
-        self._heartbeat = 0
-        self._words: Sequence[int] = ()  # of the last status
-        self._good: SafetyStatus | None = None  # the last good answer
-        self._why = ("no answer", "check its power and cable")
-        self._waiting: list[asyncio.Future[None]] = []
-        self._task: asyncio.Task[None] | None = None
-        self._timer: asyncio.TimerHandle | None = None
-        self._rest: asyncio.Future[None] | None = None  # between two requests
-        self._urgent = False  # the next request is not to wait for its period
+        self._cycle = SafetyCycle(link, safety)
 
     @classmethod
     async def open(cls, safety: Safety) -> SafetyDriver:
@@ -86,19 +54,33 @@ class SafetyDriver:
             ) from error
         try:
             driver = cls(link, safety, await identify(link, safety))
-            await driver._turn()
-            if driver._good is None:
-                raise driver._error(*driver._why)
+            await driver._cycle.first_answer()
         except BaseException:
             await link.close()
             raise
-        driver._start()
+        driver._cycle.start()
         return driver
+
+    @property
+    def listener(self) -> SafetyListener:
+        return self._cycle.listener
+
+    @listener.setter
+    def listener(self, listener: SafetyListener) -> None:
+        self._cycle.listener = listener
+
+    @property
+    def status(self) -> SafetyStatus | None:
+        return self._cycle.status
+
+    @property
+    def fault(self) -> MachineError | None:
+        return self._cycle.fault
 
     @property
     def status_age_s(self) -> float:
         """Time since the last good answer; infinite before the first."""
-        return self._loop.time() - self._good.time_s if self._good else float("inf")
+        return self._cycle.status_age_s
 
     async def reset_relay(self) -> None:
         """Close an open watchdog relay and forget the first-out code, as an operator's act.
@@ -109,11 +91,12 @@ class SafetyDriver:
         try:
             await self._link.write(_RELAY_RESET, [RELAY_RESET_KEY])
         except (NoAnswerError, RefusedError) as error:
-            raise self._error(f"it does not reset its relay: {error.what}", error.hint) from error
-        wanted_s = self._loop.time()
-        await self._until(
+            reason = f"it does not reset its relay: {error.what}"
+            raise self._cycle.error(reason, error.hint) from error
+        wanted_s = self._cycle.now_s
+        await self._cycle.until(
             lambda good: good.time_s >= wanted_s and good.relay_closed is not False,
-            _RESET_PATIENCE_S + _SILENT_PERIODS * self._safety.period_s,
+            _RESET_PATIENCE_S + SILENT_PERIODS * self._safety.period_s,
             "its watchdog relay does not close", "check the relay and its supply",
         )
 
@@ -124,28 +107,27 @@ class SafetyDriver:
         in every request. Off comes first: on goes out only when off has been read back, and is
         not taken up while the output cannot be relied on.
         """
-        if self._laser is None or self._laser.wanted == on:
-            return
-        self._laser.demand(on)
-        self._urgent = True
-        _wake(self._rest)
+        laser = self._cycle.laser
+        if laser is not None and laser.wanted != on:
+            laser.demand(on)
+            self._cycle.at_once()
 
     async def laser_enabled(self, on: bool) -> None:
         """Wait until the output, told so by `enable_laser`, reads back on or off; without one, not.
 
         Raises MachineError where it does not, within a few periods; it is off then, or told to be.
         """
-        if (laser := self._laser) is None:
+        if (laser := self._cycle.laser) is None:
             return
 
         def shown(_: SafetyStatus) -> bool:
             if (fault := laser.against(on)) is not None:
-                raise self._error(fault.reason, fault.hint)
+                raise self._cycle.error(fault.reason, fault.hint)
             return laser.is_shown(on)
 
         try:
-            await self._until(
-                shown, _OUTPUT_PATIENCE_S + _SILENT_PERIODS * self._safety.period_s,
+            await self._cycle.until(
+                shown, _OUTPUT_PATIENCE_S + SILENT_PERIODS * self._safety.period_s,
                 f"its laser-enable output does not {'come on' if on else 'drop'}",
                 "check the device, its cable and the output's wiring",
             )
@@ -155,156 +137,7 @@ class SafetyDriver:
 
     async def close(self) -> None:
         """Drop the output, end the heartbeat, disconnect; a relay opens by itself in its time."""
-        if self._timer is not None:
-            self._timer.cancel()
         try:
-            if self._task is not None:
-                self._task.cancel()
-                await asyncio.gather(self._task, return_exceptions=True)
-            if self._laser is not None and self._laser.wanted:
-                self._laser.demand(False)
-                await self._turn()
+            await self._cycle.stop()
         finally:
             await self._link.close()
-
-    def _start(self) -> None:
-        self._task = asyncio.create_task(self._run(), name="safety device")
-        self._task.add_done_callback(self._ended)
-        self._watch()
-
-    async def _run(self) -> None:
-        period_s, started_s = self._safety.period_s, self._loop.time()
-        while True:
-            due_s = on_beat(started_s + period_s, started_s)
-            if self._laser is not None and self._laser.pending:
-                due_s = min(due_s, started_s + SETTLE_S)
-            if not self._urgent:
-                await self._until_due(due_s)
-            self._urgent = False
-            started_s = self._loop.time()
-            await self._turn()
-
-    async def _until_due(self, due_s: float) -> None:
-        """Rest, unless something cannot wait."""
-        self._rest = self._loop.create_future()
-        timer = self._loop.call_at(due_s, _wake, self._rest)
-        try:
-            await self._rest
-        finally:
-            timer.cancel()
-
-    async def _turn(self) -> None:
-        """One heartbeat and what comes back."""
-        self._heartbeat = self._heartbeat % 0xFFFF + 1  # never 0, which a dead device would echo
-        try:
-            words = await self._link.exchange(
-                _HEARTBEAT, self._written(),
-                MIRROR + CYCLE_BLOCK.address, CYCLE_BLOCK.count,
-            )
-        except NoAnswerError:
-            self._why = ("no answer", "check its power and cable")
-        except RefusedError as error:
-            self._why = (f"it refuses to answer: {error.what}", "see the device's manual")
-        else:
-            self._answered(words)
-
-    def _written(self) -> list[int]:
-        """From HEARTBEAT on; a RELAY_RESET of 0 does nothing."""
-        if self._laser is None:
-            return [self._heartbeat, *self._control]
-        return [self._heartbeat, *self._control, 0, self._laser.word()]
-
-    def _answered(self, words: Sequence[int]) -> None:
-        status, last = self._read(words), self._good
-        if status.heartbeat_echo != self._heartbeat:
-            self._why = (
-                "it does not repeat the heartbeat", "restart it, and any gateway before it"
-            )
-            self._worse(words)
-        elif last is not None and status.tick_ms == last.tick_ms:
-            self._why = (
-                "it answers, but with the same data", "restart it, and any gateway before it"
-            )
-            self._worse(words)
-        else:
-            self._words, self.status, self._good, self.fault = words, status, status, None
-            self.listener.on_status(status)
-            if last is not None and status.uptime_s < last.uptime_s:
-                self._tell("the device restarted", "check its power supply")
-                if self._laser is not None:
-                    self._laser.restarted()
-            if self._laser is not None:
-                self._look_at_output(self._laser, status)
-            self._tell_waiting()
-
-    def _look_at_output(self, laser: LaserEnable, status: SafetyStatus) -> None:
-        fault = laser.read_back(status.laser_enabled is True, status.time_s)
-        if fault is not None:
-            dropped = status.relay_closed is False
-            self._tell(fault.reason, _WITH_THE_RELAY if dropped else fault.hint)
-        if laser.has_news:
-            self._urgent = True
-
-    def _worse(self, words: Sequence[int]) -> None:
-        """Take from an answer that proves nothing only what has opened."""
-        known = self._words
-        if not known:
-            return
-        bits = [
-            old & (new | kept)
-            for old, new, kept in zip(known, words[:_BIT_WORDS], _NEVER_WORSE, strict=False)
-        ]
-        merged = (*bits, *known[_BIT_WORDS:])
-        if merged != tuple(known):
-            self._words, self.status = merged, self._read(merged)
-            self.listener.on_status(self.status)
-
-    def _read(self, words: Sequence[int]) -> SafetyStatus:
-        return safety_status(words, self._loop.time(), self._safety)
-
-    def _watch(self) -> None:
-        """Give the device up when its last good answer is too old; look again until it is."""
-        limit_s = _SILENT_PERIODS * self._safety.period_s
-        age_s = self.status_age_s
-        if age_s >= limit_s - _ROUNDING_S:
-            if self.fault is None:
-                reason, hint = self._why
-                self.fault = self._error(f"{reason} for {age_s:.1f} s", hint)
-                self._tell(f"{reason} for {age_s:.1f} s", hint)
-            age_s = limit_s - self._safety.period_s
-        self._timer = self._loop.call_later(limit_s - age_s, self._watch)
-
-    def _tell(self, reason: str, hint: str) -> None:
-        self.listener.on_fault(reason, hint)
-
-    async def _until(
-        self, condition: Callable[[SafetyStatus], bool], timeout_s: float, failure: str, hint: str
-    ) -> None:
-        """Wait for a good answer as wanted. Raises MachineError after timeout_s."""
-        try:
-            async with asyncio.timeout(timeout_s):
-                while self._good is None or not condition(self._good):
-                    news = self._loop.create_future()
-                    self._waiting.append(news)
-                    await news
-        except TimeoutError:
-            raise self._error(f"{failure} within {timeout_s:.1f} s", hint) from None
-
-    def _tell_waiting(self) -> None:
-        waiting, self._waiting = self._waiting, []
-        for news in waiting:
-            if not news.done():
-                news.set_result(None)
-
-    def _error(self, reason: str, hint: str) -> MachineError:
-        return MachineError(f"safety device: {reason}", where=place(self._safety), hint=hint)
-
-    def _ended(self, task: asyncio.Task[None]) -> None:
-        """A task that dies of a bug leaves no run without its facts unnoticed."""
-        if not task.cancelled() and task.exception() is not None:
-            self._why = ("its driver failed", "this is a bug: please report it")
-
-
-def _wake(rest: asyncio.Future[None] | None) -> None:
-    if rest is not None and not rest.done():
-        rest.set_result(None)
