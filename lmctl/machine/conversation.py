@@ -83,6 +83,7 @@ class Conversation:
         self._report_waiters: list[asyncio.Future[StatusReport]] = []
         self._restart_waiter: asyncio.Future[None] | None = None
         self._reset_asked = False
+        self._with_question: bytes | None = None  # lines to be sent in one write with a `?`
 
     async def connect(self, baud: int, timeout_s: float) -> None:
         """Open the link. Raises MachineError, ConfigError."""
@@ -146,7 +147,9 @@ class Conversation:
 
     def write(self, data: bytes) -> None:
         """Send what `count_line` gave."""
-        if self._link is not None:
+        if self._with_question is not None:
+            self._with_question += data
+        elif self._link is not None:
             self._link.write(data)
 
     def realtime(self, byte: Realtime) -> None:
@@ -217,8 +220,16 @@ class Conversation:
 
     def _ask(self) -> None:
         self.sent_before_question = self._host.newest_tag
-        self._hearer.asking()
-        self.realtime(Realtime.STATUS)
+        self._with_question = b""
+        try:
+            self._hearer.asking()
+        finally:
+            lines, self._with_question = self._with_question, None
+        if lines and self._link is not None and not (self._link.paced or self._link.unsent):
+            self._link.write(lines + Realtime.STATUS.wire)
+        else:
+            self.write(lines)
+            self.realtime(Realtime.STATUS)
 
     def _received(self, data: bytes) -> None:
         self.heard_bytes = True
