@@ -11,12 +11,12 @@ from lmctl.config.machine import Hopper, MachineProfile
 from lmctl.errors import JobError, JournalError, MachineError
 from lmctl.job.reader import JobReader
 from lmctl.machine.feeder import FeederDriver
+from lmctl.run import acceptance
 from lmctl.run.alarms import Alarms, Interlock
 from lmctl.run.beam import Beam
 from lmctl.run.beam_off import without_beam
 from lmctl.run.cell import Cell
 from lmctl.run.deposition import Progress
-from lmctl.run.machine_check import check_motion
 from lmctl.run.recorder import Recorder
 from lmctl.run.reentry import START, Place
 from lmctl.run.states import Do
@@ -193,23 +193,11 @@ class CellSequence:
 
     async def _check_machine(self) -> None:
         cell, profile = self._connected, self._profile
-        motion, identity = cell.motion, cell.motion.identity
-        self._whereabouts.vouch(motion)
-        # A beam only where door and emergency stop are watched, or where nothing can burn.
-        self.beam_off = not (identity.is_bench or _is_watched(profile))
-        self._recorder.machine(
-            dialect=identity.dialect.name, version=identity.version, info=identity.info,
-            rx_bytes=identity.rx_bytes, planner_blocks=identity.planner_blocks,
-            is_bench=identity.is_bench, position_trusted=motion.position_trusted,
+        self.beam_off = await acceptance.accept(
+            cell, profile, self._job, self._recorder, self._whereabouts, run=self._run,
+            going_on=self._continues is not None,
+            trusted=self._continues is not None and self._continues.trusted,
         )
-        if self._continues is not None:
-            if self._continues.trusted:
-                motion.trust_position()
-            await self._reset_alarms([f for f in cell.feeders if f.status and f.status.alarm])
-        check_motion(motion, profile)
-        self._whereabouts.begin(motion, self._run)
-        if self.beam_off:
-            await self._read_through()
         self._workshop = Workshop(
             self._job, profile, self._hoppers, cell, self._recorder,
             without_beam if self.beam_off else None, self._program_done, self._tripped,
@@ -222,18 +210,7 @@ class CellSequence:
             cell, profile, lambda: self._work.deposition, self.alarms, self._recorder,
             self._tripped, self._held,
         )
-        if standing := self._watch.standing():
-            raise MachineError(
-                "the cell is not ready", where=[alarm.what for alarm in standing],
-                hint="; ".join(dict.fromkeys(alarm.hint for alarm in standing if alarm.hint)),
-            )
-
-    async def _read_through(self) -> None:
-        """Have every line refused now that would be refused in the middle of the part."""
-        for layer in self._job.layers():
-            for line in layer.program:
-                without_beam(line.encode("ascii"))
-            await asyncio.sleep(0)
+        acceptance.refuse_unready(self._watch.standing())
 
     async def _move_to_purge(self) -> None:
         await self._beam.move_to_purge(self._profile.motion)
@@ -295,15 +272,7 @@ class CellSequence:
         """The operator has asked to go on: latched alarms are reset, where their cause is gone."""
         faulty = [feeder for feeder in self._connected.feeders if feeder.fault is not None]
         self._watching.acknowledged()
-        await self._reset_alarms(faulty)
-
-    async def _reset_alarms(self, faulty: Sequence[FeederDriver]) -> None:
-        cell = self._connected
-        if cell.safety is not None and cell.safety.status is not None and (
-            cell.safety.status.relay_closed is False
-        ):
-            await cell.safety.reset_relay()
-        await cell.feeders_do(FeederDriver.acknowledge, faulty)
+        await acceptance.reset_alarms(self._connected, faulty)
 
     async def _leave_part(self) -> None:
         """To the purge position; from there the job goes on at the place reached."""
@@ -373,8 +342,3 @@ class CellSequence:
         if self._accepted is None:
             raise AttributeError("the machine has not been accepted")
         return self._accepted
-
-
-def _is_watched(profile: MachineProfile) -> bool:
-    """Whether the cell's door and emergency stop can be read."""
-    return profile.safety is not None and {"estop", "door"} <= set(profile.safety.fitted)
