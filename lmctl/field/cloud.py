@@ -1,6 +1,8 @@
-"""Signed distance field of an unorganised point cloud, without normals."""
+"""Signed distance field of an unorganised point cloud, with normals or without."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +14,10 @@ from lmctl.field.field import Field
 from lmctl.field.flood import LEVELS, flood
 from lmctl.field.grid import Grid
 from lmctl.field.kernel import kernel
+from lmctl.field.normals import NormalsUnfitError
 from lmctl.field.outside import Orientation, nearest_samples, orient
-from lmctl.field.samples import clean_samples
+from lmctl.field.patches import Patches
+from lmctl.field.samples import Samples, clean_samples
 from lmctl.field.sheets import sort_sheets
 from lmctl.field.sweep import sweep_sources
 
@@ -26,7 +30,9 @@ PROBE_PITCHES = 2.0
 LARGEST_SHARE_DISPUTED = 0.05
 
 
-def cloud_field(points: FloatArray, grid: Grid) -> Field:
+def cloud_field(
+    points: FloatArray, grid: Grid, normals: FloatArray | None = None
+) -> Field:
     """Signed distance to the surface a cloud samples, at the nodes of a grid that holds it.
 
     Nodes near the cloud measure to a locally fitted surface, not to the nearest sample; closest
@@ -34,13 +40,14 @@ def cloud_field(points: FloatArray, grid: Grid) -> Field:
     between samples, which tells the air from the depth of the body, then from both of these
     towards the fitted surface. The wider way decides, so neither leaks through a gap.
 
-    points : (n, 3) float64 [mm], no order, no normals
+    points : (n, 3) float64 [mm], in no order
+    normals : (n, 3) float64, where the outside is, as the file says; those it does not say 0 or
+        nan. They tell walls apart that are thinner than the samples' spacing. They are checked:
+        where all point inwards they are turned, where they make no sense not used, and said so
     returns : Field with sources; its remarks say what was dropped
     raises : InputError for a cloud that is broken, too sparse for the pitch, open, or flat
     """
-    samples = clean_samples(points, grid)
-    samples, patches = fit_evenly(samples, grid.pitch_mm)
-    orientation = orient(samples, patches, grid.pitch_mm)
+    samples, patches, orientation = _oriented(points, grid, normals)
     sheets = sort_sheets(samples, patches, orientation.inward, grid)
     reach = np.hypot(REACH_SPACINGS * samples.spacing_mm, BAND_PITCHES * grid.pitch_mm)
     owner = nearest_samples(samples.points_mm, reach, grid)
@@ -61,6 +68,18 @@ def cloud_field(points: FloatArray, grid: Grid) -> Field:
         grid, values, sources, seeds.surface_mm, samples.remarks + orientation.remarks,
         seeds.inwards,
     )
+
+
+def _oriented(
+    points: FloatArray, grid: Grid, normals: FloatArray | None
+) -> tuple[Samples, Patches, Orientation]:
+    samples, patches = fit_evenly(clean_samples(points, grid, normals), grid.pitch_mm)
+    try:
+        return samples, patches, orient(samples, patches, grid.pitch_mm)
+    except NormalsUnfitError as why:
+        samples, patches, orientation = _oriented(points, grid, None)
+        said = (str(why), *orientation.remarks)
+        return samples, patches, replace(orientation, remarks=said)
 
 
 def _nothing_inside(count: int, grid: Grid) -> InputError:
@@ -84,6 +103,10 @@ def _tags(orientation: Orientation, seeds: CloudSeeds, grid: Grid) -> NDArray[np
     tags = orientation.deep
     for axis in range(3):
         tags = tags.take(nearest[2 - axis], axis)
+    for axis in range(3):
+        for end in (0, -1):  # what is beyond the grid is air
+            face = np.moveaxis(tags, axis, 0)[end]
+            face[face == 0] = -1
     away = np.abs(seeds.distance_mm)
     level = np.full(grid.shape, LEVELS - 1, dtype=np.uint8)
     held = seeds.supported  # what may be in the air must not stand in the way

@@ -20,6 +20,7 @@ FloatArray = NDArray[np.float64]
 Sources = NDArray[np.int32]
 
 BAND_PITCHES = 1.25  # nodes this near the fitted surface are seeds
+ABOVE = 0.35  # sine of the angle to a sheet from which on a point is above it, not beside it
 FAR_PITCHES = 1.5  # a node this far from the nearest sample's patch is no seed
 
 
@@ -204,7 +205,8 @@ def _supported(
     """Whether samples lie around a surface point, or at least one is quite near.
 
     Within a gap samples lie on all sides. Beyond the last samples of a sheet they all lie on
-    one: there the patch only goes on straight, and may already be in the air.
+    one: there the patch only goes on straight, and may already be in the air. Samples that the
+    point lies above or below of are of another sheet, and say nothing.
     """
     sx, sy, sz, found = 0.0, 0.0, 0.0, 0
     for m in range(neighbours.shape[1] + 1):
@@ -213,6 +215,7 @@ def _supported(
         away = np.sqrt(dx * dx + dy * dy + dz * dz) + 1e-12
         if away < 0.7 * spacing:
             return True
-        if away < 2.5 * spacing:
+        off = dx * patch[r, 3] + dy * patch[r, 4] + dz * patch[r, 5]
+        if away < 2.5 * spacing and abs(off) < ABOVE * away:
             sx, sy, sz, found = sx + dx / away, sy + dy / away, sz + dz / away, found + 1
     return found > 0 and bool(sx * sx + sy * sy + sz * sz < (0.55 * found) ** 2)

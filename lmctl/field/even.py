@@ -41,7 +41,7 @@ def fit_evenly(samples: Samples, pitch_mm: float) -> tuple[Samples, Patches]:
 def _line_like(samples: Samples) -> bool:
     """Whether most neighbourhoods spread along one direction only."""
     rows = np.arange(0, len(samples.points_mm), max(1, len(samples.points_mm) // 2000))
-    around = samples.points_mm[samples.neighbours[rows, :FITTED]]
+    around = samples.points_mm[samples.alike[rows, :FITTED]]
     around = around - around.mean(axis=1, keepdims=True)
     spread = np.linalg.eigvalsh(around.transpose(0, 2, 1) @ around)
     return bool(np.median(spread[:, 1] / spread[:, 2]) < LINE_SHARE)

@@ -19,8 +19,9 @@ from lmctl.field.kernel import kernel
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-IN_A_CELL = 13.0  # points: a disc as wide as the cells around a cell then holds some forty
-CROWD = 360  # points in a cell and around it: where there are more, a tree is as quick
+CELL_SHARE = 0.54  # of the neighbours wanted, in a cell: a disc as wide as the cells around it
+# then holds half as many again as are wanted
+CROWD = 28  # times as many in a cell and around it: where there are more, a tree is as quick
 MOST_CELLS = 16  # for each point, in a table of all cells there are
 
 
@@ -32,6 +33,7 @@ class Cells:
     order : (n,) int64, their rows, cell by cell; cell : (n,) int64, the cells' numbers, rising
     start : where in `order` each cell begins, and the end; all 0 where cells would be too many
     size : (3,) int64, cells along x, y, z, an empty one on each side; side : of a cell
+    each : how many points a cell was to hold
     """
 
     points: FloatArray
@@ -40,26 +42,28 @@ class Cells:
     start: IntArray
     size: IntArray
     side: float
+    each: float
 
 
-def into_cells(points: FloatArray) -> Cells:
-    """Sort points (n, 3) float64 into cells that hold `IN_A_CELL` each, more or less."""
+def into_cells(points: FloatArray, wanted: int) -> Cells:
+    """Sort points (n, 3) float64 into cells just large enough to find so many neighbours in."""
+    each = CELL_SHARE * wanted
     low = points.min(axis=0)
     x, y, z = np.ptp(points, axis=0)
-    side = float(np.sqrt(2.0 * (x * y + y * z + z * x) * IN_A_CELL / len(points)))
+    side = float(np.sqrt(2.0 * (x * y + y * z + z * x) * each / len(points)))
     place, size = _places(points, low, side)
     occupied = len(np.unique(_numbers(place, size)))
-    side *= float(np.sqrt(IN_A_CELL * occupied / len(points)))
+    side *= float(np.sqrt(each * occupied / len(points)))
     place, size = _places(points, low, side)
     many = float(np.prod(size.astype(np.float64)))
     if many > MOST_CELLS * len(points) + 1e6:
         nothing = np.zeros(0, dtype=np.int64)
-        return Cells(points, nothing, nothing, nothing, size, side)
+        return Cells(points, nothing, nothing, nothing, size, side, each)
     cell = _numbers(place, size)
     order = np.argsort(cell, kind="stable")
     start = np.zeros(int(many) + 1, dtype=np.int64)
     np.cumsum(np.bincount(cell, minlength=int(many)), out=start[1:])
-    return Cells(points, order, cell[order], start, size, side)
+    return Cells(points, order, cell[order], start, size, side, each)
 
 
 def nearest_neighbours(
@@ -77,8 +81,8 @@ def nearest_neighbours(
     answer[of] = np.arange(len(of))
     unknown = np.ones(len(of), dtype=np.bool_)
     _search_kernel(
-        points[cells.order], cells.order, cells.cell, cells.start, cells.size, cells.side, CROWD,
-        answer, distance, rows, unknown,
+        points[cells.order], cells.order, cells.cell, cells.start, cells.size, cells.side,
+        int(CROWD * cells.each), answer, distance, rows, unknown,
     )
     if unknown.any():
         left = np.flatnonzero(unknown)

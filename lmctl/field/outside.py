@@ -15,9 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.errors import InputError
+from lmctl.field.agreement import spread_sides, votes_around
 from lmctl.field.flood import LEVELS
 from lmctl.field.grid import Grid
 from lmctl.field.kernel import kernel
+from lmctl.field.normals import facing_out
 from lmctl.field.patches import Patches
 from lmctl.field.samples import LARGEST_SHARE_DROPPED, Samples
 from lmctl.field.sweep import sweep_sources
@@ -26,6 +28,7 @@ FloatArray = NDArray[np.float64]
 Sources = NDArray[np.int32]
 
 LEVELS_PER_SPACING = 8
+OFF_SURFACE = 2  # levels: nearer to a sample than this a node's side is for its own fit to tell
 # Samples strewn at random leave empty circles of up to 2.2 spacings among 10⁵ of them: what is
 # wider is an opening.
 WIDEST_GAP_SPACINGS = 3.0
@@ -36,7 +39,8 @@ WELL_CLEAR_SPACINGS = 5.0  # no place of the way out is told from another that i
 class Orientation:
     """inward : (n,) int8, ±1: the patch's normal, times this, points inwards; 0: sample dropped
     deep : (nz, ny, nx) int8 on `deep_grid`, −1 at nodes the outside reaches by ways wider than
-        any gap, +1 at nodes well away from all samples that it does not, 0 elsewhere
+        any gap, +1 at nodes well away from all samples that it does not, 0 elsewhere; with
+        normals also what lies right above or below a sample, on the side its normal says
     gap_mm : diameter of the widest gap the inside is reached through
     remarks : what was dropped
     """
@@ -51,7 +55,7 @@ class Orientation:
 def orient(samples: Samples, patches: Patches, pitch_mm: float) -> Orientation:
     """Tell inside from outside at every sample.
 
-    raises : InputError where the cloud is open: air reaches both sides of it
+    raises : InputError where the cloud is open: air reaches both sides of it; NormalsUnfitError
     """
     typical = samples.typical_spacing_mm
     grid = _tagging_grid(samples, pitch_mm)
@@ -78,22 +82,30 @@ def orient(samples: Samples, patches: Patches, pitch_mm: float) -> Orientation:
     sides = np.zeros((len(relative), 2), dtype=np.uint8)
     _sides_kernel(way, sources, relative, patches.normal, sides)
     narrow, wide = sides.min(axis=1), sides.max(axis=1)
+    facing = np.zeros(len(sides), dtype=np.int8)
+    remarks: list[str] = []
+    if samples.normals is not None:
+        facing, said = facing_out(samples.normals, patches.normal, sides)
+        remarks += said
+        facing[votes_around(samples, patches, facing) * facing < 0.0] = 0
+        within = np.where(facing > 0, sides[:, 1], sides[:, 0])
+        narrow = np.where(facing == 0, narrow, within)
     floating = narrow > WIDEST_GAP_SPACINGS * LEVELS_PER_SPACING
     _refuse_open(floating, narrow, typical)
-    remarks = []
     if floating.any():
         remarks.append(f"{int(floating.sum())} points with air all around were dropped as outliers")
     gap = int(narrow[~floating].max())
-    sure = ~floating & (wide > gap + 1)
+    # Air on the side the normal points to: the other side is inside.
+    by_air = np.where(sides[:, 0] > sides[:, 1], -1, 1)
+    sure = ~floating & ((facing != 0) | (wide > gap + 1))
     if not sure.any():
         raise InputError(
             "inside and outside of the point cloud cannot be told apart",
             where=f"samples are typically {typical:.2g} mm apart",
             hint="scan more points, or check that the part is thicker than the gaps between them",
         )
-    # Air on the side the normal points to: the other side is inside.
-    inward = np.where(sure, np.where(sides[:, 0] > sides[:, 1], -1, 1), 0).astype(np.int8)
-    _spread(inward, floating, samples, patches)
+    inward = np.where(sure, np.where(facing == 0, by_air, -facing), 0).astype(np.int8)
+    spread_sides(inward, floating, samples, patches)
     lost = (inward == 0) & ~floating
     if lost.mean() > LARGEST_SHARE_DROPPED:
         raise InputError(
@@ -104,7 +116,13 @@ def orient(samples: Samples, patches: Patches, pitch_mm: float) -> Orientation:
         )
     if lost.any():
         remarks.append(f"{int(lost.sum())} points whose side could not be told were dropped")
+    told = np.zeros(grid.shape, dtype=np.int8)
+    if samples.normals is not None:
+        _by_normals_kernel(clear, sources, relative, patches.normal, facing, told)
+        # The inside between two samples may be reached by a wider way than that right below one.
+        gap = max(gap, int(way[told > 0].max(initial=0)))
     deep = np.where(way > gap, -1, np.where(clear > 1.5 * gap, 1, 0)).astype(np.int8)
+    deep = np.where(told != 0, told, deep)
     return Orientation(
         inward, deep, grid, 2.0 * gap / LEVELS_PER_SPACING * typical, tuple(remarks)
     )
@@ -130,48 +148,6 @@ def _refuse_open(
             hint="scan the missing side, or close the opening; gaps of up to "
             f"{2.0 * WIDEST_GAP_SPACINGS * typical_mm:.2g} mm are bridged",
         )
-
-
-def _spread(
-    inward: NDArray[np.int8], floating: NDArray[np.bool_], samples: Samples, patches: Patches
-) -> None:
-    """Carry orientation to the samples that have none, in place, the surest first.
-
-    Two samples agree when their normals mirror each other in the plane halfway between them:
-    on flat ground that is the same normal, across a sharp edge it still is the right one
-    (König & Gumhold, "Consistent propagation of normal orientations in point clouds", 2009).
-    """
-    normal, points = patches.normal, samples.points_mm
-    near = np.ascontiguousarray(samples.neighbours[:, :10])
-    rows = np.flatnonzero((inward == 0) & ~floating)
-    agreement = np.empty((len(rows), near.shape[1]))
-    _agreement_kernel(points, normal, near, rows, agreement)
-    needed = 2.0
-    while len(rows) and needed > 1e-3:
-        vote = np.einsum("nm,nm->n", agreement, inward[near[rows]])
-        told = np.abs(vote) >= needed
-        if told.any():
-            inward[rows[told]] = np.sign(vote[told]).astype(np.int8)
-            rows, agreement = rows[~told], agreement[~told]
-        else:
-            needed *= 0.5
-
-
-@kernel
-def _agreement_kernel(
-    points: FloatArray, normal: FloatArray, near: NDArray[np.int32], rows: NDArray[np.int64],
-    agreement: FloatArray,
-) -> None:
-    for n in range(len(rows)):
-        for m in range(near.shape[1]):
-            one, two, same, own, theirs, apart = rows[n], near[rows[n], m], 0.0, 0.0, 0.0, 0.0
-            for c in range(3):
-                offset = points[two, c] - points[one, c]
-                same += normal[one, c] * normal[two, c]
-                own += normal[one, c] * offset
-                theirs += normal[two, c] * offset
-                apart += offset * offset
-            agreement[n, m] = same - 2.0 * own * theirs / apart
 
 
 def nearest_samples(points_mm: FloatArray, reach_mm: FloatArray, grid: Grid) -> Sources:
@@ -256,6 +232,25 @@ def _widen_kernel(
                         way[n] = widest
                         widened = True
     return widened
+
+
+@kernel
+def _by_normals_kernel(
+    clear: NDArray[np.uint8], sources: Sources, points: FloatArray, normal: FloatArray,
+    facing: NDArray[np.int8], told: NDArray[np.int8],
+) -> None:
+    """The side of nodes right above or below a sample, in `told`."""
+    nz, ny, nx = clear.shape
+    for k in range(nz):
+        for j in range(ny):
+            for i in range(nx):
+                n = sources[k, j, i]
+                if n < 0 or facing[n] == 0 or clear[k, j, i] < OFF_SURFACE:
+                    continue
+                x, y, z = i - points[n, 0], j - points[n, 1], k - points[n, 2]
+                along = x * normal[n, 0] + y * normal[n, 1] + z * normal[n, 2]
+                if along * along > 0.64 * (x * x + y * y + z * z):
+                    told[k, j, i] = -facing[n] if along > 0.0 else facing[n]
 
 
 @kernel

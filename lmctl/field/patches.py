@@ -47,7 +47,7 @@ class Patches:
 
 def fit_patches(samples: Samples) -> Patches:
     """Fit every sample's patch to its 16 neighbours; deterministic."""
-    points, neighbours = samples.points_mm, samples.neighbours
+    points, neighbours = samples.points_mm, samples.alike
     n = len(points)
     base, normal, tangent = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3))
     bend, residual = np.empty((n, 3)), np.empty(n)

@@ -5,18 +5,25 @@ What the data cannot bear is refused here, in the reader's terms, before any fie
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.errors import InputError
 from lmctl.field.grid import Grid
-from lmctl.field.nearest import Cells, into_cells, nearest_neighbours
+from lmctl.field.kernel import kernel
+from lmctl.field.nearest import into_cells, nearest_neighbours
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 NEIGHBOURS = 24
+SIXTH = 6
+ALIKE = 16  # as many as a patch is fitted to
+LOOKED_AT = 48  # for these, as every other sample may be of the other side of a thin wall
+FEWEST_ALIKE = 8
+SAME_FACING = 0.2  # cosine of the angle between normals; less is around an edge
 FEWEST = 64  # below this a closed surface is a guess
 ISOLATED = 4.0  # times as far from its sixth neighbour as its surroundings are from theirs
 LARGEST_SHARE_DROPPED = 0.02
@@ -33,24 +40,32 @@ class Samples:
 
     points_mm : (n, 3) float64
     neighbours : (n, NEIGHBOURS) int32, the nearest other samples, nearest first
+    alike : (n, ≥ 16) int32, those whose normals are not turned away from its own; the same as
+        `neighbours` without normals
     spacing_mm : (n,) float64, side of the square of surface each sample stands for
     remarks : what was dropped
+    normals : (n, 3) float64, of length 1, 0 where not known, pointing outwards if the file is
+        right; or None
     """
 
     points_mm: FloatArray
     neighbours: NDArray[np.int32]
+    alike: NDArray[np.int32]
     spacing_mm: FloatArray
     remarks: tuple[str, ...]
+    normals: FloatArray | None = None
 
     @property
     def typical_spacing_mm(self) -> float:
         return float(np.median(self.spacing_mm))
 
 
-def clean_samples(points: FloatArray, grid: Grid) -> Samples:
+def clean_samples(
+    points: FloatArray, grid: Grid, normals: FloatArray | None = None
+) -> Samples:
     """Check a cloud and find every sample's neighbours.
 
-    points : (n, 3) float64 [mm]
+    points : (n, 3) float64 [mm]; normals : (n, 3) float64 as they were given, or None
     raises : InputError where coordinates are not numbers, too few points are distinct, all lie
         in one plane, the cloud leaves the grid, or is too sparse for the grid's pitch
     """
@@ -65,7 +80,9 @@ def clean_samples(points: FloatArray, grid: Grid) -> Samples:
             where=(where, f"{len(bad)} points, the first is number {bad[0] + 1}"),
             hint="remove those lines from the file",
         )
-    distinct = _by_blocks(_distinct(points), BLOCK_PITCHES * grid.pitch_mm)
+    rows = _distinct(points)
+    rows = rows[_by_blocks(points[rows], BLOCK_PITCHES * grid.pitch_mm)]
+    distinct, facing = points[rows], None if normals is None else unit_or_zero(normals[rows])
     remarks = []
     if len(distinct) < len(points):
         repeated = len(points) - len(distinct)
@@ -77,46 +94,45 @@ def clean_samples(points: FloatArray, grid: Grid) -> Samples:
         )
     _refuse_flat(distinct, where)
     _refuse_outside(distinct, grid, where)
-    cells = into_cells(distinct)
-    if _typical_spacing(cells) < DENSE_PITCHES * grid.pitch_mm:
-        distinct = thinned(distinct, 0.5 * grid.pitch_mm)
+    if _typical_spacing(distinct) < DENSE_PITCHES * grid.pitch_mm:
+        distinct, facing = thinned(distinct, 0.5 * grid.pitch_mm, facing)
         remarks.append(f"samples denser than the grid were averaged to {len(distinct)} points")
-        cells = into_cells(distinct)
-    spacing, neighbours = _neighbourhoods(cells)
-    isolated = _isolated(spacing, neighbours)
+    samples = _with_neighbours(distinct, facing, ())
+    isolated = _isolated(samples.spacing_mm, samples.neighbours)
     if isolated.mean() <= LARGEST_SHARE_DROPPED and isolated.any():
         remarks.append(f"{int(isolated.sum())} points far from all others were dropped as outliers")
-        distinct = distinct[~isolated]
-        spacing, neighbours = _neighbourhoods(into_cells(distinct))
-    _refuse_sparse(spacing, grid, where)
-    return Samples(distinct, neighbours, spacing, tuple(remarks))
+        facing = None if facing is None else facing[~isolated]
+        samples = _with_neighbours(distinct[~isolated], facing, ())
+    _refuse_sparse(samples.spacing_mm, grid, where)
+    return replace(samples, remarks=tuple(remarks))
 
 
-def _distinct(points: FloatArray) -> FloatArray:
-    """Each place once, in order of place, so that the order in the file does not matter."""
+def _distinct(points: FloatArray) -> IntArray:
+    """Rows of each place once, in order of place, so that the order in the file does not matter."""
     along = points @ ASLANT
-    order = np.argsort(along)
-    ordered = points[order]
+    order = np.argsort(along, kind="stable")
+    new = _differ(points[order])
+    if (new[1:] & (np.diff(along[order]) == 0.0)).any():  # different places, as far along
+        order = np.lexsort(points.T)
+        new = _differ(points[order])
+    return order[new]
+
+
+def _differ(ordered: FloatArray) -> NDArray[np.bool_]:
     new = np.ones(len(ordered), dtype=np.bool_)
     new[1:] = np.any(ordered[1:] != ordered[:-1], axis=1)
-    if (new[1:] & (np.diff(along[order]) == 0.0)).any():  # different places, as far along
-        ordered = points[np.lexsort(points.T)]
-        new[1:] = np.any(ordered[1:] != ordered[:-1], axis=1)
-    return ordered[new]
+    return new
 
 
-def _by_blocks(points: FloatArray, side_mm: float) -> FloatArray:
+def _by_blocks(points: FloatArray, side_mm: float) -> IntArray:
     """Neighbours near each other in memory, too: block by block, within one as they were."""
     if len(points) == 0:
-        return points
+        return np.zeros(0, dtype=np.int64)
     block = np.floor((points - points.min(axis=0)) / side_mm)
     size = block.max(axis=0) + 1.0
     number = (block[:, 2] * size[1] + block[:, 1]) * size[0] + block[:, 0]
     few = np.prod(size) < np.iinfo(np.uint16).max  # short numbers are sorted many times faster
-    ordered: FloatArray = points[
-        np.argsort(number.astype(np.uint16) if few else number, kind="stable")
-    ]
-    return ordered
+    return np.argsort(number.astype(np.uint16) if few else number, kind="stable")
 
 
 def _isolated(spacing: FloatArray, neighbours: NDArray[np.int32]) -> NDArray[np.bool_]:
@@ -128,29 +144,93 @@ def _isolated(spacing: FloatArray, neighbours: NDArray[np.int32]) -> NDArray[np.
 
 def averaged(samples: Samples, cell_mm: float) -> Samples:
     """The samples averaged in cells of a side; where the cloud is sparser it stays as it is."""
-    points = thinned(samples.points_mm, cell_mm)
-    spacing, neighbours = _neighbourhoods(into_cells(points))
-    return Samples(points, neighbours, spacing, samples.remarks)
+    points, normals = thinned(samples.points_mm, cell_mm, samples.normals)
+    return _with_neighbours(points, normals, samples.remarks)
 
 
-def thinned(points: FloatArray, cell_mm: float) -> FloatArray:
-    """The mean of the points in each occupied cell of a side, in order of place."""
+def thinned(
+    points: FloatArray, cell_mm: float, normals: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray | None]:
+    """The mean of the points in each occupied cell of a side, in order of place, and of normals.
+
+    Points whose normals point along different axes, or opposite ways, stay apart.
+    """
     place = np.floor((points - points.min(axis=0)) / cell_mm).astype(np.int64)
     size = place.max(axis=0) + 1
     cell = (place[:, 2] * size[1] + place[:, 1]) * size[0] + place[:, 0]
+    if normals is not None:
+        axis = np.argmax(np.abs(normals), axis=1)
+        cell = 6 * cell + 2 * axis + (normals[np.arange(len(normals)), axis] > 0.0)
     _, member, count = np.unique(cell, return_inverse=True, return_counts=True)
-    return np.stack([np.bincount(member, points[:, a]) / count for a in range(3)], axis=1)
+
+    def mean(values: FloatArray) -> FloatArray:
+        return np.stack([np.bincount(member, values[:, a]) / count for a in range(3)], axis=1)
+
+    return mean(points), None if normals is None else unit_or_zero(mean(normals))
 
 
-def _typical_spacing(cells: Cells) -> float:
+def unit_or_zero(normals: FloatArray) -> FloatArray:
+    """Rows (n, 3) at length 1; those that are no direction 0."""
+    normals = np.asarray(normals, dtype=np.float64)
+    size = np.linalg.norm(np.where(np.isfinite(normals), normals, 0.0), axis=1)
+    good = np.isfinite(normals).all(axis=1) & (size > 0.0) & np.isfinite(size)
+    unit: FloatArray = np.where(good[:, None], normals / np.where(good, size, 1.0)[:, None], 0.0)
+    return unit
+
+
+def _typical_spacing(points: FloatArray) -> float:
     """From a few hundred samples spread through the cloud's order."""
-    some = np.arange(0, len(cells.points), max(1, len(cells.points) // 500))
-    return float(np.median(nearest_neighbours(cells, 6, some)[0][:, 5])) * SPACING_OF_SIXTH
+    some = np.arange(0, len(points), max(1, len(points) // 500))
+    found = nearest_neighbours(into_cells(points, SIXTH), SIXTH, some)[0]
+    return float(np.median(found[:, SIXTH - 1])) * SPACING_OF_SIXTH
 
 
-def _neighbourhoods(cells: Cells) -> tuple[FloatArray, NDArray[np.int32]]:
-    distances, rows = nearest_neighbours(cells, NEIGHBOURS)
-    return distances[:, 5] * SPACING_OF_SIXTH, rows
+def _with_neighbours(
+    points: FloatArray, normals: FloatArray | None, remarks: tuple[str, ...]
+) -> Samples:
+    if len(points) <= NEIGHBOURS:
+        raise InputError(
+            f"the point cloud has only {len(points)} points apart from each other",
+            hint="use a smaller pitch, or check the units",
+        )
+    if normals is None:
+        distances, rows = nearest_neighbours(into_cells(points, NEIGHBOURS), NEIGHBOURS)
+        return Samples(points, rows, rows, distances[:, SIXTH - 1] * SPACING_OF_SIXTH, remarks)
+    many = min(LOOKED_AT, len(points) - 1)
+    distances, rows = nearest_neighbours(into_cells(points, many), many)
+    alike = np.empty((len(points), ALIKE), dtype=np.int32)
+    spacing = np.empty(len(points))
+    _alike_kernel(normals, distances, rows, alike, spacing)
+    neighbours = np.ascontiguousarray(rows[:, :NEIGHBOURS])
+    return Samples(points, neighbours, alike, spacing * SPACING_OF_SIXTH, remarks, normals)
+
+
+@kernel
+def _alike_kernel(
+    normals: FloatArray, distances: FloatArray, rows: NDArray[np.int32], alike: NDArray[np.int32],
+    spacing: FloatArray,
+) -> None:
+    """The first neighbours that face as each point does, and how far the sixth of them is.
+
+    Where too few do, the point's own normal is the odd one: then its nearest, whatever they face.
+    """
+    most = alike.shape[1]
+    for n in range(len(normals)):
+        x, y, z = normals[n, 0], normals[n, 1], normals[n, 2]
+        for turn in range(2):
+            found = 0
+            for m in range(rows.shape[1]):
+                r = rows[n, m]
+                same = x * normals[r, 0] + y * normals[r, 1] + z * normals[r, 2]
+                if found < most and (turn == 1 or same > SAME_FACING):
+                    alike[n, found] = r
+                    found += 1
+                    if found == SIXTH:
+                        spacing[n] = distances[n, m]
+            if found >= FEWEST_ALIKE:
+                break
+        for m in range(found, most):
+            alike[n, m] = alike[n, m - found]
 
 
 def _refuse_flat(points: FloatArray, where: str) -> None:

@@ -1,7 +1,7 @@
 """Measured points from XYZ, CSV and PLY files.
 
 Scanners write columns in many ways: spaces, commas, semicolons or tabs, with or without a line of
-names, with intensity or colour behind the coordinates. What is ignored is said.
+names, with intensity, colour or normals behind the coordinates. What is ignored is said.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import re
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,13 +26,28 @@ MOST_POINTS = 20_000_000
 #: Fewer points enclose nothing.
 FEWEST_POINTS = 100
 
+#: What the parts of a normal are called.
+NORMAL_NAMES = (
+    ("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z"), ("normalx", "normaly", "normalz"),
+)
+
+#: Columns without names are normals where so many rows are of length 1, within this.
+SHARE_UNIT, UNIT_WITHIN = 0.99, 0.01
+
+#: Points, normals or None, notes.
+Read = tuple[NDArray[np.float64], NDArray[np.float64] | None, list[str]]
+
 
 @dataclass(frozen=True)
 class Cloud:
-    """points: (n, 3) float64 [mm], in no order; notes: what of the file was left out."""
+    """points: (n, 3) float64 [mm], in no order; notes: what of the file was left out.
+
+    normals: (n, 3) float64, where the outside is at each point, if the file says; else None
+    """
 
     points: NDArray[np.float64]
     notes: tuple[str, ...]
+    normals: NDArray[np.float64] | None = None
 
 
 def read_cloud(file: DataFile, units: str) -> Cloud:
@@ -41,9 +57,9 @@ def read_cloud(file: DataFile, units: str) -> Cloud:
     coordinates that are not numbers, or a size no part of this machine's kind has.
     """
     if file.suffix == "ply":
-        points, notes = _from_ply(file)
+        points, normals, notes = _from_ply(file)
     elif file.suffix in CLOUD_SUFFIXES:
-        points, notes = _from_text(file)
+        points, normals, notes = _from_text(file)
     else:
         raise InputError(
             f"{file.path} is not a kind of point cloud that can be read",
@@ -57,13 +73,13 @@ def read_cloud(file: DataFile, units: str) -> Cloud:
             "thin it out: detail far below the bead width is lost anyway",
         )
     points = checked_points(file, points, units, used=None, what="point")
-    single = np.unique(points, axis=0)
+    single, first = np.unique(points, axis=0, return_index=True)
     if len(single) < len(points):
         notes.append(f"{file.path.name}: {len(points) - len(single):,} points are there twice")
-    return Cloud(single, tuple(notes))
+    return Cloud(single, tuple(notes), None if normals is None else normals[first])
 
 
-def _from_ply(file: DataFile) -> tuple[NDArray[np.float64], list[str]]:
+def _from_ply(file: DataFile) -> Read:
     promised = check_ply(file)
     loaded = parse(file, "load")
     vertices = getattr(loaded, "vertices", None)
@@ -79,10 +95,25 @@ def _from_ply(file: DataFile) -> tuple[NDArray[np.float64], list[str]]:
     if promised.get("face"):
         notes.append(f"{file.path.name}: its {promised['face']:,} faces are not used, as it is "
                      "given as a cloud")
-    return np.asarray(vertices, dtype=np.float64), notes
+    data = loaded.metadata.get("_ply_raw", {}).get("vertex", {}).get("data")
+    columns = [_ply_column(data, name, len(vertices)) for name in NORMAL_NAMES[0]]
+    normals = None
+    if all(column is not None for column in columns):
+        normals = np.stack([c for c in columns if c is not None], axis=1)
+        notes.append(f"{file.path.name}: its normals are used")
+    return np.asarray(vertices, dtype=np.float64), normals, notes
 
 
-def _from_text(file: DataFile) -> tuple[NDArray[np.float64], list[str]]:
+def _ply_column(data: Any, name: str, count: int) -> NDArray[np.float64] | None:
+    """One property of the vertices as trimesh read it: a structured array, or one array each."""
+    names = data.dtype.names if isinstance(data, np.ndarray) else data
+    if names is None or name not in names:
+        return None
+    column = np.asarray(data[name], dtype=np.float64).reshape(-1)
+    return column if len(column) == count else None
+
+
+def _from_text(file: DataFile) -> Read:
     text = _text(file)
     lines = text.splitlines()
     first = next((i for i, line in enumerate(lines) if _bare(line)), None)
@@ -92,7 +123,9 @@ def _from_text(file: DataFile) -> tuple[NDArray[np.float64], list[str]]:
     names = _split(_bare(lines[first]), delimiter)
     headed = not _is_number(names[0])
     start = first + 1 if headed else first
-    columns = _columns(file, names) if headed else (0, 1, 2)
+    places = _columns(file, names) if headed else (0, 1, 2)
+    facing = _normal_columns(names) if headed else ((3, 4, 5) if len(names) >= 6 else ())
+    columns = places + facing
     if not headed and len(names) < 3:
         raise InputError(
             f"{file.path} has no three columns of coordinates", where=f"line {first + 1}: "
@@ -104,12 +137,53 @@ def _from_text(file: DataFile) -> tuple[NDArray[np.float64], list[str]]:
             dtype=np.float64,
         ) if any(_bare(line) for line in lines[start:]) else np.empty((0, 3))
     except (ValueError, IndexError):
+        if facing and not headed:  # what is behind the coordinates need not be numbers
+            return _places_only(file, lines, start, delimiter, names)
         raise _bad_line(file, lines, start, delimiter, columns) from None
+    normals = points[:, 3:] if facing and (headed or _all_unit(points[:, 3:])) else None
     notes = []
     if len(names) > 3:
         notes.append(f"{file.path.name}: of {len(names)} columns, "
-                     f"{', '.join(str(c + 1) for c in columns)} are read as x, y, z")
-    return points, notes
+                     f"{', '.join(str(c + 1) for c in places)} are read as x, y, z")
+    if normals is not None:
+        said = "" if headed else ", as they are of length 1"
+        notes.append(f"{file.path.name}: columns {', '.join(str(c + 1) for c in facing)} are "
+                     f"read as normals{said}")
+    return points[:, :3], normals, notes
+
+
+def _places_only(
+    file: DataFile, lines: list[str], start: int, delimiter: str | None, names: list[str]
+) -> Read:
+    """Coordinates from lines without a head whose further columns are no numbers."""
+    try:
+        points = np.loadtxt(
+            lines[start:], delimiter=delimiter, usecols=(0, 1, 2), comments="#", ndmin=2,
+            dtype=np.float64,
+        )
+    except (ValueError, IndexError):
+        raise _bad_line(file, lines, start, delimiter, (0, 1, 2)) from None
+    note = f"{file.path.name}: of {len(names)} columns, 1, 2, 3 are read as x, y, z"
+    return points, None, [note]
+
+
+def _all_unit(columns: NDArray[np.float64]) -> bool:
+    """Whether three columns can only be normals: nearly all of length 1, and not all alike."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        size = np.linalg.norm(columns, axis=1)
+    unit = np.abs(size - 1.0) < UNIT_WITHIN
+    return bool(unit.mean() >= SHARE_UNIT) and bool(np.ptp(columns[unit], axis=0).max() > 0.5)
+
+
+def _normal_columns(names: list[str]) -> tuple[int, ...]:
+    """Where a head line puts the three parts of a normal; () where it names none."""
+    plain = [re.split(r"[\s(\[]", name.strip().lower().lstrip("/"))[0] for name in names]
+    for wanted in NORMAL_NAMES:
+        if all(plain.count(name) == 1 for name in wanted):
+            return tuple(plain.index(name) for name in wanted)
+    return ()
+
+
 
 
 def _text(file: DataFile) -> str:

@@ -45,7 +45,7 @@ def a_lattice(_: np.random.Generator) -> FloatArray:
 )
 def test_neighbours_are_those_of_a_tree(cloud) -> None:  # type: ignore[no-untyped-def]
     points = cloud(np.random.default_rng(4))
-    distance, rows = nearest_neighbours(into_cells(points), 24)
+    distance, rows = nearest_neighbours(into_cells(points, 24), 24)
     expected = cKDTree(points).query(points, k=25)[0][:, 1:]
     np.testing.assert_allclose(distance, expected, rtol=0, atol=1e-9)
     away = np.linalg.norm(points[rows] - points[:, None], axis=2)
@@ -55,7 +55,7 @@ def test_neighbours_are_those_of_a_tree(cloud) -> None:  # type: ignore[no-untyp
 
 
 def test_only_those_asked_about_are_answered() -> None:
-    cells = into_cells(sphere(2000, np.random.default_rng(5)))
+    cells = into_cells(sphere(2000, np.random.default_rng(5)), 24)
     some = np.array([3, 1999, 0, 700])
     distance, rows = nearest_neighbours(cells, 6, some)
     everything = nearest_neighbours(cells, 6)

@@ -126,3 +126,50 @@ def test_flat_small_and_far_clouds() -> None:
     assert "flat" in refused(flat).what
     small = "\n".join(f"{x / 1000} {y / 1000} {z / 1000}" for x, y, z in POINTS.tolist())
     assert "in m" in refused(small).hint
+
+
+def with_normals(separator: str = " ", names: str = "") -> tuple[str, np.ndarray]:
+    """Each point with a normal away from the middle."""
+    normals = np.round(POINTS / np.linalg.norm(POINTS, axis=1)[:, None], 5)
+    lines = [separator.join(f"{v:.5f}" for v in row) for row in np.hstack([POINTS, normals])]
+    return "\n".join([names, *lines] if names else lines) + "\n", normals
+
+
+def belongs(cloud: Cloud) -> bool:
+    """Every point still has its own normal."""
+    assert cloud.normals is not None
+    size = np.linalg.norm(cloud.points, axis=1)[:, None]
+    return bool(np.allclose(cloud.normals, cloud.points / size, atol=2e-5))
+
+
+@pytest.mark.parametrize(
+    ("separator", "names"),
+    [(" ", ""), (",", ""), (",", "x,y,z,nx,ny,nz"), (";", "X;Y;Z;Normal_X;Normal_Y;Normal_Z"),
+     (",", "//X,Y,Z,Nx,Ny,Nz")],
+)
+def test_normals_behind_the_coordinates_are_read(separator: str, names: str) -> None:
+    cloud = read(with_normals(separator, names)[0], "csv")
+    assert belongs(cloud)
+    assert any("normals" in note for note in cloud.notes)
+
+
+@pytest.mark.parametrize("ascii_form", [True, False])
+def test_normals_of_a_ply_are_read(ascii_form: bool) -> None:
+    _, normals = with_normals()
+    names = ["x", "y", "z", "nx", "ny", "nz"]
+    head = "\n".join(
+        ["ply", f"format {'ascii' if ascii_form else 'binary_little_endian'} 1.0",
+         f"element vertex {len(POINTS)}", *(f"property float {n}" for n in names), "end_header", ""]
+    ).encode()
+    table = np.hstack([POINTS, normals])
+    body = with_normals()[0].encode() if ascii_form else table.astype("<f4").tobytes()
+    assert belongs(read(head + body, "ply"))
+
+
+@pytest.mark.parametrize("extra", ["255 128 0", "0.5 0.5 0.5", "0 0 1", "a b c", "nan nan nan"])
+def test_further_columns_that_are_no_normals_are_left_alone(extra: str) -> None:
+    """Colours, an intensity, or the same direction everywhere."""
+    cloud = read(rows(after=" " + extra))
+    assert in_order(cloud)
+    assert cloud.normals is None
+    assert not any("normals" in note for note in cloud.notes)

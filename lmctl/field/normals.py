@@ -1,0 +1,61 @@
+"""Normals that a file gives with its points: whether they are to be believed, and which way."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+FITTING = 0.5  # cosine of the angle between a normal and its patch's; less says nothing of a side
+FEWEST_FITTING = 0.7  # share of the samples
+TOLD_LEVELS = 2  # by which the ways out on both sides differ where the outside is known
+FEWEST_TOLD = 0.05  # share of the samples
+AGREEING = 0.75  # share, of those where the outside is known, that have to point there; air comes
+# in through the gaps of a thin wall, too, so that not all will
+
+
+class NormalsUnfitError(Exception):
+    """Normals that are not to be used, and why."""
+
+
+def facing_out(
+    normals: FloatArray, patch_normals: FloatArray, sides: NDArray[np.uint8]
+) -> tuple[NDArray[np.int8], tuple[str, ...]]:
+    """On which side of each patch the outside is, by normals that were checked.
+
+    A file's normals may all point inwards, or any way at all, as fitted ones do that were never
+    oriented. The air that comes in from the box's faces tells: on nearly all samples where one
+    side lies wider open than the other, that must be the side the normals point to.
+
+    normals : (n, 3) float64 of length 1 or 0; patch_normals : (n, 3)
+    sides : (n, 2) uint8, how open it is where the patch's normal points, and where it does not
+    returns : (n,) int8, 1 where the patch's normal points outwards, −1 inwards, 0 not known;
+        remarks
+    raises : NormalsUnfitError
+    """
+    along = np.einsum("nc,nc->n", normals, patch_normals)
+    fitting = np.abs(along) > FITTING
+    if fitting.mean() < FEWEST_FITTING:
+        raise NormalsUnfitError(
+            f"the normals of the cloud fit its surface at {100.0 * fitting.mean():.0f} % of its "
+            "points only: they were not used"
+        )
+    facing = np.where(fitting, np.sign(along), 0.0).astype(np.int8)
+    opener = sides[:, 0].astype(np.int16) - sides[:, 1]
+    told = fitting & (np.abs(opener) >= TOLD_LEVELS)
+    if told.mean() < FEWEST_TOLD:
+        raise NormalsUnfitError("the normals of the cloud could not be checked: they were not used")
+    right = facing * opener > 0
+    share = float(right[told].mean())
+    remarks: tuple[str, ...] = ()
+    if share < 1.0 - AGREEING:
+        facing, right = -facing, ~right
+        remarks = ("the normals of the cloud point inwards: they were turned round",)
+    elif share < AGREEING:
+        raise NormalsUnfitError(
+            f"the normals of the cloud point outwards at {100.0 * share:.0f} % of its points "
+            "only: they were not used"
+        )
+    facing[told & ~right] = 0  # what the others say there is better
+    return facing, remarks
