@@ -6,85 +6,27 @@ It turns engineering values into 16-bit words and back; it sends nothing.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from enum import Enum
-from math import isfinite
-from typing import NamedTuple
+from collections.abc import Iterable, Sequence
+
+from firmware_protocol.register_block import (
+    Block,
+    Kind,
+    Placed,
+    Register,
+    RegisterError,
+    Type,
+    Value,
+    WordOrder,
+)
+
+__all__ = [
+    "MOST_READ", "MOST_WRITTEN", "Block", "Kind", "Register", "RegisterError", "RegisterMap",
+    "Type", "Value", "WordOrder",
+]
 
 #: Most registers one request may read (FC 03, 04) and write (FC 16), Modbus application protocol.
 MOST_READ = 125
 MOST_WRITTEN = 123
-
-#: What a register may hold: None is the device's "not available".
-Value = int | float | str | None
-
-
-class RegisterError(ValueError):
-    """A value does not fit its register, or a map contradicts itself."""
-
-
-class Kind(Enum):
-    """Which of the two register spaces a row stands in."""
-
-    INPUT = "input"      # read by FC 04
-    HOLDING = "holding"  # read by FC 03, written by FC 06 and 16
-
-
-class Type(Enum):
-    """How the words of a row are read: (words, least, greatest, code for "not available")."""
-
-    U16 = (1, 0, 0xFFFF, 0xFFFF)
-    I16 = (1, -0x8000, 0x7FFF, -0x8000)
-    U32 = (2, 0, 0xFFFF_FFFF, 0xFFFF_FFFF)
-    I32 = (2, -0x8000_0000, 0x7FFF_FFFF, 0x7FFF_FFFF)
-    BITS = (1, 0, 0xFFFF, -1)
-    ASCII = (0, 0, 0, -1)  # two characters a word, first in the high byte, padded with NUL
-
-    def __init__(self, words: int, least: int, greatest: int, not_available: int) -> None:
-        self.words = words
-        self.least = least
-        self.greatest = greatest
-        self.not_available = not_available
-
-
-class WordOrder(Enum):
-    """Byte order of a 32-bit value, A its most significant byte (protocol.md 14)."""
-
-    ABCD = "ABCD"
-    CDAB = "CDAB"
-    BADC = "BADC"
-    DCBA = "DCBA"
-
-
-@dataclass(frozen=True)
-class Register:
-    """One row of a map.
-
-    address : as the device's manual numbers it; the map's base is taken off for the wire
-    per_unit : counts in one unit: 100 for a register in 0.01 rpm; decoded values are then floats
-    least, greatest : limits in units, within what the words can hold
-    may_be_missing : the device may answer "not available"; that code is then no value
-    length : words of an ASCII row; other types know theirs
-    """
-
-    name: str
-    kind: Kind
-    address: int
-    type: Type = Type.U16
-    per_unit: int = 1
-    unit: str = ""
-    doc: str = ""
-    writable: bool = False
-    least: float | None = None
-    greatest: float | None = None
-    may_be_missing: bool = False
-    length: int = 0
-
-    @property
-    def words(self) -> int:
-        return self.length if self.type is Type.ASCII else self.type.words
-
 
 class RegisterMap:
     """The rows of one device and its habits.
@@ -145,7 +87,7 @@ class RegisterMap:
         if not rows or len({row.kind for row in rows}) != 1:
             raise RegisterError("a block needs rows, all of one kind")
         start = self.wire_address(rows[0].name)
-        placed = [_Placed.at(row, row.address - rows[0].address) for row in rows]
+        placed = [Placed.at(row, row.address - rows[0].address) for row in rows]
         count = placed[-1].offset + placed[-1].words
         return Block(rows[0].kind, start, count, placed, self.word_order)
 
@@ -169,165 +111,3 @@ class RegisterMap:
             else:
                 runs.append([row])
         return tuple(self.block(row.name for row in run) for run in runs)
-
-
-class _Placed(NamedTuple):
-    """A row within a block, with what is needed at every reading and writing of it at hand.
-
-    low, high : limits of its counts
-    """
-
-    name: str
-    offset: int
-    words: int
-    per_unit: int
-    low: int
-    high: int
-    row: Register
-
-    @classmethod
-    def at(cls, row: Register, offset: int) -> _Placed:
-        low, high, missing = row.type.least, row.type.greatest, row.type.not_available
-        if row.least is not None:
-            low = max(low, round(row.least * row.per_unit))
-        if row.greatest is not None:
-            high = min(high, round(row.greatest * row.per_unit))
-        if row.may_be_missing:  # its code stands at one end of the range, and is no value
-            low, high = low + (low == missing), high - (high == missing)
-        return cls(row.name, offset, row.words, row.per_unit, low, high, row)
-
-    @property
-    def is_one_number(self) -> bool:
-        return self.words == 1 and self.row.type is not Type.ASCII
-
-
-class Block:
-    """A stretch of registers that one request moves: `count` from wire address `address` on."""
-
-    def __init__(
-        self, kind: Kind, address: int, count: int, placed: Sequence[_Placed],
-        word_order: WordOrder,
-    ) -> None:
-        self.kind = kind
-        self.address = address
-        self.count = count
-        self.rows = tuple(place.row for place in placed)
-        self._placed = tuple(placed)
-        self._word_order = word_order
-        # Most rows are a number in one word.
-        self._numbers = [
-            (place.name, place.offset, place.per_unit, place.low, place.high, place.row)
-            for place in placed if place.is_one_number
-        ]
-        self._others = [place for place in placed if not place.is_one_number]
-
-    def only(self, names: Iterable[str]) -> Block:
-        """The same stretch of registers, of which only these rows are looked at."""
-        wanted = set(names)
-        placed = [place for place in self._placed if place.name in wanted]
-        return Block(self.kind, self.address, self.count, placed, self._word_order)
-
-    def decode(self, words: Sequence[int]) -> dict[str, Value]:
-        """Values by name. Raises RegisterError where the number of words is not `count`."""
-        if len(words) != self.count:
-            raise RegisterError(f"{len(words)} words came where {self.count} were asked for")
-        order = self._word_order
-        values: dict[str, Value] = {}
-        for name, offset, per_unit, low, high, row in self._numbers:
-            raw = words[offset]
-            if low <= raw <= high:
-                values[name] = raw if per_unit == 1 else raw / per_unit
-            else:
-                values[name] = _decode(row, (raw,), order)
-        for place in self._others:
-            own = words[place.offset : place.offset + place.words]
-            values[place.name] = _decode(place.row, own, order)
-        return values
-
-    def encode(self, values: Mapping[str, Value]) -> list[int]:
-        """Words of the whole block; gaps are 0.
-
-        Raises RegisterError for a value that does not fit; KeyError where one is missing.
-        """
-        words = [0] * self.count
-        for name, offset, per_unit, low, high, row in self._numbers:
-            value = values[name]
-            if type(value) is int:
-                raw = value * per_unit
-            elif type(value) is float and isfinite(value):
-                raw = round(value * per_unit)
-            else:
-                raw = _rare_counts(row, value)
-            if not low <= raw <= high and value is not None:
-                raise _out_of_range(row, low, high, value)
-            words[offset] = raw & 0xFFFF
-        for place in self._others:
-            own = _encode_other(place, values[place.name], self._word_order)
-            words[place.offset : place.offset + place.words] = own
-        return words
-
-
-def _encode_other(place: _Placed, value: Value, order: WordOrder) -> tuple[int, ...]:
-    """Words of a text, or of a number in two words."""
-    row = place.row
-    if row.type is Type.ASCII:
-        return _encode_text(row, value)
-    if type(value) is float and isfinite(value):
-        raw = round(value * place.per_unit)
-    else:
-        raw = _rare_counts(row, value)
-    if not place.low <= raw <= place.high and value is not None:
-        raise _out_of_range(row, place.low, place.high, value)
-    return _swapped((raw >> 16 & 0xFFFF, raw & 0xFFFF), order)
-
-
-def _rare_counts(row: Register, value: Value) -> int:
-    """Counts of what is neither a plain int nor a finite float."""
-    if value is None and row.may_be_missing:
-        return row.type.not_available
-    if value is None:
-        raise RegisterError(f"{row.name} cannot be left out")
-    if isinstance(value, int):  # bool, and members of an IntEnum
-        return int(value) * row.per_unit
-    raise RegisterError(f"{row.name} must be a number, not {value!r}")
-
-
-def _out_of_range(row: Register, low: int, high: int, value: Value) -> RegisterError:
-    unit = row.unit and f" {row.unit}"
-    return RegisterError(
-        f"{row.name} must be between {low / row.per_unit:g} and {high / row.per_unit:g}{unit}, "
-        f"not {value}"
-    )
-
-
-def _decode(row: Register, words: Sequence[int], order: WordOrder) -> Value:
-    kind = row.type
-    if kind is Type.ASCII:
-        text = b"".join((word & 0xFFFF).to_bytes(2, "big") for word in words)
-        return text.split(b"\0")[0].decode("ascii", "replace")
-    raw = words[0]
-    if kind.words == 2:
-        high, low = _swapped((words[0], words[1]), order)
-        raw = high << 16 | low
-    if raw > kind.greatest:
-        raw -= 1 << (16 * kind.words)
-    if row.may_be_missing and raw == kind.not_available:
-        return None
-    return raw if row.per_unit == 1 else raw / row.per_unit
-
-
-def _encode_text(row: Register, value: Value) -> tuple[int, ...]:
-    if not isinstance(value, str) or not value.isascii() or "\0" in value:
-        raise RegisterError(f"{row.name} must be plain ASCII text, not {value!r}")
-    if len(value) > 2 * row.length:
-        raise RegisterError(f"{row.name} holds {2 * row.length} characters, not {len(value)}")
-    data = value.encode("ascii").ljust(2 * row.length, b"\0")
-    return tuple(int.from_bytes(data[i : i + 2], "big") for i in range(0, len(data), 2))
-
-
-def _swapped(pair: tuple[int, int], order: WordOrder) -> tuple[int, int]:
-    """High and low word as they stand on the wire, or back: every order is its own inverse."""
-    high, low = pair
-    if order in (WordOrder.BADC, WordOrder.DCBA):
-        high, low = (high >> 8 | high << 8) & 0xFFFF, (low >> 8 | low << 8) & 0xFFFF
-    return (low, high) if order in (WordOrder.CDAB, WordOrder.DCBA) else (high, low)

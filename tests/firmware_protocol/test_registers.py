@@ -173,6 +173,19 @@ def test_a_block_moves_values_both_ways():
             block.decode(wrong)
 
 
+def test_of_a_block_only_some_rows_may_be_looked_at():
+    rows = [
+        Register("A", Kind.INPUT, 0, per_unit=10), Register("B", Kind.INPUT, 1, Type.I32),
+        Register("C", Kind.INPUT, 3, Type.I16), Register("D", Kind.INPUT, 4, Type.ASCII, length=1),
+    ]
+    block = RegisterMap(rows).block("ABCD")
+    words = [15, 0xFFFF, 0xFFFE, 0x8000, 0x4142]
+    assert block.decode(words) == {"A": 1.5, "B": -2, "C": -32768, "D": "AB"}
+    assert block.only("BC").decode(words) == {"B": -2, "C": -32768}
+    with pytest.raises(RegisterError, match="words came"):
+        block.only("A").decode(words[:1])
+
+
 def test_a_block_needs_rows_of_one_kind():
     table = RegisterMap([Register("A", Kind.INPUT, 0), Register("B", Kind.HOLDING, 0)])
     for names in ([], ["A", "B"]):
