@@ -7,8 +7,9 @@ never, and both go on for as long as the stream does. A status report gives them
   moves reads that buffer: both firmwares look at real-time requests with it drained, or with one
   line wholly taken out of it and not answered yet (`protocol.c`, `protocol_main_loop`). So while it
   holds bytes, those are of the unanswered lines but the oldest. Held or asleep it reads none.
-- `Bf:` and `Ln:`, blocks of the planner from the line at its head on. A line makes one block at
-  most, so each of them has been planned and answered (grblHAL; without `Ln:` this is not known).
+- `Ln:`, the line at the planner's head, and `Bf:`, how many blocks stand from there on. A line
+  makes one block at most, so as many lines have been planned, and answered (grblHAL; stock Grbl
+  tells no `Ln:`: there a missing answer shows when all is done).
 
 One report proves nothing: bytes may arrive between reading and reporting, and a digit may be
 damaged. It casts doubt; then nothing is sent, and what the next reports say of a controller to
@@ -105,7 +106,7 @@ def _sound(held: int, report: StatusReport, progress: Progress) -> bool:
 
 
 def _planned_too_much(report: StatusReport, progress: Progress) -> str | None:
-    if report.state != "Run" or report.line_number is None or report.blocks_free is None:
+    if report.state != "Run" or report.line_number is None:
         return None
     missing = progress.planned_at_least(report.line_number, report.blocks_free)
     missing -= progress.answered

@@ -104,12 +104,13 @@ class Progress:
         at = self._answered - self.executed
         return self._open[at] if at < len(self._open) else None
 
-    def planned_at_least(self, head: int, blocks_free: int) -> int:
+    def planned_at_least(self, head: int, blocks_free: int | None) -> int:
         """How many lines have been planned at least, with `N head` at the planner's head.
 
-        Each block it holds is of another line; a line may have made none.
+        Each block it holds is of another line; a line may have made none. How many it holds may
+        not be told, but it holds that one.
         """
-        blocks = self._planner_blocks - blocks_free
+        blocks = 1 if blocks_free is None else self._planner_blocks - blocks_free
         at = self._place_of(head)
         if at is None or blocks <= 0:
             return 0

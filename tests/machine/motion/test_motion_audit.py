@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import asyncio
+import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from firmware_protocol.dialect import GRBL, GRBLHAL
 from firmware_protocol.realtime import Realtime
+from firmware_protocol.status import parse_status
 from lmctl.machine.motion import MotionDriver, MotionListener
 from simulators.faults.edge import Edge
 from simulators.faults.filters import SomeAnswers
@@ -17,6 +21,7 @@ from simulators.motion.config import MotionConfig
 from simulators.motion.server import open_pty, serve_tcp
 from simulators.motion.sim import MotionSim
 
+TRANSCRIPTS = Path(__file__).parents[2] / "firmware_protocol" / "transcripts"
 STATUS_S = 0.1
 SETTINGS = {30: 1000, 32: 1, 110: 6000, 111: 6000, 112: 6000, 120: 500, 121: 500, 122: 500,
             130: 300, 131: 300, 132: 200}
@@ -30,8 +35,8 @@ every_wire = pytest.mark.parametrize(("wire", "rx_bytes"), WIRES)
 class Machine:
     """A simulated controller behind a wire, a driver, and what the driver tells."""
 
-    def __init__(self, name: str, wire: str, rx_bytes: int) -> None:
-        mask = 3 if name == "grbl" else 511
+    def __init__(self, name: str, wire: str, rx_bytes: int, mask: int | None = None) -> None:
+        mask = mask or (3 if name == "grbl" else 511)
         self.sim = MotionSim(
             MotionConfig(dialect=name, rx_bytes=rx_bytes, settings=SETTINGS | {10: mask})
         )
@@ -120,6 +125,38 @@ def test_an_answer_that_is_lost_is_told_within_a_status_period_where_lines_are_n
             assert "an answer is missing" in machine.told[0]
 
     in_virtual_time(main())
+
+
+def test_without_a_count_of_blocks_the_line_at_the_head_tells_of_lost_answers(in_virtual_time):
+    """$10 without Bf: as soon as a line is executed that has not been answered."""
+    async def main() -> None:
+        async with Machine("grblhal", "tcp", 1024, mask=511 - 2) as machine:
+            machine.driver.submit(wiggle([2.0] * 10))
+            await asyncio.sleep(0.2)
+            assert machine.driver.status.blocks_free is None
+            machine.answers(0, 5)
+            machine.driver.submit(wiggle([1.0] * 20)[3:])
+            await machine.ended(10.0)
+            assert "an answer is missing" in machine.told[0]
+
+    in_virtual_time(main())
+
+
+def test_no_report_of_the_real_firmwares_shows_more_in_their_buffers_than_was_sent():
+    """Their own words (transcripts), against the sizes that the audit takes for granted."""
+    for dialect, name in ((GRBL, "grbl-1.1h"), (GRBLHAL, "grblhal")):
+        empty = dialect.rx_bytes - dialect.rx_shown_margin
+        shown, sent = [], 0
+        for line in (TRANSCRIPTS / f"{name}.jsonl").read_text().splitlines():
+            scenario = json.loads(line)
+            # Each begins with an empty line; a controller that waits for a tool keeps them all.
+            sent += 1 + sum(len(text) for text in scenario["sent"] if text.endswith("\n"))
+            for text in scenario["received"]:
+                report = parse_status(text)
+                if report is not None and report.rx_free is not None:
+                    assert 0 <= empty - report.rx_free <= sent
+                    shown.append(report.rx_free)
+        assert max(shown) == empty
 
 
 @settings(max_examples=60, deadline=None,
