@@ -43,7 +43,30 @@ def iso_surface(field: Field, level_mm: float = 0.0) -> tuple[FloatArray, Triang
 
     corners, triangles, _, _ = marching_cubes(values, level_mm)
     points = corners[:, ::-1] * grid.pitch_mm + np.asarray(grid.origin_mm)
-    return _onto_level(field, level_mm, points), triangles.astype(np.int64)
+    return welded(_onto_level(field, level_mm, points), triangles.astype(np.int64))
+
+
+def welded(points: FloatArray, triangles: Triangles) -> tuple[FloatArray, Triangles]:
+    """A closed surface that is still closed once a file has rounded its points to 32 bits.
+
+    Points moved onto an edge or a corner meet there. Readers take those that are equal in the
+    file for one; triangles between them, and pairs that then lie back to back, would be left over.
+
+    points : (n, 3) float64; triangles : (m, 3) int64
+    returns : both anew, points at what 32 bits hold
+    """
+    places, number = np.unique(points.astype(np.float32) + 0.0, axis=0, return_inverse=True)
+    joined = number.reshape(-1)[triangles]
+    a, b, c = joined.T
+    joined = joined[(a != b) & (b != c) & (c != a)]
+    order = np.argsort(joined, axis=1)
+    turns = (order[:, 1] - order[:, 0]) % 3 == 1  # corners rise the way round it is wound
+    _, group = np.unique(np.sort(joined, axis=1), axis=0, return_inverse=True)
+    group = group.reshape(-1)
+    first = np.zeros(len(joined), dtype=np.bool_)
+    first[np.unique(group, return_index=True)[1]] = True
+    balance = np.bincount(group, weights=np.where(turns, 1, -1))
+    return places.astype(np.float64), joined[first & (balance != 0)[group]]
 
 
 def _onto_level(field: Field, level_mm: float, points: FloatArray) -> FloatArray:

@@ -74,7 +74,7 @@ def _ply(
 
 
 def _3mf(vertices: FloatArray, triangles: NDArray[np.int64]) -> bytes:
-    points = "".join(f'<vertex x="{x:.6g}" y="{y:.6g}" z="{z:.6g}"/>' for x, y, z in vertices)
+    points = "".join(f'<vertex x="{x:.9g}" y="{y:.9g}" z="{z:.9g}"/>' for x, y, z in vertices)
     faces = "".join(f'<triangle v1="{a}" v2="{b}" v3="{c}"/>' for a, b, c in triangles)
     head = '<?xml version="1.0" encoding="UTF-8"?>\n'
     model = (

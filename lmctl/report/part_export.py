@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from lmctl.errors import InputError
 from lmctl.field.field import Field
 from lmctl.field.grid import Grid
-from lmctl.field.surface import iso_surface
+from lmctl.field.surface import iso_surface, welded
 from lmctl.field.surface_files import Kind, surface_bytes
 from lmctl.part.bodies import MeshSolid
 from lmctl.part.part import Part
@@ -130,4 +130,4 @@ def _surface(part: Part) -> tuple[FloatArray, NDArray[np.int64]]:
     step = part.body.at(vertices)[:, None] * part.body.inward(vertices)
     near = np.linalg.norm(step, axis=1) <= 0.5 * pitch
     vertices[near] -= step[near]
-    return vertices, triangles
+    return welded(vertices, triangles)
