@@ -22,7 +22,7 @@ from lmctl.field.sweep import sweep_sources
 from lmctl.part.blocks import Blocks, Near
 from lmctl.part.expression import Expression
 from lmctl.part.measured import Bounds
-from lmctl.part.nearby import MOST_NEAR, around, most_near, seed
+from lmctl.part.nearby import MOST_NEAR, corners, most_near, offer, seed
 from lmctl.part.surfaces import MOST_ACTIVE, Surface, Surfaces
 
 FloatArray = NDArray[np.float64]
@@ -37,6 +37,10 @@ REACH_PITCHES = 2.0
 
 #: Beyond so many pitches only the surfaces that the nearest known point lies on are searched.
 FAR_PITCHES = 16.0
+
+#: Nearer than so many pitches so many of the nearest feet are looked for among all there are.
+ASKED_PITCHES = 6.0
+FEET_ASKED = 4
 
 #: A place looks again nearer to the foot it found, at these shares of the way back: nodes far away
 #: were told less precisely.
@@ -114,22 +118,30 @@ class Boundary:
         return feet
 
     def _looked(self, points: FloatArray) -> tuple[IntArray, IntArray]:
-        """The nearest foot that nodes know, and the surfaces that are met around it, then those
-        around the point."""
+        """The nearest foot there is, by what nodes know if it is far; and the surfaces that are met
+        around it and around the point."""
         feet_mm, active = self._found
         own = self._in_nodes(points)
         rows = np.full(len(points), -1, dtype=np.int64)
-        last = np.asarray(self.grid.shape[::-1]) - 1
-        beyond = np.any((own < 0) | (own > last), axis=1)
-        if beyond.any():
-            rows[beyond] = self._tree.query(points[beyond])[1]
         near = np.full((len(points), MOST_NEAR), -1, dtype=np.int64)
-        around(self._sources, feet_mm, active, points, own, rows, near.copy())
+        known = corners(self._sources, own)
+        offer(known, feet_mm, active, points, rows, near.copy())
+        last = np.asarray(self.grid.shape[::-1]) - 1
+        away = np.linalg.norm(feet_mm[rows] - points, axis=1)
+        asked = np.any((own < 0) | (own > last), axis=1)
+        asked |= away < ASKED_PITCHES * self.grid.pitch_mm
         for share in LOOKS:
             near[:] = -1
             there = feet_mm[rows] + share * (points - feet_mm[rows])
-            around(self._sources, feet_mm, active, points, self._in_nodes(there), rows, near)
-        around(self._sources, feet_mm, active, points, own, rows, near)
+            found = corners(self._sources, self._in_nodes(there))
+            offer(found, feet_mm, active, points, rows, near)
+        if asked.any():
+            count = min(FEET_ASKED, len(feet_mm))
+            _, nearest = self._tree.query(points[asked], k=[*range(1, count + 1)])
+            own_rows, own_near = rows[asked], np.full((len(nearest), MOST_NEAR), -1)
+            offer(nearest.astype(np.int32), feet_mm, active, points[asked], own_rows, own_near)
+            rows[asked], near[asked] = own_rows, own_near
+        offer(known, feet_mm, active, points, rows, near)
         return rows, near
 
     def _in_nodes(self, points: FloatArray) -> FloatArray:
@@ -138,7 +150,7 @@ class Boundary:
 
     @cached_property
     def _tree(self) -> cKDTree:
-        """For places outside the grid, which no nodes surround."""
+        """For places beside the surface, which nodes know too coarsely, or outside the grid."""
         return cKDTree(self.feet_mm)
 
     def _searched(
@@ -167,13 +179,13 @@ class Boundary:
                 if good.any():
                     yield rows[good], at[good]
 
-    def _lain_on(self, points: FloatArray, near: IntArray) -> NDArray[np.int16]:
+    def _lain_on(self, points: FloatArray, near: IntArray) -> NDArray[np.int32]:
         """The surfaces that points lie on, (n, MOST_ACTIVE), −1 for none, of those near."""
         surfaces = self._surfaces
         away = np.stack([surfaces.distances(points, which) for which in near.T], axis=1)
         found = np.where(away <= surfaces.slack_mm[near], near, -1)
         order = np.argsort(found < 0, axis=1, kind="stable")[:, :MOST_ACTIVE]
-        return np.take_along_axis(found, order, axis=1).astype(np.int16)
+        return np.take_along_axis(found, order, axis=1).astype(np.int32)
 
     @cached_property
     def _numbered(self) -> tuple[Surfaces, list[list[int]], list[int]]:
@@ -192,9 +204,9 @@ class Boundary:
         return self._numbered[0]
 
     @cached_property
-    def _found(self) -> tuple[FloatArray, NDArray[np.int16]]:
+    def _found(self) -> tuple[FloatArray, NDArray[np.int32]]:
         """Points on the surface, (n, 3) float64 [mm], and the surfaces they lie on."""
-        feet, active = [np.empty((0, 3))], [np.empty((0, MOST_ACTIVE), np.int16)]
+        feet, active = [np.empty((0, 3))], [np.empty((0, MOST_ACTIVE), np.int32)]
         reach = REACH_PITCHES * self.grid.pitch_mm
         for points, near in _gathered(self._nodes()):
             within = np.full(len(points), reach)

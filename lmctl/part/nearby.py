@@ -35,34 +35,40 @@ def seed(
                         sources[k, j, i] = n
 
 
-@kernel
-def around(
-    sources: NDArray[np.int32], feet: FloatArray, active: NDArray[np.int16], points: FloatArray,
-    nodes: FloatArray, rows: IntArray, near: IntArray,
-) -> None:
-    """Of the feet that the corners of a cell know, the one nearest to a point, and the surfaces
-    that these feet lie on; one cell for each point, its own or another.
+def corners(sources: NDArray[np.int32], nodes: FloatArray) -> NDArray[np.int32]:
+    """The feet that the corners of cells know, (n, 8).
 
-    nodes : (n, 3), where to look, in node units; taken to the grid's rim where they lie outside
+    nodes : (n, 3), a place in each cell, in node units; taken to the grid's rim if it lies outside
+    """
+    last = np.array(sources.shape[::-1]) - 2
+    i, j, k = np.clip(nodes, 0, np.maximum(last, 0)).astype(np.int64).T
+    _, ny, nx = sources.shape
+    first = (k * ny + j) * nx + i
+    steps = [(z * ny + y) * nx + x for z in (0, 1) for y in (0, 1) for x in (0, 1)]
+    known: NDArray[np.int32] = sources.ravel()[first[:, None] + np.array(steps)]
+    return known
+
+
+@kernel
+def offer(
+    offered: NDArray[np.int32], feet: FloatArray, active: NDArray[np.int32], points: FloatArray,
+    rows: IntArray, near: IntArray,
+) -> None:
+    """Of feet offered to each point take the nearest, and note the surfaces that all lie on.
+
+    offered : (n, m), numbers of feet
     rows : (n,), numbers of the nearest feet so far, −1 for none; replaced by nearer ones
     near : (n, MOST_NEAR), numbers of surfaces so far, −1 for none; more are added
     """
-    nz, ny, nx = sources.shape
     for n in range(len(points)):
-        i = int(min(max(nodes[n, 0], 0.0), nx - 1.001))
-        j = int(min(max(nodes[n, 1], 0.0), ny - 1.001))
-        k = int(min(max(nodes[n, 2], 0.0), nz - 1.001))
         count = 0
         while count < near.shape[1] and near[n, count] >= 0:
             count += 1
         least, best = np.inf, rows[n]
-        for c in range(-1, 8):
-            if c < 0:
-                row = np.int64(rows[n])
-                if row < 0:
-                    continue
-            else:
-                row = np.int64(sources[k + (c >> 2 & 1), j + (c >> 1 & 1), i + (c & 1)])
+        for c in range(-1, offered.shape[1]):
+            row = np.int64(rows[n]) if c < 0 else np.int64(offered[n, c])
+            if row < 0:
+                continue
             d2 = (
                 (feet[row, 0] - points[n, 0]) ** 2 + (feet[row, 1] - points[n, 1]) ** 2
                 + (feet[row, 2] - points[n, 2]) ** 2

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,18 +25,17 @@ from lmctl.part.combined import Combined
 from lmctl.part.composition import Carried, Mixed, Rule, Uniform
 from lmctl.part.cost import CLOUD_S, MESH_S, OPERAND_S, Cost, Item
 from lmctl.part.data import Data
-from lmctl.part.formulas import Box, Cone, Cylinder, HalfSpace, Sphere, Torus
+from lmctl.part.expression import Operation
+from lmctl.part.extents import Extents, formula_of, motion_of
 from lmctl.part.measured import Bounds, is_closed, without_specks
 from lmctl.part.mesh_files import Mesh
-from lmctl.part.moved import Motion, Moved, motion
+from lmctl.part.moved import Motion, Moved
 from lmctl.part.offset import Offset
 from lmctl.part.overlap import Overlap
-from lmctl.part.prism import Prism, closed_polygon
 from lmctl.part.resolution import boundary_grid, checked_grid, choose_pitch
 from lmctl.part.rules import Surroundings, rule_of
 
 FloatArray = NDArray[np.float64]
-Operation = Literal["union", "difference", "intersection"]
 
 
 class Tree:
@@ -51,9 +49,9 @@ class Tree:
         self._data = data
         self._number = {body.name: n for n, body in enumerate(part.body) if body.name}
         self._roots = part.roots()
-        self._boxes: dict[int, Bounds] = {}
+        self._extents = Extents(part, data, self._number)
         self._built: dict[tuple[int, bool], Body] = {}
-        self.box = self._joint_box(part.combine, self._roots)
+        self.box = self._extents.joint(part.combine, self._roots)
         if not np.isfinite(self.box).all():
             raise InputError("the part has no end", where=f"it reaches {_reach(self.box)}",
                              hint="cut its half-spaces with a body that has one")
@@ -75,9 +73,10 @@ class Tree:
             grid = self._boundary_grid(self._part.combine, self._roots, True)
             items.append(Item("the combination", grid.n_nodes, OPERAND_S * len(self._roots), False))
         for number, body in enumerate(self._part.body):
-            name = self._called([number])
+            name = self._extents.called([number])
             if isinstance(body, config.MeshBody | config.CloudBody):
-                grid = checked_grid(*self._box(number), body.pitch_mm or self.pitch_mm, stored=True)
+                low, high = self._extents.of(number)
+                grid = checked_grid(low, high, body.pitch_mm or self.pitch_mm, stored=True)
                 each_s = MESH_S if isinstance(body, config.MeshBody) else CLOUD_S
                 items.append(Item(name, grid.n_nodes, each_s, True))
             elif isinstance(body, config.BooleanBody):
@@ -95,50 +94,6 @@ class Tree:
             return Uniform((1.0,))
         return self._joint_rule(self._part.combine, self._roots)
 
-    def _joint_box(self, operation: Operation | None, numbers: Sequence[int]) -> Bounds:
-        """The box that bodies combined so lie in."""
-        boxes = [self._box(number) for number in numbers]
-        lows, highs = [box[0] for box in boxes], [box[1] for box in boxes]
-        if operation == "intersection":
-            low, high = np.max(lows, axis=0), np.min(highs, axis=0)
-            if (low >= high).any():
-                raise InputError("the intersection of the bodies leaves nothing",
-                                 where=f"of {self._called(numbers)}",
-                                 hint="check where the bodies lie")
-            return low, high
-        if operation == "union":
-            return np.min(lows, axis=0), np.max(highs, axis=0)
-        return boxes[0]
-
-    def _box(self, number: int) -> Bounds:
-        """The box a body lies in, without building it; perhaps a little large, perhaps infinite."""
-        if number not in self._boxes:
-            self._boxes[number] = self._measured_box(number)
-        return self._boxes[number]
-
-    def _measured_box(self, number: int) -> Bounds:
-        body = self._part.body[number]
-        match body:
-            case config.MeshBody() | config.CloudBody():
-                points = self._data.points(body)
-                return points.min(axis=0), points.max(axis=0)
-            case config.ShellBody():
-                low, high = self._box(self._number[body.of])
-                if (high - low).min() <= 2 * body.from_mm:
-                    raise InputError(
-                        f"nothing of {body.of!r} lies deeper than {body.from_mm:g} mm",
-                        where=f"it is {float((high - low).min()):.4g} mm thick at most",
-                        hint="lower from_mm of the shell",
-                    )
-                return low + body.from_mm, high - body.from_mm
-            case config.MovedBody():
-                low, high = self._box(self._number[body.of])
-                return _moved_box(low, high, _motion(body))
-            case config.BooleanBody():
-                return self._joint_box(body.kind, [self._number[name] for name in body.of])
-            case _:
-                return self._formula(body, number).bounds_mm
-
     def _joined(
         self, operation: Operation | None, numbers: Sequence[int], *, whole: bool
     ) -> Body:
@@ -151,13 +106,13 @@ class Tree:
     def _boundary_grid(
         self, operation: Operation, numbers: Sequence[int], whole: bool
     ) -> Grid:
-        low, high = self._joint_box(operation, numbers)
+        low, high = self._extents.joint(operation, numbers)
         if whole:
             room = 4 * self.pitch_mm
             low, high = np.maximum(low, self.box[0] - room), np.minimum(high, self.box[1] + room)
             low, high = np.minimum(low, self.box[1]), np.maximum(high, self.box[0])
         if not np.isfinite([low, high]).all():
-            raise InputError(f"the {operation} of {self._called(numbers)} has no end",
+            raise InputError(f"the {operation} of {self._extents.called(numbers)} has no end",
                              hint="cut its half-spaces with a body that has one")
         return boundary_grid(low, high, self.pitch_mm)
 
@@ -181,14 +136,15 @@ class Tree:
                 inner = self._part.body[of]
                 if isinstance(inner, config.MeshBody):  # its triangles give exact outlines
                     mesh = self._data.mesh(inner)
-                    moved = Mesh(_motion(body).there(mesh.vertices), mesh.triangles)
+                    moved = Mesh(motion_of(body).there(mesh.vertices), mesh.triangles)
                     return self._mesh(moved, inner.pitch_mm)
-                return self._carried(self._solid(of, False), _motion(body), self._box(number))
+                box = self._extents.of(number)
+                return self._carried(self._solid(of, False), motion_of(body), box)
             case config.BooleanBody():
                 numbers = [self._number[name] for name in body.of]
                 return self._joined(body.kind, numbers, whole=whole)
             case _:
-                return self._formula(body, number)
+                return formula_of(body, self._extents.called([number]))
 
     def _carried(self, body: Body, by: Motion, box: Bounds) -> Body:
         """A body moved elsewhere; of a boolean each of its bodies is, so that it stays one."""
@@ -198,7 +154,7 @@ class Tree:
 
     def _shell(self, body: config.ShellBody, whole: bool) -> Body:
         of = self._solid(self._number[body.of], whole)
-        low, high = self._box(self._number[body.of])
+        low, high = self._extents.of(self._number[body.of])
         least = min(body.from_mm, 0.0)
         if not np.isfinite([low, high]).all():
             raise InputError(f"the shell of {body.of!r} has no end",
@@ -228,26 +184,6 @@ class Tree:
         if specks:
             self._data.notes.append(f"{specks} specks of the fitted cloud smoothed away")
         return FieldSolid(stored, math.pi / 4 * self._part.process.bead_width_mm**2)
-
-    def _formula(self, body: config.Body, number: int) -> Body:
-        match body:
-            case config.BoxBody():
-                return Box(body.low_mm, body.high_mm)
-            case config.SphereBody():
-                return Sphere(body.centre_mm, body.radius_mm)
-            case config.CylinderBody():
-                return Cylinder(body.base_mm, body.top_mm, body.radius_mm)
-            case config.ConeBody():
-                return Cone(body.base_mm, body.top_mm, body.base_radius_mm, body.top_radius_mm)
-            case config.TorusBody():
-                return Torus(body.centre_mm, body.axis, body.radius_mm, body.tube_radius_mm)
-            case config.HalfSpaceBody():
-                return HalfSpace(body.point_mm, body.outward)
-            case config.PrismBody():
-                corners = np.array(body.outline_mm, dtype=np.float64)
-                loop = closed_polygon(corners, self._called([number]))
-                return Prism(loop, body.low_mm, body.high_mm)
-        raise TypeError(body.kind)
 
     @cached_property
     def _around(self) -> Surroundings:
@@ -286,10 +222,10 @@ class Tree:
             case config.ShellBody():
                 return self._rule(self._number[body.of])
             case config.MovedBody():
-                return Carried(self._rule(self._number[body.of]), _motion(body))
+                return Carried(self._rule(self._number[body.of]), motion_of(body))
             case config.BooleanBody():
                 return self._joint_rule(body.kind, [self._number[name] for name in body.of])
-        raise InputError(f"it is not said of what {self._called([number])} is",
+        raise InputError(f"it is not said of what {self._extents.called([number])} is",
                          hint="give it a composition")
 
     def _has_rule(self, number: int) -> bool:
@@ -300,24 +236,6 @@ class Tree:
         if isinstance(body, config.BooleanBody) and body.kind == "difference":
             below = below[:1]
         return any(self._has_rule(n) for n in below)
-
-    def _called(self, numbers: Sequence[int]) -> str:
-        """Bodies as people know them: by name, else by their number in the file."""
-        named = [self._part.body[n].name for n in numbers]
-        return ", ".join(
-            repr(name) if name else f"body[{n + 1}]" for n, name in zip(numbers, named, strict=True)
-        )
-
-
-def _motion(body: config.MovedBody) -> Motion:
-    turn = body.turn or config.Turn(axis=(0.0, 0.0, 1.0), degrees=0.0)
-    return motion(body.scale, turn.axis, turn.degrees, turn.through_mm, body.by_mm)
-
-
-def _moved_box(low: FloatArray, high: FloatArray, by: Motion) -> Bounds:
-    if not np.isfinite([low, high]).all():
-        return np.full(3, -np.inf), np.full(3, np.inf)
-    return Moved(Box(tuple(low), tuple(high)), by).bounds_mm
 
 
 def _reach(box: Bounds) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import reduce
 
 import numpy as np
@@ -10,6 +10,7 @@ import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from lmctl.errors import InputError
 from lmctl.field.grid import Grid
@@ -17,6 +18,8 @@ from lmctl.field.stored import stored_field
 from lmctl.part.bodies import Body, FieldSolid
 from lmctl.part.combined import Combined, Operation
 from lmctl.part.formulas import Box, Cylinder, HalfSpace, Sphere
+from lmctl.part.moved import Moved, motion
+from lmctl.part.prism import Prism
 
 FloatArray = NDArray[np.float64]
 OPERATIONS: tuple[Operation, ...] = ("union", "intersection", "difference")
@@ -24,9 +27,9 @@ A, B = Cylinder((0, 0, -40), (0, 0, 40), 10), Cylinder((12, 0, -40), (12, 0, 40)
 
 
 def combined(operation: Operation, bodies: tuple[Body, ...], pitch: float = 0.5) -> Combined:
-    low = np.min([b.bounds_mm[0] for b in bodies], axis=0)
-    high = np.max([b.bounds_mm[1] for b in bodies], axis=0)
-    return Combined(operation, bodies, Grid.around(low, high, pitch))
+    low = np.min([b.box_mm[0] for b in bodies], axis=0)
+    high = np.max([b.box_mm[1] for b in bodies], axis=0)
+    return Combined(operation, bodies, Grid.around(low, np.maximum(low, high), pitch))
 
 
 def places(bodies: tuple[Body, ...], count: int, seed: int = 0) -> FloatArray:
@@ -61,6 +64,9 @@ DISJOINT = (Sphere((0, 0, 0), 4), Sphere((10, 1, 0), 3))
 TOUCHING = (Box((0, 0, 0), (10, 8, 6)), Box((10, 0, 0), (16, 8, 6)))
 TANGENT = (Sphere((0, 0, 0), 5), Sphere((8, 0, 0), 3))
 SAME = (Sphere((0, 0, 0), 5), Sphere((0, 0, 0), 5))
+FLUSH = (Box((0, 0, 0), (10, 8, 6)), Box((3, 2, 0), (7, 8, 9)))  # one foot and one side in common
+SQUARE = np.array([(0.0, 0), (10, 0), (10, 8), (0, 8), (0, 0)])
+TWINS = (Box((0, 0, 0), (10, 8, 6)), Prism(SQUARE, 0.0, 6.0))  # the same, and not known to be
 
 
 @pytest.mark.parametrize(
@@ -69,11 +75,14 @@ SAME = (Sphere((0, 0, 0), 5), Sphere((0, 0, 0), 5))
         ("union", NESTED, NESTED[0].at, 1e-9),
         ("intersection", NESTED, NESTED[1].at, 1e-9),
         ("difference", NESTED, lambda p: np.minimum(NESTED[0].at(p), -NESTED[1].at(p)), 1e-9),
-        ("intersection", OVERLAPPING, Box((4, 3, 2), (10, 8, 6)).at, 0.02),
+        ("intersection", OVERLAPPING, Box((4, 3, 2), (10, 8, 6)).at, 1e-3),
         ("union", DISJOINT, lambda p: np.maximum(DISJOINT[0].at(p), DISJOINT[1].at(p)), 1e-9),
         ("difference", DISJOINT, DISJOINT[0].at, 1e-9),
-        ("union", TOUCHING, Box((0, 0, 0), (16, 8, 6)).at, 0.25),
+        ("union", TOUCHING, Box((0, 0, 0), (16, 8, 6)).at, 1e-9),
         ("difference", TOUCHING, TOUCHING[0].at, 1e-9),
+        ("intersection", FLUSH, Box((3, 2, 0), (7, 8, 6)).at, 1e-9),
+        ("union", TWINS, TWINS[0].at, 1e-9),
+        ("intersection", TWINS, TWINS[0].at, 1e-9),
         ("union", TANGENT, lambda p: np.maximum(TANGENT[0].at(p), TANGENT[1].at(p)), 1e-9),
         ("union", SAME, SAME[0].at, 1e-9),
         ("intersection", SAME, SAME[0].at, 1e-9),
@@ -87,15 +96,14 @@ def test_bodies_that_nest_touch_or_agree(
     body = combined(operation, bodies)
     found, true = body.at(points), truth(points)
     assert np.abs(found - true).max() < tolerance
-    assert np.mean(np.abs(found - true) < 0.02) > 0.99
     feet = body.feet(points)
     assert np.abs(np.linalg.norm(feet - points, axis=1) - np.abs(found)).max() < 0.01
 
 
 @pytest.mark.parametrize(
     ("operation", "bodies"),
-    [("difference", SAME), ("intersection", DISJOINT), ("intersection", TOUCHING),
-     ("intersection", TANGENT), ("difference", (NESTED[1], NESTED[0]))],
+    [("difference", SAME), ("difference", TWINS), ("intersection", DISJOINT),
+     ("intersection", TOUCHING), ("intersection", TANGENT), ("difference", (NESTED[1], NESTED[0]))],
 )
 def test_nothing_left(operation: Operation, bodies: tuple[Body, ...]) -> None:
     with pytest.raises(InputError, match=f"the {operation} of the bodies leaves nothing"):
@@ -142,44 +150,145 @@ def test_stored_leaves_of_different_pitch_meet_at_the_true_surface() -> None:
 
 #: Fields are slow to make: what is found is not made smaller.
 FOUND = (Phase.explicit, Phase.generate)
+BLOCK = Box((-10, -10, -10), (10, 10, 10))
 
-centres = st.tuples(*[st.floats(-4, 4)] * 3)
-balls = st.builds(Sphere, centres, st.floats(1.5, 5))
+# Whole numbers now and then, so that faces lie flush.
+lengths = st.floats(-4, 4) | st.integers(-4, 4).map(float)
+sizes = st.floats(1, 4) | st.integers(1, 4).map(float)
+balls = st.builds(Sphere, st.tuples(*[lengths] * 3), sizes)
 boxes = st.builds(
     lambda c, h: Box(tuple(c[k] - h[k] for k in range(3)), tuple(c[k] + h[k] for k in range(3))),
-    centres, st.tuples(*[st.floats(1, 4)] * 3),
+    st.tuples(*[lengths] * 3), st.tuples(*[sizes] * 3),
 )
-pairs = st.tuples(balls | boxes, balls | boxes)
+turned = st.builds(
+    lambda box, axis, degrees: Moved(box, motion(1.0, axis, degrees, (0, 0, 0), (0.3, 0, 0))),
+    boxes, st.sampled_from([(0, 0, 1), (1, 2, 3)]), st.floats(10, 80),
+)
+bodies_of_all_kinds = balls | boxes | turned
 
 
-@settings(max_examples=8, deadline=None, phases=FOUND)
-@given(pairs)
-def test_laws_of_sets(bodies: tuple[Body, Body]) -> None:
-    """Signs are those of the sets; union and intersection do not mind their order; De Morgan:
-    what is in neither is what is outside of both."""
-    points = places(bodies, 400)
-    for operation in OPERATIONS:
-        try:
-            body = combined(operation, bodies, 1.0)
-            found = body.at(points)
-        except InputError:
-            assert not inside(operation, bodies, points).any()
-            continue
-        clear = np.abs(found) > 1e-9
-        np.testing.assert_array_equal((found > 0)[clear], inside(operation, bodies, points)[clear])
-        if operation != "difference":
-            turned = combined(operation, bodies[::-1], 1.0).at(points)
-            np.testing.assert_allclose(turned, found, atol=0.05)
-    # De Morgan within a block around both: ¬(A ∪ B) = ¬A ∩ ¬B
-    block = Box((-15, -15, -15), (15, 15, 15))
-    neither = combined("difference", (block, *bodies), 1.0).at(points)
-    outsides = tuple(combined("difference", (block, body), 1.0) for body in bodies)
-    assert np.quantile(
-        np.abs(neither - combined("intersection", outsides, 1.0).at(points)), 0.98) < 0.05
+def united(*bodies: Body) -> Combined:
+    return combined("union", bodies, 1.0)
 
 
-@settings(max_examples=8, deadline=None, phases=FOUND)
-@given(pairs)
+def common(*bodies: Body) -> Combined:
+    return combined("intersection", bodies, 1.0)
+
+
+def less(*bodies: Body) -> Combined:
+    return combined("difference", bodies, 1.0)
+
+
+Law = Callable[[Body, Body, Body], tuple[Body, Body]]
+LAWS: dict[str, Law] = {
+    "De Morgan of a union": lambda a, b, c: (
+        less(BLOCK, united(a, b)), common(less(BLOCK, a), less(BLOCK, b))),
+    "De Morgan of an intersection": lambda a, b, c: (
+        less(BLOCK, common(a, b)), united(less(BLOCK, a), less(BLOCK, b))),
+    "order of a union": lambda a, b, c: (united(a, b), united(b, a)),
+    "order of an intersection": lambda a, b, c: (common(a, b), common(b, a)),
+    "grouping of a union": lambda a, b, c: (united(united(a, b), c), united(a, united(b, c))),
+    "grouping of an intersection": lambda a, b, c: (
+        common(common(a, b), c), common(a, common(b, c))),
+    "distribution": lambda a, b, c: (common(a, united(b, c)), united(common(a, b), common(a, c))),
+    "a body with itself": lambda a, b, c: (united(a, a), a),
+    "a difference by what is common": lambda a, b, c: (less(a, common(a, b)), less(a, b)),
+    "absorption by a union": lambda a, b, c: (united(a, common(a, b)), a),
+    "absorption by an intersection": lambda a, b, c: (common(a, united(a, b)), a),
+}
+
+
+@pytest.mark.parametrize("law", LAWS)
+@settings(max_examples=3, deadline=None, phases=FOUND)
+@given(bodies_of_all_kinds, bodies_of_all_kinds, bodies_of_all_kinds)
+def test_laws_of_sets(law: str, a: Body, b: Body, c: Body) -> None:
+    """Everywhere within 0.05 mm, at a pitch of 1 mm; equally empty where one is."""
+    points = np.random.default_rng(1).uniform(-9, 9, (300, 3))
+    found = [at_or_empty(body, points) for body in LAWS[law](a, b, c)]
+    assert (found[0] is None) == (found[1] is None)
+    if found[0] is not None and found[1] is not None:
+        assert np.abs(found[0] - found[1]).max() < 0.05
+
+
+def at_or_empty(body: Body, points: FloatArray) -> FloatArray | None:
+    try:
+        _ = body.bounds_mm
+    except InputError:
+        return None
+    return body.at(points)
+
+
+def test_a_body_less_itself_is_refused_however_it_is_said() -> None:
+    a, b = Box((0, 0, 0), (6, 5, 4)), Sphere((2, 2, 2), 3)
+    for nothing in (less(a, a), less(common(a, b), a), less(a, united(a, b)),
+                    common(less(a, b), b), less(b, united(common(a, b), less(b, a)))):
+        with pytest.raises(InputError, match="of the bodies leaves nothing"):
+            _ = nothing.bounds_mm
+
+
+def surface_of(body: Sphere | Box, count: int, rng: np.random.Generator) -> FloatArray:
+    """Points spread over a ball or a box."""
+    if isinstance(body, Sphere):
+        ways = rng.normal(size=(count, 3))
+        return np.array(body.centre_mm) + body.radius_mm * (
+            ways / np.linalg.norm(ways, axis=1)[:, None])
+    low, high = np.array(body.low_mm), np.array(body.high_mm)
+    size = high - low
+    areas = np.repeat([size[1] * size[2], size[0] * size[2], size[0] * size[1]], 2)
+    faces = rng.choice(6, size=count, p=areas / areas.sum())
+    points = rng.uniform(low, high, (count, 3))
+    axis = faces // 2
+    points[np.arange(count), axis] = np.where(faces % 2 == 0, low[axis], high[axis])
+    return points
+
+
+Set = Callable[[Sequence[NDArray[np.bool_]]], NDArray[np.bool_]]
+TREES: dict[str, tuple[Callable[[Body, Body, Body], Body], Set]] = {
+    "(a | b) - c": (lambda a, b, c: less(united(a, b), c), lambda s: (s[0] | s[1]) & ~s[2]),
+    "a - (b - c)": (lambda a, b, c: less(a, less(b, c)), lambda s: s[0] & ~(s[1] & ~s[2])),
+    "(a & b) | c": (lambda a, b, c: united(common(a, b), c), lambda s: (s[0] & s[1]) | s[2]),
+    "a & (b | c)": (lambda a, b, c: common(a, united(b, c)), lambda s: s[0] & (s[1] | s[2])),
+    "a ^ b": (lambda a, b, c: united(less(a, b), less(b, a)), lambda s: s[0] ^ s[1]),
+}
+
+
+def random_leaf(rng: np.random.Generator) -> Sphere | Box:
+    centre, half = rng.uniform(-4, 4, 3), rng.uniform(1, 4, 3)
+    if rng.random() < 0.5:
+        return Sphere(tuple(centre), half[0])
+    return Box(tuple(centre - half), tuple(centre + half))
+
+
+@pytest.mark.parametrize("tree", TREES)
+@settings(max_examples=4, deadline=None, phases=FOUND)
+@given(st.integers(0, 2**32 - 1))
+def test_trees_against_a_dense_sample_of_their_surface(tree: str, seed: int) -> None:
+    """The sample is never nearer than the surface, and misses it by its spacing at most."""
+    build, holds = TREES[tree]
+    rng = np.random.default_rng(seed)
+    leaves = [random_leaf(rng) for _ in range(3)]
+    samples = []
+    for number, leaf in enumerate(leaves):
+        on = surface_of(leaf, 20_000, rng)
+        sides = [other.at(on) > 0 for other in leaves]
+        with_it, without = list(sides), list(sides)
+        with_it[number], without[number] = np.ones(len(on), bool), np.zeros(len(on), bool)
+        samples.append(on[holds(with_it) != holds(without)])
+    surface = np.concatenate(samples)
+    points = rng.uniform(-8, 8, (400, 3))
+    found = at_or_empty(build(*leaves), points)
+    if found is None:
+        assert len(surface) < 50  # a crumb, if anything
+        return
+    np.testing.assert_array_equal(found > 0, holds([leaf.at(points) > 0 for leaf in leaves]))
+    if len(surface):
+        sampled = cKDTree(surface).query(points)[0]
+        assert (np.abs(found) < sampled + 0.05).all()
+        assert (np.abs(found) > sampled - 0.3).all()
+
+
+@settings(max_examples=6, deadline=None, phases=FOUND)
+@given(st.tuples(bodies_of_all_kinds, bodies_of_all_kinds))
 def test_distances_are_bounded_by_those_of_min_and_max(bodies: tuple[Body, Body]) -> None:
     """A true distance is nowhere less deep than max and min of the bodies' say, and changes by at
     most 1 mm per mm."""

@@ -83,14 +83,39 @@ def test_a_shell_is_between_its_iso_contours(folder: Folder) -> None:
 
 
 def test_the_shell_of_a_box_has_true_corners(folder: Folder) -> None:
-    """Outside of an inner contour its corners count: √2 and √3 of what the depths differ by.
-
-    They are rounded within about a pitch, here 0.5.
-    """
+    """Outside of an inner contour its corners count: √2 and √3 of what the depths differ by."""
     box = '[[body]]\nname = "b"\nkind = "box"\nlow_mm = [0, 0, 0]\nhigh_mm = [12, 12, 12]\n'
     part = part_of(folder, STEEL + box + '[[body]]\nkind = "shell"\nof = "b"\nfrom_mm = 3\n')
     assert depths(part, (6, 6, 1), (1, 1, 6), (1, 1, 1), (6, 6, 6)) == pytest.approx(
-        [-2, -2 * 2**0.5, -2 * 3**0.5, 3], abs=0.61)
+        [-2, -2 * 2**0.5, -2 * 3**0.5, 3], abs=1e-6)
+
+
+def test_the_shell_of_a_notched_box_is_round_about_the_notch(folder: Folder) -> None:
+    """Its contour keeps away from the notch's edge by a round; its own corners are sharp."""
+    boxes = "".join(
+        f'[[body]]\nname = "{name}"\nkind = "box"\nlow_mm = {low}\nhigh_mm = {high}\n'
+        for name, low, high in (("b", [0, 0, 0], [12, 12, 12]), ("c", [6, 6, -1], [13, 13, 13])))
+    part = part_of(folder, STEEL + boxes + '[[body]]\nname = "notched"\nkind = "difference"\n'
+                   'of = ["b", "c"]\n[[body]]\nkind = "shell"\nof = "notched"\nfrom_mm = 2\n')
+    place = 6 - 2.5 * 0.5**0.5
+    assert depths(part, (place, place, 6), (5, 5, 6), (1, 1, 6), (11, 5, 6), (3, 3, 3)) == (
+        pytest.approx([0.5, 2**0.5 - 2, -(2**0.5), -(2**0.5), 1], abs=1e-6))
+
+
+def test_a_moved_boolean_is_a_boolean_of_moved_bodies(folder: Folder) -> None:
+    """Its leaves are carried, so that others see it as their own kind: what is cut off comes back
+    whole, wherever it is."""
+    text = STEEL + BALL + (
+        '[[body]]\nname = "box"\nkind = "box"\nlow_mm = [0, -6, -6]\nhigh_mm = [6, 6, 6]\n'
+        '[[body]]\nname = "cut"\nkind = "difference"\nof = ["ball", "box"]\n'
+        '[[body]]\nname = "rest"\nkind = "intersection"\nof = ["ball", "box"]\n')
+    turn = 'turn = { axis = [1, 2, 3], degrees = 40 }\nby_mm = [3, 0, 1]\n'
+    text += "".join(f'[[body]]\nname = "{name} moved"\nkind = "moved"\nof = "{name}"\n{turn}'
+                    for name in ("cut", "rest"))
+    part = part_of(folder, text + '[[body]]\nkind = "union"\nof = ["cut moved", "rest moved"]\n')
+    points = np.random.default_rng(3).uniform(-5, 9, (500, 3))
+    expected = 5 - np.linalg.norm(points - [3, 0, 1], axis=1)
+    assert np.abs(part.body.at(points) - expected).max() < 0.01
 
 
 @pytest.mark.parametrize(

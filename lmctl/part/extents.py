@@ -1,0 +1,119 @@
+"""Where the bodies of a part file lie before any of them is built, and those that are formulas."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmctl.config import bodies as config
+from lmctl.config.part_file import PartFile
+from lmctl.errors import InputError
+from lmctl.part.bodies import Body
+from lmctl.part.data import Data
+from lmctl.part.expression import Operation
+from lmctl.part.formulas import Box, Cone, Cylinder, HalfSpace, Sphere, Torus
+from lmctl.part.measured import Bounds
+from lmctl.part.moved import Motion, Moved, motion
+from lmctl.part.prism import Prism, closed_polygon
+
+FloatArray = NDArray[np.float64]
+
+
+class Extents:
+    """The boxes that the bodies of a checked part file lie in; perhaps a little large or infinite.
+
+    data : what their files hold; numbers : of the bodies that have names
+    """
+
+    def __init__(self, part: PartFile, data: Data, numbers: dict[str, int]) -> None:
+        self._part = part
+        self._data = data
+        self._number = numbers
+        self._boxes: dict[int, Bounds] = {}
+
+    def joint(self, operation: Operation | None, numbers: Sequence[int]) -> Bounds:
+        """The box that bodies combined so lie in."""
+        boxes = [self.of(number) for number in numbers]
+        lows, highs = [box[0] for box in boxes], [box[1] for box in boxes]
+        if operation == "intersection":
+            low, high = np.max(lows, axis=0), np.min(highs, axis=0)
+            if (low >= high).any():
+                raise InputError("the intersection of the bodies leaves nothing",
+                                 where=f"of {self.called(numbers)}",
+                                 hint="check where the bodies lie")
+            return low, high
+        if operation == "union":
+            return np.min(lows, axis=0), np.max(highs, axis=0)
+        return boxes[0]
+
+    def of(self, number: int) -> Bounds:
+        """The box a body lies in, without building it; perhaps a little large, perhaps infinite."""
+        if number not in self._boxes:
+            self._boxes[number] = self._measured(number)
+        return self._boxes[number]
+
+    def _measured(self, number: int) -> Bounds:
+        body = self._part.body[number]
+        match body:
+            case config.MeshBody() | config.CloudBody():
+                points = self._data.points(body)
+                return points.min(axis=0), points.max(axis=0)
+            case config.ShellBody():
+                low, high = self.of(self._number[body.of])
+                if (high - low).min() <= 2 * body.from_mm:
+                    raise InputError(
+                        f"nothing of {body.of!r} lies deeper than {body.from_mm:g} mm",
+                        where=f"it is {float((high - low).min()):.4g} mm thick at most",
+                        hint="lower from_mm of the shell",
+                    )
+                return low + body.from_mm, high - body.from_mm
+            case config.MovedBody():
+                low, high = self.of(self._number[body.of])
+                return _moved(low, high, motion_of(body))
+            case config.BooleanBody():
+                return self.joint(body.kind, [self._number[name] for name in body.of])
+            case _:
+                return formula_of(body, self.called([number])).bounds_mm
+
+    def called(self, numbers: Sequence[int]) -> str:
+        """Bodies as people know them: by name, else by their number in the file."""
+        named = [self._part.body[n].name for n in numbers]
+        return ", ".join(
+            repr(name) if name else f"body[{n + 1}]" for n, name in zip(numbers, named, strict=True)
+        )
+
+
+def formula_of(body: config.Body, name: str) -> Body:
+    """A body that needs no data and no other. name : of the body, for messages"""
+    match body:
+        case config.BoxBody():
+            return Box(body.low_mm, body.high_mm)
+        case config.SphereBody():
+            return Sphere(body.centre_mm, body.radius_mm)
+        case config.CylinderBody():
+            return Cylinder(body.base_mm, body.top_mm, body.radius_mm)
+        case config.ConeBody():
+            return Cone(body.base_mm, body.top_mm, body.base_radius_mm, body.top_radius_mm)
+        case config.TorusBody():
+            return Torus(body.centre_mm, body.axis, body.radius_mm, body.tube_radius_mm)
+        case config.HalfSpaceBody():
+            return HalfSpace(body.point_mm, body.outward)
+        case config.PrismBody():
+            corners = np.array(body.outline_mm, dtype=np.float64)
+            loop = closed_polygon(corners, name)
+            return Prism(loop, body.low_mm, body.high_mm)
+    raise TypeError(body.kind)
+
+
+def motion_of(body: config.MovedBody) -> Motion:
+    """The motion that a moved body states."""
+    turn = body.turn or config.Turn(axis=(0.0, 0.0, 1.0), degrees=0.0)
+    return motion(body.scale, turn.axis, turn.degrees, turn.through_mm, body.by_mm)
+
+
+def _moved(low: FloatArray, high: FloatArray, by: Motion) -> Bounds:
+    if not np.isfinite([low, high]).all():
+        return np.full(3, -np.inf), np.full(3, np.inf)
+    return Moved(Box(tuple(low), tuple(high)), by).bounds_mm
