@@ -299,3 +299,12 @@ def test_distances_are_bounded_by_those_of_min_and_max(bodies: tuple[Body, Body]
     assert (found >= np.maximum(*(b.at(points) for b in bodies)) - 1e-9).all()
     excess = np.abs(found - beside) - np.linalg.norm(steps, axis=1)
     assert np.quantile(excess, 0.99) < 0.02
+
+
+def test_the_largest_depth_of_nested_booleans_is_refined() -> None:
+    bar = united(Box((0, 0, 0), (10, 8, 6)), Box((10, 0, 0), (16, 8, 6)))
+    assert bar.largest_depth_mm == pytest.approx(3, abs=1e-3)
+    # A cube with a hollow cube in it, and in that a solid one: deepest in the corners around.
+    hollow = less(Box((5, 5, 5), (15, 15, 15)), Box((7, 7, 7), (13, 13, 13)))
+    cube = less(Box((0, 0, 0), (20, 20, 20)), hollow)
+    assert cube.largest_depth_mm == pytest.approx(5 * 3**0.5 / (1 + 3**0.5), abs=1e-3)
