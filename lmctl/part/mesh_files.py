@@ -93,7 +93,9 @@ def _from_binary_stl(file: DataFile) -> tuple[NDArray[np.float64], NDArray[np.in
 
 def _parsed(file: DataFile) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Corners and triangles of the forms that trimesh parses; polygons are cut into triangles."""
-    promised = check_ply(file).get("face", 0) if file.suffix == "ply" else 0
+    promised = 0
+    if file.suffix in ("ply", "off"):
+        promised = check_ply(file).get("face", 0) if file.suffix == "ply" else _off_faces(file)
     loaded = parse(file, "load_mesh")
     vertices = np.asarray(getattr(loaded, "vertices", np.empty((0, 3))), dtype=np.float64)
     triangles = np.asarray(getattr(loaded, "faces", np.empty((0, 3))), dtype=np.int64)
@@ -104,6 +106,15 @@ def _parsed(file: DataFile) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
             hint="export or copy it again",
         )
     return vertices, triangles
+
+
+def _off_faces(file: DataFile) -> int:
+    """How many faces an OFF's head promises; 0 where it cannot be told."""
+    lines = (line.partition(b"#")[0] for line in file.data[:10_000].splitlines())
+    words = b" ".join(lines).split()
+    counts = words[1:3] if words and not words[0].isdigit() else words[:2]
+    told = len(counts) == 2 and counts[1].isdigit() and len(counts[1]) <= 18
+    return int(counts[1]) if told else 0
 
 
 def parse(file: DataFile, loader: Literal["load_mesh", "load"]) -> Any:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 import itertools
 import zipfile
+import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from xml.etree import ElementTree
@@ -66,7 +67,7 @@ def read_3mf(file: DataFile, units: str | None) -> tuple[FloatArray, IntArray]:
             for piece in _placed(objects, item.get("objectid", ""), _transform(item), 0)
         )
         placed = list(itertools.islice(pieces, MOST_PLACED + 1))
-    except (KeyError, ValueError, TypeError, RecursionError) as error:
+    except (KeyError, ValueError, TypeError, OverflowError, RecursionError) as error:
         raise _damaged(file, " ".join(str(error).split())[:100] or "broken references") from None
     if len(placed) > MOST_PLACED:
         raise _damaged(file, f"it places more than {MOST_PLACED:,} meshes")
@@ -89,8 +90,13 @@ def _model(file: DataFile) -> ElementTree.Element:
                 raise _damaged(file, f"its model unpacks to {models[0].file_size:,} bytes; at most "
                                f"{LARGEST_DATA_BYTES:,}")
             text = archive.read(models[0])
-    except (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, OSError) as error:
+    except (
+        zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError, OSError
+    ) as error:
         raise _damaged(file, str(error)[:100]) from None
+    # In an encoding of wider characters the words below would not be found.
+    if b"\0" in text:
+        raise _damaged(file, "its model is not in UTF-8")
     if b"<!DOCTYPE" in text or b"<!ENTITY" in text:
         raise _damaged(file, "its model defines entities")
     try:
@@ -106,7 +112,10 @@ def _object(element: ElementTree.Element) -> _Object:
     corners = np.array(triangles, dtype=np.int64).reshape(-1, 3)
     if len(corners) and not 0 <= corners.min() <= corners.max() < len(vertices):
         raise ValueError("a triangle names a corner that is not there")
-    return _Object(np.array(vertices, dtype=np.float64).reshape(-1, 3), corners, parts)
+    points = np.array(vertices, dtype=np.float64).reshape(-1, 3)
+    if not np.isfinite(points).all():
+        raise ValueError("coordinates that are not numbers")
+    return _Object(points, corners, parts)
 
 
 def _placed(
@@ -127,7 +136,10 @@ def _transform(element: ElementTree.Element) -> Transform:
     text = element.get("transform")
     if text is None:
         return np.vstack([np.eye(3), np.zeros(3)])
-    return np.array([float(word) for word in text.split()], dtype=np.float64).reshape(4, 3)
+    by = np.array([float(word) for word in text.split()], dtype=np.float64).reshape(4, 3)
+    if not np.isfinite(by).all():
+        raise ValueError("a transform that is not numbers")
+    return by
 
 
 def _all(element: ElementTree.Element, name: str) -> Iterator[ElementTree.Element]:
