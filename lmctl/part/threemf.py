@@ -89,7 +89,8 @@ def _model(file: DataFile) -> ElementTree.Element:
             if models[0].file_size > LARGEST_DATA_BYTES:
                 raise _damaged(file, f"its model unpacks to {models[0].file_size:,} bytes; at most "
                                f"{LARGEST_DATA_BYTES:,}")
-            text = archive.read(models[0])
+            with archive.open(models[0]) as member:  # no further than it said, true or not
+                text = member.read(models[0].file_size + 1)
     except (
         zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError, OSError
     ) as error:
