@@ -116,13 +116,15 @@ def orient(samples: Samples, patches: Patches, pitch_mm: float) -> Orientation:
         )
     if lost.any():
         remarks.append(f"{int(lost.sum())} points whose side could not be told were dropped")
-    told = np.zeros(grid.shape, dtype=np.int8)
+    told: NDArray[np.int8] | None = None
     if samples.normals is not None:
+        told = np.zeros(grid.shape, dtype=np.int8)
         _by_normals_kernel(clear, sources, relative, patches.normal, facing, told)
         # The inside between two samples may be reached by a wider way than that right below one.
         gap = max(gap, int(way[told > 0].max(initial=0)))
     deep = np.where(way > gap, -1, np.where(clear > 1.5 * gap, 1, 0)).astype(np.int8)
-    deep = np.where(told != 0, told, deep)
+    if told is not None:
+        deep = np.where(told != 0, told, deep)
     return Orientation(
         inward, deep, grid, 2.0 * gap / LEVELS_PER_SPACING * typical, tuple(remarks)
     )
