@@ -42,6 +42,9 @@ FAR_PITCHES = 16.0
 ASKED_PITCHES = 6.0
 FEET_ASKED = 4
 
+#: Of no more feet than this the nearest are found at once from everywhere.
+FEW_FEET = 20_000
+
 #: A place looks again nearer to the foot it found, at these shares of the way back: nodes far away
 #: were told less precisely.
 LOOKS = (0.1, 0.05, 0.0)
@@ -130,6 +133,7 @@ class Boundary:
         away = np.linalg.norm(feet_mm[rows] - points, axis=1)
         asked = np.any((own < 0) | (own > last), axis=1)
         asked |= away < ASKED_PITCHES * self.grid.pitch_mm
+        asked |= len(feet_mm) <= FEW_FEET
         for share in LOOKS:
             near[:] = -1
             there = feet_mm[rows] + share * (points - feet_mm[rows])

@@ -13,7 +13,8 @@ from lmctl.errors import InputError
 from lmctl.part.bodies import Body
 from lmctl.part.data import Data
 from lmctl.part.expression import Operation
-from lmctl.part.formulas import Box, Cone, Cylinder, HalfSpace, Sphere, Torus
+from lmctl.part.formulas import Box, Cone, Cylinder, Sphere, Torus
+from lmctl.part.half_space import HalfSpace
 from lmctl.part.measured import Bounds
 from lmctl.part.moved import Motion, Moved, motion
 from lmctl.part.prism import Prism, closed_polygon

@@ -6,7 +6,6 @@ distance is not.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -19,12 +18,12 @@ from lmctl.field.primitives import (
     box_distance,
     cone_distance,
     cylinder_distance,
-    half_space_distance,
     sphere_distance,
     torus_distance,
 )
 from lmctl.part.analytic import Analytic
 from lmctl.part.bodies import Vector, nothing_of, unit_rows
+from lmctl.part.half_space import plane, vector_of
 from lmctl.part.measured import Bounds
 from lmctl.part.surfaces import Mantle, Surface, around_axis
 
@@ -190,7 +189,7 @@ class Cone(Analytic):
 
     @cached_property
     def _axis(self) -> Vector:
-        return _vector(unit_vector(np.subtract(self.top_mm, self.base_mm)))
+        return vector_of(unit_vector(np.subtract(self.top_mm, self.base_mm)))
 
     @cached_property
     def _length_mm(self) -> float:
@@ -252,7 +251,7 @@ class Torus(Analytic):
     def inward(self, points: FloatArray) -> FloatArray:
         """Towards the circle that its tube runs along."""
         axis = unit_vector(self.axis)
-        radial, axial, outward = around_axis(points, self.centre_mm, _vector(axis))
+        radial, axial, outward = around_axis(points, self.centre_mm, vector_of(axis))
         way = (self.radius_mm - radial)[:, None] * outward - axial[:, None] * axis
         lost = np.einsum("ij,ij->i", way, way) == 0.0
         way[lost] = outward[lost]
@@ -269,51 +268,7 @@ class Torus(Analytic):
         return (half - np.abs(_radii(plane, self.centre_mm) - self.radius_mm)).astype(np.float32)
 
 
-@dataclass(frozen=True)
-class HalfSpace(Analytic):
-    """Everything behind a plane; `outward` (of any length but 0) is the way out of it."""
-
-    point_mm: Vector
-    outward: Vector
-
-    one_foot = True
-
-    @property
-    def bounds_mm(self) -> Bounds:
-        """Infinite, but for a plane across an axis on the side it closes."""
-        along = unit_vector(self.outward)
-        low, high = np.full(3, -np.inf), np.full(3, np.inf)
-        for axis in range(3):
-            if along[axis] == 1.0:
-                high[axis] = self.point_mm[axis]
-            elif along[axis] == -1.0:
-                low[axis] = self.point_mm[axis]
-        return low, high
-
-    @property
-    def largest_depth_mm(self) -> float:
-        return float("inf")
-
-    def at(self, points: FloatArray) -> FloatArray:
-        return half_space_distance(points, self.point_mm, self.outward)
-
-    def inward(self, points: FloatArray) -> FloatArray:
-        return np.tile(-unit_vector(self.outward), (len(points), 1))
-
-
-def plane(point_mm: Sequence[float], outward: Sequence[float] | FloatArray) -> HalfSpace:
-    """What is behind a plane; equal for equal planes, whatever point of them is given."""
-    along = unit_vector(outward)
-    height = round(float(np.dot(along, point_mm)), 12)
-    return HalfSpace(_vector(height * along + 0.0), _vector(along + 0.0))
-
-
 def _radii(plane: PlaneGrid, centre_mm: Vector) -> FloatArray:
     """Distance of each node of a plane from a point in it, (ny, nx) float64 [mm]."""
     x, y = plane.x_mm - centre_mm[0], plane.y_mm - centre_mm[1]
     return np.asarray(np.hypot(x[None, :], y[:, None]))
-
-
-def _vector(values: Sequence[float] | FloatArray) -> Vector:
-    x, y, z = (float(value) for value in values)
-    return x, y, z

@@ -14,7 +14,8 @@ from lmctl.field.kernel import kernel
 from lmctl.field.plane import PlaneGrid, loop_area_mm2, plane_distance
 from lmctl.part.analytic import Analytic
 from lmctl.part.bodies import nothing_of, unit_rows
-from lmctl.part.formulas import ON_IT_MM, plane
+from lmctl.part.formulas import ON_IT_MM
+from lmctl.part.half_space import plane
 from lmctl.part.measured import Bounds
 from lmctl.part.surfaces import Surface
 
