@@ -18,7 +18,7 @@ def jobs(runs_dir: Path, as_json: bool) -> None:
     """List job files in this folder and runs in the runs folder."""
     from lmctl.errors import JobError
     from lmctl.job.reader import JobReader
-    from lmctl.run.rundir import list_runs
+    from lmctl.run.journal.rundir import list_runs
 
     files: list[dict[str, object]] = []
     for path in sorted(Path().glob("*.lmj")):

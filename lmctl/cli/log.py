@@ -47,7 +47,7 @@ def find_journal(run: str, runs_dir: Path) -> Path:
 
     Raises JournalError where there is none.
     """
-    from lmctl.run import rundir
+    from lmctl.run.journal import rundir
 
     path = Path(run)
     if path.is_file():
@@ -58,7 +58,7 @@ def find_journal(run: str, runs_dir: Path) -> Path:
 
 
 def _verify(journal: Path) -> None:
-    from lmctl.run.journal_file import verify
+    from lmctl.run.journal.file import verify
 
     found = verify(journal)
     if found.broken_line is not None:
@@ -78,7 +78,7 @@ def _put_journal(journal: Path) -> None:
     """One JSON object, written record by record: a journal may be larger than memory likes."""
     import json
 
-    from lmctl.run.journal_file import read, verify
+    from lmctl.run.journal.file import read, verify
 
     found = verify(journal)
     if found.broken_line is not None:

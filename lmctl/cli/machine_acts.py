@@ -17,9 +17,9 @@ from lmctl.config.machine import MachineProfile
 from lmctl.errors import LmctlError, UsageError
 
 if TYPE_CHECKING:
-    from lmctl.machine.motion import MotionDriver
-    from lmctl.run.doctor import CellLook
-    from lmctl.run.whereabouts import Whereabouts
+    from lmctl.machine.motion.driver import MotionDriver
+    from lmctl.run.cell.doctor import CellLook
+    from lmctl.run.journal.whereabouts import Whereabouts
 
 T = TypeVar("T")
 
@@ -33,7 +33,7 @@ def home(
     machine: Path | None, sim: bool, bench: Path | None, runs_dir: Path, yes: bool
 ) -> None:
     """Home the axes, which clears an alarm. Says what will move, and asks first."""
-    from lmctl.machine.homing import run_home
+    from lmctl.machine.by_hand.homing import run_home
 
     cell = choose_cell(machine, sim, bench)
     for line in cell.do(lambda profile: _what_moves(profile, runs_dir)):
@@ -57,7 +57,7 @@ def jog(
 
     Axes that are not named stay where they are.
     """
-    from lmctl.machine.jog import Jog, run_jog
+    from lmctl.machine.by_hand.jog import Jog, run_jog
 
     cell = choose_cell(machine, sim, bench)
     wanted = Jog(_axes(words), relative, feed_mm_min)
@@ -82,7 +82,7 @@ def offset(
     With --here: the program coordinates of the place where the machine stands. Axes that are not
     named keep theirs. The controller remembers it.
     """
-    from lmctl.machine.homing import run_offset
+    from lmctl.machine.by_hand.homing import run_offset
 
     cell = choose_cell(machine, sim, bench)
     axes = _axes(words)
@@ -117,9 +117,9 @@ def unlock(
 
 
 async def _what_moves(profile: MachineProfile, runs_dir: Path) -> list[str]:
-    from lmctl.machine.at_hand import motion_at_hand
-    from lmctl.machine.homing import homing_words
-    from lmctl.run.ownership import owning
+    from lmctl.machine.by_hand.controller import motion_at_hand
+    from lmctl.machine.by_hand.homing import homing_words
+    from lmctl.run.cell.ownership import owning
 
     with owning(profile, "lmctl machine home", runs_dir):
         async with motion_at_hand(profile) as motion:
@@ -147,9 +147,9 @@ def _locked(look: CellLook, profile: MachineProfile) -> dict[str, str]:
 
 
 async def _unlocked(profile: MachineProfile, runs_dir: Path, locked: dict[str, str]) -> None:
-    from lmctl.machine.feeder import FeederDriver
-    from lmctl.machine.homing import run_unlock
-    from lmctl.run.doctor import hoppers_on
+    from lmctl.machine.by_hand.homing import run_unlock
+    from lmctl.machine.feeder.driver import FeederDriver
+    from lmctl.run.cell.doctor import hoppers_on
 
     async def unlocked(whereabouts: Whereabouts) -> None:
         if "motion" in locked:
@@ -169,7 +169,7 @@ async def with_motion(
     profile: MachineProfile, whereabouts: Whereabouts, act: Callable[[MotionDriver], Awaitable[T]]
 ) -> T:
     """What the act returns."""
-    from lmctl.machine.at_hand import motion_at_hand
+    from lmctl.machine.by_hand.controller import motion_at_hand
 
     async with motion_at_hand(profile) as motion:
         try:
@@ -198,8 +198,8 @@ async def journaled(
     act: Callable[[Whereabouts], Awaitable[T]],
 ) -> T:
     """Have the machine to oneself; write the act down before it begins and when it has ended."""
-    from lmctl.run.ownership import owning
-    from lmctl.run.whereabouts import Whereabouts
+    from lmctl.run.cell.ownership import owning
+    from lmctl.run.journal.whereabouts import Whereabouts
 
     with owning(profile, f"lmctl machine {what['do']}", runs_dir):
         whereabouts = Whereabouts(runs_dir, profile.name)

@@ -13,10 +13,10 @@ from lmctl.config.machine import MachineProfile
 from lmctl.errors import LmctlError, MachineError
 
 if TYPE_CHECKING:
-    from lmctl.machine.look_modbus import FeederLook
-    from lmctl.machine.look_motion import MotionLook
-    from lmctl.machine.safety_status import SafetyStatus
-    from lmctl.run.doctor import CellLook
+    from lmctl.machine.by_hand.look_modbus import FeederLook
+    from lmctl.machine.by_hand.look_motion import MotionLook
+    from lmctl.machine.safety.status import SafetyStatus
+    from lmctl.run.cell.doctor import CellLook
 
 
 @click.command()
@@ -57,7 +57,7 @@ def doctor(
     Exit code 4 where a run would be refused or could not go well, 1 where something else should
     be mended, 0 where all is well.
     """
-    from lmctl.run.doctor import examine
+    from lmctl.run.cell.doctor import examine
 
     cell = choose_cell(machine, sim, bench)
     seen = cell.do(lambda profile: look(profile, "lmctl machine doctor", runs_dir))
@@ -92,8 +92,8 @@ def doctor(
 
 async def look(profile: MachineProfile, who: str, runs_dir: Path) -> CellLook:
     """Look at all devices. Raises MachineError where the machine is in other hands."""
-    from lmctl.run.doctor import look_at
-    from lmctl.run.ownership import owning
+    from lmctl.run.cell.doctor import look_at
+    from lmctl.run.cell.ownership import owning
 
     with owning(profile, who, runs_dir):  # a controller at work must not be asked by two
         return await look_at(profile)

@@ -89,7 +89,8 @@ def override(percent: int, run: str | None, runs_dir: Path, as_json: bool) -> No
 def status(run: str | None, runs_dir: Path, as_json: bool, every_s: float | None) -> None:
     """Say how RUN stands: state, place, time left, override, alarms with what to do."""
     from lmctl.errors import JournalError
-    from lmctl.run import control_client, rundir
+    from lmctl.run.control import client as control_client
+    from lmctl.run.journal import rundir
 
     folder = control_client.find_run(runs_dir, run)
     if every_s is not None:
@@ -156,14 +157,14 @@ def _put_alarms(now: dict[str, Any]) -> None:
 
 
 def _act(run: str | None, runs_dir: Path, do: str, **values: Any) -> tuple[Path, dict[str, Any]]:
-    from lmctl.run import control_client
+    from lmctl.run.control import client as control_client
 
     folder = control_client.find_run(runs_dir, run)
     return folder, control_client.ask(folder, do, **values)
 
 
 def _ask(folder: Path, do: str) -> dict[str, Any]:
-    from lmctl.run import control_client
+    from lmctl.run.control import client as control_client
 
     return control_client.ask(folder, do)
 

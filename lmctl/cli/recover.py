@@ -12,13 +12,13 @@ from lmctl.cli.console import put, put_json, say
 from lmctl.cli.run import outcome, result_as_json
 from lmctl.config.machine import MachineProfile
 from lmctl.errors import JournalError, MachineError, UsageError
-from lmctl.run.reentry import OVERLAP_MM
+from lmctl.run.program.reentry import OVERLAP_MM
 
 if TYPE_CHECKING:
-    from lmctl.machine.motion import MotionDriver
-    from lmctl.run.aftermath import Aftermath
+    from lmctl.machine.motion.driver import MotionDriver
     from lmctl.run.executor import Continuation, RunResult
-    from lmctl.run.recovery import Recovery
+    from lmctl.run.journal.aftermath import Aftermath
+    from lmctl.run.journal.recovery import Recovery
 
 
 @click.command()
@@ -37,8 +37,8 @@ def recover(
     be done is shown, and asked. The part is entered again a few millimetres before the place
     reached, after fresh powder; a new run is journaled, which names the one it continues.
     """
-    from lmctl.run import rundir
-    from lmctl.run.aftermath import aftermath, continued_by
+    from lmctl.run.journal import rundir
+    from lmctl.run.journal.aftermath import aftermath, continued_by
 
     choice = choose_cell(machine, sim, bench)
     made = rundir.find(runs_dir, run)
@@ -66,10 +66,10 @@ async def _prepared(
 ) -> Continuation:
     """Look, say what will be done, ask, and home the machine where its position is lost."""
     from lmctl.cli.machine_acts import journaled, with_motion
-    from lmctl.machine.at_hand import motion_at_hand
-    from lmctl.machine.homing import homing_words, run_home
+    from lmctl.machine.by_hand.controller import motion_at_hand
+    from lmctl.machine.by_hand.homing import homing_words, run_home
+    from lmctl.run.cell.ownership import owning
     from lmctl.run.executor import Continuation
-    from lmctl.run.ownership import owning
 
     with owning(profile, "lmctl recover", runs_dir):
         async with motion_at_hand(profile) as motion:
@@ -96,7 +96,7 @@ async def _prepared(
 def _found(after: Aftermath, motion: MotionDriver) -> tuple[Recovery, list[str]]:
     """Where the job goes on, and how that was found out."""
     from lmctl.job.reader import JobReader
-    from lmctl.run.recovery import find_place
+    from lmctl.run.journal.recovery import find_place
 
     with JobReader(after.run.job) as job:
         found = find_place(job, after, motion.position_mm)

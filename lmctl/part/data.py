@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from lmctl.config.bodies import CloudBody, MeshBody
 from lmctl.config.composition import FaceFeature, SheetFeature
 from lmctl.errors import InputError
-from lmctl.part.bodies import without_slivers
-from lmctl.part.cloud_files import Cloud, read_cloud
+from lmctl.part.bodies.body import without_slivers
 from lmctl.part.faces import grouped_corners, patch_around
-from lmctl.part.files import DataFile, read_data
-from lmctl.part.mesh_files import Mesh, read_mesh
-from lmctl.part.mesh_report import mend
+from lmctl.part.sources.cloud_files import Cloud, read_cloud
+from lmctl.part.sources.files import DataFile, read_data
+from lmctl.part.sources.mesh_files import Mesh, read_mesh
+from lmctl.part.sources.mesh_report import mend
 
 FloatArray = NDArray[np.float64]
 

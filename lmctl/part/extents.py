@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 from lmctl.config import bodies as config
 from lmctl.config.part_file import PartFile
 from lmctl.errors import InputError
-from lmctl.part.bodies import Body
+from lmctl.part.bodies.body import Body
+from lmctl.part.bodies.formulas import Box, Cone, Cylinder, Sphere, Torus
+from lmctl.part.bodies.half_space import HalfSpace
+from lmctl.part.bodies.measured import Bounds
+from lmctl.part.bodies.moved import Motion, Moved, motion
+from lmctl.part.bodies.prism import Prism, closed_polygon
+from lmctl.part.booleans.expression import Operation
 from lmctl.part.data import Data
-from lmctl.part.expression import Operation
-from lmctl.part.formulas import Box, Cone, Cylinder, Sphere, Torus
-from lmctl.part.half_space import HalfSpace
-from lmctl.part.measured import Bounds
-from lmctl.part.moved import Motion, Moved, motion
-from lmctl.part.prism import Prism, closed_polygon
 
 FloatArray = NDArray[np.float64]
 

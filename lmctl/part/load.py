@@ -10,14 +10,14 @@ from lmctl.config.composition import SurfaceFeature
 from lmctl.config.part_rules import load_part_file, parse_part_file
 from lmctl.errors import InputError
 from lmctl.field.grid import Grid
-from lmctl.part.bodies import Body, FieldSolid, MeshSolid
-from lmctl.part.cloud_files import CLOUD_SUFFIXES
+from lmctl.part.bodies.body import Body, FieldSolid, MeshSolid
 from lmctl.part.data import Data
-from lmctl.part.doubts import doubts
-from lmctl.part.materials import resolve_materials
-from lmctl.part.mesh_files import MESH_SUFFIXES
+from lmctl.part.materials.doubts import doubts
+from lmctl.part.materials.powders import resolve_materials
 from lmctl.part.part import Part
 from lmctl.part.resolution import checked_grid, plane_around
+from lmctl.part.sources.cloud_files import CLOUD_SUFFIXES
+from lmctl.part.sources.mesh_files import MESH_SUFFIXES
 from lmctl.part.tree import Tree
 
 #: What a bare mesh or cloud is made of.

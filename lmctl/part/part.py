@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from lmctl.config.part_file import Process
 from lmctl.field.grid import Grid, Window
 from lmctl.field.plane import PlaneGrid, plane_distance
-from lmctl.part.bodies import Body, plane_points
-from lmctl.part.composition import Rule
-from lmctl.part.materials import MaterialSpec
-from lmctl.part.measured import Bounds
+from lmctl.part.bodies.body import Body, plane_points
+from lmctl.part.bodies.measured import Bounds
+from lmctl.part.materials.composition import Rule
+from lmctl.part.materials.powders import MaterialSpec
 
 FloatArray = NDArray[np.float64]
 

@@ -17,23 +17,23 @@ from lmctl.config import bodies as config
 from lmctl.config.composition import FaceFeature, SheetFeature
 from lmctl.config.part_file import PartFile
 from lmctl.errors import InputError
-from lmctl.field.cloud import cloud_field
+from lmctl.field.cloud.cloud_field import cloud_field
 from lmctl.field.grid import Grid
-from lmctl.part.bodies import Body, FieldSolid, MeshSolid
-from lmctl.part.cloud_files import Cloud
-from lmctl.part.combined import Combined
-from lmctl.part.composition import Carried, Mixed, Rule, Uniform
+from lmctl.part.bodies.body import Body, FieldSolid, MeshSolid
+from lmctl.part.bodies.measured import Bounds, is_closed, without_specks
+from lmctl.part.bodies.moved import Motion, Moved
+from lmctl.part.booleans.combined import Combined
+from lmctl.part.booleans.expression import Operation
+from lmctl.part.booleans.offset import Offset
+from lmctl.part.booleans.overlap import Overlap
 from lmctl.part.cost import CLOUD_S, MESH_S, OPERAND_S, Cost, Item
 from lmctl.part.data import Data
-from lmctl.part.expression import Operation
 from lmctl.part.extents import Extents, formula_of, motion_of
-from lmctl.part.measured import Bounds, is_closed, without_specks
-from lmctl.part.mesh_files import Mesh
-from lmctl.part.moved import Motion, Moved
-from lmctl.part.offset import Offset
-from lmctl.part.overlap import Overlap
+from lmctl.part.materials.composition import Carried, Mixed, Rule, Uniform
+from lmctl.part.materials.rules import Surroundings, rule_of
 from lmctl.part.resolution import boundary_grid, checked_grid, choose_pitch
-from lmctl.part.rules import Surroundings, rule_of
+from lmctl.part.sources.cloud_files import Cloud
+from lmctl.part.sources.mesh_files import Mesh
 
 FloatArray = NDArray[np.float64]
 

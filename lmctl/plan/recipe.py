@@ -15,7 +15,7 @@ from lmctl.errors import PlanError
 from lmctl.preflight.hoppers import hopper_of
 
 if TYPE_CHECKING:
-    from lmctl.part.materials import MaterialSpec
+    from lmctl.part.materials.powders import MaterialSpec
 
 FloatArray = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from lmctl.run.journal_file import Verification, read, verify
+from lmctl.run.journal.file import Verification, read, verify
 
 
 @dataclass(frozen=True)

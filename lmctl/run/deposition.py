@@ -12,15 +12,15 @@ from dataclasses import dataclass, field
 
 from firmware_protocol.status import StatusReport
 from lmctl.config.machine import Motion
-from lmctl.run.cell import Cell
-from lmctl.run.job_window import JobWindow
-from lmctl.run.outlook import Outlook
-from lmctl.run.overrides import override_bytes
-from lmctl.run.powder_feed import PowderFeed
-from lmctl.run.program_clock import ProgramClock
-from lmctl.run.recorder import Recorder
-from lmctl.run.reentry import START, Entry, Place
-from lmctl.run.streamer import Streamer
+from lmctl.run.cell.devices import Cell
+from lmctl.run.journal.recorder import Recorder
+from lmctl.run.powder.feed import PowderFeed
+from lmctl.run.program.clock import ProgramClock
+from lmctl.run.program.outlook import Outlook
+from lmctl.run.program.overrides import override_bytes
+from lmctl.run.program.reentry import START, Entry, Place
+from lmctl.run.program.streamer import Streamer
+from lmctl.run.program.window import JobWindow
 
 #: An override waits so long for a travel in which it can be set [s].
 _OVERRIDE_WITHIN_S = 60.0

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from lmctl.errors import JobError, LmctlError, RunBrokenOff, RunFailed, RunStopped
-from lmctl.run.alarms import Alarm
-from lmctl.run.rundir import RunDir
+from lmctl.run.interlocks.alarms import Alarm
+from lmctl.run.journal.rundir import RunDir
 from lmctl.run.sequence import CellSequence
-from lmctl.run.state_machine import StateMachine
-from lmctl.run.states import State
+from lmctl.run.state.machine import StateMachine
+from lmctl.run.state.table import State
 
 
 def recoverable(machine: StateMachine, sequence: CellSequence) -> bool:

@@ -16,19 +16,20 @@ from lmctl.errors import JobError, LmctlError, UsageError
 from lmctl.job.reader import JobReader
 from lmctl.preflight.job_check import check_job
 from lmctl.preflight.program_check import check_program
-from lmctl.run import rundir, signals
-from lmctl.run.control import Controls, ControlSocket, Peer, listening
+from lmctl.run import signals
+from lmctl.run.cell.ownership import owning
+from lmctl.run.control.server import Controls, ControlSocket, Peer, listening
 from lmctl.run.deposition import Progress
 from lmctl.run.endings import ending, recoverable
-from lmctl.run.journal import Journal
-from lmctl.run.overrides import LEAST_PERCENT, MOST_PERCENT
-from lmctl.run.ownership import owning
-from lmctl.run.recorder import Recorder, wall_stamp
+from lmctl.run.journal import rundir
+from lmctl.run.journal.recorder import Recorder, wall_stamp
+from lmctl.run.journal.whereabouts import Whereabouts
+from lmctl.run.journal.writer import Journal
+from lmctl.run.program.overrides import LEAST_PERCENT, MOST_PERCENT
 from lmctl.run.sequence import CellSequence, Continuation
 from lmctl.run.snapshot import View
-from lmctl.run.state_machine import StateMachine
-from lmctl.run.states import Event, State
-from lmctl.run.whereabouts import Whereabouts
+from lmctl.run.state.machine import StateMachine
+from lmctl.run.state.table import Event, State
 
 __all__ = ["Continuation", "Executor", "Progress", "RunResult", "run_job"]
 

@@ -10,18 +10,18 @@ from dataclasses import dataclass
 from lmctl.config.machine import Hopper, MachineProfile
 from lmctl.errors import JobError, JournalError, MachineError
 from lmctl.job.reader import JobReader
-from lmctl.machine.feeder import FeederDriver
-from lmctl.run import acceptance
-from lmctl.run.alarms import Alarms, Interlock
-from lmctl.run.beam import Beam
-from lmctl.run.beam_off import without_beam
-from lmctl.run.cell import Cell
+from lmctl.machine.feeder.driver import FeederDriver
+from lmctl.run.cell import acceptance
+from lmctl.run.cell.beam import Beam
+from lmctl.run.cell.beam_off import without_beam
+from lmctl.run.cell.devices import Cell
 from lmctl.run.deposition import Progress
-from lmctl.run.recorder import Recorder
-from lmctl.run.reentry import START, Place
-from lmctl.run.states import Do
+from lmctl.run.interlocks.alarms import Alarms, Interlock
+from lmctl.run.journal.recorder import Recorder
+from lmctl.run.journal.whereabouts import Whereabouts
+from lmctl.run.program.reentry import START, Place
+from lmctl.run.state.table import Do
 from lmctl.run.watch import Watch
-from lmctl.run.whereabouts import Whereabouts
 from lmctl.run.work import Work, Workshop
 
 #: A held run waits so long for its operator; then it is stopped, and can be recovered [s].

@@ -9,7 +9,7 @@ from typing import Any
 from lmctl.config.machine import Hopper, MachineProfile
 from lmctl.job.schema import JobManifest
 from lmctl.run.deposition import Progress
-from lmctl.run.recorder import Latest
+from lmctl.run.journal.recorder import Latest
 from lmctl.run.sequence import CellSequence
 
 

@@ -10,22 +10,22 @@ from firmware_protocol.status import StatusReport
 from lmctl.config.machine import MachineProfile
 from lmctl.errors import JobError, MachineError
 from lmctl.machine.beat import on_beat
-from lmctl.machine.feeder import FeederDriver
-from lmctl.machine.feeder_status import FeederListener, FeederStatus
-from lmctl.machine.motion import MotionListener
-from lmctl.machine.safety_status import SafetyListener, SafetyStatus
-from lmctl.run.alarms import Alarms, Interlock
-from lmctl.run.cell import Cell
+from lmctl.machine.feeder.driver import FeederDriver
+from lmctl.machine.feeder.status import FeederListener, FeederStatus
+from lmctl.machine.motion.driver import MotionListener
+from lmctl.machine.safety.status import SafetyListener, SafetyStatus
+from lmctl.run.cell.devices import Cell
 from lmctl.run.deposition import Deposition
-from lmctl.run.interlocks import (
+from lmctl.run.interlocks.alarms import Alarms, Interlock
+from lmctl.run.interlocks.rules import (
     RULES,
     RULES_WITHOUT_SAFETY,
     STALE_PERIODS,
     Facts,
     FeederFacts,
 )
-from lmctl.run.recorder import Recorder
-from lmctl.run.supervision import Supervision
+from lmctl.run.interlocks.supervision import Supervision
+from lmctl.run.journal.recorder import Recorder
 
 
 class Watch:

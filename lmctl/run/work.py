@@ -8,14 +8,14 @@ from dataclasses import dataclass
 from lmctl.config.machine import Hopper, MachineProfile
 from lmctl.job.reader import JobReader
 from lmctl.job.schema import JobLayer
-from lmctl.run.cell import Cell
+from lmctl.run.cell.devices import Cell
 from lmctl.run.deposition import Deposition, LayerTally, Progress
-from lmctl.run.job_window import JobWindow
-from lmctl.run.powder_feed import PowderFeed
-from lmctl.run.powder_lead import Hose, PowderPlan
-from lmctl.run.program_clock import ProgramClock
-from lmctl.run.recorder import Recorder
-from lmctl.run.reentry import START, Entry, Place, enter
+from lmctl.run.journal.recorder import Recorder
+from lmctl.run.powder.feed import PowderFeed
+from lmctl.run.powder.lead import Hose, PowderPlan
+from lmctl.run.program.clock import ProgramClock
+from lmctl.run.program.reentry import START, Entry, Place, enter
+from lmctl.run.program.window import JobWindow
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ import numpy as np
 import shapely
 
 from lmctl.examples import gear_cloud
-from lmctl.field.cloud import cloud_field
+from lmctl.field.cloud.cloud_field import cloud_field
 from lmctl.field.grid import Grid
 
 

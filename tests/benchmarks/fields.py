@@ -22,11 +22,11 @@ import shapely
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))  # also without being installed
 
 from lmctl.examples.gear_cloud import bore_outline, gear_outline
-from lmctl.field.cloud import cloud_field
+from lmctl.field.cloud.cloud_field import cloud_field
 from lmctl.field.eikonal import eikonal_distance
 from lmctl.field.field import Field, sample
 from lmctl.field.grid import Grid
-from lmctl.field.mesh import mesh_field
+from lmctl.field.mesh.mesh_field import mesh_field
 from lmctl.field.primitives import box_distance, sphere_distance
 from lmctl.field.stored import stored_field
 

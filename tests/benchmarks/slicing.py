@@ -15,9 +15,9 @@ import trimesh
 
 from lmctl.field.grid import Grid
 from lmctl.field.plane import PlaneGrid, section_loops
-from lmctl.part.bodies import MeshSolid
-from lmctl.part.mesh_files import Mesh
-from lmctl.part.slicing import Slicer
+from lmctl.part.bodies.body import MeshSolid
+from lmctl.part.sources.mesh_files import Mesh
+from lmctl.part.sources.slicing import Slicer
 
 RADIUS_MM = 30.0
 HEIGHTS_MM = np.linspace(-0.95, 0.95, 60) * RADIUS_MM
@@ -68,7 +68,7 @@ def corner_errors() -> dict[str, float]:
         return round(max(float(np.hypot(*(outline - c).T).min()) for c in corners), 6)
 
     from lmctl.field.field import sample
-    from lmctl.part.bodies import plane_points
+    from lmctl.part.bodies.body import plane_points
 
     values = sample(solid.field, plane_points(plane, 1.0)).astype(np.float32).reshape(plane.shape)
     return {

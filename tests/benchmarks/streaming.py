@@ -46,7 +46,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))  # also without being installed
 
-from lmctl.machine.motion import MotionDriver, MotionListener
+from lmctl.machine.motion.driver import MotionDriver, MotionListener
 from simulators import virtual_time
 from simulators.motion.config import MotionConfig
 from simulators.motion.server import serve_tcp

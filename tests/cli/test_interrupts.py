@@ -15,7 +15,7 @@ import pytest
 
 import lmctl.examples
 from lmctl.config.machine import load_profile
-from lmctl.run.journal_file import read, verify
+from lmctl.run.journal.file import read, verify
 from tests.faults.kills import shortened, wired
 from tests.run.conftest import squares, write_job
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from lmctl.run.journal_file import read, verify
+from lmctl.run.journal.file import read, verify
 
 BENCH = (files("lmctl.examples") / "bench.toml").read_text()
 CELL = (files("lmctl.examples") / "cell.toml").read_text()

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from lmctl.run.journal_file import verify
+from lmctl.run.journal.file import verify
 
 BLOCK = """
 name = "block"
@@ -133,7 +133,7 @@ def test_where_there_is_nothing_to_drive(refused, tmp_path) -> None:
 
 
 def test_what_answers_nonsense_or_nothing_is_said_so(refused, tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr("lmctl.run.control_client._ANSWER_S", 0.2)
+    monkeypatch.setattr("lmctl.run.control.client._ANSWER_S", 0.2)
     folder = tmp_path / "runs/run-0001"
     folder.mkdir(parents=True)
     (folder / "journal.jsonl").touch()

@@ -24,8 +24,8 @@ import numpy as np
 from lmctl.config.machine import load_profile
 from lmctl.job.reader import JobReader
 from lmctl.job.schema import LineKind
-from lmctl.run.journal_file import read, verify
-from lmctl.run.reentry import OVERLAP_MM
+from lmctl.run.journal.file import read, verify
+from lmctl.run.program.reentry import OVERLAP_MM
 from tests.faults.processes import start
 
 #: Delays far shorter than a cell's, so that a run takes seconds.

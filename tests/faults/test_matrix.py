@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from lmctl.run.states import State
+from lmctl.run.state.table import State
 from simulators.faults.kinds import KINDS
 from tests.faults.expected import EXPECTED
 from tests.faults.matrix import STATES, faults_of, try_one, write_job

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lmctl.errors import InputError
-from lmctl.field.cloud import cloud_field
+from lmctl.field.cloud.cloud_field import cloud_field
 from lmctl.field.grid import Grid
 from lmctl.field.primitives import box_distance, torus_distance
 

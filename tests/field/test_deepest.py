@@ -7,7 +7,7 @@ import pytest
 
 from lmctl.field.deepest import largest_depth
 from lmctl.field.grid import Grid
-from lmctl.field.mesh import mesh_field
+from lmctl.field.mesh.mesh_field import mesh_field
 from lmctl.field.primitives import box_distance, sphere_distance, torus_distance
 from lmctl.field.stored import stored_field
 

@@ -10,7 +10,7 @@ import pytest
 
 from lmctl.field.field import Field, sample
 from lmctl.field.grid import Grid
-from lmctl.field.mesh import mesh_field
+from lmctl.field.mesh.mesh_field import mesh_field
 from lmctl.field.primitives import (
     box_distance,
     cylinder_distance,

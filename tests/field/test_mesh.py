@@ -9,7 +9,7 @@ import pytest
 from lmctl.errors import InputError
 from lmctl.field.field import sample, sample_gradient
 from lmctl.field.grid import Grid
-from lmctl.field.mesh import mesh_field
+from lmctl.field.mesh.mesh_field import mesh_field
 from lmctl.field.primitives import box_distance
 
 BOX = ([-6.1, -4.3, -2.7], [6.2, 4.4, 3.1])

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from lmctl.field.nearest import into_cells, nearest_neighbours
+from lmctl.field.cloud.nearest import into_cells, nearest_neighbours
 
 FloatArray = NDArray[np.float64]
 

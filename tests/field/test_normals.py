@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from lmctl.errors import InputError
-from lmctl.field.cloud import cloud_field
+from lmctl.field.cloud.cloud_field import cloud_field
 from lmctl.field.field import Field
 from lmctl.field.grid import Grid
 from lmctl.field.primitives import box_distance

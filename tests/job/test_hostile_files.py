@@ -20,7 +20,7 @@ from lmctl.errors import ConfigError, InputError, JobError, LmctlError
 from lmctl.job import container
 from lmctl.job.reader import JobReader
 from lmctl.part.load import load_part
-from lmctl.run import rundir
+from lmctl.run.journal import rundir
 
 CELL = (files("lmctl.examples") / "cell.toml").read_text()
 MOST_MB = 60

@@ -9,8 +9,8 @@ from contextlib import asynccontextmanager
 import pytest
 
 from lmctl.config.machine import Feeder, Hopper
-from lmctl.machine.feeder import FeederDriver
-from lmctl.machine.feeder_status import FeederListener
+from lmctl.machine.feeder.driver import FeederDriver
+from lmctl.machine.feeder.status import FeederListener
 from simulators.feeder.config import FeederConfig, HopperConfig
 from simulators.feeder.device import PmxDevice
 from simulators.feeder.server import serve_tcp

@@ -9,8 +9,8 @@ from contextlib import asynccontextmanager
 import pytest
 
 from lmctl.config.machine import Safety
-from lmctl.machine.safety import SafetyDriver
-from lmctl.machine.safety_status import SafetyListener, SafetyStatus
+from lmctl.machine.safety.driver import SafetyDriver
+from lmctl.machine.safety.status import SafetyListener, SafetyStatus
 from simulators.faults.edge import Edge
 from simulators.modbus_server import ModbusServer, serve_pty, serve_tcp
 from simulators.safety.config import SafetyConfig

@@ -10,7 +10,7 @@ import pytest
 
 from firmware_protocol.pmx import HopperFlags, State, Status
 from lmctl.config.machine import Feeder
-from lmctl.machine.feeder import FeederDriver
+from lmctl.machine.feeder.driver import FeederDriver
 from simulators import virtual_time
 from simulators.feeder.config import FeederConfig
 from tests.machine.feeder_cell import ONE, TRUTH, disc_rpm, driven, feeding, hopper, now, simulated

@@ -157,7 +157,7 @@ def test_a_lost_answer_repeats_the_recipe_under_a_new_number():
                 answer = await ask(*args, **settings)
                 if not lost:
                     lost.append(answer)
-                    from lmctl.machine.modbus import NoAnswerError
+                    from lmctl.machine.modbus.client import NoAnswerError
                     raise NoAnswerError("lost")
                 return answer
 

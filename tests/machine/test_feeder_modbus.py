@@ -5,8 +5,8 @@ import asyncio
 import pytest
 
 from lmctl.errors import ConfigError, MachineError
-from lmctl.machine.modbus import ModbusLink, NoAnswerError, RefusedError
-from lmctl.machine.modbus_endpoint import RtuEndpoint, TcpEndpoint, parse_modbus_endpoint
+from lmctl.machine.modbus.client import ModbusLink, NoAnswerError, RefusedError
+from lmctl.machine.modbus.endpoint import RtuEndpoint, TcpEndpoint, parse_modbus_endpoint
 from simulators import virtual_time
 from simulators.feeder.config import FeederConfig, HopperConfig
 from simulators.feeder.device import PmxDevice

@@ -8,7 +8,7 @@ import pytest
 
 from lmctl.config.machine import Feeder
 from lmctl.errors import ConfigError, MachineError
-from lmctl.machine.feeder import FeederDriver
+from lmctl.machine.feeder.driver import FeederDriver
 from simulators import virtual_time
 from tests.machine.feeder_cell import ONE, driven, feeding, hopper, now, only_tcp, simulated
 

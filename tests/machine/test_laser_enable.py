@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from lmctl.config.machine import Safety
 from lmctl.errors import MachineError
-from lmctl.machine.laser_enable import LaserEnable
-from lmctl.machine.look_modbus import look_at_safety
-from lmctl.machine.safety import SafetyDriver
+from lmctl.machine.by_hand.look_modbus import look_at_safety
+from lmctl.machine.safety.driver import SafetyDriver
+from lmctl.machine.safety.laser_enable import LaserEnable
 from simulators import virtual_time
 from simulators.faults.edge import nothing_passes
 from simulators.modbus_server import serve_tcp

@@ -7,7 +7,7 @@ import asyncio
 import pytest
 
 from lmctl.errors import MachineError
-from lmctl.machine.laser_enable import SETTLE_S, LaserEnable
+from lmctl.machine.safety.laser_enable import SETTLE_S, LaserEnable
 from simulators.faults.edge import nothing_passes
 from tests.machine.laser_cell import now, played, wires
 

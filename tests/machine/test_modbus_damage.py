@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lmctl.errors import MachineError
-from lmctl.machine.modbus import ModbusLink
+from lmctl.machine.modbus.client import ModbusLink
 from simulators import virtual_time
 from simulators.faults.edge import Edge
 from simulators.feeder.config import FeederConfig, HopperConfig

@@ -8,7 +8,7 @@ import pytest
 
 from lmctl.config.machine import Safety
 from lmctl.errors import ConfigError, MachineError
-from lmctl.machine.safety import SafetyDriver
+from lmctl.machine.safety.driver import SafetyDriver
 from simulators import virtual_time
 from simulators.modbus_server import serve_tcp
 from simulators.safety.config import SafetyConfig

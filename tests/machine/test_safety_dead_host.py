@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lmctl.config.machine import Safety
-from lmctl.machine.safety import SafetyDriver
+from lmctl.machine.safety.driver import SafetyDriver
 from simulators import virtual_time
 from simulators.bench import Bench
 from simulators.bench_config import BenchConfig

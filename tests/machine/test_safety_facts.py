@@ -9,7 +9,7 @@ import pytest
 
 from firmware_protocol.safety_io import CYCLE_BLOCK, MIRROR, RELAY_CODE, Inputs
 from lmctl.errors import MachineError
-from lmctl.machine.safety_status import BITS
+from lmctl.machine.safety.status import BITS
 from simulators import virtual_time
 from simulators.safety.config import SafetyConfig
 from simulators.safety.device import SafetyDevice

@@ -14,8 +14,8 @@ import trimesh
 
 from lmctl.errors import InputError
 from lmctl.field.surface_files import surface_bytes
-from lmctl.part.files import LARGEST_DATA_BYTES, DataFile
-from lmctl.part.mesh_files import Mesh, read_mesh
+from lmctl.part.sources.files import LARGEST_DATA_BYTES, DataFile
+from lmctl.part.sources.mesh_files import Mesh, read_mesh
 
 BOX = trimesh.creation.box(extents=(30.0, 22.0, 16.0))
 BALL = trimesh.creation.icosphere(subdivisions=3, radius=20.0)

@@ -12,16 +12,16 @@ from lmctl.errors import InputError
 from lmctl.field.field import Field
 from lmctl.field.grid import Grid
 from lmctl.field.plane import PlaneGrid, loop_area_mm2, plane_distance
-from lmctl.part.bodies import (
+from lmctl.part.bodies.body import (
     Body,
     FieldSolid,
     MeshSolid,
     plane_points,
     without_slivers,
 )
-from lmctl.part.combined import Combined, Operation
-from lmctl.part.formulas import Box, Cylinder, Sphere
-from lmctl.part.mesh_files import Mesh
+from lmctl.part.bodies.formulas import Box, Cylinder, Sphere
+from lmctl.part.booleans.combined import Combined, Operation
+from lmctl.part.sources.mesh_files import Mesh
 
 PLANE = PlaneGrid((-25.0, -25.0), 0.25, (201, 201))
 #: What a traced outline cuts off a right corner at most: half a cell.

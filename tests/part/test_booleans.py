@@ -15,12 +15,12 @@ from scipy.spatial import cKDTree
 from lmctl.errors import InputError
 from lmctl.field.grid import Grid
 from lmctl.field.stored import stored_field
-from lmctl.part.bodies import Body, FieldSolid
-from lmctl.part.combined import Combined, Operation
-from lmctl.part.formulas import Box, Cylinder, Sphere
-from lmctl.part.half_space import HalfSpace
-from lmctl.part.moved import Moved, motion
-from lmctl.part.prism import Prism
+from lmctl.part.bodies.body import Body, FieldSolid
+from lmctl.part.bodies.formulas import Box, Cylinder, Sphere
+from lmctl.part.bodies.half_space import HalfSpace
+from lmctl.part.bodies.moved import Moved, motion
+from lmctl.part.bodies.prism import Prism
+from lmctl.part.booleans.combined import Combined, Operation
 
 FloatArray = NDArray[np.float64]
 OPERATIONS: tuple[Operation, ...] = ("union", "intersection", "difference")

@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lmctl.errors import InputError
-from lmctl.part.cloud_files import FEWEST_POINTS, Cloud, read_cloud
-from lmctl.part.files import DataFile
+from lmctl.part.sources.cloud_files import FEWEST_POINTS, Cloud, read_cloud
+from lmctl.part.sources.files import DataFile
 
 POINTS = np.round(np.random.default_rng(3).uniform(-20, 20, (150, 3)), 3)
 

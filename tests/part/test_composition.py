@@ -11,9 +11,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from lmctl.config.part_rules import parse_part_file
-from lmctl.part.composition import Rule
 from lmctl.part.data import Data
-from lmctl.part.profiles import Span, Table
+from lmctl.part.materials.composition import Rule
+from lmctl.part.materials.profiles import Span, Table
 from lmctl.part.tree import Tree
 
 HEAD = 'name = "p"\n[[material]]\nname = "316L"\n[[material]]\nname = "WC-12Co"\n'

@@ -11,9 +11,9 @@ from scipy.interpolate import CubicSpline
 
 from lmctl.config.part_rules import parse_part_file
 from lmctl.errors import ConfigError, InputError
-from lmctl.part.composition import Rule, inverse_shares
 from lmctl.part.data import Data
-from lmctl.part.features import Sheet, spline
+from lmctl.part.materials.composition import Rule, inverse_shares
+from lmctl.part.materials.features import Sheet, spline
 from lmctl.part.tree import Tree
 
 FloatArray = NDArray[np.float64]

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from lmctl.errors import InputError
-from lmctl.part.files import LARGEST_DATA_BYTES, read_data
+from lmctl.part.sources.files import LARGEST_DATA_BYTES, read_data
 
 
 def test_a_file_is_read_and_hashed(tmp_path: Path) -> None:

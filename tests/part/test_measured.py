@@ -7,8 +7,8 @@ import pytest
 
 from lmctl.field.field import Field
 from lmctl.field.grid import Grid
-from lmctl.part.formulas import Sphere
-from lmctl.part.measured import is_closed, without_specks, zero_bounds
+from lmctl.part.bodies.formulas import Sphere
+from lmctl.part.bodies.measured import is_closed, without_specks, zero_bounds
 
 
 @pytest.fixture

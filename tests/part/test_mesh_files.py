@@ -13,8 +13,8 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from lmctl.errors import InputError
-from lmctl.part.files import DataFile
-from lmctl.part.mesh_files import Mesh, read_mesh
+from lmctl.part.sources.files import DataFile
+from lmctl.part.sources.mesh_files import Mesh, read_mesh
 
 
 def read(data: bytes | str, suffix: str, units: str = "mm") -> Mesh:

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from lmctl.errors import InputError
-from lmctl.part.mesh_files import Mesh
-from lmctl.part.mesh_report import mend
+from lmctl.part.sources.mesh_files import Mesh
+from lmctl.part.sources.mesh_report import mend
 
 BEAD_MM = 2.0
 

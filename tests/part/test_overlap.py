@@ -7,9 +7,9 @@ import pytest
 from numpy.typing import NDArray
 
 from lmctl.field.grid import Grid
-from lmctl.part.bodies import Body
-from lmctl.part.formulas import Box, Sphere
-from lmctl.part.overlap import Overlap
+from lmctl.part.bodies.body import Body
+from lmctl.part.bodies.formulas import Box, Sphere
+from lmctl.part.booleans.overlap import Overlap
 
 FloatArray = NDArray[np.float64]
 BALLS = (Sphere((0, 0, 0), 5), Sphere((6, 0, 0), 5), Sphere((3, 5, 0), 5))

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lmctl.field.plane import loop_area_mm2
-from lmctl.part.slicing import Slicer
+from lmctl.part.sources.slicing import Slicer
 
 
 def area(loops: list[Any]) -> float:

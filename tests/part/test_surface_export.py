@@ -9,9 +9,9 @@ import pytest
 import trimesh
 
 from lmctl.examples.templates import write_template
-from lmctl.part.files import DataFile
 from lmctl.part.load import load_part
-from lmctl.part.mesh_files import read_mesh
+from lmctl.part.sources.files import DataFile
+from lmctl.part.sources.mesh_files import read_mesh
 from lmctl.report.part_export import write_surface
 
 CASES = ("fig8-union", "fig7-hole", "fig3-surface", "cutter")

@@ -12,7 +12,7 @@ import lmctl.examples
 from lmctl.config.machine import load_profile
 from lmctl.config.part_file import Process
 from lmctl.field.plane import PlaneGrid, plane_distance
-from lmctl.part.materials import MaterialSpec
+from lmctl.part.materials.powders import MaterialSpec
 from lmctl.plan.recipe import make_recipe
 
 TURN = 2 * np.pi

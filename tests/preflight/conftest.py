@@ -12,7 +12,7 @@ import lmctl.examples
 from lmctl.config.machine import load_profile
 from lmctl.config.part_file import Process
 from lmctl.job.schema import HopperUse, JobManifest
-from lmctl.part.materials import MaterialSpec
+from lmctl.part.materials.powders import MaterialSpec
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import pytest
 
 from lmctl.config.part_file import Process
 from lmctl.errors import PlanError
-from lmctl.part.materials import MaterialSpec
+from lmctl.part.materials.powders import MaterialSpec
 from lmctl.preflight.part_check import check_part
 
 

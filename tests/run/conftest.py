@@ -18,7 +18,7 @@ from lmctl.job.schema import (
     line_dtype,
 )
 from lmctl.job.writer import JobWriter
-from lmctl.run.job_window import JobWindow
+from lmctl.run.program.window import JobWindow
 
 START_MM = (0.0, 0.0, 0.0)
 

@@ -12,8 +12,8 @@ import pytest
 from lmctl.config.machine import load_profile
 from lmctl.errors import JobError, LmctlError, MachineError
 from lmctl.run.executor import run_job
-from lmctl.run.journal_file import read, verify
-from lmctl.run.rundir import list_runs
+from lmctl.run.journal.file import read, verify
+from lmctl.run.journal.rundir import list_runs
 from simulators import virtual_time
 
 

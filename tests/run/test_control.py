@@ -13,8 +13,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from lmctl.errors import JournalError, UsageError
-from lmctl.run import control_path
-from lmctl.run.control import (
+from lmctl.run.control import path as control_path
+from lmctl.run.control.server import (
     MOST_CLIENTS,
     MOST_REQUEST_BYTES,
     Controls,

@@ -10,11 +10,11 @@ from firmware_protocol.pmx import HopperFlags, Mode, Status
 from firmware_protocol.pmx import State as FeederState
 from firmware_protocol.status import parse_status
 from lmctl.config.machine import Hopper, Safety
-from lmctl.machine.feeder_status import FeederStatus, HopperReading
-from lmctl.machine.safety_status import SafetyStatus
-from lmctl.run.alarms import Alarms, EmergencyStop, Interlock
-from lmctl.run.interlocks import RULES, RULES_WITHOUT_SAFETY, Facts, FeederFacts
-from lmctl.run.supervision import Supervision
+from lmctl.machine.feeder.status import FeederStatus, HopperReading
+from lmctl.machine.safety.status import SafetyStatus
+from lmctl.run.interlocks.alarms import Alarms, EmergencyStop, Interlock
+from lmctl.run.interlocks.rules import RULES, RULES_WITHOUT_SAFETY, Facts, FeederFacts
+from lmctl.run.interlocks.supervision import Supervision
 
 LIMITS = Safety(
     endpoint="modbus-tcp://127.0.0.1:5023", shield_gas_min_L_min=12, chiller_min_L_min=6,

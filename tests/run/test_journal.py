@@ -13,8 +13,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from lmctl.errors import JournalError
-from lmctl.run.journal import Journal, is_owned
-from lmctl.run.journal_file import fingerprint, read, verify
+from lmctl.run.journal.file import fingerprint, read, verify
+from lmctl.run.journal.writer import Journal, is_owned
 
 LOCAL = {"wall": "2026-01-01T00:00:00Z", "run": "run-0001", "pid": 4711}
 
@@ -160,7 +160,7 @@ def test_a_second_writer_is_refused(tmp_path):
 def test_the_lock_dies_with_its_process(tmp_path):
     path = tmp_path / "j"
     code = (
-        "import os, sys; from pathlib import Path; from lmctl.run.journal import Journal\n"
+        "import os, sys; from pathlib import Path; from lmctl.run.journal.writer import Journal\n"
         "j = Journal(Path(sys.argv[1]), {'a': 1}, local={})\n"
         "j.append(1.0, 'path', path=1); j.sync(); j.append(2.0, 'sample')\n"
         "print('ready', flush=True); os.kill(os.getpid(), 9)"

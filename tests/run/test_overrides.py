@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from firmware_protocol.realtime import Realtime
-from lmctl.run.overrides import LEAST_PERCENT, MOST_PERCENT, override_bytes
+from lmctl.run.program.overrides import LEAST_PERCENT, MOST_PERCENT, override_bytes
 
 STEP = {
     Realtime.FEED_PLUS_10: 10, Realtime.FEED_MINUS_10: -10, Realtime.FEED_PLUS_1: 1,

@@ -11,7 +11,7 @@ import pytest
 
 from lmctl.config.machine import load_profile
 from lmctl.errors import MachineError
-from lmctl.run.ownership import owner_of, owning
+from lmctl.run.cell.ownership import owner_of, owning
 
 
 @pytest.fixture(autouse=True)
@@ -87,7 +87,7 @@ def test_a_killed_owner_leaves_nothing_that_keeps_others_out(profile, tmp_path):
         "import os, sys, tempfile; tempfile.tempdir = sys.argv[1]\n"
         "from pathlib import Path\n"
         "from lmctl.config.machine import load_profile\n"
-        "from lmctl.run.ownership import owning\n"
+        "from lmctl.run.cell.ownership import owning\n"
         "with owning(load_profile(Path(sys.argv[2])), 'run-0001', Path('.')):\n"
         "    print('mine', flush=True); os.kill(os.getpid(), 9)\n"
     )

@@ -11,8 +11,8 @@ import math
 import numpy as np
 import pytest
 
-from lmctl.run.powder_lead import TICK_S, Hose, PowderPlan, lead, slack_g_min
-from lmctl.run.program_clock import ProgramClock
+from lmctl.run.powder.lead import TICK_S, Hose, PowderPlan, lead, slack_g_min
+from lmctl.run.program.clock import ProgramClock
 
 TRAVEL_S = 1.0
 THETA_S, LAG_S = (3.0, 2.6), (1.0, 0.8)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lmctl.run.program_clock import ProgramClock
+from lmctl.run.program.clock import ProgramClock
 
 POLL_S = 0.1
 

@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from lmctl.config.machine import load_profile
 from lmctl.job.reader import JobReader
 from lmctl.job.schema import LineKind
-from lmctl.run.job_window import JobWindow
-from lmctl.run.reentry import OVERLAP_MM, RUN_UP_MM, START, Place, enter
+from lmctl.run.program.reentry import OVERLAP_MM, RUN_UP_MM, START, Place, enter
+from lmctl.run.program.window import JobWindow
 
 PROFILE = load_profile(Path(str(files("lmctl.examples") / "cell.toml")))
 FLOW = [(0.0, (0.1, 0.0)), (8.0, (0.1, 0.0)), (9.0, (0.0, 0.1)), (1e3, (0.0, 0.1))]

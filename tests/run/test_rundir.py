@@ -8,8 +8,8 @@ import sys
 import pytest
 
 from lmctl.errors import JobError, JournalError
-from lmctl.run import rundir
-from lmctl.run.journal import Journal
+from lmctl.run.journal import rundir
+from lmctl.run.journal.writer import Journal
 
 
 @pytest.fixture

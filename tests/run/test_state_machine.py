@@ -7,9 +7,9 @@ import asyncio
 import pytest
 
 from lmctl.errors import JournalError, MachineError
-from lmctl.run.alarms import Interlock
-from lmctl.run.state_machine import StateMachine
-from lmctl.run.states import Do, Event, State
+from lmctl.run.interlocks.alarms import Interlock
+from lmctl.run.state.machine import StateMachine
+from lmctl.run.state.table import Do, Event, State
 from simulators import virtual_time
 
 

@@ -6,7 +6,7 @@ import itertools
 
 import pytest
 
-from lmctl.run.states import FINAL, TRANSITIONS, Do, Event, State, drawn, step
+from lmctl.run.state.table import FINAL, TRANSITIONS, Do, Event, State, drawn, step
 
 # Next state for each event, written apart from the table: a dot is an event the state does not
 # know, which is a fault. Columns in the order of Event.

@@ -6,7 +6,7 @@ import random
 
 import pytest
 
-from lmctl.run.streamer import Streamer
+from lmctl.run.program.streamer import Streamer
 
 
 def ladder(n, lasting_s=0.1, layers=1):

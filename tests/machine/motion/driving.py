@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 
-from lmctl.machine.motion import MotionDriver, MotionListener
+from lmctl.machine.motion.driver import MotionDriver, MotionListener
 
 
 async def opened(endpoint: str, period_s: float = 0.1) -> MotionDriver:

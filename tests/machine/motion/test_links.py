@@ -14,9 +14,9 @@ import pytest
 import serial
 
 from lmctl.errors import ConfigError, MachineError
-from lmctl.machine import links
-from lmctl.machine.endpoint import Endpoint, parse_endpoint
-from lmctl.machine.links import Link, open_link
+from lmctl.machine.motion import links
+from lmctl.machine.motion.endpoint import Endpoint, parse_endpoint
+from lmctl.machine.motion.links import Link, open_link
 
 
 def nothing(_: object) -> None:

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from firmware_protocol.dialect import GRBL, GRBLHAL
 from firmware_protocol.realtime import Realtime
 from firmware_protocol.status import parse_status
-from lmctl.machine.motion import MotionDriver, MotionListener
+from lmctl.machine.motion.driver import MotionDriver, MotionListener
 from simulators.faults.edge import Edge
 from simulators.faults.filters import SomeAnswers
 from simulators.motion.config import MotionConfig

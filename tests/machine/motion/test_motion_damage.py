@@ -15,7 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from lmctl.errors import MachineError
-from lmctl.machine.motion import MotionDriver, MotionListener
+from lmctl.machine.motion.driver import MotionDriver, MotionListener
 
 LINES = [b"N%d G1 X%d.5 F600" % (n, n % 90) for n in range(60)]
 ANSWER = re.compile(rb"(?:ok|error:\d+)\r?")

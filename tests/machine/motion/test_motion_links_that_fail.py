@@ -12,7 +12,7 @@ import pytest
 
 from firmware_protocol.realtime import Realtime
 from lmctl.errors import MachineError
-from lmctl.machine.motion import MotionDriver, MotionListener
+from lmctl.machine.motion.driver import MotionDriver, MotionListener
 from simulators.faults.edge import Edge
 from simulators.faults.filters import Echo, FrozenReports, Late, SomeBytes
 from simulators.motion.config import MotionConfig

@@ -8,7 +8,7 @@ import pytest
 
 from firmware_protocol.dialect import GRBL
 from lmctl.errors import MachineError
-from lmctl.machine.status_watch import SILENT_S
+from lmctl.machine.motion.status_watch import SILENT_S
 from tests.machine.motion.driving import PROGRAM, heard, opened, until
 
 

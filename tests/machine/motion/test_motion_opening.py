@@ -9,8 +9,8 @@ import pytest
 from firmware_protocol.dialect import GRBL, GRBLHAL
 from firmware_protocol.realtime import Realtime
 from lmctl.errors import ConfigError, MachineError
-from lmctl.machine.identify import read_offset
-from lmctl.machine.motion import MotionDriver
+from lmctl.machine.motion.driver import MotionDriver
+from lmctl.machine.motion.identify import read_offset
 
 
 async def opened(endpoint: str, timeout_s: float = 5.0) -> MotionDriver:

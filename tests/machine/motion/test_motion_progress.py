@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_protocol.status import StatusReport, parse_status
-from lmctl.machine.progress import Progress, makes_block
+from lmctl.machine.motion.progress import Progress, makes_block
 
 
 def stream(

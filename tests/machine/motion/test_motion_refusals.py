@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from firmware_protocol.device import GrblDevice
 from firmware_protocol.host import LocalProtocolError
-from lmctl.machine.motion import MotionDriver
+from lmctl.machine.motion.driver import MotionDriver
 
 STORING = [b"$110=500", b"$N0=G54", b"$I=me", b"$RST=*", b"$H", b"$", b" $X", b"G10 L2 P1 X0",
            b"N7 G10 L20 P1 X0", b"G28.1", b"G30.1", b"g10l20p1x0", b"G 28.1", b"G028.1", b"G28.10",

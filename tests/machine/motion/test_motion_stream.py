@@ -9,7 +9,7 @@ import pytest
 from firmware_protocol.dialect import GRBL, GRBLHAL
 from firmware_protocol.host import LocalProtocolError
 from firmware_protocol.realtime import Realtime
-from lmctl.machine.motion import MotionDriver, MotionListener
+from lmctl.machine.motion.driver import MotionDriver, MotionListener
 
 
 def program(count: int) -> list[bytes]:

@@ -10,7 +10,7 @@ import pytest
 
 from firmware_protocol.realtime import Realtime
 from lmctl.errors import MachineError
-from lmctl.machine.motion import MotionDriver, MotionListener
+from lmctl.machine.motion.driver import MotionDriver, MotionListener
 from simulators.motion.config import MotionConfig
 from simulators.motion.server import open_pty, serve_tcp
 from simulators.motion.sim import MotionSim

@@ -12,8 +12,8 @@ from lmctl.config.machine import load_profile
 from lmctl.errors import LmctlError
 from lmctl.job.reader import JobReader
 from lmctl.run.executor import Executor
-from lmctl.run.journal_file import read, verify
-from lmctl.run.states import State
+from lmctl.run.journal.file import read, verify
+from lmctl.run.state.table import State
 from simulators import virtual_time
 from simulators.bench import Bench
 from simulators.bench_config import BenchConfig

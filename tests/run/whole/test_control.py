@@ -5,9 +5,9 @@ from __future__ import annotations
 import asyncio
 import json
 
-from lmctl.run.control_path import SOCKET
-from lmctl.run.journal_file import fingerprint
-from lmctl.run.states import State
+from lmctl.run.control.path import SOCKET
+from lmctl.run.journal.file import fingerprint
+from lmctl.run.state.table import State
 
 
 class Terminal:

@@ -9,8 +9,8 @@ import pytest
 
 from lmctl.errors import UsageError
 from lmctl.job.reader import JobReader
-from lmctl.run.journal_file import fingerprint
-from lmctl.run.rundir import list_runs
+from lmctl.run.journal.file import fingerprint
+from lmctl.run.journal.rundir import list_runs
 
 
 def planned(job_path):
@@ -194,7 +194,7 @@ def test_what_an_operator_may_not_ask_is_refused_and_does_no_harm(run, square_jo
 
 
 def test_a_machine_that_is_not_the_bench_gets_no_power(run, square_job, monkeypatch):
-    monkeypatch.setattr("lmctl.machine.identify.BENCH_INFO", "some other bench")
+    monkeypatch.setattr("lmctl.machine.motion.identify.BENCH_INFO", "some other bench")
     one = run(square_job)
     assert one.result.state == "done"
     assert len(one.path.length_mm) == 0

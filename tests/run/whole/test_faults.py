@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import pytest
 
 from lmctl.errors import MachineError, RunBrokenOff, RunFailed, RunStopped
-from lmctl.run.journal_file import verify
+from lmctl.run.journal.file import verify
 from tests.run.whole.laid import (
     BEAM_OFF_S,
     EXACT_MM,
@@ -190,7 +190,7 @@ def test_a_full_disk_ends_the_run_safely(run, large_square_job, monkeypatch):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
         full = SimpleNamespace(**{**vars(os), "write": write})
-        monkeypatch.setattr("lmctl.run.journal.os", full)
+        monkeypatch.setattr("lmctl.run.journal.writer.os", full)
 
     one = run(large_square_job, acts=[(3.0, fill_disk)])
     monkeypatch.undo()

@@ -8,7 +8,7 @@ import re
 import pytest
 
 from lmctl.cli.__main__ import main
-from lmctl.run.journal_file import verify
+from lmctl.run.journal.file import verify
 
 
 @pytest.fixture

@@ -11,13 +11,13 @@ import pytest
 
 from lmctl.errors import JournalError, LmctlError
 from lmctl.job.reader import JobReader
-from lmctl.run.aftermath import aftermath, continued_by
 from lmctl.run.executor import Continuation, Executor
-from lmctl.run.journal_file import FIRST_PREV, encode_record, line_hash, read
-from lmctl.run.recovery import find_place
-from lmctl.run.reentry import START
-from lmctl.run.rundir import RunDir
-from lmctl.run.states import State
+from lmctl.run.journal.aftermath import aftermath, continued_by
+from lmctl.run.journal.file import FIRST_PREV, encode_record, line_hash, read
+from lmctl.run.journal.recovery import find_place
+from lmctl.run.journal.rundir import RunDir
+from lmctl.run.program.reentry import START
+from lmctl.run.state.table import State
 from simulators import virtual_time
 from simulators.bench import Bench
 from simulators.bench_config import BenchConfig

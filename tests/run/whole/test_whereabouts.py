@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 
 from lmctl.errors import MachineError
-from lmctl.machine.homing import run_home, run_offset, run_unlock
-from lmctl.machine.motion import MotionDriver
+from lmctl.machine.by_hand.homing import run_home, run_offset, run_unlock
+from lmctl.machine.motion.driver import MotionDriver
 from lmctl.run.executor import run_job
-from lmctl.run.whereabouts import Whereabouts
+from lmctl.run.journal.whereabouts import Whereabouts
 from simulators import virtual_time
 from simulators.bench import Bench
 from simulators.bench_config import BenchConfig

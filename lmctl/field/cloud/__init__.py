@@ -1,0 +1,1 @@
+"""From measured points to a field: neighbours, fitted patches, inside and outside."""

@@ -1,0 +1,1 @@
+"""What is done to a machine outside a run: looked at, homed, jogged."""

@@ -1,0 +1,121 @@
+"""One look at a feeder, or at the safety device: registers are read, and none is written."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from firmware_protocol.pmx import PMX, SYSTEM_BLOCK, hopper_row
+from firmware_protocol.registers import RegisterError
+from firmware_protocol.safety_io import CYCLE_BLOCK
+from lmctl.config.machine import Feeder, Hopper, Safety
+from lmctl.errors import MachineError
+from lmctl.machine.feeder.identity import FeederIdentity, identify
+from lmctl.machine.feeder.status import FeederStatus, HopperReader, feeder_status
+from lmctl.machine.modbus.client import ModbusLink, NoAnswerError, RefusedError
+from lmctl.machine.safety.identity import identify as identify_safety
+from lmctl.machine.safety.identity import place
+from lmctl.machine.safety.status import SafetyStatus, safety_status
+
+_TIMEOUT_S = 1.0
+#: Between the two readings that show whether the device's clock runs.
+_BETWEEN_S = 0.5
+_TICKS = 65_536
+_LIMITS = ("N_MIN", "N_MAX", "CARRIER_MIN", "CARRIER_MAX", "LEVEL_WARN", "LEVEL_STOP")
+
+
+@dataclass(frozen=True)
+class FeederLook:
+    """What a feeder says of itself.
+
+    clock_ratio : how far its clock moved while ours moved by 1; 0 for data that stand still
+    limits : of each hopper of the profile, by name: N_MIN, N_MAX [rpm], CARRIER_MIN,
+        CARRIER_MAX [L/min], LEVEL_WARN, LEVEL_STOP [%]
+    answer_s : time of one exchange
+    """
+
+    identity: FeederIdentity
+    status: FeederStatus
+    clock_ratio: float
+    limits: Mapping[str, Mapping[str, float]]
+    answer_s: float
+
+
+async def look_at_feeder(feeder: Feeder, hoppers: Sequence[Hopper]) -> FeederLook:
+    """Ask a feeder what it is and how it stands.
+
+    Raises MachineError where it is unreachable, no PMX, or lacks what the profile says of it;
+    ConfigError for a bad endpoint.
+    """
+    try:
+        link = await ModbusLink.open(feeder.endpoint, feeder.device_id, timeout_s=_TIMEOUT_S)
+        try:
+            return await _feeder_told(link, feeder, hoppers)
+        finally:
+            await link.close()
+    except (NoAnswerError, RefusedError) as error:
+        raise MachineError(
+            f"feeder {feeder.name}: {error.what}",
+            where=f"{feeder.endpoint}, device {feeder.device_id}", hint=error.hint,
+        ) from error
+    except RegisterError as error:
+        raise MachineError(f"feeder {feeder.name}: its answer makes no sense: {error}",
+                           hint="is it a PMX?") from error
+
+
+async def _feeder_told(
+    link: ModbusLink, feeder: Feeder, hoppers: Sequence[Hopper]
+) -> FeederLook:
+    loop = asyncio.get_running_loop()
+    identity = await identify(link, feeder, hoppers)
+    names = {h.channel: h.name for h in hoppers}
+    before = await _status(link, {}, names)
+    readings, limits = {}, {}
+    for hopper in hoppers:
+        reader = HopperReader(hopper, identity.feed_factor_g_rev[hopper.name])
+        words = await link.read_input(reader.address, reader.count)
+        readings[hopper.name] = reader.reading(words, loop.time())
+        (block,) = PMX.plan_reads([hopper_row(hopper.channel, name) for name in _LIMITS])
+        values: dict[str, Any] = block.decode(await link.read_holding(block.address, block.count))
+        limits[hopper.name] = {
+            name: float(values[hopper_row(hopper.channel, name)] or 0.0) for name in _LIMITS
+        }
+    await asyncio.sleep(_BETWEEN_S)
+    asked_s = loop.time()
+    after = await _status(link, readings, names)
+    moved_s = (after.tick_ms - before.tick_ms) % _TICKS / 1000.0
+    return FeederLook(
+        identity, after, moved_s / (after.time_s - before.time_s), limits, loop.time() - asked_s
+    )
+
+
+async def _status(
+    link: ModbusLink, readings: Mapping[str, Any], names: Mapping[int, str]
+) -> FeederStatus:
+    words = await link.read_input(SYSTEM_BLOCK.address, SYSTEM_BLOCK.count)
+    try:
+        return feeder_status(words, asyncio.get_running_loop().time(), readings, names)
+    except ValueError as error:
+        raise RegisterError(str(error)) from error
+
+
+async def look_at_safety(safety: Safety) -> SafetyStatus:
+    """Ask the safety device how the cell's safety circuits stand.
+
+    Raises MachineError where it is unreachable or not what the profile means; ConfigError for a
+    bad endpoint.
+    """
+    try:
+        link = await ModbusLink.open(safety.endpoint, safety.device_id, timeout_s=_TIMEOUT_S)
+        try:
+            await identify_safety(link, safety)
+            words = await link.read_input(CYCLE_BLOCK.address, CYCLE_BLOCK.count)
+            return safety_status(words, asyncio.get_running_loop().time(), safety)
+        finally:
+            await link.close()
+    except (NoAnswerError, RefusedError) as error:
+        raise MachineError(
+            f"safety device: {error.what}", where=place(safety), hint=error.hint
+        ) from error

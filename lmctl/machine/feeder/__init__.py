@@ -1,0 +1,1 @@
+"""Powder feeders."""

@@ -1,0 +1,291 @@
+"""The one task that talks to a feeder: heartbeat, recipes, status, and a watch on the answers.
+
+Every quarter of the device's watchdog it writes the heartbeat (with the recipe, where flows have
+changed) and reads the status, in one request where the map allows. Changed flows do not wait for
+their turn.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Mapping, Sequence
+from typing import TypeVar
+
+from firmware_protocol.pmx import MIRROR, PMX, SYSTEM_BLOCK
+from firmware_protocol.pmx_alarms import refusal
+from firmware_protocol.registers import RegisterError
+from lmctl.config.machine import Feeder, Hopper
+from lmctl.errors import MachineError
+from lmctl.machine.beat import on_beat
+from lmctl.machine.feeder.identity import FeederIdentity
+from lmctl.machine.feeder.recipe import RecipeWriter
+from lmctl.machine.feeder.status import (
+    FeederListener,
+    FeederStatus,
+    HopperReader,
+    HopperReading,
+    feeder_status,
+)
+from lmctl.machine.feeder.watch import Complaint, FeederWatch
+from lmctl.machine.modbus.client import BUSY, FAILURE, ModbusLink, NoAnswerError, RefusedError
+
+T = TypeVar("T")
+
+#: Hoppers are read once in so many cycles.
+_HOPPER_CYCLES = 4
+
+_LAST_REFUSAL = PMX.wire_address("LAST_REFUSAL")
+_REFUSED_HINT = "see the feeder's own display; clear what it complains of"
+
+
+class FeederCycle:
+    """Talks over a link that is open, from `start` to `stop`.
+
+    status, fault, listener : as FeederDriver has them
+    watching : whether what is wrong is a fault; feeding : whether discs were asked to turn
+    """
+
+    def __init__(
+        self, link: ModbusLink, feeder: Feeder, hoppers: Sequence[Hopper],
+        identity: FeederIdentity,
+    ) -> None:
+        self.listener = FeederListener()
+        self.status: FeederStatus | None = None
+        self.fault: MachineError | None = None
+        self.watching = False
+        self.feeding = False
+        self.period_s = feeder.watchdog_s / 4.0
+        self._name = feeder.name
+        self._place = f"{feeder.endpoint}, device {feeder.device_id}"
+        self._link = link
+        self._loop = asyncio.get_running_loop()
+        self._has_mirror = identity.has_mirror
+        self._recipe = RecipeWriter(feeder, hoppers, identity.n_hoppers)
+        self._watch = FeederWatch(self.period_s)
+        self._heartbeat = 0
+        self._sequence = 0
+        self._wanted = (0,) * len(hoppers)
+        self._sent: tuple[int, ...] | None = None
+        self._readers = {
+            h.name: HopperReader(h, identity.feed_factor_g_rev[h.name]) for h in hoppers
+        }
+        self._readings: Mapping[str, HopperReading] = {}
+        self._mirrored = max(reader.mirrored.stop for reader in self._readers.values())
+        self._channels = {h.channel: h.name for h in hoppers}
+        self._due_s = self._status_due_s = self._hoppers_due_s = self._loop.time()
+        self._news = False
+        self._ask_status = False
+        self._woken: asyncio.Future[None] | None = None
+        self._waiting: list[asyncio.Future[None]] = []
+        self._task: asyncio.Task[None] | None = None
+
+    @property
+    def status_age_s(self) -> float:
+        return self._loop.time() - self.status.time_s if self.status else float("inf")
+
+    def set_flows(self, flows_g_min: Mapping[str, float]) -> None:
+        wanted = self._recipe.counts(flows_g_min)
+        if wanted != self._wanted:
+            self._wanted = wanted
+            self._wake()
+
+    async def first_status(self) -> FeederStatus:
+        """A status without heartbeat; recipes are then numbered on from the one that runs."""
+        words = await self._link.read_input(SYSTEM_BLOCK.address, SYSTEM_BLOCK.count)
+        status = self._understood(words)
+        self._sequence = status.seq_applied
+        return status
+
+    async def turn(self) -> None:
+        """Heartbeat, recipe where it changed, and the status where it is due.
+
+        That is one request; with a status, two on an old map. The next status shows whether the
+        device has taken the recipe over.
+        Raises NoAnswerError, RefusedError; RegisterError for an answer without meaning.
+        """
+        self._news = False
+        now_s = self._loop.time()
+        # A recipe that goes out in the second half of a cycle is the next heartbeat and status too.
+        with_status = self._ask_status or now_s >= self._status_due_s - self.period_s / 2.0
+        if with_status:
+            self._due_s = on_beat(now_s + self.period_s, now_s)
+        else:
+            self._due_s = self._status_due_s
+        self._heartbeat = (self._heartbeat + 1) & 0xFFFF
+        wanted = self._wanted
+        if wanted == self._sent:
+            words = [self._heartbeat]
+        else:
+            # A new number at every attempt: after a lost answer the device may hold either.
+            self._sequence = self._sequence % 0xFFFF + 1
+            words = self._recipe.words(
+                wanted, sequence=self._sequence, heartbeat=self._heartbeat
+            )
+        if not with_status:
+            await self._link.write(self._recipe.address, words)
+            self._sent = wanted
+            return
+        self._ask_status = False
+        self._status_due_s = self._due_s
+        hoppers_due = now_s >= self._hoppers_due_s
+        if self._has_mirror:
+            count = self._mirrored if hoppers_due else SYSTEM_BLOCK.count
+            answer = await self._link.exchange(self._recipe.address, words, MIRROR, count)
+            if hoppers_due:
+                self._heard({n: answer[r.mirrored] for n, r in self._readers.items()})
+        else:
+            await self._link.write(self._recipe.address, words)
+            answer = await self._link.read_input(SYSTEM_BLOCK.address, SYSTEM_BLOCK.count)
+        self._sent = wanted
+        self._answered(self._understood(answer[: SYSTEM_BLOCK.count]))
+        if hoppers_due and not self._has_mirror:
+            self._heard({
+                name: await self._link.read_input(reader.address, reader.count)
+                for name, reader in self._readers.items()
+            })
+
+    def start(self) -> None:
+        self._task = asyncio.create_task(self._run(), name=f"feeder {self._name}")
+        self._task.add_done_callback(self._ended)
+
+    async def stop(self) -> None:
+        """Stop talking. Raises what the task died of, if it was a bug."""
+        if self._task is None:
+            return
+        self._task.cancel()
+        (ended,) = await asyncio.gather(self._task, return_exceptions=True)
+        if isinstance(ended, Exception):
+            raise ended
+
+    def ask_status(self) -> None:
+        """Read the status at once: someone waits for it."""
+        self._ask_status = True
+        self._wake()
+
+    def start_afresh(self) -> None:
+        """Forget the fault and what the device was told: the recipe goes out again."""
+        self.watching = self.feeding = False
+        self.fault = None
+        self._watch = FeederWatch(self.period_s)
+        self._sent = None
+
+    async def until(
+        self, condition: Callable[[FeederStatus], bool], timeout_s: float, failure: str, *,
+        faulty: bool = False,
+    ) -> None:
+        """Wait for a status read from now on that meets the condition.
+
+        failure : what to say after timeout_s; faulty : a fault does not end the waiting
+        Raises MachineError.
+        """
+        asked_s = self._loop.time()
+        try:
+            async with asyncio.timeout(timeout_s):
+                while self.status is None or self.status.time_s < asked_s or (
+                    not condition(self.status)
+                ):
+                    if self.fault is not None and not faulty:
+                        raise self.fault
+                    news = self._loop.create_future()
+                    self._waiting.append(news)
+                    await news
+        except TimeoutError:
+            state = "unknown" if self.status is None else self.status.state.name
+            raise self.error(
+                f"{failure} within {timeout_s:.0f} s", f"its state is {state}: see its display"
+            ) from None
+
+    async def asked(self, request: Awaitable[T], what: str) -> T:
+        """The request's answer, or a MachineError that names the feeder and what was wanted."""
+        try:
+            return await request
+        except NoAnswerError as error:
+            raise self.error(error.what, error.hint) from error
+        except RegisterError as error:
+            raise self.error(f"its answer makes no sense: {error}", "is it a PMX?") from error
+        except RefusedError as error:
+            reason = await self._reason(error)
+            raise self.error(f"it refuses to {what}: {reason}", _REFUSED_HINT) from error
+
+    def error(self, reason: str, hint: str) -> MachineError:
+        return MachineError(f"feeder {self._name}: {reason}", where=self._place, hint=hint)
+
+    async def _run(self) -> None:
+        while True:
+            await self._pause()
+            try:
+                await self.turn()
+            except (NoAnswerError, RegisterError):
+                pass  # the age of the last good answer tells
+            except RefusedError as error:
+                if error.code != BUSY:
+                    self._complain(Complaint(await self._reason(error), _REFUSED_HINT))
+            if complaint := self._watch.silence(self.status_age_s):
+                self._complain(complaint)
+
+    async def _pause(self) -> None:
+        """Until the next cycle, or until there are news for the device."""
+        if self._news:
+            return
+        self._woken = self._loop.create_future()
+        timer = self._loop.call_at(self._due_s, self._wake)
+        try:
+            await self._woken
+        finally:
+            timer.cancel()
+
+    def _wake(self) -> None:
+        self._news = True
+        if self._woken is not None and not self._woken.done():
+            self._woken.set_result(None)
+
+    def _heard(self, words: Mapping[str, Sequence[int]]) -> None:
+        """Take what each hopper says, by its name."""
+        now_s = self._loop.time()
+        self._hoppers_due_s = now_s + _HOPPER_CYCLES * self.period_s
+        self._readings = {
+            name: self._readers[name].reading(said, now_s) for name, said in words.items()
+        }
+
+    async def _reason(self, refused: RefusedError) -> str:
+        """Why it refused, in its own words where it says."""
+        if refused.code == FAILURE:
+            try:
+                return refusal((await self._link.read_input(_LAST_REFUSAL, 1))[0])
+            except MachineError:
+                pass  # then the bare code has to do
+        return refused.what
+
+    def _understood(self, words: Sequence[int]) -> FeederStatus:
+        """Raises RegisterError for words without meaning."""
+        try:
+            return feeder_status(words, self._loop.time(), self._readings, self._channels)
+        except ValueError as error:
+            raise RegisterError(str(error)) from error
+
+    def _answered(self, status: FeederStatus) -> None:
+        self.status = status
+        self.listener.on_status(status)
+        complaint = self._watch.look(status, sequence=self._sequence, feeding=self.feeding)
+        if complaint is not None:
+            self._complain(complaint)
+        self._tell_waiting()
+
+    def _complain(self, complaint: Complaint) -> None:
+        if not self.watching or self.fault is not None:
+            return
+        self.fault = self.error(complaint.reason, complaint.hint)
+        self.listener.on_fault(complaint.reason)
+        self._tell_waiting()
+
+    def _tell_waiting(self) -> None:
+        waiting, self._waiting = self._waiting, []
+        for news in waiting:
+            if not news.done():
+                news.set_result(None)
+
+    def _ended(self, task: asyncio.Task[None]) -> None:
+        """A task that dies of a bug must not leave the run waiting for it."""
+        if not task.cancelled() and task.exception() is not None:
+            self.watching = True
+            self._complain(Complaint("its driver failed", "this is a bug: please report it"))

@@ -1,0 +1,240 @@
+"""One powder feeder: what a run asks of it, done when the device's own status says so."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Mapping, Sequence
+
+from firmware_protocol.pmx import (
+    ALARM_RESET_KEY,
+    PMX,
+    WATCHDOG_RESET_KEY,
+    Command,
+    State,
+)
+from lmctl.config.machine import Feeder, Hopper
+from lmctl.errors import MachineError
+from lmctl.machine.feeder.cycle import FeederCycle
+from lmctl.machine.feeder.identity import FeederIdentity, identify
+from lmctl.machine.feeder.recipe import postflow_s
+from lmctl.machine.feeder.status import FeederListener, FeederStatus
+from lmctl.machine.modbus.client import ModbusLink, NoAnswerError, RefusedError
+
+_BOOT_PATIENCE_S = 15.0
+_PATIENCE_S = 5.0
+_LONGEST_ANSWER_S = 1.0
+
+_COMMAND = PMX.wire_address("COMMAND")
+_WD_RESET = PMX.wire_address("WD_RESET")
+_POSTFLOW = PMX.wire_address("POSTFLOW")
+
+
+class FeederDriver:
+    """A PMX feeder and those of its hoppers that are used."""
+
+    def __init__(
+        self, link: ModbusLink, feeder: Feeder, hoppers: Sequence[Hopper],
+        identity: FeederIdentity,
+    ) -> None:
+        self.name = feeder.name
+        self.hoppers = tuple(hoppers)
+        self.identity = identity
+        self._feeder = feeder
+        self._link = link
+        self._loop = asyncio.get_running_loop()
+        self._cycle = FeederCycle(link, feeder, hoppers, identity)
+        self._command = Command(0)
+
+    @classmethod
+    async def open(cls, feeder: Feeder, hoppers: Sequence[Hopper]) -> FeederDriver:
+        """Connect, see what it is, set its watchdog and take command; discs stay still.
+
+        A latched alarm does not keep it from opening: `status` shows it, `start_gas` refuses.
+        Raises MachineError where it cannot be reached, is no PMX feeder, lacks a hopper, or
+        does not let itself be commanded; ConfigError for a bad endpoint.
+        """
+        timeout_s = min(_LONGEST_ANSWER_S, feeder.watchdog_s / 4.0)
+        link = await _connect(feeder, timeout_s)
+        try:
+            driver = cls(link, feeder, hoppers, await _identified(link, feeder, hoppers))
+            await driver._take_command()
+        except BaseException:
+            await link.close()
+            raise
+        return driver
+
+    @property
+    def status(self) -> FeederStatus | None:
+        """The last good answer."""
+        return self._cycle.status
+
+    @property
+    def status_age_s(self) -> float:
+        """Time since the last good answer; infinite before the first."""
+        return self._cycle.status_age_s
+
+    @property
+    def period_s(self) -> float:
+        """How often it is asked."""
+        return self._cycle.period_s
+
+    @property
+    def fault(self) -> MachineError | None:
+        """The first reason why the feeder cannot be relied on, from `start_gas` on."""
+        return self._cycle.fault
+
+    @property
+    def listener(self) -> FeederListener:
+        """Who hears of answers and of the first fault."""
+        return self._cycle.listener
+
+    @listener.setter
+    def listener(self, listener: FeederListener) -> None:
+        self._cycle.listener = listener
+
+    def set_flows(self, flows_g_min: Mapping[str, float]) -> None:
+        """From now on feed so much from each hopper, by its name: the latest call counts.
+
+        Returns at once; all hoppers change together, as one recipe. Flows equal at the device's
+        resolution (0.01 g/min) are not sent again.
+        Raises ValueError for a flow that is no number, beyond its hopper's range, or nobody's.
+        """
+        self._cycle.set_flows(flows_g_min)
+
+    async def start_gas(self) -> None:
+        """Carrier gas on; returns when its pre-flow is over.
+
+        Raises MachineError where an alarm is latched, the device refuses, or gas does not come.
+        """
+        if self.status is not None and self.status.alarm is not None:
+            alarm = self.status.alarm
+            raise self._cycle.error(alarm.text, f"{alarm.hint}, then reset the alarm")
+        self._cycle.watching = True
+        started_s = self._loop.time()
+        preflow_s = self._feeder.gas_preflow_s
+        await self._order(self._command | Command.GAS_ON, "start gas")
+        await self._cycle.until(
+            lambda status: status.gas_ok and status.time_s - started_s >= preflow_s,
+            preflow_s + 2 * _PATIENCE_S, "carrier gas did not come",
+        )
+
+    async def feed_on(self) -> None:
+        """Discs on, at the flows last set; returns when they turn. See `stable` for the flow.
+
+        Raises MachineError where the device refuses, or they do not start.
+        """
+        await self._order(self._command | Command.FEED_ON, "start powder")
+        await self._cycle.until(
+            lambda status: status.feeding, _PATIENCE_S, "powder did not start"
+        )
+        self._cycle.feeding = True
+
+    async def stable(self, timeout_s: float) -> None:
+        """Return when the device calls its powder stable. Raises MachineError after timeout_s."""
+        await self._cycle.until(
+            lambda status: status.stable, timeout_s, "powder did not get stable"
+        )
+
+    async def feed_off(self) -> None:
+        """Discs off; returns when they stand. Gas flows on. Raises MachineError.
+
+        A device at LOCAL or in alarm may refuse: then it counts what its discs do.
+        """
+        self._cycle.feeding = False
+        await self._stop(self._command & ~Command.FEED_ON, "stop powder")
+        await self._cycle.until(
+            lambda status: not status.feeding, _PATIENCE_S, "powder did not stop", faulty=True
+        )
+
+    async def gas_off(self, *, post_flow: bool = True) -> None:
+        """Gas (and powder) off, after the post-flow that empties the hose; without it, at once.
+
+        Returns when gas has stopped. Raises MachineError.
+        """
+        self._cycle.watching = self._cycle.feeding = False
+        taken = await self._stop(self._command & Command.ENABLE_REMOTE, "stop gas")
+        if taken and not post_flow:
+            await self._cycle.asked(self._link.write(_POSTFLOW, [0]), "stop gas")
+        await self._cycle.until(
+            lambda status: status.state not in (State.STOPPING, State.GAS_PREFLOW),
+            postflow_s(self._feeder, self.hoppers) + 2 * _PATIENCE_S, "gas did not stop",
+            faulty=True,
+        )
+
+    async def acknowledge(self) -> None:
+        """Reset a latched watchdog trip and alarms, as an operator's deliberate act.
+
+        Raises MachineError where a cause remains.
+        """
+        reset = self._link.write(_WD_RESET, [WATCHDOG_RESET_KEY, ALARM_RESET_KEY])
+        await self._cycle.asked(reset, "reset its alarms")
+        self._cycle.start_afresh()
+        await self._order(Command.ENABLE_REMOTE, "take commands")
+        await self._cycle.until(
+            lambda status: status.alarm is None, _PATIENCE_S, "its alarms did not clear"
+        )
+
+    async def close(self) -> None:
+        """Stop the discs, give command back, and disconnect; a dead device is just left.
+
+        The device runs its gas post-flow by itself.
+        """
+        self._cycle.watching = self._cycle.feeding = False
+        try:
+            await self._cycle.stop()
+        finally:
+            try:
+                await self._link.write(_COMMAND, [0])
+            except MachineError:
+                pass  # it is gone, or at LOCAL: its own watchdog has stopped it
+            finally:
+                await self._link.close()
+
+    async def _take_command(self) -> None:
+        """First status, settings and zero flows; then remote control, which arms its watchdog."""
+        deadline_s = self._loop.time() + _BOOT_PATIENCE_S
+        while True:
+            status = await self._cycle.asked(self._cycle.first_status(), "show its status")
+            if status.state is not State.BOOT or self._loop.time() >= deadline_s:
+                break
+            await asyncio.sleep(self._cycle.period_s)
+        await self._cycle.asked(self._cycle.turn(), "take its settings")
+        await self._order(Command.ENABLE_REMOTE, "take commands")
+        self._cycle.start()
+
+    async def _stop(self, command: Command, what: str) -> bool:
+        """An order that only takes away; False where it was refused."""
+        try:
+            await self._order(command, what)
+        except MachineError as error:
+            if not isinstance(error.__cause__, RefusedError):
+                raise
+            self._cycle.ask_status()
+            return False
+        return True
+
+    async def _order(self, command: Command, what: str) -> None:
+        await self._cycle.asked(self._link.write(_COMMAND, [int(command)]), what)
+        self._command = command
+        self._cycle.ask_status()
+
+
+async def _connect(feeder: Feeder, timeout_s: float) -> ModbusLink:
+    try:
+        return await ModbusLink.open(feeder.endpoint, feeder.device_id, timeout_s=timeout_s)
+    except MachineError as error:
+        raise MachineError(
+            f"feeder {feeder.name}: {error.what}", where=error.where, hint=error.hint
+        ) from error
+
+
+async def _identified(
+    link: ModbusLink, feeder: Feeder, hoppers: Sequence[Hopper]
+) -> FeederIdentity:
+    try:
+        return await identify(link, feeder, hoppers)
+    except (NoAnswerError, RefusedError) as error:
+        raise MachineError(
+            f"feeder {feeder.name}: {error.what}",
+            where=f"{feeder.endpoint}, device {feeder.device_id}", hint=error.hint,
+        ) from error

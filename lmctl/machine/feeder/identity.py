@@ -1,0 +1,100 @@
+"""Is this a PMX feeder, and the one the profile means? Asked before anything is written."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from firmware_protocol.pmx import (
+    DEVICE_ID,
+    MAP_MAJOR,
+    MAP_MINOR_MIRROR,
+    MOST_HOPPERS,
+    PMX,
+    SYSTEM_BLOCK,
+    hopper_row,
+)
+from firmware_protocol.registers import Value
+from lmctl.config.machine import Feeder, Hopper
+from lmctl.errors import MachineError
+from lmctl.machine.modbus.client import ModbusLink
+
+
+@dataclass(frozen=True)
+class FeederIdentity:
+    """has_mirror : map 1.1, where one FC 23 request writes a recipe and reads the status back
+    feed_factor_g_rev : what the device believes one turn of each used hopper's disc feeds
+    """
+
+    map_version: tuple[int, int]
+    firmware: tuple[int, int]
+    serial: int
+    n_hoppers: int
+    has_mirror: bool
+    feed_factor_g_rev: Mapping[str, float]
+
+
+async def identify(
+    link: ModbusLink, feeder: Feeder, hoppers: Sequence[Hopper]
+) -> FeederIdentity:
+    """Read what the device is.
+
+    Raises MachineError where it is no PMX feeder of a known map, lacks a hopper of the profile,
+    or cannot feed as much as the profile says.
+    """
+    place = [f"feeder {feeder.name}: {feeder.endpoint}, device {feeder.device_id}"]
+    values = SYSTEM_BLOCK.decode(await link.read_input(SYSTEM_BLOCK.address, SYSTEM_BLOCK.count))
+    if values["DEVICE_ID"] != DEVICE_ID:
+        raise MachineError(
+            f"the device for feeder {feeder.name} is no PMX feeder",
+            where=[*place, f"its DEVICE_ID is {values['DEVICE_ID']}, not {DEVICE_ID}"],
+            hint="check the feeder's endpoint and device_id in the machine profile",
+        )
+    major, minor = _pair(values["MAP_VERSION"])
+    if major != MAP_MAJOR:
+        raise MachineError(
+            f"feeder {feeder.name} speaks another register map",
+            where=[*place, f"map {major}.{minor}; map {MAP_MAJOR} is known here"],
+            hint="this feeder needs another version of lmctl, or other firmware",
+        )
+    n_hoppers = _whole(values["N_HOPPERS"])
+    missing = [h for h in hoppers if h.channel > n_hoppers]
+    if missing or not 1 <= n_hoppers <= MOST_HOPPERS:
+        raise MachineError(
+            f"feeder {feeder.name} has {n_hoppers} hoppers",
+            where=[*place, *(f"hopper {h.name} is on channel {h.channel}" for h in missing)],
+            hint="check the hoppers' channels in the machine profile",
+        )
+    factors = {h.name: await _feed_factor(link, h, place) for h in hoppers}
+    return FeederIdentity(
+        map_version=(major, minor),
+        firmware=_pair(values["FW_VERSION"]),
+        serial=_whole(values["SERIAL"]),
+        n_hoppers=n_hoppers,
+        has_mirror=minor >= MAP_MINOR_MIRROR,
+        feed_factor_g_rev=factors,
+    )
+
+
+async def _feed_factor(link: ModbusLink, hopper: Hopper, place: list[str]) -> float:
+    """The stored factor [g/rev]. Raises MachineError where the hopper cannot feed its maximum."""
+    names = [hopper_row(hopper.channel, name) for name in ("FEED_FACTOR", "N_MIN", "N_MAX")]
+    (block,) = PMX.plan_reads(names)
+    values = block.decode(await link.read_holding(block.address, block.count))
+    factor, _, most_rpm = (float(values[name] or 0.0) for name in names)
+    if factor * most_rpm < hopper.max_flow_g_min:
+        raise MachineError(
+            f"hopper {hopper.name} cannot feed {hopper.max_flow_g_min:g} g/min",
+            where=[*place, f"channel {hopper.channel}: {factor:g} g/rev at most {most_rpm:g} rpm "
+                           f"make {factor * most_rpm:.1f} g/min"],
+            hint="lower its max_flow_g_min in the machine profile, or calibrate the feeder",
+        )
+    return factor
+
+
+def _whole(value: Value) -> int:
+    return value if isinstance(value, int) else 0
+
+
+def _pair(value: Value) -> tuple[int, int]:
+    return _whole(value) >> 8, _whole(value) & 0xFF

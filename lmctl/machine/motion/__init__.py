@@ -1,0 +1,1 @@
+"""The motion controller, over a byte link."""

@@ -1,0 +1,311 @@
+"""A conversation with a Grbl controller: link, codec and status questions put together.
+
+Lower half of the motion driver. It knows lines, answers, reports and resets; streams, holds and
+positions are above it. Events are handed on in the order they stood in the byte stream.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from firmware_protocol.codes import alarm_meaning, error_meaning
+from firmware_protocol.dialect import GRBL, Dialect
+from firmware_protocol.host import (
+    Answered,
+    Event,
+    GrblHost,
+    LocalProtocolError,
+    RemoteProtocolError,
+    Restarted,
+)
+from firmware_protocol.messages import Alarm, Status, Unknown
+from firmware_protocol.realtime import Realtime
+from firmware_protocol.status import StatusReport
+from lmctl.errors import MachineError
+from lmctl.machine.motion.links import Link, open_link
+from lmctl.machine.motion.status_watch import StatusWatch
+
+T = TypeVar("T")
+
+_COMMAND_TAG = -1
+_LOST_HINT = "check cable and power of the controller, and that no other program talks to it"
+_LEAST_RX_USABLE = 127  # before the controller has said how much it has
+
+
+@dataclass
+class Hearer:
+    """Who is told what the controller says, as callables.
+
+    line_answered(tag, error), report(report), alarm(code), restarted(asked) in stream order;
+    surplus_answer() where an answer answers nothing; batch_done() after each arrival of bytes;
+    asking() before each `?`: what is written then goes with it; lost(reason) once.
+    """
+
+    line_answered: Callable[[int, int], None]
+    report: Callable[[StatusReport], None]
+    alarm: Callable[[int], None]
+    restarted: Callable[[bool], None]
+    batch_done: Callable[[], None]
+    lost: Callable[[str], None]
+    surplus_answer: Callable[[], None] = lambda: None
+    asking: Callable[[], None] = lambda: None
+
+
+class Conversation:
+    """One open link to a controller.
+
+    dialect : Grbl's until `settle_on` is told better
+    damaged : messages so far that were no message or answered nothing
+    heard_bytes : whether anything at all has arrived
+    rx_empty : most free receive bytes reported with nothing unanswered
+    sent_before_question : tag of the newest line unanswered when `?` was sent, or None
+    """
+
+    def __init__(self, endpoint: str, status_period_s: float, hearer: Hearer) -> None:
+        self.endpoint = endpoint
+        self.dialect: Dialect = GRBL
+        self.damaged = 0
+        self.heard_bytes = False
+        self.lost: str | None = None
+        self.rx_empty = 0
+        self.sent_before_question: int | None = None
+        self.watch = StatusWatch(status_period_s, self._ask, self.give_up)
+        self._hearer = hearer
+        self._host = GrblHost(_LEAST_RX_USABLE, GRBL.line_chars)
+        self._loop = asyncio.get_running_loop()
+        self._link: Link | None = None
+        self._command: asyncio.Future[list[str]] | None = None
+        self._command_text = ""
+        self._command_answer: list[str] = []
+        self._report_waiters: list[asyncio.Future[StatusReport]] = []
+        self._restart_waiter: asyncio.Future[None] | None = None
+        self._reset_asked = False
+        self._with_question: bytes | None = None  # lines to be sent in one write with a `?`
+
+    async def connect(self, baud: int, timeout_s: float) -> None:
+        """Open the link. Raises MachineError, ConfigError."""
+        self._link = await open_link(
+            self.endpoint, baud, self._received, self.give_up, timeout_s
+        )
+
+    def close(self) -> None:
+        """Stop asking and close the link; whoever still waits gets MachineError."""
+        self.watch.stop()
+        if self._link is not None:
+            self._link.close()
+        self._fail_waiting(self.error("the link was closed"))
+
+    def settle_on(self, dialect: Dialect, rx_bytes: int) -> None:
+        """Use what the controller has said of itself. Nothing may be unanswered."""
+        self.dialect = dialect
+        self._host = GrblHost(rx_bytes - 1, dialect.line_chars)
+
+    @property
+    def unanswered(self) -> int:
+        """Lines sent and not answered, commands included."""
+        return self._host.unanswered
+
+    @property
+    def commanding(self) -> bool:
+        """Whether a command is unanswered."""
+        return self._command is not None or self._host.oldest_tag == _COMMAND_TAG
+
+    @property
+    def all_sent(self) -> bool:
+        """Whether nothing is held back here that is counted as sent."""
+        return self._link is not None and not self._link.unsent
+
+    @property
+    def worth_a_write(self) -> bool:
+        """Whether so much room is free, or so little under way, that lines should go out now.
+
+        A wire without a pace is spared a write for every answer. Half full, and with the planner
+        behind it, the buffer does not run dry, and a dry run of short lines takes a quarter less
+        time.
+        """
+        host = self._host
+        return (
+            host.free >= host.rx_usable // 2
+            or host.unanswered == 0
+            or (self._link is not None and self._link.paced)
+        )
+
+    def check_line(self, line: bytes) -> None:
+        """Raise LocalProtocolError for a line that could never be sent."""
+        self._host.check_line(line)
+
+    def can_send(self, line: bytes) -> bool:
+        """Whether the controller has room for the line now."""
+        return self._host.can_send(line)
+
+    def count_line(self, line: bytes, tag: int) -> bytes:
+        """The bytes of a checked line, counted as sent; `write` them with others in one go."""
+        return self._host.send_checked(line, tag)
+
+    def write(self, data: bytes) -> None:
+        """Send what `count_line` gave."""
+        if self._with_question is not None:
+            self._with_question += data
+        elif self._link is not None:
+            self._link.write(data)
+
+    def realtime(self, byte: Realtime) -> None:
+        """Send one byte before everything not yet on the wire. A reset drops all that waits."""
+        if self._link is None:
+            return
+        if byte is Realtime.RESET:
+            self._reset_asked = True
+            self._link.discard_unsent()
+        self._link.write_realtime(byte.wire)
+
+    async def command(self, line: str, timeout_s: float) -> list[str]:
+        """Send one line alone; return what was said before its `ok`.
+
+        raises : MachineError on error, alarm, restart, loss or no answer in time;
+            LocalProtocolError while other lines are unanswered
+        """
+        self._refuse_if_lost()
+        if self._command is not None or self._host.unanswered:
+            raise LocalProtocolError(f"{line!r} must be sent alone, and lines are unanswered")
+        data = self._host.send_line(line.encode("ascii", "replace"), _COMMAND_TAG)
+        self._command_text, self._command_answer = line, []
+        self._command = self._loop.create_future()
+        self.write(data)
+        try:
+            return await self._wait(self._command, timeout_s)
+        except TimeoutError:
+            raise self.error(
+                f"no answer to {line!r} within {timeout_s:g} s",
+                hint="check what the controller is doing (`lmctl machine status`), or reset it",
+            ) from None
+        finally:
+            self._command = None
+
+    async def fresh_report(self, timeout_s: float) -> StatusReport | None:
+        """Ask `?` and wait for the next report; None if none comes in time."""
+        self._refuse_if_lost()
+        waiter: asyncio.Future[StatusReport] = self._loop.create_future()
+        self._report_waiters.append(waiter)
+        self.watch.ask_now()
+        try:
+            return await self._wait(waiter, timeout_s)
+        except TimeoutError:
+            self.watch.given_up()
+            return None
+        finally:
+            if waiter in self._report_waiters:
+                self._report_waiters.remove(waiter)
+
+    async def reset(self, timeout_s: float) -> None:
+        """Send 0x18 and wait for the banner. Raises MachineError if none comes in time."""
+        self._refuse_if_lost()
+        waiter = self._restart_waiter = self._loop.create_future()
+        self.realtime(Realtime.RESET)
+        try:
+            await self._wait(waiter, timeout_s)
+        except TimeoutError:
+            raise self.error(
+                f"no restart within {timeout_s:g} s of a reset",
+                hint="switch the machine off at its emergency stop, then look at the controller",
+            ) from None
+        finally:
+            self._restart_waiter = None
+
+    async def _wait(self, future: Awaitable[T], timeout_s: float) -> T:
+        async with asyncio.timeout(timeout_s):
+            return await future
+
+    def _ask(self) -> None:
+        self.sent_before_question = self._host.newest_tag
+        self._with_question = b""
+        try:
+            self._hearer.asking()
+        finally:
+            lines, self._with_question = self._with_question, None
+        if lines and self._link is not None and not (self._link.paced or self._link.unsent):
+            self._link.write(lines + Realtime.STATUS.wire)
+        else:
+            self.write(lines)
+            self.realtime(Realtime.STATUS)
+
+    def _received(self, data: bytes) -> None:
+        self.heard_bytes = True
+        answered = self._hearer.line_answered
+        for event in self._host.receive_data(data):
+            if type(event) is Answered and event.tag >= 0:
+                answered(event.tag, event.error)
+            else:
+                self._hear(event)
+        self._hearer.batch_done()
+
+    def _hear(self, event: Event) -> None:
+        if isinstance(event, Answered):
+            self._command_answered(event.error)
+        elif isinstance(event, Status):
+            self.watch.answered()
+            if not self._host.unanswered:
+                self.rx_empty = max(self.rx_empty, event.report.rx_free or 0)
+            self._hearer.report(event.report)
+            for waiter in self._report_waiters:
+                if not waiter.done():
+                    waiter.set_result(event.report)
+        elif isinstance(event, Restarted):
+            self._restarted()
+        elif isinstance(event, Alarm):
+            meaning = alarm_meaning(event.code, self.dialect)
+            self._fail_command(f"alarm {event.code}: {meaning.words}", meaning.remedy)
+            self._hearer.alarm(event.code)
+        elif isinstance(event, RemoteProtocolError):
+            self.damaged += 1
+            self._hearer.surplus_answer()
+        elif isinstance(event, Unknown):
+            self.damaged += 1
+        elif self._command is not None:
+            self._command_answer.append(event.format())
+
+    def _command_answered(self, code: int) -> None:
+        if code:
+            meaning = error_meaning(code, self.dialect)
+            self._fail_command(f"error {code}: {meaning.words}", meaning.remedy)
+        elif self._command is not None and not self._command.done():
+            self._command.set_result(self._command_answer)
+
+    def _restarted(self) -> None:
+        asked, self._reset_asked = self._reset_asked, False
+        self._fail_command("the controller restarted", "send it again")
+        self._hearer.restarted(asked)
+        if self._restart_waiter is not None and not self._restart_waiter.done():
+            self._restart_waiter.set_result(None)
+
+    def give_up(self, reason: str) -> None:
+        """Count the controller as lost; told once."""
+        if self.lost is not None:
+            return
+        self.lost = reason
+        self.watch.stop()
+        self._fail_waiting(self.error(reason, hint=_LOST_HINT))
+        self._hearer.lost(reason)
+
+    def _refuse_if_lost(self) -> None:
+        if self.lost is not None:
+            raise self.error(self.lost, hint=_LOST_HINT)
+
+    def _fail_command(self, why: str, hint: str) -> None:
+        if self._command is not None and not self._command.done():
+            self._command.set_exception(
+                self.error(f"{self._command_text!r} was refused: {why}", hint=hint)
+            )
+
+    def _fail_waiting(self, error: MachineError) -> None:
+        waiting: list[asyncio.Future[Any] | None]
+        waiting = [self._command, self._restart_waiter, *self._report_waiters]
+        for future in waiting:
+            if future is not None and not future.done():
+                future.set_exception(error)
+
+    def error(self, what: str, hint: str = "") -> MachineError:
+        """A MachineError about this controller."""
+        return MachineError(what, where=f"motion controller at {self.endpoint}", hint=hint)

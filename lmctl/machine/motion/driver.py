@@ -1,0 +1,298 @@
+"""Host end of one motion link: streams lines, holds, resumes, resets. It knows no jobs.
+
+Lines of a stream are counted three times: sent, acknowledged (planned by the controller) and
+executed (done by the machine); see `progress` and `stream`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+from firmware_protocol.codes import position_lost
+from firmware_protocol.realtime import Realtime
+from firmware_protocol.status import StatusReport
+from lmctl.machine.motion import holding
+from lmctl.machine.motion.conversation import Conversation, Hearer
+from lmctl.machine.motion.handshake import RESET_S, Introduction, introduce
+from lmctl.machine.motion.identify import Identity, refuse_unfit
+from lmctl.machine.motion.stream import Stream
+
+_HOMED_S = 180.0
+_NO_OVERRIDE = (100, 100, 100)
+
+
+def _ignore(*_: object) -> None:
+    """What happens to an event nobody listens to."""
+
+
+@dataclass
+class MotionListener:
+    """Called in the order of the byte stream, from the loop; each must return at once.
+
+    on_question() : a status report is about to be asked for; lines submitted now go with the
+        question and cost the wire no turn of their own
+    on_progress() : acknowledged or executed has grown
+    on_status(report)
+    on_error(tag, code) : line `tag` of the stream is the first that was rejected; `!` is on its way
+    on_alarm(code)
+    on_restart() : the controller restarted and nobody here asked for it
+    on_lost(reason) : the link is gone or the controller silent; nothing follows
+    """
+
+    on_question: Callable[[], None] = _ignore
+    on_progress: Callable[[], None] = _ignore
+    on_status: Callable[[StatusReport], None] = _ignore
+    on_error: Callable[[int, int], None] = _ignore
+    on_alarm: Callable[[int], None] = _ignore
+    on_restart: Callable[[], None] = _ignore
+    on_lost: Callable[[str], None] = _ignore
+
+
+class MotionDriver:
+    """One motion controller, opened by `open`.
+
+    listener : who is told; replace its members or the whole
+    status : the last report, or None; overrides : feed, rapid, spindle [%] as last reported
+    offset_mm : work offset as last reported, or None (work = machine - offset)
+    position_trusted : whether reported positions are those of the machine
+    """
+
+    def __init__(self, endpoint: str, status_period_s: float) -> None:
+        self.listener = MotionListener()
+        self.status: StatusReport | None = None
+        self.overrides: tuple[int, int, int] = _NO_OVERRIDE
+        self.offset_mm: tuple[float, ...] | None = None
+        self.position_trusted = False
+        self._talk = Conversation(
+            endpoint,
+            status_period_s,
+            Hearer(
+                line_answered=self._line_answered,
+                report=self._reported,
+                alarm=self._alarmed,
+                restarted=self._restarted,
+                surplus_answer=lambda: self._stream.surplus_answer(),
+                batch_done=self._batch_done,
+                asking=lambda: self.listener.on_question(),
+                lost=self._lost,
+            ),
+        )
+        self._stream = Stream(self._talk, lambda tag, code: self.listener.on_error(tag, code))
+        self._introduction: Introduction | None = None
+        self._at_rest_at_reset = False
+        self._grown = False  # counts have grown since on_progress was called
+
+    @classmethod
+    async def open(
+        cls, endpoint: str, *, baud: int, status_period_s: float, connect_timeout_s: float = 5.0
+    ) -> MotionDriver:
+        """Open the link, identify the controller, read and judge its settings.
+
+        raises : MachineError where it is absent, busy, silent, not a Grbl 1.1 or grblHAL, moving,
+            or set so that a program must not run ($32, $10); ConfigError for a bad endpoint
+        """
+        driver = cls(endpoint, status_period_s)
+        try:
+            await driver._talk.connect(baud, connect_timeout_s)
+            said = await introduce(driver._talk, connect_timeout_s)
+            refuse_unfit(said.identity, said.settings, endpoint)
+        except BaseException:
+            await driver.close()
+            raise
+        driver._introduction = said
+        if driver.offset_mm is None:
+            driver.offset_mm = said.offset_mm
+        idle = driver.status is not None and driver.status.state == "Idle"
+        driver.position_trusted = idle and said.position_stated
+        driver._talk.watch.start()
+        return driver
+
+    async def close(self) -> None:
+        """Close the link. The machine is left as it is."""
+        self._stream.discard_queue()
+        self._talk.close()
+
+    @property
+    def identity(self) -> Identity:
+        """What the controller says it is."""
+        return self._said().identity
+
+    @property
+    def settings(self) -> dict[int, str]:
+        """Its settings as read at opening, by number."""
+        return self._said().settings
+
+    @property
+    def found(self) -> StatusReport:
+        """The first report of all, from before anything was sent that could change a state."""
+        return self._said().found
+
+    @property
+    def sent(self) -> int:
+        """Lines of the stream handed to the link."""
+        return self._stream.progress.sent
+
+    @property
+    def acknowledged(self) -> int:
+        """Lines of the stream answered `ok`, up to the first rejected one."""
+        return self._stream.progress.acknowledged
+
+    @property
+    def executed(self) -> int:
+        """Lines of the stream known to be done; never above `acknowledged`."""
+        return self._stream.progress.executed
+
+    @property
+    def queued(self) -> int:
+        """Lines submitted and not sent."""
+        return self._stream.queued
+
+    @property
+    def status_age_s(self) -> float:
+        """Seconds since the last status report."""
+        return self._talk.watch.age_s
+
+    @property
+    def damaged_messages(self) -> int:
+        """Messages so far that were damaged or answered nothing: the quality of the line."""
+        return self._talk.damaged
+
+    @property
+    def position_mm(self) -> tuple[float, ...] | None:
+        """Last reported position in program (work) coordinates, or None."""
+        report = self.status
+        if report is None or report.work_mm is not None:
+            return None if report is None else report.work_mm
+        if report.machine_mm is None or self.offset_mm is None:
+            return None
+        return tuple([m - o for m, o in zip(report.machine_mm, self.offset_mm, strict=False)])
+
+    def submit(self, lines: Iterable[bytes]) -> None:
+        """Queue lines of the stream; they go out as the controller has room.
+
+        While held, halted by an error or alarm, or lost, they stay queued; a reset drops them.
+        raises : LocalProtocolError for a line that could never be sent
+        """
+        self._stream.submit(lines, self.identity)
+
+    def discard_queue(self) -> int:
+        """Drop the lines submitted and not sent; returns how many."""
+        return self._stream.discard_queue()
+
+    def trust_position(self) -> None:
+        """The caller vouches that reported positions are those of the machine."""
+        self.position_trusted = True
+
+    def realtime(self, byte: Realtime) -> None:
+        """Send one real-time byte at once, before every line not yet on the wire."""
+        if byte is Realtime.RESET:
+            self._stream.discard_queue()
+            self._at_rest_at_reset = self._at_rest()
+        self._talk.realtime(byte)
+
+    async def command(self, line: str, timeout_s: float = 5.0) -> list[str]:
+        """Send one line outside any stream; return what was said before its `ok`.
+
+        raises : MachineError with the code in words; LocalProtocolError while lines are unanswered
+        """
+        return await self._talk.command(line, timeout_s)
+
+    async def home(self, timeout_s: float = _HOMED_S) -> None:
+        """Home the machine, which clears an alarm; afterwards its position is trusted.
+
+        raises : MachineError
+        """
+        self._talk.watch.stop()  # Grbl answers no `?` while it homes
+        try:
+            await self._talk.command("$H", timeout_s)
+        finally:
+            if self._talk.lost is None:
+                self._talk.watch.start()
+        self._stream.end(halted=False)
+        self.position_trusted = True
+
+    async def hold(self, *, seen_within_s: float = 0.25, stopped_within_s: float = 5.0) -> None:
+        """Feed hold; returns when the machine stands still. No line is sent until `resume`.
+
+        raises : MachineError where no hold shows within seen_within_s, or the machine still moves
+            after stopped_within_s, or an alarm stops it instead
+        """
+        self._stream.held = True
+        await holding.hold(self._talk, seen_within_s, stopped_within_s)
+
+    async def resume(self) -> None:
+        """End a hold. Raises MachineError where the machine is not standing held, or stays so."""
+        await holding.resume(self._talk)
+        self._stream.held = False
+        self._stream.pump()
+
+    async def reset(self, timeout_s: float = RESET_S) -> StatusReport:
+        """Soft reset: ends stream and motion; returns the first report after the banner.
+
+        The position stays trusted only where the machine stood still. Raises MachineError.
+        """
+        self._stream.discard_queue()
+        self._at_rest_at_reset = self._at_rest()
+        await self._talk.reset(timeout_s)
+        report = await self._talk.fresh_report(timeout_s)
+        if report is None:
+            raise self._talk.error(
+                "the controller restarted but answers no '?'", hint="switch it off and on"
+            )
+        return report
+
+    def _line_answered(self, tag: int, error: int) -> None:
+        self._stream.line_answered(tag, error)
+        self._grown = True
+
+    def _reported(self, report: StatusReport) -> None:
+        self.status = report
+        if report.offset_mm is not None:
+            self.offset_mm = report.offset_mm
+        if report.overrides is not None:
+            self.overrides = report.overrides
+        if self._stream.running:
+            self._grown = self._stream.observe(report) or self._grown
+            if report.state == "Alarm" and not self._stream.halted:
+                self._alarmed(report.substate or 0)  # its ALARM: line was lost
+        self.listener.on_status(report)
+
+    def _alarmed(self, code: int) -> None:
+        self._stream.halted = True
+        if position_lost(code, self._talk.dialect):
+            self.position_trusted = False
+        self.listener.on_alarm(code)
+
+    def _restarted(self, asked: bool) -> None:
+        surprise = not asked and self._introduction is not None
+        self._stream.end(halted=surprise)
+        self.overrides = _NO_OVERRIDE
+        if not (asked and self._at_rest_at_reset):
+            self.position_trusted = False
+        if surprise:
+            self.listener.on_restart()
+
+    def _batch_done(self) -> None:
+        if self._grown:
+            self._grown = False
+            self.listener.on_progress()
+        self._stream.pump()
+
+    def _lost(self, reason: str) -> None:
+        self._stream.halted = True
+        self.listener.on_lost(reason)
+
+    def _at_rest(self) -> bool:
+        """Whether the last report, and nothing sent since, says that the machine stands."""
+        report = self.status
+        if report is None:
+            return False
+        if report.state == "Idle":
+            return self._talk.unanswered == 0 and self._stream.progress.all_executed
+        return report.held or report.state in ("Alarm", "Check", "Sleep")
+
+    def _said(self) -> Introduction:
+        if self._introduction is None:
+            raise AttributeError("the driver is not open")
+        return self._introduction

@@ -1,0 +1,159 @@
+"""The first minute with a controller: is anyone there, is it at rest, what does it say it is.
+
+A port may have been used a moment ago by a host that died. So nothing is sent that could act until
+the controller has answered `?`; no bare newline is ever sent, since it would execute whatever part
+of a line the old host left behind; and a controller found holding is reset only once it stands
+still, which keeps its position.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from contextlib import suppress
+from dataclasses import dataclass
+
+from firmware_protocol.dialect import GRBLHAL
+from firmware_protocol.realtime import Realtime
+from firmware_protocol.status import StatusReport
+from lmctl.errors import MachineError
+from lmctl.machine.motion.conversation import Conversation
+from lmctl.machine.motion.identify import (
+    Identity,
+    homed_axes,
+    homing_enabled,
+    read_identity,
+    read_offset,
+    read_settings,
+)
+
+RESET_S = 5.0
+"""Longest time from a reset to the banner, an AVR board's boot included."""
+
+_ASK_EVERY_S = 0.25
+_COMMAND_S = 3.0
+_IDENTIFY_TRIES = 3
+_READY = ("Idle", "Alarm")
+_MOVING = ("Run", "Jog", "Home")
+
+
+@dataclass(frozen=True)
+class Introduction:
+    """What a controller said when it was met.
+
+    found : its first report, before anything was sent that could change its state
+    offset_mm : work offset, or None where it would not tell
+    homed : whether it calls its axes homed; None where it does not say (Grbl never does)
+    """
+
+    found: StatusReport
+    identity: Identity
+    settings: dict[int, str]
+    offset_mm: tuple[float, ...] | None
+    homed: bool | None
+
+    @property
+    def position_stated(self) -> bool:
+        """Whether somebody has said where the machine is: its homing, or without one ($22) its
+        operator, since nobody else can have."""
+        return self.homed is True or not homing_enabled(self.settings)
+
+
+async def introduce(talk: Conversation, timeout_s: float) -> Introduction:
+    """Meet the controller on an open link and bring it to Idle or Alarm.
+
+    timeout_s : for the first answer (a board that resets when the port opens takes 2 s), and again
+        for coming to rest
+    raises : MachineError where it is silent, is not a Grbl, or does not come to rest
+    """
+    found = await first_report(talk, timeout_s)
+    await _come_to_rest(talk, found, timeout_s)
+    identity = await identify(talk)
+    talk.settle_on(identity.dialect, identity.rx_bytes)
+    settings = read_settings(await talk.command("$$", _COMMAND_S))
+    offset_mm: tuple[float, ...] | None = None
+    with suppress(MachineError):  # refused in some alarms; reports carry WCO: as well
+        parser_state = await talk.command("$G", _COMMAND_S)
+        offset_mm = read_offset(parser_state, await talk.command("$#", _COMMAND_S))
+    return Introduction(found, identity, settings, offset_mm, await homed(talk))
+
+
+async def homed(talk: Conversation) -> bool | None:
+    """Whether the controller calls its axes homed; None where it does not say."""
+    if talk.dialect is not GRBLHAL:
+        return None
+    talk.realtime(Realtime.STATUS_FULL)
+    report = await talk.fresh_report(_ASK_EVERY_S)
+    return None if report is None else homed_axes(report)
+
+
+async def first_report(talk: Conversation, timeout_s: float) -> StatusReport:
+    """Ask `?` until it is answered. Raises MachineError where the controller is silent."""
+    loop = asyncio.get_running_loop()
+    deadline_s = loop.time() + timeout_s
+    while loop.time() < deadline_s:
+        if (report := await talk.fresh_report(_ASK_EVERY_S)) is not None:
+            return report
+    if talk.heard_bytes:
+        raise talk.error(
+            "what answers is not a Grbl controller, or speaks at another baud rate",
+            hint="compare motion.endpoint and motion.baud in the machine profile with the "
+            "controller",
+        )
+    raise talk.error(
+        f"the motion controller is silent: no answer to '?' within {timeout_s:g} s",
+        hint="check that it has power, that this is its port, and that nobody else talks to it",
+    )
+
+
+async def _come_to_rest(talk: Conversation, found: StatusReport, timeout_s: float) -> None:
+    """Wait out motion; reset a controller that stands in a hold, behind a door, or asleep."""
+    loop = asyncio.get_running_loop()
+    deadline_s = loop.time() + timeout_s
+    report: StatusReport | None = found
+    reset = False
+    while report is None or report.state not in _READY:
+        if report is not None and not reset and _stands_still(report):
+            await talk.reset(RESET_S)
+            reset = True
+        if loop.time() >= deadline_s:
+            raise _restless(talk, report)
+        await asyncio.sleep(min(_ASK_EVERY_S, max(0.0, deadline_s - loop.time())))
+        report = await talk.fresh_report(_ASK_EVERY_S)
+
+
+def _stands_still(report: StatusReport) -> bool:
+    return report.held or report.state in ("Sleep", "Check", "Tool")
+
+
+def _restless(talk: Conversation, report: StatusReport | None) -> MachineError:
+    if report is None:
+        return talk.error("the motion controller stopped answering", hint="check cable and power")
+    if report.state in _MOVING:
+        return talk.error(
+            f"the machine is moving (state {report.state}) at another's command",
+            hint="wait until it stands, or stop it at its panel, then try again",
+        )
+    if report.state == "Door":
+        return talk.error("the safety door is open", hint="close it and try again")
+    return talk.error(
+        f"the motion controller stays in state {report.state}",
+        hint="bring it to Idle at its panel, then try again",
+    )
+
+
+async def identify(talk: Conversation) -> Identity:
+    """What answers `$I`, asked again while it is refused. Raises MachineError.
+
+    The first one may end a line that a dead host left half sent; what comes of the two together
+    is no command and no motion, only an error.
+    """
+    for _ in range(_IDENTIFY_TRIES - 1):
+        try:
+            answer = await talk.command("$I", _COMMAND_S)
+        except MachineError:
+            if talk.unanswered or talk.lost:
+                raise
+            continue
+        if any(line.startswith("[VER:") for line in answer):
+            return read_identity(answer, talk.endpoint)
+    return read_identity(await talk.command("$I", _COMMAND_S), talk.endpoint)

@@ -1,0 +1,150 @@
+"""A stream of lines: what waits, what may be sent now, what stops it.
+
+A stream is what is submitted from one reset to the next. Its counts stand after its end until the
+next line submitted begins another stream at zero.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import re
+from collections import deque
+from collections.abc import Callable, Iterable
+
+from firmware_protocol.host import LocalProtocolError
+from firmware_protocol.realtime import Realtime
+from firmware_protocol.status import StatusReport
+from lmctl.machine.motion.audit import Audit
+from lmctl.machine.motion.conversation import Conversation
+from lmctl.machine.motion.identify import Identity
+from lmctl.machine.motion.progress import Progress
+
+_MISSING_ANSWER_S = 5.0
+
+# An AVR board stores these with interrupts off, and what arrives meanwhile is lost.
+_STORES = re.compile(rb"G\s*0*(?:10|28\.10*|30\.10*)(?![0-9.])")
+
+
+class Stream:
+    """Feeds lines to a conversation as the controller has room.
+
+    rejected(tag, error) : called at the first line answered with an error
+    held : nothing more is sent while set
+    halted : nothing more is sent until `end`
+    """
+
+    def __init__(self, talk: Conversation, rejected: Callable[[int, int], None]) -> None:
+        self.progress = Progress(planner_blocks=0, lead_s=0.0)
+        self.running = False
+        self.held = False
+        self.halted = False
+        self._talk = talk
+        self._rejected = rejected
+        self._queue: deque[bytes] = deque()
+        self._loop = asyncio.get_running_loop()
+        self._audit = Audit(talk)
+        self._identity: Identity | None = None
+        self._owing_since_s: float | None = None  # Idle, and an answer is due
+
+    @property
+    def queued(self) -> int:
+        """Lines submitted and not sent."""
+        return len(self._queue)
+
+    def submit(self, lines: Iterable[bytes], identity: Identity) -> None:
+        """Queue lines and send what fits. Raises LocalProtocolError for an impossible line."""
+        lines = list(lines)
+        for line in lines:
+            self._talk.check_line(line)
+            if _STORES.search(line.upper()) or line.lstrip()[:1] == b"$":
+                raise LocalProtocolError(f"{line!r} stores something, so it must be sent alone")
+        if not self.running:
+            self._identity = identity
+            lead_s = identity.dialect.segment_buffer_s
+            self.progress = Progress(identity.planner_blocks, lead_s)
+            self.running = True
+        self._queue.extend(lines)
+        self.pump()
+
+    def pump(self) -> None:
+        """Send the lines there is room for, in one write."""
+        if self.halted or self.held or not self._queue or not self._talk.worth_a_write:
+            return
+        if self._audit.in_doubt:
+            return
+        queue, talk, progress = self._queue, self._talk, self.progress
+        out = []
+        while queue and talk.can_send(queue[0]):
+            line = queue.popleft()
+            out.append(talk.count_line(line, progress.sent))
+            progress.line_sent(line)
+        if out:
+            talk.write(b"".join(out))
+
+    def discard_queue(self) -> int:
+        """Drop the lines not sent; returns how many."""
+        dropped = len(self._queue)
+        self._queue.clear()
+        return dropped
+
+    def end(self, *, halted: bool) -> None:
+        """The controller restarted: nothing sent before will be answered or executed."""
+        self._queue.clear()
+        self.running = False
+        self.held = False
+        self.halted = halted
+        self._audit.forget()
+        self._owing_since_s = None
+
+    def line_answered(self, tag: int, error: int) -> None:
+        """Take one answer; at the first rejection, hold.
+
+        The lines behind the rejected one are on the controller already. Grbl runs on with them,
+        grblHAL rejects each: neither is to be reported, and neither is to move the machine.
+        """
+        self._owing_since_s = None
+        if self.progress.line_answered(error) and not self.halted:  # not by an alarm before it
+            self.halted = True
+            self._talk.realtime(Realtime.HOLD)
+            self._rejected(tag, error)
+
+    def surplus_answer(self) -> None:
+        """An answer came with no line due: an earlier one came twice, and credited a line.
+
+        Which one cannot be told, so neither can what was acknowledged and executed.
+        """
+        if self.running and not self.halted:
+            self._disown(
+                "an answer came that nobody waits for: the line doubles or invents bytes, and what "
+                "was executed cannot be told"
+            )
+
+    def observe(self, report: StatusReport) -> bool:
+        """Take a report in its place among the answers; True if more lines count as executed."""
+        grown = self.progress.observe(report, self._loop.time())
+        if not self.halted and self._identity is not None:
+            wrong = self._audit.observe(report, self.progress, self._identity)
+            if wrong is not None:
+                self._disown(f"{wrong}; what was executed cannot be told")
+        self._look_for_lost_answer(report)
+        return grown
+
+    def _disown(self, reason: str) -> None:
+        """Hold the machine and give it up: what was acknowledged cannot be told any more."""
+        self.halted = True
+        self._talk.realtime(Realtime.HOLD)
+        self._talk.give_up(reason)
+
+    def _look_for_lost_answer(self, report: StatusReport) -> None:
+        """A controller idle for seconds that owes answers lost a line, or we lost an answer."""
+        line = self.progress.oldest_unanswered()
+        now_s = self._loop.time()
+        if report.state != "Idle" or line is None or b"G4" in line:  # idle is how Grbl dwells
+            self._owing_since_s = None
+        elif self._owing_since_s is None:
+            self._owing_since_s = now_s
+        elif now_s - self._owing_since_s >= _MISSING_ANSWER_S:
+            self._talk.give_up(
+                f"the controller is idle, but {self.progress.unanswered} lines are unanswered: "
+                "bytes were lost on the line"
+            )

@@ -1,0 +1,1 @@
+"""The safety-input device and its laser-enable output."""

@@ -1,0 +1,242 @@
+"""The one task that talks to the safety-input device: heartbeats, answers, and their age.
+
+Every period one request (FC 23) writes the heartbeat, which keeps the watchdog relay closed, and
+reads all inputs back. A word to the laser-enable output waits for no period: it goes out straight
+after a request that is under way.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Sequence
+
+from firmware_protocol.safety_io import CYCLE_BLOCK, MIRROR, SIO, Status
+from lmctl.config.machine import Safety
+from lmctl.errors import MachineError
+from lmctl.machine.beat import on_beat
+from lmctl.machine.modbus.client import ModbusLink, NoAnswerError, RefusedError
+from lmctl.machine.safety.identity import place
+from lmctl.machine.safety.laser_enable import SETTLE_S, LaserEnable
+from lmctl.machine.safety.status import SafetyListener, SafetyStatus, safety_status
+
+#: Periods without a good answer before the device is given up.
+SILENT_PERIODS = 3
+
+_WITH_THE_RELAY = "it drops with the watchdog relay, which is open: see what opened that"
+_ROUNDING_S = 1e-6
+
+_HEARTBEAT = SIO.wire_address("HEARTBEAT")
+
+#: Words of the cycle block that are bits of good things: INPUTS and STATUS. That the laser is
+#: enabled is not one of them.
+_BIT_WORDS = 2
+_NEVER_WORSE = (0, Status.LASER_ENABLED.value)
+
+
+class SafetyCycle:
+    """Talks over a link that is open, from `start` to `stop`.
+
+    status, fault, listener : as SafetyDriver has them
+    laser : the laser-enable output, or None
+
+    An answer is *good* when it echoes the heartbeat just written and its time stamp has moved:
+    one that is frozen, or comes from some buffer on the way, is no answer. Such an answer may
+    still make things worse (an input it shows open is open in `status`), never better.
+    """
+
+    def __init__(self, link: ModbusLink, safety: Safety) -> None:
+        self.listener = SafetyListener()
+        self.status: SafetyStatus | None = None
+        self.fault: MachineError | None = None
+        self.laser = LaserEnable() if safety.laser_enable else None
+        self._safety = safety
+        self._link = link
+        self._loop = asyncio.get_running_loop()
+        self._control = (
+            [] if safety.relay_timeout_s is None else [round(safety.relay_timeout_s * 1000)]
+        )
+        self._heartbeat = 0
+        self._words: Sequence[int] = ()  # of the last status
+        self._good: SafetyStatus | None = None  # the last good answer
+        self._why = ("no answer", "check its power and cable")
+        self._waiting: list[asyncio.Future[None]] = []
+        self._task: asyncio.Task[None] | None = None
+        self._timer: asyncio.TimerHandle | None = None
+        self._rest: asyncio.Future[None] | None = None  # between two requests
+        self._urgent = False  # the next request is not to wait for its period
+
+    @property
+    def now_s(self) -> float:
+        """The clock that the statuses' times are of."""
+        return self._loop.time()
+
+    @property
+    def status_age_s(self) -> float:
+        """Time since the last good answer; infinite before the first."""
+        return self._loop.time() - self._good.time_s if self._good else float("inf")
+
+    async def first_answer(self) -> None:
+        """One request. Raises MachineError where its answer is not good."""
+        await self._turn()
+        if self._good is None:
+            raise self.error(*self._why)
+
+    def start(self) -> None:
+        self._task = asyncio.create_task(self._run(), name="safety device")
+        self._task.add_done_callback(self._ended)
+        self._watch()
+
+    async def stop(self) -> None:
+        """Talk no more, but to drop the output."""
+        if self._timer is not None:
+            self._timer.cancel()
+        if self._task is not None:
+            self._task.cancel()
+            await asyncio.gather(self._task, return_exceptions=True)
+        if self.laser is not None and self.laser.wanted:
+            self.laser.demand(False)
+            await self._turn()
+
+    def at_once(self) -> None:
+        """Something cannot wait for its period."""
+        self._urgent = True
+        if self._rest is not None:
+            _wake(self._rest)
+
+    async def _run(self) -> None:
+        period_s, started_s = self._safety.period_s, self._loop.time()
+        while True:
+            due_s = on_beat(started_s + period_s, started_s)
+            if self.laser is not None and self.laser.pending:
+                due_s = min(due_s, started_s + SETTLE_S)
+            if not self._urgent:
+                await self._until_due(due_s)
+            self._urgent = False
+            started_s = self._loop.time()
+            await self._turn()
+
+    async def _until_due(self, due_s: float) -> None:
+        """Rest, unless something cannot wait."""
+        self._rest = self._loop.create_future()
+        timer = self._loop.call_at(due_s, _wake, self._rest)
+        try:
+            await self._rest
+        finally:
+            timer.cancel()
+
+    async def _turn(self) -> None:
+        """One heartbeat and what comes back."""
+        self._heartbeat = self._heartbeat % 0xFFFF + 1  # never 0, which a dead device would echo
+        try:
+            words = await self._link.exchange(
+                _HEARTBEAT, self._written(),
+                MIRROR + CYCLE_BLOCK.address, CYCLE_BLOCK.count,
+            )
+        except NoAnswerError:
+            self._why = ("no answer", "check its power and cable")
+        except RefusedError as error:
+            self._why = (f"it refuses to answer: {error.what}", "see the device's manual")
+        else:
+            self._answered(words)
+
+    def _written(self) -> list[int]:
+        """From HEARTBEAT on; a RELAY_RESET of 0 does nothing."""
+        if self.laser is None:
+            return [self._heartbeat, *self._control]
+        return [self._heartbeat, *self._control, 0, self.laser.word()]
+
+    def _answered(self, words: Sequence[int]) -> None:
+        status, last = self._read(words), self._good
+        if status.heartbeat_echo != self._heartbeat:
+            self._why = (
+                "it does not repeat the heartbeat", "restart it, and any gateway before it"
+            )
+            self._worse(words)
+        elif last is not None and status.tick_ms == last.tick_ms:
+            self._why = (
+                "it answers, but with the same data", "restart it, and any gateway before it"
+            )
+            self._worse(words)
+        else:
+            self._words, self.status, self._good, self.fault = words, status, status, None
+            self.listener.on_status(status)
+            if last is not None and status.uptime_s < last.uptime_s:
+                self._tell("the device restarted", "check its power supply")
+                if self.laser is not None:
+                    self.laser.restarted()
+            if self.laser is not None:
+                self._look_at_output(self.laser, status)
+            self._tell_waiting()
+
+    def _look_at_output(self, laser: LaserEnable, status: SafetyStatus) -> None:
+        fault = laser.read_back(status.laser_enabled is True, status.time_s)
+        if fault is not None:
+            dropped = status.relay_closed is False
+            self._tell(fault.reason, _WITH_THE_RELAY if dropped else fault.hint)
+        if laser.has_news:
+            self._urgent = True
+
+    def _worse(self, words: Sequence[int]) -> None:
+        """Take from an answer that proves nothing only what has opened."""
+        known = self._words
+        if not known:
+            return
+        bits = [
+            old & (new | kept)
+            for old, new, kept in zip(known, words[:_BIT_WORDS], _NEVER_WORSE, strict=False)
+        ]
+        merged = (*bits, *known[_BIT_WORDS:])
+        if merged != tuple(known):
+            self._words, self.status = merged, self._read(merged)
+            self.listener.on_status(self.status)
+
+    def _read(self, words: Sequence[int]) -> SafetyStatus:
+        return safety_status(words, self._loop.time(), self._safety)
+
+    def _watch(self) -> None:
+        """Give the device up when its last good answer is too old; look again until it is."""
+        limit_s = SILENT_PERIODS * self._safety.period_s
+        age_s = self.status_age_s
+        if age_s >= limit_s - _ROUNDING_S:
+            if self.fault is None:
+                reason, hint = self._why
+                self.fault = self.error(f"{reason} for {age_s:.1f} s", hint)
+                self._tell(f"{reason} for {age_s:.1f} s", hint)
+            age_s = limit_s - self._safety.period_s
+        self._timer = self._loop.call_later(limit_s - age_s, self._watch)
+
+    def _tell(self, reason: str, hint: str) -> None:
+        self.listener.on_fault(reason, hint)
+
+    async def until(
+        self, condition: Callable[[SafetyStatus], bool], timeout_s: float, failure: str, hint: str
+    ) -> None:
+        """Wait for a good answer as wanted. Raises MachineError after timeout_s."""
+        try:
+            async with asyncio.timeout(timeout_s):
+                while self._good is None or not condition(self._good):
+                    news = self._loop.create_future()
+                    self._waiting.append(news)
+                    await news
+        except TimeoutError:
+            raise self.error(f"{failure} within {timeout_s:.1f} s", hint) from None
+
+    def _tell_waiting(self) -> None:
+        waiting, self._waiting = self._waiting, []
+        for news in waiting:
+            if not news.done():
+                news.set_result(None)
+
+    def error(self, reason: str, hint: str) -> MachineError:
+        """A MachineError about this device."""
+        return MachineError(f"safety device: {reason}", where=place(self._safety), hint=hint)
+
+    def _ended(self, task: asyncio.Task[None]) -> None:
+        """A task that dies of a bug leaves no run without its facts unnoticed."""
+        if not task.cancelled() and task.exception() is not None:
+            self._why = ("its driver failed", "this is a bug: please report it")
+
+
+def _wake(rest: asyncio.Future[None]) -> None:
+    if not rest.done():
+        rest.set_result(None)

@@ -1,0 +1,143 @@
+"""The safety-input device: facts about the cell's safety circuits, each with its age.
+
+What the facts mean for a run is decided elsewhere; who talks to the device, and how, is
+`safety_cycle`.
+"""
+
+from __future__ import annotations
+
+from firmware_protocol.safety_io import RELAY_RESET_KEY, SIO
+from lmctl.config.machine import Safety
+from lmctl.errors import MachineError
+from lmctl.machine.modbus.client import ModbusLink, NoAnswerError, RefusedError
+from lmctl.machine.safety.cycle import SILENT_PERIODS, SafetyCycle
+from lmctl.machine.safety.identity import SafetyIdentity, check_line, identify
+from lmctl.machine.safety.status import SafetyListener, SafetyStatus
+
+#: A device on a network may take this long to answer, however short the period [s].
+_LEAST_PATIENCE_S = 0.05
+_RESET_PATIENCE_S = 1.0
+#: More than an output takes to follow its word, and to be found not to [s].
+_OUTPUT_PATIENCE_S = 0.2
+
+_RELAY_RESET = SIO.wire_address("RELAY_RESET")
+
+
+class SafetyDriver:
+    """One safety-input device, opened by `open`.
+
+    status : the last answer, made worse by what proves nothing better (see SafetyCycle)
+    fault : why it cannot be relied on, or None; listener : who is told
+    """
+
+    def __init__(self, link: ModbusLink, safety: Safety, identity: SafetyIdentity) -> None:
+        self.identity = identity
+        self._safety = safety
+        self._link = link
+        self._cycle = SafetyCycle(link, safety)
+
+    @classmethod
+    async def open(cls, safety: Safety) -> SafetyDriver:
+        """Connect, see what it is, and begin its heartbeat; returns with a first status.
+
+        An open relay stays open: see `reset_relay`.
+        Raises MachineError where it cannot be reached, is something else, or gives no good
+        answer; ConfigError for a bad endpoint, or a line too slow for the period.
+        """
+        check_line(safety)
+        timeout_s = max(safety.period_s, _LEAST_PATIENCE_S)
+        try:
+            link = await ModbusLink.open(safety.endpoint, safety.device_id, timeout_s=timeout_s)
+        except MachineError as error:
+            raise MachineError(
+                f"safety device: {error.what}", where=error.where, hint=error.hint
+            ) from error
+        try:
+            driver = cls(link, safety, await identify(link, safety))
+            await driver._cycle.first_answer()
+        except BaseException:
+            await link.close()
+            raise
+        driver._cycle.start()
+        return driver
+
+    @property
+    def listener(self) -> SafetyListener:
+        return self._cycle.listener
+
+    @listener.setter
+    def listener(self, listener: SafetyListener) -> None:
+        self._cycle.listener = listener
+
+    @property
+    def status(self) -> SafetyStatus | None:
+        return self._cycle.status
+
+    @property
+    def fault(self) -> MachineError | None:
+        return self._cycle.fault
+
+    @property
+    def status_age_s(self) -> float:
+        """Time since the last good answer; infinite before the first."""
+        return self._cycle.status_age_s
+
+    async def reset_relay(self) -> None:
+        """Close an open watchdog relay and forget the first-out code, as an operator's act.
+
+        Returns when the device shows it. An input that is still open becomes the first-out again.
+        Raises MachineError where it refuses, or the relay does not close.
+        """
+        try:
+            await self._link.write(_RELAY_RESET, [RELAY_RESET_KEY])
+        except (NoAnswerError, RefusedError) as error:
+            reason = f"it does not reset its relay: {error.what}"
+            raise self._cycle.error(reason, error.hint) from error
+        wanted_s = self._cycle.now_s
+        await self._cycle.until(
+            lambda good: good.time_s >= wanted_s and good.relay_closed is not False,
+            _RESET_PATIENCE_S + SILENT_PERIODS * self._safety.period_s,
+            "its watchdog relay does not close", "check the relay and its supply",
+        )
+
+    def enable_laser(self, on: bool) -> None:
+        """Drop the laser-enable output, or have it come on. Returns at once; nothing without one.
+
+        The word goes out in a request of its own, straight after one that is under way, and again
+        in every request. Off comes first: on goes out only when off has been read back, and is
+        not taken up while the output cannot be relied on.
+        """
+        laser = self._cycle.laser
+        if laser is not None and laser.wanted != on:
+            laser.demand(on)
+            self._cycle.at_once()
+
+    async def laser_enabled(self, on: bool) -> None:
+        """Wait until the output, told so by `enable_laser`, reads back on or off; without one, not.
+
+        Raises MachineError where it does not, within a few periods; it is off then, or told to be.
+        """
+        if (laser := self._cycle.laser) is None:
+            return
+
+        def shown(_: SafetyStatus) -> bool:
+            if (fault := laser.against(on)) is not None:
+                raise self._cycle.error(fault.reason, fault.hint)
+            return laser.is_shown(on)
+
+        try:
+            await self._cycle.until(
+                shown, _OUTPUT_PATIENCE_S + SILENT_PERIODS * self._safety.period_s,
+                f"its laser-enable output does not {'come on' if on else 'drop'}",
+                "check the device, its cable and the output's wiring",
+            )
+        except MachineError:
+            self.enable_laser(False)
+            raise
+
+    async def close(self) -> None:
+        """Drop the output, end the heartbeat, disconnect; a relay opens by itself in its time."""
+        try:
+            await self._cycle.stop()
+        finally:
+            await self._link.close()

@@ -1,0 +1,100 @@
+"""Is this a safety-input device, the one the profile means? Asked before anything is written."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from firmware_protocol.safety_io import (
+    CYCLE_BLOCK,
+    DEVICE_ID,
+    MAP_MAJOR,
+    SIO,
+    WHOLE_BLOCK,
+    Status,
+)
+from lmctl.config.machine import Safety
+from lmctl.errors import ConfigError, MachineError
+from lmctl.machine.modbus.client import ModbusLink, NoAnswerError, RefusedError
+from lmctl.machine.modbus.endpoint import RtuEndpoint, parse_modbus_endpoint
+
+#: Characters beside the registers in an FC 23 request and its answer on a serial line, with the
+#: silence after each; and those for which a line stays quiet after an answer that did not come.
+_FRAME_CHARACTERS = 13 + 5 + 7
+_QUIET_CHARACTERS = 256
+_WRITTEN_REGISTERS = SIO.block(["HEARTBEAT", "LASER_ENABLE"]).count
+
+
+@dataclass(frozen=True)
+class SafetyIdentity:
+    map_version: tuple[int, int]
+    firmware: tuple[int, int]
+    serial: int
+
+
+def place(safety: Safety) -> str:
+    return f"safety device: {safety.endpoint}, device {safety.device_id}"
+
+
+def check_line(safety: Safety) -> None:
+    """Raises ConfigError for a bad endpoint, or a serial line too slow for the period.
+
+    One lost answer, and the quiet after it, must fit in the periods after which a device is silent.
+    """
+    where = parse_modbus_endpoint(safety.endpoint)
+    if not isinstance(where, RtuEndpoint):
+        return
+    characters = _FRAME_CHARACTERS + 2 * (_WRITTEN_REGISTERS + CYCLE_BLOCK.count)
+    least_s = (characters + _QUIET_CHARACTERS) * where.character_s
+    if least_s > safety.period_s:
+        raise ConfigError(
+            f"the safety device cannot be read every {safety.period_s:g} s over its line",
+            where=f"{safety.endpoint}: at {where.baud} baud an exchange takes "
+                  f"{characters * where.character_s:.3f} s, and {least_s:.3f} s after a lost one",
+            hint=f"raise period_s of [safety] to {math.ceil(100 * least_s) / 100:g}, or the line's "
+                 "baud rate",
+        )
+
+
+async def identify(link: ModbusLink, safety: Safety) -> SafetyIdentity:
+    """Read what the device is.
+
+    Raises MachineError where it does not answer, is no safety-input device of a known map, or
+    lacks the relay or the laser-enable output that the profile wants.
+    """
+    try:
+        words = await link.read_input(WHOLE_BLOCK.address, WHOLE_BLOCK.count)
+    except (NoAnswerError, RefusedError) as error:
+        raise MachineError(
+            f"safety device: {error.what}", where=place(safety), hint=error.hint
+        ) from error
+    values: dict[str, Any] = WHOLE_BLOCK.decode(words)
+    if values["DEVICE_ID"] != DEVICE_ID:
+        raise MachineError(
+            "the device for safety inputs is none",
+            where=[place(safety), f"its DEVICE_ID is {values['DEVICE_ID']}, not {DEVICE_ID}"],
+            hint="check endpoint and device_id of [safety] in the machine profile",
+        )
+    version, firmware = divmod(values["MAP_VERSION"], 256), divmod(values["FW_VERSION"], 256)
+    if version[0] != MAP_MAJOR:
+        raise MachineError(
+            "the safety device speaks another register map",
+            where=[place(safety),
+                   f"map {version[0]}.{version[1]}; map {MAP_MAJOR} is known here"],
+            hint="it needs another version of lmctl, or other firmware",
+        )
+    fitted = Status(values["STATUS"])
+    if safety.relay_timeout_s is not None and Status.RELAY_FITTED not in fitted:
+        raise MachineError(
+            "the safety device has no watchdog relay",
+            where=[place(safety), f"the profile says relay_timeout_s = {safety.relay_timeout_s:g}"],
+            hint="take relay_timeout_s out of [safety], or fit the relay",
+        )
+    if safety.laser_enable and Status.LASER_ENABLE_FITTED not in fitted:
+        raise MachineError(
+            "the safety device has no laser-enable output",
+            where=[place(safety), "the profile says laser_enable = true"],
+            hint="take laser_enable out of [safety], or fit the output",
+        )
+    return SafetyIdentity(version, firmware, values["SERIAL"])

@@ -1,0 +1,1 @@
+"""Several bodies as one (method.md 4)."""

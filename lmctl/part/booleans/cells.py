@@ -1,0 +1,184 @@
+"""Whether a point on some leaves' surfaces lies on the surface of what they make together.
+
+It does when the result changes among the sides of its leaves that can be met right around the
+point. With one surface there both its sides can; with several, those that directions from the point
+lead to: faces that lie flush have no place between them, surfaces that cross have one in each
+corner.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmctl.part.bodies.surfaces import TOUCH_PITCHES, grouped
+from lmctl.part.booleans.expression import Expression
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+SignArray = NDArray[np.int8]
+
+#: How far from a point its directions are followed: of the pitch, or of what a leaf is off by.
+STEP_PITCHES = 1e-3
+STEP_SLACKS = 10.0
+
+#: Surfaces that cross at less than this angle [rad] have nothing to look for between them.
+LEAST_ANGLE = 1e-3
+
+#: Directions besides those the surfaces themselves give; evenly spread, along no axis.
+DIRECTIONS = 18
+
+
+def _spread(count: int) -> FloatArray:
+    turn = np.pi * (1.0 + np.sqrt(5.0)) * (np.arange(count) + 0.5)
+    height = 1.0 - 2.0 * (np.arange(count) + 0.5) / count
+    flat = np.sqrt(1.0 - height**2)
+    return np.column_stack([flat * np.cos(turn), flat * np.sin(turn), height])
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """The sides of an expression's leaves around points.
+
+    pitch_mm : to which tolerances are related
+    """
+
+    expression: Expression
+    pitch_mm: float
+
+    @cached_property
+    def slack_mm(self) -> FloatArray:
+        """How near to zero a leaf's distance is on its surface at most, (k,) [mm]."""
+        least = TOUCH_PITCHES * self.pitch_mm
+        return np.array([max(leaf.slack_mm, least) for leaf in self.expression.leaves])
+
+    def change(
+        self, points: FloatArray, on: IntArray | None = None, sides: SignArray | None = None
+    ) -> NDArray[np.bool_]:
+        """Whether points (n, 3) lie where the expression changes, to the leaves' slack.
+
+        on : (n,) leaves on whose surface they are known to lie
+        sides : (k, n) sides of leaves on which they are known to lie, 0 where they are not
+        """
+        signs, active = self._signs(points, on, sides)
+        count = active.sum(axis=0)
+        found = np.zeros(len(points), dtype=bool)
+        single = np.flatnonzero(count == 1)
+        if len(single):
+            found[single] = self._toggled(signs[:, single], active[:, single])
+        several = np.flatnonzero(count > 1)
+        if len(several):
+            open_ = self.expression.of(signs[:, several]) == 0
+            several = several[open_]
+        if len(several):
+            seen = _Seen(len(several))
+            self._look(points[several], signs[:, several], active[:, several], self.expression,
+                       seen)
+            found[several] = seen.inside & seen.outside
+        return found
+
+    def enter(self, points: FloatArray, leaf: int, others: Expression) -> NDArray[np.bool_]:
+        """Whether points lie on the piece of a leaf's surface inside others, or on its rim.
+
+        others : a formula over the same leaves
+        """
+        signs, active = self._signs(points, None, None)
+        sign = others.of(signs)
+        found: NDArray[np.bool_] = active[leaf] & (sign > 0)
+        rows = np.flatnonzero(active[leaf] & (sign == 0))
+        if len(rows):
+            seen = _Seen(len(rows))
+            self._look(points[rows], signs[:, rows], active[:, rows], others, seen, leaf)
+            found[rows] = seen.inside & seen.outside
+        return found
+
+    def _signs(
+        self, points: FloatArray, on: IntArray | None, sides: SignArray | None
+    ) -> tuple[SignArray, NDArray[np.bool_]]:
+        """The side of each leaf that points lie on, 0 on its surface; and which these are."""
+        shape = len(self.expression.leaves), len(points)
+        signs = np.zeros(shape, dtype=np.int8) if sides is None else sides.copy()
+        for number, leaf in enumerate(self.expression.leaves):
+            asked = signs[number] == 0
+            if on is not None:
+                asked &= on != number
+            rows = np.flatnonzero(asked)
+            if len(rows):
+                bound = leaf.bound(points if len(rows) == len(points) else points[rows])
+                on_it = np.abs(bound) <= self.slack_mm[number]
+                signs[number, rows] = np.where(on_it, 0, np.where(bound > 0, 1, -1))
+        if on is not None:
+            signs[on, np.arange(len(points))] = 0
+        return signs, signs == 0
+
+    def _toggled(self, signs: SignArray, active: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Whether the one active leaf's sides differ."""
+        inside = self.expression.of(np.where(active, np.int8(1), signs))
+        outside = self.expression.of(np.where(active, np.int8(-1), signs))
+        return np.asarray(inside != outside)
+
+    def _look(
+        self, points: FloatArray, signs: SignArray, active: NDArray[np.bool_], of: Expression,
+        seen: _Seen, leaf: int | None = None,
+    ) -> None:
+        """Follow directions from points and note what the formula is in each of them.
+
+        leaf : note only whether this leaf is left or entered where the formula holds
+        """
+        steps = np.where(active, np.maximum(
+            STEP_SLACKS * self.slack_mm, STEP_PITCHES * self.pitch_mm)[:, None], 0.0).max(axis=0)
+        for ways in self._ways(points, active):
+            rows = np.flatnonzero(~(seen.inside & seen.outside) & ways.any(axis=-1))
+            if len(rows) == 0:
+                continue
+            there = points[rows] + steps[rows, None] * (ways[rows] if ways.ndim == 2 else ways)
+            around = signs[:, rows]
+            clear = np.ones(len(rows), dtype=bool)
+            for number in np.flatnonzero(active[:, rows].any(axis=1)):
+                own = np.flatnonzero(active[number, rows])
+                value = self.expression.leaves[number].bound(there[own])
+                clear[own] &= np.abs(value) > 2.0 * self.slack_mm[number]
+                around[number, own] = np.where(value > 0, 1, -1)
+            side = of.of(around)
+            if leaf is None:
+                seen.note(rows[clear], side[clear])
+            else:
+                kept = clear & (side > 0)
+                seen.note(rows[kept], around[leaf, kept])
+
+    def _ways(self, points: FloatArray, active: NDArray[np.bool_]) -> Sequence[FloatArray]:
+        """Directions, (n, 3) or for all points (3,): between the surfaces, then all around."""
+        order = np.argsort(~active, axis=0, kind="stable")
+        inward = np.zeros((3, len(points), 3))
+        for slot in range(min(3, len(order))):
+            for number, own in grouped(order[slot]):
+                own = own[active[number, own]]
+                if len(own):
+                    inward[slot, own] = self.expression.leaves[number].inward(points[own])
+        a, b, c = inward
+        third = np.any(c, axis=1, keepdims=True)
+        between = [a, a + b, a - b, *(
+            np.where(third, way, 0.0) for way in (a + b + c, a + b - c, a - b + c, b + c - a))]
+        ways = []
+        for way in between:
+            size = np.linalg.norm(way, axis=1)
+            crossing = size > LEAST_ANGLE
+            unit = np.where(crossing, 1.0 / np.where(crossing, size, 1.0), 0.0)[:, None] * way
+            ways += [unit, -unit]
+        return [*ways, *_spread(DIRECTIONS)]
+
+
+class _Seen:
+    """What was met around points so far: the inside, the outside."""
+
+    def __init__(self, count: int) -> None:
+        self.inside = np.zeros(count, dtype=bool)
+        self.outside = np.zeros(count, dtype=bool)
+
+    def note(self, rows: IntArray, signs: SignArray) -> None:
+        self.inside[rows[signs > 0]] = True
+        self.outside[rows[signs < 0]] = True

@@ -1,0 +1,295 @@
+"""Several bodies as one: union, difference, intersection (method.md 4).
+
+Least and greatest of distances have the right zero level but are not distances (a union of two
+10 mm discs 12 mm apart gives 4 mm where 8 is right). They are right wherever the surface point they
+measure to is on the result's own boundary, which logic tells at most places, and the boundary's
+shape at most others; what is left asks the boundary. So no body is brought to another's grid: each
+answers at its own pitch, and only the boundary's whereabouts are stored. A boolean of booleans is
+one boolean of their leaves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmctl.errors import InputError
+from lmctl.field.grid import Grid, Window
+from lmctl.field.plane import PlaneGrid
+from lmctl.part.bodies.analytic import Analytic
+from lmctl.part.bodies.body import Body
+from lmctl.part.bodies.measured import Bounds
+from lmctl.part.bodies.surfaces import Surface, grouped
+from lmctl.part.booleans.blocks import VALUES_AT_ONCE, Blocks
+from lmctl.part.booleans.boundary import Boundary
+from lmctl.part.booleans.cells import Cells
+from lmctl.part.booleans.expression import (
+    Expression,
+    Joined,
+    Operation,
+    Side,
+    expression_of,
+    joined,
+)
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+SignArray = NDArray[np.int8]
+
+__all__ = ["Combined", "Operation"]
+
+#: Planes of a window evaluated at a time.
+SLAB_PLANES = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Combined(Analytic):
+    """Bodies made one; a difference takes all others from the first.
+
+    grid : holds the result; on it its boundary is looked for
+    """
+
+    operation: Operation
+    bodies: tuple[Body, ...]
+    grid: Grid
+
+    @cached_property
+    def expression(self) -> Expression:
+        return joined(self.operation, [expression_of(body) for body in self.bodies])
+
+    def carried(self, carry: Callable[[Body], Body], grid: Grid) -> Combined:
+        """The same of bodies that are carried elsewhere, each as `carry` does it."""
+        bodies = tuple(
+            body.carried(carry, grid) if isinstance(body, Combined) else carry(body)
+            for body in self.bodies
+        )
+        return Combined(self.operation, bodies, grid)
+
+    @cached_property
+    def boundary(self) -> Boundary:
+        """Raises InputError where nothing is left to have a boundary."""
+        boundary = Boundary(self.expression, self._cells.change, self.grid)
+        if len(boundary.feet_mm) == 0:
+            raise InputError(
+                f"the {self.operation} of the bodies leaves nothing",
+                where=f"at a pitch of {self.grid.pitch_mm:g} mm",
+                hint="check where the bodies lie, or give a smaller pitch_mm",
+            )
+        return boundary
+
+    @cached_property
+    def _cells(self) -> Cells:
+        return Cells(self.expression, self.grid.pitch_mm)
+
+    @property
+    def exact_bound(self) -> bool:
+        return False
+
+    @property
+    def slack_mm(self) -> float:
+        return max(leaf.slack_mm for leaf in self.expression.leaves)
+
+    @cached_property
+    def surfaces(self) -> tuple[tuple[Surface, int], ...]:
+        leaves = self.expression.leaves
+        return tuple(dict.fromkeys(
+            (surface, sign * side)
+            for leaf, side in self.expression.sides() for surface, sign in leaves[leaf].surfaces
+        ))
+
+    @property
+    def box_mm(self) -> Bounds:
+        return self.expression.box_mm
+
+    @cached_property
+    def bounds_mm(self) -> Bounds:
+        """Of a union of leaves, exactly theirs; else of its boundary."""
+        formula = self.expression.formula
+        if isinstance(formula, Joined) and not formula.every and all(
+            isinstance(part, Side) and part.sign > 0 for part in formula.of
+        ):
+            lows, highs = zip(*(leaf.bounds_mm for leaf in self.expression.leaves), strict=True)
+            return np.min(lows, axis=0), np.max(highs, axis=0)
+        return self.boundary.ends(self.box_mm)
+
+    def at(self, points: FloatArray) -> FloatArray:
+        points = np.asarray(points, dtype=np.float64)
+        depth = np.empty(len(points))
+        for part in self._parts(len(points)):
+            rows, near = self._bounds(points[part])
+            depth[part] = self._depths(points[part][None], rows, near)[0]
+        return depth
+
+    def bound(self, points: FloatArray) -> FloatArray:
+        """What least and greatest of the leaves' distances say."""
+        points = np.asarray(points, dtype=np.float64)
+        depth = np.empty(len(points))
+        for part in self._parts(len(points)):
+            depth[part] = self.expression.of(self._bounds(points[part])[0])[0]
+        return depth
+
+    def feet(self, points: FloatArray) -> FloatArray:
+        points = np.asarray(points, dtype=np.float64)
+        feet = np.empty_like(points)
+        for part in self._parts(len(points)):
+            feet[part] = self._feet(points[part])[0]
+        return feet
+
+    def inward(self, points: FloatArray) -> FloatArray:
+        """The direction of the leaf that is measured to, or to and from the boundary itself."""
+        points = np.asarray(points, dtype=np.float64)
+        result = np.empty_like(points)
+        for part in self._parts(len(points)):
+            asked = points[part]
+            feet, which, depth, side = self._feet(asked)
+            way = np.where(depth > 0, 1.0, -1.0)[:, None] * (asked - feet)
+            size = np.linalg.norm(way, axis=1)
+            by_leaf = (which >= 0) | (size < 1e-9)
+            way /= np.where(by_leaf, 1.0, size)[:, None]
+            for number, own in grouped(np.where(by_leaf, which, -1)):
+                found = self.expression.leaves[number].inward(asked[own])
+                way[own] = side[own, None] * found
+            result[part] = way
+        return result
+
+    def distance(self, window: Window) -> NDArray[np.float32]:
+        values = np.empty(window.shape, dtype=np.float32)
+        for first in range(0, window.shape[0], SLAB_PLANES):
+            last = min(first + SLAB_PLANES, window.shape[0])
+            slab = Window(window.grid, window.z_first + first, window.z_first + last)
+            self._fill(values[first:last], Blocks(self.expression, slab))
+        return values
+
+    def cut(self, z_mm: float, plane: PlaneGrid) -> NDArray[np.float32]:
+        return self.expression.of([leaf.cut(z_mm, plane) for leaf in self.expression.leaves])
+
+    def _fill(self, values: NDArray[np.float32], blocks: Blocks) -> None:
+        bounds = blocks.bounds()
+        # No place in a block measures to what is farther from its middle than this.
+        reach = np.abs(self.expression.of(bounds)) + 2.0 * blocks.radius_mm
+        near = np.abs(bounds) <= reach
+        found = np.empty((len(blocks.firsts), len(blocks.steps)), dtype=np.float32)
+        for some, what in blocks.look(np.arange(len(found)), bounds, near):
+            found[some] = self._depths(what.points, what.rows, what.near)
+        values[:] = blocks.joined(found)
+
+    def _depths(
+        self, points: FloatArray, rows: list[FloatArray], near: NDArray[np.bool_]
+    ) -> FloatArray:
+        """Signed distance at points (b, m, 3) in blocks.
+
+        rows, near : as `blocks.Near` has them
+        """
+        self._exactly(points, rows, near)
+        depth = np.array(np.broadcast_to(self.expression.of(rows), points.shape[:2]))
+        several = np.flatnonzero(near.sum(axis=0) > 1)
+        if len(several) == 0:
+            return depth
+        close = depth[several]
+        which, sides, open_ = self._doubted(close, [row[several] for row in rows], near[:, several])
+        b, m = np.nonzero(open_)
+        if len(b):
+            asked, which = points[several[b], m], which[b, m]
+            feet = self._leaf_feet(asked, which)
+            hidden = np.flatnonzero(~self._cells.change(feet, which, _at(sides, b, m)))
+            if len(hidden):
+                nearest = self.boundary.nearest(asked[hidden])
+                away = np.linalg.norm(asked[hidden] - nearest, axis=1)
+                b, m = b[hidden], m[hidden]
+                close[b, m] = np.copysign(np.maximum(away, np.abs(close[b, m])), close[b, m])
+                depth[several] = close
+        return depth
+
+    def _exactly(
+        self, points: FloatArray, rows: list[FloatArray], near: NDArray[np.bool_]
+    ) -> None:
+        """Ask leaves whose bound is no distance for theirs where the formula comes out at it."""
+        inexact = [
+            number for number, leaf in enumerate(self.expression.leaves)
+            if not leaf.exact_bound and near[number].any()
+        ]
+        asked = {number: np.zeros(points.shape[:2], dtype=bool) for number in inexact}
+        while inexact:
+            size = np.abs(self.expression.of(rows))
+            done = True
+            for number in inexact:
+                wanted = (np.abs(rows[number]) == size) & ~asked[number]
+                if wanted.any():
+                    rows[number][wanted] = self.expression.leaves[number].at(points[wanted])
+                    asked[number] |= wanted
+                    done = False
+            if done:
+                return
+
+    def _doubted(
+        self, depth: FloatArray, rows: Sequence[FloatArray], near: NDArray[np.bool_]
+    ) -> tuple[IntArray, list[SignArray], NDArray[np.bool_]]:
+        """The leaf that depths (b, m) are measured to; the sides of all leaves that its nearest
+        point has for sure, else 0; and where it is not sure that this point is on the boundary.
+
+        It is where the formula changes with that leaf, whatever the sides of all leaves that are
+        no farther away: any of them may have either side at that point.
+        """
+        size = np.abs(depth)
+        which = np.full(depth.shape, -1, dtype=np.int64)
+        sides = []
+        for number, row in enumerate(rows):
+            side = np.where(row > 0, np.int8(1), np.int8(-1))
+            if near[number].any():
+                away = np.abs(row)
+                side[away <= size + 2.0 * self._cells.slack_mm[number]] = 0
+                which[(away == size) & (which < 0)] = number
+            sides.append(side)
+        known = []
+        for sign in (np.int8(1), np.int8(-1)):
+            there = list(sides)
+            for leaf in np.flatnonzero(near.any(axis=1)):
+                there[leaf] = np.where(which == leaf, sign, sides[leaf])
+            known.append(self.expression.of(there))
+        return which, sides, known[0] * known[1] >= 0
+
+    def _leaf_feet(self, points: FloatArray, which: IntArray) -> FloatArray:
+        feet = np.empty_like(points)
+        for number, own in grouped(which):
+            feet[own] = self.expression.leaves[number].feet(points[own])
+        return feet
+
+    def _feet(
+        self, points: FloatArray
+    ) -> tuple[FloatArray, IntArray, FloatArray, FloatArray]:
+        """Nearest points (n, 3); the leaf whose they are, −1 where another hides its own; the
+        formula's depth; and whether depths grow with that leaf's (1, else −1)."""
+        rows, near = self._bounds(points)
+        self._exactly(points[None], rows, near)
+        depth = np.array(np.broadcast_to(self.expression.of(rows), (1, len(points))))
+        which, sides, open_ = self._doubted(depth, rows, near)
+        depth, which = depth[0], which[0]
+        measured = np.concatenate(rows)[which, np.arange(len(points))]
+        side = np.where((measured > 0) == (depth > 0), 1.0, -1.0)
+        feet = self._leaf_feet(points, which)
+        hidden = np.flatnonzero(open_[0])
+        if len(hidden):
+            known = _at(sides, np.zeros_like(hidden), hidden)
+            hidden = hidden[~self._cells.change(feet[hidden], which[hidden], known)]
+        if len(hidden):
+            feet[hidden] = self.boundary.nearest(points[hidden])
+            which[hidden] = -1
+        return feet, which, depth, side
+
+    def _bounds(self, points: FloatArray) -> tuple[list[FloatArray], NDArray[np.bool_]]:
+        """What the leaves' bounds are at points, all of which make one block."""
+        rows = [leaf.bound(points)[None] for leaf in self.expression.leaves]
+        return rows, np.ones((len(rows), 1), dtype=bool)
+
+    def _parts(self, count: int) -> list[slice]:
+        at_once = max(1, VALUES_AT_ONCE // len(self.expression.leaves))
+        return [slice(first, first + at_once) for first in range(0, count, at_once)]
+
+
+def _at(rows: Sequence[SignArray], b: IntArray, m: IntArray) -> SignArray:
+    """What rows, (b, m) or (b, 1), hold at places, one row each."""
+    return np.stack([row[b, m if row.shape[1] > 1 else 0] for row in rows])

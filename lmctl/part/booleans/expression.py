@@ -1,0 +1,135 @@
+"""Any boolean of booleans as one function of its distinct leaves (method.md 4).
+
+A union is the greatest of its bodies' distances, an intersection the least, and inside out is the
+negative; so a whole tree is a formula of least and greatest over the distances of its leaves. The
+same formula over signs −1, 0, 1 is three-valued logic: 0, where a side is not known, comes through
+only where it matters. A leaf that several bodies name is one leaf, so what is equal as a set of
+places is equal as a function of the leaves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass
+from functools import reduce
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmctl.part.bodies.body import Body
+from lmctl.part.bodies.measured import Bounds
+
+FloatArray = NDArray[np.float64]
+#: What is known of each leaf, one row each: distances, or sides (int8).
+Rows = Sequence[NDArray[Any]] | NDArray[Any]
+Operation = Literal["union", "difference", "intersection"]
+
+
+@dataclass(frozen=True)
+class Side:
+    """A leaf (by number) as it is, or inside out (sign −1)."""
+
+    leaf: int
+    sign: int
+
+
+@dataclass(frozen=True)
+class Joined:
+    """What is in all of several formulas, or in any of them."""
+
+    every: bool
+    of: tuple[Formula, ...]
+
+
+Formula = Side | Joined
+
+
+@dataclass(frozen=True, eq=False)
+class Expression:
+    """A set of places by its leaves: bodies that are not booleans themselves."""
+
+    leaves: tuple[Body, ...]
+    formula: Formula
+
+    def of(self, rows: Rows) -> NDArray[Any]:
+        """The formula over what is known of each leaf."""
+        return _evaluated(self.formula, rows)
+
+    @property
+    def box_mm(self) -> Bounds:
+        """A box that holds it; may be infinite."""
+        boxes = [leaf.box_mm for leaf in self.leaves]
+        return _boxed(self.formula, boxes)
+
+    def sides(self) -> list[tuple[int, int]]:
+        """(leaf, sign) of every side that the formula asks for, each once."""
+        return list(dict.fromkeys((side.leaf, side.sign) for side in _sides(self.formula)))
+
+
+def expression_of(body: Body) -> Expression:
+    """A body by its leaves: a boolean's own, or the body itself as the only one."""
+    found = getattr(body, "expression", None)
+    return found if isinstance(found, Expression) else Expression((body,), Side(0, 1))
+
+
+def joined(operation: Operation, parts: Sequence[Expression]) -> Expression:
+    """Several as one; a difference takes all others from the first."""
+    numbers: dict[Hashable, int] = {}
+    leaves: list[Body] = []
+    formulas = []
+    for part in parts:
+        places = []
+        for leaf in part.leaves:
+            key = leaf.key
+            if key not in numbers:
+                numbers[key] = len(leaves)
+                leaves.append(leaf)
+            places.append(numbers[key])
+        formulas.append(_renumbered(part.formula, places))
+    if operation == "difference":
+        formulas[1:] = [_inside_out(formula) for formula in formulas[1:]]
+    every = operation != "union"
+    flat: list[Formula] = []
+    for formula in formulas:
+        inner = isinstance(formula, Joined) and formula.every == every
+        flat += formula.of if isinstance(formula, Joined) and inner else [formula]
+    return Expression(tuple(leaves), Joined(every, tuple(dict.fromkeys(flat))))
+
+
+def _evaluated(formula: Formula, rows: Rows) -> NDArray[Any]:
+    if isinstance(formula, Side):
+        row: NDArray[Any] = rows[formula.leaf]
+        return row if formula.sign > 0 else -row
+    found = [_evaluated(part, rows) for part in formula.of]
+    return reduce(np.minimum if formula.every else np.maximum, found)
+
+
+def _renumbered(formula: Formula, places: Sequence[int]) -> Formula:
+    if isinstance(formula, Side):
+        return Side(places[formula.leaf], formula.sign)
+    return Joined(formula.every, tuple(_renumbered(part, places) for part in formula.of))
+
+
+def _inside_out(formula: Formula) -> Formula:
+    """De Morgan's law, down to the leaves."""
+    if isinstance(formula, Side):
+        return Side(formula.leaf, -formula.sign)
+    return Joined(not formula.every, tuple(_inside_out(part) for part in formula.of))
+
+
+def _boxed(formula: Formula, boxes: Sequence[Bounds]) -> Bounds:
+    if isinstance(formula, Side):
+        if formula.sign > 0:
+            return boxes[formula.leaf]
+        return np.full(3, -np.inf), np.full(3, np.inf)
+    lows, highs = zip(*(_boxed(part, boxes) for part in formula.of), strict=True)
+    if formula.every:
+        return np.max(lows, axis=0), np.min(highs, axis=0)
+    return np.min(lows, axis=0), np.max(highs, axis=0)
+
+
+def _sides(formula: Formula) -> list[Side]:
+    if isinstance(formula, Side):
+        return [formula]
+    return [side for part in formula.of for side in _sides(part)]

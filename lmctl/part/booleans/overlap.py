@@ -1,0 +1,83 @@
+"""How much each of several bodies has to say at a place where they overlap (method.md 4)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmctl.field.grid import Grid
+from lmctl.part.bodies.body import Body
+from lmctl.part.booleans.boundary import Boundary
+from lmctl.part.booleans.cells import Cells
+from lmctl.part.booleans.expression import Expression, Joined, Side
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Overlap:
+    """Shares of overlapping bodies by relative distance to their pieces of surface.
+
+    grid : holds the bodies' overlap
+    """
+
+    bodies: tuple[Body, ...]
+    grid: Grid
+
+    def shares(self, points: FloatArray) -> FloatArray:
+        """(k, n) float64, each ≥ 0, columns summing to 1.
+
+        A body alone has all. Where several overlap, each counts by the distance to the piece of its
+        own surface that lies in others: there it begins or ends while they go on, so its share is 0
+        there and nothing jumps. Where there is no body (a path may lie a rounding outside) the
+        nearest has all.
+        """
+        points = np.asarray(points, dtype=np.float64)
+        depths = np.stack([body.bound(points) for body in self.bodies])
+        deepest = depths.argmax(axis=0)
+        weights = np.maximum(depths, 0.0)
+        shared = np.flatnonzero((weights > 0).sum(axis=0) > 1)
+        for number, body in enumerate(self.bodies):
+            own = shared[weights[number, shared] > 0]
+            if len(own):
+                depth = body.at(points[own])
+                weights[number, own] = self._to_piece(number, points[own], depth)
+        nothing = weights.sum(axis=0) <= 0.0
+        weights[deepest[nothing], nothing] = 1.0
+        return np.asarray(weights / weights.sum(axis=0))
+
+    def _to_piece(self, number: int, points: FloatArray, depth: FloatArray) -> FloatArray:
+        """Distance to the piece of one body's surface in the others; to all of it if none is."""
+        piece = self._pieces[number]
+        if len(piece.feet_mm) == 0:
+            return depth
+        feet = self.bodies[number].feet(points)
+        elsewhere = np.flatnonzero(~piece.holds(feet))
+        if len(elsewhere) == 0:
+            return depth
+        result, asked = depth.copy(), points[elsewhere]
+        away = np.linalg.norm(piece.nearest(asked) - asked, axis=1)
+        result[elsewhere] = np.maximum(depth[elsewhere], away)
+        return result
+
+    @cached_property
+    def _pieces(self) -> list[Boundary]:
+        """For each body the piece of its surface that lies in the others.
+
+        Faces that it shares with them are not of it: beyond them there is nothing to pass into.
+        """
+        pieces = []
+        count = len(self.bodies)
+        for number in range(count):
+            sides = tuple(Side(other, 1) for other in range(count) if other != number)
+            others = Joined(False, sides)
+            both = Expression(self.bodies, Joined(True, (Side(number, 1), others)))
+            cells = Cells(both, self.grid.pitch_mm)
+            within = Expression(self.bodies, others)
+            pieces.append(
+                Boundary(both, partial(cells.enter, leaf=number, others=within), self.grid))
+        return pieces

@@ -1,0 +1,126 @@
+"""Of what a part is: rules of bodies, blends of features, and what becomes of rules in a boolean.
+
+Fractions are volume fractions in the order of the part's materials; every mixture that a rule
+gives is non-negative and sums to 1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmctl.part.bodies.body import Body
+from lmctl.part.bodies.moved import Motion
+from lmctl.part.booleans.overlap import Overlap
+from lmctl.part.materials.features import Feature
+from lmctl.part.materials.profiles import Profile, whole
+
+FloatArray = NDArray[np.float64]
+
+
+class Rule(Protocol):
+    """Composition of a body."""
+
+    def fractions(self, points: FloatArray) -> FloatArray:
+        """points (n, 3) float64 [mm] -> (n, n_materials) float64, each ≥ 0, rows summing to 1"""
+
+
+@dataclass(frozen=True)
+class Graded:
+    """A profile over the distance to a feature."""
+
+    feature: Feature
+    profile: Profile
+
+    def fractions(self, points: FloatArray) -> FloatArray:
+        return self.profile.fractions(self.feature.distance(points))
+
+
+@dataclass(frozen=True)
+class Blend:
+    """(6)-(8): Σ wᵢ f(rᵢ) with Σ wᵢ = 1.
+
+    weights : constants that sum to 1, or None for 1/rᵢ^power; on a feature (rᵢ = 0) it alone counts
+    """
+
+    parts: tuple[Graded, ...]
+    weights: tuple[float, ...] | None
+    power: float = 1.0
+
+    def fractions(self, points: FloatArray) -> FloatArray:
+        distances = np.stack([part.feature.distance(points) for part in self.parts])
+        shares = self._shares(np.abs(distances))
+        mixed = sum(
+            share[:, None] * part.profile.fractions(distance)
+            for share, part, distance in zip(shares, self.parts, distances, strict=True)
+        )
+        return whole(np.asarray(mixed))
+
+    def _shares(self, distances: FloatArray) -> FloatArray:
+        if self.weights is not None:
+            return np.repeat(np.array(self.weights)[:, None], distances.shape[1], axis=1)
+        return inverse_shares(distances, self.power)
+
+
+def inverse_shares(distances: FloatArray, power: float) -> FloatArray:
+    """(1/rᵢ^p)/Σ(1/r^p) by columns, (k, n) -> (k, n); where some rᵢ are 0 they share alone."""
+    least = distances.min(axis=0)
+    relative = least / np.where(distances > 0, distances, 1.0)  # ≤ 1, so no power overflows
+    shares = np.where(least > 0, relative**power, distances == 0)
+    return np.asarray(shares / shares.sum(axis=0))
+
+
+@dataclass(frozen=True)
+class Uniform:
+    """One mixture everywhere. of : (n_materials,)"""
+
+    of: tuple[float, ...]
+
+    def fractions(self, points: FloatArray) -> FloatArray:
+        return np.tile(np.array(self.of), (len(points), 1))
+
+
+@dataclass(frozen=True)
+class Carried:
+    """The rule of a body that was moved: it goes with the body."""
+
+    rule: Rule
+    motion: Motion
+
+    def fractions(self, points: FloatArray) -> FloatArray:
+        return self.rule.fractions(self.motion.back(points))
+
+
+@dataclass(frozen=True)
+class Mixed:
+    """What a union or intersection is of: each body's own material where it is alone, and where
+    several overlap a mixture that passes from one to the other (method.md 4).
+
+    Where A and B overlap, A's share is rA/(rA + rB), r being the distance to the piece of a body's
+    surface that lies in the other. On L2, where B begins to be alone, rA is 0; on L1 rB is. So the
+    mixture is continuous across both, with no gap and no overlap. Where a body lies wholly in the
+    other its piece of surface is all of it.
+    """
+
+    bodies: tuple[Body, ...]
+    rules: tuple[Rule, ...]
+    overlap: Overlap
+
+    def fractions(self, points: FloatArray) -> FloatArray:
+        shares = self.overlap.shares(points)
+        mixed: FloatArray | None = None
+        for rule, share in zip(self.rules, shares, strict=True):
+            own = np.flatnonzero(share > 0)
+            if len(own) == 0:
+                continue
+            found = rule.fractions(points[own])
+            if mixed is None:
+                mixed = np.zeros((len(points), found.shape[1]))
+            mixed[own] += share[own, None] * found
+        assert mixed is not None, "shares sum to 1"
+        return whole(mixed)
+
+

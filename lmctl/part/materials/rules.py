@@ -1,0 +1,119 @@
+"""From the compositions a part file states to rules that answer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmctl.config import composition as config
+from lmctl.part.bodies.body import Body
+from lmctl.part.materials.composition import Blend, Graded, Rule
+from lmctl.part.materials.features import (
+    Axis,
+    Coordinate,
+    Depth,
+    Feature,
+    Plane,
+    Point,
+    Polyline,
+    Segment,
+    Sheet,
+    spline,
+)
+from lmctl.part.materials.profiles import Profile, Span, Steps, Table
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What a composition may refer to.
+
+    names : of the part's materials, in order
+    body_named : a body by its name
+    triangles_of : those a face or sheet feature names, (m, 3, 3) float64 [mm]
+    """
+
+    names: tuple[str, ...]
+    body_named: Callable[[str], Body]
+    triangles_of: Callable[[config.FaceFeature | config.SheetFeature], FloatArray]
+
+
+def rule_of(composition: config.Composition, body: Body, around: Surroundings) -> Rule:
+    """The rule a checked composition states for a body."""
+    if not composition.blend:
+        assert composition.profile is not None, "part_rules asks for it"
+        return _graded(composition.feature, composition.profile, body, around)
+    parts = tuple(_graded(p.feature, p.profile, body, around) for p in composition.blend)
+    if composition.weights == "inverse-distance":
+        return Blend(parts, None, composition.power)
+    return Blend(parts, tuple(p.weight or 0.0 for p in composition.blend))
+
+
+def _graded(
+    feature: config.Feature, profile: config.Profile, body: Body, around: Surroundings
+) -> Graded:
+    measured = _feature(feature, body, around)
+    return Graded(measured, _profile(profile, measured, around.names))
+
+
+def _feature(feature: config.Feature, body: Body, around: Surroundings) -> Feature:
+    match feature:
+        case config.PointFeature():
+            return Point(feature.at_mm)
+        case config.SegmentFeature():
+            return Segment(feature.start_mm, feature.end_mm)
+        case config.AxisFeature():
+            return Axis(feature.point_mm, feature.direction)
+        case config.PolylineFeature():
+            return Polyline(np.array(feature.points_mm, dtype=np.float64))
+        case config.SplineFeature():
+            return spline(np.array(feature.points_mm, dtype=np.float64))
+        case config.PlaneFeature():
+            return Plane(feature.point_mm, feature.normal)
+        case config.FaceFeature() | config.SheetFeature():
+            return Sheet(around.triangles_of(feature))
+        case config.SurfaceFeature():
+            of = body if feature.of is None else around.body_named(feature.of)
+            return Depth(of, feature.level_mm)
+        case config.CoordinateFeature():
+            return Coordinate("xyz".index(feature.along))
+
+
+def _profile(profile: config.Profile, feature: Feature, names: tuple[str, ...]) -> Profile:
+    match profile:
+        case config.TableProfile():
+            return Table(
+                np.array([point.at_mm for point in profile.points]),
+                np.stack([_vector(point.of, names) for point in profile.points]),
+            )
+        case config.StepsProfile():
+            return Steps(
+                np.array([step.over_mm[1] for step in profile.steps[:-1]]),
+                np.stack([_vector(step.of, names) for step in profile.steps]),
+            )
+        case config.ConstantProfile():
+            return Table(np.zeros(1), _vector(profile.of, names)[None])
+    near, far = _vector(profile.near, names), _vector(profile.far, names)
+    match profile:
+        case config.NormalisedProfile():
+            return Span(near, far, _deepest(feature))
+        case config.PowerProfile():
+            return Span(near, far, profile.over_mm or _deepest(feature), profile.a, profile.k)
+        case config.ParabolaProfile():
+            return Span(near, far, profile.over_mm or _deepest(feature), k=2.0)
+        case config.LinearProfile():
+            return Span(near, far, profile.over_mm or _deepest(feature))
+
+
+def _deepest(feature: Feature) -> tuple[float, float]:
+    """(5): from the surface to the largest depth, refined between the nodes."""
+    assert isinstance(feature, Depth), "part_rules asks for over_mm with all others"
+    return 0.0, feature.body.largest_depth_mm - feature.level_mm
+
+
+def _vector(mixture: dict[str, float], names: tuple[str, ...]) -> FloatArray:
+    return np.array([mixture.get(name, 0.0) for name in names])

@@ -1,0 +1,1 @@
+"""Where a part comes from: files of meshes and clouds, read and judged."""

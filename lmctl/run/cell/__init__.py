@@ -1,0 +1,1 @@
+"""The devices of a cell together: opened, checked, owned, dark or lit."""

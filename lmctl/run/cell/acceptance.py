@@ -1,0 +1,81 @@
+"""Whether a connected cell is accepted for a run, and as what: before anything of it is moved."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Sequence
+
+from lmctl.config.machine import MachineProfile
+from lmctl.errors import MachineError
+from lmctl.job.reader import JobReader
+from lmctl.machine.feeder.driver import FeederDriver
+from lmctl.run.cell.beam_off import without_beam
+from lmctl.run.cell.check import check_motion
+from lmctl.run.cell.devices import Cell
+from lmctl.run.journal.recorder import Recorder
+from lmctl.run.journal.whereabouts import Whereabouts
+
+
+async def accept(
+    cell: Cell, profile: MachineProfile, job: JobReader, recorder: Recorder,
+    whereabouts: Whereabouts, *, run: str, going_on: bool, trusted: bool,
+) -> bool:
+    """Judge the machine, journal what it is, and note that `run` will move it.
+
+    going_on : with what an earlier run left, so latched alarms are reset first
+    trusted : somebody has seen to it that the machine's position is true
+    Returns whether the beam stays off: every power of the job is then sent as zero, and the job
+    has been read through for lines that this would refuse.
+    Raises MachineError, JobError.
+    """
+    motion, identity = cell.motion, cell.motion.identity
+    whereabouts.vouch(motion)
+    # A beam only where door and emergency stop are watched, or where nothing can burn.
+    beam_off = not (identity.is_bench or _is_watched(profile))
+    recorder.machine(
+        dialect=identity.dialect.name, version=identity.version, info=identity.info,
+        rx_bytes=identity.rx_bytes, planner_blocks=identity.planner_blocks,
+        is_bench=identity.is_bench, position_trusted=motion.position_trusted,
+    )
+    if trusted:
+        motion.trust_position()
+    if going_on:
+        await reset_alarms(cell, [f for f in cell.feeders if f.status and f.status.alarm])
+    check_motion(motion, profile)
+    whereabouts.begin(motion, run)
+    if beam_off:
+        await _read_through(job)
+    return beam_off
+
+
+def refuse_unready(standing: Sequence[MachineError]) -> None:
+    """Raise MachineError where interlocks keep the run from starting, all in one."""
+    if standing:
+        raise MachineError(
+            "the cell is not ready", where=[alarm.what for alarm in standing],
+            hint="; ".join(dict.fromkeys(alarm.hint for alarm in standing if alarm.hint)),
+        )
+
+
+async def reset_alarms(cell: Cell, faulty: Sequence[FeederDriver]) -> None:
+    """Close an open watchdog relay, and reset these feeders' alarms where their cause is gone.
+
+    Raises MachineError.
+    """
+    safety = cell.safety
+    if safety is not None and safety.status is not None and safety.status.relay_closed is False:
+        await safety.reset_relay()
+    await cell.feeders_do(FeederDriver.acknowledge, faulty)
+
+
+async def _read_through(job: JobReader) -> None:
+    """Have every line refused now that would be refused in the middle of the part."""
+    for layer in job.layers():
+        for line in layer.program:
+            without_beam(line.encode("ascii"))
+        await asyncio.sleep(0)
+
+
+def _is_watched(profile: MachineProfile) -> bool:
+    """Whether the cell's door and emergency stop can be read."""
+    return profile.safety is not None and {"estop", "door"} <= set(profile.safety.fitted)

@@ -1,0 +1,203 @@
+"""The devices of a cell, opened together and told to do things together. Knows no job."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Iterable, Sequence
+from typing import Any
+
+from firmware_protocol.status import StatusReport
+from lmctl.config.machine import Feeder, Hopper, MachineProfile, Motion, Safety
+from lmctl.errors import LmctlError, MachineError
+from lmctl.machine.feeder.driver import FeederDriver
+from lmctl.machine.motion.driver import MotionDriver
+from lmctl.machine.safety.driver import SafetyDriver
+
+#: A nozzle within this of a place is there [mm]: a step of any common machine is finer.
+_THERE_MM = 0.05
+
+_CLOSE_S = 2.0
+
+
+class Cell:
+    """One motion controller, the feeders a job uses, and the safety inputs where there are any.
+
+    hoppers : those of the profile that the job uses, in the job's order
+    """
+
+    def __init__(
+        self, motion: MotionDriver, feeders: Sequence[FeederDriver],
+        safety: SafetyDriver | None, hoppers: Sequence[Hopper],
+    ) -> None:
+        self.motion = motion
+        self.feeders = tuple(feeders)
+        self.safety = safety
+        self.hoppers = tuple(hoppers)
+        self._feeder_of = [
+            (hopper.name, feeder)
+            for hopper in self.hoppers for feeder in self.feeders if feeder.name == hopper.feeder
+        ]
+        self._waiting: list[asyncio.Future[None]] = []
+
+    @classmethod
+    async def connect(cls, profile: MachineProfile, hoppers: Sequence[Hopper]) -> Cell:
+        """Open motion, the hoppers' feeders and the safety inputs, all at once.
+
+        Raises MachineError: one report however many devices fail; those that answered are closed.
+        """
+        names = {hopper.feeder for hopper in hoppers}
+        feeders = [feeder for feeder in profile.feeder if feeder.name in names]
+        safety_first: list[asyncio.Future[Any]] = []
+        if profile.safety is not None:
+            safety_first.append(asyncio.ensure_future(_open_safety(profile.safety)))
+        opening: list[asyncio.Future[Any]] = [
+            asyncio.ensure_future(_open_motion(profile.motion, safety_first)),
+            *(asyncio.ensure_future(_open_feeder(feeder, hoppers)) for feeder in feeders),
+            *safety_first,
+        ]
+        try:
+            await asyncio.wait(opening)
+            if failures := [error for one in opening if (error := one.exception())]:
+                raise _one_report(failures)
+            motion, *others = (one.result() for one in opening)
+            safety = others.pop() if profile.safety is not None else None
+            return cls(motion, others, safety, hoppers)
+        except BaseException:  # cancellation included
+            await _close_all(opening)
+            raise
+
+    async def close(self) -> None:
+        """Close every link; the devices are left as they are."""
+        devices: list[MotionDriver | FeederDriver | SafetyDriver] = [self.motion, *self.feeders]
+        if self.safety is not None:
+            devices.append(self.safety)
+        await asyncio.gather(*map(_close, devices), return_exceptions=True)
+
+    def reported(self) -> None:
+        """A device has reported: let whoever waits look again."""
+        waiting, self._waiting = self._waiting, []
+        for future in waiting:
+            if not future.done():
+                future.set_result(None)
+
+    async def until(
+        self, condition: Callable[[], bool], timeout_s: float, what: str, hint: str = ""
+    ) -> None:
+        """Wait for a condition on the devices' reports. Raises MachineError after the time-out."""
+        try:
+            async with asyncio.timeout(timeout_s):
+                while not condition():
+                    future = asyncio.get_running_loop().create_future()
+                    self._waiting.append(future)
+                    await future
+        except TimeoutError:
+            raise MachineError(
+                f"{what} did not come about within {timeout_s:.0f} s", hint=hint
+            ) from None
+
+    async def at_rest_at(self, place_mm: Iterable[float | None], timeout_s: float) -> None:
+        """Wait until the machine stands idle at a place (None: wherever in that axis)."""
+        wanted = tuple(place_mm)
+
+        def there() -> bool:
+            report, at = self.motion.status, self.motion.position_mm
+            return is_idle(report) and at is not None and all(
+                want is None or abs(want - have) < _THERE_MM
+                for want, have in zip(wanted, at, strict=False)
+            )
+
+        await self.until(there, timeout_s, "the move to the purge position")
+
+    def set_flows(self, flows_g_min: dict[str, float]) -> None:
+        """Hand each feeder the set-points of its hoppers, by hopper name."""
+        for feeder in self.feeders:
+            feeder.set_flows({
+                hopper.name: flows_g_min[hopper.name]
+                for hopper in self.hoppers if hopper.feeder == feeder.name
+            })
+
+    def measured_g_min(self) -> tuple[float | None, ...]:
+        """What each hopper's disc delivers by its own last reading, in the hoppers' order."""
+        measured: list[float | None] = []
+        for name, feeder in self._feeder_of:
+            reading = None if feeder.status is None else feeder.status.hoppers.get(name)
+            measured.append(None if reading is None else reading.flow_est_g_min)
+        return tuple(measured)
+
+    async def feeders_do(
+        self, act: Callable[[FeederDriver], Awaitable[None]],
+        those: Iterable[FeederDriver] | None = None,
+    ) -> None:
+        """Have every feeder (or `those`) do the same at once; a dead one does not stop the others.
+
+        Raises MachineError, one report for all that failed.
+        """
+        feeders = self.feeders if those is None else tuple(those)
+        done = await asyncio.gather(*map(act, feeders), return_exceptions=True)
+        if failures := [one for one in done if isinstance(one, BaseException)]:
+            raise _one_report(failures)
+
+
+def is_idle(report: StatusReport | None) -> bool:
+    """Whether a report says that nothing moves and nothing is held."""
+    return report is not None and report.state == "Idle"
+
+
+async def _close_all(opening: Sequence[asyncio.Future[Any]]) -> None:
+    """Close the devices that have been opened, and stop opening the others."""
+    for one in opening:
+        one.cancel()
+    for device in await asyncio.gather(*opening, return_exceptions=True):
+        if not isinstance(device, BaseException):
+            await device.close()
+
+
+async def _close(device: MotionDriver | FeederDriver | SafetyDriver) -> None:
+    """Close a link; one that will not close must not keep a run from ending."""
+    async with asyncio.timeout(_CLOSE_S):
+        await device.close()
+
+
+async def _open_safety(safety: Safety) -> SafetyDriver:
+    """An open watchdog relay is closed: starting a run is the deliberate act for it."""
+    driver = await SafetyDriver.open(safety)
+    try:
+        if safety.relay_timeout_s is not None:
+            await driver.reset_relay()
+    except BaseException:
+        await driver.close()
+        raise
+    return driver
+
+
+async def _open_motion(
+    motion: Motion, safety_first: Sequence[asyncio.Future[Any]]
+) -> MotionDriver:
+    """The controller stands behind its door input for as long as the watchdog relay is open."""
+    if safety_first:
+        await asyncio.wait(safety_first)
+    return await MotionDriver.open(
+        motion.endpoint, baud=motion.baud, status_period_s=motion.status_period_s
+    )
+
+
+async def _open_feeder(feeder: Feeder, hoppers: Sequence[Hopper]) -> FeederDriver:
+    return await FeederDriver.open(feeder, [h for h in hoppers if h.feeder == feeder.name])
+
+
+def _one_report(failures: Sequence[BaseException]) -> BaseException:
+    """One error for several devices; a bug or a cancellation among them goes first, as it is."""
+    expected = [one for one in failures if isinstance(one, LmctlError)]
+    if len(expected) < len(failures):
+        return next(one for one in failures if not isinstance(one, LmctlError))
+    if len(expected) == 1:
+        return expected[0]
+    where = [
+        line
+        for error in expected
+        for line in (error.what, *(f"  {place}" for place in error.where))
+    ]
+    return MachineError(
+        f"{len(expected)} devices of the cell failed", where=where,
+        hint="; ".join(dict.fromkeys(error.hint for error in expected if error.hint)),
+    )

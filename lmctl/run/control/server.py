@@ -1,0 +1,233 @@
+"""The control socket of a run: what an operator asks for from another terminal.
+
+A Unix stream socket, `control.sock` in the run's folder, which only the user who runs it can open
+(mode 0600, and the peer's user is looked at too). Requests are JSON objects, one a line of at most
+1,024 bytes; each is answered by one line, in order:
+
+    {"do": "status"}                        how the run stands
+    {"do": "hold"}                          stop on the path, beam off
+    {"do": "resume"}                        end a hold
+    {"do": "stop"}                          end the run; a second one skips the post-flow
+    {"do": "override", "percent": 80}       scale speed, beam and powder together
+    {"do": "watch", "every_s": 1.0}         status again and again until the run ends; the last
+                                            line shows how it ended. Nothing more is read then
+
+    -> {"ok": true, "run": "run-0001", "state": "depositing", ...}
+    -> {"ok": false, "error": "cannot resume now: ...", "where": [...], "hint": "..."}
+
+An act (hold, resume, stop, override) is accepted when it is possible in the present state; that it
+has come about shows in `state`. Each one that arrives is journaled: from whom, and why it was
+refused if it was. The keys of a status are those of `Executor.snapshot`.
+
+Nothing a client does may hurt the run: what it sends is read a few kilobytes at a time and no
+faster than 50 requests a second; after a request that makes no sense it is dropped, and so is one
+that does not take its answers. Of too many clients the one silent for longest goes.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import socket
+import struct
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from lmctl.errors import LmctlError, UsageError
+from lmctl.run.control import path as control_path
+
+MOST_REQUEST_BYTES = 1024
+MOST_CLIENTS = 16
+_READ_BYTES = 4096
+_PAUSE_S = 0.02  # after each answer
+_SLOW_S = 5.0  # an answer not taken for so long drops the client
+_LEAST_EVERY_S, _MOST_EVERY_S = 0.1, 3600.0
+_ACCEPT_PAUSE_S = 0.5  # after a connection could not be taken
+
+ACTS = ("hold", "resume", "stop", "override")
+_KEYS = {"override": {"do", "percent"}, "watch": {"do", "every_s"}}
+
+
+@dataclass(frozen=True)
+class Peer:
+    """Who is at the far end, by user and process number; None where the system does not say."""
+
+    uid: int | None
+    pid: int | None
+
+
+@dataclass(frozen=True)
+class Controls:
+    """What the socket lets its clients do.
+
+    status : how the run stands, as JSON values
+    act : carries out one of ACTS; percent is None but for "override". Raises UsageError
+    came : told of every act, with why it was refused ("" where it was not). Must not raise
+    """
+
+    status: Callable[[], dict[str, Any]]
+    act: Callable[[str, int | None], None]
+    came: Callable[[str, Peer, str], None]
+
+
+class ControlSocket:
+    """Serves a listening socket from `start` to `close`, on the running loop."""
+
+    def __init__(self, listening: socket.socket, controls: Controls) -> None:
+        self._listening = listening
+        self._controls = controls
+        self._loop = asyncio.get_running_loop()
+        self._clients: dict[socket.socket, asyncio.Task[None]] = {}  # longest silent first
+        self._watchers: set[socket.socket] = set()
+        self._accepting: asyncio.Task[None] | None = None
+
+    def start(self) -> None:
+        self._accepting = asyncio.create_task(self._accept(), name="control socket")
+
+    async def close(self) -> None:
+        """Tell those who watch how it ended, and let everybody go."""
+        tasks = [*self._clients.values(), *([self._accepting] if self._accepting else [])]
+        for watcher in self._watchers:
+            with suppress(OSError):  # it is gone, or was not reading
+                watcher.send(_line({"ok": True, **self._controls.status()}))
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        for client in self._clients:
+            client.close()
+
+    async def _accept(self) -> None:
+        while True:
+            try:
+                client, _ = await self._loop.sock_accept(self._listening)
+            except OSError:  # out of descriptors, say: what is open must go on
+                await asyncio.sleep(_ACCEPT_PAUSE_S)
+                continue
+            if len(self._clients) >= MOST_CLIENTS:
+                next(iter(self._clients.values())).cancel()
+            client.setblocking(False)
+            self._clients[client] = asyncio.create_task(self._serve(client))
+            await asyncio.sleep(0)  # however many more wait, the run has its turn
+
+    async def _serve(self, client: socket.socket) -> None:
+        try:
+            peer = _peer(client)
+            if peer.uid is None or peer.uid in (0, os.geteuid()):
+                await self._converse(client, peer)
+        except OSError:
+            pass  # it went away, or takes no answers
+        finally:
+            self._clients.pop(client, None)
+            self._watchers.discard(client)
+            client.close()
+
+    async def _converse(self, client: socket.socket, peer: Peer) -> None:
+        unread = bytearray()
+        while data := await self._loop.sock_recv(client, _READ_BYTES):
+            unread += data
+            while (end := unread.find(b"\n")) >= 0:
+                request = bytes(unread[:end])
+                del unread[: end + 1]
+                if not await self._answer(client, peer, request):
+                    return
+                await asyncio.sleep(_PAUSE_S)
+            if len(unread) > MOST_REQUEST_BYTES:
+                await self._answer(client, peer, bytes(unread))
+                return
+
+    async def _answer(self, client: socket.socket, peer: Peer, line: bytes) -> bool:
+        """Do what a line asks for; returns whether to go on listening to this client."""
+        self._clients[client] = self._clients.pop(client)  # now the last one heard
+        try:
+            request = read_request(line)
+        except UsageError as error:
+            await self._send(client, _refusal(error))
+            return False
+        do = request["do"]
+        if do == "watch":
+            await self._watch(client, request.get("every_s", 1.0))
+            return False
+        refused: UsageError | None = None
+        if do in ACTS:
+            try:
+                self._controls.act(do, request.get("percent"))
+            except UsageError as error:
+                refused = error
+            said = f"{do} {request['percent']} %" if do == "override" else do
+            self._controls.came(said, peer, refused.what if refused else "")
+        await self._send(
+            client, _refusal(refused) if refused else {"ok": True, **self._controls.status()}
+        )
+        return True
+
+    async def _watch(self, client: socket.socket, every_s: float) -> None:
+        self._watchers.add(client)
+        while True:
+            await self._send(client, {"ok": True, **self._controls.status()})
+            await asyncio.sleep(every_s)
+
+    async def _send(self, client: socket.socket, answer: dict[str, Any]) -> None:
+        """Raises OSError (TimeoutError is one) where the client does not take it."""
+        async with asyncio.timeout(_SLOW_S):
+            await self._loop.sock_sendall(client, _line(answer))
+
+
+@contextmanager
+def listening(folder: Path) -> Iterator[socket.socket]:
+    """The control socket of the run in `folder`, to be served; removed afterwards.
+
+    Raises JournalError where a living process already has one there.
+    """
+    made = control_path.listen(folder)
+    try:
+        yield made
+    finally:
+        made.close()
+        control_path.remove(folder)
+
+
+def read_request(line: bytes) -> dict[str, Any]:
+    """What a line asks for. Raises UsageError where it is no request."""
+    if len(line) > MOST_REQUEST_BYTES:
+        raise UsageError(f"a request is at most {MOST_REQUEST_BYTES} bytes long")
+    try:
+        request = json.loads(line)
+    except (ValueError, RecursionError):
+        raise UsageError("a request is one JSON object on a line") from None
+    do = request.get("do") if isinstance(request, dict) else None
+    if not isinstance(do, str) or do not in ("status", "watch", *ACTS):
+        raise UsageError("a request is an object whose \"do\" is one of status, watch, "
+                         + ", ".join(ACTS))
+    if unknown := sorted(request.keys() - _KEYS.get(do, {"do"})):
+        raise UsageError(f"{do} does not know {', '.join(map(repr, unknown))}")
+    _check_values(do, request)
+    found: dict[str, Any] = request
+    return found
+
+
+def _check_values(do: str, request: Mapping[str, Any]) -> None:
+    percent, every_s = request.get("percent"), request.get("every_s", 1.0)
+    if do == "override" and (type(percent) is not int or abs(percent) > 1_000_000):
+        raise UsageError("\"percent\" of an override is a whole number")
+    if type(every_s) not in (int, float) or not _LEAST_EVERY_S <= every_s <= _MOST_EVERY_S:
+        raise UsageError(f"\"every_s\" is from {_LEAST_EVERY_S} to {_MOST_EVERY_S:.0f} s")
+
+
+def _line(answer: dict[str, Any]) -> bytes:
+    return json.dumps(answer, allow_nan=False).encode("ascii") + b"\n"
+
+
+def _refusal(error: LmctlError) -> dict[str, Any]:
+    return {"ok": False, "error": error.what, "where": list(error.where), "hint": error.hint}
+
+
+def _peer(client: socket.socket) -> Peer:
+    option = getattr(socket, "SO_PEERCRED", None)
+    if option is None:
+        return Peer(None, None)
+    pid, uid, _ = struct.unpack("3i", client.getsockopt(socket.SOL_SOCKET, option, 12))
+    return Peer(uid, pid)

@@ -1,0 +1,66 @@
+"""The interlock table applied: which rules hold just now, and for how long they have."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from lmctl.errors import MachineError
+from lmctl.run.interlocks.alarms import EmergencyStop, Interlock
+from lmctl.run.interlocks.rules import Facts, Finding, Reaction, Rule
+
+#: An interlock that waits for the end of a path waits no longer than this [s].
+_PATH_END_S = 60.0
+
+
+class Supervision:
+    """Rules looked at again and again. Pure: it is told facts and the time.
+
+    raised : called once for each rule and subject, when it has held for long enough; again only
+        after it has not held in between, or after `forget`
+    """
+
+    def __init__(
+        self, raised: Callable[[MachineError], None], rules: Sequence[Rule]
+    ) -> None:
+        self._raised = raised
+        self._rules = rules
+        self._since: dict[tuple[str, str], float] = {}
+        self._told: set[tuple[str, str]] = set()
+
+    def look(self, facts: Facts, t: float, *, dark: bool) -> None:
+        """dark : whether the program has the beam off just now."""
+        holding: set[tuple[str, str]] = set()
+        for rule in self._rules:
+            for finding in rule.look(facts):
+                key = rule.name, finding.subject
+                holding.add(key)
+                lasted_s = t - self._since.setdefault(key, t)
+                due_s = rule.for_s
+                if rule.reaction is Reaction.PATH_END and not dark:
+                    due_s = _PATH_END_S
+                if lasted_s >= due_s and key not in self._told:
+                    self._told.add(key)
+                    self._raised(alarm_of(rule, finding))
+        for key in self._since.keys() - holding:
+            del self._since[key]
+            self._told.discard(key)
+
+    def forget(self) -> None:
+        """Alarms have been acknowledged: what still holds is told again."""
+        self._told.clear()
+
+    def standing(self, facts: Facts) -> list[MachineError]:
+        """What holds at this moment, however short, and would not end by being acknowledged."""
+        return [
+            alarm_of(rule, finding)
+            for rule in self._rules if not rule.latched
+            for finding in rule.look(facts)
+        ]
+
+
+def alarm_of(rule: Rule, finding: Finding) -> MachineError:
+    """A finding in the form that the run acts on."""
+    if rule.reaction is Reaction.RESET:
+        return EmergencyStop(finding.what, where=f"interlock: {rule.name}", hint=finding.hint)
+    name = f"{rule.name} {finding.subject}".strip()
+    return Interlock(name, finding.what, where=f"interlock: {rule.name}", hint=finding.hint)

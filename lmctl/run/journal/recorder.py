@@ -1,0 +1,215 @@
+"""What a run writes into its journal, record by record.
+
+header    what the run is: job, machine, software, operator, hoppers
+machine   who answered: firmware, buffers, whether it is the bench
+state     a transition: event, from, to
+act       an effect begun (a `Do`), or one that failed while stopping
+path      a path is about to be sent: its number, layer, first and last line
+executed  a path has been executed: all its lines, not only acknowledged
+place     motion has come to rest: the line reached, and the share of it that has been executed
+entry     how the job goes on after that: the line lit first, and the bead laid twice [mm]
+alarm     an interlock has tripped: which, and the words the operator reads
+setpoint  flows sent to the hoppers [g/min]
+override  a feed override asked for, or reported by the controller [%]
+operator  an act that came by the control socket: from whom, and why it was refused if it was
+samples   columns of equal length, one value a status report
+purge     powder fed over the purge position or in a hold, before motion goes on [g]
+layer     all lines of a layer have been executed
+fault     the first reason why a run ended badly, and each later one
+seal      the end: state, lines executed
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from datetime import UTC, datetime
+from typing import Any, NamedTuple
+
+from lmctl.errors import JournalError, LmctlError
+from lmctl.run.interlocks.alarms import Alarm
+from lmctl.run.journal.writer import Journal
+from lmctl.run.program.reentry import Entry, Place
+from lmctl.run.program.window import PathSpan
+from lmctl.run.state.table import Do, Event, State
+
+#: Samples wait so long before they are written [s]: after a crash no more than that is in doubt.
+BATCH_S = 0.5
+
+_COLUMNS = ("t", "line", "x_mm", "y_mm", "z_mm", "feed_mm_min", "s_word")
+
+
+class Latest(NamedTuple):
+    """The last status report, as journaled. Flows in the hoppers' order [g/min]."""
+
+    position_mm: tuple[float, ...]
+    feed_mm_min: float | None
+    s_word: float | None
+    set_g_min: tuple[float, ...]
+    measured_g_min: tuple[float | None, ...]
+
+
+class Recorder:
+    """The run's hand in its journal.
+
+    now_s : machine time since the run began, as records carry it
+    hoppers : names, in the order flows are given
+    latest : the last sample, for whoever asks how things stand
+
+    When the journal cannot be written (a full disk) the first write says so by JournalError, which
+    ends the run; the writes of the safe stop that follows are dropped, so that nothing keeps it.
+    """
+
+    def __init__(
+        self, journal: Journal, now_s: Callable[[], float], hoppers: Iterable[str]
+    ) -> None:
+        self._journal = journal
+        self.now_s = now_s
+        self._hoppers = tuple(hoppers)
+        self._samples: list[tuple[Any, ...]] = []
+        self._batch_due_s = 0.0
+        self._broken = False
+        self.latest: Latest | None = None
+
+    def machine(self, **fields: Any) -> None:
+        """Who answered on the motion link."""
+        self._append("machine", **fields)
+
+    def state(self, event: Event, before: State, after: State) -> None:
+        """A transition, durable before its effects begin."""
+        self._append("state", event=event, **{"from": before, "to": after})
+        self._sync()
+
+    def act(self, do: Do, failed: str = "") -> None:
+        """An effect begins, or has failed while the run was being stopped anyway."""
+        self._append("act", do=do, **({"failed": failed} if failed else {}))
+
+    def paths(self, begun: Iterable[PathSpan]) -> None:
+        """Paths whose lines are about to be sent; on the disk when this returns."""
+        for path in begun:
+            self._append("path", path=path.path, layer=path.layer,
+                         lines=[path.first_line, path.last_line])
+        self._sync()
+
+    def executed(self, done: Iterable[PathSpan]) -> None:
+        """Paths that have been executed."""
+        for path in done:
+            self._append("executed", path=path.path)
+
+    def place(self, place: Place) -> None:
+        """How far the job has been executed; durable."""
+        self._append("place", line=place.line, share=round(place.share, 6))
+        self._sync()
+
+    def entry(self, entry: Entry) -> None:
+        """How the job goes on from a place."""
+        self._append(
+            "entry", line=entry.place.line, share=round(entry.place.share, 6),
+            lit_line=entry.lit_line, layer=entry.layer.index,
+            repeated_mm=round(entry.repeated_mm, 3),
+        )
+
+    def alarm(self, alarm: Alarm) -> None:
+        """An interlock has tripped."""
+        self._append("alarm", name=alarm.name, what=alarm.what, hint=alarm.hint,
+                     local={"where": list(alarm.where)})
+
+    def purged(self, fed_g: dict[str, float]) -> None:
+        """Powder that has gone into no layer."""
+        self._append("purge", fed_g={name: round(fed, 3) for name, fed in fed_g.items()})
+
+    def layer(self, **fields: Any) -> None:
+        """A layer has been executed."""
+        self._append("layer", **fields, local={"wall": wall_stamp()})
+        self._sync()
+
+    def setpoint(self, flows_g_min: dict[str, float]) -> None:
+        """Set-points on their way to the feeders."""
+        self._append("setpoint", flow_g_min=flows_g_min)
+
+    def override(self, percent: int, source: str) -> None:
+        """A feed override. source : "operator" as asked for, "controller" as reported."""
+        self._append("override", feed_percent=percent, source=source)
+
+    def operator(self, act: str, refused: str, **local: Any) -> None:
+        """An act that came from outside; durable. refused : why, "" where it was accepted.
+
+        local : who, by user and process number
+        """
+        self._append("operator", act=act, accepted=not refused,
+                     **({"refused": refused} if refused else {}), local=local)
+        self._sync()
+
+    def sample(
+        self, line: int, position_mm: tuple[float, ...], feed_mm_min: float | None,
+        s_word: float | None, set_g_min: tuple[float, ...],
+        measured_g_min: tuple[float | None, ...],
+    ) -> None:
+        """One status report; written together with others after a while."""
+        self.latest = Latest(position_mm, feed_mm_min, s_word, set_g_min, measured_g_min)
+        now_s = self.now_s()
+        if not self._samples:
+            self._batch_due_s = now_s + BATCH_S
+        self._samples.append((
+            round(now_s, 6), line, *(round(axis, 3) for axis in position_mm[:3]), feed_mm_min,
+            s_word, *set_g_min, *measured_g_min,
+        ))
+        if now_s >= self._batch_due_s:
+            self.write_samples()
+
+    def write_samples(self) -> None:
+        """Write the samples that wait, and let the journal outlive this process."""
+        if self._samples:
+            columns = [list(column) for column in zip(*self._samples, strict=True)]
+            self._samples.clear()
+            n = len(self._hoppers)
+            flows = columns[len(_COLUMNS):]
+            self._append(
+                "samples", **{
+                    "at" if name == "t" else name: column
+                    for name, column in zip(_COLUMNS, columns, strict=False)
+                },
+                set_g_min=dict(zip(self._hoppers, flows[:n], strict=True)),
+                flow_g_min=dict(zip(self._hoppers, flows[n:], strict=True)),
+            )
+        self._flush()
+
+    def fault(self, error: BaseException) -> None:
+        """A reason to stop, in words; durable."""
+        if isinstance(error, LmctlError):
+            # Places name ports and files, which differ between equal runs.
+            self._append("fault", what=error.what, hint=error.hint,
+                         local={"where": list(error.where)})
+        else:
+            self._append("fault", what=f"internal error: {error!r}", hint="")
+        self._sync()
+
+    def seal(self, state: State, **fields: Any) -> None:
+        """The last record."""
+        self.write_samples()
+        if not self._broken:
+            self._journal.seal(self.now_s(), state=state, **fields,
+                               local={"wall": wall_stamp()})
+
+    def _append(self, kind: str, **fields: Any) -> None:
+        if not self._broken:
+            self._journal.append(self.now_s(), kind, **fields)
+
+    def _flush(self) -> None:
+        self._write(self._journal.flush)
+
+    def _sync(self) -> None:
+        self._write(self._journal.sync)
+
+    def _write(self, how: Callable[[], None]) -> None:
+        if self._broken:
+            return
+        try:
+            how()
+        except JournalError:
+            self._broken = True
+            raise
+
+
+def wall_stamp() -> str:
+    """The wall clock as journals carry it: UTC, ISO 8601, milliseconds."""
+    return datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")

@@ -1,0 +1,1 @@
+"""Powder on time: what the hoppers are told now for what the path needs later."""

@@ -1,0 +1,216 @@
+"""Where in program time the machine is: planned time driven by reported progress.
+
+A status report says which line runs and where on it the nozzle is; between reports time runs on
+by the planned law times the feed override, and never past what the controller has acknowledged.
+Pure: it is told the time (loop clock, seconds) with every call.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from lmctl.run.program.window import FloatArray, JobWindow, Stretch
+
+#: How far the nozzle may be from the start of the line that runs by the count of executed ones.
+#: Where the count comes from planner blocks (Bf), it is only known to a line or two.
+_LOOK_BACK_S, _LOOK_AHEAD_S = 0.15, 0.55
+
+#: A position so near to where it is expected needs no search for the line it lies on.
+_EXPECTED_S, _EXPECTED_MM = 0.05, 0.01
+
+#: Distance that a deviation of one second from the expected time counts as [mm/s]: it only
+#: decides where a path lies on itself.
+_TIME_WEIGHT_MM_S = 0.02
+
+
+def _ignore() -> None:
+    """What happens when nobody listens."""
+
+
+@dataclass(frozen=True)
+class RateChange:
+    """The feed override goes from `before` to `after` at program time from_s.
+
+    Powder goes from one to the other evenly by to_s: the beam is off in between.
+    """
+
+    from_s: float
+    to_s: float
+    before: float
+    after: float
+
+
+class ProgramClock:
+    """Program time of one run.
+
+    rate : feed override now (1 = as planned)
+    reported_s : program time of the last place reported, nothing added for what came after
+    turned : called when something other than the passing of time changes what lies ahead
+    The clock stands until `run_from`, and again after `stand`.
+    """
+
+    def __init__(self, window: JobWindow) -> None:
+        self.rate = 1.0
+        self.turned: Callable[[], None] = _ignore
+        self._window = window
+        first = window.begin()
+        self._acknowledged = first.first_line
+        self._change: RateChange | None = None
+        self._known_t = 0.0
+        self._known_s = float(first.start_s[0])
+        self.reported_s = self._known_s
+        self._limit_s = self._known_s  # program time at the end of the lines acknowledged
+        self._runs_from_t = math.inf
+
+    def acknowledge(self, lines: int) -> None:
+        """The controller has taken so many lines; time never runs past their end."""
+        if lines != self._acknowledged:
+            self._acknowledged = lines
+            self._limit_s = self._window.line_start_s(lines)
+
+    def run_from(self, t: float) -> None:
+        """Motion starts, or is to start, at machine time t."""
+        self._known_t = self._runs_from_t = t
+        self.turned()
+
+    def stand(self, t: float) -> None:
+        """Motion stops at t; until a report corrects it, program time is what it is by then."""
+        self._known_s = self.now(t)
+        self._known_t = t
+        self._runs_from_t = math.inf
+        self.turned()
+
+    def set_rate(self, t: float, rate: float) -> None:
+        """The feed override is `rate` from t on."""
+        if rate != self.rate:
+            self._known_s = self.now(t)
+            self._known_t = t
+            self.rate = rate
+            self.turned()
+
+    def plan_rate(self, from_s: float, to_s: float, rate: float) -> None:
+        """The feed override will be set to `rate` when program time is from_s.
+
+        It takes `set_rate` then to tell that it has been.
+        """
+        self._change = RateChange(from_s, to_s, self.rate, rate)
+        self.turned()
+
+    @property
+    def rate_will_change(self) -> bool:
+        """Whether a planned override is still to come, or powder still following it."""
+        return self._change is not None
+
+    def due_rate(self, t: float) -> float | None:
+        """The planned override if it is time to set it, else None."""
+        change = self._change
+        due = change is not None and self.rate != change.after and self.now(t) >= change.from_s
+        return change.after if change is not None and due else None
+
+    def rate_at(self, s: float) -> float:
+        """The feed override there will be at program time s, as powder is to follow it."""
+        change = self._change
+        if change is None:
+            return self.rate
+        share = (s - change.from_s) / (change.to_s - change.from_s)
+        return change.before + min(max(share, 0.0), 1.0) * (change.after - change.before)
+
+    def report(self, t: float, executed: int, position_mm: tuple[float, ...]) -> None:
+        """A status report: lines executed so far, and where the nozzle was, at t.
+
+        position_mm : program coordinates x, y, z
+        """
+        expected_s = self.now(t)
+        if self._change is not None and expected_s > self._change.to_s:
+            self._change = None
+        if executed >= self._window.n_lines:
+            self._known_s = self._window.end_s
+        else:
+            found_s = self._as_expected(position_mm, expected_s)
+            self._known_s = (
+                self._nearest(executed, position_mm, expected_s) if found_s is None else found_s
+            )
+        self.reported_s = self._known_s
+        self._known_t = t
+
+    def now(self, t: float) -> float:
+        """Program time at t [s]; t must not lie before the last call that set something."""
+        running_s = t - max(self._known_t, self._runs_from_t)
+        if running_s <= 0.0:
+            return self._known_s
+        reached_s = self._window.advance(self._known_s, running_s, self.rate)
+        return max(self._known_s, min(reached_s, self._limit_s))
+
+    def ahead(self, t: float, machine_s: float) -> float:
+        """Program time that will have been reached `machine_s` after t, if all goes on as it is."""
+        s, running_s = self.now(t), t + machine_s - max(t, self._runs_from_t)
+        reached_s = self._window.advance(s, running_s, self.rate)
+        change = self._change
+        if change is None or not s < change.from_s < reached_s:
+            return reached_s
+        before_s = (self._window.machine_s(change.from_s, self.rate)
+                    - self._window.machine_s(s, self.rate))
+        return self._window.advance(change.from_s, running_s - before_s, change.after)
+
+    def _as_expected(self, position_mm: tuple[float, ...], expected_s: float) -> float | None:
+        """Program time of a position that lies where it is expected, found without a search."""
+        (x0, y0, z0), (x1, y1, z1), start_s, end_s = self._window.span_at(expected_s)
+        x, y, z = position_mm[:3]
+        dx, dy, dz = x1 - x0, y1 - y0, z1 - z0
+        length2 = dx * dx + dy * dy + dz * dz
+        if length2 == 0.0:
+            return None
+        share = ((x - x0) * dx + (y - y0) * dy + (z - z0) * dz) / length2
+        off2 = (
+            (x - x0 - share * dx) ** 2 + (y - y0 - share * dy) ** 2 + (z - z0 - share * dz) ** 2
+        )
+        found_s = start_s + share * (end_s - start_s)
+        near = abs(found_s - expected_s) < _EXPECTED_S and off2 < _EXPECTED_MM**2
+        return found_s if near and 0.0 <= share <= 1.0 else None
+
+    def _nearest(
+        self, executed: int, position_mm: tuple[float, ...], expected_s: float
+    ) -> float:
+        """Program time of the point nearest to a position, on the lines that may be running."""
+        start_mm, end_mm, start_s, end_s = self._around(executed)
+        along_mm = end_mm - start_mm
+        lasting_s = end_s - start_s
+        from_start_mm = np.array(position_mm[:3]) - start_mm
+        length2 = np.einsum("ij,ij->i", along_mm, along_mm)
+        moves = length2 > 0.0
+        share = np.einsum("ij,ij->i", from_start_mm, along_mm)
+        np.divide(share, length2, out=share, where=moves)
+        # On a line that does not move (a dwell), only the expected time tells how far it is.
+        waits = ~moves & (lasting_s > 0.0)
+        share[~moves] = 0.0
+        share[waits] = (expected_s - start_s[waits]) / lasting_s[waits]
+        np.clip(share, 0.0, 1.0, out=share)
+        at_s = start_s + share * lasting_s
+        off_mm = from_start_mm - share[:, None] * along_mm
+        cost = np.einsum("ij,ij->i", off_mm, off_mm)
+        cost += (_TIME_WEIGHT_MM_S * (at_s - expected_s)) ** 2
+        return float(at_s[int(cost.argmin())])
+
+    def _around(self, line: int) -> tuple[FloatArray, ...]:
+        """Starts and ends, in place and time, of the lines that may be running."""
+        stretch = self._window.stretch_of_line(line)
+        row = line - stretch.first_line
+        start_s = stretch.start_s[row]
+        first = int(stretch.end_s.searchsorted(start_s - _LOOK_BACK_S))
+        last = int(stretch.start_s.searchsorted(start_s + _LOOK_AHEAD_S, side="right"))
+        near = _rows(stretch, min(first, row), last)
+        if last < len(stretch.program) or stretch.last_line + 1 >= self._acknowledged:
+            return near
+        after = self._window.stretch(stretch.index + 1)
+        last = int(after.start_s.searchsorted(start_s + _LOOK_AHEAD_S, side="right"))
+        return tuple(map(np.concatenate, zip(near, _rows(after, 0, last), strict=True)))
+
+
+def _rows(stretch: Stretch, first: int, last: int) -> tuple[FloatArray, ...]:
+    rows = slice(first, last)
+    return (stretch.start_mm[rows], stretch.end_mm[rows], stretch.start_s[rows],
+            stretch.end_s[rows])
