@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from lmctl.field.grid import Grid
 from lmctl.field.kernel import kernel
+from lmctl.field.store import kept_array
 
 FloatArray = NDArray[np.float64]
 Sources = NDArray[np.int32]
@@ -36,7 +37,7 @@ def sweep_sources(
     nodes asks its neighbours only where these, or it, have changed since.
     """
     relative = np.ascontiguousarray((surface_mm - np.asarray(grid.origin_mm)) / grid.pitch_mm)
-    distance = np.empty(grid.shape, dtype=np.float32)
+    distance = kept_array(grid.shape, np.float32)
     nz, ny, nx = grid.shape
     changed = np.zeros((nz, ny, -(-nx // RUN)), dtype=np.uint8)
     _sweep_kernel(sources, relative, distance, float((within_mm / grid.pitch_mm) ** 2), changed)

@@ -22,6 +22,7 @@ from lmctl.field.cloud.samples import LARGEST_SHARE_DROPPED, Samples
 from lmctl.field.flood import LEVELS
 from lmctl.field.grid import Grid
 from lmctl.field.kernel import kernel
+from lmctl.field.store import kept_array
 from lmctl.field.sweep import sweep_sources
 
 FloatArray = NDArray[np.float64]
@@ -157,7 +158,8 @@ def nearest_samples(points_mm: FloatArray, reach_mm: FloatArray, grid: Grid) -> 
 
     points_mm : (n, 3) float64; reach_mm : (n,) float64; returns : (nz, ny, nx) int32
     """
-    sources = np.full(grid.shape, -1, dtype=np.int32)
+    sources = kept_array(grid.shape, np.int32)
+    sources.fill(-1)
     relative = np.ascontiguousarray((points_mm - np.asarray(grid.origin_mm)) / grid.pitch_mm)
     squared = np.full(grid.shape, np.inf, dtype=np.float32)
     _nearest_kernel(relative, reach_mm / grid.pitch_mm, sources, squared)
