@@ -33,7 +33,7 @@ def test_runs_are_numbered_on_and_hold_their_job(tmp_path, job_file):
 
 def test_processes_at_once_get_folders_of_their_own(tmp_path, job_file):
     code = (
-        "import sys; from pathlib import Path; from lmctl.run import rundir\n"
+        "import sys; from pathlib import Path; from lmctl.run.journal import rundir\n"
         "for _ in range(20): print(rundir.create(Path(sys.argv[1]), Path(sys.argv[2])).run)"
     )
     children = [
