@@ -54,7 +54,7 @@ def cloud_field(
     seeds = seed_cloud(owner, samples, sheets, grid)
     if not seeds.supported.any():
         raise _nothing_inside(len(samples.points_mm), grid)
-    tags = _tags(orientation, seeds, grid)
+    tags = _tags(orientation, seeds, grid, trusting=samples.normals is not None)
     good = _on_the_surface(tags, seeds, grid)
     sources = owner  # its memory serves again
     sources.fill(-1)
@@ -90,8 +90,14 @@ def _nothing_inside(count: int, grid: Grid) -> InputError:
     )
 
 
-def _tags(orientation: Orientation, seeds: CloudSeeds, grid: Grid) -> NDArray[np.int8]:
-    """(nz, ny, nx) int8, −1 outside, +1 inside: from what is surely deep, towards the seeds."""
+def _tags(
+    orientation: Orientation, seeds: CloudSeeds, grid: Grid, *, trusting: bool
+) -> NDArray[np.int8]:
+    """(nz, ny, nx) int8, −1 outside, +1 inside: from what is surely deep, towards the seeds.
+
+    trusting : whether normals say where the outside is, so that near samples the fitted surface
+        knows better than the air that comes in between them
+    """
     coarse = orientation.deep_grid
     nearest = [
         np.clip(
@@ -120,6 +126,9 @@ def _tags(orientation: Orientation, seeds: CloudSeeds, grid: Grid) -> NDArray[np
     widest_first = np.argsort(narrowness, kind="stable")
     sides = np.where(seeds.distance_mm > 0.0, 1, -1).astype(np.int8)
     _spread_kernel(level)
+    if trusting:
+        near = tags.reshape(-1)[seeds.nodes]
+        tags.reshape(-1)[seeds.nodes] = np.where(held & (near == 0), sides, near)
     flood(level, tags, seeds.nodes[widest_first], sides[widest_first])
     return tags
 

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.errors import InputError
-from lmctl.field.cloud.agreement import spread_sides, votes_around
-from lmctl.field.cloud.normals import facing_out
+from lmctl.field.cloud.agreement import spread_sides
 from lmctl.field.cloud.patches import Patches
 from lmctl.field.cloud.samples import LARGEST_SHARE_DROPPED, Samples
+from lmctl.field.cloud.thin import facing_of_thick
 from lmctl.field.flood import LEVELS
 from lmctl.field.grid import Grid
 from lmctl.field.kernel import kernel
@@ -56,7 +56,8 @@ class Orientation:
 def orient(samples: Samples, patches: Patches, pitch_mm: float) -> Orientation:
     """Tell inside from outside at every sample.
 
-    raises : InputError where the cloud is open: air reaches both sides of it; NormalsUnfitError
+    raises : InputError where the cloud is open: air reaches both sides of it, or its walls are
+        thinner than what normals tell; NormalsUnfitError
     """
     typical = samples.typical_spacing_mm
     grid = _tagging_grid(samples, pitch_mm)
@@ -86,9 +87,8 @@ def orient(samples: Samples, patches: Patches, pitch_mm: float) -> Orientation:
     facing = np.zeros(len(sides), dtype=np.int8)
     remarks: list[str] = []
     if samples.normals is not None:
-        facing, said = facing_out(samples.normals, patches.normal, sides)
+        facing, said = facing_of_thick(samples, samples.normals, patches, sides)
         remarks += said
-        facing[votes_around(samples, patches, facing) * facing < 0.0] = 0
         within = np.where(facing > 0, sides[:, 1], sides[:, 0])
         narrow = np.where(facing == 0, narrow, within)
     floating = narrow > WIDEST_GAP_SPACINGS * LEVELS_PER_SPACING

@@ -1,0 +1,107 @@
+"""Walls thinner than the samples are apart, which normals alone cannot tell: refused, or said."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmctl.errors import InputError
+from lmctl.field.cloud.agreement import votes_around
+from lmctl.field.cloud.normals import FITTING, NormalsUnfitError, facing_out
+from lmctl.field.cloud.patches import Patches
+from lmctl.field.cloud.samples import Samples
+from lmctl.field.kernel import kernel
+
+FloatArray = NDArray[np.float64]
+
+OPPOSITE = -0.5  # cosine of the angle between normals; more is an edge, not another face
+THINNEST_SPACINGS = 1.1  # thinner than this, patches of one face reach past the other
+ACROSS_SPACINGS = 1.5  # farther aside than this a sample does not face another
+ONE_FACE_SPACINGS = 0.2  # by noise and bend samples of one face are this far off each other's
+LARGEST_SHARE = 0.05  # of thin samples; where two faces run out in a sharp edge some always are
+MOST_STRAY = 0.2  # share of normals unlike those around them; more say nothing of what is thin
+
+
+def facing_of_thick(
+    samples: Samples, normals: FloatArray, patches: Patches, sides: NDArray[np.uint8]
+) -> tuple[NDArray[np.int8], tuple[str, ...]]:
+    """As `facing_out`, without strays, for a cloud whose walls are thicker than its spacing.
+
+    normals, sides, returns : as there
+    raises : InputError where faces lie nearer to each other; NormalsUnfitError
+    """
+    why = None
+    try:
+        facing, said = facing_out(normals, patches.normal, sides)
+    except NormalsUnfitError as error:
+        why, said = error, ()
+        along = np.einsum("nc,nc->n", normals, patches.normal)
+        facing = np.where(np.abs(along) > FITTING, np.sign(along), 0.0).astype(np.int8)
+    stray = votes_around(samples, patches, facing) * facing < 0.0
+    facing[stray] = 0
+    if why is not None and np.mean(facing == 0) > MOST_STRAY:
+        raise why
+    said += _refuse_thin(samples, patches.normal * facing[:, None], checked=why is None)
+    if why is not None:  # and not because no air comes in between faces near each other
+        raise why
+    return facing, said
+
+
+def _refuse_thin(
+    samples: Samples, outward: FloatArray, *, checked: bool = True
+) -> tuple[str, ...]:
+    """Look for samples with another face right behind them, or right before.
+
+    outward : (n, 3) float64 of length 1; 0 where they are not known
+    checked : whether they are known to be right; else opposite ones on one face may just be wrong
+    returns : a remark where some are, too few to refuse the cloud
+    raises : InputError where walls, or gaps between walls, are thinner than the spacing
+    """
+    behind = _behind_kernel(samples.points_mm, outward, samples.neighbours, samples.spacing_mm)
+    thin = np.isfinite(behind)
+    if not thin.any():
+        return ()
+    apart = float(np.median(samples.spacing_mm[thin]))
+    mm = float(np.median(np.abs(behind[thin])))
+    if not checked and mm < ONE_FACE_SPACINGS * apart:
+        return ()
+    walls = float(np.median(behind[thin])) >= 0.0
+    what = f"walls {mm:.2g} mm thick" if walls else f"gaps {mm:.2g} mm wide"
+    near = ", ".join(f"{c:.1f}" for c in samples.points_mm[thin][0])
+    if thin.mean() > LARGEST_SHARE:
+        raise InputError(
+            f"{what} are {'thinner' if mm < apart else 'hardly thicker'} than the samples are "
+            f"apart ({apart:.2g} mm): inside and outside of the cloud cannot be told apart",
+            where=f"at {int(thin.sum())} of {len(thin)} samples, the first near {near}",
+            hint=f"scan more densely, at most {mm / THINNEST_SPACINGS:.2g} mm apart, "
+            "or give a mesh",
+        )
+    return (
+        f"{what} at {int(thin.sum())} points of the cloud, the first near {near}, are hardly "
+        f"thicker than the samples are apart ({apart:.2g} mm): look at the sections there",
+    )
+
+
+@kernel
+def _behind_kernel(
+    points: FloatArray, outward: FloatArray, near: NDArray[np.int32], spacing: FloatArray
+) -> FloatArray:
+    """How far behind each sample the nearest opposite one is; negative before it; inf for none."""
+    behind = np.full(len(points), np.inf)
+    for n in range(len(points)):
+        x, y, z = outward[n, 0], outward[n, 1], outward[n, 2]
+        for m in range(near.shape[1]):
+            r = near[n, m]
+            if x * outward[r, 0] + y * outward[r, 1] + z * outward[r, 2] >= OPPOSITE:
+                continue
+            dx, dy = points[r, 0] - points[n, 0], points[r, 1] - points[n, 1]
+            dz = points[r, 2] - points[n, 2]
+            along = -(dx * x + dy * y + dz * z)
+            aside = dx * dx + dy * dy + dz * dz - along * along
+            if (
+                abs(along) < THINNEST_SPACINGS * spacing[n]
+                and aside < (ACROSS_SPACINGS * spacing[n]) ** 2
+                and abs(along) < abs(behind[n])
+            ):
+                behind[n] = along
+    return behind
