@@ -172,7 +172,7 @@ class Tree:
     def _cloud(self, cloud: Cloud, pitch_mm: float | None) -> Body:
         low, high = cloud.points.min(axis=0), cloud.points.max(axis=0)
         grid = checked_grid(low, high, pitch_mm or self.pitch_mm, stored=True)
-        stored = cloud_field(cloud.points, grid)
+        stored = cloud_field(cloud.points, grid, cloud.normals)
         if not is_closed(stored):
             raise InputError(
                 "the surface fitted to the point cloud is not closed",
