@@ -1,14 +1,19 @@
-"""What a part will take before it is made: memory and time, said early and refused in time."""
+"""What a part will take before it is made: memory, disk, time; said early and refused in time."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from lmctl.errors import InputError
-from lmctl.part.resolution import BYTES_PER_NODE, LIMIT_VARIABLE, in_bytes, memory_limit_bytes
-
-#: Bytes that stay of a node once a field is made: its value and its nearest surface.
-BYTES_KEPT = 8
+from lmctl.field.store import no_room, room_for_mapped
+from lmctl.part.resolution import (
+    BYTES_KEPT,
+    BYTES_PER_NODE,
+    LIMIT_VARIABLE,
+    disk_bytes,
+    in_bytes,
+    memory_limit_bytes,
+)
 
 #: Seconds a node, measured on a 2020s desktop core: they tell minutes from hours, no more.
 MESH_S, CLOUD_S, OPERAND_S = 150e-9, 700e-9, 80e-9
@@ -19,12 +24,19 @@ SHORT_S, SMALL_BYTES = 5.0, 300e6
 
 @dataclass(frozen=True)
 class Item:
-    """One thing to make: of what it is, its nodes, seconds a node, and whether all are stored."""
+    """One thing to make: of what it is, its nodes, seconds a node, and whether all are stored.
+
+    Large ones that are stored keep what stays of them on the disk.
+    """
 
     what: str
     nodes: int
     each_s: float
     stored: bool
+
+    @property
+    def disk_bytes(self) -> float:
+        return disk_bytes(self.nodes) if self.stored else 0.0
 
 
 @dataclass(frozen=True)
@@ -36,9 +48,14 @@ class Cost:
     @property
     def memory_bytes(self) -> float:
         """What is kept of all, and what the largest takes besides while it is made."""
-        kept = sum(BYTES_KEPT * item.nodes for item in self.items)
+        kept = sum(BYTES_KEPT * item.nodes - item.disk_bytes for item in self.items)
         making = [(BYTES_PER_NODE - BYTES_KEPT) * i.nodes for i in self.items if i.stored]
         return kept + max(making, default=0)
+
+    @property
+    def disk_bytes(self) -> float:
+        """What is kept in temporary files."""
+        return sum(item.disk_bytes for item in self.items)
 
     @property
     def seconds(self) -> float:
@@ -48,11 +65,17 @@ class Cost:
         """A line for a person, "" where there is little to wait for."""
         if self.seconds < SHORT_S and self.memory_bytes < SMALL_BYTES:
             return ""
-        return (f"this part takes about {in_bytes(self.memory_bytes)} of memory and "
+        disk = ""
+        if self.disk_bytes:
+            disk = f", {in_bytes(self.disk_bytes)} of disk in {room_for_mapped()[0]}"
+        return (f"this part takes about {in_bytes(self.memory_bytes)} of memory{disk} and "
                 f"{_duration(self.seconds)} to make ready")
 
     def check(self) -> None:
-        """Raises InputError where more memory would be taken than the user allows."""
+        """Raises InputError where more memory would be taken than the user allows, or more disk
+        than is free."""
+        if self.disk_bytes and self.disk_bytes > room_for_mapped()[1]:
+            raise no_room(self.disk_bytes)
         limit = memory_limit_bytes()
         if self.memory_bytes <= limit:
             return

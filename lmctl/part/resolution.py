@@ -11,11 +11,16 @@ from numpy.typing import NDArray
 from lmctl.errors import InputError, UsageError
 from lmctl.field.grid import Grid
 from lmctl.field.plane import PlaneGrid
+from lmctl.field.store import is_mapped
 
 FloatArray = NDArray[np.float64]
 
 #: Memory of a stored field while it is made: values, sources, squares, crossings, surface points.
 BYTES_PER_NODE = 20
+
+#: Of these the two arrays of four bytes that stay; large ones are kept in files (`field.store`).
+ARRAYS_KEPT = 2
+BYTES_KEPT = 4 * ARRAYS_KEPT
 
 #: What parts may take of the memory, unless the user says otherwise: in megabytes, in this
 #: variable of the environment. No file can say it, as a file may come from someone else.
@@ -41,8 +46,9 @@ PLANE_PITCHES_PER_BEAD = 8
 
 
 def choose_pitch(low: FloatArray, high: FloatArray, bead_width_mm: float) -> float:
-    """A quarter of the bead width, or the finest pitch a stored field of that box may have."""
-    return max(bead_width_mm / FIELD_PITCHES_PER_BEAD, finest_pitch(low, high, most_stored_nodes()))
+    """A quarter of the bead width, or the finest pitch of a field that memory alone can hold."""
+    most = int(memory_limit_bytes() / BYTES_PER_NODE)
+    return max(bead_width_mm / FIELD_PITCHES_PER_BEAD, finest_pitch(low, high, most))
 
 
 def memory_limit_bytes() -> float:
@@ -60,7 +66,19 @@ def memory_limit_bytes() -> float:
 
 def most_stored_nodes() -> int:
     """Nodes of the largest field that can be made within the limit."""
-    return int(memory_limit_bytes() / BYTES_PER_NODE)
+    limit = memory_limit_bytes()
+    in_memory = int(limit / BYTES_PER_NODE)
+    return int(limit / (BYTES_PER_NODE - BYTES_KEPT)) if disk_bytes(in_memory) else in_memory
+
+
+def disk_bytes(nodes: float) -> float:
+    """What a stored field keeps on the disk: all that stays of it, or nothing."""
+    return BYTES_KEPT * nodes if is_mapped(BYTES_KEPT / ARRAYS_KEPT * nodes) else 0.0
+
+
+def making_bytes(nodes: float) -> float:
+    """The memory a stored field takes while it is made."""
+    return BYTES_PER_NODE * nodes - disk_bytes(nodes)
 
 
 def checked_grid(low: FloatArray, high: FloatArray, pitch_mm: float, *, stored: bool) -> Grid:
@@ -72,11 +90,11 @@ def checked_grid(low: FloatArray, high: FloatArray, pitch_mm: float, *, stored: 
     nodes = _nodes(low, high, pitch_mm)
     if nodes > most:
         size = " × ".join(f"{v:.4g}" for v in high - low)
-        memory = f", {in_bytes(nodes * BYTES_PER_NODE)}" if stored else ""
         raise InputError(
-            f"a pitch of {pitch_mm:g} mm needs {nodes:.2g} grid nodes{memory}",
+            f"a pitch of {pitch_mm:g} mm needs {nodes:.2g} grid nodes"
+            + (f", {_taken(nodes)}" if stored else ""),
             where=f"the part is {size} mm; at most {most:.2g} nodes"
-            + (f", {in_bytes(most * BYTES_PER_NODE)}" if stored else ""),
+            + (f", {_taken(most)}" if stored else ""),
             hint=f"give a pitch_mm of at least {finest_pitch(low, high, most):g}"
             + (f", or allow more memory with {LIMIT_VARIABLE}" if stored else ""),
         )
@@ -130,6 +148,11 @@ def plane_around(grid: Grid, bead_mm: float) -> PlaneGrid:
 
 def _nodes(low: FloatArray, high: FloatArray, pitch_mm: float) -> float:
     return float(np.prod((high - low) / pitch_mm + 2 * PADDING + 2))
+
+
+def _taken(nodes: float) -> str:
+    disk = f" and {in_bytes(disk_bytes(nodes))} of disk" if disk_bytes(nodes) else ""
+    return f"{in_bytes(making_bytes(nodes))} of memory{disk}"
 
 
 def in_bytes(count: float) -> str:

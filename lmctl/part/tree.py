@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.config import bodies as config
-from lmctl.config.composition import FaceFeature, SheetFeature
+from lmctl.config.composition import FaceFeature, SheetFeature, measured_from
 from lmctl.config.part_file import PartFile
 from lmctl.errors import InputError
 from lmctl.field.cloud.cloud_field import cloud_field
@@ -71,7 +71,9 @@ class Tree:
         items = []
         if self._part.combine is not None:
             grid = self._boundary_grid(self._part.combine, self._roots, True)
-            items.append(Item("the combination", grid.n_nodes, OPERAND_S * len(self._roots), False))
+            each_s = OPERAND_S * sum(self._leaves(root) for root in self._roots)
+            items.append(Item("the combination", grid.n_nodes, each_s, False))
+        asked = self._asked()
         for number, body in enumerate(self._part.body):
             name = self._extents.called([number])
             if isinstance(body, config.MeshBody | config.CloudBody):
@@ -82,8 +84,35 @@ class Tree:
             elif isinstance(body, config.BooleanBody):
                 of = [self._number[other] for other in body.of]
                 grid = self._boundary_grid(body.kind, of, True)
-                items.append(Item(name, grid.n_nodes, OPERAND_S * len(of), False))
+                if number in asked:
+                    each_s = OPERAND_S * self._leaves(number)
+                    items.append(Item(name, grid.n_nodes, each_s, False))
         return Cost(tuple(items))
+
+    def _asked(self) -> set[int]:
+        """Bodies that are asked for their distance, so that booleans among them need a boundary of
+        their own: those that only are part of other booleans do not."""
+        if self._part.composition is None and len(self._part.material) > 1:
+            return set(range(len(self._part.body)))  # materials are mixed by their bodies' depths
+        names = {body.of for body in self._part.body if isinstance(body, config.ShellBody)}
+        if self._part.composition is not None:
+            names |= measured_from(self._part.composition)
+        asked = {self._number[name] for name in names}
+        waiting = [*asked, *(self._roots if self._part.combine is None else ())]
+        while waiting:
+            number = waiting.pop()
+            asked.add(number)
+            body = self._part.body[number]
+            if isinstance(body, config.MovedBody):
+                waiting.append(self._number[body.of])
+        return asked
+
+    def _leaves(self, number: int) -> int:
+        """How many bodies a boundary of this one asks."""
+        body = self._part.body[number]
+        if isinstance(body, config.BooleanBody):
+            return sum(self._leaves(self._number[name]) for name in body.of)
+        return self._leaves(self._number[body.of]) if isinstance(body, config.MovedBody) else 1
 
     @cached_property
     def rule(self) -> Rule:
