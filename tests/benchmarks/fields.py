@@ -28,7 +28,7 @@ from lmctl.field.field import Field, sample
 from lmctl.field.grid import Grid
 from lmctl.field.mesh.mesh_field import mesh_field
 from lmctl.field.primitives import box_distance, sphere_distance
-from lmctl.field.stored import stored_field
+from tests.field.stored_field import stored_field
 
 CUBE_MM = 64.0
 THICK_MM = 20.0

@@ -9,7 +9,7 @@ from lmctl.field.deepest import largest_depth
 from lmctl.field.grid import Grid
 from lmctl.field.mesh.mesh_field import mesh_field
 from lmctl.field.primitives import box_distance, sphere_distance, torus_distance
-from lmctl.field.stored import stored_field
+from tests.field.stored_field import stored_field
 
 MIDDLE = np.array([0.31, 0.47, -0.22])
 

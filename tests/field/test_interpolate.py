@@ -17,7 +17,7 @@ from lmctl.field.primitives import (
     sphere_distance,
     torus_distance,
 )
-from lmctl.field.stored import stored_field
+from tests.field.stored_field import stored_field
 
 OFFSETS = [np.zeros(3), np.array([0.13, 0.37, 0.71]), np.array([0.5, 0.5, 0.5])]
 

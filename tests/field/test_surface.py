@@ -13,9 +13,9 @@ import trimesh
 from lmctl.errors import InputError
 from lmctl.field.grid import Grid
 from lmctl.field.primitives import box_distance, sphere_distance
-from lmctl.field.stored import stored_field
 from lmctl.field.surface import iso_surface
 from lmctl.field.surface_files import surface_bytes
+from tests.field.stored_field import stored_field
 
 CENTRE = [0.13, 0.37, 0.71]
 

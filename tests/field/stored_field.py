@@ -1,4 +1,4 @@
-"""A body with an exact distance, stored as a field: what a boolean or a transform starts from."""
+"""A body with an exact distance, stored as a field: what tests of fields measure against."""
 
 from __future__ import annotations
 
