@@ -115,9 +115,10 @@ def _tags(
             face[face == 0] = -1
     away = np.abs(seeds.distance_mm)
     level = np.full(grid.shape, LEVELS - 1, dtype=np.uint8)
-    held = seeds.supported  # what may be in the air must not stand in the way
-    level.reshape(-1)[seeds.nodes[held]] = (
-        away[held] * (LEVELS_PER_PITCH / grid.pitch_mm)
+    held = seeds.supported
+    wall = held | trusting  # else what may be in the air must not stand in the way
+    level.reshape(-1)[seeds.nodes[wall]] = (
+        away[wall] * (LEVELS_PER_PITCH / grid.pitch_mm)
     ).astype(np.uint8)
     # To a 512th of a level, as short numbers are sorted many times faster.
     narrowness = np.iinfo(np.uint16).max - np.minimum(
