@@ -27,6 +27,7 @@ REACH_SPACINGS = 2.2  # a patch speaks for the surface this far from its sample
 SURE_PITCHES = 0.5  # nearer to the surface than this a node's own fit knows its side best
 LEVELS_PER_PITCH = 8
 PROBE_PITCHES = 2.0
+BETWEEN_SPACINGS = 1.1  # with normals there is surface this far around every sample
 LARGEST_SHARE_DISPUTED = 0.05
 
 
@@ -54,7 +55,12 @@ def cloud_field(
     seeds = seed_cloud(owner, samples, sheets, grid)
     if not seeds.supported.any():
         raise _nothing_inside(len(samples.points_mm), grid)
-    tags = _tags(orientation, seeds, grid, trusting=samples.normals is not None)
+    standing = seeds.supported  # what may be in the air must not stand in the way
+    if samples.normals is not None:
+        rows = owner.reshape(-1)[seeds.nodes]
+        off = np.linalg.norm(seeds.surface_mm - samples.points_mm[rows], axis=1)
+        standing = standing | (off < BETWEEN_SPACINGS * samples.spacing_mm[rows])
+    tags = _tags(orientation, seeds, grid, standing)
     good = _on_the_surface(tags, seeds, grid)
     sources = owner  # its memory serves again
     sources.fill(-1)
@@ -91,12 +97,11 @@ def _nothing_inside(count: int, grid: Grid) -> InputError:
 
 
 def _tags(
-    orientation: Orientation, seeds: CloudSeeds, grid: Grid, *, trusting: bool
+    orientation: Orientation, seeds: CloudSeeds, grid: Grid, standing: NDArray[np.bool_]
 ) -> NDArray[np.int8]:
     """(nz, ny, nx) int8, −1 outside, +1 inside: from what is surely deep, towards the seeds.
 
-    trusting : whether normals say where the outside is, so that near samples the fitted surface
-        knows better than the air that comes in between them
+    standing : (m,) bool, seeds by a surface that is surely there
     """
     coarse = orientation.deep_grid
     nearest = [
@@ -115,10 +120,8 @@ def _tags(
             face[face == 0] = -1
     away = np.abs(seeds.distance_mm)
     level = np.full(grid.shape, LEVELS - 1, dtype=np.uint8)
-    held = seeds.supported
-    wall = held | trusting  # else what may be in the air must not stand in the way
-    level.reshape(-1)[seeds.nodes[wall]] = (
-        away[wall] * (LEVELS_PER_PITCH / grid.pitch_mm)
+    level.reshape(-1)[seeds.nodes[standing]] = (
+        away[standing] * (LEVELS_PER_PITCH / grid.pitch_mm)
     ).astype(np.uint8)
     # To a 512th of a level, as short numbers are sorted many times faster.
     narrowness = np.iinfo(np.uint16).max - np.minimum(
@@ -127,9 +130,6 @@ def _tags(
     widest_first = np.argsort(narrowness, kind="stable")
     sides = np.where(seeds.distance_mm > 0.0, 1, -1).astype(np.int8)
     _spread_kernel(level)
-    if trusting:
-        near = tags.reshape(-1)[seeds.nodes]
-        tags.reshape(-1)[seeds.nodes] = np.where(held & (near == 0), sides, near)
     flood(level, tags, seeds.nodes[widest_first], sides[widest_first])
     return tags
 

@@ -67,18 +67,19 @@ def _refuse_thin(
         return ()
     walls = float(np.median(behind[thin])) >= 0.0
     what = f"walls {mm:.2g} mm thick" if walls else f"gaps {mm:.2g} mm wide"
+    compared = f"{'thinner' if mm < apart else 'hardly thicker'} than the samples are apart"
     near = ", ".join(f"{c:.1f}" for c in samples.points_mm[thin][0])
     if thin.mean() > LARGEST_SHARE:
         raise InputError(
-            f"{what} are {'thinner' if mm < apart else 'hardly thicker'} than the samples are "
-            f"apart ({apart:.2g} mm): inside and outside of the cloud cannot be told apart",
+            f"{what} are {compared} ({apart:.2g} mm): inside and outside of the cloud cannot be "
+            "told apart",
             where=f"at {int(thin.sum())} of {len(thin)} samples, the first near {near}",
             hint=f"scan more densely, at most {mm / THINNEST_SPACINGS:.2g} mm apart, "
             "or give a mesh",
         )
     return (
-        f"{what} at {int(thin.sum())} points of the cloud, the first near {near}, are hardly "
-        f"thicker than the samples are apart ({apart:.2g} mm): look at the sections there",
+        f"{what} at {int(thin.sum())} points of the cloud, the first near {near}, are "
+        f"{compared} ({apart:.2g} mm): look at the sections there",
     )
 
 
