@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from lmctl.field.field import Field
+from lmctl.field.store import kept_array
 
 FloatArray = NDArray[np.float64]
 Bounds = tuple[FloatArray, FloatArray]
@@ -33,8 +34,11 @@ def without_specks(field: Field) -> tuple[Field, int]:
     for side, sign in ((inside, -1.0), (~inside, 1.0)):
         specks, found = _small(side)
         if found:
+            if count == 0:
+                values = kept_array(field.values.shape, field.values.dtype)
+                values[:] = field.values
             count += found
-            values = np.where(specks, np.float32(sign) * np.abs(field.values), values)
+            values[specks] = np.float32(sign) * np.abs(values[specks])
     return (replace(field, values=values) if count else field), count
 
 
