@@ -22,9 +22,11 @@ import math
 import selectors
 import time
 from collections.abc import Callable, Coroutine
-from typing import Any, TypeVar
+from concurrent.futures import Executor
+from typing import Any, TypeVar, TypeVarTuple
 
 T = TypeVar("T")
+Ts = TypeVarTuple("Ts")
 
 _Ready = list[tuple[selectors.SelectorKey, int]]
 _Poll = Callable[[float | None], _Ready]
@@ -45,7 +47,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
     def __init__(self, speed: float = math.inf) -> None:
         self._now_s = 0.0
         self._speed = speed
-        self._started_s = time.monotonic()
+        self._started_s = time.monotonic()  # what a finite speed is paced against
         self._thread_jobs = 0
         super().__init__(_JumpingSelector(self._nothing_ready))
         self._land_on(0.0)
@@ -56,8 +58,8 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
     def time(self) -> float:
         return self._now_s
 
-    def run_in_executor(  # type: ignore[override]
-        self, executor: Any, func: Callable[..., T], *args: Any
+    def run_in_executor(
+        self, executor: Executor | None, func: Callable[[*Ts], T], *args: *Ts
     ) -> asyncio.Future[T]:
         future = super().run_in_executor(executor, func, *args)
         self._thread_jobs += 1
@@ -91,7 +93,8 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
                 "the simulation is stuck: every task is waiting, and no byte, timer or thread job "
                 f"is left to wake one (virtual clock at {self._now_s:.6f} s)"
             )
-        # The timer's own value, where now + timeout_s may be a rounding error away from it.
+        # The timer's own value, where now + timeout_s may be a rounding error away from it; asyncio
+        # has no public way to it.
         due_s: float = self._scheduled[0].when()  # type: ignore[attr-defined]
         if self._speed < math.inf:
             return self._wait_in_real_time(due_s, poll)

@@ -38,6 +38,7 @@ def _common(command: Callable[..., None]) -> Callable[..., None]:
 def hold(run: str | None, runs_dir: Path, as_json: bool) -> None:
     """Stop RUN on its path: beam off, position kept. RUN is the only one under way by default."""
     folder, now = _act(run, runs_dir, "hold")
+    # The run is another process, in real time; here is no loop whose clock could be asked.
     deadline_s = time.monotonic() + _HELD_S
     while now["state"] in _NOT_YET_HELD and time.monotonic() < deadline_s:
         time.sleep(_POLL_S)

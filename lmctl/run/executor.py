@@ -185,7 +185,7 @@ class Executor:
         cannot be used; RunFailed after a fault, RunStopped after a stop. A run that has begun
         leaves a sealed journal, whatever ends it.
         """
-        began = time.perf_counter()
+        began = time.perf_counter()  # of the wall: what a dry run took, and nothing waits for it
         with JobReader(self._job_path) as job:
             check_job(job.manifest, self._profile)
             check_program(job, self._profile)

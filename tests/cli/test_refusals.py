@@ -6,6 +6,7 @@ from __future__ import annotations
 import socket
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -144,9 +145,9 @@ def test_output_that_cannot_be_written(refused: Refused, tmp_path: Path) -> None
 
 
 @pytest.fixture
-def job(lmctl: Callable[..., object], tmp_path: Path) -> Path:
+def job(lmctl: Callable[..., Any], tmp_path: Path) -> Path:
     write(tmp_path / "part.toml", BOX)
-    assert lmctl("plan", "part.toml").code == 0  # type: ignore[attr-defined]
+    assert lmctl("plan", "part.toml").code == 0
     return tmp_path / "part.lmj"
 
 
@@ -239,8 +240,8 @@ def test_a_run_that_is_not_there(refused: Refused) -> None:
     refused("log", "run-0007", code=1)
 
 
-def test_words_that_are_no_command(lmctl: Callable[..., object]) -> None:
+def test_words_that_are_no_command(lmctl: Callable[..., Any]) -> None:
     for arguments in (("blend",), ("plan",), ("plan", "a", "b"), ("run", "x.lmj", "--speed", "0")):
         outcome = lmctl(*arguments)
-        assert outcome.code == 2, arguments  # type: ignore[attr-defined]
-        assert "Traceback" not in outcome.talk  # type: ignore[attr-defined]
+        assert outcome.code == 2, arguments
+        assert "Traceback" not in outcome.talk

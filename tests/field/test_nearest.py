@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -43,7 +45,7 @@ def a_lattice(_: np.random.Generator) -> FloatArray:
 @pytest.mark.parametrize(
     "cloud", [lambda rng: sphere(3000, rng), a_dense_clump, dense_lines, two_far_apart, a_lattice]
 )
-def test_neighbours_are_those_of_a_tree(cloud) -> None:  # type: ignore[no-untyped-def]
+def test_neighbours_are_those_of_a_tree(cloud: Callable[[np.random.Generator], FloatArray]) -> None:
     points = cloud(np.random.default_rng(4))
     distance, rows = nearest_neighbours(into_cells(points, 24), 24)
     expected = cKDTree(points).query(points, k=25)[0][:, 1:]

@@ -120,7 +120,7 @@ distances = st.lists(st.floats(-1e5, 1e5), min_size=1, max_size=20).map(np.array
 @settings(max_examples=100)
 @given(mixtures, mixtures, st.floats(-1e4, 1e4), st.floats(1e-3, 1e4), st.floats(1e-3, 1000),
        st.floats(0.01, 100), distances)
-def test_spans_sum_to_one(near, far, start, length, a, k, distance) -> None:  # type: ignore[no-untyped-def]
+def test_spans_sum_to_one(near, far, start, length, a, k, distance):
     found = Span(near, far, (start, start + length), a, k).fractions(distance)
     assert np.abs(found.sum(axis=1) - 1).max() < 1e-6
     assert (found >= 0).all()
@@ -130,7 +130,7 @@ def test_spans_sum_to_one(near, far, start, length, a, k, distance) -> None:  # 
 @example([(1e-197, np.array([0.0, 0.0, 1.0])), (-21.5, np.array([0.5, 0.25, 0.25]))], np.zeros(1))
 @given(st.lists(st.tuples(st.floats(-1e4, 1e4), mixtures), min_size=1, max_size=8,
                 unique_by=lambda row: round(row[0], 3)), distances)
-def test_tables_sum_to_one(rows, distance) -> None:  # type: ignore[no-untyped-def]
+def test_tables_sum_to_one(rows, distance):
     rows.sort(key=lambda row: row[0])
     table = Table(np.array([r[0] for r in rows]), np.stack([r[1] for r in rows]))
     found = table.fractions(distance)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from lmctl.config.bodies import MeshBody
 from lmctl.config.part_rules import parse_part_file
 from lmctl.errors import ConfigError, InputError, LmctlError
 from lmctl.field.plane import loop_area_mm2
@@ -106,7 +107,9 @@ def test_names_that_need_quoting(folder: Folder, making: Any) -> None:
         (where / name).write_bytes(making.stl(making.box((0, 0, 0), (20, 20, 10))))
         part = part_from_model(where / name, units="mm")
         assert list(part.sources) == [name]
-        assert parse_part_file(part.text, name="again").body[0].file == name  # type: ignore[union-attr]
+        body = parse_part_file(part.text, name="again").body[0]
+        assert isinstance(body, MeshBody)
+        assert body.file == name
 
 
 def test_materials_settle_in_order(folder: Folder) -> None:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Hashable, Iterator
+from collections.abc import Iterator
 from functools import cached_property
 
 import numpy as np
@@ -11,10 +10,8 @@ from numpy.typing import NDArray
 
 from lmctl.field.grid import Window
 from lmctl.field.plane import PlaneGrid, section_loops
-from lmctl.part.bodies.body import plane_points
+from lmctl.part.bodies.body import BodyDefaults, plane_points
 from lmctl.part.bodies.depth import greatest
-from lmctl.part.bodies.measured import Bounds
-from lmctl.part.bodies.surfaces import Surface
 
 FloatArray = NDArray[np.float64]
 
@@ -22,52 +19,12 @@ FloatArray = NDArray[np.float64]
 NODES_AT_ONCE = 250_000
 
 
-class Analytic(ABC):
+class Analytic(BodyDefaults):
     """A body whose `at` is exact, or as good as what it is made of."""
-
-    @property
-    @abstractmethod
-    def bounds_mm(self) -> Bounds:
-        """As `Body` has it."""
-
-    @abstractmethod
-    def at(self, points: FloatArray) -> FloatArray:
-        """As `Body` has it."""
-
-    @abstractmethod
-    def inward(self, points: FloatArray) -> FloatArray:
-        """As `Body` has it."""
-
-    @property
-    def box_mm(self) -> Bounds:
-        return self.bounds_mm
-
-    @property
-    def key(self) -> Hashable:
-        return self
 
     @property
     def slack_mm(self) -> float:
         return 0.0
-
-    @property
-    def one_foot(self) -> bool:
-        return False
-
-    @property
-    def exact_bound(self) -> bool:
-        return True
-
-    @property
-    def surfaces(self) -> tuple[tuple[Surface, int], ...]:
-        return ((self, 1),)
-
-    @property
-    def rest(self) -> Surface | None:
-        return None
-
-    def bound(self, points: FloatArray) -> FloatArray:
-        return self.at(points)
 
     @cached_property
     def largest_depth_mm(self) -> float:

@@ -103,20 +103,25 @@ class Body(Protocol):
         """The outline at height z: closed loops (k, 2) float64 [mm], the inside on the left."""
 
 
-class Stored(ABC):
-    """What bodies with a stored field share."""
-
-    one_foot: bool = False
-    exact_bound: bool = True
-
-    @property
-    @abstractmethod
-    def field(self) -> Field:
-        """The field that is stored."""
+class BodyDefaults(ABC):
+    """What most bodies say of themselves alike."""
 
     @property
     @abstractmethod
     def bounds_mm(self) -> Bounds:
+        """As `Body` has it."""
+
+    @property
+    @abstractmethod
+    def slack_mm(self) -> float:
+        """As `Body` has it."""
+
+    @abstractmethod
+    def at(self, points: FloatArray) -> FloatArray:
+        """As `Body` has it."""
+
+    @abstractmethod
+    def inward(self, points: FloatArray) -> FloatArray:
         """As `Body` has it."""
 
     @property
@@ -128,8 +133,12 @@ class Stored(ABC):
         return self
 
     @property
-    def slack_mm(self) -> float:
-        return SLACK_PITCHES * self.field.grid.pitch_mm
+    def one_foot(self) -> bool:
+        return False
+
+    @property
+    def exact_bound(self) -> bool:
+        return True
 
     @property
     def surfaces(self) -> tuple[tuple[Surface, int], ...]:
@@ -139,6 +148,22 @@ class Stored(ABC):
     def rest(self) -> Surface | None:
         return None
 
+    def bound(self, points: FloatArray) -> FloatArray:
+        return self.at(points)
+
+
+class Stored(BodyDefaults):
+    """What bodies with a stored field share."""
+
+    @property
+    @abstractmethod
+    def field(self) -> Field:
+        """The field that is stored."""
+
+    @property
+    def slack_mm(self) -> float:
+        return SLACK_PITCHES * self.field.grid.pitch_mm
+
     @cached_property
     def largest_depth_mm(self) -> float:
         """Refined between the nodes: a body's deepest place is rarely one of them."""
@@ -146,9 +171,6 @@ class Stored(ABC):
 
     def at(self, points: FloatArray) -> FloatArray:
         return sample(self.field, points)
-
-    def bound(self, points: FloatArray) -> FloatArray:
-        return self.at(points)
 
     def feet(self, points: FloatArray) -> FloatArray:
         """Of stored triangles the nearest place on one; of stored points the nearest, or nearer
