@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -46,8 +46,8 @@ def parse_part_file(text: str, *, name: str) -> PartFile:
     except ConfigError as error:
         if not error.findings:  # not TOML at all
             raise
-        findings = [Finding(_TAG.sub(r"\1", f.path), _said(f.reason)) for f in error.findings]
-        findings = [f for f in findings if not _follows_from_others(f, findings)]
+        findings = [f for f in error.findings if not _follows_from_others(f, error.findings)]
+        findings = [Finding(_TAG.sub(r"\1", f.path), _said(f.reason)) for f in findings]
     findings += cross_findings(tomllib.loads(text))
     if findings or part is None:
         count = "1 mistake" if len(findings) == 1 else f"{len(findings)} mistakes"
@@ -55,7 +55,7 @@ def parse_part_file(text: str, *, name: str) -> PartFile:
     return part
 
 
-def _follows_from_others(finding: Finding, findings: list[Finding]) -> bool:
+def _follows_from_others(finding: Finding, findings: Sequence[Finding]) -> bool:
     """Whether a list is only called too short because its items are wrong, each told already."""
     return finding.reason.startswith("Tuple should have at least") and any(
         other.path.startswith(f"{finding.path}[") for other in findings

@@ -130,6 +130,13 @@ def test_a_mistake_is_named_with_its_path(text: str, path: str, words: str) -> N
     assert any(p == path and words in reason for p, reason in findings(text)), findings(text)
 
 
+def test_a_list_is_not_also_called_empty_where_all_its_items_are_wrong() -> None:
+    text = 'name = "p"\n[[material]]\nname = "316L"\n[[body]]\nkind = "sphere"\n'
+    with pytest.raises(ConfigError) as error:
+        parse_part_file(text + "centre_mm = [0, 0, nan]\nradius_mm = -2\n", name="p.toml")
+    assert [f.path for f in error.value.findings] == ["body[1].centre_mm[3]", "body[1].radius_mm"]
+
+
 def test_all_mistakes_at_once_also_across_keys() -> None:
     text = profile('kind = "linear", near = { "316l" = 1 }, far = { "WC-12Co" = 0.5 }') + (
         "[process]\nlayer_height_mm = 0\n[[body]]\nkind = 'mesh'\nfile = 'a.stl'\n"
