@@ -34,7 +34,6 @@ import os
 import random
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -303,5 +302,4 @@ class FarEnd:
 
 
 if __name__ == "__main__":
-    threading.current_thread().name = "streaming"
     main()
