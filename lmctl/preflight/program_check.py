@@ -32,6 +32,8 @@ _X, _Y, _Z, _F, _S, _P, _WORDS = range(7)
 
 # Half of the last decimal, and a little for float32.
 _POSITION_MM, _DWELL_S, _FEED_MM_MIN, _POWER_S = 6e-4, 6e-4, 0.06, 0.06
+# The same of the manifest's totals.
+_LASTING_S, _POWER_W = 1e-6, 0.06
 _OF_FLOAT32 = 1e-6
 # A line may be executed slower than its feed says, but not faster.
 _FASTER, _FASTER_S = 1e-3, 1e-4
@@ -167,10 +169,12 @@ class _Check:
             if (at := _first(moves & outside)) is not None:
                 self._refuse(layer, at, f"it goes to {name.upper()} {ends_mm[at]:.3f} mm, the "
                                         f"manifest says {low[axis]:g} to {high[axis]:g}")
-        for key, values, unit in (("longest_line_s", lasting_s, "s"),
-                                  ("peak_power_W", lines["power_W"], "W")):
+        for key, values, rounded, unit in (
+            ("longest_line_s", lasting_s, _LASTING_S, "s"),
+            ("peak_power_W", lines["power_W"], _POWER_W, "W"),
+        ):
             most = float(totals.get(key, np.inf))
-            over = values > most * (1 + _OF_FLOAT32) + _OF_FLOAT32
+            over = values > most * (1 + _OF_FLOAT32) + rounded
             if (at := _first(over)) is not None:
                 self._refuse(layer, at, f"it has {values[at]:.6g} {unit}, the manifest says "
                                         f"{most:.6g} at most")

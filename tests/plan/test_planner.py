@@ -14,6 +14,7 @@ from lmctl.job.reader import JobReader
 from lmctl.job.schema import LineKind
 from lmctl.plan.planner import plan_job
 from lmctl.preflight.job_check import check_job
+from lmctl.preflight.program_check import check_program
 
 LINE = re.compile(
     r"N(?P<n>\d+) G1 X(?P<x>[-.\d]+) Y(?P<y>[-.\d]+)(?: Z(?P<z>[-.\d]+))?(?: F(?P<f>[.\d]+))?"
@@ -150,6 +151,19 @@ def test_beads_lie_half_a_bead_inside_and_layers_one_height_apart(planned, profi
         assert np.unique(row["z_mm"]) == pytest.approx([layer.z_mm])
         assert np.ptp(row["x_mm"]) == pytest.approx(28, abs=0.02)
         assert (row["x_mm"].min() + row["x_mm"].max()) / 2 == pytest.approx(150, abs=0.02)
+
+
+@pytest.mark.parametrize("height_mm", [0.37, 0.61])
+@pytest.mark.parametrize("fraction", [0.123, 0.4567, 0.71])
+def test_no_digit_of_a_plan_is_one_that_its_run_refuses(
+        tmp_path, make_part, shapes, profile, fraction, height_mm):
+    """Totals are rounded, for people; what is held against them is not."""
+    process = Process(layer_height_mm=height_mm, bead_width_mm=1.37, speed_mm_s=8.3)
+    part = make_part(shapes["small disc"], lambda p: fraction + 0.007 * p[:, 0],
+                     height_mm=2 * height_mm, process=process)
+    plan_job(part, profile, tmp_path / "a.lmj")
+    with JobReader(tmp_path / "a.lmj") as job:
+        check_program(job, profile)
 
 
 def test_a_part_is_put_where_its_file_says(tmp_path, make_part, shapes, profile):
