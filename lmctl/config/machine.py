@@ -7,17 +7,33 @@ from __future__ import annotations
 
 import hashlib
 import json
+import unicodedata
 from pathlib import Path
 from typing import Annotated, Literal, get_args
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from lmctl.config import toml_file
+from lmctl.config.quantities import Coordinate, Length, Name, Vector
 from lmctl.config.toml_file import Model
 
-Positive = Annotated[float, Field(gt=0)]
-NotNegative = Annotated[float, Field(ge=0)]
-Vector = tuple[float, float, float]
+
+def _plain(value: str) -> str:
+    if any(unicodedata.category(character) == "Cc" for character in value):
+        raise ValueError("holds a control character, which a terminal would obey")
+    return value
+
+
+#: What the cell's things are called: on one line, in messages and journals.
+PlainName = Annotated[Name, AfterValidator(_plain)]
+
+#: Wider than any machine; beyond them a figure is in other units, or a slip of the hand.
+Speed = Annotated[float, Field(ge=0.01, le=100_000)]
+Acceleration = Annotated[float, Field(ge=0.1, le=1_000_000)]
+Power = Annotated[float, Field(gt=0, le=1_000_000)]
+Flow = Annotated[float, Field(ge=0, le=10_000)]
+#: What a feeder's registers hold (process.md 1.4).
+GasTime = Annotated[float, Field(ge=0, le=600)]
 
 _ROUNDING_S = 1e-9
 
@@ -25,9 +41,9 @@ _ROUNDING_S = 1e-9
 class Travel(Model):
     """Reachable range of each axis in program coordinates [mm]: (least, greatest)."""
 
-    x: tuple[float, float]
-    y: tuple[float, float]
-    z: tuple[float, float]
+    x: tuple[Coordinate, Coordinate]
+    y: tuple[Coordinate, Coordinate]
+    z: tuple[Coordinate, Coordinate]
 
     @field_validator("x", "y", "z")
     @classmethod
@@ -50,11 +66,11 @@ class Motion(Model):
     endpoint: str
     baud: Annotated[int, Field(ge=1200, le=4_000_000)] = 115_200
     travel_mm: Travel
-    max_speed_mm_s: tuple[Positive, Positive, Positive]
-    acceleration_mm_s2: tuple[Positive, Positive, Positive]
-    junction_deviation_mm: Positive = 0.01
+    max_speed_mm_s: tuple[Speed, Speed, Speed]
+    acceleration_mm_s2: tuple[Acceleration, Acceleration, Acceleration]
+    junction_deviation_mm: Annotated[float, Field(gt=0, le=10)] = 0.01
     planner_blocks: Annotated[int, Field(ge=4, le=1000)] = 15
-    clearance_mm: Positive = 5.0
+    clearance_mm: Length = 5.0
     purge_mm: Vector
     send_horizon_s: Annotated[float, Field(ge=0.1, le=10)] = 1.0
     status_period_s: Annotated[float, Field(ge=0.02, le=1)] = 0.2
@@ -63,7 +79,7 @@ class Motion(Model):
 class Laser(Model):
     """s_max : the controller's $30, the S word that means full power."""
 
-    max_power_W: Positive
+    max_power_W: Power
     s_max: Annotated[int, Field(ge=1, le=65_535)] = 1000
 
 
@@ -74,13 +90,13 @@ class Feeder(Model):
     stabilise_s : powder is called stable no sooner than this after its start (process.md 5.5)
     """
 
-    name: str
+    name: PlainName
     endpoint: str
     device_id: Annotated[int, Field(ge=1, le=247)] = 1
     watchdog_s: Annotated[float, Field(ge=0.1, le=60)] = 2.0
-    gas_preflow_s: NotNegative = 3.0
+    gas_preflow_s: GasTime = 3.0
     stabilise_s: Annotated[float, Field(ge=0, le=600)] = 8.0
-    gas_postflow_s: NotNegative = 10.0
+    gas_postflow_s: GasTime = 10.0
 
 
 class Hopper(Model):
@@ -90,14 +106,14 @@ class Hopper(Model):
     dead_time_s, lag_s : θ and τ from set-point to nozzle (process.md 2.1)
     """
 
-    name: str
-    feeder: str
+    name: PlainName
+    feeder: PlainName
     channel: Annotated[int, Field(ge=1, le=4)] = 1
-    material: str
+    material: PlainName
     dead_time_s: Annotated[float, Field(ge=0, le=60)]
     lag_s: Annotated[float, Field(ge=0, le=60)]
-    min_flow_g_min: NotNegative = 0.0
-    max_flow_g_min: Positive
+    min_flow_g_min: Flow = 0.0
+    max_flow_g_min: Flow
     carrier_L_min: Annotated[float, Field(gt=0, le=100)] = 4.0
 
 
@@ -160,7 +176,7 @@ class Safety(Model):
 class MachineProfile(Model):
     """A whole cell. Raises ConfigError with every mistake at once when read by `load`."""
 
-    name: str
+    name: PlainName
     motion: Motion
     laser: Laser
     feeder: Annotated[tuple[Feeder, ...], Field(min_length=1)]
@@ -171,6 +187,8 @@ class MachineProfile(Model):
     def _consistent(self) -> MachineProfile:
         feeders = [feeder.name for feeder in self.feeder]
         wrong = [f"two feeders are called {n!r}" for n in sorted(_twice(feeders))]
+        devices = [f"{feeder.endpoint}, device {feeder.device_id}" for feeder in self.feeder]
+        wrong += [f"two feeders are the same device: {d}" for d in sorted(_twice(devices))]
         wrong += [
             f"two hoppers are called {n!r}" for n in sorted(_twice([h.name for h in self.hopper]))
         ]

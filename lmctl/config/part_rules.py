@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -46,8 +46,7 @@ def parse_part_file(text: str, *, name: str) -> PartFile:
     except ConfigError as error:
         if not error.findings:  # not TOML at all
             raise
-        findings = [f for f in error.findings if not _follows_from_others(f, error.findings)]
-        findings = [Finding(_TAG.sub(r"\1", f.path), _said(f.reason)) for f in findings]
+        findings = [Finding(_TAG.sub(r"\1", f.path), _said(f.reason)) for f in error.findings]
     findings += cross_findings(tomllib.loads(text))
     if findings or part is None:
         count = "1 mistake" if len(findings) == 1 else f"{len(findings)} mistakes"
@@ -55,19 +54,10 @@ def parse_part_file(text: str, *, name: str) -> PartFile:
     return part
 
 
-def _follows_from_others(finding: Finding, findings: Sequence[Finding]) -> bool:
-    """Whether a list is only called too short because its items are wrong, each told already."""
-    return finding.reason.startswith("Tuple should have at least") and any(
-        other.path.startswith(f"{finding.path}[") for other in findings
-    )
-
-
 def _said(reason: str) -> str:
     """pydantic's words about tagged unions, in the reader's terms."""
     if reason.startswith("Unable to extract tag"):
         return "says no `kind`"
-    if reason.startswith("Tuple should have at least 1 item"):
-        return "at least one is needed"
     found = re.match(r"Input tag '(.*)' found using 'kind' does not match any of .*: (.*)$", reason)
     return f"there is no kind {found[1]!r}; there are {found[2]}" if found else reason
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic_core import ErrorDetails
 
 from lmctl.errors import ConfigError, Finding
 
@@ -22,9 +23,12 @@ _DEEP_KEY = re.compile(r"(?:\.[ \t]*[\w\"'-]{1,200}[ \t]*){30}")
 
 
 class Model(BaseModel):
-    """Base of every configuration model: unknown keys, NaN and infinities are errors."""
+    """Base of every configuration model: unknown keys, NaN and infinities are errors.
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    So is a value of another kind: neither "4" nor true is a number.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
 
 
 M = TypeVar("M", bound=Model)
@@ -83,13 +87,14 @@ def parse(text: str, model: type[M], *, name: str) -> M:
 def check(data: object, model: type[M], *, name: str) -> M:
     """Check plain data against a model; as `parse`, without the TOML."""
     try:
-        return model.model_validate(data)
+        return model.model_validate(_frozen(data))
     except ValidationError as error:
+        mistakes = _first_causes(error.errors(include_url=False))
         findings = [
             Finding(_dotted(item["loc"]), _plain(item["type"], item["msg"]))
-            for item in error.errors(include_url=False)[:_MOST_TOLD]
+            for item in mistakes[:_MOST_TOLD]
         ]
-        number = error.error_count()
+        number = len(mistakes)
         count = "1 mistake" if number == 1 else f"{number:,} mistakes"
         if number > len(findings):
             count += f", of which {len(findings)} are"
@@ -99,6 +104,23 @@ def check(data: object, model: type[M], *, name: str) -> M:
 def load(path: Path, model: type[M]) -> M:
     """Read and check a TOML file. Raises ConfigError."""
     return parse(read_text(path), model, name=str(path))
+
+
+def _frozen(data: object) -> object:
+    """Plain data with its lists as tuples, which is what models hold."""
+    if isinstance(data, dict):
+        return {key: _frozen(value) for key, value in data.items()}
+    return tuple(map(_frozen, data)) if isinstance(data, list) else data
+
+
+def _first_causes(mistakes: list[ErrorDetails]) -> list[ErrorDetails]:
+    """Without lists called too short only because their items are wrong, each told already."""
+    return [
+        item for item in mistakes
+        if item["type"] != "too_short"
+        or not any(len(other["loc"]) > len(item["loc"])
+                   and other["loc"][: len(item["loc"])] == item["loc"] for other in mistakes)
+    ]
 
 
 def _dotted(loc: tuple[int | str, ...]) -> str:
@@ -114,4 +136,6 @@ def _plain(kind: str, message: str) -> str:
         return "there is no such key"
     if kind == "missing":
         return "is missing"
+    if message.startswith("Tuple should have at least 1 item"):
+        return "at least one is needed"
     return message.removeprefix("Value error, ")

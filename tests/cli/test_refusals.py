@@ -218,12 +218,13 @@ def test_a_port_that_is_absent(refused: Refused, job: Path, tmp_path: Path) -> N
 def test_ports_where_nobody_listens_make_one_report(
     refused: Refused, job: Path, tmp_path: Path
 ) -> None:
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
+    with socket.socket() as one, socket.socket() as other:
+        for free in (one, other):
+            free.bind(("127.0.0.1", 0))
+        port, others_port = one.getsockname()[1], other.getsockname()[1]
     deaf = cell_file(tmp_path, **{"127.0.0.1:2323": f"127.0.0.1:{port}",
                                   "127.0.0.1:5021": f"127.0.0.1:{port}",
-                                  "127.0.0.1:5022": f"127.0.0.1:{port}"})
+                                  "127.0.0.1:5022": f"127.0.0.1:{others_port}"})
     said = refused("run", job, "--machine", deaf, code=4)
     assert said.count("error:") == 1
     assert "motion controller" in said

@@ -1,0 +1,109 @@
+"""A machine profile as people write it: what is refused, and in which words."""
+
+from importlib.resources import files
+
+import pytest
+
+from lmctl.config import toml_file
+from lmctl.config.machine import MachineProfile
+from lmctl.errors import ConfigError
+
+TEXT = (files("lmctl.examples") / "cell.toml").read_text(encoding="utf-8")
+
+
+def findings(*changes):
+    text = TEXT
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new, 1)
+    with pytest.raises(ConfigError) as caught:
+        toml_file.parse(text, MachineProfile, name="cell.toml")
+    assert "pydantic" not in str(caught.value)
+    return [(finding.path, finding.reason) for finding in caught.value.findings]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "path"),
+    [
+        ("watchdog_s = 4", 'watchdog_s = "4"', "feeder[1].watchdog_s"),
+        ("watchdog_s = 4", "watchdog_s = true", "feeder[1].watchdog_s"),
+        ("s_max = 1000", 's_max = "1000"', "laser.s_max"),
+        ("s_max = 1000", "s_max = true", "laser.s_max"),
+        ("lag_s = 1.0", 'lag_s = "1.0"', "hopper[1].lag_s"),
+        ("purge_mm = [10, 10, 20]", 'purge_mm = [10, "10", 20]', "motion.purge_mm[2]"),
+        ("purge_mm = [10, 10, 20]", "purge_mm = [10, true, 20]", "motion.purge_mm[2]"),
+        ('material = "316L"', "material = 316", "hopper[1].material"),
+    ],
+)
+def test_a_value_of_another_kind_is_refused_not_read_as_a_number(old, new, path):
+    ((found, reason),) = findings((old, new))
+    assert found == path
+    assert "should be a valid" in reason
+
+
+def test_a_whole_number_is_a_number():
+    profile = toml_file.parse(TEXT, MachineProfile, name="cell.toml")
+    assert profile.feeder[0].watchdog_s == 4.0
+    assert profile.motion.purge_mm == (10.0, 10.0, 20.0)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "path"),
+    [
+        ("max_speed_mm_s = [100, 100, 100]", "max_speed_mm_s = [1e300, 1, 1]",
+         "motion.max_speed_mm_s[1]"),
+        ("acceleration_mm_s2 = [500, 500, 500]", "acceleration_mm_s2 = [5, 1e-300, 5]",
+         "motion.acceleration_mm_s2[2]"),
+        ("z = [0, 200]", "z = [0, 1e308]", "motion.travel_mm.z[2]"),
+        ("junction_deviation_mm = 0.01", "junction_deviation_mm = 1e9",
+         "motion.junction_deviation_mm"),
+        ("clearance_mm = 5", "clearance_mm = 1e200", "motion.clearance_mm"),
+        ("max_power_W = 3000", "max_power_W = 1e300", "laser.max_power_W"),
+        ("max_flow_g_min = 60", "max_flow_g_min = 1e200", "hopper[1].max_flow_g_min"),
+        ("watchdog_s = 4", "gas_preflow_s = 1e300", "feeder[1].gas_preflow_s"),
+        ("watchdog_s = 4", "gas_postflow_s = 7200", "feeder[1].gas_postflow_s"),
+    ],
+)
+def test_figures_that_no_machine_has_are_refused(old, new, path):
+    ((found, reason),) = findings((old, new))
+    assert found == path
+    assert "equal to" in reason
+
+
+def test_two_feeders_that_are_one_device_are_refused():
+    ((path, reason),) = findings(("127.0.0.1:5022", "127.0.0.1:5021"))
+    assert path == ""
+    assert reason == "two feeders are the same device: modbus-tcp://127.0.0.1:5021, device 1"
+
+
+def test_two_devices_may_share_a_line():
+    second = 'endpoint = "modbus-tcp://127.0.0.1:5022"\ndevice_id = 1'
+    assert second in TEXT
+    text = TEXT.replace(second, 'endpoint = "modbus-tcp://127.0.0.1:5021"\ndevice_id = 2')
+    assert len(toml_file.parse(text, MachineProfile, name="cell.toml").feeder) == 2
+
+
+def test_items_that_are_all_wrong_are_not_called_missing_too():
+    found = findings(
+        ("dead_time_s = 3.0", "dead_time_s = -3"), ("dead_time_s = 2.6", "dead_time_s = nan")
+    )
+    assert [path for path, _ in found] == ["hopper[1].dead_time_s", "hopper[2].dead_time_s"]
+
+
+def test_no_item_at_all_is_said_in_plain_words():
+    text = TEXT[: TEXT.index("[[hopper]]")]
+    with pytest.raises(ConfigError) as caught:
+        toml_file.parse(f"hopper = []\n{text}", MachineProfile, name="cell.toml")
+    (finding,) = caught.value.findings
+    assert (finding.path, finding.reason) == ("hopper", "at least one is needed")
+
+
+@pytest.mark.parametrize("name", ["", "A\\u001b[31m", "A\\nB", "x" * 101])
+def test_names_fit_on_a_line_and_command_no_terminal(name):
+    found = findings(('name = "A"', f'name = "{name}"'))
+    assert [path for path, _ in found] == ["hopper[1].name"]
+
+
+def test_names_may_be_in_any_script():
+    text = TEXT.replace('name = "bench cell"', 'name = "Zelle für Grün ☃"')
+    assert toml_file.parse(text, MachineProfile, name="cell.toml").name == "Zelle für Grün ☃"
