@@ -7,7 +7,15 @@ from lmctl.run.interlocks.alarms import Alarm
 from lmctl.run.journal.rundir import RunDir
 from lmctl.run.sequence import CellSequence
 from lmctl.run.state.machine import StateMachine
-from lmctl.run.state.table import State
+from lmctl.run.state.table import Do, State
+
+#: What is not known when the last try to take something off the machine failed.
+_NOT_SEEN = {
+    Do.STOP_MOTION: "beam and motion were not seen to stop: look at the machine",
+    Do.POWDER_OFF: "powder was not seen to stop",
+    Do.GAS_OFF: "gas was not seen to go off",
+    Do.GAS_OFF_NOW: "gas was not seen to go off",
+}
 
 
 def recoverable(machine: StateMachine, sequence: CellSequence) -> bool:
@@ -22,7 +30,7 @@ def recoverable(machine: StateMachine, sequence: CellSequence) -> bool:
 def ending(made: RunDir, machine: StateMachine, sequence: CellSequence) -> Exception:
     """What to raise for a run that did not get done."""
     journal = f"journal: {made.journal}"
-    halted = f"beam off, motion held at {sequence.place}"
+    halted = _halted(machine, sequence)
     going_on = recoverable(machine, sequence)
     hint = (
         f"`lmctl recover {made.run}` goes on from there" if going_on
@@ -30,9 +38,9 @@ def ending(made: RunDir, machine: StateMachine, sequence: CellSequence) -> Excep
     )
     error, first = machine.fault, sequence.alarms.first
     if first is None and machine.state is State.STOPPED:
-        return RunStopped(f"{made.run} was stopped by the operator", where=(halted, journal),
+        return RunStopped(f"{made.run} was stopped by the operator", where=(*halted, journal),
                           hint=hint)
-    if isinstance(error, LmctlError) and not sequence.accepted:
+    if isinstance(error, LmctlError) and not machine.touched:
         error.where = (*error.where, journal)
         return error
     # What came first is the reason; what ended the run may only have followed from it.
@@ -42,8 +50,17 @@ def ending(made: RunDir, machine: StateMachine, sequence: CellSequence) -> Excep
     then = "" if first is None or error is None or str(error) == first.what else str(error)
     kind = RunStopped if machine.state is State.STOPPED else (
         RunBrokenOff if going_on else RunFailed)
-    ended = kind(reason.what, where=(*reason.where, *filter(None, [then]), halted, journal),
+    ended = kind(reason.what, where=(*reason.where, *filter(None, [then]), *halted, journal),
                  hint="; then ".join(filter(None, (reason.hint, hint))))
     ended.__cause__ = error
     return ended
 
+
+def _halted(machine: StateMachine, sequence: CellSequence) -> list[str]:
+    """How the machine was left, as far as that is known."""
+    if not machine.touched:
+        return ["nothing had been switched on or moved"]
+    unknown = [words for do, words in _NOT_SEEN.items() if do in machine.undone]
+    if Do.STOP_MOTION in machine.undone:
+        return list(dict.fromkeys(unknown))
+    return [f"beam off, motion held at {sequence.place}", *dict.fromkeys(unknown)]

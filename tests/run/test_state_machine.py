@@ -267,3 +267,23 @@ def test_asking_twice_is_asking_once():
     assert ended is State.DONE
     assert rig.log.count(Do.FEED_HOLD) == rig.log.count(Do.LEAVE_PART) == 1
     assert rig.faults == []
+
+
+def test_what_was_not_achieved_when_last_tried_is_known():
+    dead = MachineError("link is gone")
+    rig = Rig(fails={Do.STOP_MOTION: dead, Do.GAS_OFF: dead})
+    run(rig, (10.0, lambda: rig.machine.trip(MachineError("first"))))
+    assert rig.machine.undone == {Do.STOP_MOTION, Do.GAS_OFF}
+    rig = Rig(fails={Do.STOP_MOTION: dead})
+    rig.machine.undone.add(Do.POWDER_OFF)
+    run(rig, (10.0, lambda: rig.machine.post(Event.STOP)), (12.0, rig.fails.clear))
+    assert rig.machine.state is State.FAULTED
+    assert rig.machine.undone == set()
+
+
+@pytest.mark.parametrize(("at_s", "touched"), [(0.5, False), (1.5, False), (2.5, True)])
+def test_a_run_that_ends_while_it_only_looks_has_touched_nothing(at_s, touched):
+    rig = Rig()
+    run(rig, (at_s, lambda: rig.machine.trip(MachineError("broken"))))
+    assert rig.machine.state is State.FAULTED
+    assert rig.machine.touched is touched

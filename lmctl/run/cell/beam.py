@@ -75,8 +75,10 @@ class Beam:
             await self._motion.hold()
         except MachineError as error:
             failed(f"{error.what}; reset instead")
-        at_rest()
-        await self._motion.reset()
+        try:
+            at_rest()
+        finally:  # whatever became of that, nothing is left that a cycle start could start
+            await self._motion.reset()
 
     async def rest(self) -> None:
         """See motion at its end, and take the beam's mode away. Raises MachineError."""

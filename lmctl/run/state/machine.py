@@ -37,6 +37,8 @@ class StateMachine:
     halt : beam and motion down, at once; called with what went wrong before anything else
 
     fault : the first reason the run went wrong, or None
+    touched : whether anything may have been switched on or moved
+    undone : effects that were not achieved when last tried
     """
 
     def __init__(
@@ -45,6 +47,8 @@ class StateMachine:
     ) -> None:
         self.state = State.READY
         self.fault: Exception | None = None
+        self.touched = False
+        self.undone: set[Do] = set()
         self._carry_out = carry_out
         self._halt = halt
         self._logbook = logbook
@@ -126,6 +130,7 @@ class StateMachine:
         if not self._knows(event):
             self._note(RuntimeError(f"{event!r} came while the run was {before}"), final=True)
         self.state, effects = step(before, event)
+        self.touched = self.touched or self.state not in (*_UNTOUCHED, *FINAL)
         try:
             self._logbook.state(event, before, self.state)
         except LmctlError as error:
@@ -143,7 +148,9 @@ class StateMachine:
         for do in effects:
             try:
                 await self._carry_out(do)
+                self.undone.discard(do)
             except Exception as error:
+                self.undone.add(do)
                 going_on = GOES_ON_AFTER_INTERLOCK if isinstance(error, Interlock) else GOES_ON
                 if self.state not in going_on:
                     self._effect_failed(error)
