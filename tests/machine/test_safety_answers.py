@@ -7,9 +7,14 @@ import random
 
 import pytest
 
+from firmware_protocol.safety_io import SIO, Status
+from lmctl.config.machine import Safety
+from lmctl.errors import MachineError
+from lmctl.machine.safety.driver import SafetyDriver
 from simulators import virtual_time
 from simulators.faults.edge import Edge
-from tests.machine.safety_cell import PERIOD_S, RELAY, Replayed, driven, now, wires
+from simulators.safety.device import SafetyDevice
+from tests.machine.safety_cell import PERIOD_S, RELAY, Replayed, driven, now, served, wires
 
 
 @wires
@@ -215,5 +220,86 @@ def test_doubled_answers_that_come_late_open_and_close_nothing_wrongly():
             await asyncio.sleep(1.0)
             assert driver.status.door_closed is True
             assert driver.status_age_s <= PERIOD_S + 0.001
+
+    virtual_time.run(main())
+
+
+@wires
+def test_what_opens_and_closes_between_two_answers_is_told(wire):
+    async def main():
+        async with driven(wire=wire) as (driver, device, ears):
+            await driver.reset_relay()
+            await asyncio.sleep(0.52)
+            device.open_door()
+            device.open_door(False)
+            await asyncio.sleep(0.2)
+            ((_, reason),) = ears.faults
+            assert reason == ("something opened and closed again between two answers; "
+                              "what opened first: the door is open")
+            assert all(status.door_closed for status in ears.statuses)
+            await asyncio.sleep(2.0)
+            assert len(ears.faults) == 1
+
+    virtual_time.run(main())
+
+
+def test_what_is_seen_open_is_not_told_as_missed_too_but_another_is():
+    async def main():
+        async with driven() as (driver, device, ears):
+            await driver.reset_relay()
+            await asyncio.sleep(0.52)
+            device.open_door()
+            device.open_estop_chain()
+            await asyncio.sleep(0.5)
+            device.open_door(False)
+            await asyncio.sleep(0.5)
+            device.open_door()
+            await asyncio.sleep(0.5)
+            assert ears.faults == []
+            device.invalidate_analyser()
+            device.invalidate_analyser(False)
+            await asyncio.sleep(0.2)
+            assert len(ears.faults) == 1
+
+    virtual_time.run(main())
+
+
+def test_an_input_that_the_cell_does_not_have_may_open_and_close():
+    async def main():
+        async with driven(fitted=("estop", "door")) as (driver, device, ears):
+            await driver.reset_relay()
+            await asyncio.sleep(0.52)
+            device.invalidate_analyser()
+            device.invalidate_analyser(False)
+            await asyncio.sleep(1.0)
+            assert ears.faults == []
+
+    virtual_time.run(main())
+
+
+def test_a_device_whose_self_test_fails_closes_nothing():
+    class Doubtful(SafetyDevice):
+        well = True
+
+        def read_input(self, address, count):
+            words = super().read_input(address, count)
+            status = SIO.wire_address("STATUS") - address
+            if not self.well and 0 <= status < count:
+                words[status] &= ~Status.SELF_TEST_OK.value
+            return words
+
+    async def main():
+        device = Doubtful(RELAY, now)
+        async with driven(device=device) as (driver, _, ears):
+            await asyncio.sleep(0.55)
+            device.well = False
+            await asyncio.sleep(1.0)
+            ((_, reason),) = ears.faults
+            assert reason.startswith("its self-test failed for 0.")
+            assert driver.status_age_s > 0.9
+        server = await served(device)
+        with pytest.raises(MachineError, match="self-test failed"):
+            await SafetyDriver.open(Safety(endpoint=server.endpoint))
+        await server.close()
 
     virtual_time.run(main())

@@ -10,14 +10,14 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Sequence
 
-from firmware_protocol.safety_io import CYCLE_BLOCK, MIRROR, SIO, Status
+from firmware_protocol.safety_io import ALL_GOOD, CYCLE_BLOCK, MIRROR, SIO, Status, input_code
 from lmctl.config.machine import Safety
 from lmctl.errors import MachineError
 from lmctl.machine.beat import on_beat
 from lmctl.machine.modbus.client import ModbusLink, NoAnswerError, RefusedError
 from lmctl.machine.safety.identity import place
 from lmctl.machine.safety.laser_enable import SETTLE_S, LaserEnable
-from lmctl.machine.safety.status import SafetyListener, SafetyStatus, safety_status
+from lmctl.machine.safety.status import BITS, SafetyListener, SafetyStatus, safety_status
 
 #: Periods without a good answer before the device is given up.
 SILENT_PERIODS = 3
@@ -32,6 +32,10 @@ _HEARTBEAT = SIO.wire_address("HEARTBEAT")
 _BIT_WORDS = 2
 _NEVER_WORSE = (0, Status.LASER_ENABLED.value)
 
+#: What TRIP_COUNT counts the openings of, in the same two words; and where it begins anew.
+_COUNTED = (ALL_GOOD.value, Status.RELAY_CLOSED.value)
+_COUNTS = 65_536
+
 
 class SafetyCycle:
     """Talks over a link that is open, from `start` to `stop`.
@@ -39,9 +43,10 @@ class SafetyCycle:
     status, fault, listener : as SafetyDriver has them
     laser : the laser-enable output, or None
 
-    An answer is *good* when it echoes the heartbeat just written and its time stamp has moved:
-    one that is frozen, or comes from some buffer on the way, is no answer. Such an answer may
-    still make things worse (an input it shows open is open in `status`), never better.
+    An answer is *good* when it echoes the heartbeat just written, its time stamp has moved and the
+    device's self-test has passed: one that is frozen, or comes from some buffer on the way, is no
+    answer. Such an answer may still make things worse (an input it shows open is open in
+    `status`), never better.
     """
 
     def __init__(self, link: ModbusLink, safety: Safety) -> None:
@@ -50,6 +55,9 @@ class SafetyCycle:
         self.fault: MachineError | None = None
         self.laser = LaserEnable() if safety.laser_enable else None
         self._safety = safety
+        self._unfitted = {
+            input_code(bit) for name, bit in BITS.items() if name not in safety.fitted
+        }
         self._link = link
         self._loop = asyncio.get_running_loop()
         self._control = (
@@ -58,6 +66,7 @@ class SafetyCycle:
         self._heartbeat = 0
         self._words: Sequence[int] = ()  # of the last status
         self._good: SafetyStatus | None = None  # the last good answer
+        self._good_words: Sequence[int] = ()  # and its words
         self._why = ("no answer", "check its power and cable")
         self._waiting: list[asyncio.Future[None]] = []
         self._task: asyncio.Task[None] | None = None
@@ -157,16 +166,42 @@ class SafetyCycle:
                 "it answers, but with the same data", "restart it, and any gateway before it"
             )
             self._worse(words)
+        elif not status.self_test_ok:
+            self._why = ("its self-test failed", "see the device's own display")
+            self._worse(words)
         else:
+            before, self._good_words = self._good_words, words
             self._words, self.status, self._good, self.fault = words, status, status, None
             self.listener.on_status(status)
             if last is not None and status.uptime_s < last.uptime_s:
                 self._tell("the device restarted", "check its power supply")
                 if self.laser is not None:
                     self.laser.restarted()
+            elif last is not None:
+                self._look_for_missed(last, before, status, words)
             if self.laser is not None:
                 self._look_at_output(self.laser, status)
             self._tell_waiting()
+
+    def _look_for_missed(
+        self, last: SafetyStatus, before: Sequence[int], status: SafetyStatus, words: Sequence[int]
+    ) -> None:
+        """Tell of what opened and closed again since the last good answer: only counted, not seen.
+
+        What opened first since the last reset is all that the device says of it.
+        """
+        opened = (status.trip_count - last.trip_count) % _COUNTS
+        seen = sum(
+            (old & ~new & mask).bit_count()
+            for old, new, mask in zip(before, words, _COUNTED, strict=False)
+        )
+        first = status.first_out
+        if opened > seen and (first is None or first.code not in self._unfitted):
+            self._tell(
+                "something opened and closed again between two answers"
+                + ("" if first is None else f"; what opened first: {first.text}"),
+                "look at the cell and its wiring; then resume" if first is None else first.hint,
+            )
 
     def _look_at_output(self, laser: LaserEnable, status: SafetyStatus) -> None:
         fault = laser.read_back(status.laser_enabled is True, status.time_s)

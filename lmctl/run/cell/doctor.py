@@ -9,13 +9,14 @@ from typing import Any
 
 from firmware_protocol.codes import alarm_meaning
 from firmware_protocol.pmx import HopperFlags, Mode, Status
-from lmctl.config.machine import Feeder, Hopper, MachineProfile
+from lmctl.config.machine import Feeder, Hopper, MachineProfile, Safety
 from lmctl.errors import LmctlError
 from lmctl.machine.by_hand.look_modbus import FeederLook, look_at_feeder, look_at_safety
 from lmctl.machine.by_hand.look_motion import MotionLook, look_at_motion
 from lmctl.machine.motion.identify import refuse_unfit
 from lmctl.machine.safety.status import SafetyStatus
 from lmctl.run.cell.check import Check, judge_settings
+from lmctl.run.interlocks.rules import RULES, Facts, Finding
 
 #: A heartbeat younger than this is another host's [s].
 _FOREIGN_S = 5.0
@@ -57,8 +58,8 @@ def examine(look: CellLook, profile: MachineProfile) -> dict[str, list[Check]]:
         found[f"feeder {feeder.name}"] = list(
             _feeder(look.feeders[feeder.name], feeder, hoppers, profile)
         )
-    if look.safety is not None:
-        found["safety"] = list(_safety(look.safety))
+    if look.safety is not None and profile.safety is not None:
+        found["safety"] = list(_safety(look.safety, profile.safety))
     return found
 
 
@@ -189,15 +190,29 @@ def _hopper(look: FeederLook, hopper: Hopper) -> Iterator[Check]:
                 f"{high_gas:g}", "correct carrier_L_min in the profile")
 
 
-def _safety(status: SafetyStatus | LmctlError) -> Iterator[Check]:
+def _safety(status: SafetyStatus | LmctlError, limits: Safety) -> Iterator[Check]:
     if isinstance(status, LmctlError):
         yield _unreachable(status)
         return
     yield Check(status.self_test_ok, "self-test " + ("passed" if status.self_test_ok else "failed"),
                 "see the device's own display", dangerous=True)
-    if not status.open_inputs:
-        yield Check(True, "every fitted input is good")
-    for one in status.open_inputs:
-        yield Check(False, one.text, one.hint, dangerous=True)
+    wrong = list(_holding(status, limits))
+    if not wrong:
+        yield Check(True, "every fitted input and every value with a limit is good")
+    for one in wrong:
+        yield Check(False, one.what, one.hint, dangerous=True)
+    oxygen_ppm, warn_ppm = status.oxygen_ppm, limits.oxygen_warn_ppm
+    if oxygen_ppm is not None and warn_ppm is not None and oxygen_ppm > warn_ppm:
+        yield Check(False, f"oxygen is at {oxygen_ppm:g} ppm, a warning from {warn_ppm:g} ppm on",
+                    "purge the chamber")
     if status.first_out is not None:
         yield Check(True, f"what opened first since the last reset: {status.first_out.text}")
+
+
+def _holding(status: SafetyStatus, limits: Safety) -> Iterator[Finding]:
+    """What a run would be refused for. (An open watchdog relay it closes itself.)"""
+    facts = Facts(motion=None, still_s=0.0, motion_age_s=0.0, motion_period_s=1.0, feeders=(),
+                  safety=status, safety_age_s=0.0, limits=limits)
+    for rule in RULES:
+        if rule.of_safety and not rule.latched:
+            yield from rule.look(facts)
