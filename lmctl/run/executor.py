@@ -230,18 +230,19 @@ class Executor:
         operators.start()
         if self._override_percent != 100:
             sequence.set_override(self._override_percent)
-        try:
-            with signals.calling(lambda: machine.wish(Event.STOP)):
+        # To the last record: a third Ctrl-C must not keep the journal from its seal.
+        with signals.calling(lambda: machine.wish(Event.STOP)):
+            try:
                 await machine.run()
-        finally:
-            warnings = (_BEAM_STAYED_OFF,) if sequence.accepted and sequence.beam_off else ()
-            machine_s = loop.time() - start_t
-            sequence.end()
-            await operators.close()
-            recorder.seal(machine.state, lines=sequence.executed, warnings=list(warnings),
-                          recoverable=recoverable(machine, sequence),
-                          position_trusted=sequence.position_trusted)
-            await sequence.close()
+            finally:
+                warnings = (_BEAM_STAYED_OFF,) if sequence.accepted and sequence.beam_off else ()
+                machine_s = loop.time() - start_t
+                sequence.end()
+                await operators.close()
+                recorder.seal(machine.state, lines=sequence.executed, warnings=list(warnings),
+                              recoverable=recoverable(machine, sequence),
+                              position_trusted=sequence.position_trusted)
+                await sequence.close()
         if machine.state is not State.DONE:
             raise ending(made, machine, sequence)
         return RunResult(

@@ -7,6 +7,7 @@ import signal
 import pytest
 
 from lmctl.errors import RunStopped
+from lmctl.run.sequence import CellSequence
 from tests.run.whole.laid import BEAM_OFF_S, acts
 
 
@@ -45,5 +46,26 @@ def test_a_stop_in_a_hold_is_a_stop(run, large_square_job):
     one = run(large_square_job, acts=[
         (3.0, lambda r: r.executor.hold()), (10.0, lambda r: r.executor.stop()),
     ])
+    assert isinstance(one.error, RunStopped)
+    one.check_safe()
+
+
+def test_a_third_ctrl_c_does_not_keep_the_journal_from_its_seal(
+    run, large_square_job, monkeypatch
+):
+    close = CellSequence.close
+
+    async def impatient(sequence):
+        interrupt(sequence)
+        await close(sequence)
+
+    monkeypatch.setattr(CellSequence, "close", impatient)
+    slipped_through = []
+    before = signal.signal(signal.SIGINT, lambda *_: slipped_through.append("SIGINT"))
+    try:
+        one = run(large_square_job, acts=[(3.0, interrupt), (4.0, interrupt)])
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert slipped_through == []
     assert isinstance(one.error, RunStopped)
     one.check_safe()
