@@ -10,6 +10,8 @@ from typing import Any
 
 import click
 
+from lmctl.errors import UsageError
+
 
 def say(text: str = "") -> None:
     """A line of talk, on standard error."""
@@ -24,6 +26,15 @@ def put(text: str = "") -> None:
 def put_json(data: Any) -> None:
     """One JSON value on standard output."""
     click.echo(json.dumps(data, ensure_ascii=False, allow_nan=False))
+
+
+def confirmed(question: str, yes: bool) -> bool:
+    """Whether somebody says yes, or has said so before. Raises UsageError where nobody is there."""
+    if yes:
+        return True
+    if not sys.stdin.isatty():
+        raise UsageError("nobody is there to be asked", hint="--yes, if you are sure")
+    return click.confirm(question, err=True)
 
 
 def clock(seconds: float) -> str:

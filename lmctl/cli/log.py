@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from lmctl.cli.console import put, say
 from lmctl.errors import JournalError, UsageError
+
+if TYPE_CHECKING:
+    from lmctl.report.job_log import JobLog
+    from lmctl.run.journal.file import Verification
 
 
 @click.command()
@@ -28,18 +34,42 @@ def log(run: str, runs_dir: Path, as_json: bool, as_csv: bool, verify_only: bool
     elif as_json:
         _put_journal(journal)
     elif as_csv:
-        from lmctl.report import job_log, job_log_text
+        from lmctl.report import job_log_text
 
-        put(job_log_text.as_csv(job_log.read_job_log(journal)))
+        put(_told(journal, job_log_text.as_csv))
     else:
         put(job_log_as_text(journal))
 
 
 def job_log_as_text(journal: Path) -> str:
     """The log of a journal as text."""
-    from lmctl.report import job_log, job_log_text
+    from lmctl.report import job_log_text
 
-    return job_log_text.as_text(job_log.read_job_log(journal))
+    return _told(journal, job_log_text.as_text)
+
+
+def _told(journal: Path, form: Callable[[JobLog], str]) -> str:
+    """The log of a journal in some form; damage is told on the way. Raises JournalError."""
+    from lmctl.report.job_log import read_job_log
+    from lmctl.run.journal.file import verify
+
+    found = verify(journal)
+    _warn(found)
+    try:
+        return form(read_job_log(journal))
+    except (KeyError, TypeError, ValueError, AttributeError):
+        if found.whole:  # it is what was written, so we do not understand ourselves
+            raise
+        raise JournalError(
+            f"{journal} was damaged or altered, and cannot be told as a log",
+            where=f"line {found.broken_line}: {found.reason}",
+            hint="`lmctl log --json` prints its records as they are",
+        ) from None
+
+
+def _warn(found: Verification) -> None:
+    if found.broken_line is not None:
+        say(f"warning: the journal is broken at line {found.broken_line}: {found.reason}")
 
 
 def find_journal(run: str, runs_dir: Path) -> Path:
@@ -81,8 +111,7 @@ def _put_journal(journal: Path) -> None:
     from lmctl.run.journal.file import read, verify
 
     found = verify(journal)
-    if found.broken_line is not None:
-        say(f"warning: the journal is broken at line {found.broken_line}: {found.reason}")
+    _warn(found)
     head = {"journal": str(journal), "sealed": found.sealed, "whole": found.whole}
     put(json.dumps(head)[:-1] + ', "records": [')
     separator = ""

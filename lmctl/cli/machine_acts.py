@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import re
-import sys
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from lmctl.cli.cell import CellChoice, cell_options, choose_cell
-from lmctl.cli.console import put, say
+from lmctl.cli.console import confirmed, put, say
 from lmctl.config.machine import MachineProfile
 from lmctl.errors import LmctlError, UsageError
 
@@ -246,8 +245,5 @@ def _axes(words: tuple[str, ...]) -> dict[str, float]:
 
 
 def _ask(question: str, yes: bool) -> None:
-    if yes:
-        return
-    if not sys.stdin.isatty():
-        raise UsageError("nobody is there to be asked", hint="--yes, if you are sure")
-    click.confirm(question, abort=True, err=True)
+    if not confirmed(question, yes):
+        raise click.Abort

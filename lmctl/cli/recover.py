@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from lmctl.cli.cell import cell_options, choose_cell
-from lmctl.cli.console import put, put_json, say
+from lmctl.cli.console import confirmed, put, put_json, say
 from lmctl.cli.run import outcome, result_as_json
 from lmctl.config.machine import MachineProfile
 from lmctl.errors import JournalError, MachineError, UsageError
@@ -19,6 +19,13 @@ if TYPE_CHECKING:
     from lmctl.run.executor import Continuation, RunResult
     from lmctl.run.journal.aftermath import Aftermath
     from lmctl.run.journal.recovery import Recovery
+
+#: Of a machine without homing that does not stand where its run ended.
+_TAKEN_AT_ITS_WORD = (
+    "believe where the controller says that it stands, which is not where the run ended: it has no",
+    "homing to prove it. Was it switched off, or moved by hand? Then do not go on, but say first",
+    "where it is: `lmctl machine jog --relative`, then `lmctl machine offset --here`",
+)
 
 
 @click.command()
@@ -68,6 +75,7 @@ async def _prepared(
     from lmctl.cli.machine_acts import journaled, with_motion
     from lmctl.machine.by_hand.controller import motion_at_hand
     from lmctl.machine.by_hand.homing import homing_words, run_home
+    from lmctl.machine.motion.identify import homing_enabled
     from lmctl.run.cell.ownership import owning
     from lmctl.run.executor import Continuation
 
@@ -78,6 +86,8 @@ async def _prepared(
             home = not trusted or _alarmed(motion)
             steps = ["home the machine: its position is not known",
                      *homing_words(motion.settings)] if home else []
+            if after.began and not found.matched and not homing_enabled(motion.settings):
+                steps += _TAKEN_AT_ITS_WORD
     say("\n".join([
         *words,
         "what will be done:",
@@ -85,7 +95,7 @@ async def _prepared(
         "  acknowledge the feeders' alarms; gas and powder on at the purge position, until stable",
         f"  enter the part again up to {OVERLAP_MM:g} mm before that place, and go on to its end",
     ]))
-    if not yes and not click.confirm("go on?", err=True):
+    if not confirmed("go on?", yes):
         raise UsageError("not recovered: nothing has been sent that moves the machine")
     if home:
         await journaled(profile, runs_dir, {"do": "home"},

@@ -198,7 +198,7 @@ def _safety(status: SafetyStatus | LmctlError, limits: Safety) -> Iterator[Check
                 "see the device's own display", dangerous=True)
     wrong = list(_holding(status, limits))
     if not wrong:
-        yield Check(True, "every fitted input and every value with a limit is good")
+        yield Check(True, "every fitted input is good, every value within its limits")
     for one in wrong:
         yield Check(False, one.what, one.hint, dangerous=True)
     oxygen_ppm, warn_ppm = status.oxygen_ppm, limits.oxygen_warn_ppm

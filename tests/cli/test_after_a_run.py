@@ -1,0 +1,63 @@
+"""A run that broke off: what `log` makes of a damaged journal, what `recover` says and asks."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from lmctl.config.machine import load_profile
+from tests.run.conftest import squares, write_job
+
+FAULTS = '[[fault]]\nkind = "hard_limit"\nat_line = 40\n'
+
+
+@pytest.fixture
+def journal(lmctl, tmp_path):
+    """The journal of a run that met a limit switch in its first layer's squares."""
+    assert lmctl("init", ".").code == 0
+    write_job(tmp_path / "part.lmj", load_profile(tmp_path / "cell.toml"), squares())
+    (tmp_path / "faults.toml").write_text(FAULTS)
+    assert lmctl("run", "part.lmj", "--sim", "--faults", "faults.toml").code == 5
+    return tmp_path / "runs/run-0001/journal.jsonl"
+
+
+@pytest.mark.parametrize("line", [
+    '{"x": 1}', '{"t": "soon", "kind": "state"}', '{"t": 1, "kind": "layer", "lines": 3}',
+    '{"t": 1, "kind": "header", "format": "lmctl-journal-1", "hoppers": 3}',
+    '{"t": 1, "kind": "seal", "local": 7}',
+])
+def test_a_journal_added_to_by_hand_is_refused_in_words(journal, refused, lmctl, line):
+    sealed = journal.read_text()
+    journal.write_text(f"{sealed}{line}\n")
+    for form in ([], ["--csv"]):
+        outcome = lmctl("log", "run-0001", *form)
+        assert "there is a line after the seal" in outcome.talk
+        assert "Traceback" not in outcome.talk
+    assert "cannot be told as a log" in refused("log", "run-0001", code=1)
+    records = lmctl("log", "run-0001", "--json").json["records"]
+    assert records[-1] == json.loads(line)
+
+
+def test_figures_of_an_altered_journal_do_not_come_without_a_warning(journal, lmctl):
+    assert lmctl("log", "run-0001", "--csv").talk == ""
+    journal.write_text(journal.read_text().replace('"operator":""', '"operator":"Eve"', 1))
+    for form in ("--csv", "--json"):
+        outcome = lmctl("log", "run-0001", form)
+        assert outcome.code == 0
+        assert "warning: the journal is broken at line 2" in outcome.talk
+
+
+def test_nobody_recovers_without_being_asked(journal, refused, monkeypatch):
+    monkeypatch.setattr("sys.stdin.isatty", lambda: False)
+    talk = refused("recover", "run-0001", "--sim", code=2)
+    assert "nobody is there to be asked" in talk
+
+
+def test_a_machine_without_homing_that_stands_elsewhere_is_said_to_be_believed(journal, lmctl):
+    """A fresh bench stands at its zero, as a controller does that was switched off and on."""
+    recovered = lmctl("recover", "run-0001", "--sim", "--yes")
+    assert "found in state Idle, at X0.000 Y0.000 Z0.000" in recovered.talk
+    assert "believe where the controller says that it stands" in recovered.talk
+    assert "lmctl machine offset --here" in recovered.talk
+    assert recovered.code == 0, recovered.talk
