@@ -12,6 +12,7 @@ import click
 
 from lmctl.cli.cell import CellChoice, cell_options, choose_cell
 from lmctl.cli.console import confirmed, put, say
+from lmctl.cli.numbers import FiniteRange
 from lmctl.config.machine import MachineProfile
 from lmctl.errors import LmctlError, UsageError
 
@@ -45,7 +46,7 @@ def home(
 @click.command(context_settings={"ignore_unknown_options": True})
 @click.argument("words", nargs=-1, required=True, metavar="X10 Y-5 Z2")
 @cell_options
-@click.option("--feed", "feed_mm_min", type=click.FloatRange(1, 100_000), default=600.0,
+@click.option("--feed", "feed_mm_min", type=FiniteRange(1, 100_000), default=600.0,
               show_default=True, help="Speed along the way [mm/min].")
 @click.option("--relative", is_flag=True, help="By so much from where the machine is.")
 def jog(

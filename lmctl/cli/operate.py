@@ -11,6 +11,7 @@ from typing import Any
 import click
 
 from lmctl.cli.console import clock, put, put_json
+from lmctl.cli.numbers import FiniteRange
 
 #: A hold is waited for so long; it takes a tenth of a second on any common machine.
 _HELD_S = 10.0
@@ -85,7 +86,7 @@ def override(percent: int, run: str | None, runs_dir: Path, as_json: bool) -> No
 
 @click.command()
 @_common
-@click.option("--watch", "every_s", type=click.FloatRange(0.1, 3600), metavar="SECONDS",
+@click.option("--watch", "every_s", type=FiniteRange(0.1, 3600), metavar="SECONDS",
               help="Print the status so often, in a line, until the run ends.")
 def status(run: str | None, runs_dir: Path, as_json: bool, every_s: float | None) -> None:
     """Say how RUN stands: state, place, time left, override, alarms with what to do."""

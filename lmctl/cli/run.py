@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from lmctl.cli.console import clock, progress_bar, put, put_json, say
+from lmctl.cli.numbers import FiniteRange
 from lmctl.cli.profiles import profile_or_bench_cell
 from lmctl.config.machine import MachineProfile
 from lmctl.errors import UsageError
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 @click.option("-m", "--machine", type=click.Path(path_type=Path), help="Machine profile to run on.")
 @click.option("--bench", type=click.Path(path_type=Path),
               help="With --sim: the simulated cell's own file [the bench that ships].")
-@click.option("--speed", type=click.FloatRange(min=0, min_open=True),
+@click.option("--speed", type=FiniteRange(min=0, min_open=True),
               help="With --sim: times real time; 1 is real time [as fast as it goes].")
 @click.option("--faults", type=click.Path(path_type=Path),
               help="With --sim: a file of what goes wrong with the simulated cell, and when.")

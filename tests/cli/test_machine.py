@@ -265,7 +265,7 @@ def test_a_machine_at_work_is_left_alone(lmctl, refused, standing, tmp_path) -> 
     (["Q5"], "'Q5' is no axis"), (["X"], "'X' is no axis"), (["X5", "X6"], "X is named twice"),
     (["Xnan"], "'Xnan' is no axis"), (["X1e3"], "'X1e3' is no axis"), (["--fast"], "no axis"),
     (["X5\nM3 S1000"], "no axis"), (["X-1"], "the travel is 0 to 300"),
-    (["X5", "--feed", "9000"], "too fast"),
+    (["X5", "--feed", "9000"], "too fast"), (["X5", "--feed", "nan"], "not a number"),
 ])
 def test_jogs_that_cannot_be_meant(lmctl, words, said) -> None:
     outcome = lmctl("machine", "jog", "--sim", *words)

@@ -43,6 +43,51 @@ def test_a_part_that_is_not_there(refused: Refused, tmp_path: Path) -> None:
     assert left_over(tmp_path) == []
 
 
+def test_all_data_that_cannot_be_used_at_once(refused: Refused, tmp_path: Path) -> None:
+    write(tmp_path / "two.xyz", b"0 0 0\n1 1 1\n")
+    part = write(tmp_path / "part.toml", """
+name = "p"
+combine = "union"
+[[material]]
+name = "316L"
+[[body]]
+kind = "cloud"
+units = "mm"
+file = "two.xyz"
+[[body]]
+kind = "mesh"
+units = "mm"
+file = "gone.stl"
+[[body]]
+kind = "mesh"
+units = "mm"
+file = "gone.stl"
+""")
+    talk = refused("check", part, code=1)
+    assert "2 data files" in talk
+    assert "two.xyz has 2 points" in talk
+    assert "scan the surface more densely" in talk  # what to do about each is not lost
+    assert talk.count("there is no file") == 1  # one file, however many bodies are made of it
+
+
+def test_a_bare_mesh_in_metres_is_told_how_to_say_so_and_can_be_checked(
+    refused: Refused, lmctl: Callable[..., Any], tmp_path: Path
+) -> None:
+    mesh = tmp_path / "metres.stl"
+    trimesh.creation.box([0.02, 0.02, 0.01]).export(mesh)
+    assert "--units" in refused("check", mesh, code=1)
+    outcome = lmctl("check", mesh, "--units", "m")
+    assert outcome.code == 0
+    assert "20.0 × 20.0 × 10.0 mm" in outcome.data
+    part = write(tmp_path / "block.toml", BOX)
+    assert "bare mesh or cloud" in refused("check", part, "--units", "m", code=2)
+
+
+def test_a_part_narrower_than_a_bead_is_found_by_checking(refused: Refused, tmp_path: Path) -> None:
+    part = write(tmp_path / "block.toml", BOX + "[process]\nbead_width_mm = 30\n")
+    assert "nothing as wide as a bead" in refused("check", part, code=1)
+
+
 @pytest.mark.parametrize(
     ("name", "content"),
     [
@@ -237,6 +282,11 @@ def test_a_layer_that_is_not_there(refused: Refused, job: Path) -> None:
     refused("show", job, "-o", "picture.bmp", code=2)
 
 
+def test_a_job_has_no_planes_and_no_units(refused: Refused, job: Path) -> None:
+    assert "-z are for parts" in refused("show", job, "-z", 1, code=2)
+    assert "bare mesh or cloud" in refused("show", job, "--units", "m", code=2)
+
+
 def test_a_run_that_is_not_there(refused: Refused) -> None:
     refused("log", "run-0007", code=1)
 
@@ -246,3 +296,8 @@ def test_words_that_are_no_command(lmctl: Callable[..., Any]) -> None:
         outcome = lmctl(*arguments)
         assert outcome.code == 2, arguments
         assert "Traceback" not in outcome.talk
+
+
+@pytest.mark.parametrize("speed", ["nan", "inf", "-1", "0"])
+def test_a_speed_that_is_none(refused: Refused, job: Path, speed: str) -> None:
+    refused("run", job, "--sim", f"--speed={speed}", code=2, hint=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 
@@ -29,6 +30,13 @@ def test_runs_are_numbered_on_and_hold_their_job(tmp_path, job_file):
     assert rundir.create(runs, job_file).run == "run-0004"  # a number is never given twice
     job_file.unlink()
     assert rundir.find(runs, "run-0001").job.read_bytes() == b"a job"
+
+
+def test_the_job_and_its_folder_outlive_the_power(tmp_path, job_file, monkeypatch):
+    synced = []
+    monkeypatch.setattr("os.fsync", lambda fd: synced.append(os.fstat(fd).st_ino))
+    made = rundir.create(tmp_path / "runs", job_file)
+    assert {made.job.stat().st_ino, (tmp_path / "runs").stat().st_ino} <= set(synced)
 
 
 def test_processes_at_once_get_folders_of_their_own(tmp_path, job_file):

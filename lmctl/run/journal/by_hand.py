@@ -51,11 +51,11 @@ class MachineJournal:
                 if seq == 0:
                     line = encode_record(prev, 0, 0.0, "header",
                                          {"format": FORMAT, "machine": self._name, "local": local})
-                    os.write(fd, line + b"\n")
+                    _write(fd, line + b"\n")
                     prev, seq = line_hash(line), 1
                 t_s = max(0.0, (wall - self._began()).total_seconds())
                 line = encode_record(prev, seq, t_s, kind, {**fields, "local": local})
-                os.write(fd, line + b"\n")
+                _write(fd, line + b"\n")
                 os.fdatasync(fd)
             finally:
                 os.close(fd)
@@ -88,6 +88,12 @@ class MachineJournal:
     def _began(self) -> datetime:
         wall = str(next(read(self.path))["local"]["wall"])
         return datetime.fromisoformat(wall)
+
+
+def _write(fd: int, data: bytes) -> None:
+    """All of it: a disk that is nearly full takes a part first, and says so only at the next."""
+    while data:
+        data = data[os.write(fd, data):]
 
 
 def _plain(name: str) -> str:

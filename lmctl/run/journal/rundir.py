@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 from dataclasses import dataclass
@@ -59,7 +60,8 @@ def create(runs_dir: Path, job: Path) -> RunDir:
     """Make the next free run folder, with a copy of the job in it.
 
     The copy is what the run reads: the job it began with, whatever becomes of the original.
-    Two processes never get the same folder. Raises JobError, JournalError.
+    Both are on the disk when this returns. Two processes never get the same folder. Raises
+    JobError, JournalError.
     """
     number = max((int(name[4:]) for name in names(runs_dir)), default=0) + 1
     while True:
@@ -78,10 +80,22 @@ def create(runs_dir: Path, job: Path) -> RunDir:
     made = RunDir(path)
     try:
         shutil.copyfile(job, made.job)
+        # After a power cut `recover` needs the job as much as the journal.
+        _make_durable(made.job)
+        _make_durable(runs_dir)
     except OSError as error:
         discard(made)
         raise JobError(f"cannot copy the job {job}", where=str(error.strerror)) from None
     return made
+
+
+def _make_durable(path: Path) -> None:
+    """A file's content, or the names in a folder."""
+    fd = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(fd)
+    finally:
+        os.close(fd)
 
 
 def discard(made: RunDir) -> None:

@@ -1,0 +1,43 @@
+"""The journal of what is done to a machine by hand, on a disk that takes less than it is given."""
+
+from __future__ import annotations
+
+import errno
+import os
+
+import pytest
+
+from lmctl.errors import JournalError
+from lmctl.run.journal.by_hand import MachineJournal
+from lmctl.run.journal.file import read, verify
+
+
+def test_a_record_that_the_disk_takes_in_pieces_is_written_whole(tmp_path, monkeypatch):
+    write = os.write
+    monkeypatch.setattr("os.write", lambda fd, data: write(fd, data[:50]))
+    journal = MachineJournal(tmp_path, "cell")
+    journal.append("act", do="home")
+    journal.append("ended", do="home")
+    found = verify(journal.path)
+    assert (found.whole, found.dropped_bytes) == (True, 0)
+    assert [record["kind"] for record in read(journal.path)] == ["header", "act", "ended"]
+
+
+def test_a_full_disk_is_said_before_anything_is_done(tmp_path, monkeypatch):
+    journal = MachineJournal(tmp_path, "cell")
+    journal.append("act", do="home")
+    write, room = os.write, [70]
+
+    def nearly_full(fd, data):
+        if not room[0]:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        taken = write(fd, data[: room[0]])
+        room[0] -= taken
+        return taken
+
+    monkeypatch.setattr("os.write", nearly_full)
+    with pytest.raises(JournalError, match="cannot write"):
+        journal.append("act", do="jog")
+    monkeypatch.setattr("os.write", write)
+    journal.append("act", do="unlock")
+    assert [record.get("do") for record in read(journal.path)] == [None, "home", "unlock"]
