@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.config.bodies import CloudBody, MeshBody
+from lmctl.config.bodies import Body, CloudBody, MeshBody
 from lmctl.config.composition import FaceFeature, SheetFeature
 from lmctl.errors import InputError
 from lmctl.part.bodies.body import without_slivers
@@ -34,6 +35,25 @@ class Data:
         self.sources: dict[str, str] = {}
         self.warnings: list[str] = []
         self.notes: list[str] = []
+
+    def read(self, bodies: Iterable[Body]) -> None:
+        """Read the files of all bodies. Raises InputError: every one that cannot be used."""
+        wrong: dict[tuple[str, str | None], InputError] = {}
+        for body in bodies:
+            if isinstance(body, MeshBody | CloudBody) and (body.file, body.units) not in wrong:
+                try:
+                    self.points(body)
+                except InputError as error:
+                    wrong[body.file, body.units] = error
+        if len(wrong) == 1:
+            raise next(iter(wrong.values()))
+        if wrong:
+            raise InputError(
+                f"{len(wrong)} data files cannot be used",
+                where=[line for e in wrong.values()
+                       for line in (e.what, *(f"  {text}" for text in (*e.where, e.hint) if text))],
+                hint="mend them and check again with `lmctl check`",
+            )
 
     def mesh(self, body: MeshBody) -> Mesh:
         """A closed mesh, mended where it needed to be. Raises InputError."""

@@ -74,6 +74,7 @@ def _build(
     materials = resolve_materials(part)
     data = Data(folder, part.process.bead_width_mm)
     data.warnings += said
+    data.read(part.body)
     tree = Tree(part, data)
     cost = tree.cost()
     cost.check()

@@ -173,3 +173,9 @@ def test_further_columns_that_are_no_normals_are_left_alone(extra: str) -> None:
     assert in_order(cloud)
     assert cloud.normals is None
     assert not any("normals" in note for note in cloud.notes)
+
+
+def test_decimal_commas_are_called_so() -> None:
+    error = refused(rows(";").replace(".", ","), "csv")
+    assert "line 1" in error.what
+    assert "decimal points" in error.hint

@@ -121,7 +121,7 @@ def _from_text(file: DataFile) -> Read:
         raise InputError(f"{file.path} has no points", where="only blank lines and comments")
     delimiter = _delimiter(lines[first])
     names = _split(_bare(lines[first]), delimiter)
-    headed = not _is_number(names[0])
+    headed = not _is_number(names[0].replace(",", "."))  # a decimal comma makes no head
     start = first + 1 if headed else first
     places = _columns(file, names) if headed else (0, 1, 2)
     facing = _normal_columns(names) if headed else ((3, 4, 5) if len(names) >= 6 else ())
@@ -242,9 +242,14 @@ def _bad_line(
         bare = _bare(line)
         cells = _split(bare, delimiter) if bare else []
         if bare and not (len(cells) > max(columns) and all(_is_number(cells[c]) for c in columns)):
-            return InputError(
-                f"{file.path}, line {number}: three numbers are wanted", where=repr(line[:60]),
-                hint="the file is damaged there" if number < len(lines) else
-                "the file is truncated; copy it again",
-            )
+            if delimiter != "," and len(cells) > max(columns) and all(
+                _is_number(cells[c].replace(",", ".")) for c in columns
+            ):
+                hint = "it is written with decimal commas: export it with decimal points"
+            elif number < len(lines):
+                hint = "the file is damaged there"
+            else:
+                hint = "the file is truncated; copy it again"
+            return InputError(f"{file.path}, line {number}: three numbers are wanted",
+                              where=repr(line[:60]), hint=hint)
     return InputError(f"{file.path} cannot be read as columns of numbers")

@@ -54,7 +54,8 @@ def read_data(name: str, folder: Path) -> DataFile:
         data = path.read_bytes()
     except FileNotFoundError:
         raise InputError(
-            f"there is no file {path}", hint="file names are relative to the part file's folder"
+            f"there is no file {path}",
+            hint="check the name; names in a part file are relative to its folder",
         ) from None
     except OSError as error:
         raise InputError(f"cannot read {path}", where=str(error.strerror)) from None

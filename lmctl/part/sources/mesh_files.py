@@ -192,7 +192,8 @@ def _refuse_size(file: DataFile, size_mm: float, units: str) -> None:
     raise InputError(
         f"{file.path} is {size_mm:.4g} mm across when read in {units}",
         where=f"a part is between {SMALLEST_PART_MM:g} mm and {LARGEST_PART_MM / 1000:g} m",
-        hint=f"is it in {' or '.join(fitting)}? say so with `units`" if fitting else
+        hint=f"is it in {' or '.join(fitting)}? say so with `units`, or --units where there is no "
+        "part file" if fitting else
         "scale it in the program it came from",
     )
 
