@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from lmctl.cli.console import put, say
+from lmctl.cli.planning import check_units, units_option
 from lmctl.cli.profiles import profile_or_bench_cell
 from lmctl.config import toml_file
 from lmctl.config.machine import MachineProfile, load_profile
@@ -17,16 +18,18 @@ from lmctl.config.machine import MachineProfile, load_profile
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("-m", "--machine", type=click.Path(path_type=Path),
               help="Profile to check a part or job against [the bench cell].")
-def check(file: Path, machine: Path | None) -> None:
+@units_option
+def check(file: Path, machine: Path | None, units: str | None) -> None:
     """Check FILE: a part file, a bare mesh or cloud, a machine profile, or a job."""
-    if file.suffix == ".lmj":
+    check_units(file, units)
+    if file.suffix.lower() == ".lmj":
         _check_job(file, profile_or_bench_cell(machine))
     elif _is_profile(file):
         profile = load_profile(file)
         put(f"{file}: a machine profile, {len(profile.hopper)} hoppers on "
             f"{len(profile.feeder)} feeders; nothing wrong")
     else:
-        _check_part(file, profile_or_bench_cell(machine))
+        _check_part(file, units, profile_or_bench_cell(machine))
 
 
 def _is_profile(file: Path) -> bool:
@@ -51,14 +54,14 @@ def _check_job(file: Path, profile: MachineProfile) -> None:
             f"{job.manifest.machine}; nothing wrong")
 
 
-def _check_part(file: Path, profile: MachineProfile) -> None:
+def _check_part(file: Path, units: str | None, profile: MachineProfile) -> None:
     from lmctl.cli.planning import open_part
-    from lmctl.preflight.part_check import check_part
+    from lmctl.plan.planner import place_layers
 
-    part = open_part(file)
+    part = open_part(file, units)
     for text in part.warnings:
         say(f"warning: {text}")
-    check_part(part, profile)
+    place_layers(part, profile)
     low, high = part.bounds_mm
     size = " × ".join(f"{b - a:.1f}" for a, b in zip(low, high, strict=True))
     put(f"{file}: {part.name}, {size} mm, {', '.join(m.name for m in part.materials)}; "

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from lmctl.cli.console import put, put_json, say
-from lmctl.cli.planning import open_part, plan_to_file, summary
+from lmctl.cli.planning import open_part, plan_to_file, summary, units_option
 from lmctl.cli.profiles import profile_or_bench_cell
 
 
@@ -18,14 +18,12 @@ from lmctl.cli.profiles import profile_or_bench_cell
     "-m", "--machine", type=click.Path(path_type=Path),
     help="Machine profile to plan for [the bench cell].",
 )
-@click.option(
-    "--units", type=click.Choice(["mm", "cm", "m", "inch"]), help="Units of a bare mesh or cloud."
-)
+@units_option
 @click.option("--json", "as_json", is_flag=True, help="Print the totals as one JSON object.")
 def plan(
     part: Path, output: Path | None, machine: Path | None, units: str | None, as_json: bool
 ) -> None:
-    """Plan PART (a part file, or an STL, PLY, OBJ or XYZ file) into a job file.
+    """Plan PART (a part file, or an STL, PLY, OBJ, OFF, 3MF, XYZ or CSV file) into a job file.
 
     A bare mesh or cloud is planned with defaults, and they are named.
     """

@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import click
+
 from lmctl.cli.console import clock, progress_bar, say
 from lmctl.config.machine import MachineProfile
 from lmctl.errors import UsageError
@@ -14,15 +16,26 @@ if TYPE_CHECKING:
     from lmctl.part.part import Part
 
 
+#: Of the commands that open a part.
+units_option = click.option(
+    "--units", type=click.Choice(["mm", "cm", "m", "inch"]), help="Units of a bare mesh or cloud."
+)
+
+
+def check_units(path: Path, units: str | None) -> None:
+    """Raise UsageError where units are given for a file that is no bare mesh or cloud."""
+    if units is not None and path.suffix.lower() in (".toml", ".lmj"):
+        raise UsageError("--units is for a bare mesh or cloud", where=str(path),
+                         hint="a part file states the units of each of its bodies")
+
+
 def open_part(path: Path, units: str | None = None) -> Part:
     """A part file, or a bare mesh or cloud; says what was taken by default."""
     from lmctl.part.load import load_part, part_from_model
 
+    check_units(path, units)
     if path.suffix.lower() != ".toml":
         part = part_from_model(path, units=units, tell=say)
-    elif units is not None:
-        raise UsageError("--units is for a bare mesh or cloud", where=str(path),
-                         hint="a part file states the units of each of its bodies")
     else:
         part = load_part(path, tell=say)
     for text in part.notes:

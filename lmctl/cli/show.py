@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from lmctl.cli.console import progress_bar, put, say
-from lmctl.cli.planning import open_part
+from lmctl.cli.planning import check_units, open_part, units_option
 from lmctl.errors import UsageError
 
 if TYPE_CHECKING:
@@ -28,14 +28,18 @@ FIELD = ".vti"
 @click.option("-o", "--output", type=click.Path(path_type=Path),
               help="File to write. .png, .svg, .pdf: a picture; .vti: a part's distance and "
               "composition for ParaView; .ply: its surface, coloured; .stl, .3mf: its surface.")
-@click.option("--units", type=click.Choice(["mm", "cm", "m", "inch"]),
-              help="Units of a bare mesh or cloud.")
+@units_option
 def show(
     file: Path, layer: int | None, x_mm: float | None, y_mm: float | None, z_mm: float | None,
     output: Path | None, units: str | None,
 ) -> None:
     """Draw FILE: a layer of a job, or sections of a part's distance and composition."""
+    planes = (x_mm, y_mm, z_mm)
+    check_units(file, units)
     if file.suffix.lower() == ".lmj":
+        if planes != (None, None, None):
+            raise UsageError("-x, -y and -z are for parts", where=str(file),
+                             hint="choose a layer of a job with --layer")
         put(str(_show_job(file, layer, output)))
         return
     if layer is not None:
@@ -46,6 +50,9 @@ def show(
         raise UsageError(f"cannot show a part as {target.suffix or 'a file with no ending'}",
                          where=str(target),
                          hint=f"choose one of {', '.join((*PICTURES, FIELD, *SURFACES))}")
+    if planes != (None, None, None) and target.suffix.lower() not in PICTURES:
+        raise UsageError("-x, -y and -z are for pictures", where=str(target),
+                         hint=f"all of the part goes into a {target.suffix} file; leave them out")
     _check_folder(target)
     part = open_part(file, units)
     for text in part.warnings:
@@ -63,7 +70,7 @@ def show(
         else:
             from lmctl.report.part_picture import draw_part
 
-            draw_part(part, (x_mm, y_mm, z_mm), target)
+            draw_part(part, planes, target)
     except OSError as error:
         raise UsageError(f"cannot write {target}", where=str(error.strerror)) from None
     put(str(target))

@@ -35,7 +35,7 @@ def plan_job(
     Raises PlanError where the part cannot be planned as asked, JobError where the file cannot be
     written.
     """
-    placement = _layers_with_tracks(part, check_part(part, profile))
+    placement = place_layers(part, profile)
     planner = LayerPlanner(part, profile, placement)
     with JobWriter(out) as job:
         for layer in range(placement.n_layers):
@@ -47,11 +47,15 @@ def plan_job(
         return job.finish(manifest, part.text)
 
 
-def _layers_with_tracks(part: Part, placement: Placement) -> Placement:
-    """Without the layers at the bottom and at the top where nothing is as wide as a bead.
+def place_layers(part: Part, profile: MachineProfile) -> Placement:
+    """Where the layers of a part lie, all that can be laid.
 
-    A part that the part file does not place is set down by what is left out below it.
+    Layers at the bottom and at the top where nothing is as wide as a bead are left out; a part that
+    the part file does not place is set down by what is left out below it.
+    Raises PlanError: what `check_part` finds, or nothing as wide as a bead in any layer.
     """
+    placement = check_part(part, profile)
+
     def has_tracks(layer: int) -> bool:
         return bool(tracks_of(part.section(placement.cut_mm(layer)), part.process))
 

@@ -70,3 +70,4 @@ def test_what_is_refused(refused: Callable[..., str], ball: Path) -> None:
     assert "as .gif" in refused("show", ball, "-o", "x.gif", code=2)
     assert "no folder" in refused("show", ball, "-o", "gone/x.png", code=2)
     assert "--layer is for jobs" in refused("show", ball, "-l", 3, code=2)
+    assert "are for pictures" in refused("show", ball, "-z", 1, "-o", "x.vti", code=2)
