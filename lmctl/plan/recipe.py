@@ -131,13 +131,14 @@ class Recipe:
         row, column = np.unravel_index(int(worst), ratio.shape)
         hopper = self.hoppers[column]
         speed = float(self.speed(fractions[row]))
+        # a little beyond the bound, so that three digits of it are on the right side
+        enough = speed / ratio[row, column] * (0.99 if change == "lower" else 1.01)
         raise PlanError(
             f"hopper {hopper.name} ({hopper.material}) would have to deliver "
-            f"{flow[row, column] * 60:.2g} g/min; it delivers {bound} {limit_g_s[column] * 60:g}",
+            f"{flow[row, column] * 60:.4g} g/min; it delivers {bound} {limit_g_s[column] * 60:g}",
             where=(where, f"{fractions[row, column]:.0%} {hopper.material} at {speed:.3g} mm/s, "
                    f"pitch {self.pitch_mm:.3g} mm, layer height {self.layer_height_mm:g} mm"),
-            hint=f"{change} speed_mm_s to {speed / ratio[row, column]:.3g} or beyond, or the layer "
-                 "height in proportion",
+            hint=f"{change} speed_mm_s to {bound} {enough:.3g}, or the layer height in proportion",
         )
 
 

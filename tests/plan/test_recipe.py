@@ -1,5 +1,6 @@
 """From volume fractions to mass flows, within what hoppers can meter."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -67,6 +68,18 @@ def test_too_much_for_a_hopper_says_what_to_do(materials, profile):
     assert "at most 60" in text
     assert "layer 3" in text
     assert "lower speed_mm_s" in text
+
+
+def test_the_speed_a_hint_gives_is_one_the_hopper_can_follow(materials, profile):
+    """As told in three digits, in both directions."""
+    for height, share in ((4.0, 1.0), (3.7, 0.9), (0.03, 0.0), (0.031, 1.0)):
+        process = Process(layer_height_mm=height)
+        with pytest.raises(PlanError) as caught:
+            make_recipe(materials, process, profile).check_deliverable(mixes(share), "layer 1")
+        said = re.search(r"speed_mm_s to at (?:most|least) ([\d.]+),", caught.value.hint)
+        assert said, caught.value.hint
+        told = tuple(replace(m, speed_mm_s=float(said[1])) for m in materials)
+        make_recipe(told, process, profile).check_deliverable(mixes(share), "layer 1")
 
 
 def test_too_little_of_a_pure_powder_says_what_to_do(materials, profile):
