@@ -183,3 +183,32 @@ def test_normals_that_were_never_oriented_do_not_make_a_thick_part_thin():
     field = cloud_field(points, grid, normals * rng.choice([-1.0, 1.0], len(normals))[:, None])
     np.testing.assert_array_equal(field.values, plain.values)
     assert any("not used" in remark for remark in field.remarks)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_right_normals_of_samples_denser_than_the_grid_are_believed(seed):
+    """A block turned in its grid: both sides of its faces lie near samples at most nodes."""
+    points, normals = plate(14.0, seed=seed)
+    turn = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))[0]
+    points, normals = points @ turn.T, normals @ turn.T
+    grid = Grid.around(points.min(axis=0), points.max(axis=0), 1.9)
+    field = cloud_field(points, grid, normals)
+    assert field.remarks == ()
+    true = box_distance(grid.window().points() @ turn, [0, 0, 0], [*ACROSS, 14.0])
+    assert not (((field.values.reshape(-1) > 0) != (true > 0)) & (np.abs(true) > 0.8)).any()
+
+
+def test_a_pointed_cone_is_not_thin_for_its_rim():
+    """Its rim is of 54 degrees: a tenth of the samples have the other face within a spacing."""
+    rng = np.random.default_rng(6)
+    radius, high = 4.5, 6.2
+    u, turn = np.sqrt(rng.random(5000)), rng.uniform(0, 2 * np.pi, 5000)
+    round_, flat = np.stack([np.cos(turn), np.sin(turn)], axis=1), slice(0, 1850)
+    points = np.column_stack([radius * u[:, None] * round_, high * (1 - u)])
+    normals = np.column_stack([high * round_, np.full(5000, radius)]) / np.hypot(radius, high)
+    points[flat, 2] = 0.0
+    normals[flat] = (0.0, 0.0, -1.0)
+    field = cloud_field(points, Grid.around(points.min(axis=0), points.max(axis=0), 0.45), normals)
+    assert not any("thin" in remark for remark in field.remarks)
+    assert field.values.max() == pytest.approx(
+        radius * high / (radius + np.hypot(radius, high)), abs=0.1)

@@ -9,7 +9,7 @@ FloatArray = NDArray[np.float64]
 
 FITTING = 0.5  # cosine of the angle between a normal and its patch's; less says nothing of a side
 FEWEST_FITTING = 0.7  # share of the samples
-TOLD_LEVELS = 2  # by which the ways out on both sides differ where the outside is known
+TOLD_LEVELS = 2  # by which the way out is wider than through any gap where the outside is known
 FEWEST_TOLD = 0.05  # share of the samples
 AGREEING = 0.75  # share, of those where the outside is known, that have to point there; air comes
 # in through the gaps of a thin wall, too, so that not all will
@@ -20,16 +20,19 @@ class NormalsUnfitError(Exception):
 
 
 def facing_out(
-    normals: FloatArray, patch_normals: FloatArray, sides: NDArray[np.uint8]
+    normals: FloatArray, patch_normals: FloatArray, sides: NDArray[np.uint8], gap: int
 ) -> tuple[NDArray[np.int8], tuple[str, ...]]:
     """On which side of each patch the outside is, by normals that were checked.
 
     A file's normals may all point inwards, or any way at all, as fitted ones do that were never
     oriented. The air that comes in from the box's faces tells: on nearly all samples where one
-    side lies wider open than the other, that must be the side the normals point to.
+    side lies wider open than any gap in the surface, that must be the side the normals point to.
+    (Right at the surface all nodes are near a sample: there both sides lie as narrow as a gap, and
+    which is the wider is chance.)
 
     normals : (n, 3) float64 of length 1 or 0; patch_normals : (n, 3)
     sides : (n, 2) uint8, how open it is where the patch's normal points, and where it does not
+    gap : how open the inside is at most, where it is reached through gaps between samples
     returns : (n,) int8, 1 where the patch's normal points outwards, −1 inwards, 0 not known;
         remarks
     raises : NormalsUnfitError
@@ -43,7 +46,7 @@ def facing_out(
         )
     facing = np.where(fitting, np.sign(along), 0.0).astype(np.int8)
     opener = sides[:, 0].astype(np.int16) - sides[:, 1]
-    told = fitting & (np.abs(opener) >= TOLD_LEVELS)
+    told = fitting & (sides.max(axis=1) >= gap + TOLD_LEVELS) & (opener != 0)
     if told.mean() < FEWEST_TOLD:
         raise NormalsUnfitError("the normals of the cloud could not be checked: they were not used")
     right = facing * opener > 0

@@ -33,6 +33,7 @@ OFF_SURFACE = 2  # levels: nearer to a sample than this a node's side is for its
 # Samples strewn at random leave empty circles of up to 2.2 spacings among 10⁵ of them: what is
 # wider is an opening.
 WIDEST_GAP_SPACINGS = 3.0
+WIDEST_GAP_LEVELS = WIDEST_GAP_SPACINGS * LEVELS_PER_SPACING
 WELL_CLEAR_SPACINGS = 5.0  # no place of the way out is told from another that is wider than this
 
 
@@ -84,14 +85,16 @@ def orient(samples: Samples, patches: Patches, pitch_mm: float) -> Orientation:
     sides = np.zeros((len(relative), 2), dtype=np.uint8)
     _sides_kernel(way, sources, relative, patches.normal, sides)
     narrow, wide = sides.min(axis=1), sides.max(axis=1)
+    floating = narrow > WIDEST_GAP_LEVELS
     facing = np.zeros(len(sides), dtype=np.int8)
     remarks: list[str] = []
     if samples.normals is not None:
-        facing, said = facing_of_thick(samples, samples.normals, patches, sides)
+        gap = int(narrow[~floating].max(initial=0))
+        facing, said = facing_of_thick(samples, samples.normals, patches, sides, gap)
         remarks += said
         within = np.where(facing > 0, sides[:, 1], sides[:, 0])
         narrow = np.where(facing == 0, narrow, within)
-    floating = narrow > WIDEST_GAP_SPACINGS * LEVELS_PER_SPACING
+        floating = narrow > WIDEST_GAP_LEVELS
     _refuse_open(floating, narrow, typical)
     if floating.any():
         remarks.append(f"{int(floating.sum())} points with air all around were dropped as outliers")

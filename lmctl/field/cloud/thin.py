@@ -14,7 +14,8 @@ from lmctl.field.kernel import kernel
 
 FloatArray = NDArray[np.float64]
 
-OPPOSITE = -0.5  # cosine of the angle between normals; more is an edge, not another face
+OPPOSITE = -0.8  # cosine of the angle between normals; more is an edge (of 37° and blunter), which
+# is thin along a strip only, not another face
 THINNEST_SPACINGS = 1.1  # thinner than this, patches of one face reach past the other
 ACROSS_SPACINGS = 1.5  # farther aside than this a sample does not face another
 ONE_FACE_SPACINGS = 0.2  # by noise and bend samples of one face are this far off each other's
@@ -23,16 +24,16 @@ MOST_STRAY = 0.2  # share of normals unlike those around them; more say nothing 
 
 
 def facing_of_thick(
-    samples: Samples, normals: FloatArray, patches: Patches, sides: NDArray[np.uint8]
+    samples: Samples, normals: FloatArray, patches: Patches, sides: NDArray[np.uint8], gap: int
 ) -> tuple[NDArray[np.int8], tuple[str, ...]]:
     """As `facing_out`, without strays, for a cloud whose walls are thicker than its spacing.
 
-    normals, sides, returns : as there
+    normals, sides, gap, returns : as there
     raises : InputError where faces lie nearer to each other; NormalsUnfitError
     """
     why = None
     try:
-        facing, said = facing_out(normals, patches.normal, sides)
+        facing, said = facing_out(normals, patches.normal, sides, gap)
     except NormalsUnfitError as error:
         why, said = error, ()
         along = np.einsum("nc,nc->n", normals, patches.normal)
@@ -41,23 +42,28 @@ def facing_of_thick(
     facing[stray] = 0
     if why is not None and np.mean(facing == 0) > MOST_STRAY:
         raise why
-    said += _refuse_thin(samples, patches.normal * facing[:, None], checked=why is None)
+    way = facing * np.sign(np.einsum("nc,nc->n", normals, patches.normal))
+    said += _refuse_thin(
+        samples, patches.normal * facing[:, None], normals * way[:, None], checked=why is None)
     if why is not None:  # and not because no air comes in between faces near each other
         raise why
     return facing, said
 
 
 def _refuse_thin(
-    samples: Samples, outward: FloatArray, *, checked: bool = True
+    samples: Samples, outward: FloatArray, given: FloatArray, *, checked: bool = True
 ) -> tuple[str, ...]:
     """Look for samples with another face right behind them, or right before.
 
-    outward : (n, 3) float64 of length 1; 0 where they are not known
+    outward, given : (n, 3) float64 of length 1, of patches and of the file; 0 where they are not
+        known. Patches at an edge are fitted around it, and a file's may be tilted any way: an
+        opposite face is one by both
     checked : whether they are known to be right; else opposite ones on one face may just be wrong
     returns : a remark where some are, too few to refuse the cloud
     raises : InputError where walls, or gaps between walls, are thinner than the spacing
     """
-    behind = _behind_kernel(samples.points_mm, outward, samples.neighbours, samples.spacing_mm)
+    behind = _behind_kernel(
+        samples.points_mm, outward, given, samples.neighbours, samples.spacing_mm)
     thin = np.isfinite(behind)
     if not thin.any():
         return ()
@@ -85,7 +91,8 @@ def _refuse_thin(
 
 @kernel
 def _behind_kernel(
-    points: FloatArray, outward: FloatArray, near: NDArray[np.int32], spacing: FloatArray
+    points: FloatArray, outward: FloatArray, given: FloatArray, near: NDArray[np.int32],
+    spacing: FloatArray,
 ) -> FloatArray:
     """How far behind each sample the nearest opposite one is; negative before it; inf for none."""
     behind = np.full(len(points), np.inf)
@@ -94,6 +101,11 @@ def _behind_kernel(
         for m in range(near.shape[1]):
             r = near[n, m]
             if x * outward[r, 0] + y * outward[r, 1] + z * outward[r, 2] >= OPPOSITE:
+                continue
+            same = 0.0
+            for c in range(3):
+                same += given[n, c] * given[r, c]
+            if same >= OPPOSITE:
                 continue
             dx, dy = points[r, 0] - points[n, 0], points[r, 1] - points[n, 1]
             dz = points[r, 2] - points[n, 2]
