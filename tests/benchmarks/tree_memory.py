@@ -58,7 +58,7 @@ def peak_mb() -> float:
 
 def main(arguments: list[str]) -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--planes", type=int, default=CELLS)
+    parser.add_argument("--planes", type=int)
     planes = parser.parse_args(arguments).planes
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "twelve.toml"
@@ -69,7 +69,8 @@ def main(arguments: list[str]) -> None:
     loaded_mb = peak_mb()
     start = time.process_time()
     slabs = part.grid.slabs(SLAB_PLANES)
-    chosen = np.unique(np.linspace(0, len(slabs) - 1, -(-planes // SLAB_PLANES)).astype(int))
+    count = len(slabs) if planes is None else -(-planes // SLAB_PLANES)
+    chosen = np.unique(np.linspace(0, len(slabs) - 1, count).astype(int))
     done, deepest = 0, -np.inf
     for number in chosen:
         values = part.distance(slabs[number])
