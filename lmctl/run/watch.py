@@ -96,11 +96,21 @@ class Watch:
         if at_mm != self._last_mm or report.state != "Run" or not self._deposition().should_move:
             self._last_mm, self._moved_t = at_mm, self._loop.time()
         self._look()
-        # Not before it stands: a controller that runs into a limit slows down first, too.
-        if report.state == "Hold" and report.held and not self._held():
+        if not self._held():
+            self._stands_held(report)
+        self._cell.reported()
+
+    def _stands_held(self, report: StatusReport) -> None:
+        """Somebody at the machine has held it, for however short a time: it would wait for ever.
+
+        Not before it stands: a controller that runs into a limit slows down first, too.
+        """
+        if report.state == "Hold" and report.held:
             self._raise(Interlock("panel hold", "feed hold was pressed at the machine",
                                   hint="resume when it may go on"))
-        self._cell.reported()
+        elif report.state == "Door" and report.substate == 0:
+            self._raise(Interlock("door", "the safety door was opened, and is closed again",
+                                  hint="look at the part, then resume"))
 
     def _line_rejected(self, tag: int, code: int) -> None:
         meaning = error_meaning(code, self._cell.motion.identity.dialect)

@@ -152,3 +152,19 @@ def test_an_opened_door_holds_the_run_until_it_is_closed(run, large_square_job):
     assert "door is open" in refused[0]
     one.check_safe()
     check_all_is_laid(one, whole)
+
+
+@pytest.mark.parametrize("open_s", [0.003, 0.03, 0.2, 0.45])
+def test_a_door_that_is_closed_again_at_once_holds_the_run_too(run, large_square_job, open_s):
+    """Its controller then waits for a cycle start, beam off, while powder would run for ever."""
+    one = run(large_square_job, acts=[
+        (3.0, lambda r: r.bench.motion.set_door(True)),
+        (3.0 + open_s, lambda r: r.bench.motion.set_door(False)),
+        (12.0, lambda r: r.executor.resume()),
+    ])
+    assert one.result.state == "done"
+    one.check_safe()
+    assert one.entered_s("holding") < one.started_s + 3.0 + open_s + 0.5
+    (alarm,) = one.records("alarm")
+    assert "door" in alarm["what"]
+    check_all_is_laid(one, run(large_square_job))
