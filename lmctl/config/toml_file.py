@@ -35,7 +35,7 @@ M = TypeVar("M", bound=Model)
 
 
 def read_text(path: Path) -> str:
-    """The UTF-8 text of a configuration file.
+    """The UTF-8 text of a configuration file, without the byte-order mark that Windows editors put.
 
     Raises ConfigError where the file is missing, unreadable, huge, or not text.
     """
@@ -53,13 +53,13 @@ def read_text(path: Path) -> str:
         if len(data) > LARGEST_FILE_BYTES:
             raise ConfigError(f"{path} is too large for a configuration file",
                               where=f"at most {LARGEST_FILE_BYTES:,} bytes are read")
-        return data.decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
+        return data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
     except FileNotFoundError:
         raise ConfigError(f"there is no file {path}", hint="check the name") from None
     except UnicodeDecodeError as error:
         raise ConfigError(
             f"{path} is not text", where=f"byte {error.start} is not UTF-8",
-            hint="a TOML file is expected here",
+            hint="a TOML file is expected here, saved as UTF-8",
         ) from None
     except OSError as error:
         raise ConfigError(f"cannot read {path}", where=str(error.strerror)) from None

@@ -41,6 +41,14 @@ def test_least_part_file() -> None:
     assert part.process.bead_width_mm == 2.0
 
 
+def test_a_file_as_windows_editors_save_it(tmp_path: Path) -> None:
+    (tmp_path / "part.toml").write_bytes(
+        b"\xef\xbb\xbf" + (ONE_MATERIAL + BOX).replace("\n", "\r\n").encode())
+    part, text = load_part_file(tmp_path / "part.toml")
+    assert part.name == "p"
+    assert text == ONE_MATERIAL + BOX
+
+
 @pytest.mark.parametrize(
     "text",
     [

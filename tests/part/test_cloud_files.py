@@ -47,7 +47,6 @@ def in_order(cloud: Cloud) -> bool:
         (rows(","), "csv"),
         (rows(", "), "csv"),
         (rows(";"), "csv"),
-        ("\ufeff" + rows(","), "csv"),
         ("# a scan\n\n" + rows() + "\n\n", "xyz"),
         ("x,y,z\n" + rows(","), "csv"),
         ('"X [mm]";"Y [mm]";"Z [mm]"\n' + rows(";"), "csv"),

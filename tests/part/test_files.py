@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import codecs
 import hashlib
 import os
 from pathlib import Path
 
 import pytest
+import trimesh
 
 from lmctl.errors import InputError
+from lmctl.part.faces import grouped_corners
+from lmctl.part.sources.cloud_files import read_cloud
 from lmctl.part.sources.files import LARGEST_DATA_BYTES, read_data
+from lmctl.part.sources.mesh_files import read_mesh
 
 
 def test_a_file_is_read_and_hashed(tmp_path: Path) -> None:
@@ -18,6 +23,42 @@ def test_a_file_is_read_and_hashed(tmp_path: Path) -> None:
     file = read_data("sub/a.STL", tmp_path)
     assert (file.data, file.suffix) == (b"abc", "stl")
     assert file.sha256 == hashlib.sha256(b"abc").hexdigest()
+
+
+BOX = trimesh.creation.box(extents=(30.0, 22.0, 16.0))
+
+
+def marked(folder: Path, name: str, data: bytes) -> Path:
+    """A file as Windows editors save text."""
+    (folder / name).write_bytes(codecs.BOM_UTF8 + data)
+    return folder
+
+
+@pytest.mark.parametrize("suffix", ["stl_ascii", "obj", "off", "ply"])
+def test_a_mesh_as_text_may_begin_with_a_byte_order_mark(tmp_path: Path, suffix: str) -> None:
+    kind = suffix.partition("_")[0]
+    text = BOX.export(file_type=suffix, **({"encoding": "ascii"} if kind == "ply" else {}))
+    data = text.encode() if isinstance(text, str) else text
+    name = f"box.{kind}"
+    file = read_data(name, marked(tmp_path, name, data))
+    assert file.sha256 == hashlib.sha256(codecs.BOM_UTF8 + data).hexdigest()
+    mesh = read_mesh(file, "mm")
+    assert len(mesh.triangles) == 12
+    assert abs(mesh.vertices[mesh.triangles] - BOX.triangles).max() < 1e-6
+
+
+def test_points_and_faces_of_text_with_a_byte_order_mark_are_all_there(tmp_path: Path) -> None:
+    rows = "\n".join(f"{i},{i % 11},{i % 7}" for i in range(100))
+    cloud = read_cloud(read_data("a.csv", marked(tmp_path, "a.csv", rows.encode())), "mm")
+    assert len(cloud.points) == 100
+    corners = b"v 0 0 0\nv 1 0 0\nv 0 1 0\ng lid\nf 1 2 3\n"
+    file = read_data("a.obj", marked(tmp_path, "a.obj", corners))
+    assert grouped_corners(file, "lid", "mm").tolist() == [[[0, 0, 0], [1, 0, 0], [0, 1, 0]]]
+
+
+def test_a_binary_stl_that_begins_with_those_bytes_keeps_them(tmp_path: Path) -> None:
+    data = BOX.export(file_type="stl")[3:]
+    assert read_data("a.stl", marked(tmp_path, "a.stl", data)).data == codecs.BOM_UTF8 + data
 
 
 def test_absolute_paths_are_allowed_because_they_are_seen(tmp_path: Path) -> None:

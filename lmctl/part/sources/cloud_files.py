@@ -190,7 +190,7 @@ def _text(file: DataFile) -> str:
     try:
         if b"\0" in file.data:
             raise UnicodeDecodeError("utf-8", b"", 0, 1, "NUL")
-        return file.data.decode("utf-8-sig")
+        return file.data.decode("utf-8")
     except UnicodeDecodeError:
         raise InputError(
             f"{file.path} is not text",

@@ -6,6 +6,7 @@ path that its reader can see; it may not walk out of its folder with `..` or a l
 
 from __future__ import annotations
 
+import codecs
 import hashlib
 import stat
 from dataclasses import dataclass
@@ -19,7 +20,11 @@ LARGEST_DATA_BYTES = 400_000_000
 
 @dataclass(frozen=True)
 class DataFile:
-    """A data file, read once: what is parsed is what was hashed."""
+    """A data file, read once: what is parsed is what was hashed.
+
+    data : its bytes, without the byte-order mark that Windows editors put before text
+    sha256 : of the file as it is
+    """
 
     path: Path
     data: bytes
@@ -59,7 +64,13 @@ def read_data(name: str, folder: Path) -> DataFile:
         ) from None
     except OSError as error:
         raise InputError(f"cannot read {path}", where=str(error.strerror)) from None
-    return DataFile(path, data, hashlib.sha256(data).hexdigest())
+    return DataFile(path, _unmarked(data), hashlib.sha256(data).hexdigest())
+
+
+def _unmarked(data: bytes) -> bytes:
+    """Text without its byte-order mark; a binary STL may begin with any bytes, and keeps them."""
+    text = data.removeprefix(codecs.BOM_UTF8)
+    return data if b"\0" in text[:84] else text
 
 
 def _resolve(name: str, folder: Path) -> Path:
