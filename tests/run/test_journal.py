@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from lmctl.errors import JournalError
-from lmctl.run.journal.file import fingerprint, read, verify
+from lmctl.run.journal.file import OtherFormat, fingerprint, read, verify
 from lmctl.run.journal.writer import Journal, is_owned
 
 LOCAL = {"wall": "2026-01-01T00:00:00Z", "run": "run-0001", "pid": 4711}
@@ -26,6 +26,15 @@ def write(path, n=4, *, local=LOCAL, seal=True, flow=2.449):
         if seal:
             journal.seal(n * 0.1, state="done")
     return path
+
+
+def unharmed(path):
+    """Whether nothing shows that a journal was damaged."""
+    try:
+        result = verify(path)
+    except OtherFormat:  # it was the digit of the format that was hit
+        return False
+    return result.sealed and result.whole
 
 
 def test_what_is_written_is_read_back_in_order(tmp_path):
@@ -68,8 +77,7 @@ def test_every_changed_byte_of_a_sealed_journal_is_found(tmp_path):
             altered = bytearray(sound)
             altered[position] ^= flip
             path.write_bytes(altered)
-            result = verify(path)
-            assert not (result.sealed and result.whole), (position, flip)
+            assert not unharmed(path), (position, flip)
 
 
 def test_every_removed_and_added_byte_of_a_sealed_journal_is_found(tmp_path):
@@ -82,8 +90,7 @@ def test_every_removed_and_added_byte_of_a_sealed_journal_is_found(tmp_path):
             if altered == sound:
                 continue
             path.write_bytes(altered)
-            result = verify(path)
-            assert not (result.sealed and result.whole), (position, altered)
+            assert not unharmed(path), (position, altered)
 
 
 @settings(max_examples=150, deadline=None,
@@ -101,8 +108,7 @@ def test_damage_to_a_large_journal_is_found(tmp_path, data):
     instead = data.draw(st.binary(max_size=300))
     altered = sound[:at] + instead + sound[at + length:]
     path.write_bytes(altered)
-    result = verify(path)
-    assert (result.sealed and result.whole) == (altered == sound)
+    assert unharmed(path) == (altered == sound)
 
 
 def test_records_exchanged_or_left_out_are_found(tmp_path):
@@ -200,6 +206,16 @@ def test_what_is_no_journal_is_refused(tmp_path, content):
         list(read(path))
     result = verify(path)
     assert result.broken_line == 1
+
+
+@pytest.mark.parametrize("look", [verify, lambda path: list(read(path))])
+def test_a_journal_of_another_format_is_not_called_damaged_or_something_else(tmp_path, look):
+    path = tmp_path / "j"
+    path.write_text('{"seq":0,"format":"lmctl-journal-2","software":"lmctl 3.1"}\n{"later":1}\n')
+    with pytest.raises(JournalError, match="is a journal of format 2") as refused:
+        look(path)
+    assert refused.value.where == ("lmctl 3.1 wrote it; this lmctl reads format 1",)
+    assert "the lmctl that wrote it" in refused.value.hint
 
 
 def test_a_line_without_end_is_refused_before_it_fills_memory(tmp_path):

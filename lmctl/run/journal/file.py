@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +24,8 @@ from typing import Any, BinaryIO
 from lmctl.errors import JournalError
 
 #: What a journal calls itself, in its first record; a reader refuses any other version.
-FORMAT = "lmctl-journal-1"
+FORMAT_VERSION = 1
+FORMAT = f"lmctl-journal-{FORMAT_VERSION}"
 
 FIRST_PREV = "0" * 64
 
@@ -33,6 +35,21 @@ LONGEST_LINE_BYTES = 1_000_000
 _ENCODE = json.JSONEncoder(separators=(",", ":"), allow_nan=False).encode
 _LISTS = "`lmctl jobs` lists runs"
 _SEAL_MARK = b',"sha256":"'
+_ANY_FORMAT = re.compile(r"lmctl-journal-([0-9]{1,9})")
+
+
+class OtherFormat(JournalError):  # noqa: N818 (it is what the journal is of)
+    """A journal of another version than this software reads, whose rules it does not know."""
+
+    def __init__(self, path: Path, version: int, software: object) -> None:
+        told = isinstance(software, str) and software.isprintable()
+        by = f"{str(software)[:60]} wrote it; " if told else ""
+        super().__init__(
+            f"{path} is a journal of format {version}",
+            where=f"{by}this lmctl reads format {FORMAT_VERSION}",
+            hint="read it with the lmctl that wrote it, or a later one that still reads it",
+        )
+        self.version = version
 
 
 def line_hash(line: bytes) -> str:
@@ -80,13 +97,15 @@ def verify(path: Path) -> Verification:
 
     Any byte changed, added or removed in a sealed journal makes it broken or unsealed.
     A line that was altered shows in the line after it, which is the one reported. Raises
-    JournalError where the file is missing or cannot be read.
+    JournalError where the file is missing, cannot be read, or is of another version.
     """
     prev, seq, sealed, dropped = FIRST_PREV, 0, False, 0
     for line, finished in _lines(path):
         if not finished:
             dropped = len(line)
             break
+        if seq == 0:
+            _check_version(path, _parse(line))
         if sealed:
             reason = "there is a line after the seal"
         else:
@@ -103,12 +122,15 @@ def read(path: Path) -> Iterator[dict[str, Any]]:
     """Every record of a journal in order, one in memory at a time.
 
     A half-written last line is left out; `verify` tells of it, and of broken hashes, which
-    reading does not check. Raises JournalError where the file is missing or no journal.
+    reading does not check. Raises JournalError where the file is missing, no journal, or one of
+    another version.
     """
     for number, (line, finished) in enumerate(_lines(path), start=1):
         if not finished:
             return
         record = _parse(line)
+        if number == 1:
+            _check_version(path, record)
         if record is None or (number == 1 and record.get("format") != FORMAT):
             raise JournalError(f"{path} is not a run journal", where=f"line {number}")
         yield record
@@ -144,6 +166,13 @@ def fingerprint(path: Path) -> str:
         record.pop("sha256", None)
         digest.update(_ENCODE(record).encode("ascii") + b"\n")
     return digest.hexdigest()
+
+
+def _check_version(path: Path, header: dict[str, Any] | None) -> None:
+    """Raises OtherFormat where a first record is the header of another version's journal."""
+    told = _ANY_FORMAT.fullmatch(str((header or {}).get("format")))
+    if told and int(told[1]) != FORMAT_VERSION:
+        raise OtherFormat(path, int(told[1]), (header or {}).get("software"))
 
 
 def _check_line(line: bytes, prev: str, seq: int) -> tuple[str, bool]:

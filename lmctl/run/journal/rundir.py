@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from lmctl.errors import JobError, JournalError
-from lmctl.run.journal.file import last_record, read
+from lmctl.run.journal.file import OtherFormat, last_record, read
 from lmctl.run.journal.writer import is_owned
 from lmctl.run.state.table import State
 
@@ -132,6 +132,8 @@ def summary(run: RunDir) -> RunSummary:
         owned = is_owned(run.journal)
         header = next(read(run.journal), {})
         end = last_record(run.journal) or {}
+    except OtherFormat as error:
+        return RunSummary(run.run, f"format {error.version}", "", "", "", None, None)
     except (JournalError, OSError):
         return RunSummary(run.run, "no journal", "", "", "", None, None)
     sealed = end.get("kind") == "seal"
