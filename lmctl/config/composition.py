@@ -273,7 +273,14 @@ class Composition(Model):
     power: Annotated[float, Field(gt=0, le=20)] = 1.0
 
 
+def features_of(composition: Composition) -> list[Feature]:
+    """Everything a composition measures to."""
+    return [composition.feature, *(part.feature for part in composition.blend)]
+
+
 def measured_from(composition: Composition) -> set[str]:
     """Names of the bodies whose surfaces or faces a composition's features are."""
-    features = [composition.feature, *(part.feature for part in composition.blend)]
-    return {f.of for f in features if isinstance(f, FaceFeature | SurfaceFeature) and f.of}
+    return {
+        f.of for f in features_of(composition)
+        if isinstance(f, FaceFeature | SurfaceFeature) and f.of
+    }

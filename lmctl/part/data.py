@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.config.bodies import Body, CloudBody, MeshBody
-from lmctl.config.composition import FaceFeature, SheetFeature
+from lmctl.config.bodies import CloudBody, MeshBody
+from lmctl.config.composition import FaceFeature, SheetFeature, features_of
+from lmctl.config.part_file import PartFile
 from lmctl.errors import InputError
 from lmctl.part.bodies.body import without_slivers
 from lmctl.part.faces import grouped_corners, patch_around
@@ -32,19 +33,23 @@ class Data:
         self._bead_mm = bead_mm
         self._meshes: dict[tuple[str, str | None], Mesh] = {}
         self._clouds: dict[tuple[str, str], Cloud] = {}
+        self._sheets: dict[SheetFeature, FloatArray] = {}
         self.sources: dict[str, str] = {}
         self.warnings: list[str] = []
         self.notes: list[str] = []
 
-    def read(self, bodies: Iterable[Body]) -> None:
-        """Read the files of all bodies. Raises InputError: every one that cannot be used."""
-        wrong: dict[tuple[str, str | None], InputError] = {}
-        for body in bodies:
-            if isinstance(body, MeshBody | CloudBody) and (body.file, body.units) not in wrong:
-                try:
-                    self.points(body)
-                except InputError as error:
-                    wrong[body.file, body.units] = error
+    def read(self, part: PartFile) -> None:
+        """Read all files a part names. Raises InputError: every one that cannot be used."""
+        wrong: dict[str, InputError] = {}
+        items = {(item.kind, item.file, item.units): item for item in _filed(part)}
+        for item in items.values():
+            try:
+                if isinstance(item, SheetFeature):
+                    self.sheet(item)
+                else:
+                    self.points(item)
+            except InputError as error:
+                wrong[error.render()] = error  # of one file that is not there, however it is used
         if len(wrong) == 1:
             raise next(iter(wrong.values()))
         if wrong:
@@ -78,11 +83,14 @@ class Data:
 
     def sheet(self, feature: SheetFeature) -> FloatArray:
         """Triangles (m, 3, 3) float64 [mm] of a surface that need not close. Raises InputError."""
-        mesh = read_mesh(self._file(feature.file), feature.units)
-        corners = without_slivers(mesh.vertices[mesh.triangles])
-        if len(corners) == 0:
-            raise InputError(f"{feature.file} has no triangle with an area", hint="export it again")
-        return corners
+        if feature not in self._sheets:
+            mesh = read_mesh(self._file(feature.file), feature.units)
+            corners = without_slivers(mesh.vertices[mesh.triangles])
+            if len(corners) == 0:
+                raise InputError(f"{feature.file} has no triangle with an area",
+                                 hint="export it again")
+            self._sheets[feature] = corners
+        return self._sheets[feature]
 
     def face(self, body: MeshBody, feature: FaceFeature) -> FloatArray:
         """Triangles (m, 3, 3) float64 [mm] of one face of a mesh. Raises InputError."""
@@ -95,3 +103,13 @@ class Data:
         file = read_data(name, self._folder)
         self.sources[name] = file.sha256
         return file
+
+
+def _filed(part: PartFile) -> Iterator[MeshBody | CloudBody | SheetFeature]:
+    """What of a part is in files, in the part file's order."""
+    for body in part.body:
+        if isinstance(body, MeshBody | CloudBody):
+            yield body
+    for holder in (part, *part.body):
+        if holder.composition is not None:
+            yield from (f for f in features_of(holder.composition) if isinstance(f, SheetFeature))

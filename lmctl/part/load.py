@@ -74,7 +74,7 @@ def _build(
     materials = resolve_materials(part)
     data = Data(folder, part.process.bead_width_mm)
     data.warnings += said
-    data.read(part.body)
+    data.read(part)
     tree = Tree(part, data)
     cost = tree.cost()
     cost.check()

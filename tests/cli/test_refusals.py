@@ -70,6 +70,35 @@ file = "gone.stl"
     assert talk.count("there is no file") == 1  # one file, however many bodies are made of it
 
 
+def test_the_file_of_a_sheet_is_missed_together_with_the_bodies(
+    refused: Refused, tmp_path: Path
+) -> None:
+    mixtures = 'near = { "316L" = 1 }, far = { IN625 = 1 }, over_mm = [0, 5]'
+    part = write(tmp_path / "part.toml", f"""
+name = "p"
+[[material]]
+name = "316L"
+[[material]]
+name = "IN625"
+[[body]]
+kind = "mesh"
+units = "mm"
+file = "gone.stl"
+[[composition.blend]]
+weight = 0.5
+feature = {{ kind = "sheet", file = "face.stl", units = "mm" }}
+profile = {{ kind = "linear", {mixtures} }}
+[[composition.blend]]
+weight = 0.5
+feature = {{ kind = "sheet", file = "gone.stl", units = "mm" }}
+profile = {{ kind = "linear", {mixtures} }}
+""")
+    talk = refused("check", part, code=1)
+    assert "2 data files cannot be used" in talk
+    assert talk.count("gone.stl") == 1  # one file, however it is used
+    assert "there is no file" in talk.partition("face.stl")[0].splitlines()[-1]
+
+
 def test_a_bare_mesh_in_metres_is_told_how_to_say_so_and_can_be_checked(
     refused: Refused, lmctl: Callable[..., Any], tmp_path: Path
 ) -> None:
