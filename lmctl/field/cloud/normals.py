@@ -62,3 +62,15 @@ def facing_out(
         )
     facing[told & ~right] = 0  # what the others say there is better
     return facing, remarks
+
+
+def outward(
+    normals: FloatArray, patch_normals: FloatArray, facing: NDArray[np.int8]
+) -> FloatArray:
+    """The file's normals where they are believed, turned outwards; 0 elsewhere.
+
+    facing : (n,) int8, on which side of each patch the outside is; returns : (n, 3) float64
+    """
+    way = facing * np.sign(np.einsum("nc,nc->n", normals, patch_normals))
+    turned: FloatArray = normals * way[:, None]
+    return turned

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from lmctl.errors import InputError
 from lmctl.field.cloud.agreement import spread_sides
+from lmctl.field.cloud.normals import outward
 from lmctl.field.cloud.patches import Patches
 from lmctl.field.cloud.samples import LARGEST_SHARE_DROPPED, Samples
 from lmctl.field.cloud.thin import facing_of_thick
@@ -123,7 +124,10 @@ def orient(samples: Samples, patches: Patches, pitch_mm: float) -> Orientation:
     told: NDArray[np.int8] | None = None
     if samples.normals is not None:
         told = np.zeros(grid.shape, dtype=np.int8)
-        _by_normals_kernel(clear, sources, relative, patches.normal, facing, told)
+        out = outward(samples.normals, patches.normal, facing)
+        _by_normals_kernel(clear, sources, relative, patches.normal, out, facing, told)
+        # Off a sharp edge a place in the open may lie behind one face, as air comes to it freely.
+        told[(told > 0) & (way == clear) & (clear >= LEVELS_PER_SPACING)] = 0
         # The inside between two samples may be reached by a wider way than that right below one.
         gap = max(gap, int(way[told > 0].max(initial=0)))
     deep = np.where(way > gap, -1, np.where(clear > 1.5 * gap, 1, 0)).astype(np.int8)
@@ -244,9 +248,12 @@ def _widen_kernel(
 @kernel
 def _by_normals_kernel(
     clear: NDArray[np.uint8], sources: Sources, points: FloatArray, normal: FloatArray,
-    facing: NDArray[np.int8], told: NDArray[np.int8],
+    out: FloatArray, facing: NDArray[np.int8], told: NDArray[np.int8],
 ) -> None:
-    """The side of nodes right above or below a sample, in `told`."""
+    """The side of nodes right above or below a sample, in `told`.
+
+    By its patch's normal and by its own: at a sharp edge a patch is fitted around it.
+    """
     nz, ny, nx = clear.shape
     for k in range(nz):
         for j in range(ny):
@@ -255,9 +262,12 @@ def _by_normals_kernel(
                 if n < 0 or facing[n] == 0 or clear[k, j, i] < OFF_SURFACE:
                     continue
                 x, y, z = i - points[n, 0], j - points[n, 1], k - points[n, 2]
+                off2 = x * x + y * y + z * z
                 along = x * normal[n, 0] + y * normal[n, 1] + z * normal[n, 2]
-                if along * along > 0.64 * (x * x + y * y + z * z):
-                    told[k, j, i] = -facing[n] if along > 0.0 else facing[n]
+                along *= facing[n]
+                beyond = x * out[n, 0] + y * out[n, 1] + z * out[n, 2]
+                if along * along > 0.64 * off2 and along * beyond > 0.4 * off2:
+                    told[k, j, i] = -1 if along > 0.0 else 1
 
 
 @kernel

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from lmctl.errors import InputError
 from lmctl.field.cloud.agreement import votes_around
-from lmctl.field.cloud.normals import FITTING, NormalsUnfitError, facing_out
+from lmctl.field.cloud.normals import FITTING, NormalsUnfitError, facing_out, outward
 from lmctl.field.cloud.patches import Patches
 from lmctl.field.cloud.samples import Samples
 from lmctl.field.kernel import kernel
@@ -42,20 +42,20 @@ def facing_of_thick(
     facing[stray] = 0
     if why is not None and np.mean(facing == 0) > MOST_STRAY:
         raise why
-    way = facing * np.sign(np.einsum("nc,nc->n", normals, patches.normal))
     said += _refuse_thin(
-        samples, patches.normal * facing[:, None], normals * way[:, None], checked=why is None)
+        samples, patches.normal * facing[:, None], outward(normals, patches.normal, facing),
+        checked=why is None)
     if why is not None:  # and not because no air comes in between faces near each other
         raise why
     return facing, said
 
 
 def _refuse_thin(
-    samples: Samples, outward: FloatArray, given: FloatArray, *, checked: bool = True
+    samples: Samples, fitted: FloatArray, given: FloatArray, *, checked: bool = True
 ) -> tuple[str, ...]:
     """Look for samples with another face right behind them, or right before.
 
-    outward, given : (n, 3) float64 of length 1, of patches and of the file; 0 where they are not
+    fitted, given : (n, 3) float64 of length 1, outwards, of patches and of the file; 0 where not
         known. Patches at an edge are fitted around it, and a file's may be tilted any way: an
         opposite face is one by both
     checked : whether they are known to be right; else opposite ones on one face may just be wrong
@@ -63,7 +63,7 @@ def _refuse_thin(
     raises : InputError where walls, or gaps between walls, are thinner than the spacing
     """
     behind = _behind_kernel(
-        samples.points_mm, outward, given, samples.neighbours, samples.spacing_mm)
+        samples.points_mm, fitted, given, samples.neighbours, samples.spacing_mm)
     thin = np.isfinite(behind)
     if not thin.any():
         return ()
@@ -91,16 +91,16 @@ def _refuse_thin(
 
 @kernel
 def _behind_kernel(
-    points: FloatArray, outward: FloatArray, given: FloatArray, near: NDArray[np.int32],
+    points: FloatArray, fitted: FloatArray, given: FloatArray, near: NDArray[np.int32],
     spacing: FloatArray,
 ) -> FloatArray:
     """How far behind each sample the nearest opposite one is; negative before it; inf for none."""
     behind = np.full(len(points), np.inf)
     for n in range(len(points)):
-        x, y, z = outward[n, 0], outward[n, 1], outward[n, 2]
+        x, y, z = fitted[n, 0], fitted[n, 1], fitted[n, 2]
         for m in range(near.shape[1]):
             r = near[n, m]
-            if x * outward[r, 0] + y * outward[r, 1] + z * outward[r, 2] >= OPPOSITE:
+            if x * fitted[r, 0] + y * fitted[r, 1] + z * fitted[r, 2] >= OPPOSITE:
                 continue
             same = 0.0
             for c in range(3):
