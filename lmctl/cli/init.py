@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
 import click
@@ -38,7 +39,8 @@ def init(folder: Path, template: str, listed: bool, force: bool) -> None:
     for path in write_template(template, folder):
         put(str(path))
     part = folder / f"{template}.toml"
-    put(f"hint: lmctl plan {part} --machine {folder / 'cell.toml'}")
+    words = ["lmctl", "plan", str(part), "--machine", str(folder / "cell.toml")]
+    put(f"hint: {shlex.join(words)}")
 
 
 def make_folder(folder: Path) -> None:

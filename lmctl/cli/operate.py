@@ -48,7 +48,8 @@ def hold(run: str | None, runs_dir: Path, as_json: bool) -> None:
         _put_status(now)
     elif now["state"] == "held":
         put(f"{now['run']} is held at {now['place']}: beam off, position kept")
-        put(f"hint: `lmctl resume {now['run']}` purges the hose and goes on; `lmctl stop` ends it")
+        put(f"hint: `{_command('resume', folder)}` purges the hose and goes on; "
+            f"`{_command('stop', folder)}` ends it")
     else:
         put(f"{now['run']} was told to hold and is {now['state']}")
         _put_alarms(now)
@@ -58,9 +59,9 @@ def hold(run: str | None, runs_dir: Path, as_json: bool) -> None:
 @_common
 def resume(run: str | None, runs_dir: Path, as_json: bool) -> None:
     """End a hold of RUN: powder first, and the beam returns once the hose is purged."""
-    _, now = _act(run, runs_dir, "resume")
+    folder, now = _act(run, runs_dir, "resume")
     _say(now, as_json, "resumes: powder first, then motion and beam",
-         "`lmctl status` shows when it deposits again")
+         f"`{_command('status', folder)}` shows when it deposits again")
 
 
 @click.command()
@@ -109,7 +110,7 @@ def status(run: str | None, runs_dir: Path, as_json: bool, every_s: float | None
             put_json(asdict(ended))
         else:
             put(f"{ended.run} is not under way: {ended.state}")
-            put(f"hint: `lmctl log {ended.run}` shows how far it came")
+            put(f"hint: `{_command('log', folder)}` shows how far it came")
         return
     if as_json:
         _put_status(now)
@@ -169,6 +170,12 @@ def _ask(folder: Path, do: str) -> dict[str, Any]:
     from lmctl.run.control import client as control_client
 
     return control_client.ask(folder, do)
+
+
+def _command(do: str, folder: Path) -> str:
+    from lmctl.run.journal.rundir import RunDir
+
+    return RunDir(folder).command(do)
 
 
 def _say(now: dict[str, Any], as_json: bool, what: str, hint: str) -> None:

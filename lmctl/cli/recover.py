@@ -52,7 +52,8 @@ def recover(
     after = aftermath(made)
     if later := continued_by(made):
         raise JournalError(f"{run} has been continued by {later}",
-                           hint=f"`lmctl recover {later}` goes on from where that one came")
+                           hint=f"`{rundir.command('recover', runs_dir, later)}` goes on from "
+                                "where that one came")
 
     async def act(profile: MachineProfile) -> RunResult:
         from lmctl.run.executor import Executor

@@ -103,10 +103,12 @@ def result_as_json(result: RunResult) -> dict[str, object]:
 
 def outcome(result: RunResult) -> str:
     """A finished run in a few lines, for people."""
+    from lmctl.run.journal.rundir import RunDir
+
     faster = f", {result.machine_s / result.wall_s:.0f} × real time" if result.wall_s else ""
     return "\n".join([
         f"{result.run}: {result.state}, {result.lines} lines in {clock(result.machine_s)} of "
         f"machine time ({clock(result.wall_s)}{faster})",
         f"  journal   {result.journal}",
-        f"hint: `lmctl log {result.run}` prints its log",
+        f"hint: `{RunDir(result.journal.parent).command('log')}` prints its log",
     ])

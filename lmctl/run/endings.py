@@ -33,8 +33,8 @@ def ending(made: RunDir, machine: StateMachine, sequence: CellSequence) -> Excep
     halted = _halted(machine, sequence)
     going_on = recoverable(machine, sequence)
     hint = (
-        f"`lmctl recover {made.run}` goes on from there" if going_on
-        else f"`lmctl log {made.run}` shows how far it came"
+        f"`{made.command('recover')}` goes on from there" if going_on
+        else f"`{made.command('log')}` shows how far it came"
     )
     error, first = machine.fault, sequence.alarms.first
     if first is None and machine.state is State.STOPPED:

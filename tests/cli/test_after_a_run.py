@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import shlex
+from pathlib import Path
 
 import pytest
 
@@ -46,6 +48,24 @@ def test_figures_of_an_altered_journal_do_not_come_without_a_warning(journal, lm
         outcome = lmctl("log", "run-0001", form)
         assert outcome.code == 0
         assert "warning: the journal is broken at line 2" in outcome.talk
+
+
+def test_hints_can_be_typed_where_folders_have_spaces(lmctl, tmp_path):
+    def typed(text, do):
+        (line,) = [line for line in text.splitlines() if line.startswith("hint:") and do in line]
+        words = shlex.split(line.split("`")[1] if "`" in line else line.removeprefix("hint: "))
+        assert words[0] == "lmctl"
+        return words[1:]
+
+    plan = typed(lmctl("init", "a cell").data, "plan")
+    assert [Path(word).is_file() for word in plan[1::2]] == [True, True]
+    write_job(tmp_path / "part.lmj", load_profile(tmp_path / "a cell/cell.toml"), squares())
+    log = typed(lmctl("run", "part.lmj", "--sim", "--runs", "my runs").data, "log")
+    assert lmctl(*log).code == 0
+    status = lmctl("status", "run-0001", "--runs", "my runs").data
+    assert typed(status, "log") == log
+    jobs = typed(lmctl("log", "run-0009", "--runs", "my runs").talk, "jobs")
+    assert "run-0001" in lmctl(*jobs).data
 
 
 def test_nobody_recovers_without_being_asked(journal, refused, monkeypatch):

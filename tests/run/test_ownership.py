@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import subprocess
 import sys
 from importlib.resources import files
@@ -36,6 +37,16 @@ def rewired(profile, motion, feeders):
 
 
 FEEDERS = ("modbus-tcp://10.0.0.1:502", "modbus-tcp://10.0.0.2")
+
+
+def test_the_hint_to_the_other_run_can_be_copied_into_a_shell(profile, tmp_path, own_locks):
+    with (
+        owning(profile, "run-0007", tmp_path / "runs of; mine"),
+        pytest.raises(MachineError) as refused, owning(profile, "run-0008", tmp_path),
+    ):
+        pass
+    typed = shlex.split(refused.value.hint.split("`")[1])
+    assert typed == ["lmctl", "status", "run-0007", "--runs", str(tmp_path / "runs of; mine")]
 
 
 def test_a_second_run_is_told_which_run_has_the_machine(profile, tmp_path, own_locks):

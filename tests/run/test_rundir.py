@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -52,6 +53,14 @@ def test_processes_at_once_get_folders_of_their_own(tmp_path, job_file):
     names = [name for child in children for name in child.communicate()[0].split()]
     assert all(child.returncode == 0 for child in children)
     assert sorted(names) == [f"run-{k:04d}" for k in range(1, 61)]
+
+
+@pytest.mark.parametrize("folder", ["runs", "my runs", "a;b/'runs'", "$HOME"])
+def test_a_hint_to_a_run_can_be_copied_into_a_shell(folder):
+    text = rundir.RunDir(Path(folder) / "run-0007").command("log")
+    typed = subprocess.run(["sh", "-c", f"printf '%s\\n' {text}"], capture_output=True, text=True)
+    where = [] if folder == "runs" else ["--runs", folder]
+    assert typed.stdout.splitlines() == ["lmctl", "log", "run-0007", *where]
 
 
 def test_a_missing_job_leaves_nothing_behind(tmp_path):

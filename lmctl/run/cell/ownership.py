@@ -22,6 +22,7 @@ from lmctl.config.machine import MachineProfile
 from lmctl.errors import MachineError
 from lmctl.machine.modbus.endpoint import RtuEndpoint, parse_modbus_endpoint
 from lmctl.machine.motion.endpoint import Endpoint, parse_endpoint
+from lmctl.run.journal.rundir import command
 
 #: More than any claim; the rest of a longer file is not ours.
 _CLAIM_BYTES = 4096
@@ -171,7 +172,7 @@ def _refusal(owner: Owner, endpoint: str) -> MachineError:
         where.append(f"process {owner.pid}, runs in {owner.runs_dir}")
     return MachineError(
         f"{owner.what} has the machine", where=where,
-        hint=f"`lmctl status {owner.what} --runs {owner.runs_dir}` shows how far it is" if run
+        hint=f"`{command('status', Path(owner.runs_dir), owner.what)}` shows how far it is" if run
         else "wait until it is done",
     )
 

@@ -84,10 +84,11 @@ def _connected(folder: Path) -> socket.socket:
 
 def not_under_way(folder: Path) -> JournalError:
     """That nobody drives the run in a folder, and how it ended."""
-    state = rundir.summary(rundir.RunDir(folder)).state
+    made = rundir.RunDir(folder)
+    state = rundir.summary(made).state
     ended = "it was broken off" if state == "broken off" else f"it is {state}"
     return JournalError(f"{folder.name} is not under way: {ended}",
-                        hint=f"`lmctl log {folder.name}` shows how far it came")
+                        hint=f"`{made.command('log')}` shows how far it came")
 
 
 def _answers_to(

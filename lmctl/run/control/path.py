@@ -16,6 +16,7 @@ import tempfile
 from pathlib import Path
 
 from lmctl.errors import JournalError
+from lmctl.run.journal.rundir import RunDir
 
 SOCKET = "control.sock"
 _LONGEST_PATH = 103
@@ -34,7 +35,7 @@ def listen(folder: Path) -> socket.socket:
     if (living := connect(folder)) is not None:
         living.close()
         raise JournalError(f"another process already drives {folder.name}", where=str(path),
-                           hint=f"`lmctl status {folder.name}` shows how far it is")
+                           hint=f"`{RunDir(folder).command('status')}` shows how far it is")
     try:
         if len(os.fsencode(path)) <= _LONGEST_PATH:
             try:

@@ -47,10 +47,12 @@ def aftermath(made: RunDir) -> Aftermath:
     Raises JournalError where it is altered, still being written, or of a run that got done.
     """
     if not made.journal.exists():
-        raise JournalError(f"{made.run} has no journal", hint="`lmctl jobs` lists runs")
+        raise JournalError(f"{made.run} has no journal",
+                           hint=f"`{rundir.command('jobs', made.path.parent)}` lists runs")
     if is_owned(made.journal):
         raise JournalError(f"{made.run} is still running", where=str(made.journal),
-                           hint="`lmctl status` shows it, `lmctl stop` stops it")
+                           hint=f"`{made.command('status')}` shows it, "
+                                f"`{made.command('stop')}` stops it")
     found = verify(made.journal)
     if not found.whole:
         raise JournalError(
@@ -63,7 +65,7 @@ def aftermath(made: RunDir) -> Aftermath:
         so_far.take(record)
     if so_far.state == State.DONE:
         raise JournalError(f"{made.run} is done: there is nothing to recover",
-                           hint=f"`lmctl log {made.run}` prints its log")
+                           hint=f"`{made.command('log')}` prints its log")
     if so_far.sealed and not so_far.recoverable:
         raise JournalError(
             f"{made.run} ended because of its job, which would go wrong again",

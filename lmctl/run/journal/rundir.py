@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +17,9 @@ from lmctl.run.state.table import State
 
 JOURNAL, JOB = "journal.jsonl", "job.lmj"
 _NAME = re.compile(r"run-[0-9]{4,9}")
+
+#: Where runs are when a command is not told otherwise.
+_USUAL = Path("runs")
 
 
 @dataclass(frozen=True)
@@ -36,6 +40,10 @@ class RunDir:
     def job(self) -> Path:
         return self.path / JOB
 
+    def command(self, do: str) -> str:
+        """`lmctl DO` of this run, as it can be typed into a shell."""
+        return command(do, self.path.parent, self.run)
+
 
 @dataclass(frozen=True)
 class RunSummary:
@@ -54,6 +62,12 @@ class RunSummary:
     started: str
     lines: int | None
     machine_s: float | None
+
+
+def command(do: str, runs_dir: Path, *words: str) -> str:
+    """`lmctl DO WORDS` with the folder of runs it is about, as it can be typed into a shell."""
+    where = () if runs_dir == _USUAL else ("--runs", str(runs_dir))
+    return shlex.join(["lmctl", do, *words, *where])
 
 
 def create(runs_dir: Path, job: Path) -> RunDir:
@@ -111,7 +125,7 @@ def find(runs_dir: Path, run: str) -> RunDir:
         raise JournalError(
             f"there is no run {run!r} in {runs_dir}",
             where=f"the last one is {known[-1]}" if known else "it holds no run",
-            hint="`lmctl jobs` lists runs",
+            hint=f"`{command('jobs', runs_dir)}` lists runs",
         )
     return RunDir(runs_dir / run)
 
