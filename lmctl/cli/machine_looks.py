@@ -140,6 +140,7 @@ def _safety_facts(look: SafetyStatus | LmctlError) -> dict[str, Any]:
         return _error(look)
     return {
         "open": [one.text for one in look.open_inputs], "relay_closed": look.relay_closed,
+        "laser_enabled": look.laser_enabled,
         "shield_gas_L_min": look.shield_gas_L_min, "chiller_C": look.chiller_C,
         "chiller_L_min": look.chiller_L_min, "oxygen_ppm": look.oxygen_ppm,
         "extraction_Pa": look.extraction_Pa,
@@ -196,6 +197,12 @@ def _put_feeder(facts: dict[str, Any]) -> None:
 
 def _put_safety(facts: dict[str, Any]) -> None:
     put(f"  inputs     {'; '.join(facts['open']) or 'all good'}")
+    if facts["relay_closed"] is not None:
+        put("  relay      " + ("closed" if facts["relay_closed"] else
+                              "open, as it is while no host sends heartbeats: wired to the "
+                              "controller's door input, it is an open door there"))
+    if facts["laser_enabled"] is not None:
+        put(f"  laser      enable output {'on' if facts['laser_enabled'] else 'off'}")
     for key, name, unit in (
         ("shield_gas_L_min", "shield gas", "L/min"), ("chiller_C", "chiller", "°C"),
         ("chiller_L_min", "chiller", "L/min"), ("oxygen_ppm", "oxygen", "ppm"),

@@ -313,3 +313,16 @@ def test_behind_a_watchdog_relay_axes_can_be_moved_and_doctor_says_why_it_sees_l
     assert "it is in state Door" in doctor.data
     assert "it is the watchdog relay" in doctor.data
     assert "every fitted input is good" in doctor.data
+
+
+def test_a_look_at_the_cell_tells_of_the_relay_and_the_laser_enable_output(lmctl):
+    examples = files("lmctl.examples")
+    cell = ["--sim", "-m", examples / "cell-safe.toml", "--bench", examples / "bench-safe.toml"]
+    safety = lmctl("machine", "status", *cell).data.partition("\nsafety")[2]
+    assert "relay      open, as it is while no host sends heartbeats" in safety
+    assert "laser      enable output off" in safety
+    facts = lmctl("machine", "status", "--json", *cell).json["safety"]
+    assert (facts["relay_closed"], facts["laser_enabled"]) == (False, False)
+    bare = lmctl("machine", "status", "--sim").data  # of a cell without them it says nothing
+    assert "relay" not in bare
+    assert "laser" not in bare
