@@ -288,6 +288,19 @@ def test_trees_against_a_dense_sample_of_their_surface(tree: str, seed: int) -> 
         assert (np.abs(found) > sampled - 0.3).all()
 
 
+@pytest.mark.parametrize("seed", range(12))
+def test_no_corner_is_missed_where_a_ball_cuts_an_edge(seed: int) -> None:
+    """Such a corner belongs to the body, so nothing is farther away from the body than from it;
+    around it the body fills as little of all directions as the ball leaves of the edge."""
+    rng = np.random.default_rng(seed)
+    corner, way = np.array([rng.uniform(1, 3), 4, 4]), rng.uniform((0.3, -3, -3), (2, 1, 1))
+    ball = Sphere(tuple(corner + way), float(np.linalg.norm(way)))
+    body = less(Box((0, 0, 0), (4, 4, 4)), ball)
+    points = corner + rng.uniform((-1, 0, 0), (1, 2, 2), (200, 3))
+    away = np.linalg.norm(points - corner, axis=1)
+    assert (np.abs(body.at(points)) <= away + 1e-6).all()
+
+
 @settings(max_examples=6, deadline=None, phases=FOUND, derandomize=True)
 @given(st.tuples(bodies_of_all_kinds, bodies_of_all_kinds))
 def test_distances_are_bounded_by_those_of_min_and_max(bodies: tuple[Body, Body]) -> None:

@@ -8,14 +8,15 @@ corner.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.part.bodies.surfaces import TOUCH_PITCHES, grouped
+from lmctl.part.bodies.surfaces import TOUCH_PITCHES, Surface
 from lmctl.part.booleans.expression import Expression
 
 FloatArray = NDArray[np.float64]
@@ -28,6 +29,10 @@ STEP_SLACKS = 10.0
 
 #: Surfaces that cross at less than this angle [rad] have nothing to look for between them.
 LEAST_ANGLE = 1e-3
+
+#: Surfaces looked between at one point, and of these so many at a time.
+MOST_MET = 4
+MOST_CROSSING = 3
 
 #: Directions besides those the surfaces themselves give; evenly spread, along no axis.
 DIRECTIONS = 18
@@ -150,26 +155,65 @@ class Cells:
                 kept = clear & (side > 0)
                 seen.note(rows[kept], around[leaf, kept])
 
-    def _ways(self, points: FloatArray, active: NDArray[np.bool_]) -> Sequence[FloatArray]:
+    def _ways(self, points: FloatArray, active: NDArray[np.bool_]) -> Iterator[FloatArray]:
         """Directions, (n, 3) or for all points (3,): between the surfaces, then all around."""
-        order = np.argsort(~active, axis=0, kind="stable")
-        inward = np.zeros((3, len(points), 3))
-        for slot in range(min(3, len(order))):
-            for number, own in grouped(order[slot]):
-                own = own[active[number, own]]
-                if len(own):
-                    inward[slot, own] = self.expression.leaves[number].inward(points[own])
+        inward = self._inward(points, active)
+        crossing = np.minimum(inward.any(axis=2).sum(axis=0), MOST_CROSSING)
+        for count in range(1, MOST_CROSSING + 1):
+            for some in combinations(inward, count):
+                ways = np.where((crossing == count)[:, None], _between(some), 0.0)
+                if ways.any():
+                    yield from ways
+                    yield from -ways
+        yield from _spread(DIRECTIONS)
+
+    def _inward(self, points: FloatArray, active: NDArray[np.bool_]) -> FloatArray:
+        """Directions of the surfaces that points lie on, (MOST_MET, n, 3), all crossing; 0 where
+        there are fewer. An edge of a leaf has two: its own direction there is that of one."""
+        inward = np.zeros((MOST_MET, len(points), 3))
+        count = np.zeros(len(points), dtype=np.int64)
+
+        def meet(surface: Surface, rows: IntArray) -> None:
+            found = surface.inward(points[rows])
+            known = np.abs(np.einsum("mnc,nc->mn", inward[:, rows], found)).max(axis=0)
+            new = (known < np.cos(LEAST_ANGLE)) & (count[rows] < MOST_MET)
+            inward[count[rows[new]], rows[new]] = found[new]
+            count[rows[new]] += 1
+
+        for leaf, slack, on_it in zip(self.expression.leaves, self.slack_mm, active, strict=True):
+            own = np.flatnonzero(on_it)
+            if len(own) == 0:
+                continue
+            lost = np.ones(len(own), dtype=bool)
+            for surface, _ in leaf.surfaces:
+                close = np.abs(surface.at(points[own])) <= slack
+                meet(surface, own[close])
+                lost &= ~close
+            meet(leaf, own[lost])
+        return inward
+
+
+def _between(inward: Sequence[FloatArray]) -> FloatArray:
+    """Unit directions (m, n, 3), one into each second corner between one to three surfaces.
+
+    inward : of each surface, (n, 3); 0 where it is missing, and so is the direction then
+    """
+    if len(inward) == 1:
+        ways = np.stack(inward)
+    elif len(inward) == 2:
+        a, b = inward
+        ways = np.stack([a + b, a - b])
+    else:
+        # To the same sides of all three as their inverse says, however flat the corner is.
         a, b, c = inward
-        third = np.any(c, axis=1, keepdims=True)
-        between = [a, a + b, a - b, *(
-            np.where(third, way, 0.0) for way in (a + b + c, a + b - c, a - b + c, b + c - a))]
-        ways = []
-        for way in between:
-            size = np.linalg.norm(way, axis=1)
-            crossing = size > LEAST_ANGLE
-            unit = np.where(crossing, 1.0 / np.where(crossing, size, 1.0), 0.0)[:, None] * way
-            ways += [unit, -unit]
-        return [*ways, *_spread(DIRECTIONS)]
+        across = np.cross(b, c), np.cross(c, a), np.cross(a, b)
+        ways = np.stack([
+            across[0] + one * across[1] + two * across[2] for one in (1, -1) for two in (1, -1)])
+        ways[:, np.abs(np.einsum("nc,nc->n", a, across[0])) < LEAST_ANGLE] = 0.0
+    ways[:, ~np.all([way.any(axis=1) for way in inward], axis=0)] = 0.0
+    size = np.linalg.norm(ways, axis=2, keepdims=True)
+    crossing = size > LEAST_ANGLE
+    return np.asarray(np.where(crossing, ways / np.where(crossing, size, 1.0), 0.0))
 
 
 class _Seen:
