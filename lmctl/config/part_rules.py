@@ -46,20 +46,12 @@ def parse_part_file(text: str, *, name: str) -> PartFile:
     except ConfigError as error:
         if not error.findings:  # not TOML at all
             raise
-        findings = [Finding(_TAG.sub(r"\1", f.path), _said(f.reason)) for f in error.findings]
+        findings = [Finding(_TAG.sub(r"\1", f.path), f.reason) for f in error.findings]
     findings += cross_findings(tomllib.loads(text))
     if findings or part is None:
         count = "1 mistake" if len(findings) == 1 else f"{len(findings)} mistakes"
         raise ConfigError(f"{name} has {count}", findings=findings)
     return part
-
-
-def _said(reason: str) -> str:
-    """pydantic's words about tagged unions, in the reader's terms."""
-    if reason.startswith("Unable to extract tag"):
-        return "says no `kind`"
-    found = re.match(r"Input tag '(.*)' found using 'kind' does not match any of .*: (.*)$", reason)
-    return f"there is no kind {found[1]!r}; there are {found[2]}" if found else reason
 
 
 def cross_findings(data: dict[str, Any]) -> list[Finding]:

@@ -10,6 +10,7 @@ from typing import TypeVar
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import ErrorDetails
 
+from lmctl.config.words import in_words
 from lmctl.errors import ConfigError, Finding
 
 #: A configuration a person wrote is small; more than this is some other file given by mistake.
@@ -91,7 +92,7 @@ def check(data: object, model: type[M], *, name: str) -> M:
     except ValidationError as error:
         mistakes = _first_causes(error.errors(include_url=False))
         findings = [
-            Finding(_dotted(item["loc"]), _plain(item["type"], item["msg"]))
+            Finding(_dotted(item["loc"]), in_words(item, model))
             for item in mistakes[:_MOST_TOLD]
         ]
         number = len(mistakes)
@@ -129,13 +130,3 @@ def _dotted(loc: tuple[int | str, ...]) -> str:
     for step in loc:
         text += f"[{step + 1}]" if isinstance(step, int) else (f".{step}" if text else step)
     return text
-
-
-def _plain(kind: str, message: str) -> str:
-    if kind == "extra_forbidden":
-        return "there is no such key"
-    if kind == "missing":
-        return "is missing"
-    if message.startswith("Tuple should have at least 1 item"):
-        return "at least one is needed"
-    return message.removeprefix("Value error, ")
