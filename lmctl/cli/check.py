@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 
 import click
 
 from lmctl.cli.console import put, say
 from lmctl.cli.planning import check_units, units_option
-from lmctl.cli.profiles import profile_or_bench_cell
+from lmctl.cli.profiles import profile_in, profile_or_bench_cell
 from lmctl.config import toml_file
-from lmctl.config.machine import MachineProfile, load_profile
+from lmctl.config.machine import MachineProfile
 
 
 @click.command()
@@ -25,7 +24,7 @@ def check(file: Path, machine: Path | None, units: str | None) -> None:
     if file.suffix.lower() == ".lmj":
         _check_job(file, profile_or_bench_cell(machine))
     elif _is_profile(file):
-        profile = load_profile(file)
+        profile = profile_in(file)
         put(f"{file}: a machine profile, {len(profile.hopper)} hoppers on "
             f"{len(profile.feeder)} feeders; nothing wrong")
     else:
@@ -36,10 +35,7 @@ def _is_profile(file: Path) -> bool:
     """Whether a TOML file is meant as a machine profile: only those have a [motion] table."""
     if file.suffix.lower() != ".toml":
         return False
-    try:
-        return "motion" in tomllib.loads(toml_file.read_text(file))
-    except tomllib.TOMLDecodeError:
-        return False  # whichever it was meant to be, its loader says what is wrong
+    return "motion" in toml_file.tables(toml_file.read_text(file), name=str(file))
 
 
 def _check_job(file: Path, profile: MachineProfile) -> None:

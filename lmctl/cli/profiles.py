@@ -1,16 +1,63 @@
-"""Which machine profile a command works with: the one named, or the bench cell that ships."""
+"""Which machine profile a command works with: the one named, or the bench cell that ships.
+
+What an endpoint may look like is known to the drivers that open it, and configuration does not know
+drivers: here both are at hand, so that a profile is told of all its mistakes at once.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from importlib.resources import as_file, files
 from pathlib import Path
+from typing import Any
 
-from lmctl.config.machine import MachineProfile, load_profile
+from lmctl.config import toml_file
+from lmctl.config.machine import MachineProfile
+from lmctl.errors import ConfigError, Finding
+from lmctl.machine.modbus.endpoint import parse_modbus_endpoint
+from lmctl.machine.motion.endpoint import parse_endpoint
 
 
 def profile_or_bench_cell(path: Path | None) -> MachineProfile:
     """The profile in `path`, or the example cell. Raises ConfigError."""
     if path is not None:
-        return load_profile(path)
+        return profile_in(path)
     with as_file(files("lmctl.examples") / "cell.toml") as shipped:
-        return load_profile(shipped)
+        return profile_in(shipped)
+
+
+def profile_in(path: Path) -> MachineProfile:
+    """The profile in a file, whose endpoints can be opened. Raises ConfigError: every mistake."""
+    text = toml_file.read_text(path)
+    profile: MachineProfile | None = None
+    findings: list[Finding] = []
+    try:
+        profile = toml_file.parse(text, MachineProfile, name=str(path))
+    except ConfigError as error:
+        if not error.findings:  # not TOML at all
+            raise
+        findings += error.findings
+    findings += _endpoint_findings(toml_file.tables(text, name=str(path)))
+    if findings or profile is None:
+        count = "1 mistake" if len(findings) == 1 else f"{len(findings)} mistakes"
+        raise ConfigError(f"{path} has {count}", findings=findings)
+    return profile
+
+
+def _endpoint_findings(data: dict[str, Any]) -> Iterator[Finding]:
+    """Endpoints that name no place, in a profile as plain data, of whatever shape it is."""
+    feeders = data.get("feeder")
+    devices: list[tuple[str, Any, Callable[[str], object]]] = [
+        ("motion", data.get("motion"), parse_endpoint),
+        *((f"feeder[{number}]", feeder, parse_modbus_endpoint)
+          for number, feeder in enumerate(feeders if isinstance(feeders, list) else [], start=1)),
+        ("safety", data.get("safety"), parse_modbus_endpoint),
+    ]
+    for key, device, parsed in devices:
+        endpoint = device.get("endpoint") if isinstance(device, dict) else None
+        if not isinstance(endpoint, str):
+            continue  # told as missing, or as of another kind
+        try:
+            parsed(endpoint)
+        except ConfigError as error:
+            yield Finding(f"{key}.endpoint", f"{error.what}: {error.hint}")

@@ -8,7 +8,6 @@ is in `tree_rules`, what concerns mixtures and blends in `composition_rules`.
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -47,7 +46,7 @@ def parse_part_file(text: str, *, name: str) -> PartFile:
         if not error.findings:  # not TOML at all
             raise
         findings = [Finding(_TAG.sub(r"\1", f.path), f.reason) for f in error.findings]
-    findings += cross_findings(tomllib.loads(text))
+    findings += cross_findings(toml_file.tables(text, name=name))
     if findings or part is None:
         count = "1 mistake" if len(findings) == 1 else f"{len(findings)} mistakes"
         raise ConfigError(f"{name} has {count}", findings=findings)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import tomllib
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import ErrorDetails
@@ -70,19 +70,23 @@ def parse(text: str, model: type[M], *, name: str) -> M:
     """Check TOML text against a model.
 
     name : what to call the text in messages, usually its path.
-    Raises ConfigError: one finding for bad TOML, else one for each key that is wrong.
+    Raises ConfigError: without findings for bad TOML, else with one for each key that is wrong.
     """
-    if (tables := text.count("\n[[")) > _MOST_TABLES:
-        raise ConfigError(f"{name} has {tables:,} tables; at most {_MOST_TABLES:,} are taken")
+    return check(tables(text, name=name), model, name=name)
+
+
+def tables(text: str, *, name: str) -> dict[str, Any]:
+    """TOML text as plain data, unchecked. Raises ConfigError where it is none."""
+    if (count := text.count("\n[[")) > _MOST_TABLES:
+        raise ConfigError(f"{name} has {count:,} tables; at most {_MOST_TABLES:,} are taken")
     try:
         if _DEEP_KEY.search(text):
             raise RecursionError
-        data = tomllib.loads(text)
+        return tomllib.loads(text)
     except RecursionError:
         raise ConfigError(f"{name} is not valid TOML", where="nested too deeply") from None
     except ValueError as error:  # of its own, and of numbers with thousands of digits
         raise ConfigError(f"{name} is not valid TOML", where=str(error)[:200]) from None
-    return check(data, model, name=name)
 
 
 def check(data: object, model: type[M], *, name: str) -> M:

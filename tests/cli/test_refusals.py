@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import socket
 from collections.abc import Callable
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -226,8 +227,6 @@ def job(lmctl: Callable[..., Any], tmp_path: Path) -> Path:
 
 
 def cell_file(folder: Path, **replaced: str) -> Path:
-    from importlib.resources import files
-
     text = files("lmctl.examples").joinpath("cell.toml").read_text()
     for old, new in replaced.items():
         assert old in text
@@ -252,6 +251,41 @@ colour = "green"
     for key in ("motion.travel_mm.x", "max_speed_mm_s", "acceleration_mm_s2", "laser.max_power_W",
                 "laser.colour", "feeder", "hopper"):
         assert key in said, key
+
+
+@pytest.mark.parametrize(
+    ("name", "usual", "given", "key"),
+    [
+        ("cell.toml", "tcp://127.0.0.1:2323", "tcp://host:99999", "motion"),
+        ("cell.toml", "tcp://127.0.0.1:2323", "tcp://host", "motion"),
+        ("cell.toml", "tcp://127.0.0.1:2323", "usb://host:1", "motion"),
+        ("cell.toml", "tcp://127.0.0.1:2323", "", "motion"),
+        ("cell.toml", "modbus-tcp://127.0.0.1:5022", "tcp://127.0.0.1:5022", "feeder[2]"),
+        ("cell.toml", "modbus-tcp://127.0.0.1:5022", "modbus-tcp://host:0", "feeder[2]"),
+        ("cell-safe.toml", "modbus-tcp://127.0.0.1:5023", "modbus-rtu:///dev/tty?baud=x", "safety"),
+    ],
+)
+def test_an_endpoint_that_names_no_place_is_found_by_checking_with_all_else(
+    refused: Refused, tmp_path: Path, name: str, usual: str, given: str, key: str
+) -> None:
+    text = files("lmctl.examples").joinpath(name).read_text()
+    assert f'"{usual}"' in text
+    text = text.replace(f'"{usual}"', f'"{given}"')
+    said = refused("check", write(tmp_path / "bad.toml", text), code=3, hint=False)
+    assert "bad.toml has 1 mistake" in said
+    assert f"{key}.endpoint: {given!r} is not an endpoint" in said
+    worse = text.replace("s_max = 1000", "s_max = 0")
+    said = refused("machine", "status", "-m", write(tmp_path / "bad.toml", worse), code=3,
+                   hint=False)
+    assert "bad.toml has 2 mistakes" in said
+    assert "laser.s_max" in said
+    assert f"{key}.endpoint" in said
+
+
+@pytest.mark.parametrize("text", ["x = " + "9" * 5000, "x = " + "[" * 5000, "a = b"])
+def test_what_is_no_toml_is_told_by_checking(refused: Refused, tmp_path: Path, text: str) -> None:
+    assert "is not valid TOML" in refused("check", write(tmp_path / "it.toml", text), code=3,
+                                          hint=False)
 
 
 def test_run_needs_to_be_told_where(refused: Refused, job: Path) -> None:
