@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --quiet
 
-.PHONY: demo test check bench faults kills clean
+.PHONY: demo test check bench faults kills soak clean
 
 ## the main job: a scanned gear to a printed job log, on the simulated machine
 demo: $(VENV)/.installed
@@ -34,6 +34,11 @@ faults: $(VENV)/.installed-test
 ## a hundred hosts killed at random moments, and what recovery makes of it
 kills: $(VENV)/.installed-test
 	$(BIN)/python -m tests.faults.kills 100
+
+## random parts down the whole road, and random faults in random cells
+soak: $(VENV)/.installed-test
+	@for what in solids meshes clouds; do $(BIN)/python -m tests.soak $$what 0 40 || exit 1; done
+	@$(BIN)/python -m tests.soak cells 0 400
 
 clean:
 	rm -rf $(VENV) lmctl-demo build dist
