@@ -23,6 +23,7 @@ from lmctl.run.interlocks.rules import (
     STALE_PERIODS,
     Facts,
     FeederFacts,
+    settled,
 )
 from lmctl.run.interlocks.supervision import Supervision
 from lmctl.run.journal.recorder import Recorder
@@ -59,8 +60,9 @@ class Watch:
             on_error=self._line_rejected, on_alarm=self._motion_alarm,
             on_restart=self._motion_restarted, on_lost=self._motion_lost,
         )
-        for feeder in cell.feeders:
-            feeder.listener = self._feeder_listener(feeder)
+        self._hoppers = [settled(feeder.status, feeder.hoppers) for feeder in cell.feeders]
+        for at, feeder in enumerate(cell.feeders):
+            feeder.listener = self._feeder_listener(at, feeder)
         if cell.safety is not None:
             cell.safety.listener = SafetyListener(
                 on_status=self._safety_status, on_fault=self._safety_fault
@@ -138,8 +140,9 @@ class Watch:
             hint="check cable and power of the controller",
         ))
 
-    def _feeder_listener(self, feeder: FeederDriver) -> FeederListener:
-        def status(_: FeederStatus) -> None:
+    def _feeder_listener(self, at: int, feeder: FeederDriver) -> FeederListener:
+        def status(said: FeederStatus) -> None:
+            self._hoppers[at] = settled(said, feeder.hoppers)
             self._cell.reported()
 
         def fault(reason: str) -> None:
@@ -158,10 +161,10 @@ class Watch:
     # --- interlocks ---------------------------------------------------------------------------
 
     def _look(self) -> None:
-        self._looked_t = self._loop.time()
-        report = self._cell.motion.status
-        dark = report is not None and not report.spindle
-        self._supervision.look(self._facts(), self._loop.time(), dark=dark)
+        t = self._looked_t = self._loop.time()
+        facts = self._facts()
+        dark = facts.motion is not None and not facts.motion.spindle
+        self._supervision.look(facts, t, dark=dark)
 
     def _look_again(self) -> None:
         if self._loop.time() - self._looked_t >= self._stale_s / 2.0:
@@ -183,9 +186,8 @@ class Watch:
             motion_age_s=cell.motion.status_age_s,
             motion_period_s=self._profile.motion.status_period_s,
             feeders=[
-                FeederFacts(feeder.name, feeder.status, feeder.status_age_s, feeder.period_s,
-                            feeder.hoppers)
-                for feeder in cell.feeders
+                FeederFacts(feeder.name, feeder.status_age_s, feeder.period_s, hoppers)
+                for feeder, hoppers in zip(cell.feeders, self._hoppers, strict=True)
             ],
             safety=None if safety is None else safety.status,
             safety_age_s=0.0 if safety is None else safety.status_age_s,

@@ -13,7 +13,13 @@ from lmctl.config.machine import Hopper, Safety
 from lmctl.machine.feeder.status import FeederStatus, HopperReading
 from lmctl.machine.safety.status import SafetyStatus
 from lmctl.run.interlocks.alarms import Alarms, EmergencyStop, Interlock
-from lmctl.run.interlocks.rules import RULES, RULES_WITHOUT_SAFETY, Facts, FeederFacts
+from lmctl.run.interlocks.rules import (
+    RULES,
+    RULES_WITHOUT_SAFETY,
+    Facts,
+    FeederFacts,
+    settled,
+)
 from lmctl.run.interlocks.supervision import Supervision
 
 LIMITS = Safety(
@@ -46,7 +52,7 @@ def feeder(age_s=0.0, feeding=True, **changes):
         mixer_pressure_mbar=100.0, hoppers={"A": reading(**changes)}, gas_ok=True,
         feeding=feeding, stable=True,
     )
-    return FeederFacts("F1", status, age_s, 1.0, (HOPPER,))
+    return FeederFacts("F1", age_s, 1.0, settled(status, (HOPPER,)))
 
 
 FINE = Facts(

@@ -5,7 +5,7 @@ Pure: rules look at facts that carry their own ages. A stale input is a tripped 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
@@ -40,13 +40,12 @@ class Reaction(Enum):
 
 
 class FeederFacts(NamedTuple):
-    """A feeder's last good answer and how old it is. hoppers : those the job uses."""
+    """How old a feeder's last good answer is, and what it said of hoppers: see `settled`."""
 
     name: str
-    status: FeederStatus | None
     age_s: float
     period_s: float
-    hoppers: Sequence[Hopper]
+    hoppers: Sequence[tuple[Hopper, HopperReading]]
 
 
 class Facts(NamedTuple):
@@ -216,47 +215,55 @@ def _feeder_silent(facts: Facts) -> Iterator[Finding]:
 
 
 def _carrier_gas(facts: Facts) -> Iterator[Finding]:
-    for feeder, hopper, reading in _hoppers(facts):
-        least = _CARRIER_SHARE * hopper.carrier_L_min
-        if reading.carrier_L_min is not None and reading.carrier_L_min < least:
-            yield Finding(
-                f"hopper {hopper.name}: carrier gas flows at {reading.carrier_L_min:.1f} L/min, "
-                f"{hopper.carrier_L_min:g} L/min is set",
-                f"check gas supply and hose of feeder {feeder.name}", hopper.name,
-            )
+    for feeder in facts.feeders:
+        for hopper, reading in feeder.hoppers:
+            flow, wanted = reading.carrier_L_min, hopper.carrier_L_min
+            if flow is not None and flow < _CARRIER_SHARE * wanted:
+                yield Finding(
+                    f"hopper {hopper.name}: carrier gas flows at {flow:.1f} L/min, "
+                    f"{wanted:g} L/min is set",
+                    f"check gas supply and hose of feeder {feeder.name}", hopper.name,
+                )
 
 
 def _disc(facts: Facts) -> Iterator[Finding]:
-    for feeder, hopper, reading in _hoppers(facts):
-        flow, wanted = reading.flow_est_g_min, reading.setpoint_g_min
-        if flow is not None and abs(flow - wanted) > max(_DISC_LEAST_G_MIN, _DISC_SHARE * wanted):
-            yield Finding(
-                f"hopper {hopper.name}: its disc feeds {flow:.2f} g/min, {wanted:.2f} g/min is set",
-                f"look whether the disc of feeder {feeder.name} is jammed", hopper.name,
-            )
+    for feeder in facts.feeders:
+        for hopper, reading in feeder.hoppers:
+            flow, wanted = reading.flow_est_g_min, reading.setpoint_g_min
+            if _is_off(flow, wanted, _DISC_LEAST_G_MIN, _DISC_SHARE):
+                yield Finding(
+                    f"hopper {hopper.name}: its disc feeds {flow:.2f} g/min, {wanted:.2f} g/min "
+                    f"is set",
+                    f"look whether the disc of feeder {feeder.name} is jammed", hopper.name,
+                )
 
 
 def _weighed(facts: Facts) -> Iterator[Finding]:
-    for feeder, hopper, reading in _hoppers(facts):
-        weighed, wanted = reading.flow_weighed_g_min, reading.setpoint_g_min
-        if weighed is not None and abs(weighed - wanted) > max(
-            _WEIGHED_LEAST_G_MIN, _WEIGHED_SHARE * wanted
-        ):
-            yield Finding(
-                f"hopper {hopper.name}: by weight it loses {weighed:.2f} g/min, {wanted:.2f} g/min "
-                "is set", f"look whether powder moves in feeder {feeder.name}", hopper.name,
-            )
+    for feeder in facts.feeders:
+        for hopper, reading in feeder.hoppers:
+            weighed, wanted = reading.flow_weighed_g_min, reading.setpoint_g_min
+            if _is_off(weighed, wanted, _WEIGHED_LEAST_G_MIN, _WEIGHED_SHARE):
+                yield Finding(
+                    f"hopper {hopper.name}: by weight it loses {weighed:.2f} g/min, "
+                    f"{wanted:.2f} g/min is set",
+                    f"look whether powder moves in feeder {feeder.name}", hopper.name,
+                )
 
 
-def _hoppers(facts: Facts) -> list[tuple[FeederFacts, Hopper, HopperReading]]:
-    """Feeder, hopper and reading of each hopper whose powder runs and has settled."""
-    return [
-        (feeder, hopper, reading)
-        for feeder in facts.feeders
-        if (status := feeder.status) is not None and status.feeding and status.stable
-        for hopper in feeder.hoppers
-        if (reading := status.hoppers.get(hopper.name)) is not None
-    ]
+def _is_off(flow: float | None, wanted: float, least: float, share: float) -> bool:
+    """Whether a flow that is known differs by more than a share, and more than the least."""
+    return flow is not None and abs(flow - wanted) > max(least, share * wanted)
+
+
+def settled(
+    status: FeederStatus | None, hoppers: Iterable[Hopper]
+) -> tuple[tuple[Hopper, HopperReading], ...]:
+    """Those of a feeder's hoppers whose powder runs and has settled, with what was read of them."""
+    if status is None or not (status.feeding and status.stable):
+        return ()
+    return tuple(
+        (hopper, status.hoppers[hopper.name]) for hopper in hoppers if hopper.name in status.hoppers
+    )
 
 
 #: The first row that holds is the first alarm, where several hold at once.
