@@ -67,6 +67,15 @@ class StatusReport(NamedTuple):
             return self.substate in (None, 0)
         return self.state == "Door" and self.substate in (None, 0, 1)
 
+    def program_mm(self, offset_mm: tuple[float, ...] | None) -> tuple[float, ...] | None:
+        """The position in program (work) coordinates; None where it is not to be told.
+
+        offset_mm : work offset as last reported
+        """
+        if self.work_mm is not None or self.machine_mm is None or offset_mm is None:
+            return self.work_mm
+        return tuple([m - o for m, o in zip(self.machine_mm, offset_mm, strict=False)])
+
     def format(self) -> str:
         """The report as text without line end, fields in the order both firmwares use.
 

@@ -55,6 +55,7 @@ class MotionDriver:
     listener : who is told; replace its members or the whole
     status : the last report, or None; overrides : feed, rapid, spindle [%] as last reported
     offset_mm : work offset as last reported, or None (work = machine - offset)
+    position_mm : as last reported, in program (work) coordinates, or None
     position_trusted : whether reported positions are those of the machine
     """
 
@@ -63,6 +64,7 @@ class MotionDriver:
         self.status: StatusReport | None = None
         self.overrides: tuple[int, int, int] = _NO_OVERRIDE
         self.offset_mm: tuple[float, ...] | None = None
+        self.position_mm: tuple[float, ...] | None = None
         self.position_trusted = False
         self._talk = Conversation(
             endpoint,
@@ -103,6 +105,8 @@ class MotionDriver:
         driver._introduction = said
         if driver.offset_mm is None:
             driver.offset_mm = said.offset_mm
+            if driver.status is not None:
+                driver.position_mm = driver.status.program_mm(driver.offset_mm)
         idle = driver.status is not None and driver.status.state == "Idle"
         driver.position_trusted = idle and said.position_stated
         driver._talk.watch.start()
@@ -157,16 +161,6 @@ class MotionDriver:
     def damaged_messages(self) -> int:
         """Messages so far that were damaged or answered nothing: the quality of the line."""
         return self._talk.damaged
-
-    @property
-    def position_mm(self) -> tuple[float, ...] | None:
-        """Last reported position in program (work) coordinates, or None."""
-        report = self.status
-        if report is None or report.work_mm is not None:
-            return None if report is None else report.work_mm
-        if report.machine_mm is None or self.offset_mm is None:
-            return None
-        return tuple([m - o for m, o in zip(report.machine_mm, self.offset_mm, strict=False)])
 
     def submit(self, lines: Iterable[bytes]) -> None:
         """Queue lines of the stream; they go out as the controller has room.
@@ -252,6 +246,7 @@ class MotionDriver:
             self.offset_mm = report.offset_mm
         if report.overrides is not None:
             self.overrides = report.overrides
+        self.position_mm = report.program_mm(self.offset_mm)
         if self._stream.running:
             self._grown = self._stream.observe(report) or self._grown
             if report.state == "Alarm" and not self._stream.halted:

@@ -51,6 +51,7 @@ class Progress:
         self._dwells: deque[int] = deque()  # which of the lines not answered are dwells
         self._idle_answered = -1  # `_answered` at the last report if that was Idle
         self._left_planner: deque[tuple[float, int]] = deque()  # (when seen, lines), oldest first
+        self._placed = (-1, -1)  # number and index of the line last looked for
 
     @property
     def first_rejected(self) -> int | None:
@@ -168,9 +169,13 @@ class Progress:
 
     def _place_of(self, number: int) -> int | None:
         """Where the line `N number` stands among those sent and not executed; None: not there."""
+        same, index = self._placed
+        if number == same and index >= self.executed:
+            return index - self.executed
         word = b"N%d" % number
         for at, line in enumerate(self._open):
             if line.startswith(word) and not line[len(word) : len(word) + 1].isdigit():
+                self._placed = number, self.executed + at
                 return at
         return None
 
