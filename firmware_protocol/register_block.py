@@ -168,9 +168,10 @@ class Block:
                 raw = round(value * per_unit)
             else:
                 raw = _rare_counts(row, value)
-            if not low <= raw <= high and value is not None:
+            if low <= raw <= high or value is None:
+                words[offset] = raw & 0xFFFF
+            else:
                 raise _out_of_range(row, low, high, value)
-            words[offset] = raw & 0xFFFF
         for place in self._others:
             own = _encode_other(place, values[place.name], self._word_order)
             words[place.offset : place.offset + place.words] = own

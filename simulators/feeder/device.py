@@ -26,7 +26,7 @@ from simulators.feeder.config import FeederConfig
 from simulators.feeder.holding import HoldingRegisters
 from simulators.feeder.hopper import FeedSpan, Hopper
 from simulators.feeder.mishaps import Mishaps
-from simulators.feeder.permits import ALARM_RESET, COMMAND, WD_RESET, Facts, objection
+from simulators.feeder.permits import ALARM_RESET, COMMAND, WD_RESET, objection
 from simulators.modbus_refusal import BUSY, REFUSED, RefusedError
 
 
@@ -209,7 +209,7 @@ class PmxDevice:
             raise RefusedError(BUSY)
         new = dict(enumerate(words, address))
         self.holding.check(new)
-        if refusal := objection(self._facts(time_s), new):
+        if refusal := objection(self, new):
             self.refusal = refusal
             raise RefusedError(REFUSED)
         sequence, heartbeat = self.holding.raw("SEQ"), self.holding.raw("HEARTBEAT")
@@ -234,16 +234,11 @@ class PmxDevice:
         self.command = command
         self.holding.put_raw("COMMAND", int(command))
 
-    def _facts(self, time_s: float) -> Facts:
-        return Facts(
-            local=self.local,
-            discs_on=self.discs_on,
-            tripped=self.watchdog_tripped,
-            alarmed=bool(self.alarms),
-            estop_open=self.estop_open,
-            cause_stands=any(h.process.empty_s <= time_s for h in self.hoppers.values())
-            or (self.mishaps is not None and bool(self.mishaps.causes)),
-        )
+    def cause_stands(self) -> bool:
+        """Whether what an alarm was raised for is still so, after `settle`."""
+        if self.mishaps is not None and self.mishaps.causes:
+            return True
+        return any(hopper.process.empty_s <= self.now() for hopper in self.hoppers.values())
 
     def _obey(self, command: Command, time_s: float) -> None:
         self._take(command)

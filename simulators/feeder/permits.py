@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Protocol
 
 from firmware_protocol.pmx import ALARM_RESET_KEY, PMX, WATCHDOG_RESET_KEY, Command, Refusal
+from simulators.feeder.alarms import AlarmBook
 from simulators.feeder.holding import CONFIGURATION
 from simulators.modbus_refusal import ILLEGAL_VALUE, RefusedError
 
@@ -18,23 +19,24 @@ _KNOWN_COMMANDS = sum(Command)
 _SHORTEST_WATCHDOG_MS = 100
 
 
-class Facts(NamedTuple):
+class Feeder(Protocol):
     """What decides: the LOCAL switch, turning discs, latched trip and alarms, and their causes."""
 
     local: bool
     discs_on: bool
-    tripped: bool
-    alarmed: bool
+    watchdog_tripped: bool
+    alarms: AlarmBook
     estop_open: bool
-    cause_stands: bool
+
+    def cause_stands(self) -> bool: ...
 
 
-def objection(facts: Facts, new: Mapping[int, int]) -> Refusal:
+def objection(feeder: Feeder, new: Mapping[int, int]) -> Refusal:
     """Why a write of {address: word} is refused; Refusal.NONE where it is not.
 
     Raises RefusedError(ILLEGAL_VALUE) for words without meaning.
     """
-    if facts.local:
+    if feeder.local:
         return Refusal.NOT_REMOTE
     timeout_ms = new.get(WD_TIMEOUT, _SHORTEST_WATCHDOG_MS)
     if timeout_ms == 0:
@@ -45,16 +47,16 @@ def objection(facts: Facts, new: Mapping[int, int]) -> Refusal:
         or new.get(WD_RESET, 0) not in (0, WATCHDOG_RESET_KEY)
     ):
         raise RefusedError(ILLEGAL_VALUE)
-    if facts.discs_on and max(new) >= CONFIGURATION:
+    if feeder.discs_on and max(new) >= CONFIGURATION:
         return Refusal.POWDER_RUNNING
-    trip_remains = facts.tripped and new.get(WD_RESET) != WATCHDOG_RESET_KEY
+    trip_remains = feeder.watchdog_tripped and new.get(WD_RESET) != WATCHDOG_RESET_KEY
     resets = new.get(ALARM_RESET) == ALARM_RESET_KEY
-    if resets and (trip_remains or facts.cause_stands or facts.estop_open):
+    if resets and (trip_remains or feeder.estop_open or feeder.cause_stands()):
         return Refusal.CAUSE_REMAINS
     if COMMAND not in new:
         return Refusal.NONE
-    faulted = trip_remains or (facts.alarmed and not resets)
-    return _command_objection(Command(new[COMMAND]), facts.estop_open, faulted)
+    faulted = trip_remains or (bool(feeder.alarms) and not resets)
+    return _command_objection(Command(new[COMMAND]), feeder.estop_open, faulted)
 
 
 def _command_objection(wanted: Command, estop_open: bool, faulted: bool) -> Refusal:

@@ -138,14 +138,14 @@ def _system(device: PmxDevice, time_s: float) -> dict[str, Value]:
         "HEARTBEAT_ECHO": device.holding.raw("HEARTBEAT"),
         "HEARTBEAT_AGE": min(_OLDEST_MS, int((time_s - device.heartbeat_s) * 1000)),
         "UPTIME": int(time_s - device.powered_s),
-        "MODE": (Mode.LOCAL if device.local else Mode.REMOTE).value,
-        "STATE": state.value,
+        "MODE": int(Mode.LOCAL if device.local else Mode.REMOTE),
+        "STATE": int(state),
         "TOTAL_FLOW": min(_MOST, sum(one.flow_est_g_min for one in seen)),
         "MIXER_PRESSURE": round(_MIXER_MBAR_PER_L_MIN * gas_L_min),
         "TOTAL_GAS": min(_MOST, gas_L_min),
         "SUPPLY_PRESSURE": _SUPPLY_BAR,
         "SEQ_APPLIED": device.seq_applied,
-        "LAST_REFUSAL": device.refusal.value,
+        "LAST_REFUSAL": int(device.refusal),
         "TICK": int(time_s * 1000) & 0xFFFF,
     }
 
