@@ -19,9 +19,13 @@ from lmctl.part.bodies.body import (
     plane_points,
     without_slivers,
 )
-from lmctl.part.bodies.formulas import Box, Cylinder, Sphere
+from lmctl.part.bodies.formulas import Box, Cone, Cylinder, Sphere, Torus
+from lmctl.part.bodies.moved import Moved, motion
+from lmctl.part.bodies.prism import Prism
 from lmctl.part.booleans.combined import Combined, Operation
+from lmctl.part.booleans.offset import Offset
 from lmctl.part.sources.mesh_files import Mesh
+from tests.field.stored_field import stored_field
 
 PLANE = PlaneGrid((-25.0, -25.0), 0.25, (201, 201))
 #: What a traced outline cuts off a right corner at most: half a cell.
@@ -196,6 +200,40 @@ def test_nothing_left_is_refused() -> None:
                       Grid.around(np.full(3, -3.0), np.full(3, 3.0), 0.5))
     with pytest.raises(InputError, match="difference of the bodies leaves nothing"):
         _ = inside.bounds_mm
+
+
+TURNED_LOOP = np.array([(0, 0), (6, 1), (3, 2), (2, 7), (0, 0)], dtype=float)
+TURNED: dict[str, Body] = {
+    "ball": Sphere((3, 1, 2), 4),
+    "box": Box((0, 1, 2), (5, 8, 4)),
+    "cone": Cone((1, 2, 3), (4, 0, 9), 3, 1),
+    "needle": Cone((0, 0, 0), (0, 0, 9), 2, 0),
+    "ring": Torus((1, 2, 3), (1, 0, 2), 5, 2),
+    "prism": Prism(TURNED_LOOP, -1, 5),
+    "thicker box": Offset(Box((0, 0, 0), (4, 5, 6)), -1, Grid.around(
+        np.full(3, -1.0), np.array([5.0, 6, 7]), 0.25)),
+    "inside of a bar": Offset(Cylinder((0, 0, 0), (0, 0, 9), 4), 1, Grid.around(
+        np.full(3, -4.0), np.array([4.0, 4, 9]), 0.25)),
+    "field of a ball": FieldSolid(stored_field(
+        Sphere((0, 0, 0), 4).at, Grid.around(np.full(3, -4.0), np.full(3, 4.0), 0.5))),
+    "turned twice": Moved(Sphere((3, 1, 2), 4), motion(1, (1, 2, 3), 30, (0, 0, 0), (0, 0, 0))),
+}
+
+
+@pytest.mark.parametrize("name", TURNED)
+def test_a_turned_body_ends_where_its_bounds_say(name: str) -> None:
+    """A ball is no wider when it is turned; what is set down would hang in the air."""
+    turned = Moved(TURNED[name], motion(1.5, (1, 1, 0), 40, (1, 0, 2), (3, 0, -1)))
+    low, high = turned.bounds_mm
+    rng = np.random.default_rng(0)
+    points = rng.uniform(low - 3, high + 3, (20_000, 3))
+    for _ in range(3):
+        points -= turned.at(points)[:, None] * turned.inward(points)
+    points = points[np.abs(turned.at(points)) < 1e-3]
+    assert (points.min(axis=0) > low - 0.02).all()
+    assert (points.max(axis=0) < high + 0.02).all()
+    assert (points.min(axis=0) < low + 0.2).all()
+    assert (points.max(axis=0) > high - 0.2).all()
 
 
 def test_slivers_are_left_out() -> None:

@@ -46,6 +46,9 @@ class Body(Protocol):
     def bounds_mm(self) -> Bounds:
         """Lowest and highest x, y, z of the solid, each (3,) float64 [mm]; may be infinite."""
 
+    def reach_mm(self, way: FloatArray) -> float:
+        """How far it reaches from the origin along a direction (3,) of length 1, at most [mm]."""
+
     @property
     def box_mm(self) -> Bounds:
         """A box that holds it, told without looking for its surface; may be infinite."""
@@ -123,6 +126,10 @@ class BodyDefaults(ABC):
     @abstractmethod
     def inward(self, points: FloatArray) -> FloatArray:
         """As `Body` has it."""
+
+    def reach_mm(self, way: FloatArray) -> float:
+        low, high = self.bounds_mm
+        return float(np.maximum(low * way, high * way).sum())
 
     @property
     def box_mm(self) -> Bounds:
@@ -204,6 +211,9 @@ class MeshSolid(Stored):
     def bounds_mm(self) -> Bounds:
         return self.mesh.vertices.min(axis=0), self.mesh.vertices.max(axis=0)
 
+    def reach_mm(self, way: FloatArray) -> float:
+        return float((self.mesh.vertices @ way).max())
+
     @cached_property
     def field(self) -> Field:
         corners = without_slivers(self.mesh.vertices[self.mesh.triangles])
@@ -243,6 +253,12 @@ class FieldSolid(Stored):
     @cached_property
     def bounds_mm(self) -> Bounds:
         return zero_bounds(self.stored, self.least_area_mm2)
+
+    def reach_mm(self, way: FloatArray) -> float:
+        """Of balls about the nodes near its surface, each as large as the node is deep."""
+        near = (self.stored.values > 0) & (self.stored.values < 2.0 * self.grid.pitch_mm)
+        nodes = np.argwhere(near)[:, ::-1] * self.grid.pitch_mm + np.asarray(self.grid.origin_mm)
+        return float((nodes @ way + self.stored.values[near]).max())
 
     def cut(self, z_mm: float, plane: PlaneGrid) -> NDArray[np.float32]:
         values = sample(self.stored, plane_points(plane, z_mm))

@@ -47,6 +47,9 @@ class Sphere(Analytic):
         centre = np.array(self.centre_mm)
         return centre - self.radius_mm, centre + self.radius_mm
 
+    def reach_mm(self, way: FloatArray) -> float:
+        return float(np.dot(self.centre_mm, way)) + self.radius_mm
+
     @property
     def largest_depth_mm(self) -> float:
         return self.radius_mm
@@ -144,6 +147,11 @@ class Cone(Analytic):
         below, above = self.base_radius_mm * reach, self.top_radius_mm * reach
         return np.minimum(base - below, top - above), np.maximum(base + below, top + above)
 
+    def reach_mm(self, way: FloatArray) -> float:
+        across = float(np.sqrt(max(0.0, 1.0 - np.dot(self._axis, way) ** 2)))
+        return max(float(np.dot(self.base_mm, way)) + self.base_radius_mm * across,
+                   float(np.dot(self.top_mm, way)) + self.top_radius_mm * across)
+
     def at(self, points: FloatArray) -> FloatArray:
         return cone_distance(
             points, self.base_mm, self.top_mm, self.base_radius_mm, self.top_radius_mm
@@ -238,6 +246,11 @@ class Torus(Analytic):
         reach = self.radius_mm * np.sqrt(np.maximum(0.0, 1.0 - along**2)) + self.tube_radius_mm
         centre = np.array(self.centre_mm)
         return centre - reach, centre + reach
+
+    def reach_mm(self, way: FloatArray) -> float:
+        across = float(np.sqrt(max(0.0, 1.0 - np.dot(unit_vector(self.axis), way) ** 2)))
+        return (float(np.dot(self.centre_mm, way)) + self.radius_mm * across
+                + self.tube_radius_mm)
 
     @property
     def largest_depth_mm(self) -> float:

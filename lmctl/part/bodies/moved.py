@@ -95,10 +95,17 @@ class Moved(Analytic):
     def box_mm(self) -> Bounds:
         return self._around(*self.body.box_mm)
 
-    @property
+    @cached_property
     def bounds_mm(self) -> Bounds:
-        """Those of its moved box: exact for quarter turns, else at most too large."""
-        return self._around(*self.body.bounds_mm)
+        low, high = self.body.bounds_mm
+        if not np.isfinite([*low, *high]).all():
+            return self._around(low, high)
+        reach = [[self.reach_mm(sign * way) for way in np.eye(3)] for sign in (-1.0, 1.0)]
+        return -np.array(reach[0]), np.array(reach[1])
+
+    def reach_mm(self, way: FloatArray) -> float:
+        along = self.body.reach_mm(way @ self.motion.turn)
+        return self.motion.scale * along + float(self.motion.shift_mm @ way)
 
     def _around(self, low: FloatArray, high: FloatArray) -> Bounds:
         if not np.isfinite([*low, *high]).all():

@@ -41,6 +41,10 @@ class Prism(Analytic):
         low, high = self.loop_mm.min(axis=0), self.loop_mm.max(axis=0)
         return np.array([*low, self.low_mm]), np.array([*high, self.high_mm])
 
+    def reach_mm(self, way: FloatArray) -> float:
+        return float((self.loop_mm @ way[:2]).max()
+                     + max(self.low_mm * way[2], self.high_mm * way[2]))
+
     def at(self, points: FloatArray) -> FloatArray:
         """The nearest of the wall and the two lids; beyond both, of the rim between them."""
         across = _polygon_kernel(np.ascontiguousarray(points), self.loop_mm)[:, 0]

@@ -76,6 +76,11 @@ class Offset(Analytic):
         ends = low + self.level_mm, high - self.level_mm
         return ends if self.level_mm < 0 else self._contour.ends(ends)
 
+    def reach_mm(self, way: FloatArray) -> float:
+        if self.level_mm <= 0:
+            return self.body.reach_mm(way) - self.level_mm
+        return float((self._contour.feet_mm @ way).max())
+
     @cached_property
     def largest_depth_mm(self) -> float:
         return self.body.largest_depth_mm - self.level_mm
