@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from lmctl.part.part import Part
 from lmctl.report.layer_picture import TWO_MATERIAL_MAP, composition_colours
+from lmctl.report.panels import arrange
 
 FloatArray = NDArray[np.float64]
 
@@ -30,17 +31,27 @@ MARGIN = 0.06
 CONTOURS = 8
 
 
-def draw_part(part: Part, at_mm: tuple[float | None, float | None, float | None], target: Path
-              ) -> None:
+#: The longer side of a panel, the least height of a key, and its width [inches].
+PANEL_IN, KEY_HEIGHT_IN, KEY_IN = 3.3, 2.4, 0.15
+
+Places = tuple[float | None, float | None, float | None]
+
+
+def draw_part(part: Part, at_mm: Places, target: Path) -> None:
     """Draw three planes of a part and save them; the ending of `target` chooses the format.
 
     at_mm : the x, y and z of the planes across each axis; None is the middle
     Raises OSError where the file cannot be written.
     """
+    part_figure(part, at_mm).savefig(target)
+
+
+def part_figure(part: Part, at_mm: Places) -> Figure:
+    """Three planes of a part, distance above composition; at_mm : as `draw_part` takes it."""
     low, high = part.bounds_mm
     middle = 0.5 * (low + high)
-    figure = Figure(figsize=(12.0, 7.6), dpi=130, layout="constrained")
-    axes = figure.subplots(2, 3)
+    figure = Figure(dpi=130)
+    axes = figure.subplots(2, 4)
     planes = [
         _plane(low, high, across, float(middle[across]) if place is None else place)
         for across, place in ((2, at_mm[2]), (1, at_mm[1]), (0, at_mm[0]))
@@ -57,10 +68,15 @@ def draw_part(part: Part, at_mm: tuple[float | None, float | None, float | None]
             axis.set_ylabel(f"{plane.names[1]} [mm]")
         axes[0, column].set_title(plane.title, fontsize=10)
     shades = ScalarMappable(Normalize(-reach, reach), DISTANCE_MAP)
-    figure.colorbar(shades, ax=list(axes[0]), label="distance, positive inside [mm]", shrink=0.9)
-    _key(figure, list(axes[1]), tuple(material.name for material in part.materials))
-    figure.suptitle(f"{part.name}: distance (contours every {step:g} mm) and composition")
-    figure.savefig(target)
+    figure.colorbar(shades, cax=axes[0, 3], label="distance, positive inside [mm]")
+    _key(figure, axes[1, 3], tuple(material.name for material in part.materials))
+    sizes = np.array([plane.size for plane in planes])
+    sizes *= PANEL_IN / sizes.max(axis=1, keepdims=True)
+    key = [[KEY_IN, max(KEY_HEIGHT_IN, float(sizes[:, 1].max()))]]
+    widths, heights = np.tile(np.concatenate([sizes, key]).T[:, None, :], (1, 2, 1))
+    arrange(figure, axes.tolist(), widths, heights,
+            f"{part.name}: distance (contours every {step:g} mm) and composition")
+    return figure
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +88,12 @@ class _Plane:
     extent: tuple[float, float, float, float]
     names: tuple[str, str]
     title: str
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """[mm]"""
+        u0, u1, v0, v1 = self.extent
+        return u1 - u0, v1 - v0
 
 
 def _plane(low: FloatArray, high: FloatArray, across: int, at: float) -> _Plane:
@@ -117,19 +139,21 @@ def _outline(axes: Axes, plane: _Plane, depth: FloatArray, width: float) -> None
                      colors="black", linewidths=width)
 
 
-def _key(figure: Figure, axes: list[Axes], materials: tuple[str, ...]) -> None:
+def _key(figure: Figure, axes: Axes, materials: tuple[str, ...]) -> None:
     if len(materials) == 2:
         figure.colorbar(
-            ScalarMappable(Normalize(0.0, 1.0), TWO_MATERIAL_MAP), ax=axes,
-            label=f"volume fraction of {materials[1]}", shrink=0.9,
+            ScalarMappable(Normalize(0.0, 1.0), TWO_MATERIAL_MAP), cax=axes,
+            label=f"volume fraction of {materials[1]}",
         )
         return
+    axes.set_axis_off()
     shares = np.eye(len(materials))
     handles = [
         Patch(color=tuple(colour), label=name)
         for name, colour in zip(materials, composition_colours(shares), strict=True)
     ]
-    axes[-1].legend(handles=handles, loc="center left", bbox_to_anchor=(1.02, 0.5), frameon=False)
+    axes.legend(handles=handles, loc="center left", bbox_to_anchor=(0.0, 0.5), frameon=False,
+                borderaxespad=0.0)
 
 
 def _even_step(size_mm: float) -> float:
