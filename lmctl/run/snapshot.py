@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 from collections.abc import Sequence
 from typing import Any
@@ -10,6 +11,7 @@ from lmctl.config.machine import Hopper, MachineProfile
 from lmctl.job.schema import JobManifest
 from lmctl.run.deposition import Progress
 from lmctl.run.journal.recorder import Latest
+from lmctl.run.preparation import Preparation
 from lmctl.run.sequence import CellSequence
 
 
@@ -29,6 +31,7 @@ class View:
         }
         self._told = (0.0, end_s, 0, end_s)
         self._progress = progress
+        self._preparation = Preparation(profile, hoppers, manifest.powder_mode)
 
     def hear(self, done_s: float, total_s: float, layer: int, remaining_s: float) -> None:
         """Take progress, and hand it on."""
@@ -43,13 +46,15 @@ class View:
 
         run, part, machine, operator, pid, lines, layers, hoppers : as the run began
         state, line, layer (from 1), place (in words), override_percent
-        done_s, total_s : program time; remaining_s : machine time
+        done_s, total_s : program time; remaining_s : machine time to the end of the program, with
+            what the run waits for before it deposits
         beam_off : whether every power goes out as zero
         position_mm, s_word, set_g_min, measured_g_min : as last reported, None before the first;
             flows in the hoppers' order
         alarms : first-out first, each with what, where and hint
         """
         done_s, total_s, layer, remaining_s = self._told
+        remaining_s += self._preparation.left_s(state, asyncio.get_running_loop().time())
         return {
             **self._fixed, "state": state, "line": sequence.executed, "layer": layer + 1,
             "place": sequence.place, "override_percent": override_percent,

@@ -8,6 +8,7 @@ import json
 from lmctl.run.control.path import SOCKET
 from lmctl.run.journal.file import fingerprint
 from lmctl.run.state.table import State
+from tests.run.whole.conftest import BenchRun
 
 
 class Terminal:
@@ -87,3 +88,20 @@ def test_looking_on_changes_nothing_in_the_journal(run, square_job, tmp_path):
                                     (2.0, terminal.asks("status"))])
     assert len(terminal.said) > 20
     assert fingerprint(watched.journal) == fingerprint(alone.journal)
+
+
+def test_time_left_counts_gas_and_powder_before_it_deposits(square_job, profile, tmp_path):
+    class Looked(BenchRun):
+        async def _act(self, acts):
+            self.seen = []
+            while self.executor.state is not State.DEPOSITING:
+                if self.executor.state is not State.READY:
+                    told = self.executor.snapshot()
+                    self.seen.append((self.loop.time(), told["state"], told["remaining_s"]))
+                await asyncio.sleep(0.25)
+
+    ran = Looked(tmp_path / "looked", profile, square_job, acts=["look"])
+    done_s = ran.entered_s(State.FINISHING)
+    assert {state for _, state, _ in ran.seen} >= {State.GAS, State.POWDER, State.ARMED}
+    wrong_s = [left_s - (done_s - now_s) for now_s, _, left_s in ran.seen]
+    assert max(map(abs, wrong_s)) < 3.0, wrong_s  # of the 14 s that gas and powder take
