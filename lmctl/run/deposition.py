@@ -110,6 +110,11 @@ class Deposition:
         start_mm, end_mm, _, _ = self._window.span_at(self._clock.now(self._loop.time()))
         return start_mm != end_mm
 
+    @property
+    def off_path_mm(self) -> float:
+        """How far the place last reported is from the program's path; 0 once motion is at rest."""
+        return self._clock.off_mm if self._tracking else 0.0
+
     def job_line(self, tag: int) -> int:
         """The job's number of a line of the stream."""
         return self._first_line + tag

@@ -57,8 +57,8 @@ def feeder(age_s=0.0, feeding=True, **changes):
 
 FINE = Facts(
     motion=parse_status("<Run|MPos:1.000,2.000,3.000|FS:600,500>"), motion_age_s=0.1,
-    motion_period_s=0.2, still_s=0.0, feeders=(feeder(),), safety=GOOD, safety_age_s=0.0,
-    limits=LIMITS,
+    motion_period_s=0.2, still_s=0.0, off_path_mm=0.0, feeders=(feeder(),), safety=GOOD,
+    safety_age_s=0.0, limits=LIMITS,
 )
 
 
@@ -93,6 +93,7 @@ TRIPPED = [
     ("safety inputs silent", FINE._replace(safety_age_s=0.31), "0.3 s"),
     ("motion silent", FINE._replace(motion_age_s=0.7), "0.7 s"),
     ("position", FINE._replace(still_s=1.1), "1.1 s"),
+    ("path", FINE._replace(off_path_mm=0.31), "0.3 mm off the programmed path"),
     ("feeder silent", FINE._replace(feeders=(feeder(age_s=3.1),)), "feeder F1"),
     ("carrier gas", FINE._replace(feeders=(feeder(carrier_L_min=3.1),)), "3.1 L/min"),
     ("disc", FINE._replace(feeders=(feeder(flow_est_g_min=5.8),)), "5.80 g/min"),

@@ -21,6 +21,10 @@ STALE_PERIODS = 3
 #: A machine that says it runs must move within so much [s]: at the slowest bead it does.
 _STILL_S = 1.0
 
+#: A controller follows its lines to a step, and rounding of reports leaves 0.005 mm. Farther off
+#: than this, what it runs is not what was sent: G-code has no checksum.
+OFF_PATH_MM = 0.3
+
 #: The controller holds by itself; a relay that has just closed shows in its next report only.
 _DOOR_S = 0.5
 _CLOSE_IT = "close it; look at the part, then resume"
@@ -53,11 +57,13 @@ class Facts(NamedTuple):
 
     still_s : for how long the controller has said that it runs the program without moving, the
         program's own waits left out
+    off_path_mm : how far the place last reported is from the program's path; 0 where none runs
     safety, limits : None where the cell has no safety-input device
     """
 
     motion: StatusReport | None
     still_s: float
+    off_path_mm: float
     motion_age_s: float
     motion_period_s: float
     feeders: Sequence[FeederFacts]
@@ -207,6 +213,15 @@ def _not_following(facts: Facts) -> Iterator[Finding]:
         )
 
 
+def _off_path(facts: Facts) -> Iterator[Finding]:
+    if facts.off_path_mm > OFF_PATH_MM:
+        yield Finding(
+            f"the nozzle is {facts.off_path_mm:.1f} mm off the programmed path",
+            "a line was damaged on its way: look at the part, and at cable and earthing of the "
+            "motion controller, then resume",
+        )
+
+
 def _feeder_silent(facts: Facts) -> Iterator[Finding]:
     for feeder in facts.feeders:
         if feeder.age_s > STALE_PERIODS * feeder.period_s:
@@ -279,6 +294,7 @@ RULES: tuple[Rule, ...] = (
     Rule("watchdog relay", _relay, latched=True, of_safety=True),
     Rule("motion silent", _motion_silent),
     Rule("position", _not_following, Reaction.RESET),
+    Rule("path", _off_path),
     Rule("feeder silent", _feeder_silent),
     Rule("carrier gas", _carrier_gas, for_s=_CARRIER_GAS_S),
     Rule("disc", _disc, for_s=_DISC_S),

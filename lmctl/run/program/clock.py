@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lmctl.run.interlocks.rules import OFF_PATH_MM
 from lmctl.run.program.window import FloatArray, JobWindow, Stretch
 
 #: How far the nozzle may be from the start of the line that runs by the count of executed ones.
@@ -48,7 +49,9 @@ class ProgramClock:
     """Program time of one run.
 
     rate : feed override now (1 = as planned)
-    reported_s : program time of the last place reported, nothing added for what came after
+    reported_s : program time of the last place reported on the path, nothing added for what came
+        after
+    off_mm : how far the last place reported is from the path of the lines that may be running
     turned : called when something other than the passing of time changes what lies ahead
     The clock stands until `run_from`, and again after `stand`.
     """
@@ -63,6 +66,7 @@ class ProgramClock:
         self._known_t = 0.0
         self._known_s = float(first.start_s[0])
         self.reported_s = self._known_s
+        self.off_mm = 0.0
         self._limit_s = self._known_s  # program time at the end of the lines acknowledged
         self._runs_from_t = math.inf
 
@@ -127,14 +131,15 @@ class ProgramClock:
         expected_s = self.now(t)
         if self._change is not None and expected_s > self._change.to_s:
             self._change = None
+        self.off_mm = 0.0
         if executed >= self._window.n_lines:
             self._known_s = self._window.end_s
+        elif (found_s := self._as_expected(position_mm, expected_s)) is not None:
+            self._known_s = found_s
         else:
-            found_s = self._as_expected(position_mm, expected_s)
-            self._known_s = (
-                self._nearest(executed, position_mm, expected_s) if found_s is None else found_s
-            )
-        self.reported_s = self._known_s
+            self._known_s, self.off_mm = self._nearest(executed, position_mm, expected_s)
+        if self.off_mm <= OFF_PATH_MM:
+            self.reported_s = self._known_s
         self._known_t = t
 
     def now(self, t: float) -> float:
@@ -174,9 +179,12 @@ class ProgramClock:
 
     def _nearest(
         self, executed: int, position_mm: tuple[float, ...], expected_s: float
-    ) -> float:
-        """Program time of the point nearest to a position, on the lines that may be running."""
-        start_mm, end_mm, start_s, end_s = self._around(executed)
+    ) -> tuple[float, float]:
+        """Program time of the point nearest to a position, on the lines that may be running.
+
+        And how far it is from there [mm].
+        """
+        start_mm, end_mm, start_s, end_s = self._around(executed, expected_s)
         along_mm = end_mm - start_mm
         lasting_s = end_s - start_s
         from_start_mm = np.array(position_mm[:3]) - start_mm
@@ -191,22 +199,24 @@ class ProgramClock:
         np.clip(share, 0.0, 1.0, out=share)
         at_s = start_s + share * lasting_s
         off_mm = from_start_mm - share[:, None] * along_mm
-        cost = np.einsum("ij,ij->i", off_mm, off_mm)
-        cost += (_TIME_WEIGHT_MM_S * (at_s - expected_s)) ** 2
-        return float(at_s[int(cost.argmin())])
+        off_mm2 = np.einsum("ij,ij->i", off_mm, off_mm)
+        best = int((off_mm2 + (_TIME_WEIGHT_MM_S * (at_s - expected_s)) ** 2).argmin())
+        return float(at_s[best]), math.sqrt(off_mm2[best])
 
-    def _around(self, line: int) -> tuple[FloatArray, ...]:
+    def _around(self, line: int, expected_s: float) -> tuple[FloatArray, ...]:
         """Starts and ends, in place and time, of the lines that may be running."""
         stretch = self._window.stretch_of_line(line)
         row = line - stretch.first_line
         start_s = stretch.start_s[row]
         first = int(stretch.end_s.searchsorted(start_s - _LOOK_BACK_S))
-        last = int(stretch.start_s.searchsorted(start_s + _LOOK_AHEAD_S, side="right"))
+        # The count is a report late: long periods and overrides bring the nozzle farther by then.
+        until_s = max(start_s + _LOOK_AHEAD_S, expected_s + _LOOK_BACK_S)
+        last = int(stretch.start_s.searchsorted(until_s, side="right"))
         near = _rows(stretch, min(first, row), last)
         if last < len(stretch.program) or stretch.last_line + 1 >= self._acknowledged:
             return near
         after = self._window.stretch(stretch.index + 1)
-        last = int(after.start_s.searchsorted(start_s + _LOOK_AHEAD_S, side="right"))
+        last = int(after.start_s.searchsorted(until_s, side="right"))
         return tuple(map(np.concatenate, zip(near, _rows(after, 0, last), strict=True)))
 
 

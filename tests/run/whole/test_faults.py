@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 from types import SimpleNamespace
 
 import pytest
+from scipy.spatial import cKDTree
 
 from lmctl.errors import MachineError, RunBrokenOff, RunFailed, RunStopped
 from lmctl.run.journal.file import verify
@@ -163,6 +165,41 @@ def test_a_line_damaged_on_its_way_stops_the_run_at_once(run, large_square_job, 
     assert len(one.standing_beam) == 0
     assert one.path.time_s.max() < one.started_s + 4.5
     assert one.still_feeding == []
+
+
+@pytest.mark.parametrize("bench", [
+    [], [('dialect = "grblhal"', 'dialect = "grbl"'), ("10 = 511", "10 = 3")],
+])
+@pytest.mark.parametrize(("word", "becomes"), [
+    (rb" X(\d)", rb" X"), (rb" Y(\d)(\d)", rb" Y\2\1"), (rb" X(\d)(\d)", rb" X\1"),
+])
+def test_a_place_damaged_on_its_way_is_seen_by_where_the_nozzle_goes(
+    run, large_square_job, bench, word, becomes
+):
+    """A controller takes it for a line like any other: its answer is `ok`."""
+    def damage(one):
+        receive = one.bench.motion.receive
+
+        def damaged(data):
+            if b" G1 " in data:
+                one.bench.motion.receive = receive
+                data = re.sub(word, becomes, data, count=1)
+            receive(data)
+
+        one.bench.motion.receive = damaged
+
+    one = run(large_square_job, bench=bench, acts=[
+        (3.0, damage), (20.0, lambda r: r.executor.resume()),
+    ])
+    (alarm,) = one.records("alarm")
+    assert "off the programmed path" in alarm["what"]
+    assert one.result.state == "done"
+    one.check_safe()
+    whole = run(large_square_job)
+    there, wanted = cKDTree(one.path.position_mm), cKDTree(whole.path.position_mm)
+    assert there.query(whole.path.position_mm)[0].max() < EXACT_MM  # none is missing
+    astray = wanted.query(one.path.position_mm)[0] > EXACT_MM
+    assert 0 < one.path.length_mm[astray].sum() < 6.0  # what two status periods at 10 mm/s draw
 
 
 def test_a_job_altered_while_it_runs_ends_the_run(run, tmp_path, profile, job_file):
