@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from lmctl.errors import InputError
 from lmctl.field.grid import Grid
 from lmctl.part.bodies.body import Body, FieldSolid
-from lmctl.part.bodies.formulas import Box, Cylinder, Sphere
+from lmctl.part.bodies.formulas import Box, Cylinder, Sphere, Torus
 from lmctl.part.bodies.half_space import HalfSpace
 from lmctl.part.bodies.moved import Moved, motion
 from lmctl.part.bodies.prism import Prism
@@ -299,6 +299,19 @@ def test_no_corner_is_missed_where_a_ball_cuts_an_edge(seed: int) -> None:
     points = corner + rng.uniform((-1, 0, 0), (1, 2, 2), (200, 3))
     away = np.linalg.norm(points - corner, axis=1)
     assert (np.abs(body.at(points)) <= away + 1e-6).all()
+
+
+def test_walls_that_bodies_share_hide_no_others() -> None:
+    """a less ((a ∪ b) less c) is a ∩ c, also where a is said twice and several walls are near."""
+    corners = [(6, 7), (14, 7), (14, 13), (6, 13), (6, 12.2667), (5.9994, 9.6049), (6, 7.8229)]
+    loop = np.array([*corners, corners[0]], dtype=float)
+    a, again = Prism(loop, 3, 9), Prism(loop.copy(), 3, 9)
+    b, c = Torus((6, 9, 10), (1, 0, 0), 3, 1), Cylinder((7, 12, 5), (0, 12, 5), 5)
+    said = combined("difference", (a, combined("difference", (
+        combined("union", (again, b), 0.49), c), 0.49)), 0.49)
+    points = np.random.default_rng(0).uniform((2, 4, 1), (9, 15, 11), (6000, 3))
+    meant = combined("intersection", (a, c), 0.49).at(points)
+    np.testing.assert_allclose(said.at(points), meant, atol=1e-4)
 
 
 @settings(max_examples=6, deadline=None, phases=FOUND, derandomize=True)

@@ -91,10 +91,14 @@ def most_near(
 ) -> IntArray:
     """For each of `count` rows the nearest surfaces it met, (count, MOST_NEAR), −1 for none.
 
-    rows, which, away : (m,), each meeting: the row, the surface's number, how far away it is
+    rows, which, away : (m,), each meeting: the row, the surface's number, how far away it is; what
+        several bodies share is met several times, and counts once
     """
     order = np.lexsort((which, away, rows))
     rows, which = rows[order], which[order]
+    new = np.ones(len(rows), dtype=bool)
+    new[1:] = (rows[1:] != rows[:-1]) | (which[1:] != which[:-1])
+    rows, which = rows[new], which[new]
     slot = np.arange(len(rows)) - np.searchsorted(rows, rows)
     kept = slot < MOST_NEAR
     near = np.full((count, MOST_NEAR), -1, dtype=np.int64)
