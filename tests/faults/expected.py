@@ -7,7 +7,7 @@ EXPECTED = {
     "controller_reboots": "restarted|lost|not reported|refused",
     "controller_silent": "not reported|silent|no answer|lost",
     "controller_stalls": "not reported|silent|no answer|lost",
-    "controller_lies": "position has not changed|still moves",
+    "controller_lies": "position has not changed|still moves|off the programmed path",
     "hard_limit": "limit", "soft_limit": "travel|limit",
     "motion_door": "door", "motion_estop": "e-stop|emergency", "panel_hold": "hold",
     "panel_start": "", "panel_override": "",

@@ -216,9 +216,10 @@ def _not_following(facts: Facts) -> Iterator[Finding]:
 def _off_path(facts: Facts) -> Iterator[Finding]:
     if facts.off_path_mm > OFF_PATH_MM:
         yield Finding(
-            f"the nozzle is {facts.off_path_mm:.1f} mm off the programmed path",
-            "a line was damaged on its way: look at the part, and at cable and earthing of the "
-            "motion controller, then resume",
+            f"the nozzle is {facts.off_path_mm:.1f} mm off the programmed path, says the motion "
+            "controller",
+            "a line, or the reports, were damaged on their way: look at the part, and at cable and "
+            "earthing of the controller, then resume",
         )
 
 
