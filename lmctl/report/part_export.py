@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -82,9 +82,9 @@ def _head(grid: Grid, names: list[str], block: int) -> bytes:
     origin = " ".join(f"{v:.9g}" for v in grid.origin_mm)
     spacing = " ".join([f"{grid.pitch_mm:.9g}"] * 3)
     arrays = "".join(
-        f'        <DataArray type="Float32" Name="{_plain(name)}" format="appended" '
+        f'        <DataArray type="Float32" Name="{name}" format="appended" '
         f'offset="{number * (8 + block)}"/>\n'
-        for number, name in enumerate(["distance", *names])
+        for number, name in enumerate(array_names(names))
     )
     return (
         '<?xml version="1.0"?>\n<VTKFile type="ImageData" version="1.0" '
@@ -96,9 +96,22 @@ def _head(grid: Grid, names: list[str], block: int) -> bytes:
     ).encode("ascii")
 
 
-def _plain(name: str) -> str:
-    """A material's name as an array's: nothing in it that XML or ParaView would take otherwise."""
-    return re.sub(r"[^A-Za-z0-9 .+/_-]", "_", name)
+def array_names(materials: Sequence[str]) -> list[str]:
+    """`distance`, and an array's name for each material, no two alike.
+
+    Nothing is in them that XML or ParaView would take otherwise.
+
+    >>> array_names(["316L", "Fe & C", "distance"])
+    ['distance', '316L', 'Fe _ C', 'distance 2']
+    """
+    names = ["distance"]
+    for material in materials:
+        plain = name = re.sub(r"[^A-Za-z0-9 .+/_-]", "_", material)
+        number = 2
+        while name in names:
+            name, number = f"{plain} {number}", number + 1
+        names.append(name)
+    return names
 
 
 def write_surface(part: Part, target: Path) -> None:
