@@ -16,9 +16,9 @@ MIX = np.array([1.0])
 
 def motion(**changes):
     values = {
-        "endpoint": "tcp://127.0.0.1:1", "travel_mm": {"x": [0, 1], "y": [0, 1], "z": [0, 1]},
-        "max_speed_mm_s": [100, 100, 100], "acceleration_mm_s2": [500, 500, 500],
-        "junction_deviation_mm": 0.01, "planner_blocks": 100, "purge_mm": [0, 0, 0],
+        "endpoint": "tcp://127.0.0.1:1", "travel_mm": {"x": (0, 1), "y": (0, 1), "z": (0, 1)},
+        "max_speed_mm_s": (100, 100, 100), "acceleration_mm_s2": (500, 500, 500),
+        "junction_deviation_mm": 0.01, "planner_blocks": 100, "purge_mm": (0, 0, 0),
     }
     return Motion.model_validate(values | changes)
 
@@ -46,7 +46,7 @@ def test_axes_bound_speed_and_acceleration_along_a_diagonal():
     speed, acceleration = 100 * np.sqrt(2), 500 * np.sqrt(2)
     assert total([[30, 30]], speed=1000) == pytest.approx(
         diagonal / speed + speed / acceleration)
-    assert total([[20, 0]], speed=10, acceleration_mm_s2=[50, 500, 500]) == pytest.approx(
+    assert total([[20, 0]], speed=10, acceleration_mm_s2=(50, 500, 500)) == pytest.approx(
         2 + 10 / 50)
 
 

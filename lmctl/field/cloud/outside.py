@@ -31,6 +31,8 @@ Sources = NDArray[np.int32]
 
 LEVELS_PER_SPACING = 8
 OFF_SURFACE = 2  # levels: nearer to a sample than this a node's side is for its own fit to tell
+LOOKED_AT = 8  # samples next to one that a place lies behind
+FACED = 0.5  # cosine of the angle to its normal within which a sample faces a place
 # Samples strewn at random leave empty circles of up to 2.2 spacings among 10⁵ of them: what is
 # wider is an opening.
 WIDEST_GAP_SPACINGS = 3.0
@@ -125,9 +127,8 @@ def orient(samples: Samples, patches: Patches, pitch_mm: float) -> Orientation:
     if samples.normals is not None:
         told = np.zeros(grid.shape, dtype=np.int8)
         out = outward(samples.normals, patches.normal, facing)
-        _by_normals_kernel(clear, sources, relative, patches.normal, out, facing, told)
-        # Off a sharp edge a place in the open may lie behind one face, as air comes to it freely.
-        told[(told > 0) & (way == clear) & (clear >= LEVELS_PER_SPACING)] = 0
+        _by_normals_kernel(
+            clear, sources, relative, patches.normal, out, facing, samples.neighbours, told)
         # The inside between two samples may be reached by a wider way than that right below one.
         gap = max(gap, int(way[told > 0].max(initial=0)))
     deep = np.where(way > gap, -1, np.where(clear > 1.5 * gap, 1, 0)).astype(np.int8)
@@ -248,11 +249,13 @@ def _widen_kernel(
 @kernel
 def _by_normals_kernel(
     clear: NDArray[np.uint8], sources: Sources, points: FloatArray, normal: FloatArray,
-    out: FloatArray, facing: NDArray[np.int8], told: NDArray[np.int8],
+    out: FloatArray, facing: NDArray[np.int8], near: NDArray[np.int32], told: NDArray[np.int8],
 ) -> None:
     """The side of nodes right above or below a sample, in `told`.
 
-    By its patch's normal and by its own: at a sharp edge a patch is fitted around it.
+    By its patch's normal and by its own: at a sharp edge a patch is fitted around it. And off a
+    sharp edge a place in the open may lie behind one of its faces: what is inside has no sample
+    near there facing it.
     """
     nz, ny, nx = clear.shape
     for k in range(nz):
@@ -266,8 +269,16 @@ def _by_normals_kernel(
                 along = x * normal[n, 0] + y * normal[n, 1] + z * normal[n, 2]
                 along *= facing[n]
                 beyond = x * out[n, 0] + y * out[n, 1] + z * out[n, 2]
-                if along * along > 0.64 * off2 and along * beyond > 0.4 * off2:
-                    told[k, j, i] = -1 if along > 0.0 else 1
+                if along * along <= 0.64 * off2 or along * beyond <= 0.4 * off2:
+                    continue
+                told[k, j, i] = -1 if along > 0.0 else 1
+                for m in range(LOOKED_AT if along < 0.0 else 0):
+                    r = near[n, m]
+                    x, y, z = i - points[r, 0], j - points[r, 1], k - points[r, 2]
+                    front = x * out[r, 0] + y * out[r, 1] + z * out[r, 2]
+                    if front > FACED * np.sqrt(x * x + y * y + z * z):
+                        told[k, j, i] = 0
+                        break
 
 
 @kernel
