@@ -35,7 +35,7 @@ def random_part(rng: np.random.Generator) -> tuple[str, Bound]:
     text = "".join(f'[[body]]\nname = "body {n}"\n{body.lines}' for n, body in enumerate(bodies))
     there = [(f"body {n}", body.bound) for n, body in enumerate(bodies)]
     while len(there) > 1:
-        rng.shuffle(there)  # type: ignore[arg-type]
+        there = [there[n] for n in rng.permutation(len(there))]
         count = min(len(there), int(rng.integers(2, 4)))
         chosen, there = there[:count], there[count:]
         kind = str(rng.choice(["union", "difference", "intersection"], p=[0.55, 0.35, 0.1]))
