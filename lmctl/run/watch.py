@@ -17,14 +17,8 @@ from lmctl.machine.safety.status import SafetyListener, SafetyStatus
 from lmctl.run.cell.devices import Cell
 from lmctl.run.deposition import Deposition
 from lmctl.run.interlocks.alarms import Alarms, Interlock
-from lmctl.run.interlocks.rules import (
-    RULES,
-    RULES_WITHOUT_SAFETY,
-    STALE_PERIODS,
-    Facts,
-    FeederFacts,
-    settled,
-)
+from lmctl.run.interlocks.facts import STALE_PERIODS, Facts, FeederFacts, settled
+from lmctl.run.interlocks.rules import RULES, RULES_WITHOUT_SAFETY
 from lmctl.run.interlocks.supervision import Supervision
 from lmctl.run.journal.recorder import Recorder
 

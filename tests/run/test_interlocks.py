@@ -13,13 +13,8 @@ from lmctl.config.machine import Hopper, Safety
 from lmctl.machine.feeder.status import FeederStatus, HopperReading
 from lmctl.machine.safety.status import SafetyStatus
 from lmctl.run.interlocks.alarms import Alarms, EmergencyStop, Interlock
-from lmctl.run.interlocks.rules import (
-    RULES,
-    RULES_WITHOUT_SAFETY,
-    Facts,
-    FeederFacts,
-    settled,
-)
+from lmctl.run.interlocks.facts import Facts, FeederFacts, settled
+from lmctl.run.interlocks.rules import RULES, RULES_WITHOUT_SAFETY
 from lmctl.run.interlocks.supervision import Supervision
 
 LIMITS = Safety(

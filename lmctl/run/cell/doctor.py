@@ -16,7 +16,9 @@ from lmctl.machine.by_hand.look_motion import MotionLook, look_at_motion
 from lmctl.machine.motion.identify import refuse_unfit
 from lmctl.machine.safety.status import SafetyStatus
 from lmctl.run.cell.check import Check, judge_settings
-from lmctl.run.interlocks.rules import RULES, Facts, Finding
+from lmctl.run.interlocks.facts import Facts
+from lmctl.run.interlocks.rule import Finding
+from lmctl.run.interlocks.rules import RULES
 
 #: A heartbeat younger than this is another host's [s].
 _FOREIGN_S = 5.0

@@ -6,7 +6,8 @@ from collections.abc import Callable, Sequence
 
 from lmctl.errors import MachineError
 from lmctl.run.interlocks.alarms import EmergencyStop, Interlock
-from lmctl.run.interlocks.rules import Facts, Finding, Reaction, Rule
+from lmctl.run.interlocks.facts import Facts
+from lmctl.run.interlocks.rule import Finding, Reaction, Rule
 
 #: An interlock that waits for the end of a path waits no longer than this [s].
 _PATH_END_S = 60.0

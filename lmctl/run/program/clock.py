@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lmctl.run.interlocks.rules import OFF_PATH_MM
+from lmctl.run.interlocks.of_motion import OFF_PATH_MM
 from lmctl.run.program.window import FloatArray, JobWindow, Stretch
 
 #: How far the nozzle may be from the start of the line that runs by the count of executed ones.

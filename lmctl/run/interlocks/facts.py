@@ -1,0 +1,54 @@
+"""What interlocks look at: the last word of every device, each with its age."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+from firmware_protocol.status import StatusReport
+from lmctl.config.machine import Hopper, Safety
+from lmctl.machine.feeder.status import FeederStatus, HopperReading
+from lmctl.machine.safety.status import SafetyStatus
+
+#: Reports missing before a device counts as silent (process.md 5.3).
+STALE_PERIODS = 3
+
+
+class FeederFacts(NamedTuple):
+    """How old a feeder's last good answer is, and what it said of hoppers: see `settled`."""
+
+    name: str
+    age_s: float
+    period_s: float
+    hoppers: Sequence[tuple[Hopper, HopperReading]]
+
+
+class Facts(NamedTuple):
+    """All a rule may look at.
+
+    still_s : for how long the controller has said that it runs the program without moving, the
+        program's own waits left out
+    off_path_mm : how far the place last reported is from the program's path; 0 where none runs
+    safety, limits : None where the cell has no safety-input device
+    """
+
+    motion: StatusReport | None
+    still_s: float
+    off_path_mm: float
+    motion_age_s: float
+    motion_period_s: float
+    feeders: Sequence[FeederFacts]
+    safety: SafetyStatus | None
+    safety_age_s: float
+    limits: Safety | None
+
+
+def settled(
+    status: FeederStatus | None, hoppers: Iterable[Hopper]
+) -> tuple[tuple[Hopper, HopperReading], ...]:
+    """Those of a feeder's hoppers whose powder runs and has settled, with what was read of them."""
+    if status is None or not (status.feeding and status.stable):
+        return ()
+    return tuple(
+        (hopper, status.hoppers[hopper.name]) for hopper in hoppers if hopper.name in status.hoppers
+    )

@@ -1,0 +1,60 @@
+"""Rules about powder: what feeders say of gas, discs and weight."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from lmctl.run.interlocks.facts import STALE_PERIODS, Facts
+from lmctl.run.interlocks.rule import Finding
+
+_CARRIER_SHARE = 0.8
+_DISC_SHARE, _DISC_LEAST_G_MIN = 0.02, 0.05
+_WEIGHED_SHARE, _WEIGHED_LEAST_G_MIN = 0.15, 0.5
+
+
+def silent(facts: Facts) -> Iterator[Finding]:
+    for feeder in facts.feeders:
+        if feeder.age_s > STALE_PERIODS * feeder.period_s:
+            yield Finding(f"feeder {feeder.name}: no answer for {feeder.age_s:.1f} s",
+                          "check its power and cable", feeder.name)
+
+
+def carrier_gas(facts: Facts) -> Iterator[Finding]:
+    for feeder in facts.feeders:
+        for hopper, reading in feeder.hoppers:
+            flow, wanted = reading.carrier_L_min, hopper.carrier_L_min
+            if flow is not None and flow < _CARRIER_SHARE * wanted:
+                yield Finding(
+                    f"hopper {hopper.name}: carrier gas flows at {flow:.1f} L/min, "
+                    f"{wanted:g} L/min is set",
+                    f"check gas supply and hose of feeder {feeder.name}", hopper.name,
+                )
+
+
+def disc(facts: Facts) -> Iterator[Finding]:
+    for feeder in facts.feeders:
+        for hopper, reading in feeder.hoppers:
+            flow, wanted = reading.flow_est_g_min, reading.setpoint_g_min
+            if _is_off(flow, wanted, _DISC_LEAST_G_MIN, _DISC_SHARE):
+                yield Finding(
+                    f"hopper {hopper.name}: its disc feeds {flow:.2f} g/min, {wanted:.2f} g/min "
+                    f"is set",
+                    f"look whether the disc of feeder {feeder.name} is jammed", hopper.name,
+                )
+
+
+def weighed(facts: Facts) -> Iterator[Finding]:
+    for feeder in facts.feeders:
+        for hopper, reading in feeder.hoppers:
+            weighed, wanted = reading.flow_weighed_g_min, reading.setpoint_g_min
+            if _is_off(weighed, wanted, _WEIGHED_LEAST_G_MIN, _WEIGHED_SHARE):
+                yield Finding(
+                    f"hopper {hopper.name}: by weight it loses {weighed:.2f} g/min, "
+                    f"{wanted:.2f} g/min is set",
+                    f"look whether powder moves in feeder {feeder.name}", hopper.name,
+                )
+
+
+def _is_off(flow: float | None, wanted: float, least: float, share: float) -> bool:
+    """Whether a flow that is known differs by more than a share, and more than the least."""
+    return flow is not None and abs(flow - wanted) > max(least, share * wanted)

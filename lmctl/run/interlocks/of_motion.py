@@ -1,0 +1,50 @@
+"""Rules about what the motion controller says of itself and of the nozzle."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from lmctl.run.interlocks.facts import STALE_PERIODS, Facts
+from lmctl.run.interlocks.of_cell import CLOSE_IT
+from lmctl.run.interlocks.rule import Finding
+
+#: A machine that says it runs must move within so much [s]: at the slowest bead it does.
+_STILL_S = 1.0
+
+#: A controller follows its lines to a step, and rounding of reports leaves 0.005 mm. Farther off
+#: than this, what it runs is not what was sent: G-code has no checksum.
+OFF_PATH_MM = 0.3
+
+
+def controllers_door(facts: Facts) -> Iterator[Finding]:
+    """The controller's own door input, where it is not the watchdog relay that opens it."""
+    safety, report = facts.safety, facts.motion
+    by_relay = safety is not None and safety.relay_closed is False
+    # Door:0 is what a controller says once it is closed again, until it is told to go on.
+    if report is not None and report.state == "Door" and report.substate != 0 and not by_relay:
+        yield Finding("the safety door is open, says the motion controller", CLOSE_IT)
+
+
+def silent(facts: Facts) -> Iterator[Finding]:
+    if facts.motion_age_s > STALE_PERIODS * facts.motion_period_s:
+        yield Finding(f"the motion controller has not reported for {facts.motion_age_s:.1f} s",
+                      "check its cable; if the beam is still on, use the emergency stop")
+
+
+def not_following(facts: Facts) -> Iterator[Finding]:
+    if facts.still_s > _STILL_S:
+        yield Finding(
+            f"the motion controller says it runs, but its position has not changed for "
+            f"{facts.still_s:.1f} s",
+            "its reports cannot be relied on: reset it, home the machine",
+        )
+
+
+def off_path(facts: Facts) -> Iterator[Finding]:
+    if facts.off_path_mm > OFF_PATH_MM:
+        yield Finding(
+            f"the nozzle is {facts.off_path_mm:.1f} mm off the programmed path, says the motion "
+            "controller",
+            "a line, or the reports, were damaged on their way: look at the part, and at cable and "
+            "earthing of the controller, then resume",
+        )

@@ -1,0 +1,43 @@
+"""One row of the interlock table: what is looked at, for how long, and the answer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from enum import Enum
+
+from lmctl.run.interlocks.facts import Facts
+
+
+class Reaction(Enum):
+    """What the run does about it."""
+
+    HOLD = "hold: beam and motion down, then powder; gas stays"
+    RESET = "reset the controller at once; powder, then gas off"
+    PATH_END = "hold as soon as the beam is off by the program"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What a rule has found. subject : which of several like things, or ""."""
+
+    what: str
+    hint: str
+    subject: str = ""
+
+
+@dataclass(frozen=True)
+class Rule:
+    """One row of the table.
+
+    for_s : how long it must be so before anything is done
+    latched : it stands until an operator acknowledges it, and so does not keep one from that
+    of_safety : only the safety-input device says so; without one there is nothing to look at
+    """
+
+    name: str
+    look: Callable[[Facts], Iterator[Finding]]
+    reaction: Reaction = Reaction.HOLD
+    for_s: float = 0.0
+    latched: bool = False
+    of_safety: bool = False
