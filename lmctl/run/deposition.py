@@ -13,9 +13,12 @@ from dataclasses import dataclass, field
 from firmware_protocol.status import StatusReport
 from lmctl.config.machine import Motion
 from lmctl.run.cell.devices import Cell
+from lmctl.run.interlocks.facts import Unasked
+from lmctl.run.interlocks.of_motion import OFF_PATH_MM
 from lmctl.run.journal.recorder import Recorder
 from lmctl.run.powder.feed import PowderFeed
 from lmctl.run.program.clock import ProgramClock
+from lmctl.run.program.line_energy import LineEnergy
 from lmctl.run.program.outlook import Outlook
 from lmctl.run.program.overrides import override_bytes
 from lmctl.run.program.reentry import START, Entry, Place
@@ -73,6 +76,7 @@ class Deposition:
         self._clock = clock
         self._feed = feed
         self._recorder = recorder
+        self._energy = LineEnergy(window)
         self._streamer = Streamer(window, motion.send_horizon_s)
         self._done = done
         self._failed = failed
@@ -115,6 +119,11 @@ class Deposition:
         """How far the place last reported is from the program's path; 0 once motion is at rest."""
         return self._clock.off_mm if self._tracking else 0.0
 
+    @property
+    def unasked(self) -> Unasked | None:
+        """Feed or power, as reported, that no line which may be running asks for."""
+        return self._energy.unasked if self._tracking else None
+
     def job_line(self, tag: int) -> int:
         """The job's number of a line of the stream."""
         return self._first_line + tag
@@ -143,7 +152,7 @@ class Deposition:
         if self._tracking:
             self.stop()
             self._tracking = False
-            s = self._clock.reported_s
+            s = min(self._clock.reported_s, self._energy.bead_short_from_s)
             line = self._window.line_at(s)
             start_s, end_s = self._window.line_start_s(line), self._window.line_start_s(line + 1)
             share = (s - start_s) / (end_s - start_s) if end_s > start_s else 0.0
@@ -211,6 +220,8 @@ class Deposition:
             if report.overrides is not None:
                 self._controller_override(t, report.overrides[0])
             self._clock.report(t, self._counted, position_mm)
+            if self._clock.off_mm <= OFF_PATH_MM:
+                self._energy.report(report, self._clock.now(t), self._clock.rate)
         if self._streaming:
             if (due := self._clock.due_rate(t)) is not None:
                 self.override_now(round(due * 100.0))

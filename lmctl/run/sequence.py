@@ -13,7 +13,6 @@ from lmctl.job.reader import JobReader
 from lmctl.machine.feeder.driver import FeederDriver
 from lmctl.run.cell import acceptance
 from lmctl.run.cell.beam import Beam
-from lmctl.run.cell.beam_off import without_beam
 from lmctl.run.cell.devices import Cell
 from lmctl.run.deposition import Progress
 from lmctl.run.interlocks.alarms import Alarms, Interlock
@@ -200,8 +199,7 @@ class CellSequence:
         )
         self._workshop = Workshop(
             self._job, profile, self._hoppers, cell, self._recorder,
-            without_beam if self.beam_off else None, self._program_done, self._tripped,
-            self._progress,
+            self.beam_off, self._program_done, self._tripped, self._progress,
         )
         self._accepted = self._workshop.make(self._place, None)
         if self._accepted is None:

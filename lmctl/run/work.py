@@ -31,7 +31,7 @@ class Work:
 class Workshop:
     """Makes `Work` for a job.
 
-    rewrite : what is done to each line before it is sent
+    beam_off : every power is sent as zero
     done, failed : as `Deposition` and `PowderFeed` have them
     """
 
@@ -40,7 +40,7 @@ class Workshop:
     hoppers: Sequence[Hopper]
     cell: Cell
     recorder: Recorder
-    rewrite: Callable[[bytes], bytes] | None
+    beam_off: bool
     done: Callable[[], None]
     failed: Callable[[Exception], None]
     progress: Progress | None
@@ -76,8 +76,8 @@ class Workshop:
             return entry.layer if entry is not None and entered else self.job.layer(index)
 
         first = 0 if entry is None else entry.layer.index
-        return JobWindow(self.job.manifest, layer, self.profile.motion.purge_mm, self.rewrite,
-                         first_layer=first)
+        return JobWindow(self.job.manifest, layer, self.profile.motion.purge_mm,
+                         beam_off=self.beam_off, first_layer=first)
 
     def _tally(self, entry: Entry | None, before: Work | None) -> LayerTally | None:
         """What the layer entered has taken before the hold."""

@@ -87,6 +87,27 @@ class SomeAnswers:
             deliver(out)
 
 
+class GarbledWord:
+    """The next number but 0 behind a letter becomes `percent` of itself; then it is spent.
+
+    A serial line gives G-code no checksum: what is still a number is obeyed.
+    """
+
+    def __init__(self, letter: str, percent: float, spent: Spent) -> None:
+        self._number = re.compile(rb"(?<=%b)-?[0-9.]*[1-9][0-9.]*" % letter.encode())
+        self._percent = percent
+        self._spent = spent
+
+    def __call__(self, data: bytes, deliver: Deliver) -> None:
+        garbled, struck = self._number.subn(self._other, data, count=1)
+        if struck:
+            self._spent()
+        deliver(garbled)
+
+    def _other(self, number: re.Match[bytes]) -> bytes:
+        return b"%.3f" % (float(number[0]) * self._percent / 100.0)
+
+
 @dataclass
 class SomeReplies:
     """The next `count` chunks, each a reply, are lost (times 0) or doubled (times 2)."""

@@ -8,6 +8,7 @@ from simulators.faults.edge import nothing_passes
 from simulators.faults.filters import (
     Echo,
     Exceptions,
+    GarbledWord,
     Late,
     SomeAnswers,
     SomeBytes,
@@ -84,6 +85,13 @@ def _some_answers(scene: Scene, fault: Fault, times: int) -> None:
     edge = scene.edge("motion")
     one = SomeAnswers(times, int(fault.number("count")), lambda: edge.take(TO_HOST, one))
     edge.put(TO_HOST, one)
+
+
+def garble_word(scene: Scene, fault: Fault) -> None:
+    edge = scene.edge("motion")
+    one = GarbledWord(str(fault.values["letter"]), fault.number("percent"),
+                      lambda: edge.take(TO_DEVICE, one))
+    edge.put(TO_DEVICE, one)
 
 
 def drop_replies(scene: Scene, fault: Fault) -> None:

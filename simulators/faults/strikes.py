@@ -28,6 +28,7 @@ ACTS: Mapping[str, Act] = MappingProxyType({
     "panel_override": motion_acts.turn_overrides,
     "ok_lost": link_acts.lose_answers,
     "ok_doubled": link_acts.double_answers,
+    "word_garbled": link_acts.garble_word,
     "link_closed": link_acts.close_link,
     "bytes_lost": link_acts.lose_bytes,
     "bytes_doubled": link_acts.double_bytes,

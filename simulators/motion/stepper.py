@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections import deque
 from math import sqrt
 
-from simulators.motion.actions import BEAM_CONSTANT, BEAM_DYNAMIC, Vector
+from simulators.motion.actions import BEAM_CONSTANT, BEAM_DYNAMIC, Motion, Vector
 from simulators.motion.planner import Block, Planner
 from simulators.motion.profile import Ramp, braking, profile
 from simulators.motion.trace import Trace
@@ -43,6 +43,7 @@ class Stepper:
         self._head_s = 0.0
         self._ends: deque[float] = deque()  # of blocks committed whole and not yet over
         self._block: Block | None = None
+        self._motion: Motion | None = None  # of the block loaded last
         self._row = 0
         self._done_mm = 0.0  # of the block, at the start of the phase
         self._speed = 0.0  # there
@@ -203,11 +204,11 @@ class Stepper:
 
     def head(self) -> tuple[float, float]:
         """Speed and laser S (as a fraction) at the head, which is what the firmware reports."""
-        block = self._block
-        if block is None or not self.running:
+        motion = self._motion
+        if motion is None or not self.running or (self._block is None and self._speed == 0.0):
             return self._speed, min(1.0, self._standing * self.spindle_factor)
-        speed, _ = self._within_ramp(self._head_s)
-        motion = block.motion
+        # Between two blocks it is what the one before ended with.
+        speed = self._speed if self._block is None else self._within_ramp(self._head_s)[0]
         power = motion.power * self.spindle_factor
         if motion.beam == BEAM_DYNAMIC:
             power *= speed / motion.rate_mm_s
@@ -234,7 +235,7 @@ class Stepper:
         self._done_mm = 0.0
         if abs(self._speed * self._speed - block.entry_sqr) < _ALIKE * block.entry_sqr:
             self._speed = sqrt(block.entry_sqr)  # else rounding would pile up
-        motion = block.motion
+        self._motion = motion = block.motion
         self.last_line = motion.line
         standing = motion.power if motion.beam == BEAM_CONSTANT else 0.0
         if standing != self._standing:

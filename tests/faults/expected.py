@@ -12,6 +12,7 @@ EXPECTED = {
     "motion_door": "door", "motion_estop": "e-stop|emergency", "panel_hold": "hold",
     "panel_start": "", "panel_override": "",
     "ok_lost": "unanswered|no answer|answer is missing", "ok_doubled": "answer",
+    "word_garbled": "program asks for|programmed path|purge position",
     "link_closed": "lost|no answer|not answer|closed|not been read|not reported", "bytes_lost": "",
     "bytes_doubled": "", "bytes_flipped": "", "bytes_late": "", "garbage_echoed": "",
     "modbus_exception": "", "replies_slow": "", "replies_dropped": "", "replies_doubled": "",

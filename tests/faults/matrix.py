@@ -204,6 +204,9 @@ def faults_of(name: str) -> list[Fault]:
     values = {"grams": 100.0} if name == "hopper_level" else {}
     if name == "laser_enable_stuck":
         return [Fault.of(name, contact=how) for how in ("closed", "as it is")]
+    if name == "word_garbled":
+        return [Fault.of(name, letter=letter, percent=percent) for letter, percent in (
+            ("S", 10.0), ("S", 200.0), ("F", 30.0), ("F", 300.0), ("X", 97.0))]
     if kind.strikes is Strikes.LINK:
         return [Fault.of(name, device, **values) for device in ("motion", "F1", "safety")]
     if kind.strikes is Strikes.MODBUS:

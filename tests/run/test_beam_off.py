@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lmctl.errors import JobError
-from lmctl.run.cell.beam_off import without_beam
+from lmctl.run.program.beam_off import without_beam
 
 
 @pytest.mark.parametrize(

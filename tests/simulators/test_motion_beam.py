@@ -26,6 +26,20 @@ def test_overrides_are_summed_and_clipped(rig, dialect):
 
 
 @BOTH
+def test_under_m4_every_report_tells_the_power_of_its_speed_between_short_lines_too(rig, dialect):
+    controller = rig(dialect)
+    controller.ask(START[dialect] + "G1 F600\n", 0.1)
+    controller.ask("".join(f"X{0.1 * n:.1f}\n" for n in range(1, 25)), 0.02)
+    said = []
+    for _ in range(120):
+        controller.wait(0.002)
+        report = controller.status()
+        said.append((report.feed_mm_min, report.spindle))
+    assert said.count((600.0, 600.0)) > 20
+    assert all(feed == power for feed, power in said)
+
+
+@BOTH
 def test_check_mode_parses_and_does_not_move(rig, dialect):
     controller = rig(dialect)
     assert controller.ask("$C\n", 0.1) == ["[MSG:Enabled]", "ok"]

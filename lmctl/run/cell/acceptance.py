@@ -9,11 +9,11 @@ from lmctl.config.machine import MachineProfile
 from lmctl.errors import MachineError
 from lmctl.job.reader import JobReader
 from lmctl.machine.feeder.driver import FeederDriver
-from lmctl.run.cell.beam_off import without_beam
 from lmctl.run.cell.check import check_motion
 from lmctl.run.cell.devices import Cell
 from lmctl.run.journal.recorder import Recorder
 from lmctl.run.journal.whereabouts import Whereabouts
+from lmctl.run.program.beam_off import without_beam
 
 
 async def accept(

@@ -213,7 +213,7 @@ def _safety(status: SafetyStatus | LmctlError, limits: Safety) -> Iterator[Check
 
 def _holding(status: SafetyStatus, limits: Safety) -> Iterator[Finding]:
     """What a run would be refused for. (An open watchdog relay it closes itself.)"""
-    facts = Facts(motion=None, still_s=0.0, off_path_mm=0.0, motion_age_s=0.0,
+    facts = Facts(motion=None, still_s=0.0, off_path_mm=0.0, unasked=None, motion_age_s=0.0,
                   motion_period_s=1.0, feeders=(),
                   safety=status, safety_age_s=0.0, limits=limits)
     for rule in RULES:

@@ -23,18 +23,35 @@ class FeederFacts(NamedTuple):
     hoppers: Sequence[tuple[Hopper, HopperReading]]
 
 
+class Unasked(NamedTuple):
+    """What a controller reports and its program does not ask for.
+
+    speed_mm_s, power_W : as reported
+    most_mm_s : the highest speed of the lines that may be running
+    least_W, most_W : the power they ask for at the speed reported
+    """
+
+    speed_mm_s: float
+    most_mm_s: float
+    power_W: float
+    least_W: float
+    most_W: float
+
+
 class Facts(NamedTuple):
     """All a rule may look at.
 
     still_s : for how long the controller has said that it runs the program without moving, the
         program's own waits left out
     off_path_mm : how far the place last reported is from the program's path; 0 where none runs
+    unasked : feed or power that no line which may be running asks for
     safety, limits : None where the cell has no safety-input device
     """
 
     motion: StatusReport | None
     still_s: float
     off_path_mm: float
+    unasked: Unasked | None
     motion_age_s: float
     motion_period_s: float
     feeders: Sequence[FeederFacts]

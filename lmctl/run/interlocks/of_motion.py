@@ -15,6 +15,11 @@ _STILL_S = 1.0
 #: than this, what it runs is not what was sent: G-code has no checksum.
 OFF_PATH_MM = 0.3
 
+_DAMAGED = (
+    "a line, or the reports, were damaged on their way: look at the part, and at cable and "
+    "earthing of the controller, then resume"
+)
+
 
 def controllers_door(facts: Facts) -> Iterator[Finding]:
     """The controller's own door input, where it is not the watchdog relay that opens it."""
@@ -45,6 +50,22 @@ def off_path(facts: Facts) -> Iterator[Finding]:
         yield Finding(
             f"the nozzle is {facts.off_path_mm:.1f} mm off the programmed path, says the motion "
             "controller",
-            "a line, or the reports, were damaged on their way: look at the part, and at cable and "
-            "earthing of the controller, then resume",
+            _DAMAGED,
         )
+
+
+def unasked(facts: Facts) -> Iterator[Finding]:
+    said = facts.unasked
+    if said is None:
+        return
+    if said.speed_mm_s > said.most_mm_s > 0.0:
+        asked = f"{said.most_mm_s:.1f} mm/s at most"
+    elif said.most_W == 0.0:
+        asked = "no beam here"
+    else:
+        asked = f"{said.least_W:.0f} to {said.most_W:.0f} W at that speed"
+    yield Finding(
+        f"the nozzle moves at {said.speed_mm_s:.1f} mm/s with {said.power_W:.0f} W of beam, says "
+        f"the motion controller; the program asks for {asked}",
+        _DAMAGED,
+    )

@@ -29,7 +29,7 @@ from lmctl.errors import JournalError, LmctlError
 from lmctl.run.interlocks.alarms import Alarm
 from lmctl.run.journal.writer import Journal
 from lmctl.run.program.reentry import Entry, Place
-from lmctl.run.program.window import PathSpan
+from lmctl.run.program.stretch import PathSpan
 from lmctl.run.state.table import Do, Event, State
 
 #: Samples wait so long before they are written [s]: after a crash no more than that is in doubt.

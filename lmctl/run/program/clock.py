@@ -14,7 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from lmctl.run.interlocks.of_motion import OFF_PATH_MM
-from lmctl.run.program.window import FloatArray, JobWindow, Stretch
+from lmctl.run.program.stretch import FloatArray, Stretch
+from lmctl.run.program.window import JobWindow
 
 #: How far the nozzle may be from the start of the line that runs by the count of executed ones.
 #: Where the count comes from planner blocks (Bf), it is only known to a line or two.

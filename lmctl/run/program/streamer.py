@@ -10,7 +10,8 @@ from bisect import bisect_right
 from collections import deque
 from dataclasses import dataclass
 
-from lmctl.run.program.window import JobWindow, PathSpan
+from lmctl.run.program.stretch import PathSpan
+from lmctl.run.program.window import JobWindow
 
 #: Lines always allowed: the one that runs and the next, without which motion would stop between
 #: them. Planning splits moves at a quarter of the horizon, so at half speed these two just fill it.

@@ -10,71 +10,11 @@ from __future__ import annotations
 from bisect import bisect_left, bisect_right
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from lmctl.job.schema import JobLayer, JobManifest, LineKind
-
-FloatArray = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class PathSpan:
-    """A path and its lines, first and last included, counted through the whole job."""
-
-    path: int
-    layer: int
-    first_line: int
-    last_line: int
-
-
-@dataclass(frozen=True)
-class Stretch:
-    """One layer as running uses it. Arrays hold one row a line, in order.
-
-    start_s, end_s : (n,) program time at which each line starts and ends
-    start_mm, end_mm : (n, 3) where it starts and ends
-    fed : (n,) whether a feed override scales the line (G1); dark : (n,) whether the beam is off
-    fed_end_s : (n,) program time spent in G1 since the job began, up to each line's end
-    starts_s, ends_s, corners_mm : the same as plain lists, for what is asked for one value at a
-        time, many times a second; corners are the start of the first line and the end of each
-    program : the text of each line, without its end
-    path_starts : the first line of each path
-    flow_s, flow_g_s : knots of the flow at the nozzle: times, and of each hopper its values there;
-        plain lists too
-    beam_s, beam_mm, energy_J : of its bead lines, as planned
-    """
-
-    index: int
-    z_mm: float
-    first_line: int
-    last_line: int
-    start_s: FloatArray
-    end_s: FloatArray
-    start_mm: FloatArray
-    end_mm: FloatArray
-    fed: NDArray[np.bool_]
-    dark: NDArray[np.bool_]
-    fed_end_s: FloatArray
-    starts_s: list[float]
-    ends_s: list[float]
-    corners_mm: list[list[float]]
-    program: list[bytes]
-    paths: tuple[PathSpan, ...]
-    path_starts: tuple[int, ...]
-    flow_s: list[float]
-    flow_g_s: list[list[float]]
-    beam_s: float
-    beam_mm: float
-    energy_J: float
-
-    def paths_from(self, line: int, before: int) -> tuple[PathSpan, ...]:
-        """The paths that begin at or after a line of this layer, and before another."""
-        return self.paths[
-            bisect_left(self.path_starts, line):bisect_left(self.path_starts, before)
-        ]
+from lmctl.job.schema import JobLayer, JobManifest
+from lmctl.run.program.stretch import Stretch, stretch_of
 
 
 class JobWindow:
@@ -83,7 +23,7 @@ class JobWindow:
     manifest : of the job
     read_layer : JobReader.layer
     start_mm : where the nozzle is before the first line
-    rewrite : what is done to the text of each line before it is sent
+    beam_off : every power is sent as zero
     first_layer : where running begins; no layer before it is ever asked for
 
     Lines are counted from 0 through the whole job; program times before the job give its first
@@ -95,14 +35,14 @@ class JobWindow:
         manifest: JobManifest,
         read_layer: Callable[[int], JobLayer],
         start_mm: tuple[float, float, float],
-        rewrite: Callable[[bytes], bytes] | None = None,
+        beam_off: bool = False,
         first_layer: int = 0,
     ) -> None:
         self.manifest = manifest
         self.n_lines = sum(entry.n_lines for entry in manifest.layers)
         self.end_s = manifest.layers[-1].end_s
         self._read_layer = read_layer
-        self._rewrite = rewrite
+        self._beam_off = beam_off
         self._first_layer = first_layer
         self._first_lines = [entry.first_line for entry in manifest.layers]
         self._starts_s = [entry.start_s for entry in manifest.layers]
@@ -148,6 +88,27 @@ class JobWindow:
         row = min(bisect_left(stretch.ends_s, s), len(stretch.program) - 1)
         corners = stretch.corners_mm
         return corners[row], corners[row + 1], stretch.starts_s[row], stretch.ends_s[row]
+
+    def asked(self, from_s: float, to_s: float) -> tuple[float, float, float]:
+        """Of the lines that run between two program times: the highest speed [mm/s], and the least
+        and the most energy per millimetre of those that move [J/mm]; 0 where none does."""
+        speeds_mm_s: list[float] = []
+        energies_J_mm: list[float] = []
+        stretch = self._at(from_s)
+        while True:
+            first = bisect_left(stretch.ends_s, from_s)
+            last = bisect_right(stretch.starts_s, to_s)
+            speeds_mm_s += stretch.speeds_mm_s[first:last]
+            energies_J_mm += stretch.energies_J_mm[first:last]
+            if stretch.ends_s[-1] >= to_s or stretch.index + 1 == len(self.manifest.layers):
+                break
+            stretch = self.stretch(stretch.index + 1)
+        moving = [
+            energy for energy, speed in zip(energies_J_mm, speeds_mm_s, strict=True) if speed > 0.0
+        ]
+        if not moving:
+            return 0.0, 0.0, 0.0
+        return max(speeds_mm_s), min(moving), max(moving)
 
     @property
     def _first_loaded(self) -> int:
@@ -240,41 +201,9 @@ class JobWindow:
         return float(s - fed_s * (1.0 - 1.0 / rate))
 
     def _load(self, index: int) -> None:
-        layer = self._read_layer(index)
-        lines = layer.lines
-        end_s = np.ascontiguousarray(lines["end_s"])
-        start_s = np.concatenate([layer.flow_s[:1], end_s[:-1]])
-        end_mm = np.column_stack([lines["x_mm"], lines["y_mm"], lines["z_mm"]])
-        start_mm = np.concatenate([self._behind_mm[None], end_mm[:-1]])
-        lasting_s = end_s - start_s
-        fed = np.array([" G1 " in line for line in layer.program])
-        fed_end_s = self._behind_fed_s + np.cumsum(np.where(fed, lasting_s, 0.0))
-        bead = lines["kind"] == LineKind.BEAD
-        program = [line.encode("ascii") for line in layer.program]
-        if self._rewrite is not None:
-            program = [self._rewrite(line) for line in program]
-        paths = _paths(index, layer.first_line, lines["path"])
-        self._loaded.append(Stretch(
-            index, layer.z_mm, layer.first_line,
-            layer.first_line + len(program) - 1, start_s, end_s, start_mm, end_mm, fed, ~bead,
-            fed_end_s, start_s.tolist(), end_s.tolist(), [*start_mm[:1].tolist(), *end_mm.tolist()],
-            program, paths, tuple(path.first_line for path in paths),
-            layer.flow_s.tolist(), layer.flow_g_s.T.tolist(),
-            beam_s=float(lasting_s[bead].sum()),
-            beam_mm=float(np.linalg.norm((end_mm - start_mm)[bead], axis=1).sum()),
-            energy_J=float((lines["power_W"][bead] * lasting_s[bead]).sum()),
-        ))
-        self._behind_mm = end_mm[-1]
-        self._behind_fed_s = float(fed_end_s[-1])
-
-
-def _paths(layer: int, first_line: int, path: NDArray[np.int32]) -> tuple[PathSpan, ...]:
-    """The runs of equal path number in a layer, in order; -1 is none."""
-    changes = np.flatnonzero(np.diff(path)) + 1
-    firsts = [0, *changes.tolist()]
-    lasts = [*(changes - 1).tolist(), len(path) - 1]
-    return tuple(
-        PathSpan(int(path[first]), layer, first_line + first, first_line + last)
-        for first, last in zip(firsts, lasts, strict=True)
-        if path[first] >= 0
-    )
+        stretch = stretch_of(
+            self._read_layer(index), self._behind_mm, self._behind_fed_s, beam_off=self._beam_off
+        )
+        self._loaded.append(stretch)
+        self._behind_mm = stretch.end_mm[-1]
+        self._behind_fed_s = float(stretch.fed_end_s[-1])

@@ -7,11 +7,14 @@ import os
 import re
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
 from lmctl.errors import MachineError, RunBrokenOff, RunFailed, RunStopped
 from lmctl.run.journal.file import verify
+from simulators.faults.board import FaultBoard
+from simulators.faults.kinds import Fault
 from tests.run.whole.laid import (
     BEAM_OFF_S,
     EXACT_MM,
@@ -200,6 +203,38 @@ def test_a_place_damaged_on_its_way_is_seen_by_where_the_nozzle_goes(
     assert there.query(whole.path.position_mm)[0].max() < EXACT_MM  # none is missing
     astray = wanted.query(one.path.position_mm)[0] > EXACT_MM
     assert 0 < one.path.length_mm[astray].sum() < 6.0  # what two status periods at 10 mm/s draw
+
+
+def garble(letter, percent):
+    def strike(one):
+        FaultBoard(one.bench).inject(Fault.of("word_garbled", letter=letter, percent=percent))
+
+    return strike
+
+
+@pytest.mark.parametrize("bench", [
+    [], [('dialect = "grblhal"', 'dialect = "grbl"'), ("10 = 511", "10 = 3")],
+])
+@pytest.mark.parametrize(("letter", "percent"), [
+    ("S", 0.0), ("S", 10.0), ("S", 120.0), ("F", 20.0), ("F", 150.0),
+])
+def test_a_feed_or_power_damaged_on_its_way_is_seen_by_the_next_two_reports(
+    run, large_square_job, bench, letter, percent
+):
+    one = run(large_square_job, bench=bench, acts=[
+        (3.0, garble(letter, percent)), (30.0, lambda r: r.executor.resume()),
+    ])
+    whole = run(large_square_job)
+    (alarm,) = one.records("alarm")
+    assert "the program asks for" in alarm["what"]
+    assert one.result.state == "done", one.error
+    one.check_safe()
+    check_all_is_laid(one, whole)
+    usual_J_mm = np.median(whole.path.power_fraction * whole.path.duration_s
+                           / whole.path.length_mm)
+    energy_J_mm = one.path.power_fraction * one.path.duration_s / one.path.length_mm
+    wrong = np.abs(energy_J_mm / usual_J_mm - 1.0) > 0.1
+    assert one.path.length_mm[wrong].sum() < 6.0  # what two status periods at 10 mm/s lay
 
 
 def test_a_job_altered_while_it_runs_ends_the_run(run, tmp_path, profile, job_file):

@@ -246,3 +246,21 @@ def test_only_answers_are_lost(play):
     assert reports(said)
     assert b"[GC:" in said
     assert said.count(b"ok\r\n") == 1
+
+
+@pytest.mark.parametrize(("letter", "percent", "there"), [
+    ("S", 10.0, b"G1 X10 F600 S50.000\n"), ("F", 300.0, b"G1 X10 F1800.000 S500\n"),
+    ("X", 0.0, b"G1 X0.000 F600 S500\n"), ("Z", 50.0, b"G1 X10 F600 S500\n"),
+])
+def test_one_word_is_garbled_and_still_a_number(play, letter, percent, there):
+    async def scene(cell):
+        got = []
+        receive = cell.bench.motion.receive
+        cell.bench.motion.receive = lambda data: (got.append(data), receive(data))
+        cell.inject("word_garbled", letter=letter, percent=percent)
+        await cell.send("G21 G90\nM4 S0\n")
+        await cell.send("G1 X10 F600 S500\n")
+        await cell.send("G1 X20 F600 S500\n")
+        return got
+
+    assert play(scene) == [b"G21 G90\nM4 S0\n", there, b"G1 X20 F600 S500\n"]

@@ -1,0 +1,92 @@
+"""Whether the machine goes as fast, and burns as strongly, as the lines that may be running ask.
+
+G-code has no checksum: a feed or power damaged on its way and still a number is answered `ok`, and
+stays in force until the next one. But a status report says how fast the nozzle goes and how strong
+the beam is (`FS:`). In M4 both firmwares scale power with speed, while they accelerate as under an
+override, so watts over millimetres a second stay what the program asks of a line: its energy per
+millimetre. Nothing but that has to be known of a line to judge a report made anywhere on it.
+
+A line that is over between two reports is not seen, nor a difference below the slack.
+"""
+
+from __future__ import annotations
+
+import math
+
+from firmware_protocol.status import StatusReport
+from lmctl.run.interlocks.facts import Unasked
+from lmctl.run.program.window import JobWindow
+
+#: Lines that may be running: from so much program time behind the place reported to so much ahead.
+#: Feed and power are those of the segment prepared last, 0.09 s ahead of the motion at most.
+_BEHIND_S, _AHEAD_S = 0.05, 0.2
+
+#: Differences of no consequence: a share of what is asked; of full power, which melts nothing; and
+#: of speed, reported in whole mm/min.
+_SHARE, _OF_FULL, _SPEED_MM_S = 0.05, 0.02, 0.05
+
+
+class LineEnergy:
+    """Looks at the reports of one run.
+
+    unasked : what a report has said that no line which may be running asks for, or None
+    bead_short_from_s : program time from which the bead had too little power, inf where it had not
+
+    An override turned at the panel is told with the report that shows it, or with the next. So a
+    report is judged when the one after it has come without one. Where the program has the beam off
+    no override gives it power, and there is nothing to wait for.
+    """
+
+    def __init__(self, window: JobWindow) -> None:
+        self.unasked: Unasked | None = None
+        self.bead_short_from_s = math.inf
+        self._window = window
+        self._full_W = window.manifest.max_power_W
+        self._per_S = window.manifest.max_power_W / window.manifest.s_max
+        self._overrides: tuple[int, ...] = (100, 100, 100)  # feed, rapid, power, as last told
+        self._rate = 1.0
+        self._doubtful: Unasked | None = None  # of the last report
+        self._good_s = -math.inf  # where the last report was that agreed with the program
+
+    def report(self, report: StatusReport, s: float, rate: float) -> None:
+        """Take a report. s : program time of the place it tells; rate : feed override."""
+        overrides = self._overrides if report.overrides is None else report.overrides
+        overridden = overrides != self._overrides or rate != self._rate
+        self._overrides, self._rate = overrides, rate
+        if self._doubtful is not None and not overridden:
+            self.unasked = self._doubtful
+        self._doubtful = None
+        if self.unasked is not None:
+            return
+        said = self._said(report, s, rate)
+        if said is None or self._agrees(said):
+            self._good_s, self.bead_short_from_s = s, math.inf
+        elif said.most_W == 0.0 and said.power_W > 0.0:
+            self.unasked = said
+        elif not overridden:
+            self._doubtful = said
+            if said.power_W < said.least_W:
+                self.bead_short_from_s = self._good_s
+
+    def _said(self, report: StatusReport, s: float, rate: float) -> Unasked | None:
+        """A report beside what is asked; None where it tells of no motion of the program."""
+        if report.state != "Run" or report.feed_mm_min is None or report.spindle is None:
+            return None
+        speed_mm_s, power_W = report.feed_mm_min / 60.0, report.spindle * self._per_S
+        most_mm_s, least_J_mm, most_J_mm = self._window.asked(
+            s - _BEHIND_S, s + _AHEAD_S * max(rate, 1.0)
+        )
+        share = self._overrides[2] / 100.0
+        return Unasked(
+            speed_mm_s, most_mm_s * rate, power_W,
+            min(least_J_mm * share * speed_mm_s, self._full_W),
+            min(most_J_mm * share * speed_mm_s, self._full_W),
+        )
+
+    def _agrees(self, said: Unasked) -> bool:
+        slack_W = _OF_FULL * self._full_W + _SHARE * said.power_W
+        if not said.least_W - slack_W <= said.power_W <= said.most_W + slack_W:
+            return False
+        # Where all lines wait no speed is asked, and the one before may not be over.
+        most_mm_s = said.most_mm_s * (1.0 + _SHARE) + _SPEED_MM_S
+        return said.most_mm_s == 0.0 or said.speed_mm_s <= most_mm_s
