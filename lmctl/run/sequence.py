@@ -201,7 +201,7 @@ class CellSequence:
             self._job, profile, self._hoppers, cell, self._recorder,
             self.beam_off, self._program_done, self._tripped, self._progress,
         )
-        self._accepted = self._workshop.make(self._place, None)
+        self._accepted = self._workshop.make(self._place, None, self._override_percent)
         if self._accepted is None:
             raise JobError("no bead of this job is left to lay", where=f"from {self._place}")
         self._watch = Watch(
@@ -278,7 +278,7 @@ class CellSequence:
         await self._move_to_purge()
         if self._workshop is None:
             raise AttributeError("the machine has not been accepted")
-        work = self._workshop.make(self._settle(), self._work)
+        work = self._workshop.make(self._settle(), self._work, self._override_percent)
         self._resumed = True
         if work is not None:
             self._accepted = work

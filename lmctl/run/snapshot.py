@@ -22,14 +22,14 @@ class View:
         self, run: str, manifest: JobManifest, profile: MachineProfile,
         hoppers: Sequence[Hopper], operator: str, progress: Progress | None,
     ) -> None:
-        end_s = manifest.layers[-1].end_s
         self._fixed = {
             "run": run, "pid": os.getpid(), "part": manifest.part_name, "machine": profile.name,
             "operator": operator, "layers": len(manifest.layers),
             "lines": sum(entry.n_lines for entry in manifest.layers),
             "hoppers": [h.name for h in hoppers],
         }
-        self._told = (0.0, end_s, 0, end_s)
+        self._end_s = manifest.layers[-1].end_s
+        self._told: tuple[float, float, int, float] | None = None
         self._progress = progress
         self._preparation = Preparation(profile, hoppers, manifest.powder_mode)
 
@@ -53,7 +53,8 @@ class View:
             flows in the hoppers' order
         alarms : first-out first, each with what, where and hint
         """
-        done_s, total_s, layer, remaining_s = self._told
+        whole = (0.0, self._end_s, 0, self._end_s * 100.0 / override_percent)
+        done_s, total_s, layer, remaining_s = self._told or whole
         remaining_s += self._preparation.left_s(state, asyncio.get_running_loop().time())
         return {
             **self._fixed, "state": state, "line": sequence.executed, "layer": layer + 1,

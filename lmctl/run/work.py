@@ -45,10 +45,11 @@ class Workshop:
     failed: Callable[[Exception], None]
     progress: Progress | None
 
-    def make(self, place: Place, before: Work | None) -> Work | None:
+    def make(self, place: Place, before: Work | None, override_percent: int) -> Work | None:
         """Work that goes on from a place; None where no bead is left to lay.
 
         before : the work that was broken off there
+        override_percent : the feed override it is to run at
         """
         entry: Entry | None = None
         if place != START:
@@ -57,6 +58,7 @@ class Workshop:
                 return None
             self.recorder.entry(entry)
         window = self._window(entry)
+        self._announce(window, override_percent)
         clock = ProgramClock(window)
         hoses = [
             Hose(h.dead_time_s, h.lag_s, h.max_flow_g_min, h.min_flow_g_min)
@@ -69,6 +71,14 @@ class Workshop:
             entry=entry, tally=self._tally(entry, before), done=self.done, failed=self.failed,
             progress=self.progress,
         ))
+
+    def _announce(self, window: JobWindow, override_percent: int) -> None:
+        """What lies ahead, by the plan, until the deposition can tell."""
+        if self.progress is not None:
+            begin = window.begin()
+            left_s = window.end_s - begin.starts_s[0]
+            self.progress(begin.starts_s[0], window.end_s, begin.index,
+                          left_s * 100.0 / override_percent)
 
     def _window(self, entry: Entry | None) -> JobWindow:
         def layer(index: int) -> JobLayer:

@@ -21,10 +21,6 @@ class Outlook:
         self._since = (0.0, 0.0)  # machine and program time from which the pace is measured
         self._told_t = -_EVERY_S
 
-    def restart(self) -> None:
-        """Measure the pace anew, leaving out a hold."""
-        self._rate = 0.0
-
     def remaining_s(self, t: float, s: float, rate: float) -> float | None:
         """Machine time left at t, when program time is s; None where it was told a moment ago."""
         if rate != self._rate:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 import json
 
+import pytest
+
 from lmctl.run.control.path import SOCKET
 from lmctl.run.journal.file import fingerprint
 from lmctl.run.state.table import State
@@ -90,7 +92,10 @@ def test_looking_on_changes_nothing_in_the_journal(run, square_job, tmp_path):
     assert fingerprint(watched.journal) == fingerprint(alone.journal)
 
 
-def test_time_left_counts_gas_and_powder_before_it_deposits(square_job, profile, tmp_path):
+@pytest.mark.parametrize("override", [100, 60])
+def test_time_left_counts_gas_and_powder_before_it_deposits(
+    square_job, profile, tmp_path, override
+):
     class Looked(BenchRun):
         async def _act(self, acts):
             self.seen = []
@@ -100,7 +105,7 @@ def test_time_left_counts_gas_and_powder_before_it_deposits(square_job, profile,
                     self.seen.append((self.loop.time(), told["state"], told["remaining_s"]))
                 await asyncio.sleep(0.25)
 
-    ran = Looked(tmp_path / "looked", profile, square_job, acts=["look"])
+    ran = Looked(tmp_path / "looked", profile, square_job, acts=["look"], override=override)
     done_s = ran.entered_s(State.FINISHING)
     assert {state for _, state, _ in ran.seen} >= {State.GAS, State.POWDER, State.ARMED}
     wrong_s = [left_s - (done_s - now_s) for now_s, _, left_s in ran.seen]

@@ -111,6 +111,7 @@ class TwoRuns:
 
     def __init__(self, folder, profile, job, disturb):
         self.error = self.second_error = self.result = None
+        self.told = []  # progress of the second
         virtual_time.run(self._main(folder, profile, job, disturb))
 
     async def _main(self, folder, profile, job, disturb):
@@ -135,7 +136,8 @@ class TwoRuns:
             going_on = Continuation("run-0001", self.found.place, trusted=self.found.matched)
             try:
                 self.result = await Executor(
-                    self.made.job, cell, folder / "runs", continues=going_on).run()
+                    self.made.job, cell, folder / "runs", continues=going_on,
+                    progress=lambda *told: self.told.append(told)).run()
             except LmctlError as error:
                 self.second_error = error
             self.path = bench.record.beam_path()
@@ -156,6 +158,9 @@ def test_a_stopped_run_is_recovered_where_it_stood(whole, profile, tmp_path):
     assert continued_by(two.made) == "run-0002"
     header = next(read(two.result.journal))
     assert header["continues"] == "run-0001"
+    (first_s, end_s, _, left_s), *_ = two.told  # before it has done anything
+    assert first_s > 2.0
+    assert left_s == pytest.approx(end_s - first_s)
 
 
 def test_after_a_watchdog_trip_recovery_acknowledges_it(whole, profile, tmp_path):
