@@ -10,7 +10,7 @@ of at most three phases, and is planned again when its exit speed, a hold or an 
 from __future__ import annotations
 
 from collections import deque
-from math import sqrt
+from math import inf, sqrt
 
 from simulators.motion.actions import BEAM_CONSTANT, BEAM_DYNAMIC, Motion, Vector
 from simulators.motion.planner import Block, Planner
@@ -150,6 +150,16 @@ class Stepper:
                     block = None
                     break
                 self._load(block)
+                over_s = self._cruised_s(block)
+                if over_s <= until_s:  # most blocks: one phase, nothing to be planned
+                    power = block.motion.power * self.spindle_factor
+                    moved((end_s, over_s, 0.0, self._speed, 0.0, power, self._row))
+                    self.end_s = end_s = over_s
+                    planner.discard_first()
+                    ends.append(end_s)
+                    self._block = block = None
+                    continue
+                self._plan()
             acceleration, duration, distance, exit_speed = ramps[-1]
             over_s = end_s + duration
             if over_s > until_s:
@@ -242,7 +252,15 @@ class Stepper:
             self.stand(standing, self.end_s)
         if motion.outputs:
             self._trace.outputs += [(self.end_s, *output) for output in motion.outputs]
-        self._plan()
+
+    def _cruised_s(self, block: Block) -> float:
+        """When a block just loaded ends if its speed does not change in it; else infinite."""
+        nominal, following = block.nominal, block.following
+        if self._speed != nominal or following is None or self.holding:
+            return inf
+        if following.entry_sqr != nominal * nominal:
+            return inf
+        return self.end_s + block.length / nominal
 
     def _within_ramp(self, when_s: float) -> tuple[float, float]:
         """Speed, and distance into the block, at an instant of the phase being executed."""
