@@ -7,8 +7,12 @@ section 3.8). The ordinary line, one straight move, takes a short way through.
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
+from operator import itemgetter
+from typing import Any
 
 from firmware_protocol.dialect import GRBLHAL, Dialect
 from firmware_protocol.gcode import GcodeError, tokenise
@@ -44,15 +48,31 @@ from simulators.motion.words import Grammar, Words
 
 BAD_JOG = 16
 
-_NUMERIC = b"0123456789.+- "
-_ORDINARY = frozenset(b"NGXYZFS")
+_ORDINARY = "NGXYZFS"
+_NUMBER = re.compile(r"[+-]?(?:0+\.?0*|\.0+)")
+_LIKE = bytes.maketrans(b"123456789", b"000000000")
+_NUMBERS = bytes.maketrans(_ORDINARY.encode(), b" " * len(_ORDINARY))
 _JOG_CODES = frozenset((200, 210, 900, 910, 530))
 
 
-@lru_cache(maxsize=256)
-def _is_ordinary(letters: bytes) -> bool:
-    """The letters of a line are those of one straight move, none of them twice."""
-    return bool(letters) and len(set(letters)) == len(letters) and _ORDINARY.issuperset(letters)
+@lru_cache(maxsize=4096)
+def _picker(alike: bytes) -> Callable[[Sequence[float | None]], tuple[Any, ...]] | None:
+    """What picks the values of N, G, X, Y, Z, F and S out of an ordinary line's numbers.
+
+    A program is thousands of lines alike, with the same letters and as many digits.
+
+    alike : the line, its digits all 0
+    returns : to be called with the numbers in their order and None behind them, which is what a
+        letter gets that is not there; or None where the line is not words of these letters, none
+        of them twice, with spaces between
+    """
+    words = alike.decode("latin-1").split(" ")
+    letters = "".join(word[:1] for word in words)
+    if len(set(letters)) < len(words) or not set(_ORDINARY).issuperset(letters):
+        return None
+    if not all(_NUMBER.fullmatch(word, 1) for word in words):
+        return None
+    return itemgetter(*map(letters.find, _ORDINARY))
 
 
 @dataclass
@@ -91,37 +111,41 @@ class Interpreter:
 
     def interpret(self, line: bytes) -> tuple[Action, ...] | list[Action]:
         """raises: GcodeError; the state is then as before"""
-        letters = line.translate(None, _NUMERIC)
-        if _is_ordinary(letters):
-            words = line.decode().split()
-            try:
-                if len(words) == len(letters):
-                    # Only digits, signs and points are left to float(), and each word has its own
-                    # letter: what float() takes is what the firmware takes.
-                    motion = self._ordinary({word[0]: float(word[1:]) for word in words})
-                    if motion is not None:
-                        return (motion,)
-            except ValueError:
-                pass  # the long way finds the error number
+        picker = _picker(line.translate(_LIKE))
+        if picker is not None:
+            motion = self._ordinary(*picker((*map(float, line.translate(_NUMBERS).split()), None)))
+            if motion is not None:
+                return (motion,)
         tokens = tokenise(line)
         return self._block(self._grammar.sort(tokens)) if tokens else ()
 
-    def _ordinary(self, values: dict[str, float]) -> Motion | None:
+    def _ordinary(
+        self,
+        line: float | None,
+        code: float | None,
+        x: float | None,
+        y: float | None,
+        z: float | None,
+        feed: float | None,
+        speed: float | None,
+    ) -> Motion | None:
         """The one straight move that these words ask for; None where it takes a longer look."""
         modal = self.modal
         rapid = False
-        code = values.get("G")
         if code != 1.0 and (code is not None or modal.motion != 10):
             if code != 0.0 and (code is not None or modal.motion != 0):
                 return None
             rapid = True
-        speed = values.get("S", modal.speed)
-        feed = values.get("F")
+        if x is None and y is None and z is None:
+            return None
+        if speed is None:
+            speed = modal.speed
         if feed is None:
             feed = modal.feed
         elif modal.units == 200:
             feed *= INCH_MM
-        line = values.get("N", 0.0)
+        if line is None:
+            line = 0.0
         if (
             feed <= 0.0
             or not 0.0 <= line <= MAX_LINE
@@ -131,20 +155,16 @@ class Interpreter:
         ):
             return None
         scale = 1.0 if modal.units == 210 else INCH_MM
-        x, y, z = self.position_mm
+        at_x, at_y, at_z = self.position_mm
         ox, oy, oz = self.work_offset_mm if modal.distance == 900 else self.position_mm
-        if "X" in values:
-            x = values["X"] * scale + ox
-        if "Y" in values:
-            y = values["Y"] * scale + oy
-        if "Z" in values:
-            z = values["Z"] * scale + oz
-        elif "X" not in values and "Y" not in values:
-            return None
         modal.motion = 0 if rapid else 10
         modal.feed = feed
         modal.speed = speed
-        self.position_mm = target = (x, y, z)
+        self.position_mm = target = (
+            at_x if x is None else x * scale + ox,
+            at_y if y is None else y * scale + oy,
+            at_z if z is None else z * scale + oz,
+        )
         beam, power = self._beam(rapid)
         outputs, self._outputs = self._outputs, ()
         return Motion(target, feed / 60.0, rapid, int(line), beam, power, self._floor, outputs)
