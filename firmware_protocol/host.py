@@ -8,6 +8,7 @@ or `error:N` frees the oldest line. Real-time bytes are not lines and are not co
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -30,6 +31,7 @@ MOST_LINE_BYTES = 1024
 """Longest received line taken as one; the rest of a longer one is Unknown."""
 
 _FORBIDDEN = bytes((*range(0x20), *range(0x7E, 0x100), Realtime.HOLD, Realtime.STATUS))
+_FORBIDDEN_IN_TEXT = _FORBIDDEN.replace(b"\n", b"")
 
 
 class LocalProtocolError(Exception):
@@ -118,19 +120,48 @@ class GrblHost:
         if line.translate(None, _FORBIDDEN) != line:
             raise LocalProtocolError(f"a line holds bytes that would act or break it: {line!r}")
 
+    def check_lines(self, lines: Sequence[bytes]) -> None:
+        """Raise LocalProtocolError if one of the lines could never be sent.
+
+        They are looked at as one text, and one by one only where something is wrong with that.
+        """
+        text = b"\n".join(lines)
+        if (
+            max(map(len, lines), default=0) > self._most_chars
+            or text.translate(None, _FORBIDDEN_IN_TEXT) != text
+            or text.count(b"\n") >= max(1, len(lines))
+        ):
+            for line in lines:
+                self.check_line(line)
+
     def send_line(self, line: bytes, tag: int) -> bytes:
         """The bytes of a line, counted until it is answered. Raises LocalProtocolError."""
         self.check_line(line)
-        return self.send_checked(line, tag)
-
-    def send_checked(self, line: bytes, tag: int) -> bytes:
-        """As `send_line`, for a line that has passed `check_line` before it had to wait."""
-        size = len(line) + 1
-        if size > self._free:
-            raise LocalProtocolError(f"line {tag} needs {size} bytes, {self._free} are free")
-        self._unanswered.append((tag, size))
-        self._free -= size
+        if not self.can_send(line):
+            raise LocalProtocolError(
+                f"line {tag} needs {len(line) + 1} bytes, {self._free} are free"
+            )
+        self._unanswered.append((tag, len(line) + 1))
+        self._free -= len(line) + 1
         return line + b"\n"
+
+    def send_waiting(self, waiting: deque[bytes], tag: int) -> list[bytes]:
+        """Take off the lines there is room for, counted as sent without their ends.
+
+        waiting : lines that have passed `check_lines`, oldest first
+        tag : of the first; those behind it count on
+        """
+        sent: list[bytes] = []
+        free = self._free
+        while waiting and len(waiting[0]) < free:
+            line = waiting.popleft()
+            size = len(line) + 1
+            self._unanswered.append((tag, size))
+            free -= size
+            tag += 1
+            sent.append(line)
+        self._free = free
+        return sent
 
     def forget(self) -> tuple[int, ...]:
         """Give up every unanswered line; returns their tags, oldest first."""

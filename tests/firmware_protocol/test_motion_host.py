@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections import deque
 
 import pytest
 from hypothesis import given
@@ -97,6 +98,32 @@ def test_a_line_longer_than_the_firmware_takes_is_our_bug():
     host.send_line(b"X" * 79, 1)
     with pytest.raises(LocalProtocolError, match="80 characters"):
         host.send_line(b"X" * 80, 1)
+
+
+@given(st.lists(st.binary(max_size=12) | st.sampled_from([b"G1 X1", b"", b"X" * 10, b"X" * 11]),
+                max_size=6))
+def test_lines_are_refused_together_where_one_of_them_is(lines):
+    host = GrblHost(127, 10)
+
+    def refused(check, *what):
+        try:
+            check(*what)
+        except LocalProtocolError as error:
+            return str(error)
+        return None
+
+    one_by_one = [found for line in lines if (found := refused(host.check_line, line))]
+    assert refused(host.check_lines, lines) == next(iter(one_by_one), None)
+
+
+def test_of_the_lines_that_wait_as_many_are_sent_as_there_is_room_for():
+    host, waiting = GrblHost(20, 79), deque([b"G1 X12345", b"", b"G1 X5432", b"G1 X1"])
+    assert host.send_waiting(waiting, 7) == [b"G1 X12345", b"", b"G1 X5432"]
+    assert (host.free, host.oldest_tag, host.newest_tag) == (0, 7, 9)
+    assert host.send_waiting(waiting, 10) == []
+    assert host.receive_data(b"ok\r\nok\r\n") == [Answered(7, 0), Answered(8, 0)]
+    assert host.send_waiting(waiting, 10) == [b"G1 X1"]
+    assert (host.free, host.unanswered, list(waiting)) == (5, 2, [])
 
 
 @pytest.mark.parametrize("answer", [b"ok\r\n", b"error:2\r\n"])

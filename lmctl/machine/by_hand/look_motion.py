@@ -61,7 +61,7 @@ async def look_at_motion(endpoint: str, *, baud: int, timeout_s: float = 5.0) ->
     Raises MachineError where it is unreachable, silent or no Grbl; ConfigError for a bad endpoint.
     """
     talk = Conversation(endpoint, _PERIOD_S, Hearer(
-        line_answered=_ignore, report=_ignore, alarm=_ignore, restarted=_ignore,
+        accepted=_ignore, rejected=_ignore, report=_ignore, alarm=_ignore, restarted=_ignore,
         batch_done=_ignore, lost=_ignore,
     ))
     try:

@@ -7,7 +7,8 @@ positions are above it. Events are handed on in the order they stood in the byte
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
+from collections import deque
+from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -39,12 +40,14 @@ _LEAST_RX_USABLE = 127  # before the controller has said how much it has
 class Hearer:
     """Who is told what the controller says, as callables.
 
-    line_answered(tag, error), report(report), alarm(code), restarted(asked) in stream order;
+    accepted(count) for `ok`s in a row, rejected(tag, error), report(report), alarm(code),
+    restarted(asked) in stream order;
     surplus_answer() where an answer answers nothing; batch_done() after each arrival of bytes;
     asking() before each `?`: what is written then goes with it; lost(reason) once.
     """
 
-    line_answered: Callable[[int, int], None]
+    accepted: Callable[[int], None]
+    rejected: Callable[[int, int], None]
     report: Callable[[StatusReport], None]
     alarm: Callable[[int], None]
     restarted: Callable[[bool], None]
@@ -133,20 +136,22 @@ class Conversation:
             or (self._link is not None and self._link.paced)
         )
 
-    def check_line(self, line: bytes) -> None:
-        """Raise LocalProtocolError for a line that could never be sent."""
-        self._host.check_line(line)
+    def check_lines(self, lines: Sequence[bytes]) -> None:
+        """Raise LocalProtocolError if one of the lines could never be sent."""
+        self._host.check_lines(lines)
 
-    def can_send(self, line: bytes) -> bool:
-        """Whether the controller has room for the line now."""
-        return self._host.can_send(line)
+    def send_waiting(self, waiting: deque[bytes], tag: int) -> list[bytes]:
+        """Send the checked lines there is room for, in one write, and take them off `waiting`.
 
-    def count_line(self, line: bytes, tag: int) -> bytes:
-        """The bytes of a checked line, counted as sent; `write` them with others in one go."""
-        return self._host.send_checked(line, tag)
+        tag : of the first; those behind it count on
+        """
+        sent = self._host.send_waiting(waiting, tag)
+        if sent:
+            self.write(b"\n".join(sent) + b"\n")
+        return sent
 
     def write(self, data: bytes) -> None:
-        """Send what `count_line` gave."""
+        """Send after all that went before; while a question is being put, together with it."""
         if self._with_question is not None:
             self._with_question += data
         elif self._link is not None:
@@ -233,17 +238,25 @@ class Conversation:
 
     def _received(self, data: bytes) -> None:
         self.heard_bytes = True
-        answered = self._hearer.line_answered
+        accepted = 0
         for event in self._host.receive_data(data):
-            if type(event) is Answered and event.tag >= 0:
-                answered(event.tag, event.error)
-            else:
-                self._hear(event)
+            if type(event) is Answered and event.tag >= 0 and not event.error:
+                accepted += 1
+                continue
+            if accepted:
+                self._hearer.accepted(accepted)
+                accepted = 0
+            self._hear(event)
+        if accepted:
+            self._hearer.accepted(accepted)
         self._hearer.batch_done()
 
     def _hear(self, event: Event) -> None:
         if isinstance(event, Answered):
-            self._command_answered(event.error)
+            if event.tag == _COMMAND_TAG:
+                self._command_answered(event.error)
+            else:
+                self._hearer.rejected(event.tag, event.error)
         elif isinstance(event, Status):
             self.watch.answered()
             if not self._host.unanswered:

@@ -70,7 +70,8 @@ class MotionDriver:
             endpoint,
             status_period_s,
             Hearer(
-                line_answered=self._line_answered,
+                accepted=self._accepted,
+                rejected=self._line_rejected,
                 report=self._reported,
                 alarm=self._alarmed,
                 restarted=self._restarted,
@@ -236,8 +237,12 @@ class MotionDriver:
             )
         return report
 
-    def _line_answered(self, tag: int, error: int) -> None:
-        self._stream.line_answered(tag, error)
+    def _accepted(self, count: int) -> None:
+        self._stream.accepted(count)
+        self._grown = True
+
+    def _line_rejected(self, tag: int, error: int) -> None:
+        self._stream.line_rejected(tag, error)
         self._grown = True
 
     def _reported(self, report: StatusReport) -> None:

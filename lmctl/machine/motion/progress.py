@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import re
 from collections import deque
+from collections.abc import Sequence
 from itertools import islice
 
 from firmware_protocol.status import StatusReport
@@ -49,6 +50,7 @@ class Progress:
         self._rejected: int | None = None  # index of the first rejected line
         self._open: deque[bytes] = deque()  # lines sent and not executed, from index `executed`
         self._dwells: deque[int] = deque()  # which of the lines not answered are dwells
+        self._blockless: deque[int] = deque()  # which of the open lines make no block
         self._idle_answered = -1  # `_answered` at the last report if that was Idle
         self._left_planner: deque[tuple[float, int]] = deque()  # (when seen, lines), oldest first
         self._placed = (-1, -1)  # number and index of the line last looked for
@@ -73,27 +75,38 @@ class Progress:
         """Whether every line sent is executed."""
         return self.executed == self.sent
 
-    def line_sent(self, line: bytes) -> None:
-        """Count a line that is on its way."""
-        self._open.append(line)
-        if _DWELL.search(line):
-            self._dwells.append(self.sent)
-        self.sent += 1
+    def lines_sent(self, lines: Sequence[bytes]) -> None:
+        """Count lines that are on their way."""
+        for index, line in enumerate(lines, self.sent):
+            if not makes_block(line):
+                self._blockless.append(index)
+                if _DWELL.search(line):
+                    self._dwells.append(index)
+        self._open.extend(lines)
+        self.sent += len(lines)
 
-    def line_answered(self, error: int) -> bool:
-        """Count the answer to the oldest unanswered line; True if it is the first rejection."""
-        first = bool(error) and self._rejected is None
-        if first:
-            self._rejected = self._answered
-        is_dwell = bool(self._dwells) and self._dwells[0] == self._answered
-        if is_dwell:
-            self._dwells.popleft()
-        self._answered += 1
+    def accepted(self, count: int) -> None:
+        """Count the `ok`s to the oldest unanswered lines."""
+        done = self._take_answers(count)
         if self._rejected is None:
             self.acknowledged = self._answered
-            if is_dwell:
-                self._count_executed(self._answered)
+            self._count_executed(done)
+
+    def line_rejected(self) -> bool:
+        """Count another answer to the oldest unanswered line; True if it is the first one."""
+        first = self._rejected is None
+        if first:
+            self._rejected = self._answered
+        self._take_answers(1)
         return first
+
+    def _take_answers(self, count: int) -> int:
+        """How many lines the last dwell among them is, or as many as are executed."""
+        self._answered += count
+        done = self.executed
+        while self._dwells and self._dwells[0] < self._answered:
+            done = self._dwells.popleft() + 1
+        return done
 
     def unanswered_bytes(self) -> int:
         """Bytes of the lines sent and not answered, line ends included."""
@@ -115,12 +128,13 @@ class Progress:
         at = self._place_of(head)
         if at is None or blocks <= 0:
             return 0
-        for line in islice(self._open, at, None):
-            blocks -= makes_block(line)
-            at += 1
-            if not blocks:
+        first = self.executed + at
+        planned = first + blocks
+        for index in self._blockless:
+            if index >= planned:
                 break
-        return self.executed + at
+            planned += index >= first
+        return min(planned, self.sent)
 
     def observe(self, report: StatusReport, now_s: float) -> bool:
         """Take a status report, in its place among the answers; True if `executed` grew."""
@@ -149,6 +163,8 @@ class Progress:
     def _count_executed(self, done: int) -> None:
         for _ in range(done - self.executed):
             self._open.popleft()
+        while self._blockless and self._blockless[0] < done:
+            self._blockless.popleft()
         self.executed = done
 
     def _lines_out_of_planner(self, report: StatusReport) -> int:
@@ -173,11 +189,15 @@ class Progress:
         if number == same and index >= self.executed:
             return index - self.executed
         word = b"N%d" % number
-        for at, line in enumerate(self._open):
-            if line.startswith(word) and not line[len(word) : len(word) + 1].isdigit():
-                self._placed = number, self.executed + at
-                return at
-        return None
+        # Lines mostly count on, so it stands as much further on as its number is greater.
+        at = index + number - same - self.executed
+        if not (0 <= at < len(self._open) and _numbered(self._open[at], word)):
+            numbered = (n for n, line in enumerate(self._open) if _numbered(line, word))
+            if (found := next(numbered, None)) is None:
+                return None
+            at = found
+        self._placed = number, self.executed + at
+        return at
 
     def _before_blocks(self, blocks: int) -> int:
         """The index of the (blocks + 1)th last acknowledged line that makes a block."""
@@ -189,6 +209,10 @@ class Progress:
                 if wanted == 0:
                     return self.executed + at
         return self.executed
+
+
+def _numbered(line: bytes, word: bytes) -> bool:
+    return line.startswith(word) and not line[len(word) : len(word) + 1].isdigit()
 
 
 def makes_block(line: bytes) -> bool:

@@ -54,10 +54,12 @@ class Stream:
     def submit(self, lines: Iterable[bytes], identity: Identity) -> None:
         """Queue lines and send what fits. Raises LocalProtocolError for an impossible line."""
         lines = list(lines)
-        for line in lines:
-            self._talk.check_line(line)
-            if _STORES.search(line.upper()) or line.lstrip()[:1] == b"$":
-                raise LocalProtocolError(f"{line!r} stores something, so it must be sent alone")
+        self._talk.check_lines(lines)
+        text = b"\n".join(lines).upper()
+        if b"$" in text or _STORES.search(text):
+            for line in lines:
+                if _STORES.search(line.upper()) or line.lstrip()[:1] == b"$":
+                    raise LocalProtocolError(f"{line!r} stores something, so it must be sent alone")
         if not self.running:
             self._identity = identity
             lead_s = identity.dialect.segment_buffer_s
@@ -72,14 +74,7 @@ class Stream:
             return
         if self._audit.in_doubt:
             return
-        queue, talk, progress = self._queue, self._talk, self.progress
-        out = []
-        while queue and talk.can_send(queue[0]):
-            line = queue.popleft()
-            out.append(talk.count_line(line, progress.sent))
-            progress.line_sent(line)
-        if out:
-            talk.write(b"".join(out))
+        self.progress.lines_sent(self._talk.send_waiting(self._queue, self.progress.sent))
 
     def discard_queue(self) -> int:
         """Drop the lines not sent; returns how many."""
@@ -96,14 +91,19 @@ class Stream:
         self._audit.forget()
         self._owing_since_s = None
 
-    def line_answered(self, tag: int, error: int) -> None:
-        """Take one answer; at the first rejection, hold.
+    def accepted(self, count: int) -> None:
+        """Take so many `ok`s in a row."""
+        self._owing_since_s = None
+        self.progress.accepted(count)
+
+    def line_rejected(self, tag: int, error: int) -> None:
+        """Take another answer; at the first one, hold.
 
         The lines behind the rejected one are on the controller already. Grbl runs on with them,
         grblHAL rejects each: neither is to be reported, and neither is to move the machine.
         """
         self._owing_since_s = None
-        if self.progress.line_answered(error) and not self.halted:  # not by an alarm before it
+        if self.progress.line_rejected() and not self.halted:  # not by an alarm before it
             self.halted = True
             self._talk.realtime(Realtime.HOLD)
             self._rejected(tag, error)

@@ -14,10 +14,8 @@ def stream(
     lines: list[bytes], answered: int, blocks: int = 15, lead_s: float = 0.0
 ) -> Progress:
     progress = Progress(blocks, lead_s)
-    for line in lines:
-        progress.line_sent(line)
-    for _ in range(answered):
-        progress.line_answered(0)
+    progress.lines_sent(lines)
+    progress.accepted(answered)
     return progress
 
 
@@ -87,13 +85,13 @@ def test_the_answer_to_a_dwell_says_that_all_before_it_is_done(dwell):
     lines = [b"N1 G1 X1", b"N2 G1 X2", dwell, b"N4 G1 X3", dwell]
     progress = stream(lines, 2)
     assert progress.executed == 0
-    progress.line_answered(0)
+    progress.accepted(1)
     assert (progress.acknowledged, progress.executed) == (3, 3)
-    progress.line_answered(0)
+    progress.accepted(1)
     assert progress.executed == 3
     progress.observe(run("Ln:1"), 0.0)  # a report of before it takes nothing back
     assert progress.executed == 3
-    progress.line_answered(0)
+    progress.accepted(1)
     assert progress.executed == 5
 
 
@@ -106,7 +104,10 @@ def test_a_dwell_that_was_refused_or_stands_behind_a_refused_line_is_not_done():
     for errors in ((0, 20, 0), (20, 0, 0), (0, 0, 20)):
         progress = stream([b"G1 X1", b"G4 P1", b"G4 P1"], 0)
         for error in errors:
-            progress.line_answered(error)
+            if error:
+                progress.line_rejected()
+            else:
+                progress.accepted(1)
         assert progress.executed == (2 if errors[1] == errors[0] == 0 else 0)
 
 
@@ -134,7 +135,7 @@ def test_idle_with_an_answer_due_is_not_all():
 def test_without_blocks_idle_must_be_seen_twice_with_no_answer_between():
     progress = stream(NUMBERED, 19)
     assert not progress.observe(run("FS:0,0", state="Idle"), 0.0)
-    progress.line_answered(0)
+    progress.accepted(1)
     assert not progress.observe(run("FS:0,0", state="Idle"), 0.0)
     assert progress.observe(run("FS:0,0", state="Idle"), 0.0)
     assert progress.executed == 20
@@ -149,14 +150,14 @@ def test_other_states_credit_nothing(state):
 
 def test_nothing_at_or_behind_a_rejected_line_is_acknowledged_or_executed():
     progress = stream(NUMBERED, 4)
-    assert progress.line_answered(20)
-    assert not progress.line_answered(22)
-    progress.line_answered(0)
+    assert progress.line_rejected()
+    assert not progress.line_rejected()
+    progress.accepted(1)
     assert (progress.acknowledged, progress.first_rejected, progress.unanswered) == (4, 4, 13)
     progress.observe(run("Ln:106"), 0.0)
     assert progress.executed == 4
     for _ in range(13):
-        progress.line_answered(0)
+        progress.accepted(1)
     progress.observe(run("Bf:15,128", state="Idle"), 0.0)
     assert progress.executed == 4
     assert not progress.all_executed
@@ -164,9 +165,9 @@ def test_nothing_at_or_behind_a_rejected_line_is_acknowledged_or_executed():
 
 def test_a_rejected_line_is_in_no_block_count():
     progress = stream([b"G1 X%d" % n for n in range(6)], 2)
-    progress.line_answered(20)
+    progress.line_rejected()
     for _ in range(3):
-        progress.line_answered(0)
+        progress.accepted(1)
     progress.observe(run("Bf:11,128"), 0.0)  # four blocks: X1, X3, X4, X5; X0 may be in segments
     assert progress.executed == 0
     progress.observe(run("Bf:12,128"), 0.0)
@@ -195,6 +196,38 @@ def test_an_alarm_kills_what_is_in_the_segment_buffer():
     assert progress.executed == 0
 
 
+@pytest.mark.parametrize(("head", "executed"), [(103, 3), (119, 19), (104, 4), (112, 12)])
+def test_a_line_is_found_wherever_it_stands(head, executed):
+    """Also where one report was damaged, and another took it far ahead."""
+    progress = stream(NUMBERED, 2)  # answers that are late: nothing is executed yet
+    progress.observe(run("Ln:110"), 0.0)
+    progress.observe(run("Ln:118"), 0.0)
+    progress.accepted(18)
+    progress.observe(run(f"Ln:{head}"), 0.0)
+    assert progress.executed == executed
+
+
+def test_a_line_is_found_where_numbers_do_not_count_on():
+    lines = [b"N%d G1 X1" % n for n in (9_000_000, 9_000_001, 5, 6, 70, 8)]
+    progress = stream(lines, 6)
+    for number, executed in ((9_000_001, 1), (5, 2), (70, 4), (8, 5)):
+        progress.observe(run(f"Ln:{number}"), 0.0)
+        assert progress.executed == executed
+
+
+@given(st.lists(st.booleans(), min_size=1, max_size=12), st.data())
+def test_what_the_planner_holds_has_been_planned(kinds, data):
+    lines = [b"N%d %s" % (n, b"G1 X1" if k else b"M4 S1") for n, k in enumerate(kinds)]
+    done = data.draw(st.integers(0, len(lines) - 1))
+    progress = stream(lines, len(lines))
+    progress.observe(run(f"Ln:{done}"), 0.0)
+    head = data.draw(st.integers(done, len(lines) - 1))
+    free = data.draw(st.integers(0, 15))
+    makers = [n for n in range(head, len(lines)) if kinds[n]][: 15 - free]
+    planned = len(lines) if len(makers) < 15 - free else makers[-1] + 1 if makers else 0
+    assert progress.planned_at_least(head, free) == planned
+
+
 @given(st.data())
 def test_counts_never_run_ahead_of_a_random_machine(data):
     """A machine that takes, plans and finishes lines at random; reports fall anywhere between."""
@@ -206,13 +239,13 @@ def test_counts_never_run_ahead_of_a_random_machine(data):
     planner: list[int] = []
     planned = 0
     for line in lines:
-        progress.line_sent(line)
+        progress.lines_sent([line])
     for step in data.draw(st.lists(st.sampled_from(["plan", "move", "ask"]), max_size=150)):
         if step == "plan" and planned < len(lines) and len(planner) < blocks:
             if makes_block(lines[planned]):
                 planner.append(planned)
             planned += 1
-            progress.line_answered(0)
+            progress.accepted(1)
         elif step == "move" and planner:
             planner.pop(0)
         elif step == "ask":
