@@ -4,23 +4,35 @@ from __future__ import annotations
 
 import json
 import shlex
+import shutil
 from pathlib import Path
 
 import pytest
 
+from lmctl.cli.__main__ import main
 from lmctl.config.machine import load_profile
 from tests.run.conftest import squares, write_job
 
 FAULTS = '[[fault]]\nkind = "hard_limit"\nat_line = 40\n'
 
 
+@pytest.fixture(scope="module")
+def tripped(tmp_path_factory):
+    """The folder of a run that met a limit switch in its first layer's squares."""
+    folder = tmp_path_factory.mktemp("tripped")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        assert main(["init", "."]) == 0
+        write_job(folder / "part.lmj", load_profile(folder / "cell.toml"), squares())
+        (folder / "faults.toml").write_text(FAULTS)
+        assert main(["run", "part.lmj", "--sim", "--faults", "faults.toml"]) == 5
+    return folder
+
+
 @pytest.fixture
-def journal(lmctl, tmp_path):
-    """The journal of a run that met a limit switch in its first layer's squares."""
-    assert lmctl("init", ".").code == 0
-    write_job(tmp_path / "part.lmj", load_profile(tmp_path / "cell.toml"), squares())
-    (tmp_path / "faults.toml").write_text(FAULTS)
-    assert lmctl("run", "part.lmj", "--sim", "--faults", "faults.toml").code == 5
+def journal(tripped, tmp_path):
+    """The journal of that run, in a folder of the test's own."""
+    shutil.copytree(tripped, tmp_path, dirs_exist_ok=True)
     return tmp_path / "runs/run-0001/journal.jsonl"
 
 

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import lmctl.examples
 from lmctl.config.machine import load_profile
 from lmctl.run.journal.file import read, verify
+from simulators import virtual_time
 from tests.faults.kills import shortened, wired
 from tests.run.conftest import squares, write_job
 
@@ -83,23 +87,39 @@ def test_ctrl_c_while_running_stops_in_the_safe_order(tmp_path: Path) -> None:
     assert acts[-3:] == ["beam and motion off", "powder off", "post-flow, gas off"]
 
 
-@pytest.mark.parametrize("mute", [True, False], ids=["silent", "talking nonsense"])
-def test_a_port_that_is_no_controller(tmp_path: Path, mute: bool) -> None:
+@pytest.mark.parametrize(("answer", "said"), [
+    (b"", "the motion controller is silent"),
+    (b"\xff\x00hello, this is a modem\r\n", "what answers is not a Grbl controller"),
+])
+def test_a_port_that_is_no_controller(
+    refused: Callable[..., str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, answer: bytes,
+    said: str,
+) -> None:
+    """A real port; its silence is waited for in virtual time. The feeders are away as well."""
     master, slave = os.openpty()
-    text = (EXAMPLES / "cell.toml").read_text()
-    (tmp_path / "cell.toml").write_text(
-        text.replace("tcp://127.0.0.1:2323", f"pty://{os.ttyname(slave)}")
+    text = (EXAMPLES / "cell.toml").read_text().replace(
+        "tcp://127.0.0.1:2323", f"pty://{os.ttyname(slave)}"
     )
-    write_job(tmp_path / "part.lmj", load_profile(EXAMPLES / "cell.toml"), squares())
-    if not mute:
-        os.write(master, b"\xff\x00hello, this is a modem\r\n" * 3)
-    process = start(tmp_path, "run", "part.lmj", "--machine", "cell.toml")
-    _, talk = process.communicate(timeout=60)
+    closed = [socket.create_server(("127.0.0.1", 0)) for _ in range(2)]
+    for port, feeder in zip(("5021", "5022"), closed, strict=True):
+        text = text.replace(port, str(feeder.getsockname()[1]))
+        feeder.close()
+    (tmp_path / "cell.toml").write_text(text)
+    write_job(tmp_path / "part.lmj", load_profile(tmp_path / "cell.toml"), squares())
+
+    async def answered(command: Coroutine[Any, Any, Any]) -> Any:
+        loop = asyncio.get_running_loop()
+        loop.add_reader(master, lambda: os.read(master, 100) and os.write(master, answer))
+        try:
+            return await command
+        finally:
+            loop.remove_reader(master)
+
+    monkeypatch.setattr("asyncio.run", lambda command: virtual_time.run(answered(command)))
+    talk = refused("run", "part.lmj", "--machine", "cell.toml", code=4)
     os.close(master)
     os.close(slave)
-    assert process.returncode == 4, talk
-    assert "Traceback" not in talk
-    assert "hint: " in talk
+    assert said in talk
 
 
 def test_a_bench_of_its_own_is_a_machine_like_any_other(tmp_path: Path) -> None:
