@@ -202,7 +202,9 @@ class GrblHost:
             events.append(Unknown(text[:MOST_LINE_BYTES].decode("latin-1")))
             return
         message = parse_message(text.decode("latin-1"))
-        if isinstance(message, Ok | ErrorReply):
+        if isinstance(message, Status):
+            events.append(message)
+        elif isinstance(message, (Ok, ErrorReply)):
             events.append(self._answer(message))
         elif isinstance(message, Banner):
             events.append(Restarted(message.text, self.forget()))

@@ -23,6 +23,7 @@ _POSITION = re.compile(rf"{_DECIMAL}(?:,{_DECIMAL}){{2,7}}")
 _KEY = re.compile(r"[A-Za-z][A-Za-z0-9]{0,15}")
 
 #: Most reports of a machine at work are of this form, and change in every field.
+_USUAL_TEXT = "<%s|MPos:%.3f,%.3f,%.3f|Bf:%d,%d|Ln:%d|FS:%.0f,%.0f>"
 _USUAL = re.compile(
     rf"<(Run|Idle)\|MPos:({_DECIMAL}),({_DECIMAL}),({_DECIMAL})\|Bf:([0-9]{{1,9}}),([0-9]{{1,9}})"
     rf"(?:\|Ln:([0-9]{{1,9}}))?\|FS:({_DECIMAL}),({_DECIMAL})>"
@@ -67,6 +68,18 @@ class StatusReport(NamedTuple):
             return self.substate in (None, 0)
         return self.state == "Door" and self.substate in (None, 0, 1)
 
+    def _usual_values(self) -> tuple[Any, ...] | None:
+        """The values of `_USUAL_TEXT`, if it has these fields and no others."""
+        (state, substate, machine_mm, work_mm, offset_mm, blocks, rx, line, feed, spindle,
+         measured, overrides, pins, accessories, other) = self
+        if (
+            substate is work_mm is offset_mm is measured is overrides is pins is accessories is None
+            and machine_mm is not None and len(machine_mm) == 3
+            and None not in (blocks, rx, line, feed, spindle) and not other
+        ):
+            return (state, *machine_mm, blocks, rx, line, feed, spindle)
+        return None
+
     def program_mm(self, offset_mm: tuple[float, ...] | None) -> tuple[float, ...] | None:
         """The position in program (work) coordinates; None where it is not to be told.
 
@@ -82,6 +95,8 @@ class StatusReport(NamedTuple):
         Lengths with three decimals, rates as whole numbers ($13=0). Which fields appear, and
         when, is the firmware's choice and so the caller's.
         """
+        if usual := self._usual_values():
+            return _USUAL_TEXT % usual
         parts = [self.state if self.substate is None else f"{self.state}:{self.substate}"]
         if self.machine_mm is not None:
             parts.append(f"MPos:{_lengths(self.machine_mm)}")

@@ -109,7 +109,8 @@ class Machine:
 
     def position_mm(self) -> Vector:
         """Where the axes are, in whole steps."""
-        (x, y, z), (sx, sy, sz) = self.stepper.position_mm(self.now_s), self._steps_per_mm()
+        x, y, z = self.stepper.position_mm(self.now_s)
+        sx, sy, sz = self.planner.kinematics.steps_per_mm
         return (round(x * sx) / sx, round(y * sy) / sy, round(z * sz) / sz)
 
     # --- real-time commands
@@ -263,9 +264,6 @@ class Machine:
         self.stepper.stop_dead(self.now_s)
         self.stopping = self.restore_s = None
         self._displaced(self.planner.position_mm)
-
-    def _steps_per_mm(self) -> Vector:
-        return self.planner.kinematics.steps_per_mm
 
     def _brake(self, why: Stopping) -> None:
         self.stopping = why

@@ -88,6 +88,20 @@ def test_status_fields_may_stand_in_any_order_and_unknown_ones_are_kept():
     )
 
 
+@given(
+    st.sampled_from(["Run", "Idle", "Hold", "Alarm"]), st.lists(st.floats(-1e6, 1e6), min_size=3,
+                                                               max_size=4),
+    st.lists(st.integers(0, 10**7), min_size=3, max_size=3), st.floats(0, 1e5), st.floats(0, 1e5),
+)
+def test_the_usual_report_is_written_as_its_fields_are_one_by_one(state, at, counts, feed, spindle):
+    blocks, rx, line = counts
+    usual = StatusReport(
+        state, machine_mm=tuple(at), blocks_free=blocks, rx_free=rx, line_number=line,
+        feed_mm_min=feed, spindle=spindle,
+    )
+    assert usual._replace(accessories="S").format() == usual.format()[:-1] + "|A:S>"
+
+
 def test_feed_alone_and_a_measured_spindle_speed():
     assert parse_status("<Idle|F:500>").feed_mm_min == 500
     assert parse_status("<Idle|F:500>").format() == "<Idle|F:500>"
