@@ -41,6 +41,16 @@ def large_square_job(tmp_path, profile, job_file):
     return tmp_path / "job.lmj"
 
 
+@pytest.fixture(scope="session")
+def undisturbed(tmp_path_factory, profile, job_file):
+    """What a run makes of `square_job` and of `large_square_job` if left alone; to look at only."""
+    folder = tmp_path_factory.mktemp("undisturbed")
+    job_file(folder / "small.lmj", profile)
+    job_file(folder / "large.lmj", profile, job_file.squares(2, per_layer=3, side_mm=12.0))
+    return {name: BenchRun(folder / name, profile, folder / f"{name}.lmj")
+            for name in ("small", "large")}
+
+
 @pytest.fixture
 def run(tmp_path, profile):
     """Runs a job on a bench of its own: run(job, bench=..., acts=..., override=...)."""

@@ -10,12 +10,12 @@ from tests.run.whole.laid import BEAM_OFF_S, EXACT_MM, OVERLAP_MM, check_all_is_
 
 
 def test_a_hold_keeps_the_place_and_the_beam_returns_with_overlap_through_fresh_powder(
-    run, large_square_job
+    run, large_square_job, undisturbed
 ):
     one = run(large_square_job, acts=[
         (3.0, lambda r: r.executor.hold()), (50.0, lambda r: r.executor.resume()),
     ])
-    whole = run(large_square_job)
+    whole = undisturbed["large"]
     assert one.result.state == "done"
     one.check_safe()
     check_all_is_laid(one, whole)
@@ -61,12 +61,12 @@ def test_powder_is_purged_beside_the_part(run, large_square_job):
 
 
 @pytest.mark.parametrize("at_s", [0.5, 1.1, 1.7, 2.3, 2.9, 3.7, 4.4])
-def test_held_anywhere_the_part_is_made_whole(run, square_job, at_s):
+def test_held_anywhere_the_part_is_made_whole(run, square_job, undisturbed, at_s):
     one = run(square_job, acts=[
         (at_s, lambda r: r.executor.state == "depositing" and r.executor.hold()),
         (at_s + 5.0, lambda r: r.executor.state == "held" and r.executor.resume()),
     ])
-    whole = run(square_job)
+    whole = undisturbed["small"]
     assert one.result.state == "done"
     one.check_safe()
     check_all_is_laid(one, whole)
@@ -75,13 +75,13 @@ def test_held_anywhere_the_part_is_made_whole(run, square_job, at_s):
     assert layers == [record["layer"] for record in whole.records("layer")]
 
 
-def test_held_twice_in_the_overlap_the_first_place_counts(run, large_square_job):
+def test_held_twice_in_the_overlap_the_first_place_counts(run, large_square_job, undisturbed):
     one = run(large_square_job, acts=[
         (3.0, lambda r: r.executor.hold()), (8.0, lambda r: r.executor.resume()),
         (32.0, lambda r: r.executor.state == "depositing" and r.executor.hold()),
         (40.0, lambda r: r.executor.state == "held" and r.executor.resume()),
     ])
-    whole = run(large_square_job)
+    whole = undisturbed["large"]
     assert one.result.state == "done"
     one.check_safe()
     check_all_is_laid(one, whole)
@@ -134,7 +134,7 @@ def test_a_hold_at_the_controller_s_own_panel_is_a_hold(run, large_square_job):
     assert one.states.count("held") == 1
 
 
-def test_an_opened_door_holds_the_run_until_it_is_closed(run, large_square_job):
+def test_an_opened_door_holds_the_run_until_it_is_closed(run, large_square_job, undisturbed):
     refused = []
 
     def too_early(one):
@@ -147,7 +147,7 @@ def test_an_opened_door_holds_the_run_until_it_is_closed(run, large_square_job):
         (3.0, lambda r: r.bench.motion.set_door(True)), (8.0, too_early),
         (10.0, lambda r: r.bench.motion.set_door(False)), (12.0, lambda r: r.executor.resume()),
     ])
-    whole = run(large_square_job)
+    whole = undisturbed["large"]
     assert one.result.state == "done", one.error
     assert "door is open" in refused[0]
     one.check_safe()
@@ -155,7 +155,9 @@ def test_an_opened_door_holds_the_run_until_it_is_closed(run, large_square_job):
 
 
 @pytest.mark.parametrize("open_s", [0.003, 0.03, 0.2, 0.45])
-def test_a_door_that_is_closed_again_at_once_holds_the_run_too(run, large_square_job, open_s):
+def test_a_door_that_is_closed_again_at_once_holds_the_run_too(
+    run, large_square_job, undisturbed, open_s
+):
     """Its controller then waits for a cycle start, beam off, while powder would run for ever."""
     one = run(large_square_job, acts=[
         (3.0, lambda r: r.bench.motion.set_door(True)),
@@ -167,4 +169,4 @@ def test_a_door_that_is_closed_again_at_once_holds_the_run_too(run, large_square
     assert one.entered_s("holding") < one.started_s + 3.0 + open_s + 0.5
     (alarm,) = one.records("alarm")
     assert "door" in alarm["what"]
-    check_all_is_laid(one, run(large_square_job))
+    check_all_is_laid(one, undisturbed["large"])
