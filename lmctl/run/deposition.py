@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from firmware_protocol.status import StatusReport
 from lmctl.config.machine import Motion
 from lmctl.run.cell.devices import Cell
-from lmctl.run.interlocks.facts import Unasked
+from lmctl.run.interlocks.facts import OffProgram
 from lmctl.run.interlocks.of_motion import OFF_PATH_MM
 from lmctl.run.journal.recorder import Recorder
 from lmctl.run.powder.feed import PowderFeed
@@ -115,14 +115,11 @@ class Deposition:
         return start_mm != end_mm
 
     @property
-    def off_path_mm(self) -> float:
-        """How far the place last reported is from the program's path; 0 once motion is at rest."""
-        return self._clock.off_mm if self._tracking else 0.0
-
-    @property
-    def unasked(self) -> Unasked | None:
-        """Feed or power, as reported, that no line which may be running asks for."""
-        return self._energy.unasked if self._tracking else None
+    def off_program(self) -> OffProgram:
+        """How the last report differs from the program; not at all once motion is at rest."""
+        if not self._tracking:
+            return OffProgram()
+        return OffProgram(self._clock.off_mm, self._clock.early_s, self._energy.unasked)
 
     def job_line(self, tag: int) -> int:
         """The job's number of a line of the stream."""

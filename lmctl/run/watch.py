@@ -177,8 +177,7 @@ class Watch:
         return Facts(
             motion=cell.motion.status,
             still_s=self._loop.time() - self._moved_t if self._last_mm is not None else 0.0,
-            off_path_mm=self._deposition().off_path_mm,
-            unasked=self._deposition().unasked,
+            off_program=self._deposition().off_program,
             motion_age_s=cell.motion.status_age_s,
             motion_period_s=self._profile.motion.status_period_s,
             feeders=[

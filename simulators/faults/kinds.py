@@ -137,9 +137,9 @@ _MOTION_KINDS = (
               "an answer is missing", (_REPLIES,)),
     FaultKind("ok_doubled", "answers of the controller come twice", _M, _MAY,
               "an answer nobody waits for", (_REPLIES,)),
-    FaultKind("word_garbled", "a place, feed or power is damaged on its way, and still a number",
-              _M, _MAY, "the program asks for",
-              (Parameter("letter", "S", "which word", choices=("X", "Y", "Z", "F", "S")),
+    FaultKind("word_garbled", "a place, feed, power or wait of the program is damaged on its "
+              "way, and still a number", _M, _MAY, "the program asks for",
+              (Parameter("letter", "S", "which word", choices=("X", "Y", "Z", "F", "S", "P")),
                Parameter("percent", 10.0, "what is left of its value", 0, 1000))),
 )
 

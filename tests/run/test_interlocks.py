@@ -13,7 +13,7 @@ from lmctl.config.machine import Hopper, Safety
 from lmctl.machine.feeder.status import FeederStatus, HopperReading
 from lmctl.machine.safety.status import SafetyStatus
 from lmctl.run.interlocks.alarms import Alarms, EmergencyStop, Interlock
-from lmctl.run.interlocks.facts import Facts, FeederFacts, Unasked, settled
+from lmctl.run.interlocks.facts import Facts, FeederFacts, OffProgram, Unasked, settled
 from lmctl.run.interlocks.rules import RULES, RULES_WITHOUT_SAFETY
 from lmctl.run.interlocks.supervision import Supervision
 
@@ -52,7 +52,7 @@ def feeder(age_s=0.0, feeding=True, **changes):
 
 FINE = Facts(
     motion=parse_status("<Run|MPos:1.000,2.000,3.000|FS:600,500>"), motion_age_s=0.1,
-    motion_period_s=0.2, still_s=0.0, off_path_mm=0.0, unasked=None, feeders=(feeder(),),
+    motion_period_s=0.2, still_s=0.0, off_program=OffProgram(), feeders=(feeder(),),
     safety=GOOD, safety_age_s=0.0, limits=LIMITS,
 )
 
@@ -63,6 +63,10 @@ def with_safety(**changes):
 
 def with_motion(text):
     return FINE._replace(motion=parse_status(text))
+
+
+def off(**differences):
+    return FINE._replace(off_program=OffProgram(**differences))
 
 
 #: What is the matter, by the name of the rule that must find it.
@@ -88,12 +92,13 @@ TRIPPED = [
     ("safety inputs silent", FINE._replace(safety_age_s=0.31), "0.3 s"),
     ("motion silent", FINE._replace(motion_age_s=0.7), "0.7 s"),
     ("position", FINE._replace(still_s=1.1), "1.1 s"),
-    ("path", FINE._replace(off_path_mm=0.31), "0.3 mm off the programmed path"),
-    ("feed and power", FINE._replace(unasked=Unasked(20.0, 10.0, 500.0, 0.0, 900.0)),
+    ("path", off(path_mm=0.31), "0.3 mm off the programmed path"),
+    ("wait", off(early_s=1.5), "1.5 s ahead of the program"),
+    ("feed and power", off(unasked=Unasked(20.0, 10.0, 500.0, 0.0, 900.0)),
      "10.0 mm/s at most"),
-    ("feed and power", FINE._replace(unasked=Unasked(50.0, 50.0, 580.0, 0.0, 0.0)),
+    ("feed and power", off(unasked=Unasked(50.0, 50.0, 580.0, 0.0, 0.0)),
      "580 W of beam, says the motion controller; the program asks for no beam here"),
-    ("feed and power", FINE._replace(unasked=Unasked(10.0, 10.0, 90.0, 880.0, 900.0)),
+    ("feed and power", off(unasked=Unasked(10.0, 10.0, 90.0, 880.0, 900.0)),
      "880 to 900 W at that speed"),
     ("feeder silent", FINE._replace(feeders=(feeder(age_s=3.1),)), "feeder F1"),
     ("carrier gas", FINE._replace(feeders=(feeder(carrier_L_min=3.1),)), "3.1 L/min"),

@@ -16,7 +16,7 @@ from lmctl.machine.by_hand.look_motion import MotionLook, look_at_motion
 from lmctl.machine.motion.identify import refuse_unfit
 from lmctl.machine.safety.status import SafetyStatus
 from lmctl.run.cell.check import Check, judge_settings
-from lmctl.run.interlocks.facts import Facts
+from lmctl.run.interlocks.facts import Facts, OffProgram
 from lmctl.run.interlocks.rule import Finding
 from lmctl.run.interlocks.rules import RULES
 
@@ -213,7 +213,7 @@ def _safety(status: SafetyStatus | LmctlError, limits: Safety) -> Iterator[Check
 
 def _holding(status: SafetyStatus, limits: Safety) -> Iterator[Finding]:
     """What a run would be refused for. (An open watchdog relay it closes itself.)"""
-    facts = Facts(motion=None, still_s=0.0, off_path_mm=0.0, unasked=None, motion_age_s=0.0,
+    facts = Facts(motion=None, still_s=0.0, off_program=OffProgram(), motion_age_s=0.0,
                   motion_period_s=1.0, feeders=(),
                   safety=status, safety_age_s=0.0, limits=limits)
     for rule in RULES:

@@ -38,20 +38,31 @@ class Unasked(NamedTuple):
     most_W: float
 
 
+class OffProgram(NamedTuple):
+    """How the machine differs from its program, by the last report.
+
+    path_mm : how far the nozzle is from the lines that may be running
+    early_s : by how much it was there sooner than the program would have it
+    unasked : feed or power that none of those lines asks for
+    """
+
+    path_mm: float = 0.0
+    early_s: float = 0.0
+    unasked: Unasked | None = None
+
+
 class Facts(NamedTuple):
     """All a rule may look at.
 
     still_s : for how long the controller has said that it runs the program without moving, the
         program's own waits left out
-    off_path_mm : how far the place last reported is from the program's path; 0 where none runs
-    unasked : feed or power that no line which may be running asks for
+    off_program : no difference where no program runs
     safety, limits : None where the cell has no safety-input device
     """
 
     motion: StatusReport | None
     still_s: float
-    off_path_mm: float
-    unasked: Unasked | None
+    off_program: OffProgram
     motion_age_s: float
     motion_period_s: float
     feeders: Sequence[FeederFacts]

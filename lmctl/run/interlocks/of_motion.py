@@ -15,6 +15,10 @@ _STILL_S = 1.0
 #: than this, what it runs is not what was sent: G-code has no checksum.
 OFF_PATH_MM = 0.3
 
+#: Planned and real motion differ by 0.1 s at most from one report to the next; what is reached so
+#: much sooner was not waited for. An override of 200 % may be told a report late, and gains that.
+_EARLY_S, _UNTOLD_PERIODS = 1.0, 2
+
 _DAMAGED = (
     "a line, or the reports, were damaged on their way: look at the part, and at cable and "
     "earthing of the controller, then resume"
@@ -46,16 +50,23 @@ def not_following(facts: Facts) -> Iterator[Finding]:
 
 
 def off_path(facts: Facts) -> Iterator[Finding]:
-    if facts.off_path_mm > OFF_PATH_MM:
+    if facts.off_program.path_mm > OFF_PATH_MM:
         yield Finding(
-            f"the nozzle is {facts.off_path_mm:.1f} mm off the programmed path, says the motion "
-            "controller",
-            _DAMAGED,
+            f"the nozzle is {facts.off_program.path_mm:.1f} mm off the programmed path, says the "
+            "motion controller", _DAMAGED,
+        )
+
+
+def early(facts: Facts) -> Iterator[Finding]:
+    if facts.off_program.early_s > _EARLY_S + _UNTOLD_PERIODS * facts.motion_period_s:
+        yield Finding(
+            f"the nozzle is {facts.off_program.early_s:.1f} s ahead of the program: a wait was cut "
+            "short", _DAMAGED,
         )
 
 
 def unasked(facts: Facts) -> Iterator[Finding]:
-    said = facts.unasked
+    said = facts.off_program.unasked
     if said is None:
         return
     if said.speed_mm_s > said.most_mm_s > 0.0:

@@ -27,6 +27,7 @@ RULES: tuple[Rule, ...] = (
     Rule("motion silent", of_motion.silent),
     Rule("position", of_motion.not_following, Reaction.RESET),
     Rule("path", of_motion.off_path),
+    Rule("wait", of_motion.early),
     Rule("feed and power", of_motion.unasked),
     Rule("feeder silent", of_feeders.silent),
     Rule("carrier gas", of_feeders.carrier_gas, for_s=_CARRIER_GAS_S),

@@ -53,6 +53,7 @@ class ProgramClock:
     reported_s : program time of the last place reported on the path, nothing added for what came
         after
     off_mm : how far the last place reported is from the path of the lines that may be running
+    early_s : by how much that place was reached sooner than expected; below 0 where later
     turned : called when something other than the passing of time changes what lies ahead
     The clock stands until `run_from`, and again after `stand`.
     """
@@ -67,15 +68,18 @@ class ProgramClock:
         self._known_t = 0.0
         self._known_s = float(first.start_s[0])
         self.reported_s = self._known_s
-        self.off_mm = 0.0
+        self.off_mm = self.early_s = 0.0
         self._limit_s = self._known_s  # program time at the end of the lines acknowledged
         self._runs_from_t = math.inf
 
     def acknowledge(self, lines: int) -> None:
-        """The controller has taken so many lines; time never runs past their end."""
+        """The controller has taken so many lines; time never runs past their end.
+
+        But a dwell is answered when it is over: time runs through one that is next.
+        """
         if lines != self._acknowledged:
             self._acknowledged = lines
-            self._limit_s = self._window.line_start_s(lines)
+            self._limit_s = self._window.motion_from_s(lines)
 
     def run_from(self, t: float) -> None:
         """Motion starts, or is to start, at machine time t."""
@@ -134,11 +138,12 @@ class ProgramClock:
             self._change = None
         self.off_mm = 0.0
         if executed >= self._window.n_lines:
-            self._known_s = self._window.end_s
+            self._known_s = expected_s = self._window.end_s
         elif (found_s := self._as_expected(position_mm, expected_s)) is not None:
             self._known_s = found_s
         else:
             self._known_s, self.off_mm = self._nearest(executed, position_mm, expected_s)
+        self.early_s = self._known_s - expected_s
         if self.off_mm <= OFF_PATH_MM:
             self.reported_s = self._known_s
         self._known_t = t

@@ -77,6 +77,15 @@ class JobWindow:
         stretch = self.stretch_of_line(line)
         return stretch.starts_s[line - stretch.first_line]
 
+    def motion_from_s(self, line: int) -> float:
+        """Program time at which the first line from this one on that moves starts."""
+        while line < self.n_lines:
+            stretch = self.stretch_of_line(line)
+            if stretch.speeds_mm_s[line - stretch.first_line] > 0.0:
+                break
+            line += 1
+        return self.line_start_s(line)
+
     def line_at(self, s: float) -> int:
         """The line that runs at program time s; the job's last one at its end."""
         stretch = self._at(s)

@@ -131,6 +131,26 @@ def test_led_powder_is_right_on_the_beam_s_path_and_unled_is_not(
     assert np.quantile(errors["none"], 0.5) > 0.2
 
 
+def test_powder_led_through_a_wait_is_there_when_the_wait_is_over(
+    run, tmp_path, profile, job_file
+):
+    """A dwell is answered when it is over; until then the clock must not stand."""
+    (rows, *_) = layers = job_file.squares(layers=1, per_layer=3, side_mm=12.0)
+    second = next(i for i, row in enumerate(rows) if row[3] == 1)
+    rows.insert(second, ("dwell", rows[second - 1][1], 6.0, -1))
+    begins_s = sum(row[2] for row in rows[:second])
+    job_file(tmp_path / "job.lmj", profile, layers, mode="lead", flow=[
+        (0.0, (0.05, 0.15)), (begins_s, (0.05, 0.15)), (begins_s + 5.0, (0.15, 0.05)),
+        (100.0, (0.15, 0.05)),
+    ])
+    one = run(tmp_path / "job.lmj")
+    one.check_safe()
+    assert one.result.state == "done", one.error
+    assert one.records("alarm") == []
+    assert one.path.time_s.max() - one.path.time_s.min() > 20.0  # the wait, and beads on both sides
+    assert np.quantile(one.flow_error(), 0.99) < 0.02
+
+
 @pytest.mark.parametrize("percent", [60, 140])
 def test_an_override_from_the_start_scales_speed_beam_and_powder(run, large_square_job, percent):
     one = run(large_square_job, override=percent)

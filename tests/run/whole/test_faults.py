@@ -237,6 +237,29 @@ def test_a_feed_or_power_damaged_on_its_way_is_seen_by_the_next_two_reports(
     assert one.path.length_mm[wrong].sum() < 6.0  # what two status periods at 10 mm/s lay
 
 
+@pytest.mark.parametrize("bench", [
+    [], [('dialect = "grblhal"', 'dialect = "grbl"'), ("10 = 511", "10 = 3")],
+])
+def test_a_wait_cut_short_on_its_way_is_seen_as_soon_as_it_is_over(
+    run, tmp_path, profile, job_file, bench
+):
+    (rows, *_) = layers = job_file.squares(layers=1, per_layer=3, side_mm=12.0)
+    second = next(i for i, row in enumerate(rows) if row[3] == 1)
+    rows.insert(second, ("dwell", rows[second - 1][1], 8.0, -1))
+    job_file(tmp_path / "job.lmj", profile, layers)
+    one = run(tmp_path / "job.lmj", bench=bench, acts=[
+        (3.0, garble("P", 10.0)), (30.0, lambda r: r.executor.resume()),
+    ])
+    whole = run(tmp_path / "job.lmj", bench=bench)
+    assert whole.records("alarm") == []
+    (alarm,) = one.records("alarm")
+    assert re.search(r"the nozzle is (6\.9|7\.[0-3]) s ahead of the program", alarm["what"])
+    assert one.result.state == "done", one.error
+    one.check_safe()
+    check_all_is_laid(one, whole)
+    assert laid_again_mm(one, whole) < 6.0
+
+
 def test_a_job_altered_while_it_runs_ends_the_run(run, tmp_path, profile, job_file):
     job_file(tmp_path / "job.lmj", profile, job_file.squares(layers=4, per_layer=3, side_mm=12.0))
 
