@@ -9,7 +9,6 @@ controller takes a line longer than its buffer; a busy one does not.
 from __future__ import annotations
 
 from collections import deque
-from typing import NamedTuple
 
 from firmware_protocol.dialect import Dialect
 from firmware_protocol.gcode import significant
@@ -18,13 +17,6 @@ from firmware_protocol.realtime import Realtime
 
 _MOST_RAW_BYTES = 4096  # kept of one line, comments included; a longer one is called too long
 _ALL = frozenset(range(256))
-
-
-class LineReceived(NamedTuple):
-    """A line as it came, without its end; `too_long`: the firmware answers it with error:11."""
-
-    text: bytes
-    too_long: bool
 
 
 class GrblDevice:
@@ -39,7 +31,6 @@ class GrblDevice:
         self.rx_bytes = dialect.rx_bytes if rx_bytes is None else rx_bytes
         self.overruns = 0
         self._usable = self.rx_bytes - 1
-        self._line_chars = dialect.line_chars
         picked = frozenset(map(int, dialect.realtime))
         self._not_text = bytes(sorted(picked | dialect.dropped))
         self._not_realtime = bytes(sorted(_ALL - picked))
@@ -77,8 +68,8 @@ class GrblDevice:
             self._buffer(text)
         return realtime
 
-    def take_line(self) -> LineReceived | None:
-        """The oldest whole line, whose bytes leave the buffer now; None where there is none.
+    def take_line(self) -> bytes | None:
+        """The oldest whole line without its end, whose bytes leave the buffer now; else None.
 
         Asking in vain tells the device that the controller is idle and reads as bytes come.
         """
@@ -88,13 +79,18 @@ class GrblDevice:
             self._used = 0
             return None
         line = self._lines.popleft()
-        size = len(line)
-        self._used -= max(0, size + 1 - self._head_read)
+        left = len(line) + 1 - self._head_read
+        if left > 0:
+            self._used -= left
         self._head_read = 0
-        if size <= self._line_chars:
-            return LineReceived(line, False)
-        too_long = size > _MOST_RAW_BYTES or len(significant(line)) > self._line_chars
-        return LineReceived(line, too_long)
+        return line
+
+    def is_too_long(self, line: bytes) -> bool:
+        """Whether the firmware answers it with error:11; it stores no spaces and comments."""
+        chars = self.dialect.line_chars
+        if len(line) <= chars:
+            return False
+        return len(line) > _MOST_RAW_BYTES or len(significant(line)) > chars
 
     def discard_rx(self) -> None:
         """Forget everything received and not yet taken, as a reset or a jog cancel does."""

@@ -111,19 +111,18 @@ class MainLoop:
         """Take lines until one has to wait (True) or none is left or may be taken (False)."""
         take, send, machine = self._device.take_line, self._send, self._machine
         interpret, planner = self._interpreter.interpret, machine.planner
-        add, capacity = planner.add, planner.capacity
+        add, capacity, most_chars = planner.add, planner.capacity, self._device.dialect.line_chars
         while True:
             if self._barred():
                 return False
             usual = machine.state in _EXECUTING and not self._latched
             plain = usual and not machine.settings[20]  # without soft limits no target needs a look
             while True:
-                line = take()
-                if line is None:
+                text = take()
+                if text is None:
                     return False
-                text, too_long = line
-                if not usual or too_long or b"$" in text or not text:
-                    waits = self._unusual(text, too_long)
+                if not usual or len(text) > most_chars or b"$" in text or not text:
+                    waits = self._unusual(text)
                     break
                 try:
                     actions = interpret(text)
@@ -162,10 +161,10 @@ class MainLoop:
             self._begin(perform(machine, (motion,)))
         return True
 
-    def _unusual(self, text: bytes, too_long: bool) -> bool:
+    def _unusual(self, text: bytes) -> bool:
         """Any other line; True where it has to wait."""
         block = significant(text)
-        if too_long:
+        if self._device.is_too_long(text):
             self._answer(TOO_LONG)
         elif not block:
             self._answer(0)

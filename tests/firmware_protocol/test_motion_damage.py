@@ -133,7 +133,7 @@ def test_a_device_takes_damaged_programs_the_same_however_they_are_chopped(diale
     assert overruns == 0
     ends = sum(bytes(stream).count(end) for end in (b"\n", b"\r"))
     assert len(lines) == ends
-    assert len(realtime) + sum(len(line.text) + 1 for line in lines) <= len(stream)
+    assert len(realtime) + sum(len(line) + 1 for line in lines) <= len(stream)
 
 
 @settings(max_examples=40)

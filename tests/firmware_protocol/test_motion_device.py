@@ -20,7 +20,7 @@ BOTH = pytest.mark.parametrize("dialect", [GRBL, GRBLHAL], ids=lambda dialect: d
 def taken(device: GrblDevice) -> list[bytes]:
     lines = []
     while (line := device.take_line()) is not None:
-        lines.append(line.text)
+        lines.append(line)
     return lines
 
 
@@ -72,7 +72,7 @@ def test_a_busy_controllers_buffer_fills_overruns_and_counts(dialect):
     device = GrblDevice(dialect, rx_bytes=32)
     shown_empty = 32 - dialect.rx_shown_margin
     device.receive_data(b"G4 P1\n")
-    assert device.take_line().text == b"G4 P1"  # the controller is busy with it
+    assert device.take_line() == b"G4 P1"  # the controller is busy with it
     assert device.rx_free == shown_empty
     device.receive_data(b"G1 X123456\n")
     device.receive_data(b"G1 X12")
@@ -82,7 +82,7 @@ def test_a_busy_controllers_buffer_fills_overruns_and_counts(dialect):
     device.receive_data(b"2345678\n")
     assert device.overruns == 4
     assert device.receive_data(b"!") == b"!"  # real-time bytes need no room
-    assert device.take_line().text == b"G1 X123456"
+    assert device.take_line() == b"G1 X123456"
     assert device.rx_free == shown_empty - 31 + 11
     device.receive_data(b"\n")
     assert taken(device) == [b"G1 X123456", b"G1 Y12345"[:9]]
@@ -104,13 +104,13 @@ def test_a_line_is_too_long_by_what_is_stored_of_it():
     device = GrblDevice(GRBL)
     assert device.take_line() is None
     device.receive_data(b"X" * 79 + b"\n")
-    assert device.take_line() == (b"X" * 79, False)
+    assert not device.is_too_long(device.take_line())
     assert device.take_line() is None
     device.receive_data(b"X" * 80 + b"\n")
-    assert device.take_line().too_long
+    assert device.is_too_long(device.take_line())
     assert device.take_line() is None
     device.receive_data(b" " * 30 + b"X" * 40 + b"(" + b"c" * 30 + b")\n")
-    assert not device.take_line().too_long
+    assert not device.is_too_long(device.take_line())
 
 
 def test_an_endless_line_is_bounded_and_too_long():
@@ -121,8 +121,8 @@ def test_an_endless_line_is_bounded_and_too_long():
         assert device.take_line() is None
     assert len(device._partial) < 5000
     device.receive_data(b")\nM5\n")
-    assert device.take_line().too_long
-    assert device.take_line() == (b"M5", False)
+    assert device.is_too_long(device.take_line())
+    assert device.take_line() == b"M5"
     assert device.rx_free == 1023
 
 
@@ -156,7 +156,7 @@ def test_both_ends_joined_keep_count_without_overrun(dialect):
         device.receive_data(out)
         for _ in range(2):
             if (line := device.take_line()) is not None:
-                executed.append(line.text)
+                executed.append(line)
                 reply = ErrorReply(20) if len(executed) % 7 == 0 else Ok()
                 answered += host.receive_data(device.send(reply))
     assert executed == lines

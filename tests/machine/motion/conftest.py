@@ -141,8 +141,8 @@ class ScriptedController:
                 line = self.device.take_line()
                 if line is None:
                     break
-                self.received.append(line.text)
-                self._blocked = line.text
+                self.received.append(line)
+                self._blocked = line
             if not self._take(self._blocked):
                 break
             self._blocked = None
