@@ -38,11 +38,11 @@ class LocalProtocolError(Exception):
     """We were about to send what must not be sent: a bug on this side."""
 
 
-class Answered(NamedTuple):
-    """The line sent with `tag` was answered: error code 0 is `ok`, another is `error:code`."""
+class Rejected(NamedTuple):
+    """The line sent with `tag` was answered `error:code`."""
 
     tag: int
-    error: int
+    code: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,9 +61,10 @@ class Restarted:
     lost: tuple[int, ...]
 
 
+# An int is the tag of a line that was answered `ok`: by far most events, and no more to be said.
 Event = (
-    Answered | RemoteProtocolError | Restarted | Alarm | Status | Feedback | Setting | StoredLine
-    | StartupLine | Unknown
+    int | Rejected | RemoteProtocolError | Restarted | Alarm | Status | Feedback | Setting
+    | StoredLine | StartupLine | Unknown
 )
 
 
@@ -181,7 +182,7 @@ class GrblHost:
             if line == b"ok\r" and self._unanswered and not self._skipping:
                 tag, size = self._unanswered.popleft()
                 self._free += size
-                events.append(Answered(tag, 0))
+                events.append(tag)
             else:
                 self._take(line, events)
         if len(self._partial) > MOST_LINE_BYTES:
@@ -211,9 +212,9 @@ class GrblHost:
         else:
             events.append(message)
 
-    def _answer(self, message: Ok | ErrorReply) -> Answered | RemoteProtocolError:
+    def _answer(self, message: Ok | ErrorReply) -> int | Rejected | RemoteProtocolError:
         if not self._unanswered:
             return RemoteProtocolError(message.format(), "it answers no line that was sent")
         tag, size = self._unanswered.popleft()
         self._free += size
-        return Answered(tag, message.code if isinstance(message, ErrorReply) else 0)
+        return Rejected(tag, message.code) if isinstance(message, ErrorReply) else tag

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from firmware_protocol.device import GrblDevice
 from firmware_protocol.dialect import GRBL, GRBLHAL
-from firmware_protocol.host import Answered, GrblHost, RemoteProtocolError, Restarted
+from firmware_protocol.host import GrblHost, Rejected, RemoteProtocolError, Restarted
 from firmware_protocol.realtime import Realtime
 
 LINES = 40
@@ -37,7 +37,7 @@ def followed(parts: list[bytes]) -> list:
     for part in parts:
         events += host.receive_data(part)
         assert host.free == 6 * (LINES - host.unanswered)
-    answered = [event.tag for event in events if isinstance(event, Answered)]
+    answered = [e if isinstance(e, int) else e.tag for e in events if isinstance(e, int | Rejected)]
     given_up = [tag for event in events if isinstance(event, Restarted) for tag in event.lost]
     told = [*answered, *given_up]
     assert sorted(told) == list(range(len(told)))  # each line ends once, the oldest first
@@ -48,7 +48,7 @@ def followed(parts: list[bytes]) -> list:
 
 def answers(events: list) -> int:
     """Answers the host took for such, those to no line included."""
-    return sum(isinstance(event, Answered | RemoteProtocolError) for event in events)
+    return sum(isinstance(event, int | Rejected | RemoteProtocolError) for event in events)
 
 
 def whole_answers(data: bytes) -> int:

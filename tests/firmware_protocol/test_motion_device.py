@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from firmware_protocol.device import GrblDevice
 from firmware_protocol.dialect import GRBL, GRBLHAL
-from firmware_protocol.host import Answered, GrblHost, Restarted
+from firmware_protocol.host import GrblHost, Rejected, Restarted
 from firmware_protocol.messages import Banner, ErrorReply, Ok
 from firmware_protocol.realtime import Realtime
 
@@ -160,7 +160,7 @@ def test_both_ends_joined_keep_count_without_overrun(dialect):
                 reply = ErrorReply(20) if len(executed) % 7 == 0 else Ok()
                 answered += host.receive_data(device.send(reply))
     assert executed == lines
-    assert answered == [Answered(n, 20 if n % 7 == 6 else 0) for n in range(500)]
+    assert answered == [Rejected(n, 20) if n % 7 == 6 else n for n in range(500)]
     assert (device.overruns, host.free) == (0, 127)
     assert host.receive_data(device.send(Banner(dialect.banner))) == [
         Restarted(dialect.banner, ())

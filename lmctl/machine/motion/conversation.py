@@ -15,10 +15,10 @@ from typing import Any, TypeVar
 from firmware_protocol.codes import alarm_meaning, error_meaning
 from firmware_protocol.dialect import GRBL, Dialect
 from firmware_protocol.host import (
-    Answered,
     Event,
     GrblHost,
     LocalProtocolError,
+    Rejected,
     RemoteProtocolError,
     Restarted,
 )
@@ -240,7 +240,7 @@ class Conversation:
         self.heard_bytes = True
         accepted = 0
         for event in self._host.receive_data(data):
-            if type(event) is Answered and event.tag >= 0 and not event.error:
+            if type(event) is int and event != _COMMAND_TAG:
                 accepted += 1
                 continue
             if accepted:
@@ -252,11 +252,13 @@ class Conversation:
         self._hearer.batch_done()
 
     def _hear(self, event: Event) -> None:
-        if isinstance(event, Answered):
+        if isinstance(event, int):
+            self._command_answered(0)
+        elif isinstance(event, Rejected):
             if event.tag == _COMMAND_TAG:
-                self._command_answered(event.error)
+                self._command_answered(event.code)
             else:
-                self._hearer.rejected(event.tag, event.error)
+                self._hearer.rejected(event.tag, event.code)
         elif isinstance(event, Status):
             self.watch.answered()
             if not self._host.unanswered:
