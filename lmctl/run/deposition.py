@@ -76,7 +76,7 @@ class Deposition:
         self._clock = clock
         self._feed = feed
         self._recorder = recorder
-        self._energy = LineEnergy(window)
+        self._energy = LineEnergy(window, cell.motion.identity.dialect.segment_buffer_s)
         self._streamer = Streamer(window, motion.send_horizon_s)
         self._done = done
         self._failed = failed

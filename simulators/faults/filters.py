@@ -90,7 +90,8 @@ class SomeAnswers:
 class GarbledWord:
     """The next number but 0 behind a letter becomes `percent` of itself; then it is spent.
 
-    A serial line gives G-code no checksum: what is still a number is obeyed.
+    A serial line gives G-code no checksum: what is still a number is obeyed. It keeps its length,
+    as digits that are damaged do, and so is as near to `percent` as so many digits can be.
     """
 
     def __init__(self, letter: str, percent: float, spent: Spent) -> None:
@@ -105,7 +106,10 @@ class GarbledWord:
         deliver(garbled)
 
     def _other(self, number: re.Match[bytes]) -> bytes:
-        return b"%.3f" % (float(number[0]) * self._percent / 100.0)
+        was = number[0].decode()
+        decimals = len(was.partition(".")[2])
+        becomes = f"{float(was) * self._percent / 100.0:0{len(was)}.{decimals}f}"
+        return (becomes if len(becomes) == len(was) else re.sub("[0-9]", "9", was)).encode()
 
 
 @dataclass

@@ -92,7 +92,7 @@ TRIPPED = [
     ("safety inputs silent", FINE._replace(safety_age_s=0.31), "0.3 s"),
     ("motion silent", FINE._replace(motion_age_s=0.7), "0.7 s"),
     ("position", FINE._replace(still_s=1.1), "1.1 s"),
-    ("path", off(path_mm=0.31), "0.3 mm off the programmed path"),
+    ("path", off(path_mm=0.11), "0.1 mm off the programmed path"),
     ("wait", off(early_s=1.5), "1.5 s ahead of the program"),
     ("feed and power", off(unasked=Unasked(20.0, 10.0, 500.0, 0.0, 900.0)),
      "10.0 mm/s at most"),

@@ -11,6 +11,7 @@ from lmctl.run.program.line_energy import LineEnergy
 
 FULL_W, S_MAX, BEAD_W, SPEED_MM_S = 3000.0, 1000, 1500.0, 10.0
 BEAD = "FS:600,500"
+LEAD_S = 0.09
 
 #: Two beads of a second each, dark ways of a second before, between and behind them.
 LAYER = [
@@ -23,7 +24,7 @@ IN_BEAD_S, IN_TRAVEL_S, IN_DWELL_S = 1.5, 2.5, 7.5
 
 @pytest.fixture
 def energy(job):
-    return LineEnergy(job([LAYER]).window())
+    return LineEnergy(job([LAYER]).window(), LEAD_S)
 
 
 def status(fields, state="Run"):
@@ -142,13 +143,13 @@ def test_what_was_found_stands(energy):
 
 
 def test_with_the_beam_off_every_power_is_one_too_many(job):
-    energy = LineEnergy(job([LAYER]).window(beam_off=True))
+    energy = LineEnergy(job([LAYER]).window(beam_off=True), LEAD_S)
     assert hear(energy, IN_BEAD_S, "FS:600,0", "FS:600,0") is None
     assert hear(energy, IN_BEAD_S, BEAD) is not None
 
 
 def test_lines_of_the_next_layer_may_be_running(job):
     layers = [LAYER[:3], [("bead", (70, 0, 0), 1.0, 1), ("travel", (0, 0, 0), 1.0)]]
-    energy = LineEnergy(job(layers).window())
+    energy = LineEnergy(job(layers).window(), LEAD_S)
     assert hear(energy, 2.0, BEAD, BEAD) is None
-    assert hear(energy, 2.9, "FS:3000,0", "FS:3000,0") is None  # the head is on the way already
+    assert hear(energy, 2.95, "FS:3000,0", "FS:3000,0") is None  # the head is on the way already

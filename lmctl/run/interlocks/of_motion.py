@@ -13,7 +13,7 @@ _STILL_S = 1.0
 
 #: A controller follows its lines to a step, and rounding of reports leaves 0.005 mm. Farther off
 #: than this, what it runs is not what was sent: G-code has no checksum.
-OFF_PATH_MM = 0.3
+OFF_PATH_MM = 0.1
 
 #: Planned and real motion differ by 0.1 s at most from one report to the next; what is reached so
 #: much sooner was not waited for. An override of 200 % may be told a report late, and gains that.

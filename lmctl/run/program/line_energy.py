@@ -17,18 +17,18 @@ from firmware_protocol.status import StatusReport
 from lmctl.run.interlocks.facts import Unasked
 from lmctl.run.program.window import JobWindow
 
-#: Lines that may be running: from so much program time behind the place reported to so much ahead.
-#: Feed and power are those of the segment prepared last, 0.09 s ahead of the motion at most.
-_BEHIND_S, _AHEAD_S = 0.05, 0.2
+#: How exactly the place reported is known in program time [s].
+_KNOWN_WITHIN_S = 0.05
 
 #: Differences of no consequence: a share of what is asked; of full power, which melts nothing; and
-#: of speed, reported in whole mm/min.
-_SHARE, _OF_FULL, _SPEED_MM_S = 0.05, 0.02, 0.05
+#: of speed, reported in whole mm/min. Reports agree with the program within a tenth of these.
+_SHARE, _OF_FULL, _SPEED_MM_S = 0.03, 0.01, 0.05
 
 
 class LineEnergy:
     """Looks at the reports of one run.
 
+    lead_s : feed and power are those of the motion prepared last, ahead of the place by so much
     unasked : what a report has said that no line which may be running asks for, or None
     bead_short_from_s : program time from which the bead had too little power, inf where it had not
 
@@ -37,10 +37,11 @@ class LineEnergy:
     no override gives it power, and there is nothing to wait for.
     """
 
-    def __init__(self, window: JobWindow) -> None:
+    def __init__(self, window: JobWindow, lead_s: float) -> None:
         self.unasked: Unasked | None = None
         self.bead_short_from_s = math.inf
         self._window = window
+        self._lead_s = lead_s
         self._full_W = window.manifest.max_power_W
         self._per_S = window.manifest.max_power_W / window.manifest.s_max
         self._overrides: tuple[int, ...] = (100, 100, 100)  # feed, rapid, power, as last told
@@ -74,7 +75,7 @@ class LineEnergy:
             return None
         speed_mm_s, power_W = report.feed_mm_min / 60.0, report.spindle * self._per_S
         most_mm_s, least_J_mm, most_J_mm = self._window.asked(
-            s - _BEHIND_S, s + _AHEAD_S * max(rate, 1.0)
+            s - _KNOWN_WITHIN_S, s + _KNOWN_WITHIN_S + self._lead_s * max(rate, 1.0)
         )
         share = self._overrides[2] / 100.0
         return Unasked(

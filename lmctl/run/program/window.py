@@ -112,12 +112,13 @@ class JobWindow:
             if stretch.ends_s[-1] >= to_s or stretch.index + 1 == len(self.manifest.layers):
                 break
             stretch = self.stretch(stretch.index + 1)
-        moving = [
-            energy for energy, speed in zip(energies_J_mm, speeds_mm_s, strict=True) if speed > 0.0
-        ]
-        if not moving:
+        most_mm_s = max(speeds_mm_s, default=0.0)
+        if most_mm_s == 0.0:
             return 0.0, 0.0, 0.0
-        return max(speeds_mm_s), min(moving), max(moving)
+        if min(speeds_mm_s) == 0.0:  # lines that wait ask for no power, and do not move
+            moving = zip(energies_J_mm, speeds_mm_s, strict=True)
+            energies_J_mm = [energy for energy, speed in moving if speed > 0.0]
+        return most_mm_s, min(energies_J_mm), max(energies_J_mm)
 
     @property
     def _first_loaded(self) -> int:

@@ -249,8 +249,9 @@ def test_only_answers_are_lost(play):
 
 
 @pytest.mark.parametrize(("letter", "percent", "there"), [
-    ("S", 10.0, b"G1 X10 F600 S50.000\n"), ("F", 300.0, b"G1 X10 F1800.000 S500\n"),
-    ("X", 0.0, b"G1 X0.000 F600 S500\n"), ("Z", 50.0, b"G1 X10 F600 S500\n"),
+    ("S", 10.0, b"G1 X10 F600 S050\n"), ("F", 150.0, b"G1 X10 F900 S500\n"),
+    ("F", 300.0, b"G1 X10 F999 S500\n"), ("X", 0.0, b"G1 X00 F600 S500\n"),
+    ("Z", 50.0, b"G1 X10 F600 S500\n"),
 ])
 def test_one_word_is_garbled_and_still_a_number(play, letter, percent, there):
     async def scene(cell):
