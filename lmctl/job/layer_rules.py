@@ -19,6 +19,7 @@ LONGEST_LINE = 70
 
 _NUMBER = r"-?[0-9]+(?:\.[0-9]+)?"
 _WORD = rf"(?:G(?:[014]|21|90|94)|M[45]|[XYZFSP]{_NUMBER})"
+_NUMBERS = re.compile(r"^N([0-9]+) ", re.MULTILINE)
 _PROGRAM = re.compile(rf"(?:N[0-9]{{1,7}}(?: {_WORD})+\n)*")
 
 
@@ -38,12 +39,15 @@ def broken_rule(layer: JobLayer, n_materials: int, n_hoppers: int) -> str | None
 
 
 def _program_rule(layer: JobLayer) -> str | None:
-    for i, line in enumerate(layer.program):
-        if not line.startswith(f"N{(layer.first_line + i) % N_WORD_MODULUS} "):
-            return f"line {layer.first_line + i} does not carry its own number"
-        if len(line) > LONGEST_LINE:
-            return f"line {layer.first_line + i} is longer than {LONGEST_LINE} characters"
     text = "\n".join(layer.program) + "\n"
+    last = layer.first_line + len(layer.program)
+    own = [str(line % N_WORD_MODULUS) for line in range(layer.first_line, last)]
+    if _NUMBERS.findall(text) != own or max(map(len, layer.program)) > LONGEST_LINE:
+        for at, (line, number) in enumerate(zip(layer.program, own, strict=True), layer.first_line):
+            if not line.startswith(f"N{number} "):
+                return f"line {at} does not carry its own number"
+            if len(line) > LONGEST_LINE:
+                return f"line {at} is longer than {LONGEST_LINE} characters"
     if text.count("\n") != len(layer.program) or _PROGRAM.fullmatch(text) is None:
         return "a program line holds something else than motion, dwell and beam words"
     return None
