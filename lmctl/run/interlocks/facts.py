@@ -28,14 +28,13 @@ class Unasked(NamedTuple):
 
     speed_mm_s, power_W : as reported
     most_mm_s : the highest speed of the lines that may be running
-    least_W, most_W : the power they ask for at the speed reported
+    asked_W : the powers they ask for at the speed reported, rising; none where none of them moves
     """
 
     speed_mm_s: float
     most_mm_s: float
     power_W: float
-    least_W: float
-    most_W: float
+    asked_W: tuple[float, ...]
 
 
 class OffProgram(NamedTuple):

@@ -71,10 +71,10 @@ def unasked(facts: Facts) -> Iterator[Finding]:
         return
     if said.speed_mm_s > said.most_mm_s > 0.0:
         asked = f"{said.most_mm_s:.1f} mm/s at most"
-    elif said.most_W == 0.0:
+    elif not any(said.asked_W):
         asked = "no beam here"
     else:
-        asked = f"{said.least_W:.0f} to {said.most_W:.0f} W at that speed"
+        asked = " or ".join(f"{power_W:.0f}" for power_W in said.asked_W) + " W at that speed"
     yield Finding(
         f"the nozzle moves at {said.speed_mm_s:.1f} mm/s with {said.power_W:.0f} W of beam, says "
         f"the motion controller; the program asks for {asked}",

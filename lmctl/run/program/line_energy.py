@@ -29,7 +29,7 @@ class LineEnergy:
     """Looks at the reports of one run.
 
     lead_s : feed and power are those of the motion prepared last, ahead of the place by so much
-    unasked : what a report has said that no line which may be running asks for, or None
+    unasked : what a report has said that none of the lines which may be running asks for, or None
     bead_short_from_s : program time from which the bead had too little power, inf where it had not
 
     An override turned at the panel is told with the report that shows it, or with the next. So a
@@ -59,35 +59,34 @@ class LineEnergy:
         self._doubtful = None
         if self.unasked is not None:
             return
-        said = self._said(report, s, rate)
-        if said is None or self._agrees(said):
+        said = self._unasked(report, s, rate)
+        if said is None:
             self._good_s, self.bead_short_from_s = s, math.inf
-        elif said.most_W == 0.0 and said.power_W > 0.0:
+        elif said.power_W > 0.0 and not any(said.asked_W):
             self.unasked = said
         elif not overridden:
             self._doubtful = said
-            if said.power_W < said.least_W:
+            if said.power_W < max(said.asked_W, default=0.0):
                 self.bead_short_from_s = self._good_s
 
-    def _said(self, report: StatusReport, s: float, rate: float) -> Unasked | None:
-        """A report beside what is asked; None where it tells of no motion of the program."""
+    def _unasked(self, report: StatusReport, s: float, rate: float) -> Unasked | None:
+        """What a report says that no line asks for; None too where it tells of no motion."""
         if report.state != "Run" or report.feed_mm_min is None or report.spindle is None:
             return None
         speed_mm_s, power_W = report.feed_mm_min / 60.0, report.spindle * self._per_S
-        most_mm_s, least_J_mm, most_J_mm = self._window.asked(
+        most_mm_s, energies_J_mm = self._window.asked(
             s - _KNOWN_WITHIN_S, s + _KNOWN_WITHIN_S + self._lead_s * max(rate, 1.0)
         )
-        share = self._overrides[2] / 100.0
-        return Unasked(
-            speed_mm_s, most_mm_s * rate, power_W,
-            min(least_J_mm * share * speed_mm_s, self._full_W),
-            min(most_J_mm * share * speed_mm_s, self._full_W),
-        )
-
-    def _agrees(self, said: Unasked) -> bool:
-        slack_W = _OF_FULL * self._full_W + _SHARE * said.power_W
-        if not said.least_W - slack_W <= said.power_W <= said.most_W + slack_W:
-            return False
+        most_mm_s *= rate
+        asked_W = sorted({self._power_W(energy, speed_mm_s) for energy in set(energies_J_mm)})
+        slack_W = _OF_FULL * self._full_W + _SHARE * power_W
+        is_asked = any(abs(one_W - power_W) <= slack_W for one_W in asked_W or (0.0,))
         # Where all lines wait no speed is asked, and the one before may not be over.
-        most_mm_s = said.most_mm_s * (1.0 + _SHARE) + _SPEED_MM_S
-        return said.most_mm_s == 0.0 or said.speed_mm_s <= most_mm_s
+        is_fast = bool(asked_W) and speed_mm_s > most_mm_s * (1.0 + _SHARE) + _SPEED_MM_S
+        if is_asked and not is_fast:
+            return None
+        return Unasked(speed_mm_s, most_mm_s, power_W, tuple(asked_W))
+
+    def _power_W(self, energy_J_mm: float, speed_mm_s: float) -> float:
+        asked_W = energy_J_mm * speed_mm_s * self._overrides[2] / 100.0
+        return asked_W if asked_W < self._full_W else self._full_W

@@ -98,9 +98,9 @@ class JobWindow:
         corners = stretch.corners_mm
         return corners[row], corners[row + 1], stretch.starts_s[row], stretch.ends_s[row]
 
-    def asked(self, from_s: float, to_s: float) -> tuple[float, float, float]:
-        """Of the lines that run between two program times: the highest speed [mm/s], and the least
-        and the most energy per millimetre of those that move [J/mm]; 0 where none does."""
+    def asked(self, from_s: float, to_s: float) -> tuple[float, list[float]]:
+        """Of the lines that run between two program times: the highest speed [mm/s], and of each
+        that moves its energy per millimetre [J/mm]; 0 and none where none does."""
         speeds_mm_s: list[float] = []
         energies_J_mm: list[float] = []
         stretch = self._at(from_s)
@@ -112,13 +112,10 @@ class JobWindow:
             if stretch.ends_s[-1] >= to_s or stretch.index + 1 == len(self.manifest.layers):
                 break
             stretch = self.stretch(stretch.index + 1)
-        most_mm_s = max(speeds_mm_s, default=0.0)
-        if most_mm_s == 0.0:
-            return 0.0, 0.0, 0.0
-        if min(speeds_mm_s) == 0.0:  # lines that wait ask for no power, and do not move
+        if 0.0 in speeds_mm_s:
             moving = zip(energies_J_mm, speeds_mm_s, strict=True)
             energies_J_mm = [energy for energy, speed in moving if speed > 0.0]
-        return most_mm_s, min(energies_J_mm), max(energies_J_mm)
+        return max(speeds_mm_s, default=0.0), energies_J_mm
 
     @property
     def _first_loaded(self) -> int:
