@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -54,6 +55,7 @@ def _room_for_labels(
     figure: Figure, axes: list[list[Axes]], widths_in: FloatArray, heights_in: FloatArray
 ) -> FloatArray:
     """(rows, columns, 4): how far labels stand out to the left, below, to the right, above."""
+    FigureCanvasAgg(figure)  # keeps what it draws on; without it each question gets a new one
     figure.set_size_inches(_TABLE_IN, _TABLE_IN)
     for r, row in enumerate(axes):
         for c, axis in enumerate(row):

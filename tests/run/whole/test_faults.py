@@ -94,13 +94,15 @@ def test_an_interlock_takes_beam_and_motion_down_first_and_waits(
     assert seal["recoverable"]
 
 
-def test_after_an_interlock_the_operator_goes_on_with_the_part(run, large_square_job):
+def test_after_an_interlock_the_operator_goes_on_with_the_part(
+    run, large_square_job, undisturbed
+):
     """The disc of a feeder that was switched to LOCAL and back: alarms acknowledged, powder new."""
     one = run(large_square_job, acts=[
         (3.0, feeder_to_local), (20.0, lambda r: r.bench.feeders["F1"].turn_local(False)),
         (25.0, lambda r: r.executor.resume()),
     ])
-    whole = run(large_square_job)
+    whole = undisturbed["large"]
     assert one.result.state == "done", one.error
     # Until the feeder was asked again, a second later, nobody could know.
     assert one.bare_beam[:, 1].max() < one.started_s + 3.0 + 1.0 + BEAM_OFF_S
@@ -177,7 +179,7 @@ def test_a_line_damaged_on_its_way_stops_the_run_at_once(run, large_square_job, 
     (rb" X(\d)", rb" X"), (rb" Y(\d)(\d)", rb" Y\2\1"), (rb" X(\d)(\d)", rb" X\1"),
 ])
 def test_a_place_damaged_on_its_way_is_seen_by_where_the_nozzle_goes(
-    run, large_square_job, bench, word, becomes
+    run, large_square_job, undisturbed, bench, word, becomes
 ):
     """A controller takes it for a line like any other: its answer is `ok`."""
     def damage(one):
@@ -198,7 +200,7 @@ def test_a_place_damaged_on_its_way_is_seen_by_where_the_nozzle_goes(
     assert "off the programmed path" in alarm["what"]
     assert one.result.state == "done"
     one.check_safe()
-    whole = run(large_square_job)
+    whole = undisturbed["large"]
     there, wanted = cKDTree(one.path.position_mm), cKDTree(whole.path.position_mm)
     assert there.query(whole.path.position_mm)[0].max() < EXACT_MM  # none is missing
     astray = wanted.query(one.path.position_mm)[0] > EXACT_MM
@@ -219,12 +221,12 @@ def garble(letter, percent):
     ("S", 0.0), ("S", 10.0), ("S", 120.0), ("F", 20.0), ("F", 150.0),
 ])
 def test_a_feed_or_power_damaged_on_its_way_is_seen_by_the_next_two_reports(
-    run, large_square_job, bench, letter, percent
+    run, large_square_job, undisturbed, bench, letter, percent
 ):
     one = run(large_square_job, bench=bench, acts=[
         (3.0, garble(letter, percent)), (30.0, lambda r: r.executor.resume()),
     ])
-    whole = run(large_square_job)
+    whole = undisturbed["large"]
     (alarm,) = one.records("alarm")
     assert "the program asks for" in alarm["what"]
     assert one.result.state == "done", one.error
