@@ -101,9 +101,11 @@ def _gather(record: dict[str, Any], t_s: float, gathered: _Gathered) -> None:
         case "act" if record.get("failed"):
             gathered.happenings.append(Happening(t_s, f"{record['do']} failed: {record['failed']}"))
         case "override":
-            gathered.happenings.append(
-                Happening(t_s, f"feed override {record['feed_percent']} % ({record['source']})")
-            )
+            power_percent = record.get("power_percent", 100)
+            power = f", power override {power_percent} %" if power_percent != 100 else ""
+            gathered.happenings.append(Happening(
+                t_s, f"feed override {record['feed_percent']} %{power} ({record['source']})"
+            ))
         case "operator":
             refused = f", refused: {record['refused']}" if record.get("refused") else ""
             gathered.happenings.append(Happening(t_s, f"operator: {record['act']}{refused}"))

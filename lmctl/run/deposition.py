@@ -87,7 +87,7 @@ class Deposition:
         self._next_lines: list[bytes] = []  # journaled, to go with the next question
         self._may_wait = _PERIODS_AHEAD * motion.status_period_s <= motion.send_horizon_s
         self._seen = self._first_line  # lines executed when last looked at
-        self._percent = 100
+        self._percent = (100, 100)  # feed and power, as last journaled
 
     @property
     def executed(self) -> int:
@@ -215,7 +215,7 @@ class Deposition:
             return
         if self._tracking:
             if report.overrides is not None:
-                self._controller_override(t, report.overrides[0])
+                self._controller_override(t, report.overrides)
             self._clock.report(t, self._counted, position_mm)
             if self._clock.off_mm <= OFF_PATH_MM:
                 self._energy.report(report, self._clock.now(t), self._clock.rate)
@@ -231,12 +231,13 @@ class Deposition:
             self._feed.flows_g_min, self._cell.measured_g_min(),
         )
 
-    def _controller_override(self, t: float, percent: int) -> None:
+    def _controller_override(self, t: float, overrides: tuple[int, int, int]) -> None:
         """What the controller reports counts: its panel may have been used."""
-        if percent != self._percent:
-            self._percent = percent
-            self._recorder.override(percent, "controller")
-        self._clock.set_rate(t, percent / 100.0)
+        feed, _, power = overrides
+        if (feed, power) != self._percent:
+            self._percent = feed, power
+            self._recorder.override(feed, "controller", power)
+        self._clock.set_rate(t, feed / 100.0)
 
     def _tell(self, t: float) -> None:
         if self._progress is None:

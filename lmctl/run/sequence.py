@@ -18,6 +18,7 @@ from lmctl.run.deposition import Progress
 from lmctl.run.interlocks.alarms import Alarms, Interlock
 from lmctl.run.journal.recorder import Recorder
 from lmctl.run.journal.whereabouts import Whereabouts
+from lmctl.run.program.overrides import NO_OTHER_OVERRIDE
 from lmctl.run.program.reentry import START, Place
 from lmctl.run.state.table import Do
 from lmctl.run.watch import Watch
@@ -230,15 +231,21 @@ class CellSequence:
         )
 
     async def _arm_beam(self) -> None:
-        if self._override_percent != 100:
-            await self._override_at_once()
+        await self._override_at_once()
         await self._beam.arm()
 
     async def _override_at_once(self) -> None:
+        """The feed override asked for, and no other: what somebody left at the panel is undone.
+
+        Sent whatever was told of them, which may be some reports old.
+        """
         motion, percent = self._connected.motion, self._override_percent
+        wanted = (percent, 100, 100)
+        for byte in NO_OTHER_OVERRIDE:
+            motion.realtime(byte)
         self._work.deposition.override_now(percent)
         await self._connected.until(
-            lambda: motion.overrides[0] == percent, _OVERRIDE_PATIENCE_S,
+            lambda: motion.overrides == wanted, _OVERRIDE_PATIENCE_S,
             f"a feed override of {percent} %",
             hint="reports must carry Ov: for grblHAL add 64 to $10",
         )

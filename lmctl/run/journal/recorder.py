@@ -126,9 +126,10 @@ class Recorder:
         """Set-points on their way to the feeders."""
         self._append("setpoint", flow_g_min=flows_g_min)
 
-    def override(self, percent: int, source: str) -> None:
-        """A feed override. source : "operator" as asked for, "controller" as reported."""
-        self._append("override", feed_percent=percent, source=source)
+    def override(self, feed_percent: int, source: str, power_percent: int = 100) -> None:
+        """Overrides. source : "operator" as asked for, "controller" as reported."""
+        self._append("override", feed_percent=feed_percent, power_percent=power_percent,
+                     source=source)
 
     def operator(self, act: str, refused: str, **local: Any) -> None:
         """An act that came from outside; durable. refused : why, "" where it was accepted.

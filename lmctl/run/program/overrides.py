@@ -7,6 +7,9 @@ from firmware_protocol.realtime import Realtime
 #: Below half speed the send horizon could not be kept: two planned lines would already exceed it.
 LEAST_PERCENT, MOST_PERCENT = 50, 200
 
+#: Rapids and power as programmed.
+NO_OTHER_OVERRIDE = (Realtime.RAPID_100, Realtime.SPINDLE_100)
+
 
 def override_bytes(percent: int) -> list[Realtime]:
     """The bytes that set the feed override, from whatever it is. percent : 50 to 200."""

@@ -11,6 +11,7 @@ from lmctl.errors import UsageError
 from lmctl.job.reader import JobReader
 from lmctl.run.journal.file import fingerprint
 from lmctl.run.journal.rundir import list_runs
+from tests.run.whole.conftest import BenchRun
 
 
 def planned(job_path):
@@ -179,6 +180,27 @@ def test_an_override_in_the_run_waits_for_a_travel_and_for_powder(run, large_squ
         error = np.abs(one.path.flow_g_s[on_it].sum(axis=1) / (0.2 * percent / 100) - 1)
         assert np.quantile(error, 0.95) < 0.02
     assert one.path.time_s.min() < changed_s < one.path.time_s.max()
+
+
+def test_overrides_left_at_the_panel_before_the_run_are_taken_back(square_job, profile, tmp_path):
+    class Turned(BenchRun):
+        async def _act(self, acts):
+            self.bench.motion.set_overrides(60, 50, 40)
+
+    one = Turned(tmp_path / "turned", profile, square_job, acts=["turn"])
+    assert one.result.state == "done", one.error
+    one.check_safe()
+    assert np.median(one.path.power_fraction) == pytest.approx(0.5)
+    assert np.median(one.path.length_mm / one.path.duration_s) == pytest.approx(10.0)
+
+
+def test_power_turned_at_the_panel_is_journaled_and_no_damage(run, large_square_job):
+    one = run(large_square_job, acts=[(3.0, lambda r: r.bench.motion.set_overrides(100, 100, 80))])
+    assert one.result.state == "done", one.error
+    assert one.records("alarm") == []
+    assert [(r["feed_percent"], r["power_percent"]) for r in one.records("override")] == [(100, 80)]
+    later = one.path.time_s > one.started_s + 5.0
+    assert np.median(one.path.power_fraction[later]) == pytest.approx(0.4)
 
 
 def test_remaining_time_is_right_within_5_percent_after_the_first_layer(run, large_square_job):
