@@ -78,14 +78,17 @@ class LineEnergy:
             s - _KNOWN_WITHIN_S, s + _KNOWN_WITHIN_S + self._lead_s * max(rate, 1.0)
         )
         most_mm_s *= rate
-        asked_W = sorted({self._power_W(energy, speed_mm_s) for energy in set(energies_J_mm)})
         slack_W = _OF_FULL * self._full_W + _SHARE * power_W
-        is_asked = any(abs(one_W - power_W) <= slack_W for one_W in asked_W or (0.0,))
+        is_asked = any(
+            abs(self._power_W(energy, speed_mm_s) - power_W) <= slack_W
+            for energy in energies_J_mm or (0.0,)
+        )
         # Where all lines wait no speed is asked, and the one before may not be over.
-        is_fast = bool(asked_W) and speed_mm_s > most_mm_s * (1.0 + _SHARE) + _SPEED_MM_S
+        is_fast = 0.0 < most_mm_s < (speed_mm_s - _SPEED_MM_S) / (1.0 + _SHARE)
         if is_asked and not is_fast:
             return None
-        return Unasked(speed_mm_s, most_mm_s, power_W, tuple(asked_W))
+        asked_W = {self._power_W(energy, speed_mm_s) for energy in energies_J_mm}
+        return Unasked(speed_mm_s, most_mm_s, power_W, tuple(sorted(asked_W)))
 
     def _power_W(self, energy_J_mm: float, speed_mm_s: float) -> float:
         asked_W = energy_J_mm * speed_mm_s * self._overrides[2] / 100.0

@@ -101,17 +101,14 @@ class JobWindow:
     def asked(self, from_s: float, to_s: float) -> tuple[float, list[float]]:
         """Of the lines that run between two program times: the highest speed [mm/s], and of each
         that moves its energy per millimetre [J/mm]; 0 and none where none does."""
-        speeds_mm_s: list[float] = []
-        energies_J_mm: list[float] = []
         stretch = self._at(from_s)
-        while True:
-            first = bisect_left(stretch.ends_s, from_s)
-            last = bisect_right(stretch.starts_s, to_s)
-            speeds_mm_s += stretch.speeds_mm_s[first:last]
-            energies_J_mm += stretch.energies_J_mm[first:last]
-            if stretch.ends_s[-1] >= to_s or stretch.index + 1 == len(self.manifest.layers):
-                break
+        lines = slice(bisect_left(stretch.ends_s, from_s), bisect_right(stretch.starts_s, to_s))
+        speeds_mm_s, energies_J_mm = stretch.speeds_mm_s[lines], stretch.energies_J_mm[lines]
+        while stretch.ends_s[-1] < to_s and stretch.index + 1 < len(self.manifest.layers):
             stretch = self.stretch(stretch.index + 1)
+            last = bisect_right(stretch.starts_s, to_s)
+            speeds_mm_s += stretch.speeds_mm_s[:last]
+            energies_J_mm += stretch.energies_J_mm[:last]
         if 0.0 in speeds_mm_s:
             moving = zip(energies_J_mm, speeds_mm_s, strict=True)
             energies_J_mm = [energy for energy, speed in moving if speed > 0.0]
