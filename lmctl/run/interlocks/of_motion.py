@@ -69,12 +69,11 @@ def unasked(facts: Facts) -> Iterator[Finding]:
     said = facts.off_program.unasked
     if said is None:
         return
-    if said.speed_mm_s > said.most_mm_s > 0.0:
-        asked = f"{said.most_mm_s:.1f} mm/s at most"
-    elif not any(said.asked_W):
-        asked = "no beam here"
-    else:
+    asked = "no beam here"
+    if any(said.asked_W):
         asked = " or ".join(f"{power_W:.0f}" for power_W in said.asked_W) + " W at that speed"
+    if said.most_mm_s > 0.0:
+        asked += f", and {said.most_mm_s:.1f} mm/s at most"
     yield Finding(
         f"the nozzle moves at {said.speed_mm_s:.1f} mm/s with {said.power_W:.0f} W of beam, says "
         f"the motion controller; the program asks for {asked}",
