@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from lmctl.cli.console import put, say
+from lmctl.cli.interrupts import interruptible
 from lmctl.cli.planning import check_units, units_option
 from lmctl.cli.profiles import profile_in, profile_or_bench_cell
 from lmctl.config import toml_file
@@ -38,6 +39,7 @@ def _is_profile(file: Path) -> bool:
     return "motion" in toml_file.tables(toml_file.read_text(file), name=str(file))
 
 
+@interruptible()
 def _check_job(file: Path, profile: MachineProfile) -> None:
     from lmctl.job.reader import JobReader
     from lmctl.preflight.job_check import check_job
@@ -50,6 +52,7 @@ def _check_job(file: Path, profile: MachineProfile) -> None:
             f"{job.manifest.machine}; nothing wrong")
 
 
+@interruptible()
 def _check_part(file: Path, units: str | None, profile: MachineProfile) -> None:
     from lmctl.cli.planning import open_part
     from lmctl.plan.planner import place_layers

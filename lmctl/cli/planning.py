@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from lmctl.cli.console import clock, progress_bar, say
+from lmctl.cli.interrupts import interruptible
 from lmctl.config.machine import MachineProfile
 from lmctl.errors import UsageError
 
@@ -29,6 +30,7 @@ def check_units(path: Path, units: str | None) -> None:
                          hint="a part file states the units of each of its bodies")
 
 
+@interruptible()
 def open_part(path: Path, units: str | None = None) -> Part:
     """A part file, or a bare mesh or cloud; says what was taken by default."""
     from lmctl.part.load import load_part, part_from_model
@@ -51,11 +53,12 @@ def plan_to_file(part: Part, profile: MachineProfile, target: Path) -> JobManife
         raise UsageError(f"{target} is a folder", hint="give -o a file name, such as part.lmj")
     if not target.parent.is_dir():
         raise UsageError(f"there is no folder {target.parent}", hint="make it first")
-    with progress_bar("planning") as update:
-        return plan_job(
-            part, profile, target,
-            progress=lambda done, total: update(done, total, f"layer {done} of {total}"),
-        )
+    with progress_bar("planning") as update, interruptible() as check_interrupt:
+        def layer_done(done: int, total: int) -> None:
+            check_interrupt()
+            update(done, total, f"layer {done} of {total}")
+
+        return plan_job(part, profile, target, progress=layer_done)
 
 
 def summary(manifest: JobManifest, target: Path) -> str:

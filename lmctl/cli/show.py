@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING
 import click
 
 from lmctl.cli.console import progress_bar, put, say
+from lmctl.cli.interrupts import interruptible
 from lmctl.cli.planning import check_units, open_part, units_option
 from lmctl.errors import UsageError
 
 if TYPE_CHECKING:
     from lmctl.job.reader import JobReader
+    from lmctl.part.part import Part
 
 PICTURES = (".png", ".svg", ".pdf")
 SURFACES = (".ply", ".stl", ".3mf")
@@ -57,12 +59,25 @@ def show(
     part = open_part(file, units)
     for text in part.warnings:
         say(f"warning: {text}")
+    _write_part(part, planes, target)
+    put(str(target))
+
+
+@interruptible()
+def _write_part(
+    part: Part, planes_mm: tuple[float | None, float | None, float | None], target: Path
+) -> None:
+    """What `show` has to say of a part, in the form its file's ending asks for."""
     try:
         if target.suffix.lower() == FIELD:
             from lmctl.report.part_export import write_field
 
-            with progress_bar("writing") as update:
-                write_field(part, target, lambda done, total: update(done, total, ""))
+            with progress_bar("writing") as update, interruptible() as check_interrupt:
+                def slab_done(done: int, total: int) -> None:
+                    check_interrupt()
+                    update(done, total, "")
+
+                write_field(part, target, slab_done)
         elif target.suffix.lower() in SURFACES:
             from lmctl.report.part_export import write_surface
 
@@ -70,12 +85,12 @@ def show(
         else:
             from lmctl.report.part_picture import draw_part
 
-            draw_part(part, planes, target)
+            draw_part(part, planes_mm, target)
     except OSError as error:
         raise UsageError(f"cannot write {target}", where=str(error.strerror)) from None
-    put(str(target))
 
 
+@interruptible()
 def _show_job(job: Path, layer: int | None, output: Path | None) -> Path:
     from lmctl.job.reader import JobReader
 

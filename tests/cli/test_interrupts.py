@@ -64,7 +64,7 @@ def test_ctrl_c_while_planning_leaves_nothing(part: Path, tmp_path: Path) -> Non
     when(lambda: any(tmp_path.glob(".*.tmp")), process)
     process.send_signal(signal.SIGINT)
     _, talk = process.communicate(timeout=60)
-    assert process.returncode == 130
+    assert process.returncode == 130, talk
     assert "Traceback" not in talk
     assert "interrupted" in talk
     assert [path.name for path in tmp_path.iterdir()] == ["part.toml"]
