@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from lmctl.errors import JobError, LmctlError, RunBrokenOff, RunFailed, RunStopped
-from lmctl.run.interlocks.alarms import Alarm
+from lmctl.run.course import Course
+from lmctl.run.interlocks.alarms import Alarm, Alarms
 from lmctl.run.journal.rundir import RunDir
-from lmctl.run.sequence import CellSequence
 from lmctl.run.state.machine import StateMachine
 from lmctl.run.state.table import Do, State
 
@@ -18,25 +18,25 @@ _NOT_SEEN = {
 }
 
 
-def recoverable(machine: StateMachine, sequence: CellSequence) -> bool:
+def recoverable(machine: StateMachine, course: Course) -> bool:
     """Whether `lmctl recover` can go on with the part.
 
     Not where the job itself is what went wrong: it would go wrong again.
     """
     wrong_job = isinstance(machine.fault, JobError)
-    return sequence.began and machine.state is not State.DONE and not wrong_job
+    return course.began and machine.state is not State.DONE and not wrong_job
 
 
-def ending(made: RunDir, machine: StateMachine, sequence: CellSequence) -> Exception:
+def ending(made: RunDir, machine: StateMachine, course: Course, alarms: Alarms) -> Exception:
     """What to raise for a run that did not get done."""
     journal = f"journal: {made.journal}"
-    halted = _halted(machine, sequence)
-    going_on = recoverable(machine, sequence)
+    halted = _halted(machine, course)
+    going_on = recoverable(machine, course)
     hint = (
         f"`{made.command('recover')}` goes on from there" if going_on
         else f"`{made.command('log')}` shows how far it came"
     )
-    error, first = machine.fault, sequence.alarms.first
+    error, first = machine.fault, alarms.first
     if first is None and machine.state is State.STOPPED:
         return RunStopped(f"{made.run} was stopped by the operator", where=(*halted, journal),
                           hint=hint)
@@ -56,11 +56,11 @@ def ending(made: RunDir, machine: StateMachine, sequence: CellSequence) -> Excep
     return ended
 
 
-def _halted(machine: StateMachine, sequence: CellSequence) -> list[str]:
+def _halted(machine: StateMachine, course: Course) -> list[str]:
     """How the machine was left, as far as that is known."""
     if not machine.touched:
         return ["nothing had been switched on or moved"]
     unknown = [words for do, words in _NOT_SEEN.items() if do in machine.undone]
     if Do.STOP_MOTION in machine.undone:
         return list(dict.fromkeys(unknown))
-    return [f"beam off, motion held at {sequence.place}", *dict.fromkeys(unknown)]
+    return [f"beam off, motion held at {course.where}", *dict.fromkeys(unknown)]

@@ -19,6 +19,7 @@ from lmctl.preflight.program_check import check_program
 from lmctl.run import signals
 from lmctl.run.cell.ownership import owning
 from lmctl.run.control.server import Controls, ControlSocket, Peer, listening
+from lmctl.run.course import Continuation, Course
 from lmctl.run.deposition import Progress
 from lmctl.run.endings import ending, recoverable
 from lmctl.run.journal import rundir
@@ -26,7 +27,8 @@ from lmctl.run.journal.recorder import Recorder, wall_stamp
 from lmctl.run.journal.whereabouts import Whereabouts
 from lmctl.run.journal.writer import Journal
 from lmctl.run.program.overrides import LEAST_PERCENT, MOST_PERCENT
-from lmctl.run.sequence import CellSequence, Continuation
+from lmctl.run.program.reentry import START
+from lmctl.run.sequence import CellSequence
 from lmctl.run.snapshot import View
 from lmctl.run.state.machine import StateMachine
 from lmctl.run.state.table import Event, State
@@ -69,6 +71,7 @@ class _Live(NamedTuple):
 
     machine: StateMachine
     sequence: CellSequence
+    course: Course
     recorder: Recorder
     view: View
 
@@ -143,14 +146,15 @@ class Executor:
                              hint=f"give {LEAST_PERCENT} to {MOST_PERCENT}")
         self._override_percent = percent
         if self._live is not None:
-            self._live.sequence.set_override(percent)
+            self._live.course.set_override(percent)
 
     def snapshot(self) -> dict[str, Any]:
         """How the run stands: see `lmctl.run.snapshot`. Not before `run` has begun."""
         live = self._live
         assert live is not None
         return live.view.snapshot(
-            self.state.value, live.sequence, live.recorder.latest, self._override_percent,
+            self.state.value, live.course, live.recorder.latest, live.sequence.alarms,
+            beam_off=live.sequence.beam_off,
         )
 
     def _act(self, act: str, percent: int | None) -> None:
@@ -216,8 +220,9 @@ class Executor:
 
         view = View(made.run, job.manifest, self._profile, hoppers, self._operator, self._progress)
 
+        course = Course(recorder, START if self._continues is None else self._continues.place)
         sequence = CellSequence(
-            job, self._profile, hoppers, recorder,
+            job, self._profile, hoppers, recorder, course,
             program_done=lambda: machine.post(Event.PROGRAM_DONE),
             held=lambda: machine.state not in _MUST_NOT_BE_HELD,
             tripped=lambda error: machine.trip(error), progress=view.hear,
@@ -225,28 +230,28 @@ class Executor:
             continues=self._continues,
         )
         machine = StateMachine(sequence.carry_out, sequence.halt, recorder)
-        self._live = _Live(machine, sequence, recorder, view)
+        self._live = _Live(machine, sequence, course, recorder, view)
         operators = ControlSocket(control, Controls(self.snapshot, self._act, self._came))
         operators.start()
         if self._override_percent != 100:
-            sequence.set_override(self._override_percent)
+            course.set_override(self._override_percent)
         # To the last record: a third Ctrl-C must not keep the journal from its seal.
         with signals.calling(lambda: machine.wish(Event.STOP)):
             try:
                 await machine.run()
             finally:
-                warnings = (_BEAM_STAYED_OFF,) if sequence.accepted and sequence.beam_off else ()
+                warnings = (_BEAM_STAYED_OFF,) if course.entered and sequence.beam_off else ()
                 machine_s = loop.time() - start_t
                 sequence.end()
                 await operators.close()
-                recorder.seal(machine.state, lines=sequence.executed, warnings=list(warnings),
-                              recoverable=recoverable(machine, sequence),
+                recorder.seal(machine.state, lines=course.executed, warnings=list(warnings),
+                              recoverable=recoverable(machine, course),
                               position_trusted=sequence.position_trusted)
                 await sequence.close()
         if machine.state is not State.DONE:
-            raise ending(made, machine, sequence)
+            raise ending(made, machine, course, sequence.alarms)
         return RunResult(
-            made.run, machine.state.value, sequence.executed, machine_s,
+            made.run, machine.state.value, course.executed, machine_s,
             time.perf_counter() - began, made.journal, warnings,
         )
 

@@ -5,24 +5,23 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 
 from lmctl.config.machine import Hopper, MachineProfile
-from lmctl.errors import JobError, JournalError, MachineError
+from lmctl.errors import JournalError, MachineError
 from lmctl.job.reader import JobReader
 from lmctl.machine.feeder.driver import FeederDriver
 from lmctl.run.cell import acceptance
 from lmctl.run.cell.beam import Beam
 from lmctl.run.cell.devices import Cell
+from lmctl.run.course import Continuation, Course
 from lmctl.run.deposition import Progress
 from lmctl.run.interlocks.alarms import Alarms, Interlock
 from lmctl.run.journal.recorder import Recorder
 from lmctl.run.journal.whereabouts import Whereabouts
 from lmctl.run.program.overrides import NO_OTHER_OVERRIDE
-from lmctl.run.program.reentry import START, Place
 from lmctl.run.state.table import Do
 from lmctl.run.watch import Watch
-from lmctl.run.work import Work, Workshop
+from lmctl.run.work import Workshop
 
 #: A held run waits so long for its operator; then it is stopped, and can be recovered [s].
 HELD_AT_MOST_S = 1800.0
@@ -39,22 +38,10 @@ _BY_FEEDERS = frozenset({
 })
 
 
-@dataclass(frozen=True)
-class Continuation:
-    """What an earlier run has made of the part.
-
-    place : how far the job has been executed
-    trusted : somebody has seen to it that the machine's position is true
-    """
-
-    run: str
-    place: Place
-    trusted: bool
-
-
 class CellSequence:
     """Carries out effects on one cell for one job.
 
+    course : how far the run is with the job
     program_done : called when the last line has been executed
     held : whether a hold that the machine reports is this run's own
     tripped : called with each reason to hold (Interlock) or to end the run
@@ -66,9 +53,10 @@ class CellSequence:
 
     def __init__(
         self, job: JobReader, profile: MachineProfile, hoppers: Sequence[Hopper],
-        recorder: Recorder, *, program_done: Callable[[], None], held: Callable[[], bool],
-        tripped: Callable[[Exception], None], progress: Progress | None,
-        whereabouts: Whereabouts, run: str, continues: Continuation | None = None,
+        recorder: Recorder, course: Course, *, program_done: Callable[[], None],
+        held: Callable[[], bool], tripped: Callable[[Exception], None],
+        progress: Progress | None, whereabouts: Whereabouts, run: str,
+        continues: Continuation | None = None,
     ) -> None:
         self.alarms = Alarms()
         self.beam_off = True
@@ -76,6 +64,7 @@ class CellSequence:
         self._profile = profile
         self._hoppers = tuple(hoppers)
         self._recorder = recorder
+        self._course = course
         self._whereabouts = whereabouts
         self._run = run
         self._program_done = program_done
@@ -83,14 +72,9 @@ class CellSequence:
         self._tripped = tripped
         self._progress = progress
         self._continues = continues
-        self._place = START if continues is None else continues.place
         self._loop = asyncio.get_running_loop()
-        self._override_percent = 100
         self._cell: Cell | None = None
-        self._workshop: Workshop | None = None
-        self._accepted: Work | None = None
         self._watch: Watch | None = None
-        self._resumed = False
         self._acts = {
             Do.CONNECT: self._connect,
             Do.CHECK_MACHINE: self._check_machine,
@@ -128,8 +112,8 @@ class CellSequence:
 
     def halt(self, error: Exception | None) -> None:
         """Beam and motion off at once, without waiting."""
-        if self._accepted is not None:
-            self._accepted.deposition.stop()
+        if self._course.entered:
+            self._course.work.deposition.stop()
         if self._cell is not None:
             self._beam.off_at_once(error)
 
@@ -137,19 +121,12 @@ class CellSequence:
         """What keeps a held run from going on just now."""
         return [] if self._watch is None else self._watch.standing()
 
-    def set_override(self, percent: int) -> None:
-        """Set the feed override where powder can follow; before motion starts, for all of it."""
-        self._override_percent = percent
-        self._recorder.override(percent, "operator")
-        if self._accepted is not None and self._accepted.deposition.started:
-            self._accepted.deposition.override_when_dark(percent)
-
     def end(self) -> None:
         """The run is over: nothing more is sent, and nothing that is said is heard."""
         if self._watch is not None:
             self._watch.stop()
-        if self._accepted is not None:
-            self._accepted.feed.off()
+        if self._course.entered:
+            self._course.work.feed.off()
 
     async def close(self) -> None:
         """Let go of the cell, whatever became of the run."""
@@ -159,32 +136,9 @@ class CellSequence:
             await self._cell.close()
 
     @property
-    def accepted(self) -> bool:
-        """Whether the machine was accepted, so that something of it may have been switched on."""
-        return self._accepted is not None
-
-    @property
     def position_trusted(self) -> bool:
         """Whether the machine is where it says it is."""
         return self._cell is not None and self._cell.motion.position_trusted
-
-    @property
-    def began(self) -> bool:
-        """Whether a line of the job may have been executed, by this run or before it."""
-        started = self._accepted is not None and self._accepted.deposition.started
-        return started or self._place != START or self._resumed
-
-    @property
-    def executed(self) -> int:
-        """Lines of the job known to be executed, by this run or before it."""
-        return self._place.line if self._accepted is None else self._accepted.deposition.executed
-
-    @property
-    def place(self) -> str:
-        """Where in the job the run is, for people."""
-        if self._accepted is None or not self._accepted.deposition.started:
-            return "the purge position, before the first line"
-        return self._accepted.deposition.where
 
     # --- start --------------------------------------------------------------------------------
 
@@ -198,15 +152,12 @@ class CellSequence:
             going_on=self._continues is not None,
             trusted=self._continues is not None and self._continues.trusted,
         )
-        self._workshop = Workshop(
+        self._course.enter(Workshop(
             self._job, profile, self._hoppers, cell, self._recorder,
             self.beam_off, self._program_done, self._tripped, self._progress,
-        )
-        self._accepted = self._workshop.make(self._place, None, self._override_percent)
-        if self._accepted is None:
-            raise JobError("no bead of this job is left to lay", where=f"from {self._place}")
+        ))
         self._watch = Watch(
-            cell, profile, lambda: self._work.deposition, self.alarms, self._recorder,
+            cell, profile, lambda: self._course.work.deposition, self.alarms, self._recorder,
             self._tripped, self._held,
         )
         acceptance.refuse_unready(self._watch.standing())
@@ -218,13 +169,13 @@ class CellSequence:
         await self._connected.feeders_do(FeederDriver.start_gas)
 
     async def _powder_on(self) -> None:
-        self._work.feed.on()
+        self._course.work.feed.on()
         await self._connected.feeders_do(FeederDriver.feed_on)
 
     async def _await_stable(self) -> None:
         """θ + 4τ until what comes out of the hoses is what goes in, and the feeders agree."""
         cell = self._connected
-        await asyncio.sleep(self._work.feed.plan.settling_s)
+        await asyncio.sleep(self._course.work.feed.plan.settling_s)
         await cell.until(
             lambda: all(f.status is not None and f.status.stable for f in cell.feeders),
             _STABLE_PATIENCE_S, "stable powder",
@@ -239,11 +190,11 @@ class CellSequence:
 
         Sent whatever was told of them, which may be some reports old.
         """
-        motion, percent = self._connected.motion, self._override_percent
+        motion, percent = self._connected.motion, self._course.override_percent
         wanted = (percent, 100, 100)
         for byte in NO_OTHER_OVERRIDE:
             motion.realtime(byte)
-        self._work.deposition.override_now(percent)
+        self._course.work.deposition.override_now(percent)
         await self._connected.until(
             lambda: motion.overrides == wanted, _OVERRIDE_PATIENCE_S,
             f"a feed override of {percent} %",
@@ -252,22 +203,22 @@ class CellSequence:
 
     async def _lead_powder(self) -> None:
         """Run the program's clock down to its start, so that led powder arrives in time."""
-        wait_s = self._work.feed.plan.lead_s
-        self._work.clock.run_from(self._loop.time() + wait_s)
+        wait_s = self._course.work.feed.plan.lead_s
+        self._course.work.clock.run_from(self._loop.time() + wait_s)
         await asyncio.sleep(wait_s)
 
     async def _start_motion(self) -> None:
-        self._work.deposition.start()
+        self._course.work.deposition.start()
 
     # --- hold and resume ----------------------------------------------------------------------
 
     async def _feed_hold(self) -> None:
-        self._send_no_more()
+        self._course.send_no_more()
         await self._beam.hold()
 
     async def _clear_motion(self) -> None:
         """A reset at standstill keeps the position and drops what was planned."""
-        self._settle()
+        self._course.settle()
         await self._connected.motion.reset()
 
     async def _await_operator(self) -> None:
@@ -283,40 +234,24 @@ class CellSequence:
         """To the purge position; from there the job goes on at the place reached."""
         await self._beam.come_to_rest()
         await self._move_to_purge()
-        if self._workshop is None:
-            raise AttributeError("the machine has not been accepted")
-        work = self._workshop.make(self._settle(), self._work, self._override_percent)
-        self._resumed = True
-        if work is not None:
-            self._accepted = work
-            return
-        self._program_done()
-        await self._loop.create_future()  # what follows from that breaks this off
-
-    def _settle(self) -> Place:
-        """How far the job has been executed, now that motion has come to rest; journaled."""
-        place = self._work.deposition.settle()
-        self._recorder.place(place)
-        return place
+        if not self._course.enter_again():
+            self._program_done()
+            await self._loop.create_future()  # what follows from that breaks this off
 
     # --- stop ---------------------------------------------------------------------------------
 
     async def _rest_beam(self) -> None:
-        self._work.clock.stand(self._loop.time())
+        self._course.work.clock.stand(self._loop.time())
         await self._beam.rest()
 
     async def _stop_motion(self) -> None:
-        self._send_no_more()
+        self._course.send_no_more()
         await self._beam.stop(
-            self._settle, lambda why: self._recorder.act(Do.STOP_MOTION, failed=why)
+            self._course.settle, lambda why: self._recorder.act(Do.STOP_MOTION, failed=why)
         )
 
-    def _send_no_more(self) -> None:
-        self._work.clock.stand(self._loop.time())
-        self._work.deposition.stop()
-
     async def _powder_off(self) -> None:
-        self._work.feed.off()
+        self._course.work.feed.off()
         await self._connected.feeders_do(FeederDriver.feed_off)
 
     async def _gas_off(self) -> None:
@@ -341,9 +276,3 @@ class CellSequence:
         if self._watch is None:
             raise AttributeError("the machine has not been accepted")
         return self._watch
-
-    @property
-    def _work(self) -> Work:
-        if self._accepted is None:
-            raise AttributeError("the machine has not been accepted")
-        return self._accepted

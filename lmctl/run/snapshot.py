@@ -9,10 +9,11 @@ from typing import Any
 
 from lmctl.config.machine import Hopper, MachineProfile
 from lmctl.job.schema import JobManifest
+from lmctl.run.course import Course
 from lmctl.run.deposition import Progress
+from lmctl.run.interlocks.alarms import Alarms
 from lmctl.run.journal.recorder import Latest
 from lmctl.run.preparation import Preparation
-from lmctl.run.sequence import CellSequence
 
 
 class View:
@@ -40,7 +41,8 @@ class View:
             self._progress(done_s, total_s, layer, remaining_s)
 
     def snapshot(
-        self, state: str, sequence: CellSequence, latest: Latest | None, override_percent: int,
+        self, state: str, course: Course, latest: Latest | None, alarms: Alarms, *,
+        beam_off: bool,
     ) -> dict[str, Any]:
         """What the control socket answers to "status".
 
@@ -53,14 +55,14 @@ class View:
             flows in the hoppers' order
         alarms : first-out first, each with what, where and hint
         """
-        whole = (0.0, self._end_s, 0, self._end_s * 100.0 / override_percent)
+        whole = (0.0, self._end_s, 0, self._end_s * 100.0 / course.override_percent)
         done_s, total_s, layer, remaining_s = self._told or whole
         remaining_s += self._preparation.left_s(state, asyncio.get_running_loop().time())
         return {
-            **self._fixed, "state": state, "line": sequence.executed, "layer": layer + 1,
-            "place": sequence.place, "override_percent": override_percent,
+            **self._fixed, "state": state, "line": course.executed, "layer": layer + 1,
+            "place": course.where, "override_percent": course.override_percent,
             "done_s": round(done_s, 3), "total_s": round(total_s, 3),
-            "remaining_s": round(remaining_s, 1), "beam_off": sequence.beam_off,
+            "remaining_s": round(remaining_s, 1), "beam_off": beam_off,
             "position_mm": None if latest is None else list(latest.position_mm),
             "s_word": None if latest is None else latest.s_word,
             "set_g_min": None if latest is None else list(latest.set_g_min),
@@ -68,6 +70,6 @@ class View:
             "alarms": [
                 {"name": one.name, "what": one.what, "where": list(one.where), "hint": one.hint,
                  "at_s": round(one.at_s, 3)}
-                for one in sequence.alarms
+                for one in alarms
             ],
         }

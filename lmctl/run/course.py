@@ -1,0 +1,117 @@
+"""How far a run is with its job: from the place it begins at, through each hold, to the last line.
+
+Between one hold and the next there is one `Work`; the place that a hold leaves is where the next
+one enters. What is asked for the whole of it, the feed override, is kept here and given to each.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass
+
+from lmctl.errors import JobError
+from lmctl.run.journal.recorder import Recorder
+from lmctl.run.program.reentry import START, Place
+from lmctl.run.work import Work, Workshop
+
+
+@dataclass(frozen=True)
+class Continuation:
+    """What an earlier run has made of the part.
+
+    place : how far the job has been executed
+    trusted : somebody has seen to it that the machine's position is true
+    """
+
+    run: str
+    place: Place
+    trusted: bool
+
+
+class Course:
+    """One run's way through its job.
+
+    begins_at : where an earlier run has left it
+    override_percent : the feed override asked for
+    """
+
+    def __init__(self, recorder: Recorder, begins_at: Place = START) -> None:
+        self.override_percent = 100
+        self._recorder = recorder
+        self._begins_at = begins_at
+        self._loop = asyncio.get_running_loop()
+        self._workshop: Workshop | None = None
+        self._work: Work | None = None
+        self._resumed = False
+
+    # --- how far ------------------------------------------------------------------------------
+
+    @property
+    def entered(self) -> bool:
+        """Whether the machine was accepted, so that something of it may have been switched on."""
+        return self._work is not None
+
+    @property
+    def began(self) -> bool:
+        """Whether a line of the job may have been executed, by this run or before it."""
+        started = self._work is not None and self._work.deposition.started
+        return started or self._begins_at != START or self._resumed
+
+    @property
+    def executed(self) -> int:
+        """Lines of the job known to be executed, by this run or before it."""
+        return self._begins_at.line if self._work is None else self._work.deposition.executed
+
+    @property
+    def where(self) -> str:
+        """Where in the job the run is, for people."""
+        if self._work is None or not self._work.deposition.started:
+            return "the purge position, before the first line"
+        return self._work.deposition.where
+
+    @property
+    def work(self) -> Work:
+        """What is worked with since the last hold."""
+        if self._work is None:
+            raise AttributeError("the machine has not been accepted")
+        return self._work
+
+    # --- on and off ---------------------------------------------------------------------------
+
+    def enter(self, workshop: Workshop) -> None:
+        """A machine has been accepted: make ready for the first line to be run on it.
+
+        Raises JobError where no bead is left to lay.
+        """
+        self._workshop = workshop
+        self._work = workshop.make(self._begins_at, None, self.override_percent)
+        if self._work is None:
+            raise JobError("no bead of this job is left to lay", where=f"from {self._begins_at}")
+
+    def enter_again(self) -> bool:
+        """A hold ends: make ready to go on from the place reached; False where no bead is left."""
+        if self._workshop is None:
+            raise AttributeError("the machine has not been accepted")
+        work = self._workshop.make(self.settle(), self.work, self.override_percent)
+        self._resumed = True
+        if work is not None:
+            self._work = work
+        return work is not None
+
+    def send_no_more(self) -> None:
+        """Motion is to end: no more lines, and the program's clock stands."""
+        self.work.clock.stand(self._loop.time())
+        self.work.deposition.stop()
+
+    def settle(self) -> Place:
+        """How far the job has been executed, now that motion has come to rest; journaled."""
+        place = self.work.deposition.settle()
+        self._recorder.place(place)
+        return place
+
+    def set_override(self, percent: int) -> None:
+        """Set the feed override where powder can follow; before motion starts, for all of it."""
+        self.override_percent = percent
+        self._recorder.override(percent, "operator")
+        if self._work is not None and self._work.deposition.started:
+            self._work.deposition.override_when_dark(percent)
