@@ -1,29 +1,27 @@
 """What a bench did, asked in the words of safety: beam, motion, powder and gas, in machine time.
 
-Everything comes from the simulators' own record, which is exact in time; only powder against what
-was told is looked at in steps (`record.STEP_S`). Times are the loop's.
+Everything comes from the simulators' own record, which is exact in time (`lit`, `drawn`); only
+powder against what was told is looked at in steps (`record.STEP_S`). Times are the loop's.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from simulators.drawn import DrawnLine, ExecutedLine, drawn_lines, executed_lines
 from simulators.faults.edge import Edge
 from simulators.feeder.device import PmxDevice
-from simulators.motion.actions import BEAM_DYNAMIC
+from simulators.lit import SAME_S, Interval, joined, lit_below
 from simulators.motion.sim import MotionSim
 from simulators.record import BeamPath, BenchRecord
 
 if TYPE_CHECKING:
     from simulators.bench import Bench
-
-FloatArray = NDArray[np.float64]
 
 #: The beam may be lit so long while the machine stands, or nearly (process.md 5.5).
 SLOW_MM_S, SLOW_S = 1.0, 0.05
@@ -31,20 +29,6 @@ SLOW_MM_S, SLOW_S = 1.0, 0.05
 _LEAST_G_S = 0.005
 #: Discs count as standing at so small a share of their speed.
 _STANDS = 0.01
-_SAME_S = 1e-9
-_SAME_MM = 0.01
-
-
-@dataclass(frozen=True)
-class Interval:
-    """From begin_s to end_s."""
-
-    begin_s: float
-    end_s: float
-
-    @property
-    def lasting_s(self) -> float:
-        return self.end_s - self.begin_s
 
 
 @dataclass(frozen=True)
@@ -69,34 +53,6 @@ class PowderStop:
     stood_s: float
 
 
-@dataclass(frozen=True)
-class ExecutedLine:
-    """One move that was begun. line : N word, 0 without; share : of it that was moved
-
-    lit_mm : length moved with the beam lit; start_mm, end_mm : where the axes really were
-    """
-
-    line: int
-    begin_s: float
-    end_s: float
-    share: float
-    lit_mm: float
-    start_mm: tuple[float, float, float]
-    end_mm: tuple[float, float, float]
-
-
-@dataclass(frozen=True)
-class DrawnLine:
-    """What the beam drew of one N word, however often. drawn_mm : covered at least once
-
-    repeated_mm : drawn again
-    """
-
-    line: int
-    drawn_mm: float
-    repeated_mm: float
-
-
 class Judge:
     """Asks one bench what it did so far; also after it has been left."""
 
@@ -110,14 +66,14 @@ class Judge:
 
     def beam(self) -> tuple[Interval, ...]:
         """When the beam was lit."""
-        return _intervals(np.concatenate([self._lit_moving(), self._lit_standing()]))
+        return lit_below(math.inf, self._motion.trace, self._now_s())
 
     def beam_standing(
         self, below_mm_s: float = SLOW_MM_S, longer_than_s: float = SLOW_S
     ) -> tuple[Interval, ...]:
         """When the beam was lit below this speed for longer than that; should be never."""
-        slow = np.concatenate([self._lit_moving(below_mm_s), self._lit_standing()])
-        return tuple(one for one in _intervals(slow) if one.lasting_s > longer_than_s)
+        slow = lit_below(below_mm_s, self._motion.trace, self._now_s())
+        return tuple(one for one in slow if one.lasting_s > longer_than_s)
 
     def dark_s(self, after_s: float) -> float:
         """The first instant from after_s on at which the beam is dark."""
@@ -142,7 +98,7 @@ class Judge:
         phases = self._motion.trace.phases()
         at_s = after_s
         for begin_s, end_s in zip(phases.start_s, phases.end_s, strict=True):
-            if begin_s <= at_s + _SAME_S and at_s < end_s:
+            if begin_s <= at_s + SAME_S and at_s < end_s:
                 at_s = float(end_s)
         return at_s
 
@@ -198,25 +154,11 @@ class Judge:
 
     def lines(self) -> tuple[ExecutedLine, ...]:
         """Every move begun by now, in order."""
-        trace, now_s = self._motion.trace, self._now_s()
-        blocks = trace.blocks()
-        lit_mm = self._lit_mm(len(blocks.line))
-        return tuple(
-            ExecutedLine(
-                int(blocks.line[i]), float(blocks.start_s[i]), float(blocks.end_s[i]),
-                float(blocks.share[i]), float(lit_mm[i]),
-                _point(blocks.start_mm[i]), _point(blocks.end_mm[i]),
-            )
-            for i in range(len(blocks.line)) if blocks.start_s[i] <= now_s
-        )
+        return executed_lines(self._motion.trace, self._now_s())
 
     def drawn(self) -> tuple[DrawnLine, ...]:
         """What the beam drew, by N word; moves without one are left out."""
-        pieces: dict[int, list[ExecutedLine]] = {}
-        for one in self.lines():
-            if one.line and one.lit_mm > 0:
-                pieces.setdefault(one.line, []).append(one)
-        return tuple(_drawn(line, same) for line, same in sorted(pieces.items()))
+        return drawn_lines(self.lines())
 
     # --- links
 
@@ -232,44 +174,6 @@ class Judge:
     def _now_s(self) -> float:
         return self._motion.now_s
 
-    def _lit_moving(self, below_mm_s: float = math.inf) -> FloatArray:
-        """(k, 2) stretches of motion with the beam lit, as far as slower than that."""
-        trace = self._motion.trace
-        phases = trace.phases()
-        begin, end = phases.start_s, np.minimum(phases.end_s, self._now_s())
-        speed, acceleration = phases.speed_mm_s, phases.acceleration_mm_s2
-        last = speed + acceleration * (end - begin)
-        dynamic = trace.blocks().beam[phases.block] == BEAM_DYNAMIC if len(begin) else begin > 0
-        moves = (speed > 0) | (last > 0)
-        lit = (phases.power > 0) & (begin < end) & (moves | ~dynamic)
-        if below_mm_s < math.inf:
-            crossing = begin + np.divide(
-                below_mm_s - speed, acceleration, out=np.zeros_like(speed),
-                where=acceleration != 0,
-            )
-            lit &= np.minimum(speed, last) < below_mm_s
-            end = np.where((speed < below_mm_s) & (last > below_mm_s), crossing, end)
-            begin = np.where((speed >= below_mm_s) & (last < below_mm_s), crossing, begin)
-        return np.column_stack([begin, end])[lit]
-
-    def _lit_standing(self) -> FloatArray:
-        """(k, 2) stretches without motion with the beam lit."""
-        phases = self._motion.trace.phases()
-        since, power = self._motion.trace.standing()
-        lit: list[tuple[float, float]] = []
-        ends = np.concatenate([[-math.inf], phases.end_s])
-        begins = np.concatenate([phases.start_s, [math.inf]])
-        now_s = self._now_s()
-        for from_s, to_s, burning in zip(since, [*since[1:], now_s], power, strict=True):
-            if burning > 0:
-                first = int(np.searchsorted(begins, from_s))
-                last = int(np.searchsorted(ends, to_s))
-                lit += [
-                    (max(from_s, ends[i]), min(to_s, begins[i], now_s))
-                    for i in range(first, min(last, len(begins)))
-                ]
-        return np.array([one for one in lit if one[1] - one[0] > _SAME_S]).reshape(-1, 2)
-
     def _flow_off(self, feeder: PmxDevice, path: BeamPath, off_by: float) -> NDArray[np.bool_]:
         off = np.zeros(len(path.time_s), dtype=bool)
         for hopper in feeder.hoppers.values():
@@ -278,60 +182,10 @@ class Judge:
             off |= np.abs(flow - told) > off_by * np.maximum(told, _LEAST_G_S)
         return off
 
-    def _lit_mm(self, n_blocks: int) -> FloatArray:
-        """(n,) length moved with the beam lit, of each block."""
-        phases = self._motion.trace.phases()
-        until_s = np.minimum(phases.end_s, self._now_s())
-        dt = np.maximum(0.0, until_s - phases.start_s)
-        moved = (phases.speed_mm_s + 0.5 * phases.acceleration_mm_s2 * dt) * dt
-        lit = phases.power > 0
-        total = np.bincount(phases.block[lit], moved[lit], minlength=n_blocks)
-        return total.astype(np.float64)
-
-
-def _intervals(stretches: FloatArray) -> tuple[Interval, ...]:
-    """Stretches in order, those that touch joined."""
-    joined: list[list[float]] = []
-    for begin_s, end_s in sorted(map(tuple, stretches.tolist())):
-        if joined and begin_s <= joined[-1][1] + _SAME_S:
-            joined[-1][1] = max(joined[-1][1], end_s)
-        else:
-            joined.append([begin_s, end_s])
-    return tuple(Interval(begin_s, end_s) for begin_s, end_s in joined)
-
 
 def _lacks(
     feeder: str, why: str, path: BeamPath, wrong: NDArray[np.bool_]
 ) -> list[PowderLack]:
     half = path.duration_s[wrong] / 2
     stretches = np.column_stack([path.time_s[wrong] - half, path.time_s[wrong] + half])
-    return [PowderLack(feeder, why, one.begin_s, one.end_s) for one in _intervals(stretches)]
-
-
-def _drawn(line: int, pieces: Sequence[ExecutedLine]) -> DrawnLine:
-    """Lit lengths along the direction of the longest piece, covered once and covered again.
-
-    A piece counts as lit from its start: the beam of a line goes on with it.
-    """
-    longest = max(pieces, key=lambda one: one.lit_mm)
-    origin = np.array(longest.start_mm)
-    along = np.array(longest.end_mm) - origin
-    along /= np.linalg.norm(along)
-    spans = []
-    total_mm = 0.0
-    for one in pieces:
-        start = float((np.array(one.start_mm) - origin) @ along)
-        end = float((np.array(one.end_mm) - origin) @ along)
-        spans.append((min(start, end), max(start, end)))
-        total_mm += one.lit_mm
-    covered_mm, reached = 0.0, -math.inf
-    for begin, end in sorted(spans):
-        covered_mm += max(0.0, end - max(begin, reached))
-        reached = max(reached, end)
-    covered_mm = min(covered_mm, total_mm)
-    again_mm = total_mm - covered_mm
-    return DrawnLine(line, covered_mm, again_mm if again_mm > _SAME_MM else 0.0)
-
-
-def _point(place: FloatArray) -> tuple[float, float, float]:
-    return (float(place[0]), float(place[1]), float(place[2]))
+    return [PowderLack(feeder, why, one.begin_s, one.end_s) for one in joined(stretches)]

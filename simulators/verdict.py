@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from simulators.judge import Interval, Judge, PowderLack, PowderStop
+from simulators.judge import Judge, PowderLack, PowderStop
+from simulators.lit import Interval
 
 if TYPE_CHECKING:
     from simulators.bench import Bench
