@@ -14,14 +14,17 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
 
 @contextmanager
 def interruptible() -> Iterator[Callable[[], None]]:
-    """Within the context, or a function decorated with it, Ctrl-C always is a KeyboardInterrupt.
+    """In the context, or a function decorated with it, Ctrl-C always is a KeyboardInterrupt.
 
-    Yields a function for the steps of a long work to call: it raises KeyboardInterrupt where one
-    was dropped since. At the latest the end of the context does. Outside the main thread signals
-    cannot be taken; there this does nothing.
+    So are a termination and a hang-up, which would leave half-written files behind; a signal that
+    is ignored (a hang-up under nohup) stays ignored. Yields a function for the steps of a long
+    work to call: it raises KeyboardInterrupt where one was dropped since. At the latest the end of
+    the context does. Outside the main thread signals cannot be taken; there this does nothing.
     """
     if threading.current_thread() is not threading.main_thread():
         yield lambda: None
@@ -41,8 +44,13 @@ def interruptible() -> Iterator[Callable[[], None]]:
         if heard:
             raise KeyboardInterrupt
 
-    before, report = signal.signal(signal.SIGINT, hear), sys.unraisablehook
-    sys.unraisablehook = unraisable
+    before = {
+        number: handler for number in _SIGNALS
+        if (handler := signal.getsignal(number)) not in (signal.SIG_IGN, None)
+    }
+    for number in before:
+        signal.signal(number, hear)
+    report, sys.unraisablehook = sys.unraisablehook, unraisable
     try:
         yield check
         check()
@@ -50,5 +58,6 @@ def interruptible() -> Iterator[Callable[[], None]]:
         check()  # then this is what a library has made of the interrupt
         raise
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
         sys.unraisablehook = report

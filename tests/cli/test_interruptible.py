@@ -74,6 +74,33 @@ def test_one_that_comes_out_as_another_error_is_itself_again() -> None:
         interruptible()(interrupted_and_turned)()
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_terminations_and_hang_ups_clean_up_too(number: signal.Signals) -> None:
+    before = signal.getsignal(number)
+    cleaned = []
+
+    @interruptible()
+    def work() -> None:
+        try:
+            signal.raise_signal(number)
+        finally:
+            cleaned.append("half-written file")
+
+    with pytest.raises(KeyboardInterrupt):
+        work()
+    assert cleaned == ["half-written file"]
+    assert signal.getsignal(number) is before
+
+
+def test_a_hang_up_that_is_ignored_stays_ignored() -> None:
+    """As under nohup."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        interruptible()(lambda: signal.raise_signal(signal.SIGHUP))()
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
 def test_nothing_else_is_touched(monkeypatch: pytest.MonkeyPatch) -> None:
     """Errors keep their kind, those that callbacks drop are reported, and all is as before."""
     reported: list[type[BaseException]] = []
