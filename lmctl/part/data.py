@@ -12,12 +12,12 @@ from lmctl.config.bodies import CloudBody, MeshBody
 from lmctl.config.composition import FaceFeature, SheetFeature, features_of
 from lmctl.config.part_file import PartFile
 from lmctl.errors import InputError
-from lmctl.part.bodies.body import without_slivers
 from lmctl.part.faces import grouped_corners, patch_around
 from lmctl.part.sources.cloud_files import Cloud, read_cloud
 from lmctl.part.sources.files import DataFile, read_data
 from lmctl.part.sources.mesh_files import Mesh, read_mesh
 from lmctl.part.sources.mesh_report import mend
+from lmctl.part.sources.mesh_topology import without_slivers
 
 FloatArray = NDArray[np.float64]
 

@@ -12,10 +12,9 @@ from lmctl.config.materials import closest
 from lmctl.config.quantities import MM_PER_UNIT
 from lmctl.errors import InputError
 from lmctl.field.triangles import closest_in_rows
-from lmctl.part.bodies.body import without_slivers
 from lmctl.part.sources.files import DataFile
 from lmctl.part.sources.mesh_files import Mesh
-from lmctl.part.sources.mesh_topology import components, edge_numbers
+from lmctl.part.sources.mesh_topology import components, edge_numbers, without_slivers
 
 FloatArray = NDArray[np.float64]
 

@@ -10,7 +10,8 @@ from lmctl.config.composition import SurfaceFeature
 from lmctl.config.part_rules import load_part_file, parse_part_file
 from lmctl.errors import InputError
 from lmctl.field.grid import Grid
-from lmctl.part.bodies.body import Body, FieldSolid, MeshSolid
+from lmctl.part.bodies.body import Body
+from lmctl.part.bodies.stored import FieldSolid, MeshSolid
 from lmctl.part.data import Data
 from lmctl.part.materials.doubts import doubts
 from lmctl.part.materials.powders import resolve_materials

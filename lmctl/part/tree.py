@@ -19,9 +19,10 @@ from lmctl.config.part_file import PartFile
 from lmctl.errors import InputError
 from lmctl.field.cloud.cloud_field import cloud_field
 from lmctl.field.grid import Grid
-from lmctl.part.bodies.body import Body, FieldSolid, MeshSolid
+from lmctl.part.bodies.body import Body
 from lmctl.part.bodies.measured import Bounds, is_closed, without_specks
 from lmctl.part.bodies.moved import Motion, Moved
+from lmctl.part.bodies.stored import FieldSolid, MeshSolid
 from lmctl.part.booleans.combined import Combined
 from lmctl.part.booleans.expression import Operation
 from lmctl.part.booleans.offset import Offset

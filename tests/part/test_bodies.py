@@ -12,19 +12,15 @@ from lmctl.errors import InputError
 from lmctl.field.field import Field
 from lmctl.field.grid import Grid
 from lmctl.field.plane import PlaneGrid, loop_area_mm2, plane_distance
-from lmctl.part.bodies.body import (
-    Body,
-    FieldSolid,
-    MeshSolid,
-    plane_points,
-    without_slivers,
-)
+from lmctl.part.bodies.body import Body, plane_points
 from lmctl.part.bodies.formulas import Box, Cone, Cylinder, Sphere, Torus
 from lmctl.part.bodies.moved import Moved, motion
 from lmctl.part.bodies.prism import Prism
+from lmctl.part.bodies.stored import FieldSolid, MeshSolid
 from lmctl.part.booleans.combined import Combined, Operation
 from lmctl.part.booleans.offset import Offset
 from lmctl.part.sources.mesh_files import Mesh
+from lmctl.part.sources.mesh_topology import without_slivers
 from tests.field.stored_field import stored_field
 
 PLANE = PlaneGrid((-25.0, -25.0), 0.25, (201, 201))

@@ -14,11 +14,12 @@ from scipy.spatial import cKDTree
 
 from lmctl.errors import InputError
 from lmctl.field.grid import Grid
-from lmctl.part.bodies.body import Body, FieldSolid
+from lmctl.part.bodies.body import Body
 from lmctl.part.bodies.formulas import Box, Cylinder, Sphere, Torus
 from lmctl.part.bodies.half_space import HalfSpace
 from lmctl.part.bodies.moved import Moved, motion
 from lmctl.part.bodies.prism import Prism
+from lmctl.part.bodies.stored import FieldSolid
 from lmctl.part.booleans.combined import Combined, Operation
 from tests.field.stored_field import stored_field
 

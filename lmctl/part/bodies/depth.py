@@ -47,6 +47,13 @@ def _slope(at: Distance, points: FloatArray, step_mm: float) -> tuple[FloatArray
     return slope, np.linalg.norm(slope, axis=1)
 
 
+def unit_rows(vectors: FloatArray) -> FloatArray:
+    """Rows (n, 3) at length 1; those of no length stay."""
+    size = np.linalg.norm(vectors, axis=1)
+    unit: FloatArray = vectors / np.maximum(size, 1e-12)[:, None]
+    return unit
+
+
 def onto_zero(
     at: Distance, slope: Distance, points: FloatArray, rounds: int = 2
 ) -> FloatArray:

@@ -22,10 +22,11 @@ from lmctl.field.primitives import (
     torus_distance,
 )
 from lmctl.part.bodies.analytic import Analytic
-from lmctl.part.bodies.body import Vector, nothing_of, unit_rows
+from lmctl.part.bodies.body import nothing_of
+from lmctl.part.bodies.depth import unit_rows
 from lmctl.part.bodies.half_space import plane, vector_of
 from lmctl.part.bodies.measured import Bounds
-from lmctl.part.bodies.surfaces import Mantle, Surface, around_axis
+from lmctl.part.bodies.surfaces import Mantle, Surface, Vector, around_axis
 
 FloatArray = NDArray[np.float64]
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from lmctl.field.features import unit_vector
 from lmctl.field.primitives import half_space_distance
 from lmctl.part.bodies.analytic import Analytic
-from lmctl.part.bodies.body import Vector
 from lmctl.part.bodies.measured import Bounds
+from lmctl.part.bodies.surfaces import Vector
 
 FloatArray = NDArray[np.float64]
 

@@ -13,7 +13,8 @@ from lmctl.errors import InputError
 from lmctl.field.kernel import kernel
 from lmctl.field.plane import PlaneGrid, loop_area_mm2, plane_distance
 from lmctl.part.bodies.analytic import Analytic
-from lmctl.part.bodies.body import nothing_of, unit_rows
+from lmctl.part.bodies.body import nothing_of
+from lmctl.part.bodies.depth import unit_rows
 from lmctl.part.bodies.formulas import ON_IT_MM
 from lmctl.part.bodies.half_space import plane
 from lmctl.part.bodies.measured import Bounds

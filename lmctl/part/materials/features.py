@@ -19,7 +19,8 @@ from lmctl.field.features import (
 )
 from lmctl.field.kernel import kernel
 from lmctl.field.triangles import closest_in_rows
-from lmctl.part.bodies.body import Body, Vector
+from lmctl.part.bodies.body import Body
+from lmctl.part.bodies.surfaces import Vector
 
 FloatArray = NDArray[np.float64]
 

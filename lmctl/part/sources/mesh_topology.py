@@ -1,6 +1,6 @@
-"""Which corners, edges and triangles of a mesh belong together; array code that judges nothing.
+"""Which corners, edges and triangles of a mesh belong together, and which triangles are none.
 
-triangles : (m, 3) int64, numbers of corners
+Array code that judges nothing. triangles : (m, 3) int64, numbers of corners
 """
 
 from __future__ import annotations
@@ -23,6 +23,18 @@ def join_corners(vertices: FloatArray, triangles: IntArray) -> tuple[FloatArray,
     number = np.empty(len(order), dtype=np.int64)
     number[order] = np.cumsum(new) - 1
     return points[order[new]], number[triangles]
+
+
+def without_slivers(corners: FloatArray) -> FloatArray:
+    """Triangles (m, 3, 3) less those narrower than a millionth of their length.
+
+    Their neighbours cover them to rounding, and the closest point on one cannot be computed.
+    """
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    twice_area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    longest = np.max([((p - q) ** 2).sum(axis=1) for p, q in ((a, b), (b, c), (c, a))], axis=0)
+    wide: FloatArray = corners[twice_area > 1e-6 * longest]
+    return wide
 
 
 def directed_edges(triangles: IntArray) -> IntArray:
