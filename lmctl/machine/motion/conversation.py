@@ -1,16 +1,15 @@
 """A conversation with a Grbl controller: link, codec and status questions put together.
 
 Lower half of the motion driver. It knows lines, answers, reports and resets; streams, holds and
-positions are above it. Events are handed on in the order they stood in the byte stream.
+positions are above it. Events are handed on in the order they stood in the byte stream; those who
+wait for one of them are in `awaited`.
 """
 
 from __future__ import annotations
 
-import asyncio
 from collections import deque
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
 
 from firmware_protocol.codes import alarm_meaning, error_meaning
 from firmware_protocol.dialect import GRBL, Dialect
@@ -26,10 +25,9 @@ from firmware_protocol.messages import Alarm, Status, Unknown
 from firmware_protocol.realtime import Realtime
 from firmware_protocol.status import StatusReport
 from lmctl.errors import MachineError
+from lmctl.machine.motion.awaited import Awaited
 from lmctl.machine.motion.links import Link, open_link
 from lmctl.machine.motion.status_watch import StatusWatch
-
-T = TypeVar("T")
 
 _COMMAND_TAG = -1
 _LOST_HINT = "check cable and power of the controller, and that no other program talks to it"
@@ -78,13 +76,8 @@ class Conversation:
         self.watch = StatusWatch(status_period_s, self._ask, self.give_up)
         self._hearer = hearer
         self._host = GrblHost(_LEAST_RX_USABLE, GRBL.line_chars)
-        self._loop = asyncio.get_running_loop()
         self._link: Link | None = None
-        self._command: asyncio.Future[list[str]] | None = None
-        self._command_text = ""
-        self._command_answer: list[str] = []
-        self._report_waiters: list[asyncio.Future[StatusReport]] = []
-        self._restart_waiter: asyncio.Future[None] | None = None
+        self._awaited = Awaited(self.error)
         self._reset_asked = False
         self._with_question: bytes | None = None  # lines to be sent in one write with a `?`
 
@@ -99,7 +92,7 @@ class Conversation:
         self.watch.stop()
         if self._link is not None:
             self._link.close()
-        self._fail_waiting(self.error("the link was closed"))
+        self._awaited.lost(self.error("the link was closed"))
 
     def settle_on(self, dialect: Dialect, rx_bytes: int) -> None:
         """Use what the controller has said of itself. Nothing may be unanswered."""
@@ -114,7 +107,7 @@ class Conversation:
     @property
     def commanding(self) -> bool:
         """Whether a command is unanswered."""
-        return self._command is not None or self._host.oldest_tag == _COMMAND_TAG
+        return self._awaited.command is not None or self._host.oldest_tag == _COMMAND_TAG
 
     @property
     def all_sent(self) -> bool:
@@ -173,55 +166,23 @@ class Conversation:
             LocalProtocolError while other lines are unanswered
         """
         self._refuse_if_lost()
-        if self._command is not None or self._host.unanswered:
+        if self._awaited.command is not None or self._host.unanswered:
             raise LocalProtocolError(f"{line!r} must be sent alone, and lines are unanswered")
         data = self._host.send_line(line.encode("ascii", "replace"), _COMMAND_TAG)
-        self._command_text, self._command_answer = line, []
-        self._command = self._loop.create_future()
-        self.write(data)
-        try:
-            return await self._wait(self._command, timeout_s)
-        except TimeoutError:
-            raise self.error(
-                f"no answer to {line!r} within {timeout_s:g} s",
-                hint="check what the controller is doing (`lmctl machine status`), or reset it",
-            ) from None
-        finally:
-            self._command = None
+        return await self._awaited.answer(line, lambda: self.write(data), timeout_s)
 
     async def fresh_report(self, timeout_s: float) -> StatusReport | None:
         """Ask `?` and wait for the next report; None if none comes in time."""
         self._refuse_if_lost()
-        waiter: asyncio.Future[StatusReport] = self._loop.create_future()
-        self._report_waiters.append(waiter)
-        self.watch.ask_now()
-        try:
-            return await self._wait(waiter, timeout_s)
-        except TimeoutError:
+        report = await self._awaited.report(self.watch.ask_now, timeout_s)
+        if report is None:
             self.watch.given_up()
-            return None
-        finally:
-            if waiter in self._report_waiters:
-                self._report_waiters.remove(waiter)
+        return report
 
     async def reset(self, timeout_s: float) -> None:
         """Send 0x18 and wait for the banner. Raises MachineError if none comes in time."""
         self._refuse_if_lost()
-        waiter = self._restart_waiter = self._loop.create_future()
-        self.realtime(Realtime.RESET)
-        try:
-            await self._wait(waiter, timeout_s)
-        except TimeoutError:
-            raise self.error(
-                f"no restart within {timeout_s:g} s of a reset",
-                hint="switch the machine off at its emergency stop, then look at the controller",
-            ) from None
-        finally:
-            self._restart_waiter = None
-
-    async def _wait(self, future: Awaitable[T], timeout_s: float) -> T:
-        async with asyncio.timeout(timeout_s):
-            return await future
+        await self._awaited.restart(lambda: self.realtime(Realtime.RESET), timeout_s)
 
     def _ask(self) -> None:
         self.sent_before_question = self._host.newest_tag
@@ -264,36 +225,34 @@ class Conversation:
             if not self._host.unanswered:
                 self.rx_empty = max(self.rx_empty, event.report.rx_free or 0)
             self._hearer.report(event.report)
-            for waiter in self._report_waiters:
-                if not waiter.done():
-                    waiter.set_result(event.report)
+            if self._awaited.reports:
+                self._awaited.reported(event.report)
         elif isinstance(event, Restarted):
             self._restarted()
         elif isinstance(event, Alarm):
             meaning = alarm_meaning(event.code, self.dialect)
-            self._fail_command(f"alarm {event.code}: {meaning.words}", meaning.remedy)
+            self._awaited.refused(f"alarm {event.code}: {meaning.words}", meaning.remedy)
             self._hearer.alarm(event.code)
         elif isinstance(event, RemoteProtocolError):
             self.damaged += 1
             self._hearer.surplus_answer()
         elif isinstance(event, Unknown):
             self.damaged += 1
-        elif self._command is not None:
-            self._command_answer.append(event.format())
+        elif self._awaited.command is not None:
+            self._awaited.said(event.format())
 
     def _command_answered(self, code: int) -> None:
         if code:
             meaning = error_meaning(code, self.dialect)
-            self._fail_command(f"error {code}: {meaning.words}", meaning.remedy)
-        elif self._command is not None and not self._command.done():
-            self._command.set_result(self._command_answer)
+            self._awaited.refused(f"error {code}: {meaning.words}", meaning.remedy)
+        else:
+            self._awaited.accepted()
 
     def _restarted(self) -> None:
         asked, self._reset_asked = self._reset_asked, False
-        self._fail_command("the controller restarted", "send it again")
+        self._awaited.refused("the controller restarted", "send it again")
         self._hearer.restarted(asked)
-        if self._restart_waiter is not None and not self._restart_waiter.done():
-            self._restart_waiter.set_result(None)
+        self._awaited.restarted()
 
     def give_up(self, reason: str) -> None:
         """Count the controller as lost; told once."""
@@ -301,25 +260,12 @@ class Conversation:
             return
         self.lost = reason
         self.watch.stop()
-        self._fail_waiting(self.error(reason, hint=_LOST_HINT))
+        self._awaited.lost(self.error(reason, hint=_LOST_HINT))
         self._hearer.lost(reason)
 
     def _refuse_if_lost(self) -> None:
         if self.lost is not None:
             raise self.error(self.lost, hint=_LOST_HINT)
-
-    def _fail_command(self, why: str, hint: str) -> None:
-        if self._command is not None and not self._command.done():
-            self._command.set_exception(
-                self.error(f"{self._command_text!r} was refused: {why}", hint=hint)
-            )
-
-    def _fail_waiting(self, error: MachineError) -> None:
-        waiting: list[asyncio.Future[Any] | None]
-        waiting = [self._command, self._restart_waiter, *self._report_waiters]
-        for future in waiting:
-            if future is not None and not future.done():
-                future.set_exception(error)
 
     def error(self, what: str, hint: str = "") -> MachineError:
         """A MachineError about this controller."""
