@@ -2,17 +2,12 @@
 
 Nothing moves or waits here. The state is that *behind* the line, as the firmware's parser state
 is; the order of a line's actions is the firmware's (Grbl 1.1 `gcode.c` step 4; NIST RS274/NGC
-section 3.8). The ordinary line, one straight move, takes a short way through.
+section 3.8). The ordinary line, one straight move, takes a short way through: see `ordinary`.
 """
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
-from operator import itemgetter
-from typing import Any
 
 from firmware_protocol.dialect import GRBLHAL, Dialect
 from firmware_protocol.gcode import GcodeError, tokenise
@@ -43,36 +38,13 @@ from simulators.motion.modal import (
     target_of,
 )
 from simulators.motion.offsets import Offsets
+from simulators.motion.ordinary import ALIKE, NUMBERS, picker
 from simulators.motion.settings import Settings
 from simulators.motion.words import Grammar, Words
 
 BAD_JOG = 16
 
-_ORDINARY = "NGXYZFS"
-_NUMBER = re.compile(r"[+-]?(?:0+\.?0*|\.0+)")
-_LIKE = bytes.maketrans(b"123456789", b"000000000")
-_NUMBERS = bytes.maketrans(_ORDINARY.encode(), b" " * len(_ORDINARY))
 _JOG_CODES = frozenset((200, 210, 900, 910, 530))
-
-
-@lru_cache(maxsize=4096)
-def _picker(alike: bytes) -> Callable[[Sequence[float | None]], tuple[Any, ...]] | None:
-    """What picks the values of N, G, X, Y, Z, F and S out of an ordinary line's numbers.
-
-    A program is thousands of lines alike, with the same letters and as many digits.
-
-    alike : the line, its digits all 0
-    returns : to be called with the numbers in their order and None behind them, which is what a
-        letter gets that is not there; or None where the line is not words of these letters, none
-        of them twice, with spaces between
-    """
-    words = alike.decode("latin-1").split(" ")
-    letters = "".join(word[:1] for word in words)
-    if len(set(letters)) < len(words) or not set(_ORDINARY).issuperset(letters):
-        return None
-    if not all(_NUMBER.fullmatch(word, 1) for word in words):
-        return None
-    return itemgetter(*map(letters.find, _ORDINARY))
 
 
 @dataclass
@@ -111,9 +83,9 @@ class Interpreter:
 
     def interpret(self, line: bytes) -> tuple[Action, ...] | list[Action]:
         """raises: GcodeError; the state is then as before"""
-        picker = _picker(line.translate(_LIKE))
-        if picker is not None:
-            motion = self._ordinary(*picker((*map(float, line.translate(_NUMBERS).split()), None)))
+        pick = picker(line.translate(ALIKE))
+        if pick is not None:
+            motion = self._ordinary(*pick((*map(float, line.translate(NUMBERS).split()), None)))
             if motion is not None:
                 return (motion,)
         tokens = tokenise(line)
