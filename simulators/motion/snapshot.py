@@ -52,7 +52,7 @@ def _substate(machine: Machine) -> int | None:
 def _feed_and_speed(machine: Machine) -> tuple[float, float]:
     """Actual feed [mm/min] and S, at the head of what is committed, as the firmware tells."""
     speed, power = machine.stepper.head()
-    block = machine.stepper.held_block
+    block = machine.stepper.block
     if machine.hal and machine.held() and block is not None:
         speed = block.nominal  # it shows what it will go on with
     elif machine.state not in MOVING and machine.stopping is None:

@@ -15,7 +15,7 @@ from math import inf, sqrt
 from simulators.motion.actions import BEAM_CONSTANT, BEAM_DYNAMIC, Motion, Vector
 from simulators.motion.planner import Block, Planner
 from simulators.motion.profile import Ramp, braking, profile
-from simulators.motion.trace import Trace
+from simulators.motion.recording import Recording
 
 _TINY_MM = 1e-9
 _ALIKE = 1e-9  # relative difference of squared speeds that is rounding
@@ -28,13 +28,17 @@ class Stepper:
     running : blocks are taken from the planner
     holding : braking to rest along the path; when that is done `running` ends with it
     end_s : when what is committed ends; the machine stands still after it unless more follows
+    block : the one being executed at the head, or in which a hold has stopped
+    standing : power, before the override, with which the beam burns at standstill
     """
 
-    def __init__(self, planner: Planner, trace: Trace, lead_s: float, lead_blocks: int) -> None:
+    def __init__(self, planner: Planner, trace: Recording, lead_s: float, lead_blocks: int) -> None:
         self.running = False
         self.holding = False
         self.end_s = 0.0
         self.last_line = 0
+        self.block: Block | None = None
+        self.standing = 0.0
         self.spindle_factor = 1.0
         self._planner = planner
         self._trace = trace
@@ -42,14 +46,12 @@ class Stepper:
         self._lead_blocks = lead_blocks
         self._head_s = 0.0
         self._ends: deque[float] = deque()  # of blocks committed whole and not yet over
-        self._block: Block | None = None
         self._motion: Motion | None = None  # of the block loaded last
         self._row = 0
         self._done_mm = 0.0  # of the block, at the start of the phase
         self._speed = 0.0  # there
         self._ramps: list[Ramp] = []  # the block's phases, the next one last
         self._exit_sqr = 0.0  # for which they were planned
-        self._standing = 0.0  # before the override
 
     def start(self, now_s: float) -> None:
         """Take blocks from the planner, from rest or on with the motion under way."""
@@ -59,10 +61,10 @@ class Stepper:
             self.end_s = now_s
         first = self._planner.first
         if first is not None and self._speed == 0.0:
-            if self._block is not None:  # left in the middle by a hold
-                self._place(0.0)
+            if self.block is not None:  # left in the middle by a hold
+                self._place(self.block)
                 self._planner.replan()
-                self._plan()
+                self._plan(self.block)
             elif first.entry_sqr > 0.0:  # stopped by a hold just at its start
                 first.entry_sqr = 0.0
                 self._planner.replan()
@@ -76,8 +78,8 @@ class Stepper:
             self.running = False  # at rest at the head, or to be when what is committed ends
         else:
             self.holding = True
-            if self._block is not None:
-                self._plan()
+            if self.block is not None:
+                self._plan(self.block)
 
     def set_overrides(self, feed: float, rapid: float, spindle: float, now_s: float) -> None:
         """Factors on programmed feed, rapid speed and S, from the head on."""
@@ -85,10 +87,10 @@ class Stepper:
         self._cut()
         if spindle != self.spindle_factor:
             self.spindle_factor = spindle
-            self.stand(self._standing, self.end_s if self.running else now_s)
+            self.stand(self.standing, self.end_s if self.running else now_s)
         self._planner.set_overrides(feed, rapid)
-        if self._block is not None and self.running:
-            self._plan()
+        if self.block is not None and self.running:
+            self._plan(self.block)
 
     def stop_dead(self, now_s: float) -> None:
         """A reset: motion ends at once, wherever it is, and the plan is forgotten."""
@@ -101,7 +103,7 @@ class Stepper:
 
     def forget(self, now_s: float) -> None:
         """Drop all that is planned and not committed; the machine is where it stands."""
-        self._block = None
+        self.block = None
         self._ramps.clear()
         self._ends.clear()
         self._speed = 0.0
@@ -114,7 +116,7 @@ class Stepper:
 
     def next_event_s(self) -> float:
         """When, if nothing changes, a block leaves the planner next or motion ends."""
-        if self._block is not None and self.running:
+        if self.block is not None and self.running:
             rest_s = sum(ramp.duration for ramp in self._ramps)
             return self.end_s + rest_s - self._lead_s
         block = self._planner.first
@@ -129,13 +131,13 @@ class Stepper:
     def advance(self, now_s: float) -> None:
         """Commit what is certain at now_s."""
         planner, moved = self._planner, self._trace.moved
-        block = self._block
+        block = self.block
         if block is not None and self.running and not self.holding:
             following = block.following
             exit_sqr = 0.0 if following is None else following.entry_sqr
             if exit_sqr != self._exit_sqr:
                 self._cut()
-                self._plan()
+                self._plan(block)
         until_s = now_s + self._lead_s + _SLACK_S
         ends, ramps, end_s = self._ends, self._ramps, self.end_s
         while self.running:
@@ -157,9 +159,9 @@ class Stepper:
                     self.end_s = end_s = over_s
                     planner.discard_first()
                     ends.append(end_s)
-                    self._block = block = None
+                    self.block = block = None
                     continue
-                self._plan()
+                self._plan(block)
             acceleration, duration, distance, exit_speed = ramps[-1]
             over_s = end_s + duration
             if over_s > until_s:
@@ -175,7 +177,7 @@ class Stepper:
             if self._done_mm >= block.length - _TINY_MM:
                 planner.discard_first()
                 ends.append(end_s)
-                self._block = block = None
+                self.block = block = None
             if self.holding and (exit_speed == 0.0 or planner.first is None):
                 self.running = self.holding = False
                 self._speed = 0.0
@@ -190,21 +192,18 @@ class Stepper:
 
     def commit(self) -> None:
         """Bring the record up to the head, in the middle of a phase too."""
-        if self._block is None or not self.running or self._head_s <= self.end_s:
+        if self.block is None or not self.running or self._head_s <= self.end_s:
             return
         acceleration, duration, distance, exit_speed = self._ramps[-1]
         end_s, done_mm = self.end_s, self._done_mm
         self._cut()
-        self._ramps[-1] = Ramp(
-            acceleration,
-            duration - (self.end_s - end_s),
-            distance - (self._done_mm - done_mm),
-            exit_speed,
-        )
+        duration -= self.end_s - end_s
+        distance -= self._done_mm - done_mm
+        self._ramps[-1] = Ramp(acceleration, duration, distance, exit_speed)
 
     def position_mm(self, now_s: float) -> Vector:
         """Where the machine is."""
-        block = self._block
+        block = self.block
         if block is None or now_s <= self.end_s or not self.running:
             return self._trace.position_at(now_s)
         _, done_mm = self._within_ramp(now_s)
@@ -215,32 +214,22 @@ class Stepper:
     def head(self) -> tuple[float, float]:
         """Speed and laser S (as a fraction) at the head, which is what the firmware reports."""
         motion = self._motion
-        if motion is None or not self.running or (self._block is None and self._speed == 0.0):
-            return self._speed, min(1.0, self._standing * self.spindle_factor)
+        if motion is None or not self.running or (self.block is None and self._speed == 0.0):
+            return self._speed, min(1.0, self.standing * self.spindle_factor)
         # Between two blocks it is what the one before ended with.
-        speed = self._speed if self._block is None else self._within_ramp(self._head_s)[0]
+        speed = self._speed if self.block is None else self._within_ramp(self._head_s)[0]
         power = motion.power * self.spindle_factor
         if motion.beam == BEAM_DYNAMIC:
             power *= speed / motion.rate_mm_s
         return speed, min(power, 1.0)
 
-    @property
-    def held_block(self) -> Block | None:
-        """The block in which a hold has stopped, or that is being executed at the head."""
-        return self._block
-
-    @property
-    def standing(self) -> float:
-        """Power, before the override, with which the beam burns at standstill."""
-        return self._standing
-
     def stand(self, power: float, when_s: float) -> None:
         """The beam burns with this power whenever the machine stands still, from when_s on."""
-        self._standing = power
+        self.standing = power
         self._trace.stood(when_s, min(1.0, power * self.spindle_factor))
 
     def _load(self, block: Block) -> None:
-        self._block = block
+        self.block = block
         self._row = self._trace.begin(block)
         self._done_mm = 0.0
         if abs(self._speed * self._speed - block.entry_sqr) < _ALIKE * block.entry_sqr:
@@ -248,7 +237,7 @@ class Stepper:
         self._motion = motion = block.motion
         self.last_line = motion.line
         standing = motion.power if motion.beam == BEAM_CONSTANT else 0.0
-        if standing != self._standing:
+        if standing != self.standing:
             self.stand(standing, self.end_s)
         if motion.outputs:
             self._trace.outputs += [(self.end_s, *output) for output in motion.outputs]
@@ -273,7 +262,7 @@ class Stepper:
 
     def _cut(self) -> None:
         """Commit the phase under way up to the head, so that the rest can be planned anew."""
-        block, head_s = self._block, self._head_s
+        block, head_s = self.block, self._head_s
         if block is None or not self.running:
             return
         if head_s > self.end_s:
@@ -284,18 +273,15 @@ class Stepper:
                 (self.end_s, head_s, self._done_mm, self._speed, acceleration, power, self._row)
             )
             self._speed, self._done_mm, self.end_s = speed, done_mm, head_s
-        self._place(self._speed)
+        self._place(block)
 
-    def _place(self, speed: float) -> None:
+    def _place(self, block: Block) -> None:
         """Tell the planner from where the look-ahead starts."""
-        block = self._block
-        assert block is not None
-        block.entry_sqr = speed * speed
+        block.entry_sqr = self._speed * self._speed
         block.ramp_sqr = 2.0 * block.acceleration * (block.length - self._done_mm)
 
-    def _plan(self) -> None:
-        block = self._block
-        assert block is not None
+    def _plan(self, block: Block) -> None:
+        """What is left of the block at the head."""
         left_mm = block.length - self._done_mm
         if self.holding:
             self._ramps[:] = braking(self._speed, left_mm, block.acceleration)
