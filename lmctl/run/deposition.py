@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from dataclasses import dataclass, field
 
 from firmware_protocol.status import StatusReport
 from lmctl.config.machine import Motion
@@ -16,6 +15,7 @@ from lmctl.run.cell.devices import Cell
 from lmctl.run.interlocks.facts import OffProgram
 from lmctl.run.interlocks.of_motion import OFF_PATH_MM
 from lmctl.run.journal.recorder import Recorder
+from lmctl.run.layers import Layers, LayerTally
 from lmctl.run.powder.feed import PowderFeed
 from lmctl.run.program.clock import ProgramClock
 from lmctl.run.program.line_energy import LineEnergy
@@ -39,21 +39,12 @@ _PERIODS_AHEAD = 4
 Progress = Callable[[float, float, int, float], None]
 
 
-@dataclass
-class LayerTally:
-    """What a layer has taken so far, holds included. began_t : loop time, None before it began."""
-
-    layer: int = 0
-    began_t: float | None = None
-    fed_g: dict[str, float] = field(default_factory=dict)
-
-
 class Deposition:
     """One job on one cell, from where it is entered to its last line or to the next hold.
 
     motion : the machine's limits and its link
     entry : how it is entered, None at its first line
-    tally : of the layer entered; None for a fresh one
+    layers : what each has taken; tally : of the layer entered, None for a fresh one
     started : whether a line of the job has been sent
     done : called once, when the last line has been executed
     failed : called with what goes wrong in a report
@@ -65,10 +56,9 @@ class Deposition:
         tally: LayerTally | None = None, done: Callable[[], None],
         failed: Callable[[Exception], None], progress: Progress | None,
     ) -> None:
-        begin = window.begin()
         self.started = False
-        self.tally = tally or LayerTally(begin.index)
-        self._first_line = begin.first_line
+        self.layers = Layers(window, feed, recorder, tally)
+        self._first_line = window.begin().first_line
         self._lit_line = 0 if entry is None else entry.lit_line
         self._place = START if entry is None else entry.place
         self._cell = cell
@@ -104,7 +94,7 @@ class Deposition:
         """Where in the job the run is, for people."""
         if self.executed >= self._window.n_lines:
             return "the end of the program"
-        return f"layer {self.tally.layer + 1}, program line {self.executed}"
+        return f"layer {self.layers.tally.layer + 1}, program line {self.executed}"
 
     @property
     def should_move(self) -> bool:
@@ -128,16 +118,14 @@ class Deposition:
     def start(self) -> None:
         """Send the first lines; the rest follows as the machine reports where it is."""
         self.started = self._streaming = self._tracking = True
-        if self.tally.began_t is None:
-            self.tally.began_t = self._loop.time()
-        self._recorder.purged(self._feed.take_fed_g())
+        self.layers.begin()
         self._cell.motion.submit(self._released())
 
     def stop(self) -> None:
         """Send no more lines, whatever is reported; those not yet on the wire are dropped."""
         if self._streaming:
             self._streaming = False
-            self._count_fed()
+            self.layers.count_fed()
             self._next_lines.clear()
             self._cell.motion.discard_queue()
 
@@ -156,11 +144,6 @@ class Deposition:
             if line >= self._lit_line:
                 self._place = max(self._place, Place(line, min(max(share, 0.0), 1.0)))
         return self._place
-
-    def layers_done(self, before: int) -> None:
-        """All layers before one are finished, though lines without beam at their end were not."""
-        while self.tally.layer < before:
-            self._layer_done()
 
     # --- feed override ------------------------------------------------------------------------
 
@@ -245,7 +228,7 @@ class Deposition:
         s = self._clock.now(t)
         remaining_s = self._outlook.remaining_s(t, s, self._clock.rate)
         if remaining_s is not None:
-            self._progress(s, self._window.end_s, self.tally.layer, remaining_s)
+            self._progress(s, self._window.end_s, self.layers.tally.layer, remaining_s)
 
     def _go_on(self) -> None:
         window, executed = self._window, self._counted
@@ -255,11 +238,8 @@ class Deposition:
         self._seen = executed
         if completed := self._streamer.completed(executed):
             self._recorder.executed(completed)
-        while self.tally.layer < len(window.manifest.layers):
-            stretch = window.stretch(self.tally.layer)
-            if executed <= stretch.last_line:
-                break
-            self._layer_done()
+        if executed > self.layers.last_line:
+            self.layers.executed(executed)
         window.forget(executed)
         if executed >= window.n_lines:
             self._streaming = False
@@ -276,22 +256,3 @@ class Deposition:
         if self._next_lines:
             lines, self._next_lines = self._next_lines, []
             self._cell.motion.submit(lines)
-
-    def _layer_done(self) -> None:
-        tally, stretch = self.tally, self._window.stretch(self.tally.layer)
-        t = self._loop.time()
-        self._count_fed()
-        self._recorder.layer(
-            layer=tally.layer, z_mm=stretch.z_mm, lines=[stretch.first_line, stretch.last_line],
-            paths=len(stretch.paths), beam_s=round(stretch.beam_s, 3),
-            beam_mm=round(stretch.beam_mm, 3), energy_J=round(stretch.energy_J, 1),
-            planned_s=round(float(stretch.end_s[-1] - stretch.start_s[0]), 3),
-            lasted_s=round(t - (t if tally.began_t is None else tally.began_t), 3),
-            fed_g={name: round(fed, 3) for name, fed in tally.fed_g.items()},
-        )
-        self.tally = LayerTally(tally.layer + 1, t)
-
-    def _count_fed(self) -> None:
-        fed_g = self.tally.fed_g
-        for name, fed in self._feed.take_fed_g().items():
-            fed_g[name] = fed_g.get(name, 0.0) + fed

@@ -9,8 +9,9 @@ from lmctl.config.machine import Hopper, MachineProfile
 from lmctl.job.reader import JobReader
 from lmctl.job.schema import JobLayer
 from lmctl.run.cell.devices import Cell
-from lmctl.run.deposition import Deposition, LayerTally, Progress
+from lmctl.run.deposition import Deposition, Progress
 from lmctl.run.journal.recorder import Recorder
+from lmctl.run.layers import LayerTally
 from lmctl.run.powder.feed import PowderFeed
 from lmctl.run.powder.lead import Hose, PowderPlan
 from lmctl.run.program.clock import ProgramClock
@@ -94,5 +95,6 @@ class Workshop:
         if before is None or entry is None:
             return None
         self.recorder.purged(before.feed.take_fed_g())
-        before.deposition.layers_done(entry.layer.index)
-        return before.deposition.tally
+        layers = before.deposition.layers
+        layers.done_before(entry.layer.index)
+        return layers.tally
