@@ -38,10 +38,12 @@ _HOPPER_ALARMS = {
     8: ("stirrer fault", "check the stirrer drive"),
     9: ("load cell fault", "check the load cell and its cable"),
     10: ("it is too hot", "let it cool; check the heater"),
-    51: ("the level is low", "refill it soon"),
-    52: ("the weighed flow drifts from the estimate", "recalibrate the feed factor"),
-    53: ("the flow is unsteady", "check powder moisture, level and disc"),
-    54: ("its calibration is old", "recalibrate the feed factor"),
+    51: ("the level is low", "fill it soon: powder stops when it is empty"),
+    52: ("the weighed flow differs from the estimate by more than 5 %",
+         "look whether powder moves freely, and recalibrate the feed factor: the mixture is off by "
+         "as much"),
+    53: ("the flow is unsteady, by more than 3 %", "check powder moisture, level and disc"),
+    54: ("its calibration is old", "recalibrate the feed factor before the next job"),
     55: ("the set-point was clipped", "keep set-points within the disc's speed range"),
 }
 
@@ -49,7 +51,11 @@ _HOPPER_ALARMS = {
 SYSTEM_CODES = tuple(_SYSTEM_ALARMS)
 ESTOP, WATCHDOG = 101, 104
 #: Numbers of a hopper's own codes, see `hopper_code`.
-EMPTY, LEVEL_LOW, CLIPPED = 7, 51, 55
+EMPTY, LEVEL_LOW, DRIFT, UNSTEADY, OLD_CALIBRATION, CLIPPED = 7, 51, 52, 53, 54, 55
+#: The bit of WARNING that says that some hopper's set-point was clipped.
+CLIPPED_BIT = 1 << CLIPPED - LEVEL_LOW
+
+_HOPPER_BITS_FROM = 8  # of ALARM: bit 8 is channel 1
 
 
 def hopper_code(channel: int, number: int) -> int:
@@ -72,6 +78,43 @@ def alarm(code: int, hoppers: Mapping[int, str] | None = None) -> Alarm:
         text, hint = _HOPPER_ALARMS[number]
         return Alarm(code, f"hopper {(hoppers or {}).get(channel, channel)}: {text}", hint)
     return Alarm(code, f"alarm {code}, which its register map does not list", "see its manual")
+
+
+def first_out(code: int, bits: int, hoppers: Mapping[int, str] | None = None) -> Alarm:
+    """The first-out alarm in words, and which others stand. bits : the word ALARM
+
+    >>> first_out(103, 0b10_0000_0110).text
+    'the mixer pressure is too high (and 2 more: the gas supply pressure is low; hopper 2 has one)'
+    """
+    first = alarm(code, hoppers)
+    others = [
+        text for bit, (other, (text, _)) in enumerate(_SYSTEM_ALARMS.items())
+        if bits >> bit & 1 and other != code
+    ]
+    others += [
+        f"hopper {(hoppers or {}).get(channel, channel)} has one"
+        for channel in range(1, MOST_HOPPERS + 1)
+        if bits >> _HOPPER_BITS_FROM + channel - 1 & 1 and channel != code // 100 - 1
+    ]
+    if not others:
+        return first
+    return Alarm(code, f"{first.text} (and {len(others)} more: {'; '.join(others)})", first.hint)
+
+
+def warnings_in(word: int) -> list[Alarm]:
+    """The warnings of the word WARNING, each by its number, of whichever hopper.
+
+    >>> [(one.code, one.text) for one in warnings_in(1)]
+    [(51, 'the level is low')]
+    """
+    found = []
+    for bit in range(word.bit_length()):
+        if word >> bit & 1:
+            number = LEVEL_LOW + bit
+            text, hint = _HOPPER_ALARMS.get(number, (
+                f"warning bit {bit}, which its register map does not list", "see its manual"))
+            found.append(Alarm(number, text, hint))
+    return found
 
 
 _REFUSALS = {

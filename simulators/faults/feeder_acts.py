@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from firmware_protocol.pmx import HopperFlags, Status, hopper_row
-from firmware_protocol.pmx_alarms import hopper_code
+from firmware_protocol.pmx_alarms import DRIFT, LEVEL_LOW, OLD_CALIBRATION, UNSTEADY, hopper_code
 from firmware_protocol.registers import Value
 from simulators.faults.kinds import Fault
 from simulators.faults.scene import Scene, Undo, both
@@ -13,6 +13,8 @@ from simulators.feeder.readings import readings
 
 _STALLED, _DEVIATES, _CARRIER, _LID = 2, 3, 4, 6
 _SUPPLY_LOW, _OVER_PRESSURE = 102, 103
+
+_WARNS_OF = {"drift": DRIFT, "unsteady flow": UNSTEADY, "old calibration": OLD_CALIBRATION}
 
 #: How long a device needs to notice (process.md 1.4: a deviation counts after 2 s).
 _NOTICES_S = {_STALLED: 0.5, _DEVIATES: 2.0, _CARRIER: 1.0, _LID: 0.0, _SUPPLY_LOW: 0.5,
@@ -93,6 +95,15 @@ def lower_supply(scene: Scene, fault: Fault) -> Undo:
     )
 
 
+def warn(scene: Scene, fault: Fault) -> Undo:
+    """Of whichever hopper: the map has no place to say which."""
+    bit = 1 << _WARNS_OF[str(fault.values["of"])] - LEVEL_LOW
+    mishaps = _mishaps(scene.feeder(fault))
+    return both(
+        mishaps.tell(0, "WARNING", _with(bit)), mishaps.tell(0, "STATUS", _with(Status.WARNING))
+    )
+
+
 def raise_pressure(scene: Scene, fault: Fault) -> Undo:
     feeder = scene.feeder(fault)
     return both(
@@ -104,8 +115,16 @@ def raise_pressure(scene: Scene, fault: Fault) -> Undo:
 def clog(scene: Scene, fault: Fault) -> Undo:
     scene.hopper(fault)
     feeder = scene.feeder(fault)
+    process, rise_s = feeder.hoppers[fault.channel].process, fault.number("rise_s")
+
+    def let_through(share: float) -> None:
+        process.disturb(feeder.settle(), share=share)
+
+    if rise_s == 0.0:
+        let_through(fault.number("share"))
     return both(
-        _disturb(feeder, fault.channel, share=fault.number("share")),
+        scene.later(rise_s, lambda: let_through(fault.number("share"))) if rise_s else both(),
+        lambda: let_through(1.0),
         _pressure(feeder, fault),
         _noticed(scene, fault, feeder, _OVER_PRESSURE, _OVER_PRESSURE),
     )
@@ -133,6 +152,13 @@ def raise_n_min(scene: Scene, fault: Fault) -> Undo:
 
     hopper.process.disturb(feeder.settle(), n_min_rpm=n_min)
     return undo
+
+
+def limit_disc(scene: Scene, fault: Fault) -> Undo:
+    """Somebody does so at the panel, in the middle of a run."""
+    hopper, feeder = scene.hopper(fault), scene.feeder(fault)
+    feeder.limit_disc(fault.channel, fault.number("n_max_rpm"))
+    return lambda: feeder.limit_disc(fault.channel, hopper.config.n_max_rpm)
 
 
 def read_flow_wrong(scene: Scene, fault: Fault) -> Undo:
@@ -185,9 +211,8 @@ def _noticed(scene: Scene, fault: Fault, feeder: PmxDevice, number: int, code: i
     if _NOTICES_S[number] == 0.0:
         feeder.trip(code)
         return lambda: causes.remove(code)
-    return both(
-        scene.later(_NOTICES_S[number], lambda: feeder.trip(code)), lambda: causes.remove(code)
-    )
+    after_s = _NOTICES_S[number] + float(fault.values.get("rise_s", 0.0))
+    return both(scene.later(after_s, lambda: feeder.trip(code)), lambda: causes.remove(code))
 
 
 def _turn_otherwise(scene: Scene, fault: Fault, speed: float, number: int) -> Undo:
@@ -214,8 +239,14 @@ def _set_left(scene: Scene, fault: Fault, grams: float) -> None:
 
 
 def _pressure(feeder: PmxDevice, fault: Fault) -> Undo:
-    mbar = int(fault.number("mbar"))
-    return _mishaps(feeder).tell(0, "MIXER_PRESSURE", lambda _: mbar)
+    mbar, rise_s, began_s = fault.number("mbar"), fault.number("rise_s"), feeder.now()
+
+    def risen(usual: Value) -> Value:
+        assert isinstance(usual, int | float)
+        share = min(1.0, (feeder.now() - began_s) / rise_s) if rise_s else 1.0
+        return round(usual + share * (mbar - usual))
+
+    return _mishaps(feeder).tell(0, "MIXER_PRESSURE", risen)
 
 
 def _told_times(feeder: PmxDevice, channel: int, name: str, factor: float) -> Undo:

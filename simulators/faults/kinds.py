@@ -98,6 +98,9 @@ _DIRECTION = Parameter(
 _COUNT = _n("count", 1, "how many bytes", 1_000_000)
 _EVERY = _n("every", 1, "one in so many bytes", 1_000_000)
 _NOTICED = Parameter("noticed", True, "the device raises its own alarm")
+_RISES = Parameter(
+    "rise_s", 0.0, "the pressure rises evenly for so long; it is noticed, and powder minds, then",
+    0, 3600)
 _REPLIES = _n("count", 1, "how many", 1_000_000)
 
 _M, _L, _B = Strikes.MOTION, Strikes.LINK, Strikes.MODBUS
@@ -190,7 +193,10 @@ _FEEDER_KINDS = (
     FaultKind("supply_low", "the gas supply pressure falls", _F, _STOP, "supply pressure",
               (Parameter("bar", 1.0, "to so much", 0, 6), _NOTICED), lasts=True),
     FaultKind("over_pressure", "the mixer pressure rises", _F, _STOP, "mixer pressure",
-              (_n("mbar", 1500, "to so much", 30_000), _NOTICED), lasts=True),
+              (_n("mbar", 1500, "to so much", 30_000), _RISES, _NOTICED), lasts=True),
+    FaultKind("feeder_warns", "it shows a warning", _F, _ON, "",
+              (Parameter("of", "drift", "what it warns of",
+                         choices=("drift", "unsteady flow", "old calibration")),), lasts=True),
 )
 
 _HOPPER_KINDS = (
@@ -204,7 +210,7 @@ _HOPPER_KINDS = (
     FaultKind("hose_clogs", "mixer pressure rises, and less powder gets through", _H, _STOP,
               "mixer pressure",
               (Parameter("share", 0.3, "of the powder that gets through", 0, 1),
-               _n("mbar", 900, "mixer pressure", 30_000), _NOTICED), lasts=True),
+               _n("mbar", 900, "mixer pressure", 30_000), _RISES, _NOTICED), lasts=True),
     FaultKind("hopper_empty", "the hopper runs empty", _H, _STOP, "empty"),
     FaultKind("hopper_level", "so much powder is left in the hopper", _H, _MAY, "the level is low",
               (Parameter("grams", None, "powder left", 0, 1e6),)),
@@ -214,6 +220,9 @@ _HOPPER_KINDS = (
     FaultKind("below_n_min", "the disc needs a higher speed to turn at all", _H, _STOP,
               "set-point below the least speed",
               (Parameter("n_min_rpm", 5.0, "below this it stands", 0, 600),), lasts=True),
+    FaultKind("disc_limited", "the disc is given another highest speed at its panel; set-points "
+              "above it are clipped", _H, _STOP, "clipped",
+              (Parameter("n_max_rpm", 1.0, "no faster than this", 0, 600),), lasts=True),
 )
 
 _SAFETY_KINDS = (

@@ -82,6 +82,12 @@ class PmxDevice:
         if local:
             self._obey(Command(0), time_s)
 
+    def limit_disc(self, channel: int, most_rpm: float) -> None:
+        """Give a disc another highest speed; it counts at once."""
+        time_s = self.settle()
+        self.holding.put_raw(hopper_row(channel, "N_MAX"), round(100 * most_rpm))
+        self._commit(time_s)
+
     def open_estop_chain(self, is_open: bool) -> None:
         time_s = self.settle()
         self.estop_open = is_open
@@ -258,14 +264,14 @@ class PmxDevice:
         self.discs_on = True
         self.spans.append(FeedSpan(time_s, time_s + self.holding["STABILISE"], math.inf))
         for hopper in self.hoppers.values():
-            hopper.command(time_s, hopper.rpm, self.holding["RAMP"])
+            hopper.turn(time_s, self.holding["RAMP"])
 
     def _stop_discs(self, time_s: float) -> None:
         self._starting_s = math.inf
         if self.discs_on:
             self.discs_on = False
             for hopper in self.hoppers.values():
-                hopper.command(time_s, 0.0)
+                hopper.stop(time_s)
             self.spans[-1] = FeedSpan(self.spans[-1].start_s, self.spans[-1].stable_s, time_s)
             self.discs_off_s = time_s
 
@@ -287,9 +293,8 @@ class PmxDevice:
                 if self.discs_on:
                     hopper.told.command(time_s, min(rpm, most_rpm), ramp_s)
                 continue
-            hopper.limited = rpm > most_rpm
-            hopper.rpm = min(rpm, most_rpm)
+            hopper.take(rpm, most_rpm)
             hopper.carrier_L_min = self.holding[hopper_row(channel, "CARRIER_SP")]
             hopper.stirrer_rpm = self.holding[hopper_row(channel, "STIRRER_SP")]
             if self.discs_on:
-                hopper.command(time_s, hopper.rpm, ramp_s)
+                hopper.turn(time_s, ramp_s)

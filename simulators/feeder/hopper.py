@@ -8,6 +8,7 @@ from simulators.feeder.config import HopperConfig
 from simulators.feeder.process import FloatArray, HopperProcess
 
 _ENDLESS_G = 1e12
+_ROUNDING_RPM = 1e-9
 
 #: Commands that may wait to be followed.
 _MOST_WAITING = 10_000
@@ -49,6 +50,7 @@ class Twin:
 class Hopper:
     """A hopper and what the running recipe asks of it.
 
+    rpm : what its disc is to do; wanted_rpm : before the device clipped that
     told : the same, were all well with it; for the judge
     """
 
@@ -56,6 +58,7 @@ class Hopper:
     process: HopperProcess
     told: Twin
     rpm: float = 0.0
+    wanted_rpm: float = 0.0
     carrier_L_min: float = 0.0
     stirrer_rpm: float = 0.0
     limited: bool = False
@@ -65,10 +68,20 @@ class Hopper:
         """Full, its disc at rest."""
         return cls(config, HopperProcess(config), Twin(config))
 
-    def command(self, time_s: float, rpm: float, ramp_s: float = 0.0) -> None:
-        """Let the disc go to rpm from time_s on."""
-        self.process.command(time_s, rpm, ramp_s)
-        self.told.command(time_s, rpm, ramp_s)
+    def take(self, rpm: float, most_rpm: float) -> None:
+        """A new set-point; clipped to most_rpm, and the clipping told."""
+        self.limited = rpm > most_rpm + _ROUNDING_RPM
+        self.rpm = min(rpm, most_rpm)
+        self.wanted_rpm = min(rpm, self.config.n_max_rpm)
+
+    def turn(self, time_s: float, ramp_s: float) -> None:
+        """Let the disc go to its speed from time_s on."""
+        self.process.command(time_s, self.rpm, ramp_s)
+        self.told.command(time_s, self.wanted_rpm, ramp_s)
+
+    def stop(self, time_s: float) -> None:
+        self.process.command(time_s, 0.0)
+        self.told.command(time_s, 0.0)
 
 
 @dataclass(frozen=True)

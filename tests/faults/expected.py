@@ -23,6 +23,7 @@ EXPECTED = {
     "recipe_ignored": "recipe", "supply_low": "pressure", "over_pressure": "pressure",
     "disc_stalls": "disc|stall", "speed_deviates": "speed|disc", "flow_readback_off": "disc|flow",
     "hose_clogs": "pressure|clog", "hopper_empty": "empty", "hopper_level": "level",
+    "disc_limited": "clipped", "feeder_warns": "",
     "carrier_low": "carrier|gas", "lid_open": "lid", "below_n_min": "disc|least speed|stop",
     "shield_gas_low": "shield gas", "chiller_fails": "chiller", "oxygen_high": "oxygen",
     "analyser_invalid": "analyser", "extraction_low": "extraction",

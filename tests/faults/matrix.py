@@ -204,6 +204,8 @@ def faults_of(name: str) -> list[Fault]:
     values = {"grams": 100.0} if name == "hopper_level" else {}
     if name == "laser_enable_stuck":
         return [Fault.of(name, contact=how) for how in ("closed", "as it is")]
+    if name == "hose_clogs":  # at once, as the feeder itself notices, and slowly, as the host does
+        return [Fault.of(name, "F1"), Fault.of(name, "F1", rise_s=3.0)]
     if name == "word_garbled":
         return [Fault.of(name, letter=letter, percent=percent) for letter, percent in (
             ("S", 10.0), ("S", 200.0), ("F", 30.0), ("F", 300.0), ("X", 97.0))]

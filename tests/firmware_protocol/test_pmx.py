@@ -115,6 +115,30 @@ def test_every_code_of_the_map_has_words_and_advice():
     assert all("does not list" not in pmx_alarms.alarm(code).text for code in codes)
 
 
+@pytest.mark.parametrize(("code", "bits", "text"), [
+    (103, 1 << 2, "the mixer pressure is too high"),
+    (103, 0, "the mixer pressure is too high"),  # a device that leaves the word alone
+    (103, 1 << 2 | 1 << 1, "the mixer pressure is too high (and 1 more: the gas supply pressure is "
+                           "low)"),
+    (207, 1 << 8, "hopper A: it is empty"),
+    (207, 1 << 8 | 1 << 9 | 1 << 3,
+     "hopper A: it is empty (and 2 more: the host's heartbeat stopped, and its watchdog tripped; "
+     "hopper 2 has one)"),
+])
+def test_the_first_alarm_tells_of_the_others_that_stand(code, bits, text):
+    found = pmx_alarms.first_out(code, bits, {1: "A"})
+    assert (found.code, found.text) == (code, text)
+    assert found.hint == pmx_alarms.alarm(code).hint
+
+
+def test_every_warning_bit_has_words_and_unknown_ones_say_so():
+    every = pmx_alarms.warnings_in(0xFFFF)
+    assert [one.code for one in every] == list(range(51, 67))
+    assert all(one.text and one.hint for one in every)
+    assert ["does not list" in one.text for one in every] == [False] * 5 + [True] * 11
+    assert pmx_alarms.warnings_in(0) == []
+
+
 def test_refusals_in_words():
     for reason in pmx.Refusal:
         assert "does not list" not in pmx_alarms.refusal(reason)

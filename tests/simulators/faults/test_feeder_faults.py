@@ -226,6 +226,75 @@ def test_the_device_sees_a_disc_that_turns_wrong_and_not_a_hose_that_clogs(play)
     assert system["MIXER_PRESSURE"] == 900
 
 
+@pytest.mark.parametrize("kind", ["hose_clogs", "over_pressure"])
+def test_a_pressure_may_rise_slowly_and_is_noticed_at_its_top(play, kind):
+    async def scene(cell):
+        await feeding(cell)
+        number = cell.inject(kind, "F1", mbar=1050, rise_s=10.0)
+        seen = []
+        for _ in range(4):
+            await asyncio.sleep(2.5)
+            seen.append((told(cell, 0)["MIXER_PRESSURE"], told(cell, 0)["FIRST_ALARM_CODE"]))
+        await asyncio.sleep(1.01)
+        alarm, fed = told(cell, 0)["FIRST_ALARM_CODE"], nozzle_g_min(cell)
+        cell.board.clear(number)
+        return seen, alarm, fed, told(cell, 0)["MIXER_PRESSURE"]
+
+    seen, alarm, fed, after = play(scene)
+    assert seen == [(300, 0), (550, 0), (800, 0), (1050, 0)]
+    assert alarm == 103
+    assert fed == pytest.approx(G_MIN, rel=1e-6)  # less powder takes its time to the nozzle
+    assert after == 50
+
+
+def test_a_rise_that_is_over_before_its_top_leaves_nothing(play):
+    async def scene(cell):
+        await feeding(cell)
+        number = cell.inject("hose_clogs", "F1", rise_s=10.0)
+        await asyncio.sleep(5.0)
+        cell.board.clear(number)
+        await asyncio.sleep(14.0)
+        return told(cell, 0)["FIRST_ALARM_CODE"], nozzle_g_min(cell)
+
+    assert play(scene) == (0, pytest.approx(G_MIN, rel=1e-6))
+
+
+def test_a_limited_disc_clips_the_set_point_that_runs_tells_so_and_is_judged(play):
+    async def scene(cell):
+        await feeding(cell)
+        number = cell.inject("disc_limited", "F1", n_max_rpm=1.0)
+        clipped, warned = told(cell), told(cell, 0)["WARNING"]
+        await asyncio.sleep(20.0)
+        fed, hopper = nozzle_g_min(cell), cell.bench.feeders["F1"].hoppers[1]
+        wanted_rpm = hopper.told.disc_rpm(cell.now_s)
+        cell.board.clear(number)
+        await asyncio.sleep(20.0)
+        return clipped, warned, fed, wanted_rpm, nozzle_g_min(cell), told(cell, 0)["WARNING"]
+
+    clipped, warned, fed, wanted_rpm, after, cleared = play(scene)
+    assert clipped["STATUS"] & HopperFlags.LIMITED
+    assert clipped["DISC_RAMPED"] == 1.0
+    assert (warned, cleared) == (1 << 4, 0)
+    assert fed == pytest.approx(FACTOR, rel=1e-3)
+    assert wanted_rpm == pytest.approx(G_MIN / FACTOR, rel=1e-2)
+    assert after == pytest.approx(G_MIN, rel=1e-3)
+
+
+@pytest.mark.parametrize(("of", "bit"), [("drift", 1), ("unsteady flow", 2),
+                                         ("old calibration", 3)])
+def test_a_warning_is_shown_and_stops_nothing(play, of, bit):
+    async def scene(cell):
+        await feeding(cell)
+        number = cell.inject("feeder_warns", "F1", of=of)
+        shown = told(cell, 0)["WARNING"], told(cell, 0)["STATUS"] & Status.WARNING
+        await asyncio.sleep(5.0)
+        on = cell.judge.powder_on("F1")
+        cell.board.clear(number)
+        return shown, on, told(cell, 0)["WARNING"]
+
+    assert play(scene) == ((1 << bit, Status.WARNING), True, 0)
+
+
 def test_a_set_point_changed_while_a_disc_deviates_is_followed_as_wrongly(play):
     async def scene(cell):
         await feeding(cell)

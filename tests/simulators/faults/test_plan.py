@@ -59,7 +59,7 @@ def test_a_plan_is_read(bench_config):
 def test_defaults_are_filled_in():
     fault = Fault.of("hose_clogs", "F1")
     assert fault.channel == 1
-    assert fault.values == {"share": 0.3, "mbar": 900, "noticed": True}
+    assert fault.values == {"share": 0.3, "mbar": 900, "rise_s": 0.0, "noticed": True}
     assert Fault.of("link_closed").device == "motion"
     assert Fault.of("hose_clogs", "F1", 1, share=0.3) == fault
     assert hash(fault)
