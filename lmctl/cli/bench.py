@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 from lmctl.config.machine import MachineProfile
 from lmctl.config.toml_file import read_text
 from lmctl.errors import ConfigError, Finding
-from lmctl.run.executor import Progress, RunResult, run_job
+from lmctl.run.executor import Notice, Progress, RunResult, run_job
 from simulators import virtual_time
 from simulators.bench import Bench
 from simulators.bench_config import BenchConfig
@@ -24,8 +24,8 @@ T = TypeVar("T")
 
 def run_simulated(
     job: Path, profile: MachineProfile, runs_dir: Path, *, operator: str = "",
-    progress: Progress | None = None, bench: Path | None = None, speed: float | None = None,
-    faults: Path | None = None, happened: list[str] | None = None,
+    progress: Progress | None = None, notice: Notice | None = None, bench: Path | None = None,
+    speed: float | None = None, faults: Path | None = None, happened: list[str] | None = None,
 ) -> RunResult:
     """Run a job on the bench, in virtual time.
 
@@ -44,7 +44,8 @@ def run_simulated(
             board = FaultBoard(cell, on_host_killed=_kill_this_process)
             board.arm(plan)
             try:
-                return await run_job(job, wired, runs_dir, operator=operator, progress=progress)
+                return await run_job(job, wired, runs_dir, operator=operator, progress=progress,
+                                     notice=notice)
             finally:
                 board.close()
                 if happened is not None:

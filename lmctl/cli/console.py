@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from typing import Any
 
 import click
@@ -46,14 +47,31 @@ def clock(seconds: float) -> str:
     return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"
 
 
-@contextmanager
-def progress_bar(label: str, unit: str = "") -> Iterator[Callable[[float, float, str], None]]:
-    """A bar on standard error while the block runs, only where that is a terminal.
+@dataclass(frozen=True)
+class Bar:
+    """A progress bar, or none. Call it with (done, total, note): that costs nothing without one.
 
-    Yields update(done, total, note); calls cost nothing where no bar is shown.
+    notice : says a line, above the bar where there is one; see the function of that name
     """
+
+    update: Callable[[float, float, str], None]
+    notice: Callable[[str], None]
+
+    def __call__(self, done: float, total: float, note: str) -> None:
+        self.update(done, total, note)
+
+
+def notice(line: str) -> None:
+    """A line of talk from a machine at work, which goes on where nobody hears it any more."""
+    with suppress(OSError, ValueError):
+        say(line)
+
+
+@contextmanager
+def progress_bar(label: str, unit: str = "") -> Iterator[Bar]:
+    """A bar on standard error while the block runs, only where that is a terminal."""
     if not sys.stderr.isatty():
-        yield lambda done, total, note: None
+        yield Bar(lambda done, total, note: None, notice)
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn
@@ -62,10 +80,16 @@ def progress_bar(label: str, unit: str = "") -> Iterator[Callable[[float, float,
         TextColumn("{task.description}"), BarColumn(),
         TextColumn("{task.percentage:>3.0f} %"), TextColumn("{task.fields[note]}"),
     )
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bars:
+    console = Console(stderr=True)
+
+    def above(line: str) -> None:
+        with suppress(OSError, ValueError):
+            console.print(line, markup=False, highlight=False, soft_wrap=True)
+
+    with Progress(*columns, console=console, transient=True) as bars:
         task = bars.add_task(label, total=None, note="")
 
         def update(done: float, total: float, note: str) -> None:
             bars.update(task, completed=done, total=total, note=note)
 
-        yield update
+        yield Bar(update, above)

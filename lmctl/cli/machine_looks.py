@@ -126,7 +126,9 @@ def _feeder_facts(look: FeederLook | LmctlError) -> dict[str, Any]:
         "state": status.state.name, "mode": status.mode.name,
         "alarm": None if status.alarm is None else status.alarm.text,
         "what_to_do": None if status.alarm is None else status.alarm.hint,
+        "warnings": [{"what": one.what, "what_to_do": one.hint} for one in status.warnings],
         "gas_L_min": status.total_gas_L_min,
+        "mixer_pressure_mbar": status.mixer_pressure_mbar,
         "hoppers": {
             name: {"level_percent": reading.level_percent, "flow_g_min": reading.flow_est_g_min,
                    "carrier_L_min": reading.carrier_L_min}
@@ -189,7 +191,11 @@ def _put_feeder(facts: dict[str, Any]) -> None:
     if facts["alarm"]:
         put(f"  alarm      {facts['alarm']}")
         put(f"             what to do: {facts['what_to_do']}")
-    put(f"  gas        {_number(facts['gas_L_min'], '.1f')} L/min")
+    for warning in facts["warnings"]:
+        put(f"  warning    {warning['what']}")
+        put(f"             what to do: {warning['what_to_do']}")
+    put(f"  gas        {_number(facts['gas_L_min'], '.1f')} L/min, mixer pressure "
+        f"{_number(facts['mixer_pressure_mbar'], '.0f')} mbar")
     for name, hopper in facts["hoppers"].items():
         put(f"  hopper {name:<4}level {_number(hopper['level_percent'], '.0f')} %, "
             f"{_number(hopper['flow_g_min'], '.2f')} g/min")

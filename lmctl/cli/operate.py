@@ -143,7 +143,9 @@ def status_text(now: dict[str, Any]) -> str:
 
 
 def _in_a_line(now: dict[str, Any]) -> str:
-    alarm = f"  ALARM {now['alarms'][0]['what']}" if now["alarms"] else ""
+    alarm = f"  ALARM {now['alarms'][0]['what']}" if now["alarms"] else "".join(
+        f"  warning: {warning['what']}" for warning in now.get("warnings", ())[:1]
+    )
     return (f"{now['run']}  {now['state']:<10}  layer {now['layer']}/{now['layers']}  "
             f"line {now['line']}/{now['lines']}  {clock(now['remaining_s'])} left  "
             f"{now['override_percent']} %{alarm}")
@@ -157,6 +159,9 @@ def _put_alarms(now: dict[str, Any]) -> None:
             put(f"             {place}")
         if alarm["hint"]:
             put(f"             what to do: {alarm['hint']}")
+    for warning in now.get("warnings", ()):  # a run of an older version tells of none
+        put(f"  warning    {warning['what']}")
+        put(f"             what to do: {warning['hint']}")
 
 
 def _act(run: str | None, runs_dir: Path, do: str, **values: Any) -> tuple[Path, dict[str, Any]]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from lmctl.cli.cell import cell_options, choose_cell
-from lmctl.cli.console import confirmed, put, put_json, say
+from lmctl.cli.console import confirmed, notice, put, put_json, say
 from lmctl.cli.run import outcome, result_as_json
 from lmctl.config.machine import MachineProfile
 from lmctl.errors import JournalError, MachineError, UsageError
@@ -59,7 +59,7 @@ def recover(
         from lmctl.run.executor import Executor
 
         continuation = await _prepared(after, profile, runs_dir, yes=yes)
-        return await Executor(made.job, profile, runs_dir, operator=operator,
+        return await Executor(made.job, profile, runs_dir, operator=operator, notice=notice,
                               continues=continuation).run()
 
     result = choice.do(act)

@@ -78,19 +78,21 @@ def _run_with_bar(
 ) -> RunResult:
     from lmctl.run.executor import run_job
 
-    with progress_bar("running") as update:
+    with progress_bar("running") as bar:
 
         def progress(done_s: float, total_s: float, layer: int, remaining_s: float) -> None:
-            update(done_s, total_s, f"layer {layer + 1}, {clock(remaining_s)} to go")
+            bar(done_s, total_s, f"layer {layer + 1}, {clock(remaining_s)} to go")
 
         if not sim:
             return asyncio.run(
-                run_job(job, profile, runs_dir, operator=operator, progress=progress)
+                run_job(job, profile, runs_dir, operator=operator, progress=progress,
+                        notice=bar.notice)
             )
         from lmctl.cli.bench import run_simulated
 
         return run_simulated(job, profile, runs_dir, operator=operator, progress=progress,
-                             bench=bench, speed=speed, faults=faults, happened=happened)
+                             notice=bar.notice, bench=bench, speed=speed, faults=faults,
+                             happened=happened)
 
 
 def result_as_json(result: RunResult) -> dict[str, object]:

@@ -34,6 +34,7 @@ Power = Annotated[float, Field(gt=0, le=1_000_000)]
 Flow = Annotated[float, Field(ge=0, le=10_000)]
 #: What a feeder's registers hold (process.md 1.4).
 GasTime = Annotated[float, Field(ge=0, le=600)]
+Pressure = Annotated[float, Field(gt=0, le=30_000)]
 
 _ROUNDING_S = 1e-9
 
@@ -88,6 +89,9 @@ class Feeder(Model):
 
     watchdog_s : it stops its discs when heartbeats stop so long
     stabilise_s : powder is called stable no sooner than this after its start (process.md 5.5)
+    mixer_pressure_max_mbar : more than this for a second is a clog, and holds a run; None: only the
+        feeder's own alarm tells of one. What is usual depends on hose, nozzle and gas: there is no
+        default that would neither hold a sound cell nor overlook a clog
     """
 
     name: PlainName
@@ -97,6 +101,7 @@ class Feeder(Model):
     gas_preflow_s: GasTime = 3.0
     stabilise_s: Annotated[float, Field(ge=0, le=600)] = 8.0
     gas_postflow_s: GasTime = 10.0
+    mixer_pressure_max_mbar: Pressure | None = None
 
 
 class Hopper(Model):
@@ -228,7 +233,7 @@ class MachineProfile(Model):
                 "motion": {"endpoint", "baud", "status_period_s"},
                 "feeder": {"__all__": {
                     "endpoint", "device_id", "watchdog_s", "gas_preflow_s", "stabilise_s",
-                    "gas_postflow_s",
+                    "gas_postflow_s", "mixer_pressure_max_mbar",
                 }},
                 "hopper": {"__all__": {"dead_time_s", "lag_s"}},
                 "safety": True,

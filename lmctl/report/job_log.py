@@ -109,6 +109,10 @@ def _gather(record: dict[str, Any], t_s: float, gathered: _Gathered) -> None:
         case "operator":
             refused = f", refused: {record['refused']}" if record.get("refused") else ""
             gathered.happenings.append(Happening(t_s, f"operator: {record['act']}{refused}"))
+        case "warning":
+            text = (f"WARNING: {record['what']}; what to do: {record['hint']}" if record["stands"]
+                    else f"no longer: {record['what']}")
+            gathered.happenings.append(Happening(t_s, text))
         case "place":
             gathered.happenings.append(Happening(
                 t_s, f"motion at rest in line {record['line']}, {100 * record['share']:.0f} % of it"

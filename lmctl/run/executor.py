@@ -6,6 +6,7 @@ import asyncio
 import os
 import socket
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -33,7 +34,10 @@ from lmctl.run.snapshot import View
 from lmctl.run.state.machine import StateMachine
 from lmctl.run.state.table import Event, State
 
-__all__ = ["Continuation", "Executor", "Progress", "RunResult", "run_job"]
+__all__ = ["Continuation", "Executor", "Notice", "Progress", "RunResult", "run_job"]
+
+#: A line about an alarm or a warning, for people.
+Notice = Callable[[str], None]
 
 _BEAM_STAYED_OFF = (
     "the profile names no safety-input device ([safety]): every power was sent as S0, so the beam "
@@ -78,28 +82,33 @@ class _Live(NamedTuple):
 
 async def run_job(
     job_path: Path, profile: MachineProfile, runs_dir: Path, *, operator: str = "",
-    progress: Progress | None = None,
+    progress: Progress | None = None, notice: Notice | None = None,
 ) -> RunResult:
-    """Run a job on the machine a profile names; see `Executor.run`."""
-    return await Executor(job_path, profile, runs_dir, operator=operator, progress=progress).run()
+    """Run a job on the machine a profile names; see `Executor`."""
+    return await Executor(
+        job_path, profile, runs_dir, operator=operator, progress=progress, notice=notice
+    ).run()
 
 
 class Executor:
     """One run of one job. `hold`, `resume`, `stop` and `set_override` act while `run` runs.
 
     progress : told (program time done, in all, layer, machine time left) about once a second
+    notice : told of each alarm and warning as it comes, in a line
     continues : the run that has made the part so far, or None
     """
 
     def __init__(
         self, job_path: Path, profile: MachineProfile, runs_dir: Path, *, operator: str = "",
-        progress: Progress | None = None, continues: Continuation | None = None,
+        progress: Progress | None = None, notice: Notice | None = None,
+        continues: Continuation | None = None,
     ) -> None:
         self._job_path = job_path
         self._profile = profile
         self._runs_dir = runs_dir
         self._operator = operator
         self._progress = progress
+        self._notice = notice
         self._continues = continues
         self._override_percent = 100
         self._live: _Live | None = None
@@ -229,6 +238,8 @@ class Executor:
             whereabouts=Whereabouts(self._runs_dir, self._profile.name), run=made.run,
             continues=self._continues,
         )
+        if self._notice is not None:
+            sequence.alarms.told = self._notice
         machine = StateMachine(sequence.carry_out, sequence.halt, recorder)
         self._live = _Live(machine, sequence, course, recorder, view)
         operators = ControlSocket(control, Controls(self.snapshot, self._act, self._came))

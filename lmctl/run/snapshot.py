@@ -54,6 +54,7 @@ class View:
         position_mm, s_word, set_g_min, measured_g_min : as last reported, None before the first;
             flows in the hoppers' order
         alarms : first-out first, each with what, where and hint
+        warnings : of feeders, oldest first, each with feeder, hopper ("": unknown), what and hint
         """
         whole = (0.0, self._end_s, 0, self._end_s * 100.0 / course.override_percent)
         done_s, total_s, layer, remaining_s = self._told or whole
@@ -71,5 +72,9 @@ class View:
                 {"name": one.name, "what": one.what, "where": list(one.where), "hint": one.hint,
                  "at_s": round(one.at_s, 3)}
                 for one in alarms
+            ],
+            "warnings": [
+                {"feeder": one.feeder, "hopper": one.hopper, "what": one.what, "hint": one.hint}
+                for one in alarms.warnings
             ],
         }

@@ -12,14 +12,16 @@ from lmctl.errors import JobError, MachineError
 from lmctl.machine.beat import on_beat
 from lmctl.machine.feeder.driver import FeederDriver
 from lmctl.machine.feeder.status import FeederListener, FeederStatus
+from lmctl.machine.feeder.warnings import FeederWarning
 from lmctl.machine.motion.driver import MotionListener
 from lmctl.machine.safety.status import SafetyListener, SafetyStatus
 from lmctl.run.cell.devices import Cell
 from lmctl.run.deposition import Deposition
 from lmctl.run.interlocks.alarms import Alarms, Interlock
-from lmctl.run.interlocks.facts import STALE_PERIODS, Facts, FeederFacts, settled
+from lmctl.run.interlocks.facts import STALE_PERIODS, Facts, FeederFacts, FeederSaid, said
 from lmctl.run.interlocks.rules import RULES, RULES_WITHOUT_SAFETY
 from lmctl.run.interlocks.supervision import Supervision
+from lmctl.run.interlocks.warnings import Warnings
 from lmctl.run.journal.recorder import Recorder
 
 
@@ -54,9 +56,13 @@ class Watch:
             on_error=self._line_rejected, on_alarm=self._motion_alarm,
             on_restart=self._motion_restarted, on_lost=self._motion_lost,
         )
-        self._hoppers = [settled(feeder.status, feeder.hoppers) for feeder in cell.feeders]
+        self._mixer_max_mbar = {one.name: one.mixer_pressure_max_mbar for one in profile.feeder}
+        self._answers = tuple(self._said(feeder, feeder.status) for feeder in cell.feeders)
+        self._warnings = [Warnings(self._warn) for _ in cell.feeders]
         for at, feeder in enumerate(cell.feeders):
             feeder.listener = self._feeder_listener(at, feeder)
+            if feeder.status is not None:
+                self._warnings[at].hear(feeder.status.warnings)
         if cell.safety is not None:
             cell.safety.listener = SafetyListener(
                 on_status=self._safety_status, on_fault=self._safety_fault
@@ -70,8 +76,9 @@ class Watch:
         """Look and listen no more."""
         self._timer.cancel()
         self._cell.motion.listener = MotionListener()
-        for feeder in self._cell.feeders:
+        for feeder, warnings in zip(self._cell.feeders, self._warnings, strict=True):
             feeder.listener = FeederListener()
+            warnings.stop()
         if self._cell.safety is not None:
             self._cell.safety.listener = SafetyListener()
 
@@ -135,8 +142,12 @@ class Watch:
         ))
 
     def _feeder_listener(self, at: int, feeder: FeederDriver) -> FeederListener:
-        def status(said: FeederStatus) -> None:
-            self._hoppers[at] = settled(said, feeder.hoppers)
+        warnings = self._warnings[at]
+
+        def status(answer: FeederStatus) -> None:
+            answers = self._answers
+            self._answers = (*answers[:at], self._said(feeder, answer), *answers[at + 1:])
+            warnings.hear(answer.warnings)
             self._cell.reported()
 
         def fault(reason: str) -> None:
@@ -144,6 +155,13 @@ class Watch:
             self._raise(Interlock.of(f"feeder {feeder.name}", error))
 
         return FeederListener(on_status=status, on_fault=fault)
+
+    def _said(self, feeder: FeederDriver, answer: FeederStatus | None) -> FeederSaid:
+        return said(feeder.name, answer, feeder.hoppers, self._mixer_max_mbar[feeder.name])
+
+    def _warn(self, warning: FeederWarning, stands: bool) -> None:
+        self._recorder.warning(warning, stands=stands)
+        self._alarms.warn(warning, stands=stands)
 
     def _safety_status(self, _: SafetyStatus) -> None:
         self._look()
@@ -181,9 +199,10 @@ class Watch:
             motion_age_s=cell.motion.status_age_s,
             motion_period_s=self._profile.motion.status_period_s,
             feeders=[
-                FeederFacts(feeder.name, feeder.status_age_s, feeder.period_s, hoppers)
-                for feeder, hoppers in zip(cell.feeders, self._hoppers, strict=True)
+                FeederFacts(feeder.name, feeder.status_age_s, feeder.period_s)
+                for feeder in cell.feeders
             ],
+            answers=self._answers,
             safety=None if safety is None else safety.status,
             safety_age_s=0.0 if safety is None else safety.status_age_s,
             limits=self._profile.safety if safety is not None else None,

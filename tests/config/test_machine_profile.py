@@ -62,12 +62,30 @@ def test_a_whole_number_is_a_number():
         ("max_flow_g_min = 60", "max_flow_g_min = 1e200", "hopper[1].max_flow_g_min"),
         ("watchdog_s = 4", "gas_preflow_s = 1e300", "feeder[1].gas_preflow_s"),
         ("watchdog_s = 4", "gas_postflow_s = 7200", "feeder[1].gas_postflow_s"),
+        ("mixer_pressure_max_mbar = 200", "mixer_pressure_max_mbar = 1e6",
+         "feeder[1].mixer_pressure_max_mbar"),
     ],
 )
 def test_figures_that_no_machine_has_are_refused(old, new, path):
     ((found, reason),) = findings((old, new))
     assert found == path
     assert re.fullmatch("must be at (least|most) [0-9.]+", reason)
+
+
+@pytest.mark.parametrize("value", ["0", "-5", "nan", "inf", '"200"', "true"])
+def test_a_mixer_pressure_limit_is_a_pressure(value):
+    ((path, _),) = findings(
+        ("mixer_pressure_max_mbar = 200", f"mixer_pressure_max_mbar = {value}"))
+    assert path == "feeder[1].mixer_pressure_max_mbar"
+
+
+def test_a_mixer_pressure_limit_may_be_missing_and_changes_no_plan():
+    with_limit = toml_file.parse(TEXT, MachineProfile, name="cell.toml")
+    text = "\n".join(line for line in TEXT.splitlines() if "mixer_pressure" not in line)
+    without = toml_file.parse(text, MachineProfile, name="cell.toml")
+    assert [one.mixer_pressure_max_mbar for one in with_limit.feeder] == [200.0, 200.0]
+    assert [one.mixer_pressure_max_mbar for one in without.feeder] == [None, None]
+    assert with_limit.planning_digest() == without.planning_digest()
 
 
 def test_two_feeders_that_are_one_device_are_refused():

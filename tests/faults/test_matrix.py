@@ -13,7 +13,8 @@ from tests.faults.matrix import STATES, faults_of, try_one, write_job
 WHILE_LAYING = (
     "controller_reboots", "controller_silent", "controller_lies", "panel_hold", "ok_doubled",
     "link_closed", "bytes_flipped", "device_silent", "feeder_restarts", "disc_stalls",
-    "flow_readback_off", "disc_limited", "oxygen_high", "safety_stuck", "laser_enable_stuck", "laser_enable_drops",
+    "flow_readback_off", "disc_limited", "oxygen_high", "safety_stuck", "laser_enable_stuck",
+    "laser_enable_drops",
 )
 IN_EVERY_STATE = ("estop", "door")
 

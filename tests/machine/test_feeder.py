@@ -39,7 +39,7 @@ def test_from_opening_to_powder_and_back(map_minor):
             fed_s = now()
             await driver.stable(30.0)
             assert 7.5 <= now() - fed_s <= 9.0
-            assert driver.status.total_flow_g_min == 6.0
+            assert driver.status.mixer_pressure_mbar == 40.0
             await asyncio.sleep(2.1)
             reading = driver.status.hoppers["A"]
             assert reading.flow_est_g_min == 6.0

@@ -10,10 +10,12 @@ from firmware_protocol.pmx import HopperFlags, Mode, Status
 from firmware_protocol.pmx import State as FeederState
 from firmware_protocol.status import parse_status
 from lmctl.config.machine import Hopper, Safety
-from lmctl.machine.feeder.status import FeederStatus, HopperReading
+from lmctl.machine.feeder.readings import HopperReading
+from lmctl.machine.feeder.status import FeederStatus
+from lmctl.machine.feeder.warnings import FeederWarning
 from lmctl.machine.safety.status import SafetyStatus
 from lmctl.run.interlocks.alarms import Alarms, EmergencyStop, Interlock
-from lmctl.run.interlocks.facts import Facts, FeederFacts, OffProgram, Unasked, settled
+from lmctl.run.interlocks.facts import Facts, FeederFacts, OffProgram, Unasked, said
 from lmctl.run.interlocks.rules import RULES, RULES_WITHOUT_SAFETY
 from lmctl.run.interlocks.supervision import Supervision
 
@@ -39,26 +41,35 @@ def reading(**changes):
     ), **changes)
 
 
-def feeder(age_s=0.0, feeding=True, **changes):
+def feeder(
+    age_s=0.0, feeding=True, clipped=None, mixer_mbar=100.0, mixer_max_mbar=200.0, **changes
+):
+    warnings = [FeederWarning(55, "F1", name, "clipped", "") for name in clipped or ()]
     status = FeederStatus(
         time_s=0.0, state=FeederState.FEEDING if feeding else FeederState.READY, mode=Mode.REMOTE,
-        flags=Status.STABLE, alarm=None, alarm_count=0, warnings=0, seq_applied=1,
-        heartbeat_age_s=0.0, uptime_s=1, tick_ms=1, total_flow_g_min=6.0, total_gas_L_min=4.0,
-        mixer_pressure_mbar=100.0, hoppers={"A": reading(**changes)}, gas_ok=True,
+        flags=Status.STABLE, alarm=None, warnings=tuple(warnings), clipped=clipped is not None,
+        seq_applied=1,
+        heartbeat_age_s=0.0, uptime_s=1, tick_ms=1, total_gas_L_min=4.0,
+        mixer_pressure_mbar=mixer_mbar, hoppers={"A": reading(**changes)}, gas_ok=True,
         feeding=feeding, stable=True,
     )
-    return FeederFacts("F1", age_s, 1.0, settled(status, (HOPPER,)))
+    return {"feeders": (FeederFacts("F1", age_s, 1.0),),
+            "answers": (said("F1", status, (HOPPER,), mixer_max_mbar),)}
 
 
 FINE = Facts(
     motion=parse_status("<Run|MPos:1.000,2.000,3.000|FS:600,500>"), motion_age_s=0.1,
-    motion_period_s=0.2, still_s=0.0, off_program=OffProgram(), feeders=(feeder(),),
+    motion_period_s=0.2, still_s=0.0, off_program=OffProgram(), **feeder(),
     safety=GOOD, safety_age_s=0.0, limits=LIMITS,
 )
 
 
 def with_safety(**changes):
     return FINE._replace(safety=replace(GOOD, **changes))
+
+
+def with_feeder(**changes):
+    return FINE._replace(**feeder(**changes))
 
 
 def with_motion(text):
@@ -100,10 +111,15 @@ TRIPPED = [
      "580 W of beam, says the motion controller; the program asks for no beam here"),
     ("feed and power", off(unasked=Unasked(10.0, 10.0, 90.0, (880.0, 900.0))),
      "880 or 900 W at that speed"),
-    ("feeder silent", FINE._replace(feeders=(feeder(age_s=3.1),)), "feeder F1"),
-    ("carrier gas", FINE._replace(feeders=(feeder(carrier_L_min=3.1),)), "3.1 L/min"),
-    ("disc", FINE._replace(feeders=(feeder(flow_est_g_min=5.8),)), "5.80 g/min"),
-    ("weighed flow", FINE._replace(feeders=(feeder(flow_weighed_g_min=4.9),)), "4.90 g/min"),
+    ("feeder silent", with_feeder(age_s=3.1), "feeder F1"),
+    ("mixer pressure", with_feeder(mixer_mbar=201.0), "201 mbar, 200 mbar"),
+    ("mixer pressure", with_feeder(mixer_mbar=900.0, feeding=False),
+     "feeder F1"),
+    ("set-point", with_feeder(clipped=["A"]), "hopper A was clipped"),
+    ("set-point", with_feeder(clipped=[]), "a hopper was clipped"),
+    ("carrier gas", with_feeder(carrier_L_min=3.1), "3.1 L/min"),
+    ("disc", with_feeder(flow_est_g_min=5.8), "5.80 g/min"),
+    ("weighed flow", with_feeder(flow_weighed_g_min=4.9), "4.90 g/min"),
 ]
 
 
@@ -114,7 +130,7 @@ def found(facts):
 def test_a_good_cell_trips_nothing_with_a_safety_device_and_without():
     assert found(FINE) == []
     assert found(FINE._replace(safety=None, limits=None)) == []
-    assert found(FINE._replace(feeders=())) == []
+    assert found(FINE._replace(feeders=(), answers=())) == []
 
 
 @pytest.mark.parametrize(("name", "facts", "words"), TRIPPED,
@@ -143,9 +159,13 @@ def test_every_rule_has_a_row_above():
 
 @pytest.mark.parametrize("facts", [
     with_motion("<Door:0|MPos:1.000,2.000,3.000>"),  # closed again, not yet gone on
-    FINE._replace(feeders=(feeder(flow_est_g_min=6.11),)),  # within 2 %
-    FINE._replace(feeders=(feeder(flow_est_g_min=0.0, feeding=False),)),  # discs are off
-    FINE._replace(feeders=(feeder(carrier_L_min=None, flow_weighed_g_min=None),)),
+    with_feeder(flow_est_g_min=6.11),  # within 2 %
+    with_feeder(flow_est_g_min=0.0, feeding=False),  # discs are off
+    with_feeder(carrier_L_min=None, flow_weighed_g_min=None),
+    with_feeder(mixer_mbar=200.0),  # what is allowed
+    with_feeder(mixer_mbar=None),  # the feeder has no such sensor
+    with_feeder(mixer_mbar=900.0, mixer_max_mbar=None),  # no limit is set
+    with_feeder(clipped=["A"], feeding=False),  # discs are off
     with_safety(door_closed=None, chiller_ok=None, key_on=None),  # not fitted
 ])
 def test_what_is_no_trip(facts):
@@ -181,6 +201,68 @@ def test_a_rule_with_a_time_waits_for_it_and_starts_anew_after_a_gap():
     assert len(raised) == 2
 
 
+def test_a_mixer_pressure_trips_when_it_has_been_too_high_for_a_second():
+    supervision, raised = watched()
+    clogged = with_feeder(mixer_mbar=201.0)
+    for t in (0.0, 0.5, 0.9):
+        supervision.look(clogged, t, dark=False)
+    supervision.look(FINE, 0.95, dark=False)  # a puff
+    for t in (1.0, 1.5, 1.9):
+        supervision.look(clogged, t, dark=False)
+    assert raised == []
+    supervision.look(clogged, 2.0, dark=False)
+    assert [(type(error), error.name) for error in raised] == [(Interlock, "mixer pressure F1")]
+
+
+@pytest.mark.parametrize(("mbar", "trips"), [(201.0, ["feeder silent", "mixer pressure"]),
+                                             (100.0, ["feeder silent"]), (None, ["feeder silent"])])
+def test_a_mixer_pressure_that_is_old_counts_and_so_does_its_age(mbar, trips):
+    stale = with_feeder(age_s=3.1, mixer_mbar=mbar)
+    assert [name for name, _ in found(stale)] == trips
+
+
+def test_of_a_feeder_that_has_not_answered_nothing_is_known():
+    silent = FINE._replace(answers=(said("F1", None, (HOPPER,), 200.0),))
+    assert found(silent) == []
+
+
+def test_a_clog_keeps_from_resuming_until_it_has_cleared_however_short():
+    supervision, _ = watched()
+    clogged = with_feeder(mixer_mbar=900.0, feeding=False)
+    assert len(supervision.standing(clogged)) == 1
+    assert supervision.standing(FINE) == []
+
+
+def test_answers_in_which_nothing_is_found_are_looked_at_once_and_trouble_until_it_is_over():
+    looks = []
+
+    def looked(rule):
+        def look(facts):
+            looks.append(rule.name)
+            return rule.look(facts)
+
+        return replace(rule, look=look)
+
+    of_answers = [rule.name for rule in RULES if rule.of_answers]
+    assert of_answers == ["mixer pressure", "set-point", "carrier gas", "disc", "weighed flow"]
+    supervision, raised = watched([looked(rule) for rule in RULES])
+
+    def asked(facts, t):
+        looks.clear()
+        supervision.look(facts, t, dark=False)
+        return [name for name in looks if name in of_answers]
+
+    clogged = with_feeder(mixer_mbar=900.0)
+    assert asked(FINE, 0.0) == of_answers
+    assert asked(FINE, 0.2) == []
+    assert asked(FINE._replace(motion_age_s=0.2), 0.3) == []  # the answers are the same
+    for t in (1.0, 1.2, 1.9, 2.0, 2.2):
+        assert asked(clogged, t) == of_answers
+    assert [error.name for error in raised] == ["mixer pressure F1"]
+    assert asked(FINE, 2.4) == of_answers
+    assert asked(FINE, 2.6) == []
+
+
 def test_an_open_safety_chain_is_no_mere_hold():
     supervision, raised = watched()
     supervision.look(with_safety(estop_closed=False), 0.0, dark=False)
@@ -206,6 +288,24 @@ def test_what_stands_keeps_from_resuming_but_not_what_acknowledging_ends():
     assert [e.what for e in supervision.standing(with_safety(door_closed=False))] == [
         "the safety door is open"]
     assert supervision.standing(with_safety(relay_closed=False)) == []
+
+
+def test_alarms_and_warnings_are_told_as_they_come_and_warnings_as_they_go():
+    alarms, lines = Alarms(), []
+    alarms.told = lines.append
+    low = FeederWarning(51, "F1", "A", "hopper A: the level is low", "fill it")
+    alarms.warn(low, stands=True)
+    alarms.add(Interlock("gas", "gas is low", hint="check the bottle"), 1.0)
+    alarms.add(Interlock("gas", "gas is low"), 2.0)
+    alarms.acknowledged()
+    assert alarms.warnings == [low]  # nobody has filled it by that
+    alarms.warn(low, stands=False)
+    assert alarms.warnings == []
+    assert lines == [
+        "warning: hopper A: the level is low; what to do: fill it",
+        "alarm: gas is low; what to do: check the bottle",
+        "no longer: hopper A: the level is low",
+    ]
 
 
 def test_the_first_alarm_stays_first_until_all_are_acknowledged():

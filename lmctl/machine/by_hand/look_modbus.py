@@ -13,7 +13,9 @@ from firmware_protocol.safety_io import CYCLE_BLOCK
 from lmctl.config.machine import Feeder, Hopper, Safety
 from lmctl.errors import MachineError
 from lmctl.machine.feeder.identity import FeederIdentity, identify
-from lmctl.machine.feeder.status import FeederStatus, HopperReader, feeder_status
+from lmctl.machine.feeder.readings import HopperReader
+from lmctl.machine.feeder.status import FeederStatus, feeder_status
+from lmctl.machine.feeder.warnings import WarningReader
 from lmctl.machine.modbus.client import ModbusLink, NoAnswerError, RefusedError
 from lmctl.machine.safety.identity import identify as identify_safety
 from lmctl.machine.safety.identity import place
@@ -70,8 +72,10 @@ async def _feeder_told(
 ) -> FeederLook:
     loop = asyncio.get_running_loop()
     identity = await identify(link, feeder, hoppers)
-    names = {h.channel: h.name for h in hoppers}
-    before = await _status(link, {}, names)
+    warnings = WarningReader(
+        feeder.name, {h.channel: h.name for h in hoppers}, identity.n_hoppers
+    )
+    before = await _status(link, {}, warnings)
     readings, limits = {}, {}
     for hopper in hoppers:
         reader = HopperReader(hopper, identity.feed_factor_g_rev[hopper.name])
@@ -84,7 +88,7 @@ async def _feeder_told(
         }
     await asyncio.sleep(_BETWEEN_S)
     asked_s = loop.time()
-    after = await _status(link, readings, names)
+    after = await _status(link, readings, warnings)
     moved_s = (after.tick_ms - before.tick_ms) % _TICKS / 1000.0
     return FeederLook(
         identity, after, moved_s / (after.time_s - before.time_s), limits, loop.time() - asked_s
@@ -92,11 +96,11 @@ async def _feeder_told(
 
 
 async def _status(
-    link: ModbusLink, readings: Mapping[str, Any], names: Mapping[int, str]
+    link: ModbusLink, readings: Mapping[str, Any], warnings: WarningReader
 ) -> FeederStatus:
     words = await link.read_input(SYSTEM_BLOCK.address, SYSTEM_BLOCK.count)
     try:
-        return feeder_status(words, asyncio.get_running_loop().time(), readings, names)
+        return feeder_status(words, asyncio.get_running_loop().time(), readings, warnings)
     except ValueError as error:
         raise RegisterError(str(error)) from error
 

@@ -18,14 +18,10 @@ from lmctl.config.machine import Feeder, Hopper
 from lmctl.errors import MachineError
 from lmctl.machine.beat import on_beat
 from lmctl.machine.feeder.identity import FeederIdentity
+from lmctl.machine.feeder.readings import HopperReader, HopperReading
 from lmctl.machine.feeder.recipe import RecipeWriter
-from lmctl.machine.feeder.status import (
-    FeederListener,
-    FeederStatus,
-    HopperReader,
-    HopperReading,
-    feeder_status,
-)
+from lmctl.machine.feeder.status import FeederListener, FeederStatus, feeder_status
+from lmctl.machine.feeder.warnings import WarningReader
 from lmctl.machine.feeder.watch import Complaint, FeederWatch
 from lmctl.machine.modbus.client import BUSY, FAILURE, ModbusLink, NoAnswerError, RefusedError
 
@@ -71,7 +67,9 @@ class FeederCycle:
         }
         self._readings: Mapping[str, HopperReading] = {}
         self._mirrored = max(reader.mirrored.stop for reader in self._readers.values())
-        self._channels = {h.channel: h.name for h in hoppers}
+        self._warnings = WarningReader(
+            feeder.name, {h.channel: h.name for h in hoppers}, identity.n_hoppers
+        )
         self._due_s = self._status_due_s = self._hoppers_due_s = self._loop.time()
         self._news = False
         self._ask_status = False
@@ -259,7 +257,7 @@ class FeederCycle:
     def _understood(self, words: Sequence[int]) -> FeederStatus:
         """Raises RegisterError for words without meaning."""
         try:
-            return feeder_status(words, self._loop.time(), self._readings, self._channels)
+            return feeder_status(words, self._loop.time(), self._readings, self._warnings)
         except ValueError as error:
             raise RegisterError(str(error)) from error
 

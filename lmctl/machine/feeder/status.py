@@ -6,40 +6,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from firmware_protocol.pmx import (
-    PMX,
-    SYSTEM_BLOCK,
-    HopperFlags,
-    Mode,
-    State,
-    Status,
-    hopper_names,
-    hopper_row,
-    mirrored_at,
-)
-from firmware_protocol.pmx_alarms import Alarm, alarm
-from lmctl.config.machine import Hopper
-
-
-@dataclass(frozen=True)
-class HopperReading:
-    """One hopper as last read; None where the device says "not available".
-
-    time_s : loop time of the reply; hoppers are read less often than the device itself
-    setpoint_g_min : what the disc is asked to feed now, after the device's ramp
-    flow_est_g_min : disc speed times feed factor
-    flow_weighed_g_min : from the load cell
-    """
-
-    time_s: float
-    flags: HopperFlags
-    setpoint_g_min: float
-    flow_est_g_min: float | None
-    flow_weighed_g_min: float | None
-    weight_g: float | None
-    level_percent: float | None
-    carrier_L_min: float | None
-
+from firmware_protocol.pmx import SYSTEM_BLOCK, Mode, State, Status
+from firmware_protocol.pmx_alarms import CLIPPED_BIT, Alarm, first_out
+from lmctl.machine.feeder.readings import HopperReading
+from lmctl.machine.feeder.warnings import FeederWarning, WarningReader
 
 _TURNING = (State.STABILISING, State.FEEDING)
 
@@ -47,7 +17,9 @@ _TURNING = (State.STABILISING, State.FEEDING)
 class FeederStatus(NamedTuple):
     """One good status reply. time_s : loop time it arrived.
 
-    alarm : the first-out alarm in words, None without one
+    alarm : the first-out alarm in words, with the others that stand; None without one
+    warnings : what it warns of; the same object for as long as that is the same
+    clipped : it has clipped a set-point: what it feeds is not the recipe
     seq_applied : number of the recipe that is really running
     feeding : discs turn, whether or not the flow has settled
     stable : powder has run long enough to be steady at the nozzle
@@ -58,13 +30,12 @@ class FeederStatus(NamedTuple):
     mode: Mode
     flags: Status
     alarm: Alarm | None
-    alarm_count: int
-    warnings: int
+    warnings: tuple[FeederWarning, ...]
+    clipped: bool
     seq_applied: int
     heartbeat_age_s: float
     uptime_s: int
     tick_ms: int
-    total_flow_g_min: float | None
     total_gas_L_min: float | None
     mixer_pressure_mbar: float | None
     hoppers: Mapping[str, HopperReading]
@@ -75,35 +46,35 @@ class FeederStatus(NamedTuple):
 
 #: The rows of the system block that a status is made of.
 _STATUS_ROWS = SYSTEM_BLOCK.only((
-    "STATUS", "WARNING", "FIRST_ALARM_CODE", "ALARM_COUNT", "HEARTBEAT_AGE", "UPTIME", "MODE",
-    "STATE", "TOTAL_FLOW", "MIXER_PRESSURE", "TOTAL_GAS", "SEQ_APPLIED", "TICK",
+    "STATUS", "ALARM", "WARNING", "FIRST_ALARM_CODE", "HEARTBEAT_AGE", "UPTIME", "MODE", "STATE",
+    "MIXER_PRESSURE", "TOTAL_GAS", "SEQ_APPLIED", "TICK",
 ))
 
 
 def feeder_status(
     words: Sequence[int], time_s: float, hoppers: Mapping[str, HopperReading],
-    names: Mapping[int, str],
+    warnings: WarningReader,
 ) -> FeederStatus:
-    """The system block's words as a status. names : of the hoppers, by channel.
+    """The system block's words as a status. warnings : of this feeder, and who its hoppers are.
 
     Raises RegisterError where their number is wrong; ValueError for a state nobody knows.
     """
     values: dict[str, Any] = _STATUS_ROWS.decode(words)
     flags, state = Status(values["STATUS"]), State(values["STATE"])
-    code = values["FIRST_ALARM_CODE"]
+    code, warned = values["FIRST_ALARM_CODE"], values["WARNING"]
     return FeederStatus(
         time_s=time_s,
         state=state,
         mode=Mode(values["MODE"]),
         flags=flags,
-        alarm=alarm(code, names) if code or Status.ALARM in flags else None,
-        alarm_count=values["ALARM_COUNT"],
-        warnings=values["WARNING"],
+        alarm=first_out(code, values["ALARM"], warnings.names)
+        if code or Status.ALARM in flags else None,
+        warnings=warnings.read(warned, hoppers),
+        clipped=bool(warned & CLIPPED_BIT),
         seq_applied=values["SEQ_APPLIED"],
         heartbeat_age_s=values["HEARTBEAT_AGE"] / 1000.0,
         uptime_s=values["UPTIME"],
         tick_ms=values["TICK"],
-        total_flow_g_min=values["TOTAL_FLOW"],
         total_gas_L_min=values["TOTAL_GAS"],
         mixer_pressure_mbar=values["MIXER_PRESSURE"],
         hoppers=hoppers,
@@ -111,47 +82,6 @@ def feeder_status(
         feeding=state in _TURNING,
         stable=Status.STABLE in flags,
     )
-
-
-#: Rows of a hopper that a reading holds: the first of its block, in one read.
-_READ = 11
-
-
-class HopperReader:
-    """Reads one hopper. address, count : of its input registers; mirrored : which of the mirror's.
-
-    feed_factor_g_rev : what the device believes, to tell set-points in g/min
-    """
-
-    def __init__(self, hopper: Hopper, feed_factor_g_rev: float) -> None:
-        wanted = [
-            name for name in hopper_names(hopper.channel)
-            if PMX[name].address < 100 * hopper.channel + _READ
-        ]
-        (self._block,) = PMX.plan_reads(wanted)
-        self.address, self.count = self._block.address, self._block.count
-        at = mirrored_at(hopper.channel)
-        self.mirrored = slice(at, at + self.count)
-        self._hopper = hopper
-        self._factor = feed_factor_g_rev
-
-    def reading(self, words: Sequence[int], time_s: float) -> HopperReading:
-        """Raises RegisterError where the number of words is wrong."""
-        values: dict[str, Any] = self._block.decode(words)
-
-        def value(name: str) -> Any:
-            return values[hopper_row(self._hopper.channel, name)]
-
-        return HopperReading(
-            time_s=time_s,
-            flags=HopperFlags(value("STATUS")),
-            setpoint_g_min=(value("DISC_RAMPED") or 0.0) * self._factor,
-            flow_est_g_min=value("FLOW_EST"),
-            flow_weighed_g_min=value("FLOW_LIW"),
-            weight_g=value("WEIGHT"),
-            level_percent=value("LEVEL"),
-            carrier_L_min=value("CARRIER_ACT"),
-        )
 
 
 def _ignore_status(status: FeederStatus) -> None:

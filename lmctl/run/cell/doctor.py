@@ -158,6 +158,10 @@ def _feeder(
     ):
         good = flag in status.flags
         yield Check(good, fine if good else bad, hint, dangerous=True)
+    if status.mixer_pressure_mbar is not None:
+        yield _mixer(status.mixer_pressure_mbar, feeder.mixer_pressure_max_mbar)
+    for warning in status.warnings:
+        yield Check(False, warning.what, warning.hint)
     horizon_s = profile.motion.send_horizon_s
     allowed_s = feeder.watchdog_s + min((h.dead_time_s for h in hoppers), default=0.0)
     yield Check(horizon_s < allowed_s,
@@ -167,20 +171,25 @@ def _feeder(
         yield from _hopper(look, hopper)
 
 
+def _mixer(mbar: float, most_mbar: float | None) -> Check:
+    if most_mbar is None:
+        return Check(True, f"mixer pressure {mbar:g} mbar, and no mixer_pressure_max_mbar in the "
+                           "profile: only its own alarm tells of a clog")
+    return Check(mbar <= most_mbar, f"mixer pressure {mbar:g} mbar, {most_mbar:g} mbar is allowed",
+                 "look for a clogged nozzle or kinked hose", dangerous=True)
+
+
 def _hopper(look: FeederLook, hopper: Hopper) -> Iterator[Check]:
     reading, limits = look.status.hoppers[hopper.name], look.limits[hopper.name]
     factor = look.identity.feed_factor_g_rev[hopper.name]
     name = f"hopper {hopper.name} ({hopper.material})"
     present = HopperFlags.PRESENT in reading.flags
     empty = HopperFlags.LEVEL_EMPTY in reading.flags
-    low = HopperFlags.LEVEL_LOW in reading.flags
     level = "" if reading.level_percent is None else f", level {reading.level_percent:.0f} %"
     yield Check(present and not empty,
                 f"{name}: " + ("not there" if not present else "empty" if empty else "there")
                 + level, "fill it" if present else "fit it, or take it out of the profile",
                 dangerous=True)
-    if low and not empty:
-        yield Check(False, f"{name}: level low", "fill it before a long job")
     least, most = factor * limits["N_MIN"], factor * limits["N_MAX"]
     good = least <= hopper.min_flow_g_min and hopper.max_flow_g_min <= most
     yield Check(good, f"{name}: {factor:g} g/rev, {least:.2f} to {most:.1f} g/min; the profile "
@@ -214,7 +223,7 @@ def _safety(status: SafetyStatus | LmctlError, limits: Safety) -> Iterator[Check
 def _holding(status: SafetyStatus, limits: Safety) -> Iterator[Finding]:
     """What a run would be refused for. (An open watchdog relay it closes itself.)"""
     facts = Facts(motion=None, still_s=0.0, off_program=OffProgram(), motion_age_s=0.0,
-                  motion_period_s=1.0, feeders=(),
+                  motion_period_s=1.0, feeders=(), answers=(),
                   safety=status, safety_age_s=0.0, limits=limits)
     for rule in RULES:
         if rule.of_safety and not rule.latched:

@@ -6,10 +6,11 @@ operator. Everything else that goes wrong ends the run.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from lmctl.errors import MachineError
+from lmctl.machine.feeder.warnings import FeederWarning
 
 
 class Interlock(MachineError):  # noqa: N818 (it is the cell's own word)
@@ -44,10 +45,20 @@ class Alarm:
     at_s: float
 
 
+def _tell_nobody(line: str) -> None:
+    pass
+
+
 class Alarms:
-    """The alarms of a run since it last went on, the first one first."""
+    """The alarms of a run since it last went on, the first one first, and the warnings that stand.
+
+    told : called with a line for people as an alarm or warning comes, and as a warning is over
+    warnings : oldest first
+    """
 
     def __init__(self) -> None:
+        self.told: Callable[[str], None] = _tell_nobody
+        self.warnings: list[FeederWarning] = []
         self._alarms: dict[str, Alarm] = {}
 
     def __iter__(self) -> Iterator[Alarm]:
@@ -67,7 +78,17 @@ class Alarms:
         if name in self._alarms:
             return None
         alarm = self._alarms[name] = Alarm(name, error.what, error.where, error.hint, at_s)
+        self.told(f"alarm: {alarm.what}" + (f"; what to do: {alarm.hint}" if alarm.hint else ""))
         return alarm
+
+    def warn(self, warning: FeederWarning, *, stands: bool) -> None:
+        """A warning has appeared, or is over."""
+        if stands:
+            self.warnings.append(warning)
+            self.told(f"warning: {warning.what}; what to do: {warning.hint}")
+        else:
+            self.warnings.remove(warning)
+            self.told(f"no longer: {warning.what}")
 
     def acknowledged(self) -> None:
         """The operator has seen them and the run goes on."""

@@ -5,22 +5,38 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
+from firmware_protocol.pmx_alarms import CLIPPED
 from firmware_protocol.status import StatusReport
 from lmctl.config.machine import Hopper, Safety
-from lmctl.machine.feeder.status import FeederStatus, HopperReading
+from lmctl.machine.feeder.readings import HopperReading
+from lmctl.machine.feeder.status import FeederStatus
 from lmctl.machine.safety.status import SafetyStatus
 
 #: Reports missing before a device counts as silent (process.md 5.3).
 STALE_PERIODS = 3
 
 
+class FeederSaid(NamedTuple):
+    """What matters of a feeder's last good answer. name : of the feeder
+
+    hoppers : those in use, once powder runs and has settled, with what was read of each
+    clipped : it feeds, and has clipped a set-point; the names of the hoppers, as far as known
+    mixer_mbar, mixer_max_mbar : what it tells and what the profile allows; None: not known
+    """
+
+    name: str
+    hoppers: Sequence[tuple[Hopper, HopperReading]] = ()
+    clipped: Sequence[str] | None = None
+    mixer_mbar: float | None = None
+    mixer_max_mbar: float | None = None
+
+
 class FeederFacts(NamedTuple):
-    """How old a feeder's last good answer is, and what it said of hoppers: see `settled`."""
+    """How old a feeder's last good answer is."""
 
     name: str
     age_s: float
     period_s: float
-    hoppers: Sequence[tuple[Hopper, HopperReading]]
 
 
 class Unasked(NamedTuple):
@@ -56,6 +72,7 @@ class Facts(NamedTuple):
     still_s : for how long the controller has said that it runs the program without moving, the
         program's own waits left out
     off_program : no difference where no program runs
+    answers : of the feeders; the same object until one answers again
     safety, limits : None where the cell has no safety-input device
     """
 
@@ -65,17 +82,25 @@ class Facts(NamedTuple):
     motion_age_s: float
     motion_period_s: float
     feeders: Sequence[FeederFacts]
+    answers: Sequence[FeederSaid]
     safety: SafetyStatus | None
     safety_age_s: float
     limits: Safety | None
 
 
-def settled(
-    status: FeederStatus | None, hoppers: Iterable[Hopper]
-) -> tuple[tuple[Hopper, HopperReading], ...]:
-    """Those of a feeder's hoppers whose powder runs and has settled, with what was read of them."""
-    if status is None or not (status.feeding and status.stable):
-        return ()
-    return tuple(
-        (hopper, status.hoppers[hopper.name]) for hopper in hoppers if hopper.name in status.hoppers
+def said(
+    feeder: str, status: FeederStatus | None, hoppers: Iterable[Hopper],
+    mixer_max_mbar: float | None,
+) -> FeederSaid:
+    """What interlocks look at of a feeder's answer. mixer_max_mbar : of the profile"""
+    if status is None:
+        return FeederSaid(feeder)
+    readings = status.hoppers
+    clipped = None
+    if status.clipped and status.feeding:
+        clipped = [w.hopper for w in status.warnings if w.number == CLIPPED]
+    settled = hoppers if status.feeding and status.stable else ()
+    return FeederSaid(
+        feeder, tuple((h, readings[h.name]) for h in settled if h.name in readings), clipped,
+        status.mixer_pressure_mbar, mixer_max_mbar,
     )

@@ -19,8 +19,33 @@ def silent(facts: Facts) -> Iterator[Finding]:
                           "check its power and cable", feeder.name)
 
 
+def mixer(facts: Facts) -> Iterator[Finding]:
+    """Its own alarm is the second line: it comes when the nozzle is shut already."""
+    for feeder in facts.answers:
+        mbar, most_mbar = feeder.mixer_mbar, feeder.mixer_max_mbar
+        if mbar is not None and most_mbar is not None and mbar > most_mbar:
+            yield Finding(
+                f"feeder {feeder.name}: the mixer pressure is {mbar:.0f} mbar, {most_mbar:g} mbar "
+                "is allowed",
+                "look for a clogged nozzle or kinked hose", feeder.name,
+            )
+
+
+def clipped(facts: Facts) -> Iterator[Finding]:
+    """A clipped set-point is another mixture. Disc and weight agree with it, so only this tells."""
+    for feeder in facts.answers:
+        if feeder.clipped is not None:
+            of = " and ".join(f"hopper {name}" for name in feeder.clipped) or "a hopper"
+            yield Finding(
+                f"feeder {feeder.name}: the set-point of {of} was clipped: the mixture is not the "
+                "one planned",
+                "look at its display whether a disc was given another highest speed, then resume",
+                feeder.name,
+            )
+
+
 def carrier_gas(facts: Facts) -> Iterator[Finding]:
-    for feeder in facts.feeders:
+    for feeder in facts.answers:
         for hopper, reading in feeder.hoppers:
             flow, wanted = reading.carrier_L_min, hopper.carrier_L_min
             if flow is not None and flow < _CARRIER_SHARE * wanted:
@@ -32,7 +57,7 @@ def carrier_gas(facts: Facts) -> Iterator[Finding]:
 
 
 def disc(facts: Facts) -> Iterator[Finding]:
-    for feeder in facts.feeders:
+    for feeder in facts.answers:
         for hopper, reading in feeder.hoppers:
             flow, wanted = reading.flow_est_g_min, reading.setpoint_g_min
             if _is_off(flow, wanted, _DISC_LEAST_G_MIN, _DISC_SHARE):
@@ -44,7 +69,7 @@ def disc(facts: Facts) -> Iterator[Finding]:
 
 
 def weighed(facts: Facts) -> Iterator[Finding]:
-    for feeder in facts.feeders:
+    for feeder in facts.answers:
         for hopper, reading in feeder.hoppers:
             weighed, wanted = reading.flow_weighed_g_min, reading.setpoint_g_min
             if _is_off(weighed, wanted, _WEIGHED_LEAST_G_MIN, _WEIGHED_SHARE):

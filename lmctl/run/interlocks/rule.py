@@ -33,6 +33,7 @@ class Rule:
     for_s : how long it must be so before anything is done
     latched : it stands until an operator acknowledges it, and so does not keep one from that
     of_safety : only the safety-input device says so; without one there is nothing to look at
+    of_answers : it looks at `Facts.answers` and at nothing else
     """
 
     name: str
@@ -41,3 +42,4 @@ class Rule:
     for_s: float = 0.0
     latched: bool = False
     of_safety: bool = False
+    of_answers: bool = False

@@ -11,7 +11,7 @@ from lmctl.run.interlocks.rule import Reaction, Rule
 #: The controller holds by itself; a relay that has just closed shows in its next report only.
 _DOOR_S = 0.5
 
-_SHIELD_GAS_S, _CARRIER_GAS_S, _DISC_S, _WEIGHED_S = 0.5, 1.0, 2.0, 20.0
+_SHIELD_GAS_S, _MIXER_S, _CARRIER_GAS_S, _DISC_S, _WEIGHED_S = 0.5, 1.0, 1.0, 2.0, 20.0
 
 #: The first row that holds is the first alarm, where several hold at once.
 RULES: tuple[Rule, ...] = (
@@ -30,9 +30,11 @@ RULES: tuple[Rule, ...] = (
     Rule("wait", of_motion.early),
     Rule("feed and power", of_motion.unasked),
     Rule("feeder silent", of_feeders.silent),
-    Rule("carrier gas", of_feeders.carrier_gas, for_s=_CARRIER_GAS_S),
-    Rule("disc", of_feeders.disc, for_s=_DISC_S),
-    Rule("weighed flow", of_feeders.weighed, for_s=_WEIGHED_S),
+    Rule("mixer pressure", of_feeders.mixer, for_s=_MIXER_S, of_answers=True),
+    Rule("set-point", of_feeders.clipped, of_answers=True),
+    Rule("carrier gas", of_feeders.carrier_gas, for_s=_CARRIER_GAS_S, of_answers=True),
+    Rule("disc", of_feeders.disc, for_s=_DISC_S, of_answers=True),
+    Rule("weighed flow", of_feeders.weighed, for_s=_WEIGHED_S, of_answers=True),
     Rule("extraction", of_cell.extraction, Reaction.PATH_END, of_safety=True),
 )
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 from lmctl.errors import MachineError
 from lmctl.run.interlocks.alarms import EmergencyStop, Interlock
-from lmctl.run.interlocks.facts import Facts
+from lmctl.run.interlocks.facts import Facts, FeederSaid
 from lmctl.run.interlocks.rule import Finding, Reaction, Rule
 
 #: An interlock that waits for the end of a path waits no longer than this [s].
@@ -25,14 +25,21 @@ class Supervision:
     ) -> None:
         self._raised = raised
         self._rules = rules
+        self._others = tuple(rule for rule in rules if not rule.of_answers)
+        self._sound: Sequence[FeederSaid] | None = None  # answers in which nothing was found
         self._since: dict[tuple[str, str], float] = {}
         self._told: set[tuple[str, str]] = set()
 
     def look(self, facts: Facts, t: float, *, dark: bool) -> None:
         """dark : whether the program has the beam off just now."""
         holding: set[tuple[str, str]] = set()
-        for rule in self._rules:
+        # Most looks come between two answers of a feeder.
+        sound = facts.answers is self._sound
+        self._sound = facts.answers
+        for rule in self._others if sound else self._rules:
             for finding in rule.look(facts):
+                if rule.of_answers:
+                    self._sound = None
                 key = rule.name, finding.subject
                 holding.add(key)
                 lasted_s = t - self._since.setdefault(key, t)

@@ -9,6 +9,7 @@ executed  a path has been executed: all its lines, not only acknowledged
 place     motion has come to rest: the line reached, and the share of it that has been executed
 entry     how the job goes on after that: the line lit first, and the bead laid twice [mm]
 alarm     an interlock has tripped: which, and the words the operator reads
+warning   a feeder warns of something that holds nothing: which, and whether it stands or is over
 setpoint  flows sent to the hoppers [g/min]
 override  a feed override asked for, or reported by the controller [%]
 operator  an act that came by the control socket: from whom, and why it was refused if it was
@@ -26,6 +27,7 @@ from datetime import UTC, datetime
 from typing import Any, NamedTuple
 
 from lmctl.errors import JournalError, LmctlError
+from lmctl.machine.feeder.warnings import FeederWarning
 from lmctl.run.interlocks.alarms import Alarm
 from lmctl.run.journal.writer import Journal
 from lmctl.run.program.reentry import Entry, Place
@@ -112,6 +114,13 @@ class Recorder:
         """An interlock has tripped."""
         self._append("alarm", name=alarm.name, what=alarm.what, hint=alarm.hint,
                      local={"where": list(alarm.where)})
+
+    def warning(self, warning: FeederWarning, *, stands: bool) -> None:
+        """A warning has appeared, or is over."""
+        self._append(
+            "warning", number=warning.number, feeder=warning.feeder, hopper=warning.hopper,
+            stands=stands, what=warning.what, hint=warning.hint,
+        )
 
     def purged(self, fed_g: dict[str, float]) -> None:
         """Powder that has gone into no layer."""

@@ -55,7 +55,7 @@ def undisturbed(tmp_path_factory, profile, job_file):
 def run(tmp_path, profile):
     """Runs a job on a bench of its own: run(job, bench=..., acts=..., override=...)."""
 
-    def one_run(job, **options):
+    def one_run(job, *, profile=profile, **options):
         folder = tmp_path / f"bench-{len(list(tmp_path.glob('bench-*')))}"
         return BenchRun(folder, profile, job, **options)
 
@@ -66,10 +66,11 @@ class BenchRun:
     """One run and what became of it: `result` or `error`, its journal, the bench's record.
 
     bench : replacements in the text of the example bench
-    acts : (seconds after motion has started, callable(this))
+    acts : (seconds after motion has started, callable(this)); before : called before the run
+    notices : what was told of alarms and warnings
     """
 
-    def __init__(self, folder, profile, job, *, bench=(), acts=(), override=100):
+    def __init__(self, folder, profile, job, *, bench=(), acts=(), before=None, override=100):
         text = (EXAMPLES / "bench.toml").read_text()
         for old, new in bench:
             assert old in text
@@ -77,6 +78,8 @@ class BenchRun:
         self.job = job
         self.result = self.error = None
         self.told = []
+        self.notices = []
+        self._before = before
         virtual_time.run(self._main(BenchConfig.parse(text), folder, profile, acts, override))
         (run_folder,) = (folder / "runs").iterdir()
         self.journal = run_folder / "journal.jsonl"
@@ -87,7 +90,10 @@ class BenchRun:
             self.executor = Executor(
                 self.job, wired(profile, self.bench.endpoints), folder / "runs", operator="Ada",
                 progress=lambda *told: self.told.append((self.loop.time(), *told)),
+                notice=self.notices.append,
             )
+            if self._before is not None:
+                self._before(self)
             if override != 100:
                 self.executor.set_override(override)
             self.began_s = self.loop.time()

@@ -1,0 +1,71 @@
+"""What a feeder says of one hopper, in the terms of the cell: flows in g/min."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from firmware_protocol.pmx import PMX, HopperFlags, hopper_names, hopper_row, mirrored_at
+from lmctl.config.machine import Hopper
+
+
+@dataclass(frozen=True)
+class HopperReading:
+    """One hopper as last read; None where the device says "not available".
+
+    time_s : loop time of the reply; hoppers are read less often than the device itself
+    setpoint_g_min : what the disc is asked to feed now, after the device's ramp
+    flow_est_g_min : disc speed times feed factor
+    flow_weighed_g_min : from the load cell
+    """
+
+    time_s: float
+    flags: HopperFlags
+    setpoint_g_min: float
+    flow_est_g_min: float | None
+    flow_weighed_g_min: float | None
+    weight_g: float | None
+    level_percent: float | None
+    carrier_L_min: float | None
+
+
+#: Rows of a hopper that a reading holds: the first of its block, in one read.
+_READ = 11
+
+
+class HopperReader:
+    """Reads one hopper. address, count : of its input registers; mirrored : which of the mirror's.
+
+    feed_factor_g_rev : what the device believes, to tell set-points in g/min
+    """
+
+    def __init__(self, hopper: Hopper, feed_factor_g_rev: float) -> None:
+        wanted = [
+            name for name in hopper_names(hopper.channel)
+            if PMX[name].address < 100 * hopper.channel + _READ
+        ]
+        (self._block,) = PMX.plan_reads(wanted)
+        self.address, self.count = self._block.address, self._block.count
+        at = mirrored_at(hopper.channel)
+        self.mirrored = slice(at, at + self.count)
+        self._hopper = hopper
+        self._factor = feed_factor_g_rev
+
+    def reading(self, words: Sequence[int], time_s: float) -> HopperReading:
+        """Raises RegisterError where the number of words is wrong."""
+        values: dict[str, Any] = self._block.decode(words)
+
+        def value(name: str) -> Any:
+            return values[hopper_row(self._hopper.channel, name)]
+
+        return HopperReading(
+            time_s=time_s,
+            flags=HopperFlags(value("STATUS")),
+            setpoint_g_min=(value("DISC_RAMPED") or 0.0) * self._factor,
+            flow_est_g_min=value("FLOW_EST"),
+            flow_weighed_g_min=value("FLOW_LIW"),
+            weight_g=value("WEIGHT"),
+            level_percent=value("LEVEL"),
+            carrier_L_min=value("CARRIER_ACT"),
+        )

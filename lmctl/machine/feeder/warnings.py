@@ -1,0 +1,96 @@
+"""What a feeder warns of while it goes on: which hopper, in words, and what to do about it.
+
+WARNING has one bit a warning, whichever hopper it is of. Low levels and clipped set-points are told
+by each hopper's own flags; the others are named after a hopper only where there is but one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
+
+from firmware_protocol.pmx import HopperFlags
+from firmware_protocol.pmx_alarms import CLIPPED, DRIFT, LEVEL_LOW, warnings_in
+from lmctl.machine.feeder.readings import HopperReading
+
+_OWN_FLAG = {LEVEL_LOW: HopperFlags.LEVEL_LOW, CLIPPED: HopperFlags.LIMITED}
+
+
+class FeederWarning(NamedTuple):
+    """number : 51 for a low level to 55 for a clipped set-point (process.md 1.4)
+
+    hopper : by name, "" where the feeder does not tell which
+    what, hint : as operators read it; figures are those with which it appeared
+    """
+
+    number: int
+    feeder: str
+    hopper: str
+    what: str
+    hint: str
+
+
+class WarningReader:
+    """Puts one feeder's word WARNING into words. names : of the hoppers in use, by channel.
+
+    n_hoppers : what the device has; a level or set-point of one that is not in use is not told
+    """
+
+    def __init__(self, feeder: str, names: Mapping[int, str], n_hoppers: int) -> None:
+        self.names = names
+        self._feeder = feeder
+        self._only = next(iter(names.values()), "") if n_hoppers == 1 else ""
+        self._word = 0
+        self._hoppers: Mapping[str, HopperReading] = {}
+        self._standing: tuple[FeederWarning, ...] = ()
+
+    def read(
+        self, word: int, hoppers: Mapping[str, HopperReading]
+    ) -> tuple[FeederWarning, ...]:
+        """What stands now; the same object as before where nothing has come or gone.
+
+        hoppers : as last read, the same object until they are read again; before they have been
+            read for the first time, nothing is told
+        """
+        if (word == self._word and (not word or hoppers is self._hoppers)) or not hoppers:
+            return self._standing
+        self._word, self._hoppers = word, hoppers
+        known = {(one.number, one.hopper): one for one in self._standing}
+        standing = tuple(
+            known.get((one.code, hopper))
+            or FeederWarning(one.code, self._feeder, hopper, self._place(hopper) + one.text
+                             + _figures(one.code, hopper, hoppers), one.hint)
+            for one in warnings_in(word)
+            for hopper in self._of(one.code, hoppers)
+        )
+        if standing != self._standing:
+            self._standing = standing
+        return self._standing
+
+    def _of(self, number: int, hoppers: Mapping[str, HopperReading]) -> Iterable[str]:
+        flag = _OWN_FLAG.get(number)
+        if flag is None:
+            return (self._only,)
+        return [name for name, reading in hoppers.items() if flag in reading.flags]
+
+    def _place(self, hopper: str) -> str:
+        if hopper:
+            return f"hopper {hopper} of feeder {self._feeder}: "
+        return f"feeder {self._feeder}, one of its hoppers: "
+
+
+def _figures(number: int, hopper: str, hoppers: Mapping[str, HopperReading]) -> str:
+    """The reading that shows it, where one does."""
+    if number == LEVEL_LOW:
+        reading = hoppers[hopper]
+        said = [] if reading.level_percent is None else [f"{reading.level_percent:.0f} %"]
+        said += [] if reading.weight_g is None else [f"{reading.weight_g:.0f} g left"]
+    elif number == DRIFT:
+        said = [
+            f"{name} {one.flow_weighed_g_min:.2f} of {one.flow_est_g_min:.2f} g/min"
+            for name, one in hoppers.items()
+            if one.flow_weighed_g_min is not None and one.flow_est_g_min is not None
+        ]
+    else:
+        said = []
+    return f" ({', '.join(said)})" if said else ""

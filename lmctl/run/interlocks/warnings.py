@@ -1,0 +1,58 @@
+"""What feeders warn of in a run: told when it appears, and when it has gone for good.
+
+A warning stops nothing. One that comes and goes is told once: it is over only after it has stayed
+away for a while, so that a flickering bit does not fill the journal.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Sequence
+
+from firmware_protocol.pmx_alarms import CLIPPED
+from lmctl.machine.feeder.warnings import FeederWarning
+
+#: How long a warning must stay away to be over [s].
+GONE_S = 60.0
+
+_Key = tuple[int, str]
+
+
+class Warnings:
+    """The warnings of one feeder in one run.
+
+    told : called with each one as it appears (True) and when it is over (False)
+    """
+
+    def __init__(self, told: Callable[[FeederWarning, bool], None]) -> None:
+        self._told = told
+        self._loop = asyncio.get_running_loop()
+        self._heard: Sequence[FeederWarning] = ()
+        self._standing: dict[_Key, FeederWarning] = {}
+        self._leaving: dict[_Key, asyncio.TimerHandle] = {}
+
+    def hear(self, warnings: Sequence[FeederWarning]) -> None:
+        """What it warns of now; the same object as long as that is the same."""
+        if warnings is self._heard:
+            return
+        self._heard = warnings
+        # A clipped set-point holds the run: that is an alarm, and not told twice.
+        now = {(one.number, one.hopper): one for one in warnings if one.number != CLIPPED}
+        for key in self._standing:
+            if key not in now and key not in self._leaving:
+                self._leaving[key] = self._loop.call_later(GONE_S, self._gone, key)
+        for key, one in now.items():
+            if key in self._leaving:
+                self._leaving.pop(key).cancel()
+            if key not in self._standing:
+                self._standing[key] = one
+                self._told(one, True)
+
+    def stop(self) -> None:
+        """The run is over: nothing more is told."""
+        for timer in self._leaving.values():
+            timer.cancel()
+
+    def _gone(self, key: _Key) -> None:
+        del self._leaving[key]
+        self._told(self._standing.pop(key), False)

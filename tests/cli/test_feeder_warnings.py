@@ -1,0 +1,100 @@
+"""What feeders warn of, as an operator meets it: before a run, while it goes, and in its log."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+
+import pytest
+
+from simulators.feeder import readings
+
+CELL = (files("lmctl.examples") / "cell.toml").read_text()
+
+
+@pytest.fixture
+def feeders_tell(monkeypatch):
+    """Every simulated feeder tells other values of itself."""
+    honest = readings._system
+
+    def tell(**values):
+        monkeypatch.setattr(readings, "_system", lambda *device: honest(*device) | values)
+
+    return tell
+
+
+def test_status_shows_pressure_and_warnings_with_what_to_do(lmctl, feeders_tell):
+    assert "gas        0.0 L/min, mixer pressure 0 mbar" in lmctl("machine", "status", "--sim").data
+    feeders_tell(WARNING=0b1110, MIXER_PRESSURE=130)
+    text = lmctl("machine", "status", "--sim").data
+    for part in ("mixer pressure 130 mbar", "warning    hopper A of feeder F1: the weighed flow",
+                 "hopper B of feeder F2: its calibration is old",
+                 "what to do: recalibrate the feed factor before the next job"):
+        assert part in text
+    seen = lmctl("machine", "status", "--sim", "--json").json["feeders"]["F1"]
+    assert seen["mixer_pressure_mbar"] == 130
+    assert [one["what"].partition(": ")[2] for one in seen["warnings"]] == [
+        "the weighed flow differs from the estimate by more than 5 % (A 0.00 of 0.00 g/min)",
+        "the flow is unsteady, by more than 3 %", "its calibration is old"]
+    feeders_tell(MIXER_PRESSURE=None)
+    assert "mixer pressure - mbar" in lmctl("machine", "status", "--sim").data
+
+
+def test_doctor_has_warnings_to_mend_and_a_clog_that_keeps_a_run_from_starting(
+    lmctl, feeders_tell, tmp_path
+):
+    well = lmctl("machine", "doctor", "--sim")
+    assert "✓ mixer pressure 0 mbar, 200 mbar is allowed" in well.data
+    feeders_tell(WARNING=0b1000)
+    warned = lmctl("machine", "doctor", "--sim")
+    assert warned.code == 1
+    assert "✗ hopper A of feeder F1: its calibration is old" in warned.data
+    feeders_tell(MIXER_PRESSURE=201)
+    clogged = lmctl("machine", "doctor", "--sim")
+    assert clogged.code == 4
+    assert "✗ mixer pressure 201 mbar, 200 mbar is allowed" in clogged.data
+    assert "what to do: look for a clogged nozzle or kinked hose" in clogged.data
+    (tmp_path / "bare.toml").write_text(
+        "\n".join(line for line in CELL.splitlines() if "mixer_pressure" not in line))
+    unwatched = lmctl("machine", "doctor", "--sim", "-m", "bare.toml")
+    assert unwatched.code == 0
+    assert "no mixer_pressure_max_mbar in the profile" in unwatched.data
+    feeders_tell(MIXER_PRESSURE=None)
+    without = lmctl("machine", "doctor", "--sim")
+    assert without.code == 0
+    assert "mixer" not in without.data
+
+
+@pytest.fixture
+def box(lmctl, tmp_path):
+    """A small box, planned."""
+    lmctl("init", "-t", "box", ".")
+    text = (tmp_path / "box.toml").read_text()
+    (tmp_path / "box.toml").write_text(text.replace("[30, 20, 8]", "[12, 8, 0.8]"))
+    assert lmctl("plan", "box.toml", "--machine", "cell.toml", "-o", "box.lmj").code == 0
+    return tmp_path / "box.lmj"
+
+
+def test_a_run_tells_of_a_low_level_and_goes_on_and_its_log_tells_it_too(lmctl, box, tmp_path):
+    (tmp_path / "faults.toml").write_text(
+        '[[fault]]\nkind = "hopper_level"\ndevice = "F1"\ngrams = 1500\nat_s = 5\n')
+    done = lmctl("run", box, "--sim", "--faults", "faults.toml")
+    assert done.code == 0, done.talk
+    line = "hopper A of feeder F1: the level is low (8 %, 1500 g left); what to do: fill it soon"
+    (told,) = [one for one in done.talk.splitlines() if one.startswith("warning: ")]
+    assert told.startswith(f"warning: {line}")
+    assert "warning" not in done.data
+    assert f"WARNING: {line}" in lmctl("log", "run-0001").data
+
+
+def test_an_alarm_is_told_when_it_comes_and_not_only_at_the_end(lmctl, box, tmp_path, monkeypatch):
+    monkeypatch.setattr("lmctl.run.sequence.HELD_AT_MOST_S", 20.0)
+    (tmp_path / "faults.toml").write_text(
+        '[[fault]]\nkind = "over_pressure"\ndevice = "F1"\nmbar = 300\nnoticed = false\n'
+        "at_s = 25\n")
+    ended = lmctl("run", box, "--sim", "--faults", "faults.toml")
+    assert ended.code == 5, ended.talk
+    lines = ended.talk.splitlines()
+    alarm = "alarm: feeder F1: the mixer pressure is 300 mbar, 200 mbar is allowed; what to do: "
+    assert lines[0].startswith(alarm)
+    assert any(line.startswith("error: feeder F1: the mixer pressure is 300 mbar")
+               for line in lines[1:])
