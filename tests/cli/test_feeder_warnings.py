@@ -6,6 +6,7 @@ from importlib.resources import files
 
 import pytest
 
+from lmctl.cli import operate
 from simulators.feeder import readings
 
 CELL = (files("lmctl.examples") / "cell.toml").read_text()
@@ -84,6 +85,24 @@ def test_a_run_tells_of_a_low_level_and_goes_on_and_its_log_tells_it_too(lmctl, 
     assert told.startswith(f"warning: {line}")
     assert "warning" not in done.data
     assert f"WARNING: {line}" in lmctl("log", "run-0001").data
+
+
+def test_status_of_a_run_shows_what_stands_and_alarms_go_before_warnings(capsys):
+    warning = {"feeder": "F1", "hopper": "A", "what": "the level is low", "hint": "fill it soon"}
+    alarm = {"what": "gas is low", "where": [], "hint": "check the bottle"}
+    now = {"run": "run-0001", "state": "depositing", "layer": 1, "layers": 2, "line": 3,
+           "lines": 9, "remaining_s": 5.0, "override_percent": 100, "alarms": []}
+    operate._put_alarms(now | {"alarms": [alarm], "warnings": [warning]})
+    assert capsys.readouterr().out.splitlines() == [
+        "  alarm      gas is low", "             what to do: check the bottle",
+        "  warning    the level is low", "             what to do: fill it soon"]
+    assert operate._in_a_line(now | {"warnings": [warning]}).endswith("warning: the level is low")
+    assert operate._in_a_line(now | {"alarms": [alarm], "warnings": [warning]}).endswith(
+        "ALARM gas is low")
+    # A run that an older version drives tells of no warnings.
+    assert operate._in_a_line(now).endswith("100 %")
+    operate._put_alarms(now)
+    assert capsys.readouterr().out == ""
 
 
 def test_an_alarm_is_told_when_it_comes_and_not_only_at_the_end(lmctl, box, tmp_path, monkeypatch):

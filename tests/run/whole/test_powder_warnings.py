@@ -6,7 +6,9 @@ import pytest
 
 from lmctl.errors import RunStopped, UsageError
 from lmctl.report.job_log import read_job_log
+from lmctl.run.journal.aftermath import aftermath
 from lmctl.run.journal.file import fingerprint, read
+from lmctl.run.journal.rundir import RunDir, list_runs
 from lmctl.run.state.table import Do
 from simulators.faults.board import FaultBoard
 from simulators.faults.kinds import Fault
@@ -200,6 +202,19 @@ def test_a_warning_that_goes_is_over_after_a_minute_and_a_flickering_one_is_one(
     assert 75.0 < over - appeared < 85.0
     assert shown == [[]]
     assert one.notices[-1].startswith("no longer: hopper A of feeder F1: its calibration is old")
+
+
+def test_a_journal_with_warnings_can_be_recovered_from_and_listed(run, large_square_job):
+    one = run(large_square_job, acts=[
+        (3.0, strike("feeder_warns", "F2", of="drift")), (9.0, lambda r: r.executor.stop())])
+    assert isinstance(one.error, RunStopped)
+    assert len(one.records("warning")) == 1
+    after = aftermath(RunDir(one.journal.parent))
+    assert after.ended == "stopped"
+    assert after.exact
+    assert after.proven.line > 0
+    (listed,) = list_runs(one.journal.parent.parent)
+    assert listed.state == "stopped"
 
 
 def test_equal_runs_with_warnings_have_equal_fingerprints(run, large_square_job):
