@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import os
+import re
+import subprocess
+import sys
 from importlib.resources import files
 
 import pytest
 
-from lmctl.cli import operate
+from lmctl.cli import console, operate
 from simulators.feeder import readings
 
 CELL = (files("lmctl.examples") / "cell.toml").read_text()
@@ -103,6 +107,33 @@ def test_status_of_a_run_shows_what_stands_and_alarms_go_before_warnings(capsys)
     assert operate._in_a_line(now).endswith("100 %")
     operate._put_alarms(now)
     assert capsys.readouterr().out == ""
+
+
+def test_a_run_goes_on_where_nobody_hears_its_talk(monkeypatch):
+    def broken(line):
+        raise BrokenPipeError
+
+    monkeypatch.setattr("lmctl.cli.console.say", broken)
+    console.notice("warning: the level is low")
+
+
+def test_on_a_terminal_a_notice_has_a_line_of_its_own_above_the_bar():
+    program = (
+        "from lmctl.cli.console import progress_bar\n"
+        "with progress_bar('running') as bar:\n"
+        "    bar(1, 2, 'layer 1')\n"
+        "    bar.notice('warning: hopper [A]: ' + 'low ' * 40 + 'indeed')\n"
+    )
+    ours, theirs = os.openpty()
+    try:
+        subprocess.run([sys.executable, "-c", program], stderr=theirs, check=True,
+                       env=os.environ | {"TERM": "xterm"})
+        shown = os.read(ours, 65_536).decode()
+    finally:
+        os.close(ours)
+        os.close(theirs)
+    lines = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", shown).replace("\r", "\n").splitlines()
+    assert "warning: hopper [A]: " + "low " * 40 + "indeed" in lines
 
 
 def test_an_alarm_is_told_when_it_comes_and_not_only_at_the_end(lmctl, box, tmp_path, monkeypatch):
