@@ -287,3 +287,20 @@ def test_a_run_that_ends_while_it_only_looks_has_touched_nothing(at_s, touched):
     run(rig, (at_s, lambda: rig.machine.trip(MachineError("broken"))))
     assert rig.machine.state is State.FAULTED
     assert rig.machine.touched is touched
+
+
+def test_a_stop_while_connecting_waits_until_what_was_opened_is_closed():
+    rig = Rig()
+    closed = []
+
+    async def connect(do):
+        try:
+            await asyncio.sleep(60.0)
+        finally:
+            await asyncio.sleep(1.0)  # giving a device back is said to it, too
+            closed.append(do)
+
+    rig.machine = StateMachine(connect, lambda error: None, rig)
+    assert run(rig, (2.0, lambda: rig.machine.wish(Event.STOP)),
+               (2.5, lambda: rig.task.cancel())) is State.STOPPED
+    assert closed == [Do.CONNECT]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from lmctl.errors import LmctlError
 from lmctl.run.interlocks.alarms import Interlock
@@ -21,6 +21,18 @@ from lmctl.run.state.table import (
 
 #: States in which nothing has been switched on yet.
 _UNTOUCHED = (State.READY, State.CONNECTING, State.CHECKING)
+
+
+class _Said(NamedTuple):
+    """An event on its way to the table.
+
+    wished : dropped where the state does not know it when its turn comes, instead of a fault
+    by : whose effects have been achieved; it counts only for as long as none have begun since
+    """
+
+    event: Event
+    wished: bool = False
+    by: asyncio.Task[None] | None = None
 
 
 class Logbook(Protocol):
@@ -52,12 +64,13 @@ class StateMachine:
         self._carry_out = carry_out
         self._halt = halt
         self._logbook = logbook
-        self._events: asyncio.Queue[tuple[Event, bool]] = asyncio.Queue()
+        self._events: asyncio.Queue[_Said] = asyncio.Queue()
         self._activity: asyncio.Task[None] | None = None
+        self._under_way: set[asyncio.Task[None]] = set()  # also those broken off, until they end
 
     def post(self, event: Event) -> None:
         """Something has happened. Where the state does not know it, that is a fault."""
-        self._events.put_nowait((event, False))
+        self._events.put_nowait(_Said(event))
 
     def wish(self, event: Event) -> bool:
         """Somebody would like something to happen. Returns whether the present state knows it.
@@ -66,7 +79,7 @@ class StateMachine:
         """
         if not self._knows(event):
             return False
-        self._events.put_nowait((event, True))
+        self._events.put_nowait(_Said(event, wished=True))
         return True
 
     def _knows(self, event: Event) -> bool:
@@ -88,6 +101,7 @@ class StateMachine:
     def _trip(self, error: Exception, event: Event) -> None:
         goes_on = step(self.state, event) == (self.state, ())
         if self.state not in _UNTOUCHED and not goes_on:
+            self._break_off()  # or it may start motion again before its turn has come
             self._halt(error)
         self._note(error, final=not self._is_held_by(event))
         self.post(event)
@@ -104,25 +118,37 @@ class StateMachine:
         self.post(Event.START)
         try:
             while self.state not in FINAL:
-                event, wished = await self._next()
-                if not wished or self._knows(event):
-                    self._take(event)
+                said = await self._next()
+                if self._counts(said):
+                    self._take(said.event)
         except BaseException:
             self._halt(None)
             raise
         finally:
-            if self._activity is not None:
-                self._activity.cancel()
+            self._break_off()
+            await self._all_ended()
         return self.state
 
-    async def _next(self) -> tuple[Event, bool]:
+    async def _next(self) -> _Said:
         try:
             return await self._events.get()
         except asyncio.CancelledError:
-            task = asyncio.current_task()
-            if task is not None:
-                task.uncancel()
-            return Event.STOP, True
+            _stay()
+            return _Said(Event.STOP, wished=True)
+
+    def _counts(self, said: _Said) -> bool:
+        """Whether an event still means something, now that its turn has come."""
+        if said.by is not None:
+            return said.by is self._activity
+        return not said.wished or self._knows(said.event)
+
+    async def _all_ended(self) -> None:
+        """Return when every effect has ended, and let go of what it had opened."""
+        while self._under_way:
+            try:
+                await asyncio.wait(self._under_way)
+            except asyncio.CancelledError:
+                _stay()
 
     def _take(self, event: Event) -> None:
         """One transition: written down, then its effects begin; those still under way break off."""
@@ -136,28 +162,46 @@ class StateMachine:
         except LmctlError as error:
             self.trip(error)
         if effects:
-            self._activity = asyncio.create_task(self._achieve(effects, self._activity))
+            self._break_off()
+            earlier = frozenset(self._under_way)
+            self._activity = asyncio.create_task(self._achieve(effects, earlier))
+            self._under_way.add(self._activity)
+            self._activity.add_done_callback(self._under_way.discard)
+
+    def _break_off(self) -> None:
+        """From this very moment no further effect begins, and what has been achieved is nobody's.
+
+        Effects may end in the same turn of the loop in which others are to begin.
+        """
+        if self._activity is not None:
+            self._activity.cancel()
+            self._activity = None
 
     async def _achieve(
-        self, effects: tuple[Do, ...], earlier: asyncio.Task[None] | None
+        self, effects: tuple[Do, ...], earlier: frozenset[asyncio.Task[None]]
     ) -> None:
         """The effects of a transition, in order, then the event that they are achieved."""
-        if earlier is not None:
-            earlier.cancel()
-            await asyncio.wait([earlier])
+        me = asyncio.current_task()
+        if earlier:
+            await asyncio.wait(earlier)
         for do in effects:
+            if me is not self._activity:  # broken off, and the effect before did not let that out
+                return
             try:
                 await self._carry_out(do)
                 self.undone.discard(do)
             except Exception as error:
                 self.undone.add(do)
+                if me is not self._activity:
+                    self._note(error, final=False)
+                    return
                 going_on = GOES_ON_AFTER_INTERLOCK if isinstance(error, Interlock) else GOES_ON
                 if self.state not in going_on:
                     self._effect_failed(error)
                     return
                 self._note(error, final=self.state is State.TRIPPED)
-        if self._knows(Event.ACHIEVED):
-            self.post(Event.ACHIEVED)
+        if me is self._activity and self._knows(Event.ACHIEVED):
+            self._events.put_nowait(_Said(Event.ACHIEVED, by=me))
 
     def _note(self, error: Exception, *, final: bool) -> None:
         """Write down what went wrong; the first that ends the run is its fault."""
@@ -168,3 +212,10 @@ class StateMachine:
         except LmctlError as unwritten:
             # The journal itself is what fails: there is nothing to write that into.
             self.fault = self.fault or unwritten
+
+
+def _stay() -> None:
+    """Being cancelled does not end a run at once: take note of it, and go on."""
+    task = asyncio.current_task()
+    if task is not None:
+        task.uncancel()
