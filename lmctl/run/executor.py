@@ -27,12 +27,12 @@ from lmctl.run.journal import rundir
 from lmctl.run.journal.recorder import Recorder, wall_stamp
 from lmctl.run.journal.whereabouts import Whereabouts
 from lmctl.run.journal.writer import Journal
-from lmctl.run.program.overrides import LEAST_PERCENT, MOST_PERCENT
+from lmctl.run.program.overrides import OverrideRange, override_range
 from lmctl.run.program.reentry import START
 from lmctl.run.sequence import CellSequence
 from lmctl.run.snapshot import View
 from lmctl.run.state.machine import StateMachine
-from lmctl.run.state.table import Event, State
+from lmctl.run.state.table import FINAL, Event, State
 
 __all__ = ["Continuation", "Executor", "Notice", "Progress", "RunResult", "run_job"]
 
@@ -43,7 +43,6 @@ _BEAM_STAYED_OFF = (
     "the profile names no safety-input device ([safety]): every power was sent as S0, so the beam "
     "stayed off"
 )
-
 
 #: States in which a hold is somebody else's: pressed at the machine's own panel.
 _MUST_NOT_BE_HELD = (
@@ -111,6 +110,7 @@ class Executor:
         self._notice = notice
         self._continues = continues
         self._override_percent = 100
+        self._override_range = OverrideRange()
         self._live: _Live | None = None
 
     @property
@@ -148,11 +148,12 @@ class Executor:
         """Scale speed, beam and powder together; before the run, for all of it.
 
         In the run it comes with the next travel that powder can be made to follow.
-        percent : 50 to 200. Raises UsageError for another value.
+        percent : 50 to 200, and what beam and powder of this job can follow
+        Raises UsageError for another value, and where nothing is laid any more.
         """
-        if not LEAST_PERCENT <= percent <= MOST_PERCENT:
-            raise UsageError(f"a feed override of {percent} % is not possible",
-                             hint=f"give {LEAST_PERCENT} to {MOST_PERCENT}")
+        self._override_range.check(percent)
+        if self.state in {*FINAL, State.FINISHING, State.STOPPING, State.TRIPPED}:
+            raise UsageError(f"cannot override now: the run is {self.state}")
         self._override_percent = percent
         if self._live is not None:
             self._live.course.set_override(percent)
@@ -202,6 +203,8 @@ class Executor:
         with JobReader(self._job_path) as job:
             check_job(job.manifest, self._profile)
             check_program(job, self._profile)
+            self._override_range = override_range(job.manifest, self._profile)
+            self._override_range.check(self._override_percent)
             digest = job.digest
         made = rundir.create(self._runs_dir, self._job_path)
         try:

@@ -151,8 +151,11 @@ def squares(layers=2, per_layer=2, side_mm=4.0, speed_mm_s=10.0, start_mm=(10.0,
     return made
 
 
-def write_job(path, profile, layers=None, *, flow=None, mode="lead"):
-    """A job file for a profile; by default two layers of two squares at a steady flow."""
+def write_job(path, profile, layers=None, *, flow=None, mode="lead", peaks=None):
+    """A job file for a profile; by default two layers of two squares at a steady flow.
+
+    peaks : of power and flow, as the manifest's totals name them
+    """
     small = build(layers or squares(), flow or [(0.0, (0.1, 0.1)), (1e6, (0.1, 0.1))], mode,
                   start_mm=profile.motion.purge_mm)
     text = "a part made for tests"
@@ -164,7 +167,7 @@ def write_job(path, profile, layers=None, *, flow=None, mode="lead"):
     manifest = replace(
         small.manifest, machine=profile.name, profile_digest=profile.planning_digest(),
         part_sha256=part_digest(text), layers=(),
-        bounds_mm=bounds,
+        bounds_mm=bounds, totals={**small.manifest.totals, **(peaks or {})},
     )
     with JobWriter(path) as writer:
         for layer in small.layers:
