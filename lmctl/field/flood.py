@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.field.kernel import kernel
+from lmctl.field.kernel import inner, kernel
 
 LEVELS = 64
 
@@ -98,7 +98,7 @@ def _flood_kernel(
                 head[level[m]] = m
 
 
-@kernel
+@inner
 def _spread_widest(
     level: NDArray[np.uint8], tags: NDArray[np.int8], nz: int, ny: int, nx: int
 ) -> None:

@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.field.kernel import kernel
+from lmctl.field.kernel import inner, kernel
 from lmctl.field.triangles import closest_on_triangle
 
 FloatArray = NDArray[np.float64]
@@ -44,9 +44,9 @@ def sharpen(
     """
     nz, ny, nx = values.shape
     c, n, sheet = np.empty((8, 3)), np.empty((8, 3)), np.empty(8, dtype=np.int64)
-    w, away, edge = np.empty(8), np.empty(8), np.zeros(8, dtype=np.bool_)
+    w, away, edge = np.empty(8), np.empty(8), np.empty(8, dtype=np.int64)
     height, lead, mean = np.empty(8), np.empty(8, dtype=np.int64), np.empty(3)
-    meets = np.zeros((8, 8), dtype=np.int64)
+    meets = np.empty((8, 8), dtype=np.int64)
     for q in range(len(nodes)):
         if not abs(distance[q]) < NEAR_PITCHES:
             continue
@@ -73,28 +73,22 @@ def sharpen(
             sheet[m] = -1
         if not known:
             continue
-        strict = False
-        for m in range(8):
-            for o in range(m):
-                strict = strict or not _one_sheet(c, n, o, m, strict)
-        if strict and abs(distance[q]) > EDGE_PITCHES:
+        smooth = _smooth(c, n)
+        if not smooth and abs(distance[q]) > EDGE_PITCHES:
             continue
         for m in range(8):
-            edge[m] = strict and _on_an_edge(c, n, m)
+            edge[m] = not smooth and _on_an_edge(c, n, m)
         sheets = 0
         while True:
-            first = -1
-            for m in range(8):
-                if sheet[m] == -1 and (first < 0 or away[m] < away[first]):
-                    first = m
+            first = _nearest_left(sheet, away)
             if first < 0:
                 break
             mean[0] = mean[1] = mean[2] = 0.0
             for m in range(8):
                 if sheet[m] != -1:
                     continue
-                alone = edge[m] or edge[first]
-                if m == first or (not alone and _one_sheet(c, n, first, m, strict)):
+                alone = edge[m] + edge[first] > 0
+                if m == first or smooth or (not alone and _one_sheet(c, n, first, m)):
                     sheet[m] = sheets
                     for a in range(3):
                         mean[a] += (w[m] + 1e-9) * n[m, a]
@@ -123,7 +117,7 @@ def sharpen(
             distance[q] = joined
 
 
-@kernel
+@inner
 def _point_of(
     surface: FloatArray, inwards: FloatArray, row: int, x: float, y: float, z: float,
     value: float, c: FloatArray, n: FloatArray, m: int,
@@ -145,15 +139,51 @@ def _point_of(
     n[m, 0], n[m, 1], n[m, 2] = n[m, 0] / size, n[m, 1] / size, n[m, 2] / size
 
 
-@kernel
-def _one_sheet(
-    c: FloatArray, n: FloatArray, a: int, b: int, strict: bool
-) -> bool:
-    """Whether two points may lie on one smooth sheet.
+@inner
+def _nearest_left(sheet: NDArray[np.int64], away: FloatArray) -> int:
+    """The nearest of the points that are on no sheet yet; −1 where there are no more."""
+    first = -1
+    for m in range(8):
+        if sheet[m] == -1 and (first < 0 or away[m] < away[first]):
+            first = m
+    return first
 
-    An edge turns directions, too, but not along the way between the points: strictly, only what
-    turns along the way counts, which leaves out the saddles that some smooth pairs lie across.
+
+@inner
+def _smooth(c: FloatArray, n: FloatArray) -> bool:
+    """Whether any two of the points may lie on one smooth sheet."""
+    for m in range(8):
+        for o in range(m):
+            across, _, turn, apart, same = _between(c, n, o, m)
+            if not (
+                same > 0.3 and turn <= TIGHTEST * apart + EXACT
+                and abs(across) <= BEND * np.sqrt(turn * apart) + EXACT
+            ):
+                return False
+    return True
+
+
+@inner
+def _one_sheet(c: FloatArray, n: FloatArray, a: int, b: int) -> bool:
+    """Whether two points lie on one smooth sheet, where not all around do.
+
+    An edge turns directions, too, but not along the way between the points: here only what turns
+    along the way counts, which leaves out the saddles that some smooth pairs lie across.
     """
+    across, along, turn, _, same = _between(c, n, a, b)
+    room = along * along / max(turn, 1e-30)
+    return (
+        same > 0.3 and turn <= TIGHTEST * room + EXACT
+        and abs(across) <= BEND * abs(along) + EXACT
+    )
+
+
+@inner
+def _between(
+    c: FloatArray, n: FloatArray, a: int, b: int
+) -> tuple[float, float, float, float, float]:
+    """From point a to point b: (n₁ + n₂) and (n₂ − n₁), along the way; how far directions turn,
+    and the way, both squared; n₁ · n₂."""
     across, along, turn, apart, same = 0.0, 0.0, 0.0, 0.0, 0.0
     for e in range(3):
         across += (n[a, e] + n[b, e]) * (c[b, e] - c[a, e])
@@ -161,17 +191,10 @@ def _one_sheet(
         turn += (n[b, e] - n[a, e]) ** 2
         apart += (c[b, e] - c[a, e]) ** 2
         same += n[a, e] * n[b, e]
-    if strict:
-        bend, room = abs(along), along * along / max(turn, 1e-30)
-    else:
-        bend, room = np.sqrt(turn * apart), apart
-    return (
-        same > 0.3 and turn <= TIGHTEST * room + EXACT
-        and abs(across) <= BEND * bend + EXACT
-    )
+    return across, along, turn, apart, same
 
 
-@kernel
+@inner
 def _on_an_edge(c: FloatArray, n: FloatArray, m: int) -> bool:
     """Whether the point lies on another's plane, too, though that is turned differently."""
     for o in range(8):
@@ -184,7 +207,7 @@ def _on_an_edge(c: FloatArray, n: FloatArray, m: int) -> bool:
     return False
 
 
-@kernel
+@inner
 def _joined(
     c: FloatArray, n: FloatArray, sheet: NDArray[np.int64], lead: NDArray[np.int64],
     height: FloatArray, meets: NDArray[np.int64],

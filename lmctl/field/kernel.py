@@ -2,10 +2,31 @@
 
 Python's way of dividing puts a branch that can raise behind every division; no kernel here
 divides by what may be zero without looking.
+
+Half the time it takes to compile a small function goes into the doors by which others call it:
+nobody calls these from C, and what only kernels call, an `inner` function, not from Python either.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any, TypeVar
+
 from numba import njit
 
-kernel = njit(cache=True, error_model="numpy")
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def kernel(function: Function) -> Function:
+    """Compile a function that is called from Python."""
+    return _compiled(function, no_cfunc_wrapper=True)
+
+
+def inner(function: Function) -> Function:
+    """Compile a function that only kernels call."""
+    return _compiled(function, no_cfunc_wrapper=True, no_cpython_wrapper=True)
+
+
+def _compiled(function: Function, **doors: Any) -> Function:
+    compiled: Function = njit(cache=True, error_model="numpy", **doors)(function)
+    return compiled

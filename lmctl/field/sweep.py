@@ -6,11 +6,13 @@ order scalar sweeping errs by 0.107 RMS, carried points by 0.005 (method.md 1, E
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.field.grid import Grid
-from lmctl.field.kernel import kernel
+from lmctl.field.kernel import inner, kernel
 from lmctl.field.store import kept_array
 
 FloatArray = NDArray[np.float64]
@@ -18,6 +20,7 @@ Sources = NDArray[np.int32]
 Stamps = NDArray[np.uint8]
 
 RUN = 16  # nodes along x of which it is known when one was last changed
+EVER: Any = np.int64(0)  # stamp of what never changed; as a plain 0 it would have its own kernel
 
 
 def sweep_sources(
@@ -45,7 +48,7 @@ def sweep_sources(
     return distance
 
 
-@kernel
+@inner
 def _from_row(
     sources: Sources, squared: NDArray[np.float32], points: FloatArray, most: float,
     changed: Stamps, since: int, now: int, k: int, j: int, kn: int, jn: int,
@@ -66,7 +69,7 @@ def _from_row(
                     changed[k, j, run] = now
 
 
-@kernel
+@inner
 def _along_row(
     sources: Sources, squared: NDArray[np.float32], points: FloatArray, most: float,
     changed: Stamps, since: int, now: int, k: int, j: int,
@@ -117,12 +120,14 @@ def _sweep_kernel(
         step, down = 1 - 2 * direction, 1 + 2 * direction
         up = down + 1
         # Of a row's neighbours in the plane, what changed since they were last asked.
-        below, above, own = (0, 0, 0) if direction == 0 else (2, 3, down)
+        below, above, own = (EVER, EVER, EVER) if direction == 0 else (2, 3, down)
         for n in range(nz):
             k = n if step > 0 else nz - 1 - n
             for j in range(ny):
                 if n > 0:
-                    _from_row(sources, squared, points, most, changed, 0, down, k, j, k - step, j)
+                    _from_row(
+                        sources, squared, points, most, changed, EVER, down, k, j, k - step, j
+                    )
                 if j > 0:
                     _from_row(
                         sources, squared, points, most, changed, below, down, k, j, k, j - 1

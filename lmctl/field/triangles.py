@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.field.grid import Grid
-from lmctl.field.kernel import kernel
+from lmctl.field.kernel import inner, kernel
 
 FloatArray = NDArray[np.float64]
 
@@ -95,7 +95,7 @@ def _closest_kernel(
         )
 
 
-@kernel
+@inner
 def closest_on_triangle(
     t: FloatArray, n: int, px: float, py: float, pz: float
 ) -> tuple[float, float, float, int]:

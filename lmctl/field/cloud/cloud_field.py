@@ -18,7 +18,7 @@ from lmctl.field.cloud.sheets import sort_sheets
 from lmctl.field.field import Field
 from lmctl.field.flood import LEVELS, flood
 from lmctl.field.grid import Grid
-from lmctl.field.kernel import kernel
+from lmctl.field.kernel import inner, kernel
 from lmctl.field.sweep import sweep_sources
 
 FloatArray = NDArray[np.float64]
@@ -163,7 +163,7 @@ def _spread_kernel(level: NDArray[np.uint8]) -> None:
             _nearer_kernel(level[k + 1, j], level[k, j])
 
 
-@kernel
+@inner
 def _nearer_kernel(before: NDArray[np.uint8], row: NDArray[np.uint8]) -> None:
     for i in range(len(row)):
         row[i] = min(row[i], np.uint8(before[i] + np.uint8(LEVELS_PER_PITCH)))

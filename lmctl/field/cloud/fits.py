@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.field.kernel import kernel
+from lmctl.field.kernel import inner, kernel
 
 FloatArray = NDArray[np.float64]
 
@@ -139,7 +139,7 @@ def fit_shared_planes(
             normal[n, c], bend[n, c] = best[c], 0.0
 
 
-@kernel
+@inner
 def least_squares_plane(around: FloatArray, weights: FloatArray, up: FloatArray) -> float:
     """Set `up` to the unit normal of the weighted plane; its offset along that from the origin.
 
@@ -187,7 +187,7 @@ def least_squares_plane(around: FloatArray, weights: FloatArray, up: FloatArray)
     return float(cx * up[0] + cy * up[1] + cz * up[2])
 
 
-@kernel
+@inner
 def perpendicular(normal: FloatArray, tangent: FloatArray) -> None:
     """Set `tangent` to some unit vector perpendicular to the normal."""
     least = 0
@@ -200,7 +200,7 @@ def perpendicular(normal: FloatArray, tangent: FloatArray) -> None:
     _to_unit(tangent)
 
 
-@kernel
+@inner
 def _gather(
     points: FloatArray, neighbours: NDArray[np.int32], n: int, around: FloatArray,
     weights: FloatArray,
@@ -222,7 +222,7 @@ def _gather(
     return far
 
 
-@kernel
+@inner
 def _solve(matrix: FloatArray, right: FloatArray) -> None:
     """By Cholesky on the lower triangle, in place; `right` becomes the answer."""
     size = len(right)
@@ -242,14 +242,14 @@ def _solve(matrix: FloatArray, right: FloatArray) -> None:
         right[a] /= matrix[a, a]
 
 
-@kernel
+@inner
 def _cross(a: FloatArray, b: FloatArray, result: FloatArray) -> None:
     result[0] = a[1] * b[2] - a[2] * b[1]
     result[1] = a[2] * b[0] - a[0] * b[2]
     result[2] = a[0] * b[1] - a[1] * b[0]
 
 
-@kernel
+@inner
 def _dot(a: FloatArray, b: FloatArray) -> float:
     total = 0.0
     for c in range(len(a)):
@@ -257,7 +257,7 @@ def _dot(a: FloatArray, b: FloatArray) -> float:
     return total
 
 
-@kernel
+@inner
 def _to_unit(vector: FloatArray) -> None:
     size = np.sqrt(_dot(vector, vector))
     for c in range(len(vector)):

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from lmctl.field.kernel import kernel
+from lmctl.field.kernel import inner, kernel
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -146,7 +146,7 @@ def _search_kernel(
         first = last
 
 
-@kernel
+@inner
 def _gather(
     points: FloatArray, cell: int, start: IntArray, width: int, layer: int, around: FloatArray,
     spot: IntArray,
@@ -166,7 +166,7 @@ def _gather(
     return many
 
 
-@kernel
+@inner
 def _select(
     away: FloatArray, spot: IntArray, within: float, near: FloatArray, row: IntArray
 ) -> int:
@@ -178,7 +178,7 @@ def _select(
     return held
 
 
-@kernel
+@inner
 def _sort(near: FloatArray, row: IntArray, held: int) -> None:
     """By insertion, as few are held; equal ones stay in their order."""
     for m in range(1, held):

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from lmctl.field.cloud.samples import Samples
 from lmctl.field.cloud.sheets import MEMBERS, Sheets, height_over
 from lmctl.field.grid import Grid
-from lmctl.field.kernel import kernel
+from lmctl.field.kernel import inner, kernel
 
 FloatArray = NDArray[np.float64]
 Sources = NDArray[np.int32]
@@ -132,7 +132,7 @@ def _seed_kernel(
     return count
 
 
-@kernel
+@inner
 def _nearest_boundary(
     d: FloatArray, n: FloatArray, solid: int, sheets: int, step: FloatArray
 ) -> float:
@@ -197,7 +197,7 @@ def _nearest_boundary(
 
 
 
-@kernel
+@inner
 def _supported(
     x: float, y: float, z: float, patch: FloatArray, neighbours: NDArray[np.int32], nearest: int,
     spacing: float,

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from lmctl.field.cloud.patches import Patches
 from lmctl.field.cloud.samples import Samples
 from lmctl.field.grid import Grid
-from lmctl.field.kernel import kernel
+from lmctl.field.kernel import inner, kernel
 
 FloatArray = NDArray[np.float64]
 
@@ -72,7 +72,7 @@ def sort_sheets(
     return Sheets(patch, spacing, count, member, solid)
 
 
-@kernel
+@inner
 def height_over(
     patch: FloatArray, n: int, reach: float, x: float, y: float, z: float
 ) -> tuple[float, float, float, float]:
@@ -102,7 +102,7 @@ def height_over(
     )
 
 
-@kernel
+@inner
 def _solid_bits(meets: NDArray[np.int64]) -> int:
     """`Sheets.solid` from how the pairs AB, BC, CA of sheets meet, 1 in a ridge, −1 in a
     groove, and the number of sheets.
@@ -131,7 +131,7 @@ def _solid_bits(meets: NDArray[np.int64]) -> int:
     return bits
 
 
-@kernel
+@inner
 def _sharing(
     patch: FloatArray, smooth: NDArray[np.bool_], around: NDArray[np.int64],
     sheet: NDArray[np.int64], lead: int, reach: float, tolerance: float,

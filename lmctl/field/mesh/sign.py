@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from lmctl.field.flood import LEVELS, flood
 from lmctl.field.grid import Grid
-from lmctl.field.kernel import kernel
+from lmctl.field.kernel import inner, kernel
 
 FloatArray = NDArray[np.float64]
 Sums = NDArray[np.int16]
@@ -112,7 +112,7 @@ def _crossings_kernel(triangles: FloatArray, sums: Sums) -> None:
                         sums[node[2], node[1], node[0]] += way
 
 
-@kernel
+@inner
 def _digits(number: int) -> tuple[int, int, int]:
     x = ((number + 16) & 31) - 16
     rest = (number - x) >> 5
@@ -198,7 +198,7 @@ def _vote_kernel(
     return disputed
 
 
-@kernel
+@inner
 def _outside_is_not(total: int, facing: bool) -> bool:
     """Whether a ray with this sum is inside."""
     return total != 0 if facing else total & 1 == 1
