@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from lmctl.errors import InputError
 from lmctl.field.cloud.even import fit_evenly
+from lmctl.field.cloud.nearest import nearest_samples
 from lmctl.field.cloud.normals import NormalsUnfitError
-from lmctl.field.cloud.outside import Orientation, nearest_samples, orient
+from lmctl.field.cloud.outside import Orientation, orient
 from lmctl.field.cloud.patches import Patches
 from lmctl.field.cloud.samples import Samples, clean_samples
 from lmctl.field.cloud.seeds import BAND_PITCHES, CloudSeeds, seed_cloud

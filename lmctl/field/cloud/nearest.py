@@ -1,4 +1,4 @@
-"""The nearest neighbours of every point of a cloud, found cell by cell.
+"""The nearest neighbours of every point of a cloud, found cell by cell; and of every node.
 
 Scans are surfaces: with cells that each hold a dozen points, the neighbours of a point
 are in the few occupied cells around its own, and all points of a cell look at the same ones. That
@@ -14,7 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from lmctl.field.grid import Grid
 from lmctl.field.kernel import inner, kernel
+from lmctl.field.store import kept_array
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -187,3 +189,39 @@ def _sort(near: FloatArray, row: IntArray, held: int) -> None:
             near[at], row[at] = near[at - 1], row[at - 1]
             at -= 1
         near[at], row[at] = d2, spot
+
+
+def nearest_samples(points_mm: FloatArray, reach_mm: FloatArray, grid: Grid) -> NDArray[np.int32]:
+    """Row of the nearest sample at every node within reach of one, −1 elsewhere.
+
+    points_mm : (n, 3) float64; reach_mm : (n,) float64; returns : (nz, ny, nx) int32
+    """
+    sources = kept_array(grid.shape, np.int32)
+    sources.fill(-1)
+    relative = np.ascontiguousarray((points_mm - np.asarray(grid.origin_mm)) / grid.pitch_mm)
+    squared = np.full(grid.shape, np.inf, dtype=np.float32)
+    _nearest_kernel(relative, reach_mm / grid.pitch_mm, sources, squared)
+    return sources
+
+
+@kernel
+def _nearest_kernel(
+    points: FloatArray, reach: FloatArray, sources: NDArray[np.int32], squared: NDArray[np.float32]
+) -> None:
+    nz, ny, nx = sources.shape
+    for n in range(points.shape[0]):
+        x, y, z, r = points[n, 0], points[n, 1], points[n, 2], reach[n]
+        k0, k1 = max(0, int(np.ceil(z - r))), min(nz - 1, int(np.floor(z + r)))
+        for k in range(k0, k1 + 1):
+            left = r * r - (k - z) ** 2
+            half = np.sqrt(max(left, 0.0))
+            j0, j1 = max(0, int(np.ceil(y - half))), min(ny - 1, int(np.floor(y + half)))
+            for j in range(j0, j1 + 1):
+                across = (k - z) ** 2 + (j - y) ** 2
+                run = np.sqrt(max(r * r - across, 0.0))
+                first, last = max(0, int(np.ceil(x - run))), min(nx - 1, int(np.floor(x + run)))
+                for i in range(first, last + 1):
+                    d2 = np.float32(across + (i - x) ** 2)
+                    if d2 < squared[k, j, i]:
+                        squared[k, j, i] = d2
+                        sources[k, j, i] = n

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from lmctl.errors import InputError
 from lmctl.field.cloud.agreement import spread_sides
+from lmctl.field.cloud.nearest import nearest_samples
 from lmctl.field.cloud.normals import outward
 from lmctl.field.cloud.patches import Patches
 from lmctl.field.cloud.samples import LARGEST_SHARE_DROPPED, Samples
@@ -23,7 +24,6 @@ from lmctl.field.cloud.thin import facing_of_thick
 from lmctl.field.flood import LEVELS
 from lmctl.field.grid import Grid
 from lmctl.field.kernel import kernel
-from lmctl.field.store import kept_array
 from lmctl.field.sweep import sweep_sources
 
 FloatArray = NDArray[np.float64]
@@ -159,42 +159,6 @@ def _refuse_open(
             hint="scan the missing side, or close the opening; gaps of up to "
             f"{2.0 * WIDEST_GAP_SPACINGS * typical_mm:.2g} mm are bridged",
         )
-
-
-def nearest_samples(points_mm: FloatArray, reach_mm: FloatArray, grid: Grid) -> Sources:
-    """Row of the nearest sample at every node within reach of one, −1 elsewhere.
-
-    points_mm : (n, 3) float64; reach_mm : (n,) float64; returns : (nz, ny, nx) int32
-    """
-    sources = kept_array(grid.shape, np.int32)
-    sources.fill(-1)
-    relative = np.ascontiguousarray((points_mm - np.asarray(grid.origin_mm)) / grid.pitch_mm)
-    squared = np.full(grid.shape, np.inf, dtype=np.float32)
-    _nearest_kernel(relative, reach_mm / grid.pitch_mm, sources, squared)
-    return sources
-
-
-@kernel
-def _nearest_kernel(
-    points: FloatArray, reach: FloatArray, sources: Sources, squared: NDArray[np.float32]
-) -> None:
-    nz, ny, nx = sources.shape
-    for n in range(points.shape[0]):
-        x, y, z, r = points[n, 0], points[n, 1], points[n, 2], reach[n]
-        k0, k1 = max(0, int(np.ceil(z - r))), min(nz - 1, int(np.floor(z + r)))
-        for k in range(k0, k1 + 1):
-            left = r * r - (k - z) ** 2
-            half = np.sqrt(max(left, 0.0))
-            j0, j1 = max(0, int(np.ceil(y - half))), min(ny - 1, int(np.floor(y + half)))
-            for j in range(j0, j1 + 1):
-                across = (k - z) ** 2 + (j - y) ** 2
-                run = np.sqrt(max(r * r - across, 0.0))
-                first, last = max(0, int(np.ceil(x - run))), min(nx - 1, int(np.floor(x + run)))
-                for i in range(first, last + 1):
-                    d2 = np.float32(across + (i - x) ** 2)
-                    if d2 < squared[k, j, i]:
-                        squared[k, j, i] = d2
-                        sources[k, j, i] = n
 
 
 @kernel
