@@ -10,7 +10,7 @@ import click
 from lmctl.cli.cell import cell_options, choose_cell
 from lmctl.cli.console import confirmed, notice, put, put_json, say
 from lmctl.cli.run import outcome, result_as_json
-from lmctl.config.machine import MachineProfile
+from lmctl.config.machine import MachineProfile, Motion
 from lmctl.errors import JournalError, MachineError, UsageError
 from lmctl.run.program.reentry import OVERLAP_MM
 
@@ -50,7 +50,8 @@ def recover(
     choice = choose_cell(machine, sim, bench)
     made = rundir.find(runs_dir, run)
     after = aftermath(made)
-    if later := continued_by(made):
+    later, unread = continued_by(made)
+    if later:
         raise JournalError(f"{run} has been continued by {later}",
                            hint=f"`{rundir.command('recover', runs_dir, later)}` goes on from "
                                 "where that one came")
@@ -58,7 +59,7 @@ def recover(
     async def act(profile: MachineProfile) -> RunResult:
         from lmctl.run.executor import Executor
 
-        continuation = await _prepared(after, profile, runs_dir, yes=yes)
+        continuation = await _prepared(after, profile, runs_dir, unread, yes=yes)
         return await Executor(made.job, profile, runs_dir, operator=operator, notice=notice,
                               continues=continuation).run()
 
@@ -70,7 +71,7 @@ def recover(
 
 
 async def _prepared(
-    after: Aftermath, profile: MachineProfile, runs_dir: Path, *, yes: bool
+    after: Aftermath, profile: MachineProfile, runs_dir: Path, unread: list[str], *, yes: bool
 ) -> Continuation:
     """Look, say what will be done, ask, and home the machine where its position is lost."""
     from lmctl.cli.machine_acts import journaled, with_motion
@@ -82,7 +83,7 @@ async def _prepared(
 
     with owning(profile, "lmctl recover", runs_dir):
         async with motion_at_hand(profile) as motion:
-            found, words = _found(after, motion)
+            found, words = _found(after, motion, profile.motion)
             trusted = found.matched or motion.position_trusted
             home = not trusted or _alarmed(motion)
             steps = ["home the machine: its position is not known",
@@ -91,6 +92,8 @@ async def _prepared(
                 steps += _TAKEN_AT_ITS_WORD
     say("\n".join([
         *words,
+        *(f"  the journal of {name} cannot be read: do not go on if that run was to go on with "
+          "this part" for name in unread),
         "what will be done:",
         *(f"  {step}" for step in steps),
         "  acknowledge the feeders' alarms; gas and powder on at the purge position, until stable",
@@ -104,13 +107,16 @@ async def _prepared(
     return Continuation(after.run.run, found.place, trusted=found.matched or home)
 
 
-def _found(after: Aftermath, motion: MotionDriver) -> tuple[Recovery, list[str]]:
+def _found(
+    after: Aftermath, motion: MotionDriver, profile: Motion
+) -> tuple[Recovery, list[str]]:
     """Where the job goes on, and how that was found out."""
     from lmctl.job.reader import JobReader
-    from lmctl.run.journal.recovery import find_place
+    from lmctl.run.journal.recovery import find_place, refuse_finished
 
     with JobReader(after.run.job) as job:
         found = find_place(job, after, motion.position_mm)
+        refuse_finished(job, after, found.place, profile)
         layer = sum(entry.first_line <= found.place.line for entry in job.manifest.layers)
     return found, [
         f"{after.run.run} ended {after.ended} ({after.header.get('part', '')})",

@@ -21,10 +21,10 @@ _NOT_SEEN = {
 def recoverable(machine: StateMachine, course: Course) -> bool:
     """Whether `lmctl recover` can go on with the part.
 
-    Not where the job itself is what went wrong: it would go wrong again.
+    Not where all of it is laid, nor where the job itself went wrong: it would go wrong again.
     """
     wrong_job = isinstance(machine.fault, JobError)
-    return course.began and machine.state is not State.DONE and not wrong_job
+    return course.began and not machine.finished and not wrong_job
 
 
 def ending(made: RunDir, machine: StateMachine, course: Course, alarms: Alarms) -> Exception:

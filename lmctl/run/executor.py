@@ -278,7 +278,7 @@ class Executor:
             "profile": profile.planning_digest(), "operator": self._operator,
             "powder_mode": manifest.powder_mode, "layers": len(manifest.layers),
             "lines": sum(entry.n_lines for entry in manifest.layers),
-            **({} if self._continues is None else {"continues": self._continues.run}),
+            **({} if self._continues is None else self._continues.header()),
             "planned_s": manifest.layers[-1].end_s, "materials": list(manifest.materials),
             "warnings": list(manifest.totals.get("warnings", [])),
             "hoppers": [

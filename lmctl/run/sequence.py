@@ -137,8 +137,10 @@ class CellSequence:
 
     @property
     def position_trusted(self) -> bool:
-        """Whether the machine is where it says it is."""
-        return self._cell is not None and self._cell.motion.position_trusted
+        """Whether the machine is where it says it is; until it is asked, as an earlier run knew."""
+        if self._cell is None:
+            return self._continues is not None and self._continues.trusted
+        return self._cell.motion.position_trusted
 
     # --- start --------------------------------------------------------------------------------
 

@@ -63,29 +63,51 @@ def aftermath(made: RunDir) -> Aftermath:
     so_far = _Reading()
     for record in read(made.journal):
         so_far.take(record)
-    if so_far.state == State.DONE:
-        raise JournalError(f"{made.run} is done: there is nothing to recover",
-                           hint=f"`{made.command('log')}` prints its log")
-    if so_far.sealed and not so_far.recoverable:
-        raise JournalError(
-            f"{made.run} ended because of its job, which would go wrong again",
-            where=so_far.fault, hint="plan the part again",
-        )
+    _refuse_unrecoverable(made, so_far)
     return Aftermath(
         made, so_far.state if so_far.sealed else "broken off", so_far.header, so_far.proven,
         so_far.exact, so_far.position_kept, so_far.last_line, so_far.lit_line,
     )
 
 
-def continued_by(made: RunDir) -> str:
-    """The run that has gone on with this one, or ""."""
-    for name in rundir.names(made.path.parent):
+def continued_by(made: RunDir) -> tuple[str, list[str]]:
+    """The run that has gone on with this one, or ""; and later runs that do not say whether."""
+    names, unread = rundir.names(made.path.parent), []
+    for name in names[names.index(made.run) + 1:]:
         other = RunDir(made.path.parent / name)
-        if other.run != made.run and other.journal.exists():
-            header = next(read(other.journal), {})
+        if other.journal.exists():
+            try:
+                header = next(read(other.journal), {})
+            except JournalError:
+                unread.append(name)
+                continue
             if header.get("continues") == made.run:
-                return other.run
-    return ""
+                return name, unread
+    return "", unread
+
+
+def _refuse_unrecoverable(made: RunDir, found: _Reading) -> None:
+    """Raises JournalError where nothing is left to lay, or it is not known from where."""
+    log = f"`{made.command('log')}` prints its log"
+    if found.state == State.DONE:
+        raise JournalError(f"{made.run} is done: there is nothing to recover", hint=log)
+    if found.finished or found.proven.line >= found.header["lines"]:
+        raise JournalError(f"{made.run} has executed every line of its job: nothing is left to lay",
+                           where=found.fault, hint=log)
+    if found.last_line < 0 and "continues" in found.header and "begins_at" not in found.header:
+        raise JournalError(
+            f"the journal of {made.run} does not say where that run was to go on with "
+            f"{found.header['continues']}", where="an earlier version of lmctl wrote it",
+            hint="begin the part anew",
+        )
+    if found.sealed and not found.recoverable:
+        if found.last_line < 0:
+            raise JournalError(f"{made.run} ended before it began with its part",
+                               where=found.fault, hint="`lmctl run` begins it")
+        raise JournalError(
+            f"{made.run} ended because of its job, which would go wrong again",
+            where=found.fault, hint="plan the part again",
+        )
 
 
 class _Reading:
@@ -97,6 +119,7 @@ class _Reading:
         self.sealed = False
         self.recoverable = False
         self.fault = ""
+        self.finished = False
         self.proven = START
         self.exact = True
         self.position_kept = True
@@ -108,8 +131,12 @@ class _Reading:
         kind = record["kind"]
         if kind == "header":
             self.header = record
+            if begins_at := record.get("begins_at"):
+                self._go_on(Place(begins_at["line"], begins_at["share"]))
+                self.position_kept = record["position_kept"]
         elif kind == "state":
             self.state = record["to"]
+            self.finished = self.finished or self.state == State.FINISHING
         elif kind == "act":
             self.exact = self.exact and record["do"] != Do.START_MOTION
         elif kind == "path":
@@ -124,14 +151,18 @@ class _Reading:
             self.exact = True
         elif kind == "entry":
             self.lit_line = record["lit_line"]
-            self._prove(Place(record["line"], record["share"]))
-            self.last_line = max(self.last_line, record["line"])
+            self._go_on(Place(record["line"], record["share"]))
         elif kind == "fault":
             self.fault = self.fault or record["what"]
         elif kind == "seal":
             self.sealed = True
             self.recoverable = bool(record.get("recoverable"))
             self.position_kept = bool(record.get("position_trusted"))
+
+    def _go_on(self, place: Place) -> None:
+        self._prove(place)
+        if place != START:
+            self.last_line = max(self.last_line, place.line)
 
     def _prove(self, place: Place) -> None:
         self.proven = max(self.proven, place)

@@ -1,6 +1,7 @@
 """What a run writes into its journal, record by record.
 
-header    what the run is: job, machine, software, operator, hoppers
+header    what the run is: job, machine, software, operator, hoppers; of one that continues
+          another: which, at what place, and whether the machine's position was true there
 machine   who answered: firmware, buffers, whether it is the bench
 state     a transition: event, from, to
 act       an effect begun (a `Do`), or one that failed while stopping

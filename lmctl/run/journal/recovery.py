@@ -8,9 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.config.machine import Motion
+from lmctl.errors import JournalError
 from lmctl.job.reader import JobReader
 from lmctl.run.journal.aftermath import Aftermath
-from lmctl.run.program.reentry import START, Place, layer_of
+from lmctl.run.program.reentry import START, Place, enter, layer_of
 
 FloatArray = NDArray[np.float64]
 
@@ -56,6 +58,13 @@ def find_place(
         after.proven, False,
         "the machine does not stand on a line that was sent; this much the journal proves",
     )
+
+
+def refuse_finished(job: JobReader, after: Aftermath, place: Place, motion: Motion) -> None:
+    """Raise JournalError where no bead is left to lay from a place on."""
+    if place != START and enter(job.manifest, job.layer, place, motion) is None:
+        raise JournalError(f"{after.run.run} has laid every bead of its job: nothing is left",
+                           hint=f"`{after.run.command('log')}` prints its log")
 
 
 def _on_lines_sent(job: JobReader, after: Aftermath, position_mm: FloatArray) -> Place | None:

@@ -50,6 +50,7 @@ class StateMachine:
 
     fault : the first reason the run went wrong, or None
     touched : whether anything may have been switched on or moved
+    finished : whether the program was done, so that nothing is left to lay
     undone : effects that were not achieved when last tried
     """
 
@@ -59,7 +60,7 @@ class StateMachine:
     ) -> None:
         self.state = State.READY
         self.fault: Exception | None = None
-        self.touched = False
+        self.touched = self.finished = False
         self.undone: set[Do] = set()
         self._carry_out = carry_out
         self._halt = halt
@@ -157,6 +158,7 @@ class StateMachine:
             self._note(RuntimeError(f"{event!r} came while the run was {before}"), final=True)
         self.state, effects = step(before, event)
         self.touched = self.touched or self.state not in (*_UNTOUCHED, *FINAL)
+        self.finished = self.finished or self.state is State.FINISHING
         try:
             self._logbook.state(event, before, self.state)
         except LmctlError as error:

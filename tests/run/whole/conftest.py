@@ -51,6 +51,14 @@ def undisturbed(tmp_path_factory, profile, job_file):
             for name in ("small", "large")}
 
 
+@pytest.fixture(scope="session")
+def whole(tmp_path_factory, profile, job_file):
+    """An undisturbed run of three layers, to recover from and to compare with."""
+    folder = tmp_path_factory.mktemp("recovery")
+    job_file(folder / "job.lmj", profile, job_file.squares(layers=3, per_layer=2, side_mm=8.0))
+    return BenchRun(folder, profile, folder / "job.lmj")
+
+
 @pytest.fixture
 def run(tmp_path, profile):
     """Runs a job on a bench of its own: run(job, bench=..., acts=..., override=...)."""

@@ -4,7 +4,6 @@ machine stands. (Hosts killed for good are in tests/faults/test_kills.py.)"""
 from __future__ import annotations
 
 import asyncio
-import shutil
 
 import numpy as np
 import pytest
@@ -13,7 +12,7 @@ from lmctl.errors import JournalError, LmctlError
 from lmctl.job.reader import JobReader
 from lmctl.run.executor import Continuation, Executor
 from lmctl.run.journal.aftermath import aftermath, continued_by
-from lmctl.run.journal.file import FIRST_PREV, encode_record, line_hash, read
+from lmctl.run.journal.file import read
 from lmctl.run.journal.recovery import find_place
 from lmctl.run.journal.rundir import RunDir
 from lmctl.run.program.reentry import START
@@ -22,32 +21,10 @@ from simulators import virtual_time
 from simulators.bench import Bench
 from simulators.bench_config import BenchConfig
 from simulators.verdict import verdict
-from tests.run.whole.conftest import EXAMPLES, BenchRun, wired
+from tests.run.whole.broken_off import broken_off
+from tests.run.whole.conftest import EXAMPLES, wired
 
 HORIZON_S, SPEED_MM_S, OVERLAP_MM = 1.0, 10.0, 3.0
-
-
-def broken_off(folder, whole, records):
-    """The folder of a run whose journal ends after so many records, as a crash leaves it."""
-    shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir(parents=True)
-    shutil.copyfile(whole.job, folder / "job.lmj")
-    lines, prev = [], FIRST_PREV
-    for seq, record in enumerate(list(read(whole.journal))[:records]):
-        fields = {k: v for k, v in record.items() if k not in ("prev", "seq", "t", "kind")}
-        line = encode_record(prev, seq, record["t"], record["kind"], fields)
-        lines.append(line)
-        prev = line_hash(line)
-    (folder / "journal.jsonl").write_bytes(b"\n".join(lines) + b'\n{"prev":"half writ')
-    return RunDir(folder)
-
-
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory, profile, job_file):
-    """An undisturbed run, to compare with."""
-    folder = tmp_path_factory.mktemp("recovery")
-    job_file(folder / "job.lmj", profile, job_file.squares(layers=3, per_layer=2, side_mm=8.0))
-    return BenchRun(folder, profile, folder / "job.lmj")
 
 
 def bead_between_mm(whole, place, time_s):
@@ -155,7 +132,7 @@ def test_a_stopped_run_is_recovered_where_it_stood(whole, profile, tmp_path):
     assert two.path.length_mm.sum() == pytest.approx(
         whole.path.length_mm.sum() + OVERLAP_MM, abs=0.2)
     assert set(two.path.line) == set(whole.path.line)
-    assert continued_by(two.made) == "run-0002"
+    assert continued_by(two.made) == ("run-0002", [])
     header = next(read(two.result.journal))
     assert header["continues"] == "run-0001"
     (first_s, end_s, _, left_s), *_ = two.told  # before it has done anything

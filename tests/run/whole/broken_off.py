@@ -1,0 +1,37 @@
+"""Journals of runs that broke off, made from the journal of a whole one."""
+
+from __future__ import annotations
+
+import shutil
+
+from lmctl.run.journal.file import FIRST_PREV, encode_record, line_hash, read
+from lmctl.run.journal.rundir import RunDir
+
+
+def broken_off(folder, whole, records):
+    """The folder of a run whose journal ends after so many records, as a crash leaves it."""
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    shutil.copyfile(whole.job, folder / "job.lmj")
+    lines, prev = [], FIRST_PREV
+    for seq, record in enumerate(list(read(whole.journal))[:records]):
+        fields = {k: v for k, v in record.items() if k not in ("prev", "seq", "t", "kind")}
+        line = encode_record(prev, seq, record["t"], record["kind"], fields)
+        lines.append(line)
+        prev = line_hash(line)
+    (folder / "journal.jsonl").write_bytes(b"\n".join(lines) + b'\n{"prev":"half writ')
+    return RunDir(folder)
+
+
+def changed_header(folder, whole, records, **fields):
+    """The same, with other fields in its header; None takes one away."""
+    made = broken_off(folder, whole, records)
+    lines, prev = [], FIRST_PREV
+    for seq, record in enumerate(read(made.journal)):
+        kept = {k: v for k, v in record.items() if k not in ("prev", "seq", "t", "kind")}
+        if seq == 0:
+            kept = {k: v for k, v in (kept | fields).items() if v is not None}
+        lines.append(encode_record(prev, seq, record["t"], record["kind"], kept))
+        prev = line_hash(lines[-1])
+    made.journal.write_bytes(b"\n".join(lines) + b"\n")
+    return made
