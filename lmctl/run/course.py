@@ -116,8 +116,8 @@ class Course:
         return place
 
     def set_override(self, percent: int) -> None:
-        """Set the feed override where powder can follow; before motion starts, for all of it."""
+        """Set the feed override where powder can follow; before the beam is armed, for all."""
         self.override_percent = percent
         self._recorder.override(percent, "operator")
-        if self._work is not None and self._work.deposition.started:
+        if self._work is not None:
             self._work.deposition.override_when_dark(percent)

@@ -18,18 +18,12 @@ from lmctl.run.journal.recorder import Recorder
 from lmctl.run.layers import Layers, LayerTally
 from lmctl.run.powder.feed import PowderFeed
 from lmctl.run.program.clock import ProgramClock
+from lmctl.run.program.feed_override import FeedOverride
 from lmctl.run.program.line_energy import LineEnergy
 from lmctl.run.program.outlook import Outlook
-from lmctl.run.program.overrides import override_bytes
 from lmctl.run.program.reentry import START, Entry, Place
 from lmctl.run.program.streamer import Streamer
 from lmctl.run.program.window import JobWindow
-
-#: An override waits so long for a travel in which it can be set [s].
-_OVERRIDE_WITHIN_S = 60.0
-
-#: The travel must begin so much later than powder sent now arrives [s]: a report and two ticks.
-_NOTICE_S = 0.3
 
 #: Lines wait for the next question only where the horizon holds so many status periods: one has
 #: gone by when they are sent, another until the next are, and motion must see its end in time.
@@ -68,6 +62,8 @@ class Deposition:
         self._recorder = recorder
         self._energy = LineEnergy(window, cell.motion.identity.dialect.segment_buffer_s)
         self._streamer = Streamer(window, motion.send_horizon_s)
+        self._override = FeedOverride(
+            clock, window, feed.plan.lead_s, motion.status_period_s, cell.motion.realtime)
         self._done = done
         self._failed = failed
         self._progress = progress
@@ -119,12 +115,14 @@ class Deposition:
         """Send the first lines; the rest follows as the machine reports where it is."""
         self.started = self._streaming = self._tracking = True
         self.layers.begin()
+        self._override.plan(self._loop.time())
         self._cell.motion.submit(self._released())
 
     def stop(self) -> None:
         """Send no more lines, whatever is reported; those not yet on the wire are dropped."""
         if self._streaming:
             self._streaming = False
+            self._override.stop()
             self.layers.count_fed()
             self._next_lines.clear()
             self._cell.motion.discard_queue()
@@ -149,22 +147,13 @@ class Deposition:
 
     def override_now(self, percent: int) -> None:
         """Set the feed override at once."""
-        for byte in override_bytes(percent):
-            self._cell.motion.realtime(byte)
-        self._clock.set_rate(self._loop.time(), percent / 100.0)
+        self._override.now(self._loop.time(), percent)
 
     def override_when_dark(self, percent: int) -> None:
-        """Set the feed override in the next travel that powder sent from now on can reach.
-
-        What is in the hoses was sent for the old one. Where no such travel comes soon, at once.
-        """
-        t = self._loop.time()
-        reach_s = self._clock.ahead(t, self._feed.plan.lead_s + _NOTICE_S)
-        dark = self._window.next_dark_s(reach_s, self._clock.ahead(t, _OVERRIDE_WITHIN_S))
-        if dark is None:
-            self.override_now(percent)
-        else:
-            self._clock.plan_rate(*dark, percent / 100.0)
+        """Set the feed override where powder can follow it; before motion starts, from then on."""
+        self._override.ask(percent)
+        if self._streaming:
+            self._override.plan(self._loop.time())
 
     # --- listeners of the motion driver -------------------------------------------------------
 
@@ -203,8 +192,8 @@ class Deposition:
             if self._clock.off_mm <= OFF_PATH_MM:
                 self._energy.report(report, self._clock.now(t), self._clock.rate)
         if self._streaming:
-            if (due := self._clock.due_rate(t)) is not None:
-                self.override_now(round(due * 100.0))
+            if self._clock.rate_will_change:
+                self._override.look(t)
             self._next_lines += self._released()
             if not self._may_wait:
                 self._send()

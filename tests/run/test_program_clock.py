@@ -194,3 +194,34 @@ def test_a_planned_override_is_counted_with_before_it_comes(job):
     clock.report(6.05, 2, (1.0, 5.0, 0.0))
     clock.report(6.1, 2, (1.1, 5.0, 0.0))
     assert clock.rate_at(4.5) == 0.5  # long past, and forgotten
+
+
+def test_a_planned_override_is_due_until_it_has_been_set(job):
+    """However late the report in which it is looked for."""
+    window = job([[("bead", (10, 0, 0), 4.0, 0), ("travel", (0, 5, 0), 0.1),
+                   ("bead", (10, 5, 0), 5.0, 1)]]).window()
+    clock = ProgramClock(window)
+    clock.acknowledge(3)
+    clock.run_from(0.0)
+    clock.plan_rate(4.0, 4.1, 0.5)
+    assert clock.due_in_s(3.0) == pytest.approx(1.0)
+    assert not clock.changes_before(4.0)
+    assert clock.changes_before(4.5)
+    clock.report(4.5, 2, (0.8, 5.0, 0.0))
+    assert clock.due_rate(4.5) == 0.5
+    clock.set_rate(4.5, 0.5)
+    assert not clock.changes_before(4.5)
+    clock.report(4.6, 2, (0.9, 5.0, 0.0))
+    assert not clock.rate_will_change
+
+
+def test_an_override_turned_at_the_panel_counts_until_the_planned_one(job):
+    window = job(zigzag()).window()
+    clock = ProgramClock(window)
+    clock.acknowledge(window.n_lines)
+    clock.run_from(0.0)
+    clock.plan_rate(4.0, 4.5, 0.5)
+    clock.set_rate(1.0, 0.8)
+    assert [clock.rate_at(s) for s in (1.0, 3.9, 4.25, 5.0)] == pytest.approx([0.8, 0.8, 0.65, 0.5])
+    clock.keep_rate()
+    assert clock.rate_at(5.0) == 0.8

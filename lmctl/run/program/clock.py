@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -99,15 +99,28 @@ class ProgramClock:
             self._known_s = self.now(t)
             self._known_t = t
             self.rate = rate
+            if self._change is not None and self._known_s < self._change.from_s:
+                self._change = replace(self._change, before=rate)  # turned at the machine's panel
             self.turned()
 
     def plan_rate(self, from_s: float, to_s: float, rate: float) -> None:
         """The feed override will be set to `rate` when program time is from_s.
 
-        It takes `set_rate` then to tell that it has been.
+        It takes `set_rate` then to tell that it has been; until then it is due.
         """
         self._change = RateChange(from_s, to_s, self.rate, rate)
         self.turned()
+
+    def keep_rate(self) -> None:
+        """No other override is planned any more."""
+        if self._change is not None:
+            self._change = None
+            self.turned()
+
+    def changes_before(self, s: float) -> bool:
+        """Whether a planned override is still to be set, at a program time before s."""
+        change = self._change
+        return change is not None and self.rate != change.after and change.from_s < s
 
     @property
     def rate_will_change(self) -> bool:
@@ -119,6 +132,14 @@ class ProgramClock:
         change = self._change
         due = change is not None and self.rate != change.after and self.now(t) >= change.from_s
         return change.after if change is not None and due else None
+
+    def due_in_s(self, t: float) -> float:
+        """Machine time from t until the planned override is to be set; 0 where it is, or none."""
+        change, s = self._change, self.now(t)
+        if change is None or s >= change.from_s:
+            return 0.0
+        window = self._window
+        return window.machine_s(change.from_s, self.rate) - window.machine_s(s, self.rate)
 
     def rate_at(self, s: float) -> float:
         """The feed override there will be at program time s, as powder is to follow it."""
@@ -134,7 +155,8 @@ class ProgramClock:
         position_mm : program coordinates x, y, z
         """
         expected_s = self.now(t)
-        if self._change is not None and expected_s > self._change.to_s:
+        change = self._change
+        if change is not None and expected_s > change.to_s and self.rate == change.after:
             self._change = None
         self.off_mm = 0.0
         if executed >= self._window.n_lines:
@@ -163,8 +185,7 @@ class ProgramClock:
         change = self._change
         if change is None or not s < change.from_s < reached_s:
             return reached_s
-        before_s = (self._window.machine_s(change.from_s, self.rate)
-                    - self._window.machine_s(s, self.rate))
+        before_s = self.due_in_s(t)
         return self._window.advance(change.from_s, running_s - before_s, change.after)
 
     def _as_expected(self, position_mm: tuple[float, ...], expected_s: float) -> float | None:

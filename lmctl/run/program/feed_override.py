@@ -1,0 +1,100 @@
+"""When a feed override comes into force: where powder can follow it, the last word counting.
+
+What is in the hoses was sent for the override that was to be. So a new one is set in a travel that
+powder sent from now on can still reach; where none comes soon, in the bead, when that powder is
+there. Until powder has begun to follow, another word takes its place; from then on it comes first,
+and what was asked for since comes after it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+
+from firmware_protocol.realtime import Realtime
+from lmctl.run.program.clock import ProgramClock
+from lmctl.run.program.overrides import override_bytes
+from lmctl.run.program.window import JobWindow
+
+#: An override waits so long for a travel in which it can be set [s].
+_WITHIN_S = 60.0
+
+#: The travel must begin so much later than powder sent now arrives [s]: a report and two ticks.
+_NOTICE_S = 0.3
+
+#: In a bead, powder changes over so much program time [s].
+_IN_BEAD_S = 0.3
+
+#: So long after its program time it surely is due [s].
+_DUE_S = 1e-3
+
+
+class FeedOverride:
+    """The feed override of one run, from where it is entered to the next hold.
+
+    lead_s : how long powder is on its way
+    status_period_s : how often `look` is called while one is planned
+    realtime : sends a byte to the controller at once
+    """
+
+    def __init__(
+        self, clock: ProgramClock, window: JobWindow, lead_s: float, status_period_s: float,
+        realtime: Callable[[Realtime], None],
+    ) -> None:
+        self._clock = clock
+        self._window = window
+        self._lead_s = lead_s
+        self._period_s = status_period_s
+        self._realtime = realtime
+        self._asked = 100  # percent
+        self._loop = asyncio.get_running_loop()
+        self._timer: asyncio.TimerHandle | None = None
+
+    def ask(self, percent: int) -> None:
+        """It is to be `percent`: when `plan` is called."""
+        self._asked = percent
+
+    def now(self, t: float, percent: int) -> None:
+        """Set it at once."""
+        self._asked = percent
+        self._clock.keep_rate()
+        self._set(t, percent)
+
+    def plan(self, t: float) -> None:
+        """Find the place at which to set what was asked for."""
+        clock, rate = self._clock, self._asked / 100.0
+        powder_s = clock.ahead(t, self._lead_s + _NOTICE_S)
+        if clock.changes_before(powder_s):
+            return  # powder is on its way for that one: `look` comes back to this
+        clock.keep_rate()
+        if rate == clock.rate:
+            return
+        dark = self._window.next_dark_s(powder_s, clock.ahead(t, _WITHIN_S))
+        clock.plan_rate(*(dark or (powder_s, powder_s + _IN_BEAD_S)), rate)
+
+    def stop(self) -> None:
+        """What is planned does not come any more."""
+        if self._timer is not None:
+            self._timer.cancel()
+
+    def look(self, t: float) -> None:
+        """Set what was planned if it is time for it, or when it will be before the next report."""
+        due = self._clock.due_rate(t)
+        if due is None:
+            soon_s = self._clock.due_in_s(t) + _DUE_S
+            if _DUE_S < soon_s < self._period_s:
+                self.stop()
+                self._timer = self._loop.call_at(t + soon_s, self._look_again)
+        else:
+            percent = round(due * 100.0)
+            self._set(t, percent)
+            if self._asked != percent:
+                self.plan(t)
+
+    def _look_again(self) -> None:
+        self.look(self._loop.time())
+
+    def _set(self, t: float, percent: int) -> None:
+        for byte in override_bytes(percent):
+            self._realtime(byte)
+        self._clock.set_rate(t, percent / 100.0)
