@@ -12,10 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.plan.mixture import runs
-from lmctl.plan.nozzle import Nozzle
+from lmctl.plan.mixture import ends_of_runs, knots, runs
 from lmctl.plan.order import Trace
 from lmctl.plan.polyline import arc_lengths, at_lengths, densified, simplified
+from lmctl.plan.powder import limits_of
+from lmctl.plan.ramps import followed
 from lmctl.plan.recipe import Recipe
 
 FloatArray = NDArray[np.float64]
@@ -32,6 +33,8 @@ _FILL = 0.9
 TOLERANCE_FRACTION = 0.02
 #: Where the mixture changes too fast along a path, the path is slowed down, but not below this.
 PACES = (1.0, 0.85, 0.7, 0.6, 0.5)
+#: A slower pace has to leave no more than this part of the time for which the powder is off.
+_WORTH = 0.9
 
 
 @dataclass(frozen=True)
@@ -72,15 +75,13 @@ def make_bead(
     levels = recipe.deliverable(wanted)
     recipe.check_deliverable(levels, where)
     along = arc_lengths(trace.points)
-    edges = np.concatenate([[0.0], (along[bounds[1:-1] - 1] + along[bounds[1:-1]]) / 2,
-                            [along[-1]]])
-    knots, laid = _knots(edges, levels)
+    turns, laid = knots(along, trace.fractions, bounds, levels, step)
     off = np.abs(levels - wanted).max(axis=1)
-    at = _vertices(trace, along, knots, recipe)
+    at = _vertices(trace, along, turns, recipe)
     slowest = (recipe.speed(levels).min() * _levelling(trace, along, at, recipe).min())
     at = densified(np.column_stack([at, np.zeros(len(at))]), _FILL * longest_s * slowest)[:, 0]
     fractions = np.column_stack([
-        np.interp(at, knots, laid[:, m]) for m in range(levels.shape[1])])
+        np.interp(at, turns, laid[:, m]) for m in range(levels.shape[1])])
     middle = (fractions[1:] + fractions[:-1]) / 2
     bead = Bead(
         points=at_lengths(trace.points, at),
@@ -89,27 +90,10 @@ def make_bead(
             recipe.speed(middle) * _levelling(trace, along, at, recipe), max_speed_mm_s),
         power_W=recipe.power(middle),
         pace=1.0,
-        snapped_mm=float(np.diff(edges)[off > step / 2].sum()),
+        snapped_mm=float(np.diff(ends_of_runs(along, bounds))[off > step / 2].sum()),
         snapped_by=float(off.max()),
     )
     return _slowed(bead, recipe) if leads and len(levels) > 1 else bead
-
-
-def _knots(edges: FloatArray, levels: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Lengths along the trace (k,) and mixtures (k, m) between which the mixture is linear.
-
-    At each edge between runs (r + 1,) it changes over the nearer halves of both, as wide on
-    either side: even slopes become one slope, and a plateau stays flat up to its end.
-    """
-    half = np.diff(edges) / 2
-    reach = np.minimum(half[1:], half[:-1])
-    inner = edges[1:-1]
-    knots = np.concatenate([[(edges[0] + edges[1]) / 2], np.stack(
-        [inner - reach, inner + reach], axis=1).ravel()])
-    owner = np.concatenate([[0], np.repeat(np.arange(len(inner)), 2)])
-    owner[2::2] += 1
-    keep = np.append(True, np.diff(knots) > 1e-9)
-    return knots[keep], levels[owner[keep]]
 
 
 def _levelling(
@@ -146,20 +130,21 @@ def _slowed(bead: Bead, recipe: Recipe) -> Bead:
     """The bead at the fastest pace at which the powder can follow its mixture.
 
     Slower, the mixture changes more slowly in time, and less flow is asked for: half the pace
-    halves what the lag demands. Falls back on the pace of least error.
+    halves what the lag demands. Where no pace is slow enough, the one at which the powder is off
+    for the least time. A jump takes the hoses the same time at any pace: it slows nothing.
     """
     least = _least_pace(bead, recipe)
-    best, best_error = bead, np.inf
+    best, best_off_s = bead, np.inf
     for pace in PACES:
         if pace < least and pace != PACES[0]:
             break
         tried = replace(bead, speed_mm_s=bead.speed_mm_s * pace, power_W=bead.power_W * pace,
                         pace=pace)
-        error = _predicted_error(tried, recipe)
-        if error <= TOLERANCE_FRACTION:
+        off_s = _off_s(tried, recipe)
+        if off_s == 0:
             return tried
-        if error < best_error - TOLERANCE_FRACTION / 2:
-            best, best_error = tried, error
+        if off_s < _WORTH * best_off_s:
+            best, best_off_s = tried, off_s
     return best
 
 
@@ -171,16 +156,13 @@ def _least_pace(bead: Bead, recipe: Recipe) -> float:
     return float(ratio.max())
 
 
-def _predicted_error(bead: Bead, recipe: Recipe) -> float:
-    """Largest error of volume fraction along the bead with led powder, after a settled start."""
+def _off_s(bead: Bead, recipe: Recipe) -> float:
+    """For how long led powder lays another mixture than the bead's, after a settled start."""
     flow = recipe.flow_g_s(bead.fractions, bead.pace)
     lasting = np.linalg.norm(np.diff(bead.points, axis=0), axis=1) / bead.speed_mm_s
-    ahead = recipe.lag_s * np.diff(flow, axis=0) / lasting[:, None]
-    low = np.minimum(flow[1:], flow[:-1]) + ahead
-    high = np.maximum(flow[1:], flow[:-1]) + ahead
-    if (low >= 0).all() and (high <= recipe.max_flow_g_s).all():
-        return 0.0
     times = np.concatenate([[0.0], np.cumsum(lasting)])
-    nozzle = Nozzle(recipe.dead_time_s, recipe.lag_s, recipe.max_flow_g_s, leads=True)
-    laid = recipe.laid_fractions(nozzle.advance(times, flow, times))
-    return float(np.abs(laid - recipe.laid_fractions(flow)).max())
+    laid_s, laid = followed(times, flow, flow[0], limits_of(recipe))
+    wanted = np.column_stack([
+        np.interp(laid_s, times, flow[:, m]) for m in range(flow.shape[1])])
+    error = np.abs(recipe.laid_fractions(laid) - recipe.laid_fractions(wanted)).max(axis=1)
+    return float(np.diff(laid_s)[error[1:] > TOLERANCE_FRACTION].sum())

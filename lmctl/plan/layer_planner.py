@@ -193,7 +193,7 @@ class LayerPlanner:
         flow = layer_flow(moves, where.time_s, end_s, [bead.pace for bead in beads], self.recipe,
                           self._process.powder, where.flow_g_s)
         self.tally.add_program(moves, durations, where.time_s, end_s, flow)
-        self._predict(moves, where.time_s, end_s, flow)
+        self._predict(index, moves, end_s, flow)
         table = np.zeros(len(moves), line_dtype(len(self.recipe.hoppers)))
         table["end_s"] = end_s
         table["x_mm"], table["y_mm"], table["z_mm"] = moves.target_mm.T
@@ -215,20 +215,25 @@ class LayerPlanner:
             where.mixture = beads[-1].fractions[-1]
         return layer
 
-    def _predict(self, moves: Moves, start_s: float, end_s: FloatArray, flow: Flow) -> None:
-        """What the nozzle will lay along this layer's beads, against what is wanted."""
+    def _predict(self, index: int, moves: Moves, end_s: FloatArray, flow: Flow) -> None:
+        """What the nozzle will lay along this layer's beads, against plan and part."""
         bead = np.flatnonzero(moves.kind == LineKind.BEAD)
-        begin_s = np.concatenate([[start_s], end_s[:-1]])[bead]
+        if len(bead) == 0:
+            return
+        begin_s = np.concatenate([[self._where.time_s], end_s[:-1]])[bead]
         before_mm = np.vstack([self._where.at_mm, moves.target_mm[:-1]])[bead]
         before = np.vstack([moves.fractions[:1], moves.fractions[:-1]])[bead]
         length = np.linalg.norm(moves.target_mm[bead] - before_mm, axis=1)
         pieces = np.maximum(1, np.ceil((end_s[bead] - begin_s) / _ASK_EVERY_S).astype(np.intp))
-        index = np.repeat(np.arange(len(bead)), pieces)
-        number = np.arange(len(index)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
-        share = (number + 0.5) / pieces[index]
-        ask_s = begin_s[index] + share * (end_s[bead] - begin_s)[index]
+        line = np.repeat(np.arange(len(bead)), pieces)
+        number = np.arange(len(line)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+        share = (number + 0.5) / pieces[line]
+        ask_s = begin_s[line] + share * (end_s[bead] - begin_s)[line]
         laid = self.recipe.laid_fractions(
             self._nozzle.advance(flow.times_s, flow.g_s, ask_s))
-        wanted = before[index] + share[:, None] * (moves.fractions[bead] - before)[index]
-        error = np.abs(laid - wanted).max(axis=1) if len(index) else np.empty(0)
-        self.tally.add_mixture(length[index] / pieces[index], error)
+        planned = before[line] + share[:, None] * (moves.fractions[bead] - before)[line]
+        at_mm = before_mm[line] + share[:, None] * (moves.target_mm[bead] - before_mm)[line]
+        at_mm -= self._placement.offset_mm
+        at_mm[:, 2] = self._placement.cut_mm(index)
+        self.tally.add_mixture(
+            length[line] / pieces[line], laid, planned, self._part.composition(at_mm))

@@ -1,8 +1,9 @@
 """What the nozzle must deliver against program time: knots of every hopper's flow.
 
-Along beads the flow follows the mixture, linear from vertex to vertex. From bead to bead it
-changes while the beam is off: along a ramp that the feeders can follow (mode "lead"), or at once
-as soon as the beam is off, as machines without compensation do ("dwell", "none").
+Along beads the flow follows the mixture, linear from vertex to vertex; in mode "lead" as nearly as
+hoppers can. From bead to bead it changes while the beam is off: along a ramp that the feeders can
+follow (mode "lead"), or at once as soon as the beam is off, as machines without compensation do
+("dwell", "none").
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from lmctl.job.schema import LineKind
 from lmctl.plan.moves import Moves
-from lmctl.plan.ramps import Limits, ramp
+from lmctl.plan.ramps import Limits, followed, ramp
 from lmctl.plan.recipe import Recipe
 
 FloatArray = NDArray[np.float64]
@@ -61,33 +62,18 @@ def layer_flow(
         else:
             course_s, share = np.array([0.0, min(_STEP_S, gap_s / 2)]), np.array([0.0, 1.0])
         change = wanted[0] - now
-        rest = (now_s + course_s, (share - 1)[:, None] * change)
-        inside = rest[0] < knots_s[0] - 1e-9
-        times += [np.array([now_s]), rest[0][inside]]
-        flows += [now[None], wanted[0] + rest[1][inside]]
-        knots_s, wanted = _with_rest(knots_s, wanted, rest)
+        inside = course_s < gap_s - 1e-9
+        times += [np.array([now_s]), now_s + course_s[inside]]
+        flows += [now[None], now + share[inside, None] * change]
+        if mode == "lead":
+            arrived = now + np.interp(gap_s, course_s, share) * change
+            knots_s, wanted = followed(knots_s, wanted, arrived, limits)
         times.append(knots_s)
         flows.append(wanted)
         now_s, now = float(knots_s[-1]), wanted[-1]
     times.append(np.array([now_s, float(end_s[-1])]))
     flows.append(np.vstack([now, now]))
     return _thinned(np.concatenate(times), np.vstack(flows))
-
-
-def _with_rest(
-    knots_s: FloatArray, wanted: FloatArray, rest: tuple[FloatArray, FloatArray]
-) -> tuple[FloatArray, FloatArray]:
-    """A bead's flow plus what a change of mixture has left over when the beam comes on."""
-    course_s, missing = rest
-    late = (course_s > knots_s[0]) & (course_s < knots_s[-1])
-    if course_s[-1] <= knots_s[0] + 1e-9:
-        return knots_s, wanted
-    every_s = np.union1d(knots_s, course_s[late])
-    both = np.empty((len(every_s), wanted.shape[1]))
-    for hopper in range(wanted.shape[1]):
-        both[:, hopper] = np.interp(every_s, knots_s, wanted[:, hopper]) + np.interp(
-            every_s, course_s, missing[:, hopper])
-    return every_s, np.maximum(both, 0.0)
 
 
 def _thinned(times_s: FloatArray, flow: FloatArray) -> Flow:

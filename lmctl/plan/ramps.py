@@ -3,6 +3,9 @@
 All hoppers go from flows a to flows b along one course λ(t) from 0 to 1, w = a + λ(b − a), so the
 total volume changes evenly too. A set-point u = w + τ w′ must stay within [0, u_max], which bounds
 how fast each hopper may rise (towards u_max) or fall (towards nothing): process.md 2.3.
+
+Under a lit beam the same bounds hold; a mixture that changes faster is followed as well as they
+allow, behind what is wanted.
 """
 
 from __future__ import annotations
@@ -10,6 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
@@ -22,6 +26,12 @@ SETTLED = 0.01
 _MARGIN = 1.1
 #: λ at which the fastest course is given knots: it closes in on b exponentially.
 _COURSE = np.append(1 - np.exp(-np.linspace(0, 4.8, 25)), 1.0)
+#: Where powder is behind, its flow has knots at most so far apart [s],
+_PIECE_S = 0.05
+#: and it has caught up when no more than this share of a hopper's greatest flow is missing.
+_CAUGHT_UP = 1e-4
+#: A lag below this is none [s].
+_NO_LAG_S = 1e-6
 
 
 @dataclass(frozen=True)
@@ -69,6 +79,65 @@ def ramp(
     if course_s[-1] < gap_s:
         course_s = course_s * (gap_s / course_s[-1])
     return course_s, _COURSE
+
+
+def followed(
+    times_s: FloatArray, wanted_g_s: FloatArray, start_g_s: FloatArray, limits: Limits
+) -> tuple[FloatArray, FloatArray]:
+    """What the nozzle can be brought to deliver, from `start_g_s` (m,) on, of a flow wanted.
+
+    Where set-points within their bounds can follow, it is what is wanted. Else all hoppers go
+    straight towards it, at the pace of the slowest, until they have caught up.
+
+    times_s, wanted_g_s : (k,) rising, (k, m) knots of the flow wanted
+    returns : (q,) rising, among them all of times_s; (q, m)
+    """
+    return _followed(
+        times_s, wanted_g_s, start_g_s, np.maximum(limits.lag_s, _NO_LAG_S), limits.max_flow_g_s)
+
+
+@njit(cache=True)
+def _share_of_way(
+    flow: FloatArray, goal: FloatArray, lasting: float, lag: FloatArray, most: FloatArray
+) -> float:
+    """Share of a straight change that keeps w + τ w′ within [0, u_max] for its whole time."""
+    share = 1.0
+    for m in range(len(flow)):
+        change = goal[m] - flow[m]
+        if abs(change) <= 1e-12:
+            continue
+        room = (most[m] - flow[m]) if change > 0 else flow[m]
+        share = min(share, room * lasting / (lasting + lag[m]) / abs(change))
+    return max(share, 0.0)
+
+
+@njit(cache=True)
+def _followed(
+    times: FloatArray, wanted: FloatArray, start: FloatArray, lag: FloatArray, most: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    count = 1
+    for k in range(len(times) - 1):
+        count += max(1, int(np.ceil((times[k + 1] - times[k]) / _PIECE_S)))
+    at = np.empty(count)
+    flow = np.empty((count, wanted.shape[1]))
+    at[0], flow[0] = times[0], start
+    n = 1
+    for k in range(len(times) - 1):
+        lasting = times[k + 1] - times[k]
+        caught_up = (np.abs(flow[n - 1] - wanted[k]) <= _CAUGHT_UP * most).all()
+        share = _share_of_way(flow[n - 1], wanted[k + 1], lasting, lag, most)
+        if caught_up and share >= 1.0 - 1e-9:
+            at[n], flow[n] = times[k + 1], wanted[k + 1]
+            n += 1
+            continue
+        pieces = max(1, int(np.ceil(lasting / _PIECE_S)))
+        for piece in range(1, pieces + 1):
+            at[n] = times[k] + lasting * piece / pieces if piece < pieces else times[k + 1]
+            goal = wanted[k] + (wanted[k + 1] - wanted[k]) * piece / pieces
+            share = _share_of_way(flow[n - 1], goal, at[n] - at[n - 1], lag, most)
+            flow[n] = flow[n - 1] + min(share, 1.0) * (goal - flow[n - 1])
+            n += 1
+    return at[:n], flow[:n]
 
 
 def _fractions(flow: FloatArray, limits: Limits) -> FloatArray:

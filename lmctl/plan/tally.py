@@ -51,6 +51,8 @@ class Tally:
     slowest_pace: float = 1.0
     right_mm: float = 0.0
     asked_mm: float = 0.0
+    unplanned_mm: float = 0.0
+    unfollowed_mm: float = 0.0
     worst_mixture: float = 0.0
     fed_g: FloatArray = field(default_factory=lambda: np.zeros(0))
     wasted_g: FloatArray = field(default_factory=lambda: np.zeros(0))
@@ -109,11 +111,17 @@ class Tally:
         self.wasted_g += fed[~bead].sum(axis=0)
         self.peak_flow_g_s = np.maximum(self.peak_flow_g_s, flow.g_s.max(axis=0))
 
-    def add_mixture(self, length_mm: FloatArray, error: FloatArray) -> None:
-        """Predicted errors of volume fraction at the nozzle, (q,), each over so much bead."""
+    def add_mixture(
+        self, length_mm: FloatArray, laid: FloatArray, planned: FloatArray, designed: FloatArray
+    ) -> None:
+        """Volume fractions (q, m) along so much bead each, (q,): as the nozzle is predicted to lay
+        them, as planned, and as the part file has them."""
         self.asked_mm += float(length_mm.sum())
-        self.right_mm += float(length_mm[error <= TOLERANCE_FRACTION].sum())
-        self.worst_mixture = max(self.worst_mixture, float(error.max(initial=0.0)))
+        self.right_mm += float(length_mm[~_differ(laid, designed)].sum())
+        self.worst_mixture = max(
+            self.worst_mixture, float(np.abs(laid - designed).max(initial=0.0)))
+        self.unplanned_mm += float(length_mm[_differ(planned, designed)].sum())
+        self.unfollowed_mm += float(length_mm[_differ(laid, planned)].sum())
 
     def totals(self, duration_s: float, warnings: list[str]) -> dict[str, Any]:
         """What `lmctl plan --json` prints."""
@@ -153,6 +161,11 @@ class Tally:
     @property
     def mixture_share(self) -> float:
         return self.right_mm / self.asked_mm if self.asked_mm else 1.0
+
+
+def _differ(one: FloatArray, other: FloatArray) -> NDArray[np.bool_]:
+    """Where mixtures (q, m) differ by more than the tolerance, (q,)."""
+    return np.asarray(np.abs(one - other).max(axis=1) > TOLERANCE_FRACTION)
 
 
 def _integral(flow: Flow, at_s: FloatArray) -> FloatArray:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from lmctl.plan.tally import ENOUGH_COVERAGE, ENOUGH_MIXTURE, OVERHANG_DEG, Tally
 from lmctl.preflight.placement import Placement
 
@@ -63,17 +65,27 @@ def _height(placement: Placement) -> list[Finding]:
 
 
 def _mixture(tally: Tally, mode: str) -> list[Finding]:
-    text = (f"{tally.mixture_share:.1%} of the path within ±0.02 of its mixture at the nozzle, "
-            f"by the powder model (mode {mode}); worst {tally.worst_mixture:.3f}")
+    text = (f"{tally.mixture_share:.1%} of the path within ±0.02 of the part file's mixture at the "
+            f"nozzle, by the powder model (mode {mode}); worst {tally.worst_mixture:.3f}")
     fine = tally.mixture_share >= ENOUGH_MIXTURE
-    if not fine and mode == "lead":
-        text += ": elsewhere it changes along the path faster than powder can follow"
+    if not fine:
+        text += "".join(_why_off(tally, mode))
     found = [_finding(fine, text)]
     if tally.slowed_mm:
         found.append(_finding(
             True, f"{tally.slowed_mm:.0f} mm of path slowed to as little as "
             f"{tally.slowest_pace:.0%}, so that the powder can follow the mixture"))
     return found
+
+
+def _why_off(tally: Tally, mode: str) -> Iterator[str]:
+    if tally.unfollowed_mm:
+        what = ("the mixture changes faster than powder can follow" if mode == "lead"
+                else "powder comes too late")
+        yield f"; along {tally.unfollowed_mm:.0f} mm {what}"
+    if tally.unplanned_mm:
+        yield (f"; along {tally.unplanned_mm:.0f} mm the plan differs from the part file by its "
+               "steps (process.fraction_step, strategy, least flows of hoppers)")
 
 
 def _hoppers(tally: Tally) -> list[Finding]:

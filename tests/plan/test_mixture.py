@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from lmctl.plan.mixture import quantised, runs
+from lmctl.plan.mixture import knots, quantised, runs
 
 mixtures = st.integers(1, 5).flatmap(
     lambda m: hnp.arrays(np.float64, (7, m), elements=st.floats(0.001, 1))
@@ -38,6 +38,34 @@ def test_a_slope_is_cut_in_runs_centred_on_their_values():
     assert levels[:, 1] == pytest.approx([0.2, 0.22, 0.24, 0.26, 0.28, 0.3])
     centres = [second[(a + b) // 2] for a, b in pairwise(bounds[1:-1])]
     assert centres == pytest.approx([0.22, 0.24, 0.26, 0.28], abs=0.003)
+
+
+def laid(along, second, step=0.02):
+    """The mixture laid at each of a track's points."""
+    fractions = np.stack([1 - second, second], axis=1)
+    bounds, levels = runs(fractions, step)
+    at, mixtures = knots(along, fractions, bounds, levels, step)
+    assert (np.diff(at) > 0).all()
+    return np.interp(along, at, mixtures[:, 1])
+
+
+def test_a_jump_is_laid_between_the_two_points_beside_it():
+    along = np.arange(0.0, 60.0, 0.2)
+    second = (along > 13.1).astype(float)
+    assert laid(along, second) == pytest.approx(second, abs=1e-12)
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    jumps=st.lists(st.tuples(st.floats(0, 30), st.floats(-0.5, 0.5)), max_size=5),
+    slope=st.floats(-0.1, 0.1), step=st.sampled_from([0.01, 0.02, 0.1]))
+def test_slopes_and_jumps_are_laid_within_three_quarters_of_a_quantum(jumps, slope, step):
+    along = np.arange(0.0, 30.0, 0.2)
+    second = 0.5 + slope * (along - 15)
+    for at, height in jumps:
+        second = second + height * (along > at)
+    second = np.clip(second, 0, 1)
+    assert np.abs(laid(along, second, step) - second).max() <= 0.75 * step + 1e-9
 
 
 def test_noise_at_the_edge_of_a_quantum_makes_one_run():

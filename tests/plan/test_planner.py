@@ -133,7 +133,9 @@ def test_flow_goes_on_from_layer_to_layer_and_along_each_bead(planned, recipe):
         row = layer.lines[bead]
         flow = np.stack([np.interp(row["end_s"], layer.flow_s, layer.flow_g_s[:, m])
                          for m in (0, 1)], axis=1)
-        assert recipe.laid_fractions(flow) == pytest.approx(row["fractions"], abs=2e-3)
+        off = np.abs(recipe.laid_fractions(flow) - row["fractions"]).max(axis=1)
+        assert off.max() < 0.02  # a quantum within a tenth of a millimetre is a jump to a hopper
+        assert np.quantile(off, 0.97) < 2e-3
 
 
 def test_ramps_keep_the_total_volume_even(planned, recipe):
@@ -254,6 +256,54 @@ def test_a_mixture_that_changes_faster_than_powder_can_is_slowed_down(
     assert fixed.totals["mixture_share"] < 0.5
     assert slow.totals["mixture_share"] > 0.9
     assert slow.totals["laser_on_s"] > 1.1 * fixed.totals["laser_on_s"]
+
+
+def stepped(make_part, shapes):
+    """Of 30 % carbide left of x = 0.1, 70 % right of it, along every track."""
+    return make_part(shapes["rectangle"], lambda p: np.where(p[:, 0] > 0.1, 0.7, 0.3))
+
+
+def test_a_jump_of_the_field_is_one_of_the_plan(tmp_path, make_part, shapes, profile):
+    plan_job(stepped(make_part, shapes), profile, tmp_path / "a.lmj")
+    for layer in layers_of(tmp_path / "a.lmj")[1]:
+        row = layer.lines[layer.lines["kind"] == LineKind.BEAD]
+        local = row["x_mm"] - 150.0
+        away = np.abs(local - 0.1) > 0.2  # the points of a track are a tenth of a bead apart
+        assert away.mean() > 0.8
+        assert row["fractions"][away, 1] == pytest.approx(np.where(local > 0.1, 0.7, 0.3)[away])
+
+
+def test_the_verdict_compares_what_is_laid_with_the_part(
+        tmp_path, make_part, shapes, profile, recipe):
+    """Hoses take seconds to change powders: the share of the path that is off, and why."""
+    manifest = plan_job(stepped(make_part, shapes), profile, tmp_path / "a.lmj")
+    right = []
+    for layer in layers_of(tmp_path / "a.lmj")[1]:
+        lines = layer.lines
+        begin_s = np.concatenate([layer.flow_s[:1], lines["end_s"][:-1]])
+        bead = np.flatnonzero(lines["kind"] == LineKind.BEAD)
+        for i in bead:
+            middle_s = (begin_s[i] + lines["end_s"][i]) / 2
+            flow = np.array([np.interp(middle_s, layer.flow_s, layer.flow_g_s[:, m])
+                             for m in (0, 1)])
+            x = (lines["x_mm"][i - 1] + lines["x_mm"][i]) / 2 - 150.0
+            off = abs(recipe.laid_fractions(flow)[1] - (0.7 if x > 0.1 else 0.3))
+            right.append([off <= 0.02, lines["end_s"][i] - begin_s[i]])
+    share = float(np.prod(right, axis=1).sum() / np.sum(right, axis=0)[1])
+    assert 0.2 < share < 0.8
+    assert manifest.totals["mixture_share"] == pytest.approx(share, abs=0.02)
+    found = next(f for f in manifest.verdict if "of the path within" in f["text"])
+    assert found["level"] == "warning"
+    assert "changes faster than powder can follow" in found["text"]
+    assert not any("slowed to" in f["text"] for f in manifest.verdict)
+
+
+def test_a_plan_in_coarse_steps_is_said_to_differ_from_the_part(
+        tmp_path, make_part, shapes, profile):
+    part = make_part(shapes["rectangle"], lambda p: 0.5 + 0.005 * p[:, 0],
+                     process=Process(fraction_step=0.25))
+    found = plan_job(part, profile, tmp_path / "a.lmj").verdict
+    assert any("the plan differs from the part file" in f["text"] for f in found)
 
 
 def test_lead_in_puts_the_bead_at_full_speed(tmp_path, make_part, shapes, profile):

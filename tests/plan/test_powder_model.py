@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lmctl.plan.nozzle import Nozzle
-from lmctl.plan.ramps import LEAST_RAMP_S, SETTLED, Limits, needed_s, ramp
+from lmctl.plan.ramps import LEAST_RAMP_S, SETTLED, Limits, followed, needed_s, ramp
 
 #: Volume flow in units of the whole, so that flows are volume fractions.
 UNIT = Limits(np.array([1.0, 1.0]), np.array([4.0, 4.0]), np.ones(2))
@@ -102,6 +102,27 @@ def laid_after(a, b, gap, later):
     nozzle = Nozzle(np.zeros(2), UNIT.lag_s, UNIT.max_flow_g_s, leads=True)
     laid = nozzle.advance(times, flow, np.array([gap + later]))[0]
     return laid / laid.sum()
+
+
+def test_what_hoppers_can_follow_is_followed():
+    times = np.array([0.0, 1, 3, 4])
+    wanted = np.array([mix(0.5), mix(0.6), mix(0.3), mix(0.3)])
+    at, flow = followed(times, wanted, wanted[0], UNIT)
+    assert at.tolist() == times.tolist()
+    assert flow == pytest.approx(wanted)
+
+
+def test_a_jump_under_a_lit_beam_takes_the_hose_its_time():
+    """process.md 2.2: to 98 % in 3.91 τ, at an even volume, set-points within their bounds."""
+    times = np.array([0.0, 1, 1.02, 12])
+    wanted = np.array([mix(0), mix(0), mix(1), mix(1)])
+    at, flow = followed(times, wanted, wanted[0], UNIT)
+    assert flow.sum(axis=1) == pytest.approx(np.ones(len(at)))
+    assert np.interp(0.98, flow[:, 1], at) - 1 == pytest.approx(3.91, rel=0.05)
+    assert flow[-1] == pytest.approx(mix(1), abs=1e-3)
+    slope = np.diff(flow, axis=0) / np.diff(at)[:, None]
+    for setpoint in (flow[:-1] + slope, flow[1:] + slope):  # τ is 1 s
+        assert ((setpoint >= -1e-9) & (setpoint <= UNIT.max_flow_g_s + 1e-9)).all()
 
 
 @settings(max_examples=80, deadline=None)
