@@ -8,7 +8,7 @@ from collections.abc import Callable
 from firmware_protocol.codes import alarm_meaning, error_meaning
 from firmware_protocol.status import StatusReport
 from lmctl.config.machine import MachineProfile
-from lmctl.errors import JobError, MachineError
+from lmctl.errors import MachineError
 from lmctl.machine.beat import on_beat
 from lmctl.machine.feeder.driver import FeederDriver
 from lmctl.machine.feeder.status import FeederListener, FeederStatus
@@ -116,11 +116,14 @@ class Watch:
                                   hint="look at the part, then resume"))
 
     def _line_rejected(self, tag: int, code: int) -> None:
+        """The text was checked before the run: what the controller got is not what was sent."""
         meaning = error_meaning(code, self._cell.motion.identity.dialect)
         line = self._deposition().job_line(tag)
-        self._tripped(JobError(f"program line {line} was rejected: {meaning.words}",
-                               where=f"error {code} of the motion controller",
-                               hint=meaning.remedy))
+        self._tripped(MachineError(
+            f"program line {line} was rejected: {meaning.words}",
+            where=f"error {code} of the motion controller",
+            hint=f"{meaning.remedy}; the job is sound, so look for noise on the line, too",
+        ))
 
     def _motion_alarm(self, code: int) -> None:
         meaning = alarm_meaning(code, self._cell.motion.identity.dialect)
