@@ -7,8 +7,10 @@ controller that no longer listens.
 
 from __future__ import annotations
 
+import asyncio
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
+from typing import Any
 
 from firmware_protocol.realtime import Realtime
 from lmctl.config.machine import Motion
@@ -89,7 +91,7 @@ class Beam:
         await self._cell.until(
             lambda: is_idle(self._motion.status), _REST_PATIENCE_S, "standstill"
         )
-        await self._motion.command("M5")
+        await _answered(self._motion.command("M5"))
 
     async def come_to_rest(self) -> None:
         """Idle, with the position known: a reset ends a door that has been closed since.
@@ -122,3 +124,12 @@ class Beam:
     def _disable(self) -> None:
         if self._cell.safety is not None:
             self._cell.safety.enable_laser(False)
+
+
+async def _answered(command: Coroutine[Any, Any, object]) -> None:
+    """A command's answer is waited for even by who breaks it off: until then none can follow."""
+    asked = asyncio.ensure_future(command)
+    try:
+        await asyncio.shield(asked)
+    finally:
+        await asyncio.gather(asked, return_exceptions=True)

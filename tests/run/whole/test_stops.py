@@ -50,6 +50,29 @@ def test_a_stop_in_a_hold_is_a_stop(run, large_square_job):
     one.check_safe()
 
 
+def test_a_stop_while_the_beam_is_taken_leaves_the_part_done(run, square_job):
+    """The controller takes its time to answer M5, and the operator does not."""
+    def slow(one):
+        receive = one.bench.motion.receive
+
+        def later(data):
+            if data.startswith(b"M5") and one.states_asked.append(one.executor.state) is None:
+                one.loop.call_later(0.03, receive, data)
+                if len(one.states_asked) == 1:
+                    one.executor.stop()
+            else:
+                receive(data)
+
+        one.states_asked, one.bench.motion.receive = [], later
+
+    one = run(square_job, acts=[(1.0, slow)])
+    assert one.states_asked == ["finishing"] * 2
+    assert one.result.state == "done", one.error
+    assert one.records("fault") == []
+    assert acts(one)[-3:] == ["see beam and motion at rest", "powder off", "gas off"]
+    one.check_safe()
+
+
 def test_a_third_ctrl_c_does_not_keep_the_journal_from_its_seal(
     run, large_square_job, monkeypatch
 ):
