@@ -31,11 +31,15 @@ class MedialAxis:
     points : (v, 2) float64 [mm]
     radius_mm : (v,) float64, distance to the outline
     edges : (e, 2) intp into both
+    centres : (c, 2) float64 [mm], of all circles in the outline that touch it in three places
+    centre_radius_mm : (c,) float64; the largest is as deep as the slice is anywhere
     """
 
     points: FloatArray
     radius_mm: FloatArray
     edges: NDArray[np.intp]
+    centres: FloatArray
+    centre_radius_mm: FloatArray
 
     def edge_lengths_mm(self) -> FloatArray:
         first, last = self.points[self.edges[:, 0]], self.points[self.edges[:, 1]]
@@ -80,7 +84,8 @@ def medial_axis(
     distance : (ny, nx) float32, in-plane signed distance to the loops on `grid`
     spacing_mm : of the points the loops are sampled at; radii err by about spacing² / 8 R
     """
-    empty = MedialAxis(np.empty((0, 2)), np.empty(0), np.empty((0, 2), np.intp))
+    empty = MedialAxis(
+        np.empty((0, 2)), np.empty(0), np.empty((0, 2), np.intp), np.empty((0, 2)), np.empty(0))
     walls = [_sampled(loop, spacing_mm) for loop in loops]
     sites = np.unique(np.vstack(walls), axis=0) if walls else np.empty((0, 2))
     if len(sites) < 4:
@@ -91,23 +96,21 @@ def medial_axis(
         return empty
     edges = np.asarray(diagram.ridge_vertices, dtype=np.intp)
     pairs = np.asarray(diagram.ridge_points, dtype=np.intp)
+    radius = np.zeros(len(diagram.vertices))
+    for end in edges.T:
+        met = end >= 0
+        reach = sites[pairs[met, 0]] - diagram.vertices[end[met]]
+        radius[end[met]] = np.linalg.norm(reach, axis=1)
+    inside = plane_values(distance, grid, diagram.vertices) > 0
     finite = (edges >= 0).all(axis=1) & (edges[:, 0] != edges[:, 1])
     edges, pairs = edges[finite], pairs[finite]
     chord = np.linalg.norm(sites[pairs[:, 0]] - sites[pairs[:, 1]], axis=1)
-    keep = np.ones(len(edges), dtype=np.bool_)
-    for side in (0, 1):  # at both ends: an edge between neighbours on one wall passes through it
-        end = diagram.vertices[edges[:, side]]
-        reach = np.linalg.norm(sites[pairs[:, 0]] - end, axis=1)
-        keep &= (chord >= _OPPOSITE * reach) & (plane_values(distance, grid, end) > 0)
-    edges, pairs = edges[keep], pairs[keep]
+    # At both ends: an edge between neighbours on one wall passes through it.
+    opposite = inside[edges] & (chord[:, None] >= _OPPOSITE * radius[edges])
+    edges = edges[opposite.all(axis=1)]
     used, ends = np.unique(edges, return_inverse=True)
-    ends = ends.reshape(edges.shape)
-    points = diagram.vertices[used]
-    radius = np.empty(len(used))
-    for side in (0, 1):
-        vertex = ends[:, side]
-        radius[vertex] = np.linalg.norm(sites[pairs[:, 0]] - points[vertex], axis=1)
-    return MedialAxis(points, radius, ends)
+    return MedialAxis(diagram.vertices[used], radius[used], ends.reshape(edges.shape),
+                      diagram.vertices[inside], radius[inside])
 
 
 def _sampled(loop: FloatArray, spacing_mm: float) -> FloatArray:

@@ -3,7 +3,8 @@
 Tracks lie at depth a/2, then every pitch d. Where the walls' tracks meet, at depth R, what is
 left from the innermost to the middle is g = (R − a/2) mod d:
 
-- g < d/4: two tracks would pile up; one *centreline* track replaces them;
+- g < d/4: two tracks would pile up; one *centreline* track replaces them (the outermost only
+  where it misses next to nothing of the outline: g < a/50);
 - 2g ≤ `widest_gap_mm`: two tracks, spaced 2g;
 - else: two tracks and a centreline between them.
 
@@ -30,6 +31,8 @@ INSET_TOLERANCE = 0.05
 #: Outermost tracks nearer to their middle than this part of a bead become one: not more, or
 #: the outline would be missed.
 _OUTER_MERGE = 0.02
+#: What is nowhere so deep, in beads, is left out; what is so deep but for rounding is not.
+LEAST_DEPTH = 0.5 - INSET_TOLERANCE - 1e-6
 #: Beads this many widths apart still meet: without overlap, one width is the rule itself.
 _NO_VOID = 1.01
 
@@ -39,13 +42,21 @@ class Centrelines:
     """What happens along a medial axis; each (n,) for its n vertices.
 
     runs : bool, a centreline track runs there
-    merges : intp, the level whose tracks it replaces there, −1 where it replaces none
+    parts : bool, two tracks run there, too near to each other for the raster to part them
+    merges : intp, the level whose tracks those replace there, −1 where they replace none
     share_mm : float64, the strip a centreline has to fill there
+    way_mm : float64, ≥ 0, from the innermost level to the middle
+    wide : bool, contours lie around there
+    slim : bool, all there is across is one centreline, or two tracks the raster does not part
     """
 
     runs: BoolArray
+    parts: BoolArray
     merges: IntArray
     share_mm: FloatArray
+    way_mm: FloatArray
+    wide: BoolArray
+    slim: BoolArray
 
 
 def widest_gap_mm(bead_mm: float, pitch_mm: FloatArray | float) -> FloatArray:
@@ -53,15 +64,29 @@ def widest_gap_mm(bead_mm: float, pitch_mm: FloatArray | float) -> FloatArray:
     return np.minimum(1.5 * np.asarray(pitch_mm), _NO_VOID * bead_mm)
 
 
-def centrelines(radius_mm: FloatArray, bead_mm: float, pitch_mm: float) -> Centrelines:
-    """Where centrelines run along a medial axis of depth `radius_mm` (n,)."""
+def centrelines(
+    radius_mm: FloatArray, bead_mm: float, pitch_mm: float, narrow_mm: float
+) -> Centrelines:
+    """Where centrelines run along a medial axis of depth `radius_mm` (n,).
+
+    narrow_mm : contours nearer than this to their middle are beyond the raster
+    """
     depth, level, rest = _levels(radius_mm, bead_mm, pitch_mm)
     outer = level == 0
-    merge = rest < np.where(outer, _OUTER_MERGE * bead_mm, pitch_mm / 4)
-    merge &= depth >= -INSET_TOLERANCE * bead_mm
+    laid = radius_mm >= LEAST_DEPTH * bead_mm
+    merge = laid & (rest < np.where(outer, _OUTER_MERGE * bead_mm, pitch_mm / 4))
     gap = (depth >= 0) & (2 * rest > widest_gap_mm(bead_mm, pitch_mm))
+    parts = laid & ~merge & ~gap & (rest < narrow_mm)
     share = np.where(gap, rest, np.where(outer, pitch_mm + 2 * rest, pitch_mm + rest))
-    return Centrelines(merge | gap, np.where(merge, level, -1), share)
+    return Centrelines(
+        runs=merge | gap, parts=parts, merges=np.where(merge | parts, level, -1), share_mm=share,
+        way_mm=np.maximum(rest, 0.0), wide=(depth >= 0) & ~(merge | gap | parts),
+        slim=outer & (merge | parts))
+
+
+def share_around_mm(radius_mm: float, pitch_mm: float) -> float:
+    """The strip a lone ring has to fill: the disc as far as half a pitch beyond it."""
+    return (radius_mm + pitch_mm / 2) ** 2 / (2 * radius_mm)
 
 
 def share_beside_mm(rest_mm: FloatArray, bead_mm: float, pitch_mm: float) -> FloatArray:

@@ -2,7 +2,8 @@
 
 In-plane strategy: iso-contours of the in-plane distance at a/2, a/2 + d, …; where the tracks of
 opposite walls would run into each other, one centreline track replaces them; where they leave a
-void, one is added (spacing.py). The strategy iso-3d is the paper's literal reading: iso-contours
+void, one is added (spacing.py); where the raster cannot part them, they are drawn around the
+middle (hairpins.py). The strategy iso-3d is the paper's literal reading: iso-contours
 of the 3D distance, with nothing in between.
 """
 
@@ -18,10 +19,20 @@ from scipy.spatial import cKDTree
 
 from lmctl.field.plane import PlaneGrid, iso_loops
 from lmctl.plan import spacing
+from lmctl.plan.hairpins import around, ring
 from lmctl.plan.medial import MedialAxis, medial_axis
+from lmctl.plan.middles import pieces, replacing
+from lmctl.plan.moves import LEAST_MOTION_MM
 from lmctl.plan.polyline import arc_lengths, densified
+from lmctl.plan.spacing import Centrelines
 
 FloatArray = NDArray[np.float64]
+
+#: Nearer to their middle than a raster pitch, or than this part of a bead, contours are drawn
+#: around it.
+_NARROW = 0.125
+#: The smallest ring that is laid, in bead widths.
+_LEAST_RING = 0.02
 
 
 class Section(Protocol):
@@ -55,29 +66,39 @@ class Track:
     def length_mm(self) -> float:
         return float(arc_lengths(self.points)[-1])
 
+    def is_motion(self) -> bool:
+        """Whether a motor would do more than twitch: a program has steps no finer than that."""
+        return bool(np.ptp(self.points, axis=0).max() >= 2 * LEAST_MOTION_MM)
+
 
 def in_plane_tracks(section: Section, bead_mm: float, pitch_mm: float) -> list[Track]:
     """Tracks of a section by the in-plane distance, island by island.
 
-    Every track lies at least 0.45 a inside the outline; pieces shorter than a/2 are left out.
+    Every track lies at least 0.45 a inside the outline; contours shorter than a/2 are left out.
     """
     if not section.loops or section.distance.max() <= 0:
         return []
     labels, count = ndimage.label(section.distance > 0)
     axis = medial_axis(section.loops, section.distance, section.grid, bead_mm / 10)
-    owner = _island_of(axis, labels, section.grid)
+    owner = _labels_at(axis.points[axis.edges].mean(axis=1), labels, section.grid)
+    home = _labels_at(axis.centres, labels, section.grid)
     tracks: list[Track] = []
     boxes = ndimage.find_objects(labels)
     for island in range(1, count + 1):
-        grid, values = _cut_out(section, labels, island, boxes[island - 1])
-        deepest = float(values.max())
-        if deepest < (0.5 - spacing.INSET_TOLERANCE) * bead_mm:
+        own, mine = home == island, owner == island
+        deepest = float(axis.centre_radius_mm[own].max(initial=0.0))
+        if deepest < spacing.LEAST_DEPTH * bead_mm:
             continue
-        mine = owner == island
+        grid, values = _cut_out(section, labels, island, boxes[island - 1])
         pitch = spacing.fitting_pitch_mm(
             axis.edge_radius_mm()[mine], axis.edge_lengths_mm()[mine], deepest, bead_mm, pitch_mm)
-        tracks += _island_tracks(grid, values, axis, mine, bead_mm, pitch, island - 1)
-    return [track for track in tracks if track.length_mm >= bead_mm / 2]
+        narrow = max(grid.pitch_mm, _NARROW * bead_mm)
+        found = _island_tracks(
+            grid, values, axis, mine, deepest, narrow, bead_mm, pitch, island - 1)
+        tracks += found + _pins(
+            found, axis.centres[own], axis.centre_radius_mm[own], narrow, bead_mm, pitch,
+            island - 1)
+    return [track for track in tracks if track.is_motion()]
 
 
 def iso_3d_tracks(section: Section, bead_mm: float, pitch_mm: float) -> list[Track]:
@@ -85,17 +106,19 @@ def iso_3d_tracks(section: Section, bead_mm: float, pitch_mm: float) -> list[Tra
     deepest = float(section.volume_distance.max()) if section.volume_distance.size else 0.0
     levels = np.arange(bead_mm / 2, deepest, pitch_mm)
     loops = iso_loops(section.volume_distance, section.grid, levels)
-    return [
+    tracks = [
         Track(fine, np.full(len(fine), pitch_mm), True, 0)
         for level in loops for loop in level
         if arc_lengths(fine := densified(loop, bead_mm / 10))[-1] >= bead_mm / 2
     ]
+    return [track for track in tracks if track.is_motion()]
 
 
-def _island_of(axis: MedialAxis, labels: NDArray[np.int32], grid: PlaneGrid) -> NDArray[np.int32]:
-    """The label of the node nearest to each medial edge; 0 where that is outside. (e,)"""
-    middle = axis.points[axis.edges].mean(axis=1) if len(axis.edges) else np.empty((0, 2))
-    index = np.round((middle - grid.origin_mm) / grid.pitch_mm).astype(np.intp)
+def _labels_at(
+    points: FloatArray, labels: NDArray[np.int32], grid: PlaneGrid
+) -> NDArray[np.int32]:
+    """The label of the node nearest to each point (n, 2); 0 where that is outside. (n,)"""
+    index = np.round((points - grid.origin_mm) / grid.pitch_mm).astype(np.intp)
     j = np.clip(index[:, 1], 0, grid.shape[0] - 1)
     i = np.clip(index[:, 0], 0, grid.shape[1] - 1)
     return np.asarray(labels[j, i])
@@ -118,35 +141,74 @@ def _cut_out(
 
 def _island_tracks(
     grid: PlaneGrid, values: NDArray[np.float32], axis: MedialAxis, mine: NDArray[np.bool_],
-    bead_mm: float, pitch_mm: float, island: int,
+    deepest_mm: float, narrow_mm: float, bead_mm: float, pitch_mm: float, island: int,
 ) -> list[Track]:
-    """All tracks of one island: contours without the stretches centrelines replace, centrelines."""
-    middle = spacing.centrelines(axis.radius_mm, bead_mm, pitch_mm)
-    both = middle.runs[axis.edges].all(axis=1)
-    chains = [
-        chain for chain in axis.chains(mine & both)
-        if arc_lengths(axis.points[chain])[-1] >= bead_mm / 2
-    ]
+    """All tracks of one island: contours without the stretches others replace, and those others."""
+    middle = spacing.centrelines(axis.radius_mm, bead_mm, pitch_mm, narrow_mm)
     laid = np.zeros(len(axis.points), dtype=np.bool_)
-    for chain in chains:
+    tracks = []
+    for chain in replacing(axis, mine, middle, bead_mm):
         laid[chain] = True
+        for piece in pieces(chain, axis, middle, bead_mm / 2):
+            tracks += _middle_tracks(piece, axis, middle, bead_mm, pitch_mm, island)
     own = np.zeros(len(axis.points), dtype=np.bool_)
     own[axis.edges[mine]] = True
-    tracks = []
-    levels = np.arange(bead_mm / 2, float(values.max()), pitch_mm)
+    contours = []
+    levels = np.arange(bead_mm / 2, deepest_mm, pitch_mm)
+    if deepest_mm < bead_mm / 2 + narrow_mm:  # no more than the raster's blobs
+        levels = levels[:0]
     for number, loops in enumerate(iso_loops(values, grid, levels)):
         way = axis.radius_mm - levels[number]
         near = own & (way >= 0) & (way < pitch_mm)
         meeting = _Meeting(
             axis.points[near], way[near], laid[near] & (middle.merges[near] == number))
         for loop in loops:
-            tracks += _contour_tracks(loop, meeting, bead_mm, pitch_mm, island)
-    for chain in chains:
-        points = densified(
-            np.column_stack([axis.points[chain], middle.share_mm[chain]]), bead_mm / 10)
-        tracks.append(Track(
-            points[:, :2], points[:, 2], bool(chain[0] == chain[-1]), island))
-    return tracks
+            contours += _contour_tracks(loop, meeting, bead_mm, pitch_mm, island)
+    return [track for track in contours if track.length_mm >= bead_mm / 2] + tracks
+
+
+def _middle_tracks(
+    piece: tuple[NDArray[np.intp], bool], axis: MedialAxis, middle: Centrelines,
+    bead_mm: float, pitch_mm: float, island: int,
+) -> list[Track]:
+    """The centreline along a piece of the medial axis, or the two tracks beside it."""
+    chain, two = piece
+    if two:
+        loops = around(axis.points[chain], middle.way_mm[chain], bead_mm / 10)
+        return [
+            Track(loop[:, :2], spacing.share_beside_mm(loop[:, 2], bead_mm, pitch_mm), True, island)
+            for loop in loops
+        ]
+    points = densified(np.column_stack([axis.points[chain], middle.share_mm[chain]]), bead_mm / 10)
+    return [Track(points[:, :2], points[:, 2], bool(chain[0] == chain[-1]), island)]
+
+
+def _pins(
+    tracks: list[Track], centres: FloatArray, radius_mm: FloatArray, narrow_mm: float,
+    bead_mm: float, pitch_mm: float, island: int,
+) -> list[Track]:
+    """Rings in places hardly wider than a bead, in any direction, that no track comes near.
+
+    centres (c, 2), radius_mm (c,) : of circles in the outline, the largest of each place with them
+    """
+    inset_mm = spacing.INSET_TOLERANCE * bead_mm
+    rest_mm = radius_mm - bead_mm / 2
+    size_mm = np.minimum(np.maximum(rest_mm, inset_mm), rest_mm + inset_mm)
+    slim = (size_mm >= _LEAST_RING * bead_mm) & (rest_mm < narrow_mm)
+    centres, size_mm = centres[slim], size_mm[slim]
+    if tracks and len(centres):
+        laid = cKDTree(np.vstack([track.points for track in tracks]))
+        far = laid.query(centres)[0] > bead_mm / 2
+        centres, size_mm = centres[far], size_mm[far]
+    rings: list[Track] = []
+    while len(centres):
+        deepest = int(np.argmax(size_mm))
+        points = densified(ring(centres[deepest], float(size_mm[deepest])), bead_mm / 10)
+        share = spacing.share_around_mm(float(size_mm[deepest]), pitch_mm)
+        rings.append(Track(points, np.full(len(points), share), True, island))
+        far = np.linalg.norm(centres - centres[deepest], axis=1) > bead_mm / 2
+        centres, size_mm = centres[far], size_mm[far]
+    return rings
 
 
 @dataclass(frozen=True)
