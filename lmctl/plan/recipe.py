@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
+#: Most rounds in which a mixture is found that flows as it should at its own speed.
+_ROUNDS = 60
+
 
 def hopper_flows_g_min(
     fractions: ArrayLike, density_g_mm3: ArrayLike, catch_efficiency: ArrayLike,
@@ -91,25 +94,54 @@ class Recipe:
         What that adds or takes is shared by the other materials in proportion.
         """
         result = np.array(fractions, dtype=np.float64)
-        fixed = np.zeros(result.shape, dtype=np.bool_)
-        for _ in range(result.shape[1]):
-            flow = self.flow_g_s(result)
-            weak = (flow > 1e-12) & (flow < self.min_flow_g_s * (1 - 1e-9)) & ~fixed
+        result /= result.sum(axis=1, keepdims=True)
+        flow = self.flow_g_s(result)
+        for row in np.flatnonzero((self._is_weak(flow) & (flow > 1e-12)).any(axis=1)):
+            result[row] = self._snapped(result[row])
+        return result
+
+    def _is_weak(self, flow_g_s: FloatArray) -> NDArray[np.bool_]:
+        return np.asarray(flow_g_s < self.min_flow_g_s * (1 - 1e-9))
+
+    def _snapped(self, wanted: FloatArray) -> FloatArray:
+        """One mixture (m,) that hoppers can meter; a powder left alone may still be too little."""
+        none, least = self.flow_g_s(wanted) <= 1e-12, np.zeros(len(wanted), dtype=np.bool_)
+        mixture = wanted
+        while True:
+            flow = self.flow_g_s(mixture)
+            free = ~(none | least)
+            weak = self._is_weak(flow) & free
             if not weak.any():
+                return mixture
+            if free.sum() > 1:
+                reached = flow / np.maximum(self.min_flow_g_s, 1e-12)
+                column = int(np.argmin(np.where(weak, reached, np.inf)))
+                (least if reached[column] >= 0.5 else none)[column] = True
+            elif least.any():  # others at their least leave too little for the last: one goes
+                column = int(np.argmin(np.where(least, wanted, np.inf)))
+                least[column], none[column] = False, True
+            else:
+                return mixture
+            mixture = self._with_least(wanted, ~(none | least), least)
+
+    def _with_least(
+        self, wanted: FloatArray, free: NDArray[np.bool_], least: NDArray[np.bool_]
+    ) -> FloatArray:
+        """The mixture (m,) whose materials `least` flow at their hoppers' least, the `free` ones
+        sharing the rest as in `wanted`. What flows depends on the speed, and the speed on the
+        mixture: half the way to what it would be at each speed converges for all but wild speeds.
+        """
+        share = np.where(free, wanted, 0.0)
+        share /= share.sum()
+        mixture, before = share, np.zeros_like(share)
+        per_speed = np.diag(self.flow_g_s(np.eye(len(share)))) / self.speed_mm_s
+        for _ in range(_ROUNDS):
+            if np.abs(mixture - before).max() < 1e-13:
                 break
-            row, column = np.nonzero(weak)
-            row, first = np.unique(row, return_index=True)
-            column = column[first]
-            least = result[row, column] * self.min_flow_g_s[column] / flow[row, column]
-            raised = flow[row, column] * 2 >= self.min_flow_g_s[column]
-            target = np.where(raised, np.minimum(least, 1.0), 0.0)
-            others = 1 - result[row, column]
-            target = np.where(others > 1e-9, target, 1.0)  # a pure powder cannot be replaced
-            scale = np.divide(1 - target, others, out=np.ones_like(others), where=others > 0)
-            result[row] *= scale[:, None]
-            result[row, column] = target
-            fixed[row, column] = True
-        return np.asarray(result / result.sum(axis=1, keepdims=True))
+            before = mixture
+            raised = np.where(least, self.min_flow_g_s / (per_speed * self.speed(mixture)), 0.0)
+            mixture = (mixture + raised + share * max(0.0, 1 - raised.sum())) / 2
+        return np.asarray(mixture / mixture.sum())
 
     def check_deliverable(self, fractions: FloatArray, where: str) -> None:
         """Raise PlanError where a mixture (n, m) asks a hopper for more or less than it can do."""

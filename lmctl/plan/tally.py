@@ -21,6 +21,8 @@ ENOUGH_COVERAGE = 0.99
 ENOUGH_MIXTURE = 0.99
 #: Walls lean out by more than this unsupported (process.md 4).
 OVERHANG_DEG = 30.0
+#: What decimals make of a difference of exactly the tolerance.
+_ROUNDING = 1e-9
 #: Coverage of a layer is looked at only where it has at least this area.
 _LEAST_SLICE_MM2 = 1.0
 
@@ -165,7 +167,7 @@ class Tally:
 
 def _differ(one: FloatArray, other: FloatArray) -> NDArray[np.bool_]:
     """Where mixtures (q, m) differ by more than the tolerance, (q,)."""
-    return np.asarray(np.abs(one - other).max(axis=1) > TOLERANCE_FRACTION)
+    return np.asarray(np.abs(one - other).max(axis=1) > TOLERANCE_FRACTION + _ROUNDING)
 
 
 def _integral(flow: Flow, at_s: FloatArray) -> FloatArray:

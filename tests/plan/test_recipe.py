@@ -59,6 +59,32 @@ def test_whatever_is_wanted_can_be_metered_afterwards(recipe, second):
     assert np.abs(got[:, 1] - second).max() <= 0.15
 
 
+def test_every_mixture_of_three_powders_has_a_deliverable_one_near(materials, profile):
+    """Of three speeds; what is set to a least flow keeps it when another powder is set."""
+    third = replace(materials[0], name="IN625", speed_mm_s=12.0)
+    mixed = (replace(materials[0], speed_mm_s=8.0), materials[1], third)
+    hopper = profile.hopper[0].model_copy(update={"name": "C", "material": "IN625"})
+    recipe = make_recipe(
+        mixed, Process(), profile.model_copy(update={"hopper": (*profile.hopper, hopper)}))
+    wanted = np.array([(a, b, 50 - a - b) for a in range(51) for b in range(51 - a)]) / 50
+    got = recipe.deliverable(wanted)
+    recipe.check_deliverable(got, "layer 1")
+    assert got.sum(axis=1) == pytest.approx(np.ones(len(wanted)))
+    least = recipe.min_flow_g_s / np.diag(recipe.flow_g_s(np.eye(3))) * 1.5  # at the least speed
+    assert np.abs(got - wanted).max() <= least[[0, 2]].sum()
+    fine = ((recipe.flow_g_s(wanted) >= recipe.min_flow_g_s) | (wanted == 0)).all(axis=1)
+    assert got[fine] == pytest.approx(wanted[fine])
+
+
+def test_least_flows_that_leave_too_little_for_the_rest(materials, profile):
+    """Each hopper's least is more than half of this thin layer: one powder goes."""
+    recipe = make_recipe(materials, Process(layer_height_mm=0.12), profile)
+    least = recipe.min_flow_g_s / np.diag(recipe.flow_g_s(np.eye(2)))
+    assert 0.5 < least[0] < 1
+    got = recipe.deliverable(mixes(0.42, 0.7))
+    recipe.check_deliverable(got, "layer 1")
+
+
 def test_too_much_for_a_hopper_says_what_to_do(materials, profile):
     fast = make_recipe(materials, Process(layer_height_mm=4.0), profile)
     with pytest.raises(PlanError) as caught:
