@@ -13,6 +13,7 @@ from lmctl.machine.feeder.driver import FeederDriver
 from lmctl.run.cell import acceptance
 from lmctl.run.cell.beam import Beam
 from lmctl.run.cell.devices import Cell
+from lmctl.run.cell.work_offset import refuse_moved
 from lmctl.run.course import Continuation, Course
 from lmctl.run.deposition import Progress
 from lmctl.run.interlocks.alarms import Alarms, Interlock
@@ -235,6 +236,7 @@ class CellSequence:
     async def _leave_part(self) -> None:
         """To the purge position; from there the job goes on at the place reached."""
         await self._beam.come_to_rest()
+        await refuse_moved(self._connected.motion, self._connected.offset_mm)
         await self._move_to_purge()
         if not self._course.enter_again():
             self._program_done()

@@ -11,6 +11,7 @@ from lmctl.job.reader import JobReader
 from lmctl.machine.feeder.driver import FeederDriver
 from lmctl.run.cell.check import check_motion
 from lmctl.run.cell.devices import Cell
+from lmctl.run.cell.work_offset import lasting_offset
 from lmctl.run.journal.recorder import Recorder
 from lmctl.run.journal.whereabouts import Whereabouts
 from lmctl.run.program.beam_off import without_beam
@@ -42,6 +43,7 @@ async def accept(
     if going_on:
         await reset_alarms(cell, [f for f in cell.feeders if f.status and f.status.alarm])
     check_motion(motion, profile)
+    cell.offset_mm = await lasting_offset(motion)
     whereabouts.begin(motion, run)
     if beam_off:
         await _read_through(job)

@@ -23,6 +23,7 @@ class Cell:
     """One motion controller, the feeders a job uses, and the safety inputs where there are any.
 
     hoppers : those of the profile that the job uses, in the job's order
+    offset_mm : the work offset it was accepted with; empty before
     """
 
     def __init__(
@@ -33,6 +34,7 @@ class Cell:
         self.feeders = tuple(feeders)
         self.safety = safety
         self.hoppers = tuple(hoppers)
+        self.offset_mm: tuple[float, ...] = ()
         self._feeder_of = [
             (hopper.name, feeder)
             for hopper in self.hoppers for feeder in self.feeders if feeder.name == hopper.feeder

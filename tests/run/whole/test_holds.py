@@ -170,3 +170,24 @@ def test_a_door_that_is_closed_again_at_once_holds_the_run_too(
     (alarm,) = one.records("alarm")
     assert "door" in alarm["what"]
     check_all_is_laid(one, undisturbed["large"])
+
+
+@pytest.mark.parametrize("left", [b"G92 X-5 Y-3\n", b"G10 L2 P2 X5 Y3\nG55\n", b"G43.1 Z2\n"])
+def test_an_offset_that_a_hold_would_lose_keeps_a_run_from_starting(run, square_job, left):
+    """Somebody else's program has left it; the reset that ends a hold would forget it."""
+    one = run(square_job, before=lambda r: r.bench.motion.receive(left))
+    assert one.error is not None
+    assert "would be lost at the first hold" in one.error.what
+    assert len(one.path.length_mm) == 0
+
+
+def test_an_offset_that_has_changed_in_a_hold_ends_the_run(run, large_square_job):
+    one = run(large_square_job, acts=[
+        (3.0, lambda r: r.executor.hold()),
+        (8.0, lambda r: setattr(r.executor._live.sequence._cell, "offset_mm", (0.0, 0.0, 5.0))),
+        (9.0, lambda r: r.executor.resume()),
+    ])
+    assert isinstance(one.error, RunFailed)
+    assert "work offset has changed" in one.error.what
+    one.check_safe()
+    assert one.path.time_s.max() < one.started_s + 4.0
