@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import dataclass
-from typing import Any
 
 from lmctl.errors import JobError
 from lmctl.run.journal.recorder import Recorder
@@ -27,11 +26,6 @@ class Continuation:
     run: str
     place: Place
     trusted: bool
-
-    def header(self) -> dict[str, Any]:
-        """As the header of a journal carries it: whoever goes on with this run needs it again."""
-        return {"continues": self.run, "position_kept": self.trusted,
-                "begins_at": {"line": self.place.line, "share": round(self.place.share, 6)}}
 
 
 class Course:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import os
 import socket
 import time
 from collections.abc import Callable
@@ -11,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from lmctl import __version__
 from lmctl.config.machine import Hopper, MachineProfile
 from lmctl.errors import JobError, LmctlError, UsageError
 from lmctl.job.reader import JobReader
@@ -23,6 +21,7 @@ from lmctl.run.control.server import Controls, ControlSocket, Peer, listening
 from lmctl.run.course import Continuation, Course
 from lmctl.run.deposition import Progress
 from lmctl.run.endings import ending, recoverable
+from lmctl.run.header import header, local
 from lmctl.run.journal import rundir
 from lmctl.run.journal.recorder import Recorder, wall_stamp
 from lmctl.run.journal.whereabouts import Whereabouts
@@ -215,8 +214,9 @@ class Executor:
                 if job.digest != digest:
                     raise JobError(f"{self._job_path} changed while it was read")
                 hoppers = _hoppers_of(job, self._profile)
-                header = self._header(job, hoppers)
-                with Journal(made.journal, header, local=self._local(made.run)) as journal:
+                first = header(job, self._profile, hoppers, self._operator, self._continues)
+                here = local(made.run, self._profile)
+                with Journal(made.journal, first, local=here) as journal:
                     return await self._drive(job, hoppers, made, journal, control, began)
         finally:
             if not made.journal.exists():
@@ -257,41 +257,19 @@ class Executor:
                 warnings = (_BEAM_STAYED_OFF,) if course.entered and sequence.beam_off else ()
                 machine_s = loop.time() - start_t
                 sequence.end()
-                await operators.close()
-                recorder.seal(machine.state, lines=course.executed, warnings=list(warnings),
-                              recoverable=recoverable(machine, course),
-                              position_trusted=sequence.position_trusted)
-                await sequence.close()
+                try:
+                    await operators.close()
+                    recorder.seal(machine.state, lines=course.executed, warnings=list(warnings),
+                                  recoverable=recoverable(machine, course),
+                                  position_trusted=sequence.position_trusted)
+                finally:  # a disk that is full must not leave the feeders to their watchdogs
+                    await sequence.close()
         if machine.state is not State.DONE:
             raise ending(made, machine, course, sequence.alarms)
         return RunResult(
             made.run, machine.state.value, course.executed, machine_s,
             time.perf_counter() - began, made.journal, warnings,
         )
-
-    def _header(self, job: JobReader, hoppers: list[Hopper]) -> dict[str, object]:
-        manifest, profile = job.manifest, self._profile
-        return {
-            "job": job.digest, "part": manifest.part_name, "part_sha256": manifest.part_sha256,
-            "sources": manifest.sources, "software": f"lmctl {__version__}",
-            "planned_with": manifest.software, "machine": profile.name,
-            "profile": profile.planning_digest(), "operator": self._operator,
-            "powder_mode": manifest.powder_mode, "layers": len(manifest.layers),
-            "lines": sum(entry.n_lines for entry in manifest.layers),
-            **({} if self._continues is None else self._continues.header()),
-            "planned_s": manifest.layers[-1].end_s, "materials": list(manifest.materials),
-            "warnings": list(manifest.totals.get("warnings", [])),
-            "hoppers": [
-                {"name": h.name, "feeder": h.feeder, "material": h.material,
-                 "dead_time_s": h.dead_time_s, "lag_s": h.lag_s}
-                for h in hoppers
-            ],
-        }
-
-    def _local(self, run: str) -> dict[str, object]:
-        endpoints = {feeder.name: feeder.endpoint for feeder in self._profile.feeder}
-        return {"run": run, "wall": wall_stamp(), "pid": os.getpid(),
-                "endpoints": {"motion": self._profile.motion.endpoint, **endpoints}}
 
 
 def _hoppers_of(job: JobReader, profile: MachineProfile) -> list[Hopper]:

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from lmctl.errors import MachineError, RunBrokenOff, RunFailed, RunStopped
+from lmctl.errors import JournalError, MachineError, RunBrokenOff, RunFailed, RunStopped
 from lmctl.run.journal.aftermath import aftermath
 from lmctl.run.journal.file import verify
+from lmctl.run.journal.recorder import Recorder
 from lmctl.run.journal.rundir import RunDir
 from lmctl.run.program.reentry import Place
 from simulators.faults.board import FaultBoard
@@ -284,14 +285,32 @@ def test_a_job_altered_while_it_runs_ends_the_run(run, tmp_path, profile, job_fi
     assert one.states[-2:] == ["tripped", "faulted"]
 
 
-def test_a_full_disk_ends_the_run_safely(run, large_square_job, monkeypatch):
-    def fill_disk(one):
+@pytest.fixture
+def fill_disk(monkeypatch):
+    def fill(*_):
         def write(fd, data):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
         full = SimpleNamespace(**{**vars(os), "write": write})
         monkeypatch.setattr("lmctl.run.journal.writer.os", full)
 
+    return fill
+
+
+def test_a_disk_that_is_full_when_all_is_done_keeps_no_feeder_from_being_given_back(
+    run, square_job, fill_disk, monkeypatch
+):
+    seal = Recorder.seal
+    monkeypatch.setattr(Recorder, "seal",
+                        lambda *args, **fields: (fill_disk(), seal(*args, **fields)))
+    one = run(square_job)
+    assert isinstance(one.error, JournalError)
+    assert one.states[-1] == "done"
+    # run() has waited for a minute since: a feeder left alone would have tripped its watchdog.
+    assert {int(feeder.command) for feeder in one.bench.feeders.values()} == {0}  # given back
+
+
+def test_a_full_disk_ends_the_run_safely(run, large_square_job, fill_disk, monkeypatch):
     one = run(large_square_job, acts=[(3.0, fill_disk)])
     monkeypatch.undo()
     assert isinstance(one.error, RunFailed)
