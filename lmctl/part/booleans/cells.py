@@ -69,22 +69,80 @@ class Cells:
         on : (n,) leaves on whose surface they are known to lie
         sides : (k, n) sides of leaves on which they are known to lie, 0 where they are not
         """
+        inside, outside = self._around(points, on, sides)
+        return inside & outside
+
+    def side(self, points: FloatArray) -> SignArray:
+        """The side of the expression that is all around points (n, 3): 1 or −1, 0 where both are.
+
+        On faces that bodies share the formula comes out at 0, though nothing changes there.
+        """
+        inside, outside = self._around(points, None, None)
+        return inside.astype(np.int8) - outside.astype(np.int8)
+
+    @property
+    def joint_mm(self) -> float:
+        """How near to 0 the formula comes out at most on a face that leaves share [mm]."""
+        return float(self.slack_mm.max())
+
+    def sided(self, points: FloatArray, depth: FloatArray) -> FloatArray:
+        """The formula's depths (n,) at points, on faces that leaves share on the side around."""
+        rows = np.flatnonzero(np.abs(depth) <= self.joint_mm)
+        if len(rows) == 0:
+            return depth
+        side, own = self.side(points[rows]), depth[rows]
+        result = depth.copy()
+        result[rows] = np.where(
+            side == 0, own, side * np.maximum(np.abs(own), self.slack_mm.min()))
+        return result
+
+    def doubted(
+        self, depth: FloatArray, rows: Sequence[FloatArray], near: NDArray[np.bool_]
+    ) -> tuple[IntArray, list[SignArray], NDArray[np.bool_]]:
+        """The leaf that depths (b, m) are measured to; the sides of all leaves that its nearest
+        point has for sure, else 0; and where it is not sure that this point is on the boundary.
+
+        It is where the formula changes with that leaf, whatever the sides of all leaves that are
+        no farther away: any of them may have either side at that point.
+        """
+        size = np.abs(depth)
+        which = np.full(depth.shape, -1, dtype=np.int64)
+        sides = []
+        for number, row in enumerate(rows):
+            side = np.where(row > 0, np.int8(1), np.int8(-1))
+            if near[number].any():
+                away = np.abs(row)
+                side[away <= size + 2.0 * self.slack_mm[number]] = 0
+                which[(away == size) & (which < 0)] = number
+            sides.append(side)
+        known = []
+        for sign in (np.int8(1), np.int8(-1)):
+            there = list(sides)
+            for leaf in np.flatnonzero(near.any(axis=1)):
+                there[leaf] = np.where(which == leaf, sign, sides[leaf])
+            known.append(self.expression.of(there))
+        return which, sides, known[0] * known[1] >= 0
+
+    def _around(
+        self, points: FloatArray, on: IntArray | None, sides: SignArray | None
+    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Whether the inside, and whether the outside, is met right around points."""
         signs, active = self._signs(points, on, sides)
+        side = self.expression.of(signs)
+        seen = _Seen(len(points))
+        seen.note(np.arange(len(points)), side)
         count = active.sum(axis=0)
-        found = np.zeros(len(points), dtype=bool)
-        single = np.flatnonzero(count == 1)
-        if len(single):
-            found[single] = self._toggled(signs[:, single], active[:, single])
-        several = np.flatnonzero(count > 1)
+        single = np.flatnonzero((side == 0) & (count == 1))
+        for sign in (np.int8(1), np.int8(-1)) if len(single) else ():
+            there = np.where(active[:, single], sign, signs[:, single])
+            seen.note(single, self.expression.of(there))
+        several = np.flatnonzero((side == 0) & (count > 1))
         if len(several):
-            open_ = self.expression.of(signs[:, several]) == 0
-            several = several[open_]
-        if len(several):
-            seen = _Seen(len(several))
+            own = _Seen(len(several))
             self._look(points[several], signs[:, several], active[:, several], self.expression,
-                       seen)
-            found[several] = seen.inside & seen.outside
-        return found
+                       own)
+            seen.inside[several], seen.outside[several] = own.inside, own.outside
+        return seen.inside, seen.outside
 
     def enter(self, points: FloatArray, leaf: int, others: Expression) -> NDArray[np.bool_]:
         """Whether points lie on the piece of a leaf's surface inside others, or on its rim.
@@ -119,12 +177,6 @@ class Cells:
         if on is not None:
             signs[on, np.arange(len(points))] = 0
         return signs, signs == 0
-
-    def _toggled(self, signs: SignArray, active: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Whether the one active leaf's sides differ."""
-        inside = self.expression.of(np.where(active, np.int8(1), signs))
-        outside = self.expression.of(np.where(active, np.int8(-1), signs))
-        return np.asarray(inside != outside)
 
     def _look(
         self, points: FloatArray, signs: SignArray, active: NDArray[np.bool_], of: Expression,

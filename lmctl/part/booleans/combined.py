@@ -35,6 +35,7 @@ from lmctl.part.booleans.expression import (
     expression_of,
     joined,
 )
+from lmctl.part.booleans.joints import without_joints
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -125,11 +126,12 @@ class Combined(Analytic):
         return depth
 
     def bound(self, points: FloatArray) -> FloatArray:
-        """What least and greatest of the leaves' distances say."""
+        """What least and greatest of the leaves' distances say, but on faces that they share."""
         points = np.asarray(points, dtype=np.float64)
         depth = np.empty(len(points))
         for part in self._parts(len(points)):
-            depth[part] = self.expression.of(self._bounds(points[part])[0])[0]
+            found = self.expression.of(self._bounds(points[part])[0])[0]
+            depth[part] = self._cells.sided(points[part], found)
         return depth
 
     def feet(self, points: FloatArray) -> FloatArray:
@@ -165,7 +167,8 @@ class Combined(Analytic):
         return values
 
     def cut(self, z_mm: float, plane: PlaneGrid) -> NDArray[np.float32]:
-        return self.expression.of([leaf.cut(z_mm, plane) for leaf in self.expression.leaves])
+        rows = [leaf.cut(z_mm, plane) for leaf in self.expression.leaves]
+        return without_joints(rows, self._cells, self.at, z_mm, plane)
 
     def _fill(self, values: NDArray[np.float32], blocks: Blocks) -> None:
         bounds = blocks.bounds()
@@ -190,7 +193,8 @@ class Combined(Analytic):
         if len(several) == 0:
             return depth
         close = depth[several]
-        which, sides, open_ = self._doubted(close, [row[several] for row in rows], near[:, several])
+        measured = [row[several] for row in rows]
+        which, sides, open_ = self._cells.doubted(close, measured, near[:, several])
         b, m = np.nonzero(open_)
         if len(b):
             asked, which = points[several[b], m], which[b, m]
@@ -200,7 +204,8 @@ class Combined(Analytic):
                 nearest = self.boundary.nearest(asked[hidden])
                 away = np.linalg.norm(asked[hidden] - nearest, axis=1)
                 b, m = b[hidden], m[hidden]
-                close[b, m] = np.copysign(np.maximum(away, np.abs(close[b, m])), close[b, m])
+                own = self._cells.sided(asked[hidden], close[b, m])
+                close[b, m] = np.copysign(np.maximum(away, np.abs(own)), own)
                 depth[several] = close
         return depth
 
@@ -225,33 +230,6 @@ class Combined(Analytic):
             if done:
                 return
 
-    def _doubted(
-        self, depth: FloatArray, rows: Sequence[FloatArray], near: NDArray[np.bool_]
-    ) -> tuple[IntArray, list[SignArray], NDArray[np.bool_]]:
-        """The leaf that depths (b, m) are measured to; the sides of all leaves that its nearest
-        point has for sure, else 0; and where it is not sure that this point is on the boundary.
-
-        It is where the formula changes with that leaf, whatever the sides of all leaves that are
-        no farther away: any of them may have either side at that point.
-        """
-        size = np.abs(depth)
-        which = np.full(depth.shape, -1, dtype=np.int64)
-        sides = []
-        for number, row in enumerate(rows):
-            side = np.where(row > 0, np.int8(1), np.int8(-1))
-            if near[number].any():
-                away = np.abs(row)
-                side[away <= size + 2.0 * self._cells.slack_mm[number]] = 0
-                which[(away == size) & (which < 0)] = number
-            sides.append(side)
-        known = []
-        for sign in (np.int8(1), np.int8(-1)):
-            there = list(sides)
-            for leaf in np.flatnonzero(near.any(axis=1)):
-                there[leaf] = np.where(which == leaf, sign, sides[leaf])
-            known.append(self.expression.of(there))
-        return which, sides, known[0] * known[1] >= 0
-
     def _leaf_feet(self, points: FloatArray, which: IntArray) -> FloatArray:
         feet = np.empty_like(points)
         for number, own in grouped(which):
@@ -266,7 +244,7 @@ class Combined(Analytic):
         rows, near = self._bounds(points)
         self._exactly(points[None], rows, near)
         depth = np.array(np.broadcast_to(self.expression.of(rows), (1, len(points))))
-        which, sides, open_ = self._doubted(depth, rows, near)
+        which, sides, open_ = self._cells.doubted(depth, rows, near)
         depth, which = depth[0], which[0]
         measured = np.concatenate(rows)[which, np.arange(len(points))]
         side = np.where((measured > 0) == (depth > 0), 1.0, -1.0)
@@ -277,6 +255,7 @@ class Combined(Analytic):
             hidden = hidden[~self._cells.change(feet[hidden], which[hidden], known)]
         if len(hidden):
             feet[hidden] = self.boundary.nearest(points[hidden])
+            depth[hidden] = self._cells.sided(points[hidden], depth[hidden])
             which[hidden] = -1
         return feet, which, depth, side
 

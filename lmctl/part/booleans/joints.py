@@ -1,0 +1,59 @@
+"""The outline of bodies made one does not stop where they join.
+
+On a face that two bodies share each of them is at 0, and so is their union by formula, which would
+leave a slit there for every outline to run into. Nodes on a joint take the side that is all around
+them. Nodes beside the outline that are near a joint take the distance from what is left of the
+bodies' surfaces: measured to the joint they would notch the outline.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmctl.field.plane import PlaneGrid
+from lmctl.part.bodies.body import plane_points
+from lmctl.part.booleans.cells import Cells
+
+FloatArray = NDArray[np.float64]
+Plane = NDArray[np.float32]
+
+
+def without_joints(
+    rows: Sequence[Plane], cells: Cells, at: Callable[[FloatArray], FloatArray], z_mm: float,
+    plane: PlaneGrid,
+) -> Plane:
+    """The cut of bodies made one by those of its leaves, without what these hide from each other.
+
+    rows : (ny, nx) float32 [mm] of each leaf, positive inside
+    cells : of the body; at : its distance
+    """
+    formula: Plane = cells.expression.of(rows)
+    values = formula.copy()
+    on_it = np.abs(values) <= cells.joint_mm
+    if on_it.any():
+        points = plane_points(plane, z_mm)[on_it.ravel()]
+        values[on_it] = cells.sided(points, values[on_it].astype(np.float64))
+    # A node is a step from the outline at most; a leaf farther from it by more hides nothing.
+    reach = np.abs(formula) + np.float32(plane.pitch_mm)
+    near = np.zeros(formula.shape, dtype=np.int32)
+    for row in rows:
+        near += np.abs(row) <= reach
+    doubted = _beside_outline(values > 0) & (near > 1)
+    if doubted.any():
+        depth = np.abs(at(plane_points(plane, z_mm)[doubted.ravel()]))
+        values[doubted] = np.copysign(np.maximum(depth, np.abs(values[doubted])), values[doubted])
+    return values
+
+
+def _beside_outline(inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The nodes one of whose four neighbours is on the other side."""
+    beside = np.zeros_like(inside)
+    across, along = inside[:, 1:] != inside[:, :-1], inside[1:] != inside[:-1]
+    beside[:, 1:] |= across
+    beside[:, :-1] |= across
+    beside[1:] |= along
+    beside[:-1] |= along
+    return beside
