@@ -50,6 +50,17 @@ def test_tracks_cover_the_slice(section, shapes, name):
     assert covered / area >= 0.99
 
 
+@pytest.mark.parametrize("raster", [0.1, 0.25, 0.7])
+def test_the_area_of_a_slice_is_its_outline_s_whatever_the_raster(section, raster):
+    """A plate of 30 × 2 with a hole of 1 × 1: nodes would count 15 % too little, or too much."""
+    outer = np.array([[0, 0], [30, 0], [30, 2], [0, 2], [0, 0.0]])
+    hole = np.array([[20, 0.5], [20, 1.5], [21, 1.5], [21, 0.5], [20, 0.5]])
+    cut = section([outer, hole], raster)
+    assert covered_area_mm2(cut, [], BEAD) == (0.0, pytest.approx(59.0, rel=1e-12))
+    covered, area = covered_area_mm2(cut, in_plane_tracks(cut, BEAD, PITCH), BEAD)
+    assert 0 < covered <= area == pytest.approx(59.0, rel=1e-12)
+
+
 @pytest.mark.parametrize("name", ["small disc", "wall 1.05", "wall 1.3", "wedge"])
 def test_what_is_nearly_too_thin_is_covered_as_far_as_a_bead_reaches(section, shapes, name):
     cut = section(shapes[name])
