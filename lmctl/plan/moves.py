@@ -11,7 +11,7 @@ from lmctl.job.schema import LineKind
 
 FloatArray = NDArray[np.float64]
 
-#: Program coordinates carry three decimals, feeds and S words one.
+#: Program coordinates carry three decimals, feeds one.
 POSITION_STEP_MM = 0.001
 FEED_STEP_MM_MIN = 0.1
 

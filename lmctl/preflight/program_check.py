@@ -4,8 +4,8 @@ Digests prove that nothing was altered since the job was written. They do not pr
 was right, or honest: the controller executes the text, while everything that watches it reads the
 table. So before anything moves the two are compared line by line, a layer in memory at a time.
 
-Two 3-decimal positions, one-decimal feeds and powers: what rounding makes of a number is no
-difference.
+Positions of three decimals, feeds of one, powers of as many as `power_word` says: what rounding
+makes of a number is no difference.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from lmctl.errors import JobError
 from lmctl.job.container import REMAKE
 from lmctl.job.reader import JobReader
 from lmctl.job.schema import JobLayer, JobManifest, LineKind
+from lmctl.preflight.power_word import power_decimals
 
 _OPENING, _CLOSING = ("G21 G90 G94", "M4 S0"), "M5"
 _SIGNED, _PLAIN = r"(-?[0-9]+(?:\.[0-9]+)?)", r"([0-9]+(?:\.[0-9]+)?)"
@@ -31,7 +32,7 @@ _LINE = re.compile(
 _X, _Y, _Z, _F, _S, _P, _WORDS = range(7)
 
 # Half of the last decimal, and a little for float32.
-_POSITION_MM, _DWELL_S, _FEED_MM_MIN, _POWER_S = 6e-4, 6e-4, 0.06, 0.06
+_POSITION_MM, _DWELL_S, _FEED_MM_MIN, _OF_LAST_DECIMAL = 6e-4, 6e-4, 0.06, 0.6
 # The same of the manifest's totals.
 _LASTING_S, _POWER_W = 1e-6, 0.06
 _OF_FLOAT32 = 1e-6
@@ -155,7 +156,8 @@ class _Check:
             self._refuse(layer, at, f"the program has the beam on, at S{said[at]:g}; the table "
                                     f"has it off ({kind})")
         per_S = manifest.max_power_W / manifest.s_max
-        self._compare(layer, moves, said * per_S, layer.lines["power_W"], _POWER_S * per_S,
+        rounded_W = _OF_LAST_DECIMAL / 10 ** power_decimals(manifest.s_max) * per_S
+        self._compare(layer, moves, said * per_S, layer.lines["power_W"], rounded_W,
                       "has a beam of {:g} W")
 
     def _promises(self, layer: JobLayer, lasting_s: Floats) -> None:

@@ -306,6 +306,30 @@ def test_a_plan_in_coarse_steps_is_said_to_differ_from_the_part(
     assert any("the plan differs from the part file" in f["text"] for f in found)
 
 
+@pytest.mark.parametrize(("s_max", "power_W"), [(1, 1400.0), (1, 140.0), (255, 77.0), (65_535, 9)])
+def test_the_controller_is_told_the_power_whatever_its_full_scale(
+        tmp_path, make_part, shapes, profile, materials, s_max, power_W):
+    laser = profile.laser.model_copy(update={"s_max": s_max})
+    cell = profile.model_copy(update={"laser": laser})
+    part = make_part(shapes["small disc"], lambda p: 0.0, materials=tuple(
+        replace(material, power_W=power_W) for material in materials))
+    plan_job(part, cell, tmp_path / "a.lmj")
+    said = {words["s"] for _, row, words, *_ in walk(layers_of(tmp_path / "a.lmj")[1])
+            if words and words["s"] and row["kind"] == LineKind.BEAD}
+    assert len(said) == 1
+    assert float(said.pop()) / s_max * laser.max_power_W == pytest.approx(power_W, rel=0.01)
+    with JobReader(tmp_path / "a.lmj") as job:
+        check_program(job, cell)
+
+
+def test_a_power_that_s_words_cannot_tell_is_refused(
+        tmp_path, make_part, shapes, profile, materials):
+    part = make_part(shapes["small disc"], lambda p: 0.0, materials=tuple(
+        replace(material, power_W=0.1) for material in materials))
+    with pytest.raises(PlanError, match=r"0\.1 W is too weak.* steps of 0\.3 W"):
+        plan_job(part, profile, tmp_path / "a.lmj")
+
+
 def test_lead_in_puts_the_bead_at_full_speed(tmp_path, make_part, shapes, profile):
     part = make_part(shapes["annulus"], lambda p: 0.5)
     plan_job(part, profile, tmp_path / "a.lmj")

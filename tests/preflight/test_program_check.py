@@ -166,6 +166,21 @@ def test_what_the_manifest_promises_must_be_so(manifest, profile, changes, said)
     assert said in caught.value.render()
 
 
+@pytest.mark.parametrize(("said", "fits"), [("0.5", False), ("0.4667", True), ("0.4669", False)])
+def test_on_a_small_scale_a_power_has_more_decimals(manifest, profile, said, fits):
+    """Of 3000 W, where $30 is 1: 1400 W is no S0.5."""
+    rows = [list(row) for row in ROWS]
+    rows[5][0], rows[5][4] = f"G1 X21.5 Y10.25 S{said}", 1400
+    rows[6][4] = 1400
+    rows[7][0], rows[7][4] = "G1 X22.5 Y11 F540 S0.6123", 1836.9
+    job = Job(replace(manifest, s_max=1), layer_of(rows))
+    if fits:
+        check_program(job, profile)
+    else:
+        with pytest.raises(JobError, match="line 5 of the job"):
+            check_program(job, profile)
+
+
 def test_rounding_is_no_difference(check):
     """Positions of three decimals, feeds and powers of one, and what float32 makes of them."""
     rows = list(ROWS)
