@@ -122,7 +122,7 @@ class Watch:
         self._tripped(MachineError(
             f"program line {line} was rejected: {meaning.words}",
             where=f"error {code} of the motion controller",
-            hint=f"{meaning.remedy}; the job is sound, so look for noise on the line, too",
+            hint=f"it was checked before the run, so noise may have damaged it; else {meaning.remedy}",
         ))
 
     def _motion_alarm(self, code: int) -> None:
@@ -180,6 +180,9 @@ class Watch:
         facts = self._facts()
         dark = facts.motion is not None and not facts.motion.spindle
         self._supervision.look(facts, t, dark=dark)
+        if self._supervision.doubts:
+            for feeder in self._cell.feeders:
+                feeder.look_closer()
 
     def _look_again(self) -> None:
         if self._loop.time() - self._looked_t >= self._stale_s / 2.0:

@@ -201,6 +201,25 @@ def test_a_rule_with_a_time_waits_for_it_and_starts_anew_after_a_gap():
     assert len(raised) == 2
 
 
+@pytest.mark.parametrize(("changes", "name", "for_s"), [
+    ({"flow_est_g_min": 5.8}, "disc A", 2.0), ({"carrier_L_min": 3.0}, "carrier gas A", 1.0),
+    ({"flow_weighed_g_min": 4.0}, "weighed flow A", 20.0),
+])
+def test_one_reading_trips_nothing_however_often_it_is_looked_at(changes, name, for_s):
+    """A set-point may just have changed; hoppers are read less often than looked at."""
+    supervision, raised = watched()
+    bad = with_feeder(**changes)
+    for t in (0.0, 0.2, for_s, 2 * for_s):
+        supervision.look(bad, t, dark=False)
+        assert supervision.doubts
+    supervision.look(with_feeder(time_s=for_s / 2, **changes), for_s, dark=False)
+    assert raised == []
+    supervision.look(with_feeder(time_s=for_s - 0.01, **changes), for_s, dark=False)
+    assert [error.name for error in raised] == [name]
+    supervision.look(FINE, 3 * for_s, dark=False)
+    assert not supervision.doubts
+
+
 def test_a_mixer_pressure_trips_when_it_has_been_too_high_for_a_second():
     supervision, raised = watched()
     clogged = with_feeder(mixer_mbar=201.0)

@@ -160,6 +160,10 @@ class FeederCycle:
         self._ask_status = True
         self._wake()
 
+    def look_closer(self) -> None:
+        """Read the hoppers with the next status."""
+        self._hoppers_due_s = self._loop.time()
+
     def start_afresh(self) -> None:
         """Forget the fault and what the device was told: the recipe goes out again."""
         self.watching = self.feeding = False

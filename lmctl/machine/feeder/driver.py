@@ -101,6 +101,10 @@ class FeederDriver:
         """
         self._cycle.set_flows(flows_g_min)
 
+    def look_closer(self) -> None:
+        """Read the hoppers with the next status, and not only with every fourth."""
+        self._cycle.look_closer()
+
     async def start_gas(self) -> None:
         """Carrier gas on; returns when its pre-flow is over.
 

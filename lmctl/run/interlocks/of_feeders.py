@@ -53,6 +53,7 @@ def carrier_gas(facts: Facts) -> Iterator[Finding]:
                     f"hopper {hopper.name}: carrier gas flows at {flow:.1f} L/min, "
                     f"{wanted:g} L/min is set",
                     f"check gas supply and hose of feeder {feeder.name}", hopper.name,
+                    reading.time_s,
                 )
 
 
@@ -65,6 +66,7 @@ def disc(facts: Facts) -> Iterator[Finding]:
                     f"hopper {hopper.name}: its disc feeds {flow:.2f} g/min, {wanted:.2f} g/min "
                     f"is set",
                     f"look whether the disc of feeder {feeder.name} is jammed", hopper.name,
+                    reading.time_s,
                 )
 
 
@@ -77,6 +79,7 @@ def weighed(facts: Facts) -> Iterator[Finding]:
                     f"hopper {hopper.name}: by weight it loses {weighed:.2f} g/min, "
                     f"{wanted:.2f} g/min is set",
                     f"look whether powder moves in feeder {feeder.name}", hopper.name,
+                    reading.time_s,
                 )
 
 

@@ -19,18 +19,24 @@ class Reaction(Enum):
 
 @dataclass(frozen=True)
 class Finding:
-    """What a rule has found. subject : which of several like things, or ""."""
+    """What a rule has found.
+
+    subject : which of several like things, or ""
+    read_s : loop time of the reading that shows it, where it is looked at more often than read
+    """
 
     what: str
     hint: str
     subject: str = ""
+    read_s: float | None = None
 
 
 @dataclass(frozen=True)
 class Rule:
     """One row of the table.
 
-    for_s : how long it must be so before anything is done
+    for_s : how long it must be so before anything is done; of readings, how far the first and the
+        last that show it must be apart
     latched : it stands until an operator acknowledges it, and so does not keep one from that
     of_safety : only the safety-input device says so; without one there is nothing to look at
     of_answers : it looks at `Facts.answers` and at nothing else

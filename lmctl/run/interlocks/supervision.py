@@ -9,6 +9,9 @@ from lmctl.run.interlocks.alarms import EmergencyStop, Interlock
 from lmctl.run.interlocks.facts import Facts, FeederSaid
 from lmctl.run.interlocks.rule import Finding, Reaction, Rule
 
+#: Readings so much nearer together than asked for are as far apart: answers are not that punctual.
+_PUNCTUAL_S = 0.05
+
 #: An interlock that waits for the end of a path waits no longer than this [s].
 _PATH_END_S = 60.0
 
@@ -18,11 +21,13 @@ class Supervision:
 
     raised : called once for each rule and subject, when it has held for long enough; again only
         after it has not held in between, or after `forget`
+    doubts : something is found in a reading that another is to confirm
     """
 
     def __init__(
         self, raised: Callable[[MachineError], None], rules: Sequence[Rule]
     ) -> None:
+        self.doubts = False
         self._raised = raised
         self._rules = rules
         self._others = tuple(rule for rule in rules if not rule.of_answers)
@@ -33,6 +38,7 @@ class Supervision:
     def look(self, facts: Facts, t: float, *, dark: bool) -> None:
         """dark : whether the program has the beam off just now."""
         holding: set[tuple[str, str]] = set()
+        self.doubts = False
         # Most looks come between two answers of a feeder.
         sound = facts.answers is self._sound
         self._sound = facts.answers
@@ -42,8 +48,11 @@ class Supervision:
                     self._sound = None
                 key = rule.name, finding.subject
                 holding.add(key)
-                lasted_s = t - self._since.setdefault(key, t)
-                due_s = rule.for_s
+                at_s, due_s = t, rule.for_s
+                if finding.read_s is not None:
+                    at_s, due_s = finding.read_s, due_s - _PUNCTUAL_S
+                    self.doubts = True
+                lasted_s = at_s - self._since.setdefault(key, at_s)
                 if rule.reaction is Reaction.PATH_END and not dark:
                     due_s = _PATH_END_S
                 if lasted_s >= due_s and key not in self._told:
