@@ -17,7 +17,7 @@ from lmctl.run.cell.ownership import owner_of, owning
 
 @pytest.fixture(autouse=True)
 def own_locks(tmp_path, monkeypatch):
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.setattr("lmctl.run.cell.ownership.FOLDERS", (tmp_path,))
     return tmp_path / "lmctl-locks"
 
 
@@ -66,6 +66,31 @@ def test_a_second_run_is_told_which_run_has_the_machine(profile, tmp_path, own_l
         pass
 
 
+def test_the_folder_for_large_files_has_no_say_in_who_owns_a_machine(
+    profile, tmp_path, monkeypatch
+):
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    with owning(profile, "run-0007", tmp_path):
+        monkeypatch.setenv("TMPDIR", str(elsewhere))
+        monkeypatch.setattr("tempfile.tempdir", None)
+        with pytest.raises(MachineError, match="run-0007"), owning(profile, "run-0008", tmp_path):
+            pass
+    assert list(elsewhere.iterdir()) == []
+
+
+def test_locks_are_where_everybody_may_write_whoever_asks(profile, tmp_path, monkeypatch):
+    kept, open_to_all = tmp_path / "kept", tmp_path / "open"
+    kept.mkdir(0o755)
+    open_to_all.mkdir()
+    open_to_all.chmod(0o1777)
+    monkeypatch.setattr("lmctl.run.cell.ownership.FOLDERS",
+                        (tmp_path / "none", kept, open_to_all, tmp_path))
+    with owning(profile, "run-0001", tmp_path):
+        assert list((open_to_all / "lmctl-locks").iterdir())
+    assert list(kept.iterdir()) == []
+
+
 def test_one_shared_wire_is_enough(profile, tmp_path):
     mine = rewired(profile, "tcp://10.0.0.9:23", FEEDERS)
     other = rewired(profile, "tcp://10.0.0.8:23", ("modbus-tcp://10.0.0.3", FEEDERS[1] + ":502"))
@@ -95,10 +120,12 @@ def test_one_port_by_two_names_is_one_port(profile, tmp_path):
 
 def test_a_killed_owner_leaves_nothing_that_keeps_others_out(profile, tmp_path):
     program = (
-        "import os, sys, tempfile; tempfile.tempdir = sys.argv[1]\n"
+        "import os, sys\n"
         "from pathlib import Path\n"
         "from lmctl.config.machine import load_profile\n"
+        "from lmctl.run.cell import ownership\n"
         "from lmctl.run.cell.ownership import owning\n"
+        "ownership.FOLDERS = (Path(sys.argv[1]),)\n"
         "with owning(load_profile(Path(sys.argv[2])), 'run-0001', Path('.')):\n"
         "    print('mine', flush=True); os.kill(os.getpid(), 9)\n"
     )

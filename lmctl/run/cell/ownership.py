@@ -12,7 +12,7 @@ import fcntl
 import hashlib
 import json
 import os
-import tempfile
+import stat
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
@@ -23,6 +23,10 @@ from lmctl.errors import MachineError
 from lmctl.machine.modbus.endpoint import RtuEndpoint, parse_modbus_endpoint
 from lmctl.machine.motion.endpoint import Endpoint, parse_endpoint
 from lmctl.run.journal.rundir import command
+
+#: Where lock files are, the first that everybody may write to: one place for all users and
+#: processes of a host, and so nothing that a user's environment names (TMPDIR).
+FOLDERS = (Path("/run/lock"), Path("/tmp"))
 
 #: More than any claim; the rest of a longer file is not ours.
 _CLAIM_BYTES = 4096
@@ -92,7 +96,7 @@ def _wire(endpoint: str) -> str:
 
 def _folder() -> Path:
     """Where the locks of all users of this host are, made where missing. Raises MachineError."""
-    folder = Path(tempfile.gettempdir()) / "lmctl-locks"
+    folder = next(filter(_is_everybodys, FOLDERS), FOLDERS[-1]) / "lmctl-locks"
     try:
         folder.mkdir()
         folder.chmod(0o1777)  # whoever drives the cell; only a file's owner may remove it
@@ -104,6 +108,14 @@ def _folder() -> Path:
         raise MachineError(f"{folder} is not a folder: no lock can be had on the machine",
                            hint="remove it, then try again")
     return folder
+
+
+def _is_everybodys(folder: Path) -> bool:
+    """By its mode, not by who asks: all have to come to the same answer."""
+    try:
+        return bool(folder.stat().st_mode & stat.S_IWOTH)
+    except OSError:
+        return False
 
 
 def _file_name(wire: str) -> str:
