@@ -48,7 +48,9 @@ class Watch:
         self._loop = asyncio.get_running_loop()
         rules = RULES if cell.safety is not None else RULES_WITHOUT_SAFETY
         self._supervision = Supervision(self._raise, rules)
-        self._moved_t = self._loop.time()  # when the place reported last changed, or had not to
+        # When the place reported last changed, or had not to; and when it was last reported: while
+        # the host sleeps nobody knows whether it changes.
+        self._moved_t = self._reported_t = self._loop.time()
         self._last_mm: tuple[float, ...] | None = None
         cell.motion.listener = MotionListener(
             on_question=lambda: deposition().on_question(),
@@ -95,9 +97,9 @@ class Watch:
 
     def _motion_status(self, report: StatusReport) -> None:
         self._deposition().on_status(report)
-        at_mm = self._cell.motion.position_mm
+        at_mm, self._reported_t = self._cell.motion.position_mm, self._loop.time()
         if at_mm != self._last_mm or report.state != "Run" or not self._deposition().should_move:
-            self._last_mm, self._moved_t = at_mm, self._loop.time()
+            self._last_mm, self._moved_t = at_mm, self._reported_t
         self._look()
         if not self._held():
             self._stands_held(report)
@@ -122,7 +124,7 @@ class Watch:
         self._tripped(MachineError(
             f"program line {line} was rejected: {meaning.words}",
             where=f"error {code} of the motion controller",
-            hint=f"it was checked before the run, so noise may have damaged it; else {meaning.remedy}",
+            hint=f"it had been checked, so noise may have damaged it; else {meaning.remedy}",
         ))
 
     def _motion_alarm(self, code: int) -> None:
@@ -200,7 +202,7 @@ class Watch:
         cell, safety = self._cell, self._cell.safety
         return Facts(
             motion=cell.motion.status,
-            still_s=self._loop.time() - self._moved_t if self._last_mm is not None else 0.0,
+            still_s=self._reported_t - self._moved_t,
             off_program=self._deposition().off_program,
             motion_age_s=cell.motion.status_age_s,
             motion_period_s=self._profile.motion.status_period_s,

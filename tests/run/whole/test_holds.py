@@ -191,3 +191,17 @@ def test_an_offset_that_has_changed_in_a_hold_ends_the_run(run, large_square_job
     assert "work offset has changed" in one.error.what
     one.check_safe()
     assert one.path.time_s.max() < one.started_s + 4.0
+
+
+@pytest.mark.parametrize("asleep_s", [1.6, 20.0])
+def test_a_host_that_slept_holds_the_run_and_keeps_the_position(run, large_square_job, asleep_s):
+    """The machine went on as long as it had lines: nobody can say that it stood."""
+    one = run(large_square_job, acts=[
+        (3.0, lambda r: r.loop._land_on(r.loop.time() + asleep_s)),
+        (asleep_s + 15.0, lambda r: r.executor.resume()),
+    ])
+    assert "reset" not in [alarm["what"] for alarm in one.records("alarm")]
+    assert "position" not in {alarm["name"] for alarm in one.records("alarm")}
+    assert "held" in one.states
+    assert one.result is not None, one.error
+    one.check_safe()
