@@ -86,13 +86,13 @@ def make_bead(
     bead = Bead(
         points=at_lengths(trace.points, at),
         fractions=fractions,
-        speed_mm_s=np.minimum(
-            recipe.speed(middle) * _levelling(trace, along, at, recipe), max_speed_mm_s),
+        speed_mm_s=recipe.speed(middle) * _levelling(trace, along, at, recipe),
         power_W=recipe.power(middle),
         pace=1.0,
         snapped_mm=float(np.diff(ends_of_runs(along, bounds))[off > step / 2].sum()),
         snapped_by=float(off.max()),
     )
+    bead = _within_reach(bead, recipe, max_speed_mm_s)
     return _slowed(bead, recipe) if leads and len(levels) > 1 else bead
 
 
@@ -126,6 +126,24 @@ def _vertices(
     return np.asarray(all_mm[kept])
 
 
+def _at_pace(bead: Bead, pace: float) -> Bead:
+    """The bead slower by a factor, with powder and beam; what it lays stays the same."""
+    return replace(bead, speed_mm_s=bead.speed_mm_s * pace, power_W=bead.power_W * pace,
+                   pace=bead.pace * pace)
+
+
+def _within_reach(bead: Bead, recipe: Recipe, max_speed_mm_s: float) -> Bead:
+    """The bead no faster than the axes: levelling asks for more than the recipe's speed.
+
+    Where a hopper's least flow does not allow all of that, what is missing is laid too much.
+    """
+    pace = max_speed_mm_s / float(bead.speed_mm_s.max())
+    if pace >= 1:
+        return bead
+    slower = _at_pace(bead, max(pace, _least_pace(bead, recipe)))
+    return replace(slower, speed_mm_s=np.minimum(slower.speed_mm_s, max_speed_mm_s))
+
+
 def _slowed(bead: Bead, recipe: Recipe) -> Bead:
     """The bead at the fastest pace at which the powder can follow its mixture.
 
@@ -136,10 +154,9 @@ def _slowed(bead: Bead, recipe: Recipe) -> Bead:
     least = _least_pace(bead, recipe)
     best, best_off_s = bead, np.inf
     for pace in PACES:
-        if pace < least and pace != PACES[0]:
+        if bead.pace * pace < least and pace != PACES[0]:
             break
-        tried = replace(bead, speed_mm_s=bead.speed_mm_s * pace, power_W=bead.power_W * pace,
-                        pace=pace)
+        tried = _at_pace(bead, pace)
         off_s = _off_s(tried, recipe)
         if off_s == 0:
             return tried

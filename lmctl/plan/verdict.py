@@ -74,7 +74,8 @@ def _mixture(tally: Tally, mode: str) -> list[Finding]:
     if tally.slowed_mm:
         found.append(_finding(
             True, f"{tally.slowed_mm:.0f} mm of path slowed to as little as "
-            f"{tally.slowest_pace:.0%}, so that the powder can follow the mixture"))
+            f"{tally.slowest_pace:.0%}: powder could not follow its mixture else, or the axes its "
+            "speed"))
     return found
 
 
