@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import signal
 from collections.abc import Iterator
 
 import pytest
@@ -35,3 +36,16 @@ def _no_power_cuts() -> Iterator[None]:
         patch.setattr(os, "fsync", written)
         patch.setattr(os, "fdatasync", written)
         yield
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _at_a_terminal() -> Iterator[None]:
+    """Ctrl-C and hang-ups reach the tests and the programs they start.
+
+    Whoever starts the tests in the background may have them ignored, and that is inherited.
+    """
+    wanted = {signal.SIGINT: signal.default_int_handler, signal.SIGHUP: signal.SIG_DFL}
+    before = {number: signal.signal(number, handler) for number, handler in wanted.items()}
+    yield
+    for number, was in before.items():
+        signal.signal(number, was)
