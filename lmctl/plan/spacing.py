@@ -111,7 +111,8 @@ def fitting_pitch_mm(
     if point:
         radius_mm, weight = np.array([deepest_mm]), np.ones(1)
     widest = max(1.0, min(1 + PITCH_TOLERANCE, _NO_VOID * bead_mm / pitch_mm))
-    steps = np.linspace(1 - PITCH_TOLERANCE, widest, 61)
+    # A point's misfit grows with every ring around it, and one radius costs little to try.
+    steps = np.linspace(1 - PITCH_TOLERANCE, widest, 601 if point else 61)
     misfit = _misfit(radius_mm, bead_mm, pitch_mm * steps[:, None], point)
     cost = misfit**2 @ weight / weight.sum() + 0.02 * (steps - 1) ** 2
     return float(pitch_mm * steps[int(np.argmin(cost))])

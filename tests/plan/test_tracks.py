@@ -43,6 +43,16 @@ def test_a_disc_of_ten_rings(section):
     assert radii(tracks) == pytest.approx(np.arange(9.5, 0, -1), abs=0.01)
 
 
+@pytest.mark.parametrize("radius", np.linspace(14.8, 15.6, 9))
+def test_a_disc_has_the_rings_that_stretch_the_pitch_least(radius):
+    """Rings at a/2 + n d end half a pitch from the middle: their number decides the pitch."""
+    pitch = spacing.fitting_pitch_mm(np.empty(0), np.empty(0), radius, BEAD, PITCH)
+    rings = np.arange(2, 30)
+    fitting = (radius - BEAD / 2) / (rings - 0.5)
+    best = fitting[np.argmin(np.abs(fitting / PITCH - 1))]
+    assert pitch == pytest.approx(best, rel=0.002)
+
+
 @pytest.mark.parametrize("name", FULLY_COVERED)
 def test_tracks_cover_the_slice(section, shapes, name):
     cut = section(shapes[name])
