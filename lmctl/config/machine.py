@@ -31,10 +31,14 @@ PlainName = Annotated[Name, AfterValidator(_plain)]
 Speed = Annotated[float, Field(ge=0.01, le=100_000)]
 Acceleration = Annotated[float, Field(ge=0.1, le=1_000_000)]
 Power = Annotated[float, Field(gt=0, le=1_000_000)]
-Flow = Annotated[float, Field(ge=0, le=10_000)]
-#: What a feeder's registers hold (process.md 1.4).
+#: What a feeder's registers hold (process.md 1.4): set-points of 0.01 g/min in 16 bits.
+Flow = Annotated[float, Field(ge=0, le=655)]
 GasTime = Annotated[float, Field(ge=0, le=600)]
 Pressure = Annotated[float, Field(gt=0, le=30_000)]
+
+#: Reports that must come within the send horizon: lines are sent by them, and with fewer motion
+#: runs dry between two.
+_REPORTS_PER_HORIZON = 2
 
 _ROUNDING_S = 1e-9
 
@@ -62,6 +66,7 @@ class Motion(Model):
     clearance_mm : lift above the layer for travel
     purge_mm : where the nozzle waits while powder settles; every program starts there
     send_horizon_s : most unexecuted motion the controller may hold
+    status_period_s : how often it is asked where it is; half the horizon at most
     """
 
     endpoint: str
@@ -75,6 +80,15 @@ class Motion(Model):
     purge_mm: Vector
     send_horizon_s: Annotated[float, Field(ge=0.1, le=10)] = 1.0
     status_period_s: Annotated[float, Field(ge=0.02, le=1)] = 0.2
+
+    @model_validator(mode="after")
+    def _reported_in_time(self) -> Motion:
+        most_s = self.send_horizon_s / _REPORTS_PER_HORIZON
+        if self.status_period_s > most_s + _ROUNDING_S:
+            raise ValueError(
+                f"status_period_s must be at most half of send_horizon_s, {most_s:g} s"
+            )
+        return self
 
 
 class Laser(Model):

@@ -60,6 +60,7 @@ def test_a_whole_number_is_a_number():
         ("clearance_mm = 5", "clearance_mm = 1e200", "motion.clearance_mm"),
         ("max_power_W = 3000", "max_power_W = 1e300", "laser.max_power_W"),
         ("max_flow_g_min = 60", "max_flow_g_min = 1e200", "hopper[1].max_flow_g_min"),
+        ("max_flow_g_min = 60", "max_flow_g_min = 655.4", "hopper[1].max_flow_g_min"),
         ("watchdog_s = 4", "gas_preflow_s = 1e300", "feeder[1].gas_preflow_s"),
         ("watchdog_s = 4", "gas_postflow_s = 7200", "feeder[1].gas_postflow_s"),
         ("mixer_pressure_max_mbar = 200", "mixer_pressure_max_mbar = 1e6",
@@ -70,6 +71,17 @@ def test_figures_that_no_machine_has_are_refused(old, new, path):
     ((found, reason),) = findings((old, new))
     assert found == path
     assert re.fullmatch("must be at (least|most) [0-9.]+", reason)
+
+
+@pytest.mark.parametrize(("horizon_s", "period_s", "most"), [
+    (1.0, 0.51, "0.5"), (1.0, 1.0, "0.5"), (0.3, 0.2, "0.15"),
+])
+def test_reports_that_come_too_seldom_for_the_horizon_are_refused(horizon_s, period_s, most):
+    """Motion would run dry between two of them, in the middle of a bead."""
+    ((path, reason),) = findings(("send_horizon_s = 1.0", f"send_horizon_s = {horizon_s}\n"
+                                                          f"status_period_s = {period_s}"))
+    assert path == "motion"
+    assert reason == f"status_period_s must be at most half of send_horizon_s, {most} s"
 
 
 @pytest.mark.parametrize("value", ["0", "-5", "nan", "inf", '"200"', "true"])
