@@ -159,7 +159,9 @@ class Trial:
         if not cell.end:
             cell.end = self._final
         if self._final not in ("done",):
-            cell.end += ", can be recovered" if seal.get("recoverable") else ", to be begun anew"
+            laid = any(r.get("to") == State.FINISHING for r in records)
+            cell.end += (", can be recovered" if seal.get("recoverable")
+                         else ", all laid" if laid else ", to be begun anew")
 
     def _judge_answer(self, troubles: list[dict], found: Verdict) -> None:
         cell, kind = self.cell, self.cell.fault.kind
