@@ -20,6 +20,7 @@ from lmctl.errors import InputError
 from lmctl.field.cloud.cloud_field import cloud_field
 from lmctl.field.grid import Grid
 from lmctl.part.bodies.body import Body
+from lmctl.part.bodies.half_space import HalfSpace
 from lmctl.part.bodies.measured import Bounds, is_closed, without_specks
 from lmctl.part.bodies.moved import Motion, Moved
 from lmctl.part.bodies.stored import FieldSolid, MeshSolid
@@ -65,13 +66,13 @@ class Tree:
     @cached_property
     def body(self) -> Body:
         """What the part is."""
-        return self._joined(self._part.combine, self._roots, whole=True)
+        return self._joined(self._part.combine, self._roots, in_place=True)
 
     def cost(self) -> Cost:
         """What has to be made before the part can answer. Raises InputError as building would."""
         items = []
         if self._part.combine is not None:
-            grid = self._boundary_grid(self._part.combine, self._roots, True)
+            grid = self._boundary_grid(self._part.combine, self._roots)
             each_s = OPERAND_S * sum(self._leaves(root) for root in self._roots)
             items.append(Item("the combination", grid.n_nodes, each_s, False))
         asked = self._asked()
@@ -84,7 +85,7 @@ class Tree:
                 items.append(Item(name, grid.n_nodes, each_s, True))
             elif isinstance(body, config.BooleanBody):
                 of = [self._number[other] for other in body.of]
-                grid = self._boundary_grid(body.kind, of, True)
+                grid = self._boundary_grid(body.kind, of)
                 if number in asked:
                     each_s = OPERAND_S * self._leaves(number)
                     items.append(Item(name, grid.n_nodes, each_s, False))
@@ -122,37 +123,52 @@ class Tree:
             return rule_of(self._part.composition, self.body, self._around)
         if len(self._part.material) == 1:
             return Uniform((1.0,))
-        return self._joint_rule(self._part.combine, self._roots)
+        return self._joint_rule(self._part.combine, self._roots, in_place=True)
 
     def _joined(
-        self, operation: Operation | None, numbers: Sequence[int], *, whole: bool
+        self, operation: Operation | None, numbers: Sequence[int], *, in_place: bool
     ) -> Body:
-        """Bodies combined. whole : in the part's own place, so that only its box matters."""
+        """Bodies combined. in_place : where the part has them, not where a motion finds them"""
         if operation is None or len(numbers) == 1:
-            return self._solid(numbers[0], whole)
-        bodies = tuple(self._solid(number, whole) for number in numbers)
-        return Combined(operation, bodies, self._boundary_grid(operation, numbers, whole))
+            return self._solid(numbers[0], in_place)
+        bodies = tuple(self._solid(number, in_place) for number in numbers)
+        grid = self._boundary_grid(operation, numbers, in_place=in_place)
+        return Combined(operation, bodies, grid)
 
     def _boundary_grid(
-        self, operation: Operation, numbers: Sequence[int], whole: bool
+        self, operation: Operation, numbers: Sequence[int], *, in_place: bool = True
     ) -> Grid:
+        """Around all of bodies combined, as depths need it: the part may be a small piece of them.
+
+        Without end only in the part's own place, where what is far off no longer matters.
+        """
         low, high = self._extents.joint(operation, numbers)
-        if whole:
-            room = 4 * self.pitch_mm
-            low, high = np.maximum(low, self.box[0] - room), np.minimum(high, self.box[1] + room)
-            low, high = np.minimum(low, self.box[1]), np.maximum(high, self.box[0])
+        if in_place:
+            low = np.where(np.isfinite(low), low, self._far[0])
+            high = np.where(np.isfinite(high), high, self._far[1])
         if not np.isfinite([low, high]).all():
             raise InputError(f"the {operation} of {self._extents.called(numbers)} has no end",
                              hint="cut its half-spaces with a body that has one")
         return boundary_grid(low, high, self.pitch_mm)
 
-    def _solid(self, number: int, whole: bool) -> Body:
-        key = (number, whole)
+    @cached_property
+    def _far(self) -> Bounds:
+        """A box that reaches the surface of each half-space and back from anywhere in the part."""
+        low, high = self.box
+        middle = 0.5 * (low + high)
+        away = max((abs(float(HalfSpace(body.point_mm, body.outward).at(middle[None])[0]))
+                    for body in self._part.body if isinstance(body, config.HalfSpaceBody)),
+                   default=0.0)
+        reach = away + float(np.linalg.norm(high - low))
+        return low - reach, high + reach
+
+    def _solid(self, number: int, in_place: bool) -> Body:
+        key = (number, in_place)
         if key not in self._built:
-            self._built[key] = self._build(number, whole)
+            self._built[key] = self._build(number, in_place)
         return self._built[key]
 
-    def _build(self, number: int, whole: bool) -> Body:
+    def _build(self, number: int, in_place: bool) -> Body:
         body = self._part.body[number]
         match body:
             case config.MeshBody():
@@ -160,7 +176,7 @@ class Tree:
             case config.CloudBody():
                 return self._cloud(self._data.cloud(body), body.pitch_mm)
             case config.ShellBody():
-                return self._shell(body, whole)
+                return self._shell(body, in_place)
             case config.MovedBody():
                 of = self._number[body.of]
                 inner = self._part.body[of]
@@ -172,7 +188,7 @@ class Tree:
                 return self._carried(self._solid(of, False), motion_of(body), box)
             case config.BooleanBody():
                 numbers = [self._number[name] for name in body.of]
-                return self._joined(body.kind, numbers, whole=whole)
+                return self._joined(body.kind, numbers, in_place=in_place)
             case _:
                 return formula_of(body, self._extents.called([number]))
 
@@ -182,8 +198,8 @@ class Tree:
             return Moved(body, by)
         return body.carried(lambda inner: Moved(inner, by), boundary_grid(*box, self.pitch_mm))
 
-    def _shell(self, body: config.ShellBody, whole: bool) -> Body:
-        of = self._solid(self._number[body.of], whole)
+    def _shell(self, body: config.ShellBody, in_place: bool) -> Body:
+        of = self._solid(self._number[body.of], in_place)
         low, high = self._extents.of(self._number[body.of])
         least = min(body.from_mm, 0.0)
         if not np.isfinite([low, high]).all():
@@ -232,29 +248,32 @@ class Tree:
                              where=f"it is a {of.kind}", hint="faces are patches of a mesh")
         return self._data.face(of, feature)
 
-    def _joint_rule(self, operation: Operation | None, numbers: Sequence[int]) -> Rule:
+    def _joint_rule(
+        self, operation: Operation | None, numbers: Sequence[int], *, in_place: bool
+    ) -> Rule:
         """What becomes of the bodies' materials when they are combined (method.md 4)."""
         if operation is None or operation == "difference":
-            return self._rule(numbers[0])
+            return self._rule(numbers[0], in_place)
         ruled = [n for n in numbers if operation == "union" or self._has_rule(n)]
-        rules = tuple(self._rule(number) for number in ruled)
+        rules = tuple(self._rule(number, in_place) for number in ruled)
         if len(rules) == 1:
             return rules[0]
-        bodies = tuple(self._solid(number, True) for number in ruled)
-        grid = self._boundary_grid(operation, ruled, True)
+        bodies = tuple(self._solid(number, in_place) for number in ruled)
+        grid = self._boundary_grid(operation, ruled, in_place=in_place)
         return Mixed(bodies, rules, Overlap(bodies, grid))
 
-    def _rule(self, number: int) -> Rule:
+    def _rule(self, number: int, in_place: bool) -> Rule:
         body = self._part.body[number]
         if body.composition is not None:
-            return rule_of(body.composition, self._solid(number, True), self._around)
+            return rule_of(body.composition, self._solid(number, in_place), self._around)
         match body:
             case config.ShellBody():
-                return self._rule(self._number[body.of])
+                return self._rule(self._number[body.of], in_place)
             case config.MovedBody():
-                return Carried(self._rule(self._number[body.of]), motion_of(body))
+                return Carried(self._rule(self._number[body.of], False), motion_of(body))
             case config.BooleanBody():
-                return self._joint_rule(body.kind, [self._number[name] for name in body.of])
+                numbers = [self._number[name] for name in body.of]
+                return self._joint_rule(body.kind, numbers, in_place=in_place)
         raise InputError(f"it is not said of what {self._extents.called([number])} is",
                          hint="give it a composition")
 
