@@ -19,6 +19,9 @@ FloatArray = NDArray[np.float64]
 #: The part of a slice that tracks should cover, and of the path that should have its mixture.
 ENOUGH_COVERAGE = 0.99
 ENOUGH_MIXTURE = 0.99
+#: The part of a slice's volume that beads should hold. A lone bead is laid to reach the layer
+#: height in its middle (process.md 2.6), so that rims stay open: little of three beads or more.
+ENOUGH_FILLING = 0.85
 #: Walls lean out by more than this unsupported (process.md 4).
 OVERHANG_DEG = 30.0
 #: What decimals make of a difference of exactly the tolerance.
@@ -42,8 +45,10 @@ class Tally:
     longest_line_s: float = 0.0
     peak_power_W: float = 0.0
     slice_mm2: float = 0.0
+    layer_mm2: float = 0.0
     covered_mm2: float = 0.0
     worst_coverage: tuple[float, int] = (1.0, 0)
+    worst_filling: tuple[float, int] = (1.0, 0)
     overhang_mm2: float = 0.0
     worst_overhang: tuple[float, int] = (0.0, 0)
     laid_mm3: float = 0.0
@@ -68,6 +73,7 @@ class Tally:
 
     def add_slice(self, layer: int, covered_mm2: float, area_mm2: float, over_mm2: float) -> None:
         """Areas of one slice: covered by tracks, whole, and hanging over the slice below."""
+        self.layer_mm2 = area_mm2
         self.slice_mm2 += area_mm2
         self.covered_mm2 += covered_mm2
         self.overhang_mm2 += over_mm2
@@ -76,9 +82,11 @@ class Tally:
             self.worst_overhang = max(self.worst_overhang, (over_mm2 / area_mm2, layer))
 
     def add_beads(self, layer: int, beads: list[Bead]) -> None:
+        """The beads of the slice added last."""
         self.layers += 1
         if not beads:
             self.empty_layers.append(layer)
+        before_mm3 = self.laid_mm3
         for bead in beads:
             length = np.linalg.norm(np.diff(bead.points, axis=0), axis=1)
             rate = self.recipe.pitch_mm * self.recipe.layer_height_mm * bead.pace
@@ -94,6 +102,10 @@ class Tally:
                 self.slowed_mm += bead.length_mm
                 self.slowest_pace = min(self.slowest_pace, bead.pace)
             self.peak_power_W = max(self.peak_power_W, float(bead.power_W.max()))
+        if beads and self.layer_mm2 > _LEAST_SLICE_MM2:
+            slice_mm3 = self.layer_mm2 * self.recipe.layer_height_mm
+            self.worst_filling = min(
+                self.worst_filling, ((self.laid_mm3 - before_mm3) / slice_mm3, layer))
 
     def add_program(
         self, moves: Moves, durations_s: FloatArray, start_s: float, end_s: FloatArray, flow: Flow
@@ -150,6 +162,7 @@ class Tally:
             "longest_line_s": round(self.longest_line_s, 6),
             "slice_volume_mm3": round(self.slice_mm2 * self.recipe.layer_height_mm, 3),
             "laid_volume_mm3": round(self.laid_mm3, 3),
+            "filling": round(self.filling, 5),
             "coverage": round(self.coverage, 5),
             "mixture_share": round(self.mixture_share, 5),
             "mixture_worst": round(self.worst_mixture, 4),
@@ -159,6 +172,11 @@ class Tally:
     @property
     def coverage(self) -> float:
         return self.covered_mm2 / self.slice_mm2 if self.slice_mm2 else 0.0
+
+    @property
+    def filling(self) -> float:
+        whole_mm3 = self.slice_mm2 * self.recipe.layer_height_mm
+        return self.laid_mm3 / whole_mm3 if whole_mm3 else 0.0
 
     @property
     def mixture_share(self) -> float:

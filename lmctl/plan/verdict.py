@@ -4,7 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from lmctl.plan.tally import ENOUGH_COVERAGE, ENOUGH_MIXTURE, OVERHANG_DEG, Tally
+from lmctl.plan.tally import (
+    ENOUGH_COVERAGE,
+    ENOUGH_FILLING,
+    ENOUGH_MIXTURE,
+    OVERHANG_DEG,
+    Tally,
+)
 from lmctl.preflight.placement import Placement
 
 Finding = dict[str, str]
@@ -13,8 +19,8 @@ Finding = dict[str, str]
 def verdict(tally: Tally, placement: Placement, mode: str) -> list[Finding]:
     """Findings for the job: each {"level": "ok" | "warning", "text": …}."""
     return [
-        *_coverage(tally), *_overhang(tally), *_height(placement), *_mixture(tally, mode),
-        *_hoppers(tally), *_waste(tally),
+        *_coverage(tally), *_filling(tally), *_overhang(tally), *_height(placement),
+        *_mixture(tally, mode), *_hoppers(tally), *_waste(tally),
     ]
 
 
@@ -37,6 +43,18 @@ def _coverage(tally: Tally) -> list[Finding]:
             False, f"{len(tally.empty_layers)} layers have no tracks, the first is layer {first}: "
             "nothing there is as wide as a bead"))
     return found
+
+
+def _filling(tally: Tally) -> list[Finding]:
+    if tally.path_mm == 0:
+        return []
+    share, layer = tally.worst_filling
+    text = f"beads hold {tally.filling:.0%} of the slices' volume"
+    if share >= ENOUGH_FILLING:
+        return [_finding(True, text)]
+    return [_finding(
+        False, f"{text}, {share:.0%} of layer {layer + 1}: beads are round, and a wall of one or "
+        "two comes out thinner or lower than drawn")]
 
 
 def _overhang(tally: Tally) -> list[Finding]:
