@@ -88,7 +88,11 @@ def test_nobody_recovers_without_being_asked(journal, refused, monkeypatch):
 
 def test_a_machine_without_homing_that_stands_elsewhere_is_said_to_be_believed(journal, lmctl):
     """A fresh bench stands at its zero, as a controller does that was switched off and on."""
+    damaged = journal.parent.parent / "run-0002" / "journal.jsonl"
+    damaged.parent.mkdir()
+    damaged.write_bytes(b"\0\n")
     recovered = lmctl("recover", "run-0001", "--sim", "--yes")
+    assert "the journal of run-0002 cannot be read: do not go on if" in recovered.talk
     assert "found in state Idle, at X0.000 Y0.000 Z0.000" in recovered.talk
     assert "believe where the controller says that it stands" in recovered.talk
     assert "lmctl machine offset --here" in recovered.talk

@@ -91,17 +91,18 @@ def _refuse_unrecoverable(made: RunDir, found: _Reading) -> None:
     log = f"`{made.command('log')}` prints its log"
     if found.state == State.DONE:
         raise JournalError(f"{made.run} is done: there is nothing to recover", hint=log)
-    if found.finished or found.proven.line >= found.header["lines"]:
-        raise JournalError(f"{made.run} has executed every line of its job: nothing is left to lay",
+    began = found.last_line >= 0
+    if found.finished or (began and found.proven.line >= found.header["lines"]):
+        raise JournalError(f"{made.run} has laid the whole of its part: nothing is left to lay",
                            where=found.fault, hint=log)
-    if found.last_line < 0 and "continues" in found.header and "begins_at" not in found.header:
+    if not began and "continues" in found.header and "begins_at" not in found.header:
         raise JournalError(
             f"the journal of {made.run} does not say where that run was to go on with "
             f"{found.header['continues']}", where="an earlier version of lmctl wrote it",
             hint="begin the part anew",
         )
     if found.sealed and not found.recoverable:
-        if found.last_line < 0:
+        if not began:
             raise JournalError(f"{made.run} ended before it began with its part",
                                where=found.fault, hint="`lmctl run` begins it")
         raise JournalError(

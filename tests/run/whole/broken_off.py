@@ -19,7 +19,8 @@ def broken_off(folder, whole, records):
         line = encode_record(prev, seq, record["t"], record["kind"], fields)
         lines.append(line)
         prev = line_hash(line)
-    (folder / "journal.jsonl").write_bytes(b"\n".join(lines) + b'\n{"prev":"half writ')
+    whole_lines = b"".join(line + b"\n" for line in lines)
+    (folder / "journal.jsonl").write_bytes(whole_lines + b'{"prev":"half writ')
     return RunDir(folder)
 
 

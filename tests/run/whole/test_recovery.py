@@ -67,9 +67,10 @@ def test_wherever_a_journal_breaks_off_nothing_is_claimed_that_was_not_executed(
 
 
 def test_before_anything_was_begun_it_starts_from_the_beginning(whole, tmp_path):
-    made = broken_off(tmp_path / "run-0001", whole, 6)
-    with JobReader(made.job) as job:
-        assert find_place(job, aftermath(made), (1.0, 2.0, 3.0)).place == START
+    for records in (0, 1, 6):
+        made = broken_off(tmp_path / "run-0001", whole, records)
+        with JobReader(made.job) as job:
+            assert find_place(job, aftermath(made), (1.0, 2.0, 3.0)).place == START
 
 
 def test_a_run_that_is_done_or_altered_is_refused(whole, tmp_path):

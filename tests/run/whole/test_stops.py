@@ -56,7 +56,7 @@ def test_a_stop_while_the_beam_is_taken_leaves_the_part_done(run, square_job):
         receive = one.bench.motion.receive
 
         def later(data):
-            if data.startswith(b"M5") and one.states_asked.append(one.executor.state) is None:
+            if b"M5\n" in data and one.states_asked.append(one.executor.state) is None:
                 one.loop.call_later(0.03, receive, data)
                 if len(one.states_asked) == 1:
                     one.executor.stop()
