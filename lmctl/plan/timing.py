@@ -21,7 +21,10 @@ _SPLIT_ROUNDS = 8
 
 
 def gap_lines(moves: Moves, path: int) -> NDArray[np.intp]:
-    """Indices of the lines between the bead before a path and its own, in this layer."""
+    """Indices of the lines between the bead before a path and its own, in this layer.
+
+    None where beads adjoin without lead-in and lead-out.
+    """
     bead = np.flatnonzero((moves.kind == LineKind.BEAD) & (moves.path == path))[0]
     before = np.flatnonzero(moves.kind[:bead] == LineKind.BEAD)
     return np.arange(before[-1] + 1 if len(before) else 0, bead)
@@ -51,8 +54,8 @@ def with_time_for_powder(
         slow = way / (float(durations[travel].sum()) + short) if way > 0 else 0.0
         feed[travel] = np.minimum(feed[travel], max(slow, _SLOWEST_TRAVEL_MM_S))
         if slow < _SLOWEST_TRAVEL_MM_S:
-            lead_in = int(gap[-1])
-            waits[lead_in] = short + float(durations[travel].sum()) - way / _SLOWEST_TRAVEL_MM_S
+            gone_s = way / _SLOWEST_TRAVEL_MM_S - float(durations[travel].sum())
+            waits[_wait_before(moves, path, gap)] = short - gone_s
     slowed = on_raster(Moves(
         moves.target_mm, feed, moves.power_W, moves.kind, moves.path, moves.fractions,
         moves.dwell_s), start_mm)
@@ -67,6 +70,14 @@ def with_time_for_powder(
         done = index
     parts.append(slowed.take(np.arange(done, len(slowed))))
     return join(parts)
+
+
+def _wait_before(moves: Moves, path: int, gap: NDArray[np.intp]) -> int:
+    """The line before which powder is waited for: the lead-in, or the bead where there is none."""
+    if len(gap) and moves.kind[gap[-1]] == LineKind.LEAD and moves.path[gap[-1]] == path:
+        return int(gap[-1])
+    bead = (moves.kind == LineKind.BEAD) & (moves.path == path)
+    return int(np.flatnonzero(bead)[0])
 
 
 def in_short_lines(
