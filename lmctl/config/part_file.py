@@ -81,8 +81,20 @@ class PartFile(Model):
 
     def roots(self) -> tuple[int, ...]:
         """Numbers of the bodies the part is made of: those no other and no feature names."""
-        used = {name for body in self.body for name in named_by(body)}
-        for holder in (self, *self.body):
-            if holder.composition is not None:
-                used |= measured_from(holder.composition)
+        used = self._used() | self._measured()
         return tuple(n for n, body in enumerate(self.body) if body.name not in used)
+
+    def only_measured(self) -> tuple[int, ...]:
+        """Numbers of the bodies that features measure from, and that nothing is made of."""
+        only = self._measured() - self._used()
+        return tuple(n for n, body in enumerate(self.body) if body.name in only)
+
+    def _used(self) -> set[str]:
+        return {name for body in self.body for name in named_by(body)}
+
+    def _measured(self) -> set[str]:
+        """Bodies that features name, but each body's own composition naming the body itself."""
+        of_all = set() if self.composition is None else measured_from(self.composition)
+        each = (measured_from(body.composition) - {body.name}
+                for body in self.body if body.composition is not None)
+        return of_all.union(*each)

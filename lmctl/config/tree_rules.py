@@ -47,12 +47,16 @@ def tree_findings(data: dict[str, Any], *, several_materials: bool) -> list[Find
 
 
 def root_indices(data: dict[str, Any]) -> list[int]:
-    """The bodies that no other body and no feature names: those the part is made of."""
+    """The bodies that no other body and no feature names: those the part is made of.
+
+    A body whose own composition names it is one of them.
+    """
     found = data.get("body")
     bodies = [b if isinstance(b, dict) else {} for b in found] if isinstance(found, list) else []
     used = {name for body in bodies for name in _of(body)}
-    for holder in (data, *bodies):
-        used |= _featured(holder.get("composition"))
+    used |= _featured(data.get("composition"))
+    for body in bodies:
+        used |= {name for name in _featured(body.get("composition")) if name != body.get("name")}
     return [n for n, b in enumerate(bodies)
             if not (isinstance(b.get("name"), str) and b["name"] in used)]
 

@@ -76,6 +76,10 @@ def _build(
     data = Data(folder, part.process.bead_width_mm)
     data.warnings += said
     data.read(part)
+    for number in part.only_measured():
+        of = part.body[number]
+        told = data.notes if of.composition is None else data.warnings
+        told.append(f"{of.name!r} is only measured from: it is no part of the solid")
     tree = Tree(part, data)
     cost = tree.cost()
     cost.check()

@@ -197,3 +197,18 @@ def test_files_that_are_not_part_files(tmp_path: Path) -> None:
         load_part_file(tmp_path / "missing.toml")
     with pytest.raises(ConfigError, match="folder"):
         load_part_file(tmp_path)
+
+
+def test_a_body_that_its_own_composition_names_is_of_the_part() -> None:
+    own = (
+        'composition.feature = { kind = "surface", of = "A" }\n'
+        f"composition.profile = {{ kind = \"linear\", {STEEL_TO_CARBIDE}, over_mm = [0, 1] }}\n"
+    )
+    two = GRADED.partition(BOX)[0] + BOX + 'name = "A"\n' + own + BOX + 'name = "B"\n'
+    of_steel = 'composition.profile = { kind = "constant", of = { "316L" = 1 } }\n'
+    paths = [path for path, _ in findings(two + of_steel)]
+    assert paths == ["combine"]  # which of two bodies is no longer passed over without a word
+    part = parse_part_file('combine = "union"\n' + two + of_steel, name="part.toml")
+    assert (part.roots(), part.only_measured()) == ((0, 1), ())
+    part = parse_part_file(two + own, name="part.toml")
+    assert (part.roots(), part.only_measured()) == ((1,), (0,))

@@ -249,3 +249,17 @@ def test_a_cloud_too_sparse_for_its_pitch_names_one_that_fits(folder: Folder) ->
     ball_part = load_part(where / "part.toml")
     assert area(ball_part.section(0.0)) == pytest.approx(100 * np.pi, rel=0.02)
     assert ball_part.sources.keys() == {"s.xyz"}
+
+
+def test_a_body_that_is_only_measured_from_is_named(folder: Folder) -> None:
+    """As a note; as a warning where it has a composition, and so was meant to be built."""
+    measured = BOX + 'name = "A"\n'
+    rule = ('composition.feature = { kind = "surface", of = "A" }\ncomposition.profile = { kind = '
+            '"linear", near = { "316L" = 1 }, far = { "WC-12Co" = 1 }, over_mm = [0, 4] }\n')
+    said = "'A' is only measured from: it is no part of the solid"
+    part = load_part(folder(p__toml=TWO + measured + BOX + rule) / "p.toml")
+    assert said in part.notes
+    assert said not in part.warnings
+    part = load_part(folder(p__toml=TWO + measured + rule + BOX + rule) / "p.toml")
+    assert said in part.warnings
+    assert said not in part.notes
