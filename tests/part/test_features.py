@@ -188,3 +188,20 @@ def test_bodies_of_bodies_do_not_explode() -> None:
     with pytest.raises(ConfigError, match="mistake") as caught:
         parse_part_file(text, name="p")
     assert any("in all" in f.reason for f in caught.value.findings)
+
+
+def test_a_depth_without_length_is_refused() -> None:
+    """Level at the deepest place, beyond it, and a body that is endlessly deep."""
+    rule = 'profile = { kind = "normalised", near = {"316L" = 1}, far = {"WC-12Co" = 1} }\n'
+    for level in (50.0, 60.0):
+        with pytest.raises(InputError, match="has no length") as caught:
+            _ = graded(f'feature = {{ kind = "surface", level_mm = {level} }}', rule)
+        assert "is at 50 mm" in str(caught.value.where)
+    half = ('[[body]]\nname = "h"\nkind = "half-space"\npoint_mm = [0, 0, 0]\n'
+            "outward = [-1, 0, 0]\n")
+    of_half = 'feature = { kind = "surface", of = "h" }'
+    with pytest.raises(InputError, match="has no length") as caught:
+        _ = tree(f"{HEAD}{BOX}{half}[composition]\n{of_half}\n{rule}").rule
+    assert "no deepest place" in str(caught.value.where)
+    at_49 = graded('feature = { kind = "surface", level_mm = 49 }', rule)
+    assert steel(at_49, (49.5, 0, 0), (0, 0, 0), (0.5, 0, 0)) == pytest.approx([1, 0, 0.5])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.config import composition as config
+from lmctl.errors import InputError
 from lmctl.part.bodies.body import Body
 from lmctl.part.materials.composition import Blend, Graded, Rule
 from lmctl.part.materials.features import (
@@ -110,9 +112,21 @@ def _profile(profile: config.Profile, feature: Feature, names: tuple[str, ...]) 
 
 
 def _deepest(feature: Feature) -> tuple[float, float]:
-    """(5): from the surface to the largest depth, refined between the nodes."""
+    """(5): from the surface to the largest depth, refined between the nodes.
+
+    Raises InputError where there is nothing deeper than the feature's level, or no end of it.
+    """
     assert isinstance(feature, Depth), "part_rules asks for over_mm with all others"
-    return 0.0, feature.body.largest_depth_mm - feature.level_mm
+    largest = feature.body.largest_depth_mm
+    if not feature.level_mm < largest < math.inf:
+        raise InputError(
+            f"a profile over the depth below {feature.level_mm:g} mm has no length",
+            where="the body it is measured from has no deepest place" if largest == math.inf else
+            f"the deepest place of the body it is measured from is at {largest:.4g} mm",
+            hint="give the profile over_mm" + (
+                "" if largest == math.inf else ", or lower the feature's level_mm"),
+        )
+    return 0.0, largest - feature.level_mm
 
 
 def _vector(mixture: dict[str, float], names: tuple[str, ...]) -> FloatArray:
