@@ -83,7 +83,8 @@ class Beam:
             await self._motion.reset()
 
     async def rest(self) -> None:
-        """See motion at its end, and take the beam's mode away. Raises MachineError."""
+        """See motion at its end; take the beam's mode away, and the feed override, which a
+        controller would keep for whatever comes next. Raises MachineError."""
         self._disable()
         report = self._motion.status
         if report is not None and report.state == "Hold":
@@ -92,6 +93,7 @@ class Beam:
             lambda: is_idle(self._motion.status), _REST_PATIENCE_S, "standstill"
         )
         await _answered(self._motion.command("M5"))
+        self._motion.realtime(Realtime.FEED_100)
 
     async def come_to_rest(self) -> None:
         """Idle, with the position known: a reset ends a door that has been closed since.

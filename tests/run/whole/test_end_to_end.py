@@ -160,13 +160,14 @@ def test_an_override_from_the_start_scales_speed_beam_and_powder(run, large_squa
     assert np.median(speed) == pytest.approx(percent / 10, rel=0.01)
     assert np.median(one.path.power_fraction) == pytest.approx(0.5 * percent / 100, rel=0.01)
     assert np.quantile(one.flow_error(percent / 100), 0.95) < 0.01
-    assert [r["feed_percent"] for r in one.records("override")] == [percent, percent]
+    assert [r["feed_percent"] for r in one.records("override")] == [percent, percent, 100]
 
 
 def test_an_override_in_the_run_waits_for_a_travel_and_for_powder(run, large_square_job):
     one = run(large_square_job, acts=[(2.0, lambda r: r.executor.set_override(60))])
     one.check_safe()
-    asked, reported = one.records("override")
+    asked, reported, taken_back = one.records("override")
+    assert taken_back["feed_percent"] == 100  # at the end
     assert (asked["source"], reported["source"]) == ("operator", "controller")
     assert reported["t"] - asked["t"] >= 3.0
     with JobReader(large_square_job) as job:

@@ -92,12 +92,14 @@ def test_one_finds_powder_in_the_longest_bead(run, tmp_path, profile, job_file):
 
 
 @pytest.mark.parametrize(("second", "after_s", "reached"), [
-    (120, 0.5, [120]),        # powder does not follow the first yet
+    (120, 0.5, [120, 100]),   # powder does not follow the first yet
     (100, 0.5, []),           # withdrawn
-    (120, 4.0, [60, 120]),    # powder follows it: it comes, then the second
+    (120, 4.0, [60, 120, 100]),  # powder follows it: it comes, then the second
     (100, 4.0, [60, 100]),
 ])
-def test_the_last_word_counts(run, tmp_path, profile, job_file, second, after_s, reached):
+def test_the_last_word_counts_until_the_end_takes_it_back(
+    run, tmp_path, profile, job_file, second, after_s, reached
+):
     layers = hops(profile.motion.purge_mm, beads=8, bead_mm=60.0)
     job_file(tmp_path / "job.lmj", profile, layers)
     one = run(tmp_path / "job.lmj", acts=[(1.5, override(60)), (1.5 + after_s, override(second))])
