@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from lmctl.errors import JournalError
 from lmctl.run.journal.file import OtherFormat, fingerprint, read, verify
+from lmctl.run.journal.recorder import Recorder
 from lmctl.run.journal.writer import Journal, is_owned
 
 LOCAL = {"wall": "2026-01-01T00:00:00Z", "run": "run-0001", "pid": 4711}
@@ -35,6 +36,22 @@ def unharmed(path):
     except OtherFormat:  # it was the digit of the format that was hit
         return False
     return result.sealed and result.whole
+
+
+def test_acts_wait_for_the_disk_only_where_something_follows_from_them(tmp_path, monkeypatch):
+    """Sixteen clients may ask for what is refused, fifty times a second each."""
+    synced = []
+    with Journal(tmp_path / "journal.jsonl", {}, local=LOCAL) as journal:
+        recorder = Recorder(journal, lambda: 0.0, ["A"])
+        monkeypatch.setattr(os, "fdatasync", synced.append)
+        for _ in range(50):
+            recorder.operator("resume", "cannot resume now", uid=1000)
+        assert synced == []
+        recorder.operator("hold", "", uid=1000)
+        assert len(synced) == 1
+    said = [record["accepted"] for record in read(tmp_path / "journal.jsonl")
+            if record["kind"] == "operator"]
+    assert said == [False] * 50 + [True]
 
 
 def test_what_is_written_is_read_back_in_order(tmp_path):

@@ -142,13 +142,16 @@ class Recorder:
                      source=source)
 
     def operator(self, act: str, refused: str, **local: Any) -> None:
-        """An act that came from outside; durable. refused : why, "" where it was accepted.
+        """An act that came from outside. refused : why, "" where it was accepted
 
+        Accepted ones are durable. Refusals change nothing, and there may be many a second: they
+        do not wait for the disk.
         local : who, by user and process number
         """
         self._append("operator", act=act, accepted=not refused,
                      **({"refused": refused} if refused else {}), local=local)
-        self._sync()
+        if not refused:
+            self._sync()
 
     def sample(
         self, line: int, position_mm: tuple[float, ...], feed_mm_min: float | None,
