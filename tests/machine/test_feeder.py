@@ -57,6 +57,24 @@ def test_from_opening_to_powder_and_back(map_minor):
     virtual_time.run(main())
 
 
+def test_a_feeder_with_a_patient_watchdog_is_asked_more_often_while_someone_waits():
+    """A status every 15 s comes too seldom to see gas or discs start in time."""
+
+    async def main():
+        async with driven(watchdog_s=60.0) as (driver, _, _, ears):
+            for act, within_s in ((driver.start_gas(), 6.0), (driver.feed_on(), 3.0),
+                                  (driver.feed_off(), 3.0), (driver.gas_off(), 13.0)):
+                began_s = now()
+                await act
+                assert now() - began_s < within_s
+            heard = len(ears.statuses)
+            await asyncio.sleep(60.0)
+            assert len(ears.statuses) - heard <= 5
+            assert ears.faults == []
+
+    virtual_time.run(main())
+
+
 def test_gas_can_be_cut_short():
     async def main():
         async with driven() as (driver, device, _, _):

@@ -27,6 +27,9 @@ from lmctl.machine.modbus.client import BUSY, FAILURE, ModbusLink, NoAnswerError
 
 T = TypeVar("T")
 
+#: Who waits for something has the status read at least so often [s], however long the cycle is.
+_IMPATIENT_S = 2.0
+
 #: Hoppers are read once in so many cycles.
 _HOPPER_CYCLES = 4
 
@@ -190,7 +193,11 @@ class FeederCycle:
                         raise self.fault
                     news = self._loop.create_future()
                     self._waiting.append(news)
-                    await news
+                    timer = self._loop.call_later(_IMPATIENT_S, self.ask_status)
+                    try:
+                        await news
+                    finally:
+                        timer.cancel()
         except TimeoutError:
             state = "unknown" if self.status is None else self.status.state.name
             raise self.error(
