@@ -8,6 +8,7 @@ import pytest
 
 from lmctl.errors import RunStopped
 from lmctl.run.sequence import CellSequence
+from lmctl.run.state.table import State
 from tests.run.whole.laid import BEAM_OFF_S, acts
 
 
@@ -56,17 +57,18 @@ def test_a_stop_while_the_beam_is_taken_leaves_the_part_done(run, square_job):
         receive = one.bench.motion.receive
 
         def later(data):
-            if b"M5\n" in data and one.states_asked.append(one.executor.state) is None:
-                one.loop.call_later(0.03, receive, data)
-                if len(one.states_asked) == 1:
-                    one.executor.stop()
-            else:
+            if one.executor.state is not State.FINISHING or b"M5\n" not in data:
                 receive(data)
+                return
+            one.loop.call_later(0.03, receive, data)
+            if not one.asked:
+                one.executor.stop()
+            one.asked += 1
 
-        one.states_asked, one.bench.motion.receive = [], later
+        one.asked, one.bench.motion.receive = 0, later
 
     one = run(square_job, acts=[(1.0, slow)])
-    assert one.states_asked == ["finishing"] * 2
+    assert one.asked == 2
     assert one.result.state == "done", one.error
     assert one.records("fault") == []
     assert acts(one)[-3:] == ["see beam and motion at rest", "powder off", "gas off"]
