@@ -22,7 +22,6 @@ from lmctl.plan import spacing
 from lmctl.plan.hairpins import around, ring
 from lmctl.plan.medial import MedialAxis, medial_axis
 from lmctl.plan.middles import pieces, replacing
-from lmctl.plan.moves import LEAST_MOTION_MM
 from lmctl.plan.polyline import arc_lengths, densified
 from lmctl.plan.spacing import Centrelines
 
@@ -66,10 +65,6 @@ class Track:
     def length_mm(self) -> float:
         return float(arc_lengths(self.points)[-1])
 
-    def is_motion(self) -> bool:
-        """Whether a motor would do more than twitch: a program has steps no finer than that."""
-        return bool(np.ptp(self.points, axis=0).max() >= 2 * LEAST_MOTION_MM)
-
 
 def in_plane_tracks(section: Section, bead_mm: float, pitch_mm: float) -> list[Track]:
     """Tracks of a section by the in-plane distance, island by island.
@@ -98,7 +93,7 @@ def in_plane_tracks(section: Section, bead_mm: float, pitch_mm: float) -> list[T
         tracks += found + _pins(
             found, axis.centres[own], axis.centre_radius_mm[own], narrow, bead_mm, pitch,
             island - 1)
-    return [track for track in tracks if track.is_motion()]
+    return tracks
 
 
 def iso_3d_tracks(section: Section, bead_mm: float, pitch_mm: float) -> list[Track]:
@@ -106,12 +101,11 @@ def iso_3d_tracks(section: Section, bead_mm: float, pitch_mm: float) -> list[Tra
     deepest = float(section.volume_distance.max()) if section.volume_distance.size else 0.0
     levels = np.arange(bead_mm / 2, deepest, pitch_mm)
     loops = iso_loops(section.volume_distance, section.grid, levels)
-    tracks = [
+    return [
         Track(fine, np.full(len(fine), pitch_mm), True, 0)
         for level in loops for loop in level
         if arc_lengths(fine := densified(loop, bead_mm / 10))[-1] >= bead_mm / 2
     ]
-    return [track for track in tracks if track.is_motion()]
 
 
 def _labels_at(

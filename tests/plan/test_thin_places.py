@@ -112,12 +112,6 @@ def test_a_pin_of_one_bead_is_a_ring_as_wide_as_the_inset_may_err(section):
     assert in_plane_tracks(section(outlines(shape("pin", 0.92)), RASTER), BEAD, PITCH) == []
 
 
-def test_what_is_finer_than_a_motor_step_is_no_track(section):
-    tiny = 0.02
-    poly = Point(0, 0).buffer(0.6 * tiny, 64)
-    assert in_plane_tracks(section(outlines(poly), tiny / 8), tiny, tiny * 0.667) == []
-
-
 def test_a_wedge_keeps_one_track_in_its_tip(section):
     poly = Polygon([(0, 0), (40, -5), (40, 5)])
     for pose in POSES:
