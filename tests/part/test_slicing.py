@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lmctl.field.plane import loop_area_mm2
+from lmctl.part.sources import slicing
 from lmctl.part.sources.slicing import Slicer
 
 
@@ -60,6 +61,37 @@ def test_holes_run_clockwise_and_islands_in_holes_do_not(making: Any) -> None:
     for triangles in (nested[1], turned):
         areas = sorted(loop_area_mm2(p) for p in Slicer(nested[0], triangles).loops(5.0))
         assert areas == pytest.approx([-900, -100, 400, 1600])
+
+
+boxes = st.tuples(*[st.integers(0, 12)] * 2, *[st.integers(1, 12)] * 2)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(boxes, min_size=1, max_size=6))
+def test_loops_turn_by_parity_however_they_lie(
+    making: Any, of: list[tuple[int, int, int, int]]
+) -> None:
+    """Nested, side by side, crossing, with walls in line: the area left of all is the parity's."""
+    at = [(x + 0.01 * n, y + 0.013 * n, w, h) for n, (x, y, w, h) in enumerate(of)]
+    mesh = making.join([making.box((x, y, 0), (x + w, y + h, 1)) for x, y, w, h in at])
+    loops = Slicer(*mesh).loops(0.5)
+    for loop in loops:
+        x, y = loop[0]
+        within = [a < x < a + w and b < y < b + h for a, b, w, h in at]
+        assert (loop_area_mm2(loop) > 0) == (sum(within) % 2 == 0)
+
+
+def test_islands_are_not_compared_with_each_other(
+    making: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pins = making.join([making.box((3 * x, 3 * y, 0), (3 * x + 2, 3 * y + 2, 1))
+                        for x in range(12) for y in range(12)])
+    asked = []
+    monkeypatch.setattr(slicing, "crossings", lambda *what: asked.append(what) or 0)
+    loops = Slicer(*pins).loops(0.5)
+    assert len(loops) == 144
+    assert all(loop_area_mm2(loop) == pytest.approx(4) for loop in loops)
+    assert not asked
 
 
 def test_a_grate_has_all_its_holes(making: Any) -> None:

@@ -118,16 +118,22 @@ def _closed(points: FloatArray) -> FloatArray | None:
 
 
 def _turned(loops: list[FloatArray]) -> list[FloatArray]:
-    """Each loop turned so that what is solid by parity lies on its left."""
+    """Each loop turned so that what is solid by parity lies on its left.
+
+    A loop whose box does not hold a place is crossed evenly often on the way out from there.
+    """
     if not loops:
         return loops
-    start = np.concatenate([loop[:-1] for loop in loops])
-    end = np.concatenate([loop[1:] for loop in loops])
-    owner = np.repeat(np.arange(len(loops)), [len(loop) - 1 for loop in loops])
+    low = np.array([loop.min(axis=0) for loop in loops])
+    high = np.array([loop.max(axis=0) for loop in loops])
     turned = []
     for index, loop in enumerate(loops):
-        others = owner != index
-        depth = crossings(loop[0], start[others], end[others])
+        around = np.all((low <= loop[0]) & (loop[0] <= high), axis=1)
+        around[index] = False
+        depth = sum(
+            crossings(loop[0], loops[other][:-1], loops[other][1:])
+            for other in np.flatnonzero(around)
+        )
         outer = depth % 2 == 0
         turned.append(loop if (loop_area_mm2(loop) > 0) == outer else loop[::-1].copy())
     return turned
