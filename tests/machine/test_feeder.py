@@ -75,6 +75,28 @@ def test_a_feeder_with_a_patient_watchdog_is_asked_more_often_while_someone_wait
     virtual_time.run(main())
 
 
+@maps
+def test_a_reading_says_what_its_disc_may_be_coming_from(map_minor):
+    """A recipe and the reading of a hopper may be one request."""
+
+    async def main():
+        async with driven(replace(ONE, map_minor=map_minor)) as (driver, _, _, _):
+            driver.set_flows({"A": 6.0})
+            await feeding(driver)
+            await asyncio.sleep(3.0)
+            assert driver.status.hoppers["A"].former_g_min == ()
+            driver.look_closer()
+            driver.set_flows({"A": 3.0})
+            await asyncio.sleep(1.1)  # two cycles: on an old map hoppers show in the status after
+            reading = driver.status.hoppers["A"]
+            assert reading.setpoint_g_min == pytest.approx(3.0)
+            assert reading.former_g_min == (6.0,)
+            await asyncio.sleep(2.1)
+            assert driver.status.hoppers["A"].former_g_min == ()
+
+    virtual_time.run(main())
+
+
 def test_gas_can_be_cut_short():
     async def main():
         async with driven() as (driver, device, _, _):

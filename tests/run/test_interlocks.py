@@ -119,6 +119,7 @@ TRIPPED = [
     ("set-point", with_feeder(clipped=[]), "a hopper was clipped"),
     ("carrier gas", with_feeder(carrier_L_min=3.1), "3.1 L/min"),
     ("disc", with_feeder(flow_est_g_min=5.8), "5.80 g/min"),
+    ("disc", with_feeder(flow_est_g_min=3.9, former_g_min=(4.0, 4.5)), "3.90 g/min"),
     ("weighed flow", with_feeder(flow_weighed_g_min=4.9), "4.90 g/min"),
 ]
 
@@ -160,6 +161,8 @@ def test_every_rule_has_a_row_above():
 @pytest.mark.parametrize("facts", [
     with_motion("<Door:0|MPos:1.000,2.000,3.000>"),  # closed again, not yet gone on
     with_feeder(flow_est_g_min=6.11),  # within 2 %
+    with_feeder(flow_est_g_min=5.0, former_g_min=(4.0, 4.5)),  # on its way up
+    with_feeder(flow_est_g_min=8.1, former_g_min=(8.0,)),  # and down
     with_feeder(flow_est_g_min=0.0, feeding=False),  # discs are off
     with_feeder(carrier_L_min=None, flow_weighed_g_min=None),
     with_feeder(mixer_mbar=200.0),  # what is allowed

@@ -19,7 +19,7 @@ from lmctl.errors import MachineError
 from lmctl.machine.beat import on_beat
 from lmctl.machine.feeder.identity import FeederIdentity
 from lmctl.machine.feeder.readings import HopperReader, HopperReading
-from lmctl.machine.feeder.recipe import RecipeWriter
+from lmctl.machine.feeder.recipe import FormerFlows, RecipeWriter
 from lmctl.machine.feeder.status import FeederListener, FeederStatus, feeder_status
 from lmctl.machine.feeder.warnings import WarningReader
 from lmctl.machine.feeder.watch import Complaint, FeederWatch
@@ -51,8 +51,7 @@ class FeederCycle:
         self.listener = FeederListener()
         self.status: FeederStatus | None = None
         self.fault: MachineError | None = None
-        self.watching = False
-        self.feeding = False
+        self.watching = self.feeding = False
         self.period_s = feeder.watchdog_s / 4.0
         self._name = feeder.name
         self._place = f"{feeder.endpoint}, device {feeder.device_id}"
@@ -65,6 +64,7 @@ class FeederCycle:
         self._sequence = 0
         self._wanted = (0,) * len(hoppers)
         self._sent: tuple[int, ...] | None = None
+        self._former = FormerFlows()
         self._readers = {
             h.name: HopperReader(h, identity.feed_factor_g_rev[h.name]) for h in hoppers
         }
@@ -74,8 +74,7 @@ class FeederCycle:
             feeder.name, {h.channel: h.name for h in hoppers}, identity.n_hoppers
         )
         self._due_s = self._status_due_s = self._hoppers_due_s = self._loop.time()
-        self._news = False
-        self._ask_status = False
+        self._news = self._ask_status = False
         self._woken: asyncio.Future[None] | None = None
         self._waiting: list[asyncio.Future[None]] = []
         self._task: asyncio.Task[None] | None = None
@@ -119,6 +118,8 @@ class FeederCycle:
         else:
             # A new number at every attempt: after a lost answer the device may hold either.
             self._sequence = self._sequence % 0xFFFF + 1
+            if self._sent is not None:
+                self._former.replaced(self._sent, now_s)
             words = self._recipe.words(
                 wanted, sequence=self._sequence, heartbeat=self._heartbeat
             )
@@ -126,8 +127,7 @@ class FeederCycle:
             await self._link.write(self._recipe.address, words)
             self._sent = wanted
             return
-        self._ask_status = False
-        self._status_due_s = self._due_s
+        self._ask_status, self._status_due_s = False, self._due_s
         hoppers_due = now_s >= self._hoppers_due_s
         if self._has_mirror:
             count = self._mirrored if hoppers_due else SYSTEM_BLOCK.count
@@ -151,12 +151,11 @@ class FeederCycle:
 
     async def stop(self) -> None:
         """Stop talking. Raises what the task died of, if it was a bug."""
-        if self._task is None:
-            return
-        self._task.cancel()
-        (ended,) = await asyncio.gather(self._task, return_exceptions=True)
-        if isinstance(ended, Exception):
-            raise ended
+        if self._task is not None:
+            self._task.cancel()
+            (ended,) = await asyncio.gather(self._task, return_exceptions=True)
+            if isinstance(ended, Exception):
+                raise ended
 
     def ask_status(self) -> None:
         """Read the status at once: someone waits for it."""
@@ -253,7 +252,8 @@ class FeederCycle:
         now_s = self._loop.time()
         self._hoppers_due_s = now_s + _HOPPER_CYCLES * self.period_s
         self._readings = {
-            name: self._readers[name].reading(said, now_s) for name, said in words.items()
+            name: reader.reading(words[name], now_s, self._former.lately_g_min(at, now_s))
+            for at, (name, reader) in enumerate(self._readers.items())
         }
 
     async def _reason(self, refused: RefusedError) -> str:

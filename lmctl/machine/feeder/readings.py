@@ -16,6 +16,7 @@ class HopperReading:
 
     time_s : loop time of the reply; hoppers are read less often than the device itself
     setpoint_g_min : what the disc is asked to feed now, after the device's ramp
+    former_g_min : what it was told just before, and may still be coming from
     flow_est_g_min : disc speed times feed factor
     flow_weighed_g_min : from the load cell
     """
@@ -28,6 +29,7 @@ class HopperReading:
     weight_g: float | None
     level_percent: float | None
     carrier_L_min: float | None
+    former_g_min: tuple[float, ...] = ()
 
 
 #: Rows of a hopper that a reading holds: the first of its block, in one read.
@@ -52,7 +54,9 @@ class HopperReader:
         self._hopper = hopper
         self._factor = feed_factor_g_rev
 
-    def reading(self, words: Sequence[int], time_s: float) -> HopperReading:
+    def reading(
+        self, words: Sequence[int], time_s: float, former_g_min: tuple[float, ...] = ()
+    ) -> HopperReading:
         """Raises RegisterError where the number of words is wrong."""
         values: dict[str, Any] = self._block.decode(words)
 
@@ -68,4 +72,5 @@ class HopperReader:
             weight_g=value("WEIGHT"),
             level_percent=value("LEVEL"),
             carrier_L_min=value("CARRIER_ACT"),
+            former_g_min=former_g_min,
         )

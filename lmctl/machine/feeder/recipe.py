@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Mapping, Sequence
 
 from firmware_protocol.pmx import (
@@ -16,6 +17,9 @@ from firmware_protocol.registers import Value
 from lmctl.config.machine import Feeder, Hopper
 
 _COUNTS_PER_G_MIN = 100
+
+#: A disc may be so long on its way to a new set-point [s].
+_FOLLOWS_WITHIN_S = 1.0
 
 
 class RecipeWriter:
@@ -66,6 +70,23 @@ class RecipeWriter:
         for at, count in zip(self._flow_at, counts, strict=True):
             words[at] = count
         return words
+
+
+class FormerFlows:
+    """What hoppers were told before, and their discs may still be coming from."""
+
+    def __init__(self) -> None:
+        self._until: deque[tuple[float, tuple[int, ...]]] = deque()
+
+    def replaced(self, counts: tuple[int, ...], t_s: float) -> None:
+        """These were the recipe until now."""
+        self._until.append((t_s, counts))
+
+    def lately_g_min(self, hopper: int, t_s: float) -> tuple[float, ...]:
+        """What a hopper, by its place among them, was told not long before t_s."""
+        while self._until and self._until[0][0] < t_s - _FOLLOWS_WITHIN_S:
+            self._until.popleft()
+        return tuple(counts[hopper] / _COUNTS_PER_G_MIN for _, counts in self._until)
 
 
 def settling_s(hoppers: Sequence[Hopper]) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from lmctl.run.interlocks.facts import STALE_PERIODS, Facts
 from lmctl.run.interlocks.rule import Finding
@@ -61,7 +61,9 @@ def disc(facts: Facts) -> Iterator[Finding]:
     for feeder in facts.answers:
         for hopper, reading in feeder.hoppers:
             flow, wanted = reading.flow_est_g_min, reading.setpoint_g_min
-            if _is_off(flow, wanted, _DISC_LEAST_G_MIN, _DISC_SHARE):
+            # Recipe and reading are one request: the disc may still be where it was told before.
+            meant = (wanted, *reading.former_g_min)
+            if _is_off(flow, meant, _DISC_LEAST_G_MIN, _DISC_SHARE):
                 yield Finding(
                     f"hopper {hopper.name}: its disc feeds {flow:.2f} g/min, {wanted:.2f} g/min "
                     f"is set",
@@ -74,7 +76,7 @@ def weighed(facts: Facts) -> Iterator[Finding]:
     for feeder in facts.answers:
         for hopper, reading in feeder.hoppers:
             weighed, wanted = reading.flow_weighed_g_min, reading.setpoint_g_min
-            if _is_off(weighed, wanted, _WEIGHED_LEAST_G_MIN, _WEIGHED_SHARE):
+            if _is_off(weighed, (wanted,), _WEIGHED_LEAST_G_MIN, _WEIGHED_SHARE):
                 yield Finding(
                     f"hopper {hopper.name}: by weight it loses {weighed:.2f} g/min, "
                     f"{wanted:.2f} g/min is set",
@@ -83,6 +85,9 @@ def weighed(facts: Facts) -> Iterator[Finding]:
                 )
 
 
-def _is_off(flow: float | None, wanted: float, least: float, share: float) -> bool:
-    """Whether a flow that is known differs by more than a share, and more than the least."""
-    return flow is not None and abs(flow - wanted) > max(least, share * wanted)
+def _is_off(flow: float | None, meant: Sequence[float], least: float, share: float) -> bool:
+    """Whether a flow that is known lies outside those meant by more than a share, and the least."""
+    if flow is None:
+        return False
+    nearest = min(max(flow, min(meant)), max(meant))
+    return abs(flow - nearest) > max(least, share * nearest)
