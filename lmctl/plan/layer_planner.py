@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from lmctl.config.machine import MachineProfile
 from lmctl.config.part_file import Process
+from lmctl.errors import PlanError
 from lmctl.job.schema import JobLayer, LineKind, line_dtype
 from lmctl.plan.assemble import Way, layer_moves, way_home
 from lmctl.plan.beads import Bead, make_bead
@@ -25,7 +26,7 @@ from lmctl.plan.recipe import Recipe, make_recipe
 from lmctl.plan.tally import OVERHANG_DEG, Tally
 from lmctl.plan.timing import in_short_lines, with_time_for_powder
 from lmctl.plan.tracks import Section, Track, in_plane_tracks, iso_3d_tracks
-from lmctl.preflight.job_check import LINES_PER_HORIZON
+from lmctl.preflight.job_check import LINES_PER_HORIZON, beyond_travel
 from lmctl.preflight.placement import Placement
 
 if TYPE_CHECKING:
@@ -148,6 +149,7 @@ class LayerPlanner:
             mixture = moves.fractions[-1]
             moves = join([moves, way_home(moves.target_mm[-1], self._home_mm, self._way, mixture)])
         moves = on_raster(moves, start)
+        self._check_reach(index, moves)
         if self._leads:
             moves = with_time_for_powder(moves, start, motion, self._needs(beads))
         moves, durations = in_short_lines(moves, start, motion, self._longest_s)
@@ -163,6 +165,20 @@ class LayerPlanner:
         durations = np.concatenate(
             [np.zeros(len(opening)), durations, np.zeros(len(closing))])
         return join(parts), texts, durations
+
+    def _check_reach(self, index: int, moves: Moves) -> None:
+        """Refuse, at the first layer, what `check_job` would refuse after the last."""
+        ends_mm = moves.target_mm[moves.is_motion()]
+        if len(ends_mm) == 0:
+            return
+        outside = beyond_travel(ends_mm.min(axis=0), ends_mm.max(axis=0), self._profile)
+        if outside:
+            raise PlanError(
+                f"layer {index + 1} of {self._part.name} reaches outside the travel of "
+                f"{self._profile.name!r}", where=outside,
+                hint=f"lead-in and lead-out go beyond the part by up to "
+                     f"{self._process.lead_in_mm:g} mm: lower process.lead_in_mm, or move the part "
+                     "with [placement]")
 
     @staticmethod
     def _setup(count: int, at_mm: FloatArray, mixture: FloatArray) -> Moves:

@@ -51,6 +51,7 @@ class Recipe:
 
     pitch_mm : nominal track spacing a(1 − overlap)
     hoppers : the hopper of each material, in the part's order
+    idle : hoppers that hold one of the materials too, and are not used
     """
 
     materials: tuple[MaterialSpec, ...]
@@ -66,6 +67,7 @@ class Recipe:
     bead_mm: float
     pitch_mm: float
     layer_height_mm: float
+    idle: tuple[Hopper, ...] = ()
 
     def speed(self, fractions: FloatArray) -> FloatArray:
         """Speed of mixtures (..., m): between the pure recipes by volume fraction [mm/s]."""
@@ -165,11 +167,14 @@ class Recipe:
         speed = float(self.speed(fractions[row]))
         # a little beyond the bound, so that three digits of it are on the right side
         enough = speed / ratio[row, column] * (0.99 if change == "lower" else 1.01)
+        idle = [h.name for h in self.idle if h.material == hopper.material]
         raise PlanError(
             f"hopper {hopper.name} ({hopper.material}) would have to deliver "
             f"{flow[row, column] * 60:.4g} g/min; it delivers {bound} {limit_g_s[column] * 60:g}",
             where=(where, f"{fractions[row, column]:.0%} {hopper.material} at {speed:.3g} mm/s, "
-                   f"pitch {self.pitch_mm:.3g} mm, layer height {self.layer_height_mm:g} mm"),
+                   f"pitch {self.pitch_mm:.3g} mm, layer height {self.layer_height_mm:g} mm",
+                   *(f"hopper {name} holds {hopper.material} too, and is not used: a material "
+                     "is fed from one hopper" for name in idle)),
             hint=f"{change} speed_mm_s to {bound} {enough:.3g}, or the layer height in proportion",
         )
 
@@ -197,4 +202,7 @@ def make_recipe(
         bead_mm=process.bead_width_mm,
         pitch_mm=process.bead_width_mm * (1 - process.overlap),
         layer_height_mm=process.layer_height_mm,
+        idle=tuple(
+            hopper for hopper in profile.hopper
+            if hopper not in hoppers and any(hopper.material == h.material for h in hoppers)),
     )

@@ -20,7 +20,7 @@ def verdict(tally: Tally, placement: Placement, mode: str) -> list[Finding]:
     """Findings for the job: each {"level": "ok" | "warning", "text": …}."""
     return [
         *_coverage(tally), *_filling(tally), *_overhang(tally), *_height(placement),
-        *_mixture(tally, mode), *_hoppers(tally), *_waste(tally),
+        *_mixture(tally, mode), *_hoppers(tally), *_idle(tally), *_waste(tally),
     ]
 
 
@@ -115,6 +115,14 @@ def _hoppers(tally: Tally) -> list[Finding]:
         f"{tally.snapped_mm:.0f} mm of path ({tally.snapped_mm / tally.path_mm:.1%}) want less of "
         f"a powder than its hopper meters: set to none or the least, off by up to "
         f"{tally.snapped_by:.3f}")]
+
+
+def _idle(tally: Tally) -> list[Finding]:
+    return [
+        _finding(True, f"hopper {hopper.name} holds {hopper.material} too, and is not used: "
+                 "a material is fed from one hopper")
+        for hopper in tally.recipe.idle
+    ]
 
 
 def _waste(tally: Tally) -> list[Finding]:

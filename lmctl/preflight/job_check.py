@@ -6,6 +6,8 @@ changed in between.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from lmctl.config.machine import MachineProfile
 from lmctl.errors import JobError
 from lmctl.job.schema import JobManifest
@@ -31,7 +33,8 @@ def check_job(manifest: JobManifest, profile: MachineProfile) -> None:
             where=_differences(manifest, profile),
             hint="plan the part again for this machine",
         )
-    wrong = [*_travel(manifest, profile), *_lines(manifest, profile), *_flows(manifest, profile)]
+    wrong = [*beyond_travel(*manifest.bounds_mm, profile), *_lines(manifest, profile),
+             *_flows(manifest, profile)]
     if wrong:
         raise JobError(f"the job cannot run on {profile.name!r}", where=wrong,
                        hint="plan the part again; `lmctl check` says what is in the way")
@@ -60,13 +63,16 @@ def _differences(manifest: JobManifest, profile: MachineProfile) -> list[str]:
     return found or ["travel, dynamics, limits or another value planning used"]
 
 
-def _travel(manifest: JobManifest, profile: MachineProfile) -> list[str]:
+def beyond_travel(
+    low_mm: Sequence[float], high_mm: Sequence[float], profile: MachineProfile
+) -> list[str]:
+    """One line an axis in which motion between these corners, (3,) each, leaves the travel."""
     travel = profile.motion.travel_mm
-    low, high = manifest.bounds_mm
     return [
-        f"{axis}: reaches {low[i]:.1f} to {high[i]:.1f} mm, has {limits[0]:g} to {limits[1]:g}"
+        f"{axis}: reaches {low_mm[i]:.1f} to {high_mm[i]:.1f} mm, "
+        f"has {limits[0]:g} to {limits[1]:g}"
         for i, (axis, limits) in enumerate((("x", travel.x), ("y", travel.y), ("z", travel.z)))
-        if low[i] < limits[0] - _SLACK or high[i] > limits[1] + _SLACK
+        if low_mm[i] < limits[0] - _SLACK or high_mm[i] > limits[1] + _SLACK
     ]
 
 

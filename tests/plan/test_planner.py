@@ -305,6 +305,31 @@ def test_what_cannot_be_planned_is_refused_whole(
     assert os.listdir(tmp_path) == []
 
 
+def test_a_lead_in_beyond_the_bed_is_refused_at_its_layer(tmp_path, make_part, shapes, profile):
+    """The wall ends at the bed's edge, and its track points over it."""
+    part = make_part(shapes["wall 1.0"], lambda p: 0.5, placement_mm=(20.0, 50.0, 0.0),
+                     process=Process(lead_in_mm=5), height_mm=8.0)
+    done = []
+    with pytest.raises(PlanError, match="layer 1 of prism reaches outside") as caught:
+        plan_job(part, profile, tmp_path / "a.lmj", lambda layer, _: done.append(layer))
+    assert not done
+    assert "x: reaches -" in caught.value.where[0]
+    assert "lead_in_mm" in caught.value.hint
+
+
+def test_a_second_hopper_of_a_material_is_said_to_be_idle(tmp_path, make_part, shapes, profile):
+    second = profile.hopper[0].model_copy(update={"name": "C", "channel": 2})
+    cell = profile.model_copy(update={"hopper": (*profile.hopper, second)})
+    part = make_part(shapes["small disc"], lambda p: 0.0)
+    told = [finding["text"] for finding in plan_job(part, cell, tmp_path / "a.lmj").verdict]
+    assert any("hopper C holds 316L too, and is not used" in text for text in told)
+    thick = make_part(shapes["annulus"], lambda p: 0.0, height_mm=24.0,
+                      process=Process(layer_height_mm=12.0))
+    with pytest.raises(PlanError, match="at most 60") as caught:
+        plan_job(thick, cell, tmp_path / "b.lmj")
+    assert "hopper C holds 316L too" in caught.value.render()
+
+
 def test_the_job_is_one_the_machine_takes(planned, profile):
     check_job(planned[0], profile)
 
