@@ -98,11 +98,12 @@ def _mixture(tally: Tally, mode: str) -> list[Finding]:
 
 
 def _why_off(tally: Tally, mode: str) -> Iterator[str]:
-    if tally.unfollowed_mm:
+    worth_telling_mm = tally.asked_mm * (1 - ENOUGH_MIXTURE) / 2
+    if tally.unfollowed_mm > worth_telling_mm:
         what = ("the mixture changes faster than powder can follow" if mode == "lead"
                 else "powder comes too late")
         yield f"; along {tally.unfollowed_mm:.0f} mm {what}"
-    if tally.unplanned_mm:
+    if tally.unplanned_mm > worth_telling_mm:
         yield (f"; along {tally.unplanned_mm:.0f} mm the plan differs from the part file by its "
                "steps (process.fraction_step, strategy, least flows of hoppers)")
 
