@@ -69,14 +69,16 @@ def centrelines(
 ) -> Centrelines:
     """Where centrelines run along a medial axis of depth `radius_mm` (n,).
 
-    narrow_mm : contours nearer than this to their middle are beyond the raster
+    narrow_mm : contours nearer than this to their middle are beyond the raster; at most a/2, so
+        that two tracks there leave no void
     """
     depth, level, rest = _levels(radius_mm, bead_mm, pitch_mm)
     outer = level == 0
     laid = radius_mm >= LEAST_DEPTH * bead_mm
     merge = laid & (rest < np.where(outer, _OUTER_MERGE * bead_mm, pitch_mm / 4))
-    gap = (depth >= 0) & (2 * rest > widest_gap_mm(bead_mm, pitch_mm))
-    parts = laid & ~merge & ~gap & (rest < narrow_mm)
+    narrow = rest < narrow_mm
+    gap = (depth >= 0) & ~narrow & (2 * rest > widest_gap_mm(bead_mm, pitch_mm))
+    parts = laid & ~merge & narrow
     share = np.where(gap, rest, np.where(outer, pitch_mm + 2 * rest, pitch_mm + rest))
     return Centrelines(
         runs=merge | gap, parts=parts, merges=np.where(merge | parts, level, -1), share_mm=share,

@@ -87,7 +87,7 @@ def in_plane_tracks(section: Section, bead_mm: float, pitch_mm: float) -> list[T
         grid, values = _cut_out(section, labels, island, boxes[island - 1])
         pitch = spacing.fitting_pitch_mm(
             axis.edge_radius_mm()[mine], axis.edge_lengths_mm()[mine], deepest, bead_mm, pitch_mm)
-        narrow = max(grid.pitch_mm, _NARROW * bead_mm)
+        narrow = min(max(grid.pitch_mm, _NARROW * bead_mm), bead_mm / 2)
         found = _island_tracks(
             grid, values, axis, mine, deepest, narrow, bead_mm, pitch, island - 1)
         tracks += found + _pins(
@@ -170,7 +170,7 @@ def _middle_tracks(
     if two:
         loops = around(axis.points[chain], middle.way_mm[chain], bead_mm / 10)
         return [
-            Track(loop[:, :2], spacing.share_beside_mm(loop[:, 2], bead_mm, pitch_mm), True, island)
+            Track(loop[:, :2], pitch_mm / 2 + loop[:, 2], True, island)
             for loop in loops
         ]
     points = densified(np.column_stack([axis.points[chain], middle.share_mm[chain]]), bead_mm / 10)

@@ -98,6 +98,16 @@ def test_a_wall_is_one_line_or_one_loop_or_nothing(section, width, count, turn):
         assert all(track.closed == (width > 1.04) for track in tracks)
 
 
+@pytest.mark.parametrize("raster", [0.1, 0.4])
+def test_nor_on_how_much_tracks_overlap(section, raster):
+    for overlap in (0.0, 0.5, 0.8):
+        for name in ("wall", "wave"):
+            poly = posed(shape(name, 1.33), POSES[-1])
+            tracks = in_plane_tracks(section(outlines(poly), raster), BEAD, BEAD * (1 - overlap))
+            reach = poly.buffer(-BEAD / 2 + 1e-6).buffer(BEAD / 2)
+            assert (reach - laid_by(tracks)).area <= 0.05 * reach.area
+
+
 def test_a_ring_hardly_wider_than_a_bead_is_two_rings(section):
     poly = shape("ring", 1.08)
     tracks = in_plane_tracks(section(outlines(poly), RASTER), BEAD, PITCH)
