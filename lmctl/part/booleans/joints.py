@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.field.plane import PlaneGrid
-from lmctl.part.bodies.body import plane_points
 from lmctl.part.booleans.cells import Cells
 
 FloatArray = NDArray[np.float64]
@@ -34,8 +33,8 @@ def without_joints(
     values = formula.copy()
     on_it = np.abs(values) <= cells.joint_mm
     if on_it.any():
-        points = plane_points(plane, z_mm)[on_it.ravel()]
-        values[on_it] = cells.sided(points, values[on_it].astype(np.float64))
+        places = _places(on_it, z_mm, plane)
+        values[on_it] = cells.sided(places, values[on_it].astype(np.float64))
     # A node is a step from the outline at most; a leaf farther from it by more hides nothing.
     reach = np.abs(formula) + np.float32(plane.pitch_mm)
     near = np.zeros(formula.shape, dtype=np.int32)
@@ -43,9 +42,15 @@ def without_joints(
         near += np.abs(row) <= reach
     doubted = _beside_outline(values > 0) & (near > 1)
     if doubted.any():
-        depth = np.abs(at(plane_points(plane, z_mm)[doubted.ravel()]))
+        depth = np.abs(at(_places(doubted, z_mm, plane)))
         values[doubted] = np.copysign(np.maximum(depth, np.abs(values[doubted])), values[doubted])
     return values
+
+
+def _places(chosen: NDArray[np.bool_], z_mm: float, plane: PlaneGrid) -> FloatArray:
+    """The chosen nodes (ny, nx) as points (n, 3) [mm]."""
+    y, x = np.nonzero(chosen)
+    return np.column_stack([plane.x_mm[x], plane.y_mm[y], np.full(len(x), float(z_mm))])
 
 
 def _beside_outline(inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
