@@ -8,6 +8,12 @@ import signal
 from collections.abc import Iterator
 
 import pytest
+from hypothesis import settings
+
+#: A red run tells of the change that made it, not of an example that nobody has met before.
+#: `pytest --hypothesis-profile default` searches at random, and so does `make soak`.
+settings.register_profile("same examples", derandomize=True)
+settings.load_profile("same examples")
 
 
 @pytest.hookimpl(wrapper=True)

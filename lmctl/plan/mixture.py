@@ -3,8 +3,9 @@
 A stretch of track whose quantised composition stays the same is a *run*. The composition laid is
 exactly a quantum in the middle of each run and linear in between, so that the feeders follow
 slopes where a staircase would ask them for jumps; where the field itself jumps, it changes between
-the two points of the track on either side. So it stays within three quarters of a quantum of the
-field, mostly within half.
+the two points of the track on either side. So it stays within 1.1 quanta of the field: 0.6 by
+which a run lets the field leave its value, half of one where the change to the next has begun. On
+even slopes it is no more than 0.6.
 """
 
 from __future__ import annotations
@@ -48,7 +49,8 @@ def runs(fractions: FloatArray, step: float) -> tuple[IntArray, FloatArray]:
         mean = fractions.mean(axis=0, keepdims=True)
         return np.array([0, len(fractions)]), quantised(mean, step)
     rounded = quantised(fractions, step)
-    starts = np.asarray(_run_starts(fractions, rounded, _HYSTERESIS / max(1, round(1 / step))))
+    quanta = max(1, round(1 / step))
+    starts = np.asarray(_run_starts(fractions, rounded, _HYSTERESIS / quanta, _JUMP / quanta))
     return np.append(starts, len(fractions)), rounded[starts]
 
 
@@ -84,19 +86,18 @@ def knots(
 
 @njit(cache=True)
 def _run_starts(
-    fractions: FloatArray, rounded: FloatArray, reach: float
+    fractions: FloatArray, rounded: FloatArray, reach: float, jump: float
 ) -> NDArray[np.int64]:
+    """A run ends where the field leaves it, and at a jump even if that stays in its quantum."""
     starts = [0]
     now = 0
     for i in range(1, len(fractions)):
-        away = 0.0
+        away, leap, changed = 0.0, 0.0, False
         for m in range(fractions.shape[1]):
             away = max(away, abs(fractions[i, m] - rounded[now, m]))
-        if away > reach:
-            changed = False
-            for m in range(fractions.shape[1]):
-                changed = changed or rounded[i, m] != rounded[now, m]
-            if changed:
-                starts.append(i)
-                now = i
+            leap = max(leap, abs(fractions[i, m] - fractions[i - 1, m]))
+            changed = changed or rounded[i, m] != rounded[now, m]
+        if leap > jump or (away > reach and changed):
+            starts.append(i)
+            now = i
     return np.array(starts)
