@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -54,6 +55,15 @@ def hear(energy, s, *reports, rate=1.0):
 def test_what_the_program_asks_for(energy, s, fields, rate):
     assert hear(energy, s, fields, fields, fields, rate=rate) is None
     assert energy.bead_short_from_s == math.inf
+
+
+def test_a_scale_of_few_steps_is_known_to_a_step_only(job):
+    """$30=1: half of full power is told as S0 or S1."""
+    fine = job([LAYER])
+    coarse = replace(fine, manifest=replace(fine.manifest, s_max=1))
+    for fields in ("FS:600,0", "FS:600,1"):
+        energy = LineEnergy(coarse.window(), LEAD_S)
+        assert hear(energy, IN_BEAD_S, fields, fields, fields) is None
 
 
 @pytest.mark.parametrize(("fields", "rate"), [

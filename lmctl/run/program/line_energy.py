@@ -20,8 +20,9 @@ from lmctl.run.program.window import JobWindow
 #: How exactly the place reported is known in program time [s].
 _KNOWN_WITHIN_S = 0.05
 
-#: Differences of no consequence: a share of what is asked; of full power, which melts nothing; and
-#: of speed, reported in whole mm/min. Reports agree with the program within a tenth of these.
+#: Differences of no consequence: a share of what is asked; of full power, which melts nothing (or
+#: a whole S, as power is reported, where the scale is that coarse); and of speed, reported in whole
+#: mm/min. Reports agree with the program within a tenth of these.
 _SHARE, _OF_FULL, _SPEED_MM_S = 0.03, 0.01, 0.05
 
 
@@ -44,6 +45,7 @@ class LineEnergy:
         self._lead_s = lead_s
         self._full_W = window.manifest.max_power_W
         self._per_S = window.manifest.max_power_W / window.manifest.s_max
+        self._least_W = max(_OF_FULL * self._full_W, self._per_S)
         self._overrides: tuple[int, ...] = (100, 100, 100)  # feed, rapid, power, as last told
         self._rate = 1.0
         self._doubtful: Unasked | None = None  # of the last report
@@ -78,7 +80,7 @@ class LineEnergy:
             s - _KNOWN_WITHIN_S, s + _KNOWN_WITHIN_S + self._lead_s * max(rate, 1.0)
         )
         most_mm_s *= rate
-        slack_W = _OF_FULL * self._full_W + _SHARE * power_W
+        slack_W = self._least_W + _SHARE * power_W
         is_asked = any(
             abs(self._power_W(energy, speed_mm_s) - power_W) <= slack_W
             for energy in energies_J_mm or (0.0,)
