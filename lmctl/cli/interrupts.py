@@ -9,26 +9,21 @@ from __future__ import annotations
 
 import signal
 import sys
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+from lmctl.run.signals import heeded
 
 
 @contextmanager
 def interruptible() -> Iterator[Callable[[], None]]:
     """In the context, or a function decorated with it, Ctrl-C always is a KeyboardInterrupt.
 
-    So are a termination and a hang-up, which would leave half-written files behind; a signal that
-    is ignored (a hang-up under nohup) stays ignored. Yields a function for the steps of a long
-    work to call: it raises KeyboardInterrupt where one was dropped since. At the latest the end of
-    the context does. Outside the main thread signals cannot be taken; there this does nothing.
+    So are a termination and a hang-up, which would leave half-written files behind, as far as
+    signals are `heeded`. Yields a function for the steps of a long work to call: it raises
+    KeyboardInterrupt where one was dropped since. At the latest the end of the context does.
     """
-    if threading.current_thread() is not threading.main_thread():
-        yield lambda: None
-        return
     heard = False
 
     def hear(number: int, frame: FrameType | None) -> None:
@@ -44,10 +39,7 @@ def interruptible() -> Iterator[Callable[[], None]]:
         if heard:
             raise KeyboardInterrupt
 
-    before = {
-        number: handler for number in _SIGNALS
-        if (handler := signal.getsignal(number)) not in (signal.SIG_IGN, None)
-    }
+    before = heeded()
     for number in before:
         signal.signal(number, hear)
     report, sys.unraisablehook = sys.unraisablehook, unraisable

@@ -250,7 +250,7 @@ class Executor:
         if self._override_percent != 100:
             course.set_override(self._override_percent)
         # To the last record: a third Ctrl-C must not keep the journal from its seal.
-        with signals.calling(lambda: machine.wish(Event.STOP)):
+        with signals.calling(lambda: machine.wish(Event.STOP), loop):
             try:
                 await machine.run()
             finally:

@@ -6,30 +6,35 @@ second, the ones that still have to switch the powder off among them.
 
 from __future__ import annotations
 
-import asyncio
 import signal
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:  # planning takes signals too, and has no loop
+    from asyncio import AbstractEventLoop
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
-@contextmanager
-def calling(act: Callable[[], object]) -> Iterator[None]:
-    """Call `act` at each interrupt, termination or hang-up, as long as the context lasts.
+def heeded() -> dict[signal.Signals, Any]:
+    """Interrupt, termination and hang-up, each with its handler, as far as they can be taken.
 
-    One that is ignored (hang-up under nohup) stays ignored. Outside the main thread signals
-    cannot be taken; there this does nothing.
+    One that is ignored (hang-up under nohup) stays ignored, and only the main thread takes any.
     """
     if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    loop = asyncio.get_running_loop()
-    before = {
+        return {}
+    return {
         number: handler for number in _SIGNALS
         if (handler := signal.getsignal(number)) not in (signal.SIG_IGN, None)
     }
+
+
+@contextmanager
+def calling(act: Callable[[], object], loop: AbstractEventLoop) -> Iterator[None]:
+    """Call `act` on a loop at each signal that is heeded, as long as the context lasts."""
+    before = heeded()
     for number in before:
         loop.add_signal_handler(number, act)
     try:

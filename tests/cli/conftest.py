@@ -59,3 +59,13 @@ def refused(lmctl: Lmctl) -> Callable[..., str]:
         return outcome.talk
 
     return call
+
+
+@pytest.fixture
+def box(lmctl: Lmctl, tmp_path: Path) -> Path:
+    """A small box, planned."""
+    lmctl("init", "-t", "box", ".")
+    text = (tmp_path / "box.toml").read_text()
+    (tmp_path / "box.toml").write_text(text.replace("[30, 20, 8]", "[12, 8, 0.8]"))
+    assert lmctl("plan", "box.toml", "--machine", "cell.toml", "-o", "box.lmj").code == 0
+    return tmp_path / "box.lmj"

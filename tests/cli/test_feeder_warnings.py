@@ -69,16 +69,6 @@ def test_doctor_has_warnings_to_mend_and_a_clog_that_keeps_a_run_from_starting(
     assert "mixer" not in without.data
 
 
-@pytest.fixture
-def box(lmctl, tmp_path):
-    """A small box, planned."""
-    lmctl("init", "-t", "box", ".")
-    text = (tmp_path / "box.toml").read_text()
-    (tmp_path / "box.toml").write_text(text.replace("[30, 20, 8]", "[12, 8, 0.8]"))
-    assert lmctl("plan", "box.toml", "--machine", "cell.toml", "-o", "box.lmj").code == 0
-    return tmp_path / "box.lmj"
-
-
 def test_a_run_tells_of_a_low_level_and_goes_on_and_its_log_tells_it_too(lmctl, box, tmp_path):
     (tmp_path / "faults.toml").write_text(
         '[[fault]]\nkind = "hopper_level"\ndevice = "F1"\ngrams = 1500\nat_s = 5\n')

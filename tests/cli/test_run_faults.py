@@ -2,8 +2,6 @@
 
 from importlib.resources import files
 
-import pytest
-
 FAULTS = """
 [[fault]]
 kind = "panel_override"
@@ -14,16 +12,6 @@ at_s = 5
 kind = "hard_limit"
 at_line = 40
 """
-
-
-@pytest.fixture
-def box(lmctl, tmp_path):
-    """A small box, planned."""
-    lmctl("init", "-t", "box", ".")
-    text = (tmp_path / "box.toml").read_text()
-    (tmp_path / "box.toml").write_text(text.replace("[30, 20, 8]", "[12, 8, 0.8]"))
-    assert lmctl("plan", "box.toml", "--machine", "cell.toml", "-o", "box.lmj").code == 0
-    return tmp_path / "box.lmj"
 
 
 def test_faults_happen_end_the_run_and_are_listed(lmctl, box, tmp_path):

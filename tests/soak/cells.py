@@ -203,9 +203,19 @@ class _Cell:
         for line in set(beads) - set(bench.motion.executed_n):
             ends_mm = np.array([[lines[axis][n] for axis in ("x_mm", "y_mm", "z_mm")]
                                 for n in (line - 1, line)])
-            laid_mm = path.length_mm[path.line == line].sum()
+            # By place: a byte lost on the wire may have made another number of its own.
+            laid_mm = path.length_mm[_between(path.position_mm, *ends_mm)].sum()
             # A hold may come to rest a motor step before a line's end: nothing is left to lay.
             if np.linalg.norm(ends_mm[1] - ends_mm[0]) - laid_mm > _NOTHING_MM:
                 missing.append(line)
         if missing:
             self._outcome.shortfalls.append(f"done, and {len(missing)} beads were not laid")
+
+
+def _between(places_mm: np.ndarray, begin_mm: np.ndarray, end_mm: np.ndarray) -> np.ndarray:
+    """Which places (n, 3) lie on the straight line from begin to end."""
+    length_mm = np.linalg.norm(end_mm - begin_mm)
+    way = (end_mm - begin_mm) / length_mm
+    along_mm = (places_mm - begin_mm) @ way
+    off_mm = np.linalg.norm(places_mm - begin_mm - along_mm[:, None] * way, axis=1)
+    return (off_mm < _NOTHING_MM) & (along_mm > 0.0) & (along_mm < length_mm)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from lmctl.config.machine import load_profile
-from lmctl.errors import LmctlError
+from lmctl.errors import LmctlError, UsageError
 from lmctl.job.reader import JobReader
 from lmctl.run.executor import Executor
 from lmctl.run.journal.file import read, verify
@@ -75,7 +75,7 @@ class BenchRun:
 
     bench : replacements in the text of the example bench
     acts : (seconds after motion has started, callable(this)); before : called before the run
-    notices : what was told of alarms and warnings
+    notices : what was told of alarms and warnings; refused : of resumes that came too early
     """
 
     def __init__(self, folder, profile, job, *, bench=(), acts=(), before=None, override=100):
@@ -87,6 +87,7 @@ class BenchRun:
         self.result = self.error = None
         self.told = []
         self.notices = []
+        self.refused = []
         self._before = before
         virtual_time.run(self._main(BenchConfig.parse(text), folder, profile, acts, override))
         (run_folder,) = (folder / "runs").iterdir()
@@ -136,6 +137,12 @@ class BenchRun:
         for at, act in acts:
             await asyncio.sleep(max(0.0, self.started_s + at - self.loop.time()))
             act(self)
+
+    def resume_refused(self):
+        """An act: resume, which must be refused."""
+        with pytest.raises(UsageError) as refusal:
+            self.executor.resume()
+        self.refused.append(refusal.value.render())
 
     def records(self, kind):
         return [record for record in read(self.journal) if record["kind"] == kind]

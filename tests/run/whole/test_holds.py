@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lmctl.errors import RunFailed, RunStopped, UsageError
+from lmctl.errors import RunFailed, RunStopped
 from tests.run.whole.laid import BEAM_OFF_S, EXACT_MM, OVERLAP_MM, check_all_is_laid, laid_again_mm
 
 
@@ -135,21 +135,13 @@ def test_a_hold_at_the_controller_s_own_panel_is_a_hold(run, large_square_job):
 
 
 def test_an_opened_door_holds_the_run_until_it_is_closed(run, large_square_job, undisturbed):
-    refused = []
-
-    def too_early(one):
-        try:
-            one.executor.resume()
-        except UsageError as error:
-            refused.append(error.render())
-
     one = run(large_square_job, acts=[
-        (3.0, lambda r: r.bench.motion.set_door(True)), (8.0, too_early),
+        (3.0, lambda r: r.bench.motion.set_door(True)), (8.0, lambda r: r.resume_refused()),
         (10.0, lambda r: r.bench.motion.set_door(False)), (12.0, lambda r: r.executor.resume()),
     ])
     whole = undisturbed["large"]
     assert one.result.state == "done", one.error
-    assert "door is open" in refused[0]
+    assert "door is open" in one.refused[0]
     one.check_safe()
     check_all_is_laid(one, whole)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from lmctl.errors import RunStopped, UsageError
+from lmctl.errors import RunStopped
 from lmctl.report.job_log import read_job_log
 from lmctl.run.journal.aftermath import aftermath
 from lmctl.run.journal.file import fingerprint, read
@@ -44,7 +44,7 @@ LIMIT_PASSED_S = 12.0 * (200 - 40) / (900 - 40)
 def test_a_clog_is_held_before_powder_minds_and_gone_on_with_when_it_has_cleared(
     run, profile, large_square_job, undisturbed
 ):
-    seen, refused = {}, []
+    seen = {}
 
     def look(one):
         judge = Judge(one.bench)
@@ -52,15 +52,9 @@ def test_a_clog_is_held_before_powder_minds_and_gone_on_with_when_it_has_cleared
         seen["powder"] = [name for name in one.bench.feeders if judge.powder_on(name)]
         seen["gas"] = [d.gas_flows(one.loop.time()) for d in one.bench.feeders.values()]
 
-    def too_early(one):
-        try:
-            one.executor.resume()
-        except UsageError as error:
-            refused.append(error.render())
-
     one = run(large_square_job, acts=[
-        (3.0, strike("hose_clogs", "F1", **CLOG)), (14.0, look), (20.0, too_early), (30.0, mend),
-        (35.0, resume),
+        (3.0, strike("hose_clogs", "F1", **CLOG)), (14.0, look),
+        (20.0, lambda r: r.resume_refused()), (30.0, mend), (35.0, resume),
     ])
     whole = undisturbed["large"]
     assert one.result.state == "done", one.error
@@ -75,7 +69,7 @@ def test_a_clog_is_held_before_powder_minds_and_gone_on_with_when_it_has_cleared
     assert seen == {"state": "held", "powder": [], "gas": [True, True]}
     assert [do for do in acts(one) if do.startswith(("feed hold", "powder off"))][:2] == [
         "feed hold", "powder off"]
-    assert "cannot resume: feeder F1: the mixer pressure is 900 mbar" in refused[0]
+    assert "cannot resume: feeder F1: the mixer pressure is 900 mbar" in one.refused[0]
     # No bead had less than its powder: the beam was dark before the nozzle shut.
     assert one.flow_error().max() < 0.02
     one.check_safe()
