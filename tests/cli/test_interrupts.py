@@ -102,7 +102,7 @@ def test_a_port_that_is_no_controller(
     )
     closed = [socket.create_server(("127.0.0.1", 0)) for _ in range(2)]
     for port, feeder in zip(("5021", "5022"), closed, strict=True):
-        text = text.replace(port, str(feeder.getsockname()[1]))
+        text = text.replace(f':{port}"', f':{feeder.getsockname()[1]}"')
         feeder.close()
     (tmp_path / "cell.toml").write_text(text)
     write_job(tmp_path / "part.lmj", load_profile(tmp_path / "cell.toml"), squares())

@@ -18,6 +18,8 @@ from lmctl.run.journal.file import read, verify
 
 BENCH = (files("lmctl.examples") / "bench.toml").read_text()
 CELL = (files("lmctl.examples") / "cell.toml").read_text()
+#: Where the shipped cell's devices are; with the quote behind it, none begins another.
+SHIPPED = {"motion": "127.0.0.1:2323", "F1": "127.0.0.1:5021", "F2": "127.0.0.1:5022"}
 PART = """
 name = "block"
 [[material]]
@@ -51,17 +53,15 @@ def standing(bench, tmp_path) -> Iterator[Callable[..., Path]]:
     running = []
 
     def start(*replacements: tuple[str, str]) -> Path:
-        ports = [(f":{old}", f":{_free_port()}") for old in (2323, 5021, 5022)]
-        path = bench(*replacements, *ports)
+        path = bench(*replacements, *((f'{one}"', '127.0.0.1:0"') for one in SHIPPED.values()))
         process = subprocess.Popen(
             [sys.executable, "-m", "simulators", str(path)], stdout=subprocess.PIPE, text=True
         )
         running.append(process)
         assert process.stdout is not None
-        assert "motion" in process.stdout.readline()
-        text = CELL
-        for old, new in ports:
-            text = text.replace(old, new)
+        text, served = CELL, json.loads(process.stdout.readline())
+        for device, one in SHIPPED.items():
+            text = text.replace(f'{one}"', f'{served[device].partition("//")[2]}"')
         (tmp_path / "cell.toml").write_text(text)
         return tmp_path / "cell.toml"
 

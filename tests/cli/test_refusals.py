@@ -330,9 +330,8 @@ def test_ports_where_nobody_listens_make_one_report(
         for free in (one, other):
             free.bind(("127.0.0.1", 0))
         port, others_port = one.getsockname()[1], other.getsockname()[1]
-    deaf = cell_file(tmp_path, **{"127.0.0.1:2323": f"127.0.0.1:{port}",
-                                  "127.0.0.1:5021": f"127.0.0.1:{port}",
-                                  "127.0.0.1:5022": f"127.0.0.1:{others_port}"})
+    deaf = cell_file(tmp_path, **{':2323"': f':{port}"', ':5021"': f':{port}"',
+                                  ':5022"': f':{others_port}"'})
     said = refused("run", job, "--machine", deaf, code=4)
     assert said.count("error:") == 1
     assert "motion controller" in said

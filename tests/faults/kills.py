@@ -177,9 +177,9 @@ def shortened(name: str) -> str:
 
 
 def wired(endpoints: dict[str, str]) -> str:
-    text = shortened("cell.toml").replace("tcp://127.0.0.1:2323", endpoints["motion"])
+    text = shortened("cell.toml").replace('"tcp://127.0.0.1:2323"', f'"{endpoints["motion"]}"')
     for name, port in (("F1", "5021"), ("F2", "5022")):
-        text = text.replace(f"modbus-tcp://127.0.0.1:{port}", endpoints[name])
+        text = text.replace(f'"modbus-tcp://127.0.0.1:{port}"', f'"{endpoints[name]}"')
     return text
 
 
