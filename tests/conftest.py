@@ -11,8 +11,9 @@ import pytest
 from hypothesis import settings
 
 #: A red run tells of the change that made it, not of an example that nobody has met before.
-#: `pytest --hypothesis-profile default` searches at random, and so does `make soak`.
+#: `pytest --hypothesis-profile random` searches at random and prints how to repeat what it finds.
 settings.register_profile("same examples", derandomize=True)
+settings.register_profile("random", print_blob=True)
 settings.load_profile("same examples")
 
 

@@ -4,7 +4,9 @@ The simulated cell is a process of its own, in real time, and so is the host. Fo
 journal verifies and claims no path that was not executed; recovery completes the part with nothing
 missing, and repeats no more than the send horizon holds and the overlap.
 
-    python -m tests.faults.kills [KILLS]
+    python -m tests.faults.kills [KILLS [FIRST]]
+
+Seeds are FIRST, FIRST + 1, ...; a seed says at which moment its host is killed.
 """
 
 from __future__ import annotations
@@ -55,6 +57,11 @@ class Outcome:
     recovered: str = ""
     repeated_mm: float = 0.0
     shortfalls: list[str] = field(default_factory=list)
+
+    @property
+    def repeat(self) -> str:
+        """The command that kills a host at the same moment again."""
+        return f"python -m tests.faults.kills 1 {self.seed}"
 
     def row(self) -> str:
         return (f"{self.seed:4d}  {self.at_s:6.2f} s  {self.state:12s} {self.recovered:10s} "
@@ -194,15 +201,17 @@ def write_small_job(folder: Path) -> Path:
 
 
 def main() -> int:
-    kills = int(sys.argv[1]) if len(sys.argv) > 1 else 100
+    kills, first = (*map(int, sys.argv[1:]), *(100, 0)[len(sys.argv) - 1:])
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        outcomes = run_kills(write_small_job(folder), range(kills), folder / "kills")
+        outcomes = run_kills(write_small_job(folder), range(first, first + kills), folder / "kills")
     print("seed  killed at  in state     recovered   repeated")
     for outcome in outcomes:
         print(outcome.row())
-    wrong = sum(bool(outcome.shortfalls) for outcome in outcomes)
-    print(f"{kills} kills, {wrong} fell short; most repeated "
+    wrong = [outcome for outcome in outcomes if outcome.shortfalls]
+    for outcome in wrong:
+        print(f"to repeat: {outcome.repeat}")
+    print(f"{kills} kills, {len(wrong)} fell short; most repeated "
           f"{max(outcome.repeated_mm for outcome in outcomes):.2f} mm")
     return 1 if wrong else 0
 

@@ -31,6 +31,7 @@ from simulators.faults.kinds import KINDS, Fault, Host, Strikes
 from simulators.verdict import Verdict, verdict
 from tests.faults.expected import EXPECTED, SEEN_WITHIN_S, STANDS_S, UNSEEN
 from tests.faults.kills import shortened
+from tests.run.only_run import journal_of_only_run
 
 #: From an alarm to a dark beam [s]: issue and design ask for so much.
 DARK_WITHIN_S = 0.1
@@ -142,8 +143,7 @@ class Trial:
         cell = self.cell
         if not cell.came:
             return
-        (folder,) = (self._folder / "runs").iterdir()
-        journal = folder / "journal.jsonl"
+        journal = journal_of_only_run(self._folder / "runs", self._error)
         check = verify(journal)
         if not (check.whole and check.sealed):
             cell.shortfalls.append("the journal is not whole")
@@ -250,7 +250,12 @@ def main() -> int:
             seen = "–" if laying.seen_s is None else f"{laying.seen_s:.2f}"
             print(f"| {fault} | {seen}, {laying.dark_s:.2f} | "
                   + " | ".join(cell.text for cell in cells) + " |", flush=True)
-            wrong += sum(bool(cell.shortfalls) for cell in cells)
+            short = [cell for cell in cells if cell.shortfalls]
+            wrong += len(short)
+            if short:
+                print(f"{fault} fell short in {', '.join(cell.state.value for cell in short)}; "
+                      f"to repeat: python -m tests.faults.matrix {fault.kind.name}",
+                      file=sys.stderr)
     print(f"\n{wrong} fell short")
     return 1 if wrong else 0
 

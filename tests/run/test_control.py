@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import json
 import os
 import socket
 import stat
+import tempfile
+from contextlib import ExitStack
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -278,6 +282,50 @@ def test_a_folder_too_deep_for_a_socket_gets_a_link_to_one(tmp_path, monkeypatch
     serve(deep, talk)
     assert list(deep.iterdir()) == []
     assert list((tmp_path / "lmctl").iterdir()) == []
+
+
+def test_two_runs_that_begin_at_once_in_deep_folders_get_a_socket_each(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    ours, theirs = (tmp_path / ("d" * 100) / name for name in ("run-0001", "run-0002"))
+    ours.mkdir(parents=True)
+    theirs.mkdir()
+    renames = Path.rename
+    with ExitStack() as open_sockets:
+
+        def rename_when_the_other_has_begun(path, target):
+            monkeypatch.setattr(Path, "rename", renames)
+            other = open_sockets.enter_context(listening(theirs))
+            sockets.append(other)
+            return path.rename(target)
+
+        sockets = []
+        monkeypatch.setattr(Path, "rename", rename_when_the_other_has_begun)
+        sockets.insert(0, open_sockets.enter_context(listening(ours)))
+        for folder, listens in zip((ours, theirs), sockets, strict=True):
+            with control_path.connect(folder):
+                accepted, _ = listens.accept()  # it does not block: raises where nobody came
+                accepted.close()
+
+
+def test_a_socket_that_cannot_be_made_leaves_nothing_behind(tmp_path, monkeypatch):
+    def no_rename(path, target):
+        raise PermissionError(errno.EACCES, "not here")
+
+    monkeypatch.setattr(Path, "rename", no_rename)
+    with pytest.raises(JournalError, match="no control socket"), listening(tmp_path):
+        pass
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("session", ["", "gone", "relative"])
+def test_without_a_folder_of_the_session_the_temporary_one_serves(tmp_path, monkeypatch, session):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "gone") if session == "gone" else session)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    deep = tmp_path / ("d" * 100) / "run-0001"
+    deep.mkdir(parents=True)
+    with listening(deep):
+        target = (deep / control_path.SOCKET).readlink()
+        assert target.parent == tmp_path / f"lmctl-{os.getuid()}"
 
 
 def test_a_foreign_run_time_folder_is_not_used(tmp_path, monkeypatch):

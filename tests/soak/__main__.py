@@ -18,15 +18,18 @@ def main(arguments: list[str]) -> int:
     if len(arguments) != 3 or arguments[0] not in (*PARTS, "cells"):
         raise SystemExit(__doc__)
     what, first, count = arguments[0], int(arguments[1]), int(arguments[2])
-    wrong = 0
+    wrong = []
     for seed in range(first, first + count):
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
             outcome = (run_a_cell(seed, folder) if what == "cells"
                        else random_part_down_the_road(what, seed, folder))
-        wrong += bool(outcome.shortfalls)
+        if outcome.shortfalls:
+            wrong.append(seed)
         print(seed, outcome, flush=True)
-    print(f"{wrong} of {count} fell short")
+    print(f"{len(wrong)} of {count} fell short")
+    for seed in wrong:
+        print(f"to repeat: python -m tests.soak {what} {seed} 1")
     return 1 if wrong else 0
 
 

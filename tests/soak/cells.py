@@ -26,6 +26,7 @@ from simulators.judge import Judge
 from simulators.verdict import verdict
 from tests.faults.kills import shortened
 from tests.run.conftest import squares, write_job
+from tests.run.only_run import journal_of_only_run
 
 _WITHIN_S = 16.0  # a small job takes that long with its gas and powder
 _STAND_S = (0.01, 0.1, 0.5, 2.0, 5.0, 20.0, 120.0)
@@ -53,6 +54,7 @@ def run_a_cell(seed: int, folder: Path) -> Outcome:
 class _Cell:
     def __init__(self, rng: np.random.Generator, folder: Path, outcome: Outcome) -> None:
         self._rng, self._folder, self._outcome = rng, folder, outcome
+        self._error: LmctlError | None = None
         self._safe = rng.random() < 0.6
         self._config = self._random_wires(
             BenchConfig.parse(shortened("bench-safe.toml" if self._safe else "bench.toml")))
@@ -76,6 +78,7 @@ class _Cell:
                 async with asyncio.timeout(_LONGEST_S):
                     await self._executor.run()
             except LmctlError as error:
+                self._error = error
                 self._outcome.happened.append(f"ended: {error.what}")
             except TimeoutError:
                 self._outcome.shortfalls.append("the run did not end")
@@ -184,8 +187,7 @@ class _Cell:
         dark_by_s = ended_s + self._profile.motion.send_horizon_s + 0.2
         if any(lit.end_s > dark_by_s for lit in judge.beam()):
             short.append("the beam was lit after the end")
-        (folder,) = (self._folder / "runs").iterdir()
-        journal = folder / "journal.jsonl"
+        journal = journal_of_only_run(self._folder / "runs", self._error)
         check = verify(journal)
         if not (check.whole and check.sealed):
             short.append("the journal is not whole")

@@ -13,6 +13,7 @@ import os
 import socket
 import stat
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 
 from lmctl.errors import JournalError
@@ -90,8 +91,13 @@ def remove(folder: Path) -> None:
 
 
 def _bound(path: Path) -> socket.socket:
+    """A socket that listens at `path`, which only its owner can connect to.
+
+    It gets its name once it listens: a client that met it before would take its process for dead.
+    Until then its name is made from its own, since many runs share the run-time folder.
+    """
     listening = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-    new = path.with_name("control.new")  # nobody may meet it before it listens and take it for dead
+    new = path.with_suffix(".new")
     before = os.umask(0o177)  # there must be no moment in which others could connect
     try:
         new.unlink(missing_ok=True)
@@ -100,6 +106,8 @@ def _bound(path: Path) -> socket.socket:
         new.rename(path)
     except BaseException:
         listening.close()
+        with suppress(OSError):  # there is none, and what went wrong says more
+            new.unlink(missing_ok=True)
         raise
     finally:
         os.umask(before)
@@ -109,9 +117,10 @@ def _bound(path: Path) -> socket.socket:
 
 def _run_time_folder() -> Path:
     """A folder of the user's own. Raises OSError, also where it is somebody else's."""
-    if base := os.environ.get("XDG_RUNTIME_DIR"):
-        folder = Path(base) / "lmctl"
-    else:
+    base = Path(os.environ.get("XDG_RUNTIME_DIR", ""))
+    if base.is_absolute() and base.is_dir():
+        folder = base / "lmctl"
+    else:  # not set, or of a session that has ended (sudo, cron)
         folder = Path(tempfile.gettempdir()) / f"lmctl-{os.getuid()}"
     folder.mkdir(mode=0o700, exist_ok=True)
     found = folder.lstat()

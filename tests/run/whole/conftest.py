@@ -17,6 +17,7 @@ from lmctl.run.state.table import State
 from simulators import virtual_time
 from simulators.bench import Bench
 from simulators.bench_config import BenchConfig
+from tests.run.only_run import journal_of_only_run
 
 EXAMPLES = files("lmctl.examples")
 
@@ -90,8 +91,7 @@ class BenchRun:
         self.refused = []
         self._before = before
         virtual_time.run(self._main(BenchConfig.parse(text), folder, profile, acts, override))
-        (run_folder,) = (folder / "runs").iterdir()
-        self.journal = run_folder / "journal.jsonl"
+        self.journal = journal_of_only_run(folder / "runs", self.error)
 
     async def _main(self, config, folder, profile, acts, override):
         self.loop = asyncio.get_running_loop()
