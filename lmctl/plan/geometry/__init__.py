@@ -1,0 +1,15 @@
+"""Geometry stage: one layer of a part to flat arrays of tracks; pure, so layers run in parallel.
+
+`layer_geometry` makes a `LayerGeometry` of (part, placement, layer) alone. Nothing here knows the
+machine, time or order.
+"""
+
+from lmctl.plan.geometry.layer_geometry import (
+    LayerFigures,
+    LayerGeometry,
+    LostFeature,
+    OverhangPlace,
+)
+from lmctl.plan.geometry.stage import layer_geometry
+
+__all__ = ["LayerFigures", "LayerGeometry", "LostFeature", "OverhangPlace", "layer_geometry"]

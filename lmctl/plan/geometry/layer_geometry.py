@@ -1,0 +1,125 @@
+"""What the geometry stage hands to the sequence stage: one layer as flat arrays, and its figures.
+
+Everything here pickles to little more than its arrays, so that a layer can be made in another
+process or on another machine.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IndexArray = NDArray[np.intp]
+
+#: What a lost piece of a slice is: all of a layer, a whole island, a part of an island thinner
+#: than the beads that fill the rest, or a closed void between tracks.
+LostKind = Literal["layer", "island", "rib", "void"]
+
+
+@dataclass(frozen=True)
+class LostFeature:
+    """A piece of the intended slice that no track covers by at least half.
+
+    at_mm : (x, y) of its middle, in the part's own coordinates
+    size_mm : (length, width), the width being twice its largest distance to the outline
+    area_mm2 : of the piece
+    why, remedy : for a person: what made the planner leave it out, and what would keep it
+    """
+
+    kind: LostKind
+    at_mm: tuple[float, float]
+    size_mm: tuple[float, float]
+    area_mm2: float
+    why: str
+    remedy: str
+
+
+@dataclass(frozen=True)
+class OverhangPlace:
+    """A connected piece of a slice that lies beyond an overhang limit over the slice below.
+
+    at_mm : (x, y) of its middle, in the part's own coordinates; area_mm2 : of the piece
+    angle_deg : steepest lean over it, from the vertical, in (0, 90)
+    is_in_air : it touches nothing within reach of the limit: material would start in the air
+    """
+
+    at_mm: tuple[float, float]
+    area_mm2: float
+    angle_deg: float
+    is_in_air: bool
+
+
+@dataclass(frozen=True)
+class LayerFigures:
+    """Areas of one layer [mm²], and what is wrong with it.
+
+    The *intended* slice is the drawing moved outwards by `allowance_mm` and, with
+    `outer_track = "half-bead"`, inwards by half of what a bead is wider than a pitch. A track
+    deposits its strip. Areas come from a raster and are scaled to the outline's own area.
+
+    slice_mm2 : of the intended slice
+    inside_mm2 : covered by strips, inside it; slice_mm2 − inside_mm2 is void
+    outside_mm2 : covered by strips, outside it (surplus)
+    double_mm2 : inside it, covered by two strips at a time
+    strip_mm2 : sum of length · strip width of all tracks: the volume asked for, over layer height
+    lost : pieces of the slice that no track covers
+    overbuilt_mm2 : part of outside_mm2 beside features narrower than their own track
+    steep : pieces beyond the overhang warning angle, or that start in the air
+    """
+
+    slice_mm2: float
+    inside_mm2: float
+    outside_mm2: float
+    double_mm2: float
+    strip_mm2: float
+    overbuilt_mm2: float = 0.0
+    lost: tuple[LostFeature, ...] = ()
+    steep: tuple[OverhangPlace, ...] = ()
+
+
+@dataclass(frozen=True)
+class LayerGeometry:
+    """The tracks of one layer, in the part's own coordinates, not yet in order of deposition.
+
+    layer : number, counted from the lowest one that meets the part (before any is left out)
+    z_mm : height of the section
+    points_mm : (n, 2) float64, vertices of all tracks one after the other; at most a tenth of a
+        bead apart
+    starts : (m + 1,) intp, track k is points starts[k] to starts[k + 1]; at least 2 points each
+    strip_width_mm : (n,) float64, > 0, width of the strip the track fills there: its volume per
+        length over the layer height
+    fractions : (n, materials) float64, the material field there, rows summing to 1
+    is_closed : (m,) bool, the track ends where it begins (its first point is repeated last)
+    island : (m,) intp, which connected piece of the slice the track belongs to, from 0
+    outline_mm : (k, 2) float64, all closed loops of the intended slice, each with its first point
+        repeated last, the inside on the left
+    outline_starts : (l + 1,) intp, loop k is outline_mm[outline_starts[k] : outline_starts[k + 1]]
+    """
+
+    layer: int
+    z_mm: float
+    points_mm: FloatArray
+    starts: IndexArray
+    strip_width_mm: FloatArray
+    fractions: FloatArray
+    is_closed: NDArray[np.bool_]
+    island: IndexArray
+    outline_mm: FloatArray
+    outline_starts: IndexArray
+    figures: LayerFigures
+
+    @property
+    def n_tracks(self) -> int:
+        return len(self.starts) - 1
+
+    def track(self, number: int) -> slice:
+        """Where a track's vertices are in the arrays of vertices."""
+        return slice(int(self.starts[number]), int(self.starts[number + 1]))
+
+    def loops(self) -> list[FloatArray]:
+        """The outline as loops (k, 2) [mm], views of `outline_mm`."""
+        return np.split(self.outline_mm, self.outline_starts[1:-1]) if len(self.outline_mm) else []
