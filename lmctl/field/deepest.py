@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
-from scipy.optimize import linprog
 
 from lmctl.field.features import length
 from lmctl.field.field import Field
@@ -31,6 +29,8 @@ def largest_depth(field: Field) -> tuple[float, FloatArray]:
     field : with sources, and with an inside
     returns : [mm]; (3,) float64 x, y, z [mm]. At least the greatest value of a node
     """
+    from scipy.ndimage import maximum_filter  # late: scipy takes as long to load as a small part
+
     values, grid = field.values, field.grid
     best = np.unravel_index(int(values.argmax()), values.shape)
     origin = np.asarray(grid.origin_mm)
@@ -39,7 +39,7 @@ def largest_depth(field: Field) -> tuple[float, FloatArray]:
         return depth, place
     # A node within half a cell of the deepest place is less deep by no more than the way there.
     nearly = values > depth - np.sqrt(0.75) * grid.pitch_mm
-    summits = np.argwhere(nearly & (values == ndimage.maximum_filter(values, 3)))
+    summits = np.argwhere(nearly & (values == maximum_filter(values, 3)))
     order = np.argsort(-values[tuple(summits.T)], kind="stable")[:MOST_TRIED]
     sources = _known_everywhere(field, summits[order])
     for summit in summits[order]:
@@ -62,6 +62,8 @@ def _known_everywhere(field: Field, summits: NDArray[np.int64]) -> NDArray[np.in
 def _between_planes(
     field: Field, sources: NDArray[np.int32], summit: NDArray[np.int64]
 ) -> tuple[float, FloatArray] | None:
+    from scipy.optimize import linprog  # late, as above
+
     grid = field.grid
     box = tuple(
         slice(max(0, at - AROUND_NODES), at + AROUND_NODES + 1) for at in summit

@@ -17,7 +17,6 @@ from lmctl.config import bodies as config
 from lmctl.config.composition import FaceFeature, SheetFeature, measured_from
 from lmctl.config.part_file import PartFile
 from lmctl.errors import InputError
-from lmctl.field.cloud.cloud_field import cloud_field
 from lmctl.field.grid import Grid
 from lmctl.part.bodies.body import Body
 from lmctl.part.bodies.half_space import HalfSpace
@@ -218,6 +217,8 @@ class Tree:
     def _cloud(self, cloud: Cloud, pitch_mm: float | None) -> Body:
         low, high = cloud.points.min(axis=0), cloud.points.max(axis=0)
         grid = checked_grid(low, high, pitch_mm or self.pitch_mm, stored=True)
+        from lmctl.field.cloud.cloud_field import cloud_field  # late: it takes much of scipy
+
         stored = cloud_field(cloud.points, grid, cloud.normals)
         if not is_closed(stored):
             raise InputError(

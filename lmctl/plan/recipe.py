@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-#: Most rounds in which a mixture is found that flows as it should at its own speed.
-_ROUNDS = 60
+#: A flow below this is none [g/s].
+_NO_FLOW_G_S = 1e-12
 
 
 def hopper_flows_g_min(
@@ -93,57 +93,74 @@ class Recipe:
     def deliverable(self, fractions: FloatArray) -> FloatArray:
         """Mixtures (n, m) with every flow between a hopper's least and nothing set to the nearer.
 
-        What that adds or takes is shared by the other materials in proportion.
+        What that adds or takes is shared by the other materials in proportion. A powder left alone
+        may still be too little.
         """
         result = np.array(fractions, dtype=np.float64)
         result /= result.sum(axis=1, keepdims=True)
         flow = self.flow_g_s(result)
-        for row in np.flatnonzero((self._is_weak(flow) & (flow > 1e-12)).any(axis=1)):
-            result[row] = self._snapped(result[row])
+        rows = np.flatnonzero((self._is_weak(flow) & (flow > _NO_FLOW_G_S)).any(axis=1))
+        if len(rows) == 0:
+            return result
+        wanted, which = np.unique(result[rows], axis=0, return_inverse=True)
+        result[rows] = self._rounded_to_least(wanted)[which.reshape(-1)]
         return result
 
     def _is_weak(self, flow_g_s: FloatArray) -> NDArray[np.bool_]:
         return np.asarray(flow_g_s < self.min_flow_g_s * (1 - 1e-9))
 
-    def _snapped(self, wanted: FloatArray) -> FloatArray:
-        """One mixture (m,) that hoppers can meter; a powder left alone may still be too little."""
-        none, least = self.flow_g_s(wanted) <= 1e-12, np.zeros(len(wanted), dtype=np.bool_)
-        mixture = wanted
-        while True:
-            flow = self.flow_g_s(mixture)
-            free = ~(none | least)
+    def _rounded_to_least(self, wanted: FloatArray) -> FloatArray:
+        """Mixtures (n, m) that hoppers can meter. Each round settles one powder of every mixture
+        that is not metered yet: to its hopper's least flow or to none, whichever is nearer."""
+        mixture = wanted.copy()
+        none = self.flow_g_s(wanted) <= _NO_FLOW_G_S
+        least = np.zeros_like(none)
+        todo = np.arange(len(wanted))
+        while len(todo):
+            flow = self.flow_g_s(mixture[todo])
+            free = ~(none[todo] | least[todo])
             weak = self._is_weak(flow) & free
-            if not weak.any():
-                return mixture
-            if free.sum() > 1:
-                reached = flow / np.maximum(self.min_flow_g_s, 1e-12)
-                column = int(np.argmin(np.where(weak, reached, np.inf)))
-                (least if reached[column] >= 0.5 else none)[column] = True
-            elif least.any():  # others at their least leave too little for the last: one goes
-                column = int(np.argmin(np.where(least, wanted, np.inf)))
-                least[column], none[column] = False, True
-            else:
-                return mixture
-            mixture = self._with_least(wanted, ~(none | least), least)
+            alone = free.sum(axis=1) <= 1
+            open_ = weak.any(axis=1) & (~alone | least[todo].any(axis=1))
+            todo, flow, weak, alone = todo[open_], flow[open_], weak[open_], alone[open_]
+            ratio = np.where(weak, flow / np.maximum(self.min_flow_g_s, 1e-12), np.inf)
+            weakest = ratio.argmin(axis=1)
+            raised = ~alone & (ratio.min(axis=1, initial=np.inf) >= 0.5)
+            least[todo[raised], weakest[raised]] = True
+            dropped = ~alone & ~raised
+            none[todo[dropped], weakest[dropped]] = True
+            # Others at their least leave too little for the last: the scarcest of all goes.
+            short = todo[alone]
+            scarcest = np.where(none[short], np.inf, wanted[short]).argmin(axis=1)
+            none[short, scarcest], least[short, scarcest] = True, False
+            full = short[~(~none[short] & ~least[short]).any(axis=1)]
+            least[full, np.where(least[full], wanted[full], -1.0).argmax(axis=1)] = False
+            mixture[todo] = self._with_least(wanted[todo], none[todo], least[todo])
+        return mixture
 
     def _with_least(
-        self, wanted: FloatArray, free: NDArray[np.bool_], least: NDArray[np.bool_]
+        self, wanted: FloatArray, none: NDArray[np.bool_], least: NDArray[np.bool_]
     ) -> FloatArray:
-        """The mixture (m,) whose materials `least` flow at their hoppers' least, the `free` ones
-        sharing the rest as in `wanted`. What flows depends on the speed, and the speed on the
-        mixture: half the way to what it would be at each speed converges for all but wild speeds.
+        """Mixtures (n, m) whose materials `least` flow at their hoppers' least and `none` not at
+        all; the others share the rest as in `wanted`.
+
+        A flow is k_i V_i v with the mixture's own speed v, so V_i = c_i / v for c_i = least / k_i.
+        With u = 1/v, C = Σ c_i, A = Σ c_i v_i over `least` and S the speed of the others' mixture,
+        v = A u + (1 − C u) S, that is (A − C S) u² + S u − 1 = 0.
         """
-        share = np.where(free, wanted, 0.0)
-        share /= share.sum()
-        mixture, before = share, np.zeros_like(share)
-        per_speed = np.diag(self.flow_g_s(np.eye(len(share)))) / self.speed_mm_s
-        for _ in range(_ROUNDS):
-            if np.abs(mixture - before).max() < 1e-13:
-                break
-            before = mixture
-            raised = np.where(least, self.min_flow_g_s / (per_speed * self.speed(mixture)), 0.0)
-            mixture = (mixture + raised + share * max(0.0, 1 - raised.sum())) / 2
-        return np.asarray(mixture / mixture.sum())
+        share = np.where(none | least, 0.0, wanted)
+        share /= share.sum(axis=1, keepdims=True)
+        per_speed = self.pitch_mm * self.layer_height_mm * self.density_g_mm3 \
+            / self.catch_efficiency
+        at_least = np.where(least, self.min_flow_g_s / per_speed, 0.0)
+        total, own = at_least.sum(axis=1), at_least @ self.speed_mm_s
+        others = share @ self.speed_mm_s
+        square = others**2 + 4 * (own - total * others)
+        raised = at_least * (2 / (others + np.sqrt(np.maximum(square, 0.0))))[:, None]
+        rest = np.maximum(0.0, 1 - raised.sum(axis=1, keepdims=True))
+        rest[square < 0] = 0.0  # no speed leaves the others anything
+        mixture = raised + share * rest
+        return np.asarray(mixture / mixture.sum(axis=1, keepdims=True))
 
     def check_deliverable(self, fractions: FloatArray, where: str) -> None:
         """Raise PlanError where a mixture (n, m) asks a hopper for more or less than it can do."""

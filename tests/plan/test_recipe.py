@@ -76,6 +76,25 @@ def test_every_mixture_of_three_powders_has_a_deliverable_one_near(materials, pr
     assert got[fine] == pytest.approx(wanted[fine])
 
 
+def test_mixtures_are_made_deliverable_each_for_itself(materials, profile):
+    """A whole layer at once gives what its mixtures give alone, and least flows are met exactly."""
+    third = replace(materials[0], name="IN625", speed_mm_s=13.0)
+    hopper = profile.hopper[0].model_copy(
+        update={"name": "C", "material": "IN625", "min_flow_g_min": 2.0})
+    recipe = make_recipe(
+        (replace(materials[0], speed_mm_s=6.0), materials[1], third), Process(),
+        profile.model_copy(update={"hopper": (*profile.hopper, hopper)}))
+    wanted = np.random.default_rng(0).dirichlet([0.4, 0.4, 0.4], 200).round(2)
+    wanted = wanted[wanted.sum(axis=1) > 0.5]
+    got = recipe.deliverable(wanted)
+    alone = np.vstack([recipe.deliverable(row[None]) for row in wanted])
+    assert got == pytest.approx(alone, abs=1e-12)
+    flow, least = recipe.flow_g_s(got), recipe.min_flow_g_s
+    assert ((flow < 1e-12) | (flow > least * (1 - 1e-9))).all()
+    at_least = np.abs(flow / least - 1) < 1e-9
+    assert at_least.any(axis=1).sum() > 30  # of about 200; so the rule was put to work
+
+
 def test_least_flows_that_leave_too_little_for_the_rest(materials, profile):
     """Each hopper's least is more than half of this thin layer: one powder goes."""
     recipe = make_recipe(materials, Process(layer_height_mm=0.12), profile)

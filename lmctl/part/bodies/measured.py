@@ -11,7 +11,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from lmctl.field.field import Field
 from lmctl.field.store import kept_array
@@ -44,7 +43,9 @@ def without_specks(field: Field) -> tuple[Field, int]:
 
 def _small(side: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], int]:
     """Nodes of small components of one side, and the number of these; the largest always stays."""
-    labels, _ = ndimage.label(side)
+    from scipy.ndimage import label  # late: only measured clouds need it
+
+    labels, _ = label(side)
     sizes = np.bincount(labels.ravel())
     sizes[0] = FEWEST_NODES
     small = sizes < FEWEST_NODES
@@ -95,10 +96,12 @@ def _patch_level(plane: NDArray[np.float32], least_nodes: int) -> float:
     """The highest level (to a thousandth) above which so many nodes hang together."""
     if least_nodes == 1:
         return float(plane.max())
+    from scipy.ndimage import label  # late: only measured clouds need it
+
     below, above = float(plane.min()), float(plane.max())
     while above - below > 1e-3 * max(1e-3, abs(above)):
         middle = 0.5 * (below + above)
-        labels, count = ndimage.label(plane > middle, structure=np.ones((3, 3)))
+        labels, count = label(plane > middle, structure=np.ones((3, 3)))
         largest = int(np.bincount(labels.ravel())[1:].max()) if count else 0
         if largest >= least_nodes:
             below = middle

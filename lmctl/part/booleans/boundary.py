@@ -12,10 +12,10 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from lmctl.field.grid import Grid
 from lmctl.field.sweep import sweep_sources
@@ -24,6 +24,9 @@ from lmctl.part.bodies.surfaces import MOST_ACTIVE, Surface, Surfaces
 from lmctl.part.booleans.blocks import Blocks, Near
 from lmctl.part.booleans.expression import Expression
 from lmctl.part.booleans.nearby import MOST_NEAR, corners, most_near, offer, seed
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -155,6 +158,8 @@ class Boundary:
     @cached_property
     def _tree(self) -> cKDTree:
         """For places beside the surface, which nodes know too coarsely, or outside the grid."""
+        from scipy.spatial import cKDTree  # late: few bodies need it
+
         return cKDTree(self.feet_mm)
 
     def _searched(

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
-from scipy.spatial import cKDTree
 
 from lmctl.field.features import (
     axis_distance,
@@ -21,6 +19,9 @@ from lmctl.field.kernel import kernel
 from lmctl.field.triangles import closest_in_rows
 from lmctl.part.bodies.body import Body
 from lmctl.part.bodies.surfaces import Vector
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 FloatArray = NDArray[np.float64]
 
@@ -168,6 +169,8 @@ class Sheet:
 
     @cached_property
     def _tree(self) -> cKDTree:
+        from scipy.spatial import cKDTree  # late: few features need it
+
         return cKDTree(self._pieces.mean(axis=1))
 
 
@@ -176,6 +179,8 @@ def spline(points_mm: FloatArray) -> Polyline:
     if len(points_mm) == 2:
         return Polyline(points_mm)
     chords = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points_mm, axis=0), axis=1))])
+    from scipy.interpolate import CubicSpline  # late: few features need it
+
     curve = CubicSpline(chords, points_mm, bc_type="natural")
     shares = np.linspace(0.0, 1.0, PIECES_PER_SPAN, endpoint=False)
     at = (chords[:-1, None] + shares * np.diff(chords)[:, None]).ravel()

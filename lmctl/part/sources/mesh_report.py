@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from lmctl.errors import InputError
 from lmctl.field.plane import loop_area_mm2
@@ -107,6 +106,8 @@ def _seams_joined(
     rim = np.unique(odd_edges(triangles))
     if len(rim) == 0:
         return vertices, triangles
+    from scipy.spatial import cKDTree  # late: only meshes with open edges need it
+
     pairs = cKDTree(vertices[rim]).query_pairs(SEAM_MM, output_type="ndarray")
     if len(pairs) == 0:
         return vertices, triangles

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
+
+from lmctl.field.kernel import kernel
 
 IntArray = NDArray[np.int64]
 FloatArray = NDArray[np.float64]
@@ -71,6 +71,28 @@ def patches(triangles: IntArray) -> tuple[IntArray, IntArray]:
 
 def components(links: IntArray, count: int) -> IntArray:
     """The number of the connected component of each of `count` things; links (k, 2) join them."""
-    graph = coo_matrix((np.ones(len(links)), (links[:, 0], links[:, 1])), (count, count))
-    labels: IntArray = connected_components(graph, directed=False)[1]
+    return _components(np.ascontiguousarray(links, dtype=np.int64), count)
+
+
+@kernel
+def _components(links: IntArray, count: int) -> IntArray:
+    """Union by the lower number; scipy takes longer to load its own than this takes to run."""
+    parent = np.arange(count)
+    for k in range(len(links)):
+        a, b = links[k, 0], links[k, 1]
+        while parent[a] != a:
+            parent[a] = parent[parent[a]]
+            a = parent[a]
+        while parent[b] != b:
+            parent[b] = parent[parent[b]]
+            b = parent[b]
+        parent[max(a, b)] = min(a, b)
+    labels = np.empty(count, np.int64)
+    found = 0
+    for i in range(count):
+        if parent[i] == i:
+            labels[i] = found
+            found += 1
+        else:
+            labels[i] = labels[parent[i]]
     return labels
