@@ -1,7 +1,9 @@
 """`error:N` and `ALARM:N` of both firmwares in plain words, each with what to do about it.
 
 Sources: Grbl 1.1 `doc/csv/error_codes_en_US.csv`, `alarm_codes_en_US.csv`; grblHAL core
-`errors.h`, `alarms.h`. Codes 1-38 and alarms 1-9 mean the same in both.
+`errors.h`, `errors.c`, `alarms.h`, `alarms.c` and grblHAL plugin SD card `sdcard.c`, as of 2025.
+Codes 1-38 and alarms 1-9 mean the same in both. grblHAL numbers that these sources do not name
+are told as what group they are of: a controller lists its own texts as answer to `$EE` and `$EA`.
 """
 
 from __future__ import annotations
@@ -26,6 +28,7 @@ _UNLOCK = "find the reason, then home the machine ($H) or unlock it ($X)"
 _HOME = "home the machine ($H)"
 _CRITICAL = "reset the controller, move clear, then home the machine ($H)"
 _FILE = "the controller's own files are not used here: look at its storage"
+_LISTED = "send $EE to the controller: it lists the texts of its own errors"
 
 
 def _table(*rows: tuple[int, str, str]) -> dict[int, Meaning]:
@@ -77,13 +80,13 @@ _GRBLHAL_ERRORS = _table(
     (19, "a value must be positive", _SETTING),
     (39, "a value is out of range", _PROGRAM),
     (40, "a tool change is pending", "finish the tool change on the controller"),
-    (41, "the spindle is not running", "start the spindle or laser first"),
-    (42, "the plane is not possible for this command", _PROGRAM),
+    (41, "the spindle is not running in a mode that needs its speed", _PROGRAM),
+    (42, "threading needs the plane ZX (G18)", _PROGRAM),
     (43, "the feed rate is above the greatest allowed", _PROGRAM),
     (44, "the spindle speed is out of range", "compare the S words with $30 and $31"),
     (45, "a limit switch is engaged", "move clear of the switch, then home ($H)"),
     (46, "the machine must be homed first", _HOME),
-    (47, "the tool is not known", _PROGRAM),
+    (47, "the tool in the spindle is not known", "tell the controller with M61"),
     (48, "two words contradict each other", _PROGRAM),
     (49, "the self test failed", "switch the controller off and on; do not use it if this stays"),
     (50, "the emergency stop is active", "release the emergency stop, then reset"),
@@ -95,33 +98,33 @@ _GRBLHAL_ERRORS = _table(
     (56, "the coordinate system is locked", "unlock it or use another"),
     (57, "the file has no end mark or too many", _FILE),
     (58, "the auxiliary port is not available", _PROGRAM),
-    (60, "the card could not be mounted", _FILE),
-    (61, "the file could not be read", _FILE),
-    (62, "the directory could not be read", _FILE),
+    (60, "the memory card could not be mounted", _FILE),
+    (61, "a file could not be read or deleted", _FILE),
+    (62, "the directory could not be listed", _FILE),
     (63, "the directory was not found", _FILE),
-    (64, "the file is empty", _FILE),
-    (65, "the file was not found", _FILE),
-    (66, "the file could not be opened", _FILE),
+    (64, "no memory card is mounted", _FILE),
+    (65, "no file system is mounted", _FILE),
+    (66, "the file system is read-only", _FILE),
     (70, "Bluetooth could not be started", "look at the controller's Bluetooth settings"),
     (71, "an expression uses an unknown operation", _LINE),
     (72, "an expression divides by zero", _LINE),
     (73, "the argument of an expression is out of range", _LINE),
     (74, "an expression is not valid", _LINE),
     (75, "an expression is malformed", _LINE),
-    (76, "an expression's parameter is not valid", _LINE),
+    (76, "an expression has no finite result", _LINE),
     (77, "the controller asks for authentication", "log in at the controller"),
     (78, "access is denied", "log in with more rights at the controller"),
     (79, "not allowed while a critical event stands", "clear the event, then reset"),
-    (80, "flow control stands outside a file", _PROGRAM),
-    (81, "flow control is malformed", _PROGRAM),
+    (80, "flow control stands outside a stored macro", _PROGRAM),
+    (81, "the flow control word is not known", _PROGRAM),
     (82, "flow control is nested too deep", _PROGRAM),
     (83, "flow control ran out of memory", _PROGRAM),
-    (84, "the file name is not valid", _FILE),
-    (85, "the file is of a kind that cannot be run", _FILE),
-    (86, "the port could not be opened", "look at the controller's port settings"),
-    (87, "the tool table is not valid", _FILE),
-    (88, "the tool is not in the tool table", _FILE),
-    (89, "the file cannot be written", _FILE),
+    (84, "a file could not be opened", _FILE),
+    (85, "the file system could not be formatted", _FILE),
+    (86, "an error of a port or file of the controller", _LISTED),
+    (87, "an error of the tool table or a file of the controller", _LISTED),
+    (88, "an error of the tool table or a file of the controller", _LISTED),
+    (89, "an error of the tool table or a file of the controller", _LISTED),
     (90, "cutter compensation is already on", _PROGRAM),
     (91, "cutter compensation is not possible here", _PROGRAM),
     (92, "the path is too tight for cutter compensation", _PROGRAM),

@@ -1,8 +1,8 @@
 """The status report `<State|field|field...>`: parsed strictly, written as the firmware writes it.
 
-Every field is optional and may stand in any order; fields not known here are kept as they came.
-A report in which a *known* field is malformed or stands twice is not believed at all: it was
-damaged on the line.
+Every field is optional and may stand in any order. Fields not known here are kept as they came,
+with a value or without one: firmware adds fields from version to version. A report in which a
+*known* field is malformed or stands twice is not believed at all: it was damaged on the line.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _INT = re.compile(r"[0-9]{1,9}")
 _DECIMAL = r"-?[0-9]{1,9}(?:\.[0-9]{1,9})?"
 _NUMBER = re.compile(_DECIMAL)
 _POSITION = re.compile(rf"{_DECIMAL}(?:,{_DECIMAL}){{2,7}}")
-_KEY = re.compile(r"[A-Za-z][A-Za-z0-9]{0,15}")
+_KEY = re.compile(r"[!-~]{1,32}")  # of an unknown field: any printable characters but a colon
 
 #: Most reports of a machine at work are of this form, and change in every field.
 _USUAL_TEXT = "<%s|MPos:%.3f,%.3f,%.3f|Bf:%d,%d|Ln:%d|FS:%.0f,%.0f>"
@@ -42,7 +42,8 @@ class StatusReport(NamedTuple):
     feed_mm_min, spindle : F or FS, actual feed and S; spindle_measured: grblHAL's third value
     overrides : Ov, feed, rapid, spindle [%]
     pins, accessories : Pn, A, the letters as they came ("" is not None)
-    other : fields not known here, (key, value), in the order they came
+    other : fields not known here, (key, value), in the order they came; the value is None where
+        the key stands alone, without a colon
     """
 
     state: str
@@ -59,7 +60,7 @@ class StatusReport(NamedTuple):
     overrides: tuple[int, int, int] | None = None
     pins: str | None = None
     accessories: str | None = None
-    other: tuple[tuple[str, str], ...] = ()
+    other: tuple[tuple[str, str | None], ...] = ()
 
     @property
     def held(self) -> bool:
@@ -120,7 +121,7 @@ class StatusReport(NamedTuple):
             parts.append("Ov:{},{},{}".format(*self.overrides))
         if self.accessories is not None:
             parts.append(f"A:{self.accessories}")
-        parts += [f"{key}:{value}" for key, value in self.other]
+        parts += [key if value is None else f"{key}:{value}" for key, value in self.other]
         return f"<{'|'.join(parts)}>"
 
 
@@ -144,7 +145,7 @@ def parse_status(text: str) -> StatusReport | None:
     if state not in STATES or (colon and not _INT.fullmatch(sub)):
         return None
     found: dict[str, Any] = {"substate": int(sub) if colon else None}
-    other: list[tuple[str, str]] = []
+    other: list[tuple[str, str | None]] = []
     for field in fields:
         values = _read_field(field)
         if values is None:
@@ -156,8 +157,6 @@ def parse_status(text: str) -> StatusReport | None:
                 return None
             else:
                 found[name] = value
-    if len(other) > 1 and len({key for key, _ in other}) < len(other):
-        return None
     return StatusReport(state, other=tuple(other), **found)
 
 
@@ -169,11 +168,9 @@ def _lengths(values: tuple[float, ...]) -> str:
 def _read_field(field: str) -> _Values | None:
     """A field's values by attribute; of an unknown field by ""; None if it is malformed."""
     key, colon, value = field.partition(":")
-    if not colon:
-        return None
     if key in _FIELDS:
-        return _FIELDS[key](value)
-    return (("", (key, value)),) if _KEY.fullmatch(key) else None
+        return _FIELDS[key](value) if colon else None
+    return (("", (key, value if colon else None)),) if _KEY.fullmatch(key) else None
 
 
 def _position(name: str, value: str) -> _Values | None:

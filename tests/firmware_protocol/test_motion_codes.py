@@ -31,6 +31,22 @@ def test_unlisted_codes_say_so():
     assert "not listed" in alarm_meaning(99, GRBLHAL).words
 
 
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [(64, "no memory card is mounted"), (65, "no file system is mounted"),
+     (66, "the file system is read-only"), (84, "a file could not be opened"),
+     (85, "the file system could not be formatted")],
+)
+def test_numbers_that_grblhal_gave_another_meaning(code, words):
+    """grblHAL `errors.h` of 2025, and the SD card plugin's texts for it."""
+    assert error_meaning(code, GRBLHAL).words == words
+
+
+@pytest.mark.parametrize("code", [86, 87, 88, 89])
+def test_a_number_whose_text_differs_between_builds_is_to_be_asked_of_the_controller(code):
+    assert "$EE" in error_meaning(code, GRBLHAL).remedy
+
+
 def test_the_same_number_is_another_alarm_in_the_other_firmware():
     assert "emergency stop" in alarm_meaning(10, GRBLHAL).words
     assert "emergency stop" not in alarm_meaning(10, GRBL).words

@@ -21,6 +21,8 @@ from firmware_protocol.messages import (
 )
 from firmware_protocol.status import StatusReport, parse_status
 
+KNOWN = {"MPos", "WPos", "WCO", "Bf", "Ln", "F", "FS", "Ov", "Pn", "A"}
+
 
 def test_every_line_of_both_firmwares_is_known_and_is_written_back_as_it_came(scenarios):
     lines = [line for scenario in scenarios for line in scenario.received if line]
@@ -100,6 +102,41 @@ def test_the_usual_report_is_written_as_its_fields_are_one_by_one(state, at, cou
         feed_mm_min=feed, spindle=spindle,
     )
     assert usual._replace(accessories="S").format() == usual.format()[:-1] + "|A:S>"
+
+
+@pytest.mark.parametrize(
+    ("field", "key", "value"),
+    [
+        ("AR", "AR", None), ("$C:1", "$C", "1"), ("In:", "In", ""), ("Sc:XYZ", "Sc", "XYZ"),
+        ("9", "9", None), ("SD:12.5,/a_b.nc", "SD", "12.5,/a_b.nc"),
+        ("a-b_c.d:1:2", "a-b_c.d", "1:2"),
+    ],
+)
+def test_an_unknown_field_is_kept_and_never_voids_a_report(field, key, value):
+    """Firmware adds fields, with a value or without, under any name."""
+    text = f"<Idle|MPos:1.000,2.000,3.000|{field}|FS:0,0|H:1>"
+    report = parse_status(text)
+    assert report is not None
+    assert report.machine_mm == (1.0, 2.0, 3.0)
+    assert report.other == ((key, value), ("H", "1"))
+    assert parse_status(report.format()) == report
+    twice = parse_status(f"<Idle|{field}|{field}|MPos:1.000,2.000,3.000>")
+    assert twice is not None
+    assert twice.other == ((key, value), (key, value))
+
+
+@given(st.lists(st.from_regex(r"[!-;=?-{}~]{1,20}", fullmatch=True), max_size=5))
+def test_whatever_is_added_the_known_fields_are_read(fields):
+    added = [f for f in fields if f.partition(":")[0] not in KNOWN and not f.startswith(":")]
+    report = parse_status("<" + "|".join(["Run", "MPos:1,2,3", *added, "Ln:7"]) + ">")
+    assert report is not None
+    assert (report.machine_mm, report.line_number, len(report.other)) == ((1, 2, 3), 7, len(added))
+
+
+@pytest.mark.parametrize("kind", ["NEW_OPT", "$C", "PLUGIN-2", "9", "A very new kind/of message"])
+def test_an_unknown_kind_of_message_is_kept(kind):
+    assert parse_message(f"[{kind}:a:b]") == Feedback(kind, "a:b")
+    assert Feedback(kind, "a:b").format() == f"[{kind}:a:b]"
 
 
 def test_feed_alone_and_a_measured_spindle_speed():
