@@ -6,8 +6,11 @@ exits with its `exit_code`. Anything else that escapes is a bug and keeps its tr
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
 
 
 class LmctlError(Exception):
@@ -39,6 +42,27 @@ class UsageError(LmctlError):
     """The command was called in a way that cannot be meant."""
 
     exit_code = 2
+
+
+class MissingFileError(LmctlError):
+    """A file, or a run, that was named is not there."""
+
+    exit_code = 2
+
+    @classmethod
+    def of(cls, path: Path, hint: str = "") -> MissingFileError:
+        """That there is no such file, and which of its folder's files may have been meant.
+
+        hint : what else the reader should look at
+        """
+        here = path.parent
+        try:
+            near = get_close_matches(path.name, sorted(os.listdir(here)), n=1)
+        except OSError:
+            return cls(f"there is no file {path}", where=f"there is no folder {here}",
+                       hint=hint or "check the name")
+        guess = f"did you mean {here / near[0]}?" if near else "check the name"
+        return cls(f"there is no file {path}", hint="; ".join(filter(None, (guess, hint))))
 
 
 @dataclass(frozen=True)

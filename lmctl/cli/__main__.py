@@ -1,7 +1,8 @@
 """`lmctl`: dispatch a command and turn what it raises into a message and an exit code.
 
-0 done, 1 job or check failed, 2 usage, 3 configuration, 4 machine unreachable or in alarm,
-5 stopped but resumable, 130 interrupted. A bug keeps its traceback.
+0 done, 1 job or check failed, 2 usage, or a file or run that is not there, 3 configuration,
+4 machine unreachable or in alarm, 5 stopped but resumable, 130 interrupted. A bug keeps its
+traceback.
 """
 
 from __future__ import annotations

@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 
 import click
 
+from lmctl.cli.paths import InputFile
 from lmctl.cli.profiles import profile_or_bench_cell
 from lmctl.config.machine import MachineProfile
 from lmctl.errors import UsageError
@@ -49,10 +50,10 @@ def cell_options(command: Callable[..., None]) -> Callable[..., None]:
     for option in (
         click.option("--runs", "runs_dir", type=click.Path(path_type=Path), default=Path("runs"),
                      show_default=True, help="Folder of runs, and of the machine's journal."),
-        click.option("--bench", type=click.Path(path_type=Path),
+        click.option("--bench", type=InputFile(),
                      help="With --sim: the simulated cell's own file [the bench that ships]."),
         click.option("--sim", is_flag=True, help="The simulated machine."),
-        click.option("-m", "--machine", type=click.Path(path_type=Path),
+        click.option("-m", "--machine", type=InputFile(),
                      help="Machine profile of a real one."),
     ):
         command = option(command)

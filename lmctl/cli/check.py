@@ -8,6 +8,7 @@ import click
 
 from lmctl.cli.console import put, say
 from lmctl.cli.interrupts import interruptible
+from lmctl.cli.paths import InputFile
 from lmctl.cli.planning import check_units, units_option
 from lmctl.cli.profiles import profile_in, profile_or_bench_cell
 from lmctl.config import toml_file
@@ -15,8 +16,8 @@ from lmctl.config.machine import MachineProfile
 
 
 @click.command()
-@click.argument("file", type=click.Path(path_type=Path))
-@click.option("-m", "--machine", type=click.Path(path_type=Path),
+@click.argument("file", type=InputFile())
+@click.option("-m", "--machine", type=InputFile(),
               help="Profile to check a part or job against [the bench cell].")
 @units_option
 def check(file: Path, machine: Path | None, units: str | None) -> None:
@@ -55,7 +56,7 @@ def _check_job(file: Path, profile: MachineProfile) -> None:
 @interruptible()
 def _check_part(file: Path, units: str | None, profile: MachineProfile) -> None:
     from lmctl.cli.planning import open_part
-    from lmctl.plan.planner import place_layers
+    from lmctl.plan.layer_range import place_layers
 
     part = open_part(file, units)
     for text in part.warnings:

@@ -16,7 +16,7 @@ from lmctl.cli.console import clock, put, put_json
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def jobs(runs_dir: Path, as_json: bool) -> None:
     """List job files in this folder and runs in the runs folder."""
-    from lmctl.errors import JobError
+    from lmctl.errors import JobError, MissingFileError
     from lmctl.job.reader import JobReader
     from lmctl.run.journal.rundir import list_runs
 
@@ -30,7 +30,7 @@ def jobs(runs_dir: Path, as_json: bool) -> None:
                     "machine": job.manifest.machine, "layers": len(job.manifest.layers),
                     "duration_s": totals.get("duration_s"), "error": "",
                 })
-        except JobError as error:
+        except (JobError, MissingFileError) as error:
             files.append({"job": str(path), "error": error.what})
     runs = list_runs(runs_dir)
     if as_json:

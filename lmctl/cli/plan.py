@@ -7,15 +7,16 @@ from pathlib import Path
 import click
 
 from lmctl.cli.console import put, put_json, say
+from lmctl.cli.paths import InputFile
 from lmctl.cli.planning import open_part, plan_to_file, summary, units_option
 from lmctl.cli.profiles import profile_or_bench_cell
 
 
 @click.command()
-@click.argument("part", type=click.Path(path_type=Path))
+@click.argument("part", type=InputFile())
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="Job file [PART.lmj].")
 @click.option(
-    "-m", "--machine", type=click.Path(path_type=Path),
+    "-m", "--machine", type=InputFile(),
     help="Machine profile to plan for [the bench cell].",
 )
 @units_option

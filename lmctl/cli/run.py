@@ -10,6 +10,7 @@ import click
 
 from lmctl.cli.console import clock, progress_bar, put, put_json, say
 from lmctl.cli.numbers import FiniteRange
+from lmctl.cli.paths import InputFile
 from lmctl.cli.profiles import profile_or_bench_cell
 from lmctl.config.machine import MachineProfile
 from lmctl.errors import UsageError
@@ -19,14 +20,14 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("job", type=click.Path(path_type=Path))
+@click.argument("job", type=InputFile())
 @click.option("--sim", is_flag=True, help="Run on the simulated machine, in virtual time.")
-@click.option("-m", "--machine", type=click.Path(path_type=Path), help="Machine profile to run on.")
-@click.option("--bench", type=click.Path(path_type=Path),
+@click.option("-m", "--machine", type=InputFile(), help="Machine profile to run on.")
+@click.option("--bench", type=InputFile(),
               help="With --sim: the simulated cell's own file [the bench that ships].")
 @click.option("--speed", type=FiniteRange(min=0, min_open=True),
               help="With --sim: times real time; 1 is real time [as fast as it goes].")
-@click.option("--faults", type=click.Path(path_type=Path),
+@click.option("--faults", type=InputFile(),
               help="With --sim: a file of what goes wrong with the simulated cell, and when.")
 @click.option("--runs", "runs_dir", type=click.Path(path_type=Path), default=Path("runs"),
               show_default=True, help="Folder of run journals.")

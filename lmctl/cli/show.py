@@ -9,6 +9,7 @@ import click
 
 from lmctl.cli.console import progress_bar, put, say
 from lmctl.cli.interrupts import interruptible
+from lmctl.cli.paths import InputFile
 from lmctl.cli.planning import check_units, open_part, units_option
 from lmctl.errors import UsageError
 
@@ -22,7 +23,7 @@ FIELD = ".vti"
 
 
 @click.command()
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("file", type=InputFile())
 @click.option("-l", "--layer", type=int, help="Of a job: layer number, from 1 [the middle one].")
 @click.option("-x", "x_mm", type=float, help="Of a part: where the plane across x lies [middle].")
 @click.option("-y", "y_mm", type=float, help="The same for y.")

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import ErrorDetails
 
 from lmctl.config.words import in_words
-from lmctl.errors import ConfigError, Finding
+from lmctl.errors import ConfigError, Finding, MissingFileError
 
 #: A configuration a person wrote is small; more than this is some other file given by mistake.
 LARGEST_FILE_BYTES = 1_000_000
@@ -38,7 +38,7 @@ M = TypeVar("M", bound=Model)
 def read_text(path: Path) -> str:
     """The UTF-8 text of a configuration file, without the byte-order mark that Windows editors put.
 
-    Raises ConfigError where the file is missing, unreadable, huge, or not text.
+    Raises MissingFileError, or ConfigError where the file is unreadable, huge, or not text.
     """
     try:
         if path.is_dir():
@@ -56,7 +56,7 @@ def read_text(path: Path) -> str:
                               where=f"at most {LARGEST_FILE_BYTES:,} bytes are read")
         return data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
     except FileNotFoundError:
-        raise ConfigError(f"there is no file {path}", hint="check the name") from None
+        raise MissingFileError.of(path) from None
     except UnicodeDecodeError as error:
         raise ConfigError(
             f"{path} is not text", where=f"byte {error.start} is not UTF-8",

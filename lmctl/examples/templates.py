@@ -6,7 +6,6 @@ from importlib import resources
 from pathlib import Path
 
 from lmctl.errors import UsageError
-from lmctl.examples.gear_cloud import write_gear_cloud
 
 #: Name of each template and what it is, in one line.
 TEMPLATES: dict[str, str] = {
@@ -47,6 +46,8 @@ def write_template(name: str, folder: Path) -> list[Path]:
         for path in written:
             path.write_text(_text(path.name), encoding="utf-8")
         if name == "gear":
+            from lmctl.examples.gear_cloud import write_gear_cloud  # with numpy, for the gear alone
+
             written.append(folder / "gear_cloud.xyz")
             write_gear_cloud(written[-1])
     except OSError as error:

@@ -13,7 +13,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.errors import JobError
+from lmctl.errors import JobError, MissingFileError
 from lmctl.job import container
 from lmctl.job.layer_rules import broken_rule
 from lmctl.job.manifest_json import from_json, part_digest
@@ -24,8 +24,8 @@ class JobReader:
     """An open job file. Use as a context manager.
 
     digest : SHA-256 of the file, hexadecimal; identifies the job
-    Opening reads the file once to verify its digest. Raises JobError where it is missing,
-    truncated, altered, of another version, or hostile; so do `layer` and `layers`.
+    Opening reads the file once to verify its digest. Raises MissingFileError, or JobError where it
+    is truncated, altered, of another version, or hostile; so do `layer` and `layers`.
     """
 
     manifest: JobManifest
@@ -39,7 +39,7 @@ class JobReader:
         try:
             self._file = self._path.open("rb")
         except FileNotFoundError:
-            raise JobError(f"there is no job file {self._path}", hint="check the name") from None
+            raise MissingFileError.of(self._path) from None
         except OSError as error:
             raise JobError(f"cannot read {self._path}", where=str(error.strerror)) from None
         try:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from lmctl.config.bodies import CloudBody, MeshBody
 from lmctl.config.composition import FaceFeature, SheetFeature, features_of
 from lmctl.config.part_file import PartFile
-from lmctl.errors import InputError
+from lmctl.errors import InputError, MissingFileError
 from lmctl.part.faces import grouped_corners, patch_around
 from lmctl.part.sources.cloud_files import Cloud, read_cloud
 from lmctl.part.sources.files import DataFile, read_data
@@ -39,8 +39,12 @@ class Data:
         self.notes: list[str] = []
 
     def read(self, part: PartFile) -> None:
-        """Read all files a part names. Raises InputError: every one that cannot be used."""
-        wrong: dict[str, InputError] = {}
+        """Read all files a part names.
+
+        Raises MissingFileError where all that is wrong is that files are not there, else
+        InputError; either names every file that cannot be used.
+        """
+        wrong: dict[str, InputError | MissingFileError] = {}
         items = {(item.kind, item.file, item.units): item for item in _filed(part)}
         for item in items.values():
             try:
@@ -48,12 +52,13 @@ class Data:
                     self.sheet(item)
                 else:
                     self.points(item)
-            except InputError as error:
+            except (InputError, MissingFileError) as error:
                 wrong[error.render()] = error  # of one file that is not there, however it is used
         if len(wrong) == 1:
             raise next(iter(wrong.values()))
         if wrong:
-            raise InputError(
+            only_missing = all(isinstance(error, MissingFileError) for error in wrong.values())
+            raise (MissingFileError if only_missing else InputError)(
                 f"{len(wrong)} data files cannot be used",
                 where=[line for e in wrong.values()
                        for line in (e.what, *(f"  {text}" for text in (*e.where, e.hint) if text))],

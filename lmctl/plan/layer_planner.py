@@ -16,7 +16,8 @@ from lmctl.job.schema import JobLayer, LineKind, line_dtype
 from lmctl.plan.assemble import Way, layer_moves, way_home
 from lmctl.plan.beads import Bead, make_bead
 from lmctl.plan.coverage import covered_area_mm2, overhang_area_mm2
-from lmctl.plan.moves import LEAST_MOTION_MM, POSITION_STEP_MM, Moves, join, lines, on_raster
+from lmctl.plan.layer_range import tracks_of
+from lmctl.plan.moves import Moves, join, lines, on_raster
 from lmctl.plan.nozzle import Nozzle
 from lmctl.plan.order import arrange
 from lmctl.plan.powder import Flow, layer_flow, limits_of
@@ -25,7 +26,7 @@ from lmctl.plan.ramps import needed_s
 from lmctl.plan.recipe import Recipe, make_recipe
 from lmctl.plan.tally import OVERHANG_DEG, Tally
 from lmctl.plan.timing import in_short_lines, with_time_for_powder
-from lmctl.plan.tracks import Section, Track, in_plane_tracks, iso_3d_tracks
+from lmctl.plan.tracks import Section, Track
 from lmctl.preflight.job_check import LINES_PER_HORIZON, beyond_travel
 from lmctl.preflight.placement import Placement
 
@@ -36,15 +37,6 @@ FloatArray = NDArray[np.float64]
 
 #: Predictions are made at points at most so far apart in time [s].
 _ASK_EVERY_S = 0.05
-#: A track of less extent may, on the program's raster, hold no motion that a controller can make.
-_LEAST_EXTENT_MM = 2 * (LEAST_MOTION_MM + POSITION_STEP_MM)
-
-
-def tracks_of(section: Section, process: Process) -> list[Track]:
-    """The tracks of a section by the process's strategy, those that can be moved along."""
-    cut = in_plane_tracks if process.strategy == "in-plane" else iso_3d_tracks
-    tracks = cut(section, process.bead_width_mm, process.bead_width_mm * (1 - process.overlap))
-    return [t for t in tracks if np.ptp(t.points, axis=0).max() >= _LEAST_EXTENT_MM]
 
 
 @dataclass

@@ -11,14 +11,13 @@ from typing import TYPE_CHECKING
 
 import lmctl
 from lmctl.config.machine import MachineProfile
-from lmctl.errors import PlanError
 from lmctl.job.manifest_json import part_digest
 from lmctl.job.schema import HopperUse, JobManifest
 from lmctl.job.writer import JobWriter
-from lmctl.plan.layer_planner import LayerPlanner, tracks_of
+from lmctl.plan.layer_planner import LayerPlanner
+from lmctl.plan.layer_range import place_layers
 from lmctl.plan.verdict import verdict
 from lmctl.preflight.job_check import check_job
-from lmctl.preflight.part_check import check_part
 from lmctl.preflight.placement import Placement
 
 if TYPE_CHECKING:
@@ -45,30 +44,6 @@ def plan_job(
         manifest = _manifest(part, profile, placement, planner)
         check_job(manifest, profile)
         return job.finish(manifest, part.text)
-
-
-def place_layers(part: Part, profile: MachineProfile) -> Placement:
-    """Where the layers of a part lie, all that can be laid.
-
-    Layers at the bottom and at the top where nothing is as wide as a bead are left out; a part that
-    the part file does not place is set down by what is left out below it.
-    Raises PlanError: what `check_part` finds, or nothing as wide as a bead in any layer.
-    """
-    placement = check_part(part, profile)
-
-    def has_tracks(layer: int) -> bool:
-        return bool(tracks_of(part.section(placement.cut_mm(layer)), part.process))
-
-    layers = range(placement.n_layers)
-    first = next((layer for layer in layers if has_tracks(layer)), None)
-    if first is None:
-        raise PlanError(
-            f"{part.name} has nothing as wide as a bead",
-            where=f"process.bead_width_mm = {part.process.bead_width_mm:g}, "
-                  f"strategy {part.process.strategy}",
-            hint="take a finer bead, or check the units of the part")
-    last = next(layer for layer in reversed(layers) if has_tracks(layer))
-    return placement.only(first, last, set_down=part.placement_mm is None)
 
 
 def _manifest(

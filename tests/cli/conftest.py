@@ -64,7 +64,7 @@ def refused(lmctl: Lmctl) -> Callable[..., str]:
 @pytest.fixture
 def box(lmctl: Lmctl, tmp_path: Path) -> Path:
     """A small box, planned."""
-    lmctl("init", "-t", "box", ".")
+    lmctl("init", "box", ".")
     text = (tmp_path / "box.toml").read_text()
     (tmp_path / "box.toml").write_text(text.replace("[30, 20, 8]", "[12, 8, 0.8]"))
     assert lmctl("plan", "box.toml", "--machine", "cell.toml", "-o", "box.lmj").code == 0

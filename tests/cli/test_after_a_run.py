@@ -22,7 +22,7 @@ def tripped(tmp_path_factory):
     folder = tmp_path_factory.mktemp("tripped")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        assert main(["init", "."]) == 0
+        assert main(["init", "gear", "."]) == 0
         write_job(folder / "part.lmj", load_profile(folder / "cell.toml"), squares())
         (folder / "faults.toml").write_text(FAULTS)
         assert main(["run", "part.lmj", "--sim", "--faults", "faults.toml"]) == 5
@@ -69,7 +69,7 @@ def test_hints_can_be_typed_where_folders_have_spaces(lmctl, tmp_path):
         assert words[0] == "lmctl"
         return words[1:]
 
-    plan = typed(lmctl("init", "a cell").data, "plan")
+    plan = typed(lmctl("init", "gear", "a cell").data, "plan")
     assert [Path(word).is_file() for word in plan[1::2]] == [True, True]
     write_job(tmp_path / "part.lmj", load_profile(tmp_path / "a cell/cell.toml"), squares())
     log = typed(lmctl("run", "part.lmj", "--sim", "--runs", "my runs").data, "log")

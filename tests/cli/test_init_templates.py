@@ -14,18 +14,31 @@ def test_templates_are_listed_and_written(lmctl: Callable[..., Any]) -> None:
     assert listed.code == 0
     assert [line.split()[0] for line in listed.data.splitlines()] == list(TEMPLATES)
     for name in TEMPLATES:
-        outcome = lmctl("init", name, "-t", name)
+        outcome = lmctl("init", name)
         assert outcome.code == 0
         assert (Path(name) / f"{name}.toml").is_file()
         assert (Path(name) / "cell.toml").is_file()
 
 
 def test_an_unknown_template_is_refused_with_those_there_are(refused: Callable[..., str]) -> None:
-    assert "fig8-union" in refused("init", "-t", "fig5", code=2)
+    assert "fig8-union" in refused("init", "part", code=2)
+    assert "did you mean 'box'?" in refused("init", "boxx", code=2)
+    assert "lmctl init gear ." in refused("init", ".", code=2)
+    assert "which template?" in refused("init", code=2)
+
+
+def test_a_template_goes_into_the_folder_that_is_named(
+    lmctl: Callable[..., Any], tmp_path: Path
+) -> None:
+    assert lmctl("init", "box", "a/b").code == 0
+    assert sorted(path.name for path in (tmp_path / "a" / "b").iterdir()) == [
+        "bench.toml", "box.toml", "cell.toml"]
+    assert lmctl("init", "box").code == 0
+    assert (tmp_path / "box" / "box.toml").is_file()
 
 
 def test_a_case_of_the_paper_runs_to_its_end(lmctl: Callable[..., Any]) -> None:
-    assert lmctl("init", "-t", "fig9-intersection").code == 0
+    assert lmctl("init", "fig9-intersection", ".").code == 0
     checked = lmctl("check", "fig9-intersection.toml", "--machine", "cell.toml")
     assert checked.code == 0
     assert "nothing wrong" in checked.data

@@ -285,7 +285,7 @@ def test_nobody_is_homed_without_being_asked(refused, lmctl, bench, monkeypatch)
 @pytest.mark.parametrize("command", ["status", "doctor", "home", "unlock"])
 def test_a_machine_has_to_be_named(refused, command) -> None:
     assert "which machine?" in refused("machine", command, code=2)
-    refused("machine", command, "-m", "nothere.toml", code=3)
+    refused("machine", command, "-m", "nothere.toml", code=2)
 
 
 def test_the_machines_journal_may_end_half_written_but_not_be_altered(

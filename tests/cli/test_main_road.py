@@ -103,11 +103,11 @@ def test_a_layer_as_a_picture(lmctl: Lmctl, planned: dict[str, object], tmp_path
 
 @pytest.mark.parametrize("template", ["gear", "box", "sphere"])
 def test_every_template_is_whole(lmctl: Lmctl, tmp_path: Path, template: str) -> None:
-    assert lmctl("init", "here", "--template", template).code == 0
+    assert lmctl("init", template, "here").code == 0
     part = tmp_path / "here" / f"{template}.toml"
     assert lmctl("check", part, "--machine", tmp_path / "here" / "cell.toml").code == 0
     assert lmctl("check", tmp_path / "here" / "cell.toml").code == 0
-    again = lmctl("init", "here", "--template", template)
+    again = lmctl("init", template, "here")
     assert again.code == 2  # nothing of the user's is overwritten
     assert "--force" in again.talk
 

@@ -124,8 +124,8 @@ def test_a_killed_run_is_not_under_way(start, lmctl, refused, tmp_path) -> None:
 
 def test_where_there_is_nothing_to_drive(refused, tmp_path) -> None:
     assert "no run is under way in runs" in refused("hold", code=1)
-    assert "there is no run 'run-0009'" in refused("resume", "run-0009", code=1)
-    assert "there is no run '../etc'" in refused("stop", "../etc", code=1)
+    assert "there is no run 'run-0009'" in refused("resume", "run-0009", code=2)
+    assert "there is no run '../etc'" in refused("stop", "../etc", code=2)
     refused("override", "fast", code=2, hint=False)
     (tmp_path / "runs/run-0001").mkdir(parents=True)
     (tmp_path / "runs/run-0001/control.sock").write_text("no socket")

@@ -40,7 +40,7 @@ def write(path: Path, content: str | bytes) -> Path:
 
 
 def test_a_part_that_is_not_there(refused: Refused, tmp_path: Path) -> None:
-    assert "there is no file missing.toml" in refused("plan", "missing.toml", code=3)
+    assert "there is no file missing.toml" in refused("plan", "missing.toml", code=2)
     assert left_over(tmp_path) == []
 
 
@@ -94,7 +94,7 @@ weight = 0.5
 feature = {{ kind = "sheet", file = "gone.stl", units = "mm" }}
 profile = {{ kind = "linear", {mixtures} }}
 """)
-    talk = refused("check", part, code=1)
+    talk = refused("check", part, code=2)
     assert "2 data files cannot be used" in talk
     assert talk.count("gone.stl") == 1  # one file, however it is used
     assert "there is no file" in talk.partition("face.stl")[0].splitlines()[-1]
@@ -293,7 +293,7 @@ def test_run_needs_to_be_told_where(refused: Refused, job: Path) -> None:
 
 
 def test_a_job_that_is_none(refused: Refused, tmp_path: Path) -> None:
-    refused("run", "missing.lmj", "--sim", code=1)
+    refused("run", "missing.lmj", "--sim", code=2)
     write(tmp_path / "garbage.lmj", b"not a job" * 1000)
     refused("run", "garbage.lmj", "--sim", code=1)
     assert not (tmp_path / "runs").exists()
@@ -350,7 +350,7 @@ def test_a_job_has_no_planes_and_no_units(refused: Refused, job: Path) -> None:
 
 
 def test_a_run_that_is_not_there(refused: Refused) -> None:
-    refused("log", "run-0007", code=1)
+    refused("log", "run-0007", code=2)
 
 
 def test_words_that_are_no_command(lmctl: Callable[..., Any]) -> None:

@@ -45,7 +45,7 @@ def test_every_mistake_in_a_fault_file_at_once(refused, tmp_path, lmctl):
 
 def test_a_fault_file_that_is_not_there_or_not_for_a_real_machine(refused, tmp_path):
     (tmp_path / "job.lmj").write_bytes(b"")
-    refused("run", "job.lmj", "--sim", "--faults", "nothing.toml", code=3)
+    refused("run", "job.lmj", "--sim", "--faults", "nothing.toml", code=2)
     refused("run", "job.lmj", "--machine", "cell.toml", "--faults", "faults.toml", code=2,
             hint=False)
 

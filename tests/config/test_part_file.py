@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from lmctl.config.part_file import PartFile
 from lmctl.config.part_rules import cross_findings, load_part_file, parse_part_file
-from lmctl.errors import ConfigError
+from lmctl.errors import ConfigError, MissingFileError
 
 ONE_MATERIAL = 'name = "p"\n[[material]]\nname = "316L"\n'
 BOX = '[[body]]\nkind = "box"\nlow_mm = [0, 0, 0]\nhigh_mm = [1, 2, 3]\n'
@@ -193,7 +193,7 @@ def test_files_that_are_not_part_files(tmp_path: Path) -> None:
         (tmp_path / name).write_bytes(data)
         with pytest.raises(ConfigError, match=name):
             load_part_file(tmp_path / name)
-    with pytest.raises(ConfigError, match="no file"):
+    with pytest.raises(MissingFileError, match="no file"):
         load_part_file(tmp_path / "missing.toml")
     with pytest.raises(ConfigError, match="folder"):
         load_part_file(tmp_path)

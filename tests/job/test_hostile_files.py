@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 from lmctl.config.machine import load_profile
-from lmctl.errors import ConfigError, InputError, JobError, LmctlError
+from lmctl.errors import ConfigError, InputError, JobError, LmctlError, MissingFileError
 from lmctl.job import container
 from lmctl.job.reader import JobReader
 from lmctl.part.load import load_part
@@ -223,7 +223,7 @@ def test_data_files_that_are_none_of_the_parts(part_naming, tmp_path, name):
     os.mkfifo(folder / "pipe.xyz")
     (folder / "link.xyz").symlink_to(tmp_path / "secret.xyz")
     (folder / "loop.xyz").symlink_to(folder / "loop.xyz")
-    with bounded_memory(), pytest.raises((InputError, ConfigError)) as refused:
+    with bounded_memory(), pytest.raises((InputError, ConfigError, MissingFileError)) as refused:
         part_naming(name)
     assert "mistake" not in refused.value.render() or len(name) in (0, 5000)
 

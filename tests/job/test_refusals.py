@@ -8,7 +8,7 @@ import zipfile
 import numpy as np
 import pytest
 
-from lmctl.errors import JobError
+from lmctl.errors import JobError, MissingFileError
 from lmctl.job import container
 from lmctl.job.reader import JobReader
 
@@ -67,7 +67,7 @@ def test_a_zip_that_is_no_job(tmp_path):
 
 
 def test_missing_file_and_folder(tmp_path):
-    with pytest.raises(JobError, match="there is no job file"):
+    with pytest.raises(MissingFileError, match="there is no file"):
         read_all(tmp_path / "a")
     with pytest.raises(JobError, match="cannot read"):
         read_all(tmp_path)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import trimesh
 
-from lmctl.errors import InputError
+from lmctl.errors import InputError, MissingFileError
 from lmctl.part.faces import grouped_corners
 from lmctl.part.sources.cloud_files import read_cloud
 from lmctl.part.sources.files import LARGEST_DATA_BYTES, read_data
@@ -88,7 +88,9 @@ def test_what_is_not_a_file_with_content_is_refused(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.stl")  # reading it would wait for ever
     with (tmp_path / "huge.stl").open("wb") as huge:
         huge.truncate(LARGEST_DATA_BYTES + 1)
-    for name, words in {"missing.stl": "no file", "empty.stl": "is empty",
+    with pytest.raises(MissingFileError, match="no file"):
+        read_data("missing.stl", tmp_path)
+    for name, words in {"empty.stl": "is empty",
                         "folder.stl": "is a folder", "pipe.stl": "not a plain file",
                         "huge.stl": "too large"}.items():
         with pytest.raises(InputError, match=words) as caught:

@@ -12,7 +12,7 @@ import pytest
 
 from lmctl.config.bodies import MeshBody
 from lmctl.config.part_rules import parse_part_file
-from lmctl.errors import ConfigError, InputError, LmctlError
+from lmctl.errors import ConfigError, InputError, LmctlError, MissingFileError
 from lmctl.field.plane import loop_area_mm2
 from lmctl.part.load import load_part, part_from_model
 from lmctl.part.part import Part, Section
@@ -219,7 +219,7 @@ def test_what_is_neither_part_mesh_nor_cloud(folder: Folder) -> None:
     where = folder(part__step=b"ISO-10303-21;", no__toml="name = 1\n")
     with pytest.raises(InputError, match="neither a part file, a mesh nor a point cloud"):
         part_from_model(where / "part.step")
-    with pytest.raises(InputError, match="no file"):
+    with pytest.raises(MissingFileError, match="no file"):
         part_from_model(where / "gone.stl")
     with pytest.raises(ConfigError):
         load_part(where / "no.toml")

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from lmctl.errors import JournalError
+from lmctl.errors import JournalError, MissingFileError
 from lmctl.run.journal.file import OtherFormat, fingerprint, read, verify
 from lmctl.run.journal.recorder import Recorder
 from lmctl.run.journal.writer import Journal, is_owned
@@ -246,7 +246,7 @@ def test_a_line_without_end_is_refused_before_it_fills_memory(tmp_path):
 
 
 def test_missing_and_unwritable_are_told(tmp_path):
-    with pytest.raises(JournalError, match="there is no journal"):
+    with pytest.raises(MissingFileError, match="there is no file"):
         verify(tmp_path / "none")
     with pytest.raises(JournalError, match="cannot read"):
         list(read(tmp_path))

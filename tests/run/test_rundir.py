@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from lmctl.errors import JobError, JournalError
+from lmctl.errors import JobError, JournalError, MissingFileError
 from lmctl.run.journal import rundir
 from lmctl.run.journal.writer import Journal
 
@@ -72,7 +72,7 @@ def test_a_missing_job_leaves_nothing_behind(tmp_path):
 @pytest.mark.parametrize("name", ["run-0009", "../run-0001", "run-0001/..", "", "run-1", "."])
 def test_only_a_run_s_own_name_finds_it(tmp_path, job_file, name):
     rundir.create(tmp_path / "runs", job_file)
-    with pytest.raises(JournalError, match="there is no run") as error:
+    with pytest.raises(MissingFileError, match="there is no run") as error:
         rundir.find(tmp_path / "runs", name)
     assert error.value.where == ("the last one is run-0001",)
 

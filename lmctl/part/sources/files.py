@@ -12,7 +12,7 @@ import stat
 from dataclasses import dataclass
 from pathlib import Path
 
-from lmctl.errors import InputError
+from lmctl.errors import InputError, MissingFileError
 
 #: More than this is not read into memory: about eight million triangles of binary STL.
 LARGEST_DATA_BYTES = 400_000_000
@@ -58,9 +58,8 @@ def read_data(name: str, folder: Path) -> DataFile:
             )
         data = path.read_bytes()
     except FileNotFoundError:
-        raise InputError(
-            f"there is no file {path}",
-            hint="check the name; names in a part file are relative to its folder",
+        raise MissingFileError.of(
+            path, "names in a part file are relative to its folder"
         ) from None
     except OSError as error:
         raise InputError(f"cannot read {path}", where=str(error.strerror)) from None

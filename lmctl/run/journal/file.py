@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from lmctl.errors import JournalError
+from lmctl.errors import JournalError, MissingFileError
 
 #: What a journal calls itself, in its first record; a reader refuses any other version.
 FORMAT_VERSION = 1
@@ -147,7 +147,7 @@ def last_record(path: Path) -> dict[str, Any] | None:
             file.seek(max(0, size - LONGEST_LINE_BYTES))
             tail = file.read()
     except FileNotFoundError:
-        raise JournalError(f"there is no journal {path}", hint=_LISTS) from None
+        raise MissingFileError.of(path, _LISTS) from None
     except OSError as error:
         raise JournalError(f"cannot read {path}", where=str(error.strerror)) from None
     end = tail.rfind(b"\n")
@@ -212,7 +212,7 @@ def _lines(path: Path) -> Iterator[tuple[bytes, bool]]:
         with path.open("rb") as file:
             yield from _lines_of(file, path)
     except FileNotFoundError:
-        raise JournalError(f"there is no journal {path}", hint=_LISTS) from None
+        raise MissingFileError.of(path, _LISTS) from None
     except OSError as error:
         raise JournalError(f"cannot read {path}", where=str(error.strerror)) from None
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from lmctl.errors import JobError, JournalError
+from lmctl.errors import JobError, JournalError, MissingFileError
 from lmctl.run.journal.file import OtherFormat, last_record, read
 from lmctl.run.journal.writer import is_owned
 from lmctl.run.state.table import State
@@ -119,10 +119,10 @@ def discard(made: RunDir) -> None:
 
 
 def find(runs_dir: Path, run: str) -> RunDir:
-    """The folder of a run, by its name. Raises JournalError where there is none."""
+    """The folder of a run, by its name. Raises MissingFileError where there is none."""
     if not _NAME.fullmatch(run) or not (runs_dir / run).is_dir():
         known = names(runs_dir)
-        raise JournalError(
+        raise MissingFileError(
             f"there is no run {run!r} in {runs_dir}",
             where=f"the last one is {known[-1]}" if known else "it holds no run",
             hint=f"`{command('jobs', runs_dir)}` lists runs",
@@ -148,7 +148,7 @@ def summary(run: RunDir) -> RunSummary:
         end = last_record(run.journal) or {}
     except OtherFormat as error:
         return RunSummary(run.run, f"format {error.version}", "", "", "", None, None)
-    except (JournalError, OSError):
+    except (JournalError, MissingFileError, OSError):
         return RunSummary(run.run, "no journal", "", "", "", None, None)
     sealed = end.get("kind") == "seal"
     state = str(end.get("state", "")) if sealed else "running" if owned else "broken off"
