@@ -44,12 +44,14 @@ class MeshBody(_Body):
     """A closed surface of triangles from a file. STL, PLY, OBJ and OFF state no units: say them.
 
     units : may be left out for 3MF files only, which state theirs (part_rules)
+    group : of an OBJ file, the `g` or `o` group that is this body; None takes all of the file
     pitch_mm : of the grid its distance is stored on; None takes the part's
     """
 
     kind: Literal["mesh"]
     file: FileName
     units: Units | None = None
+    group: Name | None = None
     pitch_mm: Pitch | None = None
 
 

@@ -84,6 +84,8 @@ def _own_findings(bodies: list[dict[str, Any]]) -> Iterator[Finding]:
         if body.get("kind") == "mesh" and "units" not in body and not states_its_own:
             yield Finding(f"body[{number}].units", 'is missing: "mm", "cm", "m" or "inch"; '
                           "the file does not say")
+        if "group" in body and isinstance(file, str) and not file.lower().endswith(".obj"):
+            yield Finding(f"body[{number}].group", "only OBJ files name groups; leave it out")
 
 
 def _circle(below: list[list[int]]) -> list[int]:

@@ -31,7 +31,7 @@ class Data:
     def __init__(self, folder: Path, bead_mm: float) -> None:
         self._folder = folder
         self._bead_mm = bead_mm
-        self._meshes: dict[tuple[str, str | None], Mesh] = {}
+        self._meshes: dict[tuple[str, str | None, str | None], Mesh] = {}
         self._clouds: dict[tuple[str, str], Cloud] = {}
         self._sheets: dict[SheetFeature, FloatArray] = {}
         self.sources: dict[str, str] = {}
@@ -45,7 +45,7 @@ class Data:
         InputError; either names every file that cannot be used.
         """
         wrong: dict[str, InputError | MissingFileError] = {}
-        items = {(item.kind, item.file, item.units): item for item in _filed(part)}
+        items = {(item.kind, item.file, item.units, _group(item)): item for item in _filed(part)}
         for item in items.values():
             try:
                 if isinstance(item, SheetFeature):
@@ -67,11 +67,13 @@ class Data:
 
     def mesh(self, body: MeshBody) -> Mesh:
         """A closed mesh, mended where it needed to be. Raises InputError."""
-        key = body.file, body.units
+        key = body.file, body.units, body.group
         if key not in self._meshes:
-            read = read_mesh(self._file(body.file), body.units)
-            self._meshes[key], said = mend(read, body.file, self._bead_mm)
+            read = read_mesh(self._file(body.file), body.units, body.group)
+            name = body.file if body.group is None else f"{body.file}, group {body.group!r}"
+            self._meshes[key], said = mend(read, name, self._bead_mm)
             self.warnings += said
+            self.notes += read.notes
         return self._meshes[key]
 
     def cloud(self, body: CloudBody) -> Cloud:
@@ -108,6 +110,10 @@ class Data:
         file = read_data(name, self._folder)
         self.sources[name] = file.sha256
         return file
+
+
+def _group(item: MeshBody | CloudBody | SheetFeature) -> str | None:
+    return item.group if isinstance(item, MeshBody) else None
 
 
 def _filed(part: PartFile) -> Iterator[MeshBody | CloudBody | SheetFeature]:

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.config.materials import closest
 from lmctl.config.quantities import MM_PER_UNIT
 from lmctl.errors import InputError
 from lmctl.field.triangles import closest_in_rows
 from lmctl.part.sources.files import DataFile
 from lmctl.part.sources.mesh_files import Mesh
 from lmctl.part.sources.mesh_topology import components, edge_numbers, without_slivers
+from lmctl.part.sources.obj_files import group_triangles, read_obj
 
 FloatArray = NDArray[np.float64]
 
@@ -55,7 +54,7 @@ def patch_around(mesh: Mesh, at_mm: Sequence[float], angle_deg: float) -> FloatA
 
 
 def grouped_corners(file: DataFile, group: str, units: str | None) -> FloatArray:
-    """The triangles of a `g` or `o` group of an OBJ file, polygons cut into fans.
+    """The triangles of a `g` or `o` group of an OBJ file.
 
     returns : (m, 3, 3) float64 [mm]
     raises : InputError where the file is of another kind, has no such group, or cannot be read
@@ -63,35 +62,8 @@ def grouped_corners(file: DataFile, group: str, units: str | None) -> FloatArray
     if file.suffix != "obj":
         raise InputError(f"{file.path} has no named faces",
                          hint="only OBJ files name groups; choose the face by at_mm instead")
-    vertices: list[list[float]] = []
-    triangles: list[tuple[int, int, int]] = []
-    groups: set[str] = set()
-    current = False
-    for number, line in enumerate(file.data.decode("utf-8", "replace").splitlines(), start=1):
-        words = line.split()
-        try:
-            if words[:1] == ["v"]:
-                vertices.append([float(word) for word in words[1:4]])
-            elif words[:1] in (["g"], ["o"]):
-                groups |= set(words[1:]) | {" ".join(words[1:])}
-                current = group in words[1:] or group == " ".join(words[1:])
-            elif current and words[:1] == ["f"]:
-                corners = [int(word.partition("/")[0]) for word in words[1:]]
-                corners = [c - 1 if c > 0 else len(vertices) + c for c in corners]
-                if min(corners) < 0 or max(corners) >= len(vertices):
-                    raise ValueError("a corner that is not there")
-                triangles += [(corners[0], b, c)
-                              for b, c in itertools.pairwise(corners[1:])]
-        except (ValueError, IndexError) as error:
-            raise InputError(f"{file.path}, line {number}: {error}", where=repr(line[:60]),
-                             hint="the file is damaged; export it again") from None
-    if not triangles:
-        names = sorted(name for name in groups if name)
-        guess = closest(group, names) or f"its groups are {', '.join(names[:20]) or 'not named'}"
-        raise InputError(f"{file.path} has no faces in a group {group!r}", where=guess,
-                         hint="name one of its groups, or choose the face by at_mm")
-    corners_mm = np.array(vertices, dtype=np.float64)[np.array(triangles)]
-    corners_mm *= MM_PER_UNIT[units or "mm"]
+    model = read_obj(file)
+    corners_mm = model.vertices[group_triangles(file, model, group)] * MM_PER_UNIT[units or "mm"]
     if not np.isfinite(corners_mm).all():
         raise InputError(f"{file.path} has coordinates that are not numbers",
                          hint="export it again")

@@ -77,6 +77,8 @@ def test_every_profile_is_accepted(text: str) -> None:
         (ONE_MATERIAL + '[[body]]\nfile = "a.stl"\n', "body[1]", "`kind`"),
         (ONE_MATERIAL + '[[body]]\nkind = "ball"\n', "body[1]", "'sphere'"),
         (ONE_MATERIAL + '[[body]]\nkind = "mesh"\nfile = "a.stl"\n', "body[1].units", "missing"),
+        (ONE_MATERIAL + '[[body]]\nkind = "mesh"\nfile = "a.stl"\nunits = "mm"\ngroup = "lid"\n',
+         "body[1].group", "only OBJ"),
         (ONE_MATERIAL + '[[body]]\nkind = "mesh"\nfile = "a.stl"\nunits = "furlong"\n',
          "body[1].units", "'inch'"),
         (ONE_MATERIAL + BOX.replace("[1, 2, 3]", "[1, 0, 3]"), "body[1]", "low_mm is not below"),

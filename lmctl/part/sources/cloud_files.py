@@ -9,14 +9,14 @@ from __future__ import annotations
 import csv
 import re
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.errors import InputError
 from lmctl.part.sources.files import DataFile
-from lmctl.part.sources.mesh_files import check_ply, checked_points, parse
+from lmctl.part.sources.mesh_files import checked_points
+from lmctl.part.sources.ply_files import read_ply
 
 CLOUD_SUFFIXES = ("xyz", "csv", "txt", "asc", "ply")
 
@@ -80,37 +80,24 @@ def read_cloud(file: DataFile, units: str) -> Cloud:
 
 
 def _from_ply(file: DataFile) -> Read:
-    promised = check_ply(file)
-    loaded = parse(file, "load")
-    vertices = getattr(loaded, "vertices", None)
-    if vertices is None or len(vertices) == 0 or len(vertices) < promised.get("vertex", 0):
-        raise InputError(
-            f"{file.path} holds no points" if not promised.get("vertex") else
-            f"{file.path} is damaged",
-            where=f"its head promises {promised.get('vertex', 0):,} vertices, "
-            f"{0 if vertices is None else len(vertices):,} can be read",
-            hint="export or copy it again",
-        )
+    elements = read_ply(file)
+    vertex = elements["vertex"].numbers if "vertex" in elements else {}
+    if not all(axis in vertex for axis in "xyz") or len(vertex["x"]) == 0:
+        raise InputError(f"{file.path} holds no points",
+                         where="its head names no rows of an element vertex with x, y and z",
+                         hint="export it again")
+    points = np.stack([vertex[axis] for axis in "xyz"], axis=1)
     notes = []
-    if promised.get("face"):
-        notes.append(f"{file.path.name}: its {promised['face']:,} faces are not used, as it is "
-                     "given as a cloud")
-    data = loaded.metadata.get("_ply_raw", {}).get("vertex", {}).get("data")
-    columns = [_ply_column(data, name, len(vertices)) for name in NORMAL_NAMES[0]]
+    faces = elements.get("face")
+    count = max((len(sizes) for sizes, _ in faces.lists.values()), default=0) if faces else 0
+    if count:
+        notes.append(f"{file.path.name}: its {count:,} faces are not used, as it is given as a "
+                     "cloud")
     normals = None
-    if all(column is not None for column in columns):
-        normals = np.stack([c for c in columns if c is not None], axis=1)
+    if all(name in vertex for name in NORMAL_NAMES[0]):
+        normals = np.stack([vertex[name] for name in NORMAL_NAMES[0]], axis=1)
         notes.append(f"{file.path.name}: its normals are used")
-    return np.asarray(vertices, dtype=np.float64), normals, notes
-
-
-def _ply_column(data: Any, name: str, count: int) -> NDArray[np.float64] | None:
-    """One property of the vertices as trimesh read it: a structured array, or one array each."""
-    names = data.dtype.names if isinstance(data, np.ndarray) else data
-    if names is None or name not in names:
-        return None
-    column = np.asarray(data[name], dtype=np.float64).reshape(-1)
-    return column if len(column) == count else None
+    return points, normals, notes
 
 
 def _from_text(file: DataFile) -> Read:

@@ -1,0 +1,177 @@
+"""The XML model in a 3MF file: its unit, its objects and what of these it builds.
+
+The core of the format is read (meshes, components, build items and their transforms), and the
+references to other model files of its production extension. A model that requires any other
+extension is refused, as the format asks of those who do not know it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmctl.errors import InputError
+from lmctl.part.sources.threemf_package import NAMESPACE_END, Package, part_name
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+Transform = FloatArray
+
+#: Millimetres in each unit the format knows.
+UNITS = {
+    "micron": 0.001, "millimeter": 1.0, "centimeter": 10.0, "inch": 25.4, "foot": 304.8,
+    "meter": 1000.0,
+}
+
+PRODUCTION = "http://schemas.microsoft.com/3dmanufacturing/production/2015/06"
+
+#: What extensions are called that a model may require.
+EXTENSIONS = {
+    "http://schemas.microsoft.com/3dmanufacturing/beamlattice/2017/02": "beam lattice",
+    "http://schemas.microsoft.com/3dmanufacturing/beamlattice/balls/2020/07": "beam lattice balls",
+    "http://schemas.microsoft.com/3dmanufacturing/slice/2015/07": "slices",
+    "http://schemas.microsoft.com/3dmanufacturing/material/2015/02": "materials and properties",
+    "http://schemas.microsoft.com/3dmanufacturing/securecontent/2019/04": "secure content",
+    "http://schemas.microsoft.com/3dmanufacturing/trianglesets/2021/07": "triangle sets",
+    "http://schemas.3mf.io/3dmanufacturing/booleanoperations/2023/07": "boolean operations",
+    "http://schemas.3mf.io/3dmanufacturing/displacement/2023/10": "displacement",
+    "http://schemas.3mf.io/3dmanufacturing/volumetric/2022/01": "volumetric",
+    "http://schemas.3mf.io/3dmanufacturing/implicit/2023/12": "implicit",
+}
+
+#: Objects of this type, and those that state none, are solid.
+SOLID = "model"
+
+
+@dataclass(frozen=True)
+class Reference:
+    """An object placed: the part it is in, its id there, and where it goes."""
+
+    part: str
+    id: str
+    transform: Transform
+
+
+@dataclass(eq=False)
+class ModelObject:
+    """An object of a model: triangles of its own, or others placed.
+
+    type : "model", "support", "solidsupport", "surface" or "other"
+    """
+
+    type: str
+    corners: list[tuple[float, float, float]] = field(default_factory=list)
+    faces: list[tuple[int, int, int]] = field(default_factory=list)
+    components: list[Reference] = field(default_factory=list)
+
+    def arrays(self) -> tuple[FloatArray, IntArray]:
+        """vertices (n, 3), triangles (m, 3). Raises ValueError where they cannot be meant."""
+        points = np.array(self.corners, dtype=np.float64).reshape(-1, 3)
+        triangles = np.array(self.faces, dtype=np.int64).reshape(-1, 3)
+        if len(triangles) and not 0 <= triangles.min() <= triangles.max() < len(points):
+            raise ValueError("a triangle names a corner that is not there")
+        if not np.isfinite(points).all():
+            raise ValueError("coordinates that are not numbers")
+        return points, triangles
+
+
+@dataclass(eq=False)
+class Model:
+    """What a model part holds. left_out : build items it says are not to be printed."""
+
+    unit: str = "millimeter"
+    objects: dict[str, ModelObject] = field(default_factory=dict)
+    items: list[Reference] = field(default_factory=list)
+    left_out: int = 0
+
+
+def read_model(package: Package, part: str) -> Model:
+    """The model in a part of a package. Raises InputError."""
+    model = Model()
+    prefixes: dict[str, str] = {}
+    namespace: list[str] = []
+    current: list[ModelObject] = []
+
+    def start(full_name: str, attributes: dict[str, str]) -> None:
+        of, _, name = full_name.rpartition(NAMESPACE_END)
+        if not namespace:
+            if name != "model":
+                raise package.damaged(f"{part} begins with <{name}>, not <model>")
+            namespace.append(of)
+            model.unit = attributes.get("unit", model.unit)
+            _check_extensions(package, attributes.get("requiredextensions", ""), prefixes)
+        if of != namespace[0]:
+            return
+        match name:
+            case "vertex" if current:
+                current[-1].corners.append(
+                    (float(attributes["x"]), float(attributes["y"]), float(attributes["z"])))
+            case "triangle" if current:
+                current[-1].faces.append(
+                    (int(attributes["v1"]), int(attributes["v2"]), int(attributes["v3"])))
+            case "object":
+                number = attributes["id"]
+                if number in model.objects:
+                    raise ValueError(f"two objects have the id {number}")
+                current.append(ModelObject(attributes.get("type", SOLID)))
+                model.objects[number] = current[-1]
+            case "component" if current:
+                current[-1].components.append(_reference(part, attributes))
+            case "item":
+                if attributes.get("printable", "1") in ("0", "false"):
+                    model.left_out += 1
+                else:
+                    model.items.append(_reference(part, attributes))
+
+    def start_namespace(prefix: str | None, uri: str) -> None:
+        prefixes[prefix or ""] = uri
+
+    try:
+        package.parse(part, start, StartNamespaceDeclHandler=start_namespace)
+    except (KeyError, ValueError, TypeError, OverflowError) as error:
+        raise package.damaged(f"{part}: {_reason(error)}") from None
+    if model.unit not in UNITS:
+        raise package.damaged(f"unknown unit {model.unit!r}")
+    return model
+
+
+def _check_extensions(package: Package, required: str, prefixes: dict[str, str]) -> None:
+    """Raises InputError, with their names, where any is not known here."""
+    unknown = []
+    for prefix in required.split():
+        uri = prefixes.get(prefix, "")
+        if uri != PRODUCTION:
+            known = EXTENSIONS.get(uri)
+            unknown.append(f"{known} ({uri})" if known else uri or f"{prefix!r}, not declared")
+    if unknown:
+        raise InputError(
+            f"{package.file.path} requires extensions of 3MF that are not known here",
+            where=unknown, hint="export it without them, as plain triangles",
+        )
+
+
+def _reference(part: str, attributes: dict[str, str]) -> Reference:
+    path = attributes.get(PRODUCTION + NAMESPACE_END + "path")
+    return Reference(
+        part if path is None else part_name(path, part), attributes["objectid"],
+        _transform(attributes.get("transform")),
+    )
+
+
+def _transform(text: str | None) -> Transform:
+    """(4, 3): rows of the turn, then the shift, as the format writes them."""
+    if text is None:
+        return np.vstack([np.eye(3), np.zeros(3)])
+    words = text.split()
+    by = np.array([float(word) for word in words], dtype=np.float64)
+    if by.shape != (12,) or not np.isfinite(by).all():
+        raise ValueError("a transform is not twelve numbers")
+    return by.reshape(4, 3)
+
+
+def _reason(error: Exception) -> str:
+    if isinstance(error, KeyError):
+        return f"an element lacks its attribute {error.args[0]}"
+    return " ".join(str(error).split())[:100] or "broken references"
