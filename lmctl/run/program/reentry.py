@@ -1,16 +1,19 @@
 """Where a job goes on after a hold or a crash, and how the nozzle gets back to it.
 
-The part is entered a few millimetres before the place that was reached, so that the new bead
-laps the old one (process.md 5.5), with a dark run-up in front of that, so that the beam comes on
-at speed. What lies before is not run again. The way in starts at the purge position: up, across
-at clearance height, down.
+The part is entered a little before the place where deposition ended, so that the new bead meets
+the old one without a gap and without a hump (`overlap_mm`). What lies before is not run again. In
+front of that is a run-up with the beam off along the path itself, so that the beam comes on at
+speed and with the powder that the program has there: on the run-up the flow follows the program,
+before it the flow stands still. The way in starts at the purge position: up, across at clearance
+height, down.
 
 Lines keep their numbers in the job. The lines of the way in, which the job does not have, take
-the numbers just below that of the first lit line, so that counting stays the same everywhere.
+the numbers just below that of the first line with beam, so that counting stays the same everywhere.
 """
 
 from __future__ import annotations
 
+import math
 import re
 from bisect import bisect_right
 from collections.abc import Callable
@@ -21,13 +24,18 @@ from numpy.typing import NDArray
 
 from lmctl.config.machine import Motion
 from lmctl.job.schema import JobLayer, JobManifest, LineKind
-from lmctl.run.program.way_in import Leg, legs
+from lmctl.run.program.way_in import Leg, along, speeding_up_s, travel_legs
 
 FloatArray = NDArray[np.float64]
 
-#: Bead laid twice where a path is entered in the middle, and dark run-up before it [mm].
-OVERLAP_MM = 3.0
+#: Bead deposited twice where a path is entered in the middle [mm]: more than the place where it
+#: ended is uncertain, and far less than a melt pool.
+OVERLAP_MM = 0.2
+
+#: Least run-up with the beam off before a path is entered [mm]; it is longer where the nozzle
+#: needs more to reach its speed.
 RUN_UP_MM = 2.0
+_OF_RAMP = 1.5
 
 #: What is shorter is not worth a line: the firmware makes no block of less than a motor step [mm].
 _LEAST_MM = 0.02
@@ -85,6 +93,13 @@ class _Track:
         self.end_s = lines["end_s"]
         self.start_s = np.concatenate([layer.flow_s[:1], self.end_s[:-1]])
 
+    def acceleration(self, row: int, motion: Motion) -> float:
+        """Along a row [mm/s²]."""
+        away_mm = self.end_mm[row] - self.start_mm[row]
+        if not away_mm.any():
+            return min(motion.acceleration_mm_s2)
+        return along(motion.acceleration_mm_s2, away_mm)
+
     def next_bead(self, row: int, share: float) -> int | None:
         """The first row from here on with bead left to lay."""
         if row < len(self.kind) and self.length_mm[row] * (1.0 - share) < _LEAST_MM:
@@ -129,7 +144,7 @@ def enter(
 ) -> Entry | None:
     """How to go on from a place; None where no bead is left to lay.
 
-    A place on a bead is entered OVERLAP_MM before it, but not before its path's first bead. One
+    A place on a bead is entered `overlap_mm` before it, but not before its path's first bead. One
     in a travel, or on a path's run-up or run-out, goes on with the next bead's path from its
     beginning.
     """
@@ -146,20 +161,39 @@ def enter(
     return None
 
 
+def overlap_mm(speed_mm_s: float, acceleration_mm_s2: float) -> float:
+    """How much of a bead is deposited again where it is entered at this speed [mm].
+
+    A bead whose nozzle braked to a stop has more powder at its end: it came at the same rate while
+    the nozzle went slower, as much more as the braking distance v²/2a. So less is deposited again,
+    or nothing: any two millimetres then hold 0.9 to 1.3 times the powder of a whole bead, up to
+    20 mm/s at 500 mm/s².
+    """
+    return max(0.0, OVERLAP_MM - speed_mm_s**2 / (4.0 * acceleration_mm_s2))
+
+
 def _entry(track: _Track, reached: _Point, place: Place, motion: Motion) -> Entry:
     layer, path_row = track.layer, track.first_of_path(reached.row)
     beads = np.flatnonzero(track.kind[path_row : reached.row + 1] == LineKind.BEAD)
-    lit = track.back(reached, OVERLAP_MM, path_row + int(beads[0]))
-    start = track.back(lit, RUN_UP_MM, path_row)
-    words = _modal_words(layer.program[path_row : lit.row + 1])
-    way = _way(track, start, lit, float(words["F"]) / 60.0, motion)
+    speed_mm_s = float(layer.lines["speed_mm_s"][reached.row])
+    acceleration = track.acceleration(reached.row, motion)
+    lit = track.back(reached, overlap_mm(speed_mm_s, acceleration), path_row + int(beads[0]))
+    ramp_mm = speed_mm_s**2 / (2.0 * acceleration)
+    start = track.back(lit, max(RUN_UP_MM, _OF_RAMP * ramp_mm), path_row)
     lit_s = track.at_s(lit)
-    texts, table = _lines(way, lit_s, layer.lines.dtype, words["F"])
+    run_up, program_s = _run_up(track, start, lit, motion)
+    purge = np.array(motion.purge_mm, dtype=np.float64)
+    way = [
+        *travel_legs(purge, _across(purge, track.at_mm(start), motion), motion, _LEAST_MM), *run_up
+    ]
+    texts, table = _lines(way, purge, lit_s, layer.lines.dtype)
     rest = layer.lines[lit.row :].copy()
     x, y, z = (_number(value) for value in track.end_mm[lit.row])
+    words = _modal_words(layer.program[path_row : lit.row + 1])
     first_line = layer.first_line + lit.row
     lit_text = f"{layer.program[lit.row].split()[0]} G1 X{x} Y{y} Z{z} F{words['F']} S{words['S']}"
-    flow_s, flow_g_s = _flow_from(layer, lit_s, float(table["end_s"][0]))
+    way_s = table["end_s"][len(table) - len(run_up) - 1 :]
+    flow_s, flow_g_s = _flow(layer, program_s, way_s, float(table["end_s"][0]))
     entered = JobLayer(
         layer.index, layer.z_mm, first_line - len(texts),
         (*texts, lit_text, *layer.program[lit.row + 1 :]), np.concatenate([table, rest]),
@@ -168,24 +202,54 @@ def _entry(track: _Track, reached: _Point, place: Place, motion: Motion) -> Entr
     return Entry(place, entered, first_line, track.between_mm(lit, reached))
 
 
-def _way(
-    track: _Track, start: _Point, lit: _Point, feed_mm_s: float, motion: Motion
-) -> list[Leg]:
-    """From the purge position to above the run-up, down to it, and along it."""
-    purge, to = np.array(motion.purge_mm, dtype=np.float64), track.at_mm(start)
+def _across(purge: FloatArray, to: FloatArray, motion: Motion) -> list[FloatArray]:
+    """From the purge position up, across at clearance height, and down to where the run-up begins.
+    """
     height = max(purge[2], min(to[2] + motion.clearance_mm, motion.travel_mm.z[1]))
-    across = [np.array([*purge[:2], height]), np.array([*to[:2], height]), to]
-    run_up = [track.end_mm[row] for row in range(start.row, lit.row)] + [track.at_mm(lit)]
-    speed, acceleration = min(motion.max_speed_mm_s), min(motion.acceleration_mm_s2)
+    return [np.array([*purge[:2], height]), np.array([*to[:2], height]), to]
+
+
+def _run_up(
+    track: _Track, start: _Point, lit: _Point, motion: Motion
+) -> tuple[list[Leg], list[float]]:
+    """The path from rest at one point to another, and the program time at the ends of its legs.
+
+    Each leg goes at its row's own speed and lasts as planned, corners included; the first ones
+    take longer, since the nozzle starts at rest. A lead's planned time is that of another start.
+    """
+    legs: list[Leg] = []
+    program_s = [track.at_s(start)]
+    at_mm, gone_mm, extra_s = track.at_mm(start), 0.0, 0.0
+    acceleration = track.acceleration(start.row, motion)
+    first_mm_s = float(track.layer.lines["speed_mm_s"][start.row])
     longest_s = motion.send_horizon_s / 4.0
-    return [
-        *legs(purge, across, speed, acceleration, longest_s, _LEAST_MM),
-        *legs(to, run_up, feed_mm_s, acceleration, longest_s, _LEAST_MM, in_one=True),
-    ]
+    for row in range(start.row, lit.row + 1):
+        from_share = start.share if row == start.row else 0.0
+        to_share = lit.share if row == lit.row else 1.0
+        share = to_share - from_share
+        length_mm = share * float(track.length_mm[row])
+        if length_mm < _LEAST_MM:
+            continue
+        speed_mm_s = float(track.layer.lines["speed_mm_s"][row])
+        planned_s = share * float(track.end_s[row] - track.start_s[row])
+        if track.kind[row] != LineKind.BEAD:
+            planned_s = length_mm / speed_mm_s
+        parts = max(1, math.ceil((planned_s + first_mm_s / acceleration) / longest_s))
+        for k in range(1, parts + 1):
+            end = _Point(row, from_share + share * k / parts)
+            gone_mm += length_mm / parts
+            before_s, extra_s = extra_s, speeding_up_s(gone_mm, first_mm_s, acceleration)
+            end_mm = np.round(track.at_mm(end), 3)
+            legs.append(Leg(at_mm, end_mm, speed_mm_s, planned_s / parts + extra_s - before_s,
+                            is_run_up=True))
+            program_s.append(track.at_s(end))
+            at_mm = end_mm
+    program_s[-1] = track.at_s(lit)
+    return legs, program_s
 
 
 def _lines(
-    way: list[Leg], end_s: float, dtype: np.dtype[np.void], feed: str
+    way: list[Leg], start_mm: FloatArray, end_s: float, dtype: np.dtype[np.void]
 ) -> tuple[list[str], NDArray[np.void]]:
     """The way in as program text and lines of a job, timed to end at end_s."""
     table = np.zeros(len(way) + 1, dtype)
@@ -194,27 +258,41 @@ def _lines(
     lasting_s = np.array([0.0, *(leg.lasting_s for leg in way)])
     table["end_s"] = end_s - lasting_s[::-1].cumsum()[::-1] + lasting_s
     texts = [f"N{_FIRST_N} G21 G90 G94 M4 S0"]
+    table[0]["x_mm"], table[0]["y_mm"], table[0]["z_mm"] = start_mm
     for i, leg in enumerate(way, start=1):
-        x, y, z = (_number(value) for value in leg.end_mm)
         table[i]["x_mm"], table[i]["y_mm"], table[i]["z_mm"] = leg.end_mm
         table[i]["speed_mm_s"] = leg.speed_mm_s
+        if leg.is_dwell:
+            table[i]["kind"] = LineKind.DWELL
+            texts.append(f"N{_FIRST_N + i} G4 P{leg.lasting_s:g}")
+            continue
+        x, y, z = (_number(value) for value in leg.end_mm)
         texts.append(f"N{_FIRST_N + i} G1 X{x} Y{y} Z{z} F{_number(leg.speed_mm_s * 60)} S0")
-        if leg.in_one:
+        if leg.is_run_up:
             table[i]["kind"] = LineKind.LEAD
-    first = way[0].start_mm if way else np.zeros(3)
-    table[0]["x_mm"], table[0]["y_mm"], table[0]["z_mm"] = first
     return texts, table
 
 
-def _flow_from(
-    layer: JobLayer, from_s: float, start_s: float
+def _flow(
+    layer: JobLayer, program_s: list[float], way_s: FloatArray, start_s: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Flow at the nozzle from here on; on the way in it already is what it will be here."""
-    here = np.array([np.interp(from_s, layer.flow_s, flow) for flow in layer.flow_g_s.T])
-    later = layer.flow_s > from_s
-    times = [start_s, from_s] if start_s < from_s else [from_s]
-    flows = np.concatenate([np.tile(here, (len(times), 1)), layer.flow_g_s[later]])
-    return np.concatenate([times, layer.flow_s[later]]), flows
+    """Flow at the nozzle: steady on the travel, on the run-up and after it the program's own.
+
+    program_s : the program's times at the start of the run-up and at the end of each of its legs;
+    way_s : the times of the way in there; start_s : when the way in begins
+    """
+    inside = (layer.flow_s > program_s[0]) & (layer.flow_s < program_s[-1])
+    knots_s = np.concatenate([program_s[:1], layer.flow_s[inside], program_s[-1:]])
+    times = np.interp(knots_s, program_s, way_s)
+    later = layer.flow_s > program_s[-1]
+    known_s = np.concatenate([knots_s, layer.flow_s[later]])
+    times = np.concatenate([times, layer.flow_s[later]])
+    flows = np.column_stack([np.interp(known_s, layer.flow_s, flow) for flow in layer.flow_g_s.T])
+    if start_s < times[0]:
+        times = np.concatenate([[start_s], times])
+        flows = np.concatenate([flows[:1], flows])
+    kept = np.concatenate([[True], np.diff(times) > 0.0])
+    return times[kept], flows[kept]
 
 
 def _modal_words(program: tuple[str, ...]) -> dict[str, str]:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 #: Beam off within so much of a feed hold [s]: the controller's step buffer, then slowing down.
 BEAM_OFF_S = 0.13
-#: Bead laid twice where a path is entered again, and how exact places are [mm].
-OVERLAP_MM, EXACT_MM = 3.0, 0.1
+#: Bead deposited twice where a path is entered again at 10 mm/s, and how exact places are [mm].
+OVERLAP_MM, EXACT_MM = 0.15, 0.1
 
 
 def acts(one):

@@ -24,7 +24,7 @@ from simulators.verdict import verdict
 from tests.run.whole.broken_off import broken_off
 from tests.run.whole.conftest import EXAMPLES, wired
 
-HORIZON_S, SPEED_MM_S, OVERLAP_MM = 1.0, 10.0, 3.0
+HORIZON_S, SPEED_MM_S, OVERLAP_MM = 1.0, 10.0, 0.15
 
 
 def bead_between_mm(whole, place, time_s):
