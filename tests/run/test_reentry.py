@@ -173,7 +173,8 @@ def test_on_the_run_up_the_flow_is_the_program_s_and_before_it_stands_still(whol
         n = entry.lit_line - layer.first_line
         lit_s = layer.lines["end_s"][n - 1]
         original = whole.layer(layer.index)
-        run_up_s = layer.lines["end_s"][np.flatnonzero(layer.lines["kind"][:n] == LineKind.DWELL)[-1]]
+        dwells = np.flatnonzero(layer.lines["kind"][:n] == LineKind.DWELL)
+        run_up_s = layer.lines["end_s"][dwells[-1]]
         assert 0.2 <= lit_s - run_up_s < 0.25
         for hopper in range(2):
             def program(s, hopper=hopper, original=original):
