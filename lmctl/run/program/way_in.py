@@ -74,7 +74,7 @@ def travel_legs(
 def along(axis_limits: Sequence[float], direction: FloatArray) -> float:
     """A limit of each axis as it is for a straight move: the least of limit over |component|."""
     unit = np.abs(direction) / np.linalg.norm(direction)
-    return min(limit / part for limit, part in zip(axis_limits, unit, strict=True) if part > 1e-9)
+    return float(min(limit / part for limit, part in zip(axis_limits, unit, strict=True) if part))
 
 
 @dataclass(frozen=True)
