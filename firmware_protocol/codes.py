@@ -35,6 +35,9 @@ def _table(*rows: tuple[int, str, str]) -> dict[int, Meaning]:
     return {code: Meaning(words, remedy) for code, words, remedy in rows}
 
 
+LOCKED_BY_ALARM = 9
+"""`error:9`: an alarm came before, whether or not its message arrived."""
+
 _ERRORS = _table(
     (1, "a word does not begin with a letter", _LINE),
     (2, "a number is missing or malformed", _LINE),
@@ -132,6 +135,7 @@ _GRBLHAL_ERRORS = _table(
 )
 
 _ALARMS = _table(
+    (0, "an alarm whose number did not arrive; the position may be lost", _UNLOCK),
     (1, "a hard limit was hit; the position is lost", _CRITICAL),
     (2, "the target is outside the travel (soft limit); the position is kept",
      "reset and unlock ($X), then compare work offset and job with the travel"),
@@ -176,7 +180,10 @@ def error_meaning(code: int, dialect: Dialect) -> Meaning:
 
 
 def alarm_meaning(code: int, dialect: Dialect) -> Meaning:
-    """The meaning of `ALARM:code`; of an unlisted code, that it is not listed."""
+    """The meaning of `ALARM:code`; of an unlisted code, that it is not listed.
+
+    code : 0 where it is not known
+    """
     table = _ALARMS_OF_GRBLHAL if dialect is GRBLHAL else _ALARMS
     return table.get(code) or Meaning(
         f"alarm {code}, which is not listed for {dialect.name}", _UNLOCK

@@ -7,6 +7,7 @@ those go out with the next question. Between them it does nothing.
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Callable
 
 from firmware_protocol.status import StatusReport
@@ -188,9 +189,7 @@ class Deposition:
         if self._tracking:
             if report.overrides is not None:
                 self._controller_override(t, report.overrides)
-            self._clock.report(t, self._counted, position_mm)
-            if self._clock.off_mm <= OFF_PATH_MM:
-                self._energy.report(report, self._clock.now(t), self._clock.rate)
+            self._judge(t, report, position_mm)
         if self._streaming:
             if self._clock.rate_will_change:
                 self._override.look(t)
@@ -202,6 +201,21 @@ class Deposition:
             self.executed, position_mm, report.feed_mm_min, report.spindle,
             self._feed.flows_g_min, self._cell.measured_g_min(),
         )
+
+    def _judge(
+        self, t: float, report: StatusReport, position_mm: tuple[float, ...]
+    ) -> None:
+        """Compare a report with the program; one that is doubted is asked again at once."""
+        motion, clock, energy = self._cell.motion, self._clock, self._energy
+        feed = report.feed_mm_min
+        speed_mm_s = math.inf if feed is None else feed / 60.0
+        clock.report(t, self._counted, position_mm, speed_mm_s)
+        if not clock.is_in_doubt and clock.off_mm <= OFF_PATH_MM:
+            energy.report(
+                report, clock.now(t), clock.rate, overrides_known=motion.overrides_known
+            )
+        if clock.is_in_doubt or energy.is_in_doubt:
+            motion.confirm_report()
 
     def _controller_override(self, t: float, overrides: tuple[int, int, int]) -> None:
         """What the controller reports counts: its panel may have been used."""

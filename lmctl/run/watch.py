@@ -9,7 +9,6 @@ from firmware_protocol.codes import alarm_meaning, error_meaning
 from firmware_protocol.status import StatusReport
 from lmctl.config.machine import MachineProfile
 from lmctl.errors import MachineError
-from lmctl.machine.beat import on_beat
 from lmctl.machine.feeder.driver import FeederDriver
 from lmctl.machine.feeder.status import FeederListener, FeederStatus
 from lmctl.machine.feeder.warnings import FeederWarning
@@ -23,6 +22,12 @@ from lmctl.run.interlocks.rules import RULES, RULES_WITHOUT_SAFETY
 from lmctl.run.interlocks.supervision import Supervision
 from lmctl.run.interlocks.warnings import Warnings
 from lmctl.run.journal.recorder import Recorder
+
+#: While a device stays silent, it is looked at so often [s].
+_STALE_LOOKS_S = 0.1
+
+#: Timers may come early by the resolution of the clock [s].
+_LEAST_WAIT_S = 1e-3
 
 
 class Watch:
@@ -69,10 +74,9 @@ class Watch:
             cell.safety.listener = SafetyListener(
                 on_status=self._safety_status, on_fault=self._safety_fault
             )
-        # Reports drive everything else; this one notices that they have stopped.
+        # Reports drive everything else; this one notices that they have stopped, when they have.
         self._stale_s = STALE_PERIODS * profile.motion.status_period_s
-        self._looked_t = self._loop.time()
-        self._timer = self._loop.call_later(self._stale_s, self._look_again)
+        self._timer = self._loop.call_later(0.0, self._look_where_stale)
 
     def stop(self) -> None:
         """Look and listen no more."""
@@ -178,7 +182,7 @@ class Watch:
     # --- interlocks ---------------------------------------------------------------------------
 
     def _look(self) -> None:
-        t = self._looked_t = self._loop.time()
+        t = self._loop.time()
         facts = self._facts()
         dark = facts.motion is not None and not facts.motion.spindle
         self._supervision.look(facts, t, dark=dark)
@@ -186,11 +190,16 @@ class Watch:
             for feeder in self._cell.feeders:
                 feeder.look_closer()
 
-    def _look_again(self) -> None:
-        if self._loop.time() - self._looked_t >= self._stale_s / 2.0:
+    def _look_where_stale(self) -> None:
+        """Look at the moment at which the last word of motion or safety device becomes stale."""
+        left_s = self._stale_s - self._cell.motion.status_age_s
+        if self._cell.safety is not None and self._profile.safety is not None:
+            safety_stale_s = STALE_PERIODS * self._profile.safety.period_s
+            left_s = min(left_s, safety_stale_s - self._cell.safety.status_age_s)
+        if left_s <= 0.0:
             self._look()
-        next_t = on_beat(self._looked_t + self._stale_s, self._loop.time())
-        self._timer = self._loop.call_at(next_t, self._look_again)
+            left_s = _STALE_LOOKS_S
+        self._timer = self._loop.call_later(max(left_s, _LEAST_WAIT_S), self._look_where_stale)
 
     def _raise(self, error: MachineError) -> None:
         alarm = self._alarms.add(error, self._recorder.now_s())
@@ -214,4 +223,5 @@ class Watch:
             safety=None if safety is None else safety.status,
             safety_age_s=0.0 if safety is None else safety.status_age_s,
             limits=self._profile.safety if safety is not None else None,
+            motion_unreadable=cell.motion.unreadable_answers,
         )

@@ -76,10 +76,12 @@ def test_a_scale_of_few_steps_is_known_to_a_step_only(job):
     ("FS:600,500", 0.5),
     ("FS:200,500", 1.0),  # M4 became M3: power no longer follows speed
 ])
-def test_what_it_does_not_ask_for_is_told_with_the_next_report(energy, fields, rate):
+def test_what_it_does_not_ask_for_counts_when_three_reports_say_it(energy, fields, rate):
     assert hear(energy, 1.3, "FS:300,250", "FS:300,250", rate=rate) is None
-    assert hear(energy, IN_BEAD_S, fields, rate=rate) is None
-    said = hear(energy, IN_BEAD_S, "FS:300,250", rate=rate)
+    for _ in range(2):
+        assert hear(energy, IN_BEAD_S, fields, rate=rate) is None
+        assert energy.is_in_doubt
+    said = hear(energy, IN_BEAD_S, fields, rate=rate)
     assert said is not None
     feed, s_word = (float(word) for word in fields[3:].split(","))
     assert said.speed_mm_s == pytest.approx(feed / 60)
@@ -90,13 +92,45 @@ def test_what_it_does_not_ask_for_is_told_with_the_next_report(energy, fields, r
 
 def test_where_a_dark_line_and_a_bead_may_be_running_half_the_power_is_neither(energy):
     assert hear(energy, 2.0, "FS:600,0", BEAD, "FS:3000,0") is None
-    assert hear(energy, 2.0, "FS:600,250", BEAD).asked_W == pytest.approx((0.0, BEAD_W))
+    said = hear(energy, 2.0, "FS:600,250", "FS:600,250", "FS:600,250")
+    assert said.asked_W == pytest.approx((0.0, BEAD_W))
 
 
 @pytest.mark.parametrize("s", [IN_TRAVEL_S, IN_DWELL_S])
 @pytest.mark.parametrize("fields", ["FS:3000,500", "FS:0,500", "FS:600,50"])
-def test_a_beam_where_the_program_has_none_is_told_at_once(energy, s, fields):
-    assert hear(energy, s, fields) is not None
+def test_a_beam_where_the_program_has_none_needs_no_word_on_overrides(energy, s, fields):
+    for _ in range(2):
+        energy.report(status(fields), s, 1.0, overrides_known=False)
+        assert energy.unasked is None
+        assert energy.is_in_doubt
+    energy.report(status(fields), s, 1.0, overrides_known=False)
+    assert energy.unasked is not None
+
+
+def test_a_lost_report_may_have_shown_an_override_so_that_is_asked_first(energy):
+    for _ in range(6):
+        energy.report(status("FS:600,300"), IN_BEAD_S, 1.0, overrides_known=False)
+        assert energy.unasked is None
+        assert energy.is_in_doubt
+    energy.report(status("FS:600,300|Ov:100,100,60"), IN_BEAD_S, 1.0)
+    assert hear(energy, IN_BEAD_S, "FS:600,300", "FS:600,300", "FS:600,300") is None
+    assert not energy.is_in_doubt
+
+
+@pytest.mark.parametrize("damaged", [
+    ("FS:600,900", "FS:600,50", "FS:600,580"),  # each digit another
+    ("FS:600,900", BEAD, "FS:600,900", BEAD, "FS:600,900", BEAD),  # a sound report in between
+    ("FS:6,500", "FS:600,5", "FS:900,500"),
+])
+def test_reports_that_do_not_agree_are_damaged_reports(energy, damaged):
+    assert hear(energy, IN_BEAD_S, BEAD, *damaged, BEAD) is None
+    assert not energy.is_in_doubt
+    assert energy.bead_short_from_s == math.inf
+
+
+def test_three_reports_on_a_ramp_agree(energy):
+    """F600 S500 became S580: power follows speed while the machine accelerates."""
+    assert hear(energy, IN_BEAD_S, "FS:150,145", "FS:300,290", "FS:450,435") is not None
 
 
 @pytest.mark.parametrize("reports", [
@@ -137,6 +171,7 @@ def test_a_bead_with_too_little_power_is_missing_from_the_last_good_report_on(en
     hear(energy, 1.2, BEAD)
     hear(energy, 1.4, "FS:600,20")
     assert energy.bead_short_from_s == pytest.approx(1.2)
+    hear(energy, 1.42, "FS:600,20", "FS:600,20")
     hear(energy, 1.6, BEAD)  # the damaged line is over; it was laid all the same
     assert energy.unasked is not None
     assert energy.bead_short_from_s == pytest.approx(1.2)
@@ -148,19 +183,20 @@ def test_too_little_power_by_an_override_is_not_missing(energy):
 
 
 def test_too_much_power_leaves_nothing_missing(energy):
-    assert hear(energy, 1.4, BEAD, "FS:600,900", BEAD) is not None
+    assert hear(energy, 1.4, BEAD, *3 * ["FS:600,900"]) is not None
     assert energy.bead_short_from_s == math.inf
 
 
 def test_what_was_found_stands(energy):
-    said = hear(energy, IN_TRAVEL_S, "FS:3000,500")
+    said = hear(energy, IN_TRAVEL_S, *3 * ["FS:3000,500"])
+    assert said is not None
     assert hear(energy, IN_BEAD_S, BEAD, BEAD, BEAD) is said
 
 
 def test_with_the_beam_off_every_power_is_one_too_many(job):
     energy = LineEnergy(job([LAYER]).window(beam_off=True), LEAD_S)
     assert hear(energy, IN_BEAD_S, "FS:600,0", "FS:600,0") is None
-    assert hear(energy, IN_BEAD_S, BEAD) is not None
+    assert hear(energy, IN_BEAD_S, BEAD, BEAD, BEAD) is not None
 
 
 def test_lines_of_the_next_layer_may_be_running(job):

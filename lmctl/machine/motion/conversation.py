@@ -7,12 +7,13 @@ wait for one of them are in `awaited`.
 
 from __future__ import annotations
 
+import asyncio
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from firmware_protocol.codes import alarm_meaning, error_meaning
-from firmware_protocol.dialect import GRBL, Dialect
+from firmware_protocol.dialect import GRBL, GRBLHAL, Dialect
 from firmware_protocol.host import (
     Event,
     GrblHost,
@@ -27,6 +28,7 @@ from firmware_protocol.status import StatusReport
 from lmctl.errors import MachineError
 from lmctl.machine.motion.awaited import Awaited
 from lmctl.machine.motion.links import Link, open_link
+from lmctl.machine.motion.report_screen import ReportScreen
 from lmctl.machine.motion.status_watch import StatusWatch
 
 _COMMAND_TAG = -1
@@ -38,8 +40,8 @@ _LEAST_RX_USABLE = 127  # before the controller has said how much it has
 class Hearer:
     """Who is told what the controller says, as callables.
 
-    accepted(count) for `ok`s in a row, rejected(tag, error), report(report), alarm(code),
-    restarted(asked) in stream order;
+    accepted(count) for `ok`s in a row, rejected(tag, error), report(report) for each that is
+    believed, alarm(code), restarted(asked) in stream order;
     surplus_answer() where an answer answers nothing; batch_done() after each arrival of bytes;
     asking() before each `?`: what is written then goes with it; lost(reason) once.
     """
@@ -62,6 +64,7 @@ class Conversation:
     damaged : messages so far that were no message or answered nothing
     heard_bytes : whether anything at all has arrived
     rx_empty : most free receive bytes reported with nothing unanswered
+    screen : which reports are believed
     sent_before_question : tag of the newest line unanswered when `?` was sent, or None
     """
 
@@ -74,7 +77,9 @@ class Conversation:
         self.rx_empty = 0
         self.sent_before_question: int | None = None
         self.watch = StatusWatch(status_period_s, self._ask, self.give_up)
+        self.screen = ReportScreen()
         self._hearer = hearer
+        self._loop = asyncio.get_running_loop()
         self._host = GrblHost(_LEAST_RX_USABLE, GRBL.line_chars)
         self._link: Link | None = None
         self._awaited = Awaited(self.error)
@@ -157,6 +162,7 @@ class Conversation:
         if byte is Realtime.RESET:
             self._reset_asked = True
             self._link.discard_unsent()
+        self.screen.commanded(byte)
         self._link.write_realtime(byte.wire)
 
     async def command(self, line: str, timeout_s: float) -> list[str]:
@@ -176,7 +182,7 @@ class Conversation:
         self._refuse_if_lost()
         report = await self._awaited.report(self.watch.ask_now, timeout_s)
         if report is None:
-            self.watch.given_up()
+            self.watch.abandon_question()
         return report
 
     async def reset(self, timeout_s: float) -> None:
@@ -185,17 +191,23 @@ class Conversation:
         await self._awaited.restart(lambda: self.realtime(Realtime.RESET), timeout_s)
 
     def _ask(self) -> None:
-        self.sent_before_question = self._host.newest_tag
+        if self.watch.is_repeated:
+            self.screen.missed()
+        else:
+            self.sent_before_question = self._host.newest_tag
         self._with_question = b""
         try:
             self._hearer.asking()
         finally:
             lines, self._with_question = self._with_question, None
+        question = Realtime.STATUS
+        if self.screen.is_unsure and self.dialect is GRBLHAL:
+            question = Realtime.STATUS_FULL  # with offset and overrides, which few reports carry
         if lines and self._link is not None and not (self._link.paced or self._link.unsent):
-            self._link.write(lines + Realtime.STATUS.wire)
+            self._link.write(lines + question.wire)
         else:
             self.write(lines)
-            self.realtime(Realtime.STATUS)
+            self.realtime(question)
 
     def _received(self, data: bytes) -> None:
         self.heard_bytes = True
@@ -221,12 +233,7 @@ class Conversation:
             else:
                 self._hearer.rejected(event.tag, event.code)
         elif isinstance(event, Status):
-            self.watch.answered()
-            if not self._host.unanswered:
-                self.rx_empty = max(self.rx_empty, event.report.rx_free or 0)
-            self._hearer.report(event.report)
-            if self._awaited.reports:
-                self._awaited.reported(event.report)
+            self._reported(event.report)
         elif isinstance(event, Restarted):
             self._restarted()
         elif isinstance(event, Alarm):
@@ -238,8 +245,25 @@ class Conversation:
             self._hearer.surplus_answer()
         elif isinstance(event, Unknown):
             self.damaged += 1
+            if self.watch.is_open:  # most of what a controller says while asked is the answer
+                self.screen.missed()
+                self.watch.ask_again()
         elif self._awaited.command is not None:
             self._awaited.said(event.format())
+
+    def _reported(self, said: StatusReport) -> None:
+        report = self.screen.take(said, self._loop.time())
+        if report is None:
+            self.watch.ask_again()
+            return
+        self.watch.answered()
+        if not self._host.unanswered:
+            self.rx_empty = max(self.rx_empty, report.rx_free or 0)
+        self._hearer.report(report)
+        if self._awaited.reports:
+            self._awaited.reported(report)
+        if self.screen.is_unsure:
+            self.watch.ask_soon()
 
     def _command_answered(self, code: int) -> None:
         if code:
@@ -251,8 +275,10 @@ class Conversation:
     def _restarted(self) -> None:
         asked, self._reset_asked = self._reset_asked, False
         self._awaited.refused("the controller restarted", "send it again")
+        self.screen.restarted()
         self._hearer.restarted(asked)
         self._awaited.restarted()
+        self.watch.restarted()
 
     def give_up(self, reason: str) -> None:
         """Count the controller as lost; told once."""

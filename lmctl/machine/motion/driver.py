@@ -9,17 +9,17 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
-from firmware_protocol.codes import position_lost
+from firmware_protocol.codes import LOCKED_BY_ALARM, position_lost
 from firmware_protocol.realtime import Realtime
 from firmware_protocol.status import StatusReport
 from lmctl.machine.motion import holding
 from lmctl.machine.motion.conversation import Conversation, Hearer
 from lmctl.machine.motion.handshake import RESET_S, Introduction, introduce
 from lmctl.machine.motion.identify import Identity, refuse_unfit
+from lmctl.machine.motion.override_arithmetic import NO_OVERRIDE
 from lmctl.machine.motion.stream import Stream
 
 _HOMED_S = 180.0
-_NO_OVERRIDE = (100, 100, 100)
 
 
 def _ignore(*_: object) -> None:
@@ -53,7 +53,8 @@ class MotionDriver:
     """One motion controller, opened by `open`.
 
     listener : who is told; replace its members or the whole
-    status : the last report, or None; overrides : feed, rapid, spindle [%] as last reported
+    status : the last believed report, or None
+    overrides : feed, rapid, spindle [%] as last reported
     offset_mm : work offset as last reported, or None (work = machine - offset)
     position_mm : as last reported, in program (work) coordinates, or None
     position_trusted : whether reported positions are those of the machine
@@ -62,7 +63,7 @@ class MotionDriver:
     def __init__(self, endpoint: str, status_period_s: float) -> None:
         self.listener = MotionListener()
         self.status: StatusReport | None = None
-        self.overrides: tuple[int, int, int] = _NO_OVERRIDE
+        self.overrides: tuple[int, int, int] = NO_OVERRIDE
         self.offset_mm: tuple[float, ...] | None = None
         self.position_mm: tuple[float, ...] | None = None
         self.position_trusted = False
@@ -104,6 +105,7 @@ class MotionDriver:
             await driver.close()
             raise
         driver._introduction = said
+        driver._talk.screen.know(said.identity, said.settings)
         if driver.offset_mm is None:
             driver.offset_mm = said.offset_mm
             if driver.status is not None:
@@ -155,13 +157,27 @@ class MotionDriver:
 
     @property
     def status_age_s(self) -> float:
-        """Seconds since the last status report."""
+        """Seconds since the last believed status report."""
         return self._talk.watch.age_s
 
     @property
     def damaged_messages(self) -> int:
         """Messages so far that were damaged or answered nothing: the quality of the line."""
         return self._talk.damaged
+
+    @property
+    def unreadable_answers(self) -> int:
+        """Answers since the last believed report that could not be read or believed."""
+        return self._talk.watch.unreadable
+
+    @property
+    def overrides_known(self) -> bool:
+        """Whether every report since the last one with overrides has arrived and was believed."""
+        return not (self._talk.screen.overrides_missed or self._talk.screen.is_unsure)
+
+    def confirm_report(self) -> None:
+        """Ask for another report within 20 ms: the last one is doubted."""
+        self._talk.watch.ask_soon()
 
     def submit(self, lines: Iterable[bytes]) -> None:
         """Queue lines of the stream; they go out as the controller has room.
@@ -242,6 +258,8 @@ class MotionDriver:
         self._grown = True
 
     def _line_rejected(self, tag: int, error: int) -> None:
+        if error == LOCKED_BY_ALARM and not self._stream.halted:
+            self._alarmed(0)  # its ALARM: line was lost
         self._stream.line_rejected(tag, error)
         self._grown = True
 
@@ -267,7 +285,7 @@ class MotionDriver:
     def _restarted(self, asked: bool) -> None:
         surprise = not asked and self._introduction is not None
         self._stream.end(halted=surprise)
-        self.overrides = _NO_OVERRIDE
+        self.overrides = NO_OVERRIDE
         if not (asked and self._at_rest_at_reset):
             self.position_trusted = False
         if surprise:

@@ -32,6 +32,7 @@ RESET_S = 5.0
 _ASK_EVERY_S = 0.25
 _COMMAND_S = 3.0
 _IDENTIFY_TRIES = 3
+_HOMED_TRIES, _HOMED_AGREEING = 8, 2
 _READY = ("Idle", "Alarm")
 _MOVING = ("Run", "Jog", "Home")
 
@@ -74,16 +75,25 @@ async def introduce(talk: Conversation, timeout_s: float) -> Introduction:
     with suppress(MachineError):  # refused in some alarms; reports carry WCO: as well
         parser_state = await talk.command("$G", _COMMAND_S)
         offset_mm = read_offset(parser_state, await talk.command("$#", _COMMAND_S))
+        talk.screen.offset_is(offset_mm)
     return Introduction(found, identity, settings, offset_mm, await homed(talk))
 
 
 async def homed(talk: Conversation) -> bool | None:
-    """Whether the controller calls its axes homed; None where it does not say."""
+    """Whether the controller calls its axes homed; None where it does not say.
+
+    One changed digit would home a machine: two reports must agree.
+    """
     if talk.dialect is not GRBLHAL:
         return None
-    talk.realtime(Realtime.STATUS_FULL)
-    report = await talk.fresh_report(_ASK_EVERY_S)
-    return None if report is None else homed_axes(report)
+    said: list[bool | None] = []
+    for _ in range(_HOMED_TRIES):
+        talk.realtime(Realtime.STATUS_FULL)
+        report = await talk.fresh_report(_ASK_EVERY_S)
+        said.append(None if report is None else homed_axes(report))
+        if said[-1] is not None and said.count(said[-1]) >= _HOMED_AGREEING:
+            return said[-1]
+    return None
 
 
 async def first_report(talk: Conversation, timeout_s: float) -> StatusReport:

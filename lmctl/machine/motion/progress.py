@@ -11,8 +11,11 @@ A dwell (G4) alone needs no report: both firmwares wait for the axes to come to 
 answer when it is over, so its `ok` says that it and all before it are done.
 
 A block leaves the planner while up to `segment_buffer_s` of motion is still to be made. So what
-has left it counts as executed that much later, or at once where the machine stands held, which it
-does only with the segment buffer empty.
+has left it counts as executed that much later, by the next report, or at once where the machine
+stands held, which it does only with the segment buffer empty.
+
+A digit of `Ln:` or `Bf:` may be changed on the way, and what once counts as executed always does.
+So as many lines count as both reports say: what has left the planner does not come back.
 
 Nothing is ever called executed before it is acknowledged, and nothing at or after a rejected line.
 A line that makes no block (M4, G21) counts as executed once the motion before it does.
@@ -139,7 +142,7 @@ class Progress:
     def observe(self, report: StatusReport, now_s: float) -> bool:
         """Take a status report, in its place among the answers; True if `executed` grew."""
         idle = report.state == "Idle"
-        done = self.executed
+        done = left = self.executed
         if report.state in _MOVING:
             left = self._lines_out_of_planner(report)
             if report.held:
@@ -149,11 +152,14 @@ class Progress:
                 self._left_planner.append((now_s, left))
         elif not idle:  # an alarm kills what is in the segment buffer
             self._left_planner.clear()
-        elif self._answered == self.sent and self._planner_is_empty(report):
-            done = self._answered
+        else:
+            has_count = report.line_number is not None or report.blocks_free is not None
+            left = self._lines_out_of_planner(report) if has_count else self._answered
+            if self._answered == self.sent and self._planner_is_empty(report):
+                done = self._answered
         self._idle_answered = self._answered if idle else -1
         while self._left_planner and now_s - self._left_planner[0][0] >= self._lead_s:
-            done = max(done, self._left_planner.popleft()[1])
+            done = max(done, min(self._left_planner.popleft()[1], left))
         done = min(done, self.acknowledged)
         if done <= self.executed:
             return False

@@ -74,6 +74,8 @@ class Facts(NamedTuple):
     off_program : no difference where no program runs
     answers : of the feeders; the same object until one answers again
     safety, limits : None where the cell has no safety-input device
+    motion_age_s : since the last report of the motion controller that was believed
+    motion_unreadable : answers since then that could not be read or believed
     """
 
     motion: StatusReport | None
@@ -86,6 +88,7 @@ class Facts(NamedTuple):
     safety: SafetyStatus | None
     safety_age_s: float
     limits: Safety | None
+    motion_unreadable: int = 0
 
 
 def said(

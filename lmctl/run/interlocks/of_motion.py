@@ -19,6 +19,8 @@ OFF_PATH_MM = 0.1
 #: much sooner was not waited for. An override of 200 % may be told a report late, and gains that.
 _EARLY_S, _UNTOLD_PERIODS = 1.0, 2
 
+_ROUNDING_S = 1e-6
+
 _DAMAGED = (
     "a line, or the reports, were damaged on their way: look at the part, and at cable and "
     "earthing of the controller, then resume"
@@ -35,7 +37,16 @@ def controllers_door(facts: Facts) -> Iterator[Finding]:
 
 
 def silent(facts: Facts) -> Iterator[Finding]:
-    if facts.motion_age_s > STALE_PERIODS * facts.motion_period_s:
+    """No believable report for three periods, in which a question is put ten times and more."""
+    if facts.motion_age_s < STALE_PERIODS * facts.motion_period_s - _ROUNDING_S:
+        return
+    if facts.motion_unreadable:
+        yield Finding(
+            f"the motion controller's reports have been unreadable for {facts.motion_age_s:.1f} s",
+            "the link is disturbed: check cable, earthing and baud rate of the controller; if the "
+            "beam is still on, use the emergency stop",
+        )
+    else:
         yield Finding(f"the motion controller has not reported for {facts.motion_age_s:.1f} s",
                       "check its cable; if the beam is still on, use the emergency stop")
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,6 +24,20 @@ _LOOK_BACK_S, _LOOK_AHEAD_S = 0.15, 0.55
 
 #: A position so near to where it is expected needs no search for the line it lies on.
 _EXPECTED_S, _EXPECTED_MM = 0.05, 0.01
+
+#: A place so much sooner or later on the path than expected is believed when another report agrees
+#: [s]. Planned and real motion differ by less from one report to the next; one changed digit does.
+_JUMP_S = 0.2
+
+#: So many reports in a row must agree on a place that is not expected: on the path, and off it.
+_AGREE_ON_PATH, _AGREE_OFF_PATH = 2, 3
+
+#: Places doubted in a row that are compared with the newest.
+_DOUBTED_KEPT = 8
+
+#: What lies between two reports that agree: the way at the speed reported, in so much more time,
+#: and a rounding [mm].
+_AGREE_S, _AGREE_MM = 0.02, 0.05
 
 #: Distance that a deviation of one second from the expected time counts as [mm/s]: it only
 #: decides where a path lies on itself.
@@ -46,14 +61,24 @@ class RateChange:
     after: float
 
 
+class _Doubted(NamedTuple):
+    """A place that was not expected."""
+
+    t: float
+    position_mm: tuple[float, ...]
+    speed_mm_s: float
+
+
 class ProgramClock:
     """Program time of one run.
 
     rate : feed override now (1 = as planned)
     reported_s : program time of the last place reported on the path, nothing added for what came
         after
-    off_mm : how far the last place reported is from the path of the lines that may be running
+    off_mm : how far the last place believed is from the path of the lines that may be running
     early_s : by how much that place was reached sooner than expected; below 0 where later
+    is_in_doubt : the last place reported is not the expected one, and too few others agree yet; it
+        counts for nothing so far
     turned : called when something other than the passing of time changes what lies ahead
     The clock stands until `run_from`, and again after `stand`.
     """
@@ -69,6 +94,8 @@ class ProgramClock:
         self._known_s = float(first.start_s[0])
         self.reported_s = self._known_s
         self.off_mm = self.early_s = 0.0
+        self.is_in_doubt = False
+        self._doubted: list[_Doubted] = []  # since the last place that was expected
         self._limit_s = self._known_s  # program time at the end of the lines acknowledged
         self._runs_from_t = math.inf
 
@@ -149,26 +176,49 @@ class ProgramClock:
         share = (s - change.from_s) / (change.to_s - change.from_s)
         return change.before + min(max(share, 0.0), 1.0) * (change.after - change.before)
 
-    def report(self, t: float, executed: int, position_mm: tuple[float, ...]) -> None:
+    def report(
+        self, t: float, executed: int, position_mm: tuple[float, ...],
+        speed_mm_s: float = math.inf,
+    ) -> None:
         """A status report: lines executed so far, and where the nozzle was, at t.
 
         position_mm : program coordinates x, y, z
+        speed_mm_s : as reported, inf where that is not known
         """
         expected_s = self.now(t)
         change = self._change
         if change is not None and expected_s > change.to_s and self.rate == change.after:
             self._change = None
-        self.off_mm = 0.0
+        off_mm = 0.0
         if executed >= self._window.n_lines:
-            self._known_s = expected_s = self._window.end_s
-        elif (found_s := self._as_expected(position_mm, expected_s)) is not None:
-            self._known_s = found_s
+            found_s = expected_s = self._window.end_s
+        elif (as_expected_s := self._as_expected(position_mm, expected_s)) is not None:
+            found_s = as_expected_s
         else:
-            self._known_s, self.off_mm = self._nearest(executed, position_mm, expected_s)
-        self.early_s = self._known_s - expected_s
-        if self.off_mm <= OFF_PATH_MM:
-            self.reported_s = self._known_s
+            found_s, off_mm = self._nearest(executed, position_mm, expected_s)
+        if off_mm <= OFF_PATH_MM and abs(found_s - expected_s) <= _JUMP_S:
+            self._doubted.clear()
+            self.is_in_doubt = False
+        else:
+            agreeing = self._agreeing(_Doubted(t, position_mm, speed_mm_s))
+            needed = _AGREE_ON_PATH if off_mm <= OFF_PATH_MM else _AGREE_OFF_PATH
+            self.is_in_doubt = agreeing < needed
+            if self.is_in_doubt:
+                return
+        self._known_s, self.off_mm, self.early_s = found_s, off_mm, found_s - expected_s
+        if off_mm <= OFF_PATH_MM:
+            self.reported_s = found_s
         self._known_t = t
+
+    def _agreeing(self, place: _Doubted) -> int:
+        """How many of the places doubted in a row agree with the newest, itself included."""
+        agreeing = 1 + sum(
+            math.dist(one.position_mm[:3], place.position_mm[:3])
+            <= max(one.speed_mm_s, place.speed_mm_s) * (place.t - one.t + _AGREE_S) + _AGREE_MM
+            for one in self._doubted
+        )
+        self._doubted = [*self._doubted[-_DOUBTED_KEPT:], place]
+        return agreeing
 
     def now(self, t: float) -> float:
         """Program time at t [s]; t must not lie before the last call that set something."""

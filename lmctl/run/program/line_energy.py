@@ -20,6 +20,12 @@ from lmctl.run.program.window import JobWindow
 #: How exactly the place reported is known in program time [s].
 _KNOWN_WITHIN_S = 0.05
 
+#: So many reports in a row must say the same of what no line asks for: one digit may be damaged.
+_AGREEING = 3
+
+#: Reports doubted in a row that are compared with the newest.
+_KEPT = 8
+
 #: Differences of no consequence: a share of what is asked; of full power, which melts nothing (or
 #: a whole S, as power is reported, where the scale is that coarse); and of speed, reported in whole
 #: mm/min. Reports agree with the program within a tenth of these.
@@ -30,12 +36,13 @@ class LineEnergy:
     """Looks at the reports of one run.
 
     lead_s : feed and power are those of the motion prepared last, ahead of the place by so much
-    unasked : what a report has said that none of the lines which may be running asks for, or None
+    unasked : what reports have said that none of the lines which may be running asks for, or None
+    is_in_doubt : the last report said so, and too few others agree yet
     bead_short_from_s : program time from which the bead had too little power, inf where it had not
 
-    An override turned at the panel is told with the report that shows it, or with the next. So a
-    report is judged when the one after it has come without one. Where the program has the beam off
-    no override gives it power, and there is nothing to wait for.
+    An override turned at the panel is reported with the feed that shows it, or with the next one,
+    so before three reports agree it is known. Where one of them was lost, overrides have to be
+    reported anew first, unless the program has the beam off: no override gives that power.
     """
 
     def __init__(self, window: JobWindow, lead_s: float) -> None:
@@ -48,28 +55,54 @@ class LineEnergy:
         self._least_W = max(_OF_FULL * self._full_W, self._per_S)
         self._overrides: tuple[int, ...] = (100, 100, 100)  # feed, rapid, power, as last told
         self._rate = 1.0
-        self._doubtful: Unasked | None = None  # of the last report
+        self.is_in_doubt = False
+        self._doubted: list[Unasked] = []  # since the last report that agreed with the program
         self._good_s = -math.inf  # where the last report was that agreed with the program
 
-    def report(self, report: StatusReport, s: float, rate: float) -> None:
-        """Take a report. s : program time of the place it tells; rate : feed override."""
+    def report(
+        self, report: StatusReport, s: float, rate: float, *, overrides_known: bool = True
+    ) -> None:
+        """Take a report.
+
+        s : program time of the place it reports; rate : feed override
+        overrides_known : no report can have been lost that showed an override
+        """
         overrides = self._overrides if report.overrides is None else report.overrides
         overridden = overrides != self._overrides or rate != self._rate
         self._overrides, self._rate = overrides, rate
-        if self._doubtful is not None and not overridden:
-            self.unasked = self._doubtful
-        self._doubtful = None
+        if overridden:  # feed and power before it, and perhaps this one, are of another override
+            self._doubted.clear()
+        self.is_in_doubt = False
         if self.unasked is not None:
             return
         said = self._unasked(report, s, rate)
         if said is None:
             self._good_s, self.bead_short_from_s = s, math.inf
-        elif said.power_W > 0.0 and not any(said.asked_W):
+            self._doubted.clear()
+            return
+        beam_unasked = said.power_W > 0.0 and not any(said.asked_W)
+        if overridden and not beam_unasked:
+            return
+        agreeing = 1 + sum(self._agree(one, said) for one in self._doubted)
+        self._doubted = [*self._doubted[-_KEPT:], said]
+        if said.power_W < max(said.asked_W, default=0.0):
+            self.bead_short_from_s = self._good_s
+        if agreeing >= _AGREEING and (overrides_known or beam_unasked):
             self.unasked = said
-        elif not overridden:
-            self._doubtful = said
-            if said.power_W < max(said.asked_W, default=0.0):
-                self.bead_short_from_s = self._good_s
+        else:
+            self.is_in_doubt = True
+
+    def _agree(self, one: Unasked, other: Unasked) -> bool:
+        """Whether two reports say the same of feed and power, wherever on a ramp they were made."""
+        slack_W = self._least_W + 2.0 * _SHARE * other.power_W
+        expected_W = other.power_W
+        if one.speed_mm_s > 0.0:
+            expected_W = one.power_W * other.speed_mm_s / one.speed_mm_s
+        same_energy = abs(expected_W - other.power_W) <= slack_W
+        fastest = max(one.speed_mm_s, other.speed_mm_s)
+        same_speed = abs(one.speed_mm_s - other.speed_mm_s) <= _SPEED_MM_S + _SHARE * fastest
+        same_power = abs(one.power_W - other.power_W) <= slack_W
+        return same_energy or (same_speed and same_power)
 
     def _unasked(self, report: StatusReport, s: float, rate: float) -> Unasked | None:
         """What a report says that no line asks for; None too where it tells of no motion."""
