@@ -260,6 +260,14 @@ def test_who_watches_sees_how_it_ended(tmp_path):
 # --- where it is ------------------------------------------------------------------------------
 
 
+@pytest.fixture
+def session(monkeypatch):
+    """A run-time folder, whose path leaves room for a socket's."""
+    with tempfile.TemporaryDirectory(prefix="lmctl-", dir="/tmp") as name:
+        monkeypatch.setenv("XDG_RUNTIME_DIR", name)
+        yield Path(name)
+
+
 def test_only_its_owner_may_open_it_and_it_is_gone_afterwards(tmp_path):
     with listening(tmp_path):
         found = (tmp_path / control_path.SOCKET).stat()
@@ -268,8 +276,7 @@ def test_only_its_owner_may_open_it_and_it_is_gone_afterwards(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_folder_too_deep_for_a_socket_gets_a_link_to_one(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+def test_a_folder_too_deep_for_a_socket_gets_a_link_to_one(tmp_path, session):
     deep = tmp_path / ("d" * 100) / "run-0001"
     deep.mkdir(parents=True)
 
@@ -281,11 +288,12 @@ def test_a_folder_too_deep_for_a_socket_gets_a_link_to_one(tmp_path, monkeypatch
 
     serve(deep, talk)
     assert list(deep.iterdir()) == []
-    assert list((tmp_path / "lmctl").iterdir()) == []
+    assert list((session / "lmctl").iterdir()) == []
 
 
-def test_two_runs_that_begin_at_once_in_deep_folders_get_a_socket_each(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+def test_two_runs_that_begin_at_once_in_deep_folders_get_a_socket_each(
+    tmp_path, session, monkeypatch
+):
     ours, theirs = (tmp_path / ("d" * 100) / name for name in ("run-0001", "run-0002"))
     ours.mkdir(parents=True)
     theirs.mkdir()
@@ -317,21 +325,22 @@ def test_a_socket_that_cannot_be_made_leaves_nothing_behind(tmp_path, monkeypatc
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("session", ["", "gone", "relative"])
-def test_without_a_folder_of_the_session_the_temporary_one_serves(tmp_path, monkeypatch, session):
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "gone") if session == "gone" else session)
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+@pytest.mark.parametrize("named", ["", "gone", "relative"])
+def test_without_a_folder_of_the_session_the_temporary_one_serves(
+    tmp_path, session, monkeypatch, named
+):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(session / "gone") if named == "gone" else named)
+    monkeypatch.setattr(tempfile, "tempdir", str(session))
     deep = tmp_path / ("d" * 100) / "run-0001"
     deep.mkdir(parents=True)
     with listening(deep):
         target = (deep / control_path.SOCKET).readlink()
-        assert target.parent == tmp_path / f"lmctl-{os.getuid()}"
+        assert target.parent == session / f"lmctl-{os.getuid()}"
 
 
-def test_a_foreign_run_time_folder_is_not_used(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    (tmp_path / "lmctl").mkdir()
-    (tmp_path / "lmctl").chmod(0o777)
+def test_a_foreign_run_time_folder_is_not_used(tmp_path, session):
+    (session / "lmctl").mkdir()
+    (session / "lmctl").chmod(0o777)
     deep = tmp_path / ("d" * 100) / "run-0001"
     deep.mkdir(parents=True)
     with pytest.raises(JournalError, match="no control socket"), listening(deep):
