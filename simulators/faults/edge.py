@@ -123,6 +123,19 @@ class Edge:
             for link in list(self._links):
                 link.abort()
 
+    def forget_links(self) -> Callable[[], None]:
+        """Links that are open are half open from now on: what comes over them is lost, and a new
+        link works. What is returned closes them."""
+        forgotten = list(self._links)
+        for link in forgotten:
+            link.pause_reading()
+
+        def close() -> None:
+            for link in forgotten:
+                link.abort()
+
+        return close
+
     def read(self, reading: bool) -> None:
         """Whether bytes are taken off the link; else they pile up on the host's side."""
         self._reading = reading

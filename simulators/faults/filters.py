@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import random
 import re
 from collections import deque
 from collections.abc import Callable
@@ -156,11 +157,41 @@ class Echo:
 
 
 @dataclass
+class ExactEcho:
+    """What the host sends comes back to it as it was, before any reply: an RS-485 adapter that
+    does not switch its receiver off."""
+
+    say: Deliver
+
+    def __call__(self, data: bytes, deliver: Deliver) -> None:
+        self.say(data)
+        deliver(data)
+
+
+class StrayBytes:
+    """Bytes that nobody sent come before each chunk, other ones each time.
+
+    Every other time they begin as a reply does, with its first two bytes.
+    """
+
+    def __init__(self, count: int) -> None:
+        self._count = count
+        self._random = random.Random(1)
+        self._chunks = 0
+
+    def __call__(self, data: bytes, deliver: Deliver) -> None:
+        self._chunks += 1
+        stray = self._random.randbytes(self._count)
+        deliver((data[:2] + stray)[: self._count] if self._chunks % 2 else stray)
+        deliver(data)
+
+
+@dataclass
 class Exceptions:
     """The next `count` requests are answered by an exception, and do not reach the device."""
 
     code: int
-    count: int
+    count: float
     is_rtu: bool
     say: Deliver
     spent: Spent

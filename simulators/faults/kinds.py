@@ -164,8 +164,18 @@ _LINK_KINDS = (
 _MODBUS_KINDS = (
     FaultKind("modbus_exception", "requests are answered by a Modbus exception, and not carried "
               "out", _B, _MAY, "the device refuses requests",
-              (_n("code", 4, "1 function, 2 address, 3 value, 4 refused, 5 later, 6 busy", 6),
-               _REPLIES)),
+              (_n("code", 4, "1 function, 2 address, 3 value, 4 refused, 5 later, 6 busy, "
+                  "10 and 11 gateway", 11), _REPLIES)),
+    FaultKind("passing_exceptions", "every request is answered that the device is busy or that its "
+              "gateway cannot reach it, and not carried out", _B, _STOP, "no answer",
+              (Parameter("code", "11", "5 later, 6 busy, 10 no path, 11 no answer behind the "
+                         "gateway", choices=("5", "6", "10", "11")),), lasts=True),
+    FaultKind("half_open", "the device has forgotten the connection: what comes over it is lost, "
+              "and a new one works (Modbus TCP)", _B, _ON, "", lasts=True),
+    FaultKind("stray_bytes", "a few bytes that nobody sent come before each reply", _B, _ON, "",
+              (_n("count", 3, "how many", 64),), lasts=True),
+    FaultKind("requests_echoed", "each request comes back as it was sent, before its reply", _B,
+              _ON, "", lasts=True),
     FaultKind("replies_slow", "replies come late", _B, _MAY, "no answer",
               (Parameter("late_s", 0.5, "by how much", 0.001, 60),), lasts=True),
     FaultKind("replies_dropped", "requests are carried out, but not answered", _B, _MAY,

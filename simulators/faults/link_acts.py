@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 from simulators.faults.edge import nothing_passes
 from simulators.faults.filters import (
     Echo,
+    ExactEcho,
     Exceptions,
     GarbledWord,
     Late,
     SomeAnswers,
     SomeBytes,
     SomeReplies,
+    StrayBytes,
 )
 from simulators.faults.kinds import Fault
 from simulators.faults.scene import Scene, Undo, both
@@ -115,3 +118,30 @@ def refuse_requests(scene: Scene, fault: Fault) -> None:
         lambda: edge.take(TO_DEVICE, one),
     )
     edge.put(TO_DEVICE, one)
+
+
+def pass_exceptions(scene: Scene, fault: Fault) -> Undo:
+    edge = scene.edge(fault.device)
+    one = Exceptions(int(str(fault.values["code"])), math.inf, edge.is_rtu, edge.say, _never)
+    return scene.befall(fault.device, (TO_DEVICE, one))
+
+
+def forget_connections(scene: Scene, fault: Fault) -> Undo:
+    """Raises ValueError on a serial line, which has no connections."""
+    edge = scene.edge(fault.device)
+    if edge.is_rtu:
+        raise ValueError(f"device {fault.device!r} is on a serial line: it has no connection")
+    return edge.forget_links()
+
+
+def add_stray_bytes(scene: Scene, fault: Fault) -> Undo:
+    return scene.befall(fault.device, (TO_HOST, StrayBytes(int(fault.number("count")))))
+
+
+def echo_requests(scene: Scene, fault: Fault) -> Undo:
+    edge = scene.edge(fault.device)
+    return scene.befall(fault.device, (TO_DEVICE, ExactEcho(edge.say)))
+
+
+def _never() -> None:
+    """What lasts is never spent."""

@@ -173,6 +173,8 @@ class Trial:
             and self._final == "done"
         ):
             cell.shortfalls.append("nothing was noticed")
+        if kind.host is Host.GOES_ON and seen_s is not None:
+            cell.shortfalls.append(f"held for nothing: {cell.first}")
         if seen_s is not None:
             if laying and seen_s > allowed_s + DARK_WITHIN_S:
                 cell.shortfalls.append(f"seen only after {seen_s:.2f} s")
@@ -208,6 +210,9 @@ def faults_of(name: str) -> list[Fault]:
         return [Fault.of(name, contact=how) for how in ("closed", "as it is")]
     if name == "hose_clogs":  # at once, as the feeder itself notices, and slowly, as the host does
         return [Fault.of(name, "F1"), Fault.of(name, "F1", rise_s=3.0)]
+    if name == "modbus_exception":  # a refusal, and a lost answer of a gateway
+        return [Fault.of(name, device, **how) for how in ({}, {"code": 11})
+                for device in ("F1", "safety")]
     if name == "word_garbled":
         return [Fault.of(name, letter=letter, percent=percent) for letter, percent in (
             ("S", 10.0), ("S", 200.0), ("F", 30.0), ("F", 300.0), ("X", 97.0))]

@@ -14,7 +14,7 @@ WHILE_LAYING = (
     "controller_reboots", "controller_silent", "controller_lies", "panel_hold", "ok_doubled",
     "link_closed", "bytes_flipped", "device_silent", "feeder_restarts", "disc_stalls",
     "flow_readback_off", "disc_limited", "oxygen_high", "safety_stuck", "laser_enable_stuck",
-    "laser_enable_drops",
+    "laser_enable_drops", "passing_exceptions", "half_open", "stray_bytes", "requests_echoed",
 )
 IN_EVERY_STATE = ("estop", "door")
 

@@ -39,10 +39,28 @@ def test_exceptions_are_told_in_words():
             device.refuse(6)
             await asyncio.sleep(1.0)
             ((_, reason),) = ears.faults
-            assert "it refuses to answer: it is busy (Modbus exception 06)" in reason
+            assert reason == "no answer for 0.3 s: it is busy (Modbus exception 06), 3 times"
             device.refuse(None)
             await asyncio.sleep(0.11)
             assert driver.status_age_s <= PERIOD_S + 0.001
+
+    virtual_time.run(main())
+
+
+def test_a_device_that_still_starts_up_is_waited_for():
+    async def main():
+        device = SafetyDevice(SafetyConfig(boot_s=5.0), now)
+        server = await serve_tcp(device)
+        started_s = now()
+        driver = await SafetyDriver.open(Safety(endpoint=server.endpoint))
+        assert 4.9 <= now() - started_s <= 5.2
+        await driver.close()
+        await server.close()
+        device = SafetyDevice(SafetyConfig(boot_s=1e6), now)
+        server = await serve_tcp(device)
+        with pytest.raises(MachineError, match=r"it is busy \(Modbus exception 06\)"):
+            await SafetyDriver.open(Safety(endpoint=server.endpoint))
+        await server.close()
 
     virtual_time.run(main())
 
@@ -60,7 +78,7 @@ def test_a_lost_connection_is_made_again():
         server.stop()
         await asyncio.sleep(3.0)
         assert driver.status_age_s > 2.5
-        assert ears.faults[-1][1] == "no answer for 0.3 s"
+        assert ears.faults[-1][1] == "no answer for 0.3 s: there is no connection"
         await driver.close()
 
     virtual_time.run(main())
@@ -85,8 +103,6 @@ def test_what_cannot_be_opened():
         silent = SafetyDevice(SafetyConfig(), now)
         silent.silence()
         await refused("safety device: it does not answer", silent)
-        busy = SafetyDevice(SafetyConfig(boot_s=5.0), now)
-        await refused("it refuses to answer: it is busy", busy)
         other = Replayed(SafetyConfig(), now)
         other.old = [0x504D, 0x0101, *[0] * 19]
         error = await refused("the device for safety inputs is none", other)

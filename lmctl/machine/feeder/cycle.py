@@ -23,7 +23,7 @@ from lmctl.machine.feeder.recipe import FormerFlows, RecipeWriter
 from lmctl.machine.feeder.status import FeederListener, FeederStatus, feeder_status
 from lmctl.machine.feeder.warnings import WarningReader
 from lmctl.machine.feeder.watch import Complaint, FeederWatch
-from lmctl.machine.modbus.client import BUSY, FAILURE, ModbusLink, NoAnswerError, RefusedError
+from lmctl.machine.modbus.client import FAILURE, ModbusLink, NoAnswerError, RefusedError
 
 T = TypeVar("T")
 
@@ -60,7 +60,7 @@ class FeederCycle:
         self._has_mirror = identity.has_mirror
         self._recipe = RecipeWriter(feeder, hoppers, identity.n_hoppers)
         self._watch = FeederWatch(self.period_s)
-        self._heartbeat = 0
+        self._heartbeat = identity.heartbeat
         self._sequence = 0
         self._wanted = (0,) * len(hoppers)
         self._sent: tuple[int, ...] | None = None
@@ -182,6 +182,23 @@ class FeederCycle:
         failure : what to say after timeout_s; faulty : a fault does not end the waiting
         Raises MachineError.
         """
+        if not await self.seen(condition, timeout_s, faulty=faulty):
+            raise self.not_seen(failure, timeout_s)
+
+    def not_seen(
+        self, failure: str, timeout_s: float, error: MachineError | None = None
+    ) -> MachineError:
+        """That a status was waited for in vain. error : of the order that should bring it about"""
+        state = "unknown" if self.status is None else self.status.state.name
+        why = "" if error is None else f": {error.what}"
+        hint = error.hint if error is not None else ""
+        return self.error(f"{failure} within {timeout_s:.0f} s{why}",
+                          hint or f"its state is {state}: see its display")
+
+    async def seen(
+        self, condition: Callable[[FeederStatus], bool], timeout_s: float, *, faulty: bool = True
+    ) -> bool:
+        """Whether a status read from now on meets the condition before timeout_s has passed."""
         asked_s = self._loop.time()
         try:
             async with asyncio.timeout(timeout_s):
@@ -198,10 +215,8 @@ class FeederCycle:
                     finally:
                         timer.cancel()
         except TimeoutError:
-            state = "unknown" if self.status is None else self.status.state.name
-            raise self.error(
-                f"{failure} within {timeout_s:.0f} s", f"its state is {state}: see its display"
-            ) from None
+            return False
+        return True
 
     async def asked(self, request: Awaitable[T], what: str) -> T:
         """The request's answer, or a MachineError that names the feeder and what was wanted."""
@@ -226,9 +241,8 @@ class FeederCycle:
             except (NoAnswerError, RegisterError):
                 pass  # the age of the last good answer tells
             except RefusedError as error:
-                if error.code != BUSY:
-                    self._complain(Complaint(await self._reason(error), _REFUSED_HINT))
-            if complaint := self._watch.silence(self.status_age_s):
+                self._complain(Complaint(await self._reason(error), _REFUSED_HINT))
+            if complaint := self._watch.silence(self.status_age_s, self._link.seen):
                 self._complain(complaint)
 
     async def _pause(self) -> None:

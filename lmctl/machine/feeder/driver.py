@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 
 from firmware_protocol.pmx import (
     ALARM_RESET_KEY,
@@ -23,6 +23,11 @@ from lmctl.machine.modbus.client import ModbusLink, NoAnswerError, RefusedError
 _BOOT_PATIENCE_S = 15.0
 _PATIENCE_S = 5.0
 _LONGEST_ANSWER_S = 1.0
+#: An order that takes something away is given again after this [s], until it is seen to work.
+_ORDER_AGAIN_S = 0.1
+_CLOSE_PATIENCE_S = 1.0
+#: States in which gas flows because it is ordered, and not as post-flow.
+_GAS_IS_ORDERED = (State.GAS_PREFLOW, State.STABILISING, State.FEEDING)
 
 _COMMAND = PMX.wire_address("COMMAND")
 _WD_RESET = PMX.wire_address("WD_RESET")
@@ -145,9 +150,8 @@ class FeederDriver:
         A device at LOCAL or in alarm may refuse: then it counts what its discs do.
         """
         self._cycle.feeding = False
-        await self._stop(self._command & ~Command.FEED_ON, "stop powder")
-        await self._cycle.until(
-            lambda status: not status.feeding, _PATIENCE_S, "powder did not stop", faulty=True
+        await self._take_away(
+            Command.FEED_ON, lambda status: not status.feeding, "powder did not stop"
         )
 
     async def gas_off(self, *, post_flow: bool = True) -> None:
@@ -156,13 +160,17 @@ class FeederDriver:
         Returns when gas has stopped. Raises MachineError.
         """
         self._cycle.watching = self._cycle.feeding = False
-        taken = await self._stop(self._command & Command.ENABLE_REMOTE, "stop gas")
-        if taken and not post_flow:
-            await self._cycle.asked(self._link.write(_POSTFLOW, [0]), "stop gas")
+        everything = ~Command.ENABLE_REMOTE
+        await self._take_away(
+            everything, lambda status: status.state not in _GAS_IS_ORDERED, "gas did not stop"
+        )
+        if not post_flow:
+            await self._repeat(
+                lambda: self._link.write(_POSTFLOW, [0]), _gas_has_stopped, "gas did not stop"
+            )
         await self._cycle.until(
-            lambda status: status.state not in (State.STOPPING, State.GAS_PREFLOW),
-            postflow_s(self._feeder, self.hoppers) + 2 * _PATIENCE_S, "gas did not stop",
-            faulty=True,
+            _gas_has_stopped, postflow_s(self._feeder, self.hoppers) + 2 * _PATIENCE_S,
+            "gas did not stop", faulty=True,
         )
 
     async def acknowledge(self) -> None:
@@ -188,11 +196,27 @@ class FeederDriver:
             await self._cycle.stop()
         finally:
             try:
-                await self._link.write(_COMMAND, [0])
-            except MachineError:
-                pass  # it is gone, or at LOCAL: its own watchdog has stopped it
+                await self._give_back_command()
             finally:
                 await self._link.close()
+
+    async def _give_back_command(self) -> None:
+        """Everything off, repeated until it is answered.
+
+        A device that is gone, or at LOCAL, stops by its own watchdog.
+        """
+        deadline_s = self._loop.time() + _CLOSE_PATIENCE_S
+        while True:
+            try:
+                await self._link.write(_COMMAND, [0])
+            except NoAnswerError:
+                if self._loop.time() >= deadline_s:
+                    return
+                await asyncio.sleep(_ORDER_AGAIN_S)
+            except MachineError:
+                return
+            else:
+                return
 
     async def _take_command(self) -> None:
         """First status, settings and zero flows; then remote control, which arms its watchdog."""
@@ -206,21 +230,45 @@ class FeederDriver:
         await self._order(Command.ENABLE_REMOTE, "take commands")
         self._cycle.start()
 
-    async def _stop(self, command: Command, what: str) -> bool:
-        """An order that only takes away; False where it was refused."""
-        try:
-            await self._order(command, what)
-        except MachineError as error:
-            if not isinstance(error.__cause__, RefusedError):
-                raise
+    async def _take_away(
+        self, bits: Command, is_done: Callable[[FeederStatus], bool], failure: str
+    ) -> None:
+        """Take bits out of the command, again and again until the status shows that it worked."""
+        command = self._command & ~bits
+        self._command = command
+        await self._repeat(lambda: self._link.write(_COMMAND, [int(command)]), is_done, failure)
+
+    async def _repeat(
+        self, order: Callable[[], Awaitable[None]], is_done: Callable[[FeederStatus], bool],
+        failure: str,
+    ) -> None:
+        """Give an order that only takes something away until it is seen to have worked.
+
+        A lost answer leaves open whether the device acted, and a device that refuses may act by
+        itself: its status decides. Raises MachineError after _PATIENCE_S.
+        """
+        deadline_s = self._loop.time() + _PATIENCE_S
+        while True:
+            failed: MachineError | None = None
+            try:
+                await order()
+            except (NoAnswerError, RefusedError) as error:
+                failed = error
             self._cycle.ask_status()
-            return False
-        return True
+            left_s = deadline_s - self._loop.time()
+            if await self._cycle.seen(is_done, min(_ORDER_AGAIN_S, left_s)):
+                return
+            if self._loop.time() >= deadline_s:
+                raise self._cycle.not_seen(failure, _PATIENCE_S, failed) from failed
 
     async def _order(self, command: Command, what: str) -> None:
         await self._cycle.asked(self._link.write(_COMMAND, [int(command)]), what)
         self._command = command
         self._cycle.ask_status()
+
+
+def _gas_has_stopped(status: FeederStatus) -> bool:
+    return status.state not in (*_GAS_IS_ORDERED, State.STOPPING)
 
 
 async def _connect(feeder: Feeder, timeout_s: float) -> ModbusLink:

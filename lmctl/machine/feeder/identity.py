@@ -17,12 +17,16 @@ from firmware_protocol.pmx import (
 from firmware_protocol.registers import Value
 from lmctl.config.machine import Feeder, Hopper
 from lmctl.errors import MachineError
-from lmctl.machine.modbus.client import ModbusLink
+from lmctl.machine.modbus.client import ModbusLink, repeated
+
+#: A device that is busy is asked again after this [s].
+_BUSY_PAUSE_S = 0.2
 
 
 @dataclass(frozen=True)
 class FeederIdentity:
-    """has_mirror : map 1.1, where one FC 23 request writes a recipe and reads the status back
+    """heartbeat : the last one written to the device, by this host or an earlier one
+    has_mirror : map 1.1, where one FC 23 request writes a recipe and reads the status back
     feed_factor_g_rev : what the device believes one turn of each used hopper's disc feeds
     """
 
@@ -30,6 +34,7 @@ class FeederIdentity:
     firmware: tuple[int, int]
     serial: int
     n_hoppers: int
+    heartbeat: int
     has_mirror: bool
     feed_factor_g_rev: Mapping[str, float]
 
@@ -43,7 +48,9 @@ async def identify(
     or cannot feed as much as the profile says.
     """
     place = [f"feeder {feeder.name}: {feeder.endpoint}, device {feeder.device_id}"]
-    values = SYSTEM_BLOCK.decode(await link.read_input(SYSTEM_BLOCK.address, SYSTEM_BLOCK.count))
+    values = SYSTEM_BLOCK.decode(await repeated(
+        lambda: link.read_input(SYSTEM_BLOCK.address, SYSTEM_BLOCK.count), _BUSY_PAUSE_S
+    ))
     if values["DEVICE_ID"] != DEVICE_ID:
         raise MachineError(
             f"the device for feeder {feeder.name} is no PMX feeder",
@@ -71,6 +78,7 @@ async def identify(
         firmware=_pair(values["FW_VERSION"]),
         serial=_whole(values["SERIAL"]),
         n_hoppers=n_hoppers,
+        heartbeat=_whole(values["HEARTBEAT_ECHO"]),
         has_mirror=minor >= MAP_MINOR_MIRROR,
         feed_factor_g_rev=factors,
     )
@@ -80,7 +88,9 @@ async def _feed_factor(link: ModbusLink, hopper: Hopper, place: list[str]) -> fl
     """The stored factor [g/rev]. Raises MachineError where the hopper cannot feed its maximum."""
     names = [hopper_row(hopper.channel, name) for name in ("FEED_FACTOR", "N_MIN", "N_MAX")]
     (block,) = PMX.plan_reads(names)
-    values = block.decode(await link.read_holding(block.address, block.count))
+    values = block.decode(
+        await repeated(lambda: link.read_holding(block.address, block.count), _BUSY_PAUSE_S)
+    )
     factor, _, most_rpm = (float(values[name] or 0.0) for name in names)
     if factor * most_rpm < hopper.max_flow_g_min:
         raise MachineError(

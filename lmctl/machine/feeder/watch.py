@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from firmware_protocol.pmx import Mode, Status
 from lmctl.machine.feeder.status import FeederStatus
+from lmctl.machine.modbus.observation import WireObservation
 
 #: Cycles without a good answer, and with a clock that stands still, before a feeder is given up.
 _SILENT_CYCLES = 3
@@ -31,11 +32,13 @@ class FeederWatch:
         self._moved_s = 0.0  # when the device's clock was last seen to move
         self._behind_since_s: float | None = None  # it has not taken over the recipe since
 
-    def silence(self, age_s: float) -> Complaint | None:
-        """What to say of the time since the last good answer."""
+    def silence(self, age_s: float, seen: WireObservation) -> Complaint | None:
+        """What to say of the time since the last good answer. seen : on the wire meanwhile"""
         if age_s < (_SILENT_CYCLES - _ROUNDING) * self._period_s:
             return None
-        return Complaint(f"no answer for {age_s:.1f} s", "check its power and cable")
+        if not seen.is_anything:  # it answers, but nothing that has a meaning
+            return Complaint(f"no usable answer for {age_s:.1f} s", "restart the feeder")
+        return Complaint(f"no answer for {age_s:.1f} s: {seen.sentence}", seen.hint)
 
     def look(self, status: FeederStatus, *, sequence: int, feeding: bool) -> Complaint | None:
         """sequence : of the last recipe accepted. feeding : whether discs were asked to turn."""

@@ -1,14 +1,15 @@
 """Modbus TCP and RTU, over a `modbus_wire`.
 
 It asks once and never repeats by itself: a time-out leaves the outcome of a write unknown, so
-whoever asked has to read before writing again (protocol.md 14). A lost TCP connection is made
-again in the background; meanwhile every request fails at once.
+the caller has to read before it writes again. A lost TCP connection is made again in the
+background. A request waits for an attempt that is under way, within its own time-out; between two
+attempts it fails at once.
 """
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Sequence
+from collections.abc import Awaitable, Callable, Sequence
 
 from pymodbus.pdu import ModbusPDU
 from pymodbus.pdu.register_message import ReadHoldingRegistersRequest, ReadInputRegistersRequest
@@ -16,29 +17,49 @@ from pymodbus.pdu.register_message import ReadHoldingRegistersRequest, ReadInput
 from firmware_protocol.registers import MOST_READ, MOST_WRITTEN
 from lmctl.errors import MachineError
 from lmctl.machine.modbus.endpoint import RtuEndpoint, TcpEndpoint, parse_modbus_endpoint
+from lmctl.machine.modbus.observation import WireObservation
 from lmctl.machine.modbus.pdus import ExchangeRequest, WriteRequest
 from lmctl.machine.modbus.wire import ModbusWire
 
 #: Most registers one exchange (FC 23) may write; it may read MOST_READ.
 MOST_EXCHANGED = 121
 
-ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE, FAILURE, BUSY = 1, 2, 3, 4, 6
+ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE, FAILURE = 1, 2, 3, 4
 
 _MEANINGS = {
     ILLEGAL_FUNCTION: "it does not know this function",
     ILLEGAL_ADDRESS: "it has no such register",
     ILLEGAL_VALUE: "a value is beyond its limits",
     FAILURE: "it cannot do this in its present state",
-    BUSY: "it is busy",
-    10: "the gateway has no path to it",
-    11: "the gateway got no answer from it",
 }
 
+#: Exceptions that pass by themselves: of busy devices, and of gateways that did not reach theirs.
+#: Each counts as an answer that got lost (Modbus Application Protocol V1.1b3, 7).
+_PASSING = {
+    5: "it is still working on the request",
+    6: "it is busy",
+    10: "its gateway has no path to it",
+    11: "its gateway got no answer from it",
+}
+
+#: Of a device that is being opened: requests that may go without an answer, and how long it may
+#: answer that it is busy [s].
+_OPENING_TRIES = 3
+_BUSY_PATIENCE_S = 15.0
+
 _LONGEST_FRAME = 256  # characters of an RTU frame
+_WRITE_ANSWER_BYTES = 5  # function code, address and count
 
 
 class NoAnswerError(MachineError):
-    """The device did not answer; whether it acted is not known."""
+    """The device did not answer, or said that it could not just now; whether it acted is not known.
+
+    Its text says what was seen on the wire instead (see `observation`).
+    """
+
+
+class PassingExceptionError(NoAnswerError):
+    """The device is busy, or its gateway could not reach it: the same request may work later."""
 
 
 class RefusedError(MachineError):
@@ -52,11 +73,48 @@ class RefusedError(MachineError):
         self.code = code
 
 
+class Patience:
+    """How long a device that is being opened may stay without an answer: see `is_left`.
+
+    Lost answers are few where a device is alive; one that is starting up is busy for longer.
+    """
+
+    def __init__(self) -> None:
+        self._loop = asyncio.get_running_loop()
+        self._until_s = self._loop.time() + _BUSY_PATIENCE_S
+        self._tries = _OPENING_TRIES
+
+    def is_left(self, error: MachineError | None) -> bool:
+        """Whether to ask again after an error; None : an answer that was not good."""
+        if isinstance(error, PassingExceptionError):
+            return self._loop.time() < self._until_s
+        self._tries -= 1
+        return self._tries > 0
+
+
+async def repeated(
+    request: Callable[[], Awaitable[Sequence[int]]], every_s: float
+) -> Sequence[int]:
+    """The answer to a request that may be repeated, such as a reading, while a device is opened.
+
+    Raises NoAnswerError where patience ends, RefusedError at once.
+    """
+    patience = Patience()
+    while True:
+        try:
+            return await request()
+        except NoAnswerError as error:
+            if not patience.is_left(error):
+                raise
+            if isinstance(error, PassingExceptionError):
+                await asyncio.sleep(every_s)
+
+
 class ModbusLink:
     """One device at the far end of its own connection or serial line; one request at a time.
 
-    Requests raise NoAnswerError where nothing (or nonsense) comes back, RefusedError where the
-    device answers with an exception.
+    Requests raise NoAnswerError where nothing (or nonsense) comes back, or an exception that
+    passes; RefusedError where the device answers with another exception.
     """
 
     def __init__(
@@ -74,12 +132,12 @@ class ModbusLink:
 
     @classmethod
     async def open(cls, endpoint: str, device_id: int, *, timeout_s: float) -> ModbusLink:
-        """Connect. timeout_s : for connecting, and for each answer.
+        """Connect. timeout_s : for each answer; connecting takes up to CONNECT_TIMEOUT_S.
 
         Raises ConfigError for text that is no endpoint, MachineError where it cannot be reached.
         """
         where = parse_modbus_endpoint(endpoint)
-        wire = ModbusWire(where, timeout_s)
+        wire = ModbusWire(where, device_id, timeout_s)
         try:
             connected = await wire.connect()
         except Exception as error:  # pyserial lets termios.error and others through
@@ -92,6 +150,11 @@ class ModbusLink:
         return cls(wire, where, device_id, timeout_s)
 
     @property
+    def seen(self) -> WireObservation:
+        """What has come since the last good answer."""
+        return self._wire.seen
+
+    @property
     def age_s(self) -> float:
         """Time since the last good answer (since opening, before the first)."""
         return self._loop.time() - self._answered_s
@@ -101,19 +164,20 @@ class ModbusLink:
         _check_count(count, MOST_READ)
         request = ReadInputRegistersRequest(
             dev_id=self._device_id, address=address, count=count)
-        return self._registers(await self._ask(request), count)
+        return await self._read(request, count)
 
     async def read_holding(self, address: int, count: int) -> Sequence[int]:
         """FC 03."""
         _check_count(count, MOST_READ)
         request = ReadHoldingRegistersRequest(
             dev_id=self._device_id, address=address, count=count)
-        return self._registers(await self._ask(request), count)
+        return await self._read(request, count)
 
     async def write(self, address: int, words: Sequence[int]) -> None:
         """FC 16, one register too."""
         _check_count(len(words), MOST_WRITTEN)
-        await self._ask(WriteRequest(address=address, registers=words, dev_id=self._device_id))
+        request = WriteRequest(address=address, registers=words, dev_id=self._device_id)
+        await self._ask(request, _WRITE_ANSWER_BYTES)
 
     async def exchange(
         self, write_address: int, words: Sequence[int], read_address: int, count: int
@@ -122,32 +186,49 @@ class ModbusLink:
         _check_count(len(words), MOST_EXCHANGED)
         _check_count(count, MOST_READ)
         request = ExchangeRequest(read_address, count, write_address, words, self._device_id)
-        return self._registers(await self._ask(request), count)
+        return await self._read(request, count)
 
     async def close(self) -> None:
         self._wire.close()
         await asyncio.sleep(0)  # let the transport say goodbye
 
-    async def _ask(self, request: ModbusPDU) -> ModbusPDU:
+    async def _read(self, request: ModbusPDU, count: int) -> Sequence[int]:
+        answer = await self._ask(request, 2 + 2 * count)
+        if len(answer.registers) != count:
+            raise NoAnswerError(
+                f"it answers with {len(answer.registers)} registers where {count} were asked for",
+                where=self.endpoint,
+            )
+        return answer.registers
+
+    async def _ask(self, request: ModbusPDU, answer_bytes: int) -> ModbusPDU:
         async with self._one_at_a_time:
             if (wait_s := self._quiet_until_s - self._loop.time()) > 0:
                 await asyncio.sleep(wait_s)
             asked_s = self._loop.time()
             try:
-                answer = await self._wire.ask(request)
+                answer = await self._wire.ask(request, answer_bytes)
             except asyncio.CancelledError:
                 self._expect_late_answer(asked_s + self._timeout_s)
                 raise
             except OSError as error:  # TimeoutError is one
                 self._expect_late_answer(self._loop.time())
+                seen = self._wire.seen
                 raise NoAnswerError(
-                    "it does not answer", where=self.endpoint,
-                    hint="check power and cable, and that nobody else is connected to it",
+                    f"it does not answer: {seen.sentence}", where=self.endpoint, hint=seen.hint
                 ) from error
             if answer.isError():
-                raise RefusedError(self.endpoint, answer.exception_code)
+                raise self._exception(answer.exception_code)
             self._answered_s = self._loop.time()
+            self._wire.forget_seen()
             return answer
+
+    def _exception(self, code: int) -> MachineError:
+        if code not in _PASSING:
+            return RefusedError(self.endpoint, code)
+        seen, words = self._wire.seen, f"{_PASSING[code]} (Modbus exception {code:02d})"
+        seen.passing_exceptions[words] = seen.passing_exceptions.get(words, 0) + 1
+        return PassingExceptionError(words, where=self.endpoint, hint=seen.hint)
 
     def _expect_late_answer(self, sent_s: float) -> None:
         """Keep a serial line quiet until a late answer is surely over.
@@ -157,14 +238,6 @@ class ModbusLink:
         """
         if self._character_s is not None:
             self._quiet_until_s = sent_s + _LONGEST_FRAME * self._character_s
-
-    def _registers(self, answer: ModbusPDU, count: int) -> Sequence[int]:
-        if len(answer.registers) != count:
-            raise NoAnswerError(
-                f"it answers with {len(answer.registers)} registers where {count} were asked for",
-                where=self.endpoint,
-            )
-        return answer.registers
 
 
 def _unreachable(where: TcpEndpoint | RtuEndpoint, reason: str) -> MachineError:

@@ -1,91 +1,137 @@
-"""A connection to one Modbus device, by pymodbus: it connects, connects again and frames.
+"""A connection to one Modbus device. pymodbus connects, connects again, and encodes messages.
 
 Its client is left out: for each request it takes a lock, a task that waits (asyncio.wait_for, which
 before Python 3.12 swallows a cancel that meets the answer, CPython gh-86296) and a turn of the loop
-more. What a request needs is a frame out, a future and a timer.
+more. What a request needs is a frame out, a future and a timer. Its RTU framer is left out too: it
+takes stray bytes and echoes for the beginning of an answer (see `framing`).
 """
 
 from __future__ import annotations
 
 import asyncio
 import logging
-from typing import cast
+from typing import NamedTuple, cast
 
-from pymodbus.exceptions import ModbusIOException
-from pymodbus.framer import FramerBase, FramerRTU, FramerSocket
 from pymodbus.pdu import DecodePDU, ModbusPDU
 from pymodbus.transport import CommParams, CommType, ModbusProtocol
 
 from lmctl.machine.modbus.endpoint import RtuEndpoint, TcpEndpoint
+from lmctl.machine.modbus.framing import Framing, RtuFraming, SentRequest, TcpFraming
+from lmctl.machine.modbus.observation import WireObservation
 from lmctl.machine.modbus.pdus import ANSWERS
 
+#: Making a connection takes its own time, whatever a device's period or answer time is [s]: the
+#: first packet of a connection is sent again only after one second.
+CONNECT_TIMEOUT_S = 3.0
+
+#: Waits between attempts to connect again: none before the first, then doubling [s]. Only an answer
+#: ends the row, not a mere connection: a gateway takes connections for a device that is off.
 _RECONNECT_S = 0.1
 _RECONNECT_MOST_S = 1.0
 
-#: So many requests in a row without an answer, and a TCP connection is made anew.
-_MOST_UNANSWERED = 4
+_MOST_UNREAD = 1024
 
 # pymodbus would otherwise print its findings on stderr; they come as errors of ours.
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())
 
 
-class ModbusWire(ModbusProtocol):
-    """One device on its own connection or serial line. One request at a time: see ModbusLink."""
+class _OpenRequest(NamedTuple):
+    """A request on the wire. answer : its PDU."""
 
-    def __init__(self, where: TcpEndpoint | RtuEndpoint, timeout_s: float) -> None:
-        super().__init__(_parameters(where, timeout_s), is_server=False)
-        answers = DecodePDU(False)
+    sent: SentRequest
+    answer: asyncio.Future[bytes]
+
+
+class ModbusWire(ModbusProtocol):
+    """One device on its own connection or serial line. One request at a time: see ModbusLink.
+
+    timeout_s : for each answer
+    seen : what has come since the last good answer
+    """
+
+    def __init__(
+        self, where: TcpEndpoint | RtuEndpoint, device_id: int, timeout_s: float
+    ) -> None:
+        super().__init__(_parameters(where), is_server=False)
+        self._decoder = DecodePDU(False)
         for answer in ANSWERS:
-            answers.register(answer)
-        framer = FramerSocket if isinstance(where, TcpEndpoint) else FramerRTU
-        self._framer: FramerBase = framer(answers)
+            self._decoder.register(answer)
+        self._is_tcp = isinstance(where, TcpEndpoint)
+        self._framing: Framing = TcpFraming() if self._is_tcp else RtuFraming()
         self._timeout_s = timeout_s
+        self._device_id = device_id
         self._number = 0
         self._unanswered = 0
-        self._reconnect_s = _RECONNECT_S
-        self._asked: ModbusPDU | None = None
-        self._answer: asyncio.Future[ModbusPDU] | None = None
+        self._reopen_after = 1  # unanswered requests in a row before the connection is made anew
+        self._reconnect_s = 0.0
+        self._open: _OpenRequest | None = None
+        self._last: SentRequest | None = None  # whose answer may still come
+        self._connecting: asyncio.Event | None = None  # set as the attempt under way ends
+        self.seen = self._fresh_observation()
 
-    async def ask(self, request: ModbusPDU) -> ModbusPDU:
+    def forget_seen(self) -> None:
+        """The last answer was a good one: what came before it matters no longer."""
+        if self.seen.is_anything:
+            self.seen = self._fresh_observation()
+
+    async def ask(self, request: ModbusPDU, answer_bytes: int) -> ModbusPDU:
         """Send a request and return its answer, an exception of the device's included.
 
+        answer_bytes : length of the regular answer's PDU, function code included
         Raises TimeoutError where none comes in time, ConnectionError where there is no connection.
         """
+        deadline_s = self.loop.time() + self._timeout_s
+        self._look_at_unread()
+        if not self.is_active() and self._connecting is not None:
+            await self._connection(deadline_s)
         if not self.is_active():
+            self.seen.not_connected += 1
             raise ConnectionError("not connected")
-        self._number = request.transaction_id = self._number % 0xFFFF + 1
-        self._asked = request
-        answer: asyncio.Future[ModbusPDU] = self.loop.create_future()
-        self._answer = answer
-        timer = self.loop.call_later(self._timeout_s, self._late, answer)
+        self._number = self._number % 0xFFFF + 1
+        pdu = request.function_code.to_bytes(1, "big") + request.encode()
+        frame = self._framing.encode(pdu, request.dev_id, self._number)
+        sent = SentRequest(
+            frame, request.dev_id, request.function_code, self._number, answer_bytes
+        )
+        answer: asyncio.Future[bytes] = self.loop.create_future()
+        self._open, self._last = _OpenRequest(sent, answer), sent
+        timer = self.loop.call_at(deadline_s, self._late, answer)
         self.recv_buffer = b""
-        cast(asyncio.Transport, self.transport).write(self._framer.buildFrame(request))
+        cast(asyncio.Transport, self.transport).write(frame)
         try:
-            return await answer
+            found = self._decoder.decode(await answer)
+            self._unanswered, self._reopen_after, self._reconnect_s = 0, 1, 0.0
+            if found is None:
+                self.seen.damaged_frames += 1
+                raise TimeoutError("the answer makes no sense")
+            return found
         finally:
             timer.cancel()
-            self._asked = self._answer = None
+            self._open = None
+
+    async def _connection(self, deadline_s: float) -> None:
+        """Wait for the attempt to connect that is under way, but no longer than an answer."""
+        connecting = self._connecting
+        assert connecting is not None
+        try:
+            async with asyncio.timeout_at(deadline_s):
+                await connecting.wait()
+        except TimeoutError:
+            pass  # it is not connected: that is what is said
 
     def data_received(self, data: bytes) -> None:
-        """As pymodbus has it, without the copy it keeps of every frame for its log."""
-        unread = self.recv_buffer + data
-        endless = len(unread) > self.max_buffer_size
-        self.recv_buffer = b"" if endless else unread[self.callback_data(unread):]
+        """Bytes have come: the answer to the open request, or something else."""
+        self.recv_buffer = (self.recv_buffer + data)[-_MOST_UNREAD:]
+        if self._open is None or self._open.answer.done():
+            return  # too late: looked at before the next request
+        pdu = self._framing.find_answer(self.recv_buffer, self._open.sent)
+        if pdu is not None:
+            self.recv_buffer = b""
+            self._open.answer.set_result(pdu)
 
     def callback_data(self, data: bytes, addr: tuple[str, int] | None = None) -> int:
-        """Bytes have come; returns how many are dealt with."""
-        asked, answer = self._asked, self._answer
-        if asked is None or answer is None or answer.done():
-            return len(data)  # too late
-        try:
-            used, found = self._framer.handleFrame(data, asked.dev_id, asked.transaction_id)
-        except ModbusIOException:
-            return len(data)  # nonsense: the time-out will tell
-        if found is not None and found.function_code & 0x7F == asked.function_code:
-            self._unanswered = 0
-            self._reconnect_s = _RECONNECT_S
-            answer.set_result(found)
-        return used
+        """pymodbus asks this of those who keep its own `data_received`."""
+        return len(data)
 
     def callback_new_connection(self) -> ModbusProtocol:
         """pymodbus asks this of those who listen; a host does not."""
@@ -93,46 +139,78 @@ class ModbusWire(ModbusProtocol):
 
     def callback_connected(self) -> None:
         """The device is there (again)."""
-        self._unanswered = 0
 
     def callback_disconnected(self, exc: Exception | None) -> None:
         """It is gone: nobody need wait for it."""
-        if self._answer is not None and not self._answer.done():
-            self._answer.set_exception(ConnectionError("the connection was lost"))
+        if self._open is not None and not self._open.answer.done():
+            self._open.answer.set_exception(ConnectionError("the connection was lost"))
 
     async def do_reconnect(self) -> None:
-        """As pymodbus has it, but only an answer shortens the wait again, not a mere connection.
-
-        A gateway takes connections for a device that is off, and drops them: ten times a second.
-        """
+        """Connect again, at once and then ever more rarely."""
         try:
             connected = False
             while not connected:
-                await asyncio.sleep(self._reconnect_s)
-                self._reconnect_s = min(2 * self._reconnect_s, _RECONNECT_MOST_S)
-                connected = await self.connect()
+                wait_s = self._reconnect_s
+                self._reconnect_s = min(max(_RECONNECT_S, 2 * wait_s), _RECONNECT_MOST_S)
+                if wait_s:
+                    await asyncio.sleep(wait_s)
+                self._connecting = self._connecting or asyncio.Event()
+                try:
+                    connected = await self.connect()
+                finally:
+                    self._connecting.set()
+                    self._connecting = None
         except asyncio.CancelledError:
             pass
         self.reconnect_task = None
 
-    def _late(self, answer: asyncio.Future[ModbusPDU]) -> None:
+    def _late(self, answer: asyncio.Future[bytes]) -> None:
         if answer.done():
             return
         answer.set_exception(TimeoutError("no answer in time"))
+        self.seen.requests += 1
+        self._look_at_unread()
         self._unanswered += 1
-        if self._unanswered > _MOST_UNANSWERED and self.comm_params.comm_type is CommType.TCP:
-            self.connection_lost(TimeoutError("nothing answers any more"))
+        if self._is_tcp and self._unanswered >= self._reopen_after:
+            self._reopen()
+
+    def _reopen(self) -> None:
+        """The connection may be half open: the far end has forgotten it. Make it anew.
+
+        A device is silent after three periods, and its time-out is one period at most: to be heard
+        before that it is asked over a new connection after the first answer that did not come. A
+        device that is merely slow is not made to connect each time.
+        """
+        self._unanswered, self._reopen_after = 0, 2 * self._reopen_after
+        transport = cast(asyncio.Transport, self.transport)
+        if transport is None:
+            return
+        transport.abort()  # a device with few connections gets this one back
+        self.connection_lost(TimeoutError("nothing answers any more"))
+        if self.reconnect_task is not None and not self._reconnect_s:
+            self._connecting = asyncio.Event()  # it connects at once, and requests wait for it
+
+    def _look_at_unread(self) -> None:
+        """Count what has come and was no answer."""
+        unread, self.recv_buffer = self.recv_buffer, b""
+        if unread and self._last is not None:
+            self.seen.bytes_received += len(unread)
+            self._framing.observe(unread, self._last, self.seen)
+
+    def _fresh_observation(self) -> WireObservation:
+        return WireObservation(self._device_id, not self._is_tcp, self._timeout_s)
 
 
-def _parameters(where: TcpEndpoint | RtuEndpoint, timeout_s: float) -> CommParams:
+def _parameters(where: TcpEndpoint | RtuEndpoint) -> CommParams:
     if isinstance(where, TcpEndpoint):
         return CommParams(
             comm_type=CommType.TCP, comm_name=where.text, host=where.host, port=where.port,
-            timeout_connect=timeout_s, reconnect_delay=_RECONNECT_S,
+            timeout_connect=CONNECT_TIMEOUT_S, reconnect_delay=_RECONNECT_S,
             reconnect_delay_max=_RECONNECT_MOST_S,
         )
     return CommParams(
         comm_type=CommType.SERIAL, comm_name=where.text, host=where.path, baudrate=where.baud,
-        bytesize=8, parity=where.parity, stopbits=where.stop_bits, timeout_connect=timeout_s,
-        reconnect_delay=_RECONNECT_S, reconnect_delay_max=_RECONNECT_MOST_S,
+        bytesize=8, parity=where.parity, stopbits=where.stop_bits,
+        timeout_connect=CONNECT_TIMEOUT_S, reconnect_delay=_RECONNECT_S,
+        reconnect_delay_max=_RECONNECT_MOST_S,
     )

@@ -14,7 +14,7 @@ from firmware_protocol.safety_io import ALL_GOOD, CYCLE_BLOCK, MIRROR, SIO, Stat
 from lmctl.config.machine import Safety
 from lmctl.errors import MachineError
 from lmctl.machine.beat import on_beat
-from lmctl.machine.modbus.client import ModbusLink, NoAnswerError, RefusedError
+from lmctl.machine.modbus.client import ModbusLink, NoAnswerError, Patience, RefusedError
 from lmctl.machine.safety.identity import place
 from lmctl.machine.safety.laser_enable import SETTLE_S, LaserEnable
 from lmctl.machine.safety.status import BITS, SafetyListener, SafetyStatus, safety_status
@@ -24,6 +24,7 @@ SILENT_PERIODS = 3
 
 _WITH_THE_RELAY = "it drops with the watchdog relay, which is open: see what opened that"
 _ROUNDING_S = 1e-6
+_DROP_PATIENCE_S = 0.5
 
 _HEARTBEAT = SIO.wire_address("HEARTBEAT")
 
@@ -42,6 +43,8 @@ class SafetyCycle:
 
     status, fault, listener : as SafetyDriver has them
     laser : the laser-enable output, or None
+    heartbeat : the last one the device has received; the first one of this host differs from it,
+        since a device counts only a change as a heartbeat
 
     An answer is *good* when it echoes the heartbeat just written, its time stamp has moved and the
     device's self-test has passed: one that is frozen, or comes from some buffer on the way, is no
@@ -49,7 +52,7 @@ class SafetyCycle:
     `status`), never better.
     """
 
-    def __init__(self, link: ModbusLink, safety: Safety) -> None:
+    def __init__(self, link: ModbusLink, safety: Safety, heartbeat: int) -> None:
         self.listener = SafetyListener()
         self.status: SafetyStatus | None = None
         self.fault: MachineError | None = None
@@ -63,11 +66,12 @@ class SafetyCycle:
         self._control = (
             [] if safety.relay_timeout_s is None else [round(safety.relay_timeout_s * 1000)]
         )
-        self._heartbeat = 0
+        self._heartbeat = heartbeat
         self._words: Sequence[int] = ()  # of the last status
         self._good: SafetyStatus | None = None  # the last good answer
         self._good_words: Sequence[int] = ()  # and its words
         self._why = ("no answer", "check its power and cable")
+        self._seen = ""  # on the wire, where there is no answer
         self._waiting: list[asyncio.Future[None]] = []
         self._task: asyncio.Task[None] | None = None
         self._timer: asyncio.TimerHandle | None = None
@@ -85,10 +89,16 @@ class SafetyCycle:
         return self._loop.time() - self._good.time_s if self._good else float("inf")
 
     async def first_answer(self) -> None:
-        """One request. Raises MachineError where its answer is not good."""
-        await self._turn()
-        if self._good is None:
-            raise self.error(*self._why)
+        """The first good answer. Raises MachineError where none comes."""
+        patience = Patience()
+        while True:
+            error = await self._turn()
+            if self._good is not None:
+                return
+            if not patience.is_left(error):
+                reason, hint = self._why
+                raise self.error(f"{reason}{self._seen}", hint)
+            await asyncio.sleep(self._safety.period_s)
 
     def start(self) -> None:
         self._task = asyncio.create_task(self._run(), name="safety device")
@@ -96,15 +106,23 @@ class SafetyCycle:
         self._watch()
 
     async def stop(self) -> None:
-        """Talk no more, but to drop the output."""
+        """Talk no more, but to drop the output, again and again until it reads back as off.
+
+        A device that is gone drops it with its watchdog relay.
+        """
         if self._timer is not None:
             self._timer.cancel()
         if self._task is not None:
             self._task.cancel()
             await asyncio.gather(self._task, return_exceptions=True)
-        if self.laser is not None and self.laser.wanted:
-            self.laser.demand(False)
+        laser, until_s = self.laser, self._loop.time() + _DROP_PATIENCE_S
+        if laser is None:
+            return
+        laser.demand(False)
+        while not laser.is_shown(False) and laser.fault is None and self._loop.time() < until_s:
             await self._turn()
+            if not laser.is_shown(False):
+                await asyncio.sleep(SETTLE_S)
 
     def at_once(self) -> None:
         """Something cannot wait for its period."""
@@ -133,20 +151,25 @@ class SafetyCycle:
         finally:
             timer.cancel()
 
-    async def _turn(self) -> None:
-        """One heartbeat and what comes back."""
+    async def _turn(self) -> MachineError | None:
+        """One heartbeat and what comes back; the error where that is no answer."""
         self._heartbeat = self._heartbeat % 0xFFFF + 1  # never 0, which a dead device would echo
         try:
             words = await self._link.exchange(
                 _HEARTBEAT, self._written(),
                 MIRROR + CYCLE_BLOCK.address, CYCLE_BLOCK.count,
             )
-        except NoAnswerError:
-            self._why = ("no answer", "check its power and cable")
+        except NoAnswerError as error:
+            self._why = ("no answer", self._link.seen.hint)
+            self._seen = f": {self._link.seen.sentence}"
+            return error
         except RefusedError as error:
             self._why = (f"it refuses to answer: {error.what}", "see the device's manual")
-        else:
-            self._answered(words)
+            self._seen = ""
+            return error
+        self._seen = ""
+        self._answered(words)
+        return None
 
     def _written(self) -> list[int]:
         """From HEARTBEAT on; a RELAY_RESET of 0 does nothing."""
@@ -235,8 +258,9 @@ class SafetyCycle:
         if age_s >= limit_s - _ROUNDING_S:
             if self.fault is None:
                 reason, hint = self._why
-                self.fault = self.error(f"{reason} for {age_s:.1f} s", hint)
-                self._tell(f"{reason} for {age_s:.1f} s", hint)
+                what = f"{reason} for {age_s:.1f} s{self._seen}"
+                self.fault = self.error(what, hint)
+                self._tell(what, hint)
             age_s = limit_s - self._safety.period_s
         self._timer = self._loop.call_later(limit_s - age_s, self._watch)
 

@@ -34,7 +34,7 @@ class SafetyDriver:
         self.identity = identity
         self._safety = safety
         self._link = link
-        self._cycle = SafetyCycle(link, safety)
+        self._cycle = SafetyCycle(link, safety, identity.heartbeat)
 
     @classmethod
     async def open(cls, safety: Safety) -> SafetyDriver:

@@ -16,7 +16,7 @@ from firmware_protocol.safety_io import (
 )
 from lmctl.config.machine import Safety
 from lmctl.errors import ConfigError, MachineError
-from lmctl.machine.modbus.client import ModbusLink, NoAnswerError, RefusedError
+from lmctl.machine.modbus.client import ModbusLink, NoAnswerError, RefusedError, repeated
 from lmctl.machine.modbus.endpoint import RtuEndpoint, parse_modbus_endpoint
 
 #: Characters beside the registers in an FC 23 request and its answer on a serial line, with the
@@ -28,9 +28,12 @@ _WRITTEN_REGISTERS = SIO.block(["HEARTBEAT", "LASER_ENABLE"]).count
 
 @dataclass(frozen=True)
 class SafetyIdentity:
+    """heartbeat : the last one written to the device, by this host or an earlier one"""
+
     map_version: tuple[int, int]
     firmware: tuple[int, int]
     serial: int
+    heartbeat: int
 
 
 def place(safety: Safety) -> str:
@@ -64,7 +67,9 @@ async def identify(link: ModbusLink, safety: Safety) -> SafetyIdentity:
     lacks the relay or the laser-enable output that the profile wants.
     """
     try:
-        words = await link.read_input(WHOLE_BLOCK.address, WHOLE_BLOCK.count)
+        words = await repeated(
+            lambda: link.read_input(WHOLE_BLOCK.address, WHOLE_BLOCK.count), safety.period_s
+        )
     except (NoAnswerError, RefusedError) as error:
         raise MachineError(
             f"safety device: {error.what}", where=place(safety), hint=error.hint
@@ -97,4 +102,4 @@ async def identify(link: ModbusLink, safety: Safety) -> SafetyIdentity:
             where=[place(safety), "the profile says laser_enable = true"],
             hint="take laser_enable out of [safety], or fit the output",
         )
-    return SafetyIdentity(version, firmware, values["SERIAL"])
+    return SafetyIdentity(version, firmware, values["SERIAL"], values["HEARTBEAT_ECHO"])
