@@ -100,10 +100,32 @@ def test_a_device_that_never_lets_go_is_reported_with_the_reason():
         async with driven() as (driver, _, server, _):
             await feeding(driver)
             Gateway(server, 11, 60.0)
-            with pytest.raises(MachineError, match=r"powder did not stop within 5 s: its gateway"):
+            with pytest.raises(MachineError, match=r"powder did not stop within \d s: its gateway"):
                 await driver.feed_off()
 
     virtual_time.run(main())
+
+
+def test_an_order_is_given_again_even_after_nobody_waits_for_it():
+    """A gateway that loses commands and passes everything else: the cycle itself repeats them."""
+    async def main():
+        async with driven() as (driver, device, server, _):
+            await feeding(driver)
+            registers, until_s = server.registers, now() + 8.0
+
+            class LosesCommands(Gateway):
+                def write(self, address, words):
+                    if address == 0 and now() < until_s:
+                        raise RefusedError(11)
+                    registers.write(address, words)
+
+            LosesCommands(server, 11, 0.0)
+            with pytest.raises(MachineError, match="powder did not stop within 5 s"):
+                await driver.feed_off()
+            assert device.discs_on
+            return await until_still_s(device)
+
+    assert virtual_time.run(main()) < 3.6
 
 
 @pytest.mark.parametrize("code", PASSING)

@@ -8,24 +8,26 @@ their turn.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Mapping, Sequence
-from typing import TypeVar
+from collections.abc import Callable, Mapping, Sequence
 
-from firmware_protocol.pmx import MIRROR, PMX, SYSTEM_BLOCK
-from firmware_protocol.pmx_alarms import refusal
+from firmware_protocol.pmx import MIRROR, PMX, SYSTEM_BLOCK, Command, Mode
 from firmware_protocol.registers import RegisterError
 from lmctl.config.machine import Feeder, Hopper
 from lmctl.errors import MachineError
 from lmctl.machine.beat import on_beat
+from lmctl.machine.feeder.feeder_errors import REFUSED_HINT, FeederErrors
 from lmctl.machine.feeder.identity import FeederIdentity
 from lmctl.machine.feeder.readings import HopperReader, HopperReading
 from lmctl.machine.feeder.recipe import FormerFlows, RecipeWriter
-from lmctl.machine.feeder.status import FeederListener, FeederStatus, feeder_status
+from lmctl.machine.feeder.status import (
+    GAS_IS_ORDERED,
+    FeederListener,
+    FeederStatus,
+    feeder_status,
+)
 from lmctl.machine.feeder.warnings import WarningReader
 from lmctl.machine.feeder.watch import Complaint, FeederWatch
-from lmctl.machine.modbus.client import FAILURE, ModbusLink, NoAnswerError, RefusedError
-
-T = TypeVar("T")
+from lmctl.machine.modbus.client import ModbusLink, NoAnswerError, RefusedError
 
 #: Who waits for something has the status read at least so often [s], however long the cycle is.
 _IMPATIENT_S = 2.0
@@ -33,14 +35,16 @@ _IMPATIENT_S = 2.0
 #: Hoppers are read once in so many cycles.
 _HOPPER_CYCLES = 4
 
-_LAST_REFUSAL = PMX.wire_address("LAST_REFUSAL")
-_REFUSED_HINT = "see the feeder's own display; clear what it complains of"
+_COMMAND = PMX.wire_address("COMMAND")
 
 
 class FeederCycle:
     """Talks over a link that is open, from `start` to `stop`.
 
+    errors : in words, of this feeder
     status, fault, listener : as FeederDriver has them
+    command : what the device was last told to do; an order that takes something away is given
+        again with each status that shows it has not worked
     watching : whether what is wrong is a fault; feeding : whether discs were asked to turn
     """
 
@@ -52,9 +56,10 @@ class FeederCycle:
         self.status: FeederStatus | None = None
         self.fault: MachineError | None = None
         self.watching = self.feeding = False
+        self.command = Command(0)
         self.period_s = feeder.watchdog_s / 4.0
+        self.errors = FeederErrors(feeder, link)
         self._name = feeder.name
-        self._place = f"{feeder.endpoint}, device {feeder.device_id}"
         self._link = link
         self._loop = asyncio.get_running_loop()
         self._has_mirror = identity.has_mirror
@@ -183,17 +188,7 @@ class FeederCycle:
         Raises MachineError.
         """
         if not await self.seen(condition, timeout_s, faulty=faulty):
-            raise self.not_seen(failure, timeout_s)
-
-    def not_seen(
-        self, failure: str, timeout_s: float, error: MachineError | None = None
-    ) -> MachineError:
-        """That a status was waited for in vain. error : of the order that should bring it about"""
-        state = "unknown" if self.status is None else self.status.state.name
-        why = "" if error is None else f": {error.what}"
-        hint = error.hint if error is not None else ""
-        return self.error(f"{failure} within {timeout_s:.0f} s{why}",
-                          hint or f"its state is {state}: see its display")
+            raise self.errors.not_seen(failure, timeout_s, self.status)
 
     async def seen(
         self, condition: Callable[[FeederStatus], bool], timeout_s: float, *, faulty: bool = True
@@ -218,32 +213,28 @@ class FeederCycle:
             return False
         return True
 
-    async def asked(self, request: Awaitable[T], what: str) -> T:
-        """The request's answer, or a MachineError that names the feeder and what was wanted."""
-        try:
-            return await request
-        except NoAnswerError as error:
-            raise self.error(error.what, error.hint) from error
-        except RegisterError as error:
-            raise self.error(f"its answer makes no sense: {error}", "is it a PMX?") from error
-        except RefusedError as error:
-            reason = await self._reason(error)
-            raise self.error(f"it refuses to {what}: {reason}", _REFUSED_HINT) from error
-
-    def error(self, reason: str, hint: str) -> MachineError:
-        return MachineError(f"feeder {self._name}: {reason}", where=self._place, hint=hint)
-
     async def _run(self) -> None:
         while True:
             await self._pause()
             try:
                 await self.turn()
+                if self._does_more_than_ordered():
+                    await self._link.write(_COMMAND, [int(self.command)])
             except (NoAnswerError, RegisterError):
                 pass  # the age of the last good answer tells
             except RefusedError as error:
-                self._complain(Complaint(await self._reason(error), _REFUSED_HINT))
+                self._complain(Complaint(await self.errors.reason(error), REFUSED_HINT))
             if complaint := self._watch.silence(self.status_age_s, self._link.seen):
                 self._complain(complaint)
+
+    def _does_more_than_ordered(self) -> bool:
+        """Whether it feeds, or lets gas flow, and was told not to: an order has got lost."""
+        status = self.status
+        if status is None or status.mode is not Mode.REMOTE:
+            return False
+        return (status.feeding and Command.FEED_ON not in self.command) or (
+            status.state in GAS_IS_ORDERED and Command.GAS_ON not in self.command
+        )
 
     async def _pause(self) -> None:
         """Until the next cycle, or until there are news for the device."""
@@ -270,15 +261,6 @@ class FeederCycle:
             for at, (name, reader) in enumerate(self._readers.items())
         }
 
-    async def _reason(self, refused: RefusedError) -> str:
-        """Why it refused, in its own words where it says."""
-        if refused.code == FAILURE:
-            try:
-                return refusal((await self._link.read_input(_LAST_REFUSAL, 1))[0])
-            except MachineError:
-                pass  # then the bare code has to do
-        return refused.what
-
     def _understood(self, words: Sequence[int]) -> FeederStatus:
         """Raises RegisterError for words without meaning."""
         try:
@@ -297,7 +279,7 @@ class FeederCycle:
     def _complain(self, complaint: Complaint) -> None:
         if not self.watching or self.fault is not None:
             return
-        self.fault = self.error(complaint.reason, complaint.hint)
+        self.fault = self.errors.error(complaint.reason, complaint.hint)
         self.listener.on_fault(complaint.reason)
         self._tell_waiting()
 

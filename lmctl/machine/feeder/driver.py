@@ -17,7 +17,7 @@ from lmctl.errors import MachineError
 from lmctl.machine.feeder.cycle import FeederCycle
 from lmctl.machine.feeder.identity import FeederIdentity, identify
 from lmctl.machine.feeder.recipe import postflow_s
-from lmctl.machine.feeder.status import FeederListener, FeederStatus
+from lmctl.machine.feeder.status import GAS_IS_ORDERED, FeederListener, FeederStatus
 from lmctl.machine.modbus.client import ModbusLink, NoAnswerError, RefusedError
 
 _BOOT_PATIENCE_S = 15.0
@@ -26,8 +26,6 @@ _LONGEST_ANSWER_S = 1.0
 #: An order that takes something away is given again after this [s], until it is seen to work.
 _ORDER_AGAIN_S = 0.1
 _CLOSE_PATIENCE_S = 1.0
-#: States in which gas flows because it is ordered, and not as post-flow.
-_GAS_IS_ORDERED = (State.GAS_PREFLOW, State.STABILISING, State.FEEDING)
 
 _COMMAND = PMX.wire_address("COMMAND")
 _WD_RESET = PMX.wire_address("WD_RESET")
@@ -48,7 +46,6 @@ class FeederDriver:
         self._link = link
         self._loop = asyncio.get_running_loop()
         self._cycle = FeederCycle(link, feeder, hoppers, identity)
-        self._command = Command(0)
 
     @classmethod
     async def open(cls, feeder: Feeder, hoppers: Sequence[Hopper]) -> FeederDriver:
@@ -117,11 +114,11 @@ class FeederDriver:
         """
         if self.status is not None and self.status.alarm is not None:
             alarm = self.status.alarm
-            raise self._cycle.error(alarm.text, f"{alarm.hint}, then reset the alarm")
+            raise self._cycle.errors.error(alarm.text, f"{alarm.hint}, then reset the alarm")
         self._cycle.watching = True
         started_s = self._loop.time()
         preflow_s = self._feeder.gas_preflow_s
-        await self._order(self._command | Command.GAS_ON, "start gas")
+        await self._order(self._cycle.command | Command.GAS_ON, "start gas")
         await self._cycle.until(
             lambda status: status.gas_ok and status.time_s - started_s >= preflow_s,
             preflow_s + 2 * _PATIENCE_S, "carrier gas did not come",
@@ -132,7 +129,7 @@ class FeederDriver:
 
         Raises MachineError where the device refuses, or they do not start.
         """
-        await self._order(self._command | Command.FEED_ON, "start powder")
+        await self._order(self._cycle.command | Command.FEED_ON, "start powder")
         await self._cycle.until(
             lambda status: status.feeding, _PATIENCE_S, "powder did not start"
         )
@@ -162,7 +159,7 @@ class FeederDriver:
         self._cycle.watching = self._cycle.feeding = False
         everything = ~Command.ENABLE_REMOTE
         await self._take_away(
-            everything, lambda status: status.state not in _GAS_IS_ORDERED, "gas did not stop"
+            everything, lambda status: status.state not in GAS_IS_ORDERED, "gas did not stop"
         )
         if not post_flow:
             await self._repeat(
@@ -179,7 +176,7 @@ class FeederDriver:
         Raises MachineError where a cause remains.
         """
         reset = self._link.write(_WD_RESET, [WATCHDOG_RESET_KEY, ALARM_RESET_KEY])
-        await self._cycle.asked(reset, "reset its alarms")
+        await self._cycle.errors.asked(reset, "reset its alarms")
         self._cycle.start_afresh()
         await self._order(Command.ENABLE_REMOTE, "take commands")
         await self._cycle.until(
@@ -222,11 +219,11 @@ class FeederDriver:
         """First status, settings and zero flows; then remote control, which arms its watchdog."""
         deadline_s = self._loop.time() + _BOOT_PATIENCE_S
         while True:
-            status = await self._cycle.asked(self._cycle.first_status(), "show its status")
+            status = await self._cycle.errors.asked(self._cycle.first_status(), "show its status")
             if status.state is not State.BOOT or self._loop.time() >= deadline_s:
                 break
             await asyncio.sleep(self._cycle.period_s)
-        await self._cycle.asked(self._cycle.turn(), "take its settings")
+        await self._cycle.errors.asked(self._cycle.turn(), "take its settings")
         await self._order(Command.ENABLE_REMOTE, "take commands")
         self._cycle.start()
 
@@ -234,8 +231,8 @@ class FeederDriver:
         self, bits: Command, is_done: Callable[[FeederStatus], bool], failure: str
     ) -> None:
         """Take bits out of the command, again and again until the status shows that it worked."""
-        command = self._command & ~bits
-        self._command = command
+        command = self._cycle.command & ~bits
+        self._cycle.command = command  # the cycle itself repeats it for as long as it must
         await self._repeat(lambda: self._link.write(_COMMAND, [int(command)]), is_done, failure)
 
     async def _repeat(
@@ -245,9 +242,13 @@ class FeederDriver:
         """Give an order that only takes something away until it is seen to have worked.
 
         A lost answer leaves open whether the device acted, and a device that refuses may act by
-        itself: its status decides. Raises MachineError after _PATIENCE_S.
+        itself: its status decides. A device that has been silent for longer than its watchdog has
+        stopped its discs by itself and is not waited for.
+        Raises MachineError after _PATIENCE_S.
         """
-        deadline_s = self._loop.time() + _PATIENCE_S
+        begun_s = self._loop.time()
+        deadline_s = begun_s + _PATIENCE_S
+        silent_s = self._feeder.watchdog_s + self._cycle.period_s
         while True:
             failed: MachineError | None = None
             try:
@@ -258,17 +259,22 @@ class FeederDriver:
             left_s = deadline_s - self._loop.time()
             if await self._cycle.seen(is_done, min(_ORDER_AGAIN_S, left_s)):
                 return
-            if self._loop.time() >= deadline_s:
-                raise self._cycle.not_seen(failure, _PATIENCE_S, failed) from failed
+            if self._loop.time() >= deadline_s or (
+                isinstance(failed, NoAnswerError) and self.status_age_s >= silent_s
+            ):
+                waited_s = self._loop.time() - begun_s
+                raise self._cycle.errors.not_seen(
+                    failure, waited_s, self.status, failed
+                ) from failed
 
     async def _order(self, command: Command, what: str) -> None:
-        await self._cycle.asked(self._link.write(_COMMAND, [int(command)]), what)
-        self._command = command
+        await self._cycle.errors.asked(self._link.write(_COMMAND, [int(command)]), what)
+        self._cycle.command = command
         self._cycle.ask_status()
 
 
 def _gas_has_stopped(status: FeederStatus) -> bool:
-    return status.state not in (*_GAS_IS_ORDERED, State.STOPPING)
+    return status.state not in (*GAS_IS_ORDERED, State.STOPPING)
 
 
 async def _connect(feeder: Feeder, timeout_s: float) -> ModbusLink:

@@ -12,6 +12,8 @@ from lmctl.machine.feeder.readings import HopperReading
 from lmctl.machine.feeder.warnings import FeederWarning, WarningReader
 
 _TURNING = (State.STABILISING, State.FEEDING)
+#: States in which gas flows because it is ordered, and not as post-flow.
+GAS_IS_ORDERED = (State.GAS_PREFLOW, *_TURNING)
 
 
 class FeederStatus(NamedTuple):

@@ -106,10 +106,7 @@ class SafetyCycle:
         self._watch()
 
     async def stop(self) -> None:
-        """Talk no more, but to drop the output, again and again until it reads back as off.
-
-        A device that is gone drops it with its watchdog relay.
-        """
+        """Talk no more, but to drop the output, again and again until it reads back as off."""
         if self._timer is not None:
             self._timer.cancel()
         if self._task is not None:
@@ -164,8 +161,8 @@ class SafetyCycle:
             self._seen = f": {self._link.seen.sentence}"
             return error
         except RefusedError as error:
-            self._why = (f"it refuses to answer: {error.what}", "see the device's manual")
-            self._seen = ""
+            self._why, self._seen = (
+                (f"it refuses to answer: {error.what}", "see the device's manual"), "")
             return error
         self._seen = ""
         self._answered(words)

@@ -1,0 +1,63 @@
+"""What goes wrong with a feeder, in words that name it."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable
+from typing import TypeVar
+
+from firmware_protocol.pmx import PMX
+from firmware_protocol.pmx_alarms import refusal
+from firmware_protocol.registers import RegisterError
+from lmctl.config.machine import Feeder
+from lmctl.errors import MachineError
+from lmctl.machine.feeder.status import FeederStatus
+from lmctl.machine.modbus.client import FAILURE, ModbusLink, NoAnswerError, RefusedError
+
+T = TypeVar("T")
+
+REFUSED_HINT = "see the feeder's own display; clear what it complains of"
+_LAST_REFUSAL = PMX.wire_address("LAST_REFUSAL")
+
+
+class FeederErrors:
+    """Errors of one feeder, from its own words where it gives any."""
+
+    def __init__(self, feeder: Feeder, link: ModbusLink) -> None:
+        self._name = feeder.name
+        self._place = f"{feeder.endpoint}, device {feeder.device_id}"
+        self._link = link
+
+    def error(self, reason: str, hint: str) -> MachineError:
+        """A MachineError about this feeder."""
+        return MachineError(f"feeder {self._name}: {reason}", where=self._place, hint=hint)
+
+    def not_seen(
+        self, failure: str, waited_s: float, status: FeederStatus | None,
+        error: MachineError | None = None,
+    ) -> MachineError:
+        """That a status was waited for in vain. error : of the order that should bring it about"""
+        state = "unknown" if status is None else status.state.name
+        why, hint = ("", "") if error is None else (f": {error.what}", error.hint)
+        return self.error(f"{failure} within {waited_s:.0f} s{why}",
+                          hint or f"its state is {state}: see its display")
+
+    async def asked(self, request: Awaitable[T], what: str) -> T:
+        """The request's answer, or a MachineError that names the feeder and what was wanted."""
+        try:
+            return await request
+        except NoAnswerError as error:
+            raise self.error(error.what, error.hint) from error
+        except RegisterError as error:
+            raise self.error(f"its answer makes no sense: {error}", "is it a PMX?") from error
+        except RefusedError as error:
+            reason = await self.reason(error)
+            raise self.error(f"it refuses to {what}: {reason}", REFUSED_HINT) from error
+
+    async def reason(self, refused: RefusedError) -> str:
+        """Why it refused, in its own words where it says."""
+        if refused.code == FAILURE:
+            try:
+                return refusal((await self._link.read_input(_LAST_REFUSAL, 1))[0])
+            except MachineError:
+                pass  # then the bare code has to do
+        return refused.what
