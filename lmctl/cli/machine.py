@@ -8,10 +8,12 @@ from lmctl.cli.lazy import LazyGroup
 
 COMMANDS = {
     "status": ("lmctl.cli.machine_looks", "One look at every device. Nothing is moved."),
-    "doctor": ("lmctl.cli.machine_looks", "Check all that can be checked, and say what to do."),
+    "doctor": ("lmctl.cli.machine_looks", "Check every condition of a run, and say what to do."),
     "home": ("lmctl.cli.machine_acts", "Home the axes."),
     "jog": ("lmctl.cli.machine_acts", "Move the axes by hand, without beam."),
-    "offset": ("lmctl.cli.machine_acts", "Say where program zero is."),
+    "offset": ("lmctl.cli.machine_acts", "Say where program zero is; show or clear work offsets."),
+    "settings": ("lmctl.cli.machine_settings",
+                 "Show, keep, compare and write the firmware's settings."),
     "unlock": ("lmctl.cli.machine_acts", "End latched alarms of controller and feeders."),
 }
 

@@ -14,9 +14,10 @@ from lmctl.cli.cell import CellChoice, cell_options, choose_cell
 from lmctl.cli.console import confirmed, put, say
 from lmctl.cli.numbers import FiniteRange
 from lmctl.config.machine import MachineProfile
-from lmctl.errors import LmctlError, UsageError
+from lmctl.errors import LmctlError, MachineError, UsageError
 
 if TYPE_CHECKING:
+    from lmctl.machine.by_hand.look_motion import MotionReading
     from lmctl.machine.motion.driver import MotionDriver
     from lmctl.run.cell.doctor import CellLook
     from lmctl.run.journal.whereabouts import Whereabouts
@@ -70,25 +71,54 @@ def jog(
 
 
 @click.command(context_settings={"ignore_unknown_options": True})
-@click.argument("words", nargs=-1, required=True, metavar="X-300 Y-300 Z-200")
+@click.argument("words", nargs=-1, metavar="[X-300 Y-300 Z-200]")
 @cell_options
 @click.option("--here", is_flag=True, help="The values are where the machine stands now.")
+@click.option("--clear", is_flag=True,
+              help="First go back to G54, and clear G92 (G92.1) and the tool length (G49).")
 def offset(
     words: tuple[str, ...], machine: Path | None, sim: bool, bench: Path | None, runs_dir: Path,
-    here: bool,
+    here: bool, clear: bool,
 ) -> None:
     """Set the work offset (G54): the machine coordinates [mm] of program zero.
 
     With --here: the program coordinates of the place where the machine stands. Axes that are not
-    named keep theirs. The controller remembers it.
+    named keep theirs. The controller remembers it. Without axes, the offsets in force are shown.
     """
-    from lmctl.machine.by_hand.homing import run_offset
+    from lmctl.machine.by_hand.homing import run_clear_offsets, run_offset
 
     cell = choose_cell(machine, sim, bench)
     axes = _axes(words)
-    at = _move(cell, runs_dir, {"do": "offset", "axes": axes, "here": here},
-               lambda motion: run_offset(motion, axes, here=here))
+    if here and not axes:
+        raise UsageError("--here needs the coordinates of this place", hint="--here X0 Y0 Z0")
+    if not axes and not clear:
+        _put_offsets(_look(cell, runs_dir).motion)
+        return
+
+    async def act(motion: MotionDriver) -> tuple[float, ...]:
+        at = await run_clear_offsets(motion) if clear else ()
+        return await run_offset(motion, axes, here=here) if axes else at
+
+    at = _move(cell, runs_dir, {"do": "offset", "axes": axes, "here": here, "clear": clear}, act)
     put(f"program zero lies at {_place(at)} of the machine")
+
+
+def _put_offsets(look: MotionReading | LmctlError) -> None:
+    """The work offset in force, and what it is made of. Raises MachineError where it is unknown."""
+    from lmctl.run.cell.work_offset import offset_conditions
+
+    if isinstance(look, LmctlError):
+        raise look
+    at = look.offset_mm
+    if at is None:
+        raise MachineError(f"the controller does not report its offsets in state "
+                           f"{look.report.state}", hint="`lmctl machine doctor` says more")
+    put(f"program zero lies at {_place(at)} of the machine")
+    for line in look.offsets:
+        put(f"  {line.strip('[]').replace(':', '  ')}")
+    for condition in offset_conditions(look.parser_state, look.offsets):
+        put(f"✗ {condition.text}")
+        put(f"    what to do: {condition.hint}")
 
 
 @click.command()

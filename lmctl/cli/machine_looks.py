@@ -14,7 +14,7 @@ from lmctl.errors import LmctlError, MachineError
 
 if TYPE_CHECKING:
     from lmctl.machine.by_hand.look_modbus import FeederLook
-    from lmctl.machine.by_hand.look_motion import MotionLook
+    from lmctl.machine.by_hand.look_motion import MotionReading
     from lmctl.machine.safety.status import SafetyStatus
     from lmctl.run.cell.doctor import CellLook
 
@@ -46,64 +46,71 @@ def status(
 
 @click.command()
 @cell_options
+@click.option("--close-relay", is_flag=True,
+              help="Close the watchdog relay first, as a run does, so that a controller behind it "
+              "can be asked too.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 @click.pass_context
 def doctor(
     ctx: click.Context, machine: Path | None, sim: bool, bench: Path | None, runs_dir: Path,
-    as_json: bool,
+    close_relay: bool, as_json: bool,
 ) -> None:
-    """Check all that can be checked without moving or writing anything.
+    """Check every condition of a run's start, and what to do, without moving or writing anything.
 
-    Exit code 4 where a run would be refused or could not go well, 1 where something else should
-    be mended, 0 where all is well.
+    Exit code 4 where a run would be refused, 1 where something else should be mended, 0 where all
+    is well.
     """
     from lmctl.run.cell.doctor import examine
 
     cell = choose_cell(machine, sim, bench)
-    seen = cell.do(lambda profile: look(profile, "lmctl machine doctor", runs_dir))
+    seen = cell.do(lambda profile: look(profile, "lmctl machine doctor", runs_dir,
+                                        close_relay=close_relay))
     found = examine(seen, cell.profile)
-    checks = [check for of_device in found.values() for check in of_device]
-    wrong = [check for check in checks if not check.good]
+    conditions = [condition for of_device in found.values() for condition in of_device]
+    unmet = [condition for condition in conditions if not condition.met]
+    refusing = [condition for condition in unmet if condition.refuses_run]
     if as_json:
         put_json({
-            "good": not wrong,
+            "good": not unmet,
             "checks": [
-                {"device": device, "good": check.good, "text": check.text,
-                 "hint": "" if check.good else check.hint, "dangerous": check.dangerous}
-                for device, of_device in found.items() for check in of_device
+                {"device": device, "good": condition.met, "text": condition.text,
+                 "hint": "" if condition.met else condition.hint,
+                 "refuses_run": condition.refuses_run}
+                for device, of_device in found.items() for condition in of_device
             ],
         })
     else:
         for device, of_device in found.items():
             put(device)
-            for check in of_device:
-                put(f"  {'✓' if check.good else '✗'} {check.text}")
-                if not check.good and check.hint:
-                    put(f"      what to do: {check.hint}")
-        stops = sum(check.dangerous for check in wrong)
-        put(f"{len(checks)} checks, " + (
-            "all well" if not wrong
-            else f"{len(wrong)} to mend" + (f"; {stops} of them keep a run from starting or "
-                                            "going well" if stops else "")
+            for condition in of_device:
+                put(f"  {'✓' if condition.met else '✗'} {condition.text}")
+                if not condition.met and condition.hint:
+                    put(f"      what to do: {condition.hint}")
+        put(f"{len(conditions)} checks, " + (
+            "all well" if not unmet
+            else f"{len(unmet)} to mend" + (f"; a run would be refused for {len(refusing)} of them"
+                                            if refusing else "; a run would start")
         ))
-    if wrong:
-        ctx.exit(MachineError.exit_code if any(check.dangerous for check in wrong) else 1)
+    if unmet:
+        ctx.exit(MachineError.exit_code if refusing else 1)
 
 
-async def look(profile: MachineProfile, who: str, runs_dir: Path) -> CellLook:
+async def look(
+    profile: MachineProfile, who: str, runs_dir: Path, *, close_relay: bool = False
+) -> CellLook:
     """Look at all devices. Raises MachineError where the machine is in other hands."""
     from lmctl.run.cell.doctor import look_at
     from lmctl.run.cell.ownership import owning
 
     with owning(profile, who, runs_dir):  # a controller at work must not be asked by two
-        return await look_at(profile)
+        return await look_at(profile, runs_dir, close_relay=close_relay)
 
 
 def _error(error: LmctlError) -> dict[str, Any]:
     return {"error": error.what, "where": list(error.where), "hint": error.hint}
 
 
-def _motion_facts(look: MotionLook | LmctlError) -> dict[str, Any]:
+def _motion_facts(look: MotionReading | LmctlError) -> dict[str, Any]:
     if isinstance(look, LmctlError):
         return _error(look)
     report, identity = look.report, look.identity

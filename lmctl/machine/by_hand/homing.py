@@ -70,6 +70,17 @@ async def run_offset(
     return read_offset(parser_state, await motion.command("$#"))
 
 
+async def run_clear_offsets(motion: MotionDriver) -> tuple[float, ...]:
+    """Back to G54, without G92 and tool length; returns the offset of every axis then.
+
+    Raises MachineError.
+    """
+    for line in ("G54", "G92.1", "G49"):
+        await motion.command(line)
+    parser_state = await motion.command("$G")
+    return read_offset(parser_state, await motion.command("$#"))
+
+
 async def run_unlock(motion: MotionDriver) -> None:
     """Take the controller out of its alarm, after a reset where the alarm asks for one.
 

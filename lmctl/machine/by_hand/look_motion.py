@@ -6,12 +6,13 @@ from here.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from firmware_protocol.messages import Feedback, parse_message
 from firmware_protocol.status import StatusReport
 from lmctl.errors import MachineError
 from lmctl.machine.motion.conversation import Conversation, Hearer
+from lmctl.machine.motion.driver import MotionDriver
 from lmctl.machine.motion.handshake import first_report, homed, identify
 from lmctl.machine.motion.identify import Identity, homing_enabled, read_offset, read_settings
 
@@ -21,28 +22,31 @@ _ANSWERING = ("Idle", "Alarm", "Check")  # states in which `$` commands are answ
 
 
 @dataclass(frozen=True)
-class MotionLook:
-    """What a controller says of itself.
+class MotionReading:
+    """What a controller reports of itself: all that the conditions of a run look at.
 
-    identity, settings, modal, offset_mm : None or empty where it does not tell in its state
+    identity, settings, parser_state, offsets : None or empty where it does not answer in its state;
+        parser_state and offsets are the lines of `$G` and `$#`
+    position_trusted : whether reported positions are those of the machine
     homed : whether it calls its axes homed; None where it does not say (Grbl never does)
     damaged : messages that made no sense on the way
+    ours : whether this host has taken it over, as a run does: it has been brought to rest
     """
 
     report: StatusReport
     identity: Identity | None
     settings: dict[int, str]
-    modal: str
-    offset_mm: tuple[float, ...] | None
+    parser_state: Sequence[str]
+    offsets: Sequence[str]
+    position_trusted: bool
     homed: bool | None
     damaged: int
+    ours: bool = False
 
     @property
-    def position_trusted(self) -> bool:
-        """Whether somebody has said where the machine is (see `handshake.Introduction`)."""
-        return self.report.state == "Idle" and bool(self.settings) and (
-            self.homed is True or not homing_enabled(self.settings)
-        )
+    def offset_mm(self) -> tuple[float, ...] | None:
+        """Work offset in force (work = machine - offset), or None where it is not reported."""
+        return read_offset(self.parser_state, self.offsets) if self.offsets else None
 
     @property
     def position_mm(self) -> tuple[float, ...] | None:
@@ -55,7 +59,7 @@ class MotionLook:
         return tuple(m - o for m, o in zip(self.report.machine_mm, offset_mm, strict=False))
 
 
-async def look_at_motion(endpoint: str, *, baud: int, timeout_s: float = 5.0) -> MotionLook:
+async def look_at_motion(endpoint: str, *, baud: int, timeout_s: float = 5.0) -> MotionReading:
     """Ask a controller what it is and how it stands.
 
     Raises MachineError where it is unreachable, silent or no Grbl; ConfigError for a bad endpoint.
@@ -68,20 +72,37 @@ async def look_at_motion(endpoint: str, *, baud: int, timeout_s: float = 5.0) ->
         await talk.connect(baud, timeout_s)
         report = await first_report(talk, timeout_s)
         if report.state not in _ANSWERING:
-            return MotionLook(report, None, {}, "", None, None, talk.damaged)
+            return MotionReading(report, None, {}, (), (), False, None, talk.damaged)
         identity = await identify(talk)
         talk.settle_on(identity.dialect, identity.rx_bytes)
         settings = read_settings(await _told(talk, "$$"))
         parser_state = await _told(talk, "$G")
         offsets = await _told(talk, "$#")
-        said = [m.text for m in map(parse_message, parser_state) if isinstance(m, Feedback)]
-        return MotionLook(
-            await talk.fresh_report(timeout_s) or report, identity, settings, " ".join(said),
-            read_offset(parser_state, offsets) if offsets else None, await homed(talk),
-            talk.damaged,
+        report, is_homed = await talk.fresh_report(timeout_s) or report, await homed(talk)
+        trusted = report.state == "Idle" and bool(settings) and (
+            is_homed is True or not homing_enabled(settings)
         )
+        return MotionReading(report, identity, settings, parser_state, offsets, trusted, is_homed,
+                             talk.damaged)
     finally:
         talk.close()
+
+
+async def read_motion(motion: MotionDriver) -> MotionReading:
+    """The same of a controller that is open; it must be idle or in alarm.
+
+    Raises MachineError where it has not reported, or does not answer.
+    """
+    report = motion.status
+    if report is None:
+        raise MachineError("the motion controller does not report its state",
+                           hint="check its cable, then try again")
+    return MotionReading(
+        report, motion.identity, motion.settings,
+        await motion.command("$G") if report.state == "Idle" else (),
+        await motion.command("$#") if report.state == "Idle" else (),
+        motion.position_trusted, None, motion.damaged_messages, ours=True,
+    )
 
 
 def _ignore(*_: object) -> None:

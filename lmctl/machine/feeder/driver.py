@@ -107,6 +107,17 @@ class FeederDriver:
         """Read the hoppers with the next status, and not only with every fourth."""
         self._cycle.look_closer()
 
+    async def whole_status(self) -> FeederStatus:
+        """The last status, once each hopper in use has been read. Raises MachineError."""
+        names = {hopper.name for hopper in self.hoppers}
+        if self.status is None or names - self.status.hoppers.keys():
+            await self._cycle.until(
+                lambda status: names <= status.hoppers.keys(), _PATIENCE_S + 2 * self.period_s,
+                "its hoppers were not read",
+            )
+        assert self.status is not None
+        return self.status
+
     async def start_gas(self) -> None:
         """Carrier gas on; returns when its pre-flow is over.
 

@@ -15,7 +15,7 @@ from firmware_protocol.status import StatusReport
 from lmctl.machine.motion import holding
 from lmctl.machine.motion.conversation import Conversation, Hearer
 from lmctl.machine.motion.handshake import RESET_S, Introduction, introduce
-from lmctl.machine.motion.identify import Identity, refuse_unfit
+from lmctl.machine.motion.identify import Identity, unfit_settings
 from lmctl.machine.motion.override_arithmetic import NO_OVERRIDE
 from lmctl.machine.motion.stream import Stream
 
@@ -84,6 +84,7 @@ class MotionDriver:
         )
         self._stream = Stream(self._talk, lambda tag, code: self.listener.on_error(tag, code))
         self._introduction: Introduction | None = None
+        self._unfit = ""  # what keeps programs from being sent
         self._at_rest_at_reset = False
         self._grown = False  # counts have grown since on_progress was called
 
@@ -91,21 +92,24 @@ class MotionDriver:
     async def open(
         cls, endpoint: str, *, baud: int, status_period_s: float, connect_timeout_s: float = 5.0
     ) -> MotionDriver:
-        """Open the link, identify the controller, read and judge its settings.
+        """Open the link, identify the controller, read its settings.
 
-        raises : MachineError where it is absent, busy, silent, not a Grbl 1.1 or grblHAL, moving,
-            or set so that a program must not run ($32, $10); ConfigError for a bad endpoint
+        Settings that allow no program are no error here; `submit` refuses lines with them.
+        raises : MachineError where it is absent, busy, silent, not a Grbl 1.1 or grblHAL, or
+            moving; ConfigError for a bad endpoint
         """
         driver = cls(endpoint, status_period_s)
         try:
             await driver._talk.connect(baud, connect_timeout_s)
             said = await introduce(driver._talk, connect_timeout_s)
-            refuse_unfit(said.identity, said.settings, endpoint)
         except BaseException:
             await driver.close()
             raise
         driver._introduction = said
         driver._talk.screen.know(said.identity, said.settings)
+        driver._unfit = "; ".join(
+            setting.text for setting in unfit_settings(said.identity, said.settings)
+        )
         if driver.offset_mm is None:
             driver.offset_mm = said.offset_mm
             if driver.status is not None:
@@ -151,6 +155,11 @@ class MotionDriver:
         return self._stream.progress.executed
 
     @property
+    def all_answered(self) -> bool:
+        """Whether the link is open and nothing that was sent is unanswered."""
+        return self._talk.lost is None and not self._talk.unanswered
+
+    @property
     def queued(self) -> int:
         """Lines submitted and not sent."""
         return self._stream.queued
@@ -183,8 +192,11 @@ class MotionDriver:
         """Queue lines of the stream; they go out as the controller has room.
 
         While held, halted by an error or alarm, or lost, they stay queued; a reset drops them.
-        raises : LocalProtocolError for a line that could never be sent
+        raises : LocalProtocolError for a line that could never be sent; MachineError where the
+            controller's settings ($32, $10) allow no program
         """
+        if self._unfit:
+            raise self._talk.error(self._unfit, hint="see `lmctl machine doctor`")
         self._stream.submit(lines, self.identity)
 
     def discard_queue(self) -> int:

@@ -1,4 +1,4 @@
-"""Who answers on a motion link, and whether its settings allow a program to run.
+"""Who answers on a motion link, and how it is set.
 
 Everything here is read from what the controller says of itself (`$I`, `$$`, `$G`, `$#`); nothing
 is assumed from the port it hangs on.
@@ -19,10 +19,23 @@ BENCH_INFO = "lmctl-bench"
 """User info in `[VER:...]` by which the simulated machine makes itself known."""
 
 REPORT_MASK, HOMING, MOST_SPINDLE, LASER_MODE = 10, 22, 30, 32
-_REPORT_BLOCKS, _REPORT_LINE = 2, 4  # bits of $10; the second is grblHAL's
+#: Bits of $10. Those of lines and overrides are grblHAL's; a Grbl reports overrides always.
+REPORT_BLOCKS, REPORT_LINE, REPORT_OVERRIDES = 2, 4, 64
 _VERSION = re.compile(r"1\.1[a-z]")
 _MODAL_OFFSET = re.compile(r"G5[4-9](?:\.[1-3])?")
 _LEAST_RX, _MOST_RX = 64, 65_536
+
+
+@dataclass(frozen=True)
+class UnfitSetting:
+    """A setting with which no program may be streamed.
+
+    text : what is wrong with it; number, value : the setting that mends it
+    """
+
+    text: str
+    number: int
+    value: int
 
 
 @dataclass(frozen=True)
@@ -111,29 +124,26 @@ def homed_axes(report: StatusReport) -> bool | None:
     return None if said is None else said.partition(",")[0] == "1"
 
 
-def refuse_unfit(identity: Identity, settings: Mapping[int, str], endpoint: str) -> None:
-    """Raise MachineError where a program must not be streamed with these settings.
+def unfit_settings(identity: Identity, settings: Mapping[int, str]) -> list[UnfitSetting]:
+    """Settings with which a program must not be streamed, whatever the machine.
 
     $32 must be 1: otherwise M4 is an ordinary spindle and the beam stays on at standstill. $10
     must ask for `Bf:` or `Ln:`: otherwise nobody could tell what has been executed.
     """
-    place = f"motion controller at {endpoint}"
+    found = []
     if settings.get(LASER_MODE) != "1":
-        raise MachineError(
+        found.append(UnfitSetting(
             f"laser mode is off (${LASER_MODE}={settings.get(LASER_MODE, 'missing')}): M4 would "
-            "leave the beam on at standstill",
-            where=place,
-            hint=f"send ${LASER_MODE}=1 to the controller, then try again",
-        )
+            "leave the beam on at standstill", LASER_MODE, 1,
+        ))
     stated = settings.get(REPORT_MASK, "")
     mask = int(stated) if stated.isdecimal() else 0
     hal = identity.dialect is GRBLHAL
-    if not mask & (_REPORT_BLOCKS | _REPORT_LINE if hal else _REPORT_BLOCKS):
-        needed = mask | _REPORT_BLOCKS | (_REPORT_LINE if hal else 0)
+    wanted = REPORT_BLOCKS | REPORT_LINE if hal else REPORT_BLOCKS
+    if not mask & wanted:
         fields = "neither Ln: nor Bf:" if hal else "no Bf:"
-        raise MachineError(
+        found.append(UnfitSetting(
             f"status reports carry {fields} (${REPORT_MASK}={stated or 'missing'}), so executed "
-            "lines could not be told from planned ones",
-            where=place,
-            hint=f"send ${REPORT_MASK}={needed} to the controller, then try again",
-        )
+            "lines could not be told from planned ones", REPORT_MASK, mask | wanted,
+        ))
+    return found

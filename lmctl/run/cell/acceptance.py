@@ -8,10 +8,13 @@ from collections.abc import Sequence
 from lmctl.config.machine import MachineProfile
 from lmctl.errors import MachineError
 from lmctl.job.reader import JobReader
+from lmctl.machine.by_hand.look_motion import read_motion
 from lmctl.machine.feeder.driver import FeederDriver
-from lmctl.run.cell.check import check_motion
+from lmctl.run.cell.condition import Condition, refuse_unmet
 from lmctl.run.cell.devices import Cell
-from lmctl.run.cell.work_offset import lasting_offset
+from lmctl.run.cell.feeder_conditions import FeederReading, feeder_conditions
+from lmctl.run.cell.motion_conditions import motion_conditions
+from lmctl.run.cell.safety_conditions import safety_conditions
 from lmctl.run.journal.recorder import Recorder
 from lmctl.run.journal.whereabouts import Whereabouts
 from lmctl.run.program.beam_off import without_beam
@@ -42,12 +45,32 @@ async def accept(
         motion.trust_position()
     if going_on:
         await reset_alarms(cell, [f for f in cell.feeders if f.status and f.status.alarm])
-    check_motion(motion, profile)
-    cell.offset_mm = await lasting_offset(motion)
+    reading = await read_motion(motion)
+    refuse_unmet({
+        f"motion controller at {profile.motion.endpoint}": motion_conditions(reading, profile),
+        **{f"feeder {feeder.name}": await _feeder_conditions(feeder, profile)
+           for feeder in cell.feeders},
+        **_safety_conditions(cell, profile),
+    })
+    cell.offset_mm = reading.offset_mm or ()
     whereabouts.begin(motion, run)
     if beam_off:
         await _read_through(job)
     return beam_off
+
+
+async def _feeder_conditions(driver: FeederDriver, profile: MachineProfile) -> list[Condition]:
+    status = await driver.whole_status()
+    (feeder,) = [one for one in profile.feeder if one.name == driver.name]
+    reading = FeederReading(driver.identity, status, {}, ours=True)
+    return list(feeder_conditions(reading, feeder, driver.hoppers,
+                                  send_horizon_s=profile.motion.send_horizon_s))
+
+
+def _safety_conditions(cell: Cell, profile: MachineProfile) -> dict[str, list[Condition]]:
+    if cell.safety is None or cell.safety.status is None or profile.safety is None:
+        return {}
+    return {"safety device": list(safety_conditions(cell.safety.status, profile.safety))}
 
 
 def refuse_unready(standing: Sequence[MachineError]) -> None:

@@ -7,43 +7,50 @@ has left of these would hold for the first half of the part only.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator, Sequence
 
 from lmctl.errors import MachineError
 from lmctl.machine.motion.driver import MotionDriver
 from lmctl.machine.motion.identify import read_offset
+from lmctl.run.cell.condition import Condition
 
 _MOST_OFF_MM = 0.002  # values are told to 0.001
 
 _SYSTEM = re.compile(r"\bG5[4-9](?:\.[1-3])?\b")
-_FORGOTTEN = {
-    "G92": ("an offset by G92", "send G92.1 to the controller"),
-    "TLO": ("a tool length offset", "send G49 to the controller"),
-}
+_FORGOTTEN = {"G92": "an offset by G92 is in force", "TLO": "a tool length offset is in force"}
+
+_LOST = "; a reset forgets it, so the part would be displaced after its first hold"
+_HINT = ("`lmctl machine offset --clear`, then see that the work offset is the one you want: "
+         "`lmctl machine offset`")
+
+
+def offset_conditions(
+    parser_state: Sequence[str], offsets: Sequence[str]
+) -> Iterator[Condition]:
+    """What the work offset must not rest on. parser_state, offsets : lines of `$G` and `$#`."""
+    active = _SYSTEM.search(" ".join(parser_state))
+    if active is not None and active[0] != "G54":
+        yield Condition(False, f"work coordinates are those of {active[0]}{_LOST}", _HINT,
+                        refuses_run=True)
+    for name, what in _FORGOTTEN.items():
+        for line in offsets:
+            stated = re.fullmatch(rf"\[{name}:(.*)\]", line)
+            if stated is not None and re.search("[1-9]", stated[1]):
+                yield Condition(False, f"{what} ({stated[1]} mm){_LOST}", _HINT,
+                                refuses_run=True)
 
 
 async def lasting_offset(motion: MotionDriver) -> tuple[float, ...]:
-    """The work offset in force [mm], by the controller's own word; it must be idle.
+    """The work offset in force [mm], as the controller reports it; it must be idle.
 
     Raises MachineError, all reasons at once, where a reset would change it.
     """
-    state, said = await motion.command("$G"), await motion.command("$#")
-    wrong = []
-    active = _SYSTEM.search(" ".join(state))
-    if active is not None and active[0] != "G54":
-        wrong.append((f"work coordinates are those of {active[0]}", "send G54 to the controller"))
-    for name, reason in _FORGOTTEN.items():
-        for line in said:
-            stated = re.fullmatch(rf"\[{name}:(.*)\]", line)
-            if stated is not None and re.search("[1-9]", stated[1]):
-                wrong.append(reason)
+    state, offsets = await motion.command("$G"), await motion.command("$#")
+    wrong = list(offset_conditions(state, offsets))
     if wrong:
-        raise MachineError(
-            f"{' and '.join(what for what, _ in wrong)} would be lost at the first hold, and what "
-            "is laid after it displaced",
-            hint="; ".join(hint for _, hint in wrong)
-            + "; then see that `lmctl machine offset` is as you want it",
-        )
-    return read_offset(state, said)
+        raise MachineError(wrong[0].text, where=[condition.text for condition in wrong[1:]],
+                           hint=_HINT)
+    return read_offset(state, offsets)
 
 
 async def refuse_moved(motion: MotionDriver, offset_mm: tuple[float, ...]) -> None:

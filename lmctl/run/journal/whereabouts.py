@@ -10,12 +10,15 @@ such record: each has to be followed by homing. grblHAL vouches for its axes its
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from firmware_protocol.dialect import GRBL
+from firmware_protocol.status import StatusReport
+from lmctl.machine.by_hand.look_motion import MotionReading
 from lmctl.machine.motion.driver import MotionDriver
-from lmctl.machine.motion.identify import homing_enabled
+from lmctl.machine.motion.identify import Identity, homing_enabled
 from lmctl.run.journal.by_hand import MachineJournal
 
 _SAME_MM = 0.0015  # reports have three decimals
@@ -41,24 +44,36 @@ class Whereabouts:
 
     def vouch(self, motion: MotionDriver) -> None:
         """Trust the position, where the machine stands as the last session left it."""
-        at, left, report = _machine_mm(motion), self.left["machine_mm"], motion.status
-        if (
-            _silent(motion) and self.left["trusted"] and report is not None
-            and report.state == "Idle" and at is not None
-            and isinstance(left, list) and len(left) == len(at) and any(left)
-            and all(abs(a - b) < _SAME_MM for a, b in zip(left, at, strict=True))
+        if _silent(motion.identity, motion.settings) and self._unmoved(
+            motion.status, motion.offset_mm
         ):
             motion.trust_position()
 
+    def confirms(self, reading: MotionReading) -> bool:
+        """Whether `vouch` would trust the position of a controller that was only looked at."""
+        identity = reading.identity
+        return (identity is not None and _silent(identity, reading.settings)
+                and self._unmoved(reading.report, reading.offset_mm))
+
+    def _unmoved(self, report: StatusReport | None, offset_mm: tuple[float, ...] | None) -> bool:
+        """Whether the machine stands as the last session left it, and that was to be trusted."""
+        if report is None or report.state != "Idle" or not self.left["trusted"]:
+            return False
+        at, left = _machine_mm(report, offset_mm), self.left["machine_mm"]
+        return (
+            at is not None and isinstance(left, list) and len(left) == len(at) and any(left)
+            and all(abs(a - b) < _SAME_MM for a, b in zip(left, at, strict=True))
+        )
+
     def see(self, motion: MotionDriver) -> None:
         """Note where the machine is, and whether that is to be trusted."""
-        at = _machine_mm(motion)
+        at = _machine_mm(motion.status, motion.offset_mm)
         self.left = {"machine_mm": None if at is None else [round(axis, 3) for axis in at],
                      "trusted": motion.position_trusted}
 
     def begin(self, motion: MotionDriver, run: str) -> None:
         """A run is about to move the machine; durable, so that a killed one is seen."""
-        if _silent(motion):
+        if _silent(motion.identity, motion.settings):
             self.journal.append("act", do="run", run=run)
             self._run = run
 
@@ -70,15 +85,16 @@ class Whereabouts:
             self._run = ""
 
 
-def _silent(motion: MotionDriver) -> bool:
+def _silent(identity: Identity, settings: Mapping[int, str]) -> bool:
     """Whether the controller homes, and does not say afterwards that it has."""
-    return motion.identity.dialect is GRBL and homing_enabled(motion.settings)
+    return identity.dialect is GRBL and homing_enabled(settings)
 
 
-def _machine_mm(motion: MotionDriver) -> tuple[float, ...] | None:
-    report = motion.status
+def _machine_mm(
+    report: StatusReport | None, offset_mm: tuple[float, ...] | None
+) -> tuple[float, ...] | None:
     if report is None or report.machine_mm is not None:
         return None if report is None else report.machine_mm
-    if report.work_mm is None or motion.offset_mm is None:
+    if report.work_mm is None or offset_mm is None:
         return None
-    return tuple(w + o for w, o in zip(report.work_mm, motion.offset_mm, strict=False))
+    return tuple(w + o for w, o in zip(report.work_mm, offset_mm, strict=False))

@@ -1,25 +1,26 @@
-"""Is this the machine that the profile describes, in the state that a program may be sent to?
+"""Is this controller set as the profile describes? Every setting that matters is compared.
 
-Every setting that matters is compared with the profile. What could hurt part or machine keeps a
-run from starting; what only makes it worse than planned is told by `lmctl machine doctor`.
-
-Where the machine is, counts as known when somebody has said so. With homing enabled ($22) that is
-the homing cycle: this session's own, or one that grblHAL still vouches for (`H:1`). Without homing
-it is the operator, who has put the axes to zero or set the work offset; an alarm or a reset in
-motion takes it back until the controller is unlocked, which is the operator's word again.
+What could hurt part or machine refuses a run; what only makes it worse than planned is shown by
+`lmctl machine doctor`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
 
 from firmware_protocol.dialect import GRBLHAL
 from lmctl.config.machine import MachineProfile
-from lmctl.errors import MachineError
-from lmctl.machine.motion.driver import MotionDriver
-from lmctl.machine.motion.identify import HOMING, LASER_MODE, MOST_SPINDLE, Identity, homing_enabled
-from lmctl.run.cell.devices import is_idle
+from lmctl.machine.motion.identify import (
+    HOMING,
+    LASER_MODE,
+    MOST_SPINDLE,
+    REPORT_MASK,
+    REPORT_OVERRIDES,
+    Identity,
+    homing_enabled,
+    unfit_settings,
+)
+from lmctl.run.cell.condition import Condition
 
 _JUNCTION, _INCHES, _SOFT_LIMITS, _HOMING_TOWARDS, _LEAST_SPINDLE = 11, 13, 20, 23, 31
 _MOST_RATE, _ACCELERATION, _TRAVEL = 110, 120, 130
@@ -29,52 +30,16 @@ _SLACK_MM = 0.01
 _AXES = "XYZ"
 
 
-@dataclass(frozen=True)
-class Check:
-    """One thing looked at. good : it is as it should be; dangerous : no run may begin otherwise.
-
-    text : what was found, in words; hint : what to do, where it is not good
-    """
-
-    good: bool
-    text: str
-    hint: str = ""
-    dangerous: bool = False
-
-
-def check_motion(motion: MotionDriver, profile: MachineProfile) -> None:
-    """Raise MachineError where a run must not begin, with all reasons at once."""
-    place = f"motion controller at {profile.motion.endpoint}"
-    if not is_idle(motion.status):
-        state = "unknown" if motion.status is None else motion.status.state
-        raise MachineError(
-            f"the motion controller is not ready: its state is {state}", where=place,
-            hint="find the reason, then `lmctl machine home` or `lmctl machine unlock`",
-        )
-    found = [
-        Check(motion.position_trusted, "the machine has not been homed: nobody knows where it is",
-              "`lmctl machine home`", dangerous=True),
-        *judge_settings(motion.identity, motion.settings, motion.offset_mm, profile),
-    ]
-    wrong = [check for check in found if check.dangerous and not check.good]
-    if wrong:
-        first, *others = wrong
-        raise MachineError(
-            first.text, where=[place, *(f"also: {check.text}" for check in others)],
-            hint="; ".join(dict.fromkeys(check.hint for check in wrong)),
-        )
-
-
-def judge_settings(
+def setting_conditions(
     identity: Identity, settings: Mapping[int, str], offset_mm: tuple[float, ...] | None,
     profile: MachineProfile,
-) -> Iterator[Check]:
-    """Every setting that matters, compared with the profile. offset_mm : work = machine - offset.
+) -> Iterator[Condition]:
+    """Every setting that matters, compared with the profile.
 
-    ($10 is judged when a link is opened, by `identify.refuse_unfit`.)
+    offset_mm : work = machine - offset
     """
     motion, laser = profile.motion, profile.laser
-    yield _equal(settings, LASER_MODE, 1, "laser mode", "M4 would leave the beam on at standstill")
+    yield from _fit_for_programs(identity, settings)
     yield _full_power(settings, laser.s_max)
     yield _equal(settings, _INCHES, 0, "reports in mm", "every position would be misread")
     yield _least_power(settings)
@@ -94,10 +59,28 @@ def judge_settings(
     yield from _limits(identity, settings, offset_mm, profile)
 
 
+def _fit_for_programs(identity: Identity, settings: Mapping[int, str]) -> Iterator[Condition]:
+    """$32 and $10, without which no controller is sent a program."""
+    unfit = {setting.number: setting for setting in unfit_settings(identity, settings)}
+    for number, fine in (
+        (LASER_MODE, f"laser mode is on (${LASER_MODE})"),
+        (REPORT_MASK, f"status reports tell executed lines from planned ones (${REPORT_MASK})"),
+    ):
+        wrong = unfit.get(number)
+        yield Condition(wrong is None, fine if wrong is None else wrong.text,
+                        "" if wrong is None else _send(number, wrong.value, ""), refuses_run=True)
+    if identity.dialect is GRBLHAL and REPORT_MASK not in unfit:
+        mask = int(number_of(settings, REPORT_MASK) or 0)
+        if not mask & REPORT_OVERRIDES:
+            yield Condition(False, f"status reports carry no overrides (${REPORT_MASK}={mask}): "
+                                   "those pressed at the panel stay unseen",
+                            _send(REPORT_MASK, mask | REPORT_OVERRIDES, ""))
+
+
 def _limits(
     identity: Identity, settings: Mapping[int, str], offset_mm: tuple[float, ...] | None,
     profile: MachineProfile,
-) -> Iterator[Check]:
+) -> Iterator[Condition]:
     """Travel, soft limits and homing, which belong together."""
     travel = profile.motion.travel_mm
     ranges = (travel.x, travel.y, travel.z)
@@ -105,26 +88,26 @@ def _limits(
     yield from _per_axis(
         settings, _TRAVEL, [high - low for low, high in ranges], "travel", "mm",
         lambda has, wants: has >= wants - _SLACK_MM, "programs could leave it",
-        "or correct motion.travel_mm", dangerous=homing,
+        "or correct motion.travel_mm", refuses_run=homing,
     )
     if not homing:
-        yield Check(True, f"no homing (${HOMING}=0): position is what the operator says, and "
+        yield Condition(True, f"no homing (${HOMING}=0): position is what the operator says, and "
                           "only lmctl keeps axes inside the travel")
         return
     on = settings.get(_SOFT_LIMITS) == "1"
-    yield Check(on, f"soft limits {'on' if on else 'off'} (${_SOFT_LIMITS})",
-                f"send ${_SOFT_LIMITS}=1 to the controller", dangerous=True)
+    yield Condition(on, f"soft limits {'on' if on else 'off'} (${_SOFT_LIMITS})",
+                _send(_SOFT_LIMITS, 1, ""), refuses_run=True)
     if offset_mm is None:
         return
     for axis, (low, high) in enumerate(ranges):
         least, most = _machine_range(identity, settings, axis)
         offset = offset_mm[axis] if axis < len(offset_mm) else 0.0
-        yield Check(
+        yield Condition(
             low + offset >= least - _SLACK_MM and high + offset <= most + _SLACK_MM,
             f"{_AXES[axis]} of the profile, {low:g} to {high:g} mm, is {low + offset:g} to "
             f"{high + offset:g} on the controller, which has {least:g} to {most:g}",
             f"`lmctl machine offset {_AXES[axis]}{least - low:g}`, or correct motion.travel_mm",
-            dangerous=True,
+            refuses_run=True,
         )
 
 
@@ -132,13 +115,13 @@ def _machine_range(
     identity: Identity, settings: Mapping[int, str], axis: int
 ) -> tuple[float, float]:
     """Reach of an axis in machine coordinates: below zero, unless grblHAL's origin is forced."""
-    length = number(settings, _TRAVEL + axis) or 0.0
-    forced = identity.dialect is GRBLHAL and int(number(settings, HOMING) or 0) & _FORCE_ORIGIN
-    at_low_end = int(number(settings, _HOMING_TOWARDS) or 0) >> axis & 1
+    length = number_of(settings, _TRAVEL + axis) or 0.0
+    forced = identity.dialect is GRBLHAL and int(number_of(settings, HOMING) or 0) & _FORCE_ORIGIN
+    at_low_end = int(number_of(settings, _HOMING_TOWARDS) or 0) >> axis & 1
     return (0.0, length) if forced and at_low_end else (-length, 0.0)
 
 
-def number(settings: Mapping[int, str], setting: int) -> float | None:
+def number_of(settings: Mapping[int, str], setting: int) -> float | None:
     """A setting's value, or None where it is missing or no number."""
     try:
         return float(settings.get(setting, ""))
@@ -148,78 +131,78 @@ def number(settings: Mapping[int, str], setting: int) -> float | None:
 
 def _equal(
     settings: Mapping[int, str], setting: int, wanted: float, name: str, otherwise: str,
-) -> Check:
+) -> Condition:
     """A setting without which no run may begin."""
     stated = settings.get(setting, "missing")
-    good = number(settings, setting) == wanted
+    good = number_of(settings, setting) == wanted
     text = f"{name}: ${setting}={stated}"
-    return Check(good, text if good else f"{text}, not {wanted:g}: {otherwise}",
-                 _send(setting, wanted, ""), dangerous=True)
+    return Condition(good, text if good else f"{text}, not {wanted:g}: {otherwise}",
+                 _send(setting, wanted, ""), refuses_run=True)
 
 
-def _full_power(settings: Mapping[int, str], s_max: int) -> Check:
+def _full_power(settings: Mapping[int, str], s_max: int) -> Condition:
     stated = settings.get(MOST_SPINDLE, "missing")
-    good = number(settings, MOST_SPINDLE) == s_max
-    return Check(
+    good = number_of(settings, MOST_SPINDLE) == s_max
+    return Condition(
         good, f"full power is S{stated} on the controller (${MOST_SPINDLE})"
         + ("" if good else f", but S{s_max} in the profile: every power would be wrong"),
-        _send(MOST_SPINDLE, s_max, "or correct laser.s_max"), dangerous=True,
+        _send(MOST_SPINDLE, s_max, "or correct laser.s_max"), refuses_run=True,
     )
 
 
-def _least_power(settings: Mapping[int, str]) -> Check:
+def _least_power(settings: Mapping[int, str]) -> Condition:
     """$31 is what the beam has at least while it is on: M4 no longer takes it down with the speed.
 
     A hundredth of full power melts nothing and only makes thin beads a little hotter.
     """
-    least, most = number(settings, _LEAST_SPINDLE), number(settings, MOST_SPINDLE)
+    least, most = number_of(settings, _LEAST_SPINDLE), number_of(settings, MOST_SPINDLE)
     stated = settings.get(_LEAST_SPINDLE, "missing")
     text = f"least power: ${_LEAST_SPINDLE}={stated}"
     if least == 0:
-        return Check(True, text)
-    return Check(
+        return Condition(True, text)
+    return Condition(
         False, f"{text}, not 0: low powers, and those of slow moves and corners, would be raised "
                "to it", _send(_LEAST_SPINDLE, 0.0, ""),
-        dangerous=least is None or not most or abs(least) > _ALIKE * most,
+        refuses_run=least is None or not most or abs(least) > _ALIKE * most,
     )
 
 
 def _near(
     settings: Mapping[int, str], setting: int, wanted: float, name: str, otherwise: str,
     or_else: str = "",
-) -> Check:
-    stated = number(settings, setting)
+) -> Condition:
+    stated = number_of(settings, setting)
     good = stated is not None and abs(stated - wanted) <= _ALIKE * wanted
     text = f"{name}: ${setting}={settings.get(setting, 'missing')}"
-    return Check(good, text if good else f"{text}, not {wanted:g}: {otherwise}",
+    return Condition(good, text if good else f"{text}, not {wanted:g}: {otherwise}",
                  _send(setting, wanted, or_else))
 
 
 def _per_axis(
     settings: Mapping[int, str], first: int, wanted: list[float] | tuple[float, ...], name: str,
     unit: str, good: Callable[[float, float], bool], otherwise: str, or_else: str, *,
-    dangerous: bool = False,
-) -> Iterator[Check]:
+    refuses_run: bool = False,
+) -> Iterator[Condition]:
     """$first to $first+2, one check for all axes that are good and one for each that is not."""
     fine = []
     for axis, want in enumerate(wanted):
-        has = number(settings, first + axis)
+        has = number_of(settings, first + axis)
         stated = settings.get(first + axis, "missing")
         if has is not None and good(has, want):
             fine.append(f"{_AXES[axis]} {has:g}")
             continue
-        yield Check(
+        yield Condition(
             False, f"{name} of {_AXES[axis]}: ${first + axis}={stated}, the profile has "
                    f"{want:g} {unit}: {otherwise}",
-            _send(first + axis, want, or_else), dangerous,
+            _send(first + axis, want, or_else), refuses_run,
         )
     if fine:
-        yield Check(True, f"{name}: {', '.join(fine)} {unit}")
+        yield Condition(True, f"{name}: {', '.join(fine)} {unit}")
 
 
-def _blocks(identity: Identity, wanted: int) -> Check:
+def _blocks(identity: Identity, wanted: int) -> Condition:
     has = identity.planner_blocks
-    return Check(
+    return Condition(
         has >= wanted, f"planner: {has} blocks, receive buffer {identity.rx_bytes} bytes"
         + ("" if has >= wanted else f"; the profile has {wanted} blocks: look-ahead is shorter "
            "than planned"),
@@ -228,4 +211,5 @@ def _blocks(identity: Identity, wanted: int) -> Check:
 
 
 def _send(setting: int, value: float, or_else: str) -> str:
-    return f"send ${setting}={value:g} to the controller" + (f", {or_else}" if or_else else "")
+    """The command that mends a setting."""
+    return f"`lmctl machine settings {setting}={value:.6g}`" + (f", {or_else}" if or_else else "")

@@ -1,0 +1,145 @@
+"""What a run asks of a powder feeder before its gas comes on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from firmware_protocol.pmx import HopperFlags, Mode, Status
+from firmware_protocol.pmx_alarms import EMPTY, ESTOP, hopper_code
+from lmctl.config.machine import Feeder, Hopper
+from lmctl.machine.feeder.identity import FeederIdentity
+from lmctl.machine.feeder.status import FeederStatus
+from lmctl.run.cell.condition import Condition
+
+#: A heartbeat younger than this is another host's [s].
+_FOREIGN_S = 5.0
+_CLOCK_SLACK = 0.2
+#: Alarm codes of what also shows in a flag or a value; there it is named once, by the alarm.
+_MIXER, _CONFIGURATION, _LID_NUMBER = 103, 105, 6
+
+
+@dataclass(frozen=True)
+class FeederReading:
+    """What a feeder reports of itself: all that the conditions of a run look at.
+
+    limits : of each hopper by name: N_MIN, N_MAX [rpm], CARRIER_MIN, CARRIER_MAX [L/min]; empty
+        where they have not been read
+    ours : whether this host commands it already
+    clock_ratio, answer_s : as in `FeederLook`; None where they have not been measured
+    """
+
+    identity: FeederIdentity
+    status: FeederStatus
+    limits: Mapping[str, Mapping[str, float]]
+    ours: bool = False
+    clock_ratio: float | None = None
+    answer_s: float | None = None
+
+
+def feeder_conditions(
+    reading: FeederReading, feeder: Feeder, hoppers: Sequence[Hopper], *, send_horizon_s: float
+) -> Iterator[Condition]:
+    """hoppers : those of the profile that are on it."""
+    identity, status = reading.identity, reading.status
+    major, minor = identity.map_version
+    took = "" if reading.answer_s is None else f"; answers in {1000 * reading.answer_s:.0f} ms"
+    yield Condition(True, f"PMX map {major}.{minor}, firmware {identity.firmware[0]}."
+                          f"{identity.firmware[1]}, serial {identity.serial}, hoppers: "
+                          f"{identity.n_hoppers}{took}")
+    if reading.clock_ratio is not None:
+        yield Condition(abs(reading.clock_ratio - 1.0) <= _CLOCK_SLACK,
+                        f"its clock runs {reading.clock_ratio:.2f} times as fast as ours",
+                        "data may be old: restart it, and any gateway before it")
+    if not reading.ours:
+        yield _alone(status)
+    yield Condition(status.mode is not Mode.LOCAL, f"switch at {status.mode.name}",
+                    "turn it to REMOTE", refuses_run=True)
+    yield from _alarm(status)
+    alarmed = None if status.alarm is None else status.alarm.code
+    for flag, code, fine, bad, hint in (
+        (Status.ESTOP_CHAIN_OK, ESTOP, "e-stop chain closed", "e-stop chain open", "release it"),
+        (Status.LID_CLOSED, _lid_alarm(alarmed), "lids closed", "a lid is open", "close it"),
+        (Status.CONFIG_VALID, _CONFIGURATION, "stored configuration valid",
+         "stored configuration not valid", "calibrate it at its own display"),
+    ):
+        good = flag in status.flags
+        if good or alarmed is None or alarmed != code:  # else its alarm says so
+            yield Condition(good, fine if good else bad, hint, refuses_run=True)
+    if status.mixer_pressure_mbar is not None and alarmed != _MIXER:
+        yield _mixer(status.mixer_pressure_mbar, feeder.mixer_pressure_max_mbar)
+    for warning in status.warnings:
+        yield Condition(False, warning.what, warning.hint)
+    allowed_s = feeder.watchdog_s + min((h.dead_time_s for h in hoppers), default=0.0)
+    yield Condition(send_horizon_s < allowed_s,
+                    f"send horizon {send_horizon_s:g} s, its watchdog and least dead time "
+                    f"{allowed_s:g} s",
+                    "lower motion.send_horizon_s: beam must not outlast powder")
+    for hopper in hoppers:
+        yield from _hopper(reading, hopper)
+
+
+def _lid_alarm(code: int | None) -> int | None:
+    """The code itself where it is the alarm of some hopper's lid."""
+    return code if code is not None and code >= hopper_code(1, 0) and code % 100 == _LID_NUMBER \
+        else None
+
+
+def _alone(status: FeederStatus) -> Condition:
+    alone = status.heartbeat_age_s >= _FOREIGN_S or Status.REMOTE not in status.flags
+    return Condition(alone, "no other host drives it" if alone else
+                     f"another host drives it: its heartbeat came {status.heartbeat_age_s:.1f} s "
+                     "ago", "end what it runs, then start this one")
+
+
+def _alarm(status: FeederStatus) -> Iterator[Condition]:
+    """The latched alarm; a watchdog trip is named by itself where it is not that alarm."""
+    alarm = status.alarm
+    if alarm is not None:
+        yield Condition(False, alarm.text, f"{alarm.hint}, then `lmctl machine unlock`",
+                        refuses_run=True)
+        return
+    yield Condition(True, "no alarm")
+    tripped = Status.WATCHDOG_TRIPPED in status.flags
+    yield Condition(not tripped, "watchdog " + ("tripped" if tripped else "quiet"),
+                    "`lmctl machine unlock`", refuses_run=True)
+
+
+def _mixer(mbar: float, most_mbar: float | None) -> Condition:
+    if most_mbar is None:
+        return Condition(True, f"mixer pressure {mbar:g} mbar, and no mixer_pressure_max_mbar in "
+                               "the profile: only its own alarm reports a clog")
+    return Condition(mbar <= most_mbar,
+                     f"mixer pressure {mbar:g} mbar, {most_mbar:g} mbar is allowed",
+                     "look for a clogged nozzle or kinked hose", refuses_run=True)
+
+
+def _hopper(reading: FeederReading, hopper: Hopper) -> Iterator[Condition]:
+    of_hopper = reading.status.hoppers.get(hopper.name)
+    name = f"hopper {hopper.name} ({hopper.material})"
+    if of_hopper is not None:
+        alarm = reading.status.alarm
+        alarmed = alarm is not None and alarm.code == hopper_code(hopper.channel, EMPTY)
+        present = HopperFlags.PRESENT in of_hopper.flags
+        empty = HopperFlags.LEVEL_EMPTY in of_hopper.flags
+        level = ("" if of_hopper.level_percent is None
+                 else f", level {of_hopper.level_percent:.0f} %")
+        if not (present and empty and alarmed):
+            yield Condition(present and not empty,
+                            f"{name}: " + ("not there" if not present else "empty" if empty
+                                           else "there") + level,
+                            "fill it" if present else "fit it, or take it out of the profile",
+                            refuses_run=True)
+    limits = reading.limits.get(hopper.name)
+    if limits is None:
+        return
+    factor = reading.identity.feed_factor_g_rev[hopper.name]
+    least, most = factor * limits["N_MIN"], factor * limits["N_MAX"]
+    good = least <= hopper.min_flow_g_min and hopper.max_flow_g_min <= most
+    yield Condition(good, f"{name}: {factor:g} g/rev, {least:.2f} to {most:.1f} g/min; the profile "
+                          f"has {hopper.min_flow_g_min:g} to {hopper.max_flow_g_min:g}",
+                    "correct min_flow_g_min and max_flow_g_min in the profile")
+    low_gas, high_gas = limits["CARRIER_MIN"], limits["CARRIER_MAX"]
+    yield Condition(low_gas <= hopper.carrier_L_min <= high_gas,
+                    f"{name}: carrier gas {hopper.carrier_L_min:g} L/min of {low_gas:g} to "
+                    f"{high_gas:g}", "correct carrier_L_min in the profile")

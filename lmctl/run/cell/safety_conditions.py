@@ -1,0 +1,45 @@
+"""What a run asks of the safety-input device before anything moves: its interlocks, as they are."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from lmctl.config.machine import Safety
+from lmctl.machine.safety.status import SafetyStatus
+from lmctl.run.cell.condition import Condition
+from lmctl.run.interlocks.facts import Facts, OffProgram
+from lmctl.run.interlocks.rule import Finding
+from lmctl.run.interlocks.rules import RULES
+
+
+def safety_conditions(status: SafetyStatus, limits: Safety) -> Iterator[Condition]:
+    """limits : the table [safety] of the profile."""
+    yield Condition(status.self_test_ok,
+                    "self-test " + ("passed" if status.self_test_ok else "failed"),
+                    "see the device's own display", refuses_run=True)
+    wrong = list(_interlocks(status, limits))
+    if not wrong:
+        yield Condition(True, "every fitted input is good, every value within its limits")
+    for one in wrong:
+        yield Condition(False, one.what, one.hint, refuses_run=True)
+    oxygen_ppm, warn_ppm, trip_ppm = (
+        status.oxygen_ppm, limits.oxygen_warn_ppm, limits.oxygen_trip_ppm
+    )
+    if (
+        oxygen_ppm is not None and warn_ppm is not None and oxygen_ppm > warn_ppm
+        and (trip_ppm is None or oxygen_ppm <= trip_ppm)  # else it is among the interlocks
+    ):
+        yield Condition(False, f"oxygen is at {oxygen_ppm:g} ppm, a warning from {warn_ppm:g} ppm "
+                               "on", "purge the chamber")
+    if status.first_out is not None:
+        yield Condition(True, f"what opened first since the last reset: {status.first_out.text}")
+
+
+def _interlocks(status: SafetyStatus, limits: Safety) -> Iterator[Finding]:
+    """Interlocks that hold just now. (An open watchdog relay is closed by a run itself.)"""
+    facts = Facts(motion=None, still_s=0.0, off_program=OffProgram(), motion_age_s=0.0,
+                  motion_period_s=1.0, feeders=(), answers=(),
+                  safety=status, safety_age_s=0.0, limits=limits)
+    for rule in RULES:
+        if rule.of_safety and not rule.latched:
+            yield from rule.look(facts)
