@@ -32,19 +32,21 @@ def test_what_g54_holds_is_the_work_offset():
     assert offset(Controller(G54="1.500,-2.000,3.000", G55="9.000,9.000,9.000")) == (1.5, -2.0, 3.0)
 
 
-@pytest.mark.parametrize(("controller", "what", "hint"), [
-    (Controller("G55"), "those of G55", "send G54"),
-    (Controller("G59.3"), "those of G59.3", "send G54"),
-    (Controller(G92="-5.000,0.000,0.000"), "G92", "send G92.1"),
-    (Controller(tool="2.000"), "tool length", "send G49"),
-    (Controller(tool="0.000,0.000,-0.010"), "tool length", "send G49"),
-    (Controller("G56", G92="0.000,0.000,1.000"), "G56 and an offset by G92", "send G54"),
+@pytest.mark.parametrize(("controller", "words"), [
+    (Controller("G55"), ["those of G55"]),
+    (Controller("G59.3"), ["those of G59.3"]),
+    (Controller(G92="-5.000,0.000,0.000"), ["G92"]),
+    (Controller(tool="2.000"), ["tool length"]),
+    (Controller(tool="0.000,0.000,-0.010"), ["tool length"]),
+    (Controller("G56", G92="0.000,0.000,1.000"), ["those of G56", "an offset by G92"]),
 ])
-def test_what_a_reset_would_change_is_refused_with_what_to_send(controller, what, hint):
+def test_what_a_reset_would_change_is_refused_with_what_mends_it(controller, words):
     with pytest.raises(MachineError) as refused:
         offset(controller)
-    assert what in refused.value.what
-    assert hint in refused.value.hint
+    reasons = [refused.value.what, *refused.value.where]
+    assert len(reasons) == len(words)
+    assert all(word in reason for word, reason in zip(words, reasons, strict=True))
+    assert "`lmctl machine offset --clear`" in refused.value.hint
 
 
 def test_an_offset_that_has_changed_is_told_apart_from_rounding():

@@ -18,7 +18,7 @@ from lmctl.machine.motion.identify import Identity, homing_enabled, read_offset,
 
 _COMMAND_S = 3.0
 _PERIOD_S = 1.0  # of status reports; none is asked for beyond those waited for
-_ANSWERING = ("Idle", "Alarm", "Check")  # states in which `$` commands are answered
+_ANSWERING = ("Idle", "Alarm")  # states in which `$` commands are answered
 
 
 @dataclass(frozen=True)
@@ -99,10 +99,19 @@ async def read_motion(motion: MotionDriver) -> MotionReading:
                            hint="check its cable, then try again")
     return MotionReading(
         report, motion.identity, motion.settings,
-        await motion.command("$G") if report.state == "Idle" else (),
-        await motion.command("$#") if report.state == "Idle" else (),
+        await _told_to(motion, "$G"), await _told_to(motion, "$#"),
         motion.position_trusted, None, motion.damaged_messages, ours=True,
     )
+
+
+async def _told_to(motion: MotionDriver, command: str) -> list[str]:
+    """The same of a controller that is open."""
+    try:
+        return await motion.command(command)
+    except MachineError:
+        if not motion.all_answered:
+            raise
+        return []
 
 
 def _ignore(*_: object) -> None:

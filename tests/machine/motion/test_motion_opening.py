@@ -10,7 +10,7 @@ from firmware_protocol.dialect import GRBL, GRBLHAL
 from firmware_protocol.realtime import Realtime
 from lmctl.errors import ConfigError, MachineError
 from lmctl.machine.motion.driver import MotionDriver
-from lmctl.machine.motion.identify import read_offset
+from lmctl.machine.motion.identify import Identity, read_offset, unfit_settings
 
 
 async def opened(endpoint: str, timeout_s: float = 5.0) -> MotionDriver:
@@ -29,6 +29,23 @@ def refusal(run, device, wire: str = "tcp") -> MachineError:
     with pytest.raises(MachineError) as refused:
         run(main())
     assert refused.value.hint
+    return refused.value
+
+
+def refused_program(run, device) -> MachineError:
+    """The error that the first line of a program ends with; nothing may have been sent."""
+
+    async def main() -> None:
+        async with device.on_tcp() as endpoint:
+            driver = await opened(endpoint)
+            try:
+                driver.submit([b"N0 G21 G90 G94"])
+            finally:
+                assert driver.sent == driver.queued == 0
+                await driver.close()
+
+    with pytest.raises(MachineError) as refused:
+        run(main())
     return refused.value
 
 
@@ -105,31 +122,32 @@ def test_a_board_that_resets_when_the_port_opens_is_waited_for(controller, in_vi
 
 
 @pytest.mark.parametrize("value", ["0", "2", None])
-def test_laser_mode_off_is_refused(controller, in_virtual_time, dialect, value):
+def test_with_laser_mode_off_no_line_is_sent(controller, in_virtual_time, dialect, value):
     device = controller(dialect)
     device.settings = {n: v for n, v in device.settings.items() if n != 32}
     if value is not None:
         device.settings[32] = value
-    error = refusal(in_virtual_time, device)
+    error = refused_program(in_virtual_time, device)
     assert "laser mode is off" in error.what
     assert "M4 would leave the beam on at standstill" in error.what
-    assert "$32=1" in error.hint
+    assert "lmctl machine doctor" in error.hint
 
 
 @pytest.mark.parametrize(
     ("firmware", "mask", "mend"),
-    [(GRBL, "1", "$10=3"), (GRBL, "0", "$10=2"), (GRBLHAL, "1", "$10=7"),
-     (GRBLHAL, "505", "$10=511"), (GRBL, "junk", "$10=2")],
+    [(GRBL, "1", 3), (GRBL, "0", 2), (GRBLHAL, "1", 7), (GRBLHAL, "505", 511), (GRBL, "junk", 2)],
 )
-def test_reports_without_progress_are_refused_with_what_mends_it(
+def test_with_reports_that_show_no_progress_no_line_is_sent(
     controller, in_virtual_time, firmware, mask, mend
 ):
     device = controller(firmware)
     device.report = lambda: controller(firmware).report()  # mask may be no number here
     device.settings[10] = mask
-    error = refusal(in_virtual_time, device)
+    error = refused_program(in_virtual_time, device)
     assert "executed lines could not be told from planned ones" in error.what
-    assert f"send {mend} " in error.hint
+    identity = Identity(firmware, "1.1f", "", 128, 15)
+    (unfit,) = unfit_settings(identity, {10: mask, 32: "1"})
+    assert (unfit.number, unfit.value) == (10, mend)
 
 
 def test_silence(controller, in_virtual_time):

@@ -145,7 +145,8 @@ def test_a_locked_machine_is_refused_and_left_alone(run, square_job):
     one = run(square_job, bench=[('dialect = "grblhal"', 'dialect = "grbl"'),
                                  ("10 = 511", "10 = 3\n22 = 1")])
     assert isinstance(one.error, MachineError)
-    assert "Alarm" in one.error.render()
+    assert "alarm" in one.error.render()
+    assert "lmctl machine home" in one.error.hint
     assert one.executed == []
     assert one.states == ["connecting", "checking", "faulted"]
 

@@ -169,7 +169,7 @@ def test_an_offset_that_a_hold_would_lose_keeps_a_run_from_starting(run, square_
     """Somebody else's program has left it; the reset that ends a hold would forget it."""
     one = run(square_job, before=lambda r: r.bench.motion.receive(left))
     assert one.error is not None
-    assert "would be lost at the first hold" in one.error.what
+    assert "displaced after its first hold" in one.error.what
     assert len(one.path.length_mm) == 0
 
 
