@@ -1,4 +1,4 @@
-"""What doctor calls a reason to refuse a run is what a run is refused for, and the other way round."""
+"""What doctor calls a reason to refuse a run is what runs are refused for, and the other way."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from lmctl.run.cell.doctor import examine, look_at
 from simulators import virtual_time
 from simulators.bench import Bench
 from simulators.bench_config import BenchConfig
+from simulators.feeder.mishaps import Mishaps
 from tests.run.whole.conftest import EXAMPLES, BenchRun, wired
 
 GRBL = (('dialect = "grblhal"', 'dialect = "grbl"'), ("10 = 511", "10 = 3"),
@@ -33,6 +34,11 @@ def lines(text):
 
 def feeder(act):
     return lambda bench: act(bench.feeders["F1"])
+
+
+def without_hopper(device):
+    device.mishaps = Mishaps()
+    device.mishaps.tell(1, "STATUS", lambda word: word & ~1)
 
 
 #: Name, replacements in the bench, what is done to it, words of each reason a run is refused for.
@@ -64,7 +70,7 @@ CELLS = [
      ["emergency-stop chain is open"]),
     ("a feeder's watchdog", (), feeder(lambda one: one.trip_watchdog()), ["its watchdog tripped"]),
     ("an empty hopper", (), feeder(lambda one: one.trip(207)), ["hopper A: it is empty"]),
-    ("no hopper", (), feeder(lambda one: one.mishaps.tell(1, "STATUS", lambda word: word & ~1)),
+    ("no hopper", (), feeder(without_hopper),
      ["hopper A (316L): not there"]),
 ]
 NAMES = [name for name, *_ in CELLS]
@@ -117,12 +123,15 @@ def test_doctor_finds_what_refuses_a_run_each_once_and_nothing_else(
         assert sorted(re.sub("^(feeder|safety)[^:]*: ", "", one) for one in said) == sorted(reasons)
 
 
+def safety(act):
+    return lambda bench: act(bench.safety)
+
+
 SAFETY = [
     ("all well", (), None, []),
-    ("key off", (), lambda bench: bench.safety.set_input(Inputs.KEY_ON, False), ["key switch is off"]),
-    ("too little gas", (), lambda bench: bench.safety.set_shield_gas(8.0), ["shield gas flows at 8"]),
-    ("chiller, oxygen", (), lambda bench: (bench.safety.set_chiller(30.0, 10.0),
-                                           bench.safety.set_oxygen(2000.0)),
+    ("key off", (), safety(lambda one: one.set_input(Inputs.KEY_ON, False)), ["key switch is off"]),
+    ("too little gas", (), safety(lambda one: one.set_shield_gas(8.0)), ["shield gas flows at 8"]),
+    ("chiller, oxygen", (), safety(lambda one: (one.set_chiller(30.0, 10.0), one.set_oxygen(2e3))),
      ["the chiller is at 30", "oxygen is at 2000"]),
     ("laser mode", settings((32, 1, 0)), None, ["laser mode is off"]),
 ]
