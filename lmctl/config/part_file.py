@@ -39,6 +39,15 @@ class Process(Model):
     overlap : share of the bead width by which neighbours overlap; pitch = width · (1 − overlap)
     fraction_step : quantum of volume fraction along a path (ε_c, process.md 4)
     lead_in_mm : run-up and run-out with the beam off at each end of a path
+    outer_track : how far the outermost track lies inside the outline: half a pitch, which fills the
+        slice to its outline, or half a bead, which leaves no bead outside it
+    allowance_mm : how far the outline is moved outwards, for machining; negative: inwards
+    narrow_features : what happens to what is narrower than a bead and at least half of one: one
+        track is deposited, or it is left out, or the part is refused
+    min_built_fraction : least volume deposited inside the intended surface, over its volume
+    max_overhang_deg : steepest lean of a wall, from the vertical, over the layer below
+    seam : where closed tracks begin: at a place that turns from layer to layer, at one that stays,
+        or nearest to a point (x, y) [mm]
     """
 
     bead_width_mm: Annotated[float, Field(ge=0.05, le=100)] = 2.0
@@ -52,6 +61,12 @@ class Process(Model):
     strategy: Literal["in-plane", "iso-3d"] = "in-plane"
     powder: Literal["lead", "dwell", "none"] = "lead"
     dwell_s: Annotated[float, Field(ge=0, le=600)] = 30.0
+    outer_track: Literal["half-pitch", "half-bead"] = "half-pitch"
+    allowance_mm: Annotated[float, Field(ge=-20, le=20)] = 0.0
+    narrow_features: Literal["deposit", "omit", "refuse"] = "deposit"
+    min_built_fraction: Annotated[float, Field(ge=0, le=1)] = 0.98
+    max_overhang_deg: Annotated[float, Field(gt=0, lt=90)] = 45.0
+    seam: Literal["spread", "aligned"] | tuple[float, float] = "spread"
 
 
 class Placement(Model):

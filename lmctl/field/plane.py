@@ -85,14 +85,25 @@ def plane_distance(loops: Sequence[FloatArray], grid: PlaneGrid) -> NDArray[np.f
     loops : (k, 2) float64 [mm] each, closed (first point repeated last)
     returns : (ny, nx) float32 [mm]; −inf everywhere where there are no loops
     """
+    return nearest_segments(loops, grid)[0]
+
+
+def nearest_segments(
+    loops: Sequence[FloatArray], grid: PlaneGrid
+) -> tuple[NDArray[np.float32], FloatArray, NDArray[np.int64]]:
+    """`plane_distance`, the loops' segments, and which of these is nearest to each node.
+
+    returns : (ny, nx) float32 [mm]; (m, 4) float64, x0 y0 x1 y1 from the grid's origin [mm];
+        (ny, nx) int64, rows of these, −1 where there are no loops
+    """
     segments, ends = _segments(loops, grid)
+    nearest = np.full(grid.shape, -1, dtype=np.int64)
     if len(segments) == 0:
-        return np.full(grid.shape, -np.inf, dtype=np.float32)
+        return np.full(grid.shape, -np.inf, dtype=np.float32), segments, nearest
     distance = np.empty(grid.shape, dtype=np.float32)
-    nearest, odd = np.full(grid.shape, -1, dtype=np.int64), np.zeros(grid.shape, dtype=np.uint8)
-    squared = np.full(grid.shape, np.inf)
+    odd, squared = np.zeros(grid.shape, dtype=np.uint8), np.full(grid.shape, np.inf)
     _distance_kernel(segments, ends, grid.pitch_mm, nearest, squared, odd, distance)
-    return distance
+    return distance, segments, nearest
 
 
 def loop_area_mm2(loop: FloatArray) -> float:
@@ -217,6 +228,7 @@ def _distance_kernel(
         for i in range(nx):
             inside ^= odd[j, i]
             least = squared[j, i]
+            found = int(nearest[j, i])
             for step in (-1, 1):
                 s = int(nearest[j, i])
                 first, last = ends[s]
@@ -227,5 +239,7 @@ def _distance_kernel(
                     if d2 >= least:
                         break
                     least = d2
+                    found = s
+            nearest[j, i] = found
             d = np.sqrt(least)
             distance[j, i] = d if inside else -d

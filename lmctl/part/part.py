@@ -29,15 +29,20 @@ class Section:
 
     loops : the outline, closed loops (k, 2) float64 [mm], first point repeated last, the inside
         on the left; empty where the plane misses the part
-    distance : (ny, nx) float32 [mm], in-plane signed distance to the outline, positive inside,
-        measured in the plane anew; −inf everywhere where there is no outline
     """
 
     z_mm: float
     grid: PlaneGrid
     loops: list[FloatArray]
-    distance: NDArray[np.float32]
     body: Body
+
+    @cached_property
+    def distance(self) -> NDArray[np.float32]:
+        """(ny, nx) float32 [mm]: in-plane signed distance to the outline, positive inside.
+
+        Measured in the plane anew when asked for; −inf everywhere where there is no outline.
+        """
+        return plane_distance(self.loops, self.grid)
 
     @cached_property
     def volume_distance(self) -> NDArray[np.float32]:
@@ -90,7 +95,7 @@ class Part:
         interpolated between their nodes.
         """
         loops = self.body.loops(z_mm, self.plane)
-        return Section(z_mm, self.plane, loops, plane_distance(loops, self.plane), self.body)
+        return Section(z_mm, self.plane, loops, self.body)
 
     def composition(self, points_mm: FloatArray) -> FloatArray:
         """Volume fractions at any points, in the order of `materials`.

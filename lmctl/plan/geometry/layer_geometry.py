@@ -25,7 +25,7 @@ class LostFeature:
     """A piece of the intended slice that no track covers by at least half.
 
     at_mm : (x, y) of its middle, in the part's own coordinates
-    size_mm : (length, width), the width being twice its largest distance to the outline
+    size_mm : (length, width), the width being its area over its length
     area_mm2 : of the piece
     why, remedy : for a person: what made the planner leave it out, and what would keep it
     """
@@ -62,23 +62,24 @@ class LayerFigures:
     deposits its strip. Areas come from a raster and are scaled to the outline's own area.
 
     slice_mm2 : of the intended slice
-    inside_mm2 : covered by strips, inside it; slice_mm2 − inside_mm2 is void
-    outside_mm2 : covered by strips, outside it (surplus)
-    double_mm2 : inside it, covered by two strips at a time
+    inside_mm2 : filled inside it, over tiles of two beads, none counted twice: slice_mm2 −
+        inside_mm2 is missing
+    double_mm2 : deposited inside it beyond what fits
+    outside_mm2 : deposited outside it (surplus): inside + double + outside is strip_mm2
     strip_mm2 : sum of length · strip width of all tracks: the volume asked for, over layer height
+    narrow_mm2 : strips of single tracks in what is narrower than a bead
     lost : pieces of the slice that no track covers
-    overbuilt_mm2 : part of outside_mm2 beside features narrower than their own track
-    steep : pieces beyond the overhang warning angle, or that start in the air
+    overhang : pieces beyond the overhang warning angle, or that start in the air
     """
 
     slice_mm2: float
     inside_mm2: float
-    outside_mm2: float
     double_mm2: float
+    outside_mm2: float
     strip_mm2: float
-    overbuilt_mm2: float = 0.0
+    narrow_mm2: float = 0.0
     lost: tuple[LostFeature, ...] = ()
-    steep: tuple[OverhangPlace, ...] = ()
+    overhang: tuple[OverhangPlace, ...] = ()
 
 
 @dataclass(frozen=True)

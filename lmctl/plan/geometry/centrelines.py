@@ -1,0 +1,220 @@
+"""Tracks along the medial axis: where an odd number lies across, the one in the middle."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmctl.plan.geometry.bead_count import BeadCount
+from lmctl.plan.geometry.level_field import core_of
+from lmctl.plan.geometry.medial_axis import MedialAxis
+from lmctl.plan.geometry.toolpath import Toolpath
+from lmctl.plan.polyline import arc_lengths, at_lengths, densified
+
+FloatArray = NDArray[np.float64]
+IndexArray = NDArray[np.int64]
+
+#: A track that ends before a wall goes on by this part of its strip; what lies beyond its end,
+#: half a strip in all, its last stretch of one strip carries by a wider strip.
+_BEYOND = 0.25
+#: Into a tip too narrow for a track one goes on until it has deposited the tip's area, but no
+#: farther than this, in pitches.
+_LONGEST_TIP = 2.5
+#: The shortest centreline beside other tracks, in pitches.
+_LEAST_BESIDE = 1.0
+
+
+def centreline_tracks(
+    axis: MedialAxis, beads: BeadCount, pitch_mm: float, spacing_mm: float,
+    limits_mm: tuple[float, float],
+) -> list[Toolpath]:
+    """Open tracks, and closed ones around rings, along the axis.
+
+    spacing_mm : of their points, at most; limits_mm : least and widest strip
+    """
+    chosen = beads.has_centreline & (beads.count % 2 == 1)
+    strip = strip_on_axis(axis, beads, pitch_mm, limits_mm)
+    links = axis.links[chosen[axis.links].all(axis=1)]
+    links = links[beads.count[links[:, 0]] == beads.count[links[:, 1]]]
+    degree = np.bincount(links.ravel(), minlength=len(chosen))
+    larger = _has_neighbour(axis.links, beads, larger=True)
+    smaller = _has_neighbour(axis.links, beads, larger=False)
+    tips = _ends_in_tip(axis.links, beads)
+    tip_area = _tip_area_mm2(axis)
+    tracks = []
+    for chain in through_junctions(chains(links), axis.points_mm):
+        closed = bool(chain[0] == chain[-1])
+        track = Toolpath(axis.points_mm[chain], strip[chain], closed)
+        if closed:
+            tracks.append(_dense(track, spacing_mm))
+            continue
+        for _ in (0, 1):  # at one end, then at the other
+            point = int(chain[-1])
+            width = float(track.strip_width_mm[-1])
+            if degree[point] > 2 or larger[point]:
+                track = _trimmed(track, width / 2)
+            elif tips[point]:
+                track = _prolonged(track, min(
+                    tip_area[point] / width, _LONGEST_TIP * pitch_mm), width)
+            elif not smaller[point]:
+                track = _extended(track, width, limits_mm[1])
+            track, chain = track.reversed(), chain[::-1]
+        if len(track.points_mm) > 1 and track.length_mm >= _LEAST_BESIDE * pitch_mm:
+            tracks.append(_dense(track, spacing_mm))
+    return tracks
+
+
+def strip_on_axis(
+    axis: MedialAxis, beads: BeadCount, pitch_mm: float, limits_mm: tuple[float, float]
+) -> FloatArray:
+    """Width of the strip of a track along the axis, (v,) [mm]."""
+    count = np.maximum(beads.count, 1)
+    core = core_of(count, beads.is_point)
+    half = np.where(count == 1, axis.depth_mm, beads.depth_mm)
+    left = half - (count - core) // 2 * pitch_mm
+    return np.asarray(np.clip(2 * left / core, *limits_mm))
+
+
+def chains(links: IndexArray) -> list[IndexArray]:
+    """Links joined into chains of points between ends and junctions; each link is used once.
+
+    A ring repeats its first point last.
+    """
+    neighbours: dict[int, list[int]] = defaultdict(list)
+    for a, b in links.tolist():
+        neighbours[a].append(b)
+        neighbours[b].append(a)
+    used: set[tuple[int, int]] = set()
+    found = []
+    ends = sorted(v for v, near in neighbours.items() if len(near) != 2)
+    for start in [*ends, *sorted(neighbours)]:  # what has no end is a ring
+        for step in neighbours[start]:
+            if (start, step) in used:
+                continue
+            walk = [start, step]
+            used |= {(start, step), (step, start)}
+            while len(neighbours[walk[-1]]) == 2 and walk[-1] != start:
+                ahead = next(v for v in neighbours[walk[-1]] if v != walk[-2])
+                if (walk[-1], ahead) in used:
+                    break
+                used |= {(walk[-1], ahead), (ahead, walk[-1])}
+                walk.append(ahead)
+            found.append(np.array(walk, dtype=np.int64))
+    return found
+
+
+def through_junctions(found: list[IndexArray], points_mm: FloatArray) -> list[IndexArray]:
+    """Chains joined two by two where they meet, the straightest first."""
+    at_point: dict[int, list[tuple[int, int]]] = defaultdict(list)
+    for number, chain in enumerate(found):
+        if chain[0] != chain[-1]:
+            at_point[int(chain[0])].append((number, 0))
+            at_point[int(chain[-1])].append((number, -1))
+    partner: dict[tuple[int, int], tuple[int, int]] = {}
+    for meeting in at_point.values():
+        if len(meeting) < 2:
+            continue
+        way = {end: _outward(found[end[0]], end[1], points_mm) for end in meeting}
+        pairs = sorted(
+            ((float(way[a] @ way[b]), a, b) for n, a in enumerate(meeting)
+             for b in meeting[n + 1 :]))
+        for _, a, b in pairs:
+            if a not in partner and b not in partner and a[0] != b[0]:
+                partner[a], partner[b] = b, a
+    joined, done = [], set()
+    starts = [(n, e) for n in range(len(found)) for e in (0, -1) if (n, e) not in partner]
+    for number, end in [*starts, *((n, 0) for n in range(len(found)))]:
+        if number in done:
+            continue
+        done.add(number)
+        walk = found[number] if end == 0 else found[number][::-1]
+        out = (number, -1 if end == 0 else 0)
+        while out in partner and partner[out][0] not in done:
+            number, end = partner[out]
+            done.add(number)
+            more = found[number] if end == 0 else found[number][::-1]
+            walk = np.concatenate([walk, more[1:]])
+            out = (number, -1 if end == 0 else 0)
+        joined.append(walk)
+    return joined
+
+
+def _outward(chain: IndexArray, end: int, points_mm: FloatArray) -> FloatArray:
+    """Direction in which a chain leaves the point it ends at, (2,)."""
+    line = points_mm[chain if end == 0 else chain[::-1]]
+    way = line[min(8, len(line) - 1)] - line[0]
+    return np.asarray(way / max(float(np.hypot(*way)), 1e-12))
+
+
+def _has_neighbour(links: IndexArray, beads: BeadCount, *, larger: bool) -> NDArray[np.bool_]:
+    """Whether the axis goes on, along the middle, with more or with fewer tracks. (v,)"""
+    found = np.zeros(len(beads.count), dtype=np.bool_)
+    for a, b in (links.T, links.T[::-1]):
+        differs = (beads.count[b] > beads.count[a] if larger
+                   else (beads.count[b] < beads.count[a]) & (beads.count[b] > 0))
+        found[a[differs & beads.has_centreline[b]]] = True
+    return found
+
+
+def _ends_in_tip(links: IndexArray, beads: BeadCount) -> NDArray[np.bool_]:
+    """Where the axis goes on in material too narrow for a track. (v,)"""
+    found = np.zeros(len(beads.count), dtype=np.bool_)
+    for a, b in (links.T, links.T[::-1]):
+        found[a[beads.count[b] == 0]] = True
+    return found
+
+
+def _tip_area_mm2(axis: MedialAxis) -> FloatArray:
+    """Area of the wedge that narrows from each point of the axis on, (v,) [mm²]."""
+    steepness = np.clip(np.hypot(axis.slope[:, 0], axis.slope[:, 1]), 1e-3, 0.99)
+    return np.asarray(axis.depth_mm**2 * np.sqrt(1 - steepness**2) / steepness)
+
+
+def _trimmed(track: Toolpath, by_mm: float) -> Toolpath:
+    """The track without its last `by_mm`."""
+    along = arc_lengths(track.points_mm)
+    left = along[-1] - by_mm
+    if left <= 0:
+        return Toolpath(track.points_mm[:1], track.strip_width_mm[:1], False)
+    return _cut(track, along, np.append(along[along < left - 1e-9], left))
+
+
+def _extended(track: Toolpath, width_mm: float, most_mm: float) -> Toolpath:
+    """The track a little farther, so that it deposits what lies beyond: half a strip in length.
+
+    Half of that by being longer, half by a wider strip in its last stretch, if that may be wider.
+    """
+    wider = min(1.5 - _BEYOND, max(1.0, most_mm / width_mm))
+    track = _prolonged(track, (1.5 - wider) * width_mm, width_mm)
+    along = arc_lengths(track.points_mm)
+    first = max(0.0, along[-1] - width_mm)
+    track = _cut(track, along, np.unique(np.append(along, first)))
+    along = arc_lengths(track.points_mm)
+    end = along >= first - 1e-9
+    strip = np.where(end, track.strip_width_mm * wider, track.strip_width_mm)
+    return Toolpath(track.points_mm, np.minimum(strip, most_mm), False)
+
+
+def _prolonged(track: Toolpath, by_mm: float, width_mm: float) -> Toolpath:
+    """The track straight on by so much, in the direction of its last strip width."""
+    points = track.points_mm
+    along = arc_lengths(points)
+    behind = at_lengths(points, np.array([max(0.0, along[-1] - width_mm)]))[0]
+    way = points[-1] - behind
+    size = float(np.hypot(*way))
+    if size <= 0 or by_mm <= 0:
+        return track
+    return Toolpath(np.vstack([points, points[-1] + way / size * by_mm]),
+                    np.append(track.strip_width_mm, track.strip_width_mm[-1]), False)
+
+
+def _cut(track: Toolpath, along: FloatArray, at: FloatArray) -> Toolpath:
+    return Toolpath(at_lengths(track.points_mm, at), np.interp(at, along, track.strip_width_mm),
+                    False)
+
+
+def _dense(track: Toolpath, spacing_mm: float) -> Toolpath:
+    table = densified(np.column_stack([track.points_mm, track.strip_width_mm]), spacing_mm)
+    return Toolpath(table[:, :2], table[:, 2], track.is_closed)

@@ -1,0 +1,62 @@
+"""Tracks along the outline: the levels ½, 1½, 2½ … of a section's level field."""
+
+from __future__ import annotations
+
+import contourpy
+import numpy as np
+from numpy.typing import NDArray
+
+from lmctl.field.plane import PlaneGrid
+from lmctl.plan.geometry.level_field import LevelField
+from lmctl.plan.geometry.toolpath import Toolpath
+
+FloatArray = NDArray[np.float64]
+
+#: The least round of a closed track, in pitches: less is left to its neighbours.
+_LEAST_ROUND = 2.0
+
+
+def contour_tracks(
+    field: LevelField, grid: PlaneGrid, pitch_mm: float, most_strip_mm: float
+) -> list[Toolpath]:
+    """All closed tracks of a section, each with the width of its strip, the outermost first."""
+    top = float(field.level.max())
+    generator = contourpy.contour_generator(
+        grid.x_mm, grid.y_mm, field.level, name="serial", line_type=contourpy.LineType.Separate)
+    tracks = []
+    for number in range(int(np.ceil(top - 0.5))):
+        for line in generator.lines(number + 0.5):
+            points = _without_repeats(np.asarray(line))
+            if len(points) < 4 or _length_mm(points) < _LEAST_ROUND * pitch_mm:
+                continue
+            strip = strip_widths(points, number, field, grid, pitch_mm)
+            tracks.append(Toolpath(points, np.minimum(strip, most_strip_mm), True))
+    return tracks
+
+
+def strip_widths(
+    points_mm: FloatArray, number: int, field: LevelField, grid: PlaneGrid, pitch_mm: float
+) -> FloatArray:
+    """Widths of the strips of track `number`, counted from the outline, at its points. (k,)"""
+    at = (points_mm - np.array(grid.origin_mm)) / grid.pitch_mm
+    i, j = np.floor(at).astype(np.intp).T
+    u, v = (at - np.floor(at)).T
+    total, weight = np.zeros(len(at)), np.zeros(len(at))
+    for dj, di, share in ((0, 0, (1 - u) * (1 - v)), (0, 1, u * (1 - v)), (1, 0, (1 - u) * v),
+                          (1, 1, u * v)):
+        inside = field.level[j + dj, i + di] > 0
+        strip = np.where(
+            number < field.outer[j + dj, i + di], pitch_mm, field.strip_mm[j + dj, i + di])
+        total += np.where(inside, share * strip, 0.0)
+        weight += np.where(inside, share, 0.0)
+    return np.where(weight > 0, total / np.maximum(weight, 1e-12), pitch_mm)
+
+
+def _without_repeats(points: FloatArray) -> FloatArray:
+    keep = np.ones(len(points), dtype=bool)
+    keep[1:] = np.any(points[1:] != points[:-1], axis=1)
+    return np.asarray(points[keep])
+
+
+def _length_mm(points: FloatArray) -> float:
+    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())

@@ -1,0 +1,117 @@
+"""How much of a slice its tracks fill: their strips put down on the section's raster.
+
+A track deposits, per length, its strip's width times the layer height. Compared with the slice
+over squares of two beads, as beads are round and flow into each other but not into the next gap.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from lmctl.field.kernel import kernel
+from lmctl.plan.geometry.section_raster import SectionRaster
+
+FloatArray = NDArray[np.float64]
+
+#: Side of the squares over which deposit and slice are compared, in beads.
+_TILE_BEADS = 2.0
+
+
+@dataclass(frozen=True)
+class Deposit:
+    """(ny, nx) float32 each, of the cells around the nodes, in layer heights.
+
+    part : of the cell that lies inside the outline, 0 to 1
+    filled : deposited inside the outline over what there is of the slice, in the tile around
+    outside_cells : deposited outside the outline, in cells
+    """
+
+    part: NDArray[np.float32]
+    filled: NDArray[np.float32]
+    outside_cells: float
+
+    def inside(self) -> float:
+        """Part of the slice that is filled, none counted twice, 0 to 1."""
+        return self._over_slice(np.minimum(self.filled, 1))
+
+    def double(self) -> float:
+        """What is deposited inside beyond what fits, over the slice."""
+        return self._over_slice(np.maximum(self.filled - 1, 0))
+
+    def outside(self) -> float:
+        """What is deposited outside, over the slice."""
+        cells = float(self.part.sum())
+        return self.outside_cells / cells if cells else 0.0
+
+    def _over_slice(self, values: NDArray[np.float32]) -> float:
+        cells = float(self.part.sum())
+        return float((values * self.part).sum()) / cells if cells else 0.0
+
+
+def deposit_on(
+    raster: SectionRaster, points_mm: FloatArray, starts: NDArray[np.intp],
+    strip_width_mm: FloatArray, bead_mm: float,
+) -> Deposit:
+    """The deposit of tracks given as flat arrays, as `LayerGeometry` has them."""
+    node = raster.grid.pitch_mm
+    part = np.clip(raster.depth_mm / np.float32(node) + np.float32(0.5), 0, 1)
+    height = np.zeros(raster.grid.shape, np.float32)
+    outside = _deposit_kernel(
+        (points_mm - np.array(raster.grid.origin_mm)) / node, np.asarray(starts, np.int64),
+        strip_width_mm / node, raster.depth_mm, part, height)
+    side = max(3, round(_TILE_BEADS * bead_mm / node)) | 1
+    room = ndimage.uniform_filter(part, side, mode="constant")
+    volume = ndimage.uniform_filter(height, side, mode="constant")
+    filled = np.where(part > 0, volume / np.maximum(room, np.float32(1e-6)), np.float32(0))
+    return Deposit(part, filled.astype(np.float32), float(outside))
+
+
+@kernel
+def _deposit_kernel(
+    points: FloatArray, starts: NDArray[np.int64], strip: FloatArray, depth: NDArray[np.float32],
+    part: NDArray[np.float32], height: NDArray[np.float32],
+) -> float:
+    """Strips in samples of half a node, each shared by the cells around it as far as they are
+    inside; in node units. Returns what lies outside the outline."""
+    ny, nx = height.shape
+    outside = 0.0
+    for track in range(len(starts) - 1):
+        for k in range(starts[track], starts[track + 1] - 1):
+            dx, dy = points[k + 1, 0] - points[k, 0], points[k + 1, 1] - points[k, 1]
+            length = np.sqrt(dx * dx + dy * dy)
+            if length <= 0.0:
+                continue
+            along = int(2 * length) + 1
+            for a in range(along):
+                t = (a + 0.5) / along
+                width = strip[k] + t * (strip[k + 1] - strip[k])
+                across = int(2 * width) + 1
+                amount = width * length / (along * across)
+                x, y = points[k, 0] + t * dx, points[k, 1] + t * dy
+                for c in range(across):
+                    beside = ((c + 0.5) / across - 0.5) * width / length
+                    u, v = x - beside * dy, y + beside * dx
+                    i, j = int(np.floor(u)), int(np.floor(v))
+                    if i < 0 or j < 0 or i + 1 >= nx or j + 1 >= ny:
+                        outside += amount
+                        continue
+                    u, v = u - i, v - j
+                    w00, w01 = (1 - u) * (1 - v), u * (1 - v)
+                    w10, w11 = (1 - u) * v, u * v
+                    deep = (w00 * depth[j, i] + w01 * depth[j, i + 1]
+                            + w10 * depth[j + 1, i] + w11 * depth[j + 1, i + 1])
+                    w00, w01 = w00 * part[j, i], w01 * part[j, i + 1]
+                    w10, w11 = w10 * part[j + 1, i], w11 * part[j + 1, i + 1]
+                    total = w00 + w01 + w10 + w11
+                    if deep < -0.05 or total <= 0.0:
+                        outside += amount
+                        continue
+                    height[j, i] += amount * w00 / total
+                    height[j, i + 1] += amount * w01 / total
+                    height[j + 1, i] += amount * w10 / total
+                    height[j + 1, i + 1] += amount * w11 / total
+    return outside

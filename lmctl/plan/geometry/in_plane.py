@@ -1,0 +1,49 @@
+"""The tracks of a section by its in-plane depth: contours, centrelines between them, pins."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmctl.plan.geometry.bead_count import BeadCount, bead_count
+from lmctl.plan.geometry.centrelines import centreline_tracks
+from lmctl.plan.geometry.contours import contour_tracks
+from lmctl.plan.geometry.islands import Islands
+from lmctl.plan.geometry.level_field import LevelField, level_field
+from lmctl.plan.geometry.medial_axis import MedialAxis, medial_axis
+from lmctl.plan.geometry.pins import with_pins
+from lmctl.plan.geometry.section_raster import SectionRaster
+from lmctl.plan.geometry.toolpath import Toolpath
+
+#: Strips are this wide at least and at most, in pitches.
+LEAST_STRIP, WIDEST_STRIP = 0.7, 1.5
+
+
+@dataclass(frozen=True)
+class InPlaneLayout:
+    """Tracks of a section with the island of each, and what they were laid out by."""
+
+    tracks: list[Toolpath]
+    island: NDArray[np.intp]
+    axis: MedialAxis
+    beads: BeadCount
+    field: LevelField
+
+
+def in_plane_layout(
+    raster: SectionRaster, islands: Islands, bead_mm: float, pitch_mm: float,
+    least_width_mm: float,
+) -> InPlaneLayout:
+    """All tracks of a section, in no order; none in what is narrower than `least_width_mm`."""
+    axis = medial_axis(raster)
+    beads = bead_count(axis, raster, bead_mm, pitch_mm, least_width_mm)
+    field = level_field(raster, axis, beads, pitch_mm)
+    limits_mm = LEAST_STRIP * pitch_mm, WIDEST_STRIP * pitch_mm
+    tracks = contour_tracks(field, raster.grid, pitch_mm, limits_mm[1])
+    tracks += centreline_tracks(axis, beads, pitch_mm, raster.grid.pitch_mm, limits_mm)
+    middles = np.array([t.points_mm[len(t.points_mm) // 2] for t in tracks]).reshape(-1, 2)
+    tracks, island = with_pins(tracks, islands.at(middles, raster), islands, axis, beads, raster,
+                               least_width_mm, limits_mm)
+    return InPlaneLayout(tracks, island, axis, beads, field)

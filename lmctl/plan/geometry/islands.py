@@ -1,0 +1,80 @@
+"""The connected pieces of a slice: exact outlines, which no raster is too coarse for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from lmctl.field.plane import loop_area_mm2
+from lmctl.plan.geometry.section_raster import SectionRaster
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Islands:
+    """area_mm2 : (k,) float64, of each piece, its holes taken off
+    outer : the outline of each, (n, 2) float64 [mm]
+    label : (ny, nx) int32, number of the piece at each node of the raster, −1 outside
+    """
+
+    area_mm2: FloatArray
+    outer: list[FloatArray]
+    label: NDArray[np.int32]
+
+    def __len__(self) -> int:
+        return len(self.outer)
+
+    def at(self, points_mm: FloatArray, raster: SectionRaster) -> NDArray[np.intp]:
+        """The piece at points (n, 2) inside, by the nearest node; −1 where that lies outside."""
+        index = np.round((points_mm - raster.grid.origin_mm) / raster.grid.pitch_mm)
+        i = np.clip(index[:, 0].astype(np.intp), 0, raster.grid.shape[1] - 1)
+        j = np.clip(index[:, 1].astype(np.intp), 0, raster.grid.shape[0] - 1)
+        return self.label[j, i].astype(np.intp)
+
+
+def islands_of(loops: Sequence[FloatArray], raster: SectionRaster) -> Islands:
+    """The pieces of a section, from its closed loops (outer ones counter-clockwise)."""
+    areas = np.array([loop_area_mm2(loop) for loop in loops])
+    outer = [loop for loop, area in zip(loops, areas, strict=True) if area > 0]
+    area_mm2 = areas[areas > 0]
+    for loop, area in zip(loops, areas, strict=True):
+        if area < 0:
+            around = _piece_around(loop[0], outer, areas[areas > 0])
+            if around >= 0:
+                area_mm2[around] += area
+    label = np.full(raster.grid.shape, -1, np.int32)
+    pieces, count = ndimage.label(raster.depth_mm > 0)
+    if count:
+        deepest = ndimage.maximum_position(raster.depth_mm, pieces, np.arange(1, count + 1))
+        owner = np.full(count + 1, -1, np.int32)
+        for number, (j, i) in enumerate(deepest, start=1):
+            place = np.array([raster.grid.x_mm[i], raster.grid.y_mm[j]])
+            owner[number] = _piece_around(place, outer, areas[areas > 0])
+        label = owner[pieces]
+    return Islands(area_mm2, outer, label)
+
+
+def _piece_around(point: FloatArray, outer: list[FloatArray], area_mm2: FloatArray) -> int:
+    """The innermost outline around a point, −1 if there is none."""
+    best = -1
+    for number, loop in enumerate(outer):
+        if best >= 0 and area_mm2[number] >= area_mm2[best]:
+            continue
+        low, high = loop.min(axis=0), loop.max(axis=0)
+        if (point >= low).all() and (point <= high).all() and _is_around(loop, point):
+            best = number
+    return best
+
+
+def _is_around(loop: FloatArray, point: FloatArray) -> bool:
+    """Whether a closed loop winds around a point, by parity; half-open in y."""
+    a, b = loop[:-1], loop[1:]
+    spans = (a[:, 1] > point[1]) != (b[:, 1] > point[1])
+    a, b = a[spans], b[spans]
+    x = a[:, 0] + (point[1] - a[:, 1]) / (b[:, 1] - a[:, 1]) * (b[:, 0] - a[:, 0])
+    return bool(np.count_nonzero(x > point[0]) % 2)

@@ -1,0 +1,190 @@
+"""The section numbered across: a field whose levels ½, 1½, 2½ … are where the tracks run.
+
+Outside the core tracks lie a pitch apart, exactly. In the core, the innermost few of them, they
+share what width is left, so that strips fill it: `count` strips of `strip` each. Which width and
+count hold at a node is found where the ray from the nearest point of the outline through the node
+meets the medial axis.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from lmctl.field.kernel import inner, kernel
+from lmctl.plan.geometry.bead_count import BeadCount
+from lmctl.plan.geometry.medial_axis import MedialAxis, foot
+from lmctl.plan.geometry.section_raster import SectionRaster
+
+FloatArray = NDArray[np.float64]
+
+#: Tracks that share what width is left over: the innermost of an odd and of an even number, and of
+#: rings around a point.
+CORE_ODD, CORE_EVEN, CORE_POINT = 5, 6, 10
+#: How far below its own distance from the outline the depth may be before the axis is passed, in
+#: nodes: more than the raster errs by.
+_PAST_AXIS = 0.1
+_BISECTIONS = 10
+#: The level of a track on the axis is not reached by the field, so that no contour is cut there.
+_BELOW_CENTRELINE = 0.25
+#: Standard deviation of what rounds off steps [nodes].
+_SMOOTHING_NODES = 2.0
+#: Value of `outer` where no point of the axis was found: tracks lie a pitch apart all the way.
+NO_CORE = 1_000_000
+
+
+@dataclass(frozen=True)
+class LevelField:
+    """level : (ny, nx) float32, negative outside
+    strip_mm, outer : (ny, nx) float32 and int32, strip width of the core's tracks, and how many
+        tracks a pitch wide lie between the core and the outline
+    count : (ny, nx) int32, tracks across; 0 where there is none
+    """
+
+    level: NDArray[np.float32]
+    strip_mm: NDArray[np.float32]
+    outer: NDArray[np.int32]
+    count: NDArray[np.int32]
+
+
+def level_field(
+    raster: SectionRaster, axis: MedialAxis, beads: BeadCount, pitch_mm: float
+) -> LevelField:
+    """Levels at the nodes of a section."""
+    shape = raster.grid.shape
+    field = LevelField(
+        np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape, np.int32),
+        np.empty(shape, np.int32))
+    _level_kernel(
+        raster.depth_mm, raster.segments, raster.nearest, raster.grid.pitch_mm,
+        axis.points_mm - np.array(raster.grid.origin_mm), axis.slope, axis.is_central,
+        axis.at_edge, beads.count, beads.depth_mm, beads.owner, beads.is_point, pitch_mm,
+        float(raster.depth_mm.max()),
+        field.level, field.strip_mm, field.outer, field.count)
+    _smooth(field, raster.depth_mm, pitch_mm)
+    return field
+
+
+def _smooth(field: LevelField, depth_mm: NDArray[np.float32], pitch_mm: float) -> None:
+    """Round off, in place, the steps where the number of tracks changes.
+
+    What is smoothed is how far levels and strips are from a plain pitch, inside only.
+    """
+    inside = depth_mm > 0
+    weight = ndimage.gaussian_filter(inside.astype(np.float32), _SMOOTHING_NODES, truncate=2.5)
+    near = _near_a_step(field.count, inside)
+    for values, plain in ((field.level, depth_mm / np.float32(pitch_mm)),
+                          (field.strip_mm, np.float32(pitch_mm))):
+        change = np.where(inside, values - plain, np.float32(0))
+        smooth = ndimage.gaussian_filter(change, _SMOOTHING_NODES, truncate=2.5)
+        smooth /= np.maximum(weight, np.float32(1e-6))
+        np.copyto(values, plain + change + near * (smooth - change), where=inside)
+    odd = inside & (field.count % 2 == 1)
+    most = np.float32(0.5) * field.count - np.float32(_BELOW_CENTRELINE)
+    np.copyto(field.level, np.minimum(field.level, most), where=odd)
+    none = inside & (field.count == 0) & (field.outer < NO_CORE)
+    np.copyto(field.level, np.minimum(field.level, np.float32(_BELOW_CENTRELINE)), where=none)
+
+
+def _near_a_step(count: NDArray[np.int32], inside: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """1 where the number of tracks changes, falling to 0 within a few nodes; (ny, nx)."""
+    step = np.zeros(count.shape, np.float32)
+    step[1:] += (count[1:] != count[:-1]) & inside[1:] & inside[:-1]
+    step[:, 1:] += (count[:, 1:] != count[:, :-1]) & inside[:, 1:] & inside[:, :-1]
+    if not step.any():
+        return step
+    spread = ndimage.gaussian_filter(step, _SMOOTHING_NODES, truncate=2.5)
+    return np.asarray(np.minimum(spread * np.float32(3 * _SMOOTHING_NODES), 1))
+
+
+def core_of(
+    count: NDArray[np.int64], is_point: NDArray[np.bool_]
+) -> NDArray[np.int64]:
+    """How many of `count` tracks across share the width left over."""
+    core = np.where(count % 2 == 1, CORE_ODD, np.where(is_point, CORE_POINT, CORE_EVEN))
+    return np.minimum(core, count)
+
+
+@inner
+def _depth_at(depth: NDArray[np.float32], u: float, v: float) -> float:
+    ny, nx = depth.shape
+    i, j = min(max(int(u), 0), nx - 2), min(max(int(v), 0), ny - 2)
+    u, v = u - i, v - j
+    low = (1 - u) * depth[j, i] + u * depth[j, i + 1]
+    return float((1 - v) * low + v * ((1 - u) * depth[j + 1, i] + u * depth[j + 1, i + 1]))
+
+
+@inner
+def _nearest_axis_point(
+    at_edge: NDArray[np.int32], points: FloatArray, x: float, y: float, pitch: float, reach: int
+) -> int:
+    ny, nx = at_edge.shape[1], at_edge.shape[2]
+    i, j = int(x / pitch), int(y / pitch)
+    best, least = -1, np.inf
+    for jn in range(max(0, j - reach), min(ny, j + reach + 2)):
+        for im in range(max(0, i - reach), min(nx, i + reach + 2)):
+            for side in range(2):
+                point = at_edge[side, jn, im]
+                if point >= 0:
+                    d2 = (points[point, 0] - x) ** 2 + (points[point, 1] - y) ** 2
+                    if d2 < least:
+                        best, least = point, d2
+    return best
+
+
+@kernel
+def _level_kernel(
+    depth: NDArray[np.float32], segments: FloatArray, nearest: NDArray[np.int64], pitch: float,
+    points: FloatArray, slope: FloatArray, is_central: NDArray[np.bool_],
+    at_edge: NDArray[np.int32], count: NDArray[np.int64], width: FloatArray,
+    owner: NDArray[np.int64], is_point: NDArray[np.bool_], track_pitch: float, deepest: float,
+    level: NDArray[np.float32], strip: NDArray[np.float32], outer: NDArray[np.int32],
+    across: NDArray[np.int32],
+) -> None:
+    ny, nx = depth.shape
+    for j in range(ny):
+        for i in range(nx):
+            d = float(depth[j, i])
+            level[j, i], strip[j, i] = d / track_pitch, track_pitch
+            outer[j, i], across[j, i] = NO_CORE, 0
+            if d <= 0:
+                continue
+            fx, fy, away = foot(segments, nearest[j, i], i * pitch, j * pitch)
+            if away <= 1e-9:
+                continue
+            ux, uy = (i * pitch - fx) / away, (j * pitch - fy) / away
+            low, high = d, deepest + pitch
+            for _ in range(_BISECTIONS):
+                t = 0.5 * (low + high)
+                here = _depth_at(depth, (fx + t * ux) / pitch, (fy + t * uy) / pitch)
+                if here >= t - _PAST_AXIS * pitch:
+                    low = t
+                else:
+                    high = t
+            x, y = fx + low * ux, fy + low * uy
+            point = _nearest_axis_point(at_edge, points, x, y, pitch, 1)
+            if point < 0:
+                point = _nearest_axis_point(at_edge, points, x, y, pitch, 4)
+            if point < 0:
+                continue
+            half = width[point]
+            if owner[point] == point and is_central[point]:
+                half += slope[point, 0] * (x - points[point, 0])
+                half += slope[point, 1] * (y - points[point, 1])
+            half = max(half, d)
+            n = count[point]
+            across[j, i] = n
+            if n == 0:
+                outer[j, i] = 0
+                continue
+            core = CORE_ODD if n % 2 == 1 else CORE_POINT if is_point[point] else CORE_EVEN
+            core = min(core, n)
+            fixed = (n - core) // 2
+            left = half - fixed * track_pitch
+            outer[j, i] = fixed
+            strip[j, i] = 2 * left / core
+            if d > fixed * track_pitch:
+                level[j, i] = fixed + (d - fixed * track_pitch) / strip[j, i]

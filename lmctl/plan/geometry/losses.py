@@ -1,0 +1,140 @@
+"""What of a slice its tracks leave out: places, sizes, why, and what would keep them.
+
+Islands are judged by their own outlines, and ribs by how far their outline lies from the tracks, so
+that nothing is too thin to be seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+from scipy.spatial import cKDTree
+
+from lmctl.config.part_file import Process
+from lmctl.field.plane import loop_area_mm2
+from lmctl.plan.geometry.deposit import Deposit
+from lmctl.plan.geometry.islands import Islands
+from lmctl.plan.geometry.layer_geometry import LostFeature, LostKind
+from lmctl.plan.geometry.section_raster import SectionRaster
+from lmctl.plan.polyline import densified
+
+FloatArray = NDArray[np.float64]
+
+#: Smaller pieces are crumbs of the geometry, not features: a square of this part of a bead.
+_CRUMB_BEADS = 0.02
+#: An outline is covered where a track lies within this many beads, sharp corners included.
+_REACH_BEADS = 0.9
+#: A rib is lost where its outline lies this much farther away, in beads.
+_BEYOND_BEADS = 0.4
+#: A place within the tracks is empty where less than this part of a tile is filled.
+_EMPTY = 0.5
+
+
+def losses(
+    loops: Sequence[FloatArray], islands: Islands, owner: NDArray[np.intp],
+    points_mm: FloatArray, deposit: Deposit | None, raster: SectionRaster, process: Process,
+) -> tuple[LostFeature, ...]:
+    """Pieces of a slice that no track covers, the largest first.
+
+    loops : of the intended slice; owner : the island of each track; points_mm : of all tracks
+    deposit : of the tracks; None where there are none
+    """
+    bead = process.bead_width_mm
+    found = []
+    has_tracks = np.zeros(len(islands), dtype=np.bool_)
+    has_tracks[owner[owner >= 0]] = True
+    for number in np.flatnonzero(~has_tracks):
+        area = float(islands.area_mm2[number])
+        if area >= (_CRUMB_BEADS * bead) ** 2:
+            found.append(_lost("island", islands.outer[number], area, process))
+    if len(points_mm):
+        tree = cKDTree(points_mm)
+        for loop in loops:
+            found += _uncovered_stretches(loop, tree, islands, has_tracks, raster, process)
+    if deposit is not None:
+        found += _empty_places(deposit, raster, process)
+    return tuple(sorted(found, key=lambda lost: -lost.area_mm2))
+
+
+def lost_layer(loops: Sequence[FloatArray], islands: Islands, process: Process) -> LostFeature:
+    """A whole slice without a track. loops : of the slice, one at least"""
+    area = float(islands.area_mm2.sum())
+    return _lost("layer", np.vstack(loops), area, process)
+
+
+def _uncovered_stretches(
+    loop: FloatArray, tree: cKDTree, islands: Islands, has_tracks: NDArray[np.bool_],
+    raster: SectionRaster, process: Process,
+) -> list[LostFeature]:
+    """Ribs of an outline that no track comes near."""
+    bead = process.bead_width_mm
+    fine = densified(loop, raster.grid.pitch_mm)[:-1]
+    gap, _ = tree.query(fine)
+    far = gap > _REACH_BEADS * bead
+    if not far.any() or far.all():  # far from all tracks: an island of its own, or its hole
+        return []
+    first = int(np.flatnonzero(~far)[0])
+    fine, gap, far = (np.roll(values, -first, axis=0) for values in (fine, gap, far))
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], far.astype(np.int8), [0]])))
+    found = []
+    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+        piece = fine[begin:end]
+        if gap[begin:end].max() < (_REACH_BEADS + _BEYOND_BEADS) * bead:
+            continue
+        area = abs(loop_area_mm2(np.vstack([piece, piece[:1]])))
+        if area >= (_CRUMB_BEADS * bead) ** 2:
+            found.append(_lost("rib", piece, area, process))
+    return found
+
+
+def _empty_places(
+    deposit: Deposit, raster: SectionRaster, process: Process
+) -> list[LostFeature]:
+    """Places among the tracks where less than half of a tile is filled."""
+    deep = raster.depth_mm > process.bead_width_mm / 2
+    label, count = ndimage.label(deep & (deposit.filled < _EMPTY))
+    found = []
+    cell = raster.grid.pitch_mm**2
+    for number in range(1, count + 1):
+        j, i = np.nonzero(label == number)
+        if len(j) * cell >= (process.bead_width_mm / 2) ** 2:
+            places = np.stack([raster.grid.x_mm[i], raster.grid.y_mm[j]], axis=1)
+            found.append(_lost("void", places, len(j) * cell, process))
+    return found
+
+
+def _lost(
+    kind: LostKind, outline: FloatArray, area_mm2: float, process: Process
+) -> LostFeature:
+    middle = (outline.min(axis=0) + outline.max(axis=0)) / 2
+    length, width = _size_mm(outline, area_mm2)
+    bead = process.bead_width_mm
+    least = bead if process.narrow_features == "omit" else bead / 2
+    if kind == "void":
+        why = "no track reaches it"
+        remedy = "lower process.bead_width_mm"
+    elif width >= least * 0.98:
+        why = "no track fits into it"
+        remedy = "lower process.bead_width_mm"
+    elif process.narrow_features == "omit" and width >= bead / 2:
+        why = f"it is narrower than a bead of {bead:g} mm, and process.narrow_features = \"omit\""
+        remedy = 'set process.narrow_features = "deposit"'
+    else:
+        why = f"it is {width:.2g} mm wide, less than half a bead of {bead:g} mm"
+        remedy = (f"lower process.bead_width_mm to {2 * width:.2g}, or build the part in another "
+                  "direction")
+    return LostFeature(
+        kind=kind, at_mm=(float(middle[0]), float(middle[1])), size_mm=(length, width),
+        area_mm2=area_mm2, why=why, remedy=remedy)
+
+
+def _size_mm(outline: FloatArray, area_mm2: float) -> tuple[float, float]:
+    """Length and width: the longer side of the box along its main direction, and area over it."""
+    arms = outline - outline.mean(axis=0)
+    turn = np.linalg.svd(arms, full_matrices=False)[2] if len(outline) > 1 else np.eye(2)
+    spread = np.ptp(arms @ turn.T, axis=0)
+    length = float(max(spread.max(), np.sqrt(area_mm2)))
+    return length, area_mm2 / length if length > 0 else 0.0

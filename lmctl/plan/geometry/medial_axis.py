@@ -1,0 +1,180 @@
+"""The medial axis of a section: the ridge of the depth, read off the raster.
+
+Between two neighbouring nodes whose nearest edges of the outline lie apart, the ridge crosses the
+line that joins them where both edges are equally far. The crossings of a cell of the raster are
+joined. Where the outline is seen under less than 20° from a crossing it is no ridge but the
+polygon that stands for a curve.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmctl.field.kernel import inner, kernel
+from lmctl.plan.geometry.section_raster import SectionRaster
+
+FloatArray = NDArray[np.float64]
+IndexArray = NDArray[np.int64]
+
+#: Chord between the two nearest points of the outline over the depth: the least of a ridge, 20°
+#: between the directions to both.
+_LEAST_CHORD = 0.35
+#: Largest slope of the depth along a ridge between opposite walls, each within 30° of parallel.
+_OPPOSITE = 0.5
+_BISECTIONS = 12
+
+
+@dataclass(frozen=True)
+class MedialAxis:
+    """Points on the ridge of the depth, joined to a graph.
+
+    points_mm : (v, 2) float64; depth_mm : (v,) float64, distance to the outline there
+    slope : (v, 2) float64, gradient of the depth along the ridge, per mm
+    is_central : (v,) bool, the walls lie opposite: within 30° of parallel, each
+    links : (e, 2) int64, neighbouring points
+    at_edge : (2, ny, nx) int32, the point on the raster's line from node (j, i) to (j, i + 1), or
+        to (j + 1, i); −1 for none
+    """
+
+    points_mm: FloatArray
+    depth_mm: FloatArray
+    slope: FloatArray
+    is_central: NDArray[np.bool_]
+    links: IndexArray
+    at_edge: NDArray[np.int32]
+
+
+def medial_axis(raster: SectionRaster) -> MedialAxis:
+    """The medial axis within the outline, points in the part's coordinates."""
+    ny, nx = raster.grid.shape
+    at_edge = np.full((2, ny, nx), -1, dtype=np.int32)
+    found = _crossings_kernel(
+        raster.depth_mm, raster.segments, raster.nearest, raster.grid.pitch_mm, at_edge)
+    joints, links = _links_kernel(
+        found, at_edge, raster.segments, raster.nearest, raster.depth_mm, raster.grid.pitch_mm)
+    table = np.vstack([found, joints])
+    return MedialAxis(
+        points_mm=table[:, :2] + np.array(raster.grid.origin_mm), depth_mm=table[:, 2],
+        slope=table[:, 3:5], is_central=np.hypot(table[:, 3], table[:, 4]) <= _OPPOSITE,
+        links=links, at_edge=at_edge)
+
+
+@inner
+def foot(segments: FloatArray, s: int, px: float, py: float) -> tuple[float, float, float]:
+    """Nearest point of a segment (x, y), and its distance."""
+    ax, ay = segments[s, 0], segments[s, 1]
+    ux, uy = segments[s, 2] - ax, segments[s, 3] - ay
+    size = ux * ux + uy * uy
+    t = 0.0
+    if size > 0.0:
+        t = min(1.0, max(0.0, ((px - ax) * ux + (py - ay) * uy) / size))
+    x, y = ax + t * ux, ay + t * uy
+    return x, y, np.sqrt((px - x) ** 2 + (py - y) ** 2)
+
+
+@kernel
+def _crossings_kernel(
+    depth: NDArray[np.float32], segments: FloatArray, nearest: IndexArray, pitch: float,
+    at_edge: NDArray[np.int32],
+) -> FloatArray:
+    """(v, 5): x, y, depth, gradient of the depth (x, y); fills `at_edge`."""
+    ny, nx = depth.shape
+    table = np.empty((256, 5))
+    count = 0
+    for j in range(ny):
+        for i in range(nx):
+            if depth[j, i] <= 0:
+                continue
+            for side in range(2):
+                jb, ib = j + side, i + 1 - side
+                if jb >= ny or ib >= nx or depth[jb, ib] <= 0:
+                    continue
+                a, b = nearest[j, i], nearest[jb, ib]
+                if a == b:
+                    continue
+                ax, ay, _ = foot(segments, a, i * pitch, j * pitch)
+                bx, by, _ = foot(segments, b, ib * pitch, jb * pitch)
+                least = min(depth[j, i], depth[jb, ib])
+                if (ax - bx) ** 2 + (ay - by) ** 2 < (0.5 * _LEAST_CHORD * least) ** 2:
+                    continue
+                low, high = 0.0, 1.0
+                for _ in range(_BISECTIONS):
+                    t = 0.5 * (low + high)
+                    x, y = (i + t * (ib - i)) * pitch, (j + t * (jb - j)) * pitch
+                    if foot(segments, a, x, y)[2] < foot(segments, b, x, y)[2]:
+                        low = t
+                    else:
+                        high = t
+                t = 0.5 * (low + high)
+                x, y = (i + t * (ib - i)) * pitch, (j + t * (jb - j)) * pitch
+                ax, ay, away = foot(segments, a, x, y)
+                bx, by, other = foot(segments, b, x, y)
+                away = 0.5 * (away + other)
+                if away <= 0.0:
+                    continue
+                chord = np.sqrt((ax - bx) ** 2 + (ay - by) ** 2) / away
+                if chord < _LEAST_CHORD:
+                    continue
+                if count == len(table):
+                    larger = np.empty((2 * count, 5))
+                    larger[:count] = table
+                    table = larger
+                table[count, 0], table[count, 1], table[count, 2] = x, y, away
+                table[count, 3] = (x - 0.5 * (ax + bx)) / away
+                table[count, 4] = (y - 0.5 * (ay + by)) / away
+                at_edge[side, j, i] = count
+                count += 1
+    return table[:count].copy()
+
+
+@kernel
+def _links_kernel(
+    found: FloatArray, at_edge: NDArray[np.int32], segments: FloatArray, nearest: IndexArray,
+    depth: NDArray[np.float32], pitch: float,
+) -> tuple[FloatArray, IndexArray]:
+    """Joints of cells that the ridge crosses more than twice, as rows of `found`; and links."""
+    ny, nx = depth.shape
+    joints, n_joints = np.empty((64, 5)), 0
+    links, n_links = np.empty((256, 2), np.int64), 0
+    around = np.empty(4, np.int64)
+    for j in range(ny - 1):
+        for i in range(nx - 1):
+            n = 0
+            for k in range(4):
+                point = (at_edge[0, j, i] if k == 0 else at_edge[0, j + 1, i] if k == 1
+                         else at_edge[1, j, i] if k == 2 else at_edge[1, j, i + 1])
+                if point >= 0:
+                    around[n] = point
+                    n += 1
+            if n < 2:
+                continue
+            if n_links + 4 > len(links):
+                more = np.empty((2 * len(links), 2), np.int64)
+                more[:n_links] = links[:n_links]
+                links = more
+            if n == 2:
+                links[n_links, 0], links[n_links, 1] = around[0], around[1]
+                n_links += 1
+                continue
+            if n_joints == len(joints):
+                wider = np.empty((2 * len(joints), 5))
+                wider[:n_joints] = joints
+                joints = wider
+            row = joints[n_joints]
+            row[:] = 0.0
+            for k in range(n):
+                for c in range(5):
+                    row[c] += found[around[k], c] / n
+            away = np.inf
+            for corner in range(4):
+                s = nearest[j + corner // 2, i + corner % 2]
+                away = min(away, foot(segments, s, row[0], row[1])[2])
+            row[2] = away
+            for k in range(n):
+                links[n_links, 0], links[n_links, 1] = around[k], len(found) + n_joints
+                n_links += 1
+            n_joints += 1
+    return joints[:n_joints].copy(), links[:n_links].copy()

@@ -1,0 +1,71 @@
+"""Where a slice lies out over the slice below it, and how steeply."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from lmctl.field.plane import plane_distance
+from lmctl.plan.geometry.islands import Islands
+from lmctl.plan.geometry.layer_geometry import OverhangPlace
+from lmctl.plan.geometry.section_raster import SectionRaster
+
+FloatArray = NDArray[np.float64]
+
+#: From this lean on, from the vertical, overhang is worth a word [degrees].
+WARNED_OVERHANG_DEG = 30.0
+#: Smaller places are left out: a square of this part of a bead.
+_LEAST_BEADS = 0.25
+#: The most places that one layer lists, the largest of them.
+_MOST_PLACES = 20
+
+
+def overhang_places(
+    loops: Sequence[FloatArray], below: Sequence[FloatArray], raster: SectionRaster,
+    islands: Islands, layer_height_mm: float, bead_mm: float, limit_deg: float,
+) -> tuple[OverhangPlace, ...]:
+    """Pieces of a slice that lean out by more than 30° over the slice below, the largest first.
+
+    loops, below : outlines of the slice and of the one below it, which may have none
+    limit_deg : an island that reaches nothing within this lean starts in the air
+    """
+    if _same(loops, below):
+        return ()
+    inside = raster.depth_mm > 0
+    beyond = np.maximum(-plane_distance(below, raster.grid), np.float32(0))
+    reach = np.float32(layer_height_mm * np.tan(np.radians(limit_deg)))
+    supported = np.bincount(
+        islands.label[inside & (beyond <= reach)].clip(0), minlength=len(islands)) > 0
+    warned = np.float32(layer_height_mm * np.tan(np.radians(WARNED_OVERHANG_DEG)))
+    label, _ = ndimage.label(inside & (beyond > max(warned, _raster_error_mm(raster))))
+    places = []
+    cell = raster.grid.pitch_mm**2
+    for number, box in enumerate(ndimage.find_objects(label), start=1):
+        mine = label[box] == number
+        area = float(mine.sum()) * cell
+        if area < (_LEAST_BEADS * bead_mm) ** 2:
+            continue
+        j, i = (values.mean() for values in np.nonzero(mine))
+        island = int(islands.label[box][mine].max())
+        steepest = float(beyond[box][mine].max())
+        angle = 89.9 if not np.isfinite(steepest) else float(
+            np.degrees(np.arctan2(steepest, layer_height_mm)))
+        places.append(OverhangPlace(
+            at_mm=(float(raster.grid.x_mm[0] + (box[1].start + i) * raster.grid.pitch_mm),
+                   float(raster.grid.y_mm[0] + (box[0].start + j) * raster.grid.pitch_mm)),
+            area_mm2=area, angle_deg=min(angle, 89.9),
+            is_in_air=island >= 0 and not supported[island]))
+    places.sort(key=lambda place: (not place.is_in_air, -place.area_mm2))
+    return tuple(places[:_MOST_PLACES])
+
+
+def _same(loops: Sequence[FloatArray], below: Sequence[FloatArray]) -> bool:
+    return len(loops) == len(below) and all(
+        np.array_equal(a, b) for a, b in zip(loops, below, strict=True))
+
+
+def _raster_error_mm(raster: SectionRaster) -> float:
+    return 1e-3 * raster.grid.pitch_mm

@@ -1,0 +1,58 @@
+"""One section on a raster of its own: depth and nearest edge of the outline at every node."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmctl.field.plane import PlaneGrid, nearest_segments
+
+FloatArray = NDArray[np.float64]
+
+#: Nodes a bead and a pitch: two tracks 0.7 pitches apart are then more than three nodes apart.
+NODES_PER_BEAD = 8
+NODES_PER_PITCH = 5
+#: Nodes outside the box of the outline, each side.
+_PADDING = 3
+#: Where the raster begins, in nodes: no multiple of a simple fraction, so that the middles of
+#: shapes drawn on round numbers do not run along rows of nodes.
+_OFFSET = (0.381966, 0.276393)
+
+
+@dataclass(frozen=True)
+class SectionRaster:
+    """Depth below an outline, and where the outline is nearest.
+
+    grid : of the nodes; depth_mm : (ny, nx) float32, distance to the outline, positive inside
+    segments : (m, 4) float64, x0 y0 x1 y1 of the outline's edges from the grid's origin [mm]
+    nearest : (ny, nx) int64, row of `segments` nearest to each node
+    """
+
+    grid: PlaneGrid
+    depth_mm: NDArray[np.float32]
+    segments: FloatArray
+    nearest: NDArray[np.int64]
+
+
+def raster_pitch_mm(bead_mm: float, pitch_mm: float) -> float:
+    """Distance of the nodes on which tracks of such a bead and pitch are laid out."""
+    return min(bead_mm / NODES_PER_BEAD, pitch_mm / NODES_PER_PITCH)
+
+
+def section_raster(
+    loops: Sequence[FloatArray], node_mm: float, box_mm: FloatArray | None = None
+) -> SectionRaster:
+    """The raster around closed loops (k, 2) [mm]; there has to be one at least.
+
+    box_mm : (2, 2) float64, lowest and highest x, y to be within it; the loops' own by default
+    """
+    points = np.vstack(loops) if box_mm is None else box_mm
+    low, high = points.min(axis=0), points.max(axis=0)
+    origin = low - (_PADDING - np.array(_OFFSET)) * node_mm
+    nx, ny = (np.ceil((high - origin) / node_mm).astype(int) + _PADDING).tolist()
+    grid = PlaneGrid((float(origin[0]), float(origin[1])), node_mm, (ny, nx))
+    depth, segments, nearest = nearest_segments(loops, grid)
+    return SectionRaster(grid, depth, segments, nearest)

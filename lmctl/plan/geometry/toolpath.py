@@ -1,0 +1,43 @@
+"""One line to deposit along, while a layer's geometry is being made."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Toolpath:
+    """points_mm : (k, 2) float64; a closed one repeats its first point last
+    strip_width_mm : (k,) float64, width of the strip it fills
+    """
+
+    points_mm: FloatArray
+    strip_width_mm: FloatArray
+    is_closed: bool
+
+    @property
+    def length_mm(self) -> float:
+        return float(self.steps_mm().sum())
+
+    def steps_mm(self) -> FloatArray:
+        """(k − 1,) length from each point to the next."""
+        return np.asarray(np.linalg.norm(np.diff(self.points_mm, axis=0), axis=1))
+
+    def strip_area_mm2(self) -> float:
+        """Length times strip width: the volume it deposits over the layer height."""
+        return float(self.steps_mm() @ (self.strip_width_mm[1:] + self.strip_width_mm[:-1]) / 2)
+
+    def reversed(self) -> Toolpath:
+        return Toolpath(self.points_mm[::-1], self.strip_width_mm[::-1], self.is_closed)
+
+    def starting_at(self, first: int) -> Toolpath:
+        """A closed toolpath begun at another of its points."""
+        if first == 0:
+            return self
+        order = np.concatenate([np.arange(first, len(self.points_mm) - 1), np.arange(first + 1)])
+        return Toolpath(self.points_mm[order], self.strip_width_mm[order], True)
