@@ -124,7 +124,8 @@ def _gather(record: dict[str, Any], t_s: float, gathered: _Gathered) -> None:
             ))
         case "fault":
             text = "; ".join([record["what"], *record.get("local", {}).get("where", ())])
-            gathered.happenings.append(Happening(t_s, f"FAULT: {text}"))
+            kind = "then" if record.get("follows") else "FAULT"
+            gathered.happenings.append(Happening(t_s, f"{kind}: {text}"))
         case "seal":
             gathered.end = record
 

@@ -67,6 +67,9 @@ def _head(log: JobLog) -> str:
         ("ended", f"{log.end.get('local', {}).get('wall', 'no seal')}, "
                   f"after {_clock(log.last_t_s)} of machine time"),
     ]
+    if cause := log.end.get("cause"):
+        rows.append(("cause", str(cause.get("what", ""))))
+        rows += [("then", str(text)) for text in log.end.get("followed", [])]
     rows += [("hopper", text) for text in _hoppers(header.get("hoppers", []))]
     rows += [("warning", str(text)) for text in header.get("warnings", [])]
     title = f"JOB LOG  {run}"

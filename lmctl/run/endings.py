@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from lmctl.errors import JobError, LmctlError, RunBrokenOff, RunFailed, RunStopped
 from lmctl.run.course import Course
 from lmctl.run.interlocks.alarms import Alarm, Alarms
@@ -27,6 +29,17 @@ def recoverable(machine: StateMachine, course: Course) -> bool:
     return course.began and not machine.finished and not wrong_job
 
 
+def first_out(machine: StateMachine, alarms: Alarms) -> dict[str, Any]:
+    """Fields of a journal's seal: the cause of a run that was not done, and what followed."""
+    if machine.state is State.DONE or not len(alarms):
+        return {}
+    cause, *others = alarms
+    return {
+        "cause": {"name": cause.name, "what": cause.what, "hint": cause.hint},
+        "followed": [one.what for one in others],
+    }
+
+
 def ending(made: RunDir, machine: StateMachine, course: Course, alarms: Alarms) -> Exception:
     """What to raise for a run that did not get done."""
     journal = f"journal: {made.journal}"
@@ -36,21 +49,23 @@ def ending(made: RunDir, machine: StateMachine, course: Course, alarms: Alarms) 
         f"`{made.command('recover')}` goes on from there" if going_on
         else f"`{made.command('log')}` shows how far it came"
     )
-    error, first = machine.fault, alarms.first
+    error, (first, *others) = machine.fault, tuple(alarms) or (None,)
     if first is None and machine.state is State.STOPPED:
         return RunStopped(f"{made.run} was stopped by the operator", where=(*halted, journal),
                           hint=hint)
     if isinstance(error, LmctlError) and not machine.touched:
         error.where = (*error.where, journal)
         return error
-    # What came first is the reason; what ended the run may only have followed from it.
+    # The cause is the headline; what ended the run may only have followed from it.
     reason = error if first is None else first
     if not isinstance(reason, Alarm | LmctlError):
         return reason or RuntimeError("the run ended without a reason")
-    then = "" if first is None or error is None or str(error) == first.what else str(error)
+    then = [f"then: {one.what}" for one in others if one is not None]
+    if first is not None and error is not None and str(error) not in {one.what for one in alarms}:
+        then.append(f"then: {error}")
     kind = RunStopped if machine.state is State.STOPPED else (
         RunBrokenOff if going_on else RunFailed)
-    ended = kind(reason.what, where=(*reason.where, *filter(None, [then]), *halted, journal),
+    ended = kind(reason.what, where=(*reason.where, *then, *halted, journal),
                  hint="; then ".join(filter(None, (reason.hint, hint))))
     ended.__cause__ = error
     return ended

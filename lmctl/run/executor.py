@@ -20,7 +20,7 @@ from lmctl.run.cell.ownership import owning
 from lmctl.run.control.server import Controls, ControlSocket, Peer, listening
 from lmctl.run.course import Continuation, Course
 from lmctl.run.deposition import Progress
-from lmctl.run.endings import ending, recoverable
+from lmctl.run.endings import ending, first_out, recoverable
 from lmctl.run.header import header, local
 from lmctl.run.journal import rundir
 from lmctl.run.journal.recorder import Recorder, wall_stamp
@@ -32,6 +32,7 @@ from lmctl.run.sequence import CellSequence
 from lmctl.run.snapshot import View
 from lmctl.run.state.machine import StateMachine
 from lmctl.run.state.table import FINAL, Event, State
+from lmctl.run.trouble import TroubleLog
 
 __all__ = ["Continuation", "Executor", "Notice", "Progress", "RunResult", "run_job"]
 
@@ -243,7 +244,8 @@ class Executor:
         )
         if self._notice is not None:
             sequence.alarms.told = self._notice
-        machine = StateMachine(sequence.carry_out, sequence.halt, recorder)
+        trouble = TroubleLog(sequence.alarms, recorder)
+        machine = StateMachine(sequence.carry_out, sequence.halt, trouble)
         self._live = _Live(machine, sequence, course, recorder, view)
         operators = ControlSocket(control, Controls(self.snapshot, self._act, self._came))
         operators.start()
@@ -261,6 +263,7 @@ class Executor:
                     await operators.close()
                     recorder.seal(machine.state, lines=course.executed, warnings=list(warnings),
                                   recoverable=recoverable(machine, course),
+                                  **first_out(machine, sequence.alarms),
                                   position_trusted=sequence.position_trusted)
                 finally:  # a disk that is full must not leave the feeders to their watchdogs
                     await sequence.close()

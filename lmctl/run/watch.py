@@ -16,12 +16,15 @@ from lmctl.machine.motion.driver import MotionListener
 from lmctl.machine.safety.status import SafetyListener, SafetyStatus
 from lmctl.run.cell.devices import Cell
 from lmctl.run.deposition import Deposition
-from lmctl.run.interlocks.alarms import Alarms, Interlock
+from lmctl.run.interlocks.alarms import Alarms, Interlock, Trip
 from lmctl.run.interlocks.facts import STALE_PERIODS, Facts, FeederFacts, FeederSaid, said
 from lmctl.run.interlocks.rules import RULES, RULES_WITHOUT_SAFETY
 from lmctl.run.interlocks.supervision import Supervision
 from lmctl.run.interlocks.warnings import Warnings
 from lmctl.run.journal.recorder import Recorder
+
+#: Alarms that a controller which restarts, or is lost, raises before that is known.
+_SYMPTOMS = ("motion silent", "position", "path", "wait", "feed and power")
 
 #: While a device stays silent, it is looked at so often [s].
 _STALE_LOOKS_S = 0.1
@@ -125,29 +128,34 @@ class Watch:
         """The text was checked before the run: what the controller got is not what was sent."""
         meaning = error_meaning(code, self._cell.motion.identity.dialect)
         line = self._deposition().job_line(tag)
-        self._tripped(MachineError(
-            f"program line {line} was rejected: {meaning.words}",
+        self._raise(Trip(
+            "program line rejected",
+            f"program line {line} was damaged on its way or is wrong: {meaning.words}",
             where=f"error {code} of the motion controller",
-            hint=f"it had been checked, so noise may have damaged it; else {meaning.remedy}",
+            hint="it had been checked before, so look at cable and earthing of the controller; "
+            f"else {meaning.remedy}",
         ))
 
     def _motion_alarm(self, code: int) -> None:
         meaning = alarm_meaning(code, self._cell.motion.identity.dialect)
-        self._tripped(MachineError(f"the motion controller is in alarm: {meaning.words}",
-                                   where=f"alarm {code}", hint=meaning.remedy))
+        self._raise(Trip(f"motion alarm {code}",
+                         f"the motion controller is in alarm: {meaning.words}",
+                         where=f"alarm {code}", hint=meaning.remedy))
 
     def _motion_restarted(self) -> None:
-        self._tripped(MachineError(
-            "the motion controller restarted in the middle of the run",
+        self._raise(Trip(
+            "motion restarted", "the motion controller restarted in the middle of the run",
             where="its position is lost",
             hint="look for a loose power or reset line, then home the machine",
+            explains=_SYMPTOMS,  # while it boots it reports nothing
         ))
 
     def _motion_lost(self, reason: str) -> None:
-        self._tripped(MachineError(
-            f"the motion controller is lost: {reason}",
+        self._raise(Trip(
+            "motion lost", f"the motion controller is lost: {reason}",
             where="it runs dry and the beam goes out within the send horizon",
             hint="check cable and power of the controller",
+            explains=() if self._cell.motion.is_silent else _SYMPTOMS,
         ))
 
     def _feeder_listener(self, at: int, feeder: FeederDriver) -> FeederListener:

@@ -97,6 +97,9 @@ _DIRECTION = Parameter(
 )
 _COUNT = _n("count", 1, "how many bytes", 1_000_000)
 _EVERY = _n("every", 1, "one in so many bytes", 1_000_000)
+_PROBABILITY = Parameter("probability", 0.1, "that a report is struck", 0, 1)
+_REPORTS = _n("count", 0, "how many, 0 for as long as it stands", 1_000_000, 0)
+_SEED = _n("seed", 0, "which reports are struck", 1_000_000, 0)
 _NOTICED = Parameter("noticed", True, "the device raises its own alarm")
 _RISES = Parameter(
     "rise_s", 0.0, "the pressure rises evenly for so long; it is noticed, and powder minds, then",
@@ -140,6 +143,18 @@ _MOTION_KINDS = (
               "an answer is missing", (_REPLIES,)),
     FaultKind("ok_doubled", "answers of the controller come twice", _M, _MAY,
               "an answer nobody waits for", (_REPLIES,)),
+    FaultKind("reports_garbled", "status reports are damaged on their way; with another digit they "
+              "are still reports", _M, _ON, "",
+              (_PROBABILITY, _REPORTS, _SEED,
+               Parameter("how", "any", "what becomes of one",
+                         choices=("any", "digit", "byte", "cut"))), lasts=True),
+    FaultKind("reports_lost", "status reports get lost", _M, _ON, "",
+              (_PROBABILITY, _REPORTS, _SEED), lasts=True),
+    FaultKind("reports_extended", "status reports carry fields of a newer firmware", _M, _ON, "",
+              lasts=True),
+    FaultKind("reports_slow", "the controller looks at '?' every so often; a reset before it has "
+              "looked takes the question with it", _M, _ON, "",
+              (Parameter("look_s", 0.02, "how often", 0.001, 0.5),), lasts=True),
     FaultKind("word_garbled", "a place, feed, power or wait of the program is damaged on its "
               "way, and still a number", _M, _MAY, "the program asks for",
               (Parameter("letter", "S", "which word", choices=("X", "Y", "Z", "F", "S", "P")),

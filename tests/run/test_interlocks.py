@@ -14,7 +14,7 @@ from lmctl.machine.feeder.readings import HopperReading
 from lmctl.machine.feeder.status import FeederStatus
 from lmctl.machine.feeder.warnings import FeederWarning
 from lmctl.machine.safety.status import SafetyStatus
-from lmctl.run.interlocks.alarms import Alarms, EmergencyStop, Interlock
+from lmctl.run.interlocks.alarms import Alarms, EmergencyStop, Interlock, Trip
 from lmctl.run.interlocks.facts import Facts, FeederFacts, OffProgram, Unasked, said
 from lmctl.run.interlocks.rules import RULES, RULES_WITHOUT_SAFETY
 from lmctl.run.interlocks.supervision import Supervision
@@ -335,8 +335,30 @@ def test_the_first_alarm_stays_first_until_all_are_acknowledged():
     assert alarms.add(Interlock("gas", "gas is low"), 1.0)
     assert alarms.add(Interlock("disc", "disc is jammed"), 2.0)
     assert alarms.add(Interlock("gas", "gas is lower still"), 3.0) is None
-    assert alarms.first.what == "gas is low"
+    assert alarms.cause.what == "gas is low"
     assert [alarm.name for alarm in alarms] == ["gas", "disc"]
     alarms.acknowledged()
-    assert alarms.first is None
+    assert alarms.cause is None
     assert len(alarms) == 0
+
+
+def test_a_cause_that_shows_later_than_what_it_does_is_the_first_alarm():
+    """A controller that loses power is silent before it says that it has restarted."""
+    alarms, lines = Alarms(), []
+    alarms.told = lines.append
+    alarms.add(Interlock("motion silent", "it has not reported for 0.6 s"), 0.6)
+    alarms.add(Interlock("feeder silent F1", "feeder F1: no answer"), 0.9)
+    alarms.add(Trip("motion restarted", "it restarted", explains=("motion silent",)), 1.5)
+    alarms.add(Trip("motion alarm 3", "it is in alarm"), 1.6)
+    assert alarms.cause.what == "it restarted"
+    assert [one.what for one in alarms] == [
+        "it restarted", "it has not reported for 0.6 s", "feeder F1: no answer", "it is in alarm"]
+    assert [line.partition(":")[0] for line in lines] == ["alarm", "then", "the cause", "then"]
+
+
+def test_what_explains_something_else_stays_behind_the_first_alarm():
+    alarms = Alarms()
+    alarms.add(Interlock("door", "the door is open"), 0.1)
+    alarms.add(Interlock("motion silent", "it has not reported for 0.6 s"), 0.6)
+    alarms.add(Trip("motion restarted", "it restarted", explains=("motion silent",)), 1.5)
+    assert alarms.cause.name == "door"

@@ -11,9 +11,10 @@ from dataclasses import dataclass
 
 from firmware_protocol.status import StatusReport
 from lmctl.errors import MachineError
-from lmctl.machine.motion.conversation import Conversation, Hearer
+from lmctl.machine.motion.conversation import Conversation
 from lmctl.machine.motion.driver import MotionDriver
 from lmctl.machine.motion.handshake import first_report, homed, identify
+from lmctl.machine.motion.hearer import Hearer
 from lmctl.machine.motion.identify import Identity, homing_enabled, read_offset, read_settings
 
 _COMMAND_S = 3.0

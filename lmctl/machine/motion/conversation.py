@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 from firmware_protocol.codes import alarm_meaning, error_meaning
 from firmware_protocol.dialect import GRBL, GRBLHAL, Dialect
@@ -27,34 +26,15 @@ from firmware_protocol.realtime import Realtime
 from firmware_protocol.status import StatusReport
 from lmctl.errors import MachineError
 from lmctl.machine.motion.awaited import Awaited
+from lmctl.machine.motion.hearer import Hearer
 from lmctl.machine.motion.links import Link, open_link
 from lmctl.machine.motion.report_screen import ReportScreen
 from lmctl.machine.motion.status_watch import StatusWatch
 
 _COMMAND_TAG = -1
 _LOST_HINT = "check cable and power of the controller, and that no other program talks to it"
+_RESET_TAKES_S = 0.3  # to the banner, where the controller has power
 _LEAST_RX_USABLE = 127  # before the controller has said how much it has
-
-
-@dataclass
-class Hearer:
-    """Who is told what the controller says, as callables.
-
-    accepted(count) for `ok`s in a row, rejected(tag, error), report(report) for each that is
-    believed, alarm(code), restarted(asked) in stream order;
-    surplus_answer() where an answer answers nothing; batch_done() after each arrival of bytes;
-    asking() before each `?`: what is written then goes with it; lost(reason) once.
-    """
-
-    accepted: Callable[[int], None]
-    rejected: Callable[[int, int], None]
-    report: Callable[[StatusReport], None]
-    alarm: Callable[[int], None]
-    restarted: Callable[[bool], None]
-    batch_done: Callable[[], None]
-    lost: Callable[[str], None]
-    surplus_answer: Callable[[], None] = lambda: None
-    asking: Callable[[], None] = lambda: None
 
 
 class Conversation:
@@ -63,6 +43,7 @@ class Conversation:
     dialect : Grbl's until `settle_on` is told better
     damaged : messages so far that were no message or answered nothing
     heard_bytes : whether anything at all has arrived
+    lost, is_silent : why nothing more will come, and whether because nothing did
     rx_empty : most free receive bytes reported with nothing unanswered
     screen : which reports are believed
     sent_before_question : tag of the newest line unanswered when `?` was sent, or None
@@ -74,16 +55,18 @@ class Conversation:
         self.damaged = 0
         self.heard_bytes = False
         self.lost: str | None = None
+        self.is_silent = False
         self.rx_empty = 0
         self.sent_before_question: int | None = None
-        self.watch = StatusWatch(status_period_s, self._ask, self.give_up)
+        self.watch = StatusWatch(status_period_s, self._ask, self._fell_silent)
         self.screen = ReportScreen()
         self._hearer = hearer
         self._loop = asyncio.get_running_loop()
         self._host = GrblHost(_LEAST_RX_USABLE, GRBL.line_chars)
         self._link: Link | None = None
         self._awaited = Awaited(self.error)
-        self._reset_asked = False
+        self._reset_sent_s: float | None = None  # the first whose banner has not come
+        self._silent_at_reset = False
         self._with_question: bytes | None = None  # lines to be sent in one write with a `?`
 
     async def connect(self, baud: int, timeout_s: float) -> None:
@@ -160,7 +143,9 @@ class Conversation:
         if self._link is None:
             return
         if byte is Realtime.RESET:
-            self._reset_asked = True
+            if self._reset_sent_s is None:
+                self._reset_sent_s = self._loop.time()
+                self._silent_at_reset = self.watch.unanswered_s > _RESET_TAKES_S
             self._link.discard_unsent()
         self.screen.commanded(byte)
         self._link.write_realtime(byte.wire)
@@ -273,12 +258,29 @@ class Conversation:
             self._awaited.accepted()
 
     def _restarted(self) -> None:
-        asked, self._reset_asked = self._reset_asked, False
+        asked = self._is_reset_answered()
+        self._reset_sent_s = None
         self._awaited.refused("the controller restarted", "send it again")
         self.screen.restarted()
         self._hearer.restarted(asked)
         self._awaited.restarted()
         self.watch.restarted()
+
+    def _is_reset_answered(self) -> bool:
+        """Whether a banner answers a reset that was sent here.
+
+        One that comes late, from a controller that had been silent, is that of a start: the reset
+        went to a controller without power.
+        """
+        if self._reset_sent_s is None:
+            return False
+        return not self._silent_at_reset or (
+            self._loop.time() - self._reset_sent_s <= _RESET_TAKES_S
+        )
+
+    def _fell_silent(self, reason: str) -> None:
+        self.is_silent = True
+        self.give_up(reason)
 
     def give_up(self, reason: str) -> None:
         """Count the controller as lost; told once."""

@@ -6,47 +6,23 @@ executed (done by the machine); see `progress` and `stream`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable
 
 from firmware_protocol.codes import LOCKED_BY_ALARM, position_lost
 from firmware_protocol.realtime import Realtime
 from firmware_protocol.status import StatusReport
 from lmctl.machine.motion import holding
-from lmctl.machine.motion.conversation import Conversation, Hearer
+from lmctl.machine.motion.conversation import Conversation
 from lmctl.machine.motion.handshake import RESET_S, Introduction, introduce
+from lmctl.machine.motion.hearer import Hearer
 from lmctl.machine.motion.identify import Identity, unfit_settings
+from lmctl.machine.motion.listener import MotionListener
 from lmctl.machine.motion.override_arithmetic import NO_OVERRIDE
 from lmctl.machine.motion.stream import Stream
 
+__all__ = ["MotionDriver", "MotionListener"]
+
 _HOMED_S = 180.0
-
-
-def _ignore(*_: object) -> None:
-    """What happens to an event nobody listens to."""
-
-
-@dataclass
-class MotionListener:
-    """Called in the order of the byte stream, from the loop; each must return at once.
-
-    on_question() : a status report is about to be asked for; lines submitted now go with the
-        question and cost the wire no turn of their own
-    on_progress() : acknowledged or executed has grown
-    on_status(report)
-    on_error(tag, code) : line `tag` of the stream is the first that was rejected; `!` is on its way
-    on_alarm(code)
-    on_restart() : the controller restarted and nobody here asked for it
-    on_lost(reason) : the link is gone or the controller silent; nothing follows
-    """
-
-    on_question: Callable[[], None] = _ignore
-    on_progress: Callable[[], None] = _ignore
-    on_status: Callable[[StatusReport], None] = _ignore
-    on_error: Callable[[int, int], None] = _ignore
-    on_alarm: Callable[[int], None] = _ignore
-    on_restart: Callable[[], None] = _ignore
-    on_lost: Callable[[str], None] = _ignore
 
 
 class MotionDriver:
@@ -178,6 +154,11 @@ class MotionDriver:
     def unreadable_answers(self) -> int:
         """Answers since the last believed report that could not be read or believed."""
         return self._talk.watch.unreadable
+
+    @property
+    def is_silent(self) -> bool:
+        """Whether the controller was given up because it does not answer."""
+        return self._talk.is_silent
 
     @property
     def overrides_known(self) -> bool:

@@ -66,6 +66,12 @@ class StatusWatch:
         return float("inf") if self._answered_s is None else self._loop.time() - self._answered_s
 
     @property
+    def unanswered_s(self) -> float:
+        """For how long the open question has been put without a believable answer; 0 without."""
+        opened_s = self._open_since_s
+        return 0.0 if opened_s is None else self._loop.time() - opened_s
+
+    @property
     def late_s(self) -> float:
         """How long an answer is waited for before the question is put again."""
         return min(self._period_s, 2.0 * self._takes_s + _LATE_S)
@@ -90,7 +96,7 @@ class StatusWatch:
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
-        self.abandon_question()
+        self._close_question()
 
     def ask_now(self) -> None:
         """Ask outside the schedule, unless a question is open: that is put again by itself."""
@@ -99,8 +105,7 @@ class StatusWatch:
 
     def abandon_question(self) -> None:
         """The open question will not be waited for: the next may be put at once."""
-        self._asked_s = self._open_since_s = None
-        self._times_put = 0
+        self._asked_s = None
         self._wait_no_more()
 
     def answered(self) -> None:
@@ -110,7 +115,7 @@ class StatusWatch:
             self._takes_s = max(now_s - self._open_since_s, _FORGETS * self._takes_s)
         self._answered_s = now_s
         self.unreadable = 0
-        self.abandon_question()
+        self._close_question()
 
     def ask_again(self) -> None:
         """Something has arrived that cannot be read or believed: ask again within 20 ms."""
@@ -132,8 +137,14 @@ class StatusWatch:
     def restarted(self) -> None:
         """The controller restarted, and an open question went down with what it had received."""
         if self._open_since_s is not None or self._timer is not None:
-            self.abandon_question()
+            self._close_question()
             self._put_question()
+
+    def _close_question(self) -> None:
+        """Nothing is waited for, and silence counts anew from the next question."""
+        self._open_since_s = None
+        self._times_put = 0
+        self.abandon_question()
 
     def _put_question(self) -> None:
         self._asked_s = self._loop.time()
@@ -161,7 +172,9 @@ class StatusWatch:
 
     def _is_silent(self) -> bool:
         """Whether the controller counts as silent from now on; reported once."""
-        if self._open_since_s is None or self._times_put < _SILENT_QUESTIONS:
+        if self._timer is None or self._open_since_s is None:
+            return False
+        if self._times_put < _SILENT_QUESTIONS:
             return False
         silent_s = self._loop.time() - self._open_since_s
         if silent_s < SILENT_S:

@@ -1,26 +1,39 @@
 """What is not as it must be, in plain words: first-out, latched until an operator goes on.
 
 An `Interlock` is what a hold answers: beam and motion down, then powder, and the run waits for its
-operator. Everything else that goes wrong ends the run.
+operator. Everything else that goes wrong ends the run. All of it stands in one list, `Alarms`, in
+the order in which it was found: the first is the cause, what came after may follow from it. Some
+causes show later than what they do, as a controller that loses power is silent before it says that
+it has restarted: they name what they explain.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 
-from lmctl.errors import MachineError
+from lmctl.errors import LmctlError, MachineError
 from lmctl.machine.feeder.warnings import FeederWarning
 
 
-class Interlock(MachineError):  # noqa: N818 (it is the cell's own word)
-    """A reason to hold. name : of the interlock, one alarm a name."""
+class Trip(MachineError):  # noqa: N818 (it is the cell's own word)
+    """A reason to end the run, or to hold it.
+
+    name : of the trip, one alarm a name
+    explains : names of alarms that this is the cause of, though they may have come before it
+    """
 
     def __init__(
-        self, name: str, what: str, *, where: str | Sequence[str] = (), hint: str = ""
+        self, name: str, what: str, *, where: str | Sequence[str] = (), hint: str = "",
+        explains: Collection[str] = (),
     ) -> None:
         super().__init__(what, where=where, hint=hint)
         self.name = name
+        self.explains = frozenset(explains)
+
+
+class Interlock(Trip):
+    """A reason to hold."""
 
     @classmethod
     def of(cls, name: str, error: MachineError) -> Interlock:
@@ -30,19 +43,24 @@ class Interlock(MachineError):  # noqa: N818 (it is the cell's own word)
         )
 
 
-class EmergencyStop(MachineError):  # noqa: N818
+class EmergencyStop(Trip):
     """The safety chain is open: the controller is reset at once, and its position is lost."""
 
 
 @dataclass(frozen=True)
 class Alarm:
-    """One alarm as operators see it. at_s : machine time since the run began."""
+    """One alarm as operators see it.
+
+    at_s : machine time since the run began
+    explains : names of alarms that this is the cause of, though they may have come before it
+    """
 
     name: str
     what: str
     where: tuple[str, ...]
     hint: str
     at_s: float
+    explains: frozenset[str] = frozenset()
 
 
 def _tell_nobody(line: str) -> None:
@@ -50,8 +68,9 @@ def _tell_nobody(line: str) -> None:
 
 
 class Alarms:
-    """The alarms of a run since it last went on, the first one first, and the warnings that stand.
+    """The alarms of a run since it last went on, and the warnings that stand.
 
+    Iterating gives the cause, then what came with it in the order in which it was found.
     told : called with a line for people as an alarm or warning comes, and as a warning is over
     warnings : oldest first
     """
@@ -62,23 +81,39 @@ class Alarms:
         self._alarms: dict[str, Alarm] = {}
 
     def __iter__(self) -> Iterator[Alarm]:
-        return iter(tuple(self._alarms.values()))
+        cause = self.cause
+        if cause is not None:
+            yield cause
+            yield from [one for one in self._alarms.values() if one is not cause]
 
     def __len__(self) -> int:
         return len(self._alarms)
 
     @property
-    def first(self) -> Alarm | None:
-        """What came first: the others may follow from it."""
-        return next(iter(self._alarms.values()), None)
+    def cause(self) -> Alarm | None:
+        """The first alarm, or the one that explains it: the others may follow from it."""
+        cause: Alarm | None = None
+        for alarm in self._alarms.values():
+            if cause is None or cause.name in alarm.explains:
+                cause = alarm
+        return cause
 
-    def add(self, error: MachineError, at_s: float) -> Alarm | None:
+    def add(self, error: LmctlError, at_s: float) -> Alarm | None:
         """Add an alarm; None where it stands already."""
-        name = error.name if isinstance(error, Interlock) else error.what
-        if name in self._alarms:
+        name = name_of(error)
+        if name in self._alarms or any(one.what == error.what for one in self._alarms.values()):
             return None
-        alarm = self._alarms[name] = Alarm(name, error.what, error.where, error.hint, at_s)
-        self.told(f"alarm: {alarm.what}" + (f"; what to do: {alarm.hint}" if alarm.hint else ""))
+        explains = error.explains if isinstance(error, Trip) else frozenset()
+        before = self.cause
+        alarm = Alarm(name, error.what, error.where, error.hint, at_s, explains)
+        self._alarms[name] = alarm
+        hint = f"; what to do: {alarm.hint}" if alarm.hint else ""
+        if before is None:
+            self.told(f"alarm: {alarm.what}{hint}")
+        elif self.cause is alarm:
+            self.told(f"the cause: {alarm.what}{hint}")
+        else:
+            self.told(f"then: {alarm.what}{hint}")
         return alarm
 
     def warn(self, warning: FeederWarning, *, stands: bool) -> None:
@@ -93,3 +128,8 @@ class Alarms:
     def acknowledged(self) -> None:
         """The operator has seen them and the run goes on."""
         self._alarms.clear()
+
+
+def name_of(error: LmctlError) -> str:
+    """The name of the alarm that an error is."""
+    return error.name if isinstance(error, Trip) else error.what

@@ -77,7 +77,6 @@ class Supervision:
 
 def alarm_of(rule: Rule, finding: Finding) -> MachineError:
     """A finding in the form that the run acts on."""
-    if rule.reaction is Reaction.RESET:
-        return EmergencyStop(finding.what, where=f"interlock: {rule.name}", hint=finding.hint)
+    kind = EmergencyStop if rule.reaction is Reaction.RESET else Interlock
     name = f"{rule.name} {finding.subject}".strip()
-    return Interlock(name, finding.what, where=f"interlock: {rule.name}", hint=finding.hint)
+    return kind(name, finding.what, where=f"interlock: {rule.name}", hint=finding.hint)

@@ -9,7 +9,8 @@ path      a path is about to be sent: its number, layer, first and last line
 executed  a path has been executed: all its lines, not only acknowledged
 place     motion has come to rest: the line reached, and the share of it that has been executed
 entry     how the job goes on after that: the line lit first, and the bead laid twice [mm]
-alarm     an interlock has tripped: which, and the words the operator reads
+alarm     something is not as it must be: its name, the words the operator reads, and the names of
+          alarms that it is the cause of, though they may stand before it
 warning   a feeder warns of something that holds nothing: which, and whether it stands or is over
 setpoint  flows sent to the hoppers [g/min]
 override  a feed override asked for, or reported by the controller [%]
@@ -17,8 +18,8 @@ operator  an act that came by the control socket: from whom, and why it was refu
 samples   columns of equal length, one value a status report
 purge     powder fed over the purge position or in a hold, before motion goes on [g]
 layer     all lines of a layer have been executed
-fault     the first reason why a run ended badly, and each later one
-seal      the end: state, lines executed
+fault     a reason why a run was held or ended badly; of one that came after another, the cause
+seal      the end: state, lines executed; of a run that was not done the cause, and what followed
 """
 
 from __future__ import annotations
@@ -113,7 +114,8 @@ class Recorder:
 
     def alarm(self, alarm: Alarm) -> None:
         """An interlock has tripped."""
-        self._append("alarm", name=alarm.name, what=alarm.what, hint=alarm.hint,
+        explains = {"explains": sorted(alarm.explains)} if alarm.explains else {}
+        self._append("alarm", name=alarm.name, what=alarm.what, hint=alarm.hint, **explains,
                      local={"where": list(alarm.where)})
 
     def warning(self, warning: FeederWarning, *, stands: bool) -> None:
@@ -187,11 +189,15 @@ class Recorder:
             )
         self._flush()
 
-    def fault(self, error: BaseException) -> None:
-        """A reason to stop, in words; durable."""
+    def fault(self, error: BaseException, follows: str = "") -> None:
+        """A reason to stop, in words; durable.
+
+        follows : what came before it and is the cause, "" where it is the cause itself
+        """
         if isinstance(error, LmctlError):
             # Places name ports and files, which differ between equal runs.
             self._append("fault", what=error.what, hint=error.hint,
+                         **({"follows": follows} if follows else {}),
                          local={"where": list(error.where)})
         else:
             self._append("fault", what=f"internal error: {error!r}", hint="")

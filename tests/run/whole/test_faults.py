@@ -169,7 +169,7 @@ def test_a_line_damaged_on_its_way_stops_the_run_at_once(run, large_square_job, 
 
     one = run(large_square_job, bench=bench, acts=[(3.0, damage)])
     assert isinstance(one.error, RunBrokenOff)
-    rejected = int(re.search(r"program line (\d+) was rejected", one.error.render())[1])
+    rejected = int(re.search(r"program line (\d+) was damaged on its way", one.error.render())[1])
     after = aftermath(RunDir(one.journal.parent))  # a line once damaged does not end the part
     assert Place(rejected - 20) < after.proven <= Place(rejected)
     assert len(one.standing_beam) == 0

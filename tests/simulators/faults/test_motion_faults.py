@@ -5,6 +5,8 @@ import re
 
 import pytest
 
+from firmware_protocol.status import parse_status
+
 GRBL = [('dialect = "grblhal"', 'dialect = "grbl"'), ("\n10 = 511\n", "\n10 = 3\n"),
         ("rx_bytes = 1024", "rx_bytes = 128"), ("planner_blocks = 100", "planner_blocks = 15")]
 
@@ -265,3 +267,63 @@ def test_one_word_is_garbled_and_still_a_number(play, letter, percent, there):
         return got
 
     assert play(scene) == [b"G21 G90\nM4 S0\n", there, b"G1 X20 F600 S500\n"]
+
+
+@pytest.mark.parametrize("how", ["digit", "byte", "cut", "any"])
+def test_one_report_in_so_many_is_garbled_and_a_changed_digit_still_parses(play, how):
+    async def scene(cell):
+        for _ in range(3):
+            await cell.send("?")  # offset and overrides come with the first ones
+        sound = [await cell.send("?") for _ in range(60)]
+        cell.inject("reports_garbled", probability=0.5, how=how, seed=3)
+        return sound, [await cell.send("?") for _ in range(60)]
+
+    sound, said = play(scene)
+    struck = [one for one in said if one not in sound]
+    assert 18 <= len(struck) <= 42
+    parsed = [parse_status(one.decode().strip()) is not None for one in struck]
+    assert all(parsed) if how == "digit" else not all(parsed)
+
+
+def test_the_same_seed_strikes_the_same_reports(play):
+    async def scene(cell):
+        cell.inject("reports_lost", probability=0.3, seed=5)
+        return [bool(await cell.send("?")) for _ in range(30)]
+
+    first = play(scene)
+    assert first == play(scene)
+    assert 12 <= sum(first) <= 27
+
+
+def test_so_many_reports_get_lost_and_then_none(play):
+    async def scene(cell):
+        cell.inject("reports_lost", probability=1.0, count=3)
+        return [await cell.send("?G21\n") for _ in range(5)]
+
+    said = play(scene)
+    assert said[:3] == [b"ok\r\n"] * 3  # answers are no reports
+    assert all(b"<Idle" in one for one in said[3:])
+
+
+def test_reports_of_a_newer_firmware_carry_more_fields(play):
+    async def scene(cell):
+        cell.inject("reports_extended")
+        return await cell.send("?")
+
+    report = parse_status(play(scene).decode().strip())
+    assert report is not None
+    assert report.state == "Idle"
+    assert len(report.other) >= 2
+
+
+def test_a_reset_takes_an_open_question_with_it(play):
+    async def scene(cell):
+        cell.inject("reports_slow", look_s=0.05)
+        answered = await cell.send("?", then_s=0.1)
+        return answered, await cell.send("?\x18", then_s=0.2), await cell.send("?", then_s=0.1)
+
+    answered, swallowed, after = play(scene)
+    assert b"<Idle" in answered
+    assert b"<" not in swallowed
+    assert b"for help]" in swallowed
+    assert b"<Idle" in after

@@ -1,0 +1,33 @@
+"""Where a run writes down what goes wrong: the list of alarms and the journal, cause first."""
+
+from __future__ import annotations
+
+from lmctl.errors import LmctlError
+from lmctl.run.interlocks.alarms import Alarms, name_of
+from lmctl.run.journal.recorder import Recorder
+from lmctl.run.state.table import Event, State
+
+
+class TroubleLog:
+    """The logbook of a run's state machine.
+
+    alarms : gets every trouble, also those that no interlock has found
+    """
+
+    def __init__(self, alarms: Alarms, recorder: Recorder) -> None:
+        self._alarms = alarms
+        self._recorder = recorder
+
+    def state(self, event: Event, before: State, after: State) -> None:
+        """A transition."""
+        self._recorder.state(event, before, after)
+
+    def fault(self, error: Exception) -> None:
+        """A reason to hold or to end the run, or what follows from one."""
+        follows = ""
+        if isinstance(error, LmctlError):
+            self._alarms.add(error, self._recorder.now_s())
+            cause = self._alarms.cause
+            if cause is not None and name_of(error) != cause.name and error.what != cause.what:
+                follows = cause.what
+        self._recorder.fault(error, follows)

@@ -1,0 +1,136 @@
+"""What can befall status reports on their way to the host: each a filter of `faults.edge`.
+
+A status report has no checksum: one with a changed digit is a report like any other. Which reports
+are struck is drawn by a generator of its own, so that a run with a given seed repeats.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import random
+import re
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from firmware_protocol.realtime import Realtime
+from simulators.faults.edge import Deliver
+
+Spent = Callable[[], None]
+
+_REPORT = re.compile(rb"<[^<>\r\n]*>\r\n")
+_PRINTABLE = bytes(range(0x20, 0x7F))
+
+
+@dataclass
+class SomeReports:
+    """A report in so many is changed; after `count` of them, unless that is 0, it is spent."""
+
+    changed: Callable[[bytes, random.Random], bytes]
+    probability: float
+    count: int
+    seed: int
+    spent: Spent
+    _struck: int = 0
+    _random: random.Random = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._random = random.Random(self.seed)
+
+    def __call__(self, data: bytes, deliver: Deliver) -> None:
+        out = _REPORT.sub(self._one, data) if b"<" in data else data
+        if self.count and self._struck >= self.count:
+            self.spent()
+        if out:
+            deliver(out)
+
+    def _one(self, found: re.Match[bytes]) -> bytes:
+        report = found[0]
+        is_over = self.count and self._struck >= self.count
+        if is_over or self._random.random() >= self.probability:
+            return report
+        self._struck += 1
+        return self.changed(report, self._random)
+
+
+def lost(report: bytes, draw: random.Random) -> bytes:
+    """Nothing of it arrives."""
+    return b""
+
+
+def with_another_digit(report: bytes, draw: random.Random) -> bytes:
+    """One digit is another: it is read as a report like any other."""
+    digits = [at for at, byte in enumerate(report) if 0x30 <= byte <= 0x39]
+    if not digits:
+        return report
+    at = draw.choice(digits)
+    other = draw.choice([digit for digit in b"0123456789" if digit != report[at]])
+    return report[:at] + bytes((other,)) + report[at + 1 :]
+
+
+def with_another_byte(report: bytes, draw: random.Random) -> bytes:
+    """One byte is another printable one."""
+    at = draw.randrange(len(report) - 2)
+    return report[:at] + bytes((draw.choice(_PRINTABLE),)) + report[at + 1 :]
+
+
+def cut_short(report: bytes, draw: random.Random) -> bytes:
+    """Some bytes in it are lost."""
+    first = draw.randrange(len(report) - 2)
+    return report[:first] + report[draw.randrange(first + 1, len(report) - 1) :]
+
+
+def garbled(report: bytes, draw: random.Random) -> bytes:
+    """Any of these, half of them another digit."""
+    how = draw.choice((with_another_digit, with_another_digit, with_another_byte, cut_short))
+    return how(report, draw)
+
+
+def with_unknown_fields(report: bytes, draw: random.Random) -> bytes:
+    """Fields stand in it that no firmware known here sends, with a value and without."""
+    added = draw.sample([b"|AR", b"|$C:1", b"|Zq:1,2,3", b"|9", b"|x-y_z:"], 2)
+    head, bar, rest = report[:-3].partition(b"|")
+    return b"".join((head, added[0], bar, rest, added[1], b">\r\n"))
+
+
+GARBLINGS = {
+    "any": garbled, "digit": with_another_digit, "byte": with_another_byte, "cut": cut_short,
+}
+
+
+class SlowReports:
+    """The controller looks at its status flag every so often; a reset in between clears it.
+
+    `to_host` delays what the device sends, in order; `to_device` looks for the reset that takes the
+    reports with it which have not left.
+    """
+
+    def __init__(self, look_s: float) -> None:
+        self._look_s = look_s
+        self._loop = asyncio.get_running_loop()
+        self._waiting: deque[tuple[bytes, Deliver]] = deque()
+
+    def to_host(self, data: bytes, deliver: Deliver) -> None:
+        self._waiting.append((data, deliver))
+        self._loop.call_later(self._look_s, self._one)
+
+    def to_device(self, data: bytes, deliver: Deliver) -> None:
+        before, reset, after = data.partition(Realtime.RESET.wire)
+        if before:
+            deliver(before)
+        if reset:
+            self._waiting = deque(
+                (_REPORT.sub(b"", sent), to_host) for sent, to_host in self._waiting
+            )
+            deliver(reset + after)
+
+    def flush(self) -> None:
+        """Let go of all that waits."""
+        while self._waiting:
+            self._one()
+
+    def _one(self) -> None:
+        if self._waiting:
+            data, deliver = self._waiting.popleft()
+            if data:
+                deliver(data)

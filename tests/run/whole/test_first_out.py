@@ -1,0 +1,70 @@
+"""What is said of a run that went wrong begins with the cause, wherever it is said."""
+
+from __future__ import annotations
+
+import pytest
+
+from lmctl.report.job_log import read_job_log
+from lmctl.report.job_log_text import as_text
+from lmctl.run.journal.file import read
+from simulators.faults.board import FaultBoard
+from simulators.faults.kinds import Fault
+
+
+def injects(kind: str, **values):
+    """An act: a fault becomes real, and stands."""
+
+    def act(one) -> None:
+        one.board = FaultBoard(one.bench)
+        one.board.inject(Fault.of(kind, **values))
+
+    return act
+
+
+CAUSES = [
+    ("link_closed", {}, "the motion controller is lost: the link"),
+    ("ok_lost", {}, "the motion controller is lost: an answer is missing"),
+    ("ok_doubled", {}, "the motion controller is lost: an answer came that nobody waits for"),
+    ("controller_reboots", {}, "the motion controller restarted in the middle of the run"),
+    ("controller_silent", {}, "the motion controller has not reported for 0.6 s"),
+    ("hard_limit", {}, "the motion controller is in alarm: a hard limit was hit"),
+]
+
+
+@pytest.mark.parametrize(("kind", "values", "cause"), CAUSES, ids=[kind for kind, _, _ in CAUSES])
+def test_the_cause_is_the_headline_everywhere(run, large_square_job, kind, values, cause):
+    told, seen = [], []
+
+    def look(one) -> None:
+        one.executor._notice = told.append
+        one.executor._live.sequence.alarms.told = told.append
+
+    one = run(large_square_job, acts=[
+        (1.0, look), (3.0, injects(kind, **values)),
+        (5.5, lambda one: seen.append(one.executor.snapshot()["alarms"])),
+    ])
+    # on the terminal, as it ends and as it comes
+    assert one.error.what.startswith(cause)
+    shown = [line for line in told if line.startswith(("alarm: ", "the cause: "))]
+    assert shown[-1].partition(": ")[2].startswith(cause)
+    # in `status`
+    if seen and seen[-1]:
+        assert seen[-1][0]["what"].startswith(cause)
+    # in the journal
+    seal = list(read(one.journal))[-1]
+    assert seal["cause"]["what"].startswith(cause)
+    assert not any(text.startswith(cause) for text in seal["followed"])
+    # in the log
+    text = as_text(read_job_log(one.journal))
+    rows = [line.split(maxsplit=1) for line in text.splitlines()]
+    assert next(row[1] for row in rows if row[:1] == ["cause"]).startswith(cause[:40])
+
+
+def test_what_follows_is_listed_under_the_cause(run, large_square_job):
+    one = run(large_square_job, acts=[(3.0, injects("controller_reboots"))])
+    assert "then: the motion controller has not reported for 0.6 s" in one.error.where
+    faults = [r for r in read(one.journal) if r["kind"] == "fault"]
+    restarted = next(r for r in faults if "restarted" in r["what"])
+    assert "follows" not in restarted
+    later = faults[faults.index(restarted) + 1:]
+    assert all(r["follows"] == restarted["what"] for r in later)
