@@ -11,6 +11,7 @@ EXPECTED = {
     "hard_limit": "limit", "soft_limit": "travel|limit",
     "motion_door": "door", "motion_estop": "e-stop|emergency", "panel_hold": "hold",
     "panel_start": "", "panel_override": "",
+    "reports_garbled": "", "reports_lost": "", "reports_extended": "", "reports_slow": "",
     "ok_lost": "unanswered|no answer|answer is missing", "ok_doubled": "answer",
     "word_garbled": "program asks for|programmed path|purge position",
     "link_closed": "lost|no answer|not answer|closed|not been read|not reported", "bytes_lost": "",

@@ -53,7 +53,8 @@ class Cell:
     fault: Fault
     state: State
     came: bool = False
-    first: str = ""
+    headline: str = ""
+    followed: tuple[str, ...] = ()
     seen_s: float | None = None
     dark_s: float = 0.0
     end: str = ""
@@ -110,6 +111,7 @@ class Trial:
         await asyncio.sleep(3.0)
         while True:
             if self._executor.state is State.HELD:
+                self._read_headline()
                 try:
                     self._executor.resume()
                 except UsageError as error:
@@ -119,6 +121,13 @@ class Trial:
                 if self._executor.state is State.HELD:
                     self._executor.stop()
             await asyncio.sleep(0.5)
+
+    def _read_headline(self) -> None:
+        """What an operator sees first, before anything is acknowledged."""
+        alarms = self._executor.snapshot()["alarms"]
+        if alarms and not self.cell.headline:
+            self.cell.headline, *followed = [one["what"] for one in alarms]
+            self.cell.followed = tuple(followed)
 
     async def _bring_to(self, state: State) -> None:
         if state in (State.HOLDING, State.HELD, State.PURGING, State.RESUMING, State.STOPPING):
@@ -152,10 +161,12 @@ class Trial:
         troubles = [r for r in records if r["kind"] in ("alarm", "fault") and r["t"] >= injected_s]
         if troubles:
             cell.seen_s = troubles[0]["t"] - injected_s
-            cell.first = troubles[0]["what"]
         cell.dark_s = found.dark_after_s
-        self._judge_answer(troubles, found)
         seal = records[-1] if records[-1]["kind"] == "seal" else {}
+        if troubles and not cell.headline:
+            cause = seal.get("cause") or troubles[0]
+            cell.headline, cell.followed = cause["what"], tuple(seal.get("followed", ()))
+        self._judge_answer(troubles, found)
         if not cell.end:
             cell.end = self._final
         if self._final not in ("done",):
@@ -175,12 +186,14 @@ class Trial:
             cell.shortfalls.append("nothing was noticed")
         if kind.host is Host.GOES_ON and seen_s is not None:
             cell.shortfalls.append(f"held for nothing: {cell.first}")
-        if seen_s is not None:
+        if kind.host is Host.GOES_ON and troubles:
+            cell.shortfalls.append(f"was to be ridden out: {cell.headline}")
+        elif seen_s is not None:
             if laying and seen_s > allowed_s + DARK_WITHIN_S:
                 cell.shortfalls.append(f"seen only after {seen_s:.2f} s")
             words = EXPECTED[kind.name]
-            if not re.search(words, cell.first, re.IGNORECASE):
-                cell.shortfalls.append(f"first alarm: {cell.first}")
+            if not re.search(words, cell.headline, re.IGNORECASE):
+                cell.shortfalls.append(f"headline: {cell.headline}")
         host_stops = seen_s is not None and self._final != "done"
         within_s = seen_s + DARK_WITHIN_S if host_stops and seen_s is not None else _MOST_S
         grace_s = (seen_s or 0.0) + DARK_WITHIN_S
