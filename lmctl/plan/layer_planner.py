@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -60,7 +60,8 @@ class LayerPlanner:
         self._process: Process = part.process
         self._profile = profile
         self._placement = placement
-        self.recipe: Recipe = make_recipe(part.materials, part.process, profile)
+        self.recipe: Recipe = replace(make_recipe(part.materials, part.process, profile),
+                                      layer_height_mm=placement.layer_height_mm)
         self._limits = limits_of(self.recipe)
         self._leads = part.process.powder == "lead"
         self._nozzle = Nozzle(

@@ -17,6 +17,11 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
+#: A layer may be so much higher or lower than the process says, so that whole layers fill a part.
+MOST_LAYER_HEIGHT_CHANGE = 0.1
+#: Heights that differ by less, as a ratio, are the same.
+_EQUAL = 1e-9
+
 
 @dataclass(frozen=True)
 class Placement:
@@ -24,7 +29,8 @@ class Placement:
 
     offset_mm : (3,) float64, program coordinates of the part's own origin
     low_mm, high_mm : (3,) float64, bounds of the part in its own coordinates
-    n_layers : layers to lay
+    layer_height_mm : fitted to the part's height, if that takes no more than a tenth
+    n_layers : layers to deposit
     skipped : layers at the bottom that have nothing to lay
     """
 
@@ -59,6 +65,18 @@ class Placement:
                        skipped=self.skipped + first)
 
 
+def fitted_layer_height_mm(tall_mm: float, wanted_mm: float) -> float:
+    """The layer height of which a whole number fills the part, if it is near enough to the wanted.
+
+    tall_mm : height of the part; wanted_mm : process.layer_height_mm, returned where nothing fits
+    """
+    fewer = max(1, int(tall_mm / wanted_mm + _EQUAL))
+    fitted = min((tall_mm / fewer, tall_mm / (fewer + 1)), key=lambda h: abs(h / wanted_mm - 1))
+    if abs(fitted / wanted_mm - 1) <= _EQUAL:
+        return wanted_mm
+    return fitted if abs(fitted / wanted_mm - 1) <= MOST_LAYER_HEIGHT_CHANGE else wanted_mm
+
+
 def place(part: Part, profile: MachineProfile) -> Placement:
     """The part where its file puts it, else centred in x and y with its lowest point at z = 0.
 
@@ -72,7 +90,7 @@ def place(part: Part, profile: MachineProfile) -> Placement:
         travel = profile.motion.travel_mm
         platform = np.array([sum(travel.x) / 2, sum(travel.y) / 2, 0.0])
         offset = platform - np.array([*((low + high) / 2)[:2], low[2]])
-    height = part.process.layer_height_mm
+    height = fitted_layer_height_mm(float(high[2] - low[2]), part.process.layer_height_mm)
     n_layers = int(np.floor((high[2] - low[2]) / height + 0.5 - 1e-6))  # a plane on top is out
     if n_layers < 1:
         raise PlanError(

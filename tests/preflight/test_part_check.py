@@ -9,6 +9,7 @@ from lmctl.config.part_file import Process
 from lmctl.errors import PlanError
 from lmctl.part.materials.powders import MaterialSpec
 from lmctl.preflight.part_check import check_part
+from lmctl.preflight.placement import fitted_layer_height_mm
 
 
 def refusal(part, profile):
@@ -21,17 +22,26 @@ def refusal(part, profile):
 def test_centred_on_the_platform_with_its_lowest_point_on_it(part, profile):
     placement = check_part(part, profile)
     assert placement.offset_mm == pytest.approx([150, 150, 3])
-    assert placement.n_layers == 12  # 10 mm in layers of 0.8: the last middle plane lies at 9.2
-    assert placement.cut_mm(0) == pytest.approx(-3 + 0.4)
-    assert placement.nozzle_mm(0) == pytest.approx(0.8)
-    assert placement.nozzle_mm(11) == pytest.approx(9.6)
-    assert placement.height_left_mm() == pytest.approx(0.4)
+    assert placement.n_layers == 13  # 10 mm in layers of 0.769, nearest to 0.8
+    assert placement.layer_height_mm == pytest.approx(10 / 13)
+    assert placement.cut_mm(0) == pytest.approx(-3 + 5 / 13)
+    assert placement.nozzle_mm(0) == pytest.approx(10 / 13)
+    assert placement.nozzle_mm(12) == pytest.approx(10)
+    assert placement.height_left_mm() == pytest.approx(0)
+
+
+@pytest.mark.parametrize(("tall", "fitted"), [
+    (8.0, 0.8), (8.0 + 1e-12, 0.8), (10.0, 10 / 13), (0.85, 0.85), (1.0, 0.8), (1.2, 0.8),
+    (0.3, 0.8), (1.75, 0.875), (4.3, 0.86), (80.2, 80.2 / 100)])
+def test_the_layer_height_is_fitted_within_a_tenth(tall, fitted):
+    assert fitted_layer_height_mm(tall, 0.8) == pytest.approx(fitted, rel=1e-9)
+    assert abs(fitted_layer_height_mm(tall, 0.8) / 0.8 - 1) <= 0.1
 
 
 def test_where_the_part_file_says(part, profile):
     placement = check_part(replace(part, placement_mm=(50.0, 60.0, 5.0)), profile)
     assert placement.offset_mm == pytest.approx([50, 60, 5])
-    assert placement.nozzle_mm(0) == pytest.approx(5 - 3 + 0.8)
+    assert placement.nozzle_mm(0) == pytest.approx(5 - 3 + 10 / 13)
 
 
 @pytest.mark.parametrize(("height", "layers"), [(0.45, 1), (0.8, 1), (1.2, 1), (1.25, 2), (8, 10)])
@@ -54,7 +64,7 @@ def test_only_some_layers(part, profile):
     placement = check_part(part, profile)
     lowered = placement.only(2, 9, set_down=True)
     assert lowered.n_layers == 8
-    assert lowered.nozzle_mm(0) == pytest.approx(0.8)
+    assert lowered.nozzle_mm(0) == pytest.approx(10 / 13)
     assert lowered.cut_mm(0) == pytest.approx(placement.cut_mm(2))
     kept = placement.only(2, 9, set_down=False)
     assert kept.nozzle_mm(0) == pytest.approx(placement.nozzle_mm(2))
@@ -66,7 +76,7 @@ def test_only_some_layers(part, profile):
         ({"placement_mm": (5.0, 100.0, 3.0)}, "x: needs -15.0 to 25.0 mm, has 0 to 300"),
         ({"placement_mm": (100.0, 290.0, 3.0)}, "y: needs 270.0 to 310.0"),
         ({"placement_mm": (100.0, 100.0, -2.0)}, "z: needs -4.2"),
-        ({"high_mm": (20.0, 20.0, 195.0)}, "z: needs 0.8 to 202.6"),
+        ({"high_mm": (20.0, 20.0, 195.0)}, "z: needs 0.8 to 203.0"),
         ({"high_mm": (400.0, 20.0, 7.0)}, "x: needs -60.0 to 360.0"),
     ],
 )

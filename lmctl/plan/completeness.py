@@ -1,0 +1,292 @@
+"""Is the plan the part? What of it is deposited, lost, overbuilt or hangs in the air, over layers.
+
+Volumes are layer heights times the areas that each `LayerGeometry` gives. Every layer of the part
+counts, also those that have no tracks and are left out of the job.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+from lmctl.config.part_file import Process
+from lmctl.errors import PlanError
+from lmctl.plan.geometry import LayerGeometry, LostFeature, OverhangPlace
+
+#: Lost features and overhangs that a message names; the others are counted.
+_MOST_NAMED = 5
+#: Lost features and overhangs that a job lists; the others are counted.
+_MOST_LISTED = 1000
+
+
+@dataclass
+class LostPiece:
+    """A lost feature through all layers it is lost in; heights in the part's coordinates [mm]."""
+
+    feature: LostFeature
+    from_layer: int
+    to_layer: int
+    from_z_mm: float
+    to_z_mm: float
+    volume_mm3: float
+
+    def place(self) -> str:
+        x, y = self.feature.at_mm
+        length, width = self.feature.size_mm
+        return (f"{self.feature.kind} of {length:.3g} × {width:.2g} mm at x {x:.1f}, y {y:.1f}, "
+                f"z {_span(self.from_z_mm, self.to_z_mm)} mm ({self.volume_mm3:.3g} mm³): "
+                f"{self.feature.why}")
+
+    def as_dict(self) -> dict[str, Any]:
+        return {
+            "kind": self.feature.kind,
+            "at_mm": [round(v, 3) for v in self.feature.at_mm],
+            "from_z_mm": round(self.from_z_mm, 3), "to_z_mm": round(self.to_z_mm, 3),
+            "from_layer": self.from_layer, "to_layer": self.to_layer,
+            "size_mm": [round(v, 3) for v in self.feature.size_mm],
+            "volume_mm3": round(self.volume_mm3, 4),
+            "why": self.feature.why, "remedy": self.feature.remedy,
+        }
+
+
+@dataclass
+class Overhang:
+    """An overhang through the layers it goes on over; heights in the part's coordinates [mm]."""
+
+    at_mm: tuple[float, float]
+    from_layer: int
+    to_layer: int
+    from_z_mm: float
+    to_z_mm: float
+    area_mm2: float
+    angle_deg: float
+    is_in_air: bool
+
+    def place(self) -> str:
+        x, y = self.at_mm
+        lean = "nothing below it" if self.is_in_air else f"up to {self.angle_deg:.0f}°"
+        return (f"at x {x:.1f}, y {y:.1f}, z {_span(self.from_z_mm, self.to_z_mm)} mm: {lean}, "
+                f"{self.area_mm2:.3g} mm²")
+
+    def as_dict(self) -> dict[str, Any]:
+        return {
+            "at_mm": [round(v, 3) for v in self.at_mm],
+            "from_z_mm": round(self.from_z_mm, 3), "to_z_mm": round(self.to_z_mm, 3),
+            "from_layer": self.from_layer, "to_layer": self.to_layer,
+            "area_mm2": round(self.area_mm2, 4), "angle_deg": round(self.angle_deg, 1),
+            "in_air": self.is_in_air,
+        }
+
+
+@dataclass
+class Completeness:
+    """Sums over all layers of a part, in order; read at the end.
+
+    layer_height_mm : as fitted; height_left_mm : how much taller the part is than its layers,
+        negative where they stand above it
+    """
+
+    process: Process
+    layer_height_mm: float
+    height_left_mm: float = 0.0
+    slice_mm2: float = 0.0
+    inside_mm2: float = 0.0
+    double_mm2: float = 0.0
+    outside_mm2: float = 0.0
+    narrow_mm2: float = 0.0
+    top_mm2: float = 0.0
+    lost: list[LostPiece] = field(default_factory=list)
+    overhangs: list[Overhang] = field(default_factory=list)
+    _open_lost: dict[tuple[str, int, int], LostPiece] = field(default_factory=dict)
+    _open_overhangs: dict[tuple[int, int], Overhang] = field(default_factory=dict)
+
+    def add(self, geometry: LayerGeometry) -> None:
+        """The next layer of the part, with tracks or without."""
+        figures = geometry.figures
+        self.slice_mm2 += figures.slice_mm2
+        self.inside_mm2 += figures.inside_mm2
+        self.double_mm2 += figures.double_mm2
+        self.outside_mm2 += figures.outside_mm2
+        self.narrow_mm2 += figures.narrow_mm2
+        self.top_mm2 = figures.slice_mm2
+        for feature in figures.lost:
+            self._add_lost(geometry, feature)
+        for place in figures.overhang:
+            self._add_overhang(geometry, place)
+
+    @property
+    def built_fraction(self) -> float:
+        """Volume deposited inside the intended surface over its volume, 0 to 1."""
+        height = self.layer_height_mm
+        whole = self.slice_mm2 * height + max(self.height_left_mm, 0.0) * self.top_mm2
+        return self.inside_mm2 * height / whole if whole > 0 else 0.0
+
+    @property
+    def surplus_fraction(self) -> float:
+        """Volume deposited outside the intended surface, over its volume."""
+        height = self.layer_height_mm
+        above = max(-self.height_left_mm, 0.0) * self.top_mm2
+        whole = self.slice_mm2 * height
+        return (self.outside_mm2 * height + above) / whole if whole > 0 else 0.0
+
+    def steep(self) -> list[Overhang]:
+        """Overhangs beyond the limit, and what starts in the air."""
+        return [o for o in self.overhangs
+                if o.is_in_air or o.angle_deg > self.process.max_overhang_deg]
+
+    def is_complete(self) -> bool:
+        """Whether nothing is lost, and enough is built."""
+        return not self.lost and self.built_fraction >= self.process.min_built_fraction
+
+    def totals(self) -> dict[str, Any]:
+        """What the job's totals hold of it."""
+        whole = self.slice_mm2 or 1.0
+        return {
+            "built_fraction": round(self.built_fraction, 5),
+            "surplus_fraction": round(self.surplus_fraction, 5),
+            "double_fraction": round(self.double_mm2 / whole, 5),
+            "narrow_fraction": round(self.narrow_mm2 / whole, 5),
+            "intended_volume_mm3": round(self.slice_mm2 * self.layer_height_mm, 3),
+            "layer_height_mm": round(self.layer_height_mm, 6),
+            "complete": self.is_complete(),
+            "lost_count": len(self.lost),
+            "lost": [piece.as_dict() for piece in self._largest_lost()[:_MOST_LISTED]],
+            "overhang_count": len(self.overhangs),
+            "overhangs": [o.as_dict() for o in self._worst_overhangs()[:_MOST_LISTED]],
+        }
+
+    def check(self, *, allow_incomplete: bool = False, allow_overhang: bool = False) -> None:
+        """Refuse what is not the part. Raises PlanError, with places and remedies."""
+        if not allow_incomplete:
+            self._check_lost()
+            self._check_narrow()
+        if not allow_overhang:
+            self._check_overhang()
+
+    def findings(self) -> Iterator[tuple[bool, str]]:
+        """What a person is told at the end: whether it is fine, and the text."""
+        fine = self.built_fraction >= self.process.min_built_fraction
+        yield fine, (f"{self.built_fraction:.2%} of the part's volume is deposited inside its "
+                     f"surface, {self.surplus_fraction:.2%} beside it")
+        if self.process.layer_height_mm != self.layer_height_mm:
+            yield True, (f"layers are {self.layer_height_mm:.4g} mm high instead of "
+                         f"{self.process.layer_height_mm:g}, so that whole layers fill the height")
+        elif abs(self.height_left_mm) > 1e-6 * self.layer_height_mm:
+            less = "less" if self.height_left_mm > 0 else "more"
+            yield False, (f"whole layers of {self.layer_height_mm:g} mm come to "
+                          f"{abs(self.height_left_mm):.3g} mm {less} than the part is tall")
+        if self.narrow_mm2:
+            yield True, (f"{self.narrow_mm2 / self.slice_mm2:.2%} of the slices are narrower than "
+                         "a bead and get one track (process.narrow_features)")
+        yield from ((False, f"lost: {piece.place()}; {piece.feature.remedy}")
+                    for piece in self._largest_lost()[:_MOST_NAMED])
+        yield from _more(len(self.lost), "more pieces are lost")
+        if not self.overhangs:
+            yield True, "no wall leans out by more than 30°"
+        yield from ((False, f"overhang {o.place()}")
+                    for o in self._worst_overhangs()[:_MOST_NAMED])
+        yield from _more(len(self.overhangs), "more overhangs")
+
+    def _check_lost(self) -> None:
+        if self.is_complete():
+            return
+        what = (f"the plan is not the whole part: {self.built_fraction:.2%} of its volume is "
+                f"deposited inside its surface")
+        if self.lost:
+            what += f", {len(self.lost)} pieces are lost" if len(self.lost) > 1 else (
+                ", a piece is lost")
+        remedies = list(dict.fromkeys(piece.feature.remedy for piece in self._largest_lost()))
+        raise PlanError(
+            what,
+            where=[*(piece.place() for piece in self._largest_lost()[:_MOST_NAMED]),
+                   *(text for _, text in _more(len(self.lost), "more")),
+                   f"process.min_built_fraction = {self.process.min_built_fraction:g}"],
+            hint="; ".join([*remedies[:2], "or plan it all the same with --allow-incomplete"]))
+
+    def _check_narrow(self) -> None:
+        if self.process.narrow_features == "refuse" and self.narrow_mm2 > 0:
+            raise PlanError(
+                f"{self.narrow_mm2 * self.layer_height_mm:.3g} mm³ of the part are narrower than "
+                f"a bead of {self.process.bead_width_mm:g} mm",
+                where='process.narrow_features = "refuse"',
+                hint='lower process.bead_width_mm, or set narrow_features = "deposit" for one '
+                     "track there")
+
+    def _check_overhang(self) -> None:
+        steep = [o for o in self._worst_overhangs() if o in self.steep()]
+        if not steep:
+            return
+        in_air = [o for o in steep if o.is_in_air]
+        limit = self.process.max_overhang_deg
+        what = (f"material would start in the air in {_places(len(in_air))}" if in_air else
+                f"walls lean out by more than {limit:g}° in {_places(len(steep))}")
+        raise PlanError(
+            what,
+            where=[*(o.place() for o in steep[:_MOST_NAMED]),
+                   *(text for _, text in _more(len(steep), "more")),
+                   f"process.max_overhang_deg = {limit:g}"],
+            hint="build the part in another direction, raise process.max_overhang_deg where the "
+                 "process holds it, or plan it all the same with --allow-overhang")
+
+    def _largest_lost(self) -> list[LostPiece]:
+        return sorted(self.lost, key=lambda piece: -piece.volume_mm3)
+
+    def _worst_overhangs(self) -> list[Overhang]:
+        return sorted(self.overhangs, key=lambda o: (not o.is_in_air, -o.angle_deg, -o.area_mm2))
+
+    def _add_lost(self, geometry: LayerGeometry, feature: LostFeature) -> None:
+        """Join a lost feature to the one below it, if there is one."""
+        low = geometry.z_mm - self.layer_height_mm / 2
+        key = (feature.kind, *self._cell(feature.at_mm))
+        piece = next(
+            (found for near in _around(key[1:])
+             if (found := self._open_lost.get((feature.kind, *near))) is not None
+             and found.to_layer == geometry.layer - 1), None)
+        volume = feature.area_mm2 * self.layer_height_mm
+        if piece is None:
+            piece = LostPiece(feature, geometry.layer, geometry.layer, low,
+                              low + self.layer_height_mm, 0.0)
+            self.lost.append(piece)
+        piece.to_layer, piece.to_z_mm = geometry.layer, low + self.layer_height_mm
+        piece.volume_mm3 += volume
+        self._open_lost[key] = piece
+
+    def _add_overhang(self, geometry: LayerGeometry, place: OverhangPlace) -> None:
+        low = geometry.z_mm - self.layer_height_mm / 2
+        key = self._cell(place.at_mm)
+        found = None if place.is_in_air else next(
+            (near for cell in _around(key)
+             if (near := self._open_overhangs.get(cell)) is not None
+             and near.to_layer == geometry.layer - 1), None)
+        if found is None:
+            found = Overhang(place.at_mm, geometry.layer, geometry.layer, low,
+                             low + self.layer_height_mm, 0.0, 0.0, place.is_in_air)
+            self.overhangs.append(found)
+        found.to_layer, found.to_z_mm = geometry.layer, low + self.layer_height_mm
+        found.area_mm2 += place.area_mm2
+        found.angle_deg = max(found.angle_deg, place.angle_deg)
+        self._open_overhangs[key] = found
+
+    def _cell(self, at_mm: tuple[float, float]) -> tuple[int, int]:
+        bead = self.process.bead_width_mm
+        return round(at_mm[0] / bead), round(at_mm[1] / bead)
+
+
+def _around(cell: tuple[int, int]) -> Iterable[tuple[int, int]]:
+    """A cell and the eight around it."""
+    x, y = cell
+    return ((x + i, y + j) for i in (0, -1, 1) for j in (0, -1, 1))
+
+
+def _more(count: int, what: str) -> Iterator[tuple[bool, str]]:
+    if count > _MOST_NAMED:
+        yield False, f"and {count - _MOST_NAMED} {what}"
+
+
+def _places(count: int) -> str:
+    return "one place" if count == 1 else f"{count} places"
+
+
+def _span(low_mm: float, high_mm: float) -> str:
+    return f"{low_mm:.2f} to {high_mm:.2f}"

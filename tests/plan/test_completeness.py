@@ -1,0 +1,130 @@
+"""What a part lacks is added up over its layers, told by place, and refused unless allowed."""
+
+import numpy as np
+import pytest
+import shapely
+from shapely.geometry import Point, box
+from shapely.ops import unary_union
+
+from lmctl.config.part_file import Process
+from lmctl.errors import PlanError
+from lmctl.plan.completeness import Completeness
+from lmctl.plan.geometry import layer_geometry
+from lmctl.preflight.placement import place
+
+
+def loops_of(poly):
+    loops = []
+    for piece in shapely.get_parts(poly):
+        whole = shapely.orient_polygons(piece)
+        loops += [shapely.get_coordinates(ring) for ring in (whole.exterior, *whole.interiors)]
+    return loops
+
+
+@pytest.fixture
+def complete(make_part, profile):
+    """All layers of a part whose outline is a polygon by height, added up."""
+    def make(outline, height_mm=4.0, **process):
+        part = make_part(lambda z: loops_of(outline(z)), lambda p: 0.5, height_mm=height_mm,
+                         process=Process(**process))
+        placement = place(part, profile)
+        found = Completeness(part.process, placement.layer_height_mm, placement.height_left_mm())
+        for layer in range(placement.n_layers):
+            found.add(layer_geometry(part, placement, layer))
+        return found
+
+    return make
+
+
+PLATE = box(0, 0, 20, 20)
+
+
+def test_a_whole_part_is_complete(complete):
+    found = complete(lambda z: PLATE)
+    found.check()
+    totals = found.totals()
+    assert totals["complete"]
+    assert 0.98 <= totals["built_fraction"] <= 1
+    assert totals["surplus_fraction"] <= 0.01
+    assert totals["lost"] == totals["overhangs"] == []
+
+
+def test_a_lost_rib_is_one_piece_over_all_its_layers(complete):
+    rib = box(20, 8, 30, 8.7)
+    found = complete(lambda z: unary_union([PLATE, rib]) if z > 1.6 else PLATE)
+    (piece,) = found.lost
+    assert (piece.from_layer, piece.to_layer) == (2, 4)
+    assert (piece.from_z_mm, piece.to_z_mm) == pytest.approx((1.6, 4.0))
+    assert piece.volume_mm3 == pytest.approx(rib.area * 2.4, rel=0.2)
+    with pytest.raises(PlanError) as caught:
+        found.check(allow_overhang=True)
+    text = caught.value.render()
+    assert "a piece is lost" in text
+    assert "z 1.60 to 4.00 mm" in text
+    assert "--allow-incomplete" in text
+    assert not found.totals()["complete"]
+    found.check(allow_incomplete=True, allow_overhang=True)
+
+
+def test_a_lost_layer_counts_though_nothing_of_it_is_planned(complete):
+    found = complete(lambda z: PLATE if z < 3.2 else box(0, 0, 20, 0.6))
+    (piece,) = found.lost
+    assert piece.feature.kind == "layer"
+    assert found.built_fraction == pytest.approx(1600 * 0.99 / 1612, abs=0.02)
+
+
+def test_surplus_does_not_hide_what_is_missing(complete):
+    """A part that is half lost and twice as heavy elsewhere is still half lost."""
+    found = complete(lambda z: unary_union([PLATE, box(30, 0, 70, 0.9)]))
+    assert found.built_fraction <= 400 / 436 + 0.001
+
+
+def test_too_little_is_refused_though_no_piece_is_lost(complete):
+    found = complete(lambda z: Point(0, 0).buffer(10), min_built_fraction=0.9999)
+    assert not found.lost
+    with pytest.raises(PlanError, match="not the whole part"):
+        found.check()
+
+
+def test_narrow_places_are_refused_if_so_asked(complete):
+    def outline(z):
+        return unary_union([PLATE, box(20, 8, 40, 9.5)])
+
+    complete(outline).check()
+    with pytest.raises(PlanError, match="narrower than a bead"):
+        complete(outline, narrow_features="refuse").check()
+
+
+def test_what_starts_in_the_air_is_refused_with_its_place(complete):
+    found = complete(lambda z: PLATE if z < 2 else unary_union([PLATE, box(40, 0, 50, 10)]))
+    with pytest.raises(PlanError) as caught:
+        found.check(allow_incomplete=True)
+    text = caught.value.render()
+    assert "start in the air in one place" in text
+    assert "x 45.0" in text
+    assert "z 1.60 to 2.40 mm" in text
+    found.check(allow_overhang=True)
+
+
+@pytest.mark.parametrize(("lean_deg", "refused", "warned"), [
+    (20, False, False), (40, False, True), (55, True, True)])
+def test_leaning_walls(complete, lean_deg, refused, warned):
+    slope = np.tan(np.radians(lean_deg))
+    found = complete(lambda z: box(0, 0, 20 + slope * z, 20))
+    assert bool(found.overhangs) == warned
+    assert bool(found.steep()) == refused
+    if warned:
+        (wall,) = found.overhangs
+        assert wall.angle_deg == pytest.approx(lean_deg, abs=3)
+        assert wall.at_mm[0] > 20
+        assert wall.to_layer == 4
+    if refused:
+        with pytest.raises(PlanError, match="more than 45°"):
+            found.check()
+        complete(lambda z: box(0, 0, 20 + slope * z, 20), max_overhang_deg=60).check()
+
+
+def test_height_that_whole_layers_do_not_fill_is_missing(complete):
+    found = complete(lambda z: PLATE, height_mm=1.1)
+    assert found.built_fraction == pytest.approx(0.8 / 1.1, abs=0.01)
+    assert any("less than the part is tall" in text for fine, text in found.findings() if not fine)
