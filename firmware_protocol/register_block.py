@@ -131,6 +131,10 @@ class Block:
         ]
         self._others = [place for place in placed if not place.is_one_number]
 
+    def in_order(self, word_order: WordOrder) -> Block:
+        """The same stretch of registers of a device with another word order."""
+        return Block(self.kind, self.address, self.count, self._placed, word_order)
+
     def only(self, names: Iterable[str]) -> Block:
         """The same stretch of registers, of which only these rows are looked at."""
         wanted = set(names)

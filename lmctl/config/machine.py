@@ -14,6 +14,7 @@ from typing import Annotated, Literal, get_args
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from lmctl.config import toml_file
+from lmctl.config.modbus_device import ModbusDevice
 from lmctl.config.quantities import Coordinate, Length, Name, Vector
 from lmctl.config.toml_file import Model
 
@@ -41,6 +42,9 @@ Pressure = Annotated[float, Field(gt=0, le=30_000)]
 _REPORTS_PER_HORIZON = 2
 
 _ROUNDING_S = 1e-9
+
+#: A feeder is asked so often in the time after which its watchdog stops it.
+_CYCLES_PER_WATCHDOG = 4
 
 
 class Travel(Model):
@@ -98,8 +102,8 @@ class Laser(Model):
     s_max: Annotated[int, Field(ge=1, le=65_535)] = 1000
 
 
-class Feeder(Model):
-    """One Modbus feeder device.
+class Feeder(ModbusDevice):
+    """One Modbus feeder device, see `ModbusDevice` too.
 
     watchdog_s : it stops its discs when heartbeats stop so long
     stabilise_s : powder is called stable no sooner than this after its start (process.md 5.5)
@@ -109,13 +113,18 @@ class Feeder(Model):
     """
 
     name: PlainName
-    endpoint: str
-    device_id: Annotated[int, Field(ge=1, le=247)] = 1
     watchdog_s: Annotated[float, Field(ge=0.1, le=60)] = 2.0
     gas_preflow_s: GasTime = 3.0
     stabilise_s: Annotated[float, Field(ge=0, le=600)] = 8.0
     gas_postflow_s: GasTime = 10.0
     mixer_pressure_max_mbar: Pressure | None = None
+
+    @model_validator(mode="after")
+    def _answers_within_its_cycle(self) -> Feeder:
+        most_s = self.watchdog_s / _CYCLES_PER_WATCHDOG
+        if self.timeout_s is not None and self.timeout_s > most_s + _ROUNDING_S:
+            raise ValueError(f"timeout_s must be at most a quarter of watchdog_s, {most_s:g} s")
+        return self
 
 
 class Hopper(Model):
@@ -146,7 +155,7 @@ SAFETY_INPUTS: tuple[SafetyInput, ...] = get_args(SafetyInput)
 _RELAY_PERIODS = 3
 
 
-class Safety(Model):
+class Safety(ModbusDevice):
     """The safety-input device: how the cell's safety circuits stand, as the host may read it.
 
     period_s : of its heartbeat, with which it is read
@@ -156,8 +165,6 @@ class Safety(Model):
     shield_gas_min_L_min .. oxygen_trip_ppm : limits of the values it reads; None: not watched
     """
 
-    endpoint: str
-    device_id: Annotated[int, Field(ge=1, le=247)] = 1
     period_s: Annotated[float, Field(ge=0.02, le=1)] = 0.1
     relay_timeout_s: Annotated[float, Field(ge=0.06, le=60)] | None = None
     laser_enable: Annotated[bool, Field(strict=True)] = False
@@ -171,6 +178,8 @@ class Safety(Model):
     @model_validator(mode="after")
     def _consistent(self) -> Safety:
         wrong = [f"{name!r} is fitted twice" for name in sorted(_twice(list(self.fitted)))]
+        if self.timeout_s is not None and self.timeout_s > self.period_s + _ROUNDING_S:
+            wrong.append(f"timeout_s must be at most period_s, {self.period_s:g} s")
         if self.relay_timeout_s is not None and (
             self.relay_timeout_s < _RELAY_PERIODS * self.period_s - _ROUNDING_S
         ):
@@ -246,7 +255,7 @@ class MachineProfile(Model):
             exclude={
                 "motion": {"endpoint", "baud", "status_period_s"},
                 "feeder": {"__all__": {
-                    "endpoint", "device_id", "watchdog_s", "gas_preflow_s", "stabilise_s",
+                    *ModbusDevice.model_fields, "watchdog_s", "gas_preflow_s", "stabilise_s",
                     "gas_postflow_s", "mixer_pressure_max_mbar",
                 }},
                 "hopper": {"__all__": {"dead_time_s", "lag_s"}},

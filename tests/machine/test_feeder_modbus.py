@@ -30,15 +30,35 @@ def test_endpoints():
 @pytest.mark.parametrize(
     "text",
     ["", "modbus-tcp://", "tcp://127.0.0.1:502", "modbus-tcp://h:0", "modbus-tcp://h:70000",
-     "modbus-tcp://h:x", "modbus-tcp://h/path", "modbus-tcp://h?baud=9600", "modbus-rtu://",
-     "modbus-rtu:///dev/x?baud=", "modbus-rtu:///dev/x?baud=fast", "modbus-rtu:///dev/x?baud=1",
-     "modbus-rtu:///dev/x?parity=M", "modbus-rtu:///dev/x?speed=9600", "modbus-rtu:///dev/x?stop=3",
-     "modbus-rtu:///dev/x?baud=9600&baud=19200", "modbus-tcp://[::1"],
+     "modbus-tcp://h:x", "modbus-tcp://h/path", "modbus-rtu://", "modbus-tcp://[::1"],
 )
 def test_what_is_no_endpoint(text):
     with pytest.raises(ConfigError, match="not an endpoint") as caught:
         parse_modbus_endpoint(text)
     assert "modbus-tcp://" in caught.value.hint
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [("modbus-rtu:///dev/x?baud=", "key 'baud' has no value"),
+     ("modbus-rtu:///dev/x?baud=fast", "baud=fast will not do"),
+     ("modbus-rtu:///dev/x?baud=1", "baud=1 will not do"),
+     ("modbus-rtu:///dev/x?parity=M&stop=3", "parity=M and stop=3 will not do"),
+     ("modbus-rtu:///dev/x?speed=9600&bits=7", "unknown key 'speed'; unknown key 'bits'"),
+     ("modbus-rtu:///dev/x?baud=9600&baud=19200", "key 'baud' is given twice"),
+     ("modbus-rtu:///dev/x?9600", "unknown key '9600'")],
+)
+def test_keys_of_a_serial_line_that_are_wrong_are_named_with_the_valid_ones(text, words):
+    with pytest.raises(ConfigError, match="is not an endpoint") as caught:
+        parse_modbus_endpoint(text)
+    assert words in caught.value.what
+    assert "baud=300..4000000 (19200), parity=N, E or O (E), stop=1 or 2 (1)" in caught.value.hint
+
+
+def test_a_network_address_takes_no_keys():
+    with pytest.raises(ConfigError, match="unknown key 'baud'") as caught:
+        parse_modbus_endpoint("modbus-tcp://h?baud=9600")
+    assert "it takes no keys" in caught.value.hint
 
 
 def linked(wire: str, act, timeout_s: float = 0.5):

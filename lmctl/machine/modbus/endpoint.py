@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from urllib.parse import parse_qsl, urlsplit
+from urllib.parse import urlsplit
 
 from lmctl.errors import ConfigError
+from lmctl.machine.endpoint_keys import endpoint_keys, refused_key
 
 _TCP_PORT = 502
+_LEAST_BAUD, _MOST_BAUD = 300, 4_000_000
+
+#: Keys of a modbus-rtu endpoint, each with its values in words.
+RTU_KEYS = {
+    "baud": f"{_LEAST_BAUD}..{_MOST_BAUD} (19200)", "parity": "N, E or O (E)", "stop": "1 or 2 (1)",
+}
 
 
 @dataclass(frozen=True)
@@ -35,36 +43,43 @@ class RtuEndpoint:
 def parse_modbus_endpoint(text: str) -> TcpEndpoint | RtuEndpoint:
     """`modbus-tcp://HOST[:PORT]` or `modbus-rtu:///dev/ttyUSB0?baud=19200&parity=E&stop=1`.
 
-    Raises ConfigError for anything else.
+    Raises ConfigError for anything else; it names keys that are not known, and those that are.
     """
     try:
         parts = urlsplit(text)
-        if parts.scheme == "modbus-tcp" and parts.hostname and parts.path in ("", "/") and (
-            not parts.query and parts.port != 0
-        ):
-            return TcpEndpoint(text, parts.hostname, parts.port or _TCP_PORT)
-        path = parts.netloc + parts.path
-        if parts.scheme == "modbus-rtu" and path.strip("/"):
-            settings = parse_qsl(
-                parts.query, keep_blank_values=True, strict_parsing=bool(parts.query)
-            )
-            return _rtu(text, path, settings)
+        port = parts.port
+        if "#" in text or "@" in parts.netloc:  # nobody would obey them
+            raise ValueError
     except ValueError:
-        pass
-    raise ConfigError(
+        raise _no_endpoint(text) from None
+    if parts.scheme == "modbus-tcp" and parts.hostname and parts.path in ("", "/") and port != 0:
+        endpoint_keys(text, parts.query, {}, "a port stands behind the host: HOST:502")
+        return TcpEndpoint(text, parts.hostname, port or _TCP_PORT)
+    path = parts.netloc + parts.path
+    if parts.scheme == "modbus-rtu" and path.strip("/"):
+        return _rtu(text, path, endpoint_keys(text, parts.query, RTU_KEYS, ""))
+    raise _no_endpoint(text)
+
+
+def _no_endpoint(text: str) -> ConfigError:
+    return ConfigError(
         f"{text!r} is not an endpoint of a Modbus device",
         hint="write modbus-tcp://192.168.0.6:502 or "
-        "modbus-rtu:///dev/ttyUSB0?baud=19200&parity=E",
+        "modbus-rtu:///dev/ttyUSB0?baud=19200&parity=E&stop=1",
     )
 
 
-def _rtu(text: str, path: str, settings: list[tuple[str, str]]) -> RtuEndpoint:
-    """Raises ValueError for settings that are unknown, doubled or out of range."""
-    given = dict(settings)
-    if len(given) != len(settings) or not given.keys() <= {"baud", "parity", "stop"}:
-        raise ValueError
-    baud, parity = int(given.get("baud", "19200")), given.get("parity", "E").upper()
-    stop_bits = int(given.get("stop", "1"))
-    if not 300 <= baud <= 4_000_000 or parity not in ("N", "E", "O") or stop_bits not in (1, 2):
-        raise ValueError
-    return RtuEndpoint(text, path, baud, parity, stop_bits)
+def _rtu(text: str, path: str, keys: Mapping[str, str]) -> RtuEndpoint:
+    """Raises ConfigError for a value out of range."""
+    baud, parity = keys.get("baud", "19200"), keys.get("parity", "E").upper()
+    stop_bits = keys.get("stop", "1")
+    wrong = []
+    if not (baud.isdecimal() and _LEAST_BAUD <= int(baud) <= _MOST_BAUD):
+        wrong.append(f"baud={baud}")
+    if parity not in ("N", "E", "O"):
+        wrong.append(f"parity={parity}")
+    if stop_bits not in ("1", "2"):
+        wrong.append(f"stop={stop_bits}")
+    if wrong:
+        raise refused_key(text, f"{' and '.join(wrong)} will not do", RTU_KEYS)
+    return RtuEndpoint(text, path, int(baud), parity, int(stop_bits))

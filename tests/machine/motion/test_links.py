@@ -282,3 +282,14 @@ def test_other_ways_a_connection_fails(in_virtual_time, monkeypatch, error, word
 
     monkeypatch.setattr(asyncio.SelectorEventLoop, "sock_connect", fail)
     assert words in refusal(in_virtual_time, "tcp://127.0.0.1:23").what
+
+
+@pytest.mark.parametrize(
+    "text", ["serial:///dev/ttyUSB0?baud=9600", "pty:///dev/pts/3?baud=9600", "tcp://h:23?baud=9600"]
+)
+def test_keys_behind_an_endpoint_are_refused_by_name(text):
+    with pytest.raises(ConfigError, match="unknown key 'baud'") as caught:
+        parse_endpoint(text)
+    assert "it takes no keys" in caught.value.hint
+    if not text.startswith("tcp"):
+        assert "baud = 9600 into [motion]" in caught.value.hint
