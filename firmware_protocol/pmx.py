@@ -270,6 +270,12 @@ def mirrored_at(channel: int) -> int:
     return SYSTEM_BLOCK.count + HOPPER_WORDS * (channel - 1)
 
 
+def mirror_register(address: int) -> int:
+    """The holding register that shows an input register, by its wire address; map 1.1."""
+    channel, offset = divmod(address, 100)
+    return MIRROR + offset + (mirrored_at(channel) if channel else 0)
+
+
 def recipe_names(n_hoppers: int) -> tuple[str, ...]:
     """Names of the rows one write of a recipe holds: HEARTBEAT to the last shadow register."""
     control = tuple(row.name for row in _CONTROL if row.name != "COMMAND")

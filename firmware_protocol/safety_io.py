@@ -97,6 +97,11 @@ WHOLE_BLOCK = SIO.block(row.name for row in _READINGS)
 CYCLE_BLOCK = SIO.block(row.name for row in _READINGS if row.address >= SIO["INPUTS"].address)
 
 
+def mirrored_at(address: int) -> int:
+    """The holding register that shows an input register."""
+    return MIRROR + address
+
+
 @dataclass(frozen=True)
 class FirstOut:
     """What opened first, in plain words. hint : what to do about it."""

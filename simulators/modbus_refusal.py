@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 #: Exception codes (Modbus application protocol).
-ILLEGAL_ADDRESS, ILLEGAL_VALUE, REFUSED, BUSY = 2, 3, 4, 6
+ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE, REFUSED, BUSY = 1, 2, 3, 4, 6
 
 
 class RefusedError(Exception):

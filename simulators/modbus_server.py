@@ -11,8 +11,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Sequence
-from typing import Protocol, cast
+from typing import cast
 
 from pymodbus.exceptions import ModbusIOException
 from pymodbus.framer import FramerBase, FramerRTU, FramerSocket
@@ -26,6 +25,7 @@ from pymodbus.pdu.register_message import (
 )
 
 from simulators.faults.edge import Edge
+from simulators.modbus_habits import ModbusHabits, PeculiarRegisters, Registers
 from simulators.modbus_pdus import (
     REQUESTS,
     ExchangeRequest,
@@ -34,37 +34,25 @@ from simulators.modbus_pdus import (
     RegistersAnswer,
     WriteRequest,
 )
-from simulators.modbus_refusal import ILLEGAL_VALUE, RefusedError, SilentError
+from simulators.modbus_refusal import ILLEGAL_FUNCTION, ILLEGAL_VALUE, RefusedError, SilentError
 from simulators.pty_transport import PtyTransport
 
 # What pymodbus would otherwise print on stderr; a program that wants it sets up logging.
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())
 
-_ILLEGAL_FUNCTION = 1
-
 #: More than the longest request (Modbus TCP): bytes that are none are not kept for ever.
 _MOST_UNREAD = 264
-
-
-class Registers(Protocol):
-    """A device as its wire sees it.
-
-    Each of its methods may raise RefusedError for an exception, SilentError for no answer.
-    """
-
-    @property
-    def device_id(self) -> int: ...
-    def read_input(self, address: int, count: int) -> list[int]: ...
-    def read_holding(self, address: int, count: int) -> list[int]: ...
-    def write(self, address: int, words: Sequence[int]) -> None: ...
 
 
 class ModbusServer:
     """A device on its wire. `endpoint` is where a host finds it, in the driver's own spelling."""
 
-    def __init__(self, registers: Registers, edge: Edge | None = None) -> None:
+    def __init__(
+        self, registers: Registers, edge: Edge | None = None, habits: ModbusHabits | None = None
+    ) -> None:
         self.endpoint = ""
-        self.registers = registers
+        self.habits = habits or ModbusHabits()
+        self.registers = registers if habits is None else PeculiarRegisters(registers, habits)
         self.edge = edge or Edge()
         self.open: set[_Connection] = set()
         self.listening: asyncio.Server | None = None
@@ -135,13 +123,13 @@ class _Connection(asyncio.Protocol):
             try:
                 used, request = framer.handleFrame(unread, registers.device_id, 0)
             except ModbusIOException as nonsense:
-                self._send(ExceptionResponse(0, _ILLEGAL_FUNCTION), nonsense.transaction_id)
+                self._send(ExceptionResponse(0, ILLEGAL_FUNCTION), nonsense.transaction_id)
                 unread = b""
                 break
             unread = unread[used:]
             if request is None:
                 break
-            answer = _answer(registers, request)
+            answer = _answer(self._server, request)
             if answer is not None:
                 self._send(answer, request.transaction_id)
         self._unread = unread if len(unread) <= _MOST_UNREAD else b""
@@ -152,9 +140,10 @@ class _Connection(asyncio.Protocol):
             self._write(self._framer.buildFrame(answer))
 
 
-def _answer(registers: Registers, request: ModbusPDU) -> ModbusPDU | None:
+def _answer(server: ModbusServer, request: ModbusPDU) -> ModbusPDU | None:
     try:
-        return _carried_out(registers, request)
+        server.habits.check_function(request.function_code)
+        return _carried_out(server.registers, request)
     except RefusedError as refused:
         return ExceptionResponse(request.function_code, refused.code)
     except SilentError:
@@ -188,17 +177,18 @@ def _carried_out(registers: Registers, request: ModbusPDU) -> ModbusPDU:
             word = (word & request.and_mask) | (request.or_mask & ~request.and_mask)
             registers.write(request.address, [word])
             return MaskWriteRegisterResponse(request.address, request.and_mask, request.or_mask)
-    raise RefusedError(_ILLEGAL_FUNCTION)
+    raise RefusedError(ILLEGAL_FUNCTION)
 
 
 async def serve_tcp(
-    registers: Registers, host: str = "127.0.0.1", port: int = 0, edge: Edge | None = None
+    registers: Registers, host: str = "127.0.0.1", port: int = 0, edge: Edge | None = None,
+    habits: ModbusHabits | None = None,
 ) -> ModbusServer:
     """Answer Modbus TCP; port 0 takes a free one. Raises OSError where it cannot listen.
 
     edge : where faults befall its bytes
     """
-    server = ModbusServer(registers, edge)
+    server = ModbusServer(registers, edge, habits)
     server.listening = await asyncio.get_running_loop().create_server(
         lambda: _Connection(server, FramerSocket), host, port)
     server.endpoint = f"modbus-tcp://{host}:{server.listening.sockets[0].getsockname()[1]}"
@@ -206,14 +196,15 @@ async def serve_tcp(
 
 
 async def serve_pty(
-    registers: Registers, edge: Edge | None = None, baud: int = 19_200
+    registers: Registers, edge: Edge | None = None, baud: int = 19_200,
+    habits: ModbusHabits | None = None,
 ) -> ModbusServer:
     """Answer Modbus RTU on a new pty, without parity: Linux ptys carry none.
 
     edge : where faults befall its bytes
     baud : what the endpoint says; a pty itself takes no time
     """
-    server = ModbusServer(registers, edge)
+    server = ModbusServer(registers, edge, habits)
     server.edge.is_rtu = True
     connection = _Connection(server, FramerRTU)
     transport = PtyTransport(connection)

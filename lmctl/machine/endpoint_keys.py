@@ -1,4 +1,4 @@
-"""Keys of an endpoint, behind its `?`: read as one set, and refused by name where they are wrong."""
+"""Keys of an endpoint, behind its `?`: read together, and refused by name where they are wrong."""
 
 from __future__ import annotations
 

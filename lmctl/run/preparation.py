@@ -10,10 +10,12 @@ from lmctl.run.state.table import State
 
 #: Of each state before lines run: what it waits for itself, and what is waited for after it.
 #: A held run goes through all of it once it is resumed.
-_GAS, _POWDER, _LEAD = range(3)
+_GAS, _POWDER, _LEAD, _CONNECT = range(4)
+#: Devices are watched until their uptime counts: a second at most (machine.modbus.word_order).
+_CONNECT_S = 1.0
 _AHEAD: dict[str, tuple[tuple[int, ...], tuple[int, ...]]] = {
-    **dict.fromkeys((State.READY, State.CONNECTING, State.CHECKING, State.HOLDING, State.HELD),
-                    ((), (_GAS, _POWDER, _LEAD))),
+    **dict.fromkeys((State.READY, State.CONNECTING), ((_CONNECT,), (_GAS, _POWDER, _LEAD))),
+    **dict.fromkeys((State.CHECKING, State.HOLDING, State.HELD), ((), (_GAS, _POWDER, _LEAD))),
     State.GAS: ((_GAS,), (_POWDER, _LEAD)),
     State.POWDER: ((_POWDER,), (_LEAD,)),
     State.PURGING: ((_GAS, _POWDER), (_LEAD,)),
@@ -37,6 +39,7 @@ class Preparation:
             max((max(feeder.stabilise_s, settling_s(of_it)) for feeder, of_it in used.items()),
                 default=0.0),
             max((h.dead_time_s for h in hoppers), default=0.0) if powder_mode == "lead" else 0.0,
+            _CONNECT_S,
         )
         self._seen = ("", 0.0)
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from firmware_protocol.registers import WordOrder
+
 
 @dataclass(frozen=True)
 class HopperConfig:
@@ -41,6 +43,7 @@ class FeederConfig:
 
     boot_s : time from power-up until it answers writes
     preflow_s : carrier gas before powder may run
+    word_order : of 32-bit values
     map_minor : 1 has the mirror for FC 23, 0 has not
     """
 
@@ -50,3 +53,4 @@ class FeederConfig:
     boot_s: float = 0.0
     preflow_s: float = 3.0
     map_minor: int = 1
+    word_order: WordOrder = WordOrder.ABCD

@@ -21,7 +21,7 @@ from firmware_protocol.pmx import (
     hopper_row,
 )
 from firmware_protocol.pmx_alarms import CLIPPED, EMPTY, LEVEL_LOW, hopper_code
-from firmware_protocol.registers import Value
+from firmware_protocol.registers import Value, WordOrder
 from simulators.feeder.device import PmxDevice
 from simulators.feeder.holding import CONFIGURATION
 from simulators.feeder.hopper import Hopper
@@ -42,7 +42,11 @@ _FIRST_WARNING = LEVEL_LOW
 #: Of the bits of a word, the lowest first.
 _WEIGHTS = tuple(1 << bit for bit in range(16))
 
-_HOPPER_BLOCKS = {channel: PMX.block(hopper_names(channel)) for channel in range(1, 5)}
+_SYSTEM_BLOCKS = {order: SYSTEM_BLOCK.in_order(order) for order in WordOrder}
+_HOPPER_BLOCKS = {
+    (order, channel): PMX.block(hopper_names(channel)).in_order(order)
+    for order in WordOrder for channel in range(1, 5)
+}
 
 
 def read_input(device: PmxDevice, address: int, count: int) -> list[int]:
@@ -67,11 +71,11 @@ def _mirrored(device: PmxDevice, first: int, count: int) -> list[int]:
 
 def _words(device: PmxDevice, channel: int, time_s: float) -> list[int]:
     """Every input register of a hopper, or of the device (0), after `settle`."""
-    values = readings(device, channel, time_s)
+    values, order = readings(device, channel, time_s), device.config.word_order
     if channel == 0:
-        return SYSTEM_BLOCK.encode(values)
+        return _SYSTEM_BLOCKS[order].encode(values)
     named = {hopper_row(channel, name): value for name, value in values.items()}
-    return _HOPPER_BLOCKS[channel].encode(named)
+    return _HOPPER_BLOCKS[order, channel].encode(named)
 
 
 def _part(words: list[int], first: int, count: int) -> list[int]:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from firmware_protocol.registers import WordOrder
+
 
 @dataclass(frozen=True)
 class SafetyConfig:
@@ -11,6 +13,7 @@ class SafetyConfig:
     laser_circuit : e-stop chain, door and relay stand in the laser's own safety circuit as well
     laser_enable : it has a laser-enable output, which stands in the laser's own circuit
     boot_s : time from power-up until it answers writes
+    word_order : of 32-bit values
     """
 
     device_id: int = 1
@@ -23,3 +26,4 @@ class SafetyConfig:
     chiller_L_min: float = 10.0
     oxygen_ppm: float = 20.0
     extraction_Pa: float = 800.0
+    word_order: WordOrder = WordOrder.ABCD

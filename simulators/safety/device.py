@@ -60,6 +60,7 @@ class SafetyDevice:
 
     def __init__(self, config: SafetyConfig, now: Callable[[], float]) -> None:
         self.config = config
+        self._block = WHOLE_BLOCK.in_order(config.word_order)
         self.now = now
         self.card = InputCard(config)
         self._output = LaserOutput()
@@ -272,7 +273,7 @@ class SafetyDevice:
             status |= Status.LASER_ENABLED
         if age_s < timeout_s:
             status |= Status.HEARTBEAT_FRESH
-        return WHOLE_BLOCK.encode({
+        return self._block.encode({
             "DEVICE_ID": DEVICE_ID,
             "MAP_VERSION": MAP_MAJOR << 8 | MAP_MINOR,
             "FW_VERSION": _FIRMWARE,

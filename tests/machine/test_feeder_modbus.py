@@ -4,6 +4,7 @@ import asyncio
 
 import pytest
 
+from lmctl.config.modbus_device import ModbusDevice
 from lmctl.errors import ConfigError, MachineError
 from lmctl.machine.modbus.client import ModbusLink, NoAnswerError, RefusedError
 from lmctl.machine.modbus.endpoint import RtuEndpoint, TcpEndpoint, parse_modbus_endpoint
@@ -66,7 +67,8 @@ def linked(wire: str, act, timeout_s: float = 0.5):
     async def main():
         device = PmxDevice(CONFIG, asyncio.get_running_loop().time)
         server = await (serve_tcp if wire == "tcp" else serve_pty)(device)
-        link = await ModbusLink.open(server.endpoint, 1, timeout_s=timeout_s)
+        link = await ModbusLink.open(
+            ModbusDevice(endpoint=server.endpoint, device_id=1), timeout_s=timeout_s)
         try:
             return await act(link, device)
         finally:
@@ -189,7 +191,8 @@ def test_a_gateway_that_takes_and_drops_connections_is_left_alone_but_once_a_sec
         loop = asyncio.get_running_loop()
         device = PmxDevice(CONFIG, loop.time)
         server = await serve_tcp(device)
-        link = await ModbusLink.open(server.endpoint, 1, timeout_s=0.5)
+        link = await ModbusLink.open(
+            ModbusDevice(endpoint=server.endpoint, device_id=1), timeout_s=0.5)
         await link.read_input(0, 2)
         port = int(server.endpoint.rsplit(":", 1)[1])
         await server.close()

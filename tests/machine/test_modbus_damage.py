@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from lmctl.config.modbus_device import ModbusDevice
 from lmctl.errors import MachineError
 from lmctl.machine.modbus.client import ModbusLink
 from simulators import virtual_time
@@ -53,7 +54,8 @@ def under_damage(wire: str, act):
         device = PmxDevice(CONFIG, loop.time)
         serve = serve_tcp if wire == "tcp" else serve_pty
         server = await serve(FeederRegisters(device), edge=edge)
-        link = await ModbusLink.open(server.endpoint, 1, timeout_s=TIMEOUT_S)
+        link = await ModbusLink.open(
+            ModbusDevice(endpoint=server.endpoint, device_id=1), timeout_s=TIMEOUT_S)
         try:
             await link.write(20, WORDS)
             await act(link, to_host, to_device)

@@ -5,6 +5,7 @@ import asyncio
 import pytest
 
 from lmctl.config.machine import Feeder, Safety
+from lmctl.config.modbus_device import ModbusDevice
 from lmctl.errors import MachineError
 from lmctl.machine.feeder.driver import FeederDriver
 from lmctl.machine.modbus.client import ModbusLink, NoAnswerError
@@ -67,7 +68,8 @@ def test_a_device_that_answers_nothing_is_not_made_to_connect_each_time():
         edge = Edge()
         edge.put("to_device", nothing_passes)
         server = await serve_tcp(FeederRegisters(PmxDevice(ONE, now)), edge=edge)
-        link = await ModbusLink.open(server.endpoint, 1, timeout_s=0.1)
+        link = await ModbusLink.open(
+            ModbusDevice(endpoint=server.endpoint, device_id=1), timeout_s=0.1)
         for at in range(100):
             with pytest.raises(NoAnswerError):
                 await link.read_input(0, 1)
@@ -108,7 +110,8 @@ def test_rtu_answers_are_found_behind_stray_bytes_and_after_an_echo(device_id, d
             edge.put("to_device", ExactEcho(edge.say))
         if disturbance != "echo":
             edge.put("to_host", StrayBytes(3))
-        link = await ModbusLink.open(server.endpoint, device_id, timeout_s=0.2)
+        link = await ModbusLink.open(
+            ModbusDevice(endpoint=server.endpoint, device_id=device_id), timeout_s=0.2)
         found = 0
         for at in range(50):
             await link.write(20, [at, 2, 3])
@@ -127,7 +130,8 @@ def silence_of(wire: str, disturb, *, device_id: int = 1, requests: int = 3) -> 
         edge = Edge()
         server = await (serve_tcp if wire == "tcp" else serve_pty)(
             FeederRegisters(PmxDevice(ONE, now)), edge=edge)
-        link = await ModbusLink.open(server.endpoint, device_id, timeout_s=0.2)
+        link = await ModbusLink.open(
+            ModbusDevice(endpoint=server.endpoint, device_id=device_id), timeout_s=0.2)
         disturb(edge)
         for _ in range(requests):
             with pytest.raises(NoAnswerError) as caught:

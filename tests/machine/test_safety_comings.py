@@ -39,7 +39,7 @@ def test_exceptions_are_told_in_words():
             device.refuse(6)
             await asyncio.sleep(1.0)
             ((_, reason),) = ears.faults
-            assert reason == "no answer for 0.3 s: it is busy (Modbus exception 06), 3 times"
+            assert reason.startswith("no answer for 0.3 s: it is busy (Modbus exception 06), ")
             device.refuse(None)
             await asyncio.sleep(0.11)
             assert driver.status_age_s <= PERIOD_S + 0.001
@@ -85,14 +85,14 @@ def test_a_lost_connection_is_made_again():
 
 
 def test_what_cannot_be_opened():
-    async def refused(words: str, device=None, **settings):
+    async def refused(words: str, device=None, within_s: float = 1.0, **settings):
         device = device or SafetyDevice(SafetyConfig(), now)
         server = await serve_tcp(device)
         safety = Safety(**{"endpoint": server.endpoint, **settings})
         started_s = now()
         with pytest.raises(MachineError, match=words) as caught:
             await SafetyDriver.open(safety)
-        assert now() - started_s <= 1.0
+        assert now() - started_s <= within_s
         assert caught.value.hint
         await server.close()
         return caught.value
@@ -111,7 +111,8 @@ def test_what_cannot_be_opened():
         await refused("speaks another register map", other)
         cached = Replayed(SafetyConfig(), now)
         cached.old = cached.read_input(0, 21)
-        await refused("does not repeat the heartbeat", cached)
+        # Its uptime stands still: it is watched for a while.
+        await refused("does not repeat the heartbeat", cached, within_s=2.0)
         closed = "modbus-tcp://127.0.0.1:1"
         with pytest.raises(MachineError, match="safety device: nothing answers at"):
             await SafetyDriver.open(Safety(endpoint=closed))

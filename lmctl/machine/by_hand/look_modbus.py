@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from firmware_protocol.pmx import PMX, SYSTEM_BLOCK, hopper_row
-from firmware_protocol.registers import RegisterError
-from firmware_protocol.safety_io import CYCLE_BLOCK
+from firmware_protocol.pmx import PMX, SYSTEM_BLOCK, hopper_row, mirror_register
+from firmware_protocol.registers import RegisterError, WordOrder
+from firmware_protocol.safety_io import CYCLE_BLOCK, mirrored_at
 from lmctl.config.machine import Feeder, Hopper, Safety
 from lmctl.errors import MachineError
 from lmctl.machine.feeder.identity import FeederIdentity, identify
@@ -52,7 +52,7 @@ async def look_at_feeder(feeder: Feeder, hoppers: Sequence[Hopper]) -> FeederLoo
     ConfigError for a bad endpoint.
     """
     try:
-        link = await ModbusLink.open(feeder.endpoint, feeder.device_id, timeout_s=_TIMEOUT_S)
+        link = await ModbusLink.open(feeder, timeout_s=_TIMEOUT_S, mirror=mirror_register)
         try:
             return await _feeder_told(link, feeder, hoppers)
         finally:
@@ -75,10 +75,11 @@ async def _feeder_told(
     warnings = WarningReader(
         feeder.name, {h.channel: h.name for h in hoppers}, identity.n_hoppers
     )
-    before = await _status(link, {}, warnings)
+    order = WordOrder(feeder.word_order)
+    before = await _status(link, {}, warnings, order)
     readings, limits = {}, {}
     for hopper in hoppers:
-        reader = HopperReader(hopper, identity.feed_factor_g_rev[hopper.name])
+        reader = HopperReader(hopper, identity.feed_factor_g_rev[hopper.name], order)
         words = await link.read_input(reader.address, reader.count)
         readings[hopper.name] = reader.reading(words, loop.time())
         (block,) = PMX.plan_reads([hopper_row(hopper.channel, name) for name in _LIMITS])
@@ -88,7 +89,7 @@ async def _feeder_told(
         }
     await asyncio.sleep(_BETWEEN_S)
     asked_s = loop.time()
-    after = await _status(link, readings, warnings)
+    after = await _status(link, readings, warnings, order)
     moved_s = (after.tick_ms - before.tick_ms) % _TICKS / 1000.0
     return FeederLook(
         identity, after, moved_s / (after.time_s - before.time_s), limits, loop.time() - asked_s
@@ -96,11 +97,12 @@ async def _feeder_told(
 
 
 async def _status(
-    link: ModbusLink, readings: Mapping[str, Any], warnings: WarningReader
+    link: ModbusLink, readings: Mapping[str, Any], warnings: WarningReader, order: WordOrder
 ) -> FeederStatus:
     words = await link.read_input(SYSTEM_BLOCK.address, SYSTEM_BLOCK.count)
     try:
-        return feeder_status(words, asyncio.get_running_loop().time(), readings, warnings)
+        return feeder_status(
+            words, asyncio.get_running_loop().time(), readings, warnings, order)
     except ValueError as error:
         raise RegisterError(str(error)) from error
 
@@ -112,7 +114,7 @@ async def look_at_safety(safety: Safety) -> SafetyStatus:
     bad endpoint.
     """
     try:
-        link = await ModbusLink.open(safety.endpoint, safety.device_id, timeout_s=_TIMEOUT_S)
+        link = await ModbusLink.open(safety, timeout_s=_TIMEOUT_S, mirror=mirrored_at)
         try:
             await identify_safety(link, safety)
             words = await link.read_input(CYCLE_BLOCK.address, CYCLE_BLOCK.count)

@@ -11,7 +11,7 @@ import asyncio
 from collections.abc import Callable, Mapping, Sequence
 
 from firmware_protocol.pmx import MIRROR, PMX, SYSTEM_BLOCK, Command, Mode
-from firmware_protocol.registers import RegisterError
+from firmware_protocol.registers import RegisterError, WordOrder
 from lmctl.config.machine import Feeder, Hopper
 from lmctl.errors import MachineError
 from lmctl.machine.beat import on_beat
@@ -62,6 +62,7 @@ class FeederCycle:
         self._name = feeder.name
         self._link = link
         self._loop = asyncio.get_running_loop()
+        self._word_order = WordOrder(feeder.word_order)
         self._has_mirror = identity.has_mirror
         self._recipe = RecipeWriter(feeder, hoppers, identity.n_hoppers)
         self._watch = FeederWatch(self.period_s)
@@ -71,7 +72,8 @@ class FeederCycle:
         self._sent: tuple[int, ...] | None = None
         self._former = FormerFlows()
         self._readers = {
-            h.name: HopperReader(h, identity.feed_factor_g_rev[h.name]) for h in hoppers
+            h.name: HopperReader(h, identity.feed_factor_g_rev[h.name], self._word_order)
+            for h in hoppers
         }
         self._readings: Mapping[str, HopperReading] = {}
         self._mirrored = max(reader.mirrored.stop for reader in self._readers.values())
@@ -264,7 +266,8 @@ class FeederCycle:
     def _understood(self, words: Sequence[int]) -> FeederStatus:
         """Raises RegisterError for words without meaning."""
         try:
-            return feeder_status(words, self._loop.time(), self._readings, self._warnings)
+            return feeder_status(
+                words, self._loop.time(), self._readings, self._warnings, self._word_order)
         except ValueError as error:
             raise RegisterError(str(error)) from error
 

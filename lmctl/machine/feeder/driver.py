@@ -11,6 +11,7 @@ from firmware_protocol.pmx import (
     WATCHDOG_RESET_KEY,
     Command,
     State,
+    mirror_register,
 )
 from lmctl.config.machine import Feeder, Hopper
 from lmctl.errors import MachineError
@@ -290,7 +291,7 @@ def _gas_has_stopped(status: FeederStatus) -> bool:
 
 async def _connect(feeder: Feeder, timeout_s: float) -> ModbusLink:
     try:
-        return await ModbusLink.open(feeder.endpoint, feeder.device_id, timeout_s=timeout_s)
+        return await ModbusLink.open(feeder, timeout_s=timeout_s, mirror=mirror_register)
     except MachineError as error:
         raise MachineError(
             f"feeder {feeder.name}: {error.what}", where=error.where, hint=error.hint

@@ -13,14 +13,19 @@ from firmware_protocol.pmx import (
     PMX,
     SYSTEM_BLOCK,
     hopper_row,
+    recipe_names,
+    register_map,
 )
-from firmware_protocol.registers import Value
+from firmware_protocol.registers import Value, WordOrder
 from lmctl.config.machine import Feeder, Hopper
 from lmctl.errors import MachineError
-from lmctl.machine.modbus.client import ModbusLink, repeated
+from lmctl.machine.modbus.client import ModbusLink
+from lmctl.machine.modbus.patience import repeated
+from lmctl.machine.modbus.word_order import counted_order, wrong_base_hint
 
 #: A device that is busy is asked again after this [s].
 _BUSY_PAUSE_S = 0.2
+_UPTIME = PMX.block(["UPTIME"])
 
 
 @dataclass(frozen=True)
@@ -44,18 +49,21 @@ async def identify(
 ) -> FeederIdentity:
     """Read what the device is.
 
-    Raises MachineError where it is no PMX feeder of a known map, lacks a hopper of the profile,
-    or cannot feed as much as the profile says.
+    Raises MachineError where it is no PMX feeder of a known map, sends its words in another order,
+    lacks a hopper of the profile, or cannot feed as much as the profile says.
     """
     place = [f"feeder {feeder.name}: {feeder.endpoint}, device {feeder.device_id}"]
-    values = SYSTEM_BLOCK.decode(await repeated(
+    order = WordOrder(feeder.word_order)
+    words = await repeated(
         lambda: link.read_input(SYSTEM_BLOCK.address, SYSTEM_BLOCK.count), _BUSY_PAUSE_S
-    ))
+    )
+    values = SYSTEM_BLOCK.in_order(order).decode(words)
     if values["DEVICE_ID"] != DEVICE_ID:
         raise MachineError(
             f"the device for feeder {feeder.name} is no PMX feeder",
             where=[*place, f"its DEVICE_ID is {values['DEVICE_ID']}, not {DEVICE_ID}"],
-            hint="check the feeder's endpoint and device_id in the machine profile",
+            hint=wrong_base_hint(words, DEVICE_ID, feeder)
+            or "check the feeder's endpoint and device_id in the machine profile",
         )
     major, minor = _pair(values["MAP_VERSION"])
     if major != MAP_MAJOR:
@@ -72,7 +80,22 @@ async def identify(
             where=[*place, *(f"hopper {h.name} is on channel {h.channel}" for h in missing)],
             hint="check the hoppers' channels in the machine profile",
         )
+    recipe_words = register_map(n_hoppers).block(recipe_names(n_hoppers)).count
+    if recipe_words > feeder.max_registers:
+        raise MachineError(
+            f"feeder {feeder.name} moves {feeder.max_registers} registers in one request, and a "
+            f"recipe is {recipe_words}",
+            where=place, hint="a recipe is one write, so that no mixture is half changed: raise "
+            "max_registers in the machine profile if the device, and a gateway before it, take it",
+        )
     factors = {h.name: await _feed_factor(link, h, place) for h in hoppers}
+    counted = await counted_order(link, _UPTIME, order)
+    if counted not in (None, order):
+        raise MachineError(
+            f"feeder {feeder.name} sends its 32-bit values in another word order",
+            where=[*place, f"its uptime counts as {counted.value}, and {order.value} is expected"],
+            hint=f'write word_order = "{counted.value}" for it into the machine profile',
+        )
     return FeederIdentity(
         map_version=(major, minor),
         firmware=_pair(values["FW_VERSION"]),

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from firmware_protocol.pmx import PMX, HopperFlags, hopper_names, hopper_row, mirrored_at
+from firmware_protocol.registers import WordOrder
 from lmctl.config.machine import Hopper
 
 
@@ -42,12 +43,15 @@ class HopperReader:
     feed_factor_g_rev : what the device believes, to tell set-points in g/min
     """
 
-    def __init__(self, hopper: Hopper, feed_factor_g_rev: float) -> None:
+    def __init__(
+        self, hopper: Hopper, feed_factor_g_rev: float, word_order: WordOrder = WordOrder.ABCD
+    ) -> None:
         wanted = [
             name for name in hopper_names(hopper.channel)
             if PMX[name].address < 100 * hopper.channel + _READ
         ]
-        (self._block,) = PMX.plan_reads(wanted)
+        (block,) = PMX.plan_reads(wanted)
+        self._block = block.in_order(word_order)
         self.address, self.count = self._block.address, self._block.count
         at = mirrored_at(hopper.channel)
         self.mirrored = slice(at, at + self.count)

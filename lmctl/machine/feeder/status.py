@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 from firmware_protocol.pmx import SYSTEM_BLOCK, Mode, State, Status
 from firmware_protocol.pmx_alarms import CLIPPED_BIT, Alarm, first_out
+from firmware_protocol.registers import WordOrder
 from lmctl.machine.feeder.readings import HopperReading
 from lmctl.machine.feeder.warnings import FeederWarning, WarningReader
 
@@ -46,22 +47,25 @@ class FeederStatus(NamedTuple):
     stable: bool
 
 
-#: The rows of the system block that a status is made of.
-_STATUS_ROWS = SYSTEM_BLOCK.only((
-    "STATUS", "ALARM", "WARNING", "FIRST_ALARM_CODE", "HEARTBEAT_AGE", "UPTIME", "MODE", "STATE",
-    "MIXER_PRESSURE", "TOTAL_GAS", "SEQ_APPLIED", "TICK",
-))
+#: The rows of the system block that a status is made of, by the device's word order.
+_STATUS_ROWS = {
+    order: SYSTEM_BLOCK.in_order(order).only((
+        "STATUS", "ALARM", "WARNING", "FIRST_ALARM_CODE", "HEARTBEAT_AGE", "UPTIME", "MODE",
+        "STATE", "MIXER_PRESSURE", "TOTAL_GAS", "SEQ_APPLIED", "TICK",
+    ))
+    for order in WordOrder
+}
 
 
 def feeder_status(
     words: Sequence[int], time_s: float, hoppers: Mapping[str, HopperReading],
-    warnings: WarningReader,
+    warnings: WarningReader, word_order: WordOrder = WordOrder.ABCD,
 ) -> FeederStatus:
     """The system block's words as a status. warnings : of this feeder, and who its hoppers are.
 
     Raises RegisterError where their number is wrong; ValueError for a state nobody knows.
     """
-    values: dict[str, Any] = _STATUS_ROWS.decode(words)
+    values: dict[str, Any] = _STATUS_ROWS[word_order].decode(words)
     flags, state = Status(values["STATUS"]), State(values["STATE"])
     code, warned = values["FIRST_ALARM_CODE"], values["WARNING"]
     return FeederStatus(

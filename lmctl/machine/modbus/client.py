@@ -9,12 +9,13 @@ attempts it fails at once.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Callable, Sequence
 
 from pymodbus.pdu import ModbusPDU
 from pymodbus.pdu.register_message import ReadHoldingRegistersRequest, ReadInputRegistersRequest
 
 from firmware_protocol.registers import MOST_READ, MOST_WRITTEN
+from lmctl.config.modbus_device import ModbusDevice
 from lmctl.errors import MachineError
 from lmctl.machine.modbus.endpoint import RtuEndpoint, TcpEndpoint, parse_modbus_endpoint
 from lmctl.machine.modbus.observation import WireObservation
@@ -33,6 +34,16 @@ _MEANINGS = {
     FAILURE: "it cannot do this in its present state",
 }
 
+#: Keys of the machine profile that may mend an exception.
+_REMEDIES = {
+    ILLEGAL_FUNCTION: "if it or a gateway before it lacks the function, write function_codes = "
+                      "[3, 4, 16] for it into the machine profile",
+    ILLEGAL_ADDRESS: "if it counts its registers from 1, write address_base = 1 for it into the "
+                     "machine profile",
+    ILLEGAL_VALUE: "if it moves fewer registers in one request, write max_registers for it into "
+                   "the machine profile",
+}
+
 #: Exceptions that pass by themselves: of busy devices, and of gateways that did not reach theirs.
 #: Each counts as an answer that got lost (Modbus Application Protocol V1.1b3, 7).
 _PASSING = {
@@ -42,13 +53,16 @@ _PASSING = {
     11: "its gateway got no answer from it",
 }
 
-#: Of a device that is being opened: requests that may go without an answer, and how long it may
-#: answer that it is busy [s].
-_OPENING_TRIES = 3
-_BUSY_PATIENCE_S = 15.0
-
 _LONGEST_FRAME = 256  # characters of an RTU frame
 _WRITE_ANSWER_BYTES = 5  # function code, address and count
+
+
+#: Which holding register shows an input register.
+Mirror = Callable[[int], int]
+
+
+def _no_mirror(address: int) -> int:
+    raise ValueError(f"input register {address} is shown by no holding register")
 
 
 class NoAnswerError(MachineError):
@@ -68,46 +82,9 @@ class RefusedError(MachineError):
     def __init__(self, endpoint: str, code: int) -> None:
         super().__init__(
             f"{_MEANINGS.get(code, 'it answers with an exception')} (Modbus exception {code:02d})",
-            where=endpoint,
+            where=endpoint, hint=_REMEDIES.get(code, ""),
         )
         self.code = code
-
-
-class Patience:
-    """How long a device that is being opened may stay without an answer: see `is_left`.
-
-    Lost answers are few where a device is alive; one that is starting up is busy for longer.
-    """
-
-    def __init__(self) -> None:
-        self._loop = asyncio.get_running_loop()
-        self._until_s = self._loop.time() + _BUSY_PATIENCE_S
-        self._tries = _OPENING_TRIES
-
-    def is_left(self, error: MachineError | None) -> bool:
-        """Whether to ask again after an error; None : an answer that was not good."""
-        if isinstance(error, PassingExceptionError):
-            return self._loop.time() < self._until_s
-        self._tries -= 1
-        return self._tries > 0
-
-
-async def repeated(
-    request: Callable[[], Awaitable[Sequence[int]]], every_s: float
-) -> Sequence[int]:
-    """The answer to a request that may be repeated, such as a reading, while a device is opened.
-
-    Raises NoAnswerError where patience ends, RefusedError at once.
-    """
-    patience = Patience()
-    while True:
-        try:
-            return await request()
-        except NoAnswerError as error:
-            if not patience.is_left(error):
-                raise
-            if isinstance(error, PassingExceptionError):
-                await asyncio.sleep(every_s)
 
 
 class ModbusLink:
@@ -118,11 +95,17 @@ class ModbusLink:
     """
 
     def __init__(
-        self, wire: ModbusWire, where: TcpEndpoint | RtuEndpoint, device_id: int, timeout_s: float
+        self, wire: ModbusWire, where: TcpEndpoint | RtuEndpoint, device: ModbusDevice,
+        timeout_s: float, mirror: Mirror,
     ) -> None:
         self.endpoint = where.text
         self._wire = wire
-        self._device_id = device_id
+        self._device_id = device.device_id
+        self._base = device.address_base
+        self._most = device.max_registers
+        self._reads_input = 4 in device.function_codes
+        self._exchanges = 23 in device.function_codes
+        self._mirror = mirror
         self._timeout_s = timeout_s
         self._character_s = where.character_s if isinstance(where, RtuEndpoint) else None
         self._loop = asyncio.get_running_loop()
@@ -131,13 +114,20 @@ class ModbusLink:
         self._answered_s = self._loop.time()
 
     @classmethod
-    async def open(cls, endpoint: str, device_id: int, *, timeout_s: float) -> ModbusLink:
-        """Connect. timeout_s : for each answer; connecting takes up to CONNECT_TIMEOUT_S.
+    async def open(
+        cls, device: ModbusDevice, *, timeout_s: float, mirror: Mirror = _no_mirror
+    ) -> ModbusLink:
+        """Connect.
 
+        timeout_s : for each answer, unless the device has its own; connecting takes up to
+            CONNECT_TIMEOUT_S
+        mirror : the holding register that shows an input register, for devices that only read
+            those
         Raises ConfigError for text that is no endpoint, MachineError where it cannot be reached.
         """
-        where = parse_modbus_endpoint(endpoint)
-        wire = ModbusWire(where, device_id, timeout_s)
+        where = parse_modbus_endpoint(device.endpoint)
+        timeout_s = device.timeout_s or timeout_s
+        wire = ModbusWire(where, device.device_id, timeout_s)
         try:
             connected = await wire.connect()
         except Exception as error:  # pyserial lets termios.error and others through
@@ -147,7 +137,7 @@ class ModbusLink:
         if not connected:
             wire.close()
             raise _unreachable(where, reason)
-        return cls(wire, where, device_id, timeout_s)
+        return cls(wire, where, device, timeout_s, mirror)
 
     @property
     def seen(self) -> WireObservation:
@@ -160,33 +150,54 @@ class ModbusLink:
         return self._loop.time() - self._answered_s
 
     async def read_input(self, address: int, count: int) -> Sequence[int]:
-        """FC 04."""
-        _check_count(count, MOST_READ)
-        request = ReadInputRegistersRequest(
-            dev_id=self._device_id, address=address, count=count)
-        return await self._read(request, count)
+        """FC 04, or FC 03 in the mirror where the device has no other."""
+        if not self._reads_input:
+            return await self.read_holding(self._mirror(address), count)
+        return await self._read_in_parts(ReadInputRegistersRequest, address, count)
 
     async def read_holding(self, address: int, count: int) -> Sequence[int]:
         """FC 03."""
-        _check_count(count, MOST_READ)
-        request = ReadHoldingRegistersRequest(
-            dev_id=self._device_id, address=address, count=count)
-        return await self._read(request, count)
+        return await self._read_in_parts(ReadHoldingRegistersRequest, address, count)
 
     async def write(self, address: int, words: Sequence[int]) -> None:
-        """FC 16, one register too."""
-        _check_count(len(words), MOST_WRITTEN)
-        request = WriteRequest(address=address, registers=words, dev_id=self._device_id)
+        """FC 16, one register too. More than the device takes in one request raises ValueError."""
+        _check_count(len(words), min(MOST_WRITTEN, self._most))
+        request = WriteRequest(
+            address=self._base + address, registers=words, dev_id=self._device_id)
         await self._ask(request, _WRITE_ANSWER_BYTES)
 
     async def exchange(
         self, write_address: int, words: Sequence[int], read_address: int, count: int
     ) -> Sequence[int]:
-        """FC 23: write holding registers, then read holding registers, in one request."""
-        _check_count(len(words), MOST_EXCHANGED)
+        """FC 23: write holding registers, then read holding registers, in one request.
+
+        Two where the device does not know the function, more where it moves fewer registers.
+        """
+        _check_count(len(words), min(MOST_EXCHANGED, self._most))
         _check_count(count, MOST_READ)
-        request = ExchangeRequest(read_address, count, write_address, words, self._device_id)
-        return await self._read(request, count)
+        if not self._exchanges:
+            await self.write(write_address, words)
+            return await self.read_holding(read_address, count)
+        first = min(count, self._most)
+        request = ExchangeRequest(
+            self._base + read_address, first, self._base + write_address, words, self._device_id)
+        registers = await self._read(request, first)
+        if first == count:
+            return registers
+        return (*registers, *await self.read_holding(read_address + first, count - first))
+
+    async def _read_in_parts(
+        self, request: Callable[..., ModbusPDU], address: int, count: int
+    ) -> Sequence[int]:
+        """Registers read one after the other, as many in a request as the device moves."""
+        _check_count(count, MOST_READ)
+        found: Sequence[int] = ()
+        while (at := len(found)) < count:
+            part = min(self._most, count - at)
+            registers = await self._read(request(
+                dev_id=self._device_id, address=self._base + address + at, count=part), part)
+            found = registers if part == count else (*found, *registers)
+        return found
 
     async def close(self) -> None:
         self._wire.close()

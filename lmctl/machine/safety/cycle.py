@@ -14,7 +14,8 @@ from firmware_protocol.safety_io import ALL_GOOD, CYCLE_BLOCK, MIRROR, SIO, Stat
 from lmctl.config.machine import Safety
 from lmctl.errors import MachineError
 from lmctl.machine.beat import on_beat
-from lmctl.machine.modbus.client import ModbusLink, NoAnswerError, Patience, RefusedError
+from lmctl.machine.modbus.client import ModbusLink, NoAnswerError, RefusedError
+from lmctl.machine.modbus.patience import Patience
 from lmctl.machine.safety.identity import place
 from lmctl.machine.safety.laser_enable import SETTLE_S, LaserEnable
 from lmctl.machine.safety.status import BITS, SafetyListener, SafetyStatus, safety_status

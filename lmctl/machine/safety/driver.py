@@ -6,7 +6,7 @@ What the facts mean for a run is decided elsewhere; who talks to the device, and
 
 from __future__ import annotations
 
-from firmware_protocol.safety_io import RELAY_RESET_KEY, SIO
+from firmware_protocol.safety_io import RELAY_RESET_KEY, SIO, mirrored_at
 from lmctl.config.machine import Safety
 from lmctl.errors import MachineError
 from lmctl.machine.modbus.client import ModbusLink, NoAnswerError, RefusedError
@@ -47,7 +47,7 @@ class SafetyDriver:
         check_line(safety)
         timeout_s = max(safety.period_s, _LEAST_PATIENCE_S)
         try:
-            link = await ModbusLink.open(safety.endpoint, safety.device_id, timeout_s=timeout_s)
+            link = await ModbusLink.open(safety, timeout_s=timeout_s, mirror=mirrored_at)
         except MachineError as error:
             raise MachineError(
                 f"safety device: {error.what}", where=error.where, hint=error.hint

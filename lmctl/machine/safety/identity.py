@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+from firmware_protocol.registers import WordOrder
 from firmware_protocol.safety_io import (
     CYCLE_BLOCK,
     DEVICE_ID,
@@ -16,13 +17,18 @@ from firmware_protocol.safety_io import (
 )
 from lmctl.config.machine import Safety
 from lmctl.errors import ConfigError, MachineError
-from lmctl.machine.modbus.client import ModbusLink, NoAnswerError, RefusedError, repeated
+from lmctl.machine.modbus.client import ModbusLink, NoAnswerError, RefusedError
 from lmctl.machine.modbus.endpoint import RtuEndpoint, parse_modbus_endpoint
+from lmctl.machine.modbus.patience import repeated
+from lmctl.machine.modbus.word_order import counted_order, wrong_base_hint
 
 #: Characters beside the registers in an FC 23 request and its answer on a serial line, with the
 #: silence after each; and those for which a line stays quiet after an answer that did not come.
 _FRAME_CHARACTERS = 13 + 5 + 7
 _QUIET_CHARACTERS = 256
+#: What it takes more where the write is a request of its own: its answer, another head and silence.
+_SECOND_FRAME_CHARACTERS = 8 + 8 + 7
+_UPTIME = SIO.block(["UPTIME"])
 _WRITTEN_REGISTERS = SIO.block(["HEARTBEAT", "LASER_ENABLE"]).count
 
 
@@ -49,6 +55,8 @@ def check_line(safety: Safety) -> None:
     if not isinstance(where, RtuEndpoint):
         return
     characters = _FRAME_CHARACTERS + 2 * (_WRITTEN_REGISTERS + CYCLE_BLOCK.count)
+    if 23 not in safety.function_codes:
+        characters += _SECOND_FRAME_CHARACTERS
     least_s = (characters + _QUIET_CHARACTERS) * where.character_s
     if least_s > safety.period_s:
         raise ConfigError(
@@ -63,8 +71,8 @@ def check_line(safety: Safety) -> None:
 async def identify(link: ModbusLink, safety: Safety) -> SafetyIdentity:
     """Read what the device is.
 
-    Raises MachineError where it does not answer, is no safety-input device of a known map, or
-    lacks the relay or the laser-enable output that the profile wants.
+    Raises MachineError where it does not answer, is no safety-input device of a known map, lacks
+    the relay or the laser-enable output that the profile wants, or sends words in another order.
     """
     try:
         words = await repeated(
@@ -74,12 +82,14 @@ async def identify(link: ModbusLink, safety: Safety) -> SafetyIdentity:
         raise MachineError(
             f"safety device: {error.what}", where=place(safety), hint=error.hint
         ) from error
-    values: dict[str, Any] = WHOLE_BLOCK.decode(words)
+    order = WordOrder(safety.word_order)
+    values: dict[str, Any] = WHOLE_BLOCK.in_order(order).decode(words)
     if values["DEVICE_ID"] != DEVICE_ID:
         raise MachineError(
             "the device for safety inputs is none",
             where=[place(safety), f"its DEVICE_ID is {values['DEVICE_ID']}, not {DEVICE_ID}"],
-            hint="check endpoint and device_id of [safety] in the machine profile",
+            hint=wrong_base_hint(words, DEVICE_ID, safety)
+            or "check endpoint and device_id of [safety] in the machine profile",
         )
     version, firmware = divmod(values["MAP_VERSION"], 256), divmod(values["FW_VERSION"], 256)
     if version[0] != MAP_MAJOR:
@@ -101,5 +111,16 @@ async def identify(link: ModbusLink, safety: Safety) -> SafetyIdentity:
             "the safety device has no laser-enable output",
             where=[place(safety), "the profile says laser_enable = true"],
             hint="take laser_enable out of [safety], or fit the output",
+        )
+    try:
+        counted = await counted_order(link, _UPTIME, order)
+    except (NoAnswerError, RefusedError):
+        counted = None  # the first exchange tells
+    if counted not in (None, order):
+        raise MachineError(
+            "the safety device sends its 32-bit values in another word order",
+            where=[place(safety),
+                   f"its uptime counts as {counted.value}, and {order.value} is expected"],
+            hint=f'write word_order = "{counted.value}" into [safety] of the machine profile',
         )
     return SafetyIdentity(version, firmware, values["SERIAL"], values["HEARTBEAT_ECHO"])

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Any
 
+from firmware_protocol.registers import Block, WordOrder
 from firmware_protocol.safety_io import (
     ALL_GOOD,
     CYCLE_BLOCK,
@@ -17,6 +18,7 @@ from firmware_protocol.safety_io import (
     input_code,
 )
 from lmctl.config.machine import Safety, SafetyInput
+from lmctl.config.modbus_device import WordOrderName
 
 #: The bit of each input a cell may have, by its name in the machine profile.
 BITS: dict[SafetyInput, Inputs] = {
@@ -83,7 +85,7 @@ def safety_status(
 
     Raises RegisterError where their number is wrong.
     """
-    values: dict[str, Any] = CYCLE_BLOCK.decode(words)
+    values: dict[str, Any] = _cycle_block(safety.word_order).decode(words)
     facts, open_inputs = _inputs(values["INPUTS"], safety.fitted)
     estop, door, ready, healthy, no_reflection, chiller, gas, extraction, oxygen, key = facts
     status, code = values["STATUS"], values["FIRST_OUT"]
@@ -117,6 +119,11 @@ def safety_status(
         uptime_s=values["UPTIME"],
         tick_ms=values["TICK"],
     )
+
+
+@cache
+def _cycle_block(word_order: WordOrderName) -> Block:
+    return CYCLE_BLOCK.in_order(WordOrder(word_order))
 
 
 @lru_cache(maxsize=64)  # asked ten times a second for what hardly ever changes

@@ -1,0 +1,50 @@
+"""Patience with a device that is being opened: it may be starting up, and answers get lost."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Sequence
+
+from lmctl.errors import MachineError
+from lmctl.machine.modbus.client import NoAnswerError, PassingExceptionError
+
+#: Requests that may go without an answer, and how long a device may answer that it is busy [s].
+_OPENING_TRIES = 3
+_BUSY_PATIENCE_S = 15.0
+
+
+class Patience:
+    """How long a device that is being opened may stay without an answer: see `is_left`.
+
+    Lost answers are few where a device is alive; one that is starting up is busy for longer.
+    """
+
+    def __init__(self) -> None:
+        self._loop = asyncio.get_running_loop()
+        self._until_s = self._loop.time() + _BUSY_PATIENCE_S
+        self._tries = _OPENING_TRIES
+
+    def is_left(self, error: MachineError | None) -> bool:
+        """Whether to ask again after an error; None : an answer that was not good."""
+        if isinstance(error, PassingExceptionError):
+            return self._loop.time() < self._until_s
+        self._tries -= 1
+        return self._tries > 0
+
+
+async def repeated(
+    request: Callable[[], Awaitable[Sequence[int]]], every_s: float
+) -> Sequence[int]:
+    """The answer to a request that may be repeated, such as a reading, while a device is opened.
+
+    Raises NoAnswerError where patience ends, RefusedError at once.
+    """
+    patience = Patience()
+    while True:
+        try:
+            return await request()
+        except NoAnswerError as error:
+            if not patience.is_left(error):
+                raise
+            if isinstance(error, PassingExceptionError):
+                await asyncio.sleep(every_s)

@@ -1,0 +1,56 @@
+"""How a device numbers its registers and orders the words of 32-bit values, seen from what it
+answers: what the profile says is checked, and the key that mends it named.
+
+Swapped words give values that may well be possible, so no single reading proves an order. A counter
+of seconds does: only in the right order does it go forward by one.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Sequence
+
+from firmware_protocol.registers import Block, WordOrder
+from lmctl.config.modbus_device import ModbusDevice
+from lmctl.machine.modbus.client import ModbusLink
+
+#: A counter of seconds is watched for so long, and read so often [s].
+_WATCHED_S = 1.5
+_EVERY_S = 0.1
+#: By so much it may go forward between two readings [s].
+_MOST_STEP_S = 3
+
+
+async def counted_order(
+    link: ModbusLink, uptime: Block, configured: WordOrder
+) -> WordOrder | None:
+    """The word order in which a device's uptime counts seconds.
+
+    uptime : the block of input registers that holds the counter alone
+    configured : the order that is expected; it is preferred where several would do
+    Returns None where the counter stands still, or counts in no order. Raises as readings do.
+    """
+    loop = asyncio.get_running_loop()
+    until_s = loop.time() + _WATCHED_S
+    before = now = tuple(await link.read_input(uptime.address, uptime.count))
+    while now == before:
+        if loop.time() >= until_s:
+            return None
+        await asyncio.sleep(_EVERY_S)
+        now = tuple(await link.read_input(uptime.address, uptime.count))
+    for order in sorted(WordOrder, key=lambda order: order is not configured):
+        block = uptime.in_order(order)
+        (then_s,), (now_s,) = block.decode(before).values(), block.decode(now).values()
+        if isinstance(then_s, int) and isinstance(now_s, int) and (
+            1 <= now_s - then_s <= _MOST_STEP_S
+        ):
+            return order
+    return None
+
+
+def wrong_base_hint(words: Sequence[int], device_code: int, device: ModbusDevice) -> str:
+    """What to write into the profile where the code that identifies a device stands one register
+    later than asked for; "" where it does not."""
+    if device.address_base == 0 and len(words) > 1 and words[1] == device_code:
+        return "it counts its registers from 1: write address_base = 1 for it into the profile"
+    return ""

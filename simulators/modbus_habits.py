@@ -1,0 +1,68 @@
+"""What is particular about a simulated Modbus device: how it numbers registers, what it refuses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from simulators.modbus_refusal import ILLEGAL_ADDRESS, ILLEGAL_FUNCTION, ILLEGAL_VALUE, RefusedError
+
+
+class Registers(Protocol):
+    """A device as its wire sees it.
+
+    Each of its methods may raise RefusedError for an exception, SilentError for no answer.
+    """
+
+    @property
+    def device_id(self) -> int: ...
+    def read_input(self, address: int, count: int) -> list[int]: ...
+    def read_holding(self, address: int, count: int) -> list[int]: ...
+    def write(self, address: int, words: Sequence[int]) -> None: ...
+
+
+@dataclass(frozen=True)
+class ModbusHabits:
+    """address_base : what the first register is called on the wire
+    max_registers : most that it moves in one request
+    function_codes : those it carries out
+    """
+
+    address_base: int = 0
+    max_registers: int = 125
+    function_codes: tuple[int, ...] = (3, 4, 6, 16, 22, 23)
+
+    def check_function(self, code: int) -> None:
+        """Raises RefusedError for a function it does not know."""
+        if code not in self.function_codes:
+            raise RefusedError(ILLEGAL_FUNCTION)
+
+
+class PeculiarRegisters:
+    """The registers of a device behind its habits."""
+
+    def __init__(self, device: Registers, habits: ModbusHabits) -> None:
+        self._device = device
+        self._habits = habits
+
+    @property
+    def device_id(self) -> int:
+        return self._device.device_id
+
+    def read_input(self, address: int, count: int) -> list[int]:
+        return self._device.read_input(self._own(address, count), count)
+
+    def read_holding(self, address: int, count: int) -> list[int]:
+        return self._device.read_holding(self._own(address, count), count)
+
+    def write(self, address: int, words: Sequence[int]) -> None:
+        self._device.write(self._own(address, len(words)), words)
+
+    def _own(self, address: int, count: int) -> int:
+        """The device's own number of a register. Raises RefusedError."""
+        if count > self._habits.max_registers:
+            raise RefusedError(ILLEGAL_VALUE)
+        if address < self._habits.address_base:
+            raise RefusedError(ILLEGAL_ADDRESS)
+        return address - self._habits.address_base
