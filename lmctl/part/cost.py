@@ -16,7 +16,7 @@ from lmctl.part.resolution import (
 )
 
 #: Seconds a node, measured on a 2020s desktop core: they tell minutes from hours, no more.
-MESH_S, CLOUD_S, OPERAND_S = 150e-9, 700e-9, 80e-9
+CLOUD_S, OPERAND_S = 700e-9, 80e-9
 
 #: Less than this is not worth a line.
 SHORT_S, SMALL_BYTES = 5.0, 300e6

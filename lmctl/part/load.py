@@ -6,12 +6,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from lmctl.config import part_file as config
-from lmctl.config.composition import SurfaceFeature
 from lmctl.config.part_rules import load_part_file, parse_part_file
 from lmctl.errors import InputError
 from lmctl.field.grid import Grid
 from lmctl.part.bodies.body import Body
-from lmctl.part.bodies.stored import FieldSolid, MeshSolid
+from lmctl.part.bodies.mesh_solid import MeshSolid
+from lmctl.part.bodies.stored import FieldSolid
 from lmctl.part.data import Data
 from lmctl.part.materials.doubts import doubts
 from lmctl.part.materials.powders import resolve_materials
@@ -91,7 +91,7 @@ def _build(
     else:
         grid = checked_grid(*body.bounds_mm, tree.pitch_mm, stored=False)
     rule = tree.rule
-    data.warnings += [*_coarse(part, body, grid), *doubts(rule, body)]
+    data.warnings += [*_coarse(body, grid), *doubts(rule, body)]
     data.notes += [note for material in materials if (note := material.note())]
     # power and speed are the materials' own or the library's, and named there
     unwritten = set(config.Process.model_fields) - part.process.model_fields_set
@@ -114,17 +114,11 @@ def _build(
     )
 
 
-def _coarse(part: config.PartFile, body: Body, grid: Grid) -> list[str]:
-    """A warning where the part is thin for its pitch and depths or outlines come from its field."""
+def _coarse(body: Body, grid: Grid) -> list[str]:
+    """A warning where the part is thin for its pitch and its outlines come from its field."""
     low, high = body.bounds_mm
     thinnest, pitch = float((high - low).min()), grid.pitch_mm
-    by_depth = part.process.strategy == "iso-3d" or (
-        part.composition is not None
-        and isinstance(part.composition.feature, SurfaceFeature)
-    )
-    exact = not isinstance(body, MeshSolid | FieldSolid) or (
-        isinstance(body, MeshSolid) and not by_depth)
-    if thinnest >= 3 * pitch or exact:
+    if thinnest >= 3 * pitch or not isinstance(body, FieldSolid):
         return []
     return [
         f"the part is only {thinnest:.3g} mm thick, a pitch of {pitch:g} mm is coarse for it; "

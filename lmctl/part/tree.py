@@ -21,13 +21,14 @@ from lmctl.field.grid import Grid
 from lmctl.part.bodies.body import Body
 from lmctl.part.bodies.half_space import HalfSpace
 from lmctl.part.bodies.measured import Bounds, is_closed, without_specks
+from lmctl.part.bodies.mesh_solid import MeshSolid
 from lmctl.part.bodies.moved import Motion, Moved
-from lmctl.part.bodies.stored import FieldSolid, MeshSolid
+from lmctl.part.bodies.stored import FieldSolid
 from lmctl.part.booleans.combined import Combined
 from lmctl.part.booleans.expression import Operation
 from lmctl.part.booleans.offset import Offset
 from lmctl.part.booleans.overlap import Overlap
-from lmctl.part.cost import CLOUD_S, MESH_S, OPERAND_S, Cost, Item
+from lmctl.part.cost import CLOUD_S, OPERAND_S, Cost, Item
 from lmctl.part.data import Data
 from lmctl.part.extents import Extents, formula_of, motion_of
 from lmctl.part.materials.composition import Carried, Mixed, Rule, Uniform
@@ -77,11 +78,10 @@ class Tree:
         asked = self._asked()
         for number, body in enumerate(self._part.body):
             name = self._extents.called([number])
-            if isinstance(body, config.MeshBody | config.CloudBody):
+            if isinstance(body, config.CloudBody):
                 low, high = self._extents.of(number)
                 grid = checked_grid(low, high, body.pitch_mm or self.pitch_mm, stored=True)
-                each_s = MESH_S if isinstance(body, config.MeshBody) else CLOUD_S
-                items.append(Item(name, grid.n_nodes, each_s, True))
+                items.append(Item(name, grid.n_nodes, CLOUD_S, True))
             elif isinstance(body, config.BooleanBody):
                 of = [self._number[other] for other in body.of]
                 grid = self._boundary_grid(body.kind, of)
@@ -212,7 +212,7 @@ class Tree:
 
     def _mesh(self, mesh: Mesh, pitch_mm: float | None) -> Body:
         low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
-        return MeshSolid(mesh, checked_grid(low, high, pitch_mm or self.pitch_mm, stored=True))
+        return MeshSolid(mesh, checked_grid(low, high, pitch_mm or self.pitch_mm, stored=False))
 
     def _cloud(self, cloud: Cloud, pitch_mm: float | None) -> Body:
         low, high = cloud.points.min(axis=0), cloud.points.max(axis=0)

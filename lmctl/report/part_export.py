@@ -15,7 +15,7 @@ from lmctl.field.field import Field
 from lmctl.field.grid import Grid
 from lmctl.field.surface import iso_surface, welded
 from lmctl.field.surface_files import Kind, surface_bytes
-from lmctl.part.bodies.stored import MeshSolid
+from lmctl.part.bodies.mesh_solid import MeshSolid
 from lmctl.part.part import Part
 from lmctl.part.resolution import PADDING, finest_pitch
 from lmctl.report.layer_picture import composition_colours

@@ -15,7 +15,7 @@ import trimesh
 
 from lmctl.field.grid import Grid
 from lmctl.field.plane import PlaneGrid, section_loops
-from lmctl.part.bodies.stored import MeshSolid
+from lmctl.part.bodies.mesh_solid import MeshSolid
 from lmctl.part.sources.mesh_files import Mesh
 from lmctl.part.sources.slicing import Slicer
 

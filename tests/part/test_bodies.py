@@ -14,9 +14,10 @@ from lmctl.field.grid import Grid
 from lmctl.field.plane import PlaneGrid, loop_area_mm2, plane_distance
 from lmctl.part.bodies.body import Body, plane_points
 from lmctl.part.bodies.formulas import Box, Cone, Cylinder, Sphere, Torus
+from lmctl.part.bodies.mesh_solid import MeshSolid
 from lmctl.part.bodies.moved import Moved, motion
 from lmctl.part.bodies.prism import Prism
-from lmctl.part.bodies.stored import FieldSolid, MeshSolid
+from lmctl.part.bodies.stored import FieldSolid
 from lmctl.part.booleans.combined import Combined, Operation
 from lmctl.part.booleans.offset import Offset
 from lmctl.part.sources.mesh_files import Mesh

@@ -75,8 +75,9 @@ def test_more_disk_than_is_free_is_refused(monkeypatch: pytest.MonkeyPatch) -> N
 def test_a_part_is_refused_before_anything_of_it_is_made(
     folder: Folder, making: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    text = STEEL + '[[body]]\nkind = "mesh"\nfile = "m.stl"\nunits = "mm"\n'
-    path = folder(part__toml=text, m__stl=making.stl(making.box((0, 0, 0), (20, 20, 20))))
+    text = STEEL + '[[body]]\nkind = "cloud"\nfile = "m.xyz"\nunits = "mm"\npitch_mm = 1.0\n'
+    points = "\n".join("{} {} {}".format(*p) for p in making.ball(10.0, 24, 48)[0].tolist())
+    path = folder(part__toml=text, m__xyz=points)
     monkeypatch.setattr(store, "MOST_BYTES_IN_MEMORY", 1000)
     load_part(path / "part.toml")
     disk_with(1e5, monkeypatch)

@@ -16,9 +16,9 @@ from lmctl.field.grid import Grid
 from lmctl.field.plane import PlaneGrid, loop_area_mm2
 from lmctl.part.bodies.body import Body
 from lmctl.part.bodies.formulas import Box, Cylinder
+from lmctl.part.bodies.mesh_solid import MeshSolid
 from lmctl.part.bodies.moved import Moved, motion
 from lmctl.part.bodies.prism import Prism
-from lmctl.part.bodies.stored import MeshSolid
 from lmctl.part.booleans.combined import Combined
 from lmctl.part.booleans.offset import Offset
 from lmctl.part.sources.mesh_files import Mesh

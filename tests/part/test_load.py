@@ -16,6 +16,7 @@ from lmctl.errors import ConfigError, InputError, LmctlError, MissingFileError
 from lmctl.field.plane import loop_area_mm2
 from lmctl.part.load import load_part, part_from_model
 from lmctl.part.part import Part, Section
+from lmctl.part.resolution import checked_grid
 
 Folder = Callable[..., Path]
 SIX = ("thin", "tall", "islands", "holes", "200k", "three too many")
@@ -203,16 +204,12 @@ def test_what_is_refused(folder: Folder, text: str, what: str, hint: str) -> Non
     assert hint in caught.value.hint
 
 
-def test_a_pitch_that_needs_a_trillion_nodes_names_one_that_fits(
-    folder: Folder, making: Any
-) -> None:
-    text = "pitch_mm = 0.002\n" + STEEL + '[[body]]\nkind = "mesh"\nfile = "m.stl"\nunits = "mm"\n'
-    where = folder(part__toml=text, m__stl=making.stl(making.box((0, 0, 0), (20, 20, 20))))
+def test_a_pitch_that_needs_a_trillion_nodes_names_one_that_fits() -> None:
+    box = np.zeros(3), np.full(3, 20.0)
     with pytest.raises(InputError, match=r"1e\+12 grid nodes, 12 TB of memory and 8") as caught:
-        load_part(where / "part.toml")
-    pitch = caught.value.hint.split(",")[0].rpartition(" ")[2]
-    (where / "part.toml").write_text(text.replace("0.002", pitch))
-    assert 1.5e8 < load_part(where / "part.toml").grid.n_nodes <= 2e9 / 12
+        checked_grid(*box, 0.002, stored=True)
+    pitch = float(caught.value.hint.split(",")[0].rpartition(" ")[2])
+    assert 1.5e8 < checked_grid(*box, pitch, stored=True).n_nodes <= 2e9 / 12
 
 
 def test_what_is_neither_part_mesh_nor_cloud(folder: Folder) -> None:
@@ -225,15 +222,20 @@ def test_what_is_neither_part_mesh_nor_cloud(folder: Folder) -> None:
         load_part(where / "no.toml")
 
 
-def test_a_thin_mesh_graded_by_depth_is_told_its_pitch(folder: Folder, making: Any) -> None:
+def test_a_thin_mesh_graded_by_depth_needs_no_finer_pitch(folder: Folder, making: Any) -> None:
     where = folder(m__stl=making.stl(making.box((0, 0, 0), (60, 1.2, 20))))
     assert not any("thick" in text for text in part_from_model(where / "m.stl").warnings)
     (where / "part.toml").write_text(
         TWO + '[[body]]\nkind = "mesh"\nfile = "m.stl"\nunits = "mm"\n[composition]\n'
         'profile = { kind = "linear", near = {"316L" = 1}, far = {"WC-12Co" = 1} }\n'
     )
-    warnings = load_part(where / "part.toml").warnings
-    assert any("1.2 mm thick" in text and "pitch_mm = 0.24" in text for text in warnings)
+    part = load_part(where / "part.toml")
+    assert not any("thick" in text for text in part.warnings)
+    y = np.linspace(0.0, 1.2, 13)
+    points = np.stack([np.full(13, 30.0), y, np.full(13, 10.0)], axis=1)
+    depth = np.minimum(y, 1.2 - y)
+    np.testing.assert_allclose(part.body.at(points), depth, atol=1e-6)
+    np.testing.assert_allclose(part.composition(points)[:, 1], depth / 0.6, atol=1e-3)
 
 
 def test_a_cloud_too_sparse_for_its_pitch_names_one_that_fits(folder: Folder) -> None:

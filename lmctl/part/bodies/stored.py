@@ -1,12 +1,10 @@
-"""Bodies known by a stored field: a mesh with its triangles, a measured cloud by its field alone.
+"""Bodies that are known by a field stored on a grid alone, such as measured clouds.
 
-A field needs the whole body at once. It is kept on the body's own grid, made when first asked for,
-and is interpolated on any other.
+A field is kept on the body's own grid, and is interpolated on any other.
 """
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -16,15 +14,11 @@ from numpy.typing import NDArray
 from lmctl.field.deepest import largest_depth
 from lmctl.field.field import Field, sample, sample_gradient
 from lmctl.field.grid import Grid, Window
-from lmctl.field.mesh.mesh_field import mesh_field
-from lmctl.field.plane import PlaneGrid, loop_area_mm2, plane_distance, section_loops
+from lmctl.field.plane import PlaneGrid, loop_area_mm2, section_loops
 from lmctl.field.triangles import closest_in_rows
-from lmctl.part.bodies.body import BodyDefaults, nothing_of, plane_points
+from lmctl.part.bodies.body import BodyDefaults, plane_points
 from lmctl.part.bodies.depth import onto_zero, unit_rows, unit_slope
 from lmctl.part.bodies.measured import Bounds, zero_bounds
-from lmctl.part.sources.mesh_files import Mesh
-from lmctl.part.sources.mesh_topology import without_slivers
-from lmctl.part.sources.slicing import Slicer
 
 FloatArray = NDArray[np.float64]
 
@@ -36,81 +30,8 @@ SURFACE_PITCHES = 1e-3
 SLACK_PITCHES = 0.01
 
 
-class Stored(BodyDefaults):
-    """What bodies with a stored field share."""
-
-    @property
-    @abstractmethod
-    def field(self) -> Field:
-        """The field that is stored."""
-
-    @property
-    def slack_mm(self) -> float:
-        return SLACK_PITCHES * self.field.grid.pitch_mm
-
-    @cached_property
-    def largest_depth_mm(self) -> float:
-        """Refined between the nodes: a body's deepest place is rarely one of them."""
-        return largest_depth(self.field)[0]
-
-    def at(self, points: FloatArray) -> FloatArray:
-        return sample(self.field, points)
-
-    def feet(self, points: FloatArray) -> FloatArray:
-        """Of stored triangles the nearest place on one; of stored points the nearest, or nearer
-        still the place on the surface between them that the slope leads to."""
-        feet = closest_points(self.field, points)
-        if not (self.field.exact and self.field.surface_mm.ndim == 2):
-            return feet
-        led = onto_zero(self.at, self.inward, points)
-        slack = SURFACE_PITCHES * self.field.grid.pitch_mm
-        nearer = np.linalg.norm(led - points, axis=1) < np.linalg.norm(feet - points, axis=1)
-        better = nearer & (np.abs(self.at(led)) < slack)
-        return np.where(better[:, None], led, feet)
-
-    def inward(self, points: FloatArray) -> FloatArray:
-        if self.field.exact:  # read back more precisely than the slope of its nodes is
-            return unit_slope(self.at, points, STEP_PITCHES * self.field.grid.pitch_mm)
-        return unit_rows(sample_gradient(self.field, points))
-
-    def distance(self, window: Window) -> NDArray[np.float32]:
-        return self.field.on_window(window)
-
-
 @dataclass(frozen=True, eq=False)
-class MeshSolid(Stored):
-    """A closed mesh, each corner in use: its triangles give outlines, its field depths."""
-
-    mesh: Mesh
-    grid: Grid
-
-    @cached_property
-    def bounds_mm(self) -> Bounds:
-        return self.mesh.vertices.min(axis=0), self.mesh.vertices.max(axis=0)
-
-    def reach_mm(self, way: FloatArray) -> float:
-        return float((self.mesh.vertices @ way).max())
-
-    @cached_property
-    def field(self) -> Field:
-        corners = without_slivers(self.mesh.vertices[self.mesh.triangles])
-        soup = np.arange(3 * len(corners)).reshape(-1, 3)
-        return mesh_field(corners.reshape(-1, 3), soup, self.grid)
-
-    @cached_property
-    def _slicer(self) -> Slicer:
-        return Slicer(self.mesh.vertices, self.mesh.triangles)
-
-    def cut(self, z_mm: float, plane: PlaneGrid) -> NDArray[np.float32]:
-        loops = self.loops(z_mm, plane)
-        return plane_distance(loops, plane) if loops else nothing_of(plane)
-
-    def loops(self, z_mm: float, plane: PlaneGrid) -> list[FloatArray]:
-        return self._slicer.loops(z_mm)
-
-
-@dataclass(frozen=True, eq=False)
-class FieldSolid(Stored):
+class FieldSolid(BodyDefaults):
     """A body that is known by its field alone, such as a measured cloud.
 
     least_area_mm2 : a section smaller than this is no part of the body (a bead's own area)
@@ -120,12 +41,40 @@ class FieldSolid(Stored):
     least_area_mm2: float = 0.0
 
     @property
-    def field(self) -> Field:
-        return self.stored
-
-    @property
     def grid(self) -> Grid:
         return self.stored.grid
+
+    @property
+    def slack_mm(self) -> float:
+        return SLACK_PITCHES * self.stored.grid.pitch_mm
+
+    @cached_property
+    def largest_depth_mm(self) -> float:
+        """Refined between the nodes: a body's deepest place is rarely one of them."""
+        return largest_depth(self.stored)[0]
+
+    def at(self, points: FloatArray) -> FloatArray:
+        return sample(self.stored, points)
+
+    def feet(self, points: FloatArray) -> FloatArray:
+        """Of stored triangles the nearest place on one; of stored points the nearest, or nearer
+        still the place on the surface between them that the slope leads to."""
+        feet = closest_points(self.stored, points)
+        if not (self.stored.exact and self.stored.surface_mm.ndim == 2):
+            return feet
+        led = onto_zero(self.at, self.inward, points)
+        slack = SURFACE_PITCHES * self.stored.grid.pitch_mm
+        nearer = np.linalg.norm(led - points, axis=1) < np.linalg.norm(feet - points, axis=1)
+        better = nearer & (np.abs(self.at(led)) < slack)
+        return np.where(better[:, None], led, feet)
+
+    def inward(self, points: FloatArray) -> FloatArray:
+        if self.stored.exact:  # read back more precisely than the slope of its nodes is
+            return unit_slope(self.at, points, STEP_PITCHES * self.stored.grid.pitch_mm)
+        return unit_rows(sample_gradient(self.stored, points))
+
+    def distance(self, window: Window) -> NDArray[np.float32]:
+        return self.stored.on_window(window)
 
     @cached_property
     def bounds_mm(self) -> Bounds:
