@@ -100,14 +100,6 @@ def test_a_grate_has_all_its_holes(making: Any) -> None:
     assert area(loops) == pytest.approx((13 * 13 - 36) * 16)
 
 
-def test_facing_area_counts_an_overlap_twice(making: Any) -> None:
-    two = making.join([making.box((0, 0, 0), (10, 10, 10)), making.box((5, 0, 0), (15, 10, 10))])
-    assert Slicer(*two).facing_area_mm2(5.0) == pytest.approx(200)
-    inside_out = making.box((0, 0, 0), (10, 10, 10))
-    slicer = Slicer(inside_out[0], inside_out[1][:, ::-1])
-    assert slicer.facing_area_mm2(5.0) == pytest.approx(-100)
-
-
 def test_above_and_below_there_is_nothing(making: Any) -> None:
     slicer = Slicer(*making.ball(10.0, 12, 24))
     assert slicer.loops(10.5) == []

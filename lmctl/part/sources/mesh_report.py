@@ -1,8 +1,8 @@
 """What is wrong with a mesh, what of it can be mended without guessing, and what cannot.
 
-Order matters: corners are joined first (an STL repeats every corner in every triangle), then copies
-and fins go, then small holes are closed; what is still open after that is refused. Orientation is
-not trusted: inside and outside are decided by parity.
+Order matters: corners are joined first (an STL repeats every corner in every triangle), copies go,
+edges are cut where they pass corners, fins go, and holes are closed whose form is told. What is
+still open after that is refused. Then triangles are made to face one way, and shells one solid.
 """
 
 from __future__ import annotations
@@ -11,17 +11,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.errors import InputError
-from lmctl.field.plane import loop_area_mm2
+from lmctl.field.mesh.triangle_tree import TriangleTree
 from lmctl.part.sources.mesh_files import Mesh
+from lmctl.part.sources.mesh_holes import close_holes
+from lmctl.part.sources.mesh_junctions import split_at_junctions
+from lmctl.part.sources.mesh_orientation import facing_alike
+from lmctl.part.sources.mesh_shared_edges import parted_at_shared_edges
+from lmctl.part.sources.mesh_solids import one_solid
 from lmctl.part.sources.mesh_topology import (
     components,
-    directed_edges,
     edge_numbers,
     join_corners,
     odd_edges,
     patches,
 )
-from lmctl.part.sources.slicing import Slicer, crossings
 
 IntArray = NDArray[np.int64]
 FloatArray = NDArray[np.float64]
@@ -32,10 +35,9 @@ SEAM_MM = 1e-3
 #: At most this share of the triangles (but always ten) may be fins that are cut away.
 FIN_SHARE = 0.01
 
-OPPOSITE = "face opposite ways"
-
-#: Solid by parity and by orientation may differ by this share before the mesh is refused.
-OVERLAP_SHARE = 0.01
+#: Places on the surface that are looked at, and how far outside of it as a share of the size.
+SURFACE_PLACES = 20_000
+OUTSIDE_SHARE = 1e-6
 
 
 def mend(mesh: Mesh, name: str, hole_mm: float) -> tuple[Mesh, tuple[str, ...]]:
@@ -52,12 +54,22 @@ def mend(mesh: Mesh, name: str, hole_mm: float) -> tuple[Mesh, tuple[str, ...]]:
     triangles = _without_copies(triangles, said)
     if (edge_numbers(triangles)[1] != 2).any():
         vertices, triangles = _seams_joined(vertices, triangles, said)
+        triangles = _cut_at_junctions(vertices, triangles, said)
         triangles = _without_fins(triangles, said)
-        vertices, triangles = _holes_closed(vertices, triangles, name, hole_mm, said)
+        vertices, triangles = close_holes(vertices, triangles, name, hole_mm, said)
     if len(triangles) == 0:
         raise InputError(f"the mesh {name} encloses nothing", hint="export it again as a solid")
-    triangles = _facing_out(vertices, triangles, said)
-    _check_overlap(vertices, triangles, name, said)
+    triangles, turned = facing_alike(vertices, triangles, name)
+    if turned.any():
+        said.append(f"{_count(turned, 'triangle')} faced the other way than those beside; turned")
+    vertices, triangles = parted_at_shared_edges(vertices, triangles)
+    vertices, triangles = one_solid(vertices, triangles, turned, name, said)
+    vertices, triangles = join_corners(vertices, triangles)
+    counts = edge_numbers(triangles)[1]
+    if (counts > 2).any():
+        said.append(f"{_count(counts > 2, 'edge')} with more than two triangles: solids touch "
+                    "along edges there, and no more")
+    _check_overlap(vertices, triangles, name, hole_mm)
     used = np.zeros(len(vertices), dtype=bool)
     used[triangles] = True
     whole = Mesh(vertices[used], (np.cumsum(used) - 1)[triangles])
@@ -122,6 +134,14 @@ def _seams_joined(
     return vertices, joined[(a != b) & (b != c) & (c != a)]
 
 
+def _cut_at_junctions(vertices: FloatArray, triangles: IntArray, said: list[str]) -> IntArray:
+    cut, edges = split_at_junctions(vertices, triangles, SEAM_MM)
+    if edges:
+        said.append(f"T-junctions: {edges} edge{'s' if edges > 1 else ''} cut at the corners they "
+                    "pass")
+    return cut
+
+
 def _without_fins(triangles: IntArray, said: list[str]) -> IntArray:
     """Without small patches that hang on a surface by an edge, float alone, or wall inside.
 
@@ -153,103 +173,32 @@ def _without_fins(triangles: IntArray, said: list[str]) -> IntArray:
     return kept
 
 
-def _holes_closed(
-    vertices: FloatArray, triangles: IntArray, name: str, hole_mm: float, said: list[str]
-) -> tuple[FloatArray, IntArray]:
-    """Every open rim closed by a fan to its middle; refused where one is larger than a bead."""
-    rim = odd_edges(triangles)
-    if len(rim) == 0:
-        return vertices, triangles
-    group_of_rim = components(rim, len(vertices))[rim[:, 0]]
-    middles, fans, sizes = [], [], []
-    for number, which in enumerate(np.unique(group_of_rim)):
-        edges = rim[group_of_rim == which]
-        corners = vertices[np.unique(edges)]
-        sizes.append(float(np.linalg.norm(np.ptp(corners, axis=0))))
-        middles.append(corners.mean(axis=0))
-        middle = np.full(len(edges), len(vertices) + number)
-        fans.append(np.stack([edges[:, 1], edges[:, 0], middle], axis=1))
-    largest = int(np.argmax(sizes))
-    if sizes[largest] > hole_mm:
-        at = ", ".join(f"{v:.2f}" for v in middles[largest])
-        raise InputError(
-            f"the mesh {name} is open",
-            where=(
-                f"{len(sizes)} hole{'s' if len(sizes) > 1 else ''}, {len(rim)} open edges of "
-                f"{len(triangles)} triangles",
-                f"the largest hole is {sizes[largest]:.3g} mm across, near ({at}) mm; up to "
-                f"{hole_mm:g} mm (a bead) is closed here",
-            ),
-            hint="close it in a mesh program, or export the solid again",
-        )
-    said.append(f"{len(sizes)} hole{'s' if len(sizes) > 1 else ''} closed, the largest "
-                f"{sizes[largest]:.2g} mm across")
-    return np.vstack([vertices, *middles]), np.vstack([triangles, *fans])
-
-
-def _facing_out(vertices: FloatArray, triangles: IntArray, said: list[str]) -> IntArray:
-    """Shells that face inwards turned, unless they are cavities; what cannot be turned is said."""
-    undirected, counts = edge_numbers(triangles)
-    if (counts > 2).any():
-        said.append(f"{_count(counts > 2, 'edge')} with more than two triangles; "
-                    "solids that only touch keep a seam between them")
-    edges = directed_edges(triangles)
-    forward = np.where(edges[:, 0] < edges[:, 1], 1, -1)
-    balance = np.bincount(undirected, weights=forward, minlength=len(counts))
-    if (balance != 0).any():
-        said.append(f"{_count(balance != 0, 'edge')} whose triangles {OPPOSITE}; "
-                    "inside is decided by parity")
-        return triangles
-    shell = components(edges, len(vertices))[triangles[:, 0]]
-    volume = np.bincount(shell, weights=_volumes(vertices, triangles))
-    turned = triangles.copy()
-    for number in np.flatnonzero(volume < 0):
-        own = shell == number
-        if not _is_within(vertices, triangles[own], triangles[~own]):
-            turned[own] = turned[own, ::-1]
-            said.append(f"a shell of {_count(own, 'triangle')} is inside out; it was turned")
-    return turned
-
-
-def _is_within(vertices: FloatArray, shell: IntArray, others: IntArray) -> bool:
-    """Whether a shell lies inside the solid that the other triangles bound, by parity."""
-    heights = vertices[np.unique(shell), 2]
-    z = float(0.5 * (heights.min() + heights.max()))
-    loops = Slicer(vertices, shell).loops(z)
-    around = Slicer(vertices, others).loops(z)
-    return bool(loops) and sum(crossings(loops[0][0], p[:-1], p[1:]) for p in around) % 2 == 1
-
-
 def _check_overlap(
-    vertices: FloatArray, triangles: IntArray, name: str, said: list[str]
+    vertices: FloatArray, triangles: IntArray, name: str, bead_mm: float
 ) -> None:
-    """Compare the volume its orientation encloses with what is solid by parity.
+    """Raises InputError where more of a surface than a bead's section lies inside the solid.
 
-    They differ where solids overlap or a cavity faces the wrong way. Parity is measured on a few
-    slices, so small differences are not seen; without agreeing orientation there is no telling.
+    Places strewn over the surface, a trifle outside of it, must not be within the mesh. They are
+    inside where a shell cuts through itself: what of it is meant cannot be told.
     """
-    if any(OPPOSITE in text for text in said):
+    corners = vertices[triangles]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    size = np.linalg.norm(normal, axis=1)
+    rng = np.random.default_rng(0)  # the same places each time
+    which = rng.choice(len(triangles), SURFACE_PLACES, p=size / size.sum())
+    place = np.einsum("nk,nkc->nc", rng.dirichlet([1.0, 1.0, 1.0], SURFACE_PLACES), corners[which])
+    off = OUTSIDE_SHARE * float(np.ptp(vertices, axis=0).max())
+    outside = place + off * normal[which] / size[which, None]
+    hidden = np.flatnonzero(TriangleTree.of(corners).is_inside(outside))
+    area = 0.5 * float(size.sum()) * len(hidden) / SURFACE_PLACES
+    if len(hidden) < 2 or area < 0.25 * bead_mm**2:
         return
-    slicer = Slicer(vertices, triangles)
-    low, high = vertices[:, 2].min(), vertices[:, 2].max()
-    for share in (0.05, 0.23, 0.41, 0.5, 0.59, 0.77, 0.95):
-        z = float(low + share * (high - low))
-        by_parity = sum(map(loop_area_mm2, slicer.loops(z)))
-        facing = slicer.facing_area_mm2(z)
-        if abs(by_parity - facing) > OVERLAP_SHARE * max(by_parity, facing):
-            raise InputError(
-                f"the mesh {name} overlaps itself",
-                where=f"at z = {z:.2f} mm outlines cross, or lie in one another with no cavity "
-                "between",
-                hint="unite its solids in the program it came from",
-            )
-
-
-def _volumes(vertices: FloatArray, triangles: IntArray) -> FloatArray:
-    """Signed volume of the tetrahedron each triangle spans with the mesh's middle [mm³]."""
-    a, b, c = (vertices[triangles[:, k]] - vertices.mean(axis=0) for k in range(3))
-    volumes: FloatArray = np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0
-    return volumes
+    at = ", ".join(f"{v:.2f}" for v in place[hidden[0]])
+    raise InputError(
+        f"the mesh {name} overlaps itself",
+        where=f"about {area:.2g} mm² of its surface lie inside of it, near ({at}) mm",
+        hint="unite its solids in the program it came from",
+    )
 
 
 def _count(which: NDArray[np.bool_], noun: str) -> str:

@@ -47,12 +47,6 @@ class Slicer:
         loops = [loop for chain in _chains(links) if (loop := _closed(points[chain])) is not None]
         return _turned(loops)
 
-    def facing_area_mm2(self, z_mm: float) -> float:
-        """Area at height z by the way the triangles face: overlaps count twice, cavities once."""
-        points, links = self._crossed_edges(z_mm)
-        p, q = points[links[:, 0]], points[links[:, 1]]
-        return float(0.5 * np.sum(p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]))
-
     def _crossed_edges(self, z_mm: float) -> tuple[FloatArray, IntArray]:
         """Points where edges pass the plane, (p, 2), and the pairs that triangles join, (s, 2).
 
