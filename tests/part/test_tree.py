@@ -149,12 +149,14 @@ def test_memory_is_limited_by_the_user(
     folder: Folder, making: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     mesh = '[[body]]\nkind = "mesh"\nfile = "m.stl"\nunits = "mm"\n'
-    files = {"m__stl": making.stl(making.box((0, 0, 0), (60, 60, 60)))}
+    ball = making.ball(30.0, 24, 48)
+    files = {"m__stl": making.stl(ball),
+             "m__xyz": "\n".join("{} {} {}".format(*corner) for corner in ball[0].tolist())}
     text = "pitch_mm = 0.3\n" + STEEL + mesh
-    told: list[str] = []
     path = folder(part__toml=text, **files) / "part.toml"
-    assert load_part(path, told.append).grid.n_nodes > 8_000_000
     monkeypatch.setenv("LMCTL_MEMORY_MB", "100")
+    assert load_part(path).grid.n_nodes > 8_000_000  # of a mesh nothing is stored
+    path.write_text(text.replace("mesh", "cloud").replace("stl", "xyz"))
     with pytest.raises(InputError, match=r"needs 9e\+06 grid nodes, 18. MB") as caught:
         load_part(path)
     assert "LMCTL_MEMORY_MB" in caught.value.hint
