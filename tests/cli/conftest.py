@@ -3,14 +3,23 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from lmctl.cli.__main__ import main
+
+BENCH = (files("lmctl.examples") / "bench.toml").read_text()
+CELL = (files("lmctl.examples") / "cell.toml").read_text()
+#: Where the shipped cell's devices are; with the quote behind it, none begins another.
+SHIPPED = {"motion": "127.0.0.1:2323", "F1": "127.0.0.1:5021", "F2": "127.0.0.1:5022"}
+HOMING = ("32 = 1", "32 = 1\n20 = 1\n22 = 1\n24 = 6000\n25 = 30000")
 
 
 @dataclass(frozen=True)
@@ -69,3 +78,42 @@ def box(lmctl: Lmctl, tmp_path: Path) -> Path:
     (tmp_path / "box.toml").write_text(text.replace("[30, 20, 8]", "[12, 8, 0.8]"))
     assert lmctl("plan", "box.toml", "--machine", "cell.toml", "-o", "box.lmj").code == 0
     return tmp_path / "box.lmj"
+
+
+@pytest.fixture
+def bench(tmp_path) -> Callable[..., Path]:
+    """Writes a bench file: the shipped one with replacements."""
+
+    def write(*replacements: tuple[str, str]) -> Path:
+        text = BENCH
+        for old, new in replacements:
+            assert old in text
+            text = text.replace(old, new)
+        (tmp_path / "bench.toml").write_text(text)
+        return tmp_path / "bench.toml"
+
+    return write
+
+
+@pytest.fixture
+def standing(bench, tmp_path) -> Iterator[Callable[..., Path]]:
+    """Starts a bench as a process of its own; returns the profile of the cell it is."""
+    running = []
+
+    def start(*replacements: tuple[str, str]) -> Path:
+        path = bench(*replacements, *((f'{one}"', '127.0.0.1:0"') for one in SHIPPED.values()))
+        process = subprocess.Popen(
+            [sys.executable, "-m", "simulators", str(path)], stdout=subprocess.PIPE, text=True
+        )
+        running.append(process)
+        assert process.stdout is not None
+        text, served = CELL, json.loads(process.stdout.readline())
+        for device, one in SHIPPED.items():
+            text = text.replace(f'{one}"', f'{served[device].partition("//")[2]}"')
+        (tmp_path / "cell.toml").write_text(text)
+        return tmp_path / "cell.toml"
+
+    yield start
+    for process in running:
+        process.kill()
+        process.communicate()

@@ -8,18 +8,14 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
 from importlib.resources import files
 from pathlib import Path
 
 import pytest
 
 from lmctl.run.journal.file import read, verify
+from tests.cli.conftest import CELL, HOMING
 
-BENCH = (files("lmctl.examples") / "bench.toml").read_text()
-CELL = (files("lmctl.examples") / "cell.toml").read_text()
-#: Where the shipped cell's devices are; with the quote behind it, none begins another.
-SHIPPED = {"motion": "127.0.0.1:2323", "F1": "127.0.0.1:5021", "F2": "127.0.0.1:5022"}
 PART = """
 name = "block"
 [[material]]
@@ -29,46 +25,6 @@ kind = "box"
 low_mm = [0, 0, 0]
 high_mm = [20, 20, 0.8]
 """
-HOMING = ("32 = 1", "32 = 1\n20 = 1\n22 = 1\n24 = 6000\n25 = 30000")
-
-
-@pytest.fixture
-def bench(tmp_path) -> Callable[..., Path]:
-    """Writes a bench file: the shipped one with replacements."""
-
-    def write(*replacements: tuple[str, str]) -> Path:
-        text = BENCH
-        for old, new in replacements:
-            assert old in text
-            text = text.replace(old, new)
-        (tmp_path / "bench.toml").write_text(text)
-        return tmp_path / "bench.toml"
-
-    return write
-
-
-@pytest.fixture
-def standing(bench, tmp_path) -> Iterator[Callable[..., Path]]:
-    """Starts a bench as a process of its own; returns the profile of the cell it is."""
-    running = []
-
-    def start(*replacements: tuple[str, str]) -> Path:
-        path = bench(*replacements, *((f'{one}"', '127.0.0.1:0"') for one in SHIPPED.values()))
-        process = subprocess.Popen(
-            [sys.executable, "-m", "simulators", str(path)], stdout=subprocess.PIPE, text=True
-        )
-        running.append(process)
-        assert process.stdout is not None
-        text, served = CELL, json.loads(process.stdout.readline())
-        for device, one in SHIPPED.items():
-            text = text.replace(f'{one}"', f'{served[device].partition("//")[2]}"')
-        (tmp_path / "cell.toml").write_text(text)
-        return tmp_path / "cell.toml"
-
-    yield start
-    for process in running:
-        process.kill()
-        process.communicate()
 
 
 def _free_port() -> int:
@@ -105,7 +61,7 @@ def test_doctor_finds_the_shipped_cell_well(lmctl) -> None:
 
 @pytest.mark.parametrize(("change", "said", "what_to_do", "code"), [
     (("32 = 1", "32 = 0"), "laser mode is off", "lmctl machine settings 32=1", 4),
-    (("10 = 511", "10 = 1"), "neither Ln: nor Bf:", "settings 10=7", 4),
+    (("10 = 511", "10 = 1"), "neither Ln: nor Bf:", "settings 10=71", 4),
     (("30 = 1000", "30 = 255"), "full power is S255", "settings 30=1000", 4),
     (("32 = 1", "32 = 1\n13 = 1"), "every position would be misread", "settings 13=0", 4),
     (("32 = 1", "32 = 1\n31 = 50"), "low powers, and those of slow moves", "settings 31=0", 4),

@@ -26,8 +26,10 @@ from firmware_protocol.realtime import Realtime
 from firmware_protocol.status import StatusReport
 from lmctl.errors import MachineError
 from lmctl.machine.motion.awaited import Awaited
+from lmctl.machine.motion.endpoint import parse_endpoint
 from lmctl.machine.motion.hearer import Hearer
 from lmctl.machine.motion.links import Link, open_link
+from lmctl.machine.motion.observation import ControllerObservation
 from lmctl.machine.motion.report_screen import ReportScreen
 from lmctl.machine.motion.status_watch import StatusWatch
 
@@ -42,8 +44,8 @@ class Conversation:
 
     dialect : Grbl's until `settle_on` is told better
     damaged : messages so far that were no message or answered nothing
-    heard_bytes : whether anything at all has arrived
     lost, is_silent : why nothing more will come, and whether because nothing did
+    observation : what arrives, from connecting to the first report; None otherwise
     rx_empty : most free receive bytes reported with nothing unanswered
     screen : which reports are believed
     sent_before_question : tag of the newest line unanswered when `?` was sent, or None
@@ -53,7 +55,7 @@ class Conversation:
         self.endpoint = endpoint
         self.dialect: Dialect = GRBL
         self.damaged = 0
-        self.heard_bytes = False
+        self.observation: ControllerObservation | None = None
         self.lost: str | None = None
         self.is_silent = False
         self.rx_empty = 0
@@ -71,6 +73,8 @@ class Conversation:
 
     async def connect(self, baud: int, timeout_s: float) -> None:
         """Open the link. Raises MachineError, ConfigError."""
+        is_serial = parse_endpoint(self.endpoint).kind == "serial"
+        self.observation = ControllerObservation(is_serial, baud)
         self._link = await open_link(
             self.endpoint, baud, self._received, self.give_up, timeout_s
         )
@@ -176,6 +180,8 @@ class Conversation:
         await self._awaited.restart(lambda: self.realtime(Realtime.RESET), timeout_s)
 
     def _ask(self) -> None:
+        if self.observation is not None:
+            self.observation.questions += 1
         if self.watch.is_repeated:
             self.screen.missed()
         else:
@@ -195,7 +201,8 @@ class Conversation:
             self.realtime(question)
 
     def _received(self, data: bytes) -> None:
-        self.heard_bytes = True
+        if self.observation is not None:
+            self.observation.add(data)
         accepted = 0
         for event in self._host.receive_data(data):
             if type(event) is int and event != _COMMAND_TAG:
@@ -210,6 +217,9 @@ class Conversation:
         self._hearer.batch_done()
 
     def _hear(self, event: Event) -> None:
+        if self.observation is not None:
+            self.observation.restarts += isinstance(event, Restarted)
+            self.observation.messages += not isinstance(event, int | Unknown | RemoteProtocolError)
         if isinstance(event, int):
             self._command_answered(0)
         elif isinstance(event, Rejected):

@@ -97,22 +97,17 @@ async def homed(talk: Conversation) -> bool | None:
 
 
 async def first_report(talk: Conversation, timeout_s: float) -> StatusReport:
-    """Ask `?` until it is answered. Raises MachineError where the controller is silent."""
+    """Ask `?` until it is answered. Raises MachineError with what came instead."""
     loop = asyncio.get_running_loop()
     deadline_s = loop.time() + timeout_s
     while loop.time() < deadline_s:
         if (report := await talk.fresh_report(_ASK_EVERY_S)) is not None:
+            talk.observation = None
             return report
-    if talk.heard_bytes:
-        raise talk.error(
-            "what answers is not a Grbl controller, or speaks at another baud rate",
-            hint="compare motion.endpoint and motion.baud in the machine profile with the "
-            "controller",
-        )
-    raise talk.error(
-        f"the motion controller is silent: no answer to '?' within {timeout_s:g} s",
-        hint="check that it has power, that this is its port, and that nobody else talks to it",
-    )
+    seen = talk.observation
+    assert seen is not None
+    what, hint = seen.without_report()
+    raise talk.error(what, hint=hint)
 
 
 async def _come_to_rest(talk: Conversation, found: StatusReport, timeout_s: float) -> None:

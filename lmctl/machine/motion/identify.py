@@ -142,8 +142,9 @@ def unfit_settings(identity: Identity, settings: Mapping[int, str]) -> list[Unfi
     wanted = REPORT_BLOCKS | REPORT_LINE if hal else REPORT_BLOCKS
     if not mask & wanted:
         fields = "neither Ln: nor Bf:" if hal else "no Bf:"
+        overrides = REPORT_OVERRIDES if hal else 0  # asked for too, in one go
         found.append(UnfitSetting(
             f"status reports carry {fields} (${REPORT_MASK}={stated or 'missing'}), so executed "
-            "lines could not be told from planned ones", REPORT_MASK, mask | wanted,
+            "lines could not be told from planned ones", REPORT_MASK, mask | wanted | overrides,
         ))
     return found

@@ -135,7 +135,7 @@ def test_with_laser_mode_off_no_line_is_sent(controller, in_virtual_time, dialec
 
 @pytest.mark.parametrize(
     ("firmware", "mask", "mend"),
-    [(GRBL, "1", 3), (GRBL, "0", 2), (GRBLHAL, "1", 7), (GRBLHAL, "505", 511), (GRBL, "junk", 2)],
+    [(GRBL, "1", 3), (GRBL, "0", 2), (GRBLHAL, "1", 71), (GRBLHAL, "505", 511), (GRBL, "junk", 2)],
 )
 def test_with_reports_that_show_no_progress_no_line_is_sent(
     controller, in_virtual_time, firmware, mask, mend
