@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import io
 import os
 import zipfile
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.errors import JobError
 from lmctl.job import container
-from lmctl.job.layer_rules import broken_rule
 from lmctl.job.manifest_json import part_digest, to_json
+from lmctl.job.packed_layer import PackedLayer, pack_layer
 from lmctl.job.schema import JobLayer, JobManifest, LayerEntry
 
 
@@ -60,31 +59,16 @@ class JobWriter:
 
     def add_layer(self, layer: JobLayer) -> LayerEntry:
         """Append the next layer. Its index, first line and first time go on from the last."""
+        return self.add_packed(pack_layer(layer, self._next_path()))
+
+    def add_packed(self, layer: PackedLayer) -> LayerEntry:
+        """Append the next layer, packed already."""
         self._check(layer)
-        data = (
-            ("\n".join(layer.program) + "\n").encode("ascii"),
-            _npy(layer.lines), _npy(layer.flow_s), _npy(layer.flow_g_s),
-        )
-        if max(len(member) for member in data) > container.LARGEST_MEMBER_BYTES:
-            raise JobError(f"layer {layer.index} is too large for a job file",
-                           where=f"{len(layer.program):,} lines",
-                           hint="plan with a wider bead or a coarser pitch")
-        self._write(dict(zip(container.layer_names(layer.index), data, strict=True)))
-        paths = np.unique(layer.lines["path"])
-        paths = paths[paths >= 0]
-        first_path = self._entries[-1].first_path + self._entries[-1].n_paths \
-            if self._entries else 0
-        if len(paths) and (paths[0] != first_path or paths[-1] - paths[0] + 1 != len(paths)):
-            raise ValueError(f"layer {layer.index}: paths are not numbered on from {first_path}")
-        entry = LayerEntry(
-            index=layer.index, z_mm=layer.z_mm, first_line=layer.first_line,
-            n_lines=len(layer.program), first_path=first_path, n_paths=len(paths),
-            start_s=float(layer.flow_s[0]), end_s=float(layer.flow_s[-1]),
-            sha256=container.layer_digest(data),
-        )
-        self._entries.append(entry)
-        self._last_flow = layer.flow_g_s[-1]
-        return entry
+        names = container.layer_names(layer.entry.index)
+        self._write(dict(zip(names, layer.members, strict=True)))
+        self._entries.append(layer.entry)
+        self._last_flow = layer.last_flow_g_s
+        return layer.entry
 
     def finish(self, manifest: JobManifest, part_text: str) -> JobManifest:
         """Complete the file and give it its name; returns the manifest with its layer table."""
@@ -108,26 +92,29 @@ class JobWriter:
         self._finished = True
         return manifest
 
-    def _check(self, layer: JobLayer) -> None:
+    def _check(self, layer: PackedLayer) -> None:
+        entry = layer.entry
         if len(self._entries) == container.MOST_LAYERS:
             raise JobError(f"the job has more than {container.MOST_LAYERS:,} layers",
                            hint="raise process.layer_height_mm or split the part")
-        n_materials = layer.lines.dtype["fractions"].shape[0]
-        broken = broken_rule(layer, n_materials, layer.flow_g_s.shape[-1])
-        if broken:
-            raise ValueError(f"layer {layer.index}: {broken}")
-        if layer.flow_s[-1] != layer.lines["end_s"][-1]:
-            raise ValueError(f"layer {layer.index}: flow and lines do not end together")
-        if layer.index != len(self._entries):
-            raise ValueError(f"layer {layer.index} given where {len(self._entries)} is next")
-        if self._entries:
-            last = self._entries[-1]
-            if layer.first_line != last.first_line + last.n_lines:
-                raise ValueError(f"layer {layer.index}: lines are not numbered on")
-            if layer.flow_s[0] != last.end_s or not np.array_equal(
-                layer.flow_g_s[0], np.asarray(self._last_flow)
-            ):
-                raise ValueError(f"layer {layer.index}: powder flow does not go on from the last")
+        if entry.index != len(self._entries):
+            raise ValueError(f"layer {entry.index} given where {len(self._entries)} is next")
+        if entry.first_path != self._next_path():
+            raise ValueError(
+                f"layer {entry.index}: paths are not numbered on from {self._next_path()}")
+        if not self._entries:
+            return
+        last = self._entries[-1]
+        if entry.first_line != last.first_line + last.n_lines:
+            raise ValueError(f"layer {entry.index}: lines are not numbered on")
+        if entry.start_s != last.end_s or not np.array_equal(
+            layer.first_flow_g_s, np.asarray(self._last_flow)
+        ):
+            raise ValueError(f"layer {entry.index}: powder flow does not go on from the last")
+
+    def _next_path(self) -> int:
+        last = self._entries[-1] if self._entries else None
+        return last.first_path + last.n_paths if last else 0
 
     def _write(self, members: dict[str, bytes]) -> None:
         try:
@@ -146,12 +133,6 @@ class JobWriter:
     def _cannot_write(self, error: OSError) -> JobError:
         return JobError(f"cannot write {self._path}", where=str(error.strerror or error),
                         hint="check that the folder exists, is writable and has room")
-
-
-def _npy(array: NDArray[Any]) -> bytes:
-    buffer = io.BytesIO()
-    np.lib.format.write_array(buffer, np.ascontiguousarray(array), (1, 0), allow_pickle=False)
-    return buffer.getvalue()
 
 
 def _sync_folder(folder: Path) -> None:

@@ -7,49 +7,40 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from lmctl.config.machine import MachineProfile
-from lmctl.config.part_file import Process
 from lmctl.errors import PlanError
-from lmctl.plan.moves import LEAST_MOTION_MM, POSITION_STEP_MM
-from lmctl.plan.tracks import Section, Track, in_plane_tracks, iso_3d_tracks
+from lmctl.plan.geometry import layer_geometry
 from lmctl.preflight.part_check import check_part
 from lmctl.preflight.placement import Placement
 
 if TYPE_CHECKING:
     from lmctl.part.part import Part
 
-#: A track of less extent may, on the program's raster, hold no motion that a controller can make.
-_LEAST_EXTENT_MM = 2 * (LEAST_MOTION_MM + POSITION_STEP_MM)
-
 
 def place_layers(part: Part, profile: MachineProfile) -> Placement:
-    """Where the layers of a part lie, all that can be laid.
+    """Where the layers of a part lie, all that can be deposited.
 
-    Layers at the bottom and at the top where nothing is as wide as a bead are left out; a part that
-    the part file does not place is set down by what is left out below it.
-    Raises PlanError: what `check_part` finds, or nothing as wide as a bead in any layer.
+    Layers at the bottom and at the top without tracks are left out; a part that the part file does
+    not place is set down by what is left out below it.
+    Raises PlanError: what `check_part` finds, or no layer with tracks.
     """
     placement = check_part(part, profile)
 
     def has_tracks(layer: int) -> bool:
-        return bool(tracks_of(part.section(placement.cut_mm(layer)), part.process))
+        return layer_geometry(part, placement, layer).n_tracks > 0
 
     layers = range(placement.n_layers)
     first = next((layer for layer in layers if has_tracks(layer)), None)
     if first is None:
-        raise PlanError(
-            f"{part.name} has nothing as wide as a bead",
-            where=f"process.bead_width_mm = {part.process.bead_width_mm:g}, "
-                  f"strategy {part.process.strategy}",
-            hint="take a finer bead, or check the units of the part")
+        raise nothing_to_deposit(part)
     last = next(layer for layer in reversed(layers) if has_tracks(layer))
     return placement.only(first, last, set_down=part.placement_mm is None)
 
 
-def tracks_of(section: Section, process: Process) -> list[Track]:
-    """The tracks of a section by the process's strategy, those that can be moved along."""
-    cut = in_plane_tracks if process.strategy == "in-plane" else iso_3d_tracks
-    tracks = cut(section, process.bead_width_mm, process.bead_width_mm * (1 - process.overlap))
-    return [t for t in tracks if np.ptp(t.points, axis=0).max() >= _LEAST_EXTENT_MM]
+def nothing_to_deposit(part: Part) -> PlanError:
+    """The error of a part without tracks in any layer."""
+    return PlanError(
+        f"{part.name} has nothing as wide as a bead",
+        where=f"process.bead_width_mm = {part.process.bead_width_mm:g}, "
+              f"strategy {part.process.strategy}",
+        hint="take a finer bead, or check the units of the part")

@@ -77,9 +77,10 @@ class Recipe:
         """Beam power of mixtures (..., m), between the pure recipes [W]."""
         return np.asarray(fractions @ self.power_W)
 
-    def flow_g_s(self, fractions: FloatArray, pace: FloatArray | float = 1.0) -> FloatArray:
-        """Flow of each hopper for mixtures (..., m) laid at `pace` times the recipe's speed."""
-        rate = self.pitch_mm * self.layer_height_mm * self.speed(fractions) * pace
+    def flow_g_s(self, fractions: FloatArray, speed_factor: FloatArray | float = 1.0) -> FloatArray:
+        """Flow of each hopper for mixtures (..., m) deposited at `speed_factor` times the recipe's
+        speed."""
+        rate = self.pitch_mm * self.layer_height_mm * self.speed(fractions) * speed_factor
         flows = hopper_flows_g_min(
             fractions, self.density_g_mm3, self.catch_efficiency, rate[..., None])
         return flows / 60

@@ -27,7 +27,7 @@ from lmctl.cli.bench import rewire
 from lmctl.config.machine import MachineProfile, load_profile
 from lmctl.job.manifest_json import part_digest
 from lmctl.job.reader import JobReader
-from lmctl.job.schema import HopperUse, JobLayer, JobManifest, LineKind, line_dtype
+from lmctl.job.schema import HopperUse, JobManifest, LineKind
 from lmctl.job.writer import JobWriter
 from lmctl.run.executor import run_job
 from simulators import virtual_time
@@ -132,9 +132,10 @@ def peak_so_far_mb() -> float:
 
 def write_spiral(path: Path, n_lines: int, cell: MachineProfile) -> None:
     """A spiral of SEGMENT_MM chords in layers of LAYER_LINES lines, one path each."""
-    from lmctl.plan.moves import Moves, join, lines, on_raster
-    from lmctl.plan.program import CLOSING, OPENING, program_text
-    from lmctl.plan.time_law import line_durations
+    from lmctl.plan.program_text.layer_text import CLOSING, OPENING, LayerLines, packed_layer
+    from lmctl.plan.sequence.moves import Moves, join, lines, on_raster
+    from lmctl.plan.sequence.powder_flow import PowderFlow
+    from lmctl.plan.sequence.velocity_profile import line_durations
 
     def modes(count: int, at_mm: np.ndarray, mixture: np.ndarray) -> Moves:
         return lines(np.repeat(at_mm[None], count, axis=0), feed_mm_s=0.0, kind=LineKind.SETUP,
@@ -158,26 +159,20 @@ def write_spiral(path: Path, n_lines: int, cell: MachineProfile) -> None:
             way = np.linspace(at_mm, moves.target_mm[0], 120)[1:-1]
             travel = lines(way, feed_mm_s=60.0, kind=LineKind.TRAVEL, fractions=mixture)
             moves = join([on_raster(travel, at_mm), moves])
-            lasting_s, texts = line_durations(moves, at_mm, cell.motion), {}
-            if index == 0:
-                texts = dict(enumerate(OPENING))
+            lasting_s = line_durations(moves, at_mm, cell.motion)
+            opens, closes = index == 0, count + len(moves) >= n_lines
+            if opens:
                 moves = join([modes(len(OPENING), at_mm, mixture), moves])
                 lasting_s = np.concatenate([np.zeros(len(OPENING)), lasting_s])
-            if count + len(moves) >= n_lines:
-                texts |= {len(moves) + i: words for i, words in enumerate(CLOSING)}
+            if closes:
                 moves = join([moves, modes(len(CLOSING), moves.target_mm[-1], mixture)])
                 lasting_s = np.concatenate([lasting_s, np.zeros(len(CLOSING))])
             end_s = at_s + np.cumsum(lasting_s)
-            table = np.zeros(len(moves), line_dtype(2))
-            table["end_s"], table["kind"], table["fractions"] = end_s, moves.kind, moves.fractions
-            table["x_mm"], table["y_mm"], table["z_mm"] = moves.target_mm.T
-            table["speed_mm_s"], table["power_W"] = moves.feed_mm_s, moves.power_W
-            table["path"] = np.where(moves.path >= 0, index, -1)
-            text = program_text(moves, count, cell.laser, texts)
-            writer.add_layer(JobLayer(
-                index, 1.0 + 0.5 * index, count, text, table,
-                np.array([at_s, end_s[-1]]), np.array([[FLOW_G_S, 0.0]] * 2),
-            ))
+            writer.add_packed(packed_layer(LayerLines(
+                index=index, z_mm=1.0 + 0.5 * index, first_line=count, first_path=index,
+                moves=moves, end_s=end_s, laser=cell.laser, opens=opens, closes=closes,
+                flow=PowderFlow(np.array([at_s, end_s[-1]]), np.array([[FLOW_G_S, 0.0]] * 2)),
+            )))
             at_mm, at_s, count = moves.target_mm[-1], float(end_s[-1]), count + len(moves)
             index += 1
         writer.finish(JobManifest(

@@ -93,7 +93,7 @@ def _with(layer, **columns):
         (lambda a: dataclasses.replace(a, program=a.program[:-1]), "line table"),
         (lambda a: dataclasses.replace(a, program=(*a.program[:-1], "N5 $H")), "something else"),
         (lambda a: dataclasses.replace(a, program=(*a.program[:-1], "N5 G1 X1!")), "something"),
-        (lambda a: dataclasses.replace(a, program=(*a.program[:-1], "N5 G1 X1\nN6 G1")), "some"),
+        (lambda a: dataclasses.replace(a, program=(*a.program[:-1], "N5 G1 X1\nN6 G1")), "table"),
         (lambda a: dataclasses.replace(a, program=(*a.program[:-1], "N6 G1 X1")), "own number"),
         (lambda a: dataclasses.replace(a, program=(*a.program[:-1], "N5 G1 X" + "1" * 70)), "long"),
         (lambda a: dataclasses.replace(a, flow_s=a.flow_s[[0, 2, 1]]), "do not rise"),

@@ -16,7 +16,7 @@ def test_a_wall_of_few_beads_is_short_of_powder_and_says_so(
         tmp_path, make_part, shapes, profile, name, wide_mm):
     totals, found = planned(make_part, profile, tmp_path, shapes[name])
     assert totals["slice_volume_mm3"] == pytest.approx(40 * wide_mm * 1.6, rel=1e-6)
-    share = totals["laid_volume_mm3"] / totals["slice_volume_mm3"]
+    share = totals["deposited_volume_mm3"] / totals["slice_volume_mm3"]
     assert share < 0.85
     assert totals["filling"] == pytest.approx(share, abs=1e-4)
     assert found["level"] == "warning"
@@ -29,7 +29,7 @@ def test_a_lone_bead_holds_what_a_parabola_of_its_width_and_height_does(
         tmp_path, make_part, shapes, profile):
     """A = 2/3 a h, which is pitch times height at the overlap of a third."""
     totals, _ = planned(make_part, profile, tmp_path, shapes["wall 1.0"])
-    assert totals["laid_volume_mm3"] / totals["path_length_mm"] == pytest.approx(
+    assert totals["deposited_volume_mm3"] / totals["path_length_mm"] == pytest.approx(
         2 / 3 * 2.0 * 0.8, rel=0.01)
 
 

@@ -110,7 +110,7 @@ def test_the_powder_that_is_caught_is_the_volume_of_the_part(planned, materials)
     manifest, _, _ = planned
     caught = manifest.totals["powder_in_part_g"]
     volume = sum(caught[m.name] / m.density_g_mm3 for m in materials)
-    assert volume == pytest.approx(manifest.totals["laid_volume_mm3"], rel=0.01)
+    assert volume == pytest.approx(manifest.totals["deposited_volume_mm3"], rel=0.01)
     rim = (2 * (30 + 17)) * (2.0 - 1.334) / 2 * 1.6
     assert volume + rim == pytest.approx(30 * 17 * 1.6, rel=0.01)
 

@@ -5,11 +5,27 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lmctl.plan.nozzle import Nozzle
-from lmctl.plan.ramps import LEAST_RAMP_S, SETTLED, Limits, followed, needed_s, ramp
+from lmctl.plan.sequence.hose_model import HoseModel
+from lmctl.plan.sequence.mixture_ramps import LEAST_RAMP_S, SETTLED, PowderLimits
+from lmctl.plan.sequence.mixture_ramps import needed_s as needed_times_s
+from lmctl.plan.sequence.mixture_ramps import ramp as ramp_course
+from lmctl.plan.sequence.powder_flow import followed_flow
 
 #: Volume flow in units of the whole, so that flows are volume fractions.
-UNIT = Limits(np.array([1.0, 1.0]), np.array([4.0, 4.0]), np.ones(2))
+UNIT = PowderLimits(np.array([1.0, 1.0]), np.array([4.0, 4.0]), np.ones(2))
+
+
+def needed_s(start, end, limits, step):
+    return float(needed_times_s(start[None], end[None], limits, step)[0])
+
+
+def ramp(start, end, gap_s, limits):
+    return ramp_course(start, end, gap_s, limits.lag_s, limits.max_flow_g_s)
+
+
+def followed(times, wanted, start, limits):
+    flow = followed_flow(times, wanted, start, limits)
+    return flow.times_s, flow.g_s
 
 
 def mix(second):
@@ -37,7 +53,7 @@ def test_nozzle_against_integration(leads):
     times = np.array([0, 2, 2.4, 5, 5.2, 9, 9.1, 14.0])
     wanted = np.array([1, 1, 0.2, 0.2, 1.5, 0.9, 0.0, 0.0])
     ask = np.linspace(0.5, 13.5, 40)
-    nozzle = Nozzle(np.array([1.3]), np.array([0.8]), np.array([3.0]), leads=leads)
+    nozzle = HoseModel(np.array([1.3]), np.array([0.8]), np.array([3.0]), leads=leads)
     got = nozzle.advance(times, wanted[:, None], ask)[:, 0]
     expected = integrated(times, wanted, 1.3, 0.8, 3.0, ask, leads)
     # Whoever integrates cannot lead into the first dead time.
@@ -52,7 +68,7 @@ def test_the_nozzle_goes_on_from_stretch_to_stretch(leads):
     ask = np.linspace(0.1, 19.9, 100)
 
     def nozzle():
-        return Nozzle(np.array([3.0, 0.4]), np.array([1.0, 0.3]), np.full(2, 9.0), leads=leads)
+        return HoseModel(np.array([3.0, 0.4]), np.array([1.0, 0.3]), np.full(2, 9.0), leads=leads)
 
     whole = nozzle().advance(times, wanted, ask)
     pieces, n = [], nozzle()
@@ -65,7 +81,7 @@ def test_the_nozzle_goes_on_from_stretch_to_stretch(leads):
 def test_led_within_bounds_the_nozzle_is_what_is_wanted():
     times = np.array([0.0, 1, 2, 4])
     wanted = np.array([[1.0], [1.0], [2.0], [2.0]])
-    nozzle = Nozzle(np.array([3.0]), np.array([1.0]), np.array([4.0]), leads=True)
+    nozzle = HoseModel(np.array([3.0]), np.array([1.0]), np.array([4.0]), leads=True)
     ask = np.linspace(0, 4, 50)
     assert nozzle.advance(times, wanted, ask)[:, 0] == pytest.approx(
         np.interp(ask, times, wanted[:, 0]), abs=1e-9)
@@ -99,7 +115,7 @@ def laid_after(a, b, gap, later):
     flow = np.vstack([a, a + share[:, None] * (b - a), b])
     if course[0] == 0:
         times[0] = -0.5
-    nozzle = Nozzle(np.zeros(2), UNIT.lag_s, UNIT.max_flow_g_s, leads=True)
+    nozzle = HoseModel(np.zeros(2), UNIT.lag_s, UNIT.max_flow_g_s, leads=True)
     laid = nozzle.advance(times, flow, np.array([gap + later]))[0]
     return laid / laid.sum()
 
@@ -155,7 +171,7 @@ def test_changes_within_a_quantum_need_no_time():
 
 
 def test_time_needed_is_that_of_the_slowest_hose():
-    quick = Limits(np.array([0.5, 0.5]), np.full(2, 4.0), np.ones(2))
-    one_slow = Limits(np.array([0.5, 3.0]), np.full(2, 4.0), np.ones(2))
+    quick = PowderLimits(np.array([0.5, 0.5]), np.full(2, 4.0), np.ones(2))
+    one_slow = PowderLimits(np.array([0.5, 3.0]), np.full(2, 4.0), np.ones(2))
     assert needed_s(mix(0.9), mix(0.2), one_slow, 0.02) > 3 * needed_s(
         mix(0.9), mix(0.2), quick, 0.02)

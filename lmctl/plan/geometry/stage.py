@@ -5,7 +5,6 @@ A function of the part, where its layers are cut, and the layer's number; of not
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -122,9 +121,6 @@ def _geometry(
 ) -> LayerGeometry:
     points, starts, strip = _flat(tracks)
     fractions = part.composition(np.column_stack([points, np.full(len(points), z_mm)]))
-    if part.process.strategy == "iso-3d":  # the paper: one composition a contour
-        for first, last in pairwise(starts):
-            fractions[first:last] = fractions[first:last].mean(axis=0)
     return LayerGeometry(
         layer=layer, z_mm=z_mm, points_mm=points, starts=starts, strip_width_mm=strip,
         fractions=fractions,

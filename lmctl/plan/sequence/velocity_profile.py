@@ -16,11 +16,11 @@ and low enough to stop inside the look-ahead window.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from lmctl.config.machine import Motion
-from lmctl.plan.moves import Moves
+from lmctl.field.kernel import kernel
+from lmctl.plan.sequence.moves import Moves
 
 FloatArray = NDArray[np.float64]
 
@@ -77,7 +77,7 @@ def _junction_speed_sq(unit: FloatArray, moving: NDArray[np.bool_], motion: Moti
     return result
 
 
-@njit(cache=True)
+@kernel
 def _durations(
     length: FloatArray, speed: FloatArray, acceleration: FloatArray, entry_sq: FloatArray,
     window: int,

@@ -1,6 +1,6 @@
-"""What the nozzle will lay: the planner's own prediction of powder through hose and mixer.
+"""What the nozzle will deposit: the planner's own prediction of powder through hose and mixer.
 
-Each hopper: dead time θ, then a first-order lag τ (process.md 2.1). With lead, the set-point is
+Each hopper: dead time θ, then a first-order lag τ. With lead, the set-point is
 u(t) = clip(w(t + θ) + τ w′(t + θ), 0, u_max), so θ cancels and the flow at the nozzle is w itself
 wherever u meets no bound; without, u is w, and both θ and τ show.
 """
@@ -10,8 +10,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from lmctl.field.kernel import inner, kernel
 
 FloatArray = NDArray[np.float64]
 
@@ -19,7 +20,7 @@ FloatArray = NDArray[np.float64]
 _NO_LAG_S = 1e-6
 
 
-class Nozzle:
+class HoseModel:
     """Flow of every hopper at the nozzle as program time goes on; before it starts, settled.
 
     leads : whether set-points lead by θ and τ (powder mode "lead")
@@ -37,10 +38,10 @@ class Nozzle:
         self._past_g_s = np.empty((0, len(lag_s)))
 
     def advance(self, times_s: FloatArray, wanted_g_s: FloatArray, ask_s: FloatArray) -> FloatArray:
-        """Go on by one stretch of program.
+        """Go on by one layer of the program.
 
-        times_s, wanted_g_s : (k,), (k, m) knots of the wanted flow, going on from the last stretch
-        ask_s : (q,) rising times within the stretch
+        times_s, wanted_g_s : (k,), (k, m) knots of the wanted flow, going on from the last layer
+        ask_s : (q,) rising times within the layer
         returns : (q, m) flow at the nozzle [g/s]
         """
         known_s = np.concatenate([self._past_s, times_s])
@@ -63,18 +64,18 @@ class Nozzle:
         return answer
 
 
-@njit(cache=True)
+@inner
 def _lagged(y: float, u0: float, u1: float, lasting: float, lag: float) -> float:
     """A first-order lag after its input went linearly from u0 to u1."""
     slope = (u1 - u0) / lasting
     return u1 - lag * slope + (y - u0 + lag * slope) * math.exp(-lasting / lag)
 
 
-@njit(cache=True)
+@kernel
 def _follow(
     times: FloatArray, wanted: FloatArray, lag: float, limit: float, start: float, leads: bool
 ) -> FloatArray:
-    """Flow at the nozzle at each knot; exact, the clipped stretches of a set-point included."""
+    """Flow at the nozzle at each knot; exact, also where a set-point is clipped."""
     flow = np.empty(len(times))
     y = start
     flow[0] = y

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from lmctl.config.machine import Motion
 from lmctl.job.schema import LineKind
-from lmctl.plan.moves import join, lines, on_raster
-from lmctl.plan.time_law import line_durations
+from lmctl.plan.sequence.moves import join, lines, on_raster
+from lmctl.plan.sequence.velocity_profile import line_durations
 
 ORIGIN = np.zeros(3)
 MIX = np.array([1.0])

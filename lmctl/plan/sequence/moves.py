@@ -1,4 +1,4 @@
-"""A stretch of program as a table, before it is text."""
+"""The lines of a program as a table, before they are text."""
 
 from __future__ import annotations
 
@@ -7,9 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.field.kernel import kernel
 from lmctl.job.schema import LineKind
 
 FloatArray = NDArray[np.float64]
+IndexArray = NDArray[np.intp]
 
 #: Program coordinates carry three decimals, feeds one.
 POSITION_STEP_MM = 0.001
@@ -24,13 +26,14 @@ LEAST_MOTION_MM = 0.02
 class Moves:
     """n program lines in order.
 
-    target_mm : (n, 3) float64, position at each line's end, on the program's 0.001 mm raster
+    target_mm : (n, 3) float64, position at each line's end
     feed_mm_s : (n,) float64, programmed speed; 0 for lines without motion
     power_W : (n,) float64, 0 except on beads
     kind : (n,) uint8, a LineKind
     path : (n,) int32, path number counted from 0 within the layer, −1 for none
     fractions : (n, n_materials) float64, volume fractions at the line's end
     dwell_s : (n,) float64, time of a DWELL line, else 0
+    along_mm : (n, 2) float64, place on the layer's `OrderedTracks` at a BEAD line's start and end
     """
 
     target_mm: FloatArray
@@ -40,16 +43,22 @@ class Moves:
     path: NDArray[np.int32]
     fractions: FloatArray
     dwell_s: FloatArray
+    along_mm: FloatArray
 
     def __len__(self) -> int:
         return len(self.kind)
 
-    def take(self, keep: NDArray[np.bool_] | NDArray[np.intp]) -> Moves:
+    def take(self, keep: NDArray[np.bool_] | IndexArray) -> Moves:
         """The lines a mask or an index selects."""
         return Moves(*(getattr(self, name)[keep] for name in self.__dataclass_fields__))
 
     def is_motion(self) -> NDArray[np.bool_]:
         return np.asarray((self.kind != LineKind.SETUP) & (self.kind != LineKind.DWELL))
+
+    def lengths_mm(self, start_mm: FloatArray) -> FloatArray:
+        """Length of each line, (n,), from the end of the one before."""
+        steps = np.diff(np.vstack([start_mm, self.target_mm]), axis=0)
+        return np.asarray(np.sqrt((steps**2).sum(axis=1)))
 
 
 def join(parts: list[Moves]) -> Moves:
@@ -62,21 +71,31 @@ def join(parts: list[Moves]) -> Moves:
 
 def lines(
     target_mm: FloatArray, *, feed_mm_s: FloatArray | float, kind: LineKind,
-    fractions: FloatArray, power_W: FloatArray | float = 0.0, path: int = -1, dwell_s: float = 0.0,
+    fractions: FloatArray, power_W: FloatArray | float = 0.0, path: int = -1,
+    dwell_s: FloatArray | float = 0.0,
 ) -> Moves:
-    """Lines of one kind; scalars and single mixtures hold for all of them."""
+    """Lines of one kind off the tracks; scalars and single mixtures hold for all of them."""
     target_mm = np.atleast_2d(np.asarray(target_mm, dtype=np.float64))
     n = len(target_mm)
     fractions = np.atleast_2d(fractions)
+
+    def column(value: FloatArray | float) -> FloatArray:
+        return np.broadcast_to(np.asarray(value, np.float64), n).copy()
+
     return Moves(
-        target_mm=target_mm,
-        feed_mm_s=np.broadcast_to(np.asarray(feed_mm_s, np.float64), n).copy(),
-        power_W=np.broadcast_to(np.asarray(power_W, np.float64), n).copy(),
-        kind=np.full(n, kind, np.uint8),
-        path=np.full(n, path, np.int32),
+        target_mm=target_mm, feed_mm_s=column(feed_mm_s), power_W=column(power_W),
+        kind=np.full(n, kind, np.uint8), path=np.full(n, path, np.int32),
         fractions=np.broadcast_to(fractions, (n, fractions.shape[1])).copy(),
-        dwell_s=np.full(n, dwell_s),
+        dwell_s=column(dwell_s), along_mm=np.zeros((n, 2)),
     )
+
+
+def inserted(moves: Moves, before: IndexArray, more: Moves) -> Moves:
+    """Each line of `more` put in before line `before[i]` of the table; before : (k,) rising."""
+    return Moves(*(
+        np.insert(getattr(moves, name), before, getattr(more, name), axis=0)
+        for name in Moves.__dataclass_fields__
+    ))
 
 
 def on_raster(moves: Moves, start_mm: FloatArray) -> Moves:
@@ -89,14 +108,24 @@ def on_raster(moves: Moves, start_mm: FloatArray) -> Moves:
     feed = np.maximum(np.round(moves.feed_mm_s * 60 / FEED_STEP_MM_MIN), 1) * FEED_STEP_MM_MIN / 60
     moving = moves.is_motion()
     rounded = replace(moves, target_mm=target, feed_mm_s=np.where(moving, feed, 0.0))
-    before = np.vstack([start_mm, target[:-1]])
-    short = moving & (np.linalg.norm(target - before, axis=1) < LEAST_MOTION_MM)
+    short = moving & (rounded.lengths_mm(start_mm) < LEAST_MOTION_MM)
     if not short.any():
         return rounded
-    keep = np.ones(len(moves), dtype=bool)
-    at = np.asarray(start_mm, dtype=np.float64)
-    for i in np.flatnonzero(moving):
-        keep[i] = np.linalg.norm(target[i] - at) >= LEAST_MOTION_MM
+    return rounded.take(np.asarray(_long_enough(
+        target, moving, np.asarray(start_mm, dtype=np.float64), LEAST_MOTION_MM)))
+
+
+@kernel
+def _long_enough(
+    target: FloatArray, moving: NDArray[np.bool_], start: FloatArray, least: float
+) -> NDArray[np.bool_]:
+    keep = np.ones(len(target), np.bool_)
+    x, y, z = start[0], start[1], start[2]
+    for i in range(len(target)):
+        if not moving[i]:
+            continue
+        dx, dy, dz = target[i, 0] - x, target[i, 1] - y, target[i, 2] - z
+        keep[i] = np.sqrt(dx * dx + dy * dy + dz * dz) >= least
         if keep[i]:
-            at = target[i]
-    return rounded.take(keep)
+            x, y, z = target[i, 0], target[i, 1], target[i, 2]
+    return keep

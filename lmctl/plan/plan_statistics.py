@@ -9,10 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.job.schema import LineKind
-from lmctl.plan.beads import TOLERANCE_FRACTION, Bead
-from lmctl.plan.moves import Moves
-from lmctl.plan.powder import Flow
+from lmctl.plan.geometry import LayerGeometry
 from lmctl.plan.recipe import Recipe
+from lmctl.plan.sequence.beads import Beads
+from lmctl.plan.sequence.mixture_prediction import MixturePrediction
+from lmctl.plan.sequence.moves import Moves
+from lmctl.plan.sequence.powder_flow import PowderFlow
+from lmctl.plan.sequence.speed_factor import TOLERANCE_FRACTION
 
 FloatArray = NDArray[np.float64]
 
@@ -31,8 +34,8 @@ _LEAST_SLICE_MM2 = 1.0
 
 
 @dataclass
-class Tally:
-    """Sums over the layers so far; `totals` and `verdict` read it at the end."""
+class PlanStatistics:
+    """Sums over the layers so far; `totals` and `plan_report` read it at the end."""
 
     recipe: Recipe
     layers: int = 0
@@ -44,18 +47,17 @@ class Tally:
     laser_on_s: float = 0.0
     longest_line_s: float = 0.0
     peak_power_W: float = 0.0
-    slice_mm2: float = 0.0
-    layer_mm2: float = 0.0
+    planned_mm2: float = 0.0
     covered_mm2: float = 0.0
     worst_coverage: tuple[float, int] = (1.0, 0)
     worst_filling: tuple[float, int] = (1.0, 0)
-    overhang_mm2: float = 0.0
     worst_overhang: tuple[float, int] = (0.0, 0)
-    laid_mm3: float = 0.0
-    snapped_mm: float = 0.0
-    snapped_by: float = 0.0
+    overhang_mm2: float = 0.0
+    deposited_mm3: float = 0.0
+    rounded_mm: float = 0.0
+    rounded_by: float = 0.0
     slowed_mm: float = 0.0
-    slowest_pace: float = 1.0
+    least_speed_factor: float = 1.0
     right_mm: float = 0.0
     asked_mm: float = 0.0
     unplanned_mm: float = 0.0
@@ -71,44 +73,47 @@ class Tally:
         m = len(self.recipe.hoppers)
         self.fed_g, self.wasted_g, self.peak_flow_g_s = np.zeros(m), np.zeros(m), np.zeros(m)
 
-    def add_slice(self, layer: int, covered_mm2: float, area_mm2: float, over_mm2: float) -> None:
-        """Areas of one slice: covered by tracks, whole, and hanging over the slice below."""
-        self.layer_mm2 = area_mm2
-        self.slice_mm2 += area_mm2
-        self.covered_mm2 += covered_mm2
-        self.overhang_mm2 += over_mm2
-        if area_mm2 > _LEAST_SLICE_MM2:
-            self.worst_coverage = min(self.worst_coverage, (covered_mm2 / area_mm2, layer))
-            self.worst_overhang = max(self.worst_overhang, (over_mm2 / area_mm2, layer))
-
-    def add_beads(self, layer: int, beads: list[Bead]) -> None:
-        """The beads of the slice added last."""
+    def add_beads(self, layer: int, geometry: LayerGeometry, beads: Beads | None) -> None:
+        """The beads of layer `layer` of the job; None where its slice has no tracks."""
         self.layers += 1
-        if not beads:
+        figures, area_mm2 = geometry.figures, geometry.figures.slice_mm2
+        self.planned_mm2 += area_mm2
+        self.covered_mm2 += figures.inside_mm2
+        steep_mm2 = sum(place.area_mm2 for place in figures.overhang)
+        self.overhang_mm2 += steep_mm2
+        if area_mm2 > _LEAST_SLICE_MM2:
+            covered = round(figures.inside_mm2 / area_mm2, 6)  # of equal layers the first is named
+            self.worst_coverage = min(self.worst_coverage, (covered, layer))
+            self.worst_overhang = max(self.worst_overhang, (steep_mm2 / area_mm2, layer))
+        if beads is None:
             self.empty_layers.append(layer)
-        before_mm3 = self.laid_mm3
-        for bead in beads:
-            length = np.linalg.norm(np.diff(bead.points, axis=0), axis=1)
-            rate = self.recipe.pitch_mm * self.recipe.layer_height_mm * bead.pace
-            middle = (bead.fractions[1:] + bead.fractions[:-1]) / 2
-            self.laid_mm3 += float(
-                (length / bead.speed_mm_s * rate * self.recipe.speed(middle)).sum())
-            self.contours += 1
-            self.vertices += len(bead.points)
-            self.path_mm += bead.length_mm
-            self.snapped_mm += bead.snapped_mm
-            self.snapped_by = max(self.snapped_by, bead.snapped_by if bead.snapped_mm else 0.0)
-            if bead.pace < 1:
-                self.slowed_mm += bead.length_mm
-                self.slowest_pace = min(self.slowest_pace, bead.pace)
-            self.peak_power_W = max(self.peak_power_W, float(bead.power_W.max()))
-        if beads and self.layer_mm2 > _LEAST_SLICE_MM2:
-            slice_mm3 = self.layer_mm2 * self.recipe.layer_height_mm
-            self.worst_filling = min(
-                self.worst_filling, ((self.laid_mm3 - before_mm3) / slice_mm3, layer))
+            return
+        length = beads.lengths_mm()
+        factor = np.repeat(beads.speed_factor, np.diff(beads.starts))
+        middle = beads.fractions.copy()
+        middle[1:] = (middle[1:] + middle[:-1]) / 2
+        rate = self.recipe.pitch_mm * self.recipe.layer_height_mm * factor
+        deposited_mm3 = float(
+            (length / beads.speed_mm_s * rate * self.recipe.speed(middle)).sum())
+        self.deposited_mm3 += deposited_mm3
+        self.contours += beads.count
+        self.vertices += len(beads.points_mm)
+        self.path_mm += float(length.sum())
+        self.rounded_mm += beads.rounded_mm
+        self.rounded_by = max(self.rounded_by, beads.rounded_by)
+        slowed = factor < 1
+        self.slowed_mm += float(length[slowed].sum())
+        self.least_speed_factor = min(self.least_speed_factor, float(factor.min()))
+        self.peak_power_W = max(
+            self.peak_power_W, float(np.delete(beads.power_W, beads.first).max()))
+        if area_mm2 > _LEAST_SLICE_MM2:
+            slice_mm3 = area_mm2 * self.recipe.layer_height_mm
+            share = round(deposited_mm3 / slice_mm3, 6)  # of equal layers the first is named
+            self.worst_filling = min(self.worst_filling, (share, layer))
 
     def add_program(
-        self, moves: Moves, durations_s: FloatArray, start_s: float, end_s: FloatArray, flow: Flow
+        self, moves: Moves, durations_s: FloatArray, start_s: float, end_s: FloatArray,
+        flow: PowderFlow,
     ) -> None:
         """One layer's lines and flow: times, reach, powder."""
         bead = moves.kind == LineKind.BEAD
@@ -125,23 +130,22 @@ class Tally:
         self.wasted_g += fed[~bead].sum(axis=0)
         self.peak_flow_g_s = np.maximum(self.peak_flow_g_s, flow.g_s.max(axis=0))
 
-    def add_mixture(
-        self, length_mm: FloatArray, laid: FloatArray, planned: FloatArray, designed: FloatArray
-    ) -> None:
-        """Volume fractions (q, m) along so much bead each, (q,): as the nozzle is predicted to lay
-        them, as planned, and as the part file has them."""
+    def add_mixture(self, along: MixturePrediction) -> None:
+        """What one layer is predicted to be deposited of."""
+        length_mm = along.length_mm
         self.asked_mm += float(length_mm.sum())
-        self.right_mm += float(length_mm[~_differ(laid, designed)].sum())
+        self.right_mm += float(length_mm[~_differ(along.predicted, along.designed)].sum())
         self.worst_mixture = max(
-            self.worst_mixture, float(np.abs(laid - designed).max(initial=0.0)))
-        self.unplanned_mm += float(length_mm[_differ(planned, designed)].sum())
-        self.unfollowed_mm += float(length_mm[_differ(laid, planned)].sum())
+            self.worst_mixture, float(np.abs(along.predicted - along.designed).max(initial=0.0)))
+        self.unplanned_mm += float(length_mm[_differ(along.planned, along.designed)].sum())
+        self.unfollowed_mm += float(length_mm[_differ(along.predicted, along.planned)].sum())
 
     def totals(self, duration_s: float, warnings: list[str]) -> dict[str, Any]:
         """What `lmctl plan --json` prints."""
         names = [material.name for material in self.recipe.materials]
         hoppers = [hopper.name for hopper in self.recipe.hoppers]
         caught = self.recipe.catch_efficiency
+        height_mm = self.recipe.layer_height_mm
 
         def by(keys: list[str], values: FloatArray, digits: int = 3) -> dict[str, float]:
             return {k: round(float(v), digits) for k, v in zip(keys, values, strict=True)}
@@ -160,8 +164,8 @@ class Tally:
             "peak_flow_g_min": by(hoppers, self.peak_flow_g_s * 60),
             "peak_power_W": round(self.peak_power_W, 1),
             "longest_line_s": round(self.longest_line_s, 6),
-            "slice_volume_mm3": round(self.slice_mm2 * self.recipe.layer_height_mm, 3),
-            "laid_volume_mm3": round(self.laid_mm3, 3),
+            "slice_volume_mm3": round(self.planned_mm2 * height_mm, 3),
+            "deposited_volume_mm3": round(self.deposited_mm3, 3),
             "filling": round(self.filling, 5),
             "coverage": round(self.coverage, 5),
             "mixture_share": round(self.mixture_share, 5),
@@ -171,12 +175,14 @@ class Tally:
 
     @property
     def coverage(self) -> float:
-        return self.covered_mm2 / self.slice_mm2 if self.slice_mm2 else 0.0
+        """Share of the planned slices that tracks cover."""
+        return self.covered_mm2 / self.planned_mm2 if self.planned_mm2 else 0.0
 
     @property
     def filling(self) -> float:
-        whole_mm3 = self.slice_mm2 * self.recipe.layer_height_mm
-        return self.laid_mm3 / whole_mm3 if whole_mm3 else 0.0
+        """Deposited volume over that of the planned slices, wherever it lies."""
+        slice_mm3 = self.planned_mm2 * self.recipe.layer_height_mm
+        return self.deposited_mm3 / slice_mm3 if slice_mm3 else 0.0
 
     @property
     def mixture_share(self) -> float:
@@ -188,7 +194,7 @@ def _differ(one: FloatArray, other: FloatArray) -> NDArray[np.bool_]:
     return np.asarray(np.abs(one - other).max(axis=1) > TOLERANCE_FRACTION + _ROUNDING)
 
 
-def _integral(flow: Flow, at_s: FloatArray) -> FloatArray:
+def _integral(flow: PowderFlow, at_s: FloatArray) -> FloatArray:
     """Mass since the first knot at each time, (n, m) [g]; exact for linear flow."""
     step_s = np.diff(flow.times_s)
     done = np.vstack([np.zeros(flow.g_s.shape[1]), np.cumsum(

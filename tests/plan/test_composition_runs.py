@@ -8,7 +8,11 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from lmctl.plan.mixture import knots, quantised, runs
+from lmctl.plan.sequence.composition_runs import (
+    composition_knots,
+    composition_runs,
+    quantised,
+)
 
 mixtures = st.integers(1, 5).flatmap(
     lambda m: hnp.arrays(np.float64, (7, m), elements=st.floats(0.001, 1))
@@ -32,9 +36,16 @@ def test_two_materials_round_to_the_nearest():
     assert result[:, 1] == pytest.approx([0, 0, 0.02, 0.5, 0.98, 1])
 
 
+def runs_of_one(second, step=0.02):
+    """Bounds and levels of the runs along one track."""
+    found = composition_runs(
+        np.stack([1 - second, second], axis=1), np.array([0, len(second)]), step)
+    return found.bounds, found.levels
+
+
 def test_a_slope_is_cut_in_runs_centred_on_their_values():
     second = np.linspace(0.2, 0.3, 1001)
-    bounds, levels = runs(np.stack([1 - second, second], axis=1), 0.02)
+    bounds, levels = runs_of_one(second)
     assert levels[:, 1] == pytest.approx([0.2, 0.22, 0.24, 0.26, 0.28, 0.3])
     centres = [second[(a + b) // 2] for a, b in pairwise(bounds[1:-1])]
     assert centres == pytest.approx([0.22, 0.24, 0.26, 0.28], abs=0.003)
@@ -43,9 +54,11 @@ def test_a_slope_is_cut_in_runs_centred_on_their_values():
 def laid(along, second, step=0.02):
     """The mixture laid at each of a track's points."""
     fractions = np.stack([1 - second, second], axis=1)
-    bounds, levels = runs(fractions, step)
-    at, mixtures = knots(along, fractions, bounds, levels, step)
+    starts = np.array([0, len(along)])
+    runs = composition_runs(fractions, starts, step)
+    at, mixtures, vertices = composition_knots(along, fractions, starts, runs, step)
     assert (np.diff(at) > 0).all()
+    assert np.isin(at[1:-1], vertices).all()
     return np.interp(along, at, mixtures[:, 1])
 
 
@@ -79,12 +92,31 @@ def test_a_jump_within_a_quantum_ends_a_run_too():
 def test_noise_at_the_edge_of_a_quantum_makes_one_run():
     rng = np.random.default_rng(1)
     second = 0.51 + rng.uniform(-0.002, 0.002, 500)
-    _, levels = runs(np.stack([1 - second, second], axis=1), 0.02)
+    _, levels = runs_of_one(second)
     assert len(levels) == 1
 
 
 def test_noise_on_a_slope_does_not_flicker():
     rng = np.random.default_rng(1)
     second = np.linspace(0.2, 0.4, 2000) + rng.uniform(-0.001, 0.001, 2000)
-    _, levels = runs(np.stack([1 - second, second], axis=1), 0.02)
+    _, levels = runs_of_one(second)
     assert len(levels) == 11
+
+
+def test_tracks_of_a_layer_are_each_worked_on_alone():
+    """Many tracks at once give what each gives by itself, whatever lies beside it."""
+    rng = np.random.default_rng(2)
+    seconds = [
+        np.clip(np.cumsum(rng.normal(0, 0.01, size)) + rng.uniform(0.2, 0.8), 0, 1)
+        for size in (2, 40, 5, 300)
+    ]
+    fields = [np.stack([1 - second, second], axis=1) for second in seconds]
+    alongs = [np.arange(len(second)) * 0.2 for second in seconds]
+    offsets = np.cumsum([0, *(along[-1] + 1 for along in alongs)])
+    starts = np.cumsum([0, *(len(second) for second in seconds)])
+    along = np.concatenate([a + o for a, o in zip(alongs, offsets, strict=False)])
+    runs = composition_runs(np.vstack(fields), starts, 0.02)
+    at, mixtures, _ = composition_knots(along, np.vstack(fields), starts, runs, 0.02)
+    together = np.interp(along, at, mixtures[:, 1])
+    alone = np.concatenate([laid(a, second) for a, second in zip(alongs, seconds, strict=True)])
+    assert together == pytest.approx(alone, abs=1e-12)

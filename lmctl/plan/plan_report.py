@@ -4,23 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from lmctl.plan.tally import (
+from lmctl.plan.plan_statistics import (
     ENOUGH_COVERAGE,
     ENOUGH_FILLING,
     ENOUGH_MIXTURE,
     OVERHANG_DEG,
-    Tally,
+    PlanStatistics,
 )
 from lmctl.preflight.placement import Placement
 
 Finding = dict[str, str]
 
 
-def verdict(tally: Tally, placement: Placement, mode: str) -> list[Finding]:
+def plan_report(plan: PlanStatistics, placement: Placement, mode: str) -> list[Finding]:
     """Findings for the job: each {"level": "ok" | "warning", "text": …}."""
     return [
-        *_coverage(tally), *_filling(tally), *_overhang(tally), *_height(placement),
-        *_mixture(tally, mode), *_hoppers(tally), *_idle(tally), *_waste(tally),
+        *_coverage(plan), *_filling(plan), *_overhang(plan), *_height(placement),
+        *_mixture(plan, mode), *_hoppers(plan), *_idle(plan), *_waste(plan),
     ]
 
 
@@ -28,28 +28,28 @@ def _finding(fine: bool, text: str) -> Finding:
     return {"level": "ok" if fine else "warning", "text": text}
 
 
-def _coverage(tally: Tally) -> list[Finding]:
-    share, layer = tally.worst_coverage
+def _coverage(plan: PlanStatistics) -> list[Finding]:
+    share, layer = plan.worst_coverage
     found = [_finding(
-        tally.coverage >= ENOUGH_COVERAGE,
-        f"tracks cover {tally.coverage:.2%} of the slices"
+        plan.coverage >= ENOUGH_COVERAGE,
+        f"tracks cover {plan.coverage:.2%} of the slices"
         + (f", {share:.2%} of layer {layer + 1}" if share < ENOUGH_COVERAGE else "")
         + ("; what is thinner than a bead is left out"
-           if tally.coverage < ENOUGH_COVERAGE else ""),
+           if plan.coverage < ENOUGH_COVERAGE else ""),
     )]
-    if tally.empty_layers:
-        first = tally.empty_layers[0] + 1
+    if plan.empty_layers:
+        first = plan.empty_layers[0] + 1
         found.append(_finding(
-            False, f"{len(tally.empty_layers)} layers have no tracks, the first is layer {first}: "
+            False, f"{len(plan.empty_layers)} layers have no tracks, the first is layer {first}: "
             "nothing there is as wide as a bead"))
     return found
 
 
-def _filling(tally: Tally) -> list[Finding]:
-    if tally.path_mm == 0:
+def _filling(plan: PlanStatistics) -> list[Finding]:
+    if plan.path_mm == 0:
         return []
-    share, layer = tally.worst_filling
-    text = f"beads hold {tally.filling:.0%} of the slices' volume"
+    share, layer = plan.worst_filling
+    text = f"beads hold {plan.filling:.0%} of the slices' volume"
     if share >= ENOUGH_FILLING:
         return [_finding(True, text)]
     return [_finding(
@@ -57,13 +57,13 @@ def _filling(tally: Tally) -> list[Finding]:
         "two comes out thinner or lower than drawn")]
 
 
-def _overhang(tally: Tally) -> list[Finding]:
-    share, layer = tally.worst_overhang
+def _overhang(plan: PlanStatistics) -> list[Finding]:
+    share, layer = plan.worst_overhang
     if share <= 1e-3:
         return [_finding(True, f"no wall leans out by more than {OVERHANG_DEG:g}°")]
     return [_finding(
         False,
-        f"{tally.overhang_mm2:.1f} mm² of slices lean out by more than {OVERHANG_DEG:g}° over the "
+        f"{plan.overhang_mm2:.1f} mm² of slices lean out by more than {OVERHANG_DEG:g}° over the "
         f"slice below; worst in layer {layer + 1}, {share:.1%} of it")]
 
 
@@ -82,52 +82,52 @@ def _height(placement: Placement) -> list[Finding]:
     return found
 
 
-def _mixture(tally: Tally, mode: str) -> list[Finding]:
-    text = (f"{tally.mixture_share:.1%} of the path within ±0.02 of the part file's mixture at the "
-            f"nozzle, by the powder model (mode {mode}); worst {tally.worst_mixture:.3f}")
-    fine = tally.mixture_share >= ENOUGH_MIXTURE
+def _mixture(plan: PlanStatistics, mode: str) -> list[Finding]:
+    text = (f"{plan.mixture_share:.1%} of the path within ±0.02 of the part file's mixture at the "
+            f"nozzle, by the powder model (mode {mode}); worst {plan.worst_mixture:.3f}")
+    fine = plan.mixture_share >= ENOUGH_MIXTURE
     if not fine:
-        text += "".join(_why_off(tally, mode))
+        text += "".join(_why_off(plan, mode))
     found = [_finding(fine, text)]
-    if tally.slowed_mm:
+    if plan.slowed_mm:
         found.append(_finding(
-            True, f"{tally.slowed_mm:.0f} mm of path slowed to as little as "
-            f"{tally.slowest_pace:.0%}: powder could not follow its mixture else, or the axes its "
+            True, f"{plan.slowed_mm:.0f} mm of path slowed to as little as "
+            f"{plan.least_speed_factor:.0%}: powder could not follow its mixture else, or the axes its "
             "speed"))
     return found
 
 
-def _why_off(tally: Tally, mode: str) -> Iterator[str]:
-    worth_telling_mm = tally.asked_mm * (1 - ENOUGH_MIXTURE) / 2
-    if tally.unfollowed_mm > worth_telling_mm:
+def _why_off(plan: PlanStatistics, mode: str) -> Iterator[str]:
+    worth_telling_mm = plan.asked_mm * (1 - ENOUGH_MIXTURE) / 2
+    if plan.unfollowed_mm > worth_telling_mm:
         what = ("the mixture changes faster than powder can follow" if mode == "lead"
                 else "powder comes too late")
-        yield f"; along {tally.unfollowed_mm:.0f} mm {what}"
-    if tally.unplanned_mm > worth_telling_mm:
-        yield (f"; along {tally.unplanned_mm:.0f} mm the plan differs from the part file by its "
+        yield f"; along {plan.unfollowed_mm:.0f} mm {what}"
+    if plan.unplanned_mm > worth_telling_mm:
+        yield (f"; along {plan.unplanned_mm:.0f} mm the plan differs from the part file by its "
                "steps (process.fraction_step, strategy, least flows of hoppers)")
 
 
-def _hoppers(tally: Tally) -> list[Finding]:
-    if not tally.snapped_mm:
+def _hoppers(plan: PlanStatistics) -> list[Finding]:
+    if not plan.rounded_mm:
         return []
     return [_finding(
         False,
-        f"{tally.snapped_mm:.0f} mm of path ({tally.snapped_mm / tally.path_mm:.1%}) want less of "
+        f"{plan.rounded_mm:.0f} mm of path ({plan.rounded_mm / plan.path_mm:.1%}) want less of "
         f"a powder than its hopper meters: set to none or the least, off by up to "
-        f"{tally.snapped_by:.3f}")]
+        f"{plan.rounded_by:.3f}")]
 
 
-def _idle(tally: Tally) -> list[Finding]:
+def _idle(plan: PlanStatistics) -> list[Finding]:
     return [
         _finding(True, f"hopper {hopper.name} holds {hopper.material} too, and is not used: "
                  "a material is fed from one hopper")
-        for hopper in tally.recipe.idle
+        for hopper in plan.recipe.idle
     ]
 
 
-def _waste(tally: Tally) -> list[Finding]:
-    fed, wasted = float(tally.fed_g.sum()), float(tally.wasted_g.sum())
+def _waste(plan: PlanStatistics) -> list[Finding]:
+    fed, wasted = float(plan.fed_g.sum()), float(plan.wasted_g.sum())
     if fed <= 0:
         return []
     return [_finding(True, f"{wasted:.1f} of {fed:.1f} g powder are fed while the beam is off")]

@@ -1,0 +1,6 @@
+"""The text stage: the timed lines of one layer to the bytes of a job; pure, so layers run in
+parallel."""
+
+from lmctl.plan.program_text.layer_text import LayerLines, packed_layer
+
+__all__ = ["LayerLines", "packed_layer"]

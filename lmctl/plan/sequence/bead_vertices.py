@@ -1,0 +1,124 @@
+"""As few vertices of a bead as its shape, strip width and mixture allow."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmctl.field.kernel import inner, kernel
+from lmctl.plan.sequence.track_order import OrderedTracks
+
+FloatArray = NDArray[np.float64]
+IndexArray = NDArray[np.intp]
+
+#: Simplifying a path moves it by no more than this part of the bead width,
+_TOLERANCE = 0.01
+#: and its strip width by no more than this part of the pitch.
+_STRIP_TOLERANCE = 0.03
+#: Lengths nearer to each other than this are one vertex [mm].
+_SAME_MM = 1e-6
+
+
+def bead_vertices(
+    tracks: OrderedTracks, fixed_mm: FloatArray, bead_mm: float, pitch_mm: float
+) -> tuple[FloatArray, IndexArray]:
+    """Lengths at which beads have vertices, (v,) rising, and where each track's begin, (m + 1,).
+
+    Douglas-Peucker over x, y and the strip width, between the lengths `fixed_mm` (k,), which
+    always stay, as do both ends of every track (D. H. Douglas and T. K. Peucker, 1973,
+    DOI 10.3138/FM57-6770-U75U-7727).
+    """
+    tolerance_mm = _TOLERANCE * bead_mm
+    strip = tracks.strip_width_mm * (tolerance_mm / (_STRIP_TOLERANCE * pitch_mm))
+    inner_starts = np.searchsorted(fixed_mm, tracks.along_mm[tracks.starts[:-1]])
+    vertices, starts = _vertices(
+        np.ascontiguousarray(tracks.points_mm), strip, tracks.along_mm, tracks.starts, fixed_mm,
+        np.append(inner_starts, len(fixed_mm)), tolerance_mm**2)
+    return np.asarray(vertices), np.asarray(starts)
+
+
+@kernel
+def _vertices(
+    points: FloatArray, strip: FloatArray, along: FloatArray, starts: IndexArray,
+    fixed: FloatArray, fixed_starts: IndexArray, tolerance_sq: float,
+) -> tuple[FloatArray, IndexArray]:
+    most = len(along) + len(fixed)
+    kept = np.empty(most)
+    kept_starts = np.zeros(len(starts), np.int64)
+    at = np.empty(most)
+    place = np.empty((most, 3))
+    stays = np.empty(most, np.bool_)
+    stack = np.empty((most, 2), np.int64)
+    count = 0
+    for track in range(len(starts) - 1):
+        v, end = starts[track], starts[track + 1]
+        f, last = fixed_starts[track], fixed_starts[track + 1]
+        n = 0
+        while v < end or f < last:
+            from_fixed = f < last and (v == end or fixed[f] <= along[v])
+            length = fixed[f] if from_fixed else along[v]
+            if n == 0 or length - at[n - 1] > _SAME_MM:
+                at[n] = length
+                stays[n] = from_fixed
+                k = min(v, end - 1)
+                t = 1.0
+                if from_fixed and starts[track] < v < end:
+                    t = (length - along[v - 1]) / (along[v] - along[v - 1])
+                j = max(k - 1, starts[track])
+                place[n, 0] = points[j, 0] + t * (points[k, 0] - points[j, 0])
+                place[n, 1] = points[j, 1] + t * (points[k, 1] - points[j, 1])
+                place[n, 2] = strip[j] + t * (strip[k] - strip[j])
+                n += 1
+            elif from_fixed:
+                stays[n - 1] = True
+            if from_fixed:
+                f += 1
+            else:
+                v += 1
+        stays[0] = stays[n - 1] = True
+        _mark(place, tolerance_sq, stays, stack, n)
+        for k in range(n):
+            if stays[k]:
+                kept[count] = at[k]
+                count += 1
+        kept_starts[track + 1] = count
+    return kept[:count], kept_starts
+
+
+@inner
+def _mark(
+    place: FloatArray, tolerance_sq: float, stays: NDArray[np.bool_], stack: NDArray[np.int64],
+    n: int,
+) -> None:
+    """Mark in `stays` the vertices Douglas-Peucker needs between those already marked."""
+    start = 0
+    while start < n - 1:
+        end = start + 1
+        while not stays[end]:
+            end += 1
+        depth = 1
+        stack[0, 0], stack[0, 1] = start, end
+        while depth > 0:
+            depth -= 1
+            first, last = stack[depth, 0], stack[depth, 1]
+            if last - first < 2:
+                continue
+            ax, ay, az = place[first, 0], place[first, 1], place[first, 2]
+            ux, uy, uz = place[last, 0] - ax, place[last, 1] - ay, place[last, 2] - az
+            size = ux * ux + uy * uy + uz * uz
+            worst, at = -1.0, first
+            for k in range(first + 1, last):
+                wx, wy, wz = place[k, 0] - ax, place[k, 1] - ay, place[k, 2] - az
+                t = 0.0
+                if size > 0.0:
+                    t = min(1.0, max(0.0, (wx * ux + wy * uy + wz * uz) / size))
+                dx, dy, dz = wx - t * ux, wy - t * uy, wz - t * uz
+                d = dx * dx + dy * dy + dz * dz
+                if d > worst:
+                    worst, at = d, k
+            if worst > tolerance_sq:
+                stays[at] = True
+                stack[depth, 0], stack[depth, 1] = first, at
+                stack[depth + 1, 0], stack[depth + 1, 1] = at, last
+                depth += 2
+        start = end

@@ -1,0 +1,216 @@
+"""The sequence stage: layers in order, each from its geometry to timed lines and powder flow.
+
+This stage carries the only state that planning has: where the nozzle stands, with what mixture and
+flow, at what program time, and how lines and paths are numbered. Every step works on all of a
+layer's arrays at once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmctl.config.machine import MachineProfile
+from lmctl.config.part_file import Process
+from lmctl.errors import PlanError
+from lmctl.job.schema import LineKind
+from lmctl.plan.geometry import LayerGeometry
+from lmctl.plan.plan_statistics import PlanStatistics
+from lmctl.plan.program_text.layer_text import CLOSING, OPENING, LayerLines
+from lmctl.plan.recipe import Recipe
+from lmctl.plan.sequence.beads import Beads, make_beads
+from lmctl.plan.sequence.hose_model import HoseModel
+from lmctl.plan.sequence.line_timing import bead_lines, in_short_lines, with_time_for_powder
+from lmctl.plan.sequence.mixture_prediction import predict_mixture
+from lmctl.plan.sequence.mixture_ramps import limits_of, needed_s
+from lmctl.plan.sequence.moves import Moves, join, lines, on_raster
+from lmctl.plan.sequence.powder_flow import PowderFlow, powder_flow
+from lmctl.plan.sequence.track_order import OrderedTracks, order_tracks
+from lmctl.plan.sequence.travel import LAYER_REST_S, TravelSettings, layer_moves, way_home
+from lmctl.preflight.job_check import LINES_PER_HORIZON, beyond_travel
+from lmctl.preflight.placement import Placement
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SequenceState:
+    """Where planning stands between two layers.
+
+    at_mm : (3,) the nozzle, in program coordinates; time_s : program time
+    line, path : numbers of the next line and the next path
+    mixture : (materials,) deposited last; flow_g_s : (hoppers,); None before the first bead
+    """
+
+    at_mm: FloatArray
+    time_s: float = 0.0
+    line: int = 0
+    path: int = 0
+    mixture: FloatArray | None = None
+    flow_g_s: FloatArray | None = None
+
+
+class LayerSequencer:
+    """Sequences the layers of one part in order; `statistics` sums up those done so far."""
+
+    def __init__(
+        self, part_name: str, process: Process, recipe: Recipe, profile: MachineProfile,
+    ) -> None:
+        self._part_name = part_name
+        self._process = process
+        self._profile = profile
+        self._recipe = recipe
+        self._limits = limits_of(recipe)
+        self._leads = process.powder == "lead"
+        self._hoses = HoseModel(
+            recipe.dead_time_s, recipe.lag_s, recipe.max_flow_g_s, leads=self._leads)
+        self._travel = TravelSettings(
+            travel_mm_s=min(process.travel_speed_mm_s, *profile.motion.max_speed_mm_s),
+            clearance_mm=profile.motion.clearance_mm,
+            lead_in_mm=process.lead_in_mm,
+            bead_mm=process.bead_width_mm,
+            dwell_s=process.dwell_s if process.powder == "dwell" else 0.0,
+            dwell_step=process.fraction_step,
+        )
+        self._longest_s = profile.motion.send_horizon_s / LINES_PER_HORIZON
+        self._home_mm = np.asarray(profile.motion.purge_mm, dtype=np.float64)
+        self._state = SequenceState(self._home_mm)
+        self.statistics = PlanStatistics(recipe)
+
+    @property
+    def duration_s(self) -> float:
+        """Program time at the end of what is sequenced so far."""
+        return self._state.time_s
+
+    def sequence(
+        self, index: int, geometry: LayerGeometry, placement: Placement, *, is_last: bool
+    ) -> LayerLines:
+        """Sequence the next layer of the job, the first of which must have tracks.
+
+        index : from 0; is_last : whether the program ends with it
+        Raises PlanError: a flow no hopper can deliver, motion outside the machine's travel, a
+        power that S words cannot say.
+        """
+        tracks = order_tracks(
+            geometry, index, self._state.at_mm[:2] - placement.offset_mm[:2], self._state.mixture,
+            self._process.fraction_step, self._change_s)
+        beads = self._beads(index, tracks)
+        self.statistics.add_beads(index, geometry, beads)
+        moves, durations = self._timed_moves(index, beads, placement, is_last=is_last)
+        state = self._state
+        end_s = state.time_s + np.cumsum(durations)
+        flow = self._flow(moves, beads, end_s)
+        self.statistics.add_program(moves, durations, state.time_s, end_s, flow)
+        if beads is not None:
+            self.statistics.add_mixture(predict_mixture(
+                tracks, moves, state.at_mm, state.time_s, end_s, flow, self._hoses, self._recipe))
+        layer = LayerLines(
+            index=index, z_mm=placement.nozzle_mm(index), first_line=state.line,
+            first_path=state.path, moves=moves, end_s=end_s, flow=flow, laser=self._profile.laser,
+            opens=index == 0, closes=is_last)
+        self._state = SequenceState(
+            at_mm=moves.target_mm[-1], time_s=float(end_s[-1]), line=state.line + len(moves),
+            path=state.path + (0 if beads is None else beads.count),
+            mixture=state.mixture if beads is None else beads.fractions[-1],
+            flow_g_s=flow.g_s[-1])
+        return layer
+
+    def _beads(self, index: int, tracks: OrderedTracks) -> Beads | None:
+        if tracks.n_tracks == 0:
+            return None
+        return make_beads(
+            tracks, self._recipe, self._process.fraction_step, self._longest_s,
+            min(self._profile.motion.max_speed_mm_s[:2]), f"layer {index + 1}",
+            leads=self._leads, uniform=self._process.strategy == "iso-3d")
+
+    def _change_s(self, start: FloatArray, end: FloatArray) -> float:
+        flow = self._recipe.flow_g_s
+        return float(needed_s(
+            flow(start)[None], flow(end)[None], self._limits, self._process.fraction_step)[0])
+
+    def _timed_moves(
+        self, index: int, beads: Beads | None, placement: Placement, *, is_last: bool
+    ) -> tuple[Moves, FloatArray]:
+        """The layer's lines and how long each lasts."""
+        start, motion = self._state.at_mm, self._profile.motion
+        mixture = self._state.mixture
+        if mixture is None:
+            assert beads is not None, "the first layer of a job has tracks"
+            mixture = beads.fractions[0]
+        if beads is None:
+            moves = lines(start, feed_mm_s=0.0, kind=LineKind.DWELL, fractions=mixture,
+                          dwell_s=LAYER_REST_S)
+        else:
+            moves = layer_moves(beads, placement.nozzle_mm(index), placement.offset_mm, start,
+                                self._travel, mixture)
+        if is_last:
+            moves = join([moves, way_home(
+                moves.target_mm[-1], self._home_mm, self._travel, moves.fractions[-1])])
+        moves = on_raster(moves, start)
+        self._check_reach(index, moves)
+        if self._leads and beads is not None:
+            moves = with_time_for_powder(moves, start, motion, self._needed_s(beads))
+        moves, durations = in_short_lines(moves, start, motion, self._longest_s)
+        parts, lasting = [moves], [durations]
+        if index == 0:
+            parts.insert(0, self._setup(len(OPENING), start, moves.fractions[0]))
+            lasting.insert(0, np.zeros(len(OPENING)))
+        if is_last:
+            parts.append(self._setup(len(CLOSING), moves.target_mm[-1], moves.fractions[-1]))
+            lasting.append(np.zeros(len(CLOSING)))
+        return join(parts), np.concatenate(lasting)
+
+    @staticmethod
+    def _setup(count: int, at_mm: FloatArray, mixture: FloatArray) -> Moves:
+        return lines(np.repeat(at_mm[None], count, axis=0), feed_mm_s=0.0, kind=LineKind.SETUP,
+                     fractions=mixture)
+
+    def _needed_s(self, beads: Beads) -> FloatArray:
+        """Time the powder needs before each path of this layer, (m,)."""
+        flow = self._recipe.flow_g_s(
+            beads.fractions, np.repeat(beads.speed_factor, np.diff(beads.starts)))
+        first, last = flow[beads.first], flow[beads.last]
+        before = first[0] if self._state.flow_g_s is None else self._state.flow_g_s
+        return needed_s(
+            np.vstack([before, last[:-1]]), first, self._limits, self._process.fraction_step)
+
+    def _flow(self, moves: Moves, beads: Beads | None, end_s: FloatArray) -> PowderFlow:
+        """Flow wanted at the nozzle during the layer, from where the last one ended."""
+        state = self._state
+        if beads is None:
+            assert state.flow_g_s is not None, "the first layer of a job has tracks"
+            times = np.array([state.time_s, end_s[-1]])
+            return PowderFlow(times, np.vstack([state.flow_g_s, state.flow_g_s]))
+        first, last = bead_lines(moves)
+        starts = np.concatenate([[0], np.cumsum(last - first + 2)]).astype(np.intp)
+        # A bead's knots are the ends of its lines and of the line before them.
+        line = np.repeat(first - 1 - starts[:-1], np.diff(starts)) + np.arange(starts[-1])
+        fractions = moves.fractions[line]
+        leads_in = moves.path[first - 1] == moves.path[first]
+        fractions[starts[:-1]] = np.where(
+            leads_in[:, None], moves.fractions[first - 1], beads.fractions[beads.first])
+        factor = np.repeat(beads.speed_factor, np.diff(starts))
+        wanted = self._recipe.flow_g_s(fractions, factor)
+        if state.flow_g_s is None:  # the job begins with its first path's flow
+            self._state = state = replace(state, flow_g_s=self._recipe.flow_g_s(
+                beads.fractions[0], beads.speed_factor[0]))
+        assert state.flow_g_s is not None
+        return powder_flow(
+            state.time_s, float(end_s[-1]), end_s[line], wanted, starts, self._limits,
+            self._process.powder, state.flow_g_s)
+
+    def _check_reach(self, index: int, moves: Moves) -> None:
+        """Refuse, at the first layer, what `check_job` would refuse after the last."""
+        ends_mm = moves.target_mm[moves.is_motion()]
+        if len(ends_mm) == 0:
+            return
+        outside = beyond_travel(ends_mm.min(axis=0), ends_mm.max(axis=0), self._profile)
+        if outside:
+            raise PlanError(
+                f"layer {index + 1} of {self._part_name} reaches outside the travel of "
+                f"{self._profile.name!r}", where=outside,
+                hint=f"lead-in and lead-out go beyond the part by up to "
+                     f"{self._process.lead_in_mm:g} mm: lower process.lead_in_mm, or move the part "
+                     "with [placement]")

@@ -1,0 +1,133 @@
+"""Moves made ready for the controller: no line too long in time, gaps long enough for powder."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmctl.config.machine import Motion
+from lmctl.errors import PlanError
+from lmctl.job.schema import LineKind
+from lmctl.plan.sequence.flat_arrays import numbers_within
+from lmctl.plan.sequence.moves import Moves, inserted, lines, on_raster
+from lmctl.plan.sequence.velocity_profile import line_durations
+
+FloatArray = NDArray[np.float64]
+IndexArray = NDArray[np.intp]
+
+#: Travel is not slowed below this to win time; a dwell takes the rest.
+_SLOWEST_TRAVEL_MM_S = 0.5
+#: A wait shorter than this is none [s].
+_NO_WAIT_S = 1e-3
+_SPLIT_ROUNDS = 8
+
+
+def bead_lines(moves: Moves) -> tuple[IndexArray, IndexArray]:
+    """First and last bead line of each path, (m,) each; paths are numbered in order."""
+    bead = np.flatnonzero(moves.kind == LineKind.BEAD)
+    path = moves.path[bead]
+    first = np.append(True, path[1:] != path[:-1]) if len(path) else np.empty(0, np.bool_)
+    return bead[first], bead[np.roll(first, -1)]
+
+
+def gap_bounds(moves: Moves) -> IndexArray:
+    """Lines [a, b) between the bead before each path and its own, in this layer, (m, 2) intp.
+
+    Empty where beads adjoin without lead-in and lead-out.
+    """
+    first, last = bead_lines(moves)
+    return np.column_stack([np.concatenate([[0], last[:-1] + 1]), first])
+
+
+def with_time_for_powder(
+    moves: Moves, start_mm: FloatArray, motion: Motion, needed_s: FloatArray
+) -> Moves:
+    """Slow the travel before each path so that the powder's change of mixture has time.
+
+    needed_s : (m,) time from the bead before to each path's, by path of this layer
+    Slower travel rather than a dwell: powder does not fall on one place, the planner keeps its
+    motion, and an override scales the wait with the rest. Where there is no way to travel, dwell.
+    """
+    durations = line_durations(moves, start_mm, motion)
+    gaps = gap_bounds(moves)
+    travels = moves.kind == LineKind.TRAVEL
+    short = needed_s - _sums(durations, gaps)
+    travel_mm = _sums(np.where(travels, moves.lengths_mm(start_mm), 0.0), gaps)
+    travel_s = _sums(np.where(travels, durations, 0.0), gaps)
+    late = short > _NO_WAIT_S
+    if not late.any():
+        return moves
+    slow = np.where(late & (travel_mm > 0), travel_mm / (travel_s + np.maximum(short, 0.0)), 0.0)
+    path = np.repeat(np.arange(len(gaps)), gaps[:, 1] - gaps[:, 0])
+    line = np.repeat(gaps[:, 0], gaps[:, 1] - gaps[:, 0]) + numbers_within(
+        gaps[:, 1] - gaps[:, 0])
+    slowed = travels[line] & late[path]
+    feed = moves.feed_mm_s.copy()
+    feed[line[slowed]] = np.minimum(
+        feed[line[slowed]], np.maximum(slow[path[slowed]], _SLOWEST_TRAVEL_MM_S))
+    waiting = np.flatnonzero(late & (slow < _SLOWEST_TRAVEL_MM_S))
+    wait_s = (short - (travel_mm / _SLOWEST_TRAVEL_MM_S - travel_s))[waiting]
+    result = replace(moves, feed_mm_s=feed)
+    if len(waiting):
+        before = _wait_before(moves, waiting, gaps)
+        result = inserted(result, before, lines(
+            result.target_mm[np.maximum(before - 1, 0)], feed_mm_s=0.0, kind=LineKind.DWELL,
+            fractions=result.fractions[before], dwell_s=wait_s))
+    return on_raster(result, start_mm)
+
+
+def _sums(values: FloatArray, bounds: IndexArray) -> FloatArray:
+    """Sums of values over [a, b) for bounds (m, 2)."""
+    total = np.concatenate([[0.0], np.cumsum(values)])
+    return np.asarray(total[bounds[:, 1]] - total[bounds[:, 0]])
+
+
+def _wait_before(moves: Moves, paths: IndexArray, gaps: IndexArray) -> IndexArray:
+    """The lines before which powder is waited for: lead-ins, or beads where there are none."""
+    bead = gaps[paths, 1]
+    before = np.maximum(bead - 1, 0)
+    lead_in = (moves.kind[before] == LineKind.LEAD) & (moves.path[before] == paths) & (
+        gaps[paths, 0] < bead)
+    return np.asarray(np.where(lead_in, before, bead))
+
+
+def in_short_lines(
+    moves: Moves, start_mm: FloatArray, motion: Motion, longest_s: float
+) -> tuple[Moves, FloatArray]:
+    """Split every line that lasts longer than `longest_s`; returns lines and durations (n,)."""
+    for _ in range(_SPLIT_ROUNDS):
+        durations = line_durations(moves, start_mm, motion)
+        pieces = np.maximum(1, np.ceil(durations / longest_s - 1e-9).astype(np.intp))
+        if pieces.max(initial=1) == 1:
+            return moves, durations
+        moves = on_raster(_split(moves, start_mm, pieces), start_mm)
+    raise PlanError(
+        f"a move cannot be split into lines of {longest_s:g} s",
+        where=f"the longest lasts {durations.max():.3g} s",
+        hint="raise motion.send_horizon_s or the acceleration in the machine profile",
+    )
+
+
+def _split(moves: Moves, start_mm: FloatArray, pieces: IndexArray) -> Moves:
+    """Each line in so many equal pieces; places and fractions linear between its ends."""
+    index = np.repeat(np.arange(len(moves)), pieces)
+    number = numbers_within(pieces)
+    begin, share = number / pieces[index], (number + 1) / pieces[index]
+    before_mm = np.vstack([start_mm, moves.target_mm[:-1]])
+    mixture_before = np.vstack([moves.fractions[:1], moves.fractions[:-1]])
+    along_mm = moves.along_mm[index]
+    result = moves.take(index)
+    bead = result.kind == LineKind.BEAD
+    part = share[:, None]
+    return replace(
+        result,
+        target_mm=before_mm[index] + part * (moves.target_mm - before_mm)[index],
+        fractions=np.where(
+            bead[:, None],
+            mixture_before[index] + part * (moves.fractions - mixture_before)[index],
+            result.fractions),
+        dwell_s=result.dwell_s / pieces[index],
+        along_mm=along_mm[:, :1] + np.column_stack([begin, share]) * np.diff(along_mm, axis=1),
+    )

@@ -1,0 +1,181 @@
+"""Changing the mixture while the beam is off: how long it must take, and along which course.
+
+All hoppers go from flows a to flows b along one course λ(t) from 0 to 1, w = a + λ(b − a), so the
+total volume changes evenly too. A set-point u = w + τ w′ must stay within [0, u_max], which bounds
+how fast each hopper may rise (towards u_max) or fall (towards nothing), τ being the hopper's lag.
+
+With the beam on the same bounds hold; a mixture that changes faster is followed as well as they
+allow, behind what is wanted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmctl.field.kernel import inner, kernel
+from lmctl.plan.recipe import Recipe
+
+FloatArray = NDArray[np.float64]
+
+#: Feeders take a new set-point about ten times a second: a faster course would be a step to them.
+LEAST_RAMP_S = 0.25
+#: Volume fraction that may still be missing where the beam comes on; it goes on settling then.
+SETTLED = 0.01
+#: Where powder is behind, its flow has knots at most so far apart [s].
+PIECE_S = 0.05
+#: A lag below this is none [s].
+NO_LAG_S = 1e-6
+#: Courses take this much longer than the bounds demand, so that set-points stay off them.
+_MARGIN = 1.1
+#: λ at which the fastest course is given knots: it closes in on b exponentially.
+COURSE = np.append(1 - np.exp(-np.linspace(0, 4.8, 25)), 1.0)
+#: Powder has caught up when no more than this share of a hopper's greatest flow is missing.
+_CAUGHT_UP = 1e-4
+
+
+@dataclass(frozen=True)
+class PowderLimits:
+    """Of every hopper, each (m,) float64: lag [s], greatest flow, and volume deposited per gram."""
+
+    lag_s: FloatArray
+    max_flow_g_s: FloatArray
+    volume_mm3_g: FloatArray
+
+
+def limits_of(recipe: Recipe) -> PowderLimits:
+    """The limits of the hoppers a recipe uses."""
+    return PowderLimits(
+        recipe.lag_s, recipe.max_flow_g_s, recipe.catch_efficiency / recipe.density_g_mm3)
+
+
+def needed_s(
+    start: FloatArray, end: FloatArray, limits: PowderLimits, step: float
+) -> FloatArray:
+    """Shortest time for changes of mixture to have arrived, within `SETTLED`, at the nozzle.
+
+    start, end : (k, m) flows [g/s]; returns (k,) [s]
+    step : changes of volume fraction up to this take no time of their own, since beads pass
+        through them at full speed
+    """
+    return np.asarray(_needed(
+        np.ascontiguousarray(start), np.ascontiguousarray(end), limits.lag_s, limits.max_flow_g_s,
+        limits.volume_mm3_g, step))
+
+
+@kernel
+def _needed(
+    start: FloatArray, end: FloatArray, lag: FloatArray, most: FloatArray, volume: FloatArray,
+    step: float,
+) -> FloatArray:
+    result = np.zeros(len(start))
+    for k in range(len(start)):
+        a, b = start[k], end[k]
+        if _fraction_change(a, b, volume) <= step * 1.01:
+            continue
+        times = _fastest_course(a, b, lag, most)
+        settled, before = times[-1], np.inf
+        for i in range(len(COURSE)):
+            missing = _fraction_change(a + COURSE[i] * (b - a), b, volume)
+            if missing <= SETTLED:
+                settled = times[i]
+                if i > 0 and before > missing:
+                    into = (before - SETTLED) / (before - missing)
+                    settled = times[i - 1] + into * (times[i] - times[i - 1])
+                break
+            before = missing
+        result[k] = max(LEAST_RAMP_S, min(_linear_time(a, b, lag, most), settled))
+    return result
+
+
+@kernel
+def ramp(
+    start: FloatArray, end: FloatArray, gap_s: float, lag: FloatArray, most: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Knots of the share λ of the change that has arrived: times from the gap's start, values.
+
+    A straight ramp in the middle of the gap where bounds and time allow one; else the fastest
+    course, from the gap's start, of which a rest may remain for the time after the gap.
+
+    start, end, lag, most : (m,) flows [g/s], lags [s], greatest flows [g/s]
+    returns : (k,) rising from ≥ 0, (k,) rising from 0 to 1
+    """
+    straight = _linear_time(start, end, lag, most)
+    if straight <= gap_s:
+        lasting = min(gap_s, max(straight, gap_s / 2, min(LEAST_RAMP_S, gap_s)))
+        first = (gap_s - lasting) / 2
+        return np.array([first, first + lasting]), np.array([0.0, 1.0])
+    times = _fastest_course(start, end, lag, most)
+    if times[-1] < gap_s:
+        times *= gap_s / times[-1]
+    return times, COURSE.copy()
+
+
+@inner
+def _fastest_course(
+    start: FloatArray, end: FloatArray, lag: FloatArray, most: FloatArray
+) -> FloatArray:
+    """When the fastest course reaches each of `COURSE`: the slowest hopper sets it.
+
+    Saturated, a flow w falls as dt = −τ dw / w and rises as dt = τ dw / (u_max − w).
+    """
+    times = np.zeros(len(COURSE))
+    for i in range(1, len(COURSE)):
+        slowest = 0.0
+        for m in range(len(start)):
+            change = end[m] - start[m]
+            never = 1e-3 * max(abs(change), 1e-12)  # a bound is never quite reached
+            ends = (start[m] + COURSE[i - 1] * change, start[m] + COURSE[i] * change)
+            room = max(most[m] - ends[0] if change > 0 else ends[0], never)
+            left = max(most[m] - ends[1] if change > 0 else ends[1], never)
+            slowest = max(slowest, lag[m] * abs(np.log(left / room)))
+        times[i] = times[i - 1] + _MARGIN * slowest
+    return times
+
+
+@inner
+def _linear_time(start: FloatArray, end: FloatArray, lag: FloatArray, most: FloatArray) -> float:
+    """Shortest straight ramp; infinite where a hopper is to stop or to reach its greatest flow."""
+    longest = 0.0
+    for m in range(len(start)):
+        change = abs(end[m] - start[m])
+        if change <= 1e-12 or lag[m] == 0.0:
+            continue
+        room = most[m] - end[m] if end[m] > start[m] else end[m]
+        longest = max(longest, lag[m] * change / room if room > 1e-9 else np.inf)
+    return longest * _MARGIN
+
+
+@inner
+def _fraction_change(start: FloatArray, end: FloatArray, volume: FloatArray) -> float:
+    """Greatest change of volume fraction between two flows."""
+    total, other, most = 0.0, 0.0, 0.0
+    for m in range(len(start)):
+        total += start[m] * volume[m]
+        other += end[m] * volume[m]
+    for m in range(len(start)):
+        most = max(most, abs(end[m] * volume[m] / other - start[m] * volume[m] / total))
+    return most
+
+
+@inner
+def share_of_way(
+    flow: FloatArray, goal: FloatArray, lasting: float, lag: FloatArray, most: FloatArray
+) -> float:
+    """Share of a straight change that keeps w + τ w′ within [0, u_max] for its whole time."""
+    share = 1.0
+    for m in range(len(flow)):
+        change = goal[m] - flow[m]
+        if abs(change) <= 1e-12:
+            continue
+        room = (most[m] - flow[m]) if change > 0 else flow[m]
+        share = min(share, room * lasting / (lasting + lag[m]) / abs(change))
+    return max(share, 0.0)
+
+
+@inner
+def has_caught_up(flow: FloatArray, wanted: FloatArray, most: FloatArray) -> bool:
+    """Whether a flow is what was wanted, or as good as."""
+    return bool((np.abs(flow - wanted) <= _CAUGHT_UP * most).all())

@@ -1,0 +1,103 @@
+"""How much slower a bead must be for powder to follow its mixture.
+
+Slower, the mixture changes more slowly in time, and less flow is asked for: half the speed halves
+what the lag demands. Where no speed is slow enough, the one at which the powder is off for the
+least time. A jump takes the hoses the same time at any speed: it slows nothing.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmctl.field.kernel import inner, kernel
+from lmctl.plan.recipe import Recipe
+from lmctl.plan.sequence.mixture_ramps import (
+    NO_LAG_S,
+    PIECE_S,
+    has_caught_up,
+    limits_of,
+    share_of_way,
+)
+
+FloatArray = NDArray[np.float64]
+IndexArray = NDArray[np.intp]
+
+#: Volume fraction within which a predicted mixture counts as right.
+TOLERANCE_FRACTION = 0.02
+#: Where the mixture changes too fast along a path, the path is slowed down, but not below this.
+SPEED_FACTORS = (1.0, 0.85, 0.7, 0.6, 0.5)
+#: A slower speed has to leave no more than this part of the time for which the powder is off.
+_WORTH = 0.9
+
+
+def speed_factors(
+    durations_s: FloatArray, flow_g_s: FloatArray, starts: IndexArray, so_far: FloatArray,
+    least: FloatArray, varies: NDArray[np.bool_], recipe: Recipe,
+) -> FloatArray:
+    """The greatest factor (m,) on the speed of each bead at which powder can follow its mixture.
+
+    durations_s : (v,) from the vertex before; flow_g_s : (v, hoppers) at the recipe's speed
+    starts : (m + 1,) bead k is vertices starts[k] to starts[k + 1]
+    so_far : (m,) speed factors the beads have already; least : (m,) not to go below in all
+    varies : (m,) bool, whose mixture changes; the others keep their speed
+    """
+    limits = limits_of(recipe)
+    return np.asarray(_factors(
+        durations_s, flow_g_s, starts, so_far, least, varies,
+        np.maximum(limits.lag_s, NO_LAG_S), limits.max_flow_g_s, limits.volume_mm3_g,
+        np.array(SPEED_FACTORS)))
+
+
+@kernel
+def _factors(
+    durations: FloatArray, flow: FloatArray, starts: IndexArray, so_far: FloatArray,
+    least: FloatArray, varies: NDArray[np.bool_], lag: FloatArray, most: FloatArray,
+    volume: FloatArray, choices: FloatArray,
+) -> FloatArray:
+    result = np.ones(len(varies))
+    now = np.empty(flow.shape[1])
+    goal = np.empty(flow.shape[1])
+    for bead in range(len(varies)):
+        if not varies[bead]:
+            continue
+        best_off = np.inf
+        for choice in choices:
+            scale = so_far[bead] * choice
+            if choice != choices[0] and scale < least[bead]:
+                break
+            now[:] = flow[starts[bead]] * scale
+            off = 0.0
+            for k in range(starts[bead] + 1, starts[bead + 1]):
+                lasting = durations[k] / choice
+                goal[:] = flow[k - 1] * scale
+                follows = has_caught_up(now, goal, most)
+                goal[:] = flow[k] * scale
+                follows = follows and share_of_way(now, goal, lasting, lag, most) >= 1 - 1e-9
+                pieces = 1 if follows else max(1, int(np.ceil(lasting / PIECE_S)))
+                for piece in range(1, pieces + 1):
+                    t = piece / pieces
+                    goal[:] = (flow[k - 1] + t * (flow[k] - flow[k - 1])) * scale
+                    share = share_of_way(now, goal, lasting / pieces, lag, most)
+                    now += min(share, 1.0) * (goal - now)
+                    if _is_off(now, goal, volume):
+                        off += lasting / pieces
+            if off == 0.0:
+                result[bead] = choice
+                break
+            if off < _WORTH * best_off:
+                result[bead], best_off = choice, off
+    return result
+
+
+@inner
+def _is_off(flow: FloatArray, wanted: FloatArray, volume: FloatArray) -> bool:
+    """Whether flows deposit another mixture than wanted."""
+    total, other = 0.0, 0.0
+    for m in range(len(flow)):
+        total += flow[m] * volume[m]
+        other += wanted[m] * volume[m]
+    for m in range(len(flow)):
+        if abs(flow[m] * volume[m] / total - wanted[m] * volume[m] / other) > TOLERANCE_FRACTION:
+            return True
+    return False
