@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from lmctl.plan.plan_statistics import (
-    ENOUGH_COVERAGE,
-    ENOUGH_FILLING,
     ENOUGH_MIXTURE,
     OVERHANG_DEG,
     PlanStatistics,
@@ -19,7 +17,7 @@ Finding = dict[str, str]
 def plan_report(plan: PlanStatistics, placement: Placement, mode: str) -> list[Finding]:
     """Findings for the job: each {"level": "ok" | "warning", "text": …}."""
     return [
-        *_coverage(plan), *_filling(plan), *_overhang(plan), *_height(placement),
+        *_empty(plan), *_overhang(plan), *_height(placement),
         *_mixture(plan, mode), *_hoppers(plan), *_idle(plan), *_waste(plan),
     ]
 
@@ -28,33 +26,12 @@ def _finding(fine: bool, text: str) -> Finding:
     return {"level": "ok" if fine else "warning", "text": text}
 
 
-def _coverage(plan: PlanStatistics) -> list[Finding]:
-    share, layer = plan.worst_coverage
-    found = [_finding(
-        plan.coverage >= ENOUGH_COVERAGE,
-        f"tracks cover {plan.coverage:.2%} of the slices"
-        + (f", {share:.2%} of layer {layer + 1}" if share < ENOUGH_COVERAGE else "")
-        + ("; what is thinner than a bead is left out"
-           if plan.coverage < ENOUGH_COVERAGE else ""),
-    )]
-    if plan.empty_layers:
-        first = plan.empty_layers[0] + 1
-        found.append(_finding(
-            False, f"{len(plan.empty_layers)} layers have no tracks, the first is layer {first}: "
-            "nothing there is as wide as a bead"))
-    return found
-
-
-def _filling(plan: PlanStatistics) -> list[Finding]:
-    if plan.path_mm == 0:
+def _empty(plan: PlanStatistics) -> list[Finding]:
+    if not plan.empty_layers:
         return []
-    share, layer = plan.worst_filling
-    text = f"beads hold {plan.filling:.0%} of the slices' volume"
-    if share >= ENOUGH_FILLING:
-        return [_finding(True, text)]
     return [_finding(
-        False, f"{text}, {share:.0%} of layer {layer + 1}: beads are round, and a wall of one or "
-        "two comes out thinner or lower than drawn")]
+        False, f"{len(plan.empty_layers)} layers have no tracks, the first is layer "
+        f"{plan.empty_layers[0] + 1}: nothing there is as wide as half a bead")]
 
 
 def _overhang(plan: PlanStatistics) -> list[Finding]:
@@ -92,8 +69,8 @@ def _mixture(plan: PlanStatistics, mode: str) -> list[Finding]:
     if plan.slowed_mm:
         found.append(_finding(
             True, f"{plan.slowed_mm:.0f} mm of path slowed to as little as "
-            f"{plan.least_speed_factor:.0%}: powder could not follow its mixture else, or the axes its "
-            "speed"))
+            f"{plan.least_speed_factor:.0%}: powder could not follow its mixture else, or the axes "
+            "its speed"))
     return found
 
 

@@ -19,17 +19,13 @@ from lmctl.plan.sequence.speed_factor import TOLERANCE_FRACTION
 
 FloatArray = NDArray[np.float64]
 
-#: The part of a slice that tracks should cover, and of the path that should have its mixture.
-ENOUGH_COVERAGE = 0.99
+#: The part of the path that should have its mixture.
 ENOUGH_MIXTURE = 0.99
-#: The part of a slice's volume that beads should hold. A lone bead is laid to reach the layer
-#: height in its middle (process.md 2.6), so that rims stay open: little of three beads or more.
-ENOUGH_FILLING = 0.85
-#: Walls lean out by more than this unsupported (process.md 4).
+#: Walls lean out by more than this unsupported .
 OVERHANG_DEG = 30.0
 #: What decimals make of a difference of exactly the tolerance.
 _ROUNDING = 1e-9
-#: Coverage of a layer is looked at only where it has at least this area.
+#: Overhang of a layer is looked at only where it has at least this area.
 _LEAST_SLICE_MM2 = 1.0
 
 
@@ -48,9 +44,6 @@ class PlanStatistics:
     longest_line_s: float = 0.0
     peak_power_W: float = 0.0
     planned_mm2: float = 0.0
-    covered_mm2: float = 0.0
-    worst_coverage: tuple[float, int] = (1.0, 0)
-    worst_filling: tuple[float, int] = (1.0, 0)
     worst_overhang: tuple[float, int] = (0.0, 0)
     overhang_mm2: float = 0.0
     deposited_mm3: float = 0.0
@@ -78,12 +71,9 @@ class PlanStatistics:
         self.layers += 1
         figures, area_mm2 = geometry.figures, geometry.figures.slice_mm2
         self.planned_mm2 += area_mm2
-        self.covered_mm2 += figures.inside_mm2
         steep_mm2 = sum(place.area_mm2 for place in figures.overhang)
         self.overhang_mm2 += steep_mm2
         if area_mm2 > _LEAST_SLICE_MM2:
-            covered = round(figures.inside_mm2 / area_mm2, 6)  # of equal layers the first is named
-            self.worst_coverage = min(self.worst_coverage, (covered, layer))
             self.worst_overhang = max(self.worst_overhang, (steep_mm2 / area_mm2, layer))
         if beads is None:
             self.empty_layers.append(layer)
@@ -106,10 +96,6 @@ class PlanStatistics:
         self.least_speed_factor = min(self.least_speed_factor, float(factor.min()))
         self.peak_power_W = max(
             self.peak_power_W, float(np.delete(beads.power_W, beads.first).max()))
-        if area_mm2 > _LEAST_SLICE_MM2:
-            slice_mm3 = area_mm2 * self.recipe.layer_height_mm
-            share = round(deposited_mm3 / slice_mm3, 6)  # of equal layers the first is named
-            self.worst_filling = min(self.worst_filling, (share, layer))
 
     def add_program(
         self, moves: Moves, durations_s: FloatArray, start_s: float, end_s: FloatArray,
@@ -167,16 +153,10 @@ class PlanStatistics:
             "slice_volume_mm3": round(self.planned_mm2 * height_mm, 3),
             "deposited_volume_mm3": round(self.deposited_mm3, 3),
             "filling": round(self.filling, 5),
-            "coverage": round(self.coverage, 5),
             "mixture_share": round(self.mixture_share, 5),
             "mixture_worst": round(self.worst_mixture, 4),
             "warnings": warnings,
         }
-
-    @property
-    def coverage(self) -> float:
-        """Share of the planned slices that tracks cover."""
-        return self.covered_mm2 / self.planned_mm2 if self.planned_mm2 else 0.0
 
     @property
     def filling(self) -> float:

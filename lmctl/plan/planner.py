@@ -27,7 +27,6 @@ from lmctl.plan.recipe import make_recipe
 from lmctl.plan.sequence.layer_sequencer import LayerSequencer
 from lmctl.preflight.job_check import check_job
 from lmctl.preflight.part_check import check_part
-from lmctl.preflight.placement import Placement
 
 if TYPE_CHECKING:
     from lmctl.part.part import Part

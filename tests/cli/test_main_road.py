@@ -43,10 +43,12 @@ def test_a_plan_says_what_it_holds(planned: dict[str, object]) -> None:
     assert wanted <= set(planned)
     assert planned["layers"] == 2
     assert set(planned["powder_g"]) == {"316L", "WC-12Co"}
-    # 2 layers of 14 × 10 mm: rings 1 mm, 2.334 and 3.668 mm inside, and a centreline between
-    rings_mm = 2 * sum(2 * (14 - 2 * d + 10 - 2 * d) for d in (1.0, 2.334, 3.668))
-    assert planned["path_length_mm"] == pytest.approx(rings_mm + 2 * 4, rel=0.04)
-    assert planned["laser_on_s"] == pytest.approx(planned["path_length_mm"] / 10, rel=0.02)
+    # 2 layers of 14 × 10 mm in strips of 1.334 mm
+    assert planned["path_length_mm"] == pytest.approx(2 * 14 * 10 / 1.334, rel=0.1)
+    assert planned["filling"] == pytest.approx(1, abs=0.03)
+    volume_rate = 1.334 * 0.8 * 10  # the same at every strip width
+    assert planned["laser_on_s"] * volume_rate == pytest.approx(
+        planned["deposited_volume_mm3"], rel=0.02)
 
 
 def test_the_whole_road(lmctl: Lmctl, planned: dict[str, object], tmp_path: Path) -> None:

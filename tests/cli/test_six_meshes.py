@@ -59,7 +59,7 @@ def test_from_stl_to_a_finished_dry_run(
     plan = lmctl("plan", "part.stl", "--units", "mm", "--json")
     assert plan.code == 0, plan.talk
     assert plan.json["path_length_mm"] > 0
-    assert plan.json["coverage"] > 0.9
+    assert plan.json["filling"] > 0.85  # a pillar of two beads across lacks its middle
     run = lmctl("run", "part.lmj", "--sim", "--json")
     assert run.code == 0, run.talk
     assert run.json["state"] == "done"

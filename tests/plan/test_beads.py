@@ -8,9 +8,7 @@ import pytest
 from lmctl.config.part_file import Process
 from lmctl.job.reader import JobReader
 from lmctl.job.schema import LineKind
-from lmctl.plan.geometry import stage
 from lmctl.plan.planner import plan_job
-from lmctl.plan.tracks import Track
 
 
 def layers_of(path):
@@ -82,18 +80,3 @@ def test_at_the_axes_limit_no_more_is_laid_than_below_it(
         assert rows["speed_mm_s"].max() <= 100.0
         laid[speed] = totals["deposited_volume_mm3"]
     assert laid[100.0] == pytest.approx(laid[50.0], rel=1e-3)
-
-
-def test_tracks_that_no_motor_can_follow_are_left_out(
-        tmp_path, make_part, shapes, profile, monkeypatch):
-    """The finest beads have tracks of a motor step or two: nothing would move along them."""
-    part = make_part(shapes["small disc"], lambda p: 0.0)
-    alone = plan_job(part, profile, tmp_path / "a.lmj")
-    cut = stage.in_plane_tracks
-
-    def with_a_speck(section, bead_mm, pitch_mm):
-        speck = Track(np.array([[0, 0], [0.008, 0], [0.015, 0.0]]), np.full(3, pitch_mm), False, 1)
-        return [speck, *cut(section, bead_mm, pitch_mm)]
-
-    monkeypatch.setattr(stage, "in_plane_tracks", with_a_speck)
-    assert plan_job(part, profile, tmp_path / "b.lmj").totals == alone.totals

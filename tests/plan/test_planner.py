@@ -106,13 +106,40 @@ def test_totals_are_sums_of_what_is_in_the_job(planned):
 
 
 def test_the_powder_that_is_caught_is_the_volume_of_the_part(planned, materials):
-    """What falls short of the slices is the rim that no bead fills to the brim."""
     manifest, _, _ = planned
     caught = manifest.totals["powder_in_part_g"]
     volume = sum(caught[m.name] / m.density_g_mm3 for m in materials)
     assert volume == pytest.approx(manifest.totals["deposited_volume_mm3"], rel=0.01)
-    rim = (2 * (30 + 17)) * (2.0 - 1.334) / 2 * 1.6
-    assert volume + rim == pytest.approx(30 * 17 * 1.6, rel=0.01)
+    assert volume == pytest.approx(30 * 17 * 1.6, rel=0.01)
+
+
+@pytest.mark.parametrize("name", ["wall 1.0", "wall 1.7", "wall 2.2", "gear"])
+def test_what_is_drawn_is_deposited(tmp_path, make_part, shapes, profile, name):
+    """Thin walls as well as wide ones: powder is that of the drawing's volume."""
+    totals = plan_job(make_part(shapes[name], lambda p: 0.5), profile, tmp_path / "a.lmj").totals
+    assert totals["filling"] == pytest.approx(1.0, abs=0.03)
+    assert totals["deposited_volume_mm3"] == pytest.approx(
+        totals["filling"] * totals["slice_volume_mm3"], rel=1e-4)
+
+
+def test_the_energy_per_volume_is_the_recipes_at_every_strip_width(
+        tmp_path, make_part, profile, recipe):
+    """Along a wedge strips differ in width: speed follows, power and powder stay."""
+    wedge = np.array([[0, 0], [40, -5], [40, 5], [0, 0.0]])
+    plan_job(make_part([wedge], lambda p: 0.5), profile, tmp_path / "a.lmj")
+    _, layers = layers_of(tmp_path / "a.lmj")
+    speeds = []
+    for layer in layers:
+        lines = layer.lines
+        bead = np.flatnonzero(lines["kind"] == LineKind.BEAD)
+        middle_s = (lines["end_s"][bead - 1] + lines["end_s"][bead]) / 2
+        flow = np.column_stack([
+            np.interp(middle_s, layer.flow_s, layer.flow_g_s[:, m]) for m in (0, 1)])
+        volume = (flow * recipe.catch_efficiency / recipe.density_g_mm3).sum(axis=1)
+        asked = recipe.power(np.array([0.5, 0.5])) / (1.334 * 0.8 * 10)
+        assert lines["power_W"][bead] / volume == pytest.approx(asked, rel=0.05)
+        speeds.append(lines["speed_mm_s"][bead])
+    assert np.ptp(np.concatenate(speeds)) > 2.0  # so there was something to follow
 
 
 def test_the_mixture_is_the_fields(planned, profile):
@@ -145,13 +172,13 @@ def test_ramps_keep_the_total_volume_even(planned, recipe):
         assert volume.sum(axis=1) == pytest.approx(1.334 * 0.8 * 10, rel=1e-6)
 
 
-def test_beads_lie_half_a_bead_inside_and_layers_one_height_apart(planned, profile):
+def test_beads_lie_half_a_pitch_inside_and_layers_one_height_apart(planned, profile):
     _, layers, _ = planned
     assert [layer.z_mm for layer in layers] == pytest.approx([0.8, 1.6])
     for layer in layers:
         row = layer.lines[layer.lines["kind"] == LineKind.BEAD]
         assert np.unique(row["z_mm"]) == pytest.approx([layer.z_mm])
-        assert np.ptp(row["x_mm"]) == pytest.approx(28, abs=0.02)
+        assert np.ptp(row["x_mm"]) == pytest.approx(30 - 1.334, abs=0.02)
         assert (row["x_mm"].min() + row["x_mm"].max()) / 2 == pytest.approx(150, abs=0.02)
 
 

@@ -48,7 +48,7 @@ class ProcessPool(Executor):
         for _ in range(processes):  # all before the first thread: a fork copies no other thread
             ours, theirs = context.Pipe()
             self._ours.append(ours)
-            process = context.Process(
+            process = context.Process(  # type: ignore[attr-defined]
                 target=_work, args=(theirs, tuple(self._ours) if can_fork else (), initializer,
                                     initargs), daemon=True)
             process.start()
