@@ -82,6 +82,7 @@ class Data:
         if key not in self._clouds:
             self._clouds[key] = read_cloud(self._file(body.file), body.units)
             self.notes += self._clouds[key].notes
+            self.warnings += self._clouds[key].warnings
         return self._clouds[key]
 
     def points(self, body: MeshBody | CloudBody) -> FloatArray:

@@ -50,7 +50,7 @@ def part_from_model(
     if suffix not in {*MESH_SUFFIXES, *CLOUD_SUFFIXES}:
         raise InputError(
             f"{path} is neither a part file, a mesh nor a point cloud",
-            hint="TOML, STL, PLY, OBJ, OFF, 3MF, XYZ and CSV files can be read; the ending must "
+            hint="TOML, STL, PLY, OBJ, OFF, 3MF, XYZ, CSV, PTS and ASC files can be read; the ending must "
             "say which",
         )
     kind = "mesh" if suffix in MESH_SUFFIXES else "cloud"

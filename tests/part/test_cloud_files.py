@@ -102,7 +102,6 @@ def test_order_of_points_does_not_matter() -> None:
         (rows() + "1 2\n" + rows(), "line 151"),
         (rows() + "1 2 oops\n" + rows(), "line 151"),
         (rows()[:-9], "line 150"),
-        (rows().replace(".", ","), "line 1"),
         (rows() + "nan 1 2\n", "not numbers"),
         (rows() + "1 inf 2\n", "not numbers"),
         ("0 0 0\n9 9 9\n", "2 points"),
@@ -172,9 +171,3 @@ def test_further_columns_that_are_no_normals_are_left_alone(extra: str) -> None:
     assert in_order(cloud)
     assert cloud.normals is None
     assert not any("normals" in note for note in cloud.notes)
-
-
-def test_decimal_commas_are_called_so() -> None:
-    error = refused(rows(";").replace(".", ","), "csv")
-    assert "line 1" in error.what
-    assert "decimal points" in error.hint

@@ -1,0 +1,291 @@
+"""Tables of points as text: one line a point, in whatever manner a scanner writes them.
+
+Columns stand between blanks, tabs, commas or semicolons; numbers have decimal points or decimal
+commas; a line may name the columns, as a comment or not; a PTS file begins with how many lines
+follow. How a table is written is told from its first lines, and what cannot be told is refused.
+"""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import re
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmctl.errors import InputError
+from lmctl.part.sources.files import DataFile
+from lmctl.part.sources.recognition import unreadable
+
+FloatArray = NDArray[np.float64]
+
+#: What the parts of a normal are called.
+NORMAL_NAMES = (
+    ("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z"), ("normalx", "normaly", "normalz"),
+)
+
+#: Lines that begin so are comments. Of a line that has columns of numbers none is one.
+COMMENT_MARKS = ("#", "//", "%", "!", ";", "*", "'", "--", "$", "REM ", "rem ", "/*", "c ", "C ")
+
+#: Columns without names are normals where so many rows are of length 1, within this.
+SHARE_UNIT, UNIT_WITHIN = 0.99, 0.01
+
+#: Lines looked at to tell how a table is written.
+LINES_LOOKED_AT = 50
+
+
+@dataclass(frozen=True)
+class _Style:
+    """How a line is written: what is between its columns (None for blanks), and whether its
+    numbers have decimal commas."""
+
+    delimiter: str | None
+    decimal_comma: bool
+
+    def cells(self, line: str) -> list[str]:
+        """The columns of a line, numbers with decimal points."""
+        if self.delimiter is None:
+            cells = line.split()
+        else:
+            cells = [c.strip() for c in next(csv.reader([line], delimiter=self.delimiter))]
+        return [c.replace(",", ".") for c in cells] if self.decimal_comma else cells
+
+
+@dataclass(frozen=True)
+class PointTable:
+    """points : (n, 3) float64; normals : (n, 3) or None; notes : for a person"""
+
+    points: FloatArray
+    normals: FloatArray | None
+    notes: tuple[str, ...]
+
+
+def read_point_table(file: DataFile) -> PointTable:
+    """The points of a table. Raises InputError, with the line that is wrong."""
+    lines = _text(file).splitlines()
+    rows = [number for number, line in enumerate(lines) if not _is_comment(line)]
+    if not rows:
+        raise InputError(f"{file.path} has no points", where="only blank lines and comments")
+    if re.match(r"(?i)\s*ncols\b", lines[rows[0]]):
+        raise unreadable(file, "it is a grid of heights (ESRI), not a list of points",
+                         "export points as x, y and z")
+    promised = [number for number in rows if re.fullmatch(r"\s*\d+\s*", lines[number])]
+    rows = [number for number in rows if number not in set(promised)] if promised else rows
+    style = _style(file, lines, rows[:LINES_LOOKED_AT])
+    names = _head(lines, rows, style)
+    data = rows[1:] if names is not None and rows and names[0] == rows[0] else rows
+    if promised and len(data) != sum(int(lines[number]) for number in promised):
+        raise InputError(
+            f"{file.path} is not whole",
+            where=f"line {promised[0] + 1} promises {lines[promised[0]].strip()} points, "
+            f"{len(data):,} follow", hint="export or copy it again")
+    return _read(file, lines, data, style, names[1] if names is not None else None)
+
+
+def _read(
+    file: DataFile, lines: list[str], data: list[int], style: _Style, names: list[str] | None
+) -> PointTable:
+    if names is not None:
+        width, places, facing = len(names), _columns(file, names), _normal_columns(names)
+    else:
+        width = len(style.cells(lines[data[0]])) if data else 0
+        places, facing = (0, 1, 2), (3, 4, 5) if width >= 6 else ()
+        if width < 3:
+            raise InputError(
+                f"{file.path} has no three columns of coordinates",
+                where=f"line {data[0] + 1}: {lines[data[0]][:60]!r}" if data else "",
+                hint="each line needs x, y and z")
+    try:
+        table = _numbers(lines, data, style, places + facing)
+    except (ValueError, IndexError):
+        try:  # what is behind the coordinates need not be numbers
+            if names is not None or not facing:
+                raise
+            facing, table = (), _numbers(lines, data, style, places)
+        except (ValueError, IndexError):
+            wanted = places if names is None else places + facing
+            raise _bad_line(file, lines, data, style, wanted) from None
+    has_normals = bool(facing) and (names is not None or _all_unit(table[:, 3:]))
+    name, notes = file.path.name, []
+    if width > 3:
+        notes.append(f"{name}: of {width} columns, {_listed(places)} are read as x, y, z")
+    if has_normals:
+        said = "" if names is not None else ", as they are of length 1"
+        notes.append(f"{name}: columns {_listed(facing)} are read as normals{said}")
+    if style.decimal_comma:
+        notes.append(f"{name}: its numbers have decimal commas")
+    return PointTable(table[:, :3], table[:, 3:] if has_normals else None, tuple(notes))
+
+
+def _numbers(
+    lines: list[str], data: list[int], style: _Style, columns: tuple[int, ...]
+) -> FloatArray:
+    """(n, len(columns)) float64. Raises ValueError or IndexError where a line has them not."""
+    if not data:
+        return np.empty((0, len(columns)))
+    text = [_bare(lines[number]) for number in data]
+    if style.decimal_comma:
+        text = [line.replace(",", ".") for line in text]
+    table: FloatArray = np.loadtxt(
+        text, delimiter=style.delimiter, usecols=columns, comments=None, ndmin=2, dtype=np.float64,
+        quotechar='"')
+    return table
+
+
+def _text(file: DataFile) -> str:
+    for mark, encoding in ((codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16")):
+        if file.data.startswith(mark):
+            return file.data.decode(encoding, "replace")
+    try:
+        if b"\0" in file.data:
+            raise UnicodeDecodeError("utf-8", b"", 0, 1, "NUL")
+        return file.data.decode("utf-8")
+    except UnicodeDecodeError:
+        pass
+    if b"\0" not in file.data and not re.search(rb"[\x01-\x08\x0e-\x1f]", file.data[:100_000]):
+        return file.data.decode("latin-1")  # names and comments of older programs
+    raise InputError(
+        f"{file.path} is not text",
+        hint=f"a {file.suffix.upper()} file has three numbers on each line; export it again",
+    )
+
+
+def _is_comment(line: str) -> bool:
+    bare = line.strip()
+    if not bare or bare == "*/":
+        return True
+    if not bare.startswith(COMMENT_MARKS):
+        return False
+    return not (bare.startswith("//") and _names_axes(bare))  # some heads begin so
+
+
+def _bare(line: str) -> str:
+    """A line without the comment behind its numbers."""
+    return line.partition("#")[0] if "//" not in line else re.split("#|(?<!^)//", line)[0]
+
+
+def _names_axes(line: str) -> bool:
+    """Whether the words of a line name x, y and z, once each."""
+    plain = [_plain(word) for word in re.split(r"[\s,;]+", line.strip("#/%!;*'$- \t"))]
+    return all(plain.count(axis) == 1 for axis in "xyz")
+
+
+def _plain(name: str) -> str:
+    """A column's name without units, signs and case: "//X [mm]" is x."""
+    return re.split(r"[\s_(\[]", name.strip().lower().strip("#/%!;*'\"$- \t"))[0]
+
+
+def _style(file: DataFile, lines: list[str], rows: list[int]) -> _Style:
+    """How a table is written, by its first lines that are numbers."""
+    for number in rows:
+        line = _bare(lines[number]).replace('"', "").strip()
+        words = line.split()
+        if ";" in line:
+            cells = [cell.strip() for cell in line.split(";")]
+            if _are_numbers([c.replace(",", ".") for c in cells[:3]]):
+                return _Style(";", any("," in c for c in cells))
+        elif len(words) >= 3 and _are_numbers([w.replace(",", ".") for w in words[:3]]):
+            if not any(w.endswith(",") for w in words):
+                return _Style(None, any("," in w for w in words[:3]))
+        elif "," in line:
+            cells = [cell.strip() for cell in line.split(",")]
+            if _are_numbers(cells[:3]):
+                if len(cells) >= 6 and any(re.fullmatch(r"0\d+", c) for c in cells[1:6:2]):
+                    raise InputError(
+                        f"{file.path}, line {number + 1}: decimal commas between commas",
+                        where=repr(line[:60]),
+                        hint="which comma ends a number cannot be told: export it with decimal "
+                        "points, or with semicolons between the columns")
+                return _Style(",", False)
+        if "," in line and len(words) >= 3 and all(w.endswith(",") for w in words[:2]):
+            return _Style(",", False)
+    first = lines[rows[0]] if rows else ""
+    return _Style(next((mark for mark in (";", ",") if mark in first), None), False)
+
+
+def _are_numbers(words: list[str]) -> bool:
+    return len(words) == 3 and all(map(_is_number, words))
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+def _head(lines: list[str], rows: list[int], style: _Style) -> tuple[int, list[str]] | None:
+    """The line that names the columns, and its names: the first, or the comment before it."""
+    if not rows:
+        return None
+    first = rows[0]
+    cells = style.cells(_bare(lines[first]))
+    if not _is_number(cells[0].replace(",", ".")):
+        names = _Style(style.delimiter, False).cells(_bare(lines[first]).strip().lstrip("/"))
+        return first, [name.strip(",; ") for name in names]
+    for number in range(first - 1, -1, -1):
+        if not lines[number].strip():
+            continue
+        bare = lines[number].strip().lstrip("#/%!;*'$- \t")
+        if not _names_axes(bare):
+            return None
+        delimiter = style.delimiter if style.delimiter and style.delimiter in bare else None
+        names = _Style(delimiter, False).cells(bare)
+        width = len(style.cells(lines[first]))
+        return (number, names) if len(names) == width else None
+    return None
+
+
+def _columns(file: DataFile, names: list[str]) -> tuple[int, ...]:
+    """Where a head puts x, y and z; units and case are ignored: "X [mm]" is x."""
+    plain = [_plain(name) for name in names]
+    missing = [axis for axis in "xyz" if plain.count(axis) != 1]
+    if missing:
+        raise InputError(
+            f"{file.path} has no column {', '.join(missing)}",
+            where=f"its columns are {', '.join(names)[:100]}",
+            hint="name the columns x, y, z, or leave the line of names out",
+        )
+    return plain.index("x"), plain.index("y"), plain.index("z")
+
+
+def _normal_columns(names: list[str]) -> tuple[int, ...]:
+    """Where a head puts the three parts of a normal; () where it names none."""
+    plain = [re.split(r"[\s(\[]", name.strip().lower().lstrip("/"))[0] for name in names]
+    for wanted in NORMAL_NAMES:
+        if all(plain.count(name) == 1 for name in wanted):
+            return tuple(plain.index(name) for name in wanted)
+    return ()
+
+
+def _all_unit(columns: FloatArray) -> bool:
+    """Whether three columns can only be normals: nearly all of length 1, and not all alike."""
+    if len(columns) == 0:
+        return False
+    with np.errstate(invalid="ignore", over="ignore"):
+        size = np.linalg.norm(columns, axis=1)
+    unit = np.abs(size - 1.0) < UNIT_WITHIN
+    return bool(unit.mean() >= SHARE_UNIT) and bool(np.ptp(columns[unit], axis=0).max() > 0.5)
+
+
+def _listed(columns: tuple[int, ...]) -> str:
+    return ", ".join(str(column + 1) for column in columns)
+
+
+def _bad_line(
+    file: DataFile, lines: list[str], data: list[int], style: _Style, columns: tuple[int, ...]
+) -> InputError:
+    """Find the line that numpy stumbled over; it counts rows, people count lines."""
+    for number in data:
+        bare = _bare(lines[number]).strip()
+        cells = style.cells(bare)
+        if len(cells) > max(columns) and all(_is_number(cells[c]) for c in columns):
+            continue
+        return InputError(
+            f"{file.path}, line {number + 1}: three numbers are wanted", where=repr(bare[:60]),
+            hint="the file is truncated; copy it again" if number == data[-1] else
+            "the file is damaged there, or is written in another manner than its first lines")
+    return unreadable(file, "it cannot be read as columns of numbers")
