@@ -50,8 +50,8 @@ def part_from_model(
     if suffix not in {*MESH_SUFFIXES, *CLOUD_SUFFIXES}:
         raise InputError(
             f"{path} is neither a part file, a mesh nor a point cloud",
-            hint="TOML, STL, PLY, OBJ, OFF, 3MF, XYZ, CSV, PTS and ASC files can be read; the ending must "
-            "say which",
+            hint="TOML, STL, PLY, OBJ, OFF, 3MF, XYZ, CSV, PTS and ASC files can be read; the "
+            "ending must say which",
         )
     kind = "mesh" if suffix in MESH_SUFFIXES else "cloud"
     if suffix == "ply" and not _has_faces(path):
