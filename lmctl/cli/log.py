@@ -12,7 +12,7 @@ from lmctl.cli.console import put, say
 from lmctl.errors import JournalError, UsageError
 
 if TYPE_CHECKING:
-    from lmctl.report.job_log import JobLog
+    from lmctl.report.part_record import PartRecord
     from lmctl.run.journal.file import Verification
 
 
@@ -22,10 +22,17 @@ if TYPE_CHECKING:
               show_default=True, help="Folder of runs.")
 @click.option("--json", "as_json", is_flag=True, help="The journal itself, as one JSON object.")
 @click.option("--csv", "as_csv", is_flag=True, help="The layers as comma-separated values.")
+@click.option("--run-only", is_flag=True,
+              help="Of RUN alone, and not of every run that worked on its part.")
 @click.option("--verify", "verify_only", is_flag=True,
               help="Only check the journal; exit 1 where it is broken or not sealed.")
-def log(run: str, runs_dir: Path, as_json: bool, as_csv: bool, verify_only: bool) -> None:
-    """Print the log of RUN: its name (run-0001), or a journal file."""
+def log(
+    run: str, runs_dir: Path, as_json: bool, as_csv: bool, run_only: bool, verify_only: bool
+) -> None:
+    """Print the log of the part that RUN worked on, over all its runs.
+
+    RUN is a run's name (run-0001), its folder, or a journal file.
+    """
     if as_json + as_csv + verify_only > 1:
         raise UsageError("--json, --csv and --verify exclude each other")
     journal = find_journal(run, runs_dir)
@@ -34,42 +41,47 @@ def log(run: str, runs_dir: Path, as_json: bool, as_csv: bool, verify_only: bool
     elif as_json:
         _put_journal(journal)
     elif as_csv:
-        from lmctl.report import job_log_text
+        from lmctl.report.job_log_csv import as_csv as form
 
-        put(_told(journal, job_log_text.as_csv))
+        put(_printed(journal, form, run_only=run_only))
     else:
-        put(job_log_as_text(journal))
+        put(job_log_as_text(journal, run_only=run_only))
 
 
-def job_log_as_text(journal: Path) -> str:
-    """The log of a journal as text."""
-    from lmctl.report import job_log_text
+def job_log_as_text(journal: Path, *, run_only: bool = False) -> str:
+    """The log of the part that a journal is of, as text."""
+    from lmctl.report.job_log_text import as_text
 
-    return _told(journal, job_log_text.as_text)
+    return _printed(journal, as_text, run_only=run_only)
 
 
-def _told(journal: Path, form: Callable[[JobLog], str]) -> str:
-    """The log of a journal in some form; damage is told on the way. Raises JournalError."""
-    from lmctl.report.job_log import read_job_log
+def _printed(journal: Path, form: Callable[[PartRecord], str], *, run_only: bool) -> str:
+    """The log in some form; damage is said on the way. Raises JournalError."""
+    from lmctl.report.part_record import part_of
     from lmctl.run.journal.file import verify
 
     found = verify(journal)
     _warn(found)
     try:
-        return form(read_job_log(journal))
+        part = part_of(journal, run_only=run_only)
+        for run in part.runs:
+            if run.journal != journal:
+                _warn(run.verification, run.run)
+        return form(part)
     except (KeyError, TypeError, ValueError, AttributeError):
         if found.whole:  # it is what was written, so we do not understand ourselves
             raise
         raise JournalError(
-            f"{journal} was damaged or altered, and cannot be told as a log",
+            f"{journal} was damaged or altered, and no log can be printed of it",
             where=f"line {found.broken_line}: {found.reason}",
             hint="`lmctl log --json` prints its records as they are",
         ) from None
 
 
-def _warn(found: Verification) -> None:
+def _warn(found: Verification, run: str = "") -> None:
     if found.broken_line is not None:
-        say(f"warning: the journal is broken at line {found.broken_line}: {found.reason}")
+        of = f" of {run}" if run else ""
+        say(f"warning: the journal{of} is broken at line {found.broken_line}: {found.reason}")
 
 
 def find_journal(run: str, runs_dir: Path) -> Path:
@@ -91,6 +103,7 @@ def _verify(journal: Path) -> None:
     from lmctl.run.journal.file import verify
 
     found = verify(journal)
+    _verify_notes(journal)
     if found.broken_line is not None:
         raise JournalError(
             f"{journal} was damaged or altered", where=f"line {found.broken_line}: {found.reason}",
@@ -102,6 +115,17 @@ def _verify(journal: Path) -> None:
             hint="the run is still going, or was broken off",
         )
     put(f"{journal}: whole and sealed, {found.records:,} records")
+
+
+def _verify_notes(journal: Path) -> None:
+    from lmctl.run.journal.notes import NOTES, verify_notes
+    from lmctl.run.journal.rundir import RunDir
+
+    found = verify_notes(RunDir(journal.parent))
+    if found is not None and found.broken_line is not None:
+        raise JournalError(
+            f"the notes of {journal.parent.name} do not fit their journal, or were altered",
+            where=f"{journal.parent / NOTES}, line {found.broken_line}: {found.reason}")
 
 
 def _put_journal(journal: Path) -> None:

@@ -1,51 +1,45 @@
-"""A job log as text that reads and prints well: 100 columns, one row a layer."""
+"""The record of a part as text that reads and prints well: 80 columns, no word broken."""
 
 from __future__ import annotations
 
-import csv
-import io
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Iterator, Sequence
 
-from lmctl.report.job_log import JobLog, LayerRow
+from lmctl.report.log_layout import (
+    NONE,
+    WIDTH,
+    clock,
+    date_of,
+    number,
+    table,
+    time_of,
+    wrapped,
+)
+from lmctl.report.part_record import TOLERANCE, PartRecord, deviations
+from lmctl.report.run_record import RunRecord
+from lmctl.run.journal.figures import Figures
+from lmctl.run.journal.file import Verification
+from lmctl.run.journal.notes import Note
+from lmctl.run.journal.rundir import RunDir
 
-_KEY = 12
-_WIDTH = 100
+_KEY = 13
+
+#: Hoppers side by side in one table.
+_HOPPERS_A_TABLE = 2
 
 
-def as_text(log: JobLog) -> str:
+def as_text(part: PartRecord) -> str:
     """The whole log, without a trailing newline."""
-    hoppers = _hopper_names(log)
-    sections = [
-        _head(log),
-        "\n".join(_layer_table(log.layers, hoppers)) if log.layers
-        else "no layer was finished",
-        "\n".join(["happenings", *(f"  {_clock(h.t_s):>10}  {h.text}" for h in log.happenings)]),
-        f"{'journal':<{_KEY}}{log.journal}\n{'':<{_KEY}}{integrity(log)}",
-    ]
-    return "\n\n".join(sections)
+    sections = [_head(part), _runs(part)]
+    if part.layers:
+        sections += [_beam_table(part), *_powder_tables(part), _time_table(part), _marks()]
+    else:
+        sections.append("no layer was begun")
+    sections += [_deviations(part), *(_events(run) for run in part.runs), _journals(part)]
+    return "\n\n".join(section for section in sections if section)
 
 
-def as_csv(log: JobLog) -> str:
-    """The layers as comma-separated values with a heading row; units in the names."""
-    hoppers = _hopper_names(log)
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([
-        "layer", "z_mm", "paths", "lines", "beam_mm", "beam_s", "energy_J", "planned_s",
-        "lasted_s", *(f"fed_{name}_g" for name in hoppers), "ended",
-    ])
-    for row in log.layers:
-        writer.writerow([
-            row.number, row.z_mm, row.paths, row.lines, row.beam_mm, row.beam_s, row.energy_J,
-            row.planned_s, row.lasted_s, *(row.fed_g.get(name, "") for name in hoppers), row.ended,
-        ])
-    return text.getvalue().rstrip("\n")
-
-
-def integrity(log: JobLog) -> str:
-    """What the journal's hashes say, in words."""
-    found = log.verification
+def integrity(found: Verification) -> str:
+    """What a journal's hashes say, in words."""
     if found.broken_line is not None:
         return f"BROKEN at line {found.broken_line}: {found.reason}"
     if found.sealed:
@@ -53,79 +47,204 @@ def integrity(log: JobLog) -> str:
     return f"not sealed ({found.reason}); {found.records:,} whole records"
 
 
-def _head(log: JobLog) -> str:
-    header, local = log.header, log.header.get("local", {})
-    run = str(local.get("run", log.journal.parent.name))
-    state = str(log.end.get("state", "not finished"))
-    rows: list[tuple[str, str]] = [
-        ("part", str(header.get("part", ""))),
-        ("job", f"sha256 {str(header.get('job', ''))[:16]}…"),
-        ("machine", _machine(log)),
-        ("operator", str(header.get("operator", "")) or "not named"),
-        ("software", str(header.get("software", ""))),
-        ("started", str(local.get("wall", ""))),
-        ("ended", f"{log.end.get('local', {}).get('wall', 'no seal')}, "
-                  f"after {_clock(log.last_t_s)} of machine time"),
+# --- what it is ------------------------------------------------------------------------------
+
+
+def _head(part: PartRecord) -> str:
+    header = part.runs[0].header
+    title = f"JOB LOG  {header.get('part', '')}"
+    state = part.state.upper()
+    rows = [
+        ("job sha256", str(header.get("job", ""))),
+        ("part sha256", str(header.get("part_sha256", ""))),
+        ("profile", str(header.get("profile", ""))),
+        ("machine", _machine(part.runs[-1])),
+        ("software", f"{header.get('software', '')}, planned with "
+                     f"{header.get('planned_with', '')}"),
+        ("plan", f"{header.get('layers', 0)} layers, {header.get('lines', 0):,} program lines, "
+                 f"{clock(float(header.get('planned_s', 0.0)))}"),
+        *((f"hopper {hopper['name']}", _hopper(hopper)) for hopper in header.get("hoppers", [])),
+        *(("warning", str(text)) for text in header.get("warnings", [])),
     ]
-    if cause := log.end.get("cause"):
-        rows.append(("cause", str(cause.get("what", ""))))
-        rows += [("then", str(text)) for text in log.end.get("followed", [])]
-    rows += [("hopper", text) for text in _hoppers(header.get("hoppers", []))]
-    rows += [("warning", str(text)) for text in header.get("warnings", [])]
-    title = f"JOB LOG  {run}"
-    lines = [f"{title}{state.upper():>{_WIDTH - len(title)}}", "─" * _WIDTH]
-    return "\n".join(lines + [f"{key:<{_KEY}}{text}" for key, text in rows if text])
+    return "\n".join([
+        title + state.rjust(WIDTH - len(title)), "─" * WIDTH,
+        *(wrapped(key.ljust(_KEY), text) for key, text in rows if text),
+    ])
 
 
-def _machine(log: JobLog) -> str:
-    firmware = " ".join(
-        str(log.machine[key]) for key in ("dialect", "version") if log.machine.get(key)
-    )
-    kind = "simulated bench" if log.machine.get("is_bench") else "real machine"
-    name = str(log.header.get("machine", ""))
-    return f"{name} ({kind}, {firmware})" if log.machine else name
+def _machine(run: RunRecord) -> str:
+    name = str(run.header.get("machine", ""))
+    if not run.machine:
+        return name
+    firmware = " ".join(str(run.machine[key]) for key in ("dialect", "version")
+                        if run.machine.get(key))
+    kind = "simulated bench" if run.machine.get("is_bench") else "real machine"
+    beam = "; the beam stayed off" if run.machine.get("beam_off") else ""
+    return f"{name} ({kind}, {firmware}{beam})"
 
 
-def _hoppers(hoppers: Iterable[Any]) -> list[str]:
-    return [
-        f"{hopper['name']}: {hopper['material']}, θ {hopper['dead_time_s']:g} s, "
-        f"τ {hopper['lag_s']:g} s"
-        for hopper in hoppers
+def _hopper(hopper: dict[str, object]) -> str:
+    return (f"{hopper['material']}, dead time {number(float(str(hopper['dead_time_s'])), 2)} s, "
+            f"lag {number(float(str(hopper['lag_s'])), 2)} s")
+
+
+def _runs(part: PartRecord) -> str:
+    rows = []
+    for run in part.runs:
+        local = run.header.get("local", {})
+        wall, ended = str(local.get("wall", "")), str(run.end.get("local", {}).get("wall", ""))
+        operator = str(run.header.get("operator", "")) or "not named"
+        user = f" (user {local['uid']})" if "uid" in local else ""
+        rows.append((
+            run.run, run.state, f"{date_of(wall)} {time_of(wall)}", time_of(ended) or NONE,
+            clock(run.last_t_s), f" {operator}{user}",
+        ))
+    heads = ("<run", "<state", "<begun (UTC)", "ended", "machine time", " operator")
+    lines = ["runs", *table(heads, rows, "  ")]
+    for run in part.runs:
+        if cause := run.end.get("cause"):
+            lines.append(wrapped(f"  {run.run}  cause: ", str(cause.get("what", ""))))
+            lines += [wrapped(f"  {'':<{len(run.run)}}  then: ", str(text))
+                      for text in run.end.get("followed", [])]
+    return "\n".join(lines)
+
+
+# --- layers ----------------------------------------------------------------------------------
+
+
+def _beam_table(part: PartRecord) -> str:
+    heads = ["layer", "z mm"] + [
+        f"{name}\n{kind}" for name in ("path m", "beam s", "kJ") for kind in ("planned", "reported")
     ]
 
+    def row(label: str, z: str, planned: Figures, executed: Figures) -> list[str]:
+        marks = deviations(planned, executed)
+        cells = [label, z]
+        for name, scale, decimals in (
+            ("path_mm", 1000.0, 3), ("beam_s", 1.0, 1), ("energy_J", 1000.0, 2),
+        ):
+            mark = "*" if name in marks else " "
+            cells.append(f"{getattr(planned, name) / scale:.{decimals}f}")
+            cells.append(f"{getattr(executed, name) / scale:.{decimals}f}{mark}")
+        return cells
 
-def _hopper_names(log: JobLog) -> list[str]:
-    return [str(hopper["name"]) for hopper in log.header.get("hoppers", [])]
-
-
-def _layer_table(rows: tuple[LayerRow, ...], hoppers: list[str]) -> list[str]:
-    heading = (
-        f"{'layer':>5} {'z mm':>8} {'paths':>6} {'lines':>8} {'path m':>8} {'beam s':>9} "
-        f"{'planned s':>10} {'lasted s':>10} {'kJ':>8}"
-        + "".join(f" {name[:6] + ' g':>8}" for name in hoppers)
-    )
-    table = [heading, "─" * len(heading)]
-    table += [_row(f"{row.number:d}", f"{row.z_mm:.2f}", row, hoppers) for row in rows]
-    total = LayerRow(
-        number=0, z_mm=0.0, paths=sum(r.paths for r in rows), lines=sum(r.lines for r in rows),
-        beam_mm=sum(r.beam_mm for r in rows), beam_s=sum(r.beam_s for r in rows),
-        energy_J=sum(r.energy_J for r in rows), planned_s=sum(r.planned_s for r in rows),
-        lasted_s=sum(r.lasted_s for r in rows),
-        fed_g={name: sum(r.fed_g.get(name, 0.0) for r in rows) for name in hoppers}, ended="",
-    )
-    return [*table, "─" * len(heading), _row("all", "", total, hoppers)]
+    rows = [row(str(layer.number), number(layer.z_mm, 3), layer.planned, layer.executed)
+            for layer in part.layers]
+    rows.append(row("all", "", part.planned, part.executed))
+    return "\n".join(["beam", *table(heads, rows)])
 
 
-def _row(number: str, z: str, row: LayerRow, hoppers: list[str]) -> str:
-    return (
-        f"{number:>5} {z:>8} {row.paths:>6d} {row.lines:>8d} {row.beam_mm / 1000:>8.3f} "
-        f"{row.beam_s:>9.1f} {row.planned_s:>10.1f} {row.lasted_s:>10.1f} "
-        f"{row.energy_J / 1000:>8.1f}"
-        + "".join(f" {row.fed_g.get(name, 0.0):>8.2f}" for name in hoppers)
-    )
+def _powder_tables(part: PartRecord) -> Iterator[str]:
+    """Powder off the discs, g; so many hoppers side by side as fit."""
+    for at in range(0, len(part.hoppers), _HOPPERS_A_TABLE):
+        names = part.hoppers[at:at + _HOPPERS_A_TABLE]
+        heads = ["layer"] + [
+            f"{name} g\n{kind}" for name in names for kind in ("planned", "reported", "weighed")
+        ]
+        rows = [
+            _powder_row(str(layer.number), names, layer.planned, layer.executed, layer.weighed_g)
+            for layer in part.layers
+        ]
+        rows.append(_powder_row("all", names, part.planned, part.executed, part.weighed_g))
+        purged = part.purged_g
+        rows.append(["purge", *(
+            cell for name in names for cell in (NONE, f"{purged.get(name, 0.0):.2f} ", NONE))])
+        yield "\n".join(["powder off the discs", *table(heads, rows)])
 
 
-def _clock(seconds: float) -> str:
-    minutes, rest = divmod(seconds, 60)
-    hours, minutes = divmod(int(minutes), 60)
-    return f"{hours:d}:{minutes:02d}:{rest:04.1f}"
+def _powder_row(
+    label: str, names: Sequence[str], planned: Figures, executed: Figures,
+    weighed_g: dict[str, float],
+) -> list[str]:
+    marks = deviations(planned, executed)
+    cells = [label]
+    for name in names:
+        mark = "*" if name in marks else " "
+        weighed = f"{weighed_g[name]:.1f}" if name in weighed_g else NONE
+        cells += [f"{planned.powder_g.get(name, 0.0):.2f}",
+                  f"{executed.powder_g.get(name, 0.0):.2f}{mark}", weighed]
+    return cells
+
+
+def _time_table(part: PartRecord) -> str:
+    heads = ("layer", "begun\n(UTC)", "ended", "planned\ns", "took\ns", "feed\n%", "power\n%",
+             "off path\nmm", " remarks")
+    rows = [
+        (str(layer.number), time_of(layer.began) or NONE, time_of(layer.ended) or NONE,
+         f"{layer.planned.duration_s:.1f}", f"{layer.executed.duration_s:.1f}",
+         _span(layer.feed_percent), _span(layer.power_percent), f"{layer.place_error_mm:.2f}",
+         f" {layer.remark}")
+        for layer in part.layers
+    ]
+    return "\n".join(["time, overrides and place, as reported", *table(heads, rows)])
+
+
+def _span(percent: tuple[int, int] | None) -> str:
+    if percent is None:
+        return NONE
+    least, most = percent
+    return str(least) if least == most else f"{least}-{most}"
+
+
+def _marks() -> str:
+    return wrapped("", (
+        f"* differs from the plan by more than {100 * TOLERANCE:.0f} %. Reported: from place, "
+        "speed and power that the controller reports, and from what the feeders report of their "
+        "discs; inferred where the remarks say so. Weighed: weight lost by the hopper. Powder "
+        "counts from the first bead of a layer; what is fed before it is purge."
+    ))
+
+
+# --- what happened ---------------------------------------------------------------------------
+
+
+def _deviations(part: PartRecord) -> str:
+    lines = []
+    for one in part.deviations:
+        head = f"  {one.run} {'' if one.seq is None else f'#{one.seq}':<6} "
+        lines.append(wrapped(head, one.text))
+        lines += [_note(note, " " * len(head)) for note in one.notes]
+        if not any(note.disposition for note in one.notes):
+            lines.append(" " * len(head) + "no disposition yet")
+    if lines:
+        made = RunDir(part.runs[-1].journal.parent)
+        first = next((one for one in part.deviations
+                      if not any(note.disposition for note in one.notes)), None)
+        if first is not None and first.seq is not None:
+            made = RunDir(part.runs[0].journal.parent.parent / first.run)
+            lines.append(wrapped("hint: ", f"`{made.command('note')} \"the reason\" --about "
+                                           f"{first.seq} --disposition accepted`"))
+        lines.insert(0, "deviations, with reason and disposition")
+    if part.general_notes:
+        lines += ["notes", *(_note(note, f"  {note.run} ") for note in part.general_notes)]
+    return "\n".join(lines)
+
+
+def _note(note: Note, head: str) -> str:
+    disposition = f"{note.disposition}: " if note.disposition else ""
+    about = f"on #{note.about}: " if note.about is not None and not head.isspace() else ""
+    who = note.operator or f"user {note.uid}"
+    return wrapped(head, f"{disposition}{about}{note.text} "
+                         f"({who}, {date_of(note.wall)} {time_of(note.wall)} UTC)")
+
+
+def _events(run: RunRecord) -> str:
+    lines = [f"events of {run.run}: machine time, wall clock (UTC), number of the record"]
+    date = ""
+    for event in run.events:
+        if date_of(event.wall) not in ("", date):
+            date = date_of(event.wall)
+            lines.append(f"  {date}")
+        mark = f"#{event.seq}" if event.is_deviation else ""
+        head = f"  {clock(event.t_s):>10}  {time_of(event.wall) or NONE:<8}  {mark:<6} "
+        lines.append(wrapped(head, event.text))
+    return "\n".join(lines)
+
+
+def _journals(part: PartRecord) -> str:
+    lines = ["journals"]
+    for run in part.runs:
+        lines += [f"  {run.journal}", f"  {integrity(run.verification)}"]
+    return "\n".join(lines)
+
+

@@ -13,10 +13,11 @@ from collections.abc import Callable
 from firmware_protocol.status import StatusReport
 from lmctl.config.machine import Motion
 from lmctl.run.cell.devices import Cell
+from lmctl.run.executed_motion import ExecutedMotion
 from lmctl.run.interlocks.facts import OffProgram
 from lmctl.run.interlocks.of_motion import OFF_PATH_MM
 from lmctl.run.journal.recorder import Recorder
-from lmctl.run.layers import Layers, LayerTally
+from lmctl.run.layer_accounts import LayerAccounts
 from lmctl.run.powder.feed import PowderFeed
 from lmctl.run.program.clock import ProgramClock
 from lmctl.run.program.feed_override import FeedOverride
@@ -30,6 +31,9 @@ from lmctl.run.program.window import JobWindow
 #: gone by when they are sent, another until the next are, and motion must see its end in time.
 _PERIODS_AHEAD = 4
 
+#: From the word at the laser-enable output to a beam that is off [s].
+LASER_OFF_S = 0.02
+
 #: (program time done, program time in all, layer, remaining machine time) [s]
 Progress = Callable[[float, float, int, float], None]
 
@@ -39,7 +43,7 @@ class Deposition:
 
     motion : the machine's limits and its link
     entry : how it is entered, None at its first line
-    layers : what each has taken; tally : of the layer entered, None for a fresh one
+    accounts : of the layers, which what is executed goes into
     started : whether a line of the job has been sent
     done : called once, when the last line has been executed
     failed : called with what goes wrong in a report
@@ -47,12 +51,11 @@ class Deposition:
 
     def __init__(
         self, cell: Cell, window: JobWindow, clock: ProgramClock, feed: PowderFeed,
-        recorder: Recorder, motion: Motion, *, entry: Entry | None = None,
-        tally: LayerTally | None = None, done: Callable[[], None],
+        recorder: Recorder, accounts: LayerAccounts, motion: Motion, *,
+        entry: Entry | None = None, done: Callable[[], None],
         failed: Callable[[Exception], None], progress: Progress | None,
     ) -> None:
         self.started = False
-        self.layers = Layers(window, feed, recorder, tally)
         self._first_line = window.begin().first_line
         self._lit_line = 0 if entry is None else entry.lit_line
         self._place = START if entry is None else entry.place
@@ -61,7 +64,11 @@ class Deposition:
         self._clock = clock
         self._feed = feed
         self._recorder = recorder
-        self._energy = LineEnergy(window, cell.motion.identity.dialect.segment_buffer_s)
+        lead_s = cell.motion.identity.dialect.segment_buffer_s
+        self._energy = LineEnergy(window, lead_s)
+        self._accounts = accounts
+        self._entry = entry
+        self._motion = ExecutedMotion(window, feed.fed, accounts, lead_s)
         self._streamer = Streamer(window, motion.send_horizon_s)
         self._override = FeedOverride(
             clock, window, feed.plan.lead_s, motion.status_period_s, cell.motion.realtime)
@@ -91,7 +98,7 @@ class Deposition:
         """Where in the job the run is, for people."""
         if self.executed >= self._window.n_lines:
             return "the end of the program"
-        return f"layer {self.layers.tally.layer + 1}, program line {self.executed}"
+        return f"layer {self._motion.layer + 1}, program line {self.executed}"
 
     @property
     def should_move(self) -> bool:
@@ -115,16 +122,22 @@ class Deposition:
     def start(self) -> None:
         """Send the first lines; the rest follows as the machine reports where it is."""
         self.started = self._streaming = self._tracking = True
-        self.layers.begin()
+        self._begin_accounts()
         self._override.plan(self._loop.time())
         self._cell.motion.submit(self._released())
 
     def stop(self) -> None:
-        """Send no more lines, whatever is reported; those not yet on the wire are dropped."""
+        """Send no more lines, whatever is reported; those not yet on the wire are dropped.
+
+        Called as beam and motion are taken down: a laser-enable output drops in this moment.
+        """
         if self._streaming:
             self._streaming = False
+            safety = self._cell.safety
+            if safety is not None and safety.has_laser_enable:
+                off_s = self._clock.now(self._loop.time()) + LASER_OFF_S * self._clock.rate
+                self._motion.beam_off_from(off_s)
             self._override.stop()
-            self.layers.count_fed()
             self._next_lines.clear()
             self._cell.motion.discard_queue()
 
@@ -136,6 +149,7 @@ class Deposition:
         if self._tracking:
             self.stop()
             self._tracking = False
+            self._motion.come_to_rest()
             s = min(self._clock.reported_s, self._energy.bead_short_from_s)
             line = self._window.line_at(s)
             start_s, end_s = self._window.line_start_s(line), self._window.line_start_s(line + 1)
@@ -143,6 +157,17 @@ class Deposition:
             if line >= self._lit_line:
                 self._place = max(self._place, Place(line, min(max(share, 0.0), 1.0)))
         return self._place
+
+    def _begin_accounts(self) -> None:
+        """Motion is about to begin: what was fed until now was for the hose, not for the part."""
+        t, entry = self._loop.time(), self._entry
+        self._recorder.purged(self._feed.fed.take_rest_g(t))
+        self._accounts.follow(lambda: (self._motion.reached, self._motion.left_mm))
+        if entry is not None:
+            self._accounts.close_before(entry.layer.index)
+            self._accounts.enter_again(entry.layer.index, entry.repeated_mm)
+        self._feed.fed.on_readings(t, self._cell.hopper_readings())
+        self._motion.start(t)
 
     # --- feed override ------------------------------------------------------------------------
 
@@ -186,10 +211,17 @@ class Deposition:
         position_mm = motion.position_mm
         if position_mm is None:
             return
+        readings = self._cell.hopper_readings()
         if self._tracking:
             if report.overrides is not None:
                 self._controller_override(t, report.overrides)
             self._judge(t, report, position_mm)
+            self._feed.fed.on_readings(t, readings)
+            if not self._clock.is_in_doubt:
+                self._motion.on_report(
+                    t, self._clock.reported_s, report, position_mm, off_mm=self._clock.off_mm,
+                    rate=self._clock.rate, overrides=motion.overrides,
+                )
         if self._streaming:
             if self._clock.rate_will_change:
                 self._override.look(t)
@@ -199,7 +231,8 @@ class Deposition:
             self._tell(t)
         self._recorder.sample(
             self.executed, position_mm, report.feed_mm_min, report.spindle,
-            self._feed.flows_g_min, self._cell.measured_g_min(),
+            self._feed.flows_g_min,
+            tuple([None if one is None else one.flow_est_g_min for one in readings]),
         )
 
     def _judge(
@@ -231,7 +264,7 @@ class Deposition:
         s = self._clock.now(t)
         remaining_s = self._outlook.remaining_s(t, s, self._clock.rate)
         if remaining_s is not None:
-            self._progress(s, self._window.end_s, self.layers.tally.layer, remaining_s)
+            self._progress(s, self._window.end_s, self._motion.layer, remaining_s)
 
     def _go_on(self) -> None:
         window, executed = self._window, self._counted
@@ -241,8 +274,7 @@ class Deposition:
         self._seen = executed
         if completed := self._streamer.completed(executed):
             self._recorder.executed(completed)
-        if executed > self.layers.last_line:
-            self.layers.executed(executed)
+        self._motion.executed(self._loop.time(), executed, self._clock.rate)
         window.forget(executed)
         if executed >= window.n_lines:
             self._streaming = False
@@ -252,6 +284,8 @@ class Deposition:
         """The next lines that may be sent, journaled."""
         batch = self._streamer.take(self._clock.now(self._loop.time()), self._clock.rate)
         if batch.begun:
+            for layer in dict.fromkeys(path.layer for path in batch.begun):
+                self._accounts.open(layer)
             self._recorder.paths(batch.begun)
         return batch.lines
 

@@ -23,7 +23,7 @@ from lmctl.run.deposition import Progress
 from lmctl.run.endings import ending, first_out, recoverable
 from lmctl.run.header import header, local
 from lmctl.run.journal import rundir
-from lmctl.run.journal.recorder import Recorder, wall_stamp
+from lmctl.run.journal.recorder import Recorder
 from lmctl.run.journal.whereabouts import Whereabouts
 from lmctl.run.journal.writer import Journal
 from lmctl.run.program.overrides import OverrideRange, override_range
@@ -33,6 +33,7 @@ from lmctl.run.snapshot import View
 from lmctl.run.state.machine import StateMachine
 from lmctl.run.state.table import FINAL, Event, State
 from lmctl.run.trouble import TroubleLog
+from lmctl.run.unreported import unreported
 
 __all__ = ["Continuation", "Executor", "Notice", "Progress", "RunResult", "run_job"]
 
@@ -179,7 +180,7 @@ class Executor:
         live = self._live
         assert live is not None
         try:
-            live.recorder.operator(act, refused, uid=peer.uid, pid=peer.pid, wall=wall_stamp())
+            live.recorder.operator(act, refused, uid=peer.uid, pid=peer.pid)
         except LmctlError as error:
             live.machine.trip(error)
 
@@ -230,6 +231,11 @@ class Executor:
         loop = asyncio.get_running_loop()
         start_t = loop.time()
         recorder = Recorder(journal, lambda: loop.time() - start_t, [h.name for h in hoppers])
+
+        if self._continues is not None:
+            earlier = rundir.RunDir(self._runs_dir / self._continues.run).journal
+            for span in unreported(job, self._profile, earlier, self._continues.place):
+                recorder.unreported(**span.as_json())
 
         view = View(made.run, job.manifest, self._profile, hoppers, self._operator, self._progress)
 

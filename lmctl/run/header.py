@@ -40,7 +40,7 @@ def header(
 def local(run: str, profile: MachineProfile) -> dict[str, Any]:
     """What differs between equal runs."""
     endpoints = {feeder.name: feeder.endpoint for feeder in profile.feeder}
-    return {"run": run, "wall": wall_stamp(), "pid": os.getpid(),
+    return {"run": run, "wall": wall_stamp(), "uid": os.getuid(), "pid": os.getpid(),
             "endpoints": {"motion": profile.motion.endpoint, **endpoints}}
 
 

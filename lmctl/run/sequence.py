@@ -19,6 +19,7 @@ from lmctl.run.deposition import Progress
 from lmctl.run.interlocks.alarms import Alarms, Interlock
 from lmctl.run.journal.recorder import Recorder
 from lmctl.run.journal.whereabouts import Whereabouts
+from lmctl.run.layer_accounts import LayerAccounts
 from lmctl.run.program.overrides import NO_OTHER_OVERRIDE
 from lmctl.run.state.table import Do
 from lmctl.run.watch import Watch
@@ -49,6 +50,7 @@ class CellSequence:
     whereabouts, run : what is known of the machine's position, and who will move it
     continues : what an earlier run has made of the part; None for a new one
     alarms : what is wrong, or was when the run was last held
+    accounts : of the layers
     beam_off : whether every power is sent as zero: no safety-input device, and not the bench
     """
 
@@ -60,6 +62,7 @@ class CellSequence:
         continues: Continuation | None = None,
     ) -> None:
         self.alarms = Alarms()
+        self.accounts = LayerAccounts(recorder)
         self.beam_off = True
         self._job = job
         self._profile = profile
@@ -127,7 +130,10 @@ class CellSequence:
         if self._watch is not None:
             self._watch.stop()
         if self._course.entered:
-            self._course.work.feed.off()
+            feed = self._course.work.feed
+            feed.off()
+            self.accounts.end()
+            self._recorder.purged(feed.fed.take_rest_g(self._loop.time()))
 
     async def close(self) -> None:
         """Let go of the cell, whatever became of the run."""
@@ -157,7 +163,7 @@ class CellSequence:
         )
         self._course.enter(Workshop(
             self._job, profile, self._hoppers, cell, self._recorder,
-            self.beam_off, self._program_done, self._tripped, self._progress,
+            self.accounts, self.beam_off, self._program_done, self._tripped, self._progress,
         ))
         self._watch = Watch(
             cell, profile, lambda: self._course.work.deposition, self.alarms, self._recorder,

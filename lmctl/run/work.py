@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+
+import numpy as np
 
 from lmctl.config.machine import Hopper, MachineProfile
 from lmctl.job.reader import JobReader
@@ -11,11 +14,13 @@ from lmctl.job.schema import JobLayer
 from lmctl.run.cell.devices import Cell
 from lmctl.run.deposition import Deposition, Progress
 from lmctl.run.journal.recorder import Recorder
-from lmctl.run.layers import LayerTally
+from lmctl.run.layer_accounts import LayerAccounts
+from lmctl.run.layer_plan import LayerPlan, layer_plan
 from lmctl.run.powder.feed import PowderFeed
 from lmctl.run.powder.lead import Hose, PowderPlan
 from lmctl.run.program.clock import ProgramClock
 from lmctl.run.program.reentry import START, Entry, Place, enter
+from lmctl.run.program.stretch import Stretch, stretch_of
 from lmctl.run.program.window import JobWindow
 
 
@@ -32,6 +37,7 @@ class Work:
 class Workshop:
     """Makes `Work` for a job.
 
+    accounts : of the layers, for the whole run
     beam_off : every power is sent as zero
     done, failed : as `Deposition` and `PowderFeed` have them
     """
@@ -41,6 +47,7 @@ class Workshop:
     hoppers: Sequence[Hopper]
     cell: Cell
     recorder: Recorder
+    accounts: LayerAccounts
     beam_off: bool
     done: Callable[[], None]
     failed: Callable[[Exception], None]
@@ -58,6 +65,8 @@ class Workshop:
             if entry is None:
                 return None
             self.recorder.entry(entry)
+        if before is not None:
+            self.recorder.purged(before.feed.fed.take_rest_g(asyncio.get_running_loop().time()))
         window = self._window(entry)
         self._announce(window, override_percent)
         clock = ProgramClock(window)
@@ -66,11 +75,11 @@ class Workshop:
             for h in self.hoppers
         ]
         plan = PowderPlan(self.job.manifest.powder_mode, hoses, window, clock)
+        self.accounts.plan_of = lambda layer: self._plan_of(layer, entry, window)
         feed = PowderFeed(self.cell, plan, clock, self.recorder, self.failed)
         return Work(clock, feed, Deposition(
-            self.cell, window, clock, feed, self.recorder, self.profile.motion,
-            entry=entry, tally=self._tally(entry, before), done=self.done, failed=self.failed,
-            progress=self.progress,
+            self.cell, window, clock, feed, self.recorder, self.accounts, self.profile.motion,
+            entry=entry, done=self.done, failed=self.failed, progress=self.progress,
         ))
 
     def _announce(self, window: JobWindow, override_percent: int) -> None:
@@ -90,11 +99,22 @@ class Workshop:
         return JobWindow(self.job.manifest, layer, self.profile.motion.purge_mm,
                          beam_off=self.beam_off, first_layer=first)
 
-    def _tally(self, entry: Entry | None, before: Work | None) -> LayerTally | None:
-        """What the layer entered has taken before the hold."""
-        if before is None or entry is None:
-            return None
-        self.recorder.purged(before.feed.take_fed_g())
-        layers = before.deposition.layers
-        layers.done_before(entry.layer.index)
-        return layers.tally
+    def _plan_of(self, index: int, entry: Entry | None, window: JobWindow) -> LayerPlan:
+        """What the job plans for a layer, also where its head was replaced by a way in."""
+        layer = window.stretch(index)
+        if entry is not None and index == entry.layer.index:
+            layer = self._whole_layer(index)
+        following = None
+        if index + 1 < len(self.job.manifest.layers):
+            following = window.stretch(index + 1)
+        leads = self.job.manifest.powder_mode == "lead"
+        return layer_plan(layer, following, {
+            h.name: h.dead_time_s + h.lag_s if leads else 0.0 for h in self.hoppers
+        })
+
+    def _whole_layer(self, index: int) -> Stretch:
+        behind = self.job.layer(index - 1).lines[-1] if index else None
+        behind_mm = self.profile.motion.purge_mm if behind is None else (
+            behind["x_mm"], behind["y_mm"], behind["z_mm"])
+        return stretch_of(self.job.layer(index), np.array(behind_mm, dtype=np.float64), 0.0,
+                          beam_off=self.beam_off)

@@ -38,7 +38,7 @@ def journal(tripped, tmp_path):
 
 @pytest.mark.parametrize("line", [
     '{"x": 1}', '{"t": "soon", "kind": "state"}', '{"t": 1, "kind": "layer", "lines": 3}',
-    '{"t": 1, "kind": "header", "format": "lmctl-journal-1", "hoppers": 3}',
+    '{"t": 1, "kind": "header", "format": "lmctl-journal-2", "hoppers": 3}',
     '{"t": 1, "kind": "seal", "local": 7}',
 ])
 def test_a_journal_added_to_by_hand_is_refused_in_words(journal, refused, lmctl, line):
@@ -48,7 +48,7 @@ def test_a_journal_added_to_by_hand_is_refused_in_words(journal, refused, lmctl,
         outcome = lmctl("log", "run-0001", *form)
         assert "there is a line after the seal" in outcome.talk
         assert "Traceback" not in outcome.talk
-    assert "cannot be told as a log" in refused("log", "run-0001", code=1)
+    assert "no log can be printed of it" in refused("log", "run-0001", code=1)
     records = lmctl("log", "run-0001", "--json").json["records"]
     assert records[-1] == json.loads(line)
 

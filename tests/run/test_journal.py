@@ -228,10 +228,10 @@ def test_what_is_no_journal_is_refused(tmp_path, content):
 @pytest.mark.parametrize("look", [verify, lambda path: list(read(path))])
 def test_a_journal_of_another_format_is_not_called_damaged_or_something_else(tmp_path, look):
     path = tmp_path / "j"
-    path.write_text('{"seq":0,"format":"lmctl-journal-2","software":"lmctl 3.1"}\n{"later":1}\n')
-    with pytest.raises(JournalError, match="is a journal of format 2") as refused:
+    path.write_text('{"seq":0,"format":"lmctl-journal-3","software":"lmctl 3.1"}\n{"later":1}\n')
+    with pytest.raises(JournalError, match="is a journal of format 3") as refused:
         look(path)
-    assert refused.value.where == ("lmctl 3.1 wrote it; this lmctl reads format 1",)
+    assert refused.value.where == ("lmctl 3.1 wrote it; this lmctl reads format 2",)
     assert "the lmctl that wrote it" in refused.value.hint
 
 

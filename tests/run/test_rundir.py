@@ -106,8 +106,8 @@ def test_garbage_in_the_folder_is_passed_over(tmp_path, job_file):
 
 def test_a_run_whose_journal_is_of_another_format_is_listed_as_such(tmp_path, job_file):
     runs = tmp_path / "runs"
-    rundir.create(runs, job_file).journal.write_text('{"format":"lmctl-journal-2"}\n')
-    assert [row.state for row in rundir.list_runs(runs)] == ["format 2"]
+    rundir.create(runs, job_file).journal.write_text('{"format":"lmctl-journal-3"}\n')
+    assert [row.state for row in rundir.list_runs(runs)] == ["format 3"]
 
 
 def test_a_file_in_the_folders_place_is_told(tmp_path, job_file):

@@ -192,6 +192,7 @@ class MotionDriver:
         """Send one real-time byte at once, before every line not yet on the wire."""
         if byte is Realtime.RESET:
             self._stream.discard_queue()
+            self._stream.held = True
             self._at_rest_at_reset = self._at_rest()
         self._talk.realtime(byte)
 
@@ -237,6 +238,7 @@ class MotionDriver:
         The position stays trusted only where the machine stood still. Raises MachineError.
         """
         self._stream.discard_queue()
+        self._stream.held = True
         self._at_rest_at_reset = self._at_rest()
         await self._talk.reset(timeout_s)
         report = await self._talk.fresh_report(timeout_s)

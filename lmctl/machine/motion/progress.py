@@ -88,12 +88,17 @@ class Progress:
         self._open.extend(lines)
         self.sent += len(lines)
 
-    def accepted(self, count: int) -> None:
-        """Count the `ok`s to the oldest unanswered lines."""
+    def accepted(self, count: int, *, dwells_end: bool = True) -> None:
+        """Count the `ok`s to the oldest unanswered lines.
+
+        dwells_end : a dwell that is answered is over. A reset breaks one off, and it is answered
+            all the same.
+        """
         done = self._take_answers(count)
         if self._rejected is None:
             self.acknowledged = self._answered
-            self._count_executed(done)
+            if dwells_end:
+                self._count_executed(done)
 
     def line_rejected(self) -> bool:
         """Count another answer to the oldest unanswered line; True if it is the first one."""

@@ -94,7 +94,7 @@ class Stream:
     def accepted(self, count: int) -> None:
         """Take so many `ok`s in a row."""
         self._owing_since_s = None
-        self.progress.accepted(count)
+        self.progress.accepted(count, dwells_end=not self.held)
 
     def line_rejected(self, tag: int, error: int) -> None:
         """Take another answer; at the first one, hold.

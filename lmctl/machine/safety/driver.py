@@ -82,6 +82,11 @@ class SafetyDriver:
         """Time since the last good answer; infinite before the first."""
         return self._cycle.status_age_s
 
+    @property
+    def has_laser_enable(self) -> bool:
+        """Whether the profile names its laser-enable output."""
+        return self._cycle.laser is not None
+
     async def reset_relay(self) -> None:
         """Close an open watchdog relay and forget the first-out code, as an operator's act.
 

@@ -39,7 +39,8 @@ async def accept(
     recorder.machine(
         dialect=identity.dialect.name, version=identity.version, info=identity.info,
         rx_bytes=identity.rx_bytes, planner_blocks=identity.planner_blocks,
-        is_bench=identity.is_bench, position_trusted=motion.position_trusted,
+        is_bench=identity.is_bench, beam_off=beam_off,
+        position_trusted=motion.position_trusted,
     )
     if trusted:
         motion.trust_position()

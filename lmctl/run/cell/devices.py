@@ -10,6 +10,7 @@ from firmware_protocol.status import StatusReport
 from lmctl.config.machine import Feeder, Hopper, MachineProfile, Motion, Safety
 from lmctl.errors import LmctlError, MachineError
 from lmctl.machine.feeder.driver import FeederDriver
+from lmctl.machine.feeder.readings import HopperReading
 from lmctl.machine.motion.driver import MotionDriver
 from lmctl.machine.safety.driver import SafetyDriver
 
@@ -118,13 +119,12 @@ class Cell:
                 for hopper in self.hoppers if hopper.feeder == feeder.name
             })
 
-    def measured_g_min(self) -> tuple[float | None, ...]:
-        """What each hopper's disc delivers by its own last reading, in the hoppers' order."""
-        measured: list[float | None] = []
-        for name, feeder in self._feeder_of:
-            reading = None if feeder.status is None else feeder.status.hoppers.get(name)
-            measured.append(None if reading is None else reading.flow_est_g_min)
-        return tuple(measured)
+    def hopper_readings(self) -> tuple[HopperReading | None, ...]:
+        """The last reading of each hopper, in the hoppers' order; None before the first."""
+        return tuple([
+            None if feeder.status is None else feeder.status.hoppers.get(name)
+            for name, feeder in self._feeder_of
+        ])
 
     async def feeders_do(
         self, act: Callable[[FeederDriver], Awaitable[None]],

@@ -24,7 +24,7 @@ from typing import Any, BinaryIO
 from lmctl.errors import JournalError, MissingFileError
 
 #: What a journal calls itself, in its first record; a reader refuses any other version.
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 FORMAT = f"lmctl-journal-{FORMAT_VERSION}"
 
 FIRST_PREV = "0" * 64
@@ -134,6 +134,20 @@ def read(path: Path) -> Iterator[dict[str, Any]]:
         if record is None or (number == 1 and record.get("format") != FORMAT):
             raise JournalError(f"{path} is not a run journal", where=f"line {number}")
         yield record
+
+
+def line_hashes(path: Path) -> Iterator[tuple[int, str]]:
+    """For every finished line of a journal, how many lines there are up to it, and its hash.
+
+    Raises JournalError where the file is missing, empty or altered, and cannot be read.
+    """
+    found = verify(path)
+    if not found.whole or not found.records:
+        raise JournalError(f"{path} is not what was written",
+                           where=found.reason or "it holds no record")
+    for number, (line, finished) in enumerate(_lines(path), start=1):
+        if finished:
+            yield number, line_hash(line)
 
 
 def last_record(path: Path) -> dict[str, Any] | None:

@@ -15,9 +15,15 @@ warning   a feeder warns of something that holds nothing: which, and whether it 
 setpoint  flows sent to the hoppers [g/min]
 override  a feed override asked for, or reported by the controller [%]
 operator  an act that came by the control socket: from whom, and why it was refused if it was
-samples   columns of equal length, one value a status report
+unreported  what the run that is continued executed after its last report, in one layer: inferred
+          from the place in which the machine was found
+samples   columns of equal length, one value a status report; and how the accounts of the layers
+          under way stand, so that a killed host loses half a second of them
 purge     powder fed over the purge position or in a hold, before motion goes on [g]
-layer     all lines of a layer have been executed
+layer_opened  lines of a layer are about to be sent for the first time in this run: what is
+          planned for the whole of it
+layer     a layer is over, or the run is: what was reported and inferred of it in this run, up to
+          what place, and whether no bead of it is left
 fault     a reason why a run was held or ended badly; of one that came after another, the cause
 seal      the end: state, lines executed; of a run that was not done the cause, and what followed
 """
@@ -58,6 +64,7 @@ class Recorder:
     now_s : machine time since the run began, as records carry it
     hoppers : names, in the order flows are given
     latest : the last sample, for whoever asks how things stand
+    layer_so_far : how the accounts of the layers under way stand
 
     When the journal cannot be written (a full disk) the first write says so by JournalError, which
     ends the run; the writes of the safe stop that follows are dropped, so that nothing keeps it.
@@ -73,6 +80,7 @@ class Recorder:
         self._batch_due_s = 0.0
         self._broken = False
         self.latest: Latest | None = None
+        self.layer_so_far: Callable[[], list[dict[str, Any]]] = list
 
     def machine(self, **fields: Any) -> None:
         """Who answered on the motion link."""
@@ -80,12 +88,12 @@ class Recorder:
 
     def state(self, event: Event, before: State, after: State) -> None:
         """A transition, durable before its effects begin."""
-        self._append("state", event=event, **{"from": before, "to": after})
+        self._event("state", event=event, **{"from": before, "to": after})
         self._sync()
 
     def act(self, do: Do, failed: str = "") -> None:
         """An effect begins, or has failed while the run was being stopped anyway."""
-        self._append("act", do=do, **({"failed": failed} if failed else {}))
+        self._event("act", do=do, **({"failed": failed} if failed else {}))
 
     def paths(self, begun: Iterable[PathSpan]) -> None:
         """Paths whose lines are about to be sent; on the disk when this returns."""
@@ -101,13 +109,13 @@ class Recorder:
 
     def place(self, place: Place) -> None:
         """How far the job has been executed; durable."""
-        self._append("place", line=place.line, share=round(place.share, 6))
+        self._event("place", **place_fields(place))
         self._sync()
 
     def entry(self, entry: Entry) -> None:
         """How the job goes on from a place."""
-        self._append(
-            "entry", line=entry.place.line, share=round(entry.place.share, 6),
+        self._event(
+            "entry", **place_fields(entry.place),
             lit_line=entry.lit_line, layer=entry.layer.index,
             repeated_mm=round(entry.repeated_mm, 3),
         )
@@ -115,23 +123,31 @@ class Recorder:
     def alarm(self, alarm: Alarm) -> None:
         """An interlock has tripped."""
         explains = {"explains": sorted(alarm.explains)} if alarm.explains else {}
-        self._append("alarm", name=alarm.name, what=alarm.what, hint=alarm.hint, **explains,
+        self._event("alarm", name=alarm.name, what=alarm.what, hint=alarm.hint, **explains,
                      local={"where": list(alarm.where)})
 
     def warning(self, warning: FeederWarning, *, stands: bool) -> None:
         """A warning has appeared, or is over."""
-        self._append(
+        self._event(
             "warning", number=warning.number, feeder=warning.feeder, hopper=warning.hopper,
             stands=stands, what=warning.what, hint=warning.hint,
         )
 
     def purged(self, fed_g: dict[str, float]) -> None:
         """Powder that has gone into no layer."""
-        self._append("purge", fed_g={name: round(fed, 3) for name, fed in fed_g.items()})
+        self._append("purge", fed_g={name: round(fed, 4) for name, fed in fed_g.items()})
+
+    def unreported(self, **fields: Any) -> None:
+        """What an earlier run executed without a report of it."""
+        self._event("unreported", **fields)
+
+    def layer_opened(self, **fields: Any) -> None:
+        """Lines of a layer are about to be sent."""
+        self._event("layer_opened", **fields)
 
     def layer(self, **fields: Any) -> None:
-        """A layer has been executed."""
-        self._append("layer", **fields, local={"wall": wall_stamp()})
+        """A layer is over, or the run is."""
+        self._event("layer", **fields)
         self._sync()
 
     def setpoint(self, flows_g_min: dict[str, float]) -> None:
@@ -140,7 +156,7 @@ class Recorder:
 
     def override(self, feed_percent: int, source: str, power_percent: int = 100) -> None:
         """Overrides. source : "operator" as asked for, "controller" as reported."""
-        self._append("override", feed_percent=feed_percent, power_percent=power_percent,
+        self._event("override", feed_percent=feed_percent, power_percent=power_percent,
                      source=source)
 
     def operator(self, act: str, refused: str, **local: Any) -> None:
@@ -150,7 +166,7 @@ class Recorder:
         do not wait for the disk.
         local : who, by user and process number
         """
-        self._append("operator", act=act, accepted=not refused,
+        self._event("operator", act=act, accepted=not refused,
                      **({"refused": refused} if refused else {}), local=local)
         if not refused:
             self._sync()
@@ -186,6 +202,7 @@ class Recorder:
                 },
                 set_g_min=dict(zip(self._hoppers, flows[:n], strict=True)),
                 flow_g_min=dict(zip(self._hoppers, flows[n:], strict=True)),
+                layers=self.layer_so_far(),
             )
         self._flush()
 
@@ -196,11 +213,11 @@ class Recorder:
         """
         if isinstance(error, LmctlError):
             # Places name ports and files, which differ between equal runs.
-            self._append("fault", what=error.what, hint=error.hint,
+            self._event("fault", what=error.what, hint=error.hint,
                          **({"follows": follows} if follows else {}),
                          local={"where": list(error.where)})
         else:
-            self._append("fault", what=f"internal error: {error!r}", hint="")
+            self._event("fault", what=f"internal error: {error!r}", hint="")
         self._sync()
 
     def seal(self, state: State, **fields: Any) -> None:
@@ -213,6 +230,11 @@ class Recorder:
     def _append(self, kind: str, **fields: Any) -> None:
         if not self._broken:
             self._journal.append(self.now_s(), kind, **fields)
+
+    def _event(self, kind: str, **fields: Any) -> None:
+        """A record that people read: it has the wall clock as well."""
+        local = {"wall": wall_stamp(), **fields.pop("local", {})}
+        self._append(kind, **fields, local=local)
 
     def _flush(self) -> None:
         self._write(self._journal.flush)
@@ -228,6 +250,11 @@ class Recorder:
         except JournalError:
             self._broken = True
             raise
+
+
+def place_fields(place: Place) -> dict[str, Any]:
+    """A place as records carry it."""
+    return {"line": place.line, "share": round(place.share, 6)}
 
 
 def wall_stamp() -> str:

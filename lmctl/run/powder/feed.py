@@ -8,6 +8,7 @@ from collections.abc import Callable
 from lmctl.machine.beat import on_beat
 from lmctl.run.cell.devices import Cell
 from lmctl.run.journal.recorder import Recorder
+from lmctl.run.powder.fed import FedPowder
 from lmctl.run.powder.lead import TICK_S, PowderPlan
 from lmctl.run.program.clock import ProgramClock
 
@@ -19,6 +20,7 @@ class PowderFeed:
     """The set-points of one run.
 
     flows_g_min : last sent, in the order of the job's hoppers
+    fed : what they have fed since
     failed : called with what goes wrong at a tick; no set-point is sent after that
     """
 
@@ -33,8 +35,7 @@ class PowderFeed:
         self._loop = asyncio.get_running_loop()
         self._names = tuple(hopper.name for hopper in cell.hoppers)
         self.flows_g_min: tuple[float, ...] = (0.0,) * len(self._names)
-        self._fed_g = [0.0] * len(self._names)
-        self._fed_until_t = self._loop.time()
+        self.fed = FedPowder(self._names, self._loop.time())
         self._is_on = False
         self._ticked_t = 0.0
         self._timer: asyncio.TimerHandle | None = None
@@ -55,13 +56,6 @@ class PowderFeed:
             if self._timer is not None:
                 self._timer.cancel()
             self._change((0.0,) * len(self._names))
-
-    def take_fed_g(self) -> dict[str, float]:
-        """What the set-points since the last call asked for, by hopper [g]."""
-        self._count_fed()
-        fed = dict(zip(self._names, self._fed_g, strict=True))
-        self._fed_g = [0.0] * len(self._names)
-        return fed
 
     def _tick(self, ticks: int) -> None:
         """ticks : since the last one."""
@@ -91,12 +85,6 @@ class PowderFeed:
             self._tick_after(int((self._loop.time() - self._ticked_t) / TICK_S) + 1)
 
     def _change(self, flows_g_min: tuple[float, ...]) -> None:
-        self._count_fed()
         self.flows_g_min = flows_g_min
+        self.fed.set_flows(self._loop.time(), flows_g_min)
         self._recorder.setpoint(dict(zip(self._names, flows_g_min, strict=True)))
-
-    def _count_fed(self) -> None:
-        now_t = self._loop.time()
-        for hopper, flow_g_min in enumerate(self.flows_g_min):
-            self._fed_g[hopper] += flow_g_min / 60.0 * (now_t - self._fed_until_t)
-        self._fed_until_t = now_t

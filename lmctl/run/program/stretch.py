@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from lmctl.job.schema import JobLayer, LineKind
 from lmctl.run.program.beam_off import without_beam
+from lmctl.run.program.layer_totals import LayerTotals
 
 FloatArray = NDArray[np.float64]
 
@@ -39,7 +40,8 @@ class Stretch:
     path_starts : the first line of each path
     flow_s, flow_g_s : knots of the flow at the nozzle: times, and of each hopper its values there;
         plain lists too
-    beam_s, beam_mm, energy_J : of its bead lines, as planned
+    totals : path, beam time and energy of its lines, with the powers that are sent
+    planned : the same with the powers of the job
     """
 
     index: int
@@ -63,9 +65,8 @@ class Stretch:
     path_starts: tuple[int, ...]
     flow_s: list[float]
     flow_g_s: list[list[float]]
-    beam_s: float
-    beam_mm: float
-    energy_J: float
+    totals: LayerTotals
+    planned: LayerTotals
 
     def paths_from(self, line: int, before: int) -> tuple[PathSpan, ...]:
         """The paths that begin at or after a line of this layer, and before another."""
@@ -93,10 +94,13 @@ def stretch_of(
     bead = lines["kind"] == LineKind.BEAD
     program = [line.encode("ascii") for line in layer.program]
     speed_mm_s, power_W = lines["speed_mm_s"].astype(float), lines["power_W"].astype(float)
+    length_mm = np.linalg.norm(end_mm - start_mm, axis=1)
+    energy_J_mm = np.divide(power_W, speed_mm_s, out=power_W.copy(), where=speed_mm_s > 0.0)
+    planned = totals = LayerTotals(start_s, end_s, length_mm, energy_J_mm)
     if beam_off:
         program = [without_beam(line) for line in program]
-        power_W[:] = 0.0
-    energy_J_mm = np.divide(power_W, speed_mm_s, out=power_W.copy(), where=speed_mm_s > 0.0)
+        energy_J_mm = np.zeros_like(energy_J_mm)
+        totals = LayerTotals(start_s, end_s, length_mm, energy_J_mm)
     paths = _paths(layer.index, layer.first_line, lines["path"])
     return Stretch(
         layer.index, layer.z_mm, layer.first_line,
@@ -104,10 +108,7 @@ def stretch_of(
         fed_end_s, speed_mm_s.tolist(), energy_J_mm.tolist(), start_s.tolist(), end_s.tolist(),
         [*start_mm[:1].tolist(), *end_mm.tolist()], program,
         paths, tuple(path.first_line for path in paths),
-        layer.flow_s.tolist(), layer.flow_g_s.T.tolist(),
-        beam_s=float(lasting_s[bead].sum()),
-        beam_mm=float(np.linalg.norm((end_mm - start_mm)[bead], axis=1).sum()),
-        energy_J=float((lines["power_W"][bead] * lasting_s[bead]).sum()),
+        layer.flow_s.tolist(), layer.flow_g_s.T.tolist(), totals, planned,
     )
 
 

@@ -258,3 +258,13 @@ def test_counts_never_run_ahead_of_a_random_machine(data):
             assert progress.executed <= progress.acknowledged
             if not planner and planned == len(lines):
                 assert progress.all_executed
+
+
+def test_a_dwell_that_a_reset_breaks_off_is_answered_and_proves_nothing():
+    """Firmwares answer the dwell they were in as they obey a reset: it is not over, nor are the
+    lines before it that a hold kept from being executed."""
+    progress = Progress(planner_blocks=15, lead_s=0.0)
+    progress.lines_sent([b"N1 G1 X1", b"N2 G1 X2", b"N3 G4 P1"])
+    progress.accepted(2)
+    progress.accepted(1, dwells_end=False)
+    assert (progress.acknowledged, progress.executed) == (3, 0)

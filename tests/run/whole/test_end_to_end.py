@@ -67,7 +67,7 @@ def test_the_journal_tells_what_was_run_and_how_it_ended(run, profile, square_jo
     assert (seal["state"], seal["lines"]) == ("done", one.result.lines)
     assert seal["t"] == pytest.approx(one.result.machine_s)
     assert [r["path"] for r in one.records("executed")] == [0, 1, 2, 3]
-    assert [r["beam_mm"] for r in one.records("layer")] == [32.0, 32.0]
+    assert [r["reported"]["path_mm"] for r in one.records("layer")] == [32.0, 32.0]
     samples = one.records("samples")
     columns = ("at", "line", "x_mm", "y_mm", "z_mm", "feed_mm_min", "s_word")
     for batch in samples:
@@ -85,8 +85,10 @@ def test_the_journal_tells_what_was_run_and_how_it_ended(run, profile, square_jo
 def test_powder_accounted_for_is_the_powder_fed(run, square_job):
     one = run(square_job)
     counted = sum(
-        grams for record in one.records("layer") + one.records("purge")
-        for grams in record["fed_g"].values()
+        grams for fed_g in [
+            *(record["reported"]["powder_g"] for record in one.records("layer")),
+            *(record["fed_g"] for record in one.records("purge")),
+        ] for grams in fed_g.values()
     )
     fed = sum(one.bench.record.fed_g().values())
     assert counted == pytest.approx(fed, rel=0.02)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from lmctl.errors import RunStopped
-from lmctl.report.job_log import read_job_log
+from lmctl.report.run_record import read_run
 from lmctl.run.journal.aftermath import aftermath
 from lmctl.run.journal.file import fingerprint, read
 from lmctl.run.journal.rundir import RunDir, list_runs
@@ -162,8 +162,8 @@ def test_a_warning_in_the_run_is_journaled_told_shown_and_in_the_log(run, large_
     assert "hopper B of feeder F2: the weighed flow differs" in warning["what"]
     assert [w["what"] for (w,) in shown] == [warning["what"]]
     assert shown[0][0].keys() == {"feeder", "hopper", "what", "hint"}
-    log = read_job_log(one.journal)
-    assert [h.text for h in log.happenings if "WARNING" in h.text] == [
+    log = read_run(one.journal)
+    assert [event.text for event in log.events if "WARNING" in event.text] == [
         f"WARNING: {warning['what']}; what to do: {warning['hint']}"]
     assert "alarm" not in {record["kind"] for record in read(one.journal)}
     one.check_safe()

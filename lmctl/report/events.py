@@ -1,0 +1,118 @@
+"""What happened in a run, one journal record at a time, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+Record = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something a person should know of.
+
+    seq : of the journal record; t_s : machine time since the run began; wall : UTC, "" where the
+        record has none
+    is_deviation : it is not as planned, so that a reason and a disposition belong to it
+    """
+
+    seq: int
+    t_s: float
+    wall: str
+    text: str
+    is_deviation: bool = False
+
+
+def event_of(record: Record) -> Event | None:
+    """The event a record is of; None for records that are figures or samples."""
+    words = _WORDS.get(str(record["kind"]))
+    said = None if words is None else words(record)
+    if said is None:
+        return None
+    text, is_deviation = said
+    wall = record.get("local", {}).get("wall", "")
+    return Event(int(record["seq"]), float(record["t"]), str(wall), text, is_deviation)
+
+
+_Said = tuple[str, bool] | None
+
+
+def _header(record: Record) -> _Said:
+    before = record.get("continues")
+    return (f"goes on with the part of {before}", False) if before else ("run begun", False)
+
+
+def _state(record: Record) -> _Said:
+    return f"{record['from']} → {record['to']} ({record['event']})", False
+
+
+def _act(record: Record) -> _Said:
+    failed = record.get("failed")
+    return (f"{record['do']} failed: {failed}", True) if failed else None
+
+
+def _override(record: Record) -> _Said:
+    power_percent = record.get("power_percent", 100)
+    power = f", power override {power_percent} %" if power_percent != 100 else ""
+    text = f"feed override {record['feed_percent']} %{power} ({record['source']})"
+    is_reported = record["source"] == "controller"
+    return text, is_reported and (record["feed_percent"], power_percent) != (100, 100)
+
+
+def _operator(record: Record) -> _Said:
+    name = record.get("operator")
+    who = f"operator {name}" if name else "operator"
+    uid = record.get("local", {}).get("uid")
+    who += f" (user {uid})" if uid is not None else ""
+    refused = f", refused: {record['refused']}" if record.get("refused") else ""
+    deviates = not refused and record["act"] in ("hold", "stop")
+    return f"{who}: {record['act']}{refused}", deviates
+
+
+def _alarm(record: Record) -> _Said:
+    where = "; ".join(record.get("local", {}).get("where", ()))
+    return f"ALARM: {record['what']}" + (f" ({where})" if where else ""), True
+
+
+def _alarm_cleared(record: Record) -> _Said:
+    return f"alarm over ({record['how']}): {record['what']}", False
+
+
+def _warning(record: Record) -> _Said:
+    if record["stands"]:
+        return f"WARNING: {record['what']}; what to do: {record['hint']}", False
+    return f"warning over: {record['what']}", False
+
+
+def _place(record: Record) -> _Said:
+    return (f"motion at rest in line {record['line']}, {100 * record['share']:.0f} % of it"), False
+
+
+def _entry(record: Record) -> _Said:
+    return (f"enters the part again at line {record['lit_line']}, {record['repeated_mm']:.1f} mm "
+            "deposited twice"), False
+
+
+def _unreported(record: Record) -> _Said:
+    begin, end = record["begin"], record["end"]
+    return (
+        f"inferred: layer {record['layer'] + 1} was executed from line {begin['line']} "
+        f"({100 * begin['share']:.0f} %) to line {end['line']} ({100 * end['share']:.0f} %) "
+        f"without a report, {record['figures']['path_mm']:.1f} mm of it with the beam on"
+    ), True
+
+
+def _fault(record: Record) -> _Said:
+    kind = "then" if record.get("follows") else "FAULT"
+    where = record.get("local", {}).get("where", ())
+    return f"{kind}: " + "; ".join([record["what"], *where]), not record.get("follows")
+
+
+_WORDS: dict[str, Callable[[Record], _Said]] = {
+    "header": _header, "state": _state, "act": _act, "override": _override,
+    "operator": _operator, "alarm": _alarm, "alarm_cleared": _alarm_cleared,
+    "warning": _warning, "place": _place, "entry": _entry, "unreported": _unreported,
+    "fault": _fault,
+}

@@ -1,0 +1,300 @@
+"""The record of a part over all the runs that made it: the one model that logs and reports print.
+
+A part may take several runs: each goes on with the one before. Its record has every layer once,
+with what each run put into it added up, every event of every run in order, and the notes that
+people have made.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import reduce
+from operator import add
+from pathlib import Path
+
+from lmctl.errors import JournalError
+from lmctl.report.run_record import LayerAccount, PlannedLayer, RunRecord, read_run
+from lmctl.run.journal import rundir
+from lmctl.run.journal.figures import NOTHING, Figures
+from lmctl.run.journal.file import read
+from lmctl.run.journal.notes import Note, read_notes
+from lmctl.run.journal.rundir import RunDir
+
+#: Figures that are compared with the plan, beside powder.
+_NAMES = {"path_mm": "path", "beam_s": "beam time", "energy_J": "energy"}
+
+#: Share of the planned figure by which a reported one may differ before it is marked.
+TOLERANCE = 0.02
+
+
+@dataclass(frozen=True)
+class LayerRecord:
+    """One layer, over all runs.
+
+    planned : of the whole layer
+    reported : from what controller and feeders reported; inferred : as much of it as no report of
+        power or place covers
+    unreported : motion after a run's last report, inferred from where the machine was found
+    weighed_g : {hopper: weight lost in motion}, of hoppers that weighed throughout
+    place_error_mm : greatest distance reported of the nozzle from the path
+    feed_percent, power_percent : (least, greatest) override reported, None where none was
+    entered_again, repeated_mm : how often it was entered in its middle, bead deposited twice there
+    runs : names, in order; began, ended : wall clock (UTC)
+    reached_line, reached_share : place reached last; complete : no bead of the layer is left
+    seq : of the last run's journal record of it, None where its host died
+    """
+
+    number: int
+    z_mm: float
+    lines: tuple[int, int]
+    paths: int
+    planned: Figures
+    reported: Figures
+    inferred: Figures
+    unreported: Figures
+    weighed_g: dict[str, float]
+    place_error_mm: float
+    feed_percent: tuple[int, int] | None
+    power_percent: tuple[int, int] | None
+    entered_again: int
+    repeated_mm: float
+    runs: tuple[str, ...]
+    began: str
+    ended: str
+    reached_line: int
+    reached_share: float
+    complete: bool
+    seq: int | None
+
+    @property
+    def executed(self) -> Figures:
+        """All that is known to have been executed, reported or inferred."""
+        return self.reported + self.unreported
+
+    @property
+    def inferred_mm(self) -> float:
+        """As much of the executed path as is inferred."""
+        return self.inferred.path_mm + self.unreported.path_mm
+
+    @property
+    def deviations(self) -> tuple[str, ...]:
+        """Names of the figures that differ from the plan by more than `TOLERANCE`."""
+        return deviations(self.planned, self.executed)
+
+    @property
+    def difference(self) -> str:
+        """How the layer differs from its plan, in words; "" where it does not."""
+        if not self.complete:
+            return self.remark
+        return ", ".join(
+            f"{_NAMES.get(name, f'powder {name}')} {100 * (found / wanted - 1.0):+.1f} %"
+            for name, wanted, found in pairs(self.planned, self.executed)
+            if name in self.deviations and wanted
+        )
+
+    @property
+    def remark(self) -> str:
+        """What is not as it is in a layer made in one go, in a few words; "" where nothing is."""
+        words = []
+        if not self.complete:
+            first, last = self.lines
+            if self.executed.duration_s == 0.0:
+                words.append("sent, not reported")
+            else:
+                words.append(f"partial: line {self.reached_line - first + 1} of {last - first + 1}")
+        if self.entered_again:
+            times = "" if self.entered_again == 1 else f" ({self.entered_again} times)"
+            words.append(f"{self.repeated_mm:.1f} mm twice{times}")
+        if self.inferred_mm > TOLERANCE * self.executed.path_mm:
+            words.append(f"{self.inferred_mm:.1f} mm inferred")
+        return ", ".join(words)
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """Something that was not as planned. seq : of the journal record, None where there is none
+
+    notes : what people have written about it
+    """
+
+    run: str
+    seq: int | None
+    text: str
+    notes: tuple[Note, ...]
+
+
+@dataclass(frozen=True)
+class PartRecord:
+    """A part. runs : in order; the last one's state is the part's
+
+    layers : of which anything was, or may have been, executed; notes : in the order they were made
+    """
+
+    runs: tuple[RunRecord, ...]
+    layers: tuple[LayerRecord, ...]
+    notes: tuple[Note, ...]
+
+    @property
+    def state(self) -> str:
+        """How the last run ended."""
+        return self.runs[-1].state
+
+    @property
+    def hoppers(self) -> tuple[str, ...]:
+        """Names, in the job's order."""
+        return tuple(str(hopper["name"]) for hopper in self.runs[0].header.get("hoppers", []))
+
+    @property
+    def planned(self) -> Figures:
+        """Of all layers in the record."""
+        return total(layer.planned for layer in self.layers)
+
+    @property
+    def executed(self) -> Figures:
+        """Of all layers."""
+        return total(layer.executed for layer in self.layers)
+
+    @property
+    def weighed_g(self) -> dict[str, float]:
+        """{hopper: weight lost in motion}, of hoppers that weighed in every layer."""
+        weighed = [layer.weighed_g for layer in self.layers]
+        names = [name for name in self.hoppers if all(name in one for one in weighed)]
+        return {name: sum(one[name] for one in weighed) for name in names}
+
+    @property
+    def purged_g(self) -> dict[str, float]:
+        """{hopper: powder fed into no layer}, by what the feeders reported."""
+        return dict(total(Figures(powder_g=run.purged_g) for run in self.runs).powder_g)
+
+
+    @property
+    def deviations(self) -> tuple[Deviation, ...]:
+        """Events and layers that are not as planned, each with what was noted about it."""
+        found: list[tuple[str, int | None, str]] = [
+            (run.run, event.seq, event.text)
+            for run in self.runs for event in run.events if event.is_deviation
+        ]
+        found += [
+            (layer.runs[-1], layer.seq, f"layer {layer.number}: {words}")
+            for layer in self.layers if (words := layer.difference)
+        ]
+        return tuple(
+            Deviation(run, seq, text, tuple(
+                note for note in self.notes
+                if note.run == run and note.about is not None and note.about == seq))
+            for run, seq, text in found
+        )
+
+    @property
+    def general_notes(self) -> tuple[Note, ...]:
+        """Notes on a run as a whole, or on a record that is no deviation."""
+        about = {(one.run, one.seq) for one in self.deviations}
+        return tuple(
+            note for note in self.notes if note.about is None or (note.run, note.about) not in about
+        )
+
+
+def total(figures: Iterator[Figures]) -> Figures:
+    """Their sum."""
+    return reduce(add, figures, NOTHING)
+
+
+def pairs(planned: Figures, executed: Figures) -> list[tuple[str, float, float]]:
+    """Field of Figures, or hopper; planned; executed."""
+    return [
+        *((name, getattr(planned, name), getattr(executed, name)) for name in _NAMES),
+        *((name, grams, executed.powder_g.get(name, 0.0))
+          for name, grams in planned.powder_g.items()),
+    ]
+
+
+def deviations(planned: Figures, executed: Figures) -> tuple[str, ...]:
+    """Names of the figures that differ by more than `TOLERANCE`: fields of Figures, or hoppers."""
+    return tuple(
+        name for name, wanted, found in pairs(planned, executed)
+        if abs(found - wanted) > TOLERANCE * abs(wanted)
+    )
+
+
+def part_of(journal: Path, *, run_only: bool = False) -> PartRecord:
+    """The record of the part that a run worked on, from the journals beside it.
+
+    run_only : of this run alone
+    Raises JournalError; KeyError, TypeError, ValueError or AttributeError for altered journals.
+    """
+    folders = [RunDir(journal.parent)]
+    if not run_only:
+        folders = _all_runs(RunDir(journal.parent))
+    runs = [read_run(journal if len(folders) == 1 else folder.journal) for folder in folders]
+    notes = [note for run in runs for note in read_notes(RunDir(run.journal.parent))]
+    notes.sort(key=lambda note: note.wall)
+    return PartRecord(tuple(runs), tuple(_layers(runs)), tuple(notes))
+
+
+def _all_runs(this: RunDir) -> list[RunDir]:
+    """Every run of the same part: those before this one and those after it, in order."""
+    runs_dir = this.path.parent
+    before_of: dict[str, str] = {}
+    for name in rundir.names(runs_dir):
+        try:
+            header = next(read(RunDir(runs_dir / name).journal), {})
+        except JournalError:
+            continue
+        before_of[name] = str(header.get("continues", ""))
+    first = this.run
+    while before_of.get(first) in before_of:
+        first = before_of[first]
+    found = [first]
+    for name, before in before_of.items():  # a run is younger than the one it goes on with
+        if before in found:
+            found.append(name)
+    return [RunDir(runs_dir / name) for name in found] if this.run in found else [this]
+
+
+def _layers(runs: Sequence[RunRecord]) -> Iterator[LayerRecord]:
+    planned: dict[int, PlannedLayer] = {}
+    accounts: dict[int, list[tuple[str, LayerAccount]]] = {}
+    for run in runs:
+        planned |= run.planned
+        for account in run.accounts:
+            accounts.setdefault(account.layer, []).append((run.run, account))
+    still_unknown = runs[-1].run if not runs[-1].end else ""
+    # A run enters the part at the next bead that is left: layers before that one are complete.
+    entered = max((run.first_layer or 0 for run in runs), default=0)
+    for layer, of_it in sorted(accounts.items()):
+        record = _layer(planned[layer], of_it)
+        if layer < entered:
+            record = replace(record, complete=True)
+        if record.executed.duration_s > 0.0 or still_unknown in record.runs:
+            yield record
+
+
+def _layer(plan: PlannedLayer, of_it: Sequence[tuple[str, LayerAccount]]) -> LayerRecord:
+    accounts = [account for _, account in of_it]
+    reached = max(accounts, key=lambda one: (one.reached_line, one.reached_share))
+    moved = [one for one in accounts if one.reported.duration_s > 0.0]
+    weighed = {
+        name: sum(one.weighed_g[name] for one in moved) for name in plan.figures.powder_g
+        if all(name in one.weighed_g for one in moved)
+        and not any(one.unreported.duration_s for one in accounts)
+    }
+    return LayerRecord(
+        plan.number, plan.z_mm, plan.lines, plan.paths, plan.figures,
+        total(one.reported for one in accounts), total(one.inferred for one in accounts),
+        total(one.unreported for one in accounts), weighed,
+        max(one.place_error_mm for one in accounts),
+        _hull([one.feed_percent for one in accounts]),
+        _hull([one.power_percent for one in accounts]),
+        sum(one.entered_again for one in accounts), sum(one.repeated_mm for one in accounts),
+        tuple(dict.fromkeys(run for run, _ in of_it)),
+        next((one.began for one in accounts if one.began), ""),
+        next((one.ended for one in reversed(accounts) if one.ended), ""),
+        reached.reached_line, reached.reached_share, any(one.complete for one in accounts),
+        next((one.seq for one in reversed(accounts) if one.seq is not None), None),
+    )
+
+
+def _hull(spans: Sequence[tuple[int, int] | None]) -> tuple[int, int] | None:
+    known = [span for span in spans if span is not None]
+    return (min(s[0] for s in known), max(s[1] for s in known)) if known else None

@@ -1,0 +1,206 @@
+"""What the machine has executed, from the places, speeds and powers that its controller reports.
+
+A report says where the nozzle is on the program's lines. What lies between two reported places has
+been executed, its length is known to the micrometre, and it took the time between the reports. How
+that time divides over lines with the beam on and others is taken from the plan of those few lines.
+Beam energy is the energy per millimetre reported (power over speed) times that length. Where no
+report shows a power, or reports failed for a while, the figures are named inferred.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from firmware_protocol.status import StatusReport
+from lmctl.run.journal.figures import Figures
+from lmctl.run.layer_accounts import LayerAccounts
+from lmctl.run.powder.fed import FedPowder
+from lmctl.run.program.reentry import Place
+from lmctl.run.program.reported_power import energy_ratio
+from lmctl.run.program.stretch import Stretch
+from lmctl.run.program.window import JobWindow
+
+#: Reports further apart than this leave what lies between them inferred [s].
+_REPORTED_WITHIN_S = 1.0
+
+#: So near to the end of the program it is at its end: places are rounded [s].
+_END_S = 0.01
+
+#: Braking to a stop takes at most twice the time that the same way takes at speed, and not more
+#: than this longer: 10 mm/s at 500 mm/s² [s].
+_BRAKING_S = 0.01
+
+#: A place within this of the one before has not moved [mm].
+_SAME_MM = 0.002
+
+
+@dataclass(frozen=True)
+class _Span:
+    """A stretch of motion: program times, and the machine times at which they were reached."""
+
+    begin_s: float
+    end_s: float
+    begin_t: float
+    end_t: float
+
+    def time_at(self, s: float, window: JobWindow, rate: float) -> float:
+        """Machine time at a program time in it."""
+        whole = window.machine_s(self.end_s, rate) - window.machine_s(self.begin_s, rate)
+        if whole <= 0.0:
+            return self.end_t
+        passed = window.machine_s(s, rate) - window.machine_s(self.begin_s, rate)
+        return self.begin_t + (self.end_t - self.begin_t) * passed / whole
+
+
+class ExecutedMotion:
+    """Integrates the reports made between the start of motion and the next hold.
+
+    lead_s : feed and power reported are those of motion prepared, up to so much ahead
+    Times t are the loop's [s], times s are the program's.
+    """
+
+    def __init__(
+        self, window: JobWindow, fed: FedPowder, accounts: LayerAccounts, lead_s: float
+    ) -> None:
+        self._window = window
+        self._fed = fed
+        self._accounts = accounts
+        self._lead_s = lead_s
+        self._stretch: Stretch = window.begin()
+        self._t = self._end_t = 0.0
+        self._s = float(self._stretch.start_s[0])
+        self._position_mm: tuple[float, ...] = ()
+        self._ratio: float | None = None  # of the last report
+        self._last_ratio = 1.0
+        self._has_moved = self._is_over = False
+        self._beam_off_s = float("inf")
+
+    @property
+    def layer(self) -> int:
+        """The layer that runs."""
+        return self._stretch.index
+
+    def start(self, t: float) -> None:
+        """The first lines are sent at t."""
+        self._t = self._end_t = t
+        self._accounts.begin(self._stretch.index, self._fed.weight_g(t))
+
+    def beam_off_from(self, s: float) -> None:
+        """The laser was disabled at program time s: what moves on has no beam."""
+        self._beam_off_s = min(self._beam_off_s, s)
+
+    def on_report(
+        self, t: float, s: float, report: StatusReport, position_mm: tuple[float, ...], *,
+        off_mm: float, rate: float, overrides: tuple[int, int, int],
+    ) -> None:
+        """A status report. s : program time of its place; off_mm : how far off the path that is."""
+        if self._is_over:
+            return
+        ratio = energy_ratio(self._window, report, s, rate, overrides[2], self._lead_s)
+        if s > self._s:
+            at_rest = _is_at_rest(report) or s >= self._window.end_s - _END_S
+            self._moved(t, s, rate, ratio, at_rest=at_rest)
+        elif self._has_moved and self._stands(position_mm):
+            if not _is_at_rest(report) and s < self._window.end_s - _END_S:
+                self._add(_Span(self._s, self._s, self._t, t), rate, 1.0, inferred=False)
+            self._t = t
+        elif not self._has_moved:
+            self._t = t
+        self._ratio = ratio
+        self._last_ratio = self._last_ratio if ratio is None else ratio
+        self._position_mm = position_mm
+        self._accounts.observe(self._stretch.index, off_mm, overrides)
+
+    def executed(self, t: float, lines: int, rate: float) -> None:
+        """So many lines of the job are known to be executed: layers that they end are over."""
+        if lines < self._window.n_lines:
+            self._accounts.close_before(self._stretch.index, lines)
+            return
+        if self._s < self._window.end_s:
+            self._moved(t, self._window.end_s, rate, None, at_rest=True)
+        self.come_to_rest()
+        self._accounts.close_all(self.reached, self.left_mm)
+
+    def come_to_rest(self) -> None:
+        """Motion has ended, here or at a hold: what is reported later is not counted."""
+        self._is_over = True
+        self._accounts.leave(self._stretch.index, self._fed.weight_g(self._end_t))
+
+    @property
+    def left_mm(self) -> float:
+        """Beam-on path of this layer that is left to run."""
+        planned = self._stretch.planned
+        return planned.whole.path_mm - planned.at(self._s).path_mm
+
+    @property
+    def reached(self) -> Place:
+        """The place up to which motion is counted."""
+        window, s = self._window, self._s
+        line = window.line_at(s)
+        start_s, end_s = window.line_start_s(line), window.line_start_s(line + 1)
+        share = (s - start_s) / (end_s - start_s) if end_s > start_s else 0.0
+        return Place(line, min(max(share, 0.0), 1.0))
+
+    def _stands(self, position_mm: tuple[float, ...]) -> bool:
+        return len(position_mm) == len(self._position_mm) and all(
+            abs(now - before) < _SAME_MM
+            for now, before in zip(position_mm, self._position_mm, strict=True)
+        )
+
+    def _moved(
+        self, t: float, s: float, rate: float, ratio: float | None, *, at_rest: bool
+    ) -> None:
+        """Motion has come from the last place counted to s."""
+        begin_t, end_t = self._t, t
+        by_plan = self._window.machine_s(s, rate) - self._window.machine_s(self._s, rate)
+        if not self._has_moved:
+            begin_t = max(begin_t, t - by_plan)  # it stood until then
+        elif at_rest:
+            # It has stood since.
+            end_t = min(end_t, begin_t + by_plan + min(by_plan, _BRAKING_S))
+        known = [one for one in (self._ratio, ratio) if one is not None]
+        mean = sum(known) / len(known) if known else self._last_ratio
+        inferred = not known or t - self._t > _REPORTED_WITHIN_S
+        self._has_moved = True
+        self._add(_Span(self._s, s, begin_t, end_t), rate, mean, inferred=inferred)
+        self._t, self._s = t, s
+
+    def _add(self, span: _Span, rate: float, ratio: float, *, inferred: bool) -> None:
+        """Count a span, layer by layer."""
+        last = len(self._window.manifest.layers) - 1
+        begin_s, begin_t = span.begin_s, span.begin_t
+        while span.end_s > self._stretch.ends_s[-1] and self._stretch.index < last:
+            border_s = self._stretch.ends_s[-1]
+            border_t = span.time_at(border_s, self._window, rate)
+            self._count(_Span(begin_s, border_s, begin_t, border_t), rate, ratio, inferred)
+            weight_g = self._fed.weight_g(border_t)
+            self._accounts.leave(self._stretch.index, weight_g)
+            self._stretch = self._window.stretch(self._stretch.index + 1)
+            self._accounts.begin(self._stretch.index, weight_g)
+            begin_s, begin_t = border_s, border_t
+        self._count(_Span(begin_s, span.end_s, begin_t, span.end_t), rate, ratio, inferred)
+
+    def _count(self, span: _Span, rate: float, ratio: float, inferred: bool) -> None:
+        """Count a span within the layer that runs."""
+        totals = self._stretch.totals
+        before = totals.at(min(span.begin_s, self._beam_off_s))
+        after = totals.at(min(span.end_s, self._beam_off_s))
+        by_plan = (
+            self._window.machine_s(span.end_s, rate) - self._window.machine_s(span.begin_s, rate))
+        lasted_s = span.end_t - span.begin_t
+        pace = lasted_s / by_plan if by_plan > 0.0 else 0.0
+        self._end_t = span.end_t
+        powder_s = max(span.begin_s, self._stretch.planned.beam_from_s)
+        powder_t = span.end_t
+        if powder_s < span.end_s or span.begin_s == span.end_s > powder_s:
+            powder_t = span.time_at(powder_s, self._window, rate)
+        self._accounts.add(self._stretch.index, Figures(
+            after.path_mm - before.path_mm, (after.beam_s - before.beam_s) / rate * pace,
+            (after.energy_J - before.energy_J) * ratio, lasted_s,
+            self._fed.take_g(powder_t, span.end_t),
+        ), inferred=inferred)
+
+
+def _is_at_rest(report: StatusReport) -> bool:
+    """Whether motion has been ended: a dwell of the program, or a wait for lines, is no end."""
+    return report.held or report.state in ("Alarm", "Sleep")

@@ -1,0 +1,62 @@
+"""What a job plans for one layer: path, beam time, energy, time, and powder off the discs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from lmctl.run.journal.figures import Figures
+from lmctl.run.program.stretch import Stretch
+
+
+@dataclass(frozen=True)
+class LayerPlan:
+    """Of a whole layer. lines : first and last, counted through the job"""
+
+    layer: int
+    z_mm: float
+    lines: tuple[int, int]
+    paths: int
+    figures: Figures
+
+
+def layer_plan(
+    whole: Stretch, following: Stretch | None, leads_s: Mapping[str, float]
+) -> LayerPlan:
+    """whole : the layer as the job has it; following : the next one, None after the last
+
+    leads_s : {hopper: how long before the nozzle needs it its disc feeds}, in the job's order
+    """
+    totals = whole.planned.whole
+    start_s, end_s = whole.starts_s[0], whole.ends_s[-1]
+    beam_s = whole.planned.beam_from_s
+    return LayerPlan(
+        whole.index, whole.z_mm, (whole.first_line, whole.last_line), len(whole.paths),
+        Figures(
+            totals.path_mm, totals.beam_s, totals.energy_J, end_s - start_s,
+            {
+                name: mass_g(whole, following, hopper, beam_s + lead_s, end_s + lead_s)
+                for hopper, (name, lead_s) in enumerate(leads_s.items())
+            },
+        ),
+    )
+
+
+def mass_g(
+    layer: Stretch, following: Stretch | None, hopper: int, from_s: float, to_s: float
+) -> float:
+    """Integral of a hopper's flow at the nozzle between two program times.
+
+    hopper : index in the job's order; after the last knot the flow stays as it is
+    """
+    flow_s, flow_g_s = layer.flow_s, layer.flow_g_s[hopper]
+    if following is not None:
+        flow_s = flow_s + following.flow_s
+        flow_g_s = flow_g_s + following.flow_g_s[hopper]
+    inside = [s for s in flow_s if from_s < s < to_s]
+    # Where two layers meet, both flows stand at the same time: each counts on its own side.
+    times = np.array([from_s, *inside, to_s])
+    middle = (times[1:] + times[:-1]) / 2.0
+    return float((np.interp(middle, flow_s, flow_g_s) * np.diff(times)).sum())

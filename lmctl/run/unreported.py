@@ -1,0 +1,165 @@
+"""What a run executed after its last report: inferred once the machine's place is found again.
+
+A killed host, or a lost link, leaves the controller running on the lines it holds. No report shows
+that. The run that goes on with the part knows from where (the machine's place when it was
+recovered), and journals the difference as what it is: inferred.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from firmware_protocol.dialect import GRBL, GRBLHAL
+from lmctl.config.machine import MachineProfile
+from lmctl.errors import JournalError, MissingFileError
+from lmctl.job.reader import JobReader
+from lmctl.run.journal.figures import Figures
+from lmctl.run.journal.file import read
+from lmctl.run.journal.notes import notes_of
+from lmctl.run.journal.recorder import place_fields
+from lmctl.run.journal.rundir import RunDir
+from lmctl.run.layer_accounts import NO_BEAD_MM
+from lmctl.run.program.reentry import START, Place, layer_of
+from lmctl.run.program.stretch import Stretch, stretch_of
+
+
+@dataclass(frozen=True)
+class Unreported:
+    """Motion in one layer that no report showed, by the plan of its lines.
+
+    complete : no bead of the layer is left after it
+    """
+
+    layer: int
+    begin: Place
+    end: Place
+    figures: Figures
+    complete: bool
+
+    def as_json(self) -> dict[str, Any]:
+        """As a journal record carries it."""
+        return {"layer": self.layer, "begin": place_fields(self.begin),
+                "end": place_fields(self.end), "figures": self.figures.as_json(),
+                "complete": self.complete}
+
+
+@dataclass(frozen=True)
+class _LastReport:
+    """place : known last; dialect : of the controller; rate : feed override
+
+    flow_g_min : {hopper: last set-point}; discs keep it until the feeder's watchdog stops them
+    """
+
+    place: Place = START
+    beam_off: bool = False
+    dialect: str = ""
+    rate: float = 1.0
+    flow_g_min: Mapping[str, float] = field(default_factory=dict)
+
+
+def unreported(
+    job: JobReader, profile: MachineProfile, earlier: Path, found: Place
+) -> list[Unreported]:
+    """What an earlier run of the same job executed between its last report and `found`.
+
+    earlier : its journal. Where that cannot be read, nothing is inferred.
+    """
+    try:
+        last = _last_report(earlier)
+    except (JournalError, MissingFileError):
+        return []
+    if found <= last.place:
+        return []
+    layers = range(layer_of(job.manifest, last.place.line), layer_of(job.manifest, found.line) + 1)
+    spans = (_in_layer(job, profile, index, last, found) for index in layers)
+    return [span for span in spans if span.figures.duration_s > 0.0]
+
+
+def keep_unreported(
+    job: JobReader, profile: MachineProfile, made: RunDir, found: Place
+) -> None:
+    """Write down what a run executed without a report where no later run will: nothing is left.
+
+    It goes beside the journal, which may be sealed. Raises JournalError.
+    """
+    beside = notes_of(made)
+    for span in unreported(job, profile, made.journal, found):
+        beside.append("unreported", **span.as_json())
+
+
+def _last_report(journal: Path) -> _LastReport:
+    """How far a run was known to be, by its own reports or by the run before it."""
+    last = _LastReport()
+    for record in read(journal):
+        known = []
+        match record["kind"]:
+            case "header" if "begins_at" in record:
+                known = [record["begins_at"]]
+            case "place" | "entry":
+                known = [record]
+            case "layer":
+                known = [record["reached"]]
+            case "samples":
+                known = [account["reached"] for account in record["layers"]]
+            case "machine":
+                last = replace(last, beam_off=record["beam_off"], dialect=record["dialect"])
+            case "override" if record["source"] == "controller":
+                last = replace(last, rate=record["feed_percent"] / 100.0)
+            case "setpoint":
+                last = replace(last, flow_g_min=record["flow_g_min"])
+        places = [Place(one["line"], one["share"]) for one in known]
+        last = replace(last, place=max([last.place, *places]))
+    return last
+
+
+def _in_layer(
+    job: JobReader, profile: MachineProfile, index: int, last: _LastReport, found: Place
+) -> Unreported:
+    layer = _layer(job, index)
+    begin = max(last.place, Place(layer.first_line))
+    end = min(found, Place(layer.last_line + 1))
+    begin_s, end_s = _time_of(layer, begin), _time_of(layer, end)
+    beam_end_s = max(begin_s, end_s - _dark_s(profile, last)) if end == found else end_s
+    before, after = layer.totals.at(begin_s), layer.totals.at(beam_end_s)
+    burns = 0.0 if last.beam_off else 1.0
+    fed_s = max(0.0, end_s - max(begin_s, layer.planned.beam_from_s)) / last.rate
+    grams = {name: flow / 60.0 * fed_s for name, flow in last.flow_g_min.items()}
+    return Unreported(index, begin, end, Figures(
+        burns * (after.path_mm - before.path_mm),
+        burns * (after.beam_s - before.beam_s) / last.rate,
+        burns * (after.energy_J - before.energy_J), (end_s - begin_s) / last.rate, grams,
+    ), complete=layer.totals.whole.path_mm - layer.totals.at(end_s).path_mm < NO_BEAD_MM)
+
+
+def _dark_s(profile: MachineProfile, last: _LastReport) -> float:
+    """Program time between beam off and rest, where the watchdog relay ended both.
+
+    The relay drops the laser-enable output at once; the controller first executes what it has
+    prepared and then brakes.
+    """
+    safety, motion = profile.safety, profile.motion
+    if safety is None or not safety.laser_enable or safety.relay_timeout_s is None:
+        return 0.0
+    if safety.relay_timeout_s >= motion.send_horizon_s:
+        return 0.0  # it ran dry first
+    dialect = GRBL if last.dialect == GRBL.name else GRBLHAL
+    return dialect.segment_buffer_s * last.rate
+
+
+def _layer(job: JobReader, index: int) -> Stretch:
+    behind = job.layer(index - 1).lines[-1] if index else job.layer(index).lines[0]
+    behind_mm = np.array([behind["x_mm"], behind["y_mm"], behind["z_mm"]], dtype=np.float64)
+    return stretch_of(job.layer(index), behind_mm, 0.0, beam_off=False)
+
+
+def _time_of(layer: Stretch, place: Place) -> float:
+    """Program time of a place in a layer."""
+    row = place.line - layer.first_line
+    if row >= len(layer.ends_s):
+        return layer.ends_s[-1]
+    return layer.starts_s[row] + place.share * (layer.ends_s[row] - layer.starts_s[row])
