@@ -55,6 +55,7 @@ def _head(part: PartRecord) -> str:
     title = f"JOB LOG  {header.get('part', '')}"
     state = part.state.upper()
     rows = [
+        *_cause(part.runs[-1]),
         ("job sha256", str(header.get("job", ""))),
         ("part sha256", str(header.get("part_sha256", ""))),
         ("profile", str(header.get("profile", ""))),
@@ -70,6 +71,15 @@ def _head(part: PartRecord) -> str:
         title + state.rjust(WIDTH - len(title)), "─" * WIDTH,
         *(wrapped(key.ljust(_KEY), text) for key, text in rows if text),
     ])
+
+
+def _cause(run: RunRecord) -> list[tuple[str, str]]:
+    """What ended a run that was not done, and what followed from it."""
+    cause = run.end.get("cause")
+    if not cause:
+        return []
+    return [("cause", str(cause.get("what", ""))),
+            *(("then", str(text)) for text in run.end.get("followed", []))]
 
 
 def _machine(run: RunRecord) -> str:
@@ -101,11 +111,8 @@ def _runs(part: PartRecord) -> str:
         ))
     heads = ("<run", "<state", "<begun (UTC)", "ended", "machine time", " operator")
     lines = ["runs", *table(heads, rows, "  ")]
-    for run in part.runs:
-        if cause := run.end.get("cause"):
-            lines.append(wrapped(f"  {run.run}  cause: ", str(cause.get("what", ""))))
-            lines += [wrapped(f"  {'':<{len(run.run)}}  then: ", str(text))
-                      for text in run.end.get("followed", [])]
+    for run in part.runs[:-1]:
+        lines += [wrapped(f"  {run.run}  {key}: ", text) for key, text in _cause(run)]
     return "\n".join(lines)
 
 
