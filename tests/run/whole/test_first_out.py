@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from lmctl.report.part_record import part_of
 from lmctl.report.job_log_text import as_text
+from lmctl.report.part_record import part_of
 from lmctl.run.journal.file import read
 from simulators.faults.board import FaultBoard
 from simulators.faults.kinds import Fault
