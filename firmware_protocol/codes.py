@@ -14,10 +14,10 @@ from firmware_protocol.dialect import GRBLHAL, Dialect
 
 
 @dataclass(frozen=True)
-class Meaning:
+class CodeMeaning:
     """What a code says, and what to do (it is never empty)."""
 
-    words: str
+    description: str
     remedy: str
 
 
@@ -31,8 +31,8 @@ _FILE = "the controller's own files are not used here: look at its storage"
 _LISTED = "send $EE to the controller: it lists the texts of its own errors"
 
 
-def _table(*rows: tuple[int, str, str]) -> dict[int, Meaning]:
-    return {code: Meaning(words, remedy) for code, words, remedy in rows}
+def _table(*rows: tuple[int, str, str]) -> dict[int, CodeMeaning]:
+    return {code: CodeMeaning(words, remedy) for code, words, remedy in rows}
 
 
 LOCKED_BY_ALARM = 9
@@ -171,21 +171,21 @@ _ERRORS_OF_GRBLHAL = {**_ERRORS, **_GRBLHAL_ERRORS}
 _ALARMS_OF_GRBLHAL = {**_ALARMS, **_GRBLHAL_ALARMS}
 
 
-def error_meaning(code: int, dialect: Dialect) -> Meaning:
+def error_meaning(code: int, dialect: Dialect) -> CodeMeaning:
     """The meaning of `error:code`; of an unlisted code, that it is not listed."""
     table = _ERRORS_OF_GRBLHAL if dialect is GRBLHAL else _ERRORS
-    return table.get(code) or Meaning(
+    return table.get(code) or CodeMeaning(
         f"error {code}, which is not listed for {dialect.name}", "look in the firmware's manual"
     )
 
 
-def alarm_meaning(code: int, dialect: Dialect) -> Meaning:
+def alarm_meaning(code: int, dialect: Dialect) -> CodeMeaning:
     """The meaning of `ALARM:code`; of an unlisted code, that it is not listed.
 
     code : 0 where it is not known
     """
     table = _ALARMS_OF_GRBLHAL if dialect is GRBLHAL else _ALARMS
-    return table.get(code) or Meaning(
+    return table.get(code) or CodeMeaning(
         f"alarm {code}, which is not listed for {dialect.name}", _UNLOCK
     )
 

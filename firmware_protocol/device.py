@@ -11,11 +11,11 @@ from __future__ import annotations
 from collections import deque
 
 from firmware_protocol.dialect import Dialect
-from firmware_protocol.gcode import significant
-from firmware_protocol.messages import Banner, Message
-from firmware_protocol.realtime import Realtime
+from firmware_protocol.gcode import strip_comments_and_spaces
+from firmware_protocol.messages import Message, WelcomeBanner
+from firmware_protocol.realtime import RealtimeCommand
 
-_MOST_RAW_BYTES = 4096  # kept of one line, comments included; a longer one is called too long
+_MAX_RAW_BYTES = 4096  # kept of one line, comments included; a longer one is called too long
 _ALL = frozenset(range(256))
 
 
@@ -31,8 +31,8 @@ class GrblDevice:
         self.rx_bytes = dialect.rx_bytes if rx_bytes is None else rx_bytes
         self.overruns = 0
         self._usable = self.rx_bytes - 1
-        picked = frozenset(map(int, dialect.realtime))
-        self._not_text = bytes(sorted(picked | dialect.dropped))
+        picked = frozenset(map(int, dialect.realtime_bytes))
+        self._not_text = bytes(sorted(picked | dialect.ignored_bytes))
         self._not_realtime = bytes(sorted(_ALL - picked))
         self._lines: deque[bytes] = deque()
         self._partial = b""  # the start of a line whose end has not come
@@ -41,12 +41,12 @@ class GrblDevice:
         self._reading = True  # the main loop is waiting for bytes
 
     @property
-    def rx_free(self) -> int:
+    def free_rx_bytes(self) -> int:
         """Free bytes of the buffer as `Bf:` shows them."""
-        return max(0, self.rx_bytes - self.dialect.rx_shown_margin - self._used)
+        return max(0, self.rx_bytes - self.dialect.rx_report_margin - self._used)
 
     @property
-    def lines_waiting(self) -> int:
+    def buffered_lines(self) -> int:
         """Whole lines in the buffer."""
         return len(self._lines)
 
@@ -60,15 +60,15 @@ class GrblDevice:
             self._buffer(text)
             return b""
         realtime = data.translate(None, self._not_realtime)
-        reset_at = data.rfind(Realtime.RESET)
+        reset_at = data.rfind(RealtimeCommand.RESET)
         if reset_at >= 0:
-            self.discard_rx()
+            self.clear_rx_buffer()
             text = data[reset_at + 1 :].translate(None, self._not_text)
         if text:
             self._buffer(text)
         return realtime
 
-    def take_line(self) -> bytes | None:
+    def pop_line(self) -> bytes | None:
         """The oldest whole line without its end, whose bytes leave the buffer now; else None.
 
         Asking in vain tells the device that the controller is idle and reads as bytes come.
@@ -87,12 +87,12 @@ class GrblDevice:
 
     def is_too_long(self, line: bytes) -> bool:
         """Whether the firmware answers it with error:11; it stores no spaces and comments."""
-        chars = self.dialect.line_chars
+        chars = self.dialect.max_line_chars
         if len(line) <= chars:
             return False
-        return len(line) > _MOST_RAW_BYTES or len(significant(line)) > chars
+        return len(line) > _MAX_RAW_BYTES or len(strip_comments_and_spaces(line)) > chars
 
-    def discard_rx(self) -> None:
+    def clear_rx_buffer(self) -> None:
         """Forget everything received and not yet taken, as a reset or a jog cancel does."""
         self._lines.clear()
         self._partial = b""
@@ -100,10 +100,10 @@ class GrblDevice:
         self._head_read = 0
         self._reading = True
 
-    def send(self, message: Message) -> bytes:
+    def encode_message(self, message: Message) -> bytes:
         """The bytes of a message; a banner is preceded by an empty line, as both firmwares do."""
         text = message.format()
-        return (f"\r\n{text}\r\n" if isinstance(message, Banner) else f"{text}\r\n").encode(
+        return (f"\r\n{text}\r\n" if isinstance(message, WelcomeBanner) else f"{text}\r\n").encode(
             "latin-1"
         )
 
@@ -123,5 +123,5 @@ class GrblDevice:
         self._used += len(text) - read
         *lines, self._partial = (self._partial + text).split(b"\n")
         self._lines.extend(lines)
-        if len(self._partial) > _MOST_RAW_BYTES:
-            self._partial = self._partial[: _MOST_RAW_BYTES + 1]
+        if len(self._partial) > _MAX_RAW_BYTES:
+            self._partial = self._partial[: _MAX_RAW_BYTES + 1]

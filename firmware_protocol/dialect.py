@@ -9,13 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
-from firmware_protocol.realtime import GRBL_REALTIME, GRBLHAL_REALTIME, Realtime
+from firmware_protocol.realtime import GRBL_REALTIME, GRBLHAL_REALTIME, RealtimeCommand
 
 
 class ErrorPolicy(Enum):
     """What the firmware does with the lines behind one that it rejected."""
 
-    RUN_ON = "reports the error and executes the lines that follow"
+    CONTINUE = "reports the error and executes the lines that follow"
     LATCH = "rejects every following G-code line with the same number until it is cleared"
 
 
@@ -35,13 +35,13 @@ class Dialect:
     banner: str
     version: str
     options: str
-    line_chars: int
+    max_line_chars: int
     rx_bytes: int
-    rx_shown_margin: int
+    rx_report_margin: int
     planner_blocks: int
     segment_buffer_s: float
-    realtime: frozenset[Realtime]
-    dropped: frozenset[int]
+    realtime_bytes: frozenset[RealtimeCommand]
+    ignored_bytes: frozenset[int]
     error_policy: ErrorPolicy
 
 
@@ -52,14 +52,14 @@ GRBL = Dialect(
     banner="Grbl 1.1h ['$' for help]",
     version="1.1h.20190830",
     options="V",
-    line_chars=79,
+    max_line_chars=79,
     rx_bytes=128,
-    rx_shown_margin=0,
+    rx_report_margin=0,
     planner_blocks=15,
     segment_buffer_s=0.05,
-    realtime=GRBL_REALTIME,
-    dropped=frozenset(range(0x80, 0x100)) - GRBL_REALTIME,
-    error_policy=ErrorPolicy.RUN_ON,
+    realtime_bytes=GRBL_REALTIME,
+    ignored_bytes=frozenset(range(0x80, 0x100)) - GRBL_REALTIME,
+    error_policy=ErrorPolicy.CONTINUE,
 )
 
 GRBLHAL = Dialect(
@@ -67,13 +67,13 @@ GRBLHAL = Dialect(
     banner="GrblHAL 1.1f ['$' or '$HELP' for help]",
     version="1.1f.20260817",
     options="VNML+",
-    line_chars=256,
+    max_line_chars=256,
     rx_bytes=1024,
-    rx_shown_margin=1,
+    rx_report_margin=1,
     planner_blocks=100,
     segment_buffer_s=0.09,
-    realtime=GRBLHAL_REALTIME,
-    dropped=(frozenset(range(0x80, 0xC0)) | _CONTROL) - GRBLHAL_REALTIME,
+    realtime_bytes=GRBLHAL_REALTIME,
+    ignored_bytes=(frozenset(range(0x80, 0xC0)) | _CONTROL) - GRBLHAL_REALTIME,
     error_policy=ErrorPolicy.LATCH,
 )
 

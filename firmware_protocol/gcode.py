@@ -28,7 +28,7 @@ class GcodeError(Exception):
         self.code = code
 
 
-def significant(line: bytes) -> bytes:
+def strip_comments_and_spaces(line: bytes) -> bytes:
     """What the firmware stores of a line: upper case, without spaces, comments and '/'.
 
     A comment runs from '(' to ')' or to the end of the line, or from ';' to the end.
@@ -41,7 +41,7 @@ def significant(line: bytes) -> bytes:
     return line.translate(_UPPER, _SPACES)
 
 
-def tokenise(line: bytes) -> list[tuple[str, float]]:
+def tokenise_block(line: bytes) -> list[tuple[str, float]]:
     """The words of a block in order, as (letter, value); an empty block gives no words.
 
     line : raw or already `significant` text, without its line end
@@ -58,7 +58,7 @@ def tokenise(line: bytes) -> list[tuple[str, float]]:
                 return [(word[0], float(word[1:])) for word in words]
         except ValueError:
             pass  # words without spaces between, or a mistake
-    block = significant(line).decode("latin-1")
+    block = strip_comments_and_spaces(line).decode("latin-1")
     junk, *parts = _LETTER.split(block)
     try:
         block_words = list(zip(parts[::2], map(float, parts[1::2]), strict=True))

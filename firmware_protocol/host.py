@@ -13,24 +13,25 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from firmware_protocol.messages import (
-    Alarm,
-    Banner,
+    AlarmMessage,
     ErrorReply,
-    Feedback,
-    Ok,
-    Setting,
-    StartupLine,
-    Status,
-    StoredLine,
-    Unknown,
+    FeedbackMessage,
+    OkReply,
+    SettingMessage,
+    StartupBlockReply,
+    StartupBlockSetting,
+    StatusMessage,
+    UnknownMessage,
+    WelcomeBanner,
     parse_message,
 )
-from firmware_protocol.realtime import Realtime
+from firmware_protocol.realtime import RealtimeCommand
 
-MOST_LINE_BYTES = 1024
+MAX_LINE_BYTES = 1024
 """Longest received line taken as one; the rest of a longer one is Unknown."""
 
-_FORBIDDEN = bytes((*range(0x20), *range(0x7E, 0x100), Realtime.HOLD, Realtime.STATUS))
+_FORBIDDEN = bytes((*range(0x20), *range(0x7E, 0x100), RealtimeCommand.HOLD,
+                    RealtimeCommand.STATUS))
 _FORBIDDEN_IN_TEXT = _FORBIDDEN.replace(b"\n", b"")
 
 
@@ -38,7 +39,7 @@ class LocalProtocolError(Exception):
     """We were about to send what must not be sent: a bug on this side."""
 
 
-class Rejected(NamedTuple):
+class LineRejected(NamedTuple):
     """The line sent with `tag` was answered `error:code`."""
 
     tag: int
@@ -54,17 +55,17 @@ class RemoteProtocolError:
 
 
 @dataclass(frozen=True, slots=True)
-class Restarted:
+class ControllerRestarted:
     """The controller sent its banner: the lines with these tags will never be answered."""
 
     banner: str
-    lost: tuple[int, ...]
+    unanswered_tags: tuple[int, ...]
 
 
 # An int is the tag of a line that was answered `ok`: by far most events, and no more to be said.
-Event = (
-    int | Rejected | RemoteProtocolError | Restarted | Alarm | Status | Feedback | Setting
-    | StoredLine | StartupLine | Unknown
+HostEvent = (
+    int | LineRejected | RemoteProtocolError | ControllerRestarted | AlarmMessage | StatusMessage | FeedbackMessage | SettingMessage
+    | StartupBlockSetting | StartupBlockReply | UnknownMessage
 )
 
 
@@ -84,12 +85,12 @@ class GrblHost:
         self._skipping = False  # inside a line too long to be one
 
     @property
-    def free(self) -> int:
+    def free_rx_bytes(self) -> int:
         """Bytes that may be sent now, line end included."""
         return self._free
 
     @property
-    def unanswered(self) -> int:
+    def unanswered_lines(self) -> int:
         """Lines sent and not answered."""
         return len(self._unanswered)
 
@@ -146,7 +147,7 @@ class GrblHost:
         self._free -= len(line) + 1
         return line + b"\n"
 
-    def send_waiting(self, waiting: deque[bytes], tag: int) -> list[bytes]:
+    def send_queued(self, waiting: deque[bytes], tag: int) -> list[bytes]:
         """Take off the lines there is room for, counted as sent without their ends.
 
         waiting : lines that have passed `check_lines`, oldest first
@@ -164,19 +165,19 @@ class GrblHost:
         self._free = free
         return sent
 
-    def forget(self) -> tuple[int, ...]:
+    def abandon_unanswered(self) -> tuple[int, ...]:
         """Give up every unanswered line; returns their tags, oldest first."""
         lost = tuple(tag for tag, _ in self._unanswered)
         self._unanswered.clear()
         self._free = self.rx_usable
         return lost
 
-    def receive_data(self, data: bytes) -> list[Event]:
+    def receive_data(self, data: bytes) -> list[HostEvent]:
         """Take bytes off the wire; return what they complete, in order. Never raises.
 
         Lines end LF or CRLF; empty ones (a banner follows one) are no event.
         """
-        events: list[Event] = []
+        events: list[HostEvent] = []
         *lines, self._partial = (self._partial + data).split(b"\n")
         for line in lines:
             if line == b"ok\r" and self._unanswered and not self._skipping:
@@ -185,36 +186,36 @@ class GrblHost:
                 events.append(tag)
             else:
                 self._take(line, events)
-        if len(self._partial) > MOST_LINE_BYTES:
+        if len(self._partial) > MAX_LINE_BYTES:
             if not self._skipping:
-                events.append(Unknown(self._partial[:MOST_LINE_BYTES].decode("latin-1")))
+                events.append(UnknownMessage(self._partial[:MAX_LINE_BYTES].decode("latin-1")))
             self._partial = b""
             self._skipping = True
         return events
 
-    def _take(self, line: bytes, events: list[Event]) -> None:
+    def _take(self, line: bytes, events: list[HostEvent]) -> None:
         if self._skipping:  # the end of a line that was already reported
             self._skipping = False
             return
         text = line[:-1] if line.endswith(b"\r") else line
         if not text:
             return
-        if len(text) > MOST_LINE_BYTES:
-            events.append(Unknown(text[:MOST_LINE_BYTES].decode("latin-1")))
+        if len(text) > MAX_LINE_BYTES:
+            events.append(UnknownMessage(text[:MAX_LINE_BYTES].decode("latin-1")))
             return
         message = parse_message(text.decode("latin-1"))
-        if isinstance(message, Status):
+        if isinstance(message, StatusMessage):
             events.append(message)
-        elif isinstance(message, (Ok, ErrorReply)):
+        elif isinstance(message, (OkReply, ErrorReply)):
             events.append(self._answer(message))
-        elif isinstance(message, Banner):
-            events.append(Restarted(message.text, self.forget()))
+        elif isinstance(message, WelcomeBanner):
+            events.append(ControllerRestarted(message.text, self.abandon_unanswered()))
         else:
             events.append(message)
 
-    def _answer(self, message: Ok | ErrorReply) -> int | Rejected | RemoteProtocolError:
+    def _answer(self, message: OkReply | ErrorReply) -> int | LineRejected | RemoteProtocolError:
         if not self._unanswered:
             return RemoteProtocolError(message.format(), "it answers no line that was sent")
         tag, size = self._unanswered.popleft()
         self._free += size
-        return Rejected(tag, message.code) if isinstance(message, ErrorReply) else tag
+        return LineRejected(tag, message.code) if isinstance(message, ErrorReply) else tag

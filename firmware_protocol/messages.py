@@ -4,7 +4,7 @@
          | "$" N "=" value | "$N" N "=" block | ">" block ":" answer | banner
 
 Only `ok` and `error:N` answer a line that was sent; everything else may stand anywhere between
-them. A line that fits nothing is `Unknown`: never an exception, never an answer.
+them. A line that fits nothing is `UnknownMessage`: never an exception, never an answer.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from firmware_protocol.status import StatusReport, parse_status
 
 
 @dataclass(frozen=True, slots=True)
-class Ok:
+class OkReply:
     """The oldest unanswered line was parsed and planned. It has not been executed."""
 
     def format(self) -> str:
@@ -34,7 +34,7 @@ class ErrorReply:
 
 
 @dataclass(frozen=True, slots=True)
-class Alarm:
+class AlarmMessage:
     """The controller stopped and is locked."""
 
     code: int
@@ -44,7 +44,7 @@ class Alarm:
 
 
 @dataclass(frozen=True, slots=True)
-class Status:
+class StatusMessage:
     """An answer to `?`."""
 
     report: StatusReport
@@ -54,7 +54,7 @@ class Status:
 
 
 @dataclass(frozen=True, slots=True)
-class Banner:
+class WelcomeBanner:
     """The controller has started or was reset: lines not yet answered never will be."""
 
     text: str
@@ -64,7 +64,7 @@ class Banner:
 
 
 @dataclass(frozen=True, slots=True)
-class Feedback:
+class FeedbackMessage:
     """`[kind:text]`: messages, parser state, offsets, identity."""
 
     kind: str
@@ -75,7 +75,7 @@ class Feedback:
 
 
 @dataclass(frozen=True, slots=True)
-class Setting:
+class SettingMessage:
     """`$number=value`."""
 
     number: int
@@ -86,7 +86,7 @@ class Setting:
 
 
 @dataclass(frozen=True, slots=True)
-class StoredLine:
+class StartupBlockSetting:
     """`$Nn=block`: a line the controller runs at every start."""
 
     number: int
@@ -97,18 +97,18 @@ class StoredLine:
 
 
 @dataclass(frozen=True, slots=True)
-class StartupLine:
+class StartupBlockReply:
     """`>block:answer`: a stored line was run; its answer is no answer to the host."""
 
     block: str
-    answer: str
+    reply: str
 
     def format(self) -> str:
-        return f">{self.block}:{self.answer}"
+        return f">{self.block}:{self.reply}"
 
 
 @dataclass(frozen=True, slots=True)
-class Unknown:
+class UnknownMessage:
     """A line that is none of these: damaged, or of a firmware we do not know."""
 
     text: str
@@ -118,8 +118,8 @@ class Unknown:
 
 
 Message = (
-    Ok | ErrorReply | Alarm | Status | Banner | Feedback | Setting | StoredLine | StartupLine
-    | Unknown
+    OkReply | ErrorReply | AlarmMessage | StatusMessage | WelcomeBanner | FeedbackMessage | SettingMessage | StartupBlockSetting | StartupBlockReply
+    | UnknownMessage
 )
 
 _CODE = re.compile(r"(error|ALARM):([0-9]{1,3})")
@@ -137,25 +137,25 @@ def parse_message(text: str) -> Message:
     ErrorReply(code=20)
     """
     if text == "ok":
-        return Ok()
+        return OkReply()
     first = text[:1]
     if first == "<":
         report = parse_status(text)
-        return Unknown(text) if report is None else Status(report)
+        return UnknownMessage(text) if report is None else StatusMessage(report)
     if first == "[":
         found = _FEEDBACK.fullmatch(text)
-        return Feedback(found[1], found[2]) if found else Unknown(text)
+        return FeedbackMessage(found[1], found[2]) if found else UnknownMessage(text)
     if first in ("e", "A"):
         found = _CODE.fullmatch(text)
         if found:
-            return ErrorReply(int(found[2])) if first == "e" else Alarm(int(found[2]))
+            return ErrorReply(int(found[2])) if first == "e" else AlarmMessage(int(found[2]))
     if first == "$":
         if found := _SETTING.fullmatch(text):
-            return Setting(int(found[1]), found[2])
+            return SettingMessage(int(found[1]), found[2])
         if found := _STORED.fullmatch(text):
-            return StoredLine(int(found[1]), found[2])
+            return StartupBlockSetting(int(found[1]), found[2])
     if first == ">" and (found := _STARTUP.fullmatch(text)):
-        return StartupLine(found[1], found[2])
+        return StartupBlockReply(found[1], found[2])
     if first == "G" and _BANNER.fullmatch(text):
-        return Banner(text)
-    return Unknown(text)
+        return WelcomeBanner(text)
+    return UnknownMessage(text)

@@ -10,14 +10,14 @@ from __future__ import annotations
 from enum import IntEnum, IntFlag
 from functools import cache
 
-from firmware_protocol.registers import Kind, Register, RegisterMap, Type
+from firmware_protocol.registers import Register, RegisterMap, RegisterSpace, RegisterType
 
 DEVICE_ID = 0x504D
 MAP_MAJOR = 1
 #: First map (minor version) with the mirror.
-MAP_MINOR_MIRROR = 1
-MIRROR = 500
-MOST_HOPPERS = 4
+FIRST_MINOR_WITH_MIRROR = 1
+MIRROR_ADDRESS = 500
+MAX_HOPPERS = 4
 #: Input registers of one hopper.
 HOPPER_WORDS = 20
 #: The deliberate word that resets a latched watchdog trip.
@@ -25,7 +25,7 @@ WATCHDOG_RESET_KEY = 0xBECF
 ALARM_RESET_KEY = 1
 
 
-class Status(IntFlag):
+class FeederStatusBits(IntFlag):
     """STATUS, input register 6."""
 
     READY = 1 << 0
@@ -46,7 +46,7 @@ class Status(IntFlag):
     TOGGLE = 1 << 15
 
 
-class HopperFlags(IntFlag):
+class HopperStatusBits(IntFlag):
     """STATUS_H, input register 100·h."""
 
     PRESENT = 1 << 0
@@ -67,7 +67,7 @@ class HopperFlags(IntFlag):
     FAULT = 1 << 15
 
 
-class Command(IntFlag):
+class FeederCommandBits(IntFlag):
     """COMMAND, holding register 0: each bit acts by its level."""
 
     ENABLE_REMOTE = 1 << 0
@@ -79,7 +79,7 @@ class Command(IntFlag):
     REFILL_HOLD = 1 << 6
 
 
-class State(IntEnum):
+class FeederStateCode(IntEnum):
     """STATE, input register 16."""
 
     BOOT = 0
@@ -93,7 +93,7 @@ class State(IntEnum):
     ESTOP = 8
 
 
-class Mode(IntEnum):
+class FeederMode(IntEnum):
     LOCAL = 0
     REMOTE = 1
     SERVICE = 2
@@ -112,7 +112,7 @@ class SetpointMode(IntEnum):
     G_MIN = 1
 
 
-class Refusal(IntEnum):
+class WriteRefusalCode(IntEnum):
     """LAST_REFUSAL: why the last write was answered by exception 04."""
 
     NONE = 0
@@ -124,29 +124,32 @@ class Refusal(IntEnum):
     WATCHDOG_NEEDED = 6
 
 
-_I, _H = Kind.INPUT, Kind.HOLDING
+_I, _H = RegisterSpace.INPUT, RegisterSpace.HOLDING
 
 _SYSTEM = (
     Register("DEVICE_ID", _I, 0, doc="0x504D; anything else is no PMX feeder"),
     Register("MAP_VERSION", _I, 1, doc="high byte major, low byte minor"),
     Register("FW_VERSION", _I, 2, doc="high byte major, low byte minor"),
     Register("N_HOPPERS", _I, 3),
-    Register("SERIAL", _I, 4, Type.U32),
-    Register("STATUS", _I, 6, Type.BITS, doc="see Status"),
-    Register("ALARM", _I, 7, Type.BITS, doc="latched; bits 0..5: alarms 101..106, 8..11: hoppers"),
-    Register("WARNING", _I, 8, Type.BITS, doc="bits 0..4: x51..x55 of any hopper, not latched"),
+    Register("SERIAL", _I, 4, RegisterType.U32),
+    Register("STATUS", _I, 6, RegisterType.BITS, doc="see Status"),
+    Register("ALARM", _I, 7, RegisterType.BITS,
+             doc="latched; bits 0..5: alarms 101..106, 8..11: hoppers"),
+    Register("WARNING", _I, 8, RegisterType.BITS,
+             doc="bits 0..4: x51..x55 of any hopper, not latched"),
     Register("FIRST_ALARM_CODE", _I, 9, doc="first-out; 0 for none"),
     Register("ALARM_COUNT", _I, 10, doc="modulo 65536: shows missed alarms"),
     Register("HEARTBEAT_ECHO", _I, 11, doc="the last heartbeat written"),
     Register("HEARTBEAT_AGE", _I, 12, unit="ms", doc="stays at 65535 when older"),
-    Register("UPTIME", _I, 13, Type.U32, unit="s", doc="goes back when the device restarts"),
+    Register("UPTIME", _I, 13, RegisterType.U32, unit="s",
+             doc="goes back when the device restarts"),
     Register("MODE", _I, 15, doc="see Mode"),
     Register("STATE", _I, 16, doc="see State"),
-    Register("TOTAL_FLOW", _I, 17, per_unit=100, unit="g/min", may_be_missing=True),
-    Register("MIXER_PRESSURE", _I, 18, Type.I16, unit="mbar", may_be_missing=True,
+    Register("TOTAL_FLOW", _I, 17, counts_per_unit=100, unit="g/min", may_be_unavailable=True),
+    Register("MIXER_PRESSURE", _I, 18, RegisterType.I16, unit="mbar", may_be_unavailable=True,
              doc="over ambient; rises when the nozzle clogs"),
-    Register("TOTAL_GAS", _I, 19, per_unit=100, unit="L/min", may_be_missing=True),
-    Register("SUPPLY_PRESSURE", _I, 20, per_unit=100, unit="bar", may_be_missing=True),
+    Register("TOTAL_GAS", _I, 19, counts_per_unit=100, unit="L/min", may_be_unavailable=True),
+    Register("SUPPLY_PRESSURE", _I, 20, counts_per_unit=100, unit="bar", may_be_unavailable=True),
     Register("SEQ_APPLIED", _I, 21, doc="the SEQ of the recipe that is really running"),
     Register("LAST_REFUSAL", _I, 22, doc="see Refusal"),
     Register("TICK", _I, 23, unit="ms", doc="modulo 65536: time stamp of this sample"),
@@ -154,45 +157,47 @@ _SYSTEM = (
 
 #: Rows of one hopper: (offset from 100·h, name, type, counts per unit, unit)
 _HOPPER = (
-    (0, "STATUS", Type.BITS, 1, ""),
-    (1, "ALARM", Type.BITS, 1, ""),  # bits 0..9: alarms x01..x10 of this hopper
-    (2, "DISC_ACT", Type.U16, 100, "rpm"),
-    (3, "DISC_RAMPED", Type.U16, 100, "rpm"),
-    (4, "FLOW_EST", Type.U16, 100, "g/min"),
-    (5, "FLOW_LIW", Type.U16, 100, "g/min"),
-    (6, "WEIGHT", Type.I32, 10, "g"),
-    (8, "LEVEL", Type.U16, 10, "%"),
-    (9, "STIRRER_ACT", Type.U16, 10, "rpm"),
-    (10, "CARRIER_ACT", Type.U16, 100, "L/min"),
-    (11, "PRESSURE", Type.I16, 1, "mbar"),
-    (12, "MOTOR_CURRENT", Type.U16, 100, "A"),
-    (13, "TORQUE", Type.U16, 10, "%"),
-    (14, "TEMP", Type.I16, 10, "°C"),
-    (15, "TOTALISER", Type.U32, 10, "g"),
-    (17, "FEED_FACTOR_ACT", Type.U16, 1000, "g/rev"),
-    (18, "FLOW_RSD_60S", Type.U16, 100, "%"),
-    (19, "RUN_HOURS", Type.U16, 1, "h"),
+    (0, "STATUS", RegisterType.BITS, 1, ""),
+    (1, "ALARM", RegisterType.BITS, 1, ""),  # bits 0..9: alarms x01..x10 of this hopper
+    (2, "DISC_ACT", RegisterType.U16, 100, "rpm"),
+    (3, "DISC_RAMPED", RegisterType.U16, 100, "rpm"),
+    (4, "FLOW_EST", RegisterType.U16, 100, "g/min"),
+    (5, "FLOW_LIW", RegisterType.U16, 100, "g/min"),
+    (6, "WEIGHT", RegisterType.I32, 10, "g"),
+    (8, "LEVEL", RegisterType.U16, 10, "%"),
+    (9, "STIRRER_ACT", RegisterType.U16, 10, "rpm"),
+    (10, "CARRIER_ACT", RegisterType.U16, 100, "L/min"),
+    (11, "PRESSURE", RegisterType.I16, 1, "mbar"),
+    (12, "MOTOR_CURRENT", RegisterType.U16, 100, "A"),
+    (13, "TORQUE", RegisterType.U16, 10, "%"),
+    (14, "TEMP", RegisterType.I16, 10, "°C"),
+    (15, "TOTALISER", RegisterType.U32, 10, "g"),
+    (17, "FEED_FACTOR_ACT", RegisterType.U16, 1000, "g/rev"),
+    (18, "FLOW_RSD_60S", RegisterType.U16, 100, "%"),
+    (19, "RUN_HOURS", RegisterType.U16, 1, "h"),
 )
 
 _CONTROL = (
-    Register("COMMAND", _H, 0, Type.BITS, writable=True, doc="see Command"),
+    Register("COMMAND", _H, 0, RegisterType.BITS, writable=True, doc="see Command"),
     Register("HEARTBEAT", _H, 1, writable=True, doc="host changes it at least every timeout/4"),
-    Register("WD_TIMEOUT", _H, 2, unit="ms", writable=True, least=0, greatest=60_000,
+    Register("WD_TIMEOUT", _H, 2, unit="ms", writable=True, minimum=0, maximum=60_000,
              doc="0: off, allowed in LOCAL and SERVICE only; else 100..60000"),
-    Register("WD_ACTION", _H, 3, writable=True, least=0, greatest=2, doc="see WatchdogAction"),
+    Register("WD_ACTION", _H, 3, writable=True, minimum=0, maximum=2, doc="see WatchdogAction"),
     Register("WD_RESET", _H, 4, writable=True, doc="0xBECF resets a latched trip"),
-    Register("ALARM_RESET", _H, 5, writable=True, least=0, greatest=1,
+    Register("ALARM_RESET", _H, 5, writable=True, minimum=0, maximum=1,
              doc="1 clears alarms whose cause is gone"),
     Register("SEQ", _H, 6, writable=True, doc="any change commits the shadow block at once"),
-    Register("RAMP", _H, 7, per_unit=10, unit="s", writable=True, least=0, greatest=600,
+    Register("RAMP", _H, 7, counts_per_unit=10, unit="s", writable=True, minimum=0, maximum=600,
              doc="time in which discs go evenly to a new recipe"),
-    Register("STABILISE", _H, 8, per_unit=10, unit="s", writable=True, least=0, greatest=600),
-    Register("POSTFLOW", _H, 9, per_unit=10, unit="s", writable=True, least=0, greatest=600),
-    Register("SETPOINT_MODE", _H, 10, writable=True, least=0, greatest=1, doc="see SetpointMode"),
-    Register("AT_SPEED_TOL", _H, 11, per_unit=10, unit="%", writable=True, least=0.1,
-             greatest=100),
+    Register("STABILISE", _H, 8, counts_per_unit=10, unit="s", writable=True, minimum=0,
+             maximum=600),
+    Register("POSTFLOW", _H, 9, counts_per_unit=10, unit="s", writable=True, minimum=0,
+             maximum=600),
+    Register("SETPOINT_MODE", _H, 10, writable=True, minimum=0, maximum=1, doc="see SetpointMode"),
+    Register("AT_SPEED_TOL", _H, 11, counts_per_unit=10, unit="%", writable=True, minimum=0.1,
+             maximum=100),
     # Reserved, so that heartbeat, SEQ and shadow block fit one FC 16 write: written 0, read 0.
-    *(Register(f"RESERVED_{a}", _H, a, writable=True, least=0, greatest=0) for a in range(12, 20)),
+    *(Register(f"RESERVED_{a}", _H, a, writable=True, minimum=0, maximum=0) for a in range(12, 20)),
 )
 
 #: Rows of one hopper's shadow block: (offset from 20 + 4·(h − 1), name, counts per unit, unit)
@@ -206,45 +211,47 @@ _SHADOW = (
 #: Rows of one hopper's stored configuration: (offset from 1000 + 100·h, name, type, …, words).
 #: They live in EEPROM: written only when changed, never streamed.
 _CONFIG = (
-    (0, "FEED_FACTOR", Type.U16, 1000, "g/rev", 0),
-    (1, "N_MIN", Type.U16, 100, "rpm", 0),
-    (2, "N_MAX", Type.U16, 100, "rpm", 0),
-    (3, "CARRIER_MIN", Type.U16, 100, "L/min", 0),
-    (4, "CARRIER_MAX", Type.U16, 100, "L/min", 0),
-    (5, "LEVEL_WARN", Type.U16, 10, "%", 0),
-    (6, "LEVEL_STOP", Type.U16, 10, "%", 0),
-    (7, "POWDER_ID", Type.U32, 1, "", 0),
-    (9, "RESERVED_CONFIG", Type.U16, 1, "", 0),
-    (10, "LOT", Type.ASCII, 1, "", 16),
+    (0, "FEED_FACTOR", RegisterType.U16, 1000, "g/rev", 0),
+    (1, "N_MIN", RegisterType.U16, 100, "rpm", 0),
+    (2, "N_MAX", RegisterType.U16, 100, "rpm", 0),
+    (3, "CARRIER_MIN", RegisterType.U16, 100, "L/min", 0),
+    (4, "CARRIER_MAX", RegisterType.U16, 100, "L/min", 0),
+    (5, "LEVEL_WARN", RegisterType.U16, 10, "%", 0),
+    (6, "LEVEL_STOP", RegisterType.U16, 10, "%", 0),
+    (7, "POWDER_ID", RegisterType.U32, 1, "", 0),
+    (9, "RESERVED_CONFIG", RegisterType.U16, 1, "", 0),
+    (10, "LOT", RegisterType.ASCII, 1, "", 16),
 )
 
 
 @cache
-def hopper_row(channel: int, name: str) -> str:
+def hopper_register_name(channel: int, name: str) -> str:
     """Name of a hopper's row in the map: hopper_row(2, "FLOW_SP") is "H2.FLOW_SP"."""
     return f"H{channel}.{name}"
 
 
 def _hopper_rows(channel: int) -> list[Register]:
     rows = [
-        Register(hopper_row(channel, name), _I, 100 * channel + at, kind, per_unit, unit,
-                 may_be_missing=kind is not Type.BITS)
+        Register(hopper_register_name(channel, name), _I, 100 * channel + at, kind, per_unit, unit,
+                 may_be_unavailable=kind is not RegisterType.BITS)
         for at, name, kind, per_unit, unit in _HOPPER
     ]
     rows += [
-        Register(hopper_row(channel, name), _H, 20 + 4 * (channel - 1) + at, Type.U16, per_unit,
+        Register(hopper_register_name(channel, name), _H, 20 + 4 * (channel - 1) + at,
+                 RegisterType.U16, per_unit,
                  unit, writable=True)
         for at, name, per_unit, unit in _SHADOW
     ]
     rows += [
-        Register(hopper_row(channel, name), _H, 1000 + 100 * channel + at, kind, per_unit, unit,
+        Register(hopper_register_name(channel, name), _H, 1000 + 100 * channel + at, kind, per_unit,
+                 unit,
                  writable=True, length=length)
         for at, name, kind, per_unit, unit, length in _CONFIG
     ]
     return rows
 
 
-def register_map(n_hoppers: int = MOST_HOPPERS) -> RegisterMap:
+def register_map(n_hoppers: int = MAX_HOPPERS) -> RegisterMap:
     """The map of a device with so many hoppers (1 to 4)."""
     rows = list(_SYSTEM + _CONTROL)
     for channel in range(1, n_hoppers + 1):
@@ -252,17 +259,17 @@ def register_map(n_hoppers: int = MOST_HOPPERS) -> RegisterMap:
     return RegisterMap(rows)
 
 
-PMX = register_map()
+PMX_MAP = register_map()
 
-SYSTEM_BLOCK = PMX.block(row.name for row in _SYSTEM)
+SYSTEM_BLOCK = PMX_MAP.block(row.name for row in _SYSTEM)
 
 
-def hopper_names(channel: int) -> tuple[str, ...]:
+def hopper_input_names(channel: int) -> tuple[str, ...]:
     """Names of a hopper's input rows, in address order."""
-    return tuple(hopper_row(channel, name) for _, name, *_ in _HOPPER)
+    return tuple(hopper_register_name(channel, name) for _, name, *_ in _HOPPER)
 
 
-def mirrored_at(channel: int) -> int:
+def mirror_offset(channel: int) -> int:
     """Where the mirror shows a hopper's input registers, counted from `MIRROR`.
 
     The device's own are at 0. A hopper that is not there shows zeros.
@@ -273,14 +280,14 @@ def mirrored_at(channel: int) -> int:
 def mirror_register(address: int) -> int:
     """The holding register that shows an input register, by its wire address; map 1.1."""
     channel, offset = divmod(address, 100)
-    return MIRROR + offset + (mirrored_at(channel) if channel else 0)
+    return MIRROR_ADDRESS + offset + (mirror_offset(channel) if channel else 0)
 
 
-def recipe_names(n_hoppers: int) -> tuple[str, ...]:
+def recipe_register_names(n_hoppers: int) -> tuple[str, ...]:
     """Names of the rows one write of a recipe holds: HEARTBEAT to the last shadow register."""
     control = tuple(row.name for row in _CONTROL if row.name != "COMMAND")
     return control + tuple(
-        hopper_row(channel, name)
+        hopper_register_name(channel, name)
         for channel in range(1, n_hoppers + 1)
         for _, name, *_ in _SHADOW
     )

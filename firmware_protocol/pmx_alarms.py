@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from firmware_protocol.pmx import MOST_HOPPERS, Refusal
+from firmware_protocol.pmx import MAX_HOPPERS, WriteRefusalCode
 
 
 @dataclass(frozen=True)
-class Alarm:
+class FeederAlarm:
     """An alarm or warning in plain words. hint : what to do about it."""
 
     code: int
     text: str
-    hint: str
+    remedy: str
 
 
 _SYSTEM_ALARMS = {
@@ -58,12 +58,12 @@ CLIPPED_BIT = 1 << CLIPPED - LEVEL_LOW
 _HOPPER_BITS_FROM = 8  # of ALARM: bit 8 is channel 1
 
 
-def hopper_code(channel: int, number: int) -> int:
+def hopper_alarm_code(channel: int, number: int) -> int:
     """Alarm code of a hopper: 201 is drive fault of hopper 1, 307 hopper 2 empty."""
     return 100 * (channel + 1) + number
 
 
-def alarm(code: int, hoppers: Mapping[int, str] | None = None) -> Alarm:
+def describe_alarm(code: int, hoppers: Mapping[int, str] | None = None) -> FeederAlarm:
     """An alarm code in words; codes the map does not list are named as such.
 
     hoppers : what to call each channel's hopper; its number otherwise
@@ -72,36 +72,39 @@ def alarm(code: int, hoppers: Mapping[int, str] | None = None) -> Alarm:
     'hopper 2: it is empty'
     """
     if code in _SYSTEM_ALARMS:
-        return Alarm(code, *_SYSTEM_ALARMS[code])
+        return FeederAlarm(code, *_SYSTEM_ALARMS[code])
     channel, number = code // 100 - 1, code % 100
-    if 1 <= channel <= MOST_HOPPERS and number in _HOPPER_ALARMS:
+    if 1 <= channel <= MAX_HOPPERS and number in _HOPPER_ALARMS:
         text, hint = _HOPPER_ALARMS[number]
-        return Alarm(code, f"hopper {(hoppers or {}).get(channel, channel)}: {text}", hint)
-    return Alarm(code, f"alarm {code}, which its register map does not list", "see its manual")
+        return FeederAlarm(code, f"hopper {(hoppers or {}).get(channel, channel)}: {text}", hint)
+    return FeederAlarm(code, f"alarm {code}, which its register map does not list",
+                       "see its manual")
 
 
-def first_out(code: int, bits: int, hoppers: Mapping[int, str] | None = None) -> Alarm:
+def describe_first_out_alarm(code: int, bits: int,
+                             hoppers: Mapping[int, str] | None = None) -> FeederAlarm:
     """The first-out alarm in words, and which others stand. bits : the word ALARM
 
     >>> first_out(103, 0b10_0000_0110).text
     'the mixer pressure is too high (and 2 more: the gas supply pressure is low; hopper 2 has one)'
     """
-    first = alarm(code, hoppers)
+    first = describe_alarm(code, hoppers)
     others = [
         text for bit, (other, (text, _)) in enumerate(_SYSTEM_ALARMS.items())
         if bits >> bit & 1 and other != code
     ]
     others += [
         f"hopper {(hoppers or {}).get(channel, channel)} has one"
-        for channel in range(1, MOST_HOPPERS + 1)
+        for channel in range(1, MAX_HOPPERS + 1)
         if bits >> _HOPPER_BITS_FROM + channel - 1 & 1 and channel != code // 100 - 1
     ]
     if not others:
         return first
-    return Alarm(code, f"{first.text} (and {len(others)} more: {'; '.join(others)})", first.hint)
+    return FeederAlarm(code, f"{first.text} (and {len(others)} more: {'; '.join(others)})",
+                       first.remedy)
 
 
-def warnings_in(word: int) -> list[Alarm]:
+def describe_warnings(word: int) -> list[FeederAlarm]:
     """The warnings of the word WARNING, each by its number, of whichever hopper.
 
     >>> [(one.code, one.text) for one in warnings_in(1)]
@@ -113,24 +116,24 @@ def warnings_in(word: int) -> list[Alarm]:
             number = LEVEL_LOW + bit
             text, hint = _HOPPER_ALARMS.get(number, (
                 f"warning bit {bit}, which its register map does not list", "see its manual"))
-            found.append(Alarm(number, text, hint))
+            found.append(FeederAlarm(number, text, hint))
     return found
 
 
 _REFUSALS = {
-    Refusal.NONE: "no reason given",
-    Refusal.NOT_REMOTE: "its switch stands at LOCAL, or remote control is not enabled",
-    Refusal.FAULTED: "an alarm or a watchdog trip is latched",
-    Refusal.NO_GAS: "powder needs carrier gas, and gas is off",
-    Refusal.POWDER_RUNNING: "powder is running",
-    Refusal.CAUSE_REMAINS: "the cause of the alarm is still there",
-    Refusal.WATCHDOG_NEEDED: "its watchdog cannot be switched off under remote control",
+    WriteRefusalCode.NONE: "no reason given",
+    WriteRefusalCode.NOT_REMOTE: "its switch stands at LOCAL, or remote control is not enabled",
+    WriteRefusalCode.FAULTED: "an alarm or a watchdog trip is latched",
+    WriteRefusalCode.NO_GAS: "powder needs carrier gas, and gas is off",
+    WriteRefusalCode.POWDER_RUNNING: "powder is running",
+    WriteRefusalCode.CAUSE_REMAINS: "the cause of the alarm is still there",
+    WriteRefusalCode.WATCHDOG_NEEDED: "its watchdog cannot be switched off under remote control",
 }
 
 
-def refusal(code: int) -> str:
+def describe_refusal(code: int) -> str:
     """LAST_REFUSAL in words."""
     try:
-        return _REFUSALS[Refusal(code)]
+        return _REFUSALS[WriteRefusalCode(code)]
     except ValueError:
         return f"reason {code}, which its register map does not list"

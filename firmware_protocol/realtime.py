@@ -8,7 +8,7 @@ from __future__ import annotations
 from enum import IntEnum
 
 
-class Realtime(IntEnum):
+class RealtimeCommand(IntEnum):
     """One byte the controller acts on the moment it arrives, whatever stands in its buffer."""
 
     RESET = 0x18
@@ -49,18 +49,19 @@ class Realtime(IntEnum):
     PROBE_TOGGLE = 0xA4
 
     @property
-    def wire(self) -> bytes:
+    def encoded(self) -> bytes:
         """The byte as it is written to the link."""
         return bytes((self,))
 
 
-GRBL_REALTIME: frozenset[Realtime] = frozenset(
+GRBL_REALTIME: frozenset[RealtimeCommand] = frozenset(
     byte
-    for byte in Realtime
-    if byte in (Realtime.RESET, Realtime.HOLD, Realtime.STATUS, Realtime.START)
-    or byte in (Realtime.DOOR, Realtime.JOG_CANCEL)
-    or Realtime.FEED_100 <= byte <= Realtime.MIST
+    for byte in RealtimeCommand
+    if byte in (RealtimeCommand.RESET, RealtimeCommand.HOLD, RealtimeCommand.STATUS,
+                RealtimeCommand.START)
+    or byte in (RealtimeCommand.DOOR, RealtimeCommand.JOG_CANCEL)
+    or RealtimeCommand.FEED_100 <= byte <= RealtimeCommand.MIST
 )
 """What Grbl 1.1 acts on. Other bytes above 0x7F it throws away."""
 
-GRBLHAL_REALTIME: frozenset[Realtime] = frozenset(Realtime)
+GRBLHAL_REALTIME: frozenset[RealtimeCommand] = frozenset(RealtimeCommand)

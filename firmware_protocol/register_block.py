@@ -12,21 +12,21 @@ from math import isfinite
 from typing import NamedTuple
 
 #: What a register may hold: None is the device's "not available".
-Value = int | float | str | None
+RegisterValue = int | float | str | None
 
 
 class RegisterError(ValueError):
     """A value does not fit its register, or a map contradicts itself."""
 
 
-class Kind(Enum):
+class RegisterSpace(Enum):
     """Which of the two register spaces a row stands in."""
 
     INPUT = "input"      # read by FC 04
     HOLDING = "holding"  # read by FC 03, written by FC 06 and 16
 
 
-class Type(Enum):
+class RegisterType(Enum):
     """How the words of a row are read: (words, least, greatest, code for "not available")."""
 
     U16 = (1, 0, 0xFFFF, 0xFFFF)
@@ -64,24 +64,24 @@ class Register:
     """
 
     name: str
-    kind: Kind
+    space: RegisterSpace
     address: int
-    type: Type = Type.U16
-    per_unit: int = 1
+    type: RegisterType = RegisterType.U16
+    counts_per_unit: int = 1
     unit: str = ""
     doc: str = ""
     writable: bool = False
-    least: float | None = None
-    greatest: float | None = None
-    may_be_missing: bool = False
+    minimum: float | None = None
+    maximum: float | None = None
+    may_be_unavailable: bool = False
     length: int = 0
 
     @property
     def words(self) -> int:
-        return self.length if self.type is Type.ASCII else self.type.words
+        return self.length if self.type is RegisterType.ASCII else self.type.words
 
 
-class Placed(NamedTuple):
+class PlacedRegister(NamedTuple):
     """A row within a block, with what is needed at every reading and writing of it at hand.
 
     low, high : limits of its counts
@@ -90,32 +90,32 @@ class Placed(NamedTuple):
     name: str
     offset: int
     words: int
-    per_unit: int
+    counts_per_unit: int
     low: int
     high: int
     row: Register
 
     @classmethod
-    def at(cls, row: Register, offset: int) -> Placed:
+    def at(cls, row: Register, offset: int) -> PlacedRegister:
         low, high, missing = row.type.least, row.type.greatest, row.type.not_available
-        if row.least is not None:
-            low = max(low, round(row.least * row.per_unit))
-        if row.greatest is not None:
-            high = min(high, round(row.greatest * row.per_unit))
-        if row.may_be_missing:  # its code stands at one end of the range, and is no value
+        if row.minimum is not None:
+            low = max(low, round(row.minimum * row.counts_per_unit))
+        if row.maximum is not None:
+            high = min(high, round(row.maximum * row.counts_per_unit))
+        if row.may_be_unavailable:  # its code stands at one end of the range, and is no value
             low, high = low + (low == missing), high - (high == missing)
-        return cls(row.name, offset, row.words, row.per_unit, low, high, row)
+        return cls(row.name, offset, row.words, row.counts_per_unit, low, high, row)
 
     @property
-    def is_one_number(self) -> bool:
-        return self.words == 1 and self.row.type is not Type.ASCII
+    def is_single_number(self) -> bool:
+        return self.words == 1 and self.row.type is not RegisterType.ASCII
 
 
-class Block:
+class RegisterBlock:
     """A stretch of registers that one request moves: `count` from wire address `address` on."""
 
     def __init__(
-        self, kind: Kind, address: int, count: int, placed: Sequence[Placed],
+        self, kind: RegisterSpace, address: int, count: int, placed: Sequence[PlacedRegister],
         word_order: WordOrder,
     ) -> None:
         self.kind = kind
@@ -126,27 +126,27 @@ class Block:
         self._word_order = word_order
         # Most rows are a number in one word.
         self._numbers = [
-            (place.name, place.offset, place.per_unit, place.low, place.high, place.row)
-            for place in placed if place.is_one_number
+            (place.name, place.offset, place.counts_per_unit, place.low, place.high, place.row)
+            for place in placed if place.is_single_number
         ]
-        self._others = [place for place in placed if not place.is_one_number]
+        self._others = [place for place in placed if not place.is_single_number]
 
-    def in_order(self, word_order: WordOrder) -> Block:
+    def in_order(self, word_order: WordOrder) -> RegisterBlock:
         """The same stretch of registers of a device with another word order."""
-        return Block(self.kind, self.address, self.count, self._placed, word_order)
+        return RegisterBlock(self.kind, self.address, self.count, self._placed, word_order)
 
-    def only(self, names: Iterable[str]) -> Block:
+    def restricted_to(self, names: Iterable[str]) -> RegisterBlock:
         """The same stretch of registers, of which only these rows are looked at."""
         wanted = set(names)
         placed = [place for place in self._placed if place.name in wanted]
-        return Block(self.kind, self.address, self.count, placed, self._word_order)
+        return RegisterBlock(self.kind, self.address, self.count, placed, self._word_order)
 
-    def decode(self, words: Sequence[int]) -> dict[str, Value]:
+    def decode(self, words: Sequence[int]) -> dict[str, RegisterValue]:
         """Values by name. Raises RegisterError where the number of words is not `count`."""
         if len(words) != self.count:
             raise RegisterError(f"{len(words)} words came where {self.count} were asked for")
         order = self._word_order
-        values: dict[str, Value] = {}
+        values: dict[str, RegisterValue] = {}
         for name, offset, per_unit, low, high, row in self._numbers:
             raw = words[offset]
             if low <= raw <= high:
@@ -158,7 +158,7 @@ class Block:
             values[place.name] = _decode(place.row, own, order)
         return values
 
-    def encode(self, values: Mapping[str, Value]) -> list[int]:
+    def encode(self, values: Mapping[str, RegisterValue]) -> list[int]:
         """Words of the whole block; gaps are 0.
 
         Raises RegisterError for a value that does not fit; KeyError where one is missing.
@@ -182,13 +182,13 @@ class Block:
         return words
 
 
-def _encode_other(place: Placed, value: Value, order: WordOrder) -> tuple[int, ...]:
+def _encode_other(place: PlacedRegister, value: RegisterValue, order: WordOrder) -> tuple[int, ...]:
     """Words of a text, or of a number in two words."""
     row = place.row
-    if row.type is Type.ASCII:
+    if row.type is RegisterType.ASCII:
         return _encode_text(row, value)
     if type(value) is float and isfinite(value):
-        raw = round(value * place.per_unit)
+        raw = round(value * place.counts_per_unit)
     else:
         raw = _rare_counts(row, value)
     if not place.low <= raw <= place.high and value is not None:
@@ -196,28 +196,28 @@ def _encode_other(place: Placed, value: Value, order: WordOrder) -> tuple[int, .
     return _swapped((raw >> 16 & 0xFFFF, raw & 0xFFFF), order)
 
 
-def _rare_counts(row: Register, value: Value) -> int:
+def _rare_counts(row: Register, value: RegisterValue) -> int:
     """Counts of what is neither a plain int nor a finite float."""
-    if value is None and row.may_be_missing:
+    if value is None and row.may_be_unavailable:
         return row.type.not_available
     if value is None:
         raise RegisterError(f"{row.name} cannot be left out")
     if isinstance(value, int):  # bool, and members of an IntEnum
-        return int(value) * row.per_unit
+        return int(value) * row.counts_per_unit
     raise RegisterError(f"{row.name} must be a number, not {value!r}")
 
 
-def _out_of_range(row: Register, low: int, high: int, value: Value) -> RegisterError:
+def _out_of_range(row: Register, low: int, high: int, value: RegisterValue) -> RegisterError:
     unit = row.unit and f" {row.unit}"
     return RegisterError(
-        f"{row.name} must be between {low / row.per_unit:g} and {high / row.per_unit:g}{unit}, "
+        f"{row.name} must be between {low / row.counts_per_unit:g} and {high / row.counts_per_unit:g}{unit}, "
         f"not {value}"
     )
 
 
-def _decode(row: Register, words: Sequence[int], order: WordOrder) -> Value:
+def _decode(row: Register, words: Sequence[int], order: WordOrder) -> RegisterValue:
     kind = row.type
-    if kind is Type.ASCII:
+    if kind is RegisterType.ASCII:
         text = b"".join((word & 0xFFFF).to_bytes(2, "big") for word in words)
         return text.split(b"\0")[0].decode("ascii", "replace")
     raw = words[0]
@@ -226,12 +226,12 @@ def _decode(row: Register, words: Sequence[int], order: WordOrder) -> Value:
         raw = high << 16 | low
     if raw > kind.greatest:
         raw -= 1 << (16 * kind.words)
-    if row.may_be_missing and raw == kind.not_available:
+    if row.may_be_unavailable and raw == kind.not_available:
         return None
-    return raw if row.per_unit == 1 else raw / row.per_unit
+    return raw if row.counts_per_unit == 1 else raw / row.counts_per_unit
 
 
-def _encode_text(row: Register, value: Value) -> tuple[int, ...]:
+def _encode_text(row: Register, value: RegisterValue) -> tuple[int, ...]:
     if not isinstance(value, str) or not value.isascii() or "\0" in value:
         raise RegisterError(f"{row.name} must be plain ASCII text, not {value!r}")
     if len(value) > 2 * row.length:

@@ -9,24 +9,32 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from firmware_protocol.register_block import (
-    Block,
-    Kind,
-    Placed,
+    PlacedRegister,
     Register,
+    RegisterBlock,
     RegisterError,
-    Type,
-    Value,
+    RegisterSpace,
+    RegisterType,
+    RegisterValue,
     WordOrder,
 )
 
 __all__ = [
-    "MOST_READ", "MOST_WRITTEN", "Block", "Kind", "Register", "RegisterError", "RegisterMap",
-    "Type", "Value", "WordOrder",
+    "MAX_READ_REGISTERS",
+    "MAX_WRITE_REGISTERS",
+    "Register",
+    "RegisterBlock",
+    "RegisterError",
+    "RegisterMap",
+    "RegisterSpace",
+    "RegisterType",
+    "RegisterValue",
+    "WordOrder",
 ]
 
 #: Most registers one request may read (FC 03, 04) and write (FC 16), Modbus application protocol.
-MOST_READ = 125
-MOST_WRITTEN = 123
+MAX_READ_REGISTERS = 125
+MAX_WRITE_REGISTERS = 123
 
 class RegisterMap:
     """The rows of one device and its habits.
@@ -42,22 +50,22 @@ class RegisterMap:
     ) -> None:
         self.rows = tuple(rows)
         self.word_order = word_order
-        self._base = {Kind.INPUT: input_base, Kind.HOLDING: holding_base}
+        self._base = {RegisterSpace.INPUT: input_base, RegisterSpace.HOLDING: holding_base}
         self._by_name = {row.name: row for row in self.rows}
         if len(self._by_name) != len(self.rows):
             raise RegisterError("two rows of the map share a name")
-        taken: dict[tuple[Kind, int], str] = {}
+        taken: dict[tuple[RegisterSpace, int], str] = {}
         for row in self.rows:
             self._check(row)
             for address in range(row.address, row.address + row.words):
-                other = taken.setdefault((row.kind, address), row.name)
+                other = taken.setdefault((row.space, address), row.name)
                 if other != row.name:
                     raise RegisterError(f"{row.name} and {other} overlap at {address}")
 
     def _check(self, row: Register) -> None:
-        if row.writable and row.kind is Kind.INPUT:
+        if row.writable and row.space is RegisterSpace.INPUT:
             raise RegisterError(f"{row.name}: an input register cannot be written")
-        if row.words < 1 or row.per_unit < 1:
+        if row.words < 1 or row.counts_per_unit < 1:
             raise RegisterError(f"{row.name}: length and scale must be at least 1")
         first = self.wire_address(row.name)
         if first < 0 or first + row.words > 0x1_0000:
@@ -68,42 +76,43 @@ class RegisterMap:
 
     def wire_address(self, name: str) -> int:
         row = self._by_name[name]
-        return row.address - self._base[row.kind]
+        return row.address - self._base[row.space]
 
-    def encode(self, name: str, value: Value) -> tuple[int, ...]:
+    def encode(self, name: str, value: RegisterValue) -> tuple[int, ...]:
         """The words of one row. Raises RegisterError where the value does not fit."""
         return tuple(self.block([name]).encode({name: value}))
 
-    def decode(self, name: str, words: Sequence[int]) -> Value:
+    def decode(self, name: str, words: Sequence[int]) -> RegisterValue:
         """The value of one row's words; None where the device says "not available"."""
         return self.block([name]).decode(words)[name]
 
-    def block(self, names: Iterable[str]) -> Block:
+    def block(self, names: Iterable[str]) -> RegisterBlock:
         """The rows as one contiguous stretch, whatever their order; gaps stay inside it.
 
         Raises RegisterError for rows of both kinds, or none.
         """
         rows = sorted((self._by_name[name] for name in names), key=lambda row: row.address)
-        if not rows or len({row.kind for row in rows}) != 1:
+        if not rows or len({row.space for row in rows}) != 1:
             raise RegisterError("a block needs rows, all of one kind")
         start = self.wire_address(rows[0].name)
-        placed = [Placed.at(row, row.address - rows[0].address) for row in rows]
+        placed = [PlacedRegister.at(row, row.address - rows[0].address) for row in rows]
         count = placed[-1].offset + placed[-1].words
-        return Block(rows[0].kind, start, count, placed, self.word_order)
+        return RegisterBlock(rows[0].space, start, count, placed, self.word_order)
 
-    def plan_reads(self, names: Iterable[str], *, most: int = MOST_READ) -> tuple[Block, ...]:
+    def plan_reads(self, names: Iterable[str], *,
+                   most: int = MAX_READ_REGISTERS) -> tuple[RegisterBlock, ...]:
         """The fewest gapless blocks that hold the rows, none longer than one request may read.
 
         A gap would be answered by "illegal address" on many devices, so none is read across.
         """
         rows = [self._by_name[name] for name in dict.fromkeys(names)]
-        rows.sort(key=lambda row: (row.kind.value, row.address))
+        rows.sort(key=lambda row: (row.space.value, row.address))
         runs: list[list[Register]] = []
         for row in rows:
             last = runs[-1] if runs else None
             if (
                 last is not None
-                and last[-1].kind is row.kind
+                and last[-1].space is row.space
                 and last[-1].address + last[-1].words == row.address
                 and row.address + row.words - last[0].address <= most
             ):

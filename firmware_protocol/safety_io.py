@@ -13,19 +13,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntFlag
 
-from firmware_protocol.registers import Kind, Register, RegisterMap, Type
+from firmware_protocol.registers import Register, RegisterMap, RegisterSpace, RegisterType
 
 DEVICE_ID = 0x5349
 #: Map 1.1 has the laser-enable output.
 MAP_MAJOR, MAP_MINOR = 1, 1
-MIRROR = 500
+MIRROR_ADDRESS = 500
 #: The deliberate word that closes an open watchdog relay and forgets the first-out code.
 RELAY_RESET_KEY = 0xC105
 #: Limits of RELAY_TIMEOUT.
 LEAST_TIMEOUT_MS, GREATEST_TIMEOUT_MS = 50, 60_000
 
 
-class Inputs(IntFlag):
+class SafetyInputBits(IntFlag):
     """INPUTS, input register 6: 1 is good."""
 
     ESTOP_CLOSED = 1 << 0
@@ -41,10 +41,10 @@ class Inputs(IntFlag):
 
 
 #: Every input, good.
-ALL_GOOD = Inputs((1 << len(Inputs)) - 1)
+ALL_INPUTS_OK = SafetyInputBits((1 << len(SafetyInputBits)) - 1)
 
 
-class Status(IntFlag):
+class SafetyStatusBits(IntFlag):
     """STATUS, input register 7: of the device itself; 1 is good."""
 
     SELF_TEST_OK = 1 << 0
@@ -55,78 +55,82 @@ class Status(IntFlag):
     LASER_ENABLED = 1 << 5  # the output itself, read back: not what it was told
 
 
-_I, _H = Kind.INPUT, Kind.HOLDING
+_I, _H = RegisterSpace.INPUT, RegisterSpace.HOLDING
 
 _READINGS = (
     Register("DEVICE_ID", _I, 0, doc="0x5349; anything else is no SIO device"),
     Register("MAP_VERSION", _I, 1, doc="high byte major, low byte minor"),
     Register("FW_VERSION", _I, 2, doc="high byte major, low byte minor"),
     Register("RESERVED_3", _I, 3),
-    Register("SERIAL", _I, 4, Type.U32),
-    Register("INPUTS", _I, 6, Type.BITS, doc="see Inputs"),
-    Register("STATUS", _I, 7, Type.BITS, doc="see Status"),
+    Register("SERIAL", _I, 4, RegisterType.U32),
+    Register("INPUTS", _I, 6, RegisterType.BITS, doc="see Inputs"),
+    Register("STATUS", _I, 7, RegisterType.BITS, doc="see Status"),
     Register("FIRST_OUT", _I, 8, doc="what opened first since the last reset; 0 for nothing"),
     Register("TRIP_COUNT", _I, 9, doc="modulo 65536, of inputs opening: shows missed ones"),
     Register("HEARTBEAT_ECHO", _I, 10, doc="the last heartbeat written"),
     Register("HEARTBEAT_AGE", _I, 11, unit="ms", doc="stays at 65535 when older"),
-    Register("UPTIME", _I, 12, Type.U32, unit="s", doc="goes back when the device restarts"),
+    Register("UPTIME", _I, 12, RegisterType.U32, unit="s",
+             doc="goes back when the device restarts"),
     Register("TICK", _I, 14, unit="ms", doc="modulo 65536: time stamp of this sample"),
-    Register("SHIELD_GAS", _I, 15, per_unit=100, unit="L/min", may_be_missing=True),
-    Register("CHILLER_TEMP", _I, 16, Type.I16, 10, "°C", may_be_missing=True),
-    Register("CHILLER_FLOW", _I, 17, per_unit=100, unit="L/min", may_be_missing=True),
-    Register("OXYGEN", _I, 18, Type.U32, 10, "ppm", may_be_missing=True,
+    Register("SHIELD_GAS", _I, 15, counts_per_unit=100, unit="L/min", may_be_unavailable=True),
+    Register("CHILLER_TEMP", _I, 16, RegisterType.I16, 10, "°C", may_be_unavailable=True),
+    Register("CHILLER_FLOW", _I, 17, counts_per_unit=100, unit="L/min", may_be_unavailable=True),
+    Register("OXYGEN", _I, 18, RegisterType.U32, 10, "ppm", may_be_unavailable=True,
              doc="air is 209000 ppm; without meaning while OXYGEN_VALID is 0"),
-    Register("EXTRACTION_DP", _I, 20, Type.I16, unit="Pa", may_be_missing=True,
+    Register("EXTRACTION_DP", _I, 20, RegisterType.I16, unit="Pa", may_be_unavailable=True,
              doc="across the filter: falls with the fan, rises as the filter clogs"),
 )
 
 _CONTROL = (
     Register("HEARTBEAT", _H, 0, writable=True, doc="host changes it at least every timeout/4"),
-    Register("RELAY_TIMEOUT", _H, 1, unit="ms", writable=True, least=LEAST_TIMEOUT_MS,
-             greatest=GREATEST_TIMEOUT_MS, doc="the relay opens when heartbeats stop so long"),
+    Register("RELAY_TIMEOUT", _H, 1, unit="ms", writable=True, minimum=LEAST_TIMEOUT_MS,
+             maximum=GREATEST_TIMEOUT_MS, doc="the relay opens when heartbeats stop so long"),
     Register("RELAY_RESET", _H, 2, writable=True, doc="0xC105 closes an open relay; reads 0"),
-    Register("LASER_ENABLE", _H, 3, writable=True, least=0, greatest=1,
+    Register("LASER_ENABLE", _H, 3, writable=True, minimum=0, maximum=1,
              doc="0: off, at power-up too; 0 to 1 with the relay closed: on; it drops as the relay "
                  "opens, and stays off until it is 0 and then 1 again; only where it is fitted"),
 )
 
-SIO = RegisterMap(_READINGS + _CONTROL)
+SIO_MAP = RegisterMap(_READINGS + _CONTROL)
 
 #: Everything the device tells; and of it, what changes: read at every cycle.
-WHOLE_BLOCK = SIO.block(row.name for row in _READINGS)
-CYCLE_BLOCK = SIO.block(row.name for row in _READINGS if row.address >= SIO["INPUTS"].address)
+FULL_BLOCK = SIO_MAP.block(row.name for row in _READINGS)
+CYCLIC_BLOCK = SIO_MAP.block(
+    row.name for row in _READINGS if row.address >= SIO_MAP["INPUTS"].address)
 
 
 def mirrored_at(address: int) -> int:
     """The holding register that shows an input register."""
-    return MIRROR + address
+    return MIRROR_ADDRESS + address
 
 
 @dataclass(frozen=True)
-class FirstOut:
+class FirstOutCause:
     """What opened first, in plain words. hint : what to do about it."""
 
     code: int
     text: str
-    hint: str
+    remedy: str
 
 
 _WORDS = {
-    Inputs.ESTOP_CLOSED: ("the emergency-stop chain is open", "release the emergency stop"),
-    Inputs.DOOR_CLOSED: ("the door is open", "close the door"),
-    Inputs.LASER_READY: ("the laser is not ready", "see the laser's own display"),
-    Inputs.LASER_HEALTHY: ("the laser reports a fault", "see the laser's own display"),
-    Inputs.NO_BACK_REFLECTION: (
+    SafetyInputBits.ESTOP_CLOSED: ("the emergency-stop chain is open",
+                                   "release the emergency stop"),
+    SafetyInputBits.DOOR_CLOSED: ("the door is open", "close the door"),
+    SafetyInputBits.LASER_READY: ("the laser is not ready", "see the laser's own display"),
+    SafetyInputBits.LASER_HEALTHY: ("the laser reports a fault", "see the laser's own display"),
+    SafetyInputBits.NO_BACK_REFLECTION: (
         "the laser sees too much light coming back",
         "look at optics, standoff and the part's surface before going on",
     ),
-    Inputs.CHILLER_OK: ("the chiller reports a fault", "check its water, filter and set-point"),
-    Inputs.SHIELD_GAS_OK: ("too little shield gas", "check bottle, regulator and hose"),
-    Inputs.EXTRACTION_OK: ("the extraction does not draw", "check fan, filter and flap"),
-    Inputs.OXYGEN_VALID: (
+    SafetyInputBits.CHILLER_OK: ("the chiller reports a fault",
+                                 "check its water, filter and set-point"),
+    SafetyInputBits.SHIELD_GAS_OK: ("too little shield gas", "check bottle, regulator and hose"),
+    SafetyInputBits.EXTRACTION_OK: ("the extraction does not draw", "check fan, filter and flap"),
+    SafetyInputBits.OXYGEN_VALID: (
         "the oxygen analyser gives no valid reading", "check its sensor, pump and calibration"
     ),
-    Inputs.KEY_ON: ("the laser's key switch is off", "turn the key"),
+    SafetyInputBits.KEY_ON: ("the laser's key switch is off", "turn the key"),
 }
 _RELAY_WORDS = (
     "the watchdog relay opened: the host's heartbeat stopped", "find out why the host went silent"
@@ -134,25 +138,26 @@ _RELAY_WORDS = (
 
 #: FIRST_OUT codes: 101 and on for the inputs, in the order of their bits; 120 for the relay.
 _FIRST_CODE = 101
-RELAY_CODE = 120
+RELAY_FIRST_OUT_CODE = 120
 
 
-def input_code(one: Inputs) -> int:
+def first_out_code_of(one: SafetyInputBits) -> int:
     """FIRST_OUT code of one input: 101 for the e-stop chain, 102 for the door."""
     return _FIRST_CODE + int(one).bit_length() - 1
 
 
 _FIRST_OUTS = {
-    **{input_code(one): FirstOut(input_code(one), *words) for one, words in _WORDS.items()},
-    RELAY_CODE: FirstOut(RELAY_CODE, *_RELAY_WORDS),
+    **{first_out_code_of(one): FirstOutCause(first_out_code_of(one), *words) for one,
+       words in _WORDS.items()},
+    RELAY_FIRST_OUT_CODE: FirstOutCause(RELAY_FIRST_OUT_CODE, *_RELAY_WORDS),
 }
 
 
-def first_out(code: int) -> FirstOut:
+def describe_first_out(code: int) -> FirstOutCause:
     """A FIRST_OUT code in words; one the map does not list is named as such.
 
     >>> first_out(102).text
     'the door is open'
     """
     unknown = f"safety code {code}, which its register map does not list"
-    return _FIRST_OUTS.get(code) or FirstOut(code, unknown, "see the device's manual")
+    return _FIRST_OUTS.get(code) or FirstOutCause(code, unknown, "see the device's manual")

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from functools import lru_cache
 from typing import Any, NamedTuple
 
-STATES = frozenset(
+CONTROLLER_STATES = frozenset(
     ("Idle", "Run", "Hold", "Jog", "Alarm", "Door", "Check", "Home", "Sleep", "Tool")
 )
 
@@ -51,19 +51,19 @@ class StatusReport(NamedTuple):
     machine_mm: tuple[float, ...] | None = None
     work_mm: tuple[float, ...] | None = None
     offset_mm: tuple[float, ...] | None = None
-    blocks_free: int | None = None
-    rx_free: int | None = None
+    planner_blocks_free: int | None = None
+    rx_bytes_free: int | None = None
     line_number: int | None = None
     feed_mm_min: float | None = None
-    spindle: float | None = None
-    spindle_measured: float | None = None
-    overrides: tuple[int, int, int] | None = None
-    pins: str | None = None
+    spindle_speed: float | None = None
+    spindle_speed_measured: float | None = None
+    override_percents: tuple[int, int, int] | None = None
+    active_pins: str | None = None
     accessories: str | None = None
-    other: tuple[tuple[str, str | None], ...] = ()
+    unknown_fields: tuple[tuple[str, str | None], ...] = ()
 
     @property
-    def held(self) -> bool:
+    def is_held(self) -> bool:
         """Held at standstill, or standing behind a door that is closed or open."""
         if self.state == "Hold":
             return self.substate in (None, 0)
@@ -81,7 +81,7 @@ class StatusReport(NamedTuple):
             return (state, *machine_mm, blocks, rx, line, feed, spindle)
         return None
 
-    def program_mm(self, offset_mm: tuple[float, ...] | None) -> tuple[float, ...] | None:
+    def work_position_mm(self, offset_mm: tuple[float, ...] | None) -> tuple[float, ...] | None:
         """The position in program (work) coordinates; None where it is not to be told.
 
         offset_mm : work offset as last reported
@@ -103,25 +103,25 @@ class StatusReport(NamedTuple):
             parts.append(f"MPos:{_lengths(self.machine_mm)}")
         if self.work_mm is not None:
             parts.append(f"WPos:{_lengths(self.work_mm)}")
-        if self.blocks_free is not None:
-            parts.append(f"Bf:{self.blocks_free},{self.rx_free}")
+        if self.planner_blocks_free is not None:
+            parts.append(f"Bf:{self.planner_blocks_free},{self.rx_bytes_free}")
         if self.line_number is not None:
             parts.append(f"Ln:{self.line_number}")
-        if self.feed_mm_min is not None and self.spindle is None:
+        if self.feed_mm_min is not None and self.spindle_speed is None:
             parts.append(f"F:{self.feed_mm_min:.0f}")
         elif self.feed_mm_min is not None:
-            rates = f"FS:{self.feed_mm_min:.0f},{self.spindle:.0f}"
-            measured = self.spindle_measured
+            rates = f"FS:{self.feed_mm_min:.0f},{self.spindle_speed:.0f}"
+            measured = self.spindle_speed_measured
             parts.append(rates if measured is None else f"{rates},{measured:.0f}")
-        if self.pins is not None:
-            parts.append(f"Pn:{self.pins}")
+        if self.active_pins is not None:
+            parts.append(f"Pn:{self.active_pins}")
         if self.offset_mm is not None:
             parts.append(f"WCO:{_lengths(self.offset_mm)}")
-        if self.overrides is not None:
-            parts.append("Ov:{},{},{}".format(*self.overrides))
+        if self.override_percents is not None:
+            parts.append("Ov:{},{},{}".format(*self.override_percents))
         if self.accessories is not None:
             parts.append(f"A:{self.accessories}")
-        parts += [key if value is None else f"{key}:{value}" for key, value in self.other]
+        parts += [key if value is None else f"{key}:{value}" for key, value in self.unknown_fields]
         return f"<{'|'.join(parts)}>"
 
 
@@ -134,15 +134,15 @@ def parse_status(text: str) -> StatusReport | None:
     if usual := _USUAL.fullmatch(text):
         state, x, y, z, blocks, rx, line, feed, spindle = usual.groups()
         return StatusReport(
-            state, machine_mm=(float(x), float(y), float(z)), blocks_free=int(blocks),
-            rx_free=int(rx), line_number=int(line) if line else None, feed_mm_min=float(feed),
-            spindle=float(spindle),
+            state, machine_mm=(float(x), float(y), float(z)), planner_blocks_free=int(blocks),
+            rx_bytes_free=int(rx), line_number=int(line) if line else None, feed_mm_min=float(feed),
+            spindle_speed=float(spindle),
         )
     if len(text) < 3 or text[0] != "<" or text[-1] != ">":
         return None
     head, *fields = text[1:-1].split("|")
     state, colon, sub = head.partition(":")
-    if state not in STATES or (colon and not _INT.fullmatch(sub)):
+    if state not in CONTROLLER_STATES or (colon and not _INT.fullmatch(sub)):
         return None
     found: dict[str, Any] = {"substate": int(sub) if colon else None}
     other: list[tuple[str, str | None]] = []
@@ -157,7 +157,7 @@ def parse_status(text: str) -> StatusReport | None:
                 return None
             else:
                 found[name] = value
-    return StatusReport(state, other=tuple(other), **found)
+    return StatusReport(state, unknown_fields=tuple(other), **found)
 
 
 def _lengths(values: tuple[float, ...]) -> str:
@@ -194,8 +194,8 @@ def _rates(value: str, names: tuple[str, ...], least: int) -> _Values | None:
 
 
 def _overrides(value: str) -> _Values | None:
-    percent = _integers(value, "feed", "rapid", "spindle")
-    return None if percent is None else (("overrides", tuple(p for _, p in percent)),)
+    percent = _integers(value, "feed", "rapid", "spindle_speed")
+    return None if percent is None else (("override_percents", tuple(p for _, p in percent)),)
 
 
 def _letters(name: str, value: str) -> _Values | None:
@@ -206,11 +206,12 @@ _FIELDS: dict[str, Callable[[str], _Values | None]] = {
     "MPos": lambda value: _position("machine_mm", value),
     "WPos": lambda value: _position("work_mm", value),
     "WCO": lambda value: _position("offset_mm", value),
-    "Bf": lambda value: _integers(value, "blocks_free", "rx_free"),
+    "Bf": lambda value: _integers(value, "planner_blocks_free", "rx_bytes_free"),
     "Ln": lambda value: _integers(value, "line_number"),
     "F": lambda value: _rates(value, ("feed_mm_min",), 1),
-    "FS": lambda value: _rates(value, ("feed_mm_min", "spindle", "spindle_measured"), 2),
+    "FS": lambda value: _rates(value, ("feed_mm_min", "spindle_speed", "spindle_speed_measured"),
+                               2),
     "Ov": _overrides,
-    "Pn": lambda value: _letters("pins", value),
+    "Pn": lambda value: _letters("active_pins", value),
     "A": lambda value: _letters("accessories", value),
 }

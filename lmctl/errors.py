@@ -104,11 +104,11 @@ class JournalError(LmctlError):
     """A run journal is broken, owned by another process, or not there."""
 
 
-class RunFailed(LmctlError):  # noqa: N818 (it is the outcome's name, as the operator reads it)
+class RunFailedError(LmctlError):
     """The run ended before the part was finished and cannot simply be resumed."""
 
 
-class RunBrokenOff(RunFailed):
+class RunInterruptedError(RunFailedError):
     """The run ended before the part was finished; `lmctl recover` can go on with it."""
 
     exit_code = 5
@@ -120,7 +120,7 @@ class MachineError(LmctlError):
     exit_code = 4
 
 
-class RunStopped(LmctlError):  # noqa: N818
+class RunStoppedError(LmctlError):
     """The run was stopped on purpose or by a fault that leaves it resumable."""
 
     exit_code = 5

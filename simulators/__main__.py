@@ -13,9 +13,9 @@ from pathlib import Path
 
 from simulators.bench import Bench, with_motion_on_pty
 from simulators.bench_config import BenchConfig, BenchConfigError
-from simulators.faults.board import FaultBoard, Happened
+from simulators.fault_outcome import record_as_json
+from simulators.faults.fault_injector import FaultInjector, InjectedFault
 from simulators.faults.plan import FaultPlan, FaultPlanError
-from simulators.verdict import record_as_json
 
 CONFIGURATION_WRONG, CANNOT_SERVE = 3, 4
 
@@ -63,11 +63,11 @@ async def _serve(order: _Order) -> None:
     for interruption in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(interruption, stop.set)
     async with Bench(order.config) as bench:
-        board = FaultBoard(bench, on_happened=_tell)
+        board = FaultInjector(bench, on_happened=_tell)
 
         def write() -> None:
             if order.record is not None:
-                _write(order.record, json.dumps(record_as_json(bench, board.happened)))
+                _write(order.record, json.dumps(record_as_json(bench, board.injected)))
 
         loop.add_signal_handler(signal.SIGUSR1, write)
         print(json.dumps(bench.endpoints), flush=True)
@@ -78,12 +78,12 @@ async def _serve(order: _Order) -> None:
         write()
 
 
-async def _arm(board: FaultBoard, bench: Bench, faults: FaultPlan) -> None:
+async def _arm(board: FaultInjector, bench: Bench, faults: FaultPlan) -> None:
     await bench.edges["motion"].host_came.wait()
-    board.arm(faults)
+    board.schedule(faults)
 
 
-def _tell(happened: Happened) -> None:
+def _tell(happened: InjectedFault) -> None:
     print(json.dumps({"fault": happened.fault.kind.name, "device": happened.fault.device,
                       "channel": happened.fault.channel, "at_s": happened.at_s}), flush=True)
 

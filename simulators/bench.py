@@ -8,14 +8,14 @@ from dataclasses import replace
 from types import TracebackType
 
 from simulators.bench_config import Address, BenchConfig
-from simulators.faults.edge import Edge
-from simulators.feeder.device import PmxDevice
+from simulators.bench_record import BenchRecord
+from simulators.faults.link_tap import LinkTap
+from simulators.feeder.device import PmxFeederDevice
 from simulators.feeder.server import FeederRegisters
 from simulators.modbus_server import Registers, serve_pty, serve_tcp
 from simulators.motion import server as motion_server
-from simulators.motion.sim import MotionSim
-from simulators.record import BenchRecord
-from simulators.safety.device import SafetyDevice
+from simulators.motion.simulator import MotionSimulator
+from simulators.safety.device import SimulatedSafetyDevice
 from simulators.safety.wiring import SafetyWiring
 
 _ANY_PORT = Address("127.0.0.1", 0)
@@ -41,9 +41,9 @@ class Bench:
         self._ephemeral_ports = ephemeral_ports
         self._running = AsyncExitStack()
         self.endpoints: dict[str, str] = {}
-        self.feeders: dict[str, PmxDevice] = {}
-        self.safety: SafetyDevice | None = None
-        self.edges: dict[str, Edge] = {}
+        self.feeders: dict[str, PmxFeederDevice] = {}
+        self.safety: SimulatedSafetyDevice | None = None
+        self.edges: dict[str, LinkTap] = {}
 
     async def __aenter__(self) -> Bench:
         try:
@@ -66,18 +66,18 @@ class Bench:
 
     async def _start(self) -> None:
         clock = asyncio.get_running_loop().time
-        self.motion = MotionSim(self.config.motion)
+        self.motion = MotionSimulator(self.config.motion)
         self._running.callback(self.motion.close)
         self.endpoints["motion"] = await self._serve_motion(self._address("motion"))
         for feeder in self.config.feeders:
-            device = PmxDevice(feeder, clock)
+            device = PmxFeederDevice(feeder, clock)
             self.feeders[feeder.name] = device
             self.endpoints[feeder.name] = await self._serve_modbus(
                 f"feeder {feeder.name}", FeederRegisters(device), self._edge(feeder.name),
                 self._address(feeder.name),
             )
         if self.config.safety is not None:
-            self.safety = SafetyDevice(self.config.safety, clock)
+            self.safety = SimulatedSafetyDevice(self.config.safety, clock)
             wiring = SafetyWiring(self.safety, self.motion, self.feeders.values())
             self._running.callback(wiring.close)
             self.endpoints["safety"] = await self._serve_modbus(
@@ -102,11 +102,11 @@ class Bench:
         self._running.callback(server.close)
         return f"tcp://{address.host}:{server.port}"
 
-    def _edge(self, name: str) -> Edge:
-        return self.edges.setdefault(name, Edge())
+    def _edge(self, name: str) -> LinkTap:
+        return self.edges.setdefault(name, LinkTap())
 
     async def _serve_modbus(
-        self, name: str, device: Registers, edge: Edge, address: Address, baud: int = 19_200
+        self, name: str, device: Registers, edge: LinkTap, address: Address, baud: int = 19_200
     ) -> str:
         if address.pty:
             server = await serve_pty(device, edge, baud)

@@ -9,10 +9,10 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from firmware_protocol.dialect import GRBL, GRBLHAL
-from firmware_protocol.pmx import MOST_HOPPERS
+from firmware_protocol.pmx import MAX_HOPPERS
 from simulators.feeder.config import FeederConfig, HopperConfig
 from simulators.motion.config import MotionConfig
-from simulators.motion.settings import SettingError, Settings
+from simulators.motion.settings import FirmwareSettings, SettingError
 from simulators.safety.config import SafetyConfig
 from simulators.table_reader import TableReader
 
@@ -21,7 +21,7 @@ _SETTING_ERRORS = {
     3: "the firmware has no such setting", 10: "soft limits ($20) need homing ($22)",
 }
 #: Most a feeder's flow registers can say [g/min].
-_MOST_FLOW = 655.0
+_MAX_FLOW = 655.0
 
 
 class BenchConfigError(ValueError):
@@ -84,10 +84,10 @@ def _bench(top: TableReader) -> BenchConfig:
     feeders = []
     for table in top.tables("feeder"):
         feeders.append(_feeder(table, addresses))
-    top.close()
+    top.report_unknown_keys()
     ports = [address.port for address in addresses.values() if address.port]
     for port in sorted({port for port in ports if ports.count(port) > 1}):
-        top.blame("", f"two devices answer at port {port}")
+        top.report_mistake("", f"two devices answer at port {port}")
     return BenchConfig(name, motion, tuple(feeders), addresses, safety)
 
 
@@ -98,16 +98,16 @@ def _motion(table: TableReader, addresses: dict[str, Address]) -> MotionConfig:
     rx_bytes = table.integer("rx_bytes", firmware.rx_bytes, least=64, most=65_536)
     blocks = table.integer("planner_blocks", firmware.planner_blocks, least=4, most=1000)
     settings = table.table("settings", {})
-    values = settings.numbers_by_number()
-    table.close()
+    values = settings.numbers_by_integer_key()
+    table.report_unknown_keys()
     for number, value in values.items():
         # $20 needs $22, so that each is tried together with what it needs
         tried = {number: value} if number != 20 else {22: values.get(22, 0.0), 20: value}
         try:
-            Settings(firmware, tried)
+            FirmwareSettings(firmware, tried)
         except SettingError as error:
             if f"${number}:" in str(error):
-                settings.blame(
+                settings.report_mistake(
                     str(number), _SETTING_ERRORS.get(error.code, f"the firmware refuses {value:g}")
                 )
     return MotionConfig(
@@ -135,15 +135,15 @@ def _safety(table: TableReader, addresses: dict[str, Address]) -> SafetyConfig:
         ),
     )
     if safety.laser_enable and not safety.watchdog_relay:
-        table.blame("laser_enable", "needs watchdog_relay = true: it drops with the relay")
-    table.close()
+        table.report_mistake("laser_enable", "needs watchdog_relay = true: it drops with the relay")
+    table.report_unknown_keys()
     return safety
 
 
 def _feeder(table: TableReader, addresses: dict[str, Address]) -> FeederConfig:
     name = table.text("name")
     if name in addresses:
-        table.blame("name", f"{name!r} is taken")
+        table.report_mistake("name", f"{name!r} is taken")
     addresses[name] = _address(table, "modbus-tcp", "modbus-tcp://127.0.0.1:0")
     device_id = table.integer("device_id", 1, least=1, most=247)
     boot_s = table.number("boot_s", 0.0, least=0, most=3600)
@@ -152,8 +152,8 @@ def _feeder(table: TableReader, addresses: dict[str, Address]) -> FeederConfig:
     hoppers = [_hopper(hopper) for hopper in table.tables("hopper")]
     channels = sorted(hopper.channel for hopper in hoppers)
     if not channels or channels != list(range(1, len(channels) + 1)):
-        table.blame("hopper", "channels must be 1, 2, … without gap or repetition")
-    table.close()
+        table.report_mistake("hopper", "channels must be 1, 2, … without gap or repetition")
+    table.report_unknown_keys()
     return FeederConfig(
         name, tuple(hoppers), device_id, boot_s, preflow_s, int(map_version.partition(".")[2])
     )
@@ -164,7 +164,7 @@ def _hopper(table: TableReader) -> HopperConfig:
     factor = table.number("feed_factor_g_rev", above=0, most=65)
     calibrated = table.number("calibrated_g_rev", factor, above=0, most=65)
     hopper = HopperConfig(
-        channel=table.integer("channel", 1, least=1, most=MOST_HOPPERS),
+        channel=table.integer("channel", 1, least=1, most=MAX_HOPPERS),
         material=table.text("material"),
         density_g_mm3=table.number("density_g_mm3", above=0, most=0.1),
         catch_efficiency=table.number("catch_efficiency", above=0, most=1),
@@ -180,9 +180,10 @@ def _hopper(table: TableReader) -> HopperConfig:
         noise_rsd=table.number("noise_rsd", 0.0, least=0, most=0.2),
         seed=table.integer("seed", 0, least=0, most=2**31),
     )
-    if max(factor, calibrated) * hopper.n_max_rpm > _MOST_FLOW:
-        table.blame("n_max_rpm", f"makes more than {_MOST_FLOW:g} g/min with the feed factor")
-    table.close()
+    if max(factor, calibrated) * hopper.n_max_rpm > _MAX_FLOW:
+        table.report_mistake("n_max_rpm",
+                             f"makes more than {_MAX_FLOW:g} g/min with the feed factor")
+    table.report_unknown_keys()
     return hopper
 
 
@@ -200,5 +201,5 @@ def _address(table: TableReader, scheme: str, default: str) -> Address:
             return Address(parts.hostname, parts.port)
     except ValueError:
         pass
-    table.blame("endpoint", f'must be "{scheme}://HOST:PORT" or "pty"')
+    table.report_mistake("endpoint", f'must be "{scheme}://HOST:PORT" or "pty"')
     return Address(pty=True)

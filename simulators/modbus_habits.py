@@ -6,7 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from simulators.modbus_refusal import ILLEGAL_ADDRESS, ILLEGAL_FUNCTION, ILLEGAL_VALUE, RefusedError
+from simulators.modbus_errors import (
+    ILLEGAL_ADDRESS,
+    ILLEGAL_FUNCTION,
+    ILLEGAL_VALUE,
+    ExceptionReplyError,
+)
 
 
 class Registers(Protocol):
@@ -36,7 +41,7 @@ class ModbusHabits:
     def check_function(self, code: int) -> None:
         """Raises RefusedError for a function it does not know."""
         if code not in self.function_codes:
-            raise RefusedError(ILLEGAL_FUNCTION)
+            raise ExceptionReplyError(ILLEGAL_FUNCTION)
 
 
 class PeculiarRegisters:
@@ -62,7 +67,7 @@ class PeculiarRegisters:
     def _own(self, address: int, count: int) -> int:
         """The device's own number of a register. Raises RefusedError."""
         if count > self._habits.max_registers:
-            raise RefusedError(ILLEGAL_VALUE)
+            raise ExceptionReplyError(ILLEGAL_VALUE)
         if address < self._habits.address_base:
-            raise RefusedError(ILLEGAL_ADDRESS)
+            raise ExceptionReplyError(ILLEGAL_ADDRESS)
         return address - self._habits.address_base

@@ -37,13 +37,13 @@ class ReadInputRequest(ReadInputRegistersRequest):
         return f"read {self.count} at {self.address}"
 
 
-class WriteRequest(WriteMultipleRegistersRequest):
+class ServerWriteRequest(WriteMultipleRegistersRequest):
     """FC 16. sound : whether the counts it names agree, and the protocol allows them."""
 
     def decode(self, data: bytes) -> None:
         self.address, self.count, byte_count = _WRITE.unpack_from(data)
         self.registers = _words(data, _WRITE.size)
-        self.sound = 1 <= self.count <= _MOST_WRITTEN and (
+        self.is_valid = 1 <= self.count <= _MOST_WRITTEN and (
             byte_count == 2 * self.count == len(data) - _WRITE.size
         )
 
@@ -51,7 +51,7 @@ class WriteRequest(WriteMultipleRegistersRequest):
         return f"write {self.count} at {self.address}"
 
 
-class ExchangeRequest(ReadWriteMultipleRegistersRequest):
+class ServerExchangeRequest(ReadWriteMultipleRegistersRequest):
     """FC 23. sound : as of a write; what is to be read counts too."""
 
     def decode(self, data: bytes) -> None:
@@ -59,7 +59,7 @@ class ExchangeRequest(ReadWriteMultipleRegistersRequest):
             self.read_address, self.read_count, self.write_address, self.write_count, byte_count,
         ) = _EXCHANGE.unpack_from(data)
         self.write_registers = _words(data, _EXCHANGE.size)
-        self.sound = 1 <= self.write_count <= _MOST_EXCHANGED and (
+        self.is_valid = 1 <= self.write_count <= _MOST_EXCHANGED and (
             byte_count == 2 * self.write_count == len(data) - _EXCHANGE.size
             and 1 <= self.read_count <= _MOST_READ
         )
@@ -68,7 +68,7 @@ class ExchangeRequest(ReadWriteMultipleRegistersRequest):
         return f"write {self.write_count} at {self.write_address}, read at {self.read_address}"
 
 
-class RegistersAnswer(ModbusPDU):
+class RegistersReply(ModbusPDU):
     """Registers that were read, by whichever function."""
 
     def __init__(self, function_code: int, registers: Sequence[int]) -> None:
@@ -82,7 +82,7 @@ class RegistersAnswer(ModbusPDU):
 
 #: To be registered with pymodbus's decoder.
 REQUESTS: tuple[type[ModbusPDU], ...] = (
-    ReadHoldingRequest, ReadInputRequest, WriteRequest, ExchangeRequest,
+    ReadHoldingRequest, ReadInputRequest, ServerWriteRequest, ServerExchangeRequest,
 )
 
 

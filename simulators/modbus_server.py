@@ -24,52 +24,57 @@ from pymodbus.pdu.register_message import (
     WriteSingleRegisterResponse,
 )
 
-from simulators.faults.edge import Edge
+from simulators.faults.link_tap import LinkTap
+from simulators.modbus_errors import (
+    ILLEGAL_FUNCTION,
+    ILLEGAL_VALUE,
+    ExceptionReplyError,
+    RequestIgnoredError,
+)
 from simulators.modbus_habits import ModbusHabits, PeculiarRegisters, Registers
 from simulators.modbus_pdus import (
     REQUESTS,
-    ExchangeRequest,
     ReadHoldingRequest,
     ReadInputRequest,
-    RegistersAnswer,
-    WriteRequest,
+    RegistersReply,
+    ServerExchangeRequest,
+    ServerWriteRequest,
 )
-from simulators.modbus_refusal import ILLEGAL_FUNCTION, ILLEGAL_VALUE, RefusedError, SilentError
 from simulators.pty_transport import PtyTransport
 
 # What pymodbus would otherwise print on stderr; a program that wants it sets up logging.
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())
 
 #: More than the longest request (Modbus TCP): bytes that are none are not kept for ever.
-_MOST_UNREAD = 264
+_MAX_UNREAD = 264
 
 
 class ModbusServer:
     """A device on its wire. `endpoint` is where a host finds it, in the driver's own spelling."""
 
     def __init__(
-        self, registers: Registers, edge: Edge | None = None, habits: ModbusHabits | None = None
+        self, registers: Registers, edge: LinkTap | None = None, habits: ModbusHabits | None = None
     ) -> None:
         self.endpoint = ""
         self.habits = habits or ModbusHabits()
         self.registers = registers if habits is None else PeculiarRegisters(registers, habits)
-        self.edge = edge or Edge()
+        self.edge = edge or LinkTap()
         self.open: set[_Connection] = set()
         self.listening: asyncio.Server | None = None
 
-    def drop_hosts(self) -> None:
+    def disconnect_hosts(self) -> None:
         """Cut the connections of the hosts, who may come again."""
         for connection in list(self.open):
             connection.close()
 
-    def stop(self) -> None:
+    def go_offline(self) -> None:
         """Go dead: cut the connections, and take no more."""
         if self.listening is not None:
             self.listening.close()
-        self.drop_hosts()
+        self.disconnect_hosts()
 
     async def close(self) -> None:
-        self.stop()
+        self.go_offline()
         await asyncio.sleep(0)  # let the transports say goodbye
 
 
@@ -91,12 +96,12 @@ class _Connection(asyncio.Protocol):
             link.abort()
             return
         self._transport = link
-        self._write = self._server.edge.joined(link, self._out)
+        self._write = self._server.edge.host_connected(link, self._out)
         self._server.open.add(self)
 
     def connection_lost(self, exc: Exception | None) -> None:
         if self._transport is not None:
-            self._server.edge.left(self._transport)
+            self._server.edge.host_disconnected(self._transport)
         self._transport = None
         self._server.open.discard(self)
 
@@ -132,7 +137,7 @@ class _Connection(asyncio.Protocol):
             answer = _answer(self._server, request)
             if answer is not None:
                 self._send(answer, request.transaction_id)
-        self._unread = unread if len(unread) <= _MOST_UNREAD else b""
+        self._unread = unread if len(unread) <= _MAX_UNREAD else b""
 
     def _send(self, answer: ModbusPDU, number: int) -> None:
         answer.dev_id, answer.transaction_id = self._server.registers.device_id, number
@@ -144,29 +149,29 @@ def _answer(server: ModbusServer, request: ModbusPDU) -> ModbusPDU | None:
     try:
         server.habits.check_function(request.function_code)
         return _carried_out(server.registers, request)
-    except RefusedError as refused:
+    except ExceptionReplyError as refused:
         return ExceptionResponse(request.function_code, refused.code)
-    except SilentError:
+    except RequestIgnoredError:
         return None
 
 
 def _carried_out(registers: Registers, request: ModbusPDU) -> ModbusPDU:
     """Do what a request asks, and say so. Raises RefusedError, SilentError."""
     match request:
-        case ExchangeRequest() if request.sound:
+        case ServerExchangeRequest() if request.is_valid:
             registers.write(request.write_address, request.write_registers)
-            return RegistersAnswer(request.function_code, registers.read_holding(
+            return RegistersReply(request.function_code, registers.read_holding(
                 request.read_address, request.read_count))
-        case WriteRequest() if request.sound:
+        case ServerWriteRequest() if request.is_valid:
             registers.write(request.address, request.registers)
             return WriteMultipleRegistersResponse(address=request.address, count=request.count)
-        case ExchangeRequest() | WriteRequest():
-            raise RefusedError(ILLEGAL_VALUE)
+        case ServerExchangeRequest() | ServerWriteRequest():
+            raise ExceptionReplyError(ILLEGAL_VALUE)
         case ReadInputRequest():
-            return RegistersAnswer(
+            return RegistersReply(
                 request.function_code, registers.read_input(request.address, request.count))
         case ReadHoldingRequest():
-            return RegistersAnswer(
+            return RegistersReply(
                 request.function_code, registers.read_holding(request.address, request.count))
         case WriteSingleRegisterRequest():
             registers.write(request.address, request.registers)
@@ -177,11 +182,11 @@ def _carried_out(registers: Registers, request: ModbusPDU) -> ModbusPDU:
             word = (word & request.and_mask) | (request.or_mask & ~request.and_mask)
             registers.write(request.address, [word])
             return MaskWriteRegisterResponse(request.address, request.and_mask, request.or_mask)
-    raise RefusedError(ILLEGAL_FUNCTION)
+    raise ExceptionReplyError(ILLEGAL_FUNCTION)
 
 
 async def serve_tcp(
-    registers: Registers, host: str = "127.0.0.1", port: int = 0, edge: Edge | None = None,
+    registers: Registers, host: str = "127.0.0.1", port: int = 0, edge: LinkTap | None = None,
     habits: ModbusHabits | None = None,
 ) -> ModbusServer:
     """Answer Modbus TCP; port 0 takes a free one. Raises OSError where it cannot listen.
@@ -196,7 +201,7 @@ async def serve_tcp(
 
 
 async def serve_pty(
-    registers: Registers, edge: Edge | None = None, baud: int = 19_200,
+    registers: Registers, edge: LinkTap | None = None, baud: int = 19_200,
     habits: ModbusHabits | None = None,
 ) -> ModbusServer:
     """Answer Modbus RTU on a new pty, without parity: Linux ptys carry none.

@@ -8,14 +8,14 @@ import tty
 from typing import Protocol
 
 
-class Receiver(Protocol):
+class DataReceiver(Protocol):
     def data_received(self, data: bytes) -> None: ...
 
 
 class PtyTransport(asyncio.Transport):
     """path : what the host opens. Both ends stay open until `close`, so hosts may come and go."""
 
-    def __init__(self, receiver: Receiver) -> None:
+    def __init__(self, receiver: DataReceiver) -> None:
         super().__init__()
         self._receiver = receiver
         self._loop = asyncio.get_running_loop()

@@ -22,7 +22,7 @@ class TableReader:
         self._asked: set[str] = set()
         self.mistakes = mistakes
 
-    def blame(self, key: str, reason: str) -> None:
+    def report_mistake(self, key: str, reason: str) -> None:
         place = f"{self._path}.{key}" if self._path and key else self._path + key
         self.mistakes.append(f"{place}: {reason}" if place else reason)
 
@@ -38,15 +38,15 @@ class TableReader:
         if value is _REQUIRED:
             return 1.0
         if isinstance(value, bool) or not isinstance(value, int | float):
-            self.blame(key, "must be a number")
+            self.report_mistake(key, "must be a number")
         elif not abs(value) < _HUGE:
-            self.blame(key, "must be finite")
+            self.report_mistake(key, "must be finite")
         elif value < least:
-            self.blame(key, f"must be at least {least:g}")
+            self.report_mistake(key, f"must be at least {least:g}")
         elif value <= above:
-            self.blame(key, f"must be above {above:g}")
+            self.report_mistake(key, f"must be above {above:g}")
         elif value > most:
-            self.blame(key, f"must be at most {most:g}")
+            self.report_mistake(key, f"must be at most {most:g}")
         else:
             return float(value)
         return 1.0
@@ -56,7 +56,7 @@ class TableReader:
         if value is _REQUIRED:
             return least
         if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
-            self.blame(key, f"must be a whole number from {least} to {most}")
+            self.report_mistake(key, f"must be a whole number from {least} to {most}")
             return least
         return value
 
@@ -65,14 +65,14 @@ class TableReader:
         if value is _REQUIRED:
             return "?"
         if not isinstance(value, str) or not value.strip():
-            self.blame(key, "must be text")
+            self.report_mistake(key, "must be text")
             return "?"
         return value
 
     def flag(self, key: str, default: bool) -> bool:
         value = self._get(key, default)
         if not isinstance(value, bool):
-            self.blame(key, "must be true or false")
+            self.report_mistake(key, "must be true or false")
             return default
         return value
 
@@ -80,14 +80,14 @@ class TableReader:
         options = tuple(options)
         value = self._get(key, default)
         if value is not _REQUIRED and value not in options:
-            self.blame(key, f"must be {' or '.join(repr(option) for option in options)}")
+            self.report_mistake(key, f"must be {' or '.join(repr(option) for option in options)}")
         return next((str(text) for text in (value, default) if text in options), options[0])
 
     def table(self, key: str, default: Mapping[str, Any] = _REQUIRED) -> TableReader:
         value = self._get(key, default)
         if not isinstance(value, dict):
             if value is not _REQUIRED:
-                self.blame(key, "must be a table")
+                self.report_mistake(key, "must be a table")
             value = {}
         return TableReader(value, f"{self._path}.{key}" if self._path else key, self.mistakes)
 
@@ -95,7 +95,7 @@ class TableReader:
         """An array of tables, counted from one in messages; none where the key is missing."""
         value = self._get(key, [])
         if not isinstance(value, list) or not all(isinstance(item, dict) for item in value):
-            self.blame(key, "must be an array of tables")
+            self.report_mistake(key, "must be an array of tables")
             return []
         path = f"{self._path}.{key}" if self._path else key
         return [
@@ -103,27 +103,27 @@ class TableReader:
             for number, item in enumerate(value, 1)
         ]
 
-    def numbers_by_number(self) -> dict[int, float]:
+    def numbers_by_integer_key(self) -> dict[int, float]:
         """The whole table as {whole number: number}: `$` settings."""
         values = {}
         for key in self._table:
             if not key.isascii() or not key.isdecimal():
                 self._asked.add(key)
-                self.blame(key, "must be the number of a setting")
+                self.report_mistake(key, "must be the number of a setting")
             else:
                 values[int(key)] = self.number(key)
         return values
 
-    def close(self) -> None:
+    def report_unknown_keys(self) -> None:
         """Blame every key nobody asked for: a typo."""
         for key in self._table:
             if key not in self._asked:
-                self.blame(key, "there is no such key")
+                self.report_mistake(key, "there is no such key")
 
     def _get(self, key: str, default: Any) -> Any:
         """What stands there, or the default; _REQUIRED, blamed, where neither is."""
         self._asked.add(key)
         value = self._table.get(key, default)
         if value is _REQUIRED:
-            self.blame(key, "is missing")
+            self.report_mistake(key, "is missing")
         return value

@@ -17,7 +17,7 @@ from lmctl.run.executor import Notice, Progress, RunResult, run_job
 from simulators import virtual_time
 from simulators.bench import Bench
 from simulators.bench_config import BenchConfig
-from simulators.faults.board import FaultBoard
+from simulators.faults.fault_injector import FaultInjector
 from simulators.faults.plan import FaultPlan, FaultPlanError
 
 T = TypeVar("T")
@@ -40,21 +40,21 @@ def run_simulated(
 
     async def whole_run() -> RunResult:
         async with Bench(config, ephemeral_ports=True) as cell:
-            wired = rewire(profile, cell.endpoints)
-            board = FaultBoard(cell, on_host_killed=_kill_this_process)
-            board.arm(plan)
+            wired = replace_endpoints(profile, cell.endpoints)
+            board = FaultInjector(cell, on_host_killed=_kill_this_process)
+            board.schedule(plan)
             try:
                 return await run_job(job, wired, runs_dir, operator=operator, progress=progress,
                                      notice=notice)
             finally:
                 board.close()
                 if happened is not None:
-                    happened.extend(map(str, board.happened))
+                    happened.extend(map(str, board.injected))
 
     return virtual_time.run(whole_run(), speed=math.inf if speed is None else speed)
 
 
-def on_bench(
+def run_on_bench(
     act: Callable[[MachineProfile], Coroutine[Any, Any, T]], profile: MachineProfile,
     bench: Path | None = None,
 ) -> T:
@@ -63,7 +63,7 @@ def on_bench(
 
     async def whole_act() -> T:
         async with Bench(config, ephemeral_ports=True) as cell:
-            return await act(rewire(profile, cell.endpoints))
+            return await act(replace_endpoints(profile, cell.endpoints))
 
     return virtual_time.run(whole_act())
 
@@ -104,7 +104,7 @@ def _kill_this_process() -> None:
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-def rewire(profile: MachineProfile, endpoints: dict[str, str]) -> MachineProfile:
+def replace_endpoints(profile: MachineProfile, endpoints: dict[str, str]) -> MachineProfile:
     """The profile with its endpoints replaced: "motion", "safety", and each feeder by its name.
 
     Raises ConfigError where the bench lacks a feeder or the safety device of the profile.

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import click
 
 from lmctl.cli.paths import InputFile
-from lmctl.cli.profiles import profile_or_bench_cell
+from lmctl.cli.profiles import load_profile_or_default
 from lmctl.config.machine import MachineProfile
 from lmctl.errors import UsageError
 
@@ -26,13 +26,13 @@ class CellChoice:
     sim: bool
     bench: Path | None
 
-    def do(self, act: Callable[[MachineProfile], Coroutine[Any, Any, T]]) -> T:
+    def run_on_cell(self, act: Callable[[MachineProfile], Coroutine[Any, Any, T]]) -> T:
         """Do something with it; a simulated cell lives as long as that. Raises what it raises."""
         if not self.sim:
             return asyncio.run(act(self.profile))
-        from lmctl.cli.bench import on_bench
+        from lmctl.cli.bench import run_on_bench
 
-        return on_bench(act, self.profile, self.bench)
+        return run_on_bench(act, self.profile, self.bench)
 
 
 def choose_cell(machine: Path | None, sim: bool, bench: Path | None) -> CellChoice:
@@ -42,7 +42,7 @@ def choose_cell(machine: Path | None, sim: bool, bench: Path | None) -> CellChoi
                          hint="--machine FILE for a real one, --sim for the simulated one")
     if bench is not None and not sim:
         raise UsageError("--bench belongs to --sim")
-    return CellChoice(profile_or_bench_cell(machine), sim, bench)
+    return CellChoice(load_profile_or_default(machine), sim, bench)
 
 
 def cell_options(command: Callable[..., None]) -> Callable[..., None]:

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import click
 
-from lmctl.cli.console import put, say
+from lmctl.cli.console import print_data, print_message
 from lmctl.cli.interrupts import interruptible
 from lmctl.cli.paths import InputFile
 from lmctl.cli.planning import check_units, units_option
-from lmctl.cli.profiles import profile_in, profile_or_bench_cell
+from lmctl.cli.profiles import load_checked_profile, load_profile_or_default
 from lmctl.config import toml_file
 from lmctl.config.machine import MachineProfile
 
@@ -24,20 +24,20 @@ def check(file: Path, machine: Path | None, units: str | None) -> None:
     """Check FILE: a part file, a bare mesh or cloud, a machine profile, or a job."""
     check_units(file, units)
     if file.suffix.lower() == ".lmj":
-        _check_job(file, profile_or_bench_cell(machine))
+        _check_job(file, load_profile_or_default(machine))
     elif _is_profile(file):
-        profile = profile_in(file)
-        put(f"{file}: a machine profile, {len(profile.hopper)} hoppers on "
-            f"{len(profile.feeder)} feeders; nothing wrong")
+        profile = load_checked_profile(file)
+        print_data(f"{file}: a machine profile, {len(profile.hopper)} hoppers on "
+                   f"{len(profile.feeder)} feeders; nothing wrong")
     else:
-        _check_part(file, units, profile_or_bench_cell(machine))
+        _check_part(file, units, load_profile_or_default(machine))
 
 
 def _is_profile(file: Path) -> bool:
     """Whether a TOML file is meant as a machine profile: only those have a [motion] table."""
     if file.suffix.lower() != ".toml":
         return False
-    return "motion" in toml_file.tables(toml_file.read_text(file), name=str(file))
+    return "motion" in toml_file.parse_tables(toml_file.read_text(file), name=str(file))
 
 
 @interruptible()
@@ -49,8 +49,8 @@ def _check_job(file: Path, profile: MachineProfile) -> None:
     with JobReader(file) as job:
         check_job(job.manifest, profile)
         check_program(job, profile)  # opening a layer verifies its digest, too
-        put(f"{file}: a whole job of {len(job.manifest.layers)} layers for "
-            f"{job.manifest.machine}; nothing wrong")
+        print_data(f"{file}: a whole job of {len(job.manifest.layers)} layers for "
+                   f"{job.manifest.machine}; nothing wrong")
 
 
 @interruptible()
@@ -60,9 +60,9 @@ def _check_part(file: Path, units: str | None, profile: MachineProfile) -> None:
 
     part = open_part(file, units)
     for text in part.warnings:
-        say(f"warning: {text}")
+        print_message(f"warning: {text}")
     place_layers(part, profile)
     low, high = part.bounds_mm
     size = " × ".join(f"{b - a:.1f}" for a, b in zip(low, high, strict=True))
-    put(f"{file}: {part.name}, {size} mm, {', '.join(m.name for m in part.materials)}; "
-        "nothing wrong")
+    print_data(f"{file}: {part.name}, {size} mm, {', '.join(m.name for m in part.materials)}; "
+               "nothing wrong")

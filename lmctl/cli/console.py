@@ -14,22 +14,22 @@ import click
 from lmctl.errors import UsageError
 
 
-def say(text: str = "") -> None:
+def print_message(text: str = "") -> None:
     """A line of talk, on standard error."""
     click.echo(text, err=True)
 
 
-def put(text: str = "") -> None:
+def print_data(text: str = "") -> None:
     """A line of data, on standard output."""
     click.echo(text)
 
 
-def put_json(data: Any) -> None:
+def print_json(data: Any) -> None:
     """One JSON value on standard output."""
     click.echo(json.dumps(data, ensure_ascii=False, allow_nan=False))
 
 
-def confirmed(question: str, yes: bool) -> bool:
+def ask_confirmation(question: str, yes: bool) -> bool:
     """Whether somebody says yes, or has said so before. Raises UsageError where nobody is there."""
     if yes:
         return True
@@ -38,7 +38,7 @@ def confirmed(question: str, yes: bool) -> bool:
     return click.confirm(question, err=True)
 
 
-def clock(seconds: float) -> str:
+def format_duration(seconds: float) -> str:
     """A duration as people read it: 1:02:03, 2:03, or 4.5 s below a minute."""
     if seconds < 60:
         return f"{seconds:.1f} s"
@@ -48,7 +48,7 @@ def clock(seconds: float) -> str:
 
 
 @dataclass(frozen=True)
-class Bar:
+class ProgressBar:
     """A progress bar, or none. Call it with (done, total, note): that costs nothing without one.
 
     notice : says a line, above the bar where there is one; see the function of that name
@@ -61,17 +61,17 @@ class Bar:
         self.update(done, total, note)
 
 
-def notice(line: str) -> None:
+def print_notice(line: str) -> None:
     """A line of talk from a machine at work, which goes on where nobody hears it any more."""
     with suppress(OSError, ValueError):
-        say(line)
+        print_message(line)
 
 
 @contextmanager
-def progress_bar(label: str, unit: str = "") -> Iterator[Bar]:
+def progress_bar(label: str, unit: str = "") -> Iterator[ProgressBar]:
     """A bar on standard error while the block runs, only where that is a terminal."""
     if not sys.stderr.isatty():
-        yield Bar(lambda done, total, note: None, notice)
+        yield ProgressBar(lambda done, total, note: None, print_notice)
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn
@@ -92,4 +92,4 @@ def progress_bar(label: str, unit: str = "") -> Iterator[Bar]:
         def update(done: float, total: float, note: str) -> None:
             bars.update(task, completed=done, total=total, note=note)
 
-        yield Bar(update, above)
+        yield ProgressBar(update, above)

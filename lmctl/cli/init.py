@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from lmctl.cli.console import put
+from lmctl.cli.console import print_data
 from lmctl.errors import UsageError
 
 
@@ -26,7 +26,7 @@ def init(template: str | None, folder: Path | None, listed: bool, force: bool) -
 
     if listed:
         for name, text in TEMPLATES.items():
-            put(f"{name:20} {text}")
+            print_data(f"{name:20} {text}")
         return
     if template is None:
         raise UsageError("which template?", where=_listing(TEMPLATES),
@@ -41,10 +41,10 @@ def init(template: str | None, folder: Path | None, listed: bool, force: bool) -
                          hint="name another folder after the template, or replace them with "
                               "--force")
     for path in write_template(template, folder):
-        put(str(path))
+        print_data(str(path))
     part = folder / f"{template}.toml"
     words = ["lmctl", "plan", str(part), "--machine", str(folder / "cell.toml")]
-    put(f"hint: {shlex.join(words)}")
+    print_data(f"hint: {shlex.join(words)}")
 
 
 def _listing(templates: dict[str, str]) -> list[str]:

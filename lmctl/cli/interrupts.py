@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-from lmctl.run.signals import heeded
+from lmctl.run.signals import catchable_signals
 
 
 @contextmanager
@@ -39,7 +39,7 @@ def interruptible() -> Iterator[Callable[[], None]]:
         if heard:
             raise KeyboardInterrupt
 
-    before = heeded()
+    before = catchable_signals()
     for number in before:
         signal.signal(number, hear)
     report, sys.unraisablehook = sys.unraisablehook, unraisable

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from lmctl.cli.console import clock, put, put_json
+from lmctl.cli.console import format_duration, print_data, print_json
 
 
 @click.command()
@@ -18,7 +18,7 @@ def jobs(runs_dir: Path, as_json: bool) -> None:
     """List job files in this folder and runs in the runs folder."""
     from lmctl.errors import JobError, MissingFileError
     from lmctl.job.reader import JobReader
-    from lmctl.run.journal.rundir import list_runs
+    from lmctl.run.journal.run_folders import list_runs
 
     files: list[dict[str, object]] = []
     for path in sorted(Path().glob("*.lmj")):
@@ -34,19 +34,20 @@ def jobs(runs_dir: Path, as_json: bool) -> None:
             files.append({"job": str(path), "error": error.what})
     runs = list_runs(runs_dir)
     if as_json:
-        put_json({"jobs": files, "runs": [asdict(run) for run in runs]})
+        print_json({"jobs": files, "runs": [asdict(run) for run in runs]})
         return
     for file in files:
         if file["error"]:
-            put(f"{file['job']}: {file['error']}")
+            print_data(f"{file['job']}: {file['error']}")
         else:
-            put(f"{file['job']}: {file['part']}, {file['layers']} layers for {file['machine']}")
+            print_data(
+                f"{file['job']}: {file['part']}, {file['layers']} layers for {file['machine']}")
     if files and runs:
-        put()
+        print_data()
     for run in runs:
-        lasted = clock(run.machine_s) if run.machine_s is not None else ""
-        put(f"{run.run}  {run.state:<11} {run.started:<24} {lasted:>9}  {run.part}"
-            + (f"  ({run.operator})" if run.operator else ""))
+        lasted = format_duration(run.machine_s) if run.machine_s is not None else ""
+        print_data(f"{run.run}  {run.state:<11} {run.started:<24} {lasted:>9}  {run.part}"
+                   + (f"  ({run.operator})" if run.operator else ""))
     if not files and not runs:
-        put(f"no job files here and no runs in {runs_dir}")
-        put("hint: `lmctl plan PART` makes a job, `lmctl run JOB --sim` runs it")
+        print_data(f"no job files here and no runs in {runs_dir}")
+        print_data("hint: `lmctl plan PART` makes a job, `lmctl run JOB --sim` runs it")

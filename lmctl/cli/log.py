@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 import click
 
-from lmctl.cli.console import put, say
+from lmctl.cli.console import print_data, print_message
 from lmctl.errors import JournalError, UsageError
 
 if TYPE_CHECKING:
     from lmctl.report.part_record import PartRecord
-    from lmctl.run.journal.file import Verification
+    from lmctl.run.journal.format import JournalVerification
 
 
 @click.command()
@@ -43,9 +43,9 @@ def log(
     elif as_csv:
         from lmctl.report.job_log_csv import as_csv as form
 
-        put(_printed(journal, form, run_only=run_only))
+        print_data(_printed(journal, form, run_only=run_only))
     else:
-        put(job_log_as_text(journal, run_only=run_only))
+        print_data(job_log_as_text(journal, run_only=run_only))
 
 
 def job_log_as_text(journal: Path, *, run_only: bool = False) -> str:
@@ -58,9 +58,9 @@ def job_log_as_text(journal: Path, *, run_only: bool = False) -> str:
 def _printed(journal: Path, form: Callable[[PartRecord], str], *, run_only: bool) -> str:
     """The log in some form; damage is said on the way. Raises JournalError."""
     from lmctl.report.part_record import part_of
-    from lmctl.run.journal.file import verify
+    from lmctl.run.journal.format import verify_journal
 
-    found = verify(journal)
+    found = verify_journal(journal)
     _warn(found)
     try:
         part = part_of(journal, run_only=run_only)
@@ -69,7 +69,7 @@ def _printed(journal: Path, form: Callable[[PartRecord], str], *, run_only: bool
                 _warn(run.verification, run.run)
         return form(part)
     except (KeyError, TypeError, ValueError, AttributeError):
-        if found.whole:  # it is what was written, so we do not understand ourselves
+        if found.intact:  # it is what was written, so we do not understand ourselves
             raise
         raise JournalError(
             f"{journal} was damaged or altered, and no log can be printed of it",
@@ -78,10 +78,11 @@ def _printed(journal: Path, form: Callable[[PartRecord], str], *, run_only: bool
         ) from None
 
 
-def _warn(found: Verification, run: str = "") -> None:
+def _warn(found: JournalVerification, run: str = "") -> None:
     if found.broken_line is not None:
         of = f" of {run}" if run else ""
-        say(f"warning: the journal{of} is broken at line {found.broken_line}: {found.reason}")
+        print_message(
+            f"warning: the journal{of} is broken at line {found.broken_line}: {found.reason}")
 
 
 def find_journal(run: str, runs_dir: Path) -> Path:
@@ -89,20 +90,20 @@ def find_journal(run: str, runs_dir: Path) -> Path:
 
     Raises JournalError where there is none.
     """
-    from lmctl.run.journal import rundir
+    from lmctl.run.journal import run_folders
 
     path = Path(run)
     if path.is_file():
         return path
-    if path.is_dir() and (path / rundir.JOURNAL).is_file():
-        return path / rundir.JOURNAL
-    return rundir.find(runs_dir, run).journal
+    if path.is_dir() and (path / run_folders.JOURNAL).is_file():
+        return path / run_folders.JOURNAL
+    return run_folders.find_run_folder(runs_dir, run).journal
 
 
 def _verify(journal: Path) -> None:
-    from lmctl.run.journal.file import verify
+    from lmctl.run.journal.format import verify_journal
 
-    found = verify(journal)
+    found = verify_journal(journal)
     _verify_notes(journal)
     if found.broken_line is not None:
         raise JournalError(
@@ -114,14 +115,14 @@ def _verify(journal: Path) -> None:
             f"{journal} is whole so far, but not sealed", where=found.reason,
             hint="the run is still going, or was broken off",
         )
-    put(f"{journal}: whole and sealed, {found.records:,} records")
+    print_data(f"{journal}: whole and sealed, {found.records:,} records")
 
 
 def _verify_notes(journal: Path) -> None:
     from lmctl.run.journal.notes import NOTES, verify_notes
-    from lmctl.run.journal.rundir import RunDir
+    from lmctl.run.journal.run_folders import RunFolder
 
-    found = verify_notes(RunDir(journal.parent))
+    found = verify_notes(RunFolder(journal.parent))
     if found is not None and found.broken_line is not None:
         raise JournalError(
             f"the notes of {journal.parent.name} do not fit their journal, or were altered",
@@ -132,14 +133,14 @@ def _put_journal(journal: Path) -> None:
     """One JSON object, written record by record: a journal may be larger than memory likes."""
     import json
 
-    from lmctl.run.journal.file import read, verify
+    from lmctl.run.journal.format import read_records, verify_journal
 
-    found = verify(journal)
+    found = verify_journal(journal)
     _warn(found)
-    head = {"journal": str(journal), "sealed": found.sealed, "whole": found.whole}
-    put(json.dumps(head)[:-1] + ', "records": [')
+    head = {"journal": str(journal), "sealed": found.sealed, "whole": found.intact}
+    print_data(json.dumps(head)[:-1] + ', "records": [')
     separator = ""
-    for record in read(journal):
-        put(separator + json.dumps(record, ensure_ascii=False))
+    for record in read_records(journal):
+        print_data(separator + json.dumps(record, ensure_ascii=False))
         separator = ","
-    put("]}")
+    print_data("]}")

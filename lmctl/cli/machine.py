@@ -7,14 +7,16 @@ import click
 from lmctl.cli.lazy import LazyGroup
 
 COMMANDS = {
-    "status": ("lmctl.cli.machine_looks", "One look at every device. Nothing is moved."),
-    "doctor": ("lmctl.cli.machine_looks", "Check every condition of a run, and say what to do."),
-    "home": ("lmctl.cli.machine_acts", "Home the axes."),
-    "jog": ("lmctl.cli.machine_acts", "Move the axes by hand, without beam."),
-    "offset": ("lmctl.cli.machine_acts", "Say where program zero is; show or clear work offsets."),
+    "status": ("lmctl.cli.machine_inspection", "One look at every device. Nothing is moved."),
+    "doctor": ("lmctl.cli.machine_inspection",
+               "Check every condition of a run, and say what to do."),
+    "home": ("lmctl.cli.machine_actions", "Home the axes."),
+    "jog": ("lmctl.cli.machine_actions", "Move the axes by hand, without beam."),
+    "offset": ("lmctl.cli.machine_actions",
+               "Say where program zero is; show or clear work offsets."),
     "settings": ("lmctl.cli.machine_settings",
                  "Show, keep, compare and write the firmware's settings."),
-    "unlock": ("lmctl.cli.machine_acts", "End latched alarms of controller and feeders."),
+    "unlock": ("lmctl.cli.machine_actions", "End latched alarms of controller and feeders."),
 }
 
 

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 import click
 
 from lmctl.cli.cell import CellChoice, cell_options, choose_cell
-from lmctl.cli.console import confirmed, put, put_json, say
+from lmctl.cli.console import ask_confirmation, print_data, print_json, print_message
 from lmctl.cli.paths import InputFile
 from lmctl.errors import LmctlError, MachineError, UsageError
 
 if TYPE_CHECKING:
-    from lmctl.machine.by_hand.look_motion import MotionReading
-    from lmctl.machine.by_hand.settings import WrittenSettings
+    from lmctl.machine.manual.inspect_motion import MotionReading
+    from lmctl.machine.manual.settings import WrittenSettings
 
 #: Exit code of a comparison that finds differences.
 _DIFFERENT = 1
@@ -58,7 +58,7 @@ def settings(
     elif wanted is not None:
         _apply(cell, runs_dir, reading, wanted, yes=yes, as_json=as_json)
     elif as_json:
-        put_json({"firmware": _firmware(reading), "settings": {
+        print_json({"firmware": _firmware(reading), "settings": {
             str(number): value for number, value in reading.settings.items()}})
     else:
         _show(reading, cell)
@@ -66,7 +66,7 @@ def settings(
 
 def _wanted(assignments: tuple[str, ...], applied: Path | None) -> dict[int, str] | None:
     """The settings to be written, None where none are. Raises UsageError, ConfigError."""
-    from lmctl.machine.by_hand.settings_file import read_setting
+    from lmctl.machine.manual.settings_file import read_setting
 
     if applied is not None:
         return _kept(applied)
@@ -80,7 +80,7 @@ def _wanted(assignments: tuple[str, ...], applied: Path | None) -> dict[int, str
 
 
 def _kept(path: Path) -> dict[int, str]:
-    from lmctl.machine.by_hand.settings_file import settings_in
+    from lmctl.machine.manual.settings_file import settings_in
 
     return settings_in(path)
 
@@ -88,19 +88,19 @@ def _kept(path: Path) -> dict[int, str]:
 def _read(cell: CellChoice, runs_dir: Path) -> MotionReading:
     """The controller's settings. Raises MachineError where they cannot be read."""
     from lmctl.config.machine import MachineProfile
-    from lmctl.machine.by_hand.controller import motion_at_hand
-    from lmctl.machine.by_hand.look_motion import look_at_motion, read_motion
-    from lmctl.run.cell.ownership import owning
+    from lmctl.machine.manual.controller import open_motion
+    from lmctl.machine.manual.inspect_motion import inspect_controller, read_motion
+    from lmctl.run.cell.ownership import lock_machine
 
     async def look(profile: MachineProfile) -> MotionReading:
-        with owning(profile, "lmctl machine settings", runs_dir):
+        with lock_machine(profile, "lmctl machine settings", runs_dir):
             if profile.safety is not None and profile.safety.relay_timeout_s is not None:
                 # Behind an open watchdog relay a controller answers nothing.
-                async with motion_at_hand(profile) as motion:
+                async with open_motion(profile) as motion:
                     return await read_motion(motion)
-            return await look_at_motion(profile.motion.endpoint, baud=profile.motion.baud)
+            return await inspect_controller(profile.motion.endpoint, baud=profile.motion.baud)
 
-    reading = cell.do(look)
+    reading = cell.run_on_cell(look)
     if reading.identity is None or not reading.settings:
         raise MachineError(
             f"the controller does not report its settings in state {reading.report.state}",
@@ -117,15 +117,15 @@ def _firmware(reading: MotionReading) -> str:
 def _show(reading: MotionReading, cell: CellChoice) -> None:
     from lmctl.run.cell.setting_conditions import setting_conditions
 
-    put(f"{_firmware(reading)}, {len(reading.settings)} settings")
+    print_data(f"{_firmware(reading)}, {len(reading.settings)} settings")
     for number, value in reading.settings.items():
-        put(_row(number, f"{value:<14}"))
+        print_data(_row(number, f"{value:<14}"))
     assert reading.identity is not None
     unmet = [one for one in setting_conditions(
         reading.identity, reading.settings, reading.offset_mm, cell.profile) if not one.met]
     for condition in unmet:
-        put(f"✗ {condition.text}")
-        put(f"    what to do: {condition.hint}")
+        print_data(f"✗ {condition.text}")
+        print_data(f"    what to do: {condition.hint}")
 
 
 def _row(number: int, value: str) -> str:
@@ -135,34 +135,34 @@ def _row(number: int, value: str) -> str:
 
 
 def _backup(reading: MotionReading, cell: CellChoice, path: Path) -> None:
-    from lmctl.machine.by_hand.settings_file import write_settings
+    from lmctl.machine.manual.settings_file import write_settings
 
     wall = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
     write_settings(path, reading.settings, [
         f"{cell.profile.name}: {_firmware(reading)}, {wall}",
         "put back with `lmctl machine settings --apply`",
     ])
-    put(f"{len(reading.settings)} settings kept in {path}")
+    print_data(f"{len(reading.settings)} settings kept in {path}")
 
 
 def _compare(here: Mapping[int, str], kept: Mapping[int, str], *, as_json: bool) -> bool:
     """Show what differs; returns whether anything does."""
-    from lmctl.machine.by_hand.settings_file import same_value
+    from lmctl.machine.manual.settings_file import same_value
 
     different = {
         number: (here.get(number), kept.get(number)) for number in sorted(here.keys() | kept.keys())
         if number not in here or number not in kept or not same_value(kept[number], here[number])
     }
     if as_json:
-        put_json({"different": {
+        print_json({"different": {
             str(number): {"controller": one, "file": other}
             for number, (one, other) in different.items()}})
     elif not different:
-        put(f"no difference in {len(kept)} settings")
+        print_data(f"no difference in {len(kept)} settings")
     else:
-        put(f"  {'':<6}{'controller':<15}{'file':<15}")
+        print_data(f"  {'':<6}{'controller':<15}{'file':<15}")
         for number, (one, other) in different.items():
-            put(_row(number, f"{one or '-':<14} {other or '-':<14}"))
+            print_data(_row(number, f"{one or '-':<14} {other or '-':<14}"))
     return bool(different)
 
 
@@ -171,25 +171,25 @@ def _apply(
     yes: bool, as_json: bool,
 ) -> None:
     """Show, ask, write and verify. Raises MachineError where anything could not be written."""
-    from lmctl.machine.by_hand.settings_file import same_value
+    from lmctl.machine.manual.settings_file import same_value
 
     here = reading.settings
     changes = {number: value for number, value in wanted.items()
                if number not in here or not same_value(value, here[number])}
     if not changes:
         if as_json:
-            put_json({"written": {}, "refused": {}, "also_changed": {}})
+            print_json({"written": {}, "refused": {}, "also_changed": {}})
         else:
-            put("nothing to write: the controller has these values already")
+            print_data("nothing to write: the controller has these values already")
         return
     for number, value in changes.items():
-        say(_row(number, f"{here.get(number, 'missing')} -> {value:<10}"))
+        print_message(_row(number, f"{here.get(number, 'missing')} -> {value:<10}"))
     count = "this setting" if len(changes) == 1 else f"these {len(changes)} settings"
-    if not confirmed(f"Write {count} to the controller?", yes):
+    if not ask_confirmation(f"Write {count} to the controller?", yes):
         raise click.Abort
     done = _write(cell, runs_dir, changes, {n: here[n] for n in changes if n in here})
     if as_json:
-        put_json({
+        print_json({
             "written": {str(number): value for number, value in done.written.items()},
             "refused": {str(number): why for number, why in done.refused.items()},
             "also_changed": {str(number): list(values)
@@ -208,31 +208,32 @@ def _apply(
 
 def _put_written(done: WrittenSettings) -> None:
     for number, value in done.written.items():
-        put(_row(number, f"{value:<14}") + "  written, and read back")
+        print_data(_row(number, f"{value:<14}") + "  written, and read back")
     for number, (old, new) in done.also_changed.items():
-        put(_row(number, f"{old} -> {new}") + "  changed by the controller itself")
+        print_data(_row(number, f"{old} -> {new}") + "  changed by the controller itself")
     for message in done.messages:
-        put(f"  the controller says {message}")
+        print_data(f"  the controller says {message}")
     if done.position_lost:
-        put("hint: what a position means has changed: `lmctl machine home`, or without homing "
-            "`lmctl machine offset --here`, before anything moves")
+        print_data(
+            "hint: what a position means has changed: `lmctl machine home`, or without homing "
+                   "`lmctl machine offset --here`, before anything moves")
 
 
 def _write(
     cell: CellChoice, runs_dir: Path, changes: Mapping[int, str], before: Mapping[int, str]
 ) -> WrittenSettings:
-    from lmctl.cli.machine_acts import journaled, with_motion
+    from lmctl.cli.machine_actions import run_journaled, with_motion
     from lmctl.config.machine import MachineProfile
-    from lmctl.machine.by_hand.settings import apply_settings
+    from lmctl.machine.manual.settings import apply_settings
 
     async def act(profile: MachineProfile) -> WrittenSettings:
         what = {"do": "settings", "wanted": {str(n): v for n, v in changes.items()},
                 "before": {str(n): v for n, v in before.items()}}
-        return await journaled(profile, runs_dir, what, lambda whereabouts: with_motion(
+        return await run_journaled(profile, runs_dir, what, lambda whereabouts: with_motion(
             profile, whereabouts, lambda motion: apply_settings(motion, changes)))
 
     try:
-        return cell.do(act)
+        return cell.run_on_cell(act)
     except LmctlError as error:
         raise MachineError(error.what, where=error.where, hint="; ".join(filter(None, (
             error.hint, "`lmctl machine settings --compare` shows which were written",

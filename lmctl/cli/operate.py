@@ -10,8 +10,8 @@ from typing import Any
 
 import click
 
-from lmctl.cli.console import clock, put, put_json
-from lmctl.cli.numbers import FiniteRange
+from lmctl.cli.console import format_duration, print_data, print_json
+from lmctl.cli.number_types import FiniteRange
 
 #: A hold is waited for so long; it takes a tenth of a second on any common machine.
 _HELD_S = 10.0
@@ -47,11 +47,11 @@ def hold(run: str | None, runs_dir: Path, as_json: bool) -> None:
     if as_json:
         _put_status(now)
     elif now["state"] == "held":
-        put(f"{now['run']} is held at {now['place']}: beam off, position kept")
-        put(f"hint: `{_command('resume', folder)}` purges the hose and goes on; "
-            f"`{_command('stop', folder)}` ends it")
+        print_data(f"{now['run']} is held at {now['place']}: beam off, position kept")
+        print_data(f"hint: `{_command('resume', folder)}` purges the hose and goes on; "
+                   f"`{_command('stop', folder)}` ends it")
     else:
-        put(f"{now['run']} was told to hold and is {now['state']}")
+        print_data(f"{now['run']} was told to hold and is {now['state']}")
         _put_alarms(now)
 
 
@@ -93,29 +93,29 @@ def status(run: str | None, runs_dir: Path, as_json: bool, every_s: float | None
     """Say how RUN stands: state, place, time left, override, alarms with what to do."""
     from lmctl.errors import JournalError
     from lmctl.run.control import client as control_client
-    from lmctl.run.journal import rundir
+    from lmctl.run.journal import run_folders
 
     folder = control_client.find_run(runs_dir, run)
     if every_s is not None:
-        for now in control_client.watch(folder, every_s):
-            _put_status(now) if as_json else put(_in_a_line(now))
+        for now in control_client.watch_status(folder, every_s):
+            _put_status(now) if as_json else print_data(_in_a_line(now))
         return
     try:
-        now = control_client.ask(folder, "status")
+        now = control_client.send_request(folder, "status")
     except JournalError:
-        ended = rundir.summary(rundir.RunDir(folder))
+        ended = run_folders.run_summary(run_folders.RunFolder(folder))
         if ended.state == "running":
             raise
         if as_json:
-            put_json(asdict(ended))
+            print_json(asdict(ended))
         else:
-            put(f"{ended.run} is not under way: {ended.state}")
-            put(f"hint: `{_command('log', folder)}` shows how far it came")
+            print_data(f"{ended.run} is not under way: {ended.state}")
+            print_data(f"hint: `{_command('log', folder)}` shows how far it came")
         return
     if as_json:
         _put_status(now)
     else:
-        put(status_text(now))
+        print_data(status_text(now))
         _put_alarms(now)
 
 
@@ -126,7 +126,7 @@ def status_text(now: dict[str, Any]) -> str:
         f"{now['run']}: {now['state']}, {now['part']} on {now['machine']}{by}",
         f"  layer      {now['layer']} of {now['layers']}, program line {now['line']} of "
         f"{now['lines']}",
-        f"  time left  {clock(now['remaining_s'])}",
+        f"  time left  {format_duration(now['remaining_s'])}",
         f"  override   {now['override_percent']} %",
     ]
     if now["position_mm"] is not None:
@@ -147,50 +147,50 @@ def _in_a_line(now: dict[str, Any]) -> str:
         f"  warning: {warning['what']}" for warning in now.get("warnings", ())[:1]
     )
     return (f"{now['run']}  {now['state']:<10}  layer {now['layer']}/{now['layers']}  "
-            f"line {now['line']}/{now['lines']}  {clock(now['remaining_s'])} left  "
+            f"line {now['line']}/{now['lines']}  {format_duration(now['remaining_s'])} left  "
             f"{now['override_percent']} %{alarm}")
 
 
 def _put_alarms(now: dict[str, Any]) -> None:
     for number, alarm in enumerate(now["alarms"]):
-        put(f"  {'alarm' if number == 0 else 'then'}{' ' * (6 if number == 0 else 7)}"
-            f"{alarm['what']}")
+        print_data(f"  {'alarm' if number == 0 else 'then'}{' ' * (6 if number == 0 else 7)}"
+                   f"{alarm['what']}")
         for place in alarm["where"]:
-            put(f"             {place}")
+            print_data(f"             {place}")
         if alarm["hint"]:
-            put(f"             what to do: {alarm['hint']}")
+            print_data(f"             what to do: {alarm['hint']}")
     for warning in now.get("warnings", ()):  # a run of an older version tells of none
-        put(f"  warning    {warning['what']}")
-        put(f"             what to do: {warning['hint']}")
+        print_data(f"  warning    {warning['what']}")
+        print_data(f"             what to do: {warning['hint']}")
 
 
 def _act(run: str | None, runs_dir: Path, do: str, **values: Any) -> tuple[Path, dict[str, Any]]:
     from lmctl.run.control import client as control_client
 
     folder = control_client.find_run(runs_dir, run)
-    return folder, control_client.ask(folder, do, **values)
+    return folder, control_client.send_request(folder, do, **values)
 
 
 def _ask(folder: Path, do: str) -> dict[str, Any]:
     from lmctl.run.control import client as control_client
 
-    return control_client.ask(folder, do)
+    return control_client.send_request(folder, do)
 
 
 def _command(do: str, folder: Path) -> str:
-    from lmctl.run.journal.rundir import RunDir
+    from lmctl.run.journal.run_folders import RunFolder
 
-    return RunDir(folder).command(do)
+    return RunFolder(folder).command(do)
 
 
 def _say(now: dict[str, Any], as_json: bool, what: str, hint: str) -> None:
     if as_json:
         _put_status(now)
         return
-    put(f"{now['run']} {what}")
+    print_data(f"{now['run']} {what}")
     if hint:
-        put(f"hint: {hint}")
+        print_data(f"hint: {hint}")
 
 
 def _put_status(now: dict[str, Any]) -> None:
-    put_json({key: value for key, value in now.items() if key != "ok"})
+    print_json({key: value for key, value in now.items() if key != "ok"})

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import click
 
-from lmctl.cli.console import put, put_json, say
+from lmctl.cli.console import print_data, print_json, print_message
 from lmctl.cli.paths import InputFile
-from lmctl.cli.planning import open_part, plan_to_file, summary, units_option
-from lmctl.cli.profiles import profile_or_bench_cell
+from lmctl.cli.planning import job_summary, open_part, plan_to_file, units_option
+from lmctl.cli.profiles import load_profile_or_default
 
 
 @click.command()
@@ -28,12 +28,12 @@ def plan(
 
     A bare mesh or cloud is planned with defaults, and they are named.
     """
-    profile = profile_or_bench_cell(machine)
+    profile = load_profile_or_default(machine)
     if machine is None:
-        say(f"no --machine given: planning for the {profile.name}")
+        print_message(f"no --machine given: planning for the {profile.name}")
     target = output or Path(part.name).with_suffix(".lmj")
     manifest = plan_to_file(open_part(part, units), profile, target)
     if as_json:
-        put_json({"job": str(target), **manifest.totals})
+        print_json({"job": str(target), **manifest.totals})
     else:
-        put(summary(manifest, target))
+        print_data(job_summary(manifest, target))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from lmctl.cli.console import clock, progress_bar, say
+from lmctl.cli.console import format_duration, print_message, progress_bar
 from lmctl.cli.interrupts import interruptible
 from lmctl.config.machine import MachineProfile
 from lmctl.errors import UsageError
@@ -37,11 +37,11 @@ def open_part(path: Path, units: str | None = None) -> Part:
 
     check_units(path, units)
     if path.suffix.lower() != ".toml":
-        part = part_from_model(path, units=units, tell=say)
+        part = part_from_model(path, units=units, tell=print_message)
     else:
-        part = load_part(path, tell=say)
+        part = load_part(path, tell=print_message)
     for text in part.notes:
-        say(f"note: {text}")
+        print_message(f"note: {text}")
     return part
 
 
@@ -61,7 +61,7 @@ def plan_to_file(part: Part, profile: MachineProfile, target: Path) -> JobManife
         return plan_job(part, profile, target, progress=layer_done)
 
 
-def summary(manifest: JobManifest, target: Path) -> str:
+def job_summary(manifest: JobManifest, target: Path) -> str:
     """A job in a few lines, for people."""
     totals = manifest.totals
     powder = ", ".join(f"{name} {grams:.1f} g" for name, grams in totals["powder_g"].items())
@@ -69,7 +69,7 @@ def summary(manifest: JobManifest, target: Path) -> str:
         f"{manifest.part_name}: {totals['layers']} layers, {totals['contours']} contours, "
         f"{totals['vertices']} vertices",
         f"  path      {totals['path_length_mm'] / 1000:.2f} m, "
-        f"beam on {clock(totals['laser_on_s'])} of {clock(totals['duration_s'])}",
+        f"beam on {format_duration(totals['laser_on_s'])} of {format_duration(totals['duration_s'])}",
         f"  powder    {powder}",
         f"  machine   {manifest.machine}, powder mode {manifest.powder_mode}",
         f"  job       {target}",

@@ -15,29 +15,29 @@ from lmctl.config import toml_file
 from lmctl.config.machine import MachineProfile
 from lmctl.errors import ConfigError, Finding
 from lmctl.machine.modbus.endpoint import parse_modbus_endpoint
-from lmctl.machine.motion.endpoint import parse_endpoint
+from lmctl.machine.motion.endpoint import parse_motion_endpoint
 
 
-def profile_or_bench_cell(path: Path | None) -> MachineProfile:
+def load_profile_or_default(path: Path | None) -> MachineProfile:
     """The profile in `path`, or the example cell. Raises ConfigError."""
     if path is not None:
-        return profile_in(path)
+        return load_checked_profile(path)
     with as_file(files("lmctl.examples") / "cell.toml") as shipped:
-        return profile_in(shipped)
+        return load_checked_profile(shipped)
 
 
-def profile_in(path: Path) -> MachineProfile:
+def load_checked_profile(path: Path) -> MachineProfile:
     """The profile in a file, whose endpoints can be opened. Raises ConfigError: every mistake."""
     text = toml_file.read_text(path)
     profile: MachineProfile | None = None
     findings: list[Finding] = []
     try:
-        profile = toml_file.parse(text, MachineProfile, name=str(path))
+        profile = toml_file.parse_toml(text, MachineProfile, name=str(path))
     except ConfigError as error:
         if not error.findings:  # not TOML at all
             raise
         findings += error.findings
-    findings += _endpoint_findings(toml_file.tables(text, name=str(path)))
+    findings += _endpoint_findings(toml_file.parse_tables(text, name=str(path)))
     if findings or profile is None:
         count = "1 mistake" if len(findings) == 1 else f"{len(findings)} mistakes"
         raise ConfigError(f"{path} has {count}", findings=findings)
@@ -48,7 +48,7 @@ def _endpoint_findings(data: dict[str, Any]) -> Iterator[Finding]:
     """Endpoints that name no place, in a profile as plain data, of whatever shape it is."""
     feeders = data.get("feeder")
     devices: list[tuple[str, Any, Callable[[str], object]]] = [
-        ("motion", data.get("motion"), parse_endpoint),
+        ("motion", data.get("motion"), parse_motion_endpoint),
         *((f"feeder[{number}]", feeder, parse_modbus_endpoint)
           for number, feeder in enumerate(feeders if isinstance(feeders, list) else [], start=1)),
         ("safety", data.get("safety"), parse_modbus_endpoint),

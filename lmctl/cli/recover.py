@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING
 import click
 
 from lmctl.cli.cell import cell_options, choose_cell
-from lmctl.cli.console import confirmed, notice, put, put_json, say
-from lmctl.cli.run import outcome, result_as_json
-from lmctl.config.machine import MachineProfile, Motion
+from lmctl.cli.console import ask_confirmation, print_data, print_json, print_message, print_notice
+from lmctl.cli.run import outcome_text, result_as_json
+from lmctl.config.machine import MachineProfile, MotionSettings
 from lmctl.errors import JournalError, MachineError, UsageError
 from lmctl.run.program.reentry import OVERLAP_MM
 
 if TYPE_CHECKING:
     from lmctl.machine.motion.driver import MotionDriver
-    from lmctl.run.executor import Continuation, RunResult
-    from lmctl.run.journal.aftermath import Aftermath
-    from lmctl.run.journal.recovery import Recovery
+    from lmctl.run.executor import EarlierRun, RunResult
+    from lmctl.run.journal.recovery import RecoveryPlace
+    from lmctl.run.journal.replay import RunReplay
 
 #: Of a machine without homing that does not stand where its run ended.
 _TAKEN_AT_ITS_WORD = (
@@ -44,53 +44,54 @@ def recover(
     be done is shown, and asked. The part is entered again a few millimetres before the place
     reached, after fresh powder; a new run is journaled, which names the one it continues.
     """
-    from lmctl.run.journal import rundir
-    from lmctl.run.journal.aftermath import aftermath, continued_by
+    from lmctl.run.journal import run_folders
+    from lmctl.run.journal.replay import continued_by, replay_run
 
     choice = choose_cell(machine, sim, bench)
-    made = rundir.find(runs_dir, run)
-    after = aftermath(made)
+    made = run_folders.find_run_folder(runs_dir, run)
+    after = replay_run(made)
     later, unread = continued_by(made)
     if later:
         raise JournalError(f"{run} has been continued by {later}",
-                           hint=f"`{rundir.command('recover', runs_dir, later)}` goes on from "
+                           hint=f"`{run_folders.command_line('recover', runs_dir, later)}` goes on from "
                                 "where that one came")
 
     async def act(profile: MachineProfile) -> RunResult:
-        from lmctl.run.executor import Executor
+        from lmctl.run.executor import RunExecutor
 
         continuation = await _prepared(after, profile, runs_dir, unread, yes=yes)
-        return await Executor(made.job, profile, runs_dir, operator=operator, notice=notice,
-                              continues=continuation).run()
+        return await RunExecutor(made.job, profile, runs_dir, operator=operator,
+                                 notice=print_notice,
+                                 continues=continuation).run()
 
-    result = choice.do(act)
+    result = choice.run_on_cell(act)
     if as_json:
-        put_json(result_as_json(result))
+        print_json(result_as_json(result))
     else:
-        put(outcome(result))
+        print_data(outcome_text(result))
 
 
 async def _prepared(
-    after: Aftermath, profile: MachineProfile, runs_dir: Path, unread: list[str], *, yes: bool
-) -> Continuation:
+    after: RunReplay, profile: MachineProfile, runs_dir: Path, unread: list[str], *, yes: bool
+) -> EarlierRun:
     """Look, say what will be done, ask, and home the machine where its position is lost."""
-    from lmctl.cli.machine_acts import journaled, with_motion
-    from lmctl.machine.by_hand.controller import motion_at_hand
-    from lmctl.machine.by_hand.homing import homing_words, run_home
-    from lmctl.machine.motion.identify import homing_enabled
-    from lmctl.run.cell.ownership import owning
-    from lmctl.run.executor import Continuation
+    from lmctl.cli.machine_actions import run_journaled, with_motion
+    from lmctl.machine.manual.controller import open_motion
+    from lmctl.machine.manual.homing import describe_homing, home_axes
+    from lmctl.machine.motion.identity import is_homing_enabled
+    from lmctl.run.cell.ownership import lock_machine
+    from lmctl.run.executor import EarlierRun
 
-    with owning(profile, "lmctl recover", runs_dir):
-        async with motion_at_hand(profile) as motion:
+    with lock_machine(profile, "lmctl recover", runs_dir):
+        async with open_motion(profile) as motion:
             found, words = _found(after, motion, profile.motion)
             trusted = found.matched or motion.position_trusted
             home = not trusted or _alarmed(motion)
             steps = ["home the machine: its position is not known",
-                     *homing_words(motion.settings)] if home else []
-            if after.began and not found.matched and not homing_enabled(motion.settings):
+                     *describe_homing(motion.settings)] if home else []
+            if after.has_begun and not found.matched and not is_homing_enabled(motion.settings):
                 steps += _TAKEN_AT_ITS_WORD
-    say("\n".join([
+    print_message("\n".join([
         *words,
         *(f"  the journal of {name} cannot be read: do not go on if that run was to go on with "
           "this part" for name in unread),
@@ -99,17 +100,17 @@ async def _prepared(
         "  acknowledge the feeders' alarms; gas and powder on at the purge position, until stable",
         f"  enter the part again up to {OVERLAP_MM:g} mm before that place, and go on to its end",
     ]))
-    if not confirmed("go on?", yes):
+    if not ask_confirmation("go on?", yes):
         raise UsageError("not recovered: nothing has been sent that moves the machine")
     if home:
-        await journaled(profile, runs_dir, {"do": "home"},
-                        lambda whereabouts: with_motion(profile, whereabouts, run_home))
-    return Continuation(after.run.run, found.place, trusted=found.matched or home)
+        await run_journaled(profile, runs_dir, {"do": "home"},
+                            lambda whereabouts: with_motion(profile, whereabouts, home_axes))
+    return EarlierRun(after.run.run, found.place, trusted=found.matched or home)
 
 
 def _found(
-    after: Aftermath, motion: MotionDriver, profile: Motion
-) -> tuple[Recovery, list[str]]:
+    after: RunReplay, motion: MotionDriver, profile: MotionSettings
+) -> tuple[RecoveryPlace, list[str]]:
     """Where the job goes on, and how that was found out."""
     from lmctl.job.reader import JobReader
     from lmctl.run.journal.recovery import find_place, refuse_finished
@@ -120,10 +121,10 @@ def _found(
         layer = sum(entry.first_line <= found.place.line for entry in job.manifest.layers)
     return found, [
         f"{after.run.run} ended {after.ended} ({after.header.get('part', '')})",
-        f"  the machine was found in state {motion.found.state}, at "
+        f"  the machine was found in state {motion.first_report.state}, at "
         f"{_position(motion.position_mm)}",
         f"  executed: up to layer {layer}, program line {found.place.line} "
-        f"({100 * found.place.share:.0f} % of it): {found.why}",
+        f"({100 * found.place.line_fraction:.0f} % of it): {found.reason}",
     ]
 
 

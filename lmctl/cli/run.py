@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import click
 
-from lmctl.cli.console import clock, progress_bar, put, put_json, say
-from lmctl.cli.numbers import FiniteRange
+from lmctl.cli.console import format_duration, print_data, print_json, print_message, progress_bar
+from lmctl.cli.number_types import FiniteRange
 from lmctl.cli.paths import InputFile
-from lmctl.cli.profiles import profile_or_bench_cell
+from lmctl.cli.profiles import load_profile_or_default
 from lmctl.config.machine import MachineProfile
 from lmctl.errors import UsageError
 
@@ -47,16 +47,16 @@ def run(
                          hint="--sim for the simulated one, --machine FILE for a real one")
     if not sim and (bench is not None or speed is not None or faults is not None):
         raise UsageError("--bench, --speed and --faults belong to --sim")
-    profile = profile_or_bench_cell(machine)
-    result = run_with_bar(job, profile, runs_dir, operator=operator, sim=sim, bench=bench,
-                          speed=speed, faults=faults)
+    profile = load_profile_or_default(machine)
+    result = run_with_progress(job, profile, runs_dir, operator=operator, sim=sim, bench=bench,
+                               speed=speed, faults=faults)
     if as_json:
-        put_json(result_as_json(result))
+        print_json(result_as_json(result))
     else:
-        put(outcome(result))
+        print_data(outcome_text(result))
 
 
-def run_with_bar(
+def run_with_progress(
     job: Path, profile: MachineProfile, runs_dir: Path, *, operator: str, sim: bool,
     bench: Path | None, speed: float | None, faults: Path | None = None,
 ) -> RunResult:
@@ -66,10 +66,10 @@ def run_with_bar(
         result = _run_with_bar(job, profile, runs_dir, operator=operator, sim=sim, bench=bench,
                                speed=speed, faults=faults, happened=happened)
         if faults is not None and not happened:
-            say("faults injected: none")
+            print_message("faults injected: none")
     finally:
         if happened:
-            say("faults injected: " + ", ".join(happened))
+            print_message("faults injected: " + ", ".join(happened))
     return result
 
 
@@ -82,7 +82,7 @@ def _run_with_bar(
     with progress_bar("running") as bar:
 
         def progress(done_s: float, total_s: float, layer: int, remaining_s: float) -> None:
-            bar(done_s, total_s, f"layer {layer + 1}, {clock(remaining_s)} to go")
+            bar(done_s, total_s, f"layer {layer + 1}, {format_duration(remaining_s)} to go")
 
         if not sim:
             return asyncio.run(
@@ -104,14 +104,14 @@ def result_as_json(result: RunResult) -> dict[str, object]:
     }
 
 
-def outcome(result: RunResult) -> str:
+def outcome_text(result: RunResult) -> str:
     """A finished run in a few lines, for people."""
-    from lmctl.run.journal.rundir import RunDir
+    from lmctl.run.journal.run_folders import RunFolder
 
     faster = f", {result.machine_s / result.wall_s:.0f} × real time" if result.wall_s else ""
     return "\n".join([
-        f"{result.run}: {result.state}, {result.lines} lines in {clock(result.machine_s)} of "
-        f"machine time ({clock(result.wall_s)}{faster})",
+        f"{result.run}: {result.state}, {result.lines} lines in {format_duration(result.machine_s)} of "
+        f"machine time ({format_duration(result.wall_s)}{faster})",
         f"  journal   {result.journal}",
-        f"hint: `{RunDir(result.journal.parent).command('log')}` prints its log",
+        f"hint: `{RunFolder(result.journal.parent).command('log')}` prints its log",
     ])

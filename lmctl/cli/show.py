@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from lmctl.cli.console import progress_bar, put, say
+from lmctl.cli.console import print_data, print_message, progress_bar
 from lmctl.cli.interrupts import interruptible
 from lmctl.cli.paths import InputFile
 from lmctl.cli.planning import check_units, open_part, units_option
@@ -43,7 +43,7 @@ def show(
         if planes != (None, None, None):
             raise UsageError("-x, -y and -z are for parts", where=str(file),
                              hint="choose a layer of a job with --layer")
-        put(str(_show_job(file, layer, output)))
+        print_data(str(_show_job(file, layer, output)))
         return
     if layer is not None:
         raise UsageError("--layer is for jobs", where=str(file),
@@ -59,9 +59,9 @@ def show(
     _check_folder(target)
     part = open_part(file, units)
     for text in part.warnings:
-        say(f"warning: {text}")
+        print_message(f"warning: {text}")
     _write_part(part, planes, target)
-    put(str(target))
+    print_data(str(target))
 
 
 @interruptible()
@@ -113,7 +113,7 @@ def _check_folder(target: Path) -> None:
 def draw_job_layer(reader: JobReader, index: int, target: Path) -> None:
     """Draw layer `index` (from 0) of an open job. Raises UsageError for a format we cannot draw."""
     from lmctl.config.part_file import PartFile
-    from lmctl.config.toml_file import parse
+    from lmctl.config.toml_file import parse_toml
     from lmctl.report.layer_picture import draw_layer
 
     if target.suffix.lower() not in PICTURES:
@@ -122,7 +122,7 @@ def draw_job_layer(reader: JobReader, index: int, target: Path) -> None:
     _check_folder(target)
     manifest = reader.manifest
     layer = reader.layer(index)
-    process = parse(reader.part_text, PartFile, name="the job's part file").process
+    process = parse_toml(reader.part_text, PartFile, name="the job's part file").process
     before = reader.layer(index - 1).lines[-1] if index else layer.lines[0]
     entry = manifest.layers[index]
     lasting_s = entry.end_s - entry.start_s

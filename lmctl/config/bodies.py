@@ -20,16 +20,16 @@ from lmctl.config.quantities import (
     Units,
     Vector,
 )
-from lmctl.config.toml_file import Model
+from lmctl.config.toml_file import ConfigModel
 
 #: Bodies of bodies of bodies: deeper than anyone builds, shallow enough to walk.
-DEEPEST = 50
+MAX_TREE_DEPTH = 50
 
 #: Bodies of a tree, each counted as often as it is named: a few lines can ask for 2^50 of them.
-MOST_BODIES = 5000
+MAX_BODIES = 5000
 
 
-class _Body(Model):
+class _Body(ConfigModel):
     """What all bodies share.
 
     name : by which others refer to it
@@ -184,7 +184,7 @@ class ShellBody(_Body):
         return self
 
 
-class Turn(Model):
+class Rotation(ConfigModel):
     """A turn about an axis through a point, counter-clockwise seen against its direction."""
 
     axis: Direction
@@ -198,7 +198,7 @@ class MovedBody(_Body):
     kind: Literal["moved"]
     of: Name
     scale: Annotated[float, Field(ge=1e-3, le=1e3)] = 1.0
-    turn: Turn | None = None
+    turn: Rotation | None = None
     by_mm: Vector = (0.0, 0.0, 0.0)
 
 
@@ -216,7 +216,7 @@ Body = Annotated[
 ]
 
 
-def named_by(body: Body) -> tuple[str, ...]:
+def referenced_bodies(body: Body) -> tuple[str, ...]:
     """The names of the bodies this one is made of."""
     if isinstance(body, ShellBody | MovedBody):
         return (body.of,)

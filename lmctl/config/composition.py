@@ -7,26 +7,26 @@ from typing import Annotated, Literal
 from pydantic import Field, field_validator, model_validator
 
 from lmctl.config.quantities import (
-    LEAST_STEP_MM,
+    MIN_STEP_MM,
+    AxisDirection,
     Coordinate,
     Direction,
     FileName,
     Name,
     Units,
     Vector,
-    Way,
 )
-from lmctl.config.toml_file import Model
+from lmctl.config.toml_file import ConfigModel
 
 
-class PointFeature(Model):
+class PointFeature(ConfigModel):
     """Distance to a point."""
 
     kind: Literal["point"]
     at_mm: Vector
 
 
-class SegmentFeature(Model):
+class SegmentFeature(ConfigModel):
     """Distance to a straight line between two points."""
 
     kind: Literal["segment"]
@@ -40,7 +40,7 @@ class SegmentFeature(Model):
         return self
 
 
-class AxisFeature(Model):
+class AxisFeature(ConfigModel):
     """Distance to an infinite line."""
 
     kind: Literal["axis"]
@@ -48,21 +48,21 @@ class AxisFeature(Model):
     direction: Direction
 
 
-class PolylineFeature(Model):
+class PolylineFeature(ConfigModel):
     """Distance to the straight lines through points, in their order; open at its ends."""
 
     kind: Literal["polyline"]
-    points_mm: Way
+    points_mm: AxisDirection
 
 
-class SplineFeature(Model):
+class SplineFeature(ConfigModel):
     """Distance to the smooth curve through points, in their order (a natural cubic spline)."""
 
     kind: Literal["spline"]
-    points_mm: Annotated[Way, Field(max_length=1000)]
+    points_mm: Annotated[AxisDirection, Field(max_length=1000)]
 
 
-class PlaneFeature(Model):
+class PlaneFeature(ConfigModel):
     """Distance to a plane, on either side of it."""
 
     kind: Literal["plane"]
@@ -70,7 +70,7 @@ class PlaneFeature(Model):
     normal: Direction
 
 
-class FaceFeature(Model):
+class FaceFeature(ConfigModel):
     """Distance to one face of a mesh body: the patch around a place, or a named group of an OBJ.
 
     of : the mesh body's name
@@ -91,7 +91,7 @@ class FaceFeature(Model):
         return self
 
 
-class SheetFeature(Model):
+class SheetFeature(ConfigModel):
     """Distance to any surface of triangles from a file, open or closed."""
 
     kind: Literal["sheet"]
@@ -99,7 +99,7 @@ class SheetFeature(Model):
     units: Units
 
 
-class SurfaceFeature(Model):
+class SurfaceFeature(ConfigModel):
     """Depth below a body's surface, or below an iso-contour of its distance.
 
     of : a body's name; None is the body (or the part) this composition belongs to
@@ -111,7 +111,7 @@ class SurfaceFeature(Model):
     level_mm: Coordinate = 0.0
 
 
-class CoordinateFeature(Model):
+class CoordinateFeature(ConfigModel):
     """A coordinate itself, with its sign: composition explicit in x, y or z."""
 
     kind: Literal["coordinate"]
@@ -136,7 +136,7 @@ def _ordered(value: Range) -> Range:
     return value
 
 
-class _Span(Model):
+class _Span(ConfigModel):
     """A profile between two mixtures: `near` at over_mm[0] of the feature, `far` at over_mm[1].
 
     over_mm : may be left out for a surface only: then it is [0, largest depth], as in (5)
@@ -164,7 +164,7 @@ class ParabolaProfile(_Span):
     kind: Literal["parabola"]
 
 
-class NormalisedProfile(Model):
+class NormalisedProfile(ConfigModel):
     """far · d + near · (1 − d) with d the share of the largest depth (method.md (5))."""
 
     kind: Literal["normalised"]
@@ -180,14 +180,14 @@ class PowerProfile(_Span):
     k: Annotated[float, Field(gt=0, le=100)]
 
 
-class TablePoint(Model):
+class TablePoint(ConfigModel):
     """The mixture at one distance from the feature."""
 
     at_mm: Coordinate
     of: Mixture
 
 
-class TableProfile(Model):
+class TableProfile(ConfigModel):
     """Mixtures at rising distances, linear between them, constant beyond the first and last."""
 
     kind: Literal["table"]
@@ -197,7 +197,7 @@ class TableProfile(Model):
     @classmethod
     def _rising(cls, value: tuple[TablePoint, ...]) -> tuple[TablePoint, ...]:
         for index in range(1, len(value)):
-            if value[index].at_mm < value[index - 1].at_mm + LEAST_STEP_MM:
+            if value[index].at_mm < value[index - 1].at_mm + MIN_STEP_MM:
                 raise ValueError(
                     f"point {index + 1} at {value[index].at_mm:g} mm does not lie beyond "
                     f"point {index} at {value[index - 1].at_mm:g} mm"
@@ -205,7 +205,7 @@ class TableProfile(Model):
         return value
 
 
-class Step(Model):
+class MixtureStep(ConfigModel):
     """One mixture over a range of distances."""
 
     over_mm: Range
@@ -217,18 +217,18 @@ class Step(Model):
         return _ordered(value)
 
 
-class StepsProfile(Model):
+class StepsProfile(ConfigModel):
     """Layers of one mixture each, one beginning where the other ends; the outer two go on."""
 
     kind: Literal["steps"]
-    steps: Annotated[tuple[Step, ...], Field(min_length=1, max_length=10_000)]
+    steps: Annotated[tuple[MixtureStep, ...], Field(min_length=1, max_length=10_000)]
 
     @field_validator("steps")
     @classmethod
-    def _joined(cls, value: tuple[Step, ...]) -> tuple[Step, ...]:
+    def _joined(cls, value: tuple[MixtureStep, ...]) -> tuple[MixtureStep, ...]:
         for index in range(1, len(value)):
             end, start = value[index - 1].over_mm[1], value[index].over_mm[0]
-            if abs(end - start) > LEAST_STEP_MM:
+            if abs(end - start) > MIN_STEP_MM:
                 fault = "leaves a gap after" if start > end else "overlaps"
                 raise ValueError(
                     f"step {index + 1} {fault} step {index}: it begins at {start:g} mm, "
@@ -237,7 +237,7 @@ class StepsProfile(Model):
         return value
 
 
-class ConstantProfile(Model):
+class ConstantProfile(ConfigModel):
     """One mixture everywhere."""
 
     kind: Literal["constant"]
@@ -251,7 +251,7 @@ Profile = Annotated[
 ]
 
 
-class BlendPart(Model):
+class BlendPart(ConfigModel):
     """One feature and profile of a blend; weight : its constant share, None with inverse ones."""
 
     feature: Feature = SurfaceFeature(kind="surface")
@@ -259,7 +259,7 @@ class BlendPart(Model):
     weight: Annotated[float, Field(ge=0, le=1)] | None = None
 
 
-class Composition(Model):
+class Composition(ConfigModel):
     """Of what something is: a mixture at each distance to a feature, or several of them blended.
 
     blend, weights : (6)-(8): Σ wᵢ f(rᵢ) with constant weights that sum to 1, or with weights
@@ -278,7 +278,7 @@ def features_of(composition: Composition) -> list[Feature]:
     return [composition.feature, *(part.feature for part in composition.blend)]
 
 
-def measured_from(composition: Composition) -> set[str]:
+def measured_bodies(composition: Composition) -> set[str]:
     """Names of the bodies whose surfaces or faces a composition's features are."""
     return {
         f.of for f in features_of(composition)

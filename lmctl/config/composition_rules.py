@@ -91,7 +91,7 @@ def _weight_findings(
 def unknown_body(path: str, name: str, bodies: Collection[str]) -> Iterator[Finding]:
     """The finding that no body has a name, where none has."""
     if name not in bodies:
-        guess = materials.closest(name, sorted(bodies))
+        guess = materials.suggest_name(name, sorted(bodies))
         listed = guess or f"names are {', '.join(sorted(bodies)) or 'given to none'}"
         yield Finding(path, f"there is no body {name!r}: {listed}")
 
@@ -112,7 +112,7 @@ def _mixture_findings(path: str, mixture: Any, names: list[str]) -> Iterator[Fin
         return  # the model says so
     for name in mixture:
         if name not in names:
-            guess = materials.closest(name, names)
+            guess = materials.suggest_name(name, names)
             listed = guess or f"the part's materials are {', '.join(names) or 'missing'}"
             yield Finding(path, f"there is no material {name!r}: {listed}")
     shares = list(mixture.values())

@@ -16,7 +16,7 @@ from pydantic import AfterValidator, Field, field_validator, model_validator
 from lmctl.config import toml_file
 from lmctl.config.modbus_device import ModbusDevice
 from lmctl.config.quantities import Coordinate, Length, Name, Vector
-from lmctl.config.toml_file import Model
+from lmctl.config.toml_file import ConfigModel
 
 
 def _plain(value: str) -> str:
@@ -47,7 +47,7 @@ _ROUNDING_S = 1e-9
 _CYCLES_PER_WATCHDOG = 4
 
 
-class Travel(Model):
+class AxisTravel(ConfigModel):
     """Reachable range of each axis in program coordinates [mm]: (least, greatest)."""
 
     x: tuple[Coordinate, Coordinate]
@@ -62,7 +62,7 @@ class Travel(Model):
         return value
 
 
-class Motion(Model):
+class MotionSettings(ConfigModel):
     """The motion controller: its link and the dynamics planning must know.
 
     endpoint : "tcp://HOST:PORT", "serial:///dev/ttyUSB0" or "pty:///dev/pts/3"
@@ -75,7 +75,7 @@ class Motion(Model):
 
     endpoint: str
     baud: Annotated[int, Field(ge=1200, le=4_000_000)] = 115_200
-    travel_mm: Travel
+    travel_mm: AxisTravel
     max_speed_mm_s: tuple[Speed, Speed, Speed]
     acceleration_mm_s2: tuple[Acceleration, Acceleration, Acceleration]
     junction_deviation_mm: Annotated[float, Field(gt=0, le=10)] = 0.01
@@ -86,7 +86,7 @@ class Motion(Model):
     status_period_s: Annotated[float, Field(ge=0.02, le=1)] = 0.2
 
     @model_validator(mode="after")
-    def _reported_in_time(self) -> Motion:
+    def _reported_in_time(self) -> MotionSettings:
         most_s = self.send_horizon_s / _REPORTS_PER_HORIZON
         if self.status_period_s > most_s + _ROUNDING_S:
             raise ValueError(
@@ -95,14 +95,14 @@ class Motion(Model):
         return self
 
 
-class Laser(Model):
+class LaserSettings(ConfigModel):
     """s_max : the controller's $30, the S word that means full power."""
 
     max_power_W: Power
     s_max: Annotated[int, Field(ge=1, le=65_535)] = 1000
 
 
-class Feeder(ModbusDevice):
+class FeederSettings(ModbusDevice):
     """One Modbus feeder device, see `ModbusDevice` too.
 
     watchdog_s : it stops its discs when heartbeats stop so long
@@ -120,14 +120,14 @@ class Feeder(ModbusDevice):
     mixer_pressure_max_mbar: Pressure | None = None
 
     @model_validator(mode="after")
-    def _answers_within_its_cycle(self) -> Feeder:
+    def _answers_within_its_cycle(self) -> FeederSettings:
         most_s = self.watchdog_s / _CYCLES_PER_WATCHDOG
         if self.timeout_s is not None and self.timeout_s > most_s + _ROUNDING_S:
             raise ValueError(f"timeout_s must be at most a quarter of watchdog_s, {most_s:g} s")
         return self
 
 
-class Hopper(Model):
+class HopperSettings(ConfigModel):
     """One hopper of a feeder and what is in it.
 
     channel : the hopper's number on its feeder, from 1
@@ -155,7 +155,7 @@ SAFETY_INPUTS: tuple[SafetyInput, ...] = get_args(SafetyInput)
 _RELAY_PERIODS = 3
 
 
-class Safety(ModbusDevice):
+class SafetySettings(ModbusDevice):
     """The safety-input device: how the cell's safety circuits stand, as the host may read it.
 
     period_s : of its heartbeat, with which it is read
@@ -176,7 +176,7 @@ class Safety(ModbusDevice):
     oxygen_trip_ppm: Annotated[float, Field(gt=0, le=210_000)] | None = None
 
     @model_validator(mode="after")
-    def _consistent(self) -> Safety:
+    def _consistent(self) -> SafetySettings:
         wrong = [f"{name!r} is fitted twice" for name in sorted(_twice(list(self.fitted)))]
         if self.timeout_s is not None and self.timeout_s > self.period_s + _ROUNDING_S:
             wrong.append(f"timeout_s must be at most period_s, {self.period_s:g} s")
@@ -201,15 +201,15 @@ class Safety(ModbusDevice):
         return self
 
 
-class MachineProfile(Model):
+class MachineProfile(ConfigModel):
     """A whole cell. Raises ConfigError with every mistake at once when read by `load`."""
 
     name: PlainName
-    motion: Motion
-    laser: Laser
-    feeder: Annotated[tuple[Feeder, ...], Field(min_length=1)]
-    hopper: Annotated[tuple[Hopper, ...], Field(min_length=1)]
-    safety: Safety | None = None
+    motion: MotionSettings
+    laser: LaserSettings
+    feeder: Annotated[tuple[FeederSettings, ...], Field(min_length=1)]
+    hopper: Annotated[tuple[HopperSettings, ...], Field(min_length=1)]
+    safety: SafetySettings | None = None
 
     @model_validator(mode="after")
     def _consistent(self) -> MachineProfile:
@@ -271,4 +271,4 @@ def _twice(names: list[str]) -> set[str]:
 
 def load_profile(path: Path) -> MachineProfile:
     """Read a machine profile. Raises ConfigError."""
-    return toml_file.load(path, MachineProfile)
+    return toml_file.load_toml(path, MachineProfile)

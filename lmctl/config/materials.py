@@ -86,7 +86,7 @@ _TABLE: tuple[tuple[str, float, float | None, _Kind], ...] = (
 )
 
 #: Every material lmctl knows, by name.
-LIBRARY = MappingProxyType(
+MATERIAL_LIBRARY = MappingProxyType(
     {
         name: LibraryMaterial(
             name, density, apparent, kind.catch_efficiency, kind.power_W, kind.speed_mm_s
@@ -96,15 +96,15 @@ LIBRARY = MappingProxyType(
 )
 
 
-def find(name: str) -> LibraryMaterial | None:
+def find_material(name: str) -> LibraryMaterial | None:
     """The library's material of that name, case ignored; None where there is none."""
-    if name in LIBRARY:
-        return LIBRARY[name]
-    folded = {known.casefold(): material for known, material in LIBRARY.items()}
+    if name in MATERIAL_LIBRARY:
+        return MATERIAL_LIBRARY[name]
+    folded = {known.casefold(): material for known, material in MATERIAL_LIBRARY.items()}
     return folded.get(name.casefold())
 
 
-def closest(name: str, known: list[str]) -> str:
+def suggest_name(name: str, known: list[str]) -> str:
     """ "did you mean …" for a name that is not among `known`, or "" where nothing is like it."""
     matches = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
     if not matches:

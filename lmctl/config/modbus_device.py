@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
-from lmctl.config.toml_file import Model
+from lmctl.config.toml_file import ConfigModel
 
 WordOrderName = Literal["ABCD", "CDAB", "BADC", "DCBA"]
 FunctionCode = Literal[3, 4, 16, 23]
@@ -16,7 +16,7 @@ FunctionCode = Literal[3, 4, 16, 23]
 _NEEDED_CODES: tuple[FunctionCode, ...] = (3, 16)
 
 
-class ModbusDevice(Model):
+class ModbusDevice(ConfigModel):
     """A device at the far end of its own connection or serial line.
 
     endpoint : "modbus-tcp://HOST[:PORT]" or "modbus-rtu:///dev/ttyUSB0?baud=19200&parity=E&stop=1"

@@ -11,13 +11,13 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from lmctl.config.bodies import Body, named_by
-from lmctl.config.composition import Composition, measured_from
-from lmctl.config.quantities import Name, Pitch, Positive, Share, Vector
-from lmctl.config.toml_file import Model
+from lmctl.config.bodies import Body, referenced_bodies
+from lmctl.config.composition import Composition, measured_bodies
+from lmctl.config.quantities import Name, Pitch, Positive, ShareOfOne, Vector
+from lmctl.config.toml_file import ConfigModel
 
 
-class Material(Model):
+class MaterialSettings(ConfigModel):
     """One powder, as the process sees it (process.md 3.1).
 
     density_g_cm3, apparent_g_cm3 : solid and loose-powder density; None takes the library's
@@ -28,12 +28,12 @@ class Material(Model):
     name: Annotated[str, Field(min_length=1, max_length=60)]
     density_g_cm3: Annotated[float, Field(gt=0, le=30)] | None = None
     apparent_g_cm3: Annotated[float, Field(gt=0, le=30)] | None = None
-    catch_efficiency: Share | None = None
+    catch_efficiency: ShareOfOne | None = None
     power_W: Positive | None = None
     speed_mm_s: Positive | None = None
 
 
-class Process(Model):
+class ProcessSettings(ConfigModel):
     """How beads are laid. Defaults are the medium DED class of process.md 3.3, and are named.
 
     overlap : share of the bead width by which neighbours overlap; pitch = width · (1 − overlap)
@@ -69,13 +69,13 @@ class Process(Model):
     seam: Literal["spread", "aligned"] | tuple[float, float] = "spread"
 
 
-class Placement(Model):
+class PlacementSettings(ConfigModel):
     """Where the part file's origin lies in program coordinates."""
 
     origin_mm: Vector
 
 
-class PartFile(Model):
+class PartFile(ConfigModel):
     """A whole part file; read one with `part_rules.load_part_file`, which checks all of it.
 
     pitch_mm : of the grid that fields are stored on; None chooses it from the bead width
@@ -88,28 +88,28 @@ class PartFile(Model):
     name: Name
     pitch_mm: Pitch | None = None
     combine: Literal["union", "difference", "intersection"] | None = None
-    material: Annotated[tuple[Material, ...], Field(min_length=1, max_length=64)]
+    material: Annotated[tuple[MaterialSettings, ...], Field(min_length=1, max_length=64)]
     body: Annotated[tuple[Body, ...], Field(min_length=1, max_length=1000)]
     composition: Composition | None = None
-    placement: Placement | None = None
-    process: Process = Process()
+    placement: PlacementSettings | None = None
+    process: ProcessSettings = ProcessSettings()
 
-    def roots(self) -> tuple[int, ...]:
+    def root_bodies(self) -> tuple[int, ...]:
         """Numbers of the bodies the part is made of: those no other and no feature names."""
         used = self._used() | self._measured()
         return tuple(n for n, body in enumerate(self.body) if body.name not in used)
 
-    def only_measured(self) -> tuple[int, ...]:
+    def bodies_only_measured_from(self) -> tuple[int, ...]:
         """Numbers of the bodies that features measure from, and that nothing is made of."""
         only = self._measured() - self._used()
         return tuple(n for n, body in enumerate(self.body) if body.name in only)
 
     def _used(self) -> set[str]:
-        return {name for body in self.body for name in named_by(body)}
+        return {name for body in self.body for name in referenced_bodies(body)}
 
     def _measured(self) -> set[str]:
         """Bodies that features name, but each body's own composition naming the body itself."""
-        of_all = set() if self.composition is None else measured_from(self.composition)
-        each = (measured_from(body.composition) - {body.name}
+        of_all = set() if self.composition is None else measured_bodies(self.composition)
+        each = (measured_bodies(body.composition) - {body.name}
                 for body in self.body if body.composition is not None)
         return of_all.union(*each)

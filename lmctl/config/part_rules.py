@@ -41,12 +41,12 @@ def parse_part_file(text: str, *, name: str) -> PartFile:
     part: PartFile | None = None
     findings: list[Finding] = []
     try:
-        part = toml_file.parse(text, PartFile, name=name)
+        part = toml_file.parse_toml(text, PartFile, name=name)
     except ConfigError as error:
         if not error.findings:  # not TOML at all
             raise
         findings = [Finding(_TAG.sub(r"\1", f.path), f.reason) for f in error.findings]
-    findings += cross_findings(toml_file.tables(text, name=name))
+    findings += cross_findings(toml_file.parse_tables(text, name=name))
     if findings or part is None:
         count = "1 mistake" if len(findings) == 1 else f"{len(findings)} mistakes"
         raise ConfigError(f"{name} has {count}", findings=findings)
@@ -79,8 +79,8 @@ def _material_findings(tables: list[dict[str, Any]]) -> Iterator[Finding]:
         if name in seen:
             yield Finding(f"material[{number}].name", f"{name!r} is there twice")
         seen.add(name)
-        if "density_g_cm3" not in item and materials.find(name) is None:
-            guess = materials.closest(name, list(materials.LIBRARY))
+        if "density_g_cm3" not in item and materials.find_material(name) is None:
+            guess = materials.suggest_name(name, list(materials.MATERIAL_LIBRARY))
             yield Finding(
                 f"material[{number}].density_g_cm3",
                 f"is missing, and the library has no material {name!r}"

@@ -7,15 +7,15 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field
 
 #: No machine reaches farther; it keeps grids of a hostile file from overflowing.
-FARTHEST_MM = 100_000.0
+MAX_COORDINATE_MM = 100_000.0
 
 #: Points of a table nearer to each other than this are one place twice.
-LEAST_STEP_MM = 1e-6
+MIN_STEP_MM = 1e-6
 
 Positive = Annotated[float, Field(gt=0)]
-Share = Annotated[float, Field(gt=0, le=1)]
-Coordinate = Annotated[float, Field(ge=-FARTHEST_MM, le=FARTHEST_MM)]
-Length = Annotated[float, Field(gt=0, le=FARTHEST_MM)]
+ShareOfOne = Annotated[float, Field(gt=0, le=1)]
+Coordinate = Annotated[float, Field(ge=-MAX_COORDINATE_MM, le=MAX_COORDINATE_MM)]
+Length = Annotated[float, Field(gt=0, le=MAX_COORDINATE_MM)]
 Pitch = Annotated[float, Field(ge=0.0001, le=1000)]
 Vector = tuple[Coordinate, Coordinate, Coordinate]
 FileName = Annotated[str, Field(min_length=1, max_length=1000)]
@@ -44,6 +44,6 @@ def _a_way(value: tuple[Vector, ...]) -> tuple[Vector, ...]:
 
 
 #: Places in a row, no two neighbours the same.
-Way = Annotated[
+AxisDirection = Annotated[
     tuple[Vector, ...], Field(min_length=2, max_length=10_000), AfterValidator(_a_way)
 ]

@@ -10,11 +10,11 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import ErrorDetails
 
-from lmctl.config.words import in_words
+from lmctl.config.mistake_messages import describe_mistake
 from lmctl.errors import ConfigError, Finding, MissingFileError
 
 #: A configuration a person wrote is small; more than this is some other file given by mistake.
-LARGEST_FILE_BYTES = 1_000_000
+MAX_FILE_BYTES = 1_000_000
 
 #: Tables of an array ([[hopper]], [[body]]) in one file, and mistakes told of it.
 _MOST_TABLES, _MOST_TOLD = 2_000, 100
@@ -23,7 +23,7 @@ _MOST_TABLES, _MOST_TOLD = 2_000, 100
 _DEEP_KEY = re.compile(r"(?:\.[ \t]*[\w\"'-]{1,200}[ \t]*){30}")
 
 
-class Model(BaseModel):
+class ConfigModel(BaseModel):
     """Base of every configuration model: unknown keys, NaN and infinities are errors.
 
     So is a value of another kind: neither "4" nor true is a number.
@@ -32,7 +32,7 @@ class Model(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
 
 
-M = TypeVar("M", bound=Model)
+M = TypeVar("M", bound=ConfigModel)
 
 
 def read_text(path: Path) -> str:
@@ -43,17 +43,17 @@ def read_text(path: Path) -> str:
     try:
         if path.is_dir():
             raise ConfigError(f"{path} is a folder, not a file")
-        if path.stat().st_size > LARGEST_FILE_BYTES:
+        if path.stat().st_size > MAX_FILE_BYTES:
             raise ConfigError(
                 f"{path} is too large for a configuration file",
-                where=f"{path.stat().st_size:,} bytes; at most {LARGEST_FILE_BYTES:,}",
+                where=f"{path.stat().st_size:,} bytes; at most {MAX_FILE_BYTES:,}",
                 hint="was a data file given in its place?",
             )
         with path.open("rb") as file:  # a device or a pipe states no size
-            data = file.read(LARGEST_FILE_BYTES + 1)
-        if len(data) > LARGEST_FILE_BYTES:
+            data = file.read(MAX_FILE_BYTES + 1)
+        if len(data) > MAX_FILE_BYTES:
             raise ConfigError(f"{path} is too large for a configuration file",
-                              where=f"at most {LARGEST_FILE_BYTES:,} bytes are read")
+                              where=f"at most {MAX_FILE_BYTES:,} bytes are read")
         return data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
     except FileNotFoundError:
         raise MissingFileError.of(path) from None
@@ -66,16 +66,16 @@ def read_text(path: Path) -> str:
         raise ConfigError(f"cannot read {path}", where=str(error.strerror)) from None
 
 
-def parse(text: str, model: type[M], *, name: str) -> M:
+def parse_toml(text: str, model: type[M], *, name: str) -> M:
     """Check TOML text against a model.
 
     name : what to call the text in messages, usually its path.
     Raises ConfigError: without findings for bad TOML, else with one for each key that is wrong.
     """
-    return check(tables(text, name=name), model, name=name)
+    return check_data(parse_tables(text, name=name), model, name=name)
 
 
-def tables(text: str, *, name: str) -> dict[str, Any]:
+def parse_tables(text: str, *, name: str) -> dict[str, Any]:
     """TOML text as plain data, unchecked. Raises ConfigError where it is none."""
     if (count := text.count("\n[[")) > _MOST_TABLES:
         raise ConfigError(f"{name} has {count:,} tables; at most {_MOST_TABLES:,} are taken")
@@ -89,14 +89,14 @@ def tables(text: str, *, name: str) -> dict[str, Any]:
         raise ConfigError(f"{name} is not valid TOML", where=str(error)[:200]) from None
 
 
-def check(data: object, model: type[M], *, name: str) -> M:
+def check_data(data: object, model: type[M], *, name: str) -> M:
     """Check plain data against a model; as `parse`, without the TOML."""
     try:
         return model.model_validate(_frozen(data))
     except ValidationError as error:
         mistakes = _first_causes(error.errors(include_url=False))
         findings = [
-            Finding(_dotted(item["loc"]), in_words(item, model))
+            Finding(_dotted(item["loc"]), describe_mistake(item, model))
             for item in mistakes[:_MOST_TOLD]
         ]
         number = len(mistakes)
@@ -106,9 +106,9 @@ def check(data: object, model: type[M], *, name: str) -> M:
         raise ConfigError(f"{name} has {count}", findings=findings) from None
 
 
-def load(path: Path, model: type[M]) -> M:
+def load_toml(path: Path, model: type[M]) -> M:
     """Read and check a TOML file. Raises ConfigError."""
-    return parse(read_text(path), model, name=str(path))
+    return parse_toml(read_text(path), model, name=str(path))
 
 
 def _frozen(data: object) -> object:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from lmctl.config.bodies import DEEPEST, MOST_BODIES
+from lmctl.config.bodies import MAX_BODIES, MAX_TREE_DEPTH
 from lmctl.config.composition_rules import unknown_body
 from lmctl.errors import Finding
 
@@ -35,9 +35,9 @@ def tree_findings(data: dict[str, Any], *, several_materials: bool) -> list[Find
         findings.append(Finding(f"body[{circle[0] + 1}].of", f"runs in a circle: {words}"))
         return findings
     deepest, largest = _extents(below)
-    if deepest > DEEPEST or largest > MOST_BODIES:
+    if deepest > MAX_TREE_DEPTH or largest > MAX_BODIES:
         findings.append(Finding("body", f"bodies of bodies: {deepest} deep, {largest:,} in all; at "
-                                f"most {DEEPEST} deep and {MOST_BODIES:,} in all"))
+                                f"most {MAX_TREE_DEPTH} deep and {MAX_BODIES:,} in all"))
         return findings
     roots = root_indices(data)
     findings += _root_findings(data, bodies, roots)
@@ -155,12 +155,12 @@ def _rule_findings(
         yield Finding("composition", "is missing: which of the materials goes where? Say it of the "
                       "part, or of its bodies")
         return
-    bare = sorted(set(bare_bodies(bodies, below, roots, data.get("combine"))))
+    bare = sorted(set(bodies_without_composition(bodies, below, roots, data.get("combine"))))
     for number in bare:
         yield Finding(f"body[{number + 1}].composition", "is missing: of what is it?")
 
 
-def bare_bodies(
+def bodies_without_composition(
     bodies: list[dict[str, Any]], below: list[list[int]], roots: list[int], combine: Any
 ) -> list[int]:
     """The bodies of which something is made though nobody says of what.

@@ -57,7 +57,7 @@ def write_template(name: str, folder: Path) -> list[Path]:
     return written
 
 
-def write_gear_example(folder: Path) -> Path:
+def write_gear_template(folder: Path) -> Path:
     """The main example, scan included, in an existing folder; returns its part file."""
     return write_template("gear", folder)[0]
 

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from lmctl.field.features import length
 from lmctl.field.grid import Grid, Window
-from lmctl.field.interpolate import sharpen
+from lmctl.field.interpolate import refine_distances
 from lmctl.field.kernel import kernel
-from lmctl.field.triangles import closest_in_rows
+from lmctl.field.triangles import closest_points_on_rows
 
 FloatArray = NDArray[np.float64]
 
@@ -51,19 +51,19 @@ class Field:
         closest = np.empty((*self.grid.shape, 3), dtype=np.float32)
         for window in self.grid.slabs(8):
             rows = self.sources[window.z_first : window.z_last]
-            closest[window.z_first : window.z_last] = closest_in_rows(
+            closest[window.z_first : window.z_last] = closest_points_on_rows(
                 self.surface_mm, rows.reshape(-1), window.points()
             ).reshape(*window.shape, 3)
         return closest
 
-    def on_window(self, window: Window) -> NDArray[np.float32]:
+    def values_on_window(self, window: Window) -> NDArray[np.float32]:
         """Values at the nodes of any window: its own planes as they are, others interpolated."""
         if window.grid == self.grid:
             return self.values[window.z_first : window.z_last]
-        return sample(self, window.points()).astype(np.float32).reshape(window.shape)
+        return sample_distance(self, window.points()).astype(np.float32).reshape(window.shape)
 
 
-def sample(field: Field, points: FloatArray) -> FloatArray:
+def sample_distance(field: Field, points: FloatArray) -> FloatArray:
     """Signed distance at any points.
 
     Trilinear between nodes; near the surface of an exact field of third order where that is
@@ -102,7 +102,7 @@ def _sharpen(field: Field, nodes: FloatArray, distance: FloatArray) -> None:
     surface = field.surface_mm[:, None] if field.surface_mm.ndim == 2 else field.surface_mm
     relative = np.ascontiguousarray((surface - np.asarray(field.grid.origin_mm)) / h)
     distance /= h
-    sharpen(
+    refine_distances(
         np.clip(nodes, 0.0, np.asarray(field.grid.shape[::-1]) - 1.0), field.values,
         field.sources, relative, field.inwards, h, distance,
     )
@@ -134,7 +134,7 @@ def _beyond(field: Field, points: FloatArray, border: FloatArray) -> FloatArray:
         x, y, z = np.rint(enter).astype(np.int64).T
         rows = field.sources[z, y, x]
         # A node may know no surface point of its own (-1): then the box has to do.
-        closest = closest_in_rows(field.surface_mm, np.maximum(rows, 0), points)
+        closest = closest_points_on_rows(field.surface_mm, np.maximum(rows, 0), points)
         away = np.where(rows >= 0, np.minimum(away, length(points - closest)), away)
         # The straight way from each point to there enters the grid at its last face.
         way = (closest - origin) / field.grid.pitch_mm - nodes

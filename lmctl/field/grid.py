@@ -27,7 +27,7 @@ class Grid:
     shape: tuple[int, int, int]
 
     @staticmethod
-    def around(
+    def enclosing(
         low_mm: FloatArray, high_mm: FloatArray, pitch_mm: float, padding_nodes: int = 3
     ) -> Grid:
         """The grid that holds the box [low, high] with `padding_nodes` nodes to spare each side.

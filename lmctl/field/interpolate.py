@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.field.kernel import inner, kernel
+from lmctl.field.kernel import inner_kernel, kernel
 from lmctl.field.triangles import closest_on_triangle
 
 FloatArray = NDArray[np.float64]
@@ -29,7 +29,7 @@ TIGHTEST = 0.45  # squared turn a pitch: a smooth sheet is no rounder than R 1.5
 
 
 @kernel
-def sharpen(
+def refine_distances(
     nodes: FloatArray, values: NDArray[np.float32], sources: NDArray[np.int32],
     surface: FloatArray, inwards: FloatArray, pitch: float, distance: FloatArray,
 ) -> None:
@@ -117,7 +117,7 @@ def sharpen(
             distance[q] = joined
 
 
-@inner
+@inner_kernel
 def _point_of(
     surface: FloatArray, inwards: FloatArray, row: int, x: float, y: float, z: float,
     value: float, c: FloatArray, n: FloatArray, m: int,
@@ -139,7 +139,7 @@ def _point_of(
     n[m, 0], n[m, 1], n[m, 2] = n[m, 0] / size, n[m, 1] / size, n[m, 2] / size
 
 
-@inner
+@inner_kernel
 def _nearest_left(sheet: NDArray[np.int64], away: FloatArray) -> int:
     """The nearest of the points that are on no sheet yet; −1 where there are no more."""
     first = -1
@@ -149,7 +149,7 @@ def _nearest_left(sheet: NDArray[np.int64], away: FloatArray) -> int:
     return first
 
 
-@inner
+@inner_kernel
 def _smooth(c: FloatArray, n: FloatArray) -> bool:
     """Whether any two of the points may lie on one smooth sheet."""
     for m in range(8):
@@ -163,7 +163,7 @@ def _smooth(c: FloatArray, n: FloatArray) -> bool:
     return True
 
 
-@inner
+@inner_kernel
 def _one_sheet(c: FloatArray, n: FloatArray, a: int, b: int) -> bool:
     """Whether two points lie on one smooth sheet, where not all around do.
 
@@ -178,7 +178,7 @@ def _one_sheet(c: FloatArray, n: FloatArray, a: int, b: int) -> bool:
     )
 
 
-@inner
+@inner_kernel
 def _between(
     c: FloatArray, n: FloatArray, a: int, b: int
 ) -> tuple[float, float, float, float, float]:
@@ -194,7 +194,7 @@ def _between(
     return across, along, turn, apart, same
 
 
-@inner
+@inner_kernel
 def _on_an_edge(c: FloatArray, n: FloatArray, m: int) -> bool:
     """Whether the point lies on another's plane, too, though that is turned differently."""
     for o in range(8):
@@ -207,7 +207,7 @@ def _on_an_edge(c: FloatArray, n: FloatArray, m: int) -> bool:
     return False
 
 
-@inner
+@inner_kernel
 def _joined(
     c: FloatArray, n: FloatArray, sheet: NDArray[np.int64], lead: NDArray[np.int64],
     height: FloatArray, meets: NDArray[np.int64],

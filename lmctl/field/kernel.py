@@ -22,7 +22,7 @@ def kernel(function: Function) -> Function:
     return _compiled(function, no_cfunc_wrapper=True)
 
 
-def inner(function: Function) -> Function:
+def inner_kernel(function: Function) -> Function:
     """Compile a function that only kernels call."""
     return _compiled(function, no_cfunc_wrapper=True, no_cpython_wrapper=True)
 

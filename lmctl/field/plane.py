@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.errors import InputError
-from lmctl.field.kernel import inner, kernel
+from lmctl.field.kernel import inner_kernel, kernel
 
 FloatArray = NDArray[np.float64]
 
@@ -156,7 +156,7 @@ def _segments(
     return np.ascontiguousarray(np.vstack(pieces)), np.ascontiguousarray(np.vstack(ends))
 
 
-@inner
+@inner_kernel
 def _to_segment_squared(segments: FloatArray, s: int, px: float, py: float) -> float:
     ax, ay = segments[s, 0], segments[s, 1]
     ux, uy = segments[s, 2] - ax, segments[s, 3] - ay

@@ -6,13 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.errors import InputError
-from lmctl.field.field import Field, sample, sample_gradient
+from lmctl.field.field import Field, sample_distance, sample_gradient
 
 FloatArray = NDArray[np.float64]
 Triangles = NDArray[np.int64]
 
 ROUNDS = 2  # of moving vertices onto the level
-FARTHEST_MOVE = 0.5  # pitches; where more is asked for, an edge is near and the slope no guide
+MAX_MOVE = 0.5  # pitches; where more is asked for, an edge is near and the slope no guide
 
 
 def iso_surface(field: Field, level_mm: float = 0.0) -> tuple[FloatArray, Triangles]:
@@ -43,10 +43,10 @@ def iso_surface(field: Field, level_mm: float = 0.0) -> tuple[FloatArray, Triang
 
     corners, triangles, _, _ = marching_cubes(values, level_mm)
     points = corners[:, ::-1] * grid.pitch_mm + np.asarray(grid.origin_mm)
-    return welded(_onto_level(field, level_mm, points), triangles.astype(np.int64))
+    return weld_points(_onto_level(field, level_mm, points), triangles.astype(np.int64))
 
 
-def welded(points: FloatArray, triangles: Triangles) -> tuple[FloatArray, Triangles]:
+def weld_points(points: FloatArray, triangles: Triangles) -> tuple[FloatArray, Triangles]:
     """A closed surface that is still closed once a file has rounded its points to 32 bits.
 
     Points moved onto an edge or a corner meet there. Readers take those that are equal in the
@@ -70,12 +70,13 @@ def welded(points: FloatArray, triangles: Triangles) -> tuple[FloatArray, Triang
 
 
 def _onto_level(field: Field, level_mm: float, points: FloatArray) -> FloatArray:
-    farthest = FARTHEST_MOVE * field.grid.pitch_mm
+    farthest = MAX_MOVE * field.grid.pitch_mm
     moved = points
     for _ in range(ROUNDS):
         slope = sample_gradient(field, moved)
         slope /= np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-12)
-        step = np.clip(level_mm - sample(field, moved), -farthest, farthest)
+        step = np.clip(level_mm - sample_distance(field, moved), -farthest, farthest)
         moved = moved + step[:, None] * slope
-    better = np.abs(sample(field, moved) - level_mm) < np.abs(sample(field, points) - level_mm)
+    better = np.abs(sample_distance(
+        field, moved) - level_mm) < np.abs(sample_distance(field, points) - level_mm)
     return np.where(better[:, None], moved, points)

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.field.array_storage import allocate_array
 from lmctl.field.grid import Grid
-from lmctl.field.kernel import inner, kernel
-from lmctl.field.store import kept_array
+from lmctl.field.kernel import inner_kernel, kernel
 
 FloatArray = NDArray[np.float64]
 Sources = NDArray[np.int32]
@@ -23,7 +23,7 @@ RUN = 16  # nodes along x of which it is known when one was last changed
 EVER: Any = np.int64(0)  # stamp of what never changed; as a plain 0 it would have its own kernel
 
 
-def sweep_sources(
+def propagate_closest_points(
     sources: Sources, surface_mm: FloatArray, grid: Grid, within_mm: float = np.inf
 ) -> NDArray[np.float32]:
     """Spread the rows in `sources` from the nodes that have one to all nodes, in place.
@@ -40,7 +40,7 @@ def sweep_sources(
     nodes asks its neighbours only where these, or it, have changed since.
     """
     relative = np.ascontiguousarray((surface_mm - np.asarray(grid.origin_mm)) / grid.pitch_mm)
-    distance = kept_array(grid.shape, np.float32)
+    distance = allocate_array(grid.shape, np.float32)
     nz, ny, nx = grid.shape
     changed = np.zeros((nz, ny, -(-nx // RUN)), dtype=np.uint8)
     _sweep_kernel(sources, relative, distance, float((within_mm / grid.pitch_mm) ** 2), changed)
@@ -48,7 +48,7 @@ def sweep_sources(
     return distance
 
 
-@inner
+@inner_kernel
 def _from_row(
     sources: Sources, squared: NDArray[np.float32], points: FloatArray, most: float,
     changed: Stamps, since: int, now: int, k: int, j: int, kn: int, jn: int,
@@ -69,7 +69,7 @@ def _from_row(
                     changed[k, j, run] = now
 
 
-@inner
+@inner_kernel
 def _along_row(
     sources: Sources, squared: NDArray[np.float32], points: FloatArray, most: float,
     changed: Stamps, since: int, now: int, k: int, j: int,

@@ -6,15 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.field.grid import Grid
-from lmctl.field.kernel import inner, kernel
+from lmctl.field.kernel import inner_kernel, kernel
 
 FloatArray = NDArray[np.float64]
 
-MOST_STEPS = 64  # over edges; more are needed only where triangles are far smaller than the pitch
+MAX_STEPS = 64  # over edges; more are needed only where triangles are far smaller than the pitch
 FAR_PITCHES = 8.0  # beyond, the triangle of the nearest seed is as good to 0.01 pitches
 
 
-def walk_to_nearest(
+def refine_to_closest(
     sources: NDArray[np.int32], distance: NDArray[np.float32], triangle: NDArray[np.int32],
     corners_mm: FloatArray, grid: Grid,
 ) -> None:
@@ -27,11 +27,11 @@ def walk_to_nearest(
     """
     relative = np.ascontiguousarray((corners_mm - np.asarray(grid.origin_mm)) / grid.pitch_mm)
     _walk_kernel(
-        sources, distance, triangle, relative, neighbours_over_edges(corners_mm), grid.pitch_mm
+        sources, distance, triangle, relative, edge_neighbours(corners_mm), grid.pitch_mm
     )
 
 
-def neighbours_over_edges(corners_mm: FloatArray) -> NDArray[np.int32]:
+def edge_neighbours(corners_mm: FloatArray) -> NDArray[np.int32]:
     """The triangle on the other side of each edge, (m, 3) int32, edge e from corner e to e + 1.
 
     −1 where there is none. Corners are one where their coordinates are; where more than two
@@ -50,7 +50,7 @@ def neighbours_over_edges(corners_mm: FloatArray) -> NDArray[np.int32]:
     return neighbours.reshape(-1, 3)
 
 
-def without_copies(corners_mm: FloatArray) -> tuple[FloatArray, int]:
+def unique_triangles(corners_mm: FloatArray) -> tuple[FloatArray, int]:
     """Each triangle (m, 3, 3) once, whichever way it is wound, and how many were left out."""
     keys = _corner_keys(corners_mm).sum(axis=1)
     _, first = np.unique(keys, return_index=True)
@@ -70,7 +70,7 @@ def _corner_keys(corners_mm: FloatArray) -> NDArray[np.uint64]:
     return mixed
 
 
-def closest_in_rows(
+def closest_points_on_rows(
     surface_mm: FloatArray, rows: NDArray[np.int32], points: FloatArray
 ) -> FloatArray:
     """The point nearest to points (n, 3) on what their rows (n,) of a surface name.
@@ -95,7 +95,7 @@ def _closest_kernel(
         )
 
 
-@inner
+@inner_kernel
 def closest_on_triangle(
     t: FloatArray, n: int, px: float, py: float, pz: float
 ) -> tuple[float, float, float, int]:
@@ -166,7 +166,7 @@ def _walk_kernel(
                 qx, qy, qz, edges = closest_on_triangle(triangles, n, x, y, z)
                 least = (qx - x) ** 2 + (qy - y) ** 2 + (qz - z) ** 2
                 came, steps = -1, 0
-                while edges != 0 and steps < MOST_STEPS and least < FAR_PITCHES**2:
+                while edges != 0 and steps < MAX_STEPS and least < FAR_PITCHES**2:
                     steps += 1
                     # Across an edge only what is nearer will do; around a corner, where all
                     # triangles are as near, the way goes on to the next.

@@ -29,10 +29,10 @@ PART = "part.toml"
 LAYER_MEMBERS = ("program.txt", "lines.npy", "flow_s.npy", "flow_g_s.npy")
 
 #: A zip without the 64-bit count holds 65,534 members.
-MOST_LAYERS = 16_000
-LARGEST_MEMBER_BYTES = 256 * 2**20
-LARGEST_TEXT_BYTES = 32 * 2**20
-LARGEST_DIRECTORY_BYTES = 16 * 2**20
+MAX_LAYERS = 16_000
+MAX_MEMBER_BYTES = 256 * 2**20
+MAX_TEXT_BYTES = 32 * 2**20
+MAX_DIRECTORY_BYTES = 16 * 2**20
 
 _DIGEST_LENGTH = 64
 _TRAILER_LENGTH = len(f"lmctl-job {FORMAT_VERSION} sha256 ") + _DIGEST_LENGTH
@@ -42,15 +42,15 @@ _END_RECORD_64 = struct.Struct("<4sQ2H2L4Q")  # APPNOTE 4.3.14
 _LOCATOR_64_LENGTH = 20
 _CHUNK = 2**20
 
-REMAKE = "plan the part again"
+REPLAN_HINT = "plan the part again"
 
 
-def layer_names(index: int) -> tuple[str, ...]:
+def layer_member_names(index: int) -> tuple[str, ...]:
     """The names of a layer's members, in the order of `LAYER_MEMBERS`."""
     return tuple(f"layer-{index:05d}/{member}" for member in LAYER_MEMBERS)
 
 
-def member(name: str) -> zipfile.ZipInfo:
+def new_member(name: str) -> zipfile.ZipInfo:
     """A stored member without anything that depends on when or where it is written."""
     info = zipfile.ZipInfo(name, date_time=(1980, 1, 1, 0, 0, 0))
     info.create_system = 3
@@ -63,7 +63,7 @@ def unsigned_trailer() -> bytes:
     return f"lmctl-job {FORMAT_VERSION} sha256 {'0' * _DIGEST_LENGTH}".encode()
 
 
-def sign(file: BinaryIO) -> str:
+def write_digest(file: BinaryIO) -> str:
     """Write the digest of all that stands before it at the end of an open, complete archive."""
     size = file.seek(0, 2)
     digest = _digest(file, size - _DIGEST_LENGTH)
@@ -72,29 +72,29 @@ def sign(file: BinaryIO) -> str:
     return digest
 
 
-def verify(file: BinaryIO, name: str) -> str:
+def verify_digest(file: BinaryIO, name: str) -> str:
     """The digest of a job file, found true.
 
     Raises JobError: not a job file, of another version, truncated, or altered.
     """
     size = file.seek(0, 2)
     if size == 0:
-        raise JobError(f"{name} is empty", hint=REMAKE)
+        raise JobError(f"{name} is empty", hint=REPLAN_HINT)
     file.seek(max(0, size - _TRAILER_LENGTH))
     trailer = _TRAILER.fullmatch(file.read(_TRAILER_LENGTH))
     if trailer is None:
         file.seek(0)
         if file.read(4) == b"PK\x03\x04":
             raise JobError(f"{name} is truncated, or is no job file",
-                           where="it does not end as a job file does", hint=REMAKE)
+                           where="it does not end as a job file does", hint=REPLAN_HINT)
         raise JobError(f"{name} is not a job file", hint="`lmctl plan` makes job files")
     version, wanted = int(trailer[1]), trailer[2].decode()
     if version != FORMAT_VERSION:
         raise JobError(f"{name} is a job of format {version}",
-                       where=f"this lmctl reads format {FORMAT_VERSION}", hint=REMAKE)
+                       where=f"this lmctl reads format {FORMAT_VERSION}", hint=REPLAN_HINT)
     if _digest(file, size - _DIGEST_LENGTH) != wanted:
         raise JobError(f"{name} was damaged or altered after it was planned",
-                       where="its bytes do not match its digest", hint=REMAKE)
+                       where="its bytes do not match its digest", hint=REPLAN_HINT)
     _check_directory(file, size, name)
     return wanted
 
@@ -125,7 +125,7 @@ def _check_directory(file: BinaryIO, size: int, name: str) -> None:
     end = size - _TRAILER_LENGTH - _END_RECORD.size
     before = _LOCATOR_64_LENGTH + _END_RECORD_64.size
     if end < 0:
-        raise JobError(f"{name} is not a job file", hint=REMAKE)
+        raise JobError(f"{name} is not a job file", hint=REPLAN_HINT)
     file.seek(end)
     signature, _, _, _, count, length, _, comment = _END_RECORD.unpack(
         file.read(_END_RECORD.size))
@@ -136,7 +136,7 @@ def _check_directory(file: BinaryIO, size: int, name: str) -> None:
             count, length = record[7], record[8]
     if (
         signature != b"PK\x05\x06" or comment != _TRAILER_LENGTH
-        or count > MOST_LAYERS * len(LAYER_MEMBERS) + 2 or length > LARGEST_DIRECTORY_BYTES
+        or count > MAX_LAYERS * len(LAYER_MEMBERS) + 2 or length > MAX_DIRECTORY_BYTES
     ):
         raise JobError(f"{name} is not a job file lmctl made",
-                       where="its archive directory is not a job's", hint=REMAKE)
+                       where="its archive directory is not a job's", hint=REPLAN_HINT)

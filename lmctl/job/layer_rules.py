@@ -15,7 +15,7 @@ import numpy as np
 from lmctl.job.schema import N_WORD_MODULUS, JobLayer, LineKind, line_dtype
 
 #: Grbl's line buffer takes 80 characters; N, four coordinates, F and S need fewer than this.
-LONGEST_LINE = 70
+MAX_LINE = 70
 
 _NUMBER = r"-?[0-9]+(?:\.[0-9]+)?"
 _WORD = rf"(?:G(?:[014]|21|90|94)|M[45]|[XYZFSP]{_NUMBER})"
@@ -23,7 +23,7 @@ _NUMBERS = re.compile(r"^N([0-9]+) ", re.MULTILINE)
 _PROGRAM = re.compile(rf"(?:N[0-9]{{1,7}}(?: {_WORD})+\n)*")
 
 
-def broken_rule(layer: JobLayer, n_materials: int, n_hoppers: int) -> str | None:
+def first_broken_rule(layer: JobLayer, n_materials: int, n_hoppers: int) -> str | None:
     """The first rule this layer breaks, in words, or None."""
     n_lines = len(layer.program)
     lines, flow_s, flow = layer.lines, layer.flow_s, layer.flow_g_s
@@ -42,12 +42,12 @@ def _program_rule(layer: JobLayer) -> str | None:
     text = "\n".join(layer.program) + "\n"
     last = layer.first_line + len(layer.program)
     own = [str(line % N_WORD_MODULUS) for line in range(layer.first_line, last)]
-    if _NUMBERS.findall(text) != own or max(map(len, layer.program)) > LONGEST_LINE:
+    if _NUMBERS.findall(text) != own or max(map(len, layer.program)) > MAX_LINE:
         for at, (line, number) in enumerate(zip(layer.program, own, strict=True), layer.first_line):
             if not line.startswith(f"N{number} "):
                 return f"line {at} does not carry its own number"
-            if len(line) > LONGEST_LINE:
-                return f"line {at} is longer than {LONGEST_LINE} characters"
+            if len(line) > MAX_LINE:
+                return f"line {at} is longer than {MAX_LINE} characters"
     if text.count("\n") != len(layer.program) or _PROGRAM.fullmatch(text) is None:
         return "a program line holds something else than motion, dwell and beam words"
     return None

@@ -10,7 +10,7 @@ import math
 from pydantic import TypeAdapter, ValidationError
 
 from lmctl.errors import JobError
-from lmctl.job.container import MOST_LAYERS, REMAKE
+from lmctl.job.container import MAX_LAYERS, REPLAN_HINT
 from lmctl.job.schema import JobManifest
 
 _ADAPTER = TypeAdapter(JobManifest)
@@ -32,10 +32,10 @@ def from_json(data: bytes, name: str) -> JobManifest:
         place = ".".join(str(step) for step in first["loc"])
         raise JobError(f"{name}: its manifest cannot be read",
                        where=f"{place}: {first['msg']}" if place else first["msg"],
-                       hint=REMAKE) from None
+                       hint=REPLAN_HINT) from None
     broken = _contradiction(manifest)
     if broken:
-        raise JobError(f"{name}: its manifest contradicts itself", where=broken, hint=REMAKE)
+        raise JobError(f"{name}: its manifest contradicts itself", where=broken, hint=REPLAN_HINT)
     return manifest
 
 
@@ -47,7 +47,7 @@ def part_digest(part_text: str) -> str:
 def _contradiction(manifest: JobManifest) -> str | None:
     if not manifest.materials or not manifest.hoppers:
         return "no materials or no hoppers"
-    if not 0 < len(manifest.layers) <= MOST_LAYERS:
+    if not 0 < len(manifest.layers) <= MAX_LAYERS:
         return f"{len(manifest.layers)} layers"
     line, path, time_s = 0, 0, manifest.layers[0].start_s
     for i, layer in enumerate(manifest.layers):

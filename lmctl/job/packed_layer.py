@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lmctl.errors import JobError
 from lmctl.job import container
-from lmctl.job.layer_rules import broken_rule
+from lmctl.job.layer_rules import first_broken_rule
 from lmctl.job.schema import JobLayer, LayerEntry
 
 FloatArray = NDArray[np.float64]
@@ -52,7 +52,7 @@ def pack(
     text = program.decode("ascii")
     layer = JobLayer(index, z_mm, first_line, tuple(text.removesuffix("\n").split("\n")), lines,
                      flow_s, flow_g_s)
-    broken = broken_rule(layer, lines.dtype["fractions"].shape[0], flow_g_s.shape[-1])
+    broken = first_broken_rule(layer, lines.dtype["fractions"].shape[0], flow_g_s.shape[-1])
     if broken:
         raise ValueError(f"layer {index}: {broken}")
     if flow_s[-1] != lines["end_s"][-1]:
@@ -62,7 +62,7 @@ def pack(
     if len(paths) and (paths[0] != first_path or paths[-1] - paths[0] + 1 != len(paths)):
         raise ValueError(f"layer {index}: paths are not numbered on from {first_path}")
     members = (program, _npy(lines), _npy(flow_s), _npy(flow_g_s))
-    if max(len(member) for member in members) > container.LARGEST_MEMBER_BYTES:
+    if max(len(member) for member in members) > container.MAX_MEMBER_BYTES:
         raise JobError(f"layer {index} is too large for a job file",
                        where=f"{len(lines):,} lines",
                        hint="plan with a wider bead or a coarser pitch")

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from lmctl.errors import JobError, MissingFileError
 from lmctl.job import container
-from lmctl.job.layer_rules import broken_rule
+from lmctl.job.layer_rules import first_broken_rule
 from lmctl.job.manifest_json import from_json, part_digest
 from lmctl.job.schema import JobLayer, JobManifest, line_dtype
 
@@ -61,12 +61,12 @@ class JobReader:
         entry = self.manifest.layers[index]
         where = f"layer {entry.index}"
         data = tuple(
-            self._member(name, container.LARGEST_MEMBER_BYTES)
-            for name in container.layer_names(entry.index)
+            self._member(name, container.MAX_MEMBER_BYTES)
+            for name in container.layer_member_names(entry.index)
         )
         if container.layer_digest(data) != entry.sha256:
             raise JobError(f"{self._path} was damaged or altered", where=where,
-                           hint=container.REMAKE)
+                           hint=container.REPLAN_HINT)
         n_hoppers = len(self.manifest.hoppers)
         text, *arrays = data
         try:
@@ -78,7 +78,7 @@ class JobReader:
             raise self._no_layer(where, str(error)) from None
         layer = JobLayer(entry.index, entry.z_mm, entry.first_line, program, lines, flow_s,
                          flow_g_s)
-        broken = broken_rule(layer, len(self.manifest.materials), n_hoppers)
+        broken = first_broken_rule(layer, len(self.manifest.materials), n_hoppers)
         if broken is None and len(program) != entry.n_lines:
             broken = f"{len(program)} lines where the manifest promises {entry.n_lines}"
         if broken is None and (flow_s[0], flow_s[-1]) != (entry.start_s, entry.end_s):
@@ -95,26 +95,27 @@ class JobReader:
     def _open(self) -> None:
         name = str(self._path)
         try:
-            self.digest = container.verify(self._file, name)
+            self.digest = container.verify_digest(self._file, name)
             self._zip = zipfile.ZipFile(self._file)
         except (zipfile.BadZipFile, NotImplementedError, ValueError, OSError) as error:
             raise JobError(f"{name} is not a job file", where=str(error),
-                           hint=container.REMAKE) from None
-        manifest = self._member(container.MANIFEST, container.LARGEST_TEXT_BYTES)
+                           hint=container.REPLAN_HINT) from None
+        manifest = self._member(container.MANIFEST, container.MAX_TEXT_BYTES)
         self.manifest = from_json(manifest, name)
-        expected = [n for i in range(len(self.manifest.layers)) for n in container.layer_names(i)]
+        expected = [
+            n for i in range(len(self.manifest.layers)) for n in container.layer_member_names(i)]
         if self._zip.namelist() != [*expected, container.PART, container.MANIFEST]:
             raise JobError(f"{name} is not a job file lmctl made",
                            where="its members are not those its manifest tells",
-                           hint=container.REMAKE)
+                           hint=container.REPLAN_HINT)
         try:
-            self.part_text = self._member(container.PART, container.LARGEST_TEXT_BYTES).decode()
+            self.part_text = self._member(container.PART, container.MAX_TEXT_BYTES).decode()
         except UnicodeDecodeError:
             raise JobError(f"{name}: the part file in it is not text",
-                           hint=container.REMAKE) from None
+                           hint=container.REPLAN_HINT) from None
         if part_digest(self.part_text) != self.manifest.part_sha256:
             raise JobError(f"{name}: the part file in it is not the one planned",
-                           hint=container.REMAKE)
+                           hint=container.REPLAN_HINT)
 
     def _member(self, name: str, most_bytes: int) -> bytes:
         """A member's bytes; refuses sizes that are not what lies in the file."""
@@ -127,19 +128,19 @@ class JobReader:
             ):
                 raise JobError(f"{self._path} is not a job file lmctl made",
                                where=f"{name} is compressed or too large",
-                               hint=container.REMAKE)
+                               hint=container.REPLAN_HINT)
             return self._zip.read(info)
         except KeyError:
             raise JobError(f"{self._path} is not a job file lmctl made",
-                           where=f"it holds no {name}", hint=container.REMAKE) from None
+                           where=f"it holds no {name}", hint=container.REPLAN_HINT) from None
         except (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, ValueError,
                 OSError) as error:
             raise JobError(f"{self._path}: {name} cannot be read", where=str(error),
-                           hint=container.REMAKE) from None
+                           hint=container.REPLAN_HINT) from None
 
     def _no_layer(self, where: str, broken: str) -> JobError:
         return JobError(f"{self._path} holds a layer that cannot be run",
-                        where=f"{where}: {broken}", hint=container.REMAKE)
+                        where=f"{where}: {broken}", hint=container.REPLAN_HINT)
 
 
 def _array(data: bytes, dtype: np.dtype[Any], columns: tuple[int, ...]) -> NDArray[Any]:

@@ -88,7 +88,7 @@ class LayerEntry:
 
 
 @dataclass(frozen=True)
-class HopperUse:
+class JobHopper:
     """A hopper as the job uses it; `dead_time_s`, `lag_s` are those planning assumed."""
 
     name: str
@@ -122,7 +122,7 @@ class JobManifest:
     max_power_W: float
     send_horizon_s: float
     materials: tuple[str, ...]
-    hoppers: tuple[HopperUse, ...]
+    hoppers: tuple[JobHopper, ...]
     bounds_mm: tuple[tuple[float, float, float], tuple[float, float, float]]
     totals: dict[str, Any]
     verdict: tuple[dict[str, str], ...]

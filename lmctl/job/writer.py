@@ -64,7 +64,7 @@ class JobWriter:
     def add_packed(self, layer: PackedLayer) -> LayerEntry:
         """Append the next layer, packed already."""
         self._check(layer)
-        names = container.layer_names(layer.entry.index)
+        names = container.layer_member_names(layer.entry.index)
         self._write(dict(zip(names, layer.members, strict=True)))
         self._entries.append(layer.entry)
         self._last_flow = layer.last_flow_g_s
@@ -81,7 +81,7 @@ class JobWriter:
         try:
             self._zip.comment = container.unsigned_trailer()
             self._zip.close()
-            container.sign(self._file)
+            container.write_digest(self._file)
             self._file.flush()
             os.fsync(self._file.fileno())
             self._file.close()
@@ -94,8 +94,8 @@ class JobWriter:
 
     def _check(self, layer: PackedLayer) -> None:
         entry = layer.entry
-        if len(self._entries) == container.MOST_LAYERS:
-            raise JobError(f"the job has more than {container.MOST_LAYERS:,} layers",
+        if len(self._entries) == container.MAX_LAYERS:
+            raise JobError(f"the job has more than {container.MAX_LAYERS:,} layers",
                            hint="raise process.layer_height_mm or split the part")
         if entry.index != len(self._entries):
             raise ValueError(f"layer {entry.index} given where {len(self._entries)} is next")
@@ -119,7 +119,7 @@ class JobWriter:
     def _write(self, members: dict[str, bytes]) -> None:
         try:
             for name, data in members.items():
-                self._zip.writestr(container.member(name), data)
+                self._zip.writestr(container.new_member(name), data)
         except OSError as error:
             raise self._cannot_write(error) from None
 

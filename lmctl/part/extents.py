@@ -14,42 +14,42 @@ from lmctl.part.bodies.body import Body
 from lmctl.part.bodies.formulas import Box, Cone, Cylinder, Sphere, Torus
 from lmctl.part.bodies.half_space import HalfSpace
 from lmctl.part.bodies.measured import Bounds
-from lmctl.part.bodies.moved import Motion, Moved, motion
-from lmctl.part.bodies.prism import Prism, closed_polygon
+from lmctl.part.bodies.prism import Prism, close_polygon
+from lmctl.part.bodies.transformed import SimilarityTransform, TransformedBody, similarity_transform
 from lmctl.part.booleans.expression import Operation
-from lmctl.part.data import Data
+from lmctl.part.part_data import PartData
 
 FloatArray = NDArray[np.float64]
 
 
-class Extents:
+class BodyExtents:
     """The boxes that the bodies of a checked part file lie in; perhaps a little large or infinite.
 
     data : what their files hold; numbers : of the bodies that have names
     """
 
-    def __init__(self, part: PartFile, data: Data, numbers: dict[str, int]) -> None:
+    def __init__(self, part: PartFile, data: PartData, numbers: dict[str, int]) -> None:
         self._part = part
         self._data = data
         self._number = numbers
         self._boxes: dict[int, Bounds] = {}
 
-    def joint(self, operation: Operation | None, numbers: Sequence[int]) -> Bounds:
+    def combined_box(self, operation: Operation | None, numbers: Sequence[int]) -> Bounds:
         """The box that bodies combined so lie in."""
-        boxes = [self.of(number) for number in numbers]
+        boxes = [self.enclosing_box(number) for number in numbers]
         lows, highs = [box[0] for box in boxes], [box[1] for box in boxes]
         if operation == "intersection":
             low, high = np.max(lows, axis=0), np.min(highs, axis=0)
             if (low >= high).any():
                 raise InputError("the intersection of the bodies leaves nothing",
-                                 where=f"of {self.called(numbers)}",
+                                 where=f"of {self.display_names(numbers)}",
                                  hint="check where the bodies lie")
             return low, high
         if operation == "union":
             return np.min(lows, axis=0), np.max(highs, axis=0)
         return boxes[0]
 
-    def of(self, number: int) -> Bounds:
+    def enclosing_box(self, number: int) -> Bounds:
         """The box a body lies in, without building it; perhaps a little large, perhaps infinite."""
         if number not in self._boxes:
             self._boxes[number] = self._measured(number)
@@ -62,7 +62,7 @@ class Extents:
                 points = self._data.points(body)
                 return points.min(axis=0), points.max(axis=0)
             case config.ShellBody():
-                low, high = self.of(self._number[body.of])
+                low, high = self.enclosing_box(self._number[body.of])
                 if (high - low).min() <= 2 * body.from_mm:
                     raise InputError(
                         f"nothing of {body.of!r} lies deeper than {body.from_mm:g} mm",
@@ -71,14 +71,14 @@ class Extents:
                     )
                 return low + body.from_mm, high - body.from_mm
             case config.MovedBody():
-                low, high = self.of(self._number[body.of])
-                return _moved(low, high, motion_of(body))
+                low, high = self.enclosing_box(self._number[body.of])
+                return _moved(low, high, transform_of(body))
             case config.BooleanBody():
-                return self.joint(body.kind, [self._number[name] for name in body.of])
+                return self.combined_box(body.kind, [self._number[name] for name in body.of])
             case _:
-                return formula_of(body, self.called([number])).bounds_mm
+                return analytic_body(body, self.display_names([number])).tight_bounds_mm
 
-    def called(self, numbers: Sequence[int]) -> str:
+    def display_names(self, numbers: Sequence[int]) -> str:
         """Bodies as people know them: by name, else by their number in the file."""
         named = [self._part.body[n].name for n in numbers]
         return ", ".join(
@@ -86,7 +86,7 @@ class Extents:
         )
 
 
-def formula_of(body: config.Body, name: str) -> Body:
+def analytic_body(body: config.Body, name: str) -> Body:
     """A body that needs no data and no other. name : of the body, for messages"""
     match body:
         case config.BoxBody():
@@ -103,18 +103,18 @@ def formula_of(body: config.Body, name: str) -> Body:
             return HalfSpace(body.point_mm, body.outward)
         case config.PrismBody():
             corners = np.array(body.outline_mm, dtype=np.float64)
-            loop = closed_polygon(corners, name)
+            loop = close_polygon(corners, name)
             return Prism(loop, body.low_mm, body.high_mm)
     raise TypeError(body.kind)
 
 
-def motion_of(body: config.MovedBody) -> Motion:
+def transform_of(body: config.MovedBody) -> SimilarityTransform:
     """The motion that a moved body states."""
-    turn = body.turn or config.Turn(axis=(0.0, 0.0, 1.0), degrees=0.0)
-    return motion(body.scale, turn.axis, turn.degrees, turn.through_mm, body.by_mm)
+    turn = body.turn or config.Rotation(axis=(0.0, 0.0, 1.0), degrees=0.0)
+    return similarity_transform(body.scale, turn.axis, turn.degrees, turn.through_mm, body.by_mm)
 
 
-def _moved(low: FloatArray, high: FloatArray, by: Motion) -> Bounds:
+def _moved(low: FloatArray, high: FloatArray, by: SimilarityTransform) -> Bounds:
     if not np.isfinite([low, high]).all():
         return np.full(3, -np.inf), np.full(3, np.inf)
-    return Moved(Box(tuple(low), tuple(high)), by).bounds_mm
+    return TransformedBody(Box(tuple(low), tuple(high)), by).tight_bounds_mm

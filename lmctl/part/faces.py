@@ -9,16 +9,16 @@ from numpy.typing import NDArray
 
 from lmctl.config.quantities import MM_PER_UNIT
 from lmctl.errors import InputError
-from lmctl.field.triangles import closest_in_rows
+from lmctl.field.triangles import closest_points_on_rows
 from lmctl.part.sources.files import DataFile
 from lmctl.part.sources.mesh_files import Mesh
-from lmctl.part.sources.mesh_topology import components, edge_numbers, without_slivers
+from lmctl.part.sources.mesh_topology import connected_components, edge_numbers, remove_slivers
 from lmctl.part.sources.obj_files import group_triangles, read_obj
 
 FloatArray = NDArray[np.float64]
 
 #: A place farther from the mesh than this names no face of it.
-FARTHEST_SHARE = 0.05
+MAX_SHARE = 0.05
 
 
 def patch_around(mesh: Mesh, at_mm: Sequence[float], angle_deg: float) -> FloatArray:
@@ -31,12 +31,12 @@ def patch_around(mesh: Mesh, at_mm: Sequence[float], angle_deg: float) -> FloatA
     corners = mesh.vertices[mesh.triangles]
     place = np.asarray(at_mm, dtype=np.float64)
     rows = np.arange(len(corners), dtype=np.int32)
-    found = closest_in_rows(
+    found = closest_points_on_rows(
         np.ascontiguousarray(corners), rows, np.tile(place, (len(corners), 1)))
     away = np.linalg.norm(found - place, axis=1)
     nearest = int(np.argmin(away))
     size = float(np.ptp(mesh.vertices, axis=0).max())
-    if away[nearest] > FARTHEST_SHARE * size:
+    if away[nearest] > MAX_SHARE * size:
         where = ", ".join(f"{v:g}" for v in place)
         raise InputError(
             f"there is no face at ({where}) mm",
@@ -49,11 +49,11 @@ def patch_around(mesh: Mesh, at_mm: Sequence[float], angle_deg: float) -> FloatA
     order = np.argsort(number, kind="stable")
     pairs = order[(counts == 2)[number[order]]].reshape(-1, 2) // 3
     blunt = (normal[pairs[:, 0]] * normal[pairs[:, 1]]).sum(axis=1) >= np.cos(np.deg2rad(angle_deg))
-    patch = components(pairs[blunt], len(corners))
-    return without_slivers(corners[patch == patch[nearest]])
+    patch = connected_components(pairs[blunt], len(corners))
+    return remove_slivers(corners[patch == patch[nearest]])
 
 
-def grouped_corners(file: DataFile, group: str, units: str | None) -> FloatArray:
+def triangles_of_group(file: DataFile, group: str, units: str | None) -> FloatArray:
     """The triangles of a `g` or `o` group of an OBJ file.
 
     returns : (m, 3, 3) float64 [mm]
@@ -67,4 +67,4 @@ def grouped_corners(file: DataFile, group: str, units: str | None) -> FloatArray
     if not np.isfinite(corners_mm).all():
         raise InputError(f"{file.path} has coordinates that are not numbers",
                          hint="export it again")
-    return without_slivers(corners_mm)
+    return remove_slivers(corners_mm)

@@ -12,14 +12,14 @@ from lmctl.field.grid import Grid
 from lmctl.part.bodies.body import Body
 from lmctl.part.bodies.mesh_solid import MeshSolid
 from lmctl.part.bodies.stored import FieldSolid
-from lmctl.part.data import Data
-from lmctl.part.materials.doubts import doubts
 from lmctl.part.materials.powders import resolve_materials
+from lmctl.part.materials.profile_warnings import flat_profile_warnings
 from lmctl.part.part import Part
+from lmctl.part.part_data import PartData
 from lmctl.part.resolution import checked_grid, plane_around
 from lmctl.part.sources.cloud_files import CLOUD_SUFFIXES
 from lmctl.part.sources.mesh_files import MESH_SUFFIXES
-from lmctl.part.tree import Tree
+from lmctl.part.tree import BodyTree
 
 #: What a bare mesh or cloud is made of.
 DEFAULT_MATERIAL = "316L"
@@ -73,28 +73,28 @@ def _build(
     tell: Tell | None = None,
 ) -> Part:
     materials = resolve_materials(part)
-    data = Data(folder, part.process.bead_width_mm)
+    data = PartData(folder, part.process.bead_width_mm)
     data.warnings += said
     data.read(part)
-    for number in part.only_measured():
+    for number in part.bodies_only_measured_from():
         of = part.body[number]
         told = data.notes if of.composition is None else data.warnings
         told.append(f"{of.name!r} is only measured from: it is no part of the solid")
-    tree = Tree(part, data)
+    tree = BodyTree(part, data)
     cost = tree.cost()
-    cost.check()
-    if tell is not None and cost.said():
-        tell(cost.said())
+    cost.refuse_if_too_large()
+    if tell is not None and cost.summary():
+        tell(cost.summary())
     body = tree.body
     if isinstance(body, MeshSolid | FieldSolid):
         grid = body.grid
     else:
-        grid = checked_grid(*body.bounds_mm, tree.pitch_mm, stored=False)
-    rule = tree.rule
-    data.warnings += [*_coarse(body, grid), *doubts(rule, body)]
+        grid = checked_grid(*body.tight_bounds_mm, tree.pitch_mm, stored=False)
+    rule = tree.composition_field
+    data.warnings += [*_coarse(body, grid), *flat_profile_warnings(rule, body)]
     data.notes += [note for material in materials if (note := material.note())]
     # power and speed are the materials' own or the library's, and named there
-    unwritten = set(config.Process.model_fields) - part.process.model_fields_set
+    unwritten = set(config.ProcessSettings.model_fields) - part.process.model_fields_set
     if keys := sorted(unwritten - {"power_W", "speed_mm_s"}):
         values = ", ".join(f"{key} {getattr(part.process, key)}" for key in keys)
         data.notes.append(f"process: by default {values}")
@@ -108,7 +108,7 @@ def _build(
         warnings=tuple(data.warnings),
         notes=tuple(data.notes),
         body=body,
-        rule=rule,
+        composition_field=rule,
         grid=grid,
         plane=plane_around(grid, part.process.bead_width_mm),
     )
@@ -116,7 +116,7 @@ def _build(
 
 def _coarse(body: Body, grid: Grid) -> list[str]:
     """A warning where the part is thin for its pitch and its outlines come from its field."""
-    low, high = body.bounds_mm
+    low, high = body.tight_bounds_mm
     thinnest, pitch = float((high - low).min()), grid.pitch_mm
     if thinnest >= 3 * pitch or not isinstance(body, FieldSolid):
         return []

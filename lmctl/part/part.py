@@ -9,12 +9,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.config.part_file import Process
+from lmctl.config.part_file import ProcessSettings
 from lmctl.field.grid import Grid, Window
 from lmctl.field.plane import PlaneGrid, plane_distance
 from lmctl.part.bodies.body import Body, plane_points
 from lmctl.part.bodies.measured import Bounds
-from lmctl.part.materials.composition import Rule
+from lmctl.part.materials.composition import CompositionField
 from lmctl.part.materials.powders import MaterialSpec
 
 FloatArray = NDArray[np.float64]
@@ -50,7 +50,7 @@ class Section:
 
         Its iso-levels are the paper's literal toolpaths (the strategy "iso-3d").
         """
-        depth = self.body.at(plane_points(self.grid, self.z_mm))
+        depth = self.body.distance_at(plane_points(self.grid, self.z_mm))
         return depth.astype(np.float32).reshape(self.grid.shape)
 
 
@@ -70,19 +70,19 @@ class Part:
     text: str
     sources: Mapping[str, str]
     materials: tuple[MaterialSpec, ...]
-    process: Process
+    process: ProcessSettings
     placement_mm: tuple[float, float, float] | None
     warnings: tuple[str, ...]
     notes: tuple[str, ...]
     body: Body
-    rule: Rule
+    composition_field: CompositionField
     grid: Grid
     plane: PlaneGrid
 
     @property
     def bounds_mm(self) -> Bounds:
         """Lowest and highest x, y, z of the solid, each (3,) float64 [mm]."""
-        return self.body.bounds_mm
+        return self.body.tight_bounds_mm
 
     def distance(self, window: Window) -> NDArray[np.float32]:
         """Signed distance at the nodes of a slab, positive inside; float32 of window.shape [mm]."""
@@ -94,7 +94,7 @@ class Part:
         Meshes are cut from their triangles, formulas are evaluated in the plane, fields are
         interpolated between their nodes.
         """
-        loops = self.body.loops(z_mm, self.plane)
+        loops = self.body.outline_loops(z_mm, self.plane)
         return Section(z_mm, self.plane, loops, self.body)
 
     def composition(self, points_mm: FloatArray) -> FloatArray:
@@ -105,7 +105,7 @@ class Part:
         """
         points = np.asarray(points_mm, dtype=np.float64).reshape(-1, 3)
         parts = [
-            self.rule.fractions(points[first : first + POINTS_AT_ONCE])
+            self.composition_field.fractions(points[first : first + POINTS_AT_ONCE])
             for first in range(0, max(len(points), 1), POINTS_AT_ONCE)
         ]
         return parts[0] if len(parts) == 1 else np.concatenate(parts)

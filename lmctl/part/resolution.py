@@ -9,16 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.errors import InputError, UsageError
+from lmctl.field.array_storage import is_mapped
 from lmctl.field.grid import Grid
 from lmctl.field.plane import PlaneGrid
-from lmctl.field.store import is_mapped
 
 FloatArray = NDArray[np.float64]
 
 #: Memory of a stored field while it is made: values, sources, squares, crossings, surface points.
 BYTES_PER_NODE = 20
 
-#: Of these the two arrays of four bytes that stay; large ones are kept in files (`field.store`).
+#: Of these the two arrays of four bytes that stay; large ones are kept in files
+#: (`field.array_storage`).
 ARRAYS_KEPT = 2
 BYTES_KEPT = 4 * ARRAYS_KEPT
 
@@ -28,13 +29,13 @@ LIMIT_VARIABLE = "LMCTL_MEMORY_MB"
 DEFAULT_LIMIT_MB = 2000
 
 #: A boolean's boundary needs to be found, not resolved: eight bytes a node while it is.
-MOST_BOUNDARY_NODES = 3_000_000
+MAX_BOUNDARY_NODES = 3_000_000
 
 #: A grid that is only walked by slabs may be larger, but not endless.
-MOST_WALKED_NODES = 4_000_000_000
+MAX_WALKED_NODES = 4_000_000_000
 
 #: Nodes of one section; its distance is made anew for every layer.
-MOST_PLANE_NODES = 30_000_000
+MAX_PLANE_NODES = 30_000_000
 
 #: Nodes to spare around a body, each side.
 PADDING = 3
@@ -64,7 +65,7 @@ def memory_limit_bytes() -> float:
     return megabytes * 1e6
 
 
-def most_stored_nodes() -> int:
+def max_stored_nodes() -> int:
     """Nodes of the largest field that can be made within the limit."""
     limit = memory_limit_bytes()
     in_memory = int(limit / BYTES_PER_NODE)
@@ -76,7 +77,7 @@ def disk_bytes(nodes: float) -> float:
     return BYTES_KEPT * nodes if is_mapped(BYTES_KEPT / ARRAYS_KEPT * nodes) else 0.0
 
 
-def making_bytes(nodes: float) -> float:
+def peak_bytes(nodes: float) -> float:
     """The memory a stored field takes while it is made."""
     return BYTES_PER_NODE * nodes - disk_bytes(nodes)
 
@@ -86,7 +87,7 @@ def checked_grid(low: FloatArray, high: FloatArray, pitch_mm: float, *, stored: 
 
     Raises InputError with the nodes and memory it would need and the pitch that fits.
     """
-    most = most_stored_nodes() if stored else MOST_WALKED_NODES
+    most = max_stored_nodes() if stored else MAX_WALKED_NODES
     nodes = _nodes(low, high, pitch_mm)
     if nodes > most:
         size = " × ".join(f"{v:.4g}" for v in high - low)
@@ -98,14 +99,14 @@ def checked_grid(low: FloatArray, high: FloatArray, pitch_mm: float, *, stored: 
             hint=f"give a pitch_mm of at least {finest_pitch(low, high, most):g}"
             + (f", or allow more memory with {LIMIT_VARIABLE}" if stored else ""),
         )
-    return Grid.around(low, high, pitch_mm, PADDING)
+    return Grid.enclosing(low, high, pitch_mm, PADDING)
 
 
 def boundary_grid(low: FloatArray, high: FloatArray, pitch_mm: float) -> Grid:
     """The grid on which a boolean's boundary is looked for: of the pitch, or coarser where that
     would be more than can be held. What is found on it is exact at any pitch."""
-    most = max(pitch_mm, finest_pitch(low, high, MOST_BOUNDARY_NODES))
-    return Grid.around(low, high, most, PADDING)
+    most = max(pitch_mm, finest_pitch(low, high, MAX_BOUNDARY_NODES))
+    return Grid.enclosing(low, high, most, PADDING)
 
 
 def finest_pitch(low: FloatArray, high: FloatArray, most_nodes: int) -> float:
@@ -130,14 +131,14 @@ def plane_around(grid: Grid, bead_mm: float) -> PlaneGrid:
     low = np.array(grid.origin_mm[:2])
     high = low + grid.pitch_mm * (np.array(grid.shape[:0:-1]) - 1)
     pitch = min(grid.pitch_mm, bead_mm / PLANE_PITCHES_PER_BEAD)
-    if float(np.prod((high - low) / pitch)) > MOST_PLANE_NODES:
+    if float(np.prod((high - low) / pitch)) > MAX_PLANE_NODES:
         pitch = bead_mm / PLANE_PITCHES_PER_BEAD  # a finer field pitch is not needed here
     nodes = float(np.prod((high - low) / pitch))
-    if nodes > MOST_PLANE_NODES:
+    if nodes > MAX_PLANE_NODES:
         size = " × ".join(f"{v:.4g}" for v in high - low)
         raise InputError(
             f"a bead of {bead_mm:g} mm is too fine for a part of {size} mm",
-            where=f"a section needs {nodes:.2g} nodes; at most {MOST_PLANE_NODES:.2g}",
+            where=f"a section needs {nodes:.2g} nodes; at most {MAX_PLANE_NODES:.2g}",
             hint="check the units of the part, or give a larger process.bead_width_mm",
         )
     first = np.floor(low / pitch).astype(int) - 1
@@ -151,11 +152,11 @@ def _nodes(low: FloatArray, high: FloatArray, pitch_mm: float) -> float:
 
 
 def _taken(nodes: float) -> str:
-    disk = f" and {in_bytes(disk_bytes(nodes))} of disk" if disk_bytes(nodes) else ""
-    return f"{in_bytes(making_bytes(nodes))} of memory{disk}"
+    disk = f" and {format_bytes(disk_bytes(nodes))} of disk" if disk_bytes(nodes) else ""
+    return f"{format_bytes(peak_bytes(nodes))} of memory{disk}"
 
 
-def in_bytes(count: float) -> str:
+def format_bytes(count: float) -> str:
     for unit in ("bytes", "kB", "MB", "GB", "TB"):
         if count < 1000:
             return f"{count:.3g} {unit}"

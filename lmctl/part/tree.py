@@ -14,46 +14,51 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.config import bodies as config
-from lmctl.config.composition import FaceFeature, SheetFeature, measured_from
+from lmctl.config.composition import FaceFeature, SheetFeature, measured_bodies
 from lmctl.config.part_file import PartFile
 from lmctl.errors import InputError
 from lmctl.field.grid import Grid
 from lmctl.part.bodies.body import Body
 from lmctl.part.bodies.half_space import HalfSpace
-from lmctl.part.bodies.measured import Bounds, is_closed, without_specks
+from lmctl.part.bodies.measured import Bounds, is_closed, remove_specks
 from lmctl.part.bodies.mesh_solid import MeshSolid
-from lmctl.part.bodies.moved import Motion, Moved
 from lmctl.part.bodies.stored import FieldSolid
-from lmctl.part.booleans.combined import Combined
+from lmctl.part.bodies.transformed import SimilarityTransform, TransformedBody
+from lmctl.part.booleans.combined import CombinedBody
 from lmctl.part.booleans.expression import Operation
-from lmctl.part.booleans.offset import Offset
-from lmctl.part.booleans.overlap import Overlap
-from lmctl.part.cost import CLOUD_S, OPERAND_S, Cost, Item
-from lmctl.part.data import Data
-from lmctl.part.extents import Extents, formula_of, motion_of
-from lmctl.part.materials.composition import Carried, Mixed, Rule, Uniform
-from lmctl.part.materials.rules import Surroundings, rule_of
+from lmctl.part.booleans.offset import OffsetBody
+from lmctl.part.booleans.overlap import OverlapWeights
+from lmctl.part.cost import CLOUD_S, OPERAND_S, CostItem, PartCost
+from lmctl.part.extents import BodyExtents, analytic_body, transform_of
+from lmctl.part.materials.composition import (
+    CompositionField,
+    OverlapComposition,
+    TransformedComposition,
+    UniformComposition,
+)
+from lmctl.part.materials.rules import CompositionContext, composition_field_of
+from lmctl.part.part_data import PartData
 from lmctl.part.resolution import boundary_grid, checked_grid, choose_pitch
-from lmctl.part.sources.cloud_files import Cloud
+from lmctl.part.sources.cloud_files import PointCloud
 from lmctl.part.sources.mesh_files import Mesh
 
 FloatArray = NDArray[np.float64]
 
 
-class Tree:
+class BodyTree:
     """The bodies of a checked part file with their data.
 
     data : what their files hold; it also collects what there is to say
     """
 
-    def __init__(self, part: PartFile, data: Data) -> None:
+    def __init__(self, part: PartFile, data: PartData) -> None:
         self._part = part
         self._data = data
         self._number = {body.name: n for n, body in enumerate(part.body) if body.name}
-        self._roots = part.roots()
-        self._extents = Extents(part, data, self._number)
+        self._roots = part.root_bodies()
+        self._extents = BodyExtents(part, data, self._number)
         self._built: dict[tuple[int, bool], Body] = {}
-        self.box = self._extents.joint(part.combine, self._roots)
+        self.box = self._extents.combined_box(part.combine, self._roots)
         if not np.isfinite(self.box).all():
             raise InputError("the part has no end", where=f"it reaches {_reach(self.box)}",
                              hint="cut its half-spaces with a body that has one")
@@ -68,27 +73,27 @@ class Tree:
         """What the part is."""
         return self._joined(self._part.combine, self._roots, in_place=True)
 
-    def cost(self) -> Cost:
+    def cost(self) -> PartCost:
         """What has to be made before the part can answer. Raises InputError as building would."""
         items = []
         if self._part.combine is not None:
             grid = self._boundary_grid(self._part.combine, self._roots)
             each_s = OPERAND_S * sum(self._leaves(root) for root in self._roots)
-            items.append(Item("the combination", grid.n_nodes, each_s, False))
+            items.append(CostItem("the combination", grid.n_nodes, each_s, False))
         asked = self._asked()
         for number, body in enumerate(self._part.body):
-            name = self._extents.called([number])
+            name = self._extents.display_names([number])
             if isinstance(body, config.CloudBody):
-                low, high = self._extents.of(number)
+                low, high = self._extents.enclosing_box(number)
                 grid = checked_grid(low, high, body.pitch_mm or self.pitch_mm, stored=True)
-                items.append(Item(name, grid.n_nodes, CLOUD_S, True))
+                items.append(CostItem(name, grid.n_nodes, CLOUD_S, True))
             elif isinstance(body, config.BooleanBody):
                 of = [self._number[other] for other in body.of]
                 grid = self._boundary_grid(body.kind, of)
                 if number in asked:
                     each_s = OPERAND_S * self._leaves(number)
-                    items.append(Item(name, grid.n_nodes, each_s, False))
-        return Cost(tuple(items))
+                    items.append(CostItem(name, grid.n_nodes, each_s, False))
+        return PartCost(tuple(items))
 
     def _asked(self) -> set[int]:
         """Bodies that are asked for their distance, so that booleans among them need a boundary of
@@ -97,7 +102,7 @@ class Tree:
             return set(range(len(self._part.body)))  # materials are mixed by their bodies' depths
         names = {body.of for body in self._part.body if isinstance(body, config.ShellBody)}
         if self._part.composition is not None:
-            names |= measured_from(self._part.composition)
+            names |= measured_bodies(self._part.composition)
         asked = {self._number[name] for name in names}
         waiting = [*asked, *(self._roots if self._part.combine is None else ())]
         while waiting:
@@ -116,12 +121,12 @@ class Tree:
         return self._leaves(self._number[body.of]) if isinstance(body, config.MovedBody) else 1
 
     @cached_property
-    def rule(self) -> Rule:
+    def composition_field(self) -> CompositionField:
         """Of what it is."""
         if self._part.composition is not None:
-            return rule_of(self._part.composition, self.body, self._around)
+            return composition_field_of(self._part.composition, self.body, self._around)
         if len(self._part.material) == 1:
-            return Uniform((1.0,))
+            return UniformComposition((1.0,))
         return self._joint_rule(self._part.combine, self._roots, in_place=True)
 
     def _joined(
@@ -132,7 +137,7 @@ class Tree:
             return self._solid(numbers[0], in_place)
         bodies = tuple(self._solid(number, in_place) for number in numbers)
         grid = self._boundary_grid(operation, numbers, in_place=in_place)
-        return Combined(operation, bodies, grid)
+        return CombinedBody(operation, bodies, grid)
 
     def _boundary_grid(
         self, operation: Operation, numbers: Sequence[int], *, in_place: bool = True
@@ -141,12 +146,12 @@ class Tree:
 
         Without end only in the part's own place, where what is far off no longer matters.
         """
-        low, high = self._extents.joint(operation, numbers)
+        low, high = self._extents.combined_box(operation, numbers)
         if in_place:
             low = np.where(np.isfinite(low), low, self._far[0])
             high = np.where(np.isfinite(high), high, self._far[1])
         if not np.isfinite([low, high]).all():
-            raise InputError(f"the {operation} of {self._extents.called(numbers)} has no end",
+            raise InputError(f"the {operation} of {self._extents.display_names(numbers)} has no end",
                              hint="cut its half-spaces with a body that has one")
         return boundary_grid(low, high, self.pitch_mm)
 
@@ -155,7 +160,7 @@ class Tree:
         """A box that reaches the surface of each half-space and back from anywhere in the part."""
         low, high = self.box
         middle = 0.5 * (low + high)
-        away = max((abs(float(HalfSpace(body.point_mm, body.outward).at(middle[None])[0]))
+        away = max((abs(float(HalfSpace(body.point_mm, body.outward).distance_at(middle[None])[0]))
                     for body in self._part.body if isinstance(body, config.HalfSpaceBody)),
                    default=0.0)
         reach = away + float(np.linalg.norm(high - low))
@@ -181,40 +186,41 @@ class Tree:
                 inner = self._part.body[of]
                 if isinstance(inner, config.MeshBody):  # its triangles give exact outlines
                     mesh = self._data.mesh(inner)
-                    moved = Mesh(motion_of(body).there(mesh.vertices), mesh.triangles)
+                    moved = Mesh(transform_of(body).apply(mesh.vertices), mesh.triangles)
                     return self._mesh(moved, inner.pitch_mm)
-                box = self._extents.of(number)
-                return self._carried(self._solid(of, False), motion_of(body), box)
+                box = self._extents.enclosing_box(number)
+                return self._carried(self._solid(of, False), transform_of(body), box)
             case config.BooleanBody():
                 numbers = [self._number[name] for name in body.of]
                 return self._joined(body.kind, numbers, in_place=in_place)
             case _:
-                return formula_of(body, self._extents.called([number]))
+                return analytic_body(body, self._extents.display_names([number]))
 
-    def _carried(self, body: Body, by: Motion, box: Bounds) -> Body:
+    def _carried(self, body: Body, by: SimilarityTransform, box: Bounds) -> Body:
         """A body moved elsewhere; of a boolean each of its bodies is, so that it stays one."""
-        if not isinstance(body, Combined):
-            return Moved(body, by)
-        return body.carried(lambda inner: Moved(inner, by), boundary_grid(*box, self.pitch_mm))
+        if not isinstance(body, CombinedBody):
+            return TransformedBody(body, by)
+        return body.transformed(lambda inner: TransformedBody(inner, by),
+                                boundary_grid(*box, self.pitch_mm))
 
     def _shell(self, body: config.ShellBody, in_place: bool) -> Body:
         of = self._solid(self._number[body.of], in_place)
-        low, high = self._extents.of(self._number[body.of])
+        low, high = self._extents.enclosing_box(self._number[body.of])
         least = min(body.from_mm, 0.0)
         if not np.isfinite([low, high]).all():
             raise InputError(f"the shell of {body.of!r} has no end",
                              hint="cut it with a body that has one")
         grid = boundary_grid(low + least, high - least, self.pitch_mm)
-        outer = of if body.from_mm == 0 else Offset(of, body.from_mm, grid)
+        outer = of if body.from_mm == 0 else OffsetBody(of, body.from_mm, grid)
         if body.to_mm is None:
             return outer
-        return Combined("difference", (outer, Offset(of, body.to_mm, grid)), grid)
+        return CombinedBody("difference", (outer, OffsetBody(of, body.to_mm, grid)), grid)
 
     def _mesh(self, mesh: Mesh, pitch_mm: float | None) -> Body:
         low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
         return MeshSolid(mesh, checked_grid(low, high, pitch_mm or self.pitch_mm, stored=False))
 
-    def _cloud(self, cloud: Cloud, pitch_mm: float | None) -> Body:
+    def _cloud(self, cloud: PointCloud, pitch_mm: float | None) -> Body:
         low, high = cloud.points.min(axis=0), cloud.points.max(axis=0)
         grid = checked_grid(low, high, pitch_mm or self.pitch_mm, stored=True)
         from lmctl.field.cloud.cloud_field import cloud_field  # late: it takes much of scipy
@@ -226,15 +232,15 @@ class Tree:
                 where=f"its inside reaches the edge of its grid at a pitch of {grid.pitch_mm:g} mm",
                 hint="scan the missing places, or give a larger pitch_mm",
             )
-        stored, specks = without_specks(stored)
+        stored, specks = remove_specks(stored)
         self._data.warnings += stored.remarks
         if specks:
             self._data.notes.append(f"{specks} specks of the fitted cloud smoothed away")
         return FieldSolid(stored, math.pi / 4 * self._part.process.bead_width_mm**2)
 
     @cached_property
-    def _around(self) -> Surroundings:
-        return Surroundings(
+    def _around(self) -> CompositionContext:
+        return CompositionContext(
             tuple(material.name for material in self._part.material),
             lambda name: self._solid(self._number[name], False),
             self._triangles,
@@ -251,7 +257,7 @@ class Tree:
 
     def _joint_rule(
         self, operation: Operation | None, numbers: Sequence[int], *, in_place: bool
-    ) -> Rule:
+    ) -> CompositionField:
         """What becomes of the bodies' materials when they are combined (method.md 4)."""
         if operation is None or operation == "difference":
             return self._rule(numbers[0], in_place)
@@ -261,28 +267,30 @@ class Tree:
             return rules[0]
         bodies = tuple(self._solid(number, in_place) for number in ruled)
         grid = self._boundary_grid(operation, ruled, in_place=in_place)
-        return Mixed(bodies, rules, Overlap(bodies, grid))
+        return OverlapComposition(bodies, rules, OverlapWeights(bodies, grid))
 
-    def _rule(self, number: int, in_place: bool) -> Rule:
+    def _rule(self, number: int, in_place: bool) -> CompositionField:
         body = self._part.body[number]
         if body.composition is not None:
-            return rule_of(body.composition, self._solid(number, in_place), self._around)
+            return composition_field_of(body.composition, self._solid(number, in_place),
+                                        self._around)
         match body:
             case config.ShellBody():
                 return self._rule(self._number[body.of], in_place)
             case config.MovedBody():
-                return Carried(self._rule(self._number[body.of], False), motion_of(body))
+                return TransformedComposition(self._rule(self._number[body.of], False),
+                                              transform_of(body))
             case config.BooleanBody():
                 numbers = [self._number[name] for name in body.of]
                 return self._joint_rule(body.kind, numbers, in_place=in_place)
-        raise InputError(f"it is not said of what {self._extents.called([number])} is",
+        raise InputError(f"it is not said of what {self._extents.display_names([number])} is",
                          hint="give it a composition")
 
     def _has_rule(self, number: int) -> bool:
         body = self._part.body[number]
         if body.composition is not None:
             return True
-        below = [self._number[name] for name in config.named_by(body)]
+        below = [self._number[name] for name in config.referenced_bodies(body)]
         if isinstance(body, config.BooleanBody) and body.kind == "difference":
             below = below[:1]
         return any(self._has_rule(n) for n in below)

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
-from lmctl.config.part_file import Process
+from lmctl.config.part_file import ProcessSettings
 from lmctl.errors import PlanError
 from lmctl.plan.geometry import LayerGeometry, LostFeature, OverhangPlace
 
@@ -87,7 +87,7 @@ class Completeness:
         negative where they stand above it
     """
 
-    process: Process
+    process: ProcessSettings
     layer_height_mm: float
     height_left_mm: float = 0.0
     slice_mm2: float = 0.0

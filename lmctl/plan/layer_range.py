@@ -34,7 +34,7 @@ def place_layers(part: Part, profile: MachineProfile) -> Placement:
     if first is None:
         raise nothing_to_deposit(part)
     last = next(layer for layer in reversed(layers) if has_tracks(layer))
-    return placement.only(first, last, set_down=part.placement_mm is None)
+    return placement.restricted_to(first, last, set_down=part.placement_mm is None)
 
 
 def nothing_to_deposit(part: Part) -> PlanError:

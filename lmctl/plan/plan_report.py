@@ -45,7 +45,7 @@ def _overhang(plan: PlanStatistics) -> list[Finding]:
 
 
 def _height(placement: Placement) -> list[Finding]:
-    left, height = placement.height_left_mm(), placement.layer_height_mm
+    left, height = placement.uncovered_height_mm(), placement.layer_height_mm
     found = []
     if placement.skipped:
         found.append(_finding(

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import lmctl
 from lmctl.config.machine import MachineProfile
 from lmctl.job.manifest_json import part_digest
-from lmctl.job.schema import HopperUse, JobManifest
+from lmctl.job.schema import JobHopper, JobManifest
 from lmctl.job.writer import JobWriter
 from lmctl.plan.execution import LocalWorkers, StageWorkers, ordered_results
 from lmctl.plan.geometry import LayerGeometry
@@ -79,7 +79,7 @@ class _Planning:
             index += 1
             first = geometry.layer - index
             last = geometry.layer if is_last else self._whole.n_layers - 1
-            self.placement = self._whole.only(
+            self.placement = self._whole.restricted_to(
                 first, last, set_down=self._part.placement_mm is None)
             yield self._sequencer.sequence(index, geometry, self.placement, is_last=is_last)
         if index < 0:
@@ -109,7 +109,7 @@ class _Planning:
             send_horizon_s=profile.motion.send_horizon_s,
             materials=tuple(material.name for material in part.materials),
             hoppers=tuple(
-                HopperUse(h.name, h.material, h.dead_time_s, h.lag_s, h.max_flow_g_min)
+                JobHopper(h.name, h.material, h.dead_time_s, h.lag_s, h.max_flow_g_min)
                 for h in self._recipe.hoppers),
             bounds_mm=((low[0], low[1], low[2]), (high[0], high[1], high[2])),
             totals=statistics.totals(self._sequencer.duration_s, warnings),

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lmctl.config.machine import Hopper, MachineProfile
-from lmctl.config.part_file import Process
+from lmctl.config.machine import HopperSettings, MachineProfile
+from lmctl.config.part_file import ProcessSettings
 from lmctl.errors import PlanError
-from lmctl.preflight.hoppers import hopper_of
+from lmctl.preflight.hoppers import hopper_for_material
 
 if TYPE_CHECKING:
     from lmctl.part.materials.powders import MaterialSpec
@@ -55,7 +55,7 @@ class Recipe:
     """
 
     materials: tuple[MaterialSpec, ...]
-    hoppers: tuple[Hopper, ...]
+    hoppers: tuple[HopperSettings, ...]
     density_g_mm3: FloatArray
     catch_efficiency: FloatArray
     power_W: FloatArray
@@ -67,7 +67,7 @@ class Recipe:
     bead_mm: float
     pitch_mm: float
     layer_height_mm: float
-    idle: tuple[Hopper, ...] = ()
+    idle: tuple[HopperSettings, ...] = ()
 
     def speed(self, fractions: FloatArray) -> FloatArray:
         """Speed of mixtures (..., m): between the pure recipes by volume fraction [mm/s]."""
@@ -198,10 +198,10 @@ class Recipe:
 
 
 def make_recipe(
-    materials: Sequence[MaterialSpec], process: Process, profile: MachineProfile
+    materials: Sequence[MaterialSpec], process: ProcessSettings, profile: MachineProfile
 ) -> Recipe:
     """The recipe of a part's materials on a machine. Raises PlanError: a material has no hopper."""
-    hoppers = [hopper_of(material.name, profile) for material in materials]
+    hoppers = [hopper_for_material(material.name, profile) for material in materials]
 
     def column(values: list[float]) -> FloatArray:
         return np.array(values, dtype=np.float64)

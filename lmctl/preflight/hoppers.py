@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from lmctl.config.machine import Hopper, MachineProfile
+from lmctl.config.machine import HopperSettings, MachineProfile
 from lmctl.errors import PlanError
 
 
-def hopper_of(material: str, profile: MachineProfile) -> Hopper:
+def hopper_for_material(material: str, profile: MachineProfile) -> HopperSettings:
     """The first hopper that holds a material. Raises PlanError where none does."""
     for hopper in profile.hopper:
         if hopper.material == material:

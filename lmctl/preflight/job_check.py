@@ -33,7 +33,7 @@ def check_job(manifest: JobManifest, profile: MachineProfile) -> None:
             where=_differences(manifest, profile),
             hint="plan the part again for this machine",
         )
-    wrong = [*beyond_travel(*manifest.bounds_mm, profile), *_lines(manifest, profile),
+    wrong = [*travel_violations(*manifest.bounds_mm, profile), *_lines(manifest, profile),
              *_flows(manifest, profile)]
     if wrong:
         raise JobError(f"the job cannot run on {profile.name!r}", where=wrong,
@@ -63,7 +63,7 @@ def _differences(manifest: JobManifest, profile: MachineProfile) -> list[str]:
     return found or ["travel, dynamics, limits or another value planning used"]
 
 
-def beyond_travel(
+def travel_violations(
     low_mm: Sequence[float], high_mm: Sequence[float], profile: MachineProfile
 ) -> list[str]:
     """One line an axis in which motion between these corners, (3,) each, leaves the travel."""

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 from lmctl.config.machine import MachineProfile
 from lmctl.errors import LmctlError, PlanError
-from lmctl.preflight.hoppers import hopper_of
-from lmctl.preflight.placement import Placement, place
+from lmctl.preflight.hoppers import hopper_for_material
+from lmctl.preflight.placement import Placement, place_part
 
 if TYPE_CHECKING:
     from lmctl.part.part import Part
@@ -22,7 +22,7 @@ def check_part(part: Part, profile: MachineProfile) -> Placement:
     wrong: list[LmctlError] = []
     for material in part.materials:
         try:
-            hopper_of(material.name, profile)
+            hopper_for_material(material.name, profile)
         except PlanError as error:
             wrong.append(error)
         if material.power_W > profile.laser.max_power_W:
@@ -38,7 +38,7 @@ def check_part(part: Part, profile: MachineProfile) -> Placement:
                 f"{profile.name!r} reach {fastest:g}",
                 hint="lower the material's speed_mm_s, with its power_W",
             ))
-    placement = place(part, profile)
+    placement = place_part(part, profile)
     outside = _outside(placement, profile)
     if outside:
         wrong.append(PlanError(

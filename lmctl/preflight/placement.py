@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lmctl.config.machine import MachineProfile
 from lmctl.errors import PlanError
-from lmctl.job.container import MOST_LAYERS
+from lmctl.job.container import MAX_LAYERS
 
 if TYPE_CHECKING:
     from lmctl.part.part import Part
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 #: A layer may be so much higher or lower than the process says, so that whole layers fill a part.
-MOST_LAYER_HEIGHT_CHANGE = 0.1
+MAX_LAYER_HEIGHT_CHANGE = 0.1
 #: Heights that differ by less, as a ratio, are the same.
 _EQUAL = 1e-9
 
@@ -50,12 +50,12 @@ class Placement:
         top_mm = self.low_mm[2] + (self.skipped + layer + 1) * self.layer_height_mm
         return float(self.offset_mm[2] + top_mm)
 
-    def height_left_mm(self) -> float:
+    def uncovered_height_mm(self) -> float:
         """How much taller the part is than its layers; negative where they stand above it."""
         built_mm = (self.skipped + self.n_layers) * self.layer_height_mm
         return float(self.high_mm[2] - self.low_mm[2] - built_mm)
 
-    def only(self, first: int, last: int, *, set_down: bool) -> Placement:
+    def restricted_to(self, first: int, last: int, *, set_down: bool) -> Placement:
         """Without the layers below `first` and above `last`.
 
         set_down : lower the part by what is left out below it, so that it stands on the platform
@@ -74,10 +74,10 @@ def fitted_layer_height_mm(tall_mm: float, wanted_mm: float) -> float:
     fitted = min((tall_mm / fewer, tall_mm / (fewer + 1)), key=lambda h: abs(h / wanted_mm - 1))
     if abs(fitted / wanted_mm - 1) <= _EQUAL:
         return wanted_mm
-    return fitted if abs(fitted / wanted_mm - 1) <= MOST_LAYER_HEIGHT_CHANGE else wanted_mm
+    return fitted if abs(fitted / wanted_mm - 1) <= MAX_LAYER_HEIGHT_CHANGE else wanted_mm
 
 
-def place(part: Part, profile: MachineProfile) -> Placement:
+def place_part(part: Part, profile: MachineProfile) -> Placement:
     """The part where its file puts it, else centred in x and y with its lowest point at z = 0.
 
     Layers are those whose middle plane meets the part. Raises PlanError where there is none, or
@@ -98,9 +98,9 @@ def place(part: Part, profile: MachineProfile) -> Placement:
             where=f"process.layer_height_mm = {height:g}",
             hint="lower layer_height_mm, or check the units of the part",
         )
-    if n_layers > MOST_LAYERS:
+    if n_layers > MAX_LAYERS:
         raise PlanError(
-            f"{part.name} would have {n_layers:,} layers; a job holds at most {MOST_LAYERS:,}",
+            f"{part.name} would have {n_layers:,} layers; a job holds at most {MAX_LAYERS:,}",
             where=f"process.layer_height_mm = {height:g}",
             hint="raise layer_height_mm, or check the units of the part",
         )

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from lmctl.config.machine import MachineProfile
 from lmctl.errors import JobError
-from lmctl.job.container import REMAKE
+from lmctl.job.container import REPLAN_HINT
 from lmctl.job.reader import JobReader
 from lmctl.job.schema import JobLayer, JobManifest, LineKind
-from lmctl.preflight.power_word import power_decimals
+from lmctl.preflight.s_word import s_word_decimals
 
 _OPENING, _CLOSING = ("G21 G90 G94", "M4 S0"), "M5"
 _SIGNED, _PLAIN = r"(-?[0-9]+(?:\.[0-9]+)?)", r"([0-9]+(?:\.[0-9]+)?)"
@@ -156,7 +156,7 @@ class _Check:
             self._refuse(layer, at, f"the program has the beam on, at S{said[at]:g}; the table "
                                     f"has it off ({kind})")
         per_S = manifest.max_power_W / manifest.s_max
-        rounded_W = _OF_LAST_DECIMAL / 10 ** power_decimals(manifest.s_max) * per_S
+        rounded_W = _OF_LAST_DECIMAL / 10 ** s_word_decimals(manifest.s_max) * per_S
         self._compare(layer, moves, said * per_S, layer.lines["power_W"], rounded_W,
                       "has a beam of {:g} W")
 
@@ -193,7 +193,7 @@ class _Check:
     def _refuse(self, layer: JobLayer, at: int, what: str) -> None:
         raise JobError(
             f"line {layer.first_line + at} of the job is not what it is said to be: {what}",
-            where=f"layer {layer.index}: {layer.program[at]}", hint=REMAKE,
+            where=f"layer {layer.index}: {layer.program[at]}", hint=REPLAN_HINT,
         )
 
 

@@ -17,9 +17,9 @@ from lmctl.report.log_layout import (
 from lmctl.report.part_record import TOLERANCE, PartRecord, deviations
 from lmctl.report.run_record import RunRecord
 from lmctl.run.journal.figures import Figures
-from lmctl.run.journal.file import Verification
+from lmctl.run.journal.format import JournalVerification
 from lmctl.run.journal.notes import Note
-from lmctl.run.journal.rundir import RunDir
+from lmctl.run.journal.run_folders import RunFolder
 
 _KEY = 13
 
@@ -38,7 +38,7 @@ def as_text(part: PartRecord) -> str:
     return "\n\n".join(section for section in sections if section)
 
 
-def integrity(found: Verification) -> str:
+def integrity(found: JournalVerification) -> str:
     """What a journal's hashes say, in words."""
     if found.broken_line is not None:
         return f"BROKEN at line {found.broken_line}: {found.reason}"
@@ -214,11 +214,11 @@ def _deviations(part: PartRecord) -> str:
         if not any(note.disposition for note in one.notes):
             lines.append(" " * len(head) + "no disposition yet")
     if lines:
-        made = RunDir(part.runs[-1].journal.parent)
+        made = RunFolder(part.runs[-1].journal.parent)
         first = next((one for one in part.deviations
                       if not any(note.disposition for note in one.notes)), None)
         if first is not None and first.seq is not None:
-            made = RunDir(part.runs[0].journal.parent.parent / first.run)
+            made = RunFolder(part.runs[0].journal.parent.parent / first.run)
             lines.append(wrapped("hint: ", f"`{made.command('note')} \"the reason\" --about "
                                            f"{first.seq} --disposition accepted`"))
         lines.insert(0, "deviations, with reason and disposition")

@@ -21,8 +21,9 @@ GAP_IN, EDGE_IN = 0.2, 0.1
 _TABLE_IN = 40.0
 
 
-def arrange(figure: Figure, axes: list[list[Axes]], widths_in: FloatArray, heights_in: FloatArray,
-            title: str) -> None:
+def arrange_panels(figure: Figure, axes: list[list[Axes]], widths_in: FloatArray,
+                   heights_in: FloatArray,
+                   title: str) -> None:
     """Place the axes of a figure, each in the middle of its cell, and size the figure to them.
 
     axes : by rows, as drawn and labelled; widths_in, heights_in : (rows, columns) [inches]

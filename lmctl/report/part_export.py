@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from lmctl.errors import InputError
 from lmctl.field.field import Field
 from lmctl.field.grid import Grid
-from lmctl.field.surface import iso_surface, welded
+from lmctl.field.surface import iso_surface, weld_points
 from lmctl.field.surface_files import Kind, surface_bytes
 from lmctl.part.bodies.mesh_solid import MeshSolid
 from lmctl.part.part import Part
@@ -27,10 +27,10 @@ Progress = Callable[[int, int], None]
 SLAB_PLANES = 8
 
 #: Nodes of the grid a surface is found on; its vertices are then moved onto the part itself.
-MOST_SURFACE_NODES = 30_000_000
+MAX_SURFACE_NODES = 30_000_000
 
 #: A field file above this many bytes is refused.
-MOST_BYTES = 20_000_000_000
+MAX_BYTES = 20_000_000_000
 
 
 def write_field(part: Part, target: Path, progress: Progress | None = None) -> None:
@@ -43,11 +43,11 @@ def write_field(part: Part, target: Path, progress: Progress | None = None) -> N
     """
     grid, names = part.grid, [m.name for m in part.materials]
     block = 4 * grid.n_nodes
-    if (total := block * (1 + len(names))) > MOST_BYTES:
+    if (total := block * (1 + len(names))) > MAX_BYTES:
         raise InputError(
             f"the field would take {total / 1e9:.3g} GB",
             where=f"{grid.n_nodes:.3g} nodes at a pitch of {grid.pitch_mm:g} mm; at most "
-            f"{MOST_BYTES / 1e9:g} GB", hint="raise pitch_mm in the part file",
+            f"{MAX_BYTES / 1e9:g} GB", hint="raise pitch_mm in the part file",
         )
     head = _head(grid, names, block)
     partial = target.with_name(f".{target.name}.partial")
@@ -134,13 +134,13 @@ def _surface(part: Part) -> tuple[FloatArray, NDArray[np.int64]]:
     if isinstance(part.body, MeshSolid):
         return part.body.mesh.vertices, part.body.mesh.triangles
     low, high = part.bounds_mm
-    pitch = max(part.grid.pitch_mm, finest_pitch(low, high, MOST_SURFACE_NODES))
-    grid = Grid.around(low, high, pitch, PADDING)
+    pitch = max(part.grid.pitch_mm, finest_pitch(low, high, MAX_SURFACE_NODES))
+    grid = Grid.enclosing(low, high, pitch, PADDING)
     values = np.empty(grid.shape, dtype=np.float32)
     for window in grid.slabs(SLAB_PLANES):
         values[window.z_first : window.z_last] = part.distance(window)
     vertices, triangles = iso_surface(Field(grid, values, None, np.empty((0, 3))))
-    step = part.body.at(vertices)[:, None] * part.body.inward(vertices)
+    step = part.body.distance_at(vertices)[:, None] * part.body.inward_directions(vertices)
     near = np.linalg.norm(step, axis=1) <= 0.5 * pitch
     vertices[near] -= step[near]
-    return welded(vertices, triangles)
+    return weld_points(vertices, triangles)

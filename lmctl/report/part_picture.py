@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from lmctl.part.part import Part
 from lmctl.report.layer_picture import TWO_MATERIAL_MAP, composition_colours
-from lmctl.report.panels import arrange
+from lmctl.report.panels import arrange_panels
 
 FloatArray = NDArray[np.float64]
 
@@ -56,7 +56,7 @@ def part_figure(part: Part, at_mm: Places) -> Figure:
         _plane(low, high, across, float(middle[across]) if place is None else place)
         for across, place in ((2, at_mm[2]), (1, at_mm[1]), (0, at_mm[0]))
     ]
-    depths = [part.body.at(plane.points) for plane in planes]
+    depths = [part.body.distance_at(plane.points) for plane in planes]
     reach = max(float(np.abs(depth).max()) for depth in depths)
     step = _even_step(float((high - low).max()) / (4 * CONTOURS))
     for column, (plane, depth) in enumerate(zip(planes, depths, strict=True)):
@@ -74,8 +74,8 @@ def part_figure(part: Part, at_mm: Places) -> Figure:
     sizes *= PANEL_IN / sizes.max(axis=1, keepdims=True)
     key = [[KEY_IN, max(KEY_HEIGHT_IN, float(sizes[:, 1].max()))]]
     widths, heights = np.tile(np.concatenate([sizes, key]).T[:, None, :], (1, 2, 1))
-    arrange(figure, axes.tolist(), widths, heights,
-            f"{part.name}: distance (contours every {step:g} mm) and composition")
+    arrange_panels(figure, axes.tolist(), widths, heights,
+                   f"{part.name}: distance (contours every {step:g} mm) and composition")
     return figure
 
 

@@ -15,11 +15,11 @@ from pathlib import Path
 
 from lmctl.errors import JournalError
 from lmctl.report.run_record import LayerAccount, PlannedLayer, RunRecord, read_run
-from lmctl.run.journal import rundir
+from lmctl.run.journal import run_folders
 from lmctl.run.journal.figures import NOTHING, Figures
-from lmctl.run.journal.file import read
+from lmctl.run.journal.format import read_records
 from lmctl.run.journal.notes import Note, read_notes
-from lmctl.run.journal.rundir import RunDir
+from lmctl.run.journal.run_folders import RunFolder
 
 #: Figures that are compared with the plan, beside powder.
 _NAMES = {"path_mm": "path", "beam_s": "beam time", "energy_J": "energy"}
@@ -223,22 +223,22 @@ def part_of(journal: Path, *, run_only: bool = False) -> PartRecord:
     run_only : of this run alone
     Raises JournalError; KeyError, TypeError, ValueError or AttributeError for altered journals.
     """
-    folders = [RunDir(journal.parent)]
+    folders = [RunFolder(journal.parent)]
     if not run_only:
-        folders = _all_runs(RunDir(journal.parent))
+        folders = _all_runs(RunFolder(journal.parent))
     runs = [read_run(journal if len(folders) == 1 else folder.journal) for folder in folders]
-    notes = [note for run in runs for note in read_notes(RunDir(run.journal.parent))]
+    notes = [note for run in runs for note in read_notes(RunFolder(run.journal.parent))]
     notes.sort(key=lambda note: note.wall)
     return PartRecord(tuple(runs), tuple(_layers(runs)), tuple(notes))
 
 
-def _all_runs(this: RunDir) -> list[RunDir]:
+def _all_runs(this: RunFolder) -> list[RunFolder]:
     """Every run of the same part: those before this one and those after it, in order."""
     runs_dir = this.path.parent
     before_of: dict[str, str] = {}
-    for name in rundir.names(runs_dir):
+    for name in run_folders.run_names(runs_dir):
         try:
-            header = next(read(RunDir(runs_dir / name).journal), {})
+            header = next(read_records(RunFolder(runs_dir / name).journal), {})
         except JournalError:
             continue
         before_of[name] = str(header.get("continues", ""))
@@ -249,7 +249,7 @@ def _all_runs(this: RunDir) -> list[RunDir]:
     for name, before in before_of.items():  # a run is younger than the one it goes on with
         if before in found:
             found.append(name)
-    return [RunDir(runs_dir / name) for name in found] if this.run in found else [this]
+    return [RunFolder(runs_dir / name) for name in found] if this.run in found else [this]
 
 
 def _layers(runs: Sequence[RunRecord]) -> Iterator[LayerRecord]:

@@ -12,7 +12,7 @@ from typing import Any
 
 from lmctl.report.events import Event, event_of
 from lmctl.run.journal.figures import NOTHING, Figures
-from lmctl.run.journal.file import Verification, read, verify
+from lmctl.run.journal.format import JournalVerification, read_records, verify_journal
 from lmctl.run.journal.notes import NOTES
 
 
@@ -85,7 +85,7 @@ class RunRecord:
     end: dict[str, Any]
     last_t_s: float
     sent_line: int
-    verification: Verification
+    verification: JournalVerification
 
     @property
     def state(self) -> str:
@@ -109,12 +109,12 @@ def read_run(journal: Path) -> RunRecord:
     Raises JournalError where the file is missing or is no journal; KeyError, TypeError, ValueError
     or AttributeError where a record is not what lmctl writes.
     """
-    verification = verify(journal)
+    verification = verify_journal(journal)
     gathered = _Gathered()
-    for record in read(journal):
+    for record in read_records(journal):
         gathered.take(record)
     beside = journal.parent / NOTES
-    for record in read(beside) if beside.exists() else ():
+    for record in read_records(beside) if beside.exists() else ():
         if record["kind"] == "unreported":
             gathered.take_unreported(record)
     local = gathered.header.get("local", {})

@@ -15,10 +15,10 @@ from firmware_protocol.status import StatusReport
 from lmctl.run.journal.figures import Figures
 from lmctl.run.layer_accounts import LayerAccounts
 from lmctl.run.powder.fed import FedPowder
-from lmctl.run.program.reentry import Place
+from lmctl.run.program.job_window import JobWindow
+from lmctl.run.program.layer_program import LayerProgram
+from lmctl.run.program.reentry import ProgramPlace
 from lmctl.run.program.reported_power import energy_ratio
-from lmctl.run.program.stretch import Stretch
-from lmctl.run.program.window import JobWindow
 
 #: Reports further apart than this leave what lies between them inferred [s].
 _REPORTED_WITHIN_S = 1.0
@@ -66,7 +66,7 @@ class ExecutedMotion:
         self._fed = fed
         self._accounts = accounts
         self._lead_s = lead_s
-        self._stretch: Stretch = window.begin()
+        self._stretch: LayerProgram = window.first_layer()
         self._t = self._end_t = 0.0
         self._s = float(self._stretch.start_s[0])
         self._position_mm: tuple[float, ...] = ()
@@ -133,13 +133,13 @@ class ExecutedMotion:
         return planned.whole.path_mm - planned.at(self._s).path_mm
 
     @property
-    def reached(self) -> Place:
+    def reached(self) -> ProgramPlace:
         """The place up to which motion is counted."""
         window, s = self._window, self._s
         line = window.line_at(s)
         start_s, end_s = window.line_start_s(line), window.line_start_s(line + 1)
         share = (s - start_s) / (end_s - start_s) if end_s > start_s else 0.0
-        return Place(line, min(max(share, 0.0), 1.0))
+        return ProgramPlace(line, min(max(share, 0.0), 1.0))
 
     def _stands(self, position_mm: tuple[float, ...]) -> bool:
         return len(position_mm) == len(self._position_mm) and all(
@@ -175,7 +175,7 @@ class ExecutedMotion:
             self._count(_Span(begin_s, border_s, begin_t, border_t), rate, ratio, inferred)
             weight_g = self._fed.weight_g(border_t)
             self._accounts.leave(self._stretch.index, weight_g)
-            self._stretch = self._window.stretch(self._stretch.index + 1)
+            self._stretch = self._window.layer_program(self._stretch.index + 1)
             self._accounts.begin(self._stretch.index, weight_g)
             begin_s, begin_t = border_s, border_t
         self._count(_Span(begin_s, span.end_s, begin_t, span.end_t), rate, ratio, inferred)
@@ -203,4 +203,4 @@ class ExecutedMotion:
 
 def _is_at_rest(report: StatusReport) -> bool:
     """Whether motion has been ended: a dwell of the program, or a wait for lines, is no end."""
-    return report.held or report.state in ("Alarm", "Sleep")
+    return report.is_held or report.state in ("Alarm", "Sleep")

@@ -10,32 +10,32 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from lmctl.config.machine import Hopper, MachineProfile
+from lmctl.config.machine import HopperSettings, MachineProfile
 from lmctl.errors import JobError, LmctlError, UsageError
 from lmctl.job.reader import JobReader
 from lmctl.preflight.job_check import check_job
 from lmctl.preflight.program_check import check_program
 from lmctl.run import signals
-from lmctl.run.cell.ownership import owning
-from lmctl.run.control.server import Controls, ControlSocket, Peer, listening
-from lmctl.run.course import Continuation, Course
-from lmctl.run.deposition import Progress
-from lmctl.run.endings import ending, first_out, recoverable
-from lmctl.run.header import header, local
-from lmctl.run.journal import rundir
-from lmctl.run.journal.recorder import Recorder
-from lmctl.run.journal.whereabouts import Whereabouts
-from lmctl.run.journal.writer import Journal
-from lmctl.run.program.overrides import OverrideRange, override_range
-from lmctl.run.program.reentry import START
+from lmctl.run.cell.ownership import lock_machine
+from lmctl.run.control.server import ControlCallbacks, ControlClient, ControlSocket, listening
+from lmctl.run.execution.deposition import Progress
+from lmctl.run.execution.job_progress import EarlierRun, JobProgress
+from lmctl.run.journal import run_folders
+from lmctl.run.journal.header import local_header, run_header
+from lmctl.run.journal.last_known_position import LastKnownPosition
+from lmctl.run.journal.recorder import RunRecorder
+from lmctl.run.journal.writer import JournalWriter
+from lmctl.run.outcomes import first_out, is_recoverable, outcome_error
+from lmctl.run.program.override_limits import OverrideRange, override_range
+from lmctl.run.program.reentry import JOB_START
 from lmctl.run.sequence import CellSequence
-from lmctl.run.snapshot import View
-from lmctl.run.state.machine import StateMachine
-from lmctl.run.state.table import FINAL, Event, State
+from lmctl.run.snapshot import RunView
+from lmctl.run.state.state_machine import RunStateMachine
+from lmctl.run.state.transitions import FINAL_STATES, RunEvent, RunState
 from lmctl.run.trouble import TroubleLog
 from lmctl.run.unreported import unreported
 
-__all__ = ["Continuation", "Executor", "Notice", "Progress", "RunResult", "run_job"]
+__all__ = ["EarlierRun", "Notice", "Progress", "RunExecutor", "RunResult", "run_job"]
 
 #: A line about an alarm or a warning, for people.
 Notice = Callable[[str], None]
@@ -47,7 +47,8 @@ _BEAM_STAYED_OFF = (
 
 #: States in which a hold is somebody else's: pressed at the machine's own panel.
 _MUST_NOT_BE_HELD = (
-    State.GAS, State.POWDER, State.ARMED, State.DEPOSITING, State.PURGING, State.RESUMING,
+    RunState.GAS, RunState.POWDER, RunState.ARMED, RunState.DEPOSITING, RunState.PURGING,
+    RunState.RESUMING,
 )
 
 
@@ -73,24 +74,24 @@ class RunResult:
 class _Live(NamedTuple):
     """What a run that has begun is made of."""
 
-    machine: StateMachine
+    machine: RunStateMachine
     sequence: CellSequence
-    course: Course
-    recorder: Recorder
-    view: View
+    course: JobProgress
+    recorder: RunRecorder
+    view: RunView
 
 
 async def run_job(
     job_path: Path, profile: MachineProfile, runs_dir: Path, *, operator: str = "",
     progress: Progress | None = None, notice: Notice | None = None,
 ) -> RunResult:
-    """Run a job on the machine a profile names; see `Executor`."""
-    return await Executor(
+    """Run a job on the machine a profile names; see `RunExecutor`."""
+    return await RunExecutor(
         job_path, profile, runs_dir, operator=operator, progress=progress, notice=notice
     ).run()
 
 
-class Executor:
+class RunExecutor:
     """One run of one job. `hold`, `resume`, `stop` and `set_override` act while `run` runs.
 
     progress : told (program time done, in all, layer, machine time left) about once a second
@@ -101,7 +102,7 @@ class Executor:
     def __init__(
         self, job_path: Path, profile: MachineProfile, runs_dir: Path, *, operator: str = "",
         progress: Progress | None = None, notice: Notice | None = None,
-        continues: Continuation | None = None,
+        continues: EarlierRun | None = None,
     ) -> None:
         self._job_path = job_path
         self._profile = profile
@@ -115,35 +116,35 @@ class Executor:
         self._live: _Live | None = None
 
     @property
-    def state(self) -> State:
+    def state(self) -> RunState:
         """Where the run is."""
-        return State.READY if self._live is None else self._live.machine.state
+        return RunState.READY if self._live is None else self._live.machine.state
 
     # --- the operator -------------------------------------------------------------------------
 
     def hold(self) -> None:
         """Stop on the path, beam off, position kept. Raises UsageError where that cannot be."""
-        self._request(Event.HOLD)
+        self._request(RunEvent.HOLD)
 
     def resume(self) -> None:
         """End a hold; the beam returns once the hose is purged.
 
         Raises UsageError where nothing is held, or what it was held for still is so.
         """
-        standing = [] if self._live is None else self._live.sequence.standing()
-        if standing and self.state is State.HELD:
+        standing = [] if self._live is None else self._live.sequence.active_alarms()
+        if standing and self.state is RunState.HELD:
             raise UsageError(
                 f"cannot resume: {standing[0].what}",
                 where=[error.what for error in standing[1:]], hint=standing[0].hint,
             )
-        self._request(Event.RESUME)
+        self._request(RunEvent.RESUME)
 
     def stop(self) -> None:
         """End the run: beam and motion, then powder, then gas. A second stop skips post-flow.
 
         Raises UsageError where the run has not begun or has ended.
         """
-        self._request(Event.STOP)
+        self._request(RunEvent.STOP)
 
     def set_override(self, percent: int) -> None:
         """Scale speed, beam and powder together; before the run, for all of it.
@@ -153,7 +154,7 @@ class Executor:
         Raises UsageError for another value, and where nothing is laid any more.
         """
         self._override_range.check(percent)
-        if self.state in {*FINAL, State.FINISHING, State.STOPPING, State.TRIPPED}:
+        if self.state in {*FINAL_STATES, RunState.FINISHING, RunState.STOPPING, RunState.TRIPPED}:
             raise UsageError(f"cannot override now: the run is {self.state}")
         self._override_percent = percent
         if self._live is not None:
@@ -175,17 +176,17 @@ class Executor:
         else:
             {"hold": self.hold, "resume": self.resume, "stop": self.stop}[act]()
 
-    def _came(self, act: str, peer: Peer, refused: str) -> None:
+    def _came(self, act: str, peer: ControlClient, refused: str) -> None:
         """Journal an act of the control socket; a journal that cannot be written ends the run."""
         live = self._live
         assert live is not None
         try:
-            live.recorder.operator(act, refused, uid=peer.uid, pid=peer.pid)
+            live.recorder.record_operator(act, refused, uid=peer.uid, pid=peer.pid)
         except LmctlError as error:
             live.machine.trip(error)
 
-    def _request(self, event: Event) -> None:
-        if self._live is None or not self._live.machine.wish(event):
+    def _request(self, event: RunEvent) -> None:
+        if self._live is None or not self._live.machine.request_event(event):
             raise UsageError(f"cannot {event} now: the run is {self.state}",
                              hint="a run can be held while it deposits and resumed once held")
 
@@ -207,81 +208,85 @@ class Executor:
             self._override_range = override_range(job.manifest, self._profile)
             self._override_range.check(self._override_percent)
             digest = job.digest
-        made = rundir.create(self._runs_dir, self._job_path)
+        made = run_folders.create_run_folder(self._runs_dir, self._job_path)
         try:
             with (
-                owning(self._profile, made.run, self._runs_dir),
+                lock_machine(self._profile, made.run, self._runs_dir),
                 listening(made.path) as control, JobReader(made.job) as job,
             ):
                 if job.digest != digest:
                     raise JobError(f"{self._job_path} changed while it was read")
                 hoppers = _hoppers_of(job, self._profile)
-                first = header(job, self._profile, hoppers, self._operator, self._continues)
-                here = local(made.run, self._profile)
-                with Journal(made.journal, first, local=here) as journal:
+                first = run_header(job, self._profile, hoppers, self._operator, self._continues)
+                here = local_header(made.run, self._profile)
+                with JournalWriter(made.journal, first, local=here) as journal:
                     return await self._drive(job, hoppers, made, journal, control, began)
         finally:
             if not made.journal.exists():
-                rundir.discard(made)
+                run_folders.discard_run_folder(made)
 
     async def _drive(
-        self, job: JobReader, hoppers: list[Hopper], made: rundir.RunDir, journal: Journal,
+        self, job: JobReader, hoppers: list[HopperSettings], made: run_folders.RunFolder,
+        journal: JournalWriter,
         control: socket.socket, began: float,
     ) -> RunResult:
         loop = asyncio.get_running_loop()
         start_t = loop.time()
-        recorder = Recorder(journal, lambda: loop.time() - start_t, [h.name for h in hoppers])
+        recorder = RunRecorder(journal, lambda: loop.time() - start_t, [h.name for h in hoppers])
 
         if self._continues is not None:
-            earlier = rundir.RunDir(self._runs_dir / self._continues.run).journal
+            earlier = run_folders.RunFolder(self._runs_dir / self._continues.run).journal
             for span in unreported(job, self._profile, earlier, self._continues.place):
                 recorder.unreported(**span.as_json())
 
-        view = View(made.run, job.manifest, self._profile, hoppers, self._operator, self._progress)
+        view = RunView(made.run, job.manifest, self._profile, hoppers, self._operator,
+                       self._progress)
 
-        course = Course(recorder, START if self._continues is None else self._continues.place)
+        course = JobProgress(recorder,
+                             JOB_START if self._continues is None else self._continues.place)
         sequence = CellSequence(
             job, self._profile, hoppers, recorder, course,
-            program_done=lambda: machine.post(Event.PROGRAM_DONE),
+            program_done=lambda: machine.post_event(RunEvent.PROGRAM_DONE),
             held=lambda: machine.state not in _MUST_NOT_BE_HELD,
-            tripped=lambda error: machine.trip(error), progress=view.hear,
-            whereabouts=Whereabouts(self._runs_dir, self._profile.name), run=made.run,
+            tripped=lambda error: machine.trip(error), progress=view.on_progress,
+            whereabouts=LastKnownPosition(self._runs_dir, self._profile.name), run=made.run,
             continues=self._continues,
         )
         if self._notice is not None:
             sequence.alarms.told = self._notice
         trouble = TroubleLog(sequence.alarms, recorder)
-        machine = StateMachine(sequence.carry_out, sequence.halt, trouble)
+        machine = RunStateMachine(sequence.carry_out_effect, sequence.halt, trouble)
         self._live = _Live(machine, sequence, course, recorder, view)
-        operators = ControlSocket(control, Controls(self.snapshot, self._act, self._came))
+        operators = ControlSocket(control, ControlCallbacks(self.snapshot, self._act, self._came))
         operators.start()
         if self._override_percent != 100:
             course.set_override(self._override_percent)
         # To the last record: a third Ctrl-C must not keep the journal from its seal.
-        with signals.calling(lambda: machine.wish(Event.STOP), loop):
+        with signals.call_on_signal(lambda: machine.request_event(RunEvent.STOP), loop):
             try:
                 await machine.run()
             finally:
-                warnings = (_BEAM_STAYED_OFF,) if course.entered and sequence.beam_off else ()
+                warnings = (_BEAM_STAYED_OFF,) if course.is_entered and sequence.beam_off else ()
                 machine_s = loop.time() - start_t
-                sequence.end()
+                sequence.stop_listening()
                 try:
                     await operators.close()
-                    recorder.seal(machine.state, lines=course.executed, warnings=list(warnings),
-                                  recoverable=recoverable(machine, course),
+                    recorder.seal(machine.state, lines=course.lines_executed,
+                                  warnings=list(warnings),
+                                  recoverable=is_recoverable(machine, course),
                                   **first_out(machine, sequence.alarms),
                                   position_trusted=sequence.position_trusted)
                 finally:  # a disk that is full must not leave the feeders to their watchdogs
                     await sequence.close()
-        if machine.state is not State.DONE:
-            raise ending(made, machine, course, sequence.alarms)
+        if machine.state is not RunState.DONE:
+            raise outcome_error(made, machine, course, sequence.alarms)
         return RunResult(
-            made.run, machine.state.value, course.executed, machine_s,
+            made.run, machine.state.value, course.lines_executed, machine_s,
             time.perf_counter() - began, made.journal, warnings,
         )
 
 
-def _hoppers_of(job: JobReader, profile: MachineProfile) -> list[Hopper]:
+def _hoppers_of(job: JobReader, profile: MachineProfile) -> list[HopperSettings]:
     """The profile's hoppers that the job uses, in the job's order; preflight has found them all."""
     by_name = {hopper.name: hopper for hopper in profile.hopper}
     return [by_name[use.name] for use in job.manifest.hoppers]

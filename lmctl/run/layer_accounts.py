@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from lmctl.run.journal.figures import NOTHING, Figures
-from lmctl.run.journal.recorder import Recorder, place_fields
+from lmctl.run.journal.recorder import RunRecorder, place_fields
 from lmctl.run.layer_plan import LayerPlan
-from lmctl.run.program.reentry import Place
+from lmctl.run.program.reentry import ProgramPlace
 
 #: Less bead than this is no bead left: nothing shorter is entered again (see `reentry`) [mm].
 NO_BEAD_MM = 0.02
@@ -64,13 +64,13 @@ class LayerAccounts:
 
     plan_of: Callable[[int], LayerPlan]
 
-    def __init__(self, recorder: Recorder) -> None:
+    def __init__(self, recorder: RunRecorder) -> None:
         self._recorder = recorder
         self._open: dict[int, _Account] = {}
-        self._reached: Callable[[], tuple[Place, float]] = lambda: (Place(), 0.0)
+        self._reached: Callable[[], tuple[ProgramPlace, float]] = lambda: (ProgramPlace(), 0.0)
         recorder.layer_so_far = self._so_far
 
-    def follow(self, reached: Callable[[], tuple[Place, float]]) -> None:
+    def follow(self, reached: Callable[[], tuple[ProgramPlace, float]]) -> None:
         """Motion begins; from now on this says what place it has reached, and the bead left there.
 
         The bead left is that of the layer which holds the place [mm].
@@ -130,16 +130,16 @@ class LayerAccounts:
         for index in sorted(self._open):
             last_line = self._open[index].plan.lines[1]
             if index < layer and (lines is None or last_line < lines):
-                self._close(index, Place(last_line + 1), 0.0)
+                self._close(index, ProgramPlace(last_line + 1), 0.0)
 
-    def close_all(self, reached: Place, left_mm: float) -> None:
+    def close_all(self, reached: ProgramPlace, left_mm: float) -> None:
         """The run is over. left_mm : bead left to deposit in the layer that holds `reached`"""
         for index in sorted(self._open):
             first_line, last_line = self._open[index].plan.lines
             if reached.line > last_line:
-                self._close(index, Place(last_line + 1), 0.0)
+                self._close(index, ProgramPlace(last_line + 1), 0.0)
             elif reached.line < first_line:
-                self._close(index, Place(first_line), self._open[index].plan.figures.path_mm)
+                self._close(index, ProgramPlace(first_line), self._open[index].plan.figures.path_mm)
             else:
                 self._close(index, reached, left_mm)
 
@@ -148,9 +148,9 @@ class LayerAccounts:
         if self._open:
             self.close_all(*self._reached())
 
-    def _close(self, layer: int, reached: Place, left_mm: float) -> None:
+    def _close(self, layer: int, reached: ProgramPlace, left_mm: float) -> None:
         account = self._open.pop(layer)
-        self._recorder.layer(
+        self._recorder.record_layer(
             **account.as_json(), complete=left_mm < NO_BEAD_MM,
             reached=place_fields(reached),
         )

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lmctl.run.journal.figures import Figures
-from lmctl.run.program.stretch import Stretch
+from lmctl.run.program.layer_program import LayerProgram
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class LayerPlan:
 
 
 def layer_plan(
-    whole: Stretch, following: Stretch | None, leads_s: Mapping[str, float]
+    whole: LayerProgram, following: LayerProgram | None, leads_s: Mapping[str, float]
 ) -> LayerPlan:
     """whole : the layer as the job has it; following : the next one, None after the last
 
@@ -45,7 +45,7 @@ def layer_plan(
 
 
 def mass_g(
-    layer: Stretch, following: Stretch | None, hopper: int, from_s: float, to_s: float
+    layer: LayerProgram, following: LayerProgram | None, hopper: int, from_s: float, to_s: float
 ) -> float:
     """Integral of a hopper's flow at the nozzle between two program times.
 

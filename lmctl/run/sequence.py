@@ -6,24 +6,24 @@ import asyncio
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 
-from lmctl.config.machine import Hopper, MachineProfile
+from lmctl.config.machine import HopperSettings, MachineProfile
 from lmctl.errors import JournalError, MachineError
 from lmctl.job.reader import JobReader
 from lmctl.machine.feeder.driver import FeederDriver
 from lmctl.run.cell import acceptance
-from lmctl.run.cell.beam import Beam
+from lmctl.run.cell.beam_control import BeamControl
 from lmctl.run.cell.devices import Cell
-from lmctl.run.cell.work_offset import refuse_moved
-from lmctl.run.course import Continuation, Course
-from lmctl.run.deposition import Progress
-from lmctl.run.interlocks.alarms import Alarms, Interlock
-from lmctl.run.journal.recorder import Recorder
-from lmctl.run.journal.whereabouts import Whereabouts
+from lmctl.run.cell.work_offset import refuse_changed_offset
+from lmctl.run.execution.deposition import Progress
+from lmctl.run.execution.device_monitor import DeviceMonitor
+from lmctl.run.execution.job_progress import EarlierRun, JobProgress
+from lmctl.run.execution.run_segment import RunSegmentFactory
+from lmctl.run.interlocks.alarms import InterlockError, RunAlarms
+from lmctl.run.journal.last_known_position import LastKnownPosition
+from lmctl.run.journal.recorder import RunRecorder
 from lmctl.run.layer_accounts import LayerAccounts
-from lmctl.run.program.overrides import NO_OTHER_OVERRIDE
-from lmctl.run.state.table import Do
-from lmctl.run.watch import Watch
-from lmctl.run.work import Workshop
+from lmctl.run.program.override_limits import NO_OTHER_OVERRIDE
+from lmctl.run.state.transitions import Effect
 
 #: A held run waits so long for its operator; then it is stopped, and can be recovered [s].
 HELD_AT_MOST_S = 1800.0
@@ -35,8 +35,9 @@ _OVERRIDE_PATIENCE_S = 5.0
 
 #: Effects that only feeders can fail.
 _BY_FEEDERS = frozenset({
-    Do.ACKNOWLEDGE, Do.GAS_ON, Do.POWDER_ON, Do.AWAIT_STABLE, Do.POWDER_OFF, Do.GAS_OFF,
-    Do.GAS_OFF_NOW,
+    Effect.ACKNOWLEDGE, Effect.GAS_ON, Effect.POWDER_ON, Effect.AWAIT_STABLE, Effect.POWDER_OFF,
+    Effect.GAS_OFF,
+    Effect.GAS_OFF_NOW,
 })
 
 
@@ -55,13 +56,13 @@ class CellSequence:
     """
 
     def __init__(
-        self, job: JobReader, profile: MachineProfile, hoppers: Sequence[Hopper],
-        recorder: Recorder, course: Course, *, program_done: Callable[[], None],
+        self, job: JobReader, profile: MachineProfile, hoppers: Sequence[HopperSettings],
+        recorder: RunRecorder, course: JobProgress, *, program_done: Callable[[], None],
         held: Callable[[], bool], tripped: Callable[[Exception], None],
-        progress: Progress | None, whereabouts: Whereabouts, run: str,
-        continues: Continuation | None = None,
+        progress: Progress | None, whereabouts: LastKnownPosition, run: str,
+        continues: EarlierRun | None = None,
     ) -> None:
-        self.alarms = Alarms()
+        self.alarms = RunAlarms()
         self.accounts = LayerAccounts(recorder)
         self.beam_off = True
         self._job = job
@@ -78,68 +79,68 @@ class CellSequence:
         self._continues = continues
         self._loop = asyncio.get_running_loop()
         self._cell: Cell | None = None
-        self._watch: Watch | None = None
+        self._watch: DeviceMonitor | None = None
         self._acts = {
-            Do.CONNECT: self._connect,
-            Do.CHECK_MACHINE: self._check_machine,
-            Do.MOVE_TO_PURGE: self._move_to_purge,
-            Do.GAS_ON: self._gas_on,
-            Do.POWDER_ON: self._powder_on,
-            Do.AWAIT_STABLE: self._await_stable,
-            Do.ARM_BEAM: self._arm_beam,
-            Do.LEAD_POWDER: self._lead_powder,
-            Do.START_MOTION: self._start_motion,
-            Do.FEED_HOLD: self._feed_hold,
-            Do.CLEAR_MOTION: self._clear_motion,
-            Do.AWAIT_OPERATOR: self._await_operator,
-            Do.ACKNOWLEDGE: self._acknowledge,
-            Do.LEAVE_PART: self._leave_part,
-            Do.REST_BEAM: self._rest_beam,
-            Do.STOP_MOTION: self._stop_motion,
-            Do.POWDER_OFF: self._powder_off,
-            Do.GAS_OFF: self._gas_off,
-            Do.GAS_OFF_NOW: self._gas_off_now,
+            Effect.CONNECT: self._connect,
+            Effect.CHECK_MACHINE: self._check_machine,
+            Effect.MOVE_TO_PURGE: self._move_to_purge,
+            Effect.GAS_ON: self._gas_on,
+            Effect.POWDER_ON: self._powder_on,
+            Effect.AWAIT_STABLE: self._await_stable,
+            Effect.ARM_BEAM: self._arm_beam,
+            Effect.LEAD_POWDER: self._lead_powder,
+            Effect.START_MOTION: self._start_motion,
+            Effect.FEED_HOLD: self._feed_hold,
+            Effect.CLEAR_MOTION: self._clear_motion,
+            Effect.AWAIT_OPERATOR: self._await_operator,
+            Effect.ACKNOWLEDGE: self._acknowledge,
+            Effect.LEAVE_PART: self._leave_part,
+            Effect.REST_BEAM: self._rest_beam,
+            Effect.STOP_MOTION: self._stop_motion,
+            Effect.POWDER_OFF: self._powder_off,
+            Effect.GAS_OFF: self._gas_off,
+            Effect.GAS_OFF_NOW: self._gas_off_now,
         }
 
-    async def carry_out(self, do: Do) -> None:
+    async def carry_out_effect(self, do: Effect) -> None:
         """Return when the effect has been achieved. Raises MachineError, JobError.
 
         What a feeder will not do is an Interlock: the others and motion can still be held.
         """
-        self._recorder.act(do)
+        self._recorder.record_effect(do)
         try:
             await self._acts[do]()
         except MachineError as error:
             if do in _BY_FEEDERS:
-                raise Interlock.of(error.what, error) from error
+                raise InterlockError.from_error(error.what, error) from error
             raise
 
     def halt(self, error: Exception | None) -> None:
         """Beam and motion off at once, without waiting."""
-        if self._course.entered:
-            self._course.work.deposition.stop()
+        if self._course.is_entered:
+            self._course.segment.deposition.stop()
         if self._cell is not None:
-            self._beam.off_at_once(error)
+            self._beam.switch_off_now(error)
 
-    def standing(self) -> list[MachineError]:
+    def active_alarms(self) -> list[MachineError]:
         """What keeps a held run from going on just now."""
-        return [] if self._watch is None else self._watch.standing()
+        return [] if self._watch is None else self._watch.active_alarms()
 
-    def end(self) -> None:
+    def stop_listening(self) -> None:
         """The run is over: nothing more is sent, and nothing that is said is heard."""
         if self._watch is not None:
             self._watch.stop()
-        if self._course.entered:
-            feed = self._course.work.feed
-            feed.off()
+        if self._course.is_entered:
+            feed = self._course.segment.feed
+            feed.stop()
             self.accounts.end()
-            self._recorder.purged(feed.fed.take_rest_g(self._loop.time()))
+            self._recorder.record_purge(feed.fed.take_rest_g(self._loop.time()))
 
     async def close(self) -> None:
         """Let go of the cell, whatever became of the run."""
         if self._cell is not None:
             with suppress(JournalError):  # unwritten, the position is not trusted the next time
-                self._whereabouts.end(self._cell.motion)
+                self._whereabouts.record_run_end(self._cell.motion)
             await self._cell.close()
 
     @property
@@ -156,36 +157,36 @@ class CellSequence:
 
     async def _check_machine(self) -> None:
         cell, profile = self._connected, self._profile
-        self.beam_off = await acceptance.accept(
+        self.beam_off = await acceptance.accept_machine(
             cell, profile, self._job, self._recorder, self._whereabouts, run=self._run,
             going_on=self._continues is not None,
             trusted=self._continues is not None and self._continues.trusted,
         )
-        self._course.enter(Workshop(
+        self._course.begin(RunSegmentFactory(
             self._job, profile, self._hoppers, cell, self._recorder,
             self.accounts, self.beam_off, self._program_done, self._tripped, self._progress,
         ))
-        self._watch = Watch(
-            cell, profile, lambda: self._course.work.deposition, self.alarms, self._recorder,
+        self._watch = DeviceMonitor(
+            cell, profile, lambda: self._course.segment.deposition, self.alarms, self._recorder,
             self._tripped, self._held,
         )
-        acceptance.refuse_unready(self._watch.standing())
+        acceptance.refuse_unready(self._watch.active_alarms())
 
     async def _move_to_purge(self) -> None:
         await self._beam.move_to_purge(self._profile.motion)
 
     async def _gas_on(self) -> None:
-        await self._connected.feeders_do(FeederDriver.start_gas)
+        await self._connected.for_each_feeder(FeederDriver.start_gas)
 
     async def _powder_on(self) -> None:
-        self._course.work.feed.on()
-        await self._connected.feeders_do(FeederDriver.feed_on)
+        self._course.segment.feed.start()
+        await self._connected.for_each_feeder(FeederDriver.start_powder)
 
     async def _await_stable(self) -> None:
         """θ + 4τ until what comes out of the hoses is what goes in, and the feeders agree."""
         cell = self._connected
-        await asyncio.sleep(self._course.work.feed.plan.settling_s)
-        await cell.until(
+        await asyncio.sleep(self._course.segment.feed.plan.settling_s)
+        await cell.wait_until(
             lambda: all(f.status is not None and f.status.stable for f in cell.feeders),
             _STABLE_PATIENCE_S, "stable powder",
         )
@@ -203,8 +204,8 @@ class CellSequence:
         wanted = (percent, 100, 100)
         for byte in NO_OTHER_OVERRIDE:
             motion.realtime(byte)
-        self._course.work.deposition.override_now(percent)
-        await self._connected.until(
+        self._course.segment.deposition.set_override_now(percent)
+        await self._connected.wait_until(
             lambda: motion.overrides == wanted, _OVERRIDE_PATIENCE_S,
             f"a feed override of {percent} %",
             hint="reports must carry Ov: for grblHAL add 64 to $10",
@@ -212,22 +213,22 @@ class CellSequence:
 
     async def _lead_powder(self) -> None:
         """Run the program's clock down to its start, so that led powder arrives in time."""
-        wait_s = self._course.work.feed.plan.lead_s
-        self._course.work.clock.run_from(self._loop.time() + wait_s)
+        wait_s = self._course.segment.feed.plan.lead_s
+        self._course.segment.clock.start_at(self._loop.time() + wait_s)
         await asyncio.sleep(wait_s)
 
     async def _start_motion(self) -> None:
-        self._course.work.deposition.start()
+        self._course.segment.deposition.start()
 
     # --- hold and resume ----------------------------------------------------------------------
 
     async def _feed_hold(self) -> None:
-        self._course.send_no_more()
+        self._course.stop_sending()
         await self._beam.hold()
 
     async def _clear_motion(self) -> None:
         """A reset at standstill keeps the position and drops what was planned."""
-        self._course.settle()
+        self._course.record_place()
         await self._connected.motion.reset()
 
     async def _await_operator(self) -> None:
@@ -236,44 +237,45 @@ class CellSequence:
     async def _acknowledge(self) -> None:
         """The operator has asked to go on: latched alarms are reset, where their cause is gone."""
         faulty = [feeder for feeder in self._connected.feeders if feeder.fault is not None]
-        self._watching.acknowledged()
+        self._watching.acknowledge()
         await acceptance.reset_alarms(self._connected, faulty)
 
     async def _leave_part(self) -> None:
         """To the purge position; from there the job goes on at the place reached."""
         await self._beam.come_to_rest()
-        await refuse_moved(self._connected.motion, self._connected.offset_mm)
+        await refuse_changed_offset(self._connected.motion, self._connected.offset_mm)
         await self._move_to_purge()
-        if not self._course.enter_again():
+        if not self._course.continue_after_hold():
             self._program_done()
             await self._loop.create_future()  # what follows from that breaks this off
 
     # --- stop ---------------------------------------------------------------------------------
 
     async def _rest_beam(self) -> None:
-        self._course.work.clock.stand(self._loop.time())
-        await self._beam.rest()
+        self._course.segment.clock.stop_at(self._loop.time())
+        await self._beam.finish_motion()
 
     async def _stop_motion(self) -> None:
-        self._course.send_no_more()
+        self._course.stop_sending()
         await self._beam.stop(
-            self._course.settle, lambda why: self._recorder.act(Do.STOP_MOTION, failed=why)
+            self._course.record_place,
+            lambda why: self._recorder.record_effect(Effect.STOP_MOTION, failed=why)
         )
 
     async def _powder_off(self) -> None:
-        self._course.work.feed.off()
-        await self._connected.feeders_do(FeederDriver.feed_off)
+        self._course.segment.feed.stop()
+        await self._connected.for_each_feeder(FeederDriver.stop_powder)
 
     async def _gas_off(self) -> None:
         """Gas off after the post-flow: powder left in a hose clogs the next start."""
-        await self._connected.feeders_do(FeederDriver.gas_off)
+        await self._connected.for_each_feeder(FeederDriver.stop_gas)
 
     async def _gas_off_now(self) -> None:
-        await self._connected.feeders_do(lambda feeder: feeder.gas_off(post_flow=False))
+        await self._connected.for_each_feeder(lambda feeder: feeder.stop_gas(post_flow=False))
 
     @property
-    def _beam(self) -> Beam:
-        return Beam(self._connected)
+    def _beam(self) -> BeamControl:
+        return BeamControl(self._connected)
 
     @property
     def _connected(self) -> Cell:
@@ -282,7 +284,7 @@ class CellSequence:
         return self._cell
 
     @property
-    def _watching(self) -> Watch:
+    def _watching(self) -> DeviceMonitor:
         if self._watch is None:
             raise AttributeError("the machine has not been accepted")
         return self._watch

@@ -18,7 +18,7 @@ if TYPE_CHECKING:  # planning takes signals too, and has no loop
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
-def heeded() -> dict[signal.Signals, Any]:
+def catchable_signals() -> dict[signal.Signals, Any]:
     """Interrupt, termination and hang-up, each with its handler, as far as they can be taken.
 
     One that is ignored (hang-up under nohup) stays ignored, and only the main thread takes any.
@@ -32,9 +32,9 @@ def heeded() -> dict[signal.Signals, Any]:
 
 
 @contextmanager
-def calling(act: Callable[[], object], loop: AbstractEventLoop) -> Iterator[None]:
+def call_on_signal(act: Callable[[], object], loop: AbstractEventLoop) -> Iterator[None]:
     """Call `act` on a loop at each signal that is heeded, as long as the context lasts."""
-    before = heeded()
+    before = catchable_signals()
     for number in before:
         loop.add_signal_handler(number, act)
     try:

@@ -7,21 +7,21 @@ import os
 from collections.abc import Sequence
 from typing import Any
 
-from lmctl.config.machine import Hopper, MachineProfile
+from lmctl.config.machine import HopperSettings, MachineProfile
 from lmctl.job.schema import JobManifest
-from lmctl.run.course import Course
-from lmctl.run.deposition import Progress
-from lmctl.run.interlocks.alarms import Alarms
-from lmctl.run.journal.recorder import Latest
-from lmctl.run.preparation import Preparation
+from lmctl.run.execution.deposition import Progress
+from lmctl.run.execution.job_progress import JobProgress
+from lmctl.run.interlocks.alarms import RunAlarms
+from lmctl.run.journal.recorder import LatestReport
+from lmctl.run.startup_time import StartupTime
 
 
-class View:
+class RunView:
     """One run, looked at. What it knows comes from progress and from what `snapshot` is given."""
 
     def __init__(
         self, run: str, manifest: JobManifest, profile: MachineProfile,
-        hoppers: Sequence[Hopper], operator: str, progress: Progress | None,
+        hoppers: Sequence[HopperSettings], operator: str, progress: Progress | None,
     ) -> None:
         self._fixed = {
             "run": run, "pid": os.getpid(), "part": manifest.part_name, "machine": profile.name,
@@ -32,16 +32,16 @@ class View:
         self._end_s = manifest.layers[-1].end_s
         self._told: tuple[float, float, int, float] | None = None
         self._progress = progress
-        self._preparation = Preparation(profile, hoppers, manifest.powder_mode)
+        self._preparation = StartupTime(profile, hoppers, manifest.powder_mode)
 
-    def hear(self, done_s: float, total_s: float, layer: int, remaining_s: float) -> None:
+    def on_progress(self, done_s: float, total_s: float, layer: int, remaining_s: float) -> None:
         """Take progress, and hand it on."""
         self._told = (done_s, total_s, layer, remaining_s)
         if self._progress is not None:
             self._progress(done_s, total_s, layer, remaining_s)
 
     def snapshot(
-        self, state: str, course: Course, latest: Latest | None, alarms: Alarms, *,
+        self, state: str, course: JobProgress, latest: LatestReport | None, alarms: RunAlarms, *,
         beam_off: bool,
     ) -> dict[str, Any]:
         """What the control socket answers to "status".
@@ -58,10 +58,10 @@ class View:
         """
         whole = (0.0, self._end_s, 0, self._end_s * 100.0 / course.override_percent)
         done_s, total_s, layer, remaining_s = self._told or whole
-        remaining_s += self._preparation.left_s(state, asyncio.get_running_loop().time())
+        remaining_s += self._preparation.remaining_s(state, asyncio.get_running_loop().time())
         return {
-            **self._fixed, "state": state, "line": course.executed, "layer": layer + 1,
-            "place": course.where, "override_percent": course.override_percent,
+            **self._fixed, "state": state, "line": course.lines_executed, "layer": layer + 1,
+            "place": course.place_text, "override_percent": course.override_percent,
             "done_s": round(done_s, 3), "total_s": round(total_s, 3),
             "remaining_s": round(remaining_s, 1), "beam_off": beam_off,
             "position_mm": None if latest is None else list(latest.position_mm),
@@ -74,7 +74,7 @@ class View:
                 for one in alarms
             ],
             "warnings": [
-                {"feeder": one.feeder, "hopper": one.hopper, "what": one.what, "hint": one.hint}
+                {"feeder": one.feeder, "hopper": one.hopper, "what": one.text, "hint": one.remedy}
                 for one in alarms.warnings
             ],
         }

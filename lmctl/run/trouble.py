@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from lmctl.errors import LmctlError
-from lmctl.run.interlocks.alarms import Alarms, name_of
-from lmctl.run.journal.recorder import Recorder
-from lmctl.run.state.table import Event, State
+from lmctl.run.interlocks.alarms import RunAlarms, name_of
+from lmctl.run.journal.recorder import RunRecorder
+from lmctl.run.state.transitions import RunEvent, RunState
 
 
 class TroubleLog:
@@ -14,15 +14,15 @@ class TroubleLog:
     alarms : gets every trouble, also those that no interlock has found
     """
 
-    def __init__(self, alarms: Alarms, recorder: Recorder) -> None:
+    def __init__(self, alarms: RunAlarms, recorder: RunRecorder) -> None:
         self._alarms = alarms
         self._recorder = recorder
 
-    def state(self, event: Event, before: State, after: State) -> None:
+    def record_state(self, event: RunEvent, before: RunState, after: RunState) -> None:
         """A transition."""
-        self._recorder.state(event, before, after)
+        self._recorder.record_state(event, before, after)
 
-    def fault(self, error: Exception) -> None:
+    def record_fault(self, error: Exception) -> None:
         """A reason to hold or to end the run, or what follows from one."""
         follows = ""
         if isinstance(error, LmctlError):
@@ -30,4 +30,4 @@ class TroubleLog:
             cause = self._alarms.cause
             if cause is not None and name_of(error) != cause.name and error.what != cause.what:
                 follows = cause.what
-        self._recorder.fault(error, follows)
+        self._recorder.record_fault(error, follows)

@@ -19,13 +19,13 @@ from lmctl.config.machine import MachineProfile
 from lmctl.errors import JournalError, MissingFileError
 from lmctl.job.reader import JobReader
 from lmctl.run.journal.figures import Figures
-from lmctl.run.journal.file import read
+from lmctl.run.journal.format import read_records
 from lmctl.run.journal.notes import notes_of
 from lmctl.run.journal.recorder import place_fields
-from lmctl.run.journal.rundir import RunDir
+from lmctl.run.journal.run_folders import RunFolder
 from lmctl.run.layer_accounts import NO_BEAD_MM
-from lmctl.run.program.reentry import START, Place, layer_of
-from lmctl.run.program.stretch import Stretch, stretch_of
+from lmctl.run.program.layer_program import LayerProgram, layer_program_of
+from lmctl.run.program.reentry import JOB_START, ProgramPlace, layer_of
 
 
 @dataclass(frozen=True)
@@ -36,8 +36,8 @@ class Unreported:
     """
 
     layer: int
-    begin: Place
-    end: Place
+    begin: ProgramPlace
+    end: ProgramPlace
     figures: Figures
     complete: bool
 
@@ -55,7 +55,7 @@ class _LastReport:
     flow_g_min : {hopper: last set-point}; discs keep it until the feeder's watchdog stops them
     """
 
-    place: Place = START
+    place: ProgramPlace = JOB_START
     beam_off: bool = False
     dialect: str = ""
     rate: float = 1.0
@@ -63,7 +63,7 @@ class _LastReport:
 
 
 def unreported(
-    job: JobReader, profile: MachineProfile, earlier: Path, found: Place
+    job: JobReader, profile: MachineProfile, earlier: Path, found: ProgramPlace
 ) -> list[Unreported]:
     """What an earlier run of the same job executed between its last report and `found`.
 
@@ -81,7 +81,7 @@ def unreported(
 
 
 def keep_unreported(
-    job: JobReader, profile: MachineProfile, made: RunDir, found: Place
+    job: JobReader, profile: MachineProfile, made: RunFolder, found: ProgramPlace
 ) -> None:
     """Write down what a run executed without a report where no later run will: nothing is left.
 
@@ -95,7 +95,7 @@ def keep_unreported(
 def _last_report(journal: Path) -> _LastReport:
     """How far a run was known to be, by its own reports or by the run before it."""
     last = _LastReport()
-    for record in read(journal):
+    for record in read_records(journal):
         known = []
         match record["kind"]:
             case "header" if "begins_at" in record:
@@ -112,17 +112,17 @@ def _last_report(journal: Path) -> _LastReport:
                 last = replace(last, rate=record["feed_percent"] / 100.0)
             case "setpoint":
                 last = replace(last, flow_g_min=record["flow_g_min"])
-        places = [Place(one["line"], one["share"]) for one in known]
+        places = [ProgramPlace(one["line"], one["share"]) for one in known]
         last = replace(last, place=max([last.place, *places]))
     return last
 
 
 def _in_layer(
-    job: JobReader, profile: MachineProfile, index: int, last: _LastReport, found: Place
+    job: JobReader, profile: MachineProfile, index: int, last: _LastReport, found: ProgramPlace
 ) -> Unreported:
     layer = _layer(job, index)
-    begin = max(last.place, Place(layer.first_line))
-    end = min(found, Place(layer.last_line + 1))
+    begin = max(last.place, ProgramPlace(layer.first_line))
+    end = min(found, ProgramPlace(layer.last_line + 1))
     begin_s, end_s = _time_of(layer, begin), _time_of(layer, end)
     beam_end_s = max(begin_s, end_s - _dark_s(profile, last)) if end == found else end_s
     before, after = layer.totals.at(begin_s), layer.totals.at(beam_end_s)
@@ -151,15 +151,15 @@ def _dark_s(profile: MachineProfile, last: _LastReport) -> float:
     return dialect.segment_buffer_s * last.rate
 
 
-def _layer(job: JobReader, index: int) -> Stretch:
+def _layer(job: JobReader, index: int) -> LayerProgram:
     behind = job.layer(index - 1).lines[-1] if index else job.layer(index).lines[0]
     behind_mm = np.array([behind["x_mm"], behind["y_mm"], behind["z_mm"]], dtype=np.float64)
-    return stretch_of(job.layer(index), behind_mm, 0.0, beam_off=False)
+    return layer_program_of(job.layer(index), behind_mm, 0.0, beam_off=False)
 
 
-def _time_of(layer: Stretch, place: Place) -> float:
+def _time_of(layer: LayerProgram, place: ProgramPlace) -> float:
     """Program time of a place in a layer."""
     row = place.line - layer.first_line
     if row >= len(layer.ends_s):
         return layer.ends_s[-1]
-    return layer.starts_s[row] + place.share * (layer.ends_s[row] - layer.starts_s[row])
+    return layer.starts_s[row] + place.line_fraction * (layer.ends_s[row] - layer.starts_s[row])

@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from simulators.faults.edge import Deliver
+from simulators.faults.link_tap import PassOn
 
 Spent = Callable[[], None]
 
@@ -20,7 +20,7 @@ _GARBLE = bytes(byte ^ 0x15 for byte in range(256))
 
 
 @dataclass
-class SomeBytes:
+class AlterBytes:
     """One in `every` bytes, `count` times, becomes `changed(byte)`; then it is spent."""
 
     changed: Callable[[int], bytes]
@@ -29,7 +29,7 @@ class SomeBytes:
     spent: Spent
     _passed: int = 0
 
-    def __call__(self, data: bytes, deliver: Deliver) -> None:
+    def __call__(self, data: bytes, deliver: PassOn) -> None:
         out = bytearray()
         for byte in data:
             self._passed += 1
@@ -44,19 +44,19 @@ class SomeBytes:
             deliver(bytes(out))
 
 
-class Late:
+class DelayBytes:
     """Every chunk comes later, in order."""
 
     def __init__(self, late_s: float) -> None:
         self._late_s = late_s
         self._loop = asyncio.get_running_loop()
-        self._waiting: deque[tuple[bytes, Deliver]] = deque()
+        self._waiting: deque[tuple[bytes, PassOn]] = deque()
 
-    def __call__(self, data: bytes, deliver: Deliver) -> None:
+    def __call__(self, data: bytes, deliver: PassOn) -> None:
         self._waiting.append((data, deliver))
         self._loop.call_later(self._late_s, self._one)
 
-    def flush(self) -> None:
+    def release_waiting(self) -> None:
         """Let go of all that waits."""
         while self._waiting:
             self._one()
@@ -68,14 +68,14 @@ class Late:
 
 
 @dataclass
-class SomeAnswers:
+class RepeatOkReplies:
     """The next `count` answers `ok` are lost (times 0) or doubled (times 2)."""
 
     times: int
     count: int
     spent: Spent
 
-    def __call__(self, data: bytes, deliver: Deliver) -> None:
+    def __call__(self, data: bytes, deliver: PassOn) -> None:
         out = b""
         for line in data.splitlines(keepends=True):
             if line == _OK and self.count:
@@ -88,7 +88,7 @@ class SomeAnswers:
             deliver(out)
 
 
-class GarbledWord:
+class GarbleWord:
     """The next number but 0 behind a letter becomes `percent` of itself; then it is spent.
 
     A serial line gives G-code no checksum: what is still a number is obeyed. It keeps its length,
@@ -100,7 +100,7 @@ class GarbledWord:
         self._percent = percent
         self._spent = spent
 
-    def __call__(self, data: bytes, deliver: Deliver) -> None:
+    def __call__(self, data: bytes, deliver: PassOn) -> None:
         garbled, struck = self._number.subn(self._other, data, count=1)
         if struck:
             self._spent()
@@ -114,14 +114,14 @@ class GarbledWord:
 
 
 @dataclass
-class SomeReplies:
+class RepeatModbusReplies:
     """The next `count` chunks, each a reply, are lost (times 0) or doubled (times 2)."""
 
     times: int
     count: int
     spent: Spent
 
-    def __call__(self, data: bytes, deliver: Deliver) -> None:
+    def __call__(self, data: bytes, deliver: PassOn) -> None:
         self.count -= 1
         if not self.count:
             self.spent()
@@ -130,13 +130,13 @@ class SomeReplies:
 
 
 @dataclass
-class FrozenReports:
+class FreezeStatusReports:
     """Each status report is the first one that came, in a state of our choice."""
 
     state: str
     _frozen: bytes = b""
 
-    def __call__(self, data: bytes, deliver: Deliver) -> None:
+    def __call__(self, data: bytes, deliver: PassOn) -> None:
         deliver(_REPORT.sub(self._lie, data))
 
     def _lie(self, report: re.Match[bytes]) -> bytes:
@@ -146,12 +146,12 @@ class FrozenReports:
 
 
 @dataclass
-class Echo:
+class GarbledEcho:
     """What the host sends is heard, and comes back to it garbled."""
 
-    say: Deliver
+    say: PassOn
 
-    def __call__(self, data: bytes, deliver: Deliver) -> None:
+    def __call__(self, data: bytes, deliver: PassOn) -> None:
         deliver(data)
         self.say(data.translate(_GARBLE))
 
@@ -161,9 +161,9 @@ class ExactEcho:
     """What the host sends comes back to it as it was, before any reply: an RS-485 adapter that
     does not switch its receiver off."""
 
-    say: Deliver
+    say: PassOn
 
-    def __call__(self, data: bytes, deliver: Deliver) -> None:
+    def __call__(self, data: bytes, deliver: PassOn) -> None:
         self.say(data)
         deliver(data)
 
@@ -179,7 +179,7 @@ class StrayBytes:
         self._random = random.Random(1)
         self._chunks = 0
 
-    def __call__(self, data: bytes, deliver: Deliver) -> None:
+    def __call__(self, data: bytes, deliver: PassOn) -> None:
         self._chunks += 1
         stray = self._random.randbytes(self._count)
         deliver((data[:2] + stray)[: self._count] if self._chunks % 2 else stray)
@@ -187,16 +187,16 @@ class StrayBytes:
 
 
 @dataclass
-class Exceptions:
+class ModbusExceptions:
     """The next `count` requests are answered by an exception, and do not reach the device."""
 
     code: int
     count: float
     is_rtu: bool
-    say: Deliver
+    say: PassOn
     spent: Spent
 
-    def __call__(self, data: bytes, deliver: Deliver) -> None:
+    def __call__(self, data: bytes, deliver: PassOn) -> None:
         for request in [data] if self.is_rtu else _tcp_frames(data):
             if not self.count:
                 deliver(request)

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
-Value = float | int | str | bool
+ParameterValue = float | int | str | bool
 
 
-class Strikes(Enum):
+class FaultTarget(Enum):
     """What a fault befalls, and so what must be named with it."""
 
     MOTION = "the motion controller"
@@ -21,41 +21,42 @@ class Strikes(Enum):
     HOST = "the host"
 
 
-class Host(Enum):
+class ExpectedReaction(Enum):
     """What a host that controls a run has to do about it."""
 
-    STOPS = "stops beam, motion and powder"
+    STOP = "stops beam, motion and powder"
     MAY_STOP = "may go on, or stop"
-    GOES_ON = "goes on"
+    CONTINUE = "goes on"
 
 
 @dataclass(frozen=True)
-class Parameter:
+class FaultParameter:
     """One knob of a fault: a number from least to most, one of choices, or yes and no.
 
     default : None where it must be given. whole : an integer
     """
 
     name: str
-    default: Value | None
-    doc: str
-    least: float = 0.0
-    most: float = 0.0
-    whole: bool = False
+    default: ParameterValue | None
+    description: str
+    minimum: float = 0.0
+    maximum: float = 0.0
+    is_integer: bool = False
     choices: tuple[str, ...] = ()
 
-    def mistake(self, value: object) -> str:
+    def reason_invalid(self, value: object) -> str:
         """Why value will not do; "" where it will."""
         if self.choices:
             wanted = " or ".join(repr(choice) for choice in self.choices)
             return "" if value in self.choices else f"must be {wanted}"
         if isinstance(self.default, bool):
             return "" if isinstance(value, bool) else "must be true or false"
-        if isinstance(value, bool) or not isinstance(value, int if self.whole else int | float):
-            return "must be a whole number" if self.whole else "must be a number"
+        if isinstance(value, bool) or not isinstance(value,
+                                                     int if self.is_integer else int | float):
+            return "must be a whole number" if self.is_integer else "must be a number"
         assert isinstance(value, int | float)
-        if not self.least <= value <= self.most:  # not a number is outside, too
-            return f"must be from {self.least:g} to {self.most:g}"
+        if not self.minimum <= value <= self.maximum:  # not a number is outside, too
+            return f"must be from {self.minimum:g} to {self.maximum:g}"
         return ""
 
 
@@ -69,9 +70,9 @@ class FaultKind:
     """
 
     name: str
-    does: str
-    strikes: Strikes
-    host: Host
+    description: str
+    target: FaultTarget
+    expected_reaction: ExpectedReaction
     alarm: str
-    parameters: tuple[Parameter, ...] = ()
-    lasts: bool = False
+    parameters: tuple[FaultParameter, ...] = ()
+    is_lasting: bool = False

@@ -18,13 +18,13 @@ from pathlib import Path
 from typing import Any
 
 from simulators.bench_config import BenchConfig
-from simulators.faults.kinds import KINDS, Fault, Strikes, mistakes_in
+from simulators.faults.kinds import FAULT_KINDS, Fault, FaultTarget, find_mistakes
 from simulators.table_reader import TableReader
 
-MOST_FAULTS = 1000
-MOST_BYTES = 1_000_000
-_LONGEST_S = 1e7
-_MOST_LINE = 9_999_999
+MAX_FAULTS = 1000
+MAX_BYTES = 1_000_000
+_MAX_S = 1e7
+_MAX_LINE = 9_999_999
 
 _WHEN = ("at_s", "at_line", "at_level_g")
 _OWN_KEYS = ("kind", "device", "channel", "for_s", *_WHEN)
@@ -42,7 +42,7 @@ class FaultPlanError(ValueError):
 class AtTime:
     """Seconds after the plan was armed."""
 
-    s: float
+    at_s: float
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class PlannedFault:
     """A fault and when it is to happen. for_s : how long it stands, None for ever"""
 
     fault: Fault
-    when: AtTime | AtLine | AtLevel
+    trigger: AtTime | AtLine | AtLevel
     for_s: float | None = None
 
 
@@ -87,9 +87,9 @@ class FaultPlan:
         top = TableReader(data, "", mistakes)
         readers = top.tables("fault")
         tables = data["fault"] if readers else []
-        top.close()
-        if len(readers) > MOST_FAULTS:
-            raise FaultPlanError([f"fault: at most {MOST_FAULTS} faults, here are {len(readers)}"])
+        top.report_unknown_keys()
+        if len(readers) > MAX_FAULTS:
+            raise FaultPlanError([f"fault: at most {MAX_FAULTS} faults, here are {len(readers)}"])
         if not mistakes and not readers:
             mistakes.append("there is no [[fault]] in it")
         cell = _Cell(
@@ -108,9 +108,9 @@ class FaultPlan:
     def load(cls, path: Path, bench: BenchConfig) -> FaultPlan:
         """Raises OSError where the file cannot be read; FaultPlanError."""
         with path.open("rb") as file:
-            data = file.read(MOST_BYTES + 1)
-        if len(data) > MOST_BYTES:
-            raise FaultPlanError([f"larger than {MOST_BYTES} bytes"])
+            data = file.read(MAX_BYTES + 1)
+        if len(data) > MAX_BYTES:
+            raise FaultPlanError([f"larger than {MAX_BYTES} bytes"])
         try:
             return cls.parse(data.decode("utf-8"), bench)
         except UnicodeDecodeError as error:
@@ -124,12 +124,12 @@ class _Cell:
     channels: Mapping[str, set[int]]
     safety: bool
 
-    def devices(self, strikes: Strikes) -> list[str]:
+    def devices(self, strikes: FaultTarget) -> list[str]:
         """Names that may be given for a device."""
         safety = ["safety"] if self.safety else []
-        if strikes is Strikes.LINK:
+        if strikes is FaultTarget.LINK:
             return ["motion", *safety, *self.channels]
-        return [*(safety if strikes is Strikes.MODBUS else []), *self.channels]
+        return [*(safety if strikes is FaultTarget.MODBUS else []), *self.channels]
 
 
 def _planned(reader: TableReader, table: Mapping[str, Any], cell: _Cell) -> PlannedFault | None:
@@ -138,22 +138,22 @@ def _planned(reader: TableReader, table: Mapping[str, Any], cell: _Cell) -> Plan
     device = reader.text("device") if "device" in table else ""
     channel = reader.integer("channel", least=1, most=4) if "channel" in table else 0
     when = _when(reader, table, cell)
-    for_s = reader.number("for_s", above=0, most=_LONGEST_S) if "for_s" in table else None
+    for_s = reader.number("for_s", above=0, most=_MAX_S) if "for_s" in table else None
     values = {key: value for key, value in table.items() if key not in _OWN_KEYS}
     if kind != "?" and device != "?":
-        for mistake in mistakes_in(kind, device, channel, values):
+        for mistake in find_mistakes(kind, device, channel, values):
             key, _, reason = mistake.partition(": ")
-            reader.blame(key, reason)
-    if kind in KINDS:
-        if for_s is not None and not KINDS[kind].lasts:
-            reader.blame("for_s", f"{kind} is over as soon as it has happened")
-        if KINDS[kind].strikes is Strikes.SAFETY and not cell.safety:
-            reader.blame("kind", f"the bench has no safety device for {kind}")
+            reader.report_mistake(key, reason)
+    if kind in FAULT_KINDS:
+        if for_s is not None and not FAULT_KINDS[kind].is_lasting:
+            reader.report_mistake("for_s", f"{kind} is over as soon as it has happened")
+        if FAULT_KINDS[kind].target is FaultTarget.SAFETY and not cell.safety:
+            reader.report_mistake("kind", f"the bench has no safety device for {kind}")
         if device not in ("", "?"):
-            _check_device(reader, KINDS[kind].strikes, device, channel or 1, cell)
+            _check_device(reader, FAULT_KINDS[kind].target, device, channel or 1, cell)
     if len(reader.mistakes) > known or when is None:
         return None
-    return PlannedFault(Fault.of(kind, device, channel, **values), when, for_s)
+    return PlannedFault(Fault.create(kind, device, channel, **values), when, for_s)
 
 
 def _when(
@@ -161,28 +161,28 @@ def _when(
 ) -> AtTime | AtLine | AtLevel | None:
     given = [key for key in _WHEN if key in table]
     if len(given) != 1:
-        reader.blame("", f"needs one of {', '.join(_WHEN)}")
+        reader.report_mistake("", f"needs one of {', '.join(_WHEN)}")
         return None
     if given == ["at_s"]:
-        return AtTime(reader.number("at_s", least=0, most=_LONGEST_S))
+        return AtTime(reader.number("at_s", least=0, most=_MAX_S))
     if given == ["at_line"]:
-        return AtLine(reader.integer("at_line", least=0, most=_MOST_LINE))
+        return AtLine(reader.integer("at_line", least=0, most=_MAX_LINE))
     level = reader.table("at_level_g")
     feeder = level.text("feeder")
     channel = level.integer("channel", 1, least=1, most=4)
     grams = level.number("grams", least=0, most=1e6)
-    level.close()
+    level.report_unknown_keys()
     if feeder != "?":
         _check_hopper(level, "feeder", feeder, channel, cell)
     return AtLevel(feeder, channel, grams)
 
 
 def _check_device(
-    reader: TableReader, strikes: Strikes, device: str, channel: int, cell: _Cell
+    reader: TableReader, strikes: FaultTarget, device: str, channel: int, cell: _Cell
 ) -> None:
-    if strikes is Strikes.HOPPER:
+    if strikes is FaultTarget.HOPPER:
         _check_hopper(reader, "device", device, channel, cell)
-    elif strikes in (Strikes.LINK, Strikes.MODBUS, Strikes.FEEDER):
+    elif strikes in (FaultTarget.LINK, FaultTarget.MODBUS, FaultTarget.FEEDER):
         _check_name(reader, "device", device, cell.devices(strikes))
 
 
@@ -191,10 +191,11 @@ def _check_hopper(
 ) -> None:
     there = _check_name(reader, key, feeder, list(cell.channels))
     if there and channel not in cell.channels[feeder]:
-        reader.blame("channel", f"feeder {feeder!r} has no hopper {channel}")
+        reader.report_mistake("channel", f"feeder {feeder!r} has no hopper {channel}")
 
 
 def _check_name(reader: TableReader, key: str, name: str, there: list[str]) -> bool:
     if name not in there:
-        reader.blame(key, f"there is no {name!r} for it in the bench; it has {', '.join(there)}")
+        reader.report_mistake(
+            key, f"there is no {name!r} for it in the bench; it has {', '.join(there)}")
     return name in there

@@ -13,8 +13,8 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from firmware_protocol.realtime import Realtime
-from simulators.faults.edge import Deliver
+from firmware_protocol.realtime import RealtimeCommand
+from simulators.faults.link_tap import PassOn
 
 Spent = Callable[[], None]
 
@@ -37,7 +37,7 @@ class SomeReports:
     def __post_init__(self) -> None:
         self._random = random.Random(self.seed)
 
-    def __call__(self, data: bytes, deliver: Deliver) -> None:
+    def __call__(self, data: bytes, deliver: PassOn) -> None:
         out = _REPORT.sub(self._one, data) if b"<" in data else data
         if self.count and self._struck >= self.count:
             self.spent()
@@ -108,14 +108,14 @@ class SlowReports:
     def __init__(self, look_s: float) -> None:
         self._look_s = look_s
         self._loop = asyncio.get_running_loop()
-        self._waiting: deque[tuple[bytes, Deliver]] = deque()
+        self._waiting: deque[tuple[bytes, PassOn]] = deque()
 
-    def to_host(self, data: bytes, deliver: Deliver) -> None:
+    def to_host(self, data: bytes, deliver: PassOn) -> None:
         self._waiting.append((data, deliver))
         self._loop.call_later(self._look_s, self._one)
 
-    def to_device(self, data: bytes, deliver: Deliver) -> None:
-        before, reset, after = data.partition(Realtime.RESET.wire)
+    def to_device(self, data: bytes, deliver: PassOn) -> None:
+        before, reset, after = data.partition(RealtimeCommand.RESET.encoded)
         if before:
             deliver(before)
         if reset:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from firmware_protocol.pmx import MOST_HOPPERS
-from firmware_protocol.pmx_alarms import SYSTEM_CODES, hopper_code
+from firmware_protocol.pmx import MAX_HOPPERS
+from firmware_protocol.pmx_alarms import SYSTEM_CODES, hopper_alarm_code
 
 #: Alarms x01..x10 of a hopper have bits 0..9 in its ALARM_H.
 _HOPPER_NUMBERS = range(1, 11)
 
 
-class AlarmBook:
+class AlarmLatch:
     """first : code of the first latched alarm, 0 for none; count : alarms ever raised"""
 
     def __init__(self) -> None:
@@ -41,12 +41,12 @@ class AlarmBook:
         bits = sum(1 << i for i, code in enumerate(SYSTEM_CODES) if code in self._latched)
         return bits | sum(
             1 << 7 + channel
-            for channel in range(1, MOST_HOPPERS + 1) if self.hopper_bits(channel)
+            for channel in range(1, MAX_HOPPERS + 1) if self.hopper_bits(channel)
         )
 
     def hopper_bits(self, channel: int) -> int:
         """ALARM_H of one hopper."""
         return sum(
             1 << number - 1
-            for number in _HOPPER_NUMBERS if hopper_code(channel, number) in self._latched
+            for number in _HOPPER_NUMBERS if hopper_alarm_code(channel, number) in self._latched
         )

@@ -13,24 +13,24 @@ from collections.abc import Callable, Sequence
 from firmware_protocol.pmx import (
     ALARM_RESET_KEY,
     WATCHDOG_RESET_KEY,
-    Command,
-    Refusal,
+    FeederCommandBits,
+    FeederStateCode,
     SetpointMode,
-    State,
     WatchdogAction,
-    hopper_row,
+    WriteRefusalCode,
+    hopper_register_name,
 )
-from firmware_protocol.pmx_alarms import EMPTY, ESTOP, WATCHDOG, hopper_code
-from simulators.feeder.alarms import AlarmBook
+from firmware_protocol.pmx_alarms import EMPTY, ESTOP, WATCHDOG, hopper_alarm_code
+from simulators.feeder.alarms import AlarmLatch
 from simulators.feeder.config import FeederConfig
-from simulators.feeder.holding import HoldingRegisters
-from simulators.feeder.hopper import FeedSpan, Hopper
-from simulators.feeder.mishaps import Mishaps
-from simulators.feeder.permits import ALARM_RESET, COMMAND, WD_RESET, objection
-from simulators.modbus_refusal import BUSY, REFUSED, RefusedError
+from simulators.feeder.holding_registers import HoldingRegisters
+from simulators.feeder.hopper import FeedInterval, SimulatedHopper
+from simulators.feeder.injected_defects import InjectedDefects
+from simulators.feeder.write_permissions import ALARM_RESET, COMMAND, WD_RESET, reason_refused
+from simulators.modbus_errors import BUSY, REFUSED, ExceptionReplyError
 
 
-class PmxDevice:
+class PmxFeederDevice:
     """One device. now : the simulation's clock.
 
     hoppers : by channel. spans : when powder was fed, oldest first.
@@ -43,22 +43,22 @@ class PmxDevice:
         self.config = config
         self.now = now
         self.holding = HoldingRegisters(config)
-        self.hoppers = {h.channel: Hopper.of(h) for h in config.hoppers}
-        self.mishaps: Mishaps | None = None
+        self.hoppers = {h.channel: SimulatedHopper.from_config(h) for h in config.hoppers}
+        self.mishaps: InjectedDefects | None = None
         self.gas: list[tuple[float, bool]] = []
         self.gas_since_s = math.inf
-        self.alarms = AlarmBook()
-        self.spans: list[FeedSpan] = []
+        self.alarms = AlarmLatch()
+        self.spans: list[FeedInterval] = []
         self.local = False
         self.estop_open = False
         self._power_up(now())
 
     def _power_up(self, time_s: float) -> None:
         self.powered_s = time_s
-        self.holding.forget()
-        self.command = Command(0)
-        self.alarms = AlarmBook()
-        self.refusal = Refusal.NONE
+        self.holding.reset_volatile()
+        self.command = FeederCommandBits(0)
+        self.alarms = AlarmLatch()
+        self.refusal = WriteRefusalCode.NONE
         self.heartbeat_s = time_s
         self.watchdog_tripped = False
         self._gas_off(time_s)
@@ -71,78 +71,79 @@ class PmxDevice:
 
     def restart(self) -> None:
         """Power off and on: discs stop, everything volatile is forgotten."""
-        time_s = self.settle()
+        time_s = self.advance_to_now()
         self._stop_discs(time_s)
         self._power_up(time_s)
 
-    def turn_local(self, local: bool) -> None:
+    def set_local_mode(self, local: bool) -> None:
         """Turn the LOCAL/REMOTE switch; at LOCAL the host's commands end."""
-        time_s = self.settle()
+        time_s = self.advance_to_now()
         self.local = local
         if local:
-            self._obey(Command(0), time_s)
+            self._obey(FeederCommandBits(0), time_s)
 
-    def limit_disc(self, channel: int, most_rpm: float) -> None:
+    def set_max_disc_rpm(self, channel: int, most_rpm: float) -> None:
         """Give a disc another highest speed; it counts at once."""
-        time_s = self.settle()
-        self.holding.put_raw(hopper_row(channel, "N_MAX"), round(100 * most_rpm))
+        time_s = self.advance_to_now()
+        self.holding.set_raw_word(hopper_register_name(channel, "N_MAX"), round(100 * most_rpm))
         self._commit(time_s)
 
-    def open_estop_chain(self, is_open: bool) -> None:
-        time_s = self.settle()
+    def set_estop_open(self, is_open: bool) -> None:
+        time_s = self.advance_to_now()
         self.estop_open = is_open
         if is_open:
             self._fault(ESTOP, time_s, gas_off=True)
 
-    def trip(self, code: int) -> None:
+    def raise_alarm(self, code: int) -> None:
         """It raises an alarm, and stops powder."""
-        self._fault(code, self.settle(), gas_off=code == ESTOP)
+        self._fault(code, self.advance_to_now(), gas_off=code == ESTOP)
 
     def trip_watchdog(self) -> None:
         """Its watchdog trips, whatever the host does."""
-        self._trip(self.settle())
+        self._trip(self.advance_to_now())
 
     # --- state
 
-    def stable(self, time_s: float) -> bool:
+    def is_stable(self, time_s: float) -> bool:
         return self.discs_on and time_s >= self.spans[-1].stable_s
 
     def gas_flows(self, time_s: float) -> bool:
         return self.gas_since_s <= time_s
 
-    def gas_ok(self, time_s: float) -> bool:
+    def is_gas_ok(self, time_s: float) -> bool:
         return self.gas_since_s + self.config.preflow_s <= time_s
 
-    def booting(self, time_s: float) -> bool:
+    def is_booting(self, time_s: float) -> bool:
         return time_s < self.powered_s + self.config.boot_s
 
-    def state(self, time_s: float) -> State:
+    def state(self, time_s: float) -> FeederStateCode:
         """STATE after `settle`."""
-        if self.booting(time_s):
-            return State.BOOT
+        if self.is_booting(time_s):
+            return FeederStateCode.BOOT
         if self.estop_open or ESTOP in self.alarms:
-            return State.ESTOP
+            return FeederStateCode.ESTOP
         if self.alarms and not self.discs_on:
-            return State.FAULT
+            return FeederStateCode.FAULT
         if self.discs_on:
-            return State.FEEDING if self.stable(time_s) else State.STABILISING
+            return FeederStateCode.FEEDING if self.is_stable(
+                time_s) else FeederStateCode.STABILISING
         if time_s < self._postflow_ends_s():
-            return State.STOPPING
+            return FeederStateCode.STOPPING
         if self.gas_flows(time_s):
-            return State.GAS_PREFLOW
-        return State.READY if Command.ENABLE_REMOTE in self.command else State.NOT_READY
+            return FeederStateCode.GAS_PREFLOW
+        return FeederStateCode.READY if FeederCommandBits.ENABLE_REMOTE in self.command else FeederStateCode.NOT_READY
 
     def _postflow_ends_s(self) -> float:
         return self.discs_off_s + self.holding["POSTFLOW"]
 
     # --- time
 
-    def settle(self) -> float:
+    def advance_to_now(self) -> float:
         """Carry out everything due until now; returns now."""
         now_s = self.now()
         while (due_s := self._next_due_s()) <= now_s:
             self._do_due(due_s)
-        if Command.GAS_ON not in self.command and now_s >= self._postflow_ends_s():
+        if FeederCommandBits.GAS_ON not in self.command and now_s >= self._postflow_ends_s():
             self._gas_off(self._postflow_ends_s())
         return now_s
 
@@ -166,18 +167,18 @@ class PmxDevice:
         self._trip(due_s)
 
     @staticmethod
-    def _empty_code(hopper: Hopper) -> int:
-        return hopper_code(hopper.config.channel, EMPTY)
+    def _empty_code(hopper: SimulatedHopper) -> int:
+        return hopper_alarm_code(hopper.config.channel, EMPTY)
 
     def _watchdog_s(self) -> float:
         """When the host's silence trips the watchdog; it watches while the host is in command."""
-        if self.watchdog_tripped or Command.ENABLE_REMOTE not in self.command:
+        if self.watchdog_tripped or FeederCommandBits.ENABLE_REMOTE not in self.command:
             return math.inf
-        return self.heartbeat_s + self.holding.raw("WD_TIMEOUT") / 1000.0
+        return self.heartbeat_s + self.holding.raw_word("WD_TIMEOUT") / 1000.0
 
     def _trip(self, time_s: float) -> None:
         self.watchdog_tripped = True
-        action = self.holding.raw("WD_ACTION")
+        action = self.holding.raw_word("WD_ACTION")
         if action == WatchdogAction.HOLD:
             self.alarms.latch(WATCHDOG)
         else:
@@ -186,7 +187,7 @@ class PmxDevice:
     def _fault(self, code: int, time_s: float, *, gas_off: bool) -> None:
         """Latch an alarm and stop powder; nothing starts again without a new command."""
         self.alarms.latch(code)
-        kept = Command.ENABLE_REMOTE if gas_off else Command.ENABLE_REMOTE | Command.GAS_ON
+        kept = FeederCommandBits.ENABLE_REMOTE if gas_off else FeederCommandBits.ENABLE_REMOTE | FeederCommandBits.GAS_ON
         self._stop_discs(time_s)
         self._take(self.command & kept)
         if gas_off:
@@ -210,61 +211,61 @@ class PmxDevice:
 
         Raises RefusedError, with the reason for code 4 in LAST_REFUSAL.
         """
-        time_s = self.settle()
-        if self.booting(time_s):
-            raise RefusedError(BUSY)
+        time_s = self.advance_to_now()
+        if self.is_booting(time_s):
+            raise ExceptionReplyError(BUSY)
         new = dict(enumerate(words, address))
         self.holding.check(new)
-        if refusal := objection(self, new):
+        if refusal := reason_refused(self, new):
             self.refusal = refusal
-            raise RefusedError(REFUSED)
-        sequence, heartbeat = self.holding.raw("SEQ"), self.holding.raw("HEARTBEAT")
+            raise ExceptionReplyError(REFUSED)
+        sequence, heartbeat = self.holding.raw_word("SEQ"), self.holding.raw_word("HEARTBEAT")
         self.holding.store(new)
-        if self.holding.raw("HEARTBEAT") != heartbeat:
+        if self.holding.raw_word("HEARTBEAT") != heartbeat:
             self.heartbeat_s = time_s
         if new.get(WD_RESET) == WATCHDOG_RESET_KEY:
             self.watchdog_tripped = False
         if new.get(ALARM_RESET) == ALARM_RESET_KEY:
             self.alarms.clear()
-        self.holding.put_raw("WD_RESET", 0)
-        self.holding.put_raw("ALARM_RESET", 0)
-        if self.holding.raw("SEQ") != sequence:
+        self.holding.set_raw_word("WD_RESET", 0)
+        self.holding.set_raw_word("ALARM_RESET", 0)
+        if self.holding.raw_word("SEQ") != sequence:
             self._commit(time_s)
         if COMMAND in new:
-            wanted = Command(new[COMMAND])
-            if Command.ENABLE_REMOTE in wanted and Command.ENABLE_REMOTE not in self.command:
+            wanted = FeederCommandBits(new[COMMAND])
+            if FeederCommandBits.ENABLE_REMOTE in wanted and FeederCommandBits.ENABLE_REMOTE not in self.command:
                 self.heartbeat_s = time_s  # the host's time starts when it takes command
             self._obey(wanted, time_s)
 
-    def _take(self, command: Command) -> None:
+    def _take(self, command: FeederCommandBits) -> None:
         self.command = command
-        self.holding.put_raw("COMMAND", int(command))
+        self.holding.set_raw_word("COMMAND", int(command))
 
-    def cause_stands(self) -> bool:
+    def alarm_cause_persists(self) -> bool:
         """Whether what an alarm was raised for is still so, after `settle`."""
         if self.mishaps is not None and self.mishaps.causes:
             return True
         return any(hopper.process.empty_s <= self.now() for hopper in self.hoppers.values())
 
-    def _obey(self, command: Command, time_s: float) -> None:
+    def _obey(self, command: FeederCommandBits, time_s: float) -> None:
         self._take(command)
-        feed = Command.FEED_ON in command and Command.STOP not in command
+        feed = FeederCommandBits.FEED_ON in command and FeederCommandBits.STOP not in command
         if not feed:
             self._stop_discs(time_s)
-        if Command.GAS_ON in command:
+        if FeederCommandBits.GAS_ON in command:
             self._gas_on(time_s)
         elif time_s >= self._postflow_ends_s():
             self._gas_off(time_s)
         if feed and not self.discs_on and self._starting_s == math.inf:
             self._starting_s = max(time_s, self.gas_since_s + self.config.preflow_s)
-            self.settle()
+            self.advance_to_now()
 
     def _start_discs(self, time_s: float) -> None:
         self._starting_s = math.inf
         self.discs_on = True
-        self.spans.append(FeedSpan(time_s, time_s + self.holding["STABILISE"], math.inf))
+        self.spans.append(FeedInterval(time_s, time_s + self.holding["STABILISE"], math.inf))
         for hopper in self.hoppers.values():
-            hopper.turn(time_s, self.holding["RAMP"])
+            hopper.start_disc(time_s, self.holding["RAMP"])
 
     def _stop_discs(self, time_s: float) -> None:
         self._starting_s = math.inf
@@ -272,29 +273,29 @@ class PmxDevice:
             self.discs_on = False
             for hopper in self.hoppers.values():
                 hopper.stop(time_s)
-            self.spans[-1] = FeedSpan(self.spans[-1].start_s, self.spans[-1].stable_s, time_s)
+            self.spans[-1] = FeedInterval(self.spans[-1].start_s, self.spans[-1].stable_s, time_s)
             self.discs_off_s = time_s
 
     def _commit(self, time_s: float) -> None:
         """The shadow block becomes the running recipe, whole."""
         ignored = self.mishaps is not None and self.mishaps.ignores_recipes
         if not ignored:
-            self.seq_applied = self.holding.raw("SEQ")
-        by_flow = self.holding.raw("SETPOINT_MODE") == SetpointMode.G_MIN
+            self.seq_applied = self.holding.raw_word("SEQ")
+        by_flow = self.holding.raw_word("SETPOINT_MODE") == SetpointMode.G_MIN
         ramp_s = self.holding["RAMP"]
         for channel, hopper in self.hoppers.items():
             if by_flow:
-                flow_g_min = self.holding[hopper_row(channel, "FLOW_SP")]
-                rpm = flow_g_min / self.holding[hopper_row(channel, "FEED_FACTOR")]
+                flow_g_min = self.holding[hopper_register_name(channel, "FLOW_SP")]
+                rpm = flow_g_min / self.holding[hopper_register_name(channel, "FEED_FACTOR")]
             else:
-                rpm = self.holding[hopper_row(channel, "DISC_SP")]
-            most_rpm = self.holding[hopper_row(channel, "N_MAX")]
+                rpm = self.holding[hopper_register_name(channel, "DISC_SP")]
+            most_rpm = self.holding[hopper_register_name(channel, "N_MAX")]
             if ignored:
                 if self.discs_on:
-                    hopper.told.command(time_s, min(rpm, most_rpm), ramp_s)
+                    hopper.told.command_rpm(time_s, min(rpm, most_rpm), ramp_s)
                 continue
-            hopper.take(rpm, most_rpm)
-            hopper.carrier_L_min = self.holding[hopper_row(channel, "CARRIER_SP")]
-            hopper.stirrer_rpm = self.holding[hopper_row(channel, "STIRRER_SP")]
+            hopper.apply_setpoint(rpm, most_rpm)
+            hopper.carrier_L_min = self.holding[hopper_register_name(channel, "CARRIER_SP")]
+            hopper.stirrer_rpm = self.holding[hopper_register_name(channel, "STIRRER_SP")]
             if self.discs_on:
-                hopper.turn(time_s, ramp_s)
+                hopper.start_disc(time_s, ramp_s)

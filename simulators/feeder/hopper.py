@@ -11,10 +11,10 @@ _ENDLESS_G = 1e12
 _ROUNDING_RPM = 1e-9
 
 #: Commands that may wait to be followed.
-_MOST_WAITING = 10_000
+_MAX_WAITING = 10_000
 
 
-class Twin:
+class IdealHopper:
     """The process of a hopper that is never empty, and with which all is always well.
 
     It hears every command, and follows them when somebody asks what it does.
@@ -24,10 +24,10 @@ class Twin:
         self._process = HopperProcess(replace(config, fill_g=_ENDLESS_G, noise_rsd=0.0))
         self._waiting: list[tuple[float, float, float]] = []
 
-    def command(self, time_s: float, rpm: float, ramp_s: float = 0.0) -> None:
+    def command_rpm(self, time_s: float, rpm: float, ramp_s: float = 0.0) -> None:
         """As `HopperProcess.command`."""
         self._waiting.append((time_s, rpm, ramp_s))
-        if len(self._waiting) > _MOST_WAITING:
+        if len(self._waiting) > _MAX_WAITING:
             self._follow()
 
     def disc_rpm(self, time_s: float) -> float:
@@ -42,12 +42,12 @@ class Twin:
 
     def _follow(self) -> None:
         for command in self._waiting:
-            self._process.command(*command)
+            self._process.command_rpm(*command)
         self._waiting.clear()
 
 
 @dataclass
-class Hopper:
+class SimulatedHopper:
     """A hopper and what the running recipe asks of it.
 
     rpm : what its disc is to do; wanted_rpm : before the device clipped that
@@ -56,7 +56,7 @@ class Hopper:
 
     config: HopperConfig
     process: HopperProcess
-    told: Twin
+    told: IdealHopper
     rpm: float = 0.0
     wanted_rpm: float = 0.0
     carrier_L_min: float = 0.0
@@ -64,28 +64,28 @@ class Hopper:
     limited: bool = False
 
     @classmethod
-    def of(cls, config: HopperConfig) -> Hopper:
+    def from_config(cls, config: HopperConfig) -> SimulatedHopper:
         """Full, its disc at rest."""
-        return cls(config, HopperProcess(config), Twin(config))
+        return cls(config, HopperProcess(config), IdealHopper(config))
 
-    def take(self, rpm: float, most_rpm: float) -> None:
+    def apply_setpoint(self, rpm: float, most_rpm: float) -> None:
         """A new set-point; clipped to most_rpm, and the clipping told."""
         self.limited = rpm > most_rpm + _ROUNDING_RPM
         self.rpm = min(rpm, most_rpm)
         self.wanted_rpm = min(rpm, self.config.n_max_rpm)
 
-    def turn(self, time_s: float, ramp_s: float) -> None:
+    def start_disc(self, time_s: float, ramp_s: float) -> None:
         """Let the disc go to its speed from time_s on."""
-        self.process.command(time_s, self.rpm, ramp_s)
-        self.told.command(time_s, self.wanted_rpm, ramp_s)
+        self.process.command_rpm(time_s, self.rpm, ramp_s)
+        self.told.command_rpm(time_s, self.wanted_rpm, ramp_s)
 
     def stop(self, time_s: float) -> None:
-        self.process.command(time_s, 0.0)
-        self.told.command(time_s, 0.0)
+        self.process.command_rpm(time_s, 0.0)
+        self.told.command_rpm(time_s, 0.0)
 
 
 @dataclass(frozen=True)
-class FeedSpan:
+class FeedInterval:
     """Discs were on from start_s to end_s (inf while they are), called stable from stable_s."""
 
     start_s: float

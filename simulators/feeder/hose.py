@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 #: Pieces kept, 32 bytes each: 14 h of a recipe every 0.1 s with ramps. Then the older half goes.
-MOST_PIECES = 1 << 20
+MAX_PIECES = 1 << 20
 
 
-class Hose:
+class SimulatedHose:
     """dead_time_s, lag_s : θ and τ; drive_lag_s : τ_d of the pieces. All ≥ 0."""
 
     def __init__(self, dead_time_s: float, lag_s: float, drive_lag_s: float) -> None:
@@ -30,13 +30,13 @@ class Hose:
         self._first_y = 0.0  # what left the nozzle as the first kept piece reached it
         self._forgotten = False
 
-    def add(self, start_s: float, c0: float, c1: float, c2: float) -> None:
+    def add_inflow(self, start_s: float, c0: float, c1: float, c2: float) -> None:
         """From start_s on the hose is fed by this piece. Starts never fall."""
         self._pieces.extend((start_s, c0, c1, c2))
-        if len(self._pieces) > 4 * MOST_PIECES:
-            self._forget(MOST_PIECES // 2)
+        if len(self._pieces) > 4 * MAX_PIECES:
+            self._forget(MAX_PIECES // 2)
 
-    def cut(self, time_s: float) -> None:
+    def discard_from(self, time_s: float) -> None:
         """Drop pieces that have not begun before time_s: something else was commanded."""
         pieces = self._pieces
         while pieces and pieces[-4] >= time_s:

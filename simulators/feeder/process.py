@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulators.feeder.config import HopperConfig
-from simulators.feeder.hose import Hose
+from simulators.feeder.hose import SimulatedHose
 
 FloatArray = NDArray[np.float64]
 
@@ -46,11 +46,11 @@ class HopperProcess:
         self._fill_g = config.fill_g
         self._speed = self._share = 1.0
         self._n_min_rpm = config.n_min_rpm
-        self._hose = Hose(config.dead_time_s, config.lag_s, config.drive_lag_s)
+        self._hose = SimulatedHose(config.dead_time_s, config.lag_s, config.drive_lag_s)
         self._ramp = (-math.inf, 0.0, -math.inf, 0.0)  # from time, rpm; to time, rpm
         self._pieces = [_Piece(-math.inf, 0.0, 0.0, 0.0, 0.0)]
 
-    def command(self, time_s: float, rpm: float, ramp_s: float = 0.0) -> None:
+    def command_rpm(self, time_s: float, rpm: float, ramp_s: float = 0.0) -> None:
         """From time_s on, go evenly to `rpm` within ramp_s.
 
         Raises ValueError for a time before the last command, and a speed that is no number ≥ 0.
@@ -79,7 +79,7 @@ class HopperProcess:
         self._n_min_rpm = self._n_min_rpm if n_min_rpm is None else n_min_rpm
         self._command_again(time_s)
 
-    def set_left_g(self, time_s: float, left_g: float) -> None:
+    def set_remaining_g(self, time_s: float, left_g: float) -> None:
         """From time_s on, so much powder is left."""
         fed_g = self.fed_g(time_s)
         if time_s >= self.empty_s:
@@ -91,7 +91,7 @@ class HopperProcess:
     def _command_again(self, time_s: float) -> None:
         """What was commanded last goes on."""
         _, _, end_s, end_rpm = self._ramp
-        self.command(time_s, end_rpm, max(0.0, end_s - time_s))
+        self.command_rpm(time_s, end_rpm, max(0.0, end_s - time_s))
 
     def setpoint_rpm(self, time_s: float) -> float:
         """The set-point as ramped so far."""
@@ -100,7 +100,7 @@ class HopperProcess:
             return end_rpm
         return start_rpm + (end_rpm - start_rpm) * (time_s - start_s) / (end_s - start_s)
 
-    def ramping(self, time_s: float) -> bool:
+    def is_ramping(self, time_s: float) -> bool:
         return time_s < self._ramp[2]
 
     def disc_rpm(self, time_s: float) -> float:
@@ -115,11 +115,11 @@ class HopperProcess:
         piece = self._piece_at(time_s)
         return min(self._fill_g, piece.fed_g + self._fed_in(piece, time_s - piece.start_s))
 
-    def left_g(self, time_s: float) -> float:
+    def remaining_g(self, time_s: float) -> float:
         """Powder left in the hopper."""
         return self._fill_g - self.fed_g(time_s)
 
-    def when_left_s(self, left_g: float) -> float:
+    def time_when_remaining_s(self, left_g: float) -> float:
         """When so much is left, as commanded now; at the latest now where it is less already."""
         return self._time_fed(self._fill_g - left_g)
 
@@ -188,16 +188,16 @@ class HopperProcess:
         """Hand the pieces to the hose, up to where the powder runs out."""
         if self.empty_s <= time_s:
             return
-        self._hose.cut(time_s)
+        self._hose.discard_from(time_s)
         self.empty_s = self._time_fed(self._fill_g)
         share = self._share
         for piece in self._pieces:
             if piece.start_s < self.empty_s:
-                self._hose.add(
+                self._hose.add_inflow(
                     piece.start_s, piece.c0 * share, piece.c1 * share, piece.c2 * share
                 )
         if self.empty_s < math.inf:
-            self._hose.add(self.empty_s, 0.0, 0.0, 0.0)
+            self._hose.add_inflow(self.empty_s, 0.0, 0.0, 0.0)
 
     def _time_fed(self, mass_g: float) -> float:
         """When the powder fed reaches mass_g, by the pieces at hand; inf if it never does."""

@@ -8,24 +8,24 @@ from typing import NamedTuple
 
 from firmware_protocol.pmx import (
     DEVICE_ID,
+    FIRST_MINOR_WITH_MIRROR,
     HOPPER_WORDS,
     MAP_MAJOR,
-    MAP_MINOR_MIRROR,
-    MIRROR,
-    PMX,
+    MIRROR_ADDRESS,
+    PMX_MAP,
     SYSTEM_BLOCK,
-    Command,
-    Mode,
-    State,
-    hopper_names,
-    hopper_row,
+    FeederCommandBits,
+    FeederMode,
+    FeederStateCode,
+    hopper_input_names,
+    hopper_register_name,
 )
-from firmware_protocol.pmx_alarms import CLIPPED, EMPTY, LEVEL_LOW, hopper_code
-from firmware_protocol.registers import Value, WordOrder
-from simulators.feeder.device import PmxDevice
-from simulators.feeder.holding import CONFIGURATION
-from simulators.feeder.hopper import Hopper
-from simulators.modbus_refusal import ILLEGAL_ADDRESS, RefusedError
+from firmware_protocol.pmx_alarms import CLIPPED, EMPTY, LEVEL_LOW, hopper_alarm_code
+from firmware_protocol.registers import RegisterValue, WordOrder
+from simulators.feeder.device import PmxFeederDevice
+from simulators.feeder.holding_registers import CONFIGURATION
+from simulators.feeder.hopper import SimulatedHopper
+from simulators.modbus_errors import ILLEGAL_ADDRESS, ExceptionReplyError
 
 _FIRMWARE = 0x0100
 _SERIAL = 1
@@ -34,7 +34,7 @@ _CYCLE_S = 0.1
 _SUPPLY_BAR = 6.0
 _HOPPER_MBAR = 200
 _MIXER_MBAR_PER_L_MIN = 10
-_OLDEST_MS = 0xFFFF
+_MAX_AGE_MS = 0xFFFF
 #: Most that a flow register in 0.01 g/min or L/min can say; it stays there beyond.
 _MOST = 655.34
 _FIRST_WARNING = LEVEL_LOW
@@ -44,23 +44,23 @@ _WEIGHTS = tuple(1 << bit for bit in range(16))
 
 _SYSTEM_BLOCKS = {order: SYSTEM_BLOCK.in_order(order) for order in WordOrder}
 _HOPPER_BLOCKS = {
-    (order, channel): PMX.block(hopper_names(channel)).in_order(order)
+    (order, channel): PMX_MAP.block(hopper_input_names(channel)).in_order(order)
     for order in WordOrder for channel in range(1, 5)
 }
 
 
-def read_input(device: PmxDevice, address: int, count: int) -> list[int]:
+def read_input(device: PmxFeederDevice, address: int, count: int) -> list[int]:
     """Words of input registers. Raises RefusedError(ILLEGAL_ADDRESS) where one is not there."""
-    time_s = device.settle()
+    time_s = device.advance_to_now()
     channel, first = divmod(address, 100)
     if channel and channel not in device.hoppers:
-        raise RefusedError(ILLEGAL_ADDRESS)
+        raise ExceptionReplyError(ILLEGAL_ADDRESS)
     return _part(_words(device, channel, time_s), first, count)
 
 
-def _mirrored(device: PmxDevice, first: int, count: int) -> list[int]:
+def _mirrored(device: PmxFeederDevice, first: int, count: int) -> list[int]:
     """Words of the mirror; first : counted from its start."""
-    time_s = device.settle()
+    time_s = device.advance_to_now()
     words = _words(device, 0, time_s)
     for channel in range(1, max(device.hoppers) + 1):
         if first + count > len(words):
@@ -69,32 +69,33 @@ def _mirrored(device: PmxDevice, first: int, count: int) -> list[int]:
     return _part(words, first, count)
 
 
-def _words(device: PmxDevice, channel: int, time_s: float) -> list[int]:
+def _words(device: PmxFeederDevice, channel: int, time_s: float) -> list[int]:
     """Every input register of a hopper, or of the device (0), after `settle`."""
-    values, order = readings(device, channel, time_s), device.config.word_order
+    values, order = register_values(device, channel, time_s), device.config.word_order
     if channel == 0:
         return _SYSTEM_BLOCKS[order].encode(values)
-    named = {hopper_row(channel, name): value for name, value in values.items()}
+    named = {hopper_register_name(channel, name): value for name, value in values.items()}
     return _HOPPER_BLOCKS[order, channel].encode(named)
 
 
 def _part(words: list[int], first: int, count: int) -> list[int]:
     if first + count > len(words):
-        raise RefusedError(ILLEGAL_ADDRESS)
+        raise ExceptionReplyError(ILLEGAL_ADDRESS)
     return words[first : first + count]
 
 
-def readings(device: PmxDevice, channel: int, time_s: float) -> dict[str, Value]:
+def register_values(device: PmxFeederDevice, channel: int, time_s: float) -> dict[str,
+                                                                                  RegisterValue]:
     """What the device tells after `settle`: of a hopper by its channel, of itself by 0."""
     values = _hopper(device, channel, time_s) if channel else _system(device, time_s)
-    return values if device.mishaps is None else device.mishaps.told(channel, values)
+    return values if device.mishaps is None else device.mishaps.apply_overrides(channel, values)
 
 
-def read_holding(device: PmxDevice, address: int, count: int) -> list[int]:
+def read_holding(device: PmxFeederDevice, address: int, count: int) -> list[int]:
     """Words of holding registers, or of the input registers' mirror where the map has it."""
-    if device.config.map_minor >= MAP_MINOR_MIRROR and MIRROR <= address < CONFIGURATION:
-        return _mirrored(device, address - MIRROR, count)
-    device.settle()
+    if device.config.map_minor >= FIRST_MINOR_WITH_MIRROR and MIRROR_ADDRESS <= address < CONFIGURATION:
+        return _mirrored(device, address - MIRROR_ADDRESS, count)
+    device.advance_to_now()
     return device.holding.read(address, count)
 
 
@@ -108,19 +109,19 @@ class _Seen(NamedTuple):
     low: bool
 
     @classmethod
-    def now(cls, hopper: Hopper, device: PmxDevice, time_s: float) -> _Seen:
+    def now(cls, hopper: SimulatedHopper, device: PmxFeederDevice, time_s: float) -> _Seen:
         channel, holding = hopper.config.channel, device.holding
         rpm = hopper.process.disc_rpm(time_s)
-        left_g = hopper.process.left_g(time_s)
+        left_g = hopper.process.remaining_g(time_s)
         tolerance_rpm = holding["AT_SPEED_TOL"] / 100.0 * hopper.rpm + 1e-9
-        warn_g = holding[hopper_row(channel, "LEVEL_WARN")] / 100.0 * hopper.config.fill_g
+        warn_g = holding[hopper_register_name(channel, "LEVEL_WARN")] / 100.0 * hopper.config.fill_g
         return cls(
-            rpm, min(_MOST, rpm * holding[hopper_row(channel, "FEED_FACTOR")]), left_g,
+            rpm, min(_MOST, rpm * holding[hopper_register_name(channel, "FEED_FACTOR")]), left_g,
             device.discs_on and abs(rpm - hopper.rpm) <= tolerance_rpm, left_g <= warn_g,
         )
 
 
-def _system(device: PmxDevice, time_s: float) -> dict[str, Value]:
+def _system(device: PmxFeederDevice, time_s: float) -> dict[str, RegisterValue]:
     hoppers = device.hoppers.values()
     seen = [_Seen.now(hopper, device, time_s) for hopper in hoppers]
     gas_L_min = sum(h.carrier_L_min for h in hoppers) if device.gas_flows(time_s) else 0.0
@@ -139,10 +140,10 @@ def _system(device: PmxDevice, time_s: float) -> dict[str, Value]:
         "WARNING": warnings,
         "FIRST_ALARM_CODE": device.alarms.first,
         "ALARM_COUNT": device.alarms.count & 0xFFFF,
-        "HEARTBEAT_ECHO": device.holding.raw("HEARTBEAT"),
-        "HEARTBEAT_AGE": min(_OLDEST_MS, int((time_s - device.heartbeat_s) * 1000)),
+        "HEARTBEAT_ECHO": device.holding.raw_word("HEARTBEAT"),
+        "HEARTBEAT_AGE": min(_MAX_AGE_MS, int((time_s - device.heartbeat_s) * 1000)),
         "UPTIME": int(time_s - device.powered_s),
-        "MODE": int(Mode.LOCAL if device.local else Mode.REMOTE),
+        "MODE": int(FeederMode.LOCAL if device.local else FeederMode.REMOTE),
         "STATE": int(state),
         "TOTAL_FLOW": min(_MOST, sum(one.flow_est_g_min for one in seen)),
         "MIXER_PRESSURE": round(_MIXER_MBAR_PER_L_MIN * gas_L_min),
@@ -155,46 +156,47 @@ def _system(device: PmxDevice, time_s: float) -> dict[str, Value]:
 
 
 def _status(
-    device: PmxDevice, time_s: float, state: State, seen: Sequence[_Seen], warnings: int
+    device: PmxFeederDevice, time_s: float, state: FeederStateCode, seen: Sequence[_Seen],
+    warnings: int
 ) -> int:
     """STATUS; conditions in the order of the bits of `pmx.Status`."""
     command = device.command
     return _bits(
-        not device.alarms and state is not State.BOOT,
-        not device.local and Command.ENABLE_REMOTE in command,
-        device.gas_ok(time_s),
+        not device.alarms and state is not FeederStateCode.BOOT,
+        not device.local and FeederCommandBits.ENABLE_REMOTE in command,
+        device.is_gas_ok(time_s),
         device.discs_on,
         all(one.at_setpoint for one in seen),
-        device.stable(time_s),
+        device.is_stable(time_s),
         bool(warnings),
         bool(device.alarms),
         device.watchdog_tripped,
         not device.estop_open,
         True,  # lids closed
-        Command.PURGE in command and device.gas_flows(time_s) and not device.discs_on,
-        any(h.process.ramping(time_s) for h in device.hoppers.values()),
-        Command.REFILL_HOLD in command,
+        FeederCommandBits.PURGE in command and device.gas_flows(time_s) and not device.discs_on,
+        any(h.process.is_ramping(time_s) for h in device.hoppers.values()),
+        FeederCommandBits.REFILL_HOLD in command,
         True,  # configuration valid
         bool(int(time_s / _CYCLE_S) & 1),
     )
 
 
-def _hopper(device: PmxDevice, channel: int, time_s: float) -> dict[str, Value]:
+def _hopper(device: PmxFeederDevice, channel: int, time_s: float) -> dict[str, RegisterValue]:
     hopper = device.hoppers[channel]
     process = hopper.process
     seen = _Seen.now(hopper, device, time_s)
-    refilling = Command.REFILL_HOLD in device.command
-    stirring = Command.STIR_ON in device.command
+    refilling = FeederCommandBits.REFILL_HOLD in device.command
+    stirring = FeederCommandBits.STIR_ON in device.command
     gas = device.gas_flows(time_s)
     empty = time_s >= process.empty_s
     weighed_g_min = 0.0 if empty else process.disc_flow_g_s(time_s) * 60.0
-    # in the order of the bits of `pmx.HopperFlags`
+    # in the order of the bits of `pmx.HopperStatusBits`
     flags = _bits(
         True,  # present
         True,  # enabled
         device.discs_on and seen.rpm > 0,
         seen.at_setpoint,
-        device.stable(time_s),
+        device.is_stable(time_s),
         seen.low,
         empty,
         refilling,
@@ -204,8 +206,8 @@ def _hopper(device: PmxDevice, channel: int, time_s: float) -> dict[str, Value]:
         not refilling,  # weighed flow valid
         stirring,
         hopper.limited,
-        0 < hopper.rpm < device.holding[hopper_row(channel, "N_MIN")],
-        hopper_code(channel, EMPTY) in device.alarms,
+        0 < hopper.rpm < device.holding[hopper_register_name(channel, "N_MIN")],
+        hopper_alarm_code(channel, EMPTY) in device.alarms,
     )
     return {
         "STATUS": flags,
@@ -220,7 +222,7 @@ def _hopper(device: PmxDevice, channel: int, time_s: float) -> dict[str, Value]:
         "CARRIER_ACT": hopper.carrier_L_min if gas else 0.0,
         "PRESSURE": _HOPPER_MBAR if gas else 0,
         "TOTALISER": process.fed_g(time_s),
-        "FEED_FACTOR_ACT": device.holding[hopper_row(channel, "FEED_FACTOR")],
+        "FEED_FACTOR_ACT": device.holding[hopper_register_name(channel, "FEED_FACTOR")],
         # not simulated, and said so:
         "MOTOR_CURRENT": None, "TORQUE": None, "TEMP": None, "FLOW_RSD_60S": None,
         "RUN_HOURS": None,

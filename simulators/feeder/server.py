@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from simulators import modbus_server
-from simulators.feeder.device import PmxDevice
+from simulators.feeder.device import PmxFeederDevice
 from simulators.feeder.readings import read_holding, read_input
 from simulators.modbus_server import ModbusServer
 
@@ -13,7 +13,7 @@ from simulators.modbus_server import ModbusServer
 class FeederRegisters:
     """The device as its wire sees it."""
 
-    def __init__(self, device: PmxDevice) -> None:
+    def __init__(self, device: PmxFeederDevice) -> None:
         self._device = device
 
     @property
@@ -30,11 +30,12 @@ class FeederRegisters:
         self._device.write(address, words)
 
 
-async def serve_tcp(device: PmxDevice, host: str = "127.0.0.1", port: int = 0) -> ModbusServer:
+async def serve_tcp(device: PmxFeederDevice, host: str = "127.0.0.1",
+                    port: int = 0) -> ModbusServer:
     """Answer Modbus TCP; port 0 takes a free one. Raises OSError where it cannot listen."""
     return await modbus_server.serve_tcp(FeederRegisters(device), host, port)
 
 
-async def serve_pty(device: PmxDevice) -> ModbusServer:
+async def serve_pty(device: PmxFeederDevice) -> ModbusServer:
     """Answer Modbus RTU on a new pty, without parity: Linux ptys carry none."""
     return await modbus_server.serve_pty(FeederRegisters(device))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from simulators.motion.reports import StatusReporter
-from simulators.motion.settings import Settings
+from simulators.motion.settings import FirmwareSettings
 from simulators.motion.stepper import Stepper
 
 OFF, CLOCKWISE, COUNTERCLOCKWISE = 5, 3, 4  # M5, M3, M4
@@ -15,7 +15,7 @@ class Accessories:
     """What the controller drives beside its axes. Changes are noted for the next report."""
 
     def __init__(
-        self, settings: Settings, stepper: Stepper, reporter: StatusReporter, hal: bool
+        self, settings: FirmwareSettings, stepper: Stepper, reporter: StatusReporter, hal: bool
     ) -> None:
         self.spindle_mode = OFF
         self.flood = False
@@ -33,14 +33,14 @@ class Accessories:
         if mode != self.spindle_mode or standing != self._stepper.standing:
             self._reporter.accessories_changed()
         self.spindle_mode = mode
-        self._stepper.stand(standing, now_s)
+        self._stepper.set_standing_power(standing, now_s)
 
     def set_coolant(self, flood: bool, mist: bool) -> None:
         if (flood, mist) != (self.flood, self.mist):
             self.flood, self.mist = flood, mist
             self._reporter.accessories_changed()
 
-    def all_off(self, now_s: float) -> None:
+    def switch_all_off(self, now_s: float) -> None:
         """Off, with nothing to restore."""
         self.spindle_stopped = self._coolant_stopped = False
         self.set_spindle(OFF, 0.0, now_s)
@@ -51,7 +51,7 @@ class Accessories:
         if self.spindle_mode != OFF and not self.spindle_stopped:
             self.spindle_stopped = True
             self._power_before = self._stepper.standing
-            self._stepper.stand(0.0, self._stepper.end_s)
+            self._stepper.set_standing_power(0.0, self._stepper.end_s)
             self._reporter.accessories_changed()
 
     def stop_for_door(self) -> None:
@@ -62,8 +62,9 @@ class Accessories:
     def restore_spindle(self, now_s: float) -> None:
         if self.spindle_stopped:
             self.spindle_stopped = False
-            self._stepper.stand(self._power_before, now_s)
-            if self._hal or not self._settings.laser:  # Grbl's laser only waits for the next step
+            self._stepper.set_standing_power(self._power_before, now_s)
+            # Grbl's laser only waits for the next step
+            if self._hal or not self._settings.is_laser_mode:
                 self._reporter.accessories_changed()
 
     def restore(self, now_s: float) -> None:
@@ -80,15 +81,15 @@ class Accessories:
         if self._hal:
             spindle_s, coolant_s = self._settings[392], self._settings[393]
         delay_s = coolant_s if self.flood or self.mist else 0.0
-        if self.spindle_stopped and not self._settings.laser:
+        if self.spindle_stopped and not self._settings.is_laser_mode:
             delay_s += spindle_s
         return delay_s
 
     def letters(self) -> str:
         """The value of `A:`."""
         on = self.spindle_mode != OFF and not self.spindle_stopped
-        if not self._hal and self._settings.laser:
-            _, power = self._stepper.head()
+        if not self._hal and self._settings.is_laser_mode:
+            _, power = self._stepper.reported_speed_and_power()
             on = on and power > 0.0  # its spindle reads as off while the PWM is at zero
         letters = ("C" if self.spindle_mode == COUNTERCLOCKWISE else "S") if on else ""
         if self._coolant_stopped:

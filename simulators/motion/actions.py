@@ -9,7 +9,7 @@ Vector = tuple[float, float, float]
 BEAM_OFF, BEAM_CONSTANT, BEAM_DYNAMIC = 0, 1, 2
 
 
-class Motion(NamedTuple):
+class StraightMove(NamedTuple):
     """One straight move.
 
     target_mm : machine coordinates
@@ -30,17 +30,17 @@ class Motion(NamedTuple):
     outputs: tuple[tuple[str, int, float], ...] = ()
 
 
-class Spindle(NamedTuple):
+class SetSpindle(NamedTuple):
     """Wait for all motion; then M3, M4 or M5 (mode 3, 4, 5), or a new S that needs the wait.
 
     standing : beam power while the machine stands still from now on, as a fraction
     """
 
     mode: int
-    standing: float
+    standing_power: float
 
 
-class Coolant(NamedTuple):
+class SetCoolant(NamedTuple):
     """Wait for all motion; then M7, M8, M9."""
 
     flood: bool
@@ -53,7 +53,7 @@ class Dwell(NamedTuple):
     seconds: float
 
 
-class Switch(NamedTuple):
+class SetOutput(NamedTuple):
     """Wait for all motion; then set an output: "D" digital (M64, M65), "A" analog (M68)."""
 
     kind: str
@@ -72,13 +72,13 @@ class ReadInput(NamedTuple):
     result: int
 
 
-class Probe(NamedTuple):
+class ProbeFailure(NamedTuple):
     """The moves before this one looked for a contact that never comes (G38.x)."""
 
     alarm: bool
 
 
-class Pause(NamedTuple):
+class ProgramPause(NamedTuple):
     """Wait for all motion, then for a cycle start (M0, M1)."""
 
 
@@ -91,14 +91,14 @@ class ProgramEnd(NamedTuple):
 
 
 Action = (
-    Motion
-    | Spindle
-    | Coolant
+    StraightMove
+    | SetSpindle
+    | SetCoolant
     | Dwell
-    | Switch
+    | SetOutput
     | ReadInput
-    | Probe
-    | Pause
+    | ProbeFailure
+    | ProgramPause
     | ToolChange
     | ProgramEnd
 )

@@ -40,7 +40,7 @@ def check_radii(du: float, dv: float, offset_u: float, offset_v: float) -> None:
         raise GcodeError(BAD_TARGET)
 
 
-def chords(
+def arc_chords(
     start: Vector,
     end: Vector,
     offset: tuple[float, float],

@@ -8,20 +8,20 @@ from __future__ import annotations
 
 from firmware_protocol.device import GrblDevice
 from firmware_protocol.dialect import DIALECTS
-from firmware_protocol.messages import Alarm, Banner, Feedback, Message
-from firmware_protocol.realtime import Realtime
+from firmware_protocol.messages import AlarmMessage, FeedbackMessage, Message, WelcomeBanner
+from firmware_protocol.realtime import RealtimeCommand
 from simulators.motion import reports
 from simulators.motion.actions import Vector
 from simulators.motion.config import MotionConfig
 from simulators.motion.interpreter import Interpreter
-from simulators.motion.machine import ESTOP_ALARM, HARD_LIMIT_ALARM, Machine
+from simulators.motion.machine import ESTOP_ALARM, HARD_LIMIT_ALARM, MotionMachine
 from simulators.motion.main_loop import OK, MainLoop
-from simulators.motion.realtime_commands import act
-from simulators.motion.settings import Settings
-from simulators.motion.snapshot import snapshot
-from simulators.motion.states import State
+from simulators.motion.realtime_commands import apply_realtime_command
+from simulators.motion.report_fields import report_fields
+from simulators.motion.settings import FirmwareSettings
+from simulators.motion.states import ControllerState
 
-_FLAGS = frozenset((Realtime.STATUS, Realtime.HOLD, Realtime.START))
+_FLAGS = frozenset((RealtimeCommand.STATUS, RealtimeCommand.HOLD, RealtimeCommand.START))
 """Bytes that set a flag in the firmware: several at once are one."""
 
 
@@ -33,18 +33,19 @@ class Controller:
         if config.dialect not in DIALECTS:
             raise ValueError(f"unknown dialect {config.dialect!r}; known: {', '.join(DIALECTS)}")
         self.dialect = dialect = DIALECTS[config.dialect]
-        self.settings = Settings(dialect, config.settings)
+        self.settings = FirmwareSettings(dialect, config.settings)
         self.device = GrblDevice(dialect, config.rx_bytes)
         self.interpreter = Interpreter(dialect, self.settings)
         planner_blocks = config.planner_blocks or dialect.planner_blocks
-        self.machine = Machine(dialect, self.settings, planner_blocks, self.say, self._displaced)
+        self.machine = MotionMachine(dialect, self.settings, planner_blocks, self.send,
+                                     self._displaced)
         self._out: list[bytes] = []
         self._loop = MainLoop(
             self.device,
             self.interpreter,
             self.machine,
-            reports.identity(dialect, config.info, planner_blocks, self.device.rx_bytes),
-            self.say,
+            reports.identity_lines(dialect, config.info, planner_blocks, self.device.rx_bytes),
+            self.send,
             self._out,
         )
         self._lock_unless_homed()
@@ -54,63 +55,63 @@ class Controller:
     def receive(self, data: bytes, now_s: float) -> bytes:
         """Bytes have arrived; what the controller sends at once."""
         if now_s > self.machine.now_s:
-            self.machine.settle(now_s)
+            self.machine.advance_to(now_s)
         realtime = self.device.receive_data(data)
         for index, byte in enumerate(realtime):
             if byte not in _FLAGS or byte not in realtime[:index]:
                 self._realtime(byte)
         return self._sent()
 
-    def wake(self, now_s: float) -> bytes:
+    def advance(self, now_s: float) -> bytes:
         """Time has passed; what the controller sends now. Needed at `next_wake_s`."""
-        self.machine.settle(now_s)
+        self.machine.advance_to(now_s)
         return self._sent()
 
     def set_door(self, is_open: bool, now_s: float) -> bytes:
         """The door input changes, as a wired interlock or watchdog relay makes it."""
         machine = self.machine
-        machine.settle(now_s)
+        machine.advance_to(now_s)
         if is_open and not machine.door_open:
             machine.door_open = True
-            machine.door()
+            machine.enter_door_stop()
         machine.door_open = is_open
         return self._sent()
 
     def set_estop(self, is_open: bool, now_s: float) -> bytes:
         """The e-stop input changes; to Grbl, which has none, it is its reset input."""
         machine = self.machine
-        machine.settle(now_s)
+        machine.advance_to(now_s)
         opens = is_open and not machine.estop_open
         machine.estop_open = is_open
         if opens and machine.hal:
             self._drop_lines()
-            machine.halt(ESTOP_ALARM)
+            machine.stop_immediately(ESTOP_ALARM)
         elif opens:
             self._reset()
         return self._sent()
 
-    def meet_limit_switch(self, now_s: float) -> bytes:
+    def trip_limit_switch(self, now_s: float) -> bytes:
         """An axis runs into its limit switch."""
-        self.machine.settle(now_s)
+        self.machine.advance_to(now_s)
         self._drop_lines()
-        self.machine.halt(HARD_LIMIT_ALARM)
+        self.machine.stop_immediately(HARD_LIMIT_ALARM)
         return self._sent()
 
-    def leave_travel(self, now_s: float) -> bytes:
+    def exceed_soft_limit(self, now_s: float) -> bytes:
         """A target turns out to be outside the travel."""
-        self.machine.settle(now_s)
-        self.machine.soft_limit()
+        self.machine.advance_to(now_s)
+        self.machine.stop_for_soft_limit()
         return self._sent()
 
     def set_overrides(self, feed: int, rapid: int, beam: int, now_s: float) -> bytes:
         """Percent, turned at the panel."""
-        self.machine.settle(now_s)
+        self.machine.advance_to(now_s)
         self.machine.set_overrides(feed, rapid, beam)
         return self._sent()
 
     def lose_power(self, now_s: float) -> bytes:
         """Off and on; what it says when it is up again."""
-        self.machine.settle(now_s)
+        self.machine.advance_to(now_s)
         self._drop_lines()
         self.machine.lose_power()
         self.interpreter.reset()
@@ -128,15 +129,15 @@ class Controller:
             return machine.next_event_s()
         return self._loop.next_wake_s()
 
-    def say(self, message: Message) -> None:
-        self._out.append(self.device.send(message))
+    def send(self, message: Message) -> None:
+        self._out.append(self.device.encode_message(message))
 
     def _sent(self) -> bytes:
         """Let the main loop go on; everything there is to send."""
-        self._loop.go_on()
+        self._loop.process_lines()
         while self._loop.reset_wanted:
             self._reset()
-            self._loop.go_on()
+            self._loop.process_lines()
         out = self._out
         if not out:
             return b""
@@ -146,40 +147,41 @@ class Controller:
 
     def _lock_unless_homed(self) -> None:
         """After power-up, where the settings want it."""
-        if self.settings.homing and (not self.machine.hal or int(self.settings[22]) & 4):
-            self.machine.state = State.ALARM
+        if self.settings.is_homing_enabled and (not self.machine.hal or int(self.settings[22]) & 4):
+            self.machine.state = ControllerState.ALARM
 
     def _drop_lines(self) -> None:
-        self.device.discard_rx()
+        self.device.clear_rx_buffer()
         self._loop.restart()
 
     def _realtime(self, byte: int) -> None:
         machine = self.machine
-        if byte == Realtime.RESET:
+        if byte == RealtimeCommand.RESET:
             self._reset()
         elif machine.critical and not machine.hal:
             pass  # Grbl is deaf until it is reset
-        elif byte in (Realtime.STATUS, Realtime.STATUS_TOP):
+        elif byte in (RealtimeCommand.STATUS, RealtimeCommand.STATUS_TOP):
             self._report()
-        elif byte == Realtime.STATUS_FULL:
+        elif byte == RealtimeCommand.STATUS_FULL:
             self._report(everything=True)
         elif machine.critical:
             pass
-        elif byte == Realtime.PARSER_STATE:
-            self.say(reports.parser_state(self.dialect, self.interpreter))
-        elif byte == Realtime.STOP:
-            self.device.discard_rx()
-            self._loop.drop_line()
+        elif byte == RealtimeCommand.PARSER_STATE:
+            self.send(reports.parser_state_line(self.dialect, self.interpreter))
+        elif byte == RealtimeCommand.STOP:
+            self.device.clear_rx_buffer()
+            self._loop.discard_line()
             machine.stop_keeping_state()
             self.interpreter.reset()
         else:
-            if byte == Realtime.JOG_CANCEL and machine.hal:
-                self.device.discard_rx()
-            if machine.state is State.TOOL and byte in (Realtime.START, Realtime.START_TOP):
+            if byte == RealtimeCommand.JOG_CANCEL and machine.hal:
+                self.device.clear_rx_buffer()
+            if machine.state is ControllerState.TOOL and byte in (RealtimeCommand.START,
+                                                                  RealtimeCommand.START_TOP):
                 self.interpreter.mount_tool()
-            act(machine, byte)
+            apply_realtime_command(machine, byte)
             modal, on = self.interpreter.modal, machine.accessories
-            if byte in (Realtime.FLOOD, Realtime.MIST):
+            if byte in (RealtimeCommand.FLOOD, RealtimeCommand.MIST):
                 modal.flood, modal.mist = on.flood, on.mist
 
     def _reset(self) -> None:
@@ -187,7 +189,7 @@ class Controller:
         owed = self._loop.restart()
         alarm = machine.reset()
         if alarm:
-            self.say(Alarm(alarm))
+            self.send(AlarmMessage(alarm))
         if owed:
             self._out.append(OK)  # the line it was in the middle of ends, and is answered
         self.interpreter.reset()
@@ -195,19 +197,19 @@ class Controller:
 
     def _banner(self) -> None:
         machine = self.machine
-        self.say(Banner(self.dialect.banner))
-        if machine.state is State.ALARM:
-            self.say(Feedback("MSG", "'$H'|'$X' to unlock"))
+        self.send(WelcomeBanner(self.dialect.banner))
+        if machine.state is ControllerState.ALARM:
+            self.send(FeedbackMessage("MSG", "'$H'|'$X' to unlock"))
             return
         if machine.door_open:
-            machine.door()
+            machine.enter_door_stop()
         self._loop.run_startup()
 
     def _report(self, everything: bool = False) -> None:
         machine, interpreter = self.machine, self.interpreter
         offset_mm, tool = interpreter.work_offset_mm, interpreter.modal.tool
-        now = snapshot(machine, offset_mm, tool, self.device.rx_free)
-        self.say(machine.reporter.report(now, int(self.settings[10]), everything))
+        now = report_fields(machine, offset_mm, tool, self.device.free_rx_bytes)
+        self.send(machine.reporter.next_report(now, int(self.settings[10]), everything))
 
     def _displaced(self, position_mm: Vector) -> None:
         """The axes stand elsewhere than where the last line was to bring them."""

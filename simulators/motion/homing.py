@@ -6,47 +6,47 @@ switch is one move, without the firmware's second, slower approach.
 
 from __future__ import annotations
 
-from simulators.motion.actions import Motion, Vector
-from simulators.motion.machine import Machine
-from simulators.motion.states import State
-from simulators.motion.waits import Steps, Wait
+from simulators.motion.actions import StraightMove, Vector
+from simulators.motion.machine import MotionMachine
+from simulators.motion.states import ControllerState
+from simulators.motion.waits import Steps, WaitReason
 
 _CLEARANCE_S = 0.5  # debounce and settling after each leg
 
 
-def home(machine: Machine) -> Steps:
+def home_machine(machine: MotionMachine) -> Steps:
     """Homes all axes and leaves the machine Idle."""
-    machine.state = State.HOME
+    machine.state = ControllerState.HOME
     settings = machine.settings
     seek, leave = settings[25] / 60.0, settings[24] / 60.0
     x, y, _ = machine.planner.position_mm
     switch, clear = _ends(machine)
     there, off = (_as_believed(machine, place) for place in (switch, clear))
     for legs in (
-        (Motion((x, y, there[2]), seek), Motion(there, seek)),
-        (Motion(off, leave),),
+        (StraightMove((x, y, there[2]), seek), StraightMove(there, seek)),
+        (StraightMove(off, leave),),
     ):
         for leg in legs:
             machine.planner.add(leg)
         machine.stepper.start(machine.now_s)
-        yield Wait.REST
+        yield WaitReason.STANDSTILL
         yield machine.now_s + _CLEARANCE_S
     machine.stepper.running = False
-    machine.take_position(clear, (0.0, 0.0, 0.0))
-    machine.state = State.IDLE
+    machine.set_position(clear, (0.0, 0.0, 0.0))
+    machine.state = ControllerState.IDLE
     machine.alarm = 0
     machine.homed = True
     machine.reporter.homed_changed()
     return 0
 
 
-def _as_believed(machine: Machine, place_mm: Vector) -> Vector:
+def _as_believed(machine: MotionMachine, place_mm: Vector) -> Vector:
     """A place as the controller has it before it is homed."""
-    (x, y, z), (dx, dy, dz) = place_mm, machine.trace.shift_mm
+    (x, y, z), (dx, dy, dz) = place_mm, machine.trace.position_error_mm
     return (x - dx, y - dy, z - dz)
 
 
-def _ends(machine: Machine) -> tuple[Vector, Vector]:
+def _ends(machine: MotionMachine) -> tuple[Vector, Vector]:
     """Where the switches are, and where the axes stand after pulling off."""
     settings = machine.settings
     switch, clear = [], []

@@ -10,19 +10,19 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from firmware_protocol.dialect import GRBLHAL, Dialect
-from firmware_protocol.gcode import GcodeError, tokenise
+from firmware_protocol.gcode import GcodeError, tokenise_block
 from simulators.motion.actions import (
     BEAM_CONSTANT,
     BEAM_DYNAMIC,
     BEAM_OFF,
     Action,
-    Coolant,
     Dwell,
-    Motion,
-    Pause,
-    Probe,
+    ProbeFailure,
     ProgramEnd,
-    Spindle,
+    ProgramPause,
+    SetCoolant,
+    SetSpindle,
+    StraightMove,
     ToolChange,
     Vector,
 )
@@ -33,14 +33,14 @@ from simulators.motion.modal import (
     NO_AXES,
     NO_FEED,
     UNUSED,
-    Modal,
-    check,
-    target_of,
+    ModalState,
+    check_block,
+    target_position,
 )
-from simulators.motion.offsets import Offsets
-from simulators.motion.ordinary import ALIKE, NUMBERS, picker
-from simulators.motion.settings import Settings
-from simulators.motion.words import Grammar, Words
+from simulators.motion.offsets import WorkOffsets
+from simulators.motion.plain_lines import NUMBERS, SAME_FORM, field_extractor
+from simulators.motion.settings import FirmwareSettings
+from simulators.motion.words import BlockWords, GcodeGrammar
 
 BAD_JOG = 16
 
@@ -55,41 +55,41 @@ class Interpreter:
     """
 
     dialect: Dialect
-    settings: Settings
+    settings: FirmwareSettings
     position_mm: Vector = (0.0, 0.0, 0.0)
-    modal: Modal = field(default_factory=Modal)
-    offsets: Offsets = field(default_factory=Offsets)
+    modal: ModalState = field(default_factory=ModalState)
+    offsets: WorkOffsets = field(default_factory=WorkOffsets)
 
     def __post_init__(self) -> None:
         self._hal = self.dialect is GRBLHAL
-        self._grammar = Grammar(self.dialect)
+        self._grammar = GcodeGrammar(self.dialect)
         self._outputs: tuple[tuple[str, int, float], ...] = ()
         self._next_tool = 0
         self.refresh()
 
     def refresh(self) -> None:
         """Settings or offsets have changed."""
-        self._laser = self.settings.laser
+        self._laser = self.settings.is_laser_mode
         self._full = self.settings[30]
         self._floor = min(1.0, self.settings[31] / self._full)
         self.work_offset_mm = self.offsets.total(self.modal.wcs)
 
     def reset(self) -> None:
         """Back to the state after power-up; stored offsets stay."""
-        self.modal = Modal(tool=self.modal.tool)
+        self.modal = ModalState(tool=self.modal.tool)
         self.offsets.reset()
         self._outputs = ()
         self.refresh()
 
     def interpret(self, line: bytes) -> tuple[Action, ...] | list[Action]:
         """raises: GcodeError; the state is then as before"""
-        pick = picker(line.translate(ALIKE))
+        pick = field_extractor(line.translate(SAME_FORM))
         if pick is not None:
             motion = self._ordinary(*pick((*map(float, line.translate(NUMBERS).split()), None)))
             if motion is not None:
                 return (motion,)
-        tokens = tokenise(line)
-        return self._block(self._grammar.sort(tokens)) if tokens else ()
+        tokens = tokenise_block(line)
+        return self._block(self._grammar.classify_words(tokens)) if tokens else ()
 
     def _ordinary(
         self,
@@ -100,7 +100,7 @@ class Interpreter:
         z: float | None,
         feed: float | None,
         speed: float | None,
-    ) -> Motion | None:
+    ) -> StraightMove | None:
         """The one straight move that these words ask for; None where it takes a longer look."""
         modal = self.modal
         rapid = False
@@ -139,11 +139,12 @@ class Interpreter:
         )
         beam, power = self._beam(rapid)
         outputs, self._outputs = self._outputs, ()
-        return Motion(target, feed / 60.0, rapid, int(line), beam, power, self._floor, outputs)
+        return StraightMove(target, feed / 60.0, rapid, int(line), beam, power, self._floor,
+                            outputs)
 
-    def jog(self, line: bytes) -> Motion:
+    def jog(self, line: bytes) -> StraightMove:
         """A `$J=` line: its own feed, units and distance mode; the modal state stays."""
-        words = self._grammar.sort(tokenise(line))
+        words = self._grammar.classify_words(tokenise_block(line))
         if words.m or not _JOG_CODES.issuperset(words.g.values()):
             raise GcodeError(BAD_JOG)
         values = words.values
@@ -159,8 +160,8 @@ class Interpreter:
         if "nonmodal" not in words.g:
             absolute = words.g.get("distance", modal.distance) == 900
             base = self.work_offset_mm if absolute else self.position_mm
-        target = target_of(words, scale, base, self.position_mm)
-        return Motion(target, values["F"] * scale / 60.0, line=int(values.get("N", 0.0)))
+        target = target_position(words, scale, base, self.position_mm)
+        return StraightMove(target, values["F"] * scale / 60.0, line=int(values.get("N", 0.0)))
 
     def _beam(self, rapid: bool) -> tuple[int, float]:
         mode = self.modal.spindle
@@ -178,16 +179,17 @@ class Interpreter:
             return 0.0
         return max(min(1.0, self.modal.speed / self._full), self._floor if self.modal.speed else 0)
 
-    def _block(self, words: Words) -> list[Action]:
+    def _block(self, words: BlockWords) -> list[Action]:
         modal, g, m = self.modal, words.g, words.m
-        block = check(words, modal, self.offsets, self.position_mm, self._hal, self.settings[12])
+        block = check_block(words, modal, self.offsets, self.position_mm, self._hal,
+                            self.settings[12])
         motion = block.motion
         actions: list[Action] = []
         self._set_speed(words, motion, block.moves, actions)
         self._set_tool(words, actions)
         if m.get("spindle", modal.spindle) != modal.spindle:
             modal.spindle = m["spindle"]
-            actions.append(Spindle(modal.spindle, self._standing(motion)))
+            actions.append(SetSpindle(modal.spindle, self._standing(motion)))
         self._set_coolant(m.get("coolant"), actions)
         if block.ports is not None:
             self._outputs += block.ports.queued
@@ -211,7 +213,7 @@ class Interpreter:
             for point in block.points:
                 outputs, self._outputs = self._outputs, ()
                 actions.append(
-                    Motion(
+                    StraightMove(
                         point,
                         block.rate_mm_min / 60.0,
                         block.rapid,
@@ -224,12 +226,13 @@ class Interpreter:
                 )
             self.position_mm = block.points[-1]
             if probes:
-                actions.append(Probe(alarm=motion in (382, 384)))
+                actions.append(ProbeFailure(alarm=motion in (382, 384)))
         modal.motion = motion
         self._finish(m.get("stop"), actions)
         return actions
 
-    def _set_speed(self, words: Words, motion: int, moves: bool, actions: list[Action]) -> None:
+    def _set_speed(self, words: BlockWords, motion: int, moves: bool,
+                   actions: list[Action]) -> None:
         modal = self.modal
         speed = words.values.get("S", modal.speed)
         burning = (10, 20, 30)
@@ -243,9 +246,9 @@ class Interpreter:
         changed = speed != modal.speed
         modal.speed = speed
         if modal.spindle != 5 and (changed or switches) and not (moves and self._laser):
-            actions.append(Spindle(modal.spindle, self._standing(motion)))
+            actions.append(SetSpindle(modal.spindle, self._standing(motion)))
 
-    def _set_tool(self, words: Words, actions: list[Action]) -> None:
+    def _set_tool(self, words: BlockWords, actions: list[Action]) -> None:
         if "T" in words.values:
             self._next_tool = int(words.values["T"])
             if not self._hal:
@@ -266,13 +269,13 @@ class Interpreter:
             flood = mist = False
         if (flood, mist) != (modal.flood, modal.mist):
             modal.flood, modal.mist = flood, mist
-            actions.append(Coolant(flood, mist))
+            actions.append(SetCoolant(flood, mist))
 
     def _finish(self, stop: int | None, actions: list[Action]) -> None:
         modal = self.modal
         if stop in (0, 1):
             if stop == 0:
-                actions.append(Pause())
+                actions.append(ProgramPause())
         elif stop is not None:
             modal.motion, modal.plane, modal.distance = 10, 170, 900
             modal.feed_mode, modal.wcs = 940, 540

@@ -22,12 +22,12 @@ class LaserCircuit:
     def __init__(self) -> None:
         self._open: list[list[float]] = []  # from, to
 
-    def cut(self, when_s: float) -> None:
+    def open_at(self, when_s: float) -> None:
         """Dark from when_s on, until it is closed."""
         if not self._open or self._open[-1][1] < inf:
             self._open.append([when_s, inf])
 
-    def close(self, when_s: float) -> None:
+    def close_at(self, when_s: float) -> None:
         if self._open and self._open[-1][1] == inf:
             self._open[-1][1] = when_s
             if when_s <= self._open[-1][0]:  # closed again before the source had noticed
@@ -40,7 +40,7 @@ class LaserCircuit:
             dark |= (times_s >= from_s) & (times_s < to_s)
         return dark
 
-    def darkened(self, phases: FloatArray) -> FloatArray:
+    def split_phases(self, phases: FloatArray) -> FloatArray:
         """Phases (n, 7) as the recording keeps them, split where the circuit opens or closes."""
         for edge_s in (edge_s for span in self._open for edge_s in span):
             within = np.flatnonzero((phases[:, _T0] < edge_s) & (edge_s < phases[:, _T1]))
@@ -55,7 +55,7 @@ class LaserCircuit:
             phases[self.is_open(phases[:, _T0]), _POWER] = 0.0
         return phases
 
-    def darkened_stands(self, stands: FloatArray) -> FloatArray:
+    def split_standing(self, stands: FloatArray) -> FloatArray:
         """Standing power (n, 2), from when and how much, with what the circuit takes away."""
         for edge_s in (edge_s for span in self._open for edge_s in span if edge_s < inf):
             at = int(np.searchsorted(stands[:, 0], edge_s, side="right"))

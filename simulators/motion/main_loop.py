@@ -11,20 +11,20 @@ from collections.abc import Callable
 
 from firmware_protocol.device import GrblDevice
 from firmware_protocol.dialect import ErrorPolicy
-from firmware_protocol.gcode import GcodeError, significant
-from firmware_protocol.messages import ErrorReply, Feedback, Message
-from simulators.motion.actions import BEAM_CONSTANT, Motion
+from firmware_protocol.gcode import GcodeError, strip_comments_and_spaces
+from firmware_protocol.messages import ErrorReply, FeedbackMessage, Message
+from simulators.motion.action_execution import perform_actions
+from simulators.motion.actions import BEAM_CONSTANT, StraightMove
 from simulators.motion.interpreter import Interpreter
-from simulators.motion.machine import Machine
-from simulators.motion.perform import perform
-from simulators.motion.states import SUSPENDED, State
+from simulators.motion.machine import MotionMachine
+from simulators.motion.states import SUSPENDED, ControllerState
 from simulators.motion.system_commands import SystemCommands
-from simulators.motion.waits import Steps, Wait, Waiting
+from simulators.motion.waits import Steps, Waiting, WaitReason
 
 LOCKED, TOO_LONG = 9, 11
 OK = b"ok\r\n"
 
-_EXECUTING = frozenset((State.IDLE, State.RUN))
+_EXECUTING = frozenset((ControllerState.IDLE, ControllerState.RUN))
 _SLACK_S = 1e-9  # a timer may come early by the clock's resolution
 
 
@@ -40,7 +40,7 @@ class MainLoop:
         self,
         device: GrblDevice,
         interpreter: Interpreter,
-        machine: Machine,
+        machine: MotionMachine,
         identity: list[Message],
         say: Callable[[Message], None],
         out: list[bytes],
@@ -57,9 +57,9 @@ class MainLoop:
         self._latches = device.dialect.error_policy is ErrorPolicy.LATCH
         self._latched = 0
         self._line: Steps | None = None
-        self._held: Motion | None = None  # an ordinary move that waits for room
+        self._held: StraightMove | None = None  # an ordinary move that waits for room
         self._answered = False  # the line under way earns an answer
-        self._waiting: Waiting = Wait.NEVER
+        self._waiting: Waiting = WaitReason.NEVER
 
     def next_wake_s(self) -> float | None:
         """When a line that waits may go on, if nothing else happens."""
@@ -67,16 +67,16 @@ class MainLoop:
         if machine.state in SUSPENDED:
             return None
         if self._held is None:
-            if self._line is None or self._waiting is Wait.NEVER:
+            if self._line is None or self._waiting is WaitReason.NEVER:
                 return None
-            if not isinstance(self._waiting, Wait):
+            if not isinstance(self._waiting, WaitReason):
                 return self._waiting
         return machine.next_event_s()
 
     def restart(self) -> bool:
         """A reset: forget the line under way; True if it would have earned an answer."""
         owed = self._held is not None or (self._line is not None and self._answered)
-        self.drop_line()
+        self.discard_line()
         self._latched = 0
         self.reset_wanted = False
         return owed
@@ -85,7 +85,7 @@ class MainLoop:
         """Execute the stored lines."""
         self._begin(self._commands.run_startup(), answered=False)
 
-    def go_on(self) -> None:
+    def process_lines(self) -> None:
         """Do all that can be done at this instant."""
         machine = self._machine
         while not self._barred():
@@ -109,9 +109,9 @@ class MainLoop:
 
     def _read_lines(self) -> bool:
         """Take lines until one has to wait (True) or none is left or may be taken (False)."""
-        take, send, machine = self._device.take_line, self._send, self._machine
+        take, send, machine = self._device.pop_line, self._send, self._machine
         interpret, planner = self._interpreter.interpret, machine.planner
-        add, capacity, most_chars = planner.add, planner.capacity, self._device.dialect.line_chars
+        add, capacity, most_chars = planner.add, planner.capacity, self._device.dialect.max_line_chars
         while True:
             if self._barred():
                 return False
@@ -132,14 +132,14 @@ class MainLoop:
                     break
                 if plain and len(actions) == 1:
                     motion = actions[0]
-                    if type(motion) is Motion:
+                    if type(motion) is StraightMove:
                         if planner.count >= capacity:
                             self._held = motion
                             return True
                         if add(motion) is not None or motion.beam != BEAM_CONSTANT:
                             send(OK)
                             continue
-                waits = self._begin(perform(machine, actions))
+                waits = self._begin(perform_actions(machine, actions))
                 break
             if waits:
                 return True
@@ -149,28 +149,28 @@ class MainLoop:
         machine, motion = self._machine, self._held
         assert motion is not None
         planner = machine.planner
-        if planner.count >= planner.capacity and machine.state is State.IDLE:
+        if planner.count >= planner.capacity and machine.state is ControllerState.IDLE:
             machine.start()
-            machine.settle(machine.now_s)
+            machine.advance_to(machine.now_s)
         if planner.count >= planner.capacity:
             return False
         self._held = None
         if planner.add(motion) is not None or motion.beam != BEAM_CONSTANT:
             self._send(OK)
         else:
-            self._begin(perform(machine, (motion,)))
+            self._begin(perform_actions(machine, (motion,)))
         return True
 
     def _unusual(self, text: bytes) -> bool:
         """Any other line; True where it has to wait."""
-        block = significant(text)
+        block = strip_comments_and_spaces(text)
         if self._device.is_too_long(text):
             self._answer(TOO_LONG)
         elif not block:
             self._answer(0)
         elif block[:1] == b"$":
             return self._begin(self._commands.execute(block.decode("latin-1")))
-        elif self._machine.state in (State.ALARM, State.JOG):
+        elif self._machine.state in (ControllerState.ALARM, ControllerState.JOG):
             self._answer(LOCKED)
         elif self._latched:
             self._answer(self._latched)
@@ -183,7 +183,7 @@ class MainLoop:
             actions = self._interpreter.interpret(block)
         except GcodeError as refused:
             return refused.code
-        return (yield from perform(self._machine, actions))
+        return (yield from perform_actions(self._machine, actions))
 
     def _begin(self, steps: Steps, answered: bool = True) -> bool:
         """Execute as far as possible; True where it has to wait."""
@@ -211,19 +211,19 @@ class MainLoop:
 
     def _ready(self) -> bool:
         machine, waiting = self._machine, self._waiting
-        if waiting is Wait.NEVER or self._barred():
+        if waiting is WaitReason.NEVER or self._barred():
             return False
-        if not isinstance(waiting, Wait):
+        if not isinstance(waiting, WaitReason):
             return machine.now_s >= waiting - _SLACK_S
-        if waiting is Wait.ROOM:
+        if waiting is WaitReason.PLANNER_ROOM:
             planner = machine.planner
             if planner.count >= planner.capacity:
                 machine.start()
-                machine.settle(machine.now_s)
+                machine.advance_to(machine.now_s)
             return planner.count < planner.capacity
         machine.start()
-        machine.settle(machine.now_s)
-        return machine.at_rest()
+        machine.advance_to(machine.now_s)
+        return machine.is_at_rest()
 
     def _answer(self, code: int) -> None:
         if code:
@@ -232,16 +232,16 @@ class MainLoop:
             self._send(OK)
         if self._latches:
             self._latched = code
-        if self._machine.state is State.SLEEP:
-            self._say(Feedback("MSG", "Sleeping"))
+        if self._machine.state is ControllerState.SLEEP:
+            self._say(FeedbackMessage("MSG", "Sleeping"))
 
     def _want_reset(self) -> None:
         self.reset_wanted = True
 
-    def drop_line(self) -> None:
+    def discard_line(self) -> None:
         """Forget the line under way."""
         if self._line is not None:
             self._line.close()
             self._line = None
         self._held = None
-        self._waiting = Wait.NEVER
+        self._waiting = WaitReason.NEVER

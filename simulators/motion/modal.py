@@ -13,10 +13,10 @@ from math import dist
 
 from firmware_protocol.gcode import GcodeError
 from simulators.motion.actions import Vector
-from simulators.motion.arcs import centre_from_radius, check_radii, chords
-from simulators.motion.offsets import Offsets
-from simulators.motion.ports import Ports, port_actions
-from simulators.motion.words import UNSUPPORTED, Axes, Words
+from simulators.motion.arcs import arc_chords, centre_from_radius, check_radii
+from simulators.motion.auxiliary_outputs import PortActions, port_actions
+from simulators.motion.offsets import WorkOffsets
+from simulators.motion.words import UNSUPPORTED, AxisWordUse, BlockWords
 
 NO_FEED, NO_AXES, BAD_LINE_NUMBER, NO_VALUE = 22, 26, 27, 28
 G53_NEEDS_MOTION, AXES_UNUSED, NO_PLANE_AXES = 30, 31, 32
@@ -32,7 +32,7 @@ _ZERO: Vector = (0.0, 0.0, 0.0)
 
 
 @dataclass
-class Modal:
+class ModalState:
     """The parser state, codes ten times the number. feed [mm/min, or 1/min under G93]."""
 
     motion: int = 0
@@ -52,7 +52,7 @@ class Modal:
 
 
 @dataclass(frozen=True, slots=True)
-class Checked:
+class CheckedBlock:
     """What a block asks for. Nothing in it can be refused any more.
 
     points : ends of the straight moves to make, machine coordinates
@@ -69,11 +69,11 @@ class Checked:
     rapid: bool
     moves: bool
     dwell_s: float | None
-    ports: Ports | None
+    ports: PortActions | None
     change_offsets: Callable[[], None] | None
 
 
-def target_of(words: Words, scale: float, base: Vector, position_mm: Vector) -> Vector:
+def target_position(words: BlockWords, scale: float, base: Vector, position_mm: Vector) -> Vector:
     """Machine coordinates a block names. base : what its axis words count from"""
     values = words.values
     x, y, z = (
@@ -83,14 +83,14 @@ def target_of(words: Words, scale: float, base: Vector, position_mm: Vector) -> 
     return (x, y, z)
 
 
-def check(
-    words: Words,
-    modal: Modal,
-    offsets: Offsets,
+def check_block(
+    words: BlockWords,
+    modal: ModalState,
+    offsets: WorkOffsets,
     position_mm: Vector,
     hal: bool,
     arc_tolerance_mm: float,
-) -> Checked:
+) -> CheckedBlock:
     """raises: GcodeError"""
     g, values = words.g, words.values
     line = values.get("N", 0.0)
@@ -102,8 +102,8 @@ def check(
     if "F" in values:
         feed = values["F"] * (scale if feed_mode == 940 else 1.0)
     has_axes = not values.keys().isdisjoint(AXIS_LETTERS)
-    if has_axes and words.axes is Axes.NONE:
-        words.axes = Axes.MOTION
+    if has_axes and words.axes is AxisWordUse.NONE:
+        words.axes = AxisWordUse.MOTION
     used = set(_FREE)
     non_modal = g.get("nonmodal", 0)
     motion = g.get("motion", modal.motion)
@@ -112,7 +112,7 @@ def check(
     if non_modal != 530:
         absolute = g.get("distance", modal.distance) == 900
         base = offsets.total(wcs) if absolute else position_mm
-    target = target_of(words, scale, base, position_mm)
+    target = target_position(words, scale, base, position_mm)
 
     dwell_s = None
     if non_modal == 40:
@@ -122,17 +122,17 @@ def check(
         dwell_s = values["P"]
     if non_modal == 530 and motion not in (0, 10):
         raise GcodeError(G53_NEEDS_MOTION)
-    change_offsets = offsets.prepare(words, scale, position_mm, wcs, hal, used)
-    moves = words.axes is Axes.MOTION and has_axes
+    change_offsets = offsets.prepare_change(words, scale, position_mm, wcs, hal, used)
+    moves = words.axes is AxisWordUse.MOTION and has_axes
     points: list[Vector] = []
-    if words.axes is Axes.MOTION and motion not in (0, 800):
+    if words.axes is AxisWordUse.MOTION and motion not in (0, 800):
         if motion == 50:
             raise GcodeError(NO_VALUE if "P" not in values else UNSUPPORTED)
         if feed == 0.0:
             raise GcodeError(NO_FEED)
         if not has_axes and motion != 10:
             raise GcodeError(NO_AXES)
-    if words.axes is not Axes.NONE:
+    if words.axes is not AxisWordUse.NONE:
         used.update(AXIS_LETTERS)
     if moves:
         if motion == 800:
@@ -141,7 +141,7 @@ def check(
         if motion in (20, 30):
             plane = _PLANES[g.get("plane", modal.plane)]
             offset = _centre(words, scale, position_mm, target, plane, motion == 20, used)
-            points = chords(position_mm, target, offset, plane, motion == 20, arc_tolerance_mm)
+            points = arc_chords(position_mm, target, offset, plane, motion == 20, arc_tolerance_mm)
         elif motion >= 382 and target == position_mm:
             raise GcodeError(BAD_TARGET)
     elif non_modal in (280, 300):
@@ -153,7 +153,7 @@ def check(
     rate_mm_min = feed
     if feed_mode == 930:
         rate_mm_min *= sum(dist(a, b) for a, b in pairwise([position_mm, *points]))
-    return Checked(
+    return CheckedBlock(
         line=int(line),
         motion=motion,
         feed=feed,
@@ -168,7 +168,7 @@ def check(
 
 
 def _centre(
-    words: Words,
+    words: BlockWords,
     scale: float,
     start: Vector,
     target: Vector,

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from firmware_protocol.gcode import GcodeError
 from simulators.motion.actions import Vector
-from simulators.motion.words import UNSUPPORTED, Words
+from simulators.motion.words import UNSUPPORTED, BlockWords
 
 NO_AXES, NO_VALUE, NO_SUCH_SYSTEM, TOOL_AXIS = 26, 28, 29, 37
 
@@ -18,7 +18,7 @@ _ZERO: Vector = (0.0, 0.0, 0.0)
 
 
 @dataclass
-class Offsets:
+class WorkOffsets:
     """systems, stored : by code (540 is G54; 280, 300), machine coordinates [mm]."""
 
     systems: dict[int, Vector] = field(
@@ -43,9 +43,9 @@ class Offsets:
         self.stored = {280: _ZERO, 300: _ZERO}
         self.reset()
 
-    def prepare(
+    def prepare_change(
         self,
-        words: Words,
+        words: BlockWords,
         scale: float,
         position_mm: Vector,
         wcs: int,
@@ -81,7 +81,7 @@ class Offsets:
 
     def _write_system(
         self,
-        words: Words,
+        words: BlockWords,
         scale: float,
         position_mm: Vector,
         wcs: int,
@@ -113,7 +113,7 @@ class Offsets:
         self.tool = offset
 
     @staticmethod
-    def _given(words: Words, scale: float) -> list[float | None]:
+    def _given(words: BlockWords, scale: float) -> list[float | None]:
         given = [words.values[axis] * scale if axis in words.values else None for axis in "XYZ"]
         if given == [None, None, None]:
             raise GcodeError(NO_AXES)

@@ -15,7 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import sqrt
 
-from simulators.motion.actions import Motion, Vector
+from simulators.motion.actions import StraightMove, Vector
 
 _MIN_SPEED_MM_S = 1.0 / 60.0  # MINIMUM_FEED_RATE
 _UNBOUNDED = 1.0e38
@@ -32,19 +32,19 @@ class Kinematics:
     junction_deviation_mm: float
 
 
-class Block:
+class PlannerBlock:
     """A planned straight move. `previous` and `following` link the queue."""
 
     __slots__ = (
         "acceleration",
-        "entry_sqr",
-        "following",
+        "entry_speed_sqr",
         "length",
         "max_entry_sqr",
         "max_junction_sqr",
         "motion",
-        "nominal",
-        "previous",
+        "next_block",
+        "nominal_speed",
+        "previous_block",
         "ramp_sqr",
         "rapid_rate",
         "start",
@@ -52,31 +52,31 @@ class Block:
     )
 
     acceleration: float
-    entry_sqr: float
-    following: Block | None
+    entry_speed_sqr: float
+    next_block: PlannerBlock | None
     length: float
     max_entry_sqr: float
     max_junction_sqr: float
-    motion: Motion
-    nominal: float
-    previous: Block | None
+    motion: StraightMove
+    nominal_speed: float
+    previous_block: PlannerBlock | None
     ramp_sqr: float  # speed² gained or lost over what is left of the block
     rapid_rate: float
     start: Vector
     target: Vector
 
 
-class Planner:
+class LookAheadPlanner:
     """The queue. `first` is the block being executed, `count` blocks are in it."""
 
     def __init__(self, capacity: int, kinematics: Kinematics) -> None:
         self.capacity = capacity
         self.count = 0
-        self.first: Block | None = None
-        self.planned: Block | None = None
+        self.first: PlannerBlock | None = None
+        self.planned: PlannerBlock | None = None
         self.feed_factor = 1.0
         self.rapid_factor = 1.0
-        self._last: Block | None = None
+        self._last: PlannerBlock | None = None
         self._last_nominal = 0.0
         self._last_unit: Vector = (0.0, 0.0, 0.0)
         self._steps = (0, 0, 0)
@@ -113,7 +113,7 @@ class Planner:
         self._steps = nx, ny, nz = round(x * sx), round(y * sy), round(z * sz)
         self._at = (nx / sx, ny / sy, nz / sz)
 
-    def add(self, motion: Motion) -> Block | None:
+    def add(self, motion: StraightMove) -> PlannerBlock | None:
         """Append a move and plan it in; None where it is shorter than a step. Needs room."""
         x, y, z = motion.target_mm
         sx, sy, sz = self._per_mm
@@ -127,7 +127,7 @@ class Planner:
             return None
         ux, uy, uz = dx / length, dy / length, dz / length
 
-        block = Block()
+        block = PlannerBlock()
         block.motion = motion
         block.length = length
         block.start = self._at
@@ -141,22 +141,22 @@ class Planner:
             block.rapid_rate = _along(self._rates, ux, uy, uz)
         block.acceleration = acceleration
         block.ramp_sqr = 2.0 * acceleration * length
-        block.following = None
-        block.nominal = nominal = self._nominal(motion, block.rapid_rate)
+        block.next_block = None
+        block.nominal_speed = nominal = self._nominal(motion, block.rapid_rate)
 
         last = self._last
         if last is None:
-            block.max_junction_sqr = block.max_entry_sqr = block.entry_sqr = 0.0
-            block.previous = None
+            block.max_junction_sqr = block.max_entry_sqr = block.entry_speed_sqr = 0.0
+            block.previous_block = None
             self.first = self.planned = block
         else:
             block.max_junction_sqr = junction_sqr = self._junction_sqr(ux, uy, uz)
             slower = self._last_nominal if self._last_nominal < nominal else nominal
             slower *= slower
             block.max_entry_sqr = slower if slower < junction_sqr else junction_sqr
-            block.entry_sqr = 0.0
-            block.previous = last
-            last.following = block
+            block.entry_speed_sqr = 0.0
+            block.previous_block = last
+            last.next_block = block
         self._last = block
         self._last_nominal = nominal
         self._last_unit = (ux, uy, uz)
@@ -170,14 +170,14 @@ class Planner:
         """The first block has been executed."""
         block = self.first
         assert block is not None
-        following = block.following
+        following = block.next_block
         if self.planned is block:
             self.planned = following
         if following is None:
             self._last = None
         else:
-            following.previous = None
-            block.following = None
+            following.previous_block = None
+            block.next_block = None
         self.first = following
         self.count -= 1
 
@@ -188,11 +188,11 @@ class Planner:
         before = _UNBOUNDED
         block = self.first
         while block is not None:
-            block.nominal = nominal = self._nominal(block.motion, block.rapid_rate)
+            block.nominal_speed = nominal = self._nominal(block.motion, block.rapid_rate)
             slower = min(before, nominal)
             block.max_entry_sqr = min(slower * slower, block.max_junction_sqr)
             before = nominal
-            block = block.following
+            block = block.next_block
         self._last_nominal = before
         self.replan()
 
@@ -201,7 +201,7 @@ class Planner:
         self.planned = self.first
         self._recalculate(thorough=True)
 
-    def _nominal(self, motion: Motion, rapid_rate: float) -> float:
+    def _nominal(self, motion: StraightMove, rapid_rate: float) -> float:
         if motion.rapid:
             speed = rapid_rate * self.rapid_factor
         else:
@@ -235,29 +235,29 @@ class Planner:
         reachable_sqr = block.ramp_sqr
         if reachable_sqr > block.max_entry_sqr:
             reachable_sqr = block.max_entry_sqr
-        block.entry_sqr = reachable_sqr
-        before = block.previous
+        block.entry_speed_sqr = reachable_sqr
+        before = block.previous_block
         while before is not planned:
             assert before is not None
             reachable_sqr += before.ramp_sqr
             if reachable_sqr > before.max_entry_sqr:
                 reachable_sqr = before.max_entry_sqr
-            if reachable_sqr == before.entry_sqr and not thorough:
+            if reachable_sqr == before.entry_speed_sqr and not thorough:
                 break  # nothing further back can change
-            before.entry_sqr = reachable_sqr
-            before = before.previous
+            before.entry_speed_sqr = reachable_sqr
+            before = before.previous_block
         # Forwards: what can be reached by accelerating?
         assert before is not None
-        current, following = before, before.following
+        current, following = before, before.next_block
         while following is not None:
-            if current.entry_sqr < following.entry_sqr:
-                reached_sqr = current.entry_sqr + current.ramp_sqr
-                if reached_sqr < following.entry_sqr:
-                    following.entry_sqr = reached_sqr
+            if current.entry_speed_sqr < following.entry_speed_sqr:
+                reached_sqr = current.entry_speed_sqr + current.ramp_sqr
+                if reached_sqr < following.entry_speed_sqr:
+                    following.entry_speed_sqr = reached_sqr
                     planned = following
-            if following.entry_sqr == following.max_entry_sqr:
+            if following.entry_speed_sqr == following.max_entry_sqr:
                 planned = following
-            current, following = following, following.following
+            current, following = following, following.next_block
         self.planned = planned
 
 

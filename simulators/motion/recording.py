@@ -15,21 +15,22 @@ from struct import Struct
 
 from simulators.motion.actions import Vector
 from simulators.motion.laser_circuit import LaserCircuit
-from simulators.motion.planner import Block
+from simulators.motion.planner import PlannerBlock
 
 #: Columns of the tables, numbers in a row.
-BLOCK = 11  # line, start xyz, end xyz, length, rate, beam, floor
-PHASE = 7  # as `Phase`
-STAND = 2  # from when, power
+BLOCK_DTYPE = 11  # line, start xyz, end xyz, length, rate, beam, floor
+PHASE_DTYPE = 7  # as `Phase`
+STANDING_DTYPE = 2  # from when, power
 
-_BLOCK_ROW = Struct(f"{BLOCK}d").pack  # in half the time that an array takes for so many numbers
+# in half the time that an array takes for so many numbers
+_BLOCK_ROW = Struct(f"{BLOCK_DTYPE}d").pack
 
 Phase = tuple[float, float, float, float, float, float, float]
 """Its start and end [s], distance into the block and speed at its start, acceleration, beam power
 before any scaling with speed, row of the block."""
 
 
-class Recording:
+class MotionRecording:
     """Of one controller. Grows by `begin`, `moved` and `stood`, which the stepper calls.
 
     moved : to be called with each phase as it is committed
@@ -51,7 +52,7 @@ class Recording:
         self._rebased_mm = position_mm
         self._shifts = [(-inf, (0.0, 0.0, 0.0))]
 
-    def await_line(self, line: int, begun: Callable[[int], None]) -> Callable[[], None]:
+    def call_at_line(self, line: int, begun: Callable[[int], None]) -> Callable[[], None]:
         """Call begun(row) as the first block whose N word is at least `line` is about to move.
 
         What is returned stops the waiting.
@@ -60,27 +61,27 @@ class Recording:
         self._awaited.append(waiting)
         return lambda: self._awaited.remove(waiting) if waiting in self._awaited else None
 
-    def start_s(self, row: int) -> float | None:
+    def block_start_s(self, row: int) -> float | None:
         """When a block among the last ones began to move; None where it has not."""
         phases = self._phases
         began_s = None
-        for at in range(len(phases) - PHASE, -1, -PHASE):
-            if phases[at + PHASE - 1] < row:
+        for at in range(len(phases) - PHASE_DTYPE, -1, -PHASE_DTYPE):
+            if phases[at + PHASE_DTYPE - 1] < row:
                 break
             began_s = phases[at]
         return began_s
 
     @property
-    def shift_mm(self) -> Vector:
+    def position_error_mm(self) -> Vector:
         """Where the machine really is, less where its controller takes it to be."""
         return self._shifts[-1][1]
 
-    def rebase(self, when_s: float, believed_mm: Vector, shift_mm: Vector) -> None:
+    def record_position_shift(self, when_s: float, believed_mm: Vector, shift_mm: Vector) -> None:
         """Standing still, the controller takes the machine to be elsewhere from now on."""
         self._rebased_s, self._rebased_mm = when_s, believed_mm
         self._shifts.append((when_s, shift_mm))
 
-    def begin(self, block: Block) -> int:
+    def record_block(self, block: PlannerBlock) -> int:
         """A block is about to move; its row."""
         motion = block.motion
         self._blocks.frombytes(
@@ -105,23 +106,23 @@ class Recording:
             self._awaited.remove(waiting)
             waiting[1](row)
 
-    def stood(self, when_s: float, power: float) -> None:
+    def record_standing_power(self, when_s: float, power: float) -> None:
         """From when_s on, the beam burns with this power whenever the machine stands still."""
         stands = self._stands
         while stands[-2] > when_s:  # committed ahead of a reset
-            del stands[-STAND:]
+            del stands[-STANDING_DTYPE:]
         if stands[-1] != power:
             stands.extend((when_s, power))
 
-    def truncate(self, when_s: float) -> None:
+    def truncate_at(self, when_s: float) -> None:
         """Motion stopped dead at when_s: forget what was committed beyond."""
         phases, blocks = self._phases, self._blocks
-        while phases and phases[-PHASE] >= when_s:
-            del phases[-PHASE:]
-        if phases and phases[1 - PHASE] > when_s:
-            phases[1 - PHASE] = when_s
+        while phases and phases[-PHASE_DTYPE] >= when_s:
+            del phases[-PHASE_DTYPE:]
+        if phases and phases[1 - PHASE_DTYPE] > when_s:
+            phases[1 - PHASE_DTYPE] = when_s
         self.rows = int(phases[-1]) + 1 if phases else 0
-        del blocks[self.rows * BLOCK :]
+        del blocks[self.rows * BLOCK_DTYPE :]
         self.outputs = [switched for switched in self.outputs if switched[0] <= when_s]
 
     def position_at(self, when_s: float) -> Vector:
@@ -130,17 +131,18 @@ class Recording:
         No arrays are built.
         """
         phases = self._phases
-        at = len(phases) - PHASE
+        at = len(phases) - PHASE_DTYPE
         while at >= 0 and phases[at] > when_s:
-            at -= PHASE
+            at -= PHASE_DTYPE
         if at < 0 or phases[at] < self._rebased_s:
             return self._rebased_mm
-        start_s, end_s, distance, speed, acceleration, _, row = phases[at : at + PHASE]
+        start_s, end_s, distance, speed, acceleration, _, row = phases[at : at + PHASE_DTYPE]
         dt = min(when_s, end_s) - start_s
         return self._along(int(row), distance + (speed + 0.5 * acceleration * dt) * dt)
 
     def _along(self, row: int, distance_mm: float) -> Vector:
-        _, x0, y0, z0, x1, y1, z1, length, *_ = self._blocks[row * BLOCK : (row + 1) * BLOCK]
+        _, x0, y0, z0, x1, y1, z1, length, *_ = self._blocks[
+            row * BLOCK_DTYPE : (row + 1) * BLOCK_DTYPE]
         part = min(1.0, distance_mm / length)
         return (x0 + (x1 - x0) * part, y0 + (y1 - y0) * part, z0 + (z1 - z0) * part)
 

@@ -11,26 +11,32 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from firmware_protocol.dialect import GRBLHAL, Dialect
-from firmware_protocol.messages import Feedback, Message, Setting, Status, StoredLine
+from firmware_protocol.messages import (
+    FeedbackMessage,
+    Message,
+    SettingMessage,
+    StartupBlockSetting,
+    StatusMessage,
+)
 from firmware_protocol.status import StatusReport
 from simulators.motion.actions import Vector
+from simulators.motion.auxiliary_outputs import ANALOG_IN, ANALOG_OUT, DIGITAL_IN, DIGITAL_OUT
 from simulators.motion.interpreter import Interpreter
 from simulators.motion.offsets import SYSTEMS_GRBL, SYSTEMS_GRBLHAL
-from simulators.motion.ports import ANALOG_IN, ANALOG_OUT, DIGITAL_IN, DIGITAL_OUT
-from simulators.motion.settings import Settings
-from simulators.motion.states import MOVING, State
+from simulators.motion.settings import FirmwareSettings
+from simulators.motion.states import MOVING, ControllerState
 
-_BUSY = MOVING | {State.HOLD, State.DOOR}
+_BUSY = MOVING | {ControllerState.HOLD, ControllerState.DOOR}
 _OFFSET_EVERY, _OFFSET_EVERY_BUSY = 10, 30
 _OVERRIDES_EVERY, _OVERRIDES_EVERY_BUSY = 10, 20
 
 _MPOS, _BUFFERS, _LINE, _FEED, _PINS, _OFFSET, _OVERRIDES = (1 << bit for bit in range(7))
 
 
-class Snapshot(NamedTuple):
+class ReportFields(NamedTuple):
     """What a status report is made of."""
 
-    state: State
+    state: ControllerState
     substate: int | None
     position_mm: Vector
     offset_mm: Vector
@@ -84,7 +90,7 @@ class StatusReporter:
     def input_read(self) -> None:
         self._show_input = True
 
-    def report(self, now: Snapshot, mask: int, everything: bool = False) -> Status:
+    def next_report(self, now: ReportFields, mask: int, everything: bool = False) -> StatusMessage:
         """The next report under the `$10` mask; everything: with all that is known (0x87)."""
         if not self._hal:
             mask = (mask & (_MPOS | _BUFFERS)) | _FEED | _PINS | _OFFSET | _OVERRIDES
@@ -98,31 +104,32 @@ class StatusReporter:
         accessories = None
         if self._show_accessories or (overrides and now.accessories):
             accessories = now.accessories
-        if now.state is State.TOOL:  # asked for with every report, but once with the tool instead
+        # asked for with every report, but once with the tool instead
+        if now.state is ControllerState.TOOL:
             accessories = now.accessories + ("" if self._show_tool else "T")
         self._show_accessories = False
         (x, y, z), (ox, oy, oz) = now.position_mm, now.offset_mm
         work = (x - ox, y - oy, z - oz)
-        return Status(
+        return StatusMessage(
             StatusReport(
                 state=now.state.value,
                 substate=now.substate,
                 machine_mm=now.position_mm if mask & _MPOS else None,
                 work_mm=None if mask & _MPOS else work,
-                blocks_free=now.blocks_free if mask & _BUFFERS else None,
-                rx_free=now.rx_free if mask & _BUFFERS else None,
+                planner_blocks_free=now.blocks_free if mask & _BUFFERS else None,
+                rx_bytes_free=now.rx_free if mask & _BUFFERS else None,
                 line_number=now.line if mask & _LINE and now.line else None,
                 feed_mm_min=now.feed_mm_min if mask & _FEED else None,
-                spindle=now.speed if mask & _FEED else None,
-                pins=now.pins if mask & _PINS and now.pins else None,
+                spindle_speed=now.speed if mask & _FEED else None,
+                active_pins=now.pins if mask & _PINS and now.pins else None,
                 offset_mm=now.offset_mm if offset else None,
-                overrides=now.overrides if overrides else None,
+                override_percents=now.overrides if overrides else None,
                 accessories=accessories,
-                other=tuple(self._others(now, everything)),
+                unknown_fields=tuple(self._others(now, everything)),
             )
         )
 
-    def _due(self, state: State, mask: int, everything: bool) -> tuple[bool, bool]:
+    def _due(self, state: ControllerState, mask: int, everything: bool) -> tuple[bool, bool]:
         busy = state in _BUSY
         offset = overrides = False
         if mask & _OFFSET:
@@ -141,7 +148,7 @@ class StatusReporter:
                 self._overrides_in = (_OVERRIDES_EVERY_BUSY if busy else _OVERRIDES_EVERY) - 1
         return offset, overrides
 
-    def _others(self, now: Snapshot, everything: bool) -> Iterator[tuple[str, str]]:
+    def _others(self, now: ReportFields, everything: bool) -> Iterator[tuple[str, str]]:
         if not self._hal:
             return
         if self._show_homed:
@@ -158,26 +165,28 @@ class StatusReporter:
         self._show_tool = self._show_input = False
 
 
-def identity(dialect: Dialect, info: str, planner_blocks: int, rx_bytes: int) -> list[Message]:
+def identity_lines(dialect: Dialect, info: str, planner_blocks: int,
+                   rx_bytes: int) -> list[Message]:
     """`$I`."""
     options = f"{dialect.options},{planner_blocks},{rx_bytes}"
     if dialect is not GRBLHAL:
-        return [Feedback("VER", f"{dialect.version}:{info}"), Feedback("OPT", options)]
+        return [FeedbackMessage("VER", f"{dialect.version}:{info}"),
+                FeedbackMessage("OPT", options)]
     return [
-        Feedback("VER", f"{dialect.version}:{info}"),
-        Feedback("OPT", f"{options},3,0"),
-        Feedback("AXS", "3:XYZ"),
-        Feedback("NEWOPT", "ENUMS,RT+,TC,SED"),
-        Feedback("FIRMWARE", "grblHAL"),
-        Feedback("SIGNALS", "D"),
-        Feedback("NVS STORAGE", "*EEPROM"),
-        Feedback("DRIVER", "Simulator"),
-        Feedback("DRIVER VERSION", "260324"),
-        Feedback("AUX IO", f"{DIGITAL_IN},{DIGITAL_OUT},{ANALOG_IN},{ANALOG_OUT}"),
+        FeedbackMessage("VER", f"{dialect.version}:{info}"),
+        FeedbackMessage("OPT", f"{options},3,0"),
+        FeedbackMessage("AXS", "3:XYZ"),
+        FeedbackMessage("NEWOPT", "ENUMS,RT+,TC,SED"),
+        FeedbackMessage("FIRMWARE", "grblHAL"),
+        FeedbackMessage("SIGNALS", "D"),
+        FeedbackMessage("NVS STORAGE", "*EEPROM"),
+        FeedbackMessage("DRIVER", "Simulator"),
+        FeedbackMessage("DRIVER VERSION", "260324"),
+        FeedbackMessage("AUX IO", f"{DIGITAL_IN},{DIGITAL_OUT},{ANALOG_IN},{ANALOG_OUT}"),
     ]
 
 
-def parser_state(dialect: Dialect, interpreter: Interpreter) -> Feedback:
+def parser_state_line(dialect: Dialect, interpreter: Interpreter) -> FeedbackMessage:
     """`$G`."""
     modal = interpreter.modal
     hal = dialect is GRBLHAL
@@ -190,10 +199,10 @@ def parser_state(dialect: Dialect, interpreter: Interpreter) -> Feedback:
     if not (modal.mist or modal.flood):
         words.append("M9")
     words += [f"T{modal.tool}", f"F{modal.feed:.0f}", f"S{modal.speed:.0f}" + ("." if hal else "")]
-    return Feedback("GC", " ".join(words))
+    return FeedbackMessage("GC", " ".join(words))
 
 
-def parameters(dialect: Dialect, interpreter: Interpreter, probed_mm: Vector) -> list[Message]:
+def parameter_lines(dialect: Dialect, interpreter: Interpreter, probed_mm: Vector) -> list[Message]:
     """`$#`."""
     offsets = interpreter.offsets
     hal = dialect is GRBLHAL
@@ -202,20 +211,21 @@ def parameters(dialect: Dialect, interpreter: Interpreter, probed_mm: Vector) ->
         for code in (SYSTEMS_GRBLHAL if hal else SYSTEMS_GRBL)
     ]
     named += [("G28", offsets.stored[280]), ("G30", offsets.stored[300]), ("G92", offsets.g92)]
-    messages: list[Message] = [Feedback(name, _vector(value)) for name, value in named]
-    messages.append(Feedback("TLO", _vector(offsets.tool) if hal else f"{offsets.tool[2]:.3f}"))
-    messages.append(Feedback("PRB", f"{_vector(probed_mm)}:0"))
+    messages: list[Message] = [FeedbackMessage(name, _vector(value)) for name, value in named]
+    messages.append(FeedbackMessage("TLO",
+                                    _vector(offsets.tool) if hal else f"{offsets.tool[2]:.3f}"))
+    messages.append(FeedbackMessage("PRB", f"{_vector(probed_mm)}:0"))
     return messages
 
 
-def settings_listing(settings: Settings) -> list[Message]:
+def settings_listing(settings: FirmwareSettings) -> list[Message]:
     """`$$`."""
-    return [Setting(number, value) for number, value in settings.listing()]
+    return [SettingMessage(number, value) for number, value in settings.listing()]
 
 
 def startup_listing(lines: dict[int, str]) -> list[Message]:
     """`$N`."""
-    return [StoredLine(number, block) for number, block in sorted(lines.items())]
+    return [StartupBlockSetting(number, block) for number, block in sorted(lines.items())]
 
 
 def _vector(value: Vector) -> str:

@@ -12,8 +12,8 @@ import socket
 import tty
 from typing import cast
 
-from simulators.faults.edge import Edge
-from simulators.motion.sim import MotionSim
+from simulators.faults.link_tap import LinkTap
+from simulators.motion.simulator import MotionSimulator
 
 _READ_BYTES = 65536
 
@@ -34,7 +34,7 @@ class TcpServer:
 
 
 async def serve_tcp(
-    sim: MotionSim, host: str = "127.0.0.1", port: int = 0, edge: Edge | None = None
+    sim: MotionSimulator, host: str = "127.0.0.1", port: int = 0, edge: LinkTap | None = None
 ) -> TcpServer:
     """Serve sim on host:port; port 0 takes a free one. raises: OSError when it is taken
 
@@ -42,13 +42,14 @@ async def serve_tcp(
     """
     clients: set[asyncio.Transport] = set()
     loop = asyncio.get_running_loop()
-    met = edge or Edge()
+    met = edge or LinkTap()
     server = await loop.create_server(lambda: _Client(sim, clients, met), host, port)
     return TcpServer(server, clients)
 
 
 class _Client(asyncio.Protocol):
-    def __init__(self, sim: MotionSim, clients: set[asyncio.Transport], edge: Edge) -> None:
+    def __init__(self, sim: MotionSimulator, clients: set[asyncio.Transport],
+                 edge: LinkTap) -> None:
         self._sim = sim
         self._clients = clients
         self._edge = edge
@@ -62,7 +63,7 @@ class _Client(asyncio.Protocol):
         client.get_extra_info("socket").setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._transport = client
         self._clients.add(client)
-        self._sim.attach(self._edge.joined(client, client.write))
+        self._sim.attach(self._edge.host_connected(client, client.write))
 
     def data_received(self, data: bytes) -> None:
         if self._transport is None:
@@ -75,7 +76,7 @@ class _Client(asyncio.Protocol):
     def connection_lost(self, exc: Exception | None) -> None:
         if self._transport is not None:
             self._clients.discard(self._transport)
-            self._edge.left(self._transport)
+            self._edge.host_disconnected(self._transport)
             self._sim.detach()
 
 
@@ -84,7 +85,8 @@ class Pty:
     client may come and go.
     """
 
-    def __init__(self, sim: MotionSim, loop: asyncio.AbstractEventLoop, edge: Edge) -> None:
+    def __init__(self, sim: MotionSimulator, loop: asyncio.AbstractEventLoop,
+                 edge: LinkTap) -> None:
         self._sim = sim
         self._loop = loop
         self._edge = edge
@@ -95,7 +97,7 @@ class Pty:
         self.path = os.ttyname(self._slave)
         self._unsent = b""
         self.resume_reading()
-        sim.attach(edge.joined(self, self._write))
+        sim.attach(edge.host_connected(self, self._write))
 
     def pause_reading(self) -> None:
         self._loop.remove_reader(self._master)
@@ -108,7 +110,7 @@ class Pty:
 
     def close(self) -> None:
         """Hang up."""
-        self._edge.left(self)
+        self._edge.host_disconnected(self)
         self._sim.detach()
         self._loop.remove_reader(self._master)
         self._loop.remove_writer(self._master)
@@ -144,6 +146,6 @@ class Pty:
             return data
 
 
-def open_pty(sim: MotionSim, edge: Edge | None = None) -> Pty:
+def open_pty(sim: MotionSimulator, edge: LinkTap | None = None) -> Pty:
     """Put sim behind a pseudo-terminal, until it is closed. edge : where faults befall its bytes"""
-    return Pty(sim, asyncio.get_running_loop(), edge or Edge())
+    return Pty(sim, asyncio.get_running_loop(), edge or LinkTap())

@@ -67,7 +67,7 @@ _NEGATIVE_ALLOWED = frozenset((58,))
 _ABOVE_ZERO = frozenset((11, 12, 30, 100, 101, 102, 110, 111, 112, 120, 121, 122))
 
 
-class Settings:
+class FirmwareSettings:
     """The table of one controller."""
 
     def __init__(self, dialect: Dialect, overrides: Mapping[int, float]) -> None:
@@ -125,15 +125,15 @@ class Settings:
         return self._axes(130)
 
     @property
-    def laser(self) -> bool:
+    def is_laser_mode(self) -> bool:
         return self._values[32] == 1.0
 
     @property
-    def homing(self) -> bool:
+    def is_homing_enabled(self) -> bool:
         return bool(int(self._values[22]) & 1)
 
     @property
-    def laser_off_in_hold(self) -> bool:
+    def is_laser_off_in_hold(self) -> bool:
         return bool(int(self._values[63]) & 1) if self._hal else True
 
     def _axes(self, first: int, factor: float = 1.0) -> Vector:

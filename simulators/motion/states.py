@@ -5,7 +5,7 @@ from __future__ import annotations
 from enum import Enum
 
 
-class State(Enum):
+class ControllerState(Enum):
     __hash__ = object.__hash__  # Enum's own runs in Python, and states are looked up all the time
 
     IDLE = "Idle"
@@ -20,8 +20,9 @@ class State(Enum):
     TOOL = "Tool"
 
 
-MOVING = frozenset((State.RUN, State.JOG, State.HOME))
+MOVING = frozenset((ControllerState.RUN, ControllerState.JOG, ControllerState.HOME))
 """States in which the axes may be moving without being told to stop."""
 
-SUSPENDED = frozenset((State.HOLD, State.DOOR, State.SLEEP, State.TOOL))
+SUSPENDED = frozenset((ControllerState.HOLD, ControllerState.DOOR, ControllerState.SLEEP,
+                       ControllerState.TOOL))
 """States in which no line is read from the receive buffer."""

@@ -12,10 +12,10 @@ from __future__ import annotations
 from collections import deque
 from math import inf, sqrt
 
-from simulators.motion.actions import BEAM_CONSTANT, BEAM_DYNAMIC, Motion, Vector
-from simulators.motion.planner import Block, Planner
-from simulators.motion.profile import Ramp, braking, profile
-from simulators.motion.recording import Recording
+from simulators.motion.actions import BEAM_CONSTANT, BEAM_DYNAMIC, StraightMove, Vector
+from simulators.motion.planner import LookAheadPlanner, PlannerBlock
+from simulators.motion.recording import MotionRecording
+from simulators.motion.speed_profile import SpeedRamp, braking_profile, fastest_profile
 
 _TINY_MM = 1e-9
 _ALIKE = 1e-9  # relative difference of squared speeds that is rounding
@@ -32,12 +32,13 @@ class Stepper:
     standing : power, before the override, with which the beam burns at standstill
     """
 
-    def __init__(self, planner: Planner, trace: Recording, lead_s: float, lead_blocks: int) -> None:
+    def __init__(self, planner: LookAheadPlanner, trace: MotionRecording, lead_s: float,
+                 lead_blocks: int) -> None:
         self.running = False
         self.holding = False
         self.end_s = 0.0
         self.last_line = 0
-        self.block: Block | None = None
+        self.block: PlannerBlock | None = None
         self.standing = 0.0
         self.spindle_factor = 1.0
         self._planner = planner
@@ -46,11 +47,11 @@ class Stepper:
         self._lead_blocks = lead_blocks
         self._head_s = 0.0
         self._ends: deque[float] = deque()  # of blocks committed whole and not yet over
-        self._motion: Motion | None = None  # of the block loaded last
+        self._motion: StraightMove | None = None  # of the block loaded last
         self._row = 0
         self._done_mm = 0.0  # of the block, at the start of the phase
         self._speed = 0.0  # there
-        self._ramps: list[Ramp] = []  # the block's phases, the next one last
+        self._ramps: list[SpeedRamp] = []  # the block's phases, the next one last
         self._exit_sqr = 0.0  # for which they were planned
 
     def start(self, now_s: float) -> None:
@@ -65,12 +66,12 @@ class Stepper:
                 self._place(self.block)
                 self._planner.replan()
                 self._plan(self.block)
-            elif first.entry_sqr > 0.0:  # stopped by a hold just at its start
-                first.entry_sqr = 0.0
+            elif first.entry_speed_sqr > 0.0:  # stopped by a hold just at its start
+                first.entry_speed_sqr = 0.0
                 self._planner.replan()
         self._head_s = self.end_s
 
-    def hold(self, now_s: float) -> None:
+    def brake(self, now_s: float) -> None:
         """Brake to rest along the path, from the head on."""
         self.advance(now_s)
         self._cut()
@@ -87,21 +88,21 @@ class Stepper:
         self._cut()
         if spindle != self.spindle_factor:
             self.spindle_factor = spindle
-            self.stand(self.standing, self.end_s if self.running else now_s)
+            self.set_standing_power(self.standing, self.end_s if self.running else now_s)
         self._planner.set_overrides(feed, rapid)
         if self.block is not None and self.running:
             self._plan(self.block)
 
-    def stop_dead(self, now_s: float) -> None:
+    def stop_immediately(self, now_s: float) -> None:
         """A reset: motion ends at once, wherever it is, and the plan is forgotten."""
         self.advance(now_s)
         self._head_s = now_s
         self._cut()
-        self._trace.truncate(now_s)
+        self._trace.truncate_at(now_s)
         self.end_s = min(self.end_s, now_s)
-        self.forget(now_s)
+        self.discard_plan(now_s)
 
-    def forget(self, now_s: float) -> None:
+    def discard_plan(self, now_s: float) -> None:
         """Drop all that is planned and not committed; the machine is where it stands."""
         self.block = None
         self._ramps.clear()
@@ -110,7 +111,7 @@ class Stepper:
         self.running = self.holding = False
         self._planner.clear(self._trace.position_at(now_s))
 
-    def stopped(self, now_s: float) -> bool:
+    def is_stopped(self, now_s: float) -> bool:
         """Standing still with nothing to do, or held."""
         return now_s >= self.end_s - _SLACK_S and (not self.running or self._planner.first is None)
 
@@ -133,8 +134,8 @@ class Stepper:
         planner, moved = self._planner, self._trace.moved
         block = self.block
         if block is not None and self.running and not self.holding:
-            following = block.following
-            exit_sqr = 0.0 if following is None else following.entry_sqr
+            following = block.next_block
+            exit_sqr = 0.0 if following is None else following.entry_speed_sqr
             if exit_sqr != self._exit_sqr:
                 self._cut()
                 self._plan(block)
@@ -187,7 +188,7 @@ class Stepper:
             self._head_s = until_s
             if planner.planned is block:  # the look-ahead starts from what the block does now
                 speed, done_mm = self._within_ramp(until_s)
-                block.entry_sqr = speed * speed
+                block.entry_speed_sqr = speed * speed
                 block.ramp_sqr = 2.0 * block.acceleration * (block.length - done_mm)
 
     def commit(self) -> None:
@@ -199,7 +200,7 @@ class Stepper:
         self._cut()
         duration -= self.end_s - end_s
         distance -= self._done_mm - done_mm
-        self._ramps[-1] = Ramp(acceleration, duration, distance, exit_speed)
+        self._ramps[-1] = SpeedRamp(acceleration, duration, distance, exit_speed)
 
     def position_mm(self, now_s: float) -> Vector:
         """Where the machine is."""
@@ -211,7 +212,7 @@ class Stepper:
         (x0, y0, z0), (x1, y1, z1) = block.start, block.target
         return (x0 + (x1 - x0) * part, y0 + (y1 - y0) * part, z0 + (z1 - z0) * part)
 
-    def head(self) -> tuple[float, float]:
+    def reported_speed_and_power(self) -> tuple[float, float]:
         """Speed and laser S (as a fraction) at the head, which is what the firmware reports."""
         motion = self._motion
         if motion is None or not self.running or (self.block is None and self._speed == 0.0):
@@ -223,31 +224,31 @@ class Stepper:
             power *= speed / motion.rate_mm_s
         return speed, min(power, 1.0)
 
-    def stand(self, power: float, when_s: float) -> None:
+    def set_standing_power(self, power: float, when_s: float) -> None:
         """The beam burns with this power whenever the machine stands still, from when_s on."""
         self.standing = power
-        self._trace.stood(when_s, min(1.0, power * self.spindle_factor))
+        self._trace.record_standing_power(when_s, min(1.0, power * self.spindle_factor))
 
-    def _load(self, block: Block) -> None:
+    def _load(self, block: PlannerBlock) -> None:
         self.block = block
-        self._row = self._trace.begin(block)
+        self._row = self._trace.record_block(block)
         self._done_mm = 0.0
-        if abs(self._speed * self._speed - block.entry_sqr) < _ALIKE * block.entry_sqr:
-            self._speed = sqrt(block.entry_sqr)  # else rounding would pile up
+        if abs(self._speed * self._speed - block.entry_speed_sqr) < _ALIKE * block.entry_speed_sqr:
+            self._speed = sqrt(block.entry_speed_sqr)  # else rounding would pile up
         self._motion = motion = block.motion
         self.last_line = motion.line
         standing = motion.power if motion.beam == BEAM_CONSTANT else 0.0
         if standing != self.standing:
-            self.stand(standing, self.end_s)
+            self.set_standing_power(standing, self.end_s)
         if motion.outputs:
             self._trace.outputs += [(self.end_s, *output) for output in motion.outputs]
 
-    def _cruised_s(self, block: Block) -> float:
+    def _cruised_s(self, block: PlannerBlock) -> float:
         """When a block just loaded ends if its speed does not change in it; else infinite."""
-        nominal, following = block.nominal, block.following
+        nominal, following = block.nominal_speed, block.next_block
         if self._speed != nominal or following is None or self.holding:
             return inf
-        if following.entry_sqr != nominal * nominal:
+        if following.entry_speed_sqr != nominal * nominal:
             return inf
         return self.end_s + block.length / nominal
 
@@ -275,23 +276,24 @@ class Stepper:
             self._speed, self._done_mm, self.end_s = speed, done_mm, head_s
         self._place(block)
 
-    def _place(self, block: Block) -> None:
+    def _place(self, block: PlannerBlock) -> None:
         """Tell the planner from where the look-ahead starts."""
-        block.entry_sqr = self._speed * self._speed
+        block.entry_speed_sqr = self._speed * self._speed
         block.ramp_sqr = 2.0 * block.acceleration * (block.length - self._done_mm)
 
-    def _plan(self, block: Block) -> None:
+    def _plan(self, block: PlannerBlock) -> None:
         """What is left of the block at the head."""
         left_mm = block.length - self._done_mm
         if self.holding:
-            self._ramps[:] = braking(self._speed, left_mm, block.acceleration)
+            self._ramps[:] = braking_profile(self._speed, left_mm, block.acceleration)
             return
-        following = block.following
-        self._exit_sqr = 0.0 if following is None else following.entry_sqr
+        following = block.next_block
+        self._exit_sqr = 0.0 if following is None else following.entry_speed_sqr
         self._ramps[:] = self._profile(block, left_mm)
 
-    def _profile(self, block: Block, left_mm: float) -> list[Ramp]:
+    def _profile(self, block: PlannerBlock, left_mm: float) -> list[SpeedRamp]:
         """The rest of a block from the speed at the head, unless a hold brakes it."""
-        following = block.following
-        exit_sqr = 0.0 if following is None else following.entry_sqr
-        return profile(self._speed, left_mm, block.acceleration, block.nominal, exit_sqr)
+        following = block.next_block
+        exit_sqr = 0.0 if following is None else following.entry_speed_sqr
+        return fastest_profile(self._speed, left_mm, block.acceleration, block.nominal_speed,
+                               exit_sqr)

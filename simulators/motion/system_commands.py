@@ -7,15 +7,15 @@ from collections.abc import Callable
 
 from firmware_protocol.dialect import GRBLHAL, Dialect
 from firmware_protocol.gcode import GcodeError
-from firmware_protocol.messages import Feedback, Message, Unknown
+from firmware_protocol.messages import FeedbackMessage, Message, UnknownMessage
 from simulators.motion import reports
-from simulators.motion.homing import home
+from simulators.motion.action_execution import is_out_of_travel
+from simulators.motion.homing import home_machine
 from simulators.motion.interpreter import Interpreter
-from simulators.motion.machine import Machine
-from simulators.motion.perform import out_of_travel
+from simulators.motion.machine import MotionMachine
 from simulators.motion.settings import SettingError
-from simulators.motion.states import State
-from simulators.motion.waits import Steps, Wait
+from simulators.motion.states import ControllerState
+from simulators.motion.waits import Steps, WaitReason
 
 BAD_NUMBER, UNKNOWN, HOMING_OFF, NOT_IDLE, STORED_TOO_LONG = 2, 3, 5, 8, 14
 DOOR_OPEN, JOG_OUTSIDE = 13, 15
@@ -37,7 +37,7 @@ class SystemCommands:
         self,
         dialect: Dialect,
         interpreter: Interpreter,
-        machine: Machine,
+        machine: MotionMachine,
         identity: list[Message],
         gcode: Callable[[bytes], Steps],
         leave_check_mode: Callable[[], None],
@@ -76,7 +76,7 @@ class SystemCommands:
         machine = self._machine
         if text.startswith("$J="):
             return (yield from self._jog(text))
-        if machine.state not in (State.IDLE, State.ALARM):
+        if machine.state not in (ControllerState.IDLE, ControllerState.ALARM):
             return NOT_IDLE
         if text == "$H":
             return (yield from self._home())
@@ -96,7 +96,7 @@ class SystemCommands:
             if block:
                 code = yield from self._gcode(block.encode("latin-1"))
                 answer = f"error:{code}" if code else "ok"
-                self._machine.say(Unknown(f">{block}:{answer}"))
+                self._machine.say(UnknownMessage(f">{block}:{answer}"))
         return 0
 
     def _say(self, *messages: Message) -> int:
@@ -105,39 +105,39 @@ class SystemCommands:
         return 0
 
     def _help(self) -> int:
-        return self._say(Feedback("HLP", _HELP))
+        return self._say(FeedbackMessage("HLP", _HELP))
 
     def _list_settings(self) -> int:
-        if self._machine.state in (State.RUN, State.HOLD):
+        if self._machine.state in (ControllerState.RUN, ControllerState.HOLD):
             return NOT_IDLE
         return self._say(*reports.settings_listing(self._settings))
 
     def _parser_state(self) -> int:
-        return self._say(reports.parser_state(self._dialect, self._interpreter))
+        return self._say(reports.parser_state_line(self._dialect, self._interpreter))
 
     def _parameters(self) -> int:
         return self._say(
-            *reports.parameters(self._dialect, self._interpreter, self._machine.probed_mm)
+            *reports.parameter_lines(self._dialect, self._interpreter, self._machine.probed_mm)
         )
 
     def _check_mode(self) -> int:
         machine = self._machine
-        if machine.state is State.CHECK:
-            self._say(Feedback("MSG", "Disabled"))
+        if machine.state is ControllerState.CHECK:
+            self._say(FeedbackMessage("MSG", "Disabled"))
             self._leave_check_mode()
             return 0
-        if machine.state is not State.IDLE:
+        if machine.state is not ControllerState.IDLE:
             return NOT_IDLE
-        machine.state = State.CHECK
-        return self._say(Feedback("MSG", "Enabled"))
+        machine.state = ControllerState.CHECK
+        return self._say(FeedbackMessage("MSG", "Enabled"))
 
     def _unlock(self) -> int:
         machine = self._machine
-        if machine.state is State.ALARM:
+        if machine.state is ControllerState.ALARM:
             if machine.door_open:
                 return DOOR_OPEN
-            self._say(Feedback("MSG", "Caution: Unlocked"))
-            machine.state = State.IDLE
+            self._say(FeedbackMessage("MSG", "Caution: Unlocked"))
+            machine.state = ControllerState.IDLE
             machine.alarm = 0
         return 0
 
@@ -145,8 +145,8 @@ class SystemCommands:
         if self._hal:
             return UNKNOWN  # not built into the firmware whose transcripts these are
         machine = self._machine
-        machine.accessories.all_off(machine.now_s)
-        machine.state = State.SLEEP
+        machine.accessories.switch_all_off(machine.now_s)
+        machine.state = ControllerState.SLEEP
         return 0
 
     def _assign(self, text: str) -> int:
@@ -166,12 +166,12 @@ class SystemCommands:
     def _restore_settings(self) -> int:
         self._settings.restore()
         self._refresh()
-        return self._say(Feedback("MSG", "Restoring defaults"))
+        return self._say(FeedbackMessage("MSG", "Restoring defaults"))
 
     def _restore_offsets(self) -> int:
         self._interpreter.offsets.restore()
         self._interpreter.refresh()
-        return self._say(Feedback("MSG", "Restoring defaults"))
+        return self._say(FeedbackMessage("MSG", "Restoring defaults"))
 
     def _refresh(self) -> None:
         self._interpreter.refresh()
@@ -180,7 +180,7 @@ class SystemCommands:
     def _store_line(self, number: int, block: str) -> Steps:
         if number not in self.startup:
             return UNKNOWN
-        if len(block) >= self._dialect.line_chars:
+        if len(block) >= self._dialect.max_line_chars:
             return STORED_TOO_LONG
         if block:  # the firmware runs it before it keeps it
             code = yield from self._gcode(block.encode("latin-1"))
@@ -191,27 +191,27 @@ class SystemCommands:
 
     def _jog(self, text: str) -> Steps:
         machine = self._machine
-        if machine.state not in (State.IDLE, State.JOG):
+        if machine.state not in (ControllerState.IDLE, ControllerState.JOG):
             return NOT_IDLE
         try:
             motion = self._interpreter.jog(text[3:].encode("latin-1"))
         except GcodeError as refused:
             return refused.code
-        if out_of_travel(machine, motion.target_mm):
+        if is_out_of_travel(machine, motion.target_mm):
             return JOG_OUTSIDE
         self._interpreter.position_mm = motion.target_mm
-        yield Wait.ROOM
-        if machine.planner.add(motion) is not None and machine.state is State.IDLE:
-            machine.state = State.JOG
+        yield WaitReason.PLANNER_ROOM
+        if machine.planner.add(motion) is not None and machine.state is ControllerState.IDLE:
+            machine.state = ControllerState.JOG
             machine.stepper.start(machine.now_s)
         return 0
 
     def _home(self) -> Steps:
         machine = self._machine
-        if not self._settings.homing:
+        if not self._settings.is_homing_enabled:
             return HOMING_OFF
         if machine.door_open:
             return DOOR_OPEN
-        yield from home(machine)
+        yield from home_machine(machine)
         self._interpreter.position_mm = machine.planner.position_mm
         return (yield from self.run_startup())

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from simulators.motion.actions import BEAM_DYNAMIC
-from simulators.motion.recording import BLOCK, PHASE, STAND, Recording
+from simulators.motion.recording import BLOCK_DTYPE, PHASE_DTYPE, STANDING_DTYPE, MotionRecording
 
 FloatArray = NDArray[np.float64]
 
@@ -55,12 +55,12 @@ class ExecutedBlocks:
     end_mm: FloatArray
     rate_mm_s: FloatArray
     beam: NDArray[np.int64]
-    complete: NDArray[np.bool_]
-    share: FloatArray
+    is_complete: NDArray[np.bool_]
+    executed_fraction: FloatArray
 
 
 @dataclass(frozen=True)
-class Phases:
+class ConstantAccelerationPhases:
     """Stretches of constant acceleration, in order: from start_s to end_s (n,) each, speed
     speed_mm_s + acceleration_mm_s2 · (t - start_s), in row `block` of `ExecutedBlocks`.
 
@@ -77,7 +77,7 @@ class Phases:
     power: FloatArray
 
 
-class Trace(Recording):
+class MotionTrace(MotionRecording):
     """A recording that can be read, as far as it has grown; every reading builds arrays anew."""
 
     def sample(self, times_s: ArrayLike) -> TraceSample:
@@ -133,16 +133,17 @@ class Trace(Recording):
             end_mm=end,
             rate_mm_s=blocks[:, 8],
             beam=blocks[:, 9].astype(np.int64),
-            complete=reached >= 1.0 - _ROUNDING,
-            share=share,
+            is_complete=reached >= 1.0 - _ROUNDING,
+            executed_fraction=share,
         )
 
-    def phases(self) -> Phases:
+    def phases(self) -> ConstantAccelerationPhases:
         """Every phase committed."""
         t0, t1, distance, speed, acceleration, power, row = self._phase_rows().T
-        return Phases(t0, t1, speed, acceleration, row.astype(np.int64), distance, power)
+        return ConstantAccelerationPhases(t0, t1, speed, acceleration, row.astype(np.int64),
+                                          distance, power)
 
-    def standing(self) -> tuple[FloatArray, FloatArray]:
+    def standing_power(self) -> tuple[FloatArray, FloatArray]:
         """From when on the beam burns with which power whenever the machine stands still."""
         stands = self._stand_rows()
         return stands[:, 0], stands[:, 1]
@@ -153,14 +154,15 @@ class Trace(Recording):
         return np.asarray(shift)[np.searchsorted(since_s, time_s, side="right") - 1]
 
     def _phase_rows(self) -> FloatArray:
-        return self.laser.darkened(np.array(self._phases, dtype=np.float64).reshape(-1, PHASE))
+        return self.laser.split_phases(np.array(self._phases,
+                                                dtype=np.float64).reshape(-1, PHASE_DTYPE))
 
     def _stand_rows(self) -> FloatArray:
-        stands = np.array(self._stands, dtype=np.float64).reshape(-1, STAND)
-        return self.laser.darkened_stands(stands)
+        stands = np.array(self._stands, dtype=np.float64).reshape(-1, STANDING_DTYPE)
+        return self.laser.split_standing(stands)
 
     def _block_rows(self) -> FloatArray:
-        return np.array(self._blocks, dtype=np.float64).reshape(-1, BLOCK)
+        return np.array(self._blocks, dtype=np.float64).reshape(-1, BLOCK_DTYPE)
 
 
 def _beam(power: FloatArray, speed: FloatArray, block: FloatArray) -> FloatArray:

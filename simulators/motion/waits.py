@@ -6,16 +6,16 @@ from collections.abc import Generator
 from enum import Enum, auto
 
 
-class Wait(Enum):
-    ROOM = auto()
+class WaitReason(Enum):
+    PLANNER_ROOM = auto()
     """a free block in the planner"""
-    REST = auto()
+    STANDSTILL = auto()
     """the end of all planned motion"""
     NEVER = auto()
     """a reset"""
 
 
-Waiting = Wait | float
+Waiting = WaitReason | float
 """A float is an instant on the loop's clock [s]."""
 
 Steps = Generator[Waiting, None, int]

@@ -17,7 +17,7 @@ NEGATIVE, UNSUPPORTED, GROUP_CLASH, NOT_WHOLE = 4, 20, 21, 23
 AXIS_CLASH, REPEATED = 24, 25
 
 
-class Axes(Enum):
+class AxisWordUse(Enum):
     """What the axis words of a block are for."""
 
     NONE = 0
@@ -27,7 +27,7 @@ class Axes(Enum):
 
 
 @dataclass(slots=True)
-class Words:
+class BlockWords:
     """One block. Codes are ten times the number: 382 is G38.2.
 
     g, m : modal group -> code, of the groups that stand in the block
@@ -37,7 +37,7 @@ class Words:
     g: dict[str, int] = field(default_factory=dict)
     m: dict[str, int] = field(default_factory=dict)
     values: dict[str, float] = field(default_factory=dict)
-    axes: Axes = Axes.NONE
+    axes: AxisWordUse = AxisWordUse.NONE
 
 
 def _groups(table: dict[str, str]) -> dict[int, str]:
@@ -73,7 +73,7 @@ _MOTION_WITH_AXES = frozenset((0, 10, 20, 30, 50, 382, 383, 384, 385))
 _NON_MODAL_WITH_AXES = frozenset((100, 280, 300, 920))
 
 
-class Grammar:
+class GcodeGrammar:
     """The codes and letters one firmware knows."""
 
     def __init__(self, dialect: Dialect) -> None:
@@ -82,9 +82,9 @@ class Grammar:
         self._m = _M_GRBLHAL if hal else _M_GRBL
         self._letters = _LETTERS_GRBLHAL if hal else _LETTERS_GRBL
 
-    def sort(self, tokens: list[tuple[str, float]]) -> Words:
+    def classify_words(self, tokens: list[tuple[str, float]]) -> BlockWords:
         """raises: GcodeError at the first word, from the left, that the firmware refuses"""
-        words = Words()
+        words = BlockWords()
         for letter, value in tokens:
             if letter == "G":
                 self._sort_g(words, value)
@@ -100,27 +100,27 @@ class Grammar:
                 words.values[letter] = value
         return words
 
-    def _sort_g(self, words: Words, value: float) -> None:
+    def _sort_g(self, words: BlockWords, value: float) -> None:
         code = round(value * 10)
         group = self._g.get(code)
         if group is None or abs(value * 10 - code) > 1e-6:
             raise GcodeError(UNSUPPORTED)
-        wants = Axes.NONE
+        wants = AxisWordUse.NONE
         if code in _MOTION_WITH_AXES:
-            wants = Axes.MOTION
+            wants = AxisWordUse.MOTION
         elif code in _NON_MODAL_WITH_AXES:
-            wants = Axes.NON_MODAL
+            wants = AxisWordUse.NON_MODAL
         elif group == "tool length":
-            wants = Axes.TOOL_LENGTH
-        if wants is not Axes.NONE:
-            if words.axes is not Axes.NONE:
+            wants = AxisWordUse.TOOL_LENGTH
+        if wants is not AxisWordUse.NONE:
+            if words.axes is not AxisWordUse.NONE:
                 raise GcodeError(AXIS_CLASH)
             words.axes = wants
         if group in words.g:
             raise GcodeError(GROUP_CLASH)
         words.g[group] = code
 
-    def _sort_m(self, words: Words, value: float) -> None:
+    def _sort_m(self, words: BlockWords, value: float) -> None:
         if value != int(value):
             raise GcodeError(NOT_WHOLE)
         group = self._m.get(int(value) * 10)

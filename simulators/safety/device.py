@@ -9,48 +9,48 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 
-from firmware_protocol.registers import Value
+from firmware_protocol.registers import RegisterValue
 from firmware_protocol.safety_io import (
     DEVICE_ID,
+    FULL_BLOCK,
     GREATEST_TIMEOUT_MS,
     LEAST_TIMEOUT_MS,
     MAP_MAJOR,
     MAP_MINOR,
-    MIRROR,
-    RELAY_CODE,
+    MIRROR_ADDRESS,
+    RELAY_FIRST_OUT_CODE,
     RELAY_RESET_KEY,
-    SIO,
-    WHOLE_BLOCK,
-    Inputs,
-    Status,
+    SIO_MAP,
+    SafetyInputBits,
+    SafetyStatusBits,
 )
-from simulators.modbus_refusal import (
+from simulators.modbus_errors import (
     BUSY,
     ILLEGAL_ADDRESS,
     ILLEGAL_VALUE,
     REFUSED,
-    RefusedError,
-    SilentError,
+    ExceptionReplyError,
+    RequestIgnoredError,
 )
 from simulators.safety.config import SafetyConfig
 from simulators.safety.inputs import InputCard
-from simulators.safety.laser_output import LaserOutput
+from simulators.safety.laser_output import LaserEnableOutput
 
 _FIRMWARE = 0x0100
 _SERIAL = 1
-_OLDEST_MS = 0xFFFF
+_MAX_AGE_MS = 0xFFFF
 _DEFAULT_TIMEOUT_MS = 500
 _SLACK_S = 1e-9  # a timer may come early by the clock's resolution
 
 _HEARTBEAT, _RELAY_TIMEOUT, _RELAY_RESET, _LASER_ENABLE = (
-    SIO.wire_address(name)
+    SIO_MAP.wire_address(name)
     for name in ("HEARTBEAT", "RELAY_TIMEOUT", "RELAY_RESET", "LASER_ENABLE")
 )
 #: What the communication side tells itself, though the input side stands still.
-_ALIVE = [SIO.wire_address(name) for name in ("HEARTBEAT_ECHO", "HEARTBEAT_AGE")]
+_ALIVE = [SIO_MAP.wire_address(name) for name in ("HEARTBEAT_ECHO", "HEARTBEAT_AGE")]
 
 
-class SafetyDevice:
+class SimulatedSafetyDevice:
     """One device. now : the simulation's clock.
 
     on_change : called whenever door, e-stop chain, relay or output may have changed, or
@@ -60,10 +60,10 @@ class SafetyDevice:
 
     def __init__(self, config: SafetyConfig, now: Callable[[], float]) -> None:
         self.config = config
-        self._block = WHOLE_BLOCK.in_order(config.word_order)
+        self._block = FULL_BLOCK.in_order(config.word_order)
         self.now = now
         self.card = InputCard(config)
-        self._output = LaserOutput()
+        self._output = LaserEnableOutput()
         self.on_change: Callable[[], None] = _nobody
         self.relay_opened_s: list[float] = []
         self._frozen: list[int] | None = None
@@ -74,10 +74,10 @@ class SafetyDevice:
     def _power_up(self) -> None:
         self._powered_s = self.now()
         self._control = [0, _DEFAULT_TIMEOUT_MS, 0, *[0] * self.config.laser_enable]
-        self._output.forget()
+        self._output.power_cycle()
         self._heartbeat_s = -math.inf
         self.relay_closed = False
-        self.card.forget()
+        self.card.power_cycle()
 
     @property
     def device_id(self) -> int:
@@ -86,20 +86,20 @@ class SafetyDevice:
     # --- what is wired to other devices
 
     @property
-    def estop_open(self) -> bool:
-        return Inputs.ESTOP_CLOSED not in self.card.good
+    def is_estop_open(self) -> bool:
+        return SafetyInputBits.ESTOP_CLOSED not in self.card.good
 
     @property
-    def door_open(self) -> bool:
-        return Inputs.DOOR_CLOSED not in self.card.good
+    def is_door_open(self) -> bool:
+        return SafetyInputBits.DOOR_CLOSED not in self.card.good
 
     @property
-    def relay_open(self) -> bool:
+    def is_relay_open(self) -> bool:
         """Whether a relay that is there stands open."""
         return self.config.watchdog_relay and not self.relay_closed
 
     @property
-    def laser_cut(self) -> bool:
+    def is_laser_enable_off(self) -> bool:
         """Whether a laser-enable output that is there stands off."""
         return self.config.laser_enable and not self._output.is_on
 
@@ -109,33 +109,33 @@ class SafetyDevice:
             return math.inf
         return self._heartbeat_s + self._control[_RELAY_TIMEOUT] / 1000.0
 
-    def settle(self) -> float:
+    def advance_to_now(self) -> float:
         """Carry out what is due until now; returns now."""
         now_s = self.now()
         if (due_s := self.next_due_s()) <= now_s + _SLACK_S:
             self.relay_closed = False
             self._output.drop()
             self.relay_opened_s.append(due_s)
-            self.card.tripped(RELAY_CODE)
+            self.card.record_first_out(RELAY_FIRST_OUT_CODE)
             self.on_change()
         return now_s
 
     # --- hands
 
-    def set_input(self, one: Inputs, good: bool) -> None:
+    def set_input(self, one: SafetyInputBits, good: bool) -> None:
         """Open or close any input."""
-        self.settle()
+        self.advance_to_now()
         self.card.set_input(one, good)
         self.on_change()
 
-    def open_door(self, is_open: bool = True) -> None:
-        self.set_input(Inputs.DOOR_CLOSED, not is_open)
+    def set_door_open(self, is_open: bool = True) -> None:
+        self.set_input(SafetyInputBits.DOOR_CLOSED, not is_open)
 
-    def open_estop_chain(self, is_open: bool = True) -> None:
-        self.set_input(Inputs.ESTOP_CLOSED, not is_open)
+    def set_estop_open(self, is_open: bool = True) -> None:
+        self.set_input(SafetyInputBits.ESTOP_CLOSED, not is_open)
 
-    def invalidate_analyser(self, invalid: bool = True) -> None:
-        self.set_input(Inputs.OXYGEN_VALID, not invalid)
+    def set_analyser_invalid(self, invalid: bool = True) -> None:
+        self.set_input(SafetyInputBits.OXYGEN_VALID, not invalid)
 
     def set_shield_gas(self, flow_L_min: float | None) -> None:
         """None: "not available". Below 5 L/min its own switch opens too."""
@@ -152,44 +152,44 @@ class SafetyDevice:
         """Outside 200 to 2000 Pa its own switch opens too."""
         self._set_values(EXTRACTION_DP=pressure_Pa)
 
-    def stick_output(self, stuck: bool = True) -> None:
+    def set_output_stuck(self, stuck: bool = True) -> None:
         """The laser-enable output stays as it is, whatever it is told, or follows again."""
-        self.settle()
-        self._output.stick(stuck)
+        self.advance_to_now()
+        self._output.set_stuck(stuck)
         self.on_change()
 
     def weld_output(self) -> None:
         """The laser-enable contact closes and stays so; `stick_output(False)` frees it."""
-        self.settle()
-        self._output.weld()
+        self.advance_to_now()
+        self._output.weld_closed()
         self.on_change()
 
     def drop_output(self) -> None:
         """The laser-enable output drops by itself."""
-        self.settle()
+        self.advance_to_now()
         self._output.drop()
         self.on_change()
 
-    def freeze(self, frozen: bool = True) -> None:
+    def set_frozen(self, frozen: bool = True) -> None:
         """Its input side stands still and TICK with it; heartbeats are still echoed."""
         self._frozen = self._fresh_words() if frozen else None
 
-    def silence(self, silent: bool = True) -> None:
+    def set_silent(self, silent: bool = True) -> None:
         """It neither hears nor answers."""
         self._silent = silent
 
-    def refuse(self, code: int | None) -> None:
+    def reply_with_exception(self, code: int | None) -> None:
         """Answer every request with this Modbus exception, and carry none out; None: no more."""
         self._exception = code
 
     def restart(self) -> None:
         """Power off and on: the relay opens, everything volatile is forgotten."""
-        self.settle()
+        self.advance_to_now()
         self._power_up()
         self.on_change()
 
-    def _set_values(self, **values: Value) -> None:
-        self.settle()
+    def _set_values(self, **values: RegisterValue) -> None:
+        self.advance_to_now()
         self.card.set_values(values)
         self.on_change()
 
@@ -199,56 +199,56 @@ class SafetyDevice:
         self._meet()
         words = self._words()
         if address + count > len(words):
-            raise RefusedError(ILLEGAL_ADDRESS)
+            raise ExceptionReplyError(ILLEGAL_ADDRESS)
         return words[address : address + count]
 
     def read_holding(self, address: int, count: int) -> list[int]:
-        if address >= MIRROR:
-            return self.read_input(address - MIRROR, count)
+        if address >= MIRROR_ADDRESS:
+            return self.read_input(address - MIRROR_ADDRESS, count)
         self._meet()
         if address + count > len(self._control):
-            raise RefusedError(ILLEGAL_ADDRESS)
+            raise ExceptionReplyError(ILLEGAL_ADDRESS)
         return self._control[address : address + count]
 
     def write(self, address: int, words: Sequence[int]) -> None:
         """All of them, or none."""
         time_s = self._meet()
         if time_s < self._powered_s + self.config.boot_s:
-            raise RefusedError(BUSY)
+            raise ExceptionReplyError(BUSY)
         new = dict(enumerate(words, address))
         if not new.keys() <= set(range(len(self._control))):
-            raise RefusedError(ILLEGAL_ADDRESS)
+            raise ExceptionReplyError(ILLEGAL_ADDRESS)
         if not LEAST_TIMEOUT_MS <= new.get(_RELAY_TIMEOUT, LEAST_TIMEOUT_MS) <= GREATEST_TIMEOUT_MS:
-            raise RefusedError(ILLEGAL_VALUE)
+            raise ExceptionReplyError(ILLEGAL_VALUE)
         if new.get(_LASER_ENABLE, 0) > 1:
-            raise RefusedError(ILLEGAL_VALUE)
+            raise ExceptionReplyError(ILLEGAL_VALUE)
         reset = new.pop(_RELAY_RESET, 0) == RELAY_RESET_KEY
         heard = new.get(_HEARTBEAT, self._control[_HEARTBEAT]) != self._control[_HEARTBEAT]
         timeout_s = new.get(_RELAY_TIMEOUT, self._control[_RELAY_TIMEOUT]) / 1000.0
         fresh = heard or time_s < self._heartbeat_s + timeout_s
         if reset and self.config.watchdog_relay and not fresh:
-            raise RefusedError(REFUSED)
+            raise ExceptionReplyError(REFUSED)
         sooner = timeout_s * 1000.0 < self._control[_RELAY_TIMEOUT]
-        was_cut = self.laser_cut
+        was_cut = self.is_laser_enable_off
         for at, word in new.items():
             self._control[at] = word
         if _LASER_ENABLE in new:
-            self._output.tell(new[_LASER_ENABLE], self.relay_closed)
+            self._output.command(new[_LASER_ENABLE], self.relay_closed)
         if heard:
             self._heartbeat_s = time_s
         if reset:
             self.relay_closed = self.config.watchdog_relay
             self.card.reset_first_out()
-        if reset or sooner or self.laser_cut != was_cut:
+        if reset or sooner or self.is_laser_enable_off != was_cut:
             self.on_change()
 
     def _meet(self) -> float:
         """A request has come. Raises what it earns where the device is broken; returns now."""
-        time_s = self.settle()
+        time_s = self.advance_to_now()
         if self._silent:
-            raise SilentError
+            raise RequestIgnoredError
         if self._exception is not None:
-            raise RefusedError(self._exception)
+            raise ExceptionReplyError(self._exception)
         return time_s
 
     def _words(self) -> list[int]:
@@ -259,20 +259,20 @@ class SafetyDevice:
                 for at, (old, word) in enumerate(zip(self._frozen, words, strict=True))]
 
     def _fresh_words(self) -> list[int]:
-        time_s = self.settle()
+        time_s = self.advance_to_now()
         age_s = time_s - self._heartbeat_s
         timeout_s = self._control[_RELAY_TIMEOUT] / 1000.0
-        status = Status.SELF_TEST_OK
+        status = SafetyStatusBits.SELF_TEST_OK
         if self.config.watchdog_relay:
-            status |= Status.RELAY_FITTED
+            status |= SafetyStatusBits.RELAY_FITTED
         if self.relay_closed:
-            status |= Status.RELAY_CLOSED
+            status |= SafetyStatusBits.RELAY_CLOSED
         if self.config.laser_enable:
-            status |= Status.LASER_ENABLE_FITTED
+            status |= SafetyStatusBits.LASER_ENABLE_FITTED
         if self._output.is_on:
-            status |= Status.LASER_ENABLED
+            status |= SafetyStatusBits.LASER_ENABLED
         if age_s < timeout_s:
-            status |= Status.HEARTBEAT_FRESH
+            status |= SafetyStatusBits.HEARTBEAT_FRESH
         return self._block.encode({
             "DEVICE_ID": DEVICE_ID,
             "MAP_VERSION": MAP_MAJOR << 8 | MAP_MINOR,
@@ -284,7 +284,7 @@ class SafetyDevice:
             "FIRST_OUT": self.card.first_out,
             "TRIP_COUNT": self.card.trips & 0xFFFF,
             "HEARTBEAT_ECHO": self._control[_HEARTBEAT],
-            "HEARTBEAT_AGE": int(min(_OLDEST_MS, age_s * 1000)),
+            "HEARTBEAT_AGE": int(min(_MAX_AGE_MS, age_s * 1000)),
             "UPTIME": int(time_s - self._powered_s),
             "TICK": int(time_s * 1000) & 0xFFFF,
             **self.card.values,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 
-class LaserOutput:
+class LaserEnableOutput:
     """Off at power-up. is_on : the contact itself, stuck or not."""
 
     def __init__(self) -> None:
@@ -12,7 +12,7 @@ class LaserOutput:
         self._driven = False  # the contact, if it follows
         self._stuck = False
 
-    def tell(self, level: int, may_come_on: bool) -> None:
+    def command(self, level: int, may_come_on: bool) -> None:
         """A word of the host: 0 drops it, and only an edge to 1 while it may has it come on."""
         if level == 0:
             self._drive(False)
@@ -24,17 +24,17 @@ class LaserOutput:
         """By itself, as with the watchdog: a host that repeats its 1 does not bring it back."""
         self._drive(False)
 
-    def forget(self) -> None:
+    def power_cycle(self) -> None:
         """Power off and on."""
         self._level = 0
         self._drive(False)
 
-    def stick(self, stuck: bool) -> None:
+    def set_stuck(self, stuck: bool) -> None:
         """The contact stays where it is, or follows again."""
         self._stuck = stuck
         self._drive(self._driven)
 
-    def weld(self) -> None:
+    def weld_closed(self) -> None:
         """The contact closes, and stays so until it follows again."""
         self._stuck = self.is_on = True
 

@@ -6,9 +6,9 @@ import asyncio
 import math
 from collections.abc import Iterable
 
-from simulators.feeder.device import PmxDevice
-from simulators.motion.sim import MotionSim
-from simulators.safety.device import SafetyDevice
+from simulators.feeder.device import PmxFeederDevice
+from simulators.motion.simulator import MotionSimulator
+from simulators.safety.device import SimulatedSafetyDevice
 
 #: From an opened safety circuit to a dark laser: a safe-off takes less than 50 ms.
 LASER_OFF_S = 0.02
@@ -22,7 +22,8 @@ class SafetyWiring:
     """
 
     def __init__(
-        self, safety: SafetyDevice, motion: MotionSim, feeders: Iterable[PmxDevice]
+        self, safety: SimulatedSafetyDevice, motion: MotionSimulator,
+        feeders: Iterable[PmxFeederDevice]
     ) -> None:
         self._safety = safety
         self._motion = motion
@@ -41,16 +42,16 @@ class SafetyWiring:
     def _drive(self) -> None:
         """Bring every input to where its wire stands, and look again when the relay is due."""
         safety = self._safety
-        door, estop = safety.door_open or safety.relay_open, safety.estop_open
+        door, estop = safety.is_door_open or safety.is_relay_open, safety.is_estop_open
         if estop != self._estop:
             self._estop = estop
             self._motion.set_estop(estop)
             for feeder in self._feeders:
-                feeder.open_estop_chain(estop)
+                feeder.set_estop_open(estop)
         circuit = safety.config.laser_circuit
         if circuit or safety.config.laser_enable:
-            is_cut = (circuit and (door or estop)) or safety.laser_cut
-            self._motion.cut_laser(is_cut, LASER_OFF_S)
+            is_cut = (circuit and (door or estop)) or safety.is_laser_enable_off
+            self._motion.set_laser_circuit_open(is_cut, LASER_OFF_S)
         if door != self._door:
             self._door = door
             self._motion.set_door(door)
@@ -64,6 +65,6 @@ class SafetyWiring:
     def _look(self) -> None:
         """The relay was due: it opens, or heartbeats have put it off."""
         self._timer = None
-        self._safety.settle()
+        self._safety.advance_to_now()
         if self._timer is None:
             self._drive()

@@ -36,7 +36,7 @@ def main() -> None:
     for seed in range(asked.first, asked.first + asked.seeds):
         with mock.patch.object(gear_cloud, "THICKNESS_MM", asked.thick):
             points = gear_cloud.gear_cloud(asked.points, asked.noise, seed)
-        grid = Grid.around(points.min(axis=0), points.max(axis=0), asked.pitch)
+        grid = Grid.enclosing(points.min(axis=0), points.max(axis=0), asked.pitch)
         start = time.process_time()
         values = cloud_field(points, grid).values
         cpu.append(time.process_time() - start)

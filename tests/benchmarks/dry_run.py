@@ -23,11 +23,11 @@ from pathlib import Path
 
 import numpy as np
 
-from lmctl.cli.bench import rewire
+from lmctl.cli.bench import replace_endpoints
 from lmctl.config.machine import MachineProfile, load_profile
 from lmctl.job.manifest_json import part_digest
 from lmctl.job.reader import JobReader
-from lmctl.job.schema import HopperUse, JobManifest, LineKind
+from lmctl.job.schema import JobHopper, JobManifest, LineKind
 from lmctl.job.writer import JobWriter
 from lmctl.run.executor import run_job
 from simulators import virtual_time
@@ -50,7 +50,7 @@ def main() -> None:
         print(json.dumps(one_run(Path(job), wire, Path(runs))))
         return
     # Not at the top: a run's own process imports no planning, and its peak memory is measured.
-    from lmctl.examples.templates import write_gear_example
+    from lmctl.examples.templates import write_gear_template
     from lmctl.part.load import load_part
     from lmctl.plan.planner import plan_job
 
@@ -58,7 +58,7 @@ def main() -> None:
         folder = Path(name)
         spiral, gear = folder / "spiral.lmj", folder / "gear.lmj"
         write_spiral(spiral, chosen.lines, profile())
-        plan_job(load_part(write_gear_example(folder)), profile(), gear)
+        plan_job(load_part(write_gear_template(folder)), profile(), gear)
         tcp, pty, whole = (
             in_a_process(job, wire, folder / wire / job.stem)
             for job, wire in ((spiral, "tcp"), (spiral, "pty"), (gear, "tcp"))
@@ -99,7 +99,7 @@ def one_run(job: Path, wire: str, runs: Path) -> dict[str, float]:
 
     async def whole() -> tuple[Bench, object]:
         async with Bench(config, ephemeral_ports=True) as bench:
-            return bench, await run_job(job, rewire(profile(), bench.endpoints), runs)
+            return bench, await run_job(job, replace_endpoints(profile(), bench.endpoints), runs)
 
     bench, result = virtual_time.run(whole())
     peak_mb = peak_so_far_mb()  # before the judging
@@ -118,7 +118,7 @@ def one_run(job: Path, wire: str, runs: Path) -> dict[str, float]:
     return {
         "lines": result.lines, "wall_s": result.wall_s, "machine_s": result.machine_s,
         "wrong": len(set(motions) ^ set(executed)) + len(executed) - len(set(executed)),
-        "overruns": bench.motion.overruns, "planned_s": planned_s,
+        "overruns": bench.motion.rx_overrun_bytes, "planned_s": planned_s,
         "simulated_s": float(blocks.end_s[-1] - blocks.start_s[first]),
         "peak_mb": peak_mb,
     }
@@ -181,7 +181,7 @@ def write_spiral(path: Path, n_lines: int, cell: MachineProfile) -> None:
             s_max=cell.laser.s_max, max_power_W=cell.laser.max_power_W,
             send_horizon_s=cell.motion.send_horizon_s,
             materials=tuple(hopper.material for hopper in cell.hopper),
-            hoppers=tuple(HopperUse(h.name, h.material, h.dead_time_s, h.lag_s, h.max_flow_g_min)
+            hoppers=tuple(JobHopper(h.name, h.material, h.dead_time_s, h.lag_s, h.max_flow_g_min)
                           for h in cell.hopper),
             bounds_mm=((10.0, 10.0, 1.0), (210.0, 210.0, 20.0)),
             totals={"powder_g": {}, "peak_flow_g_min": {}, "peak_power_W": POWER_W,

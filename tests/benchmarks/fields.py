@@ -24,7 +24,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))  # also without bei
 from lmctl.examples.gear_cloud import bore_outline, gear_outline
 from lmctl.field.cloud.cloud_field import cloud_field
 from lmctl.field.eikonal import eikonal_distance
-from lmctl.field.field import Field, sample
+from lmctl.field.field import Field, sample_distance
 from lmctl.field.grid import Grid
 from lmctl.field.mesh.mesh_field import mesh_field
 from lmctl.field.primitives import box_distance, sphere_distance
@@ -146,16 +146,17 @@ def stored_bodies(_: Grid) -> dict[str, Any]:
     small_at = np.array([18.0, 3.0, -2.0])
     small = stored_field(
         lambda p: sphere_distance(p, small_at, 6.0),
-        Grid.around(small_at - 6.0, small_at + 6.0, 0.25),
+        Grid.enclosing(small_at - 6.0, small_at + 6.0, 0.25),
     )
     both = np.vstack([20.0 * ways, small_at + 6.0 * ways])
     true = np.maximum(
         sphere_distance(both, [0, 0, 0], 20.0), sphere_distance(both, small_at, 6.0)
     )
-    union = np.maximum(sample(ball, both), sample(small, both))[np.abs(true) < 1e-9]
+    union = np.maximum(sample_distance(ball, both),
+                       sample_distance(small, both))[np.abs(true) < 1e-9]
     return {
-        "stored_sphere_mm": float(np.abs(sample(ball, 20.0 * ways)).max()),
-        "stored_box_mm": float(np.abs(sample(box, share * half)).max()),
+        "stored_sphere_mm": float(np.abs(sample_distance(ball, 20.0 * ways)).max()),
+        "stored_box_mm": float(np.abs(sample_distance(box, share * half)).max()),
         "stored_union_mm": float(np.abs(union).max()),
     }
 
@@ -192,7 +193,7 @@ def cube(nodes: int) -> Grid:
 
 
 def stored(distance: Callable[[np.ndarray], np.ndarray], reach: np.ndarray, pitch: float) -> Field:
-    return stored_field(distance, Grid.around(-reach, reach, pitch))
+    return stored_field(distance, Grid.enclosing(-reach, reach, pitch))
 
 
 def warm_up() -> None:
@@ -200,7 +201,7 @@ def warm_up() -> None:
     mesh_field(*gear_mesh(), small)
     cloud_field(strewn(gear_mesh(), 20_000, np.random.default_rng(1)), small)
     ball = stored(lambda p: sphere_distance(p, [0, 0, 0], 5.0), np.full(3, 5.0), 1.0)
-    sample(ball, np.full((1, 3), 2.8))
+    sample_distance(ball, np.full((1, 3), 2.8))
     eikonal_distance(ball.values, 1.0)
 
 

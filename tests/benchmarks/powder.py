@@ -22,12 +22,12 @@ from pathlib import Path
 
 import numpy as np
 
-from lmctl.cli.bench import rewire
+from lmctl.cli.bench import replace_endpoints
 from lmctl.config.machine import MachineProfile, load_profile
 from lmctl.job.reader import JobReader
 from lmctl.part.load import load_part
 from lmctl.plan.planner import plan_job
-from lmctl.run.executor import Executor
+from lmctl.run.executor import RunExecutor
 from simulators import virtual_time
 from simulators.bench import Bench
 from simulators.bench_config import BenchConfig
@@ -132,17 +132,17 @@ def judged(
 
     async def whole() -> Bench:
         async with Bench(config, ephemeral_ports=True) as bench:
-            executor = Executor(job, rewire(profile, bench.endpoints), runs)
+            executor = RunExecutor(job, replace_endpoints(profile, bench.endpoints), runs)
             executor.set_override(percent)
             await executor.run()
         return bench
 
-    path = virtual_time.run(whole()).record.beam_path()
+    path = virtual_time.run(whole()).record.beam_on_path()
     with JobReader(job) as reader:
         fractions = np.concatenate([layer.lines["fractions"] for layer in reader.layers()])
-    designed = path.designed(np.arange(len(fractions)), fractions)
+    designed = path.designed_fractions(np.arange(len(fractions)), fractions)
     layer_s = float(path.time_s[-1] - path.time_s[0])
-    return float(path.share_within(designed, TOLERANCE)), layer_s
+    return float(path.fraction_within(designed, TOLERANCE)), layer_s
 
 
 if __name__ == "__main__":

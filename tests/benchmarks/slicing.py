@@ -17,7 +17,7 @@ from lmctl.field.grid import Grid
 from lmctl.field.plane import PlaneGrid, section_loops
 from lmctl.part.bodies.mesh_solid import MeshSolid
 from lmctl.part.sources.mesh_files import Mesh
-from lmctl.part.sources.slicing import Slicer
+from lmctl.part.sources.slicing import MeshSlicer
 
 RADIUS_MM = 30.0
 HEIGHTS_MM = np.linspace(-0.95, 0.95, 60) * RADIUS_MM
@@ -32,7 +32,7 @@ def cpu_s(work: Callable[[], object]) -> float:
 def main() -> None:
     ball = trimesh.creation.icosphere(7, RADIUS_MM)
     vertices, triangles = np.asarray(ball.vertices), np.asarray(ball.faces, dtype=np.int64)
-    slicer = Slicer(vertices, triangles)
+    slicer = MeshSlicer(vertices, triangles)
     result: dict[str, Any] = {
         "triangles": len(triangles),
         "own_s": cpu_s(lambda: [slicer.loops(float(z)) for z in HEIGHTS_MM]),
@@ -59,7 +59,7 @@ def corner_errors() -> dict[str, float]:
     """How far the outline of a box's section stays from its true corners [mm], pitch 0.25."""
     box = trimesh.creation.box((20.3, 15.1, 10.0))
     mesh = Mesh(np.asarray(box.vertices), np.asarray(box.faces, dtype=np.int64))
-    solid = MeshSolid(mesh, Grid.around(box.bounds[0], box.bounds[1], 0.25))
+    solid = MeshSolid(mesh, Grid.enclosing(box.bounds[0], box.bounds[1], 0.25))
     plane = PlaneGrid((-12.0, -10.0), 0.25, (81, 97))
     corners = np.array([(x, y) for x in (-10.15, 10.15) for y in (-7.55, 7.55)])
 
@@ -67,12 +67,13 @@ def corner_errors() -> dict[str, float]:
         outline = np.vstack(loops)
         return round(max(float(np.hypot(*(outline - c).T).min()) for c in corners), 6)
 
-    from lmctl.field.field import sample
+    from lmctl.field.field import sample_distance
     from lmctl.part.bodies.body import plane_points
 
-    values = sample(solid.field, plane_points(plane, 1.0)).astype(np.float32).reshape(plane.shape)
+    values = sample_distance(solid.field,
+                             plane_points(plane, 1.0)).astype(np.float32).reshape(plane.shape)
     return {
-        "corner_miss_of_triangles_mm": miss(solid.loops(1.0, plane)),
+        "corner_miss_of_triangles_mm": miss(solid.outline_loops(1.0, plane)),
         "corner_miss_of_stored_field_mm": miss(section_loops(values, plane)),
     }
 

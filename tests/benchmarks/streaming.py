@@ -45,11 +45,11 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))  # also without being installed
 
-from lmctl.machine.motion.driver import MotionDriver, MotionListener
+from lmctl.machine.motion.driver import MotionCallbacks, MotionDriver
 from simulators import virtual_time
 from simulators.motion.config import MotionConfig
 from simulators.motion.server import serve_tcp
-from simulators.motion.sim import MotionSim
+from simulators.motion.simulator import MotionSimulator
 from tests.benchmarks.far_end.motion import BAUD, BYTES_S, SETTINGS
 
 FAR_END = Path(__file__).parent / "far_end" / "motion.py"
@@ -160,8 +160,8 @@ async def stream(far: FarEnd, lines: int) -> None:
     """Send lines as fast as they go, to the last answer."""
     driver = await open_driver(f"serial://{far.path}")
     done = asyncio.Event()
-    driver.listener = MotionListener(
-        on_progress=lambda: done.set() if driver.acknowledged == lines + 1 else None
+    driver.listener = MotionCallbacks(
+        on_progress=lambda: done.set() if driver.lines_acknowledged == lines + 1 else None
     )
     driver.submit([FULL_WIRE.head, *islice(FULL_WIRE.lines(), lines)])
     await asyncio.wait_for(done.wait(), 60.0)
@@ -174,11 +174,11 @@ async def stream_and_hold(far: FarEnd, program: Program, holds: int) -> list[flo
     source = program.lines()
 
     def refill() -> None:
-        if driver.queued < 100:
+        if driver.lines_queued < 100:
             driver.submit(islice(source, 200))
 
     driver.submit([program.head])
-    driver.listener = MotionListener(on_progress=refill)
+    driver.listener = MotionCallbacks(on_progress=refill)
     refill()
     took, chance = [], random.Random(1)
     for _ in range(holds):
@@ -197,25 +197,25 @@ async def open_driver(endpoint: str) -> MotionDriver:
 
 async def lines_by_tcp(lines: int) -> int:
     """Stream lines to a simulated grblHAL by TCP; the bytes that it lost. In virtual time."""
-    sim = MotionSim(MotionConfig(dialect="grblhal", settings=SETTINGS | {10: 511}))
+    sim = MotionSimulator(MotionConfig(dialect="grblhal", settings=SETTINGS | {10: 511}))
     server = await serve_tcp(sim)
     driver = await open_driver(f"tcp://127.0.0.1:{server.port}")
     source, done = islice(FULL_WIRE.lines(), lines), asyncio.Event()
 
     def refill() -> None:
-        if driver.queued < 500:
+        if driver.lines_queued < 500:
             driver.submit(islice(source, 1000))
-        if driver.acknowledged == lines + 1:
+        if driver.lines_acknowledged == lines + 1:
             done.set()
 
-    driver.listener = MotionListener(on_progress=refill)
+    driver.listener = MotionCallbacks(on_progress=refill)
     driver.submit([FULL_WIRE.head])
     await done.wait()
     await driver.close()
     server.close()
     sim.close()
     await asyncio.sleep(0)
-    return sim.overruns
+    return sim.rx_overrun_bytes
 
 
 # printcore as the host ---------------------------------------------------------------------------

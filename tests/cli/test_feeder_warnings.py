@@ -105,7 +105,7 @@ def test_a_run_goes_on_where_nobody_hears_its_talk(monkeypatch):
         raise BrokenPipeError
 
     monkeypatch.setattr("lmctl.cli.console.say", broken)
-    console.notice("warning: the level is low")
+    console.print_notice("warning: the level is low")
 
 
 def test_on_a_terminal_a_notice_has_a_line_of_its_own_above_the_bar():

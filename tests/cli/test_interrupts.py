@@ -18,7 +18,7 @@ import pytest
 
 import lmctl.examples
 from lmctl.config.machine import load_profile
-from lmctl.run.journal.file import read, verify
+from lmctl.run.journal.format import read_records, verify_journal
 from simulators import virtual_time
 from tests.faults.kills import shortened, wired
 from tests.run.conftest import squares, write_job
@@ -80,8 +80,8 @@ def test_ctrl_c_while_running_stops_in_the_safe_order(tmp_path: Path) -> None:
     _, talk = process.communicate(timeout=60)
     assert process.returncode == 5, talk
     assert "Traceback" not in talk
-    assert verify(journal).sealed
-    records = list(read(journal))
+    assert verify_journal(journal).sealed
+    records = list(read_records(journal))
     assert records[-1]["state"] == "stopped"
     acts = [record["do"] for record in records if record["kind"] == "act"]
     assert acts[-3:] == ["beam and motion off", "powder off", "post-flow, gas off"]

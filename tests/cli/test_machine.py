@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from lmctl.run.journal.file import read, verify
+from lmctl.run.journal.format import read_records, verify_journal
 from tests.cli.conftest import CELL, HOMING
 
 PART = """
@@ -35,8 +35,8 @@ def _free_port() -> int:
 
 def acts(folder: Path) -> list[dict[str, object]]:
     path = folder / "runs/machine-bench-cell.jsonl"
-    assert verify(path).whole
-    return [record for record in read(path) if record["kind"] in ("act", "ended")]
+    assert verify_journal(path).intact
+    return [record for record in read_records(path) if record["kind"] in ("act", "ended")]
 
 
 # --- looking ----------------------------------------------------------------------------------

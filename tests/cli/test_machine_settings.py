@@ -6,7 +6,7 @@ import re
 from importlib.resources import files
 from pathlib import Path
 
-from lmctl.run.journal.file import read
+from lmctl.run.journal.format import read_records
 from tests.cli.conftest import HOMING
 
 
@@ -35,7 +35,7 @@ def test_what_doctor_advises_can_be_typed_until_all_is_well(lmctl, standing, tmp
         assert done.code == 0, done.talk
         assert "written, and read back" in done.data
     assert doctor.code == 0, doctor.data
-    acts = [record for record in read(tmp_path / "runs/machine-bench-cell.jsonl")
+    acts = [record for record in read_records(tmp_path / "runs/machine-bench-cell.jsonl")
             if record["kind"] == "act"]
     assert len(acts) == 5
     assert acts[0]["do"] == "settings"

@@ -126,7 +126,7 @@ def test_help_of_every_command(lmctl: Lmctl) -> None:
 def test_the_same_job_gives_the_same_journal(
     lmctl: Lmctl, planned: dict[str, object], tmp_path: Path
 ) -> None:
-    from lmctl.run.journal.file import fingerprint
+    from lmctl.run.journal.format import fingerprint
 
     prints = set()
     for number in range(1, 7):

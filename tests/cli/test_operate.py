@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from lmctl.run.journal.file import verify
+from lmctl.run.journal.format import verify_journal
 
 BLOCK = """
 name = "block"
@@ -86,8 +86,8 @@ def test_a_run_is_held_looked_at_resumed_and_stopped(start, lmctl, refused, tmp_
     assert "run-0001 was stopped by the operator" in talk
     last = seen.communicate(timeout=20)[0].splitlines()[-1]
     assert json.loads(last)["state"] == "stopped"
-    found = verify(tmp_path / "runs/run-0001/journal.jsonl")
-    assert found.whole
+    found = verify_journal(tmp_path / "runs/run-0001/journal.jsonl")
+    assert found.intact
     assert found.sealed
 
     assert "run-0001 is not under way: stopped" in lmctl("status", "run-0001").data

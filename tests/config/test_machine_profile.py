@@ -18,7 +18,7 @@ def findings(*changes):
         assert old in text
         text = text.replace(old, new, 1)
     with pytest.raises(ConfigError) as caught:
-        toml_file.parse(text, MachineProfile, name="cell.toml")
+        toml_file.parse_toml(text, MachineProfile, name="cell.toml")
     assert "pydantic" not in str(caught.value)
     return [(finding.path, finding.reason) for finding in caught.value.findings]
 
@@ -42,7 +42,7 @@ def test_a_value_of_another_kind_is_refused_not_read_as_a_number(old, new, path,
 
 
 def test_a_whole_number_is_a_number():
-    profile = toml_file.parse(TEXT, MachineProfile, name="cell.toml")
+    profile = toml_file.parse_toml(TEXT, MachineProfile, name="cell.toml")
     assert profile.feeder[0].watchdog_s == 4.0
     assert profile.motion.purge_mm == (10.0, 10.0, 20.0)
 
@@ -92,9 +92,9 @@ def test_a_mixer_pressure_limit_is_a_pressure(value):
 
 
 def test_a_mixer_pressure_limit_may_be_missing_and_changes_no_plan():
-    with_limit = toml_file.parse(TEXT, MachineProfile, name="cell.toml")
+    with_limit = toml_file.parse_toml(TEXT, MachineProfile, name="cell.toml")
     text = "\n".join(line for line in TEXT.splitlines() if "mixer_pressure" not in line)
-    without = toml_file.parse(text, MachineProfile, name="cell.toml")
+    without = toml_file.parse_toml(text, MachineProfile, name="cell.toml")
     assert [one.mixer_pressure_max_mbar for one in with_limit.feeder] == [200.0, 200.0]
     assert [one.mixer_pressure_max_mbar for one in without.feeder] == [None, None]
     assert with_limit.planning_digest() == without.planning_digest()
@@ -110,7 +110,7 @@ def test_two_devices_may_share_a_line():
     second = 'endpoint = "modbus-tcp://127.0.0.1:5022"\ndevice_id = 1'
     assert second in TEXT
     text = TEXT.replace(second, 'endpoint = "modbus-tcp://127.0.0.1:5021"\ndevice_id = 2')
-    assert len(toml_file.parse(text, MachineProfile, name="cell.toml").feeder) == 2
+    assert len(toml_file.parse_toml(text, MachineProfile, name="cell.toml").feeder) == 2
 
 
 def test_items_that_are_all_wrong_are_not_called_missing_too():
@@ -123,7 +123,7 @@ def test_items_that_are_all_wrong_are_not_called_missing_too():
 def test_no_item_at_all_is_said_in_plain_words():
     text = TEXT[: TEXT.index("[[hopper]]")]
     with pytest.raises(ConfigError) as caught:
-        toml_file.parse(f"hopper = []\n{text}", MachineProfile, name="cell.toml")
+        toml_file.parse_toml(f"hopper = []\n{text}", MachineProfile, name="cell.toml")
     (finding,) = caught.value.findings
     assert (finding.path, finding.reason) == ("hopper", "at least one is needed")
 
@@ -136,4 +136,4 @@ def test_names_fit_on_a_line_and_command_no_terminal(name):
 
 def test_names_may_be_in_any_script():
     text = TEXT.replace('name = "bench cell"', 'name = "Zelle für Grün ☃"')
-    assert toml_file.parse(text, MachineProfile, name="cell.toml").name == "Zelle für Grün ☃"
+    assert toml_file.parse_toml(text, MachineProfile, name="cell.toml").name == "Zelle für Grün ☃"

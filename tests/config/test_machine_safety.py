@@ -15,11 +15,11 @@ SAFE = (EXAMPLES / "cell-safe.toml").read_text(encoding="utf-8")
 
 def profile(table: str) -> MachineProfile:
     text = f"{PLAIN}\n[safety]\nendpoint = 'modbus-tcp://127.0.0.1:5023'\n{table}\n"
-    return toml_file.parse(text, MachineProfile, name="cell.toml")
+    return toml_file.parse_toml(text, MachineProfile, name="cell.toml")
 
 
 def test_without_the_table_there_is_no_device():
-    assert toml_file.parse(PLAIN, MachineProfile, name="cell.toml").safety is None
+    assert toml_file.parse_toml(PLAIN, MachineProfile, name="cell.toml").safety is None
 
 
 def test_defaults():
@@ -33,16 +33,16 @@ def test_defaults():
 
 
 def test_the_shipped_cell_with_it():
-    safety = toml_file.parse(SAFE, MachineProfile, name="cell-safe.toml").safety
+    safety = toml_file.parse_toml(SAFE, MachineProfile, name="cell-safe.toml").safety
     assert (safety.relay_timeout_s, safety.laser_enable) == (0.3, True)
     assert safety.fitted == SAFETY_INPUTS
     assert (safety.chiller_max_C, safety.shield_gas_min_L_min) == (25.0, 12.0)
 
 
 def test_a_job_is_planned_for_the_cell_with_and_without_it():
-    plain = toml_file.parse(PLAIN, MachineProfile, name="cell.toml")
+    plain = toml_file.parse_toml(PLAIN, MachineProfile, name="cell.toml")
     assert profile("relay_timeout_s = 1").planning_digest() == plain.planning_digest()
-    shipped = toml_file.parse(SAFE, MachineProfile, name="cell-safe.toml")
+    shipped = toml_file.parse_toml(SAFE, MachineProfile, name="cell-safe.toml")
     assert shipped.planning_digest() == plain.planning_digest()
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from lmctl.config.materials import LIBRARY, closest, find
+from lmctl.config.materials import MATERIAL_LIBRARY, find_material, suggest_name
 
 
 @pytest.mark.parametrize(
@@ -15,13 +15,13 @@ from lmctl.config.materials import LIBRARY, closest, find
     ],
 )
 def test_handbook_values(name: str, density: float, apparent: float, catch: float) -> None:
-    material = LIBRARY[name]
+    material = MATERIAL_LIBRARY[name]
     assert (material.density_g_cm3, material.apparent_g_cm3) == (density, apparent)
     assert material.catch_efficiency == catch
 
 
 def test_values_are_possible() -> None:
-    for name, material in LIBRARY.items():
+    for name, material in MATERIAL_LIBRARY.items():
         assert material.name == name
         assert 0 < material.catch_efficiency <= 1
         if material.apparent_g_cm3 is not None:  # spheres cannot pack denser than this
@@ -31,8 +31,8 @@ def test_values_are_possible() -> None:
 
 
 def test_names_are_found_in_any_case_and_guessed() -> None:
-    assert find("wc-12co") is LIBRARY["WC-12Co"]
-    assert find("unobtainium") is None
-    assert closest("IN 718", list(LIBRARY)) == "did you mean 'IN718'?"
-    assert closest("ti6al4v", list(LIBRARY)) == "did you mean 'Ti-6Al-4V'?"
-    assert closest("xyzzy", list(LIBRARY)) == ""
+    assert find_material("wc-12co") is MATERIAL_LIBRARY["WC-12Co"]
+    assert find_material("unobtainium") is None
+    assert suggest_name("IN 718", list(MATERIAL_LIBRARY)) == "did you mean 'IN718'?"
+    assert suggest_name("ti6al4v", list(MATERIAL_LIBRARY)) == "did you mean 'Ti-6Al-4V'?"
+    assert suggest_name("xyzzy", list(MATERIAL_LIBRARY)) == ""

@@ -211,6 +211,6 @@ def test_a_body_that_its_own_composition_names_is_of_the_part() -> None:
     paths = [path for path, _ in findings(two + of_steel)]
     assert paths == ["combine"]  # which of two bodies is no longer passed over without a word
     part = parse_part_file('combine = "union"\n' + two + of_steel, name="part.toml")
-    assert (part.roots(), part.only_measured()) == ((0, 1), ())
+    assert (part.root_bodies(), part.bodies_only_measured_from()) == ((0, 1), ())
     part = parse_part_file(two + own, name="part.toml")
-    assert (part.roots(), part.only_measured()) == ((1,), (0,))
+    assert (part.root_bodies(), part.bodies_only_measured_from()) == ((1,), (0,))

@@ -13,7 +13,7 @@ import pytest
 
 from lmctl.config.machine import MachineProfile
 from lmctl.config.part_file import PartFile
-from lmctl.config.toml_file import Model, check
+from lmctl.config.toml_file import ConfigModel, check_data
 from lmctl.errors import ConfigError
 
 EXAMPLES = sorted(path.name for path in files("lmctl.examples").iterdir()
@@ -28,7 +28,7 @@ FOREIGN = re.compile(r"\b(Input|String|Tuple|Dictionary|List|Value|Field|Extra|U
                      r"|items|instance|greater|less|equal|character)\b")
 
 
-def of(name: str) -> tuple[dict[str, Any], type[Model]]:
+def of(name: str) -> tuple[dict[str, Any], type[ConfigModel]]:
     text = (files("lmctl.examples") / name).read_text(encoding="utf-8")
     return tomllib.loads(text), MachineProfile if name.startswith("cell") else PartFile
 
@@ -41,9 +41,9 @@ def places(data: Any) -> Iterator[tuple[Any, Any]]:
             yield from places(data[key])
 
 
-def reasons(data: Any, model: type[Model]) -> list[tuple[str, str]]:
+def reasons(data: Any, model: type[ConfigModel]) -> list[tuple[str, str]]:
     try:
-        check(data, model, name="it")
+        check_data(data, model, name="it")
     except ConfigError as error:
         return [(finding.path, finding.reason) for finding in error.findings]
     return []

@@ -26,7 +26,7 @@ import numpy as np
 from lmctl.config.machine import load_profile
 from lmctl.job.reader import JobReader
 from lmctl.job.schema import LineKind
-from lmctl.run.journal.file import read, verify
+from lmctl.run.journal.format import read_records, verify_journal
 from lmctl.run.program.reentry import OVERLAP_MM
 from tests.faults.processes import start
 
@@ -107,13 +107,14 @@ def _run_and_kill(job: Path, cell: Path, folder: Path, at_s: float) -> str:
     host.join(at_s)
     host.kill()
     host.join()
-    states = [r["to"] for r in read(journal) if r["kind"] == "state"] if journal.exists() else []
+    states = [
+        r["to"] for r in read_records(journal) if r["kind"] == "state"] if journal.exists() else []
     return states[-1] if states else "not begun"
 
 
 def _judge_journal(folder: Path, outcome: Outcome) -> None:
     journal = folder / "runs" / "run-0001" / "journal.jsonl"
-    if journal.exists() and not verify(journal).whole:
+    if journal.exists() and not verify_journal(journal).intact:
         outcome.shortfalls.append("the journal does not verify")
 
 
@@ -167,7 +168,7 @@ def _judge_record(job: Path, record: dict, folder: Path, outcome: Outcome) -> No
 
 
 def _false_claims(journal: Path, lines: np.ndarray, length: np.ndarray, drawn: dict) -> list[str]:
-    claimed = {r["path"] for r in read(journal) if r["kind"] == "executed"}
+    claimed = {r["path"] for r in read_records(journal) if r["kind"] == "executed"}
     return [
         f"{journal.parent.name} claims path {path}, which was not executed"
         for path in sorted(claimed)

@@ -17,18 +17,18 @@ import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from lmctl.cli.bench import rewire
+from lmctl.cli.bench import replace_endpoints
 from lmctl.config.machine import load_profile
 from lmctl.errors import LmctlError, UsageError
-from lmctl.run.executor import Executor
-from lmctl.run.journal.file import read, verify
-from lmctl.run.state.table import State
+from lmctl.run.executor import RunExecutor
+from lmctl.run.journal.format import read_records, verify_journal
+from lmctl.run.state.transitions import RunState
 from simulators import virtual_time
 from simulators.bench import Bench
 from simulators.bench_config import BenchConfig
-from simulators.faults.board import FaultBoard
-from simulators.faults.kinds import KINDS, Fault, Host, Strikes
-from simulators.verdict import Verdict, verdict
+from simulators.fault_outcome import FaultOutcome, judge_fault
+from simulators.faults.fault_injector import FaultInjector
+from simulators.faults.kinds import FAULT_KINDS, ExpectedReaction, Fault, FaultTarget
 from tests.faults.expected import EXPECTED, SEEN_WITHIN_S, STANDS_S, UNSEEN
 from tests.faults.kills import shortened
 from tests.run.only_run import journal_of_only_run
@@ -39,8 +39,8 @@ DARK_WITHIN_S = 0.1
 #: States in which something can go wrong, in the order in which a run comes to them. (Connecting
 #: and checking take no machine time; there a device that fails is one that does not answer.)
 STATES = (
-    State.GAS, State.POWDER, State.ARMED, State.DEPOSITING, State.HOLDING,
-    State.HELD, State.PURGING, State.RESUMING, State.STOPPING, State.FINISHING,
+    RunState.GAS, RunState.POWDER, RunState.ARMED, RunState.DEPOSITING, RunState.HOLDING,
+    RunState.HELD, RunState.PURGING, RunState.RESUMING, RunState.STOPPING, RunState.FINISHING,
 )
 _HOLD_AT_S, _MOST_S = 1.0, 400.0
 _LOOK_S = 0.005
@@ -51,7 +51,7 @@ class Cell:
     """What became of one fault in one state."""
 
     fault: Fault
-    state: State
+    state: RunState
     came: bool = False
     headline: str = ""
     followed: tuple[str, ...] = ()
@@ -70,7 +70,7 @@ class Cell:
 class Trial:
     """One run of a small job, into which one fault is put."""
 
-    def __init__(self, fault: Fault, state: State, job: Path, folder: Path) -> None:
+    def __init__(self, fault: Fault, state: RunState, job: Path, folder: Path) -> None:
         self.cell = Cell(fault, state)
         self._job, self._folder = job, folder
         self._error: LmctlError | None = None
@@ -80,9 +80,9 @@ class Trial:
         self._loop = asyncio.get_running_loop()
         config = BenchConfig.parse(shortened("bench-safe.toml"))
         async with Bench(config, ephemeral_ports=True) as bench:
-            profile = rewire(load_profile(self._folder / "cell.toml"), bench.endpoints)
-            self._board = FaultBoard(bench)
-            self._executor = Executor(self._job, profile, self._folder / "runs")
+            profile = replace_endpoints(load_profile(self._folder / "cell.toml"), bench.endpoints)
+            self._board = FaultInjector(bench)
+            self._executor = RunExecutor(self._job, profile, self._folder / "runs")
             self._began_s = self._loop.time()
             running = asyncio.create_task(self._executor.run())
             operator = asyncio.create_task(self._operate())
@@ -97,8 +97,8 @@ class Trial:
             self._final = self._executor.state.value
             self._board.clear_all()
             await asyncio.sleep(5.0)
-            since_s = self._board.happened[0].at_s if self._board.happened else self._began_s
-            self._judge(verdict(bench, since_s))
+            since_s = self._board.injected[0].at_s if self._board.injected else self._began_s
+            self._judge(judge_fault(bench, since_s))
 
     # --- the operator and the fault -----------------------------------------------------------
 
@@ -110,7 +110,7 @@ class Trial:
         self._board.clear_all()
         await asyncio.sleep(3.0)
         while True:
-            if self._executor.state is State.HELD:
+            if self._executor.state is RunState.HELD:
                 self._read_headline()
                 try:
                     self._executor.resume()
@@ -118,7 +118,7 @@ class Trial:
                     self.cell.end = f"held: {error.what}"
                     self._executor.stop()
                 await asyncio.sleep(40.0)
-                if self._executor.state is State.HELD:
+                if self._executor.state is RunState.HELD:
                     self._executor.stop()
             await asyncio.sleep(0.5)
 
@@ -129,39 +129,40 @@ class Trial:
             self.cell.headline, *followed = [one["what"] for one in alarms]
             self.cell.followed = tuple(followed)
 
-    async def _bring_to(self, state: State) -> None:
-        if state in (State.HOLDING, State.HELD, State.PURGING, State.RESUMING, State.STOPPING):
-            await self._until(State.DEPOSITING)
+    async def _bring_to(self, state: RunState) -> None:
+        if state in (RunState.HOLDING, RunState.HELD, RunState.PURGING, RunState.RESUMING,
+                     RunState.STOPPING):
+            await self._until(RunState.DEPOSITING)
             await asyncio.sleep(_HOLD_AT_S)
-            (self._executor.stop if state is State.STOPPING else self._executor.hold)()
-        if state in (State.PURGING, State.RESUMING):
-            await self._until(State.HELD)
+            (self._executor.stop if state is RunState.STOPPING else self._executor.hold)()
+        if state in (RunState.PURGING, RunState.RESUMING):
+            await self._until(RunState.HELD)
             await asyncio.sleep(0.5)
             self._executor.resume()
         await self._until(state)
-        if state is State.DEPOSITING:
+        if state is RunState.DEPOSITING:
             await asyncio.sleep(_HOLD_AT_S)
 
-    async def _until(self, state: State) -> None:
+    async def _until(self, state: RunState) -> None:
         while self._executor.state is not state:  # noqa: ASYNC110 (states have no event)
             await asyncio.sleep(_LOOK_S)
 
     # --- the judge ----------------------------------------------------------------------------
 
-    def _judge(self, found: Verdict) -> None:
+    def _judge(self, found: FaultOutcome) -> None:
         cell = self.cell
         if not cell.came:
             return
         journal = journal_of_only_run(self._folder / "runs", self._error)
-        check = verify(journal)
-        if not (check.whole and check.sealed):
+        check = verify_journal(journal)
+        if not (check.intact and check.sealed):
             cell.shortfalls.append("the journal is not whole")
-        records = list(read(journal))
+        records = list(read_records(journal))
         injected_s = found.since_s - self._began_s
         troubles = [r for r in records if r["kind"] in ("alarm", "fault") and r["t"] >= injected_s]
         if troubles:
             cell.seen_s = troubles[0]["t"] - injected_s
-        cell.dark_s = found.dark_after_s
+        cell.dark_s = found.beam_off_after_s
         seal = records[-1] if records[-1]["kind"] == "seal" else {}
         if troubles and not cell.headline:
             cause = seal.get("cause") or troubles[0]
@@ -170,23 +171,23 @@ class Trial:
         if not cell.end:
             cell.end = self._final
         if self._final not in ("done",):
-            laid = any(r.get("to") == State.FINISHING for r in records)
+            laid = any(r.get("to") == RunState.FINISHING for r in records)
             cell.end += (", can be recovered" if seal.get("recoverable")
                          else ", all laid" if laid else ", to be begun anew")
 
-    def _judge_answer(self, troubles: list[dict], found: Verdict) -> None:
+    def _judge_answer(self, troubles: list[dict], found: FaultOutcome) -> None:
         cell, kind = self.cell, self.cell.fault.kind
         allowed_s = SEEN_WITHIN_S.get(kind.name, SEEN_WITHIN_S["default"])
         seen_s = cell.seen_s
-        laying = cell.state is State.DEPOSITING
+        laying = cell.state is RunState.DEPOSITING
         if (
-            kind.host is Host.STOPS and kind.name not in UNSEEN and laying and seen_s is None
+            kind.expected_reaction is ExpectedReaction.STOP and kind.name not in UNSEEN and laying and seen_s is None
             and self._final == "done"
         ):
             cell.shortfalls.append("nothing was noticed")
-        if kind.host is Host.GOES_ON and seen_s is not None:
+        if kind.expected_reaction is ExpectedReaction.CONTINUE and seen_s is not None:
             cell.shortfalls.append(f"held for nothing: {cell.first}")
-        if kind.host is Host.GOES_ON and troubles:
+        if kind.expected_reaction is ExpectedReaction.CONTINUE and troubles:
             cell.shortfalls.append(f"was to be ridden out: {cell.headline}")
         elif seen_s is not None:
             if laying and seen_s > allowed_s + DARK_WITHIN_S:
@@ -200,12 +201,12 @@ class Trial:
         if kind.name in UNSEEN and seen_s is None:
             cell.end = f"{self._final}, not seen"
             grace_s = _MOST_S
-        cell.shortfalls += found.shortfalls(within_s, grace_s)
-        if found.overruns:
+        cell.shortfalls += found.safety_shortfalls(within_s, grace_s)
+        if found.rx_overrun_bytes:
             cell.shortfalls.append("bytes were lost")
 
 
-def try_one(fault: Fault, state: State, folder: Path, job: Path) -> Cell:
+def try_one(fault: Fault, state: RunState, folder: Path, job: Path) -> Cell:
     """One fault in one state."""
     here = folder / f"{fault}-{state}".replace("/", "-")
     here.mkdir()
@@ -217,25 +218,25 @@ def try_one(fault: Fault, state: State, folder: Path, job: Path) -> Cell:
 
 def faults_of(name: str) -> list[Fault]:
     """One fault of a kind for each sort of device it may strike."""
-    kind = KINDS[name]
+    kind = FAULT_KINDS[name]
     values = {"grams": 100.0} if name == "hopper_level" else {}
     if name == "laser_enable_stuck":
-        return [Fault.of(name, contact=how) for how in ("closed", "as it is")]
+        return [Fault.create(name, contact=how) for how in ("closed", "as it is")]
     if name == "hose_clogs":  # at once, as the feeder itself notices, and slowly, as the host does
-        return [Fault.of(name, "F1"), Fault.of(name, "F1", rise_s=3.0)]
+        return [Fault.create(name, "F1"), Fault.create(name, "F1", rise_s=3.0)]
     if name == "modbus_exception":  # a refusal, and a lost answer of a gateway
-        return [Fault.of(name, device, **how) for how in ({}, {"code": 11})
+        return [Fault.create(name, device, **how) for how in ({}, {"code": 11})
                 for device in ("F1", "safety")]
     if name == "word_garbled":
-        return [Fault.of(name, letter=letter, percent=percent) for letter, percent in (
+        return [Fault.create(name, letter=letter, percent=percent) for letter, percent in (
             ("S", 10.0), ("S", 200.0), ("F", 30.0), ("F", 300.0), ("X", 97.0))]
-    if kind.strikes is Strikes.LINK:
-        return [Fault.of(name, device, **values) for device in ("motion", "F1", "safety")]
-    if kind.strikes is Strikes.MODBUS:
-        return [Fault.of(name, device, **values) for device in ("F1", "safety")]
-    if kind.strikes in (Strikes.FEEDER, Strikes.HOPPER):
-        return [Fault.of(name, "F1", **values)]
-    return [] if kind.strikes is Strikes.HOST else [Fault.of(name, **values)]
+    if kind.target is FaultTarget.LINK:
+        return [Fault.create(name, device, **values) for device in ("motion", "F1", "safety")]
+    if kind.target is FaultTarget.MODBUS:
+        return [Fault.create(name, device, **values) for device in ("F1", "safety")]
+    if kind.target in (FaultTarget.FEEDER, FaultTarget.HOPPER):
+        return [Fault.create(name, "F1", **values)]
+    return [] if kind.target is FaultTarget.HOST else [Fault.create(name, **values)]
 
 
 def write_job(folder: Path) -> Path:
@@ -250,7 +251,7 @@ def write_job(folder: Path) -> Path:
 
 
 def main() -> int:
-    names = sys.argv[1:] or list(KINDS)
+    names = sys.argv[1:] or list(FAULT_KINDS)
     shown = [state.value for state in STATES]
     print("# Every fault in every state of a run\n\nMade by `make faults`: small job, cell-safe "
           "and bench-safe, short delays, virtual time. *Seen, dark*: from\nthe fault to the first "
@@ -264,7 +265,7 @@ def main() -> int:
         job = write_job(folder)
         for fault in (fault for kind in names for fault in faults_of(kind)):
             cells = [try_one(fault, state, folder, job) for state in STATES]
-            laying = cells[STATES.index(State.DEPOSITING)]
+            laying = cells[STATES.index(RunState.DEPOSITING)]
             seen = "–" if laying.seen_s is None else f"{laying.seen_s:.2f}"
             print(f"| {fault} | {seen}, {laying.dark_s:.2f} | "
                   + " | ".join(cell.text for cell in cells) + " |", flush=True)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from lmctl.run.state.table import State
-from simulators.faults.kinds import KINDS
+from lmctl.run.state.transitions import RunState
+from simulators.faults.kinds import FAULT_KINDS
 from tests.faults.expected import EXPECTED
 from tests.faults.matrix import STATES, faults_of, try_one, write_job
 
@@ -20,14 +20,14 @@ IN_EVERY_STATE = ("estop", "door")
 
 
 def test_every_kind_of_fault_has_its_words():
-    assert set(EXPECTED) == set(KINDS) - {"host_killed"}
+    assert set(EXPECTED) == set(FAULT_KINDS) - {"host_killed"}
 
 
 @pytest.mark.parametrize(("kind", "state"), [
-    *[(kind, State.DEPOSITING) for kind in WHILE_LAYING],
-    ("laser_enable_stuck", State.GAS), ("laser_enable_stuck", State.HOLDING),
-    ("laser_enable_drops", State.RESUMING),
-    *[(kind, state) for kind in IN_EVERY_STATE for state in STATES if state != State.DEPOSITING],
+    *[(kind, RunState.DEPOSITING) for kind in WHILE_LAYING],
+    ("laser_enable_stuck", RunState.GAS), ("laser_enable_stuck", RunState.HOLDING),
+    ("laser_enable_drops", RunState.RESUMING),
+    *[(kind, state) for kind in IN_EVERY_STATE for state in STATES if state != RunState.DEPOSITING],
 ])
 def test_a_fault_ends_safely_and_is_named(kind, state, tmp_path):
     cell = try_one(faults_of(kind)[0], state, tmp_path, write_job(tmp_path))

@@ -12,7 +12,7 @@ from lmctl.field.primitives import box_distance, torus_distance
 
 
 def around(points: np.ndarray, pitch: float) -> Grid:
-    return Grid.around(points.min(axis=0), points.max(axis=0), pitch)
+    return Grid.enclosing(points.min(axis=0), points.max(axis=0), pitch)
 
 
 def errors_near(field, true: np.ndarray, within: float) -> np.ndarray:

@@ -11,7 +11,7 @@ from lmctl.field.grid import Grid
 
 
 def ball(pitch: float) -> tuple[np.ndarray, Grid]:
-    grid = Grid.around(np.full(3, -6.0), np.full(3, 6.0), pitch)
+    grid = Grid.enclosing(np.full(3, -6.0), np.full(3, 6.0), pitch)
     true = 5.0 - np.linalg.norm(grid.window().points(), axis=1)
     return true.astype(np.float32).reshape(grid.shape), grid
 

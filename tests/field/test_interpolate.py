@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lmctl.field.field import Field, sample
+from lmctl.field.field import Field, sample_distance
 from lmctl.field.grid import Grid
 from lmctl.field.mesh.mesh_field import mesh_field
 from lmctl.field.primitives import (
@@ -40,13 +40,13 @@ def box_surface(low: np.ndarray, high: np.ndarray) -> np.ndarray:
 
 
 def stored(distance: Callable[[np.ndarray], np.ndarray], reach: float, pitch: float) -> Field:
-    return stored_field(distance, Grid.around(np.full(3, -reach), np.full(3, reach), pitch))
+    return stored_field(distance, Grid.enclosing(np.full(3, -reach), np.full(3, reach), pitch))
 
 
 @pytest.mark.parametrize("offset", OFFSETS, ids=["on nodes", "off nodes", "between nodes"])
 def test_a_sphere_at_a_coarse_pitch(offset):
     field = stored(lambda p: sphere_distance(p, offset, 20.0), 21.0, 1.0)
-    assert np.abs(sample(field, offset + 20.0 * directions(5000))).max() < 1e-5
+    assert np.abs(sample_distance(field, offset + 20.0 * directions(5000))).max() < 1e-5
 
 
 @pytest.mark.parametrize("offset", OFFSETS, ids=["on nodes", "off nodes", "between nodes"])
@@ -54,19 +54,19 @@ def test_faces_edges_and_corners_of_a_box(offset):
     half = np.array([15.0, 11.0, 8.0])
     low, high = offset - half, offset + half
     field = stored(lambda p: box_distance(p, low, high), 16.0, 1.0)
-    assert np.abs(sample(field, box_surface(low, high))).max() < 1e-6
+    assert np.abs(sample_distance(field, box_surface(low, high))).max() < 1e-6
 
 
 def test_two_pitches_meet_in_one_union():
     large = stored(lambda p: sphere_distance(p, [0, 0, 0], 20.0), 21.0, 1.0)
     centre = np.array([18.0, 3.0, -2.0])
-    grid = Grid.around(centre - 6.0, centre + 6.0, 0.25)
+    grid = Grid.enclosing(centre - 6.0, centre + 6.0, 0.25)
     small = stored_field(lambda p: sphere_distance(p, centre, 6.0), grid)
     points = np.vstack([20.0 * directions(4000), centre + 6.0 * directions(4000)])
     exact = np.maximum(20.0 - np.linalg.norm(points, axis=1),
                        6.0 - np.linalg.norm(points - centre, axis=1))
     surface = np.abs(exact) < 1e-9
-    union = np.maximum(sample(large, points), sample(small, points))
+    union = np.maximum(sample_distance(large, points), sample_distance(small, points))
     assert np.abs(union[surface]).max() < 1e-5
 
 
@@ -80,7 +80,7 @@ def test_error_on_smooth_surfaces_is_of_third_order():
         ring /= np.linalg.norm(ring, axis=1)[:, None]
         turn = np.random.default_rng(2).uniform(0, 2 * np.pi, 4000)[:, None]
         points = (12 + 5 * np.cos(turn)) * ring + 5 * np.sin(turn) * axis
-        worst.append(np.sqrt(np.mean(sample(field, points) ** 2)))
+        worst.append(np.sqrt(np.mean(sample_distance(field, points) ** 2)))
     assert worst[0] < 2e-4
     assert worst[1] < worst[0] / 6
 
@@ -90,7 +90,7 @@ def test_planes_that_meet_in_a_round_edge_stay_planes():
     rng = np.random.default_rng(3)
     radius, turn = 8 * np.sqrt(rng.random(4000)), rng.uniform(0, 2 * np.pi, 4000)
     lid = np.column_stack([0.1 + radius * np.cos(turn), radius * np.sin(turn), 0 * turn + 6.3])
-    assert np.abs(sample(field, lid)).max() < 1e-6
+    assert np.abs(sample_distance(field, lid)).max() < 1e-6
 
 
 def test_a_groove_is_as_sharp_as_a_ridge():
@@ -99,19 +99,19 @@ def test_a_groove_is_as_sharp_as_a_ridge():
         return -box_distance(points, [-5.3, -4.1, -3.7], [5.2, 4.4, 3.9])
 
     surface = box_surface(np.array([-5.3, -4.1, -3.7]), np.array([5.2, 4.4, 3.9]))
-    assert np.abs(sample(stored(ell, 8.0, 1.0), surface)).max() < 1e-6
+    assert np.abs(sample_distance(stored(ell, 8.0, 1.0), surface)).max() < 1e-6
 
 
 def test_a_mesh_is_read_back_as_its_own_facets(box_mesh):
     low, high = [-6.13, -4.32, -2.71], [6.2, 4.4, 3.1]
-    field = mesh_field(*box_mesh(low, high), Grid.around(np.array(low), np.array(high), 0.7))
+    field = mesh_field(*box_mesh(low, high), Grid.enclosing(np.array(low), np.array(high), 0.7))
     surface = box_surface(np.array(low), np.array(high))
-    assert np.abs(sample(field, surface)).max() < 1e-6
-    trilinear = sample(replace(field, exact=False), surface)
+    assert np.abs(sample_distance(field, surface)).max() < 1e-6
+    trilinear = sample_distance(replace(field, exact=False), surface)
     assert np.abs(trilinear).max() > 0.05  # what it would be without
 
 
 def test_nodes_themselves_give_their_own_values():
     field = stored(lambda p: sphere_distance(p, [0.1, 0.2, 0.3], 5.0), 6.0, 0.8)
     nodes = field.grid.window().points()
-    assert sample(field, nodes) == pytest.approx(field.values.reshape(-1), abs=1e-5)
+    assert sample_distance(field, nodes) == pytest.approx(field.values.reshape(-1), abs=1e-5)

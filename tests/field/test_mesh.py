@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lmctl.errors import InputError
-from lmctl.field.field import sample, sample_gradient
+from lmctl.field.field import sample_distance, sample_gradient
 from lmctl.field.grid import Grid
 from lmctl.field.mesh.mesh_field import mesh_field
 from lmctl.field.primitives import box_distance
@@ -17,7 +17,7 @@ BOX = ([-6.1, -4.3, -2.7], [6.2, 4.4, 3.1])
 
 @pytest.fixture
 def grid() -> Grid:
-    return Grid.around(np.array(BOX[0]), np.array(BOX[1]), 0.5)
+    return Grid.enclosing(np.array(BOX[0]), np.array(BOX[1]), 0.5)
 
 
 def test_a_box_is_measured_exactly(box_mesh, grid):
@@ -32,7 +32,7 @@ def test_a_box_is_measured_exactly(box_mesh, grid):
 
 def test_faces_exactly_on_nodes_keep_their_signs(box_mesh):
     low, high = [-3.0, -2.0, -2.0], [3.0, 2.0, 2.0]
-    grid = Grid.around(np.array(low), np.array(high), 0.5)
+    grid = Grid.enclosing(np.array(low), np.array(high), 0.5)
     field = mesh_field(*box_mesh(low, high), grid)
     true = box_distance(grid.window().points(), low, high).reshape(grid.shape)
     assert np.abs(field.values - true).max() < 0.1 * grid.pitch_mm
@@ -42,7 +42,7 @@ def test_faces_exactly_on_nodes_keep_their_signs(box_mesh):
 def test_every_node_agrees_with_libigl(sphere_mesh):
     vertices, triangles = sphere_mesh(8.0, 48)
     vertices = vertices * [1.0, 0.7, 1.3] + 0.2 * np.sin(vertices[:, ::-1])
-    grid = Grid.around(vertices.min(axis=0), vertices.max(axis=0), 0.4)
+    grid = Grid.enclosing(vertices.min(axis=0), vertices.max(axis=0), 0.4)
     points = grid.window().points()
     exact = -igl.signed_distance(
         points, vertices, triangles, sign_type=igl.SIGNED_DISTANCE_TYPE_PSEUDONORMAL
@@ -59,7 +59,7 @@ def test_winding_does_not_matter(sphere_mesh, wound):
     flip = {"outwards": np.zeros(len(triangles), bool), "inwards": np.ones(len(triangles), bool),
             "at random": np.random.default_rng(0).random(len(triangles)) < 0.5}[wound]
     triangles = np.where(flip[:, None], triangles[:, ::-1], triangles)
-    grid = Grid.around(vertices.min(axis=0), vertices.max(axis=0), 0.5)
+    grid = Grid.enclosing(vertices.min(axis=0), vertices.max(axis=0), 0.5)
     field = mesh_field(vertices, triangles, grid)
     true = 8.0 - np.linalg.norm(grid.window().points(), axis=1).reshape(grid.shape)
     away = np.abs(true) > 0.05
@@ -68,7 +68,7 @@ def test_winding_does_not_matter(sphere_mesh, wound):
 
 def test_a_small_hole_is_outvoted_and_reported(sphere_mesh):
     vertices, triangles = sphere_mesh(8.0)
-    grid = Grid.around(vertices.min(axis=0), vertices.max(axis=0), 0.5)
+    grid = Grid.enclosing(vertices.min(axis=0), vertices.max(axis=0), 0.5)
     centres = vertices[triangles].mean(axis=1)
     hole = np.linalg.norm(centres - [0.0, 8.0, 0.0], axis=1) < 1.0
     assert hole.any()
@@ -87,7 +87,7 @@ def test_a_small_hole_is_outvoted_and_reported(sphere_mesh):
 def test_triangles_that_are_there_twice_count_once(sphere_mesh, copies):
     vertices, triangles = sphere_mesh(8.0, 48)
     again = {"as they are": triangles, "turned over": triangles[:, ::-1], "of some": triangles[::7]}
-    grid = Grid.around(vertices.min(axis=0), vertices.max(axis=0), 0.5)
+    grid = Grid.enclosing(vertices.min(axis=0), vertices.max(axis=0), 0.5)
     field = mesh_field(vertices, np.vstack([triangles, again[copies]]), grid)
     assert np.array_equal(field.values, mesh_field(vertices, triangles, grid).values)
     assert field.remarks == (
@@ -98,7 +98,7 @@ def test_triangles_that_are_there_twice_count_once(sphere_mesh, copies):
 def test_solids_that_overlap_in_one_mesh_are_one(sphere_mesh):
     vertices, triangles = sphere_mesh(8.0, 48)
     both = np.vstack([vertices, vertices + np.array([9.0, 0.3, 0.2])])
-    grid = Grid.around(both.min(axis=0), both.max(axis=0), 0.5)
+    grid = Grid.enclosing(both.min(axis=0), both.max(axis=0), 0.5)
     field = mesh_field(both, np.vstack([triangles, triangles + len(vertices)]), grid)
     points = grid.window().points()
     apart = [np.linalg.norm(points - c, axis=1) for c in ([0, 0, 0], [9.0, 0.3, 0.2])]
@@ -111,7 +111,7 @@ def test_solids_that_overlap_in_one_mesh_are_one(sphere_mesh):
 def test_a_cavity_is_outside(sphere_mesh):
     vertices, triangles = sphere_mesh(8.0, 48)
     both = np.vstack([vertices, 0.5 * vertices])
-    grid = Grid.around(both.min(axis=0), both.max(axis=0), 0.5)
+    grid = Grid.enclosing(both.min(axis=0), both.max(axis=0), 0.5)
     field = mesh_field(both, np.vstack([triangles, triangles[:, ::-1] + len(vertices)]), grid)
     radius = np.linalg.norm(grid.window().points(), axis=1).reshape(grid.shape)
     assert np.all(field.values[radius < 3.9] < 0)
@@ -125,7 +125,7 @@ def test_triangles_missing_here_and_there_leave_the_rest_its_signs(sphere_mesh, 
     left = triangles[rng.random(len(triangles)) > 0.01]
     if turned:
         left = np.where(rng.random(len(left))[:, None] < 0.5, left, left[:, ::-1])
-    grid = Grid.around(vertices.min(axis=0), vertices.max(axis=0), 0.25)
+    grid = Grid.enclosing(vertices.min(axis=0), vertices.max(axis=0), 0.25)
     field = mesh_field(vertices, left, grid)
     true = 8.0 - np.linalg.norm(grid.window().points(), axis=1).reshape(grid.shape)
     away = np.abs(true) > 0.3
@@ -136,7 +136,7 @@ def test_triangles_missing_here_and_there_leave_the_rest_its_signs(sphere_mesh, 
 def test_half_a_ball_left_open_is_closed_over(sphere_mesh):
     vertices, triangles = sphere_mesh(8.0, 48)
     low = triangles[vertices[triangles][:, :, 2].max(axis=1) < 0.3]
-    grid = Grid.around(vertices.min(axis=0), vertices.max(axis=0), 0.5)
+    grid = Grid.enclosing(vertices.min(axis=0), vertices.max(axis=0), 0.5)
     points = grid.window().points()
     inside = mesh_field(vertices, low, grid).values.reshape(-1) > 0
     true = 8.0 - np.linalg.norm(points, axis=1)
@@ -154,7 +154,7 @@ def test_slivers_and_triangles_without_area_do_no_harm(box_mesh, grid):
 @pytest.mark.parametrize("pitch", [1.0, 0.5])
 def test_the_pitch_does_not_matter_near_the_surface(sphere_mesh, pitch):
     vertices, triangles = sphere_mesh(8.0, 256)
-    grid = Grid.around(vertices.min(axis=0), vertices.max(axis=0), pitch)
+    grid = Grid.enclosing(vertices.min(axis=0), vertices.max(axis=0), pitch)
     true = 8.0 - np.linalg.norm(grid.window().points(), axis=1)
     error = mesh_field(vertices, triangles, grid).values.reshape(-1) - true
     assert np.abs(error[np.abs(true) < 3.0]).max() < 2e-3  # the mesh's own, by its facets
@@ -162,7 +162,7 @@ def test_the_pitch_does_not_matter_near_the_surface(sphere_mesh, pitch):
 
 def test_closest_points_lie_on_the_surface_at_the_distance_given(sphere_mesh):
     vertices, triangles = sphere_mesh(8.0)
-    grid = Grid.around(vertices.min(axis=0), vertices.max(axis=0), 1.0)
+    grid = Grid.enclosing(vertices.min(axis=0), vertices.max(axis=0), 1.0)
     field = mesh_field(vertices, triangles, grid)
     closest = field.closest.reshape(-1, 3)
     assert np.linalg.norm(closest, axis=1) == pytest.approx(8.0, abs=0.02)
@@ -172,15 +172,15 @@ def test_closest_points_lie_on_the_surface_at_the_distance_given(sphere_mesh):
 
 def test_sampling_between_and_beyond_the_nodes(sphere_mesh):
     vertices, triangles = sphere_mesh(8.0)
-    grid = Grid.around(vertices.min(axis=0), vertices.max(axis=0), 0.5)
+    grid = Grid.enclosing(vertices.min(axis=0), vertices.max(axis=0), 0.5)
     field = mesh_field(vertices, triangles, grid)
     points = np.random.default_rng(1).uniform(-14.0, 14.0, (500, 3))
     true = 8.0 - np.linalg.norm(points, axis=1)
-    error = np.abs(sample(field, points) - true)
+    error = np.abs(sample_distance(field, points) - true)
     assert error[np.abs(true) < 4.0].max() < 0.03
     assert error[true < 0.0].max() < 0.1 * grid.pitch_mm
     nodes = grid.window(10, 11).points()
-    assert sample(field, nodes) == pytest.approx(field.values[10].reshape(-1), abs=1e-5)
+    assert sample_distance(field, nodes) == pytest.approx(field.values[10].reshape(-1), abs=1e-5)
     near = points[np.abs(true) < 3.0]
     inwards = -near / np.linalg.norm(near, axis=1)[:, None]
     slope = sample_gradient(field, near)
@@ -189,10 +189,10 @@ def test_sampling_between_and_beyond_the_nodes(sphere_mesh):
 
 def test_a_window_of_its_own_grid_is_its_own_values(box_mesh, grid):
     field = mesh_field(*box_mesh(*BOX), grid)
-    assert np.shares_memory(field.on_window(grid.window(2, 5)), field.values)
-    other = Grid.around(np.array(BOX[0]), np.array(BOX[1]), 0.3)
+    assert np.shares_memory(field.values_on_window(grid.window(2, 5)), field.values)
+    other = Grid.enclosing(np.array(BOX[0]), np.array(BOX[1]), 0.3)
     true = box_distance(other.window(5, 9).points(), *BOX)
-    got = field.on_window(other.window(5, 9))
+    got = field.values_on_window(other.window(5, 9))
     assert got.shape == other.window(5, 9).shape
     assert np.abs(got.reshape(-1) - true).max() < 0.2
 

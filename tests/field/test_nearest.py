@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from lmctl.field.cloud.nearest import into_cells, nearest_neighbours
+from lmctl.field.cloud.neighbour_search import nearest_neighbours, sort_into_cells
 
 FloatArray = NDArray[np.float64]
 
@@ -47,7 +47,7 @@ def a_lattice(_: np.random.Generator) -> FloatArray:
 )
 def test_neighbours_are_those_of_a_tree(cloud: Callable[[np.random.Generator], FloatArray]) -> None:
     points = cloud(np.random.default_rng(4))
-    distance, rows = nearest_neighbours(into_cells(points, 24), 24)
+    distance, rows = nearest_neighbours(sort_into_cells(points, 24), 24)
     expected = cKDTree(points).query(points, k=25)[0][:, 1:]
     np.testing.assert_allclose(distance, expected, rtol=0, atol=1e-9)
     away = np.linalg.norm(points[rows] - points[:, None], axis=2)
@@ -57,7 +57,7 @@ def test_neighbours_are_those_of_a_tree(cloud: Callable[[np.random.Generator], F
 
 
 def test_only_those_asked_about_are_answered() -> None:
-    cells = into_cells(sphere(2000, np.random.default_rng(5)), 24)
+    cells = sort_into_cells(sphere(2000, np.random.default_rng(5)), 24)
     some = np.array([3, 1999, 0, 700])
     distance, rows = nearest_neighbours(cells, 6, some)
     everything = nearest_neighbours(cells, 6)

@@ -35,7 +35,7 @@ def plate(thick: float, noise: float = 0.0, seed: int = 1) -> tuple[FloatArray, 
 
 
 def around(points: FloatArray) -> Grid:
-    return Grid.around(points.min(axis=0), points.max(axis=0), 0.25)
+    return Grid.enclosing(points.min(axis=0), points.max(axis=0), 0.25)
 
 
 def wrong_signs(field: Field, thick: float) -> NDArray[np.bool_]:
@@ -165,7 +165,7 @@ def test_nonsense_is_not_used_and_that_is_said(nonsense, gear):
     with pytest.raises(InputError):
         cloud_field(points, around(points), spoilt(normals))
     points = gear.cloud(6000, 0.0, rng)
-    grid = Grid.around(points.min(axis=0), points.max(axis=0), 0.7)
+    grid = Grid.enclosing(points.min(axis=0), points.max(axis=0), 0.7)
     plain = cloud_field(points, grid)
     field = cloud_field(points, grid, spoilt(np.tile([0.0, 0.0, 1.0], (len(points), 1))))
     np.testing.assert_array_equal(field.values, plain.values)
@@ -191,7 +191,7 @@ def test_right_normals_of_samples_denser_than_the_grid_are_believed(seed):
     points, normals = plate(14.0, seed=seed)
     turn = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))[0]
     points, normals = points @ turn.T, normals @ turn.T
-    grid = Grid.around(points.min(axis=0), points.max(axis=0), 1.9)
+    grid = Grid.enclosing(points.min(axis=0), points.max(axis=0), 1.9)
     field = cloud_field(points, grid, normals)
     assert field.remarks == ()
     true = box_distance(grid.window().points() @ turn, [0, 0, 0], [*ACROSS, 14.0])
@@ -212,7 +212,8 @@ def test_a_pointed_cone_is_not_thin_for_its_rim(radius, high, pitch):
     flat = slice(0, int(5000 * radius / (radius + np.hypot(radius, high))))
     points[flat, 2] = 0.0
     normals[flat] = (0.0, 0.0, -1.0)
-    field = cloud_field(points, Grid.around(points.min(axis=0), points.max(axis=0), pitch), normals)
+    field = cloud_field(points, Grid.enclosing(points.min(axis=0), points.max(axis=0), pitch),
+                        normals)
     assert not any("thin" in remark for remark in field.remarks)
     true = cone_distance(field.grid.window().points(), [0, 0, 0], [0, 0, high], radius, 0.0)
     assert not (((field.values.reshape(-1) > 0) != (true > 0)) & (np.abs(true) > 0.3)).any()

@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 
 from lmctl.errors import InputError
-from lmctl.field import store
+from lmctl.field import array_storage
+from lmctl.field.array_storage import allocate_array
 from lmctl.field.cloud.cloud_field import cloud_field
-from lmctl.field.field import Field, sample
+from lmctl.field.field import Field, sample_distance
 from lmctl.field.grid import Grid
 from lmctl.field.mesh.mesh_field import mesh_field
-from lmctl.field.store import kept_array
 
-BALL = Grid.around(np.full(3, -6.0), np.full(3, 6.0), 0.5)
+BALL = Grid.enclosing(np.full(3, -6.0), np.full(3, 6.0), 0.5)
 
 
 @pytest.fixture
@@ -58,7 +58,7 @@ def test_a_field_is_bit_for_bit_the_same_in_a_file(
     make: Callable[[], Field], folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     here = make()
-    monkeypatch.setattr(store, "MOST_BYTES_IN_MEMORY", 1000)
+    monkeypatch.setattr(array_storage, "MOST_BYTES_IN_MEMORY", 1000)
     there = make()
     assert here.sources is not None
     assert there.sources is not None
@@ -69,15 +69,15 @@ def test_a_field_is_bit_for_bit_the_same_in_a_file(
     assert there.values.tobytes() == here.values.tobytes()
     assert there.sources.tobytes() == here.sources.tobytes()
     points = np.random.default_rng(5).uniform(-8.0, 8.0, (500, 3))
-    assert sample(there, points).tobytes() == sample(here, points).tobytes()
+    assert sample_distance(there, points).tobytes() == sample_distance(here, points).tobytes()
 
 
 def test_a_file_has_no_name_and_goes_with_its_array(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(store, "MOST_BYTES_IN_MEMORY", 1000)
+    monkeypatch.setattr(array_storage, "MOST_BYTES_IN_MEMORY", 1000)
     open_before = len(os.listdir("/proc/self/fd"))
-    array = kept_array((30, 20, 10), np.float32)
+    array = allocate_array((30, 20, 10), np.float32)
     assert array.shape == (30, 20, 10)
     assert array.dtype == np.float32
     assert array.flags.writeable
@@ -102,10 +102,10 @@ def test_a_full_disk_is_said_before_it_is_written_to(
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(store, "MOST_BYTES_IN_MEMORY", 1000)
+    monkeypatch.setattr(array_storage, "MOST_BYTES_IN_MEMORY", 1000)
     monkeypatch.setattr(os, "posix_fallocate", full)
     with pytest.raises(InputError, match=r"no room for 0.004 GB") as caught:
-        kept_array((100, 100, 100), np.int32)
+        allocate_array((100, 100, 100), np.int32)
     assert "No space left on device" in caught.value.where
     assert str(folder) in caught.value.hint
     assert "TMPDIR" in caught.value.hint
@@ -113,7 +113,7 @@ def test_a_full_disk_is_said_before_it_is_written_to(
 
 def test_more_than_the_disk_holds_is_refused(folder: Path) -> None:
     with pytest.raises(InputError, match="no room for"):
-        kept_array((1 << 20, 1 << 20, 64), np.float32)
+        allocate_array((1 << 20, 1 << 20, 64), np.float32)
     assert os.listdir(folder) == []
 
 
@@ -121,8 +121,8 @@ def test_without_any_folder_the_advice_is_to_name_one(monkeypatch: pytest.Monkey
     def none() -> str:
         raise FileNotFoundError(errno.ENOENT, "No usable temporary directory found")
 
-    monkeypatch.setattr(store, "MOST_BYTES_IN_MEMORY", 1000)
+    monkeypatch.setattr(array_storage, "MOST_BYTES_IN_MEMORY", 1000)
     monkeypatch.setattr(tempfile, "gettempdir", none)
     with pytest.raises(InputError, match="no folder for") as caught:
-        kept_array((100, 100), np.int32)
+        allocate_array((100, 100), np.int32)
     assert "TMPDIR" in caught.value.hint

@@ -22,7 +22,7 @@ CENTRE = [0.13, 0.37, 0.71]
 
 @pytest.fixture(scope="module")
 def ball():
-    grid = Grid.around(np.full(3, -6.0), np.full(3, 7.0), 0.5, padding_nodes=4)
+    grid = Grid.enclosing(np.full(3, -6.0), np.full(3, 7.0), 0.5, padding_nodes=4)
     return stored_field(lambda p: sphere_distance(p, CENTRE, 6.0), grid)
 
 
@@ -46,7 +46,7 @@ def test_faces_of_a_box_are_flat_and_its_hollow_is_wound_into_itself():
         outer = box_distance(p, [-5.2, -4.1, -3.3], [5.2, 4.1, 3.3])
         return np.minimum(outer, 1.5 - outer)
 
-    grid = Grid.around(np.full(3, -5.5), np.full(3, 5.5), 0.4)
+    grid = Grid.enclosing(np.full(3, -5.5), np.full(3, 5.5), 0.4)
     mesh = as_mesh(iso_surface(stored_field(shell, grid)))
     assert mesh.is_watertight
     solid = 10.4 * 8.2 * 6.6 - 7.4 * 5.2 * 3.6

@@ -20,15 +20,15 @@ def test_every_code_is_told_in_words_with_a_remedy(dialect, errors, alarms):
     for meaning in [error_meaning(code, dialect) for code in errors] + [
         alarm_meaning(code, dialect) for code in alarms
     ]:
-        assert "not listed" not in meaning.words
-        assert len(meaning.words) > 10
+        assert "not listed" not in meaning.description
+        assert len(meaning.description) > 10
         assert len(meaning.remedy) > 10
 
 
 def test_unlisted_codes_say_so():
-    assert "not listed for grbl" in error_meaning(44, GRBL).words
-    assert "not listed" not in error_meaning(44, GRBLHAL).words
-    assert "not listed" in alarm_meaning(99, GRBLHAL).words
+    assert "not listed for grbl" in error_meaning(44, GRBL).description
+    assert "not listed" not in error_meaning(44, GRBLHAL).description
+    assert "not listed" in alarm_meaning(99, GRBLHAL).description
 
 
 @pytest.mark.parametrize(
@@ -39,7 +39,7 @@ def test_unlisted_codes_say_so():
 )
 def test_numbers_that_grblhal_gave_another_meaning(code, words):
     """grblHAL `errors.h` of 2025, and the SD card plugin's texts for it."""
-    assert error_meaning(code, GRBLHAL).words == words
+    assert error_meaning(code, GRBLHAL).description == words
 
 
 @pytest.mark.parametrize("code", [86, 87, 88, 89])
@@ -48,8 +48,8 @@ def test_a_number_whose_text_differs_between_builds_is_to_be_asked_of_the_contro
 
 
 def test_the_same_number_is_another_alarm_in_the_other_firmware():
-    assert "emergency stop" in alarm_meaning(10, GRBLHAL).words
-    assert "emergency stop" not in alarm_meaning(10, GRBL).words
+    assert "emergency stop" in alarm_meaning(10, GRBLHAL).description
+    assert "emergency stop" not in alarm_meaning(10, GRBL).description
 
 
 def test_codes_of_the_transcripts_are_listed(scenarios):
@@ -58,9 +58,9 @@ def test_codes_of_the_transcripts_are_listed(scenarios):
         for line in scenario.received:
             kind, _, code = line.partition(":")
             if kind == "error":
-                assert "not listed" not in error_meaning(int(code), dialect).words
+                assert "not listed" not in error_meaning(int(code), dialect).description
             if kind == "ALARM":
-                assert "not listed" not in alarm_meaning(int(code), dialect).words
+                assert "not listed" not in alarm_meaning(int(code), dialect).description
 
 
 def test_alarms_that_lose_the_position():

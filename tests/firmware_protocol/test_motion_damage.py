@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 from firmware_protocol.device import GrblDevice
 from firmware_protocol.dialect import GRBL, GRBLHAL
-from firmware_protocol.host import GrblHost, Rejected, RemoteProtocolError, Restarted
-from firmware_protocol.realtime import Realtime
+from firmware_protocol.host import ControllerRestarted, GrblHost, LineRejected, RemoteProtocolError
+from firmware_protocol.realtime import RealtimeCommand
 
 LINES = 40
 ANSWER = re.compile(rb"(?:ok|error:\d+)\r?")
@@ -36,19 +36,21 @@ def followed(parts: list[bytes]) -> list:
     events = []
     for part in parts:
         events += host.receive_data(part)
-        assert host.free == 6 * (LINES - host.unanswered)
-    answered = [e if isinstance(e, int) else e.tag for e in events if isinstance(e, int | Rejected)]
-    given_up = [tag for event in events if isinstance(event, Restarted) for tag in event.lost]
+        assert host.free_rx_bytes == 6 * (LINES - host.unanswered_lines)
+    answered = [
+        e if isinstance(e, int) else e.tag for e in events if isinstance(e, int | LineRejected)]
+    given_up = [tag for event in events if isinstance(
+        event, ControllerRestarted) for tag in event.unanswered_tags]
     told = [*answered, *given_up]
     assert sorted(told) == list(range(len(told)))  # each line ends once, the oldest first
     assert answered == sorted(answered)
-    assert host.unanswered == LINES - len(told)
+    assert host.unanswered_lines == LINES - len(told)
     return events
 
 
 def answers(events: list) -> int:
     """Answers the host took for such, those to no line included."""
-    return sum(isinstance(event, int | Rejected | RemoteProtocolError) for event in events)
+    return sum(isinstance(event, int | LineRejected | RemoteProtocolError) for event in events)
 
 
 def whole_answers(data: bytes) -> int:
@@ -115,7 +117,7 @@ def test_a_device_takes_damaged_programs_the_same_however_they_are_chopped(diale
     for _ in range(data.draw(st.integers(0, 8))):
         stream[data.draw(st.integers(0, len(stream) - 1))] ^= 1 << data.draw(st.integers(0, 7))
     # A reset forgets what stands before it, which depends on what was taken by then.
-    stream = stream.replace(bytes((Realtime.RESET,)), b"")
+    stream = stream.replace(bytes((RealtimeCommand.RESET,)), b"")
     places = sorted(data.draw(st.lists(st.integers(0, len(stream)), max_size=10)))
     parts = [bytes(stream[a:b]) for a, b in itertools.pairwise([0, *places, len(stream)])]
 
@@ -124,7 +126,7 @@ def test_a_device_takes_damaged_programs_the_same_however_they_are_chopped(diale
         lines, realtime = [], b""
         for part in parts:
             realtime += device.receive_data(part)
-            while (line := device.take_line()) is not None:
+            while (line := device.pop_line()) is not None:
                 lines.append(line)
         return lines, realtime, device.overruns
 
@@ -141,14 +143,14 @@ def test_a_device_takes_damaged_programs_the_same_however_they_are_chopped(diale
 def test_a_device_that_never_reads_loses_what_does_not_fit_and_counts_it(chunks, rx_bytes):
     device = GrblDevice(GRBL, rx_bytes)
     device.receive_data(b"G1 X1\n")  # the line under way: no more is read
-    assert device.take_line() is not None
+    assert device.pop_line() is not None
     came = 0
     for chunk in chunks:
         chunk = chunk.translate(None, bytes((*range(0x80, 0x100), *b"!?~\x18")))
         device.receive_data(chunk)
         came += len(chunk)
-    kept = device.rx_bytes - device.dialect.rx_shown_margin - device.rx_free
-    assert 0 <= device.rx_free <= rx_bytes
+    kept = device.rx_bytes - device.dialect.rx_report_margin - device.free_rx_bytes
+    assert 0 <= device.free_rx_bytes <= rx_bytes
     assert device.overruns <= came
     assert kept + device.overruns <= came
     assert kept < rx_bytes

@@ -10,16 +10,16 @@ from hypothesis import strategies as st
 
 from firmware_protocol.device import GrblDevice
 from firmware_protocol.dialect import GRBL, GRBLHAL
-from firmware_protocol.host import GrblHost, Rejected, Restarted
-from firmware_protocol.messages import Banner, ErrorReply, Ok
-from firmware_protocol.realtime import Realtime
+from firmware_protocol.host import ControllerRestarted, GrblHost, LineRejected
+from firmware_protocol.messages import ErrorReply, OkReply, WelcomeBanner
+from firmware_protocol.realtime import RealtimeCommand
 
 BOTH = pytest.mark.parametrize("dialect", [GRBL, GRBLHAL], ids=lambda dialect: dialect.name)
 
 
 def taken(device: GrblDevice) -> list[bytes]:
     lines = []
-    while (line := device.take_line()) is not None:
+    while (line := device.pop_line()) is not None:
         lines.append(line)
     return lines
 
@@ -37,7 +37,7 @@ def test_what_is_realtime_and_what_is_thrown_away_differs():
     assert grbl.receive_data(every + b"\n") == bytes((0x84, 0x85, *range(0x90, 0x98),
                                                       *range(0x99, 0x9F), 0xA0, 0xA1))
     assert taken(grbl) == [b""]
-    assert set(hal.receive_data(every + b"\n")) == {b for b in GRBLHAL.realtime if b >= 0x80}
+    assert set(hal.receive_data(every + b"\n")) == {b for b in GRBLHAL.realtime_bytes if b >= 0x80}
     assert taken(hal) == [bytes(range(0xC0, 0x100))]
     assert GrblDevice(GRBLHAL).receive_data(b"\x19") == b"\x19"
     assert GrblDevice(GRBL).receive_data(b"\x19") == b""
@@ -64,35 +64,35 @@ def test_any_cutting_gives_the_same_lines_and_bytes(dialect, places):
     assert picked == b"?!~"
     assert taken(device) == [b"G1 X1", b"G1X2", b"", b"(long comment)", b"M5", b"$H"]
     assert device.overruns == 0
-    assert device.rx_free == device.rx_bytes - dialect.rx_shown_margin
+    assert device.free_rx_bytes == device.rx_bytes - dialect.rx_report_margin
 
 
 @BOTH
 def test_a_busy_controllers_buffer_fills_overruns_and_counts(dialect):
     device = GrblDevice(dialect, rx_bytes=32)
-    shown_empty = 32 - dialect.rx_shown_margin
+    shown_empty = 32 - dialect.rx_report_margin
     device.receive_data(b"G4 P1\n")
-    assert device.take_line() == b"G4 P1"  # the controller is busy with it
-    assert device.rx_free == shown_empty
+    assert device.pop_line() == b"G4 P1"  # the controller is busy with it
+    assert device.free_rx_bytes == shown_empty
     device.receive_data(b"G1 X123456\n")
     device.receive_data(b"G1 X12")
-    assert device.rx_free == shown_empty - 17
+    assert device.free_rx_bytes == shown_empty - 17
     device.receive_data(b"3456\nG1 Y1")  # 31 bytes are usable, 28 are taken after this
-    assert (device.overruns, device.rx_free) == (0, shown_empty - 27)
+    assert (device.overruns, device.free_rx_bytes) == (0, shown_empty - 27)
     device.receive_data(b"2345678\n")
     assert device.overruns == 4
     assert device.receive_data(b"!") == b"!"  # real-time bytes need no room
-    assert device.take_line() == b"G1 X123456"
-    assert device.rx_free == shown_empty - 31 + 11
+    assert device.pop_line() == b"G1 X123456"
+    assert device.free_rx_bytes == shown_empty - 31 + 11
     device.receive_data(b"\n")
     assert taken(device) == [b"G1 X123456", b"G1 Y12345"[:9]]
-    assert device.rx_free == shown_empty
+    assert device.free_rx_bytes == shown_empty
 
 
 @BOTH
 def test_an_idle_controller_reads_a_line_longer_than_its_buffer(dialect):
     device = GrblDevice(dialect, rx_bytes=16)
-    assert device.take_line() is None
+    assert device.pop_line() is None
     for _ in range(10):
         device.receive_data(b"(comment)")
     device.receive_data(b"M5\n")
@@ -102,28 +102,28 @@ def test_an_idle_controller_reads_a_line_longer_than_its_buffer(dialect):
 
 def test_a_line_is_too_long_by_what_is_stored_of_it():
     device = GrblDevice(GRBL)
-    assert device.take_line() is None
+    assert device.pop_line() is None
     device.receive_data(b"X" * 79 + b"\n")
-    assert not device.is_too_long(device.take_line())
-    assert device.take_line() is None
+    assert not device.is_too_long(device.pop_line())
+    assert device.pop_line() is None
     device.receive_data(b"X" * 80 + b"\n")
-    assert device.is_too_long(device.take_line())
-    assert device.take_line() is None
+    assert device.is_too_long(device.pop_line())
+    assert device.pop_line() is None
     device.receive_data(b" " * 30 + b"X" * 40 + b"(" + b"c" * 30 + b")\n")
-    assert not device.is_too_long(device.take_line())
+    assert not device.is_too_long(device.pop_line())
 
 
 def test_an_endless_line_is_bounded_and_too_long():
     device = GrblDevice(GRBLHAL)
-    assert device.take_line() is None
+    assert device.pop_line() is None
     for _ in range(3000):
         device.receive_data(b"(endless comment")
-        assert device.take_line() is None
+        assert device.pop_line() is None
     assert len(device._partial) < 5000
     device.receive_data(b")\nM5\n")
-    assert device.is_too_long(device.take_line())
-    assert device.take_line() == b"M5"
-    assert device.rx_free == 1023
+    assert device.is_too_long(device.pop_line())
+    assert device.pop_line() == b"M5"
+    assert device.free_rx_bytes == 1023
 
 
 @BOTH
@@ -136,8 +136,8 @@ def test_a_reset_byte_empties_the_buffer_of_what_stood_before_it(dialect):
 
 def test_messages_go_out_with_crlf_and_a_banner_after_an_empty_line():
     device = GrblDevice(GRBL)
-    assert device.send(Ok()) == b"ok\r\n"
-    assert device.send(Banner(GRBL.banner)) == b"\r\nGrbl 1.1h ['$' for help]\r\n"
+    assert device.encode_message(OkReply()) == b"ok\r\n"
+    assert device.encode_message(WelcomeBanner(GRBL.banner)) == b"\r\nGrbl 1.1h ['$' for help]\r\n"
 
 
 @BOTH
@@ -155,15 +155,15 @@ def test_both_ends_joined_keep_count_without_overrun(dialect):
             out += host.send_line(line, tag)
         device.receive_data(out)
         for _ in range(2):
-            if (line := device.take_line()) is not None:
+            if (line := device.pop_line()) is not None:
                 executed.append(line)
-                reply = ErrorReply(20) if len(executed) % 7 == 0 else Ok()
-                answered += host.receive_data(device.send(reply))
+                reply = ErrorReply(20) if len(executed) % 7 == 0 else OkReply()
+                answered += host.receive_data(device.encode_message(reply))
     assert executed == lines
-    assert answered == [Rejected(n, 20) if n % 7 == 6 else n for n in range(500)]
-    assert (device.overruns, host.free) == (0, 127)
-    assert host.receive_data(device.send(Banner(dialect.banner))) == [
-        Restarted(dialect.banner, ())
+    assert answered == [LineRejected(n, 20) if n % 7 == 6 else n for n in range(500)]
+    assert (device.overruns, host.free_rx_bytes) == (0, 127)
+    assert host.receive_data(device.encode_message(WelcomeBanner(dialect.banner))) == [
+        ControllerRestarted(dialect.banner, ())
     ]
 
 
@@ -174,8 +174,8 @@ def test_any_bytes_are_taken_and_the_buffer_keeps_its_books(dialect, data):
     for at in range(0, len(data), 7):
         device.receive_data(data[at : at + 7])
         if at % 3 == 0:
-            device.take_line()
-        assert 0 <= device.rx_free <= 64
+            device.pop_line()
+        assert 0 <= device.free_rx_bytes <= 64
     taken(device)
-    assert device.rx_free == 64 - dialect.rx_shown_margin
-    assert Realtime.RESET.wire == b"\x18"
+    assert device.free_rx_bytes == 64 - dialect.rx_report_margin
+    assert RealtimeCommand.RESET.encoded == b"\x18"

@@ -6,13 +6,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_protocol.gcode import GcodeError, significant, tokenise
+from firmware_protocol.gcode import GcodeError, strip_comments_and_spaces, tokenise_block
 
 
 def outcome(block: bytes) -> list[tuple[str, float]] | int:
     """The words, or the number the block is refused with."""
     try:
-        return tokenise(block)
+        return tokenise_block(block)
     except GcodeError as refused:
         return refused.code
 
@@ -36,7 +36,7 @@ def outcome(block: bytes) -> list[tuple[str, float]] | int:
     ],
 )
 def test_words(line, words):
-    assert tokenise(line) == words
+    assert tokenise_block(line) == words
 
 
 @pytest.mark.parametrize(
@@ -49,7 +49,7 @@ def test_words(line, words):
 )
 def test_refused_blocks(line, code):
     with pytest.raises(GcodeError) as refused:
-        tokenise(line)
+        tokenise_block(line)
     assert refused.value.code == code
 
 
@@ -78,7 +78,7 @@ def test_words_written_come_back_however_they_are_spaced(words):
     texts = [f"{letter}{number / 1000:.3f}" for letter, number in words]
     tight = "".join(texts)
     for text in (" ".join(texts), tight, " ".join(tight), tight.lower()):
-        assert tokenise(text.encode()) == expected
+        assert tokenise_block(text.encode()) == expected
 
 
 @given(st.binary(max_size=60))
@@ -94,4 +94,4 @@ def test_any_bytes_give_finite_words_or_a_code(line):
 def test_the_fast_reading_agrees_with_the_strict_one(text):
     """Spaces never matter: a block with and without them reads the same."""
     line = text.encode()
-    assert outcome(line) == outcome(significant(line))
+    assert outcome(line) == outcome(strip_comments_and_spaces(line))

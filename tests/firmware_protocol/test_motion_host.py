@@ -10,14 +10,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_protocol.host import (
-    MOST_LINE_BYTES,
+    MAX_LINE_BYTES,
+    ControllerRestarted,
     GrblHost,
+    LineRejected,
     LocalProtocolError,
-    Rejected,
     RemoteProtocolError,
-    Restarted,
 )
-from firmware_protocol.messages import Alarm, Feedback, Status, Unknown
+from firmware_protocol.messages import AlarmMessage, FeedbackMessage, StatusMessage, UnknownMessage
 
 STREAM = (
     b"ok\r\n<Run|MPos:1.000,0.000,0.000|Bf:14,128>\r\nok\r\nerror:20\r\n[MSG:Pgm End]\r\nok\n"
@@ -39,12 +39,12 @@ def cut(data: bytes, places: list[int]) -> list[bytes]:
 
 def test_whole_byte_by_byte_and_every_single_cut_give_the_same_events():
     whole = host_with(6).receive_data(STREAM)
-    assert [event for event in whole if isinstance(event, int | Rejected)] == [
-        0, 1, Rejected(2, 20), 3, 4,
+    assert [event for event in whole if isinstance(event, int | LineRejected)] == [
+        0, 1, LineRejected(2, 20), 3, 4,
     ]
-    assert isinstance(whole[1], Status)
-    assert whole[4] == Feedback("MSG", "Pgm End")
-    assert whole[6] == Unknown("\xff\x00garbage")
+    assert isinstance(whole[1], StatusMessage)
+    assert whole[4] == FeedbackMessage("MSG", "Pgm End")
+    assert whole[6] == UnknownMessage("\xff\x00garbage")
 
     host = host_with(6)
     assert [e for byte in STREAM for e in host.receive_data(bytes((byte,)))] == whole
@@ -73,14 +73,14 @@ def test_counting_fills_the_buffer_to_the_byte_and_answers_free_it():
     assert host.can_send(b"G1 X54321")
     assert not host.can_send(b"G1 X543210")
     host.send_line(b"G1 X54321", 2)
-    assert (host.free, host.unanswered) == (0, 2)
+    assert (host.free_rx_bytes, host.unanswered_lines) == (0, 2)
     assert not host.can_send(b"")
     with pytest.raises(LocalProtocolError, match="needs 1 bytes, 0 are free"):
         host.send_line(b"", 3)
     host.receive_data(b"error:9\r\n")
-    assert (host.free, host.unanswered) == (10, 1)
+    assert (host.free_rx_bytes, host.unanswered_lines) == (10, 1)
     host.receive_data(b"ok\r\n")
-    assert (host.free, host.unanswered) == (20, 0)
+    assert (host.free_rx_bytes, host.unanswered_lines) == (20, 0)
 
 
 @pytest.mark.parametrize(
@@ -90,7 +90,7 @@ def test_bytes_that_would_act_or_break_a_line_are_our_bug(line):
     host = GrblHost(127, 79)
     with pytest.raises(LocalProtocolError, match="would act or break"):
         host.send_line(line, 1)
-    assert host.free == 127
+    assert host.free_rx_bytes == 127
 
 
 def test_a_line_longer_than_the_firmware_takes_is_our_bug():
@@ -118,12 +118,12 @@ def test_lines_are_refused_together_where_one_of_them_is(lines):
 
 def test_of_the_lines_that_wait_as_many_are_sent_as_there_is_room_for():
     host, waiting = GrblHost(20, 79), deque([b"G1 X12345", b"", b"G1 X5432", b"G1 X1"])
-    assert host.send_waiting(waiting, 7) == [b"G1 X12345", b"", b"G1 X5432"]
-    assert (host.free, host.oldest_tag, host.newest_tag) == (0, 7, 9)
-    assert host.send_waiting(waiting, 10) == []
+    assert host.send_queued(waiting, 7) == [b"G1 X12345", b"", b"G1 X5432"]
+    assert (host.free_rx_bytes, host.oldest_tag, host.newest_tag) == (0, 7, 9)
+    assert host.send_queued(waiting, 10) == []
     assert host.receive_data(b"ok\r\nok\r\n") == [7, 8]
-    assert host.send_waiting(waiting, 10) == [b"G1 X1"]
-    assert (host.free, host.unanswered, list(waiting)) == (5, 2, [])
+    assert host.send_queued(waiting, 10) == [b"G1 X1"]
+    assert (host.free_rx_bytes, host.unanswered_lines, list(waiting)) == (5, 2, [])
 
 
 @pytest.mark.parametrize("answer", [b"ok\r\n", b"error:2\r\n"])
@@ -132,7 +132,7 @@ def test_an_answer_to_nothing_is_reported_and_credits_nothing(answer):
     (event,) = host.receive_data(answer)
     assert isinstance(event, RemoteProtocolError)
     host.send_line(b"G1 X1", 7)
-    assert host.free == 121
+    assert host.free_rx_bytes == 121
 
 
 def test_a_banner_in_mid_stream_ends_every_outstanding_line():
@@ -140,21 +140,21 @@ def test_a_banner_in_mid_stream_ends_every_outstanding_line():
     events = host.receive_data(b"ok\r\n\r\nGrbl 1.1h ['$' for help]\r\nok\r\nALARM:1\r\n")
     assert events == [
         0,
-        Restarted("Grbl 1.1h ['$' for help]", (1, 2)),
+        ControllerRestarted("Grbl 1.1h ['$' for help]", (1, 2)),
         RemoteProtocolError("ok", "it answers no line that was sent"),
-        Alarm(1),
+        AlarmMessage(1),
     ]
-    assert (host.free, host.unanswered) == (127, 0)
+    assert (host.free_rx_bytes, host.unanswered_lines) == (127, 0)
 
 
 def test_an_endless_line_is_bounded_and_one_event_and_its_end_is_no_answer():
     host = host_with(2)
     events = [e for _ in range(5000) for e in host.receive_data(b"x" * 50)]
-    assert events == [Unknown("x" * MOST_LINE_BYTES)]
-    assert len(host._partial) <= MOST_LINE_BYTES + 50
+    assert events == [UnknownMessage("x" * MAX_LINE_BYTES)]
+    assert len(host._partial) <= MAX_LINE_BYTES + 50
     assert host.receive_data(b"ok\r\nok\r\n") == [0]
     assert host.receive_data(b"y" * 3000 + b"\nok\r\n") == [
-        Unknown("y" * MOST_LINE_BYTES),
+        UnknownMessage("y" * MAX_LINE_BYTES),
         1,
     ]
 
@@ -175,11 +175,11 @@ def test_no_damage_credits_a_line_that_was_not_answered(data):
         line.removesuffix(b"\r") == b"ok" or line.startswith(b"error:")
         for line in b"".join(parts).split(b"\n")[:-1]
     )
-    tags = [e if isinstance(e, int) else e.tag for e in events if isinstance(e, int | Rejected)]
+    tags = [e if isinstance(e, int) else e.tag for e in events if isinstance(e, int | LineRejected)]
     assert tags == list(range(len(tags)))
     assert len(tags) <= answers
-    assert host.unanswered == 20 - len(tags)
-    assert host.free == 1023 - 6 * host.unanswered
+    assert host.unanswered_lines == 20 - len(tags)
+    assert host.free_rx_bytes == 1023 - 6 * host.unanswered_lines
 
 
 @given(st.binary(max_size=300))
@@ -187,7 +187,7 @@ def test_any_bytes_are_taken(data):
     host = host_with(3)
     host.receive_data(data)
     host.receive_data(b"\n")
-    assert 0 <= host.free <= 127
+    assert 0 <= host.free_rx_bytes <= 127
 
 
 def test_every_scenario_of_both_firmwares_is_followed_answer_by_answer(scenarios):
@@ -209,11 +209,11 @@ def test_every_scenario_of_both_firmwares_is_followed_answer_by_answer(scenarios
 
         whole = events(parts)
         assert whole == events([bytes((byte,)) for byte in parts[0]])
-        assert not any(isinstance(event, Unknown) for event in whole)
+        assert not any(isinstance(event, UnknownMessage) for event in whole)
         if resets == (begun > 0):
             said = [line for line in scenario.received if line == "ok" or line[:6] == "error:"]
-            assert [event for event in whole if isinstance(event, int | Rejected)] == [
-                tag if line == "ok" else Rejected(tag, int(line[6:]))
+            assert [event for event in whole if isinstance(event, int | LineRejected)] == [
+                tag if line == "ok" else LineRejected(tag, int(line[6:]))
                 for tag, line in enumerate(said)
             ]
             checked += len(said)

@@ -1,40 +1,49 @@
 import pytest
 
 from firmware_protocol import pmx, pmx_alarms
-from firmware_protocol.registers import MOST_READ, MOST_WRITTEN, Kind, RegisterError
+from firmware_protocol.registers import (
+    MAX_READ_REGISTERS,
+    MAX_WRITE_REGISTERS,
+    RegisterError,
+    RegisterSpace,
+)
 
 
 # process.md 1.4, every documented address of the system block and the control registers
 @pytest.mark.parametrize(
     ("name", "kind", "address"),
     [
-        ("DEVICE_ID", Kind.INPUT, 0), ("MAP_VERSION", Kind.INPUT, 1), ("N_HOPPERS", Kind.INPUT, 3),
-        ("SERIAL", Kind.INPUT, 4), ("STATUS", Kind.INPUT, 6), ("ALARM", Kind.INPUT, 7),
-        ("WARNING", Kind.INPUT, 8), ("FIRST_ALARM_CODE", Kind.INPUT, 9),
-        ("ALARM_COUNT", Kind.INPUT, 10), ("HEARTBEAT_ECHO", Kind.INPUT, 11),
-        ("HEARTBEAT_AGE", Kind.INPUT, 12), ("UPTIME", Kind.INPUT, 13), ("MODE", Kind.INPUT, 15),
-        ("STATE", Kind.INPUT, 16), ("TOTAL_FLOW", Kind.INPUT, 17),
-        ("MIXER_PRESSURE", Kind.INPUT, 18), ("SEQ_APPLIED", Kind.INPUT, 21),
-        ("LAST_REFUSAL", Kind.INPUT, 22), ("TICK", Kind.INPUT, 23),
-        ("H1.STATUS", Kind.INPUT, 100), ("H1.WEIGHT", Kind.INPUT, 106),
-        ("H4.LEVEL", Kind.INPUT, 408), ("H2.RUN_HOURS", Kind.INPUT, 219),
-        ("COMMAND", Kind.HOLDING, 0), ("HEARTBEAT", Kind.HOLDING, 1),
-        ("WD_TIMEOUT", Kind.HOLDING, 2), ("WD_RESET", Kind.HOLDING, 4), ("SEQ", Kind.HOLDING, 6),
-        ("AT_SPEED_TOL", Kind.HOLDING, 11), ("H1.DISC_SP", Kind.HOLDING, 20),
-        ("H1.FLOW_SP", Kind.HOLDING, 23), ("H4.FLOW_SP", Kind.HOLDING, 35),
-        ("H1.FEED_FACTOR", Kind.HOLDING, 1100), ("H3.LOT", Kind.HOLDING, 1310),
+        ("DEVICE_ID", RegisterSpace.INPUT, 0), ("MAP_VERSION", RegisterSpace.INPUT, 1),
+        ("N_HOPPERS", RegisterSpace.INPUT, 3),
+        ("SERIAL", RegisterSpace.INPUT, 4), ("STATUS", RegisterSpace.INPUT, 6),
+        ("ALARM", RegisterSpace.INPUT, 7),
+        ("WARNING", RegisterSpace.INPUT, 8), ("FIRST_ALARM_CODE", RegisterSpace.INPUT, 9),
+        ("ALARM_COUNT", RegisterSpace.INPUT, 10), ("HEARTBEAT_ECHO", RegisterSpace.INPUT, 11),
+        ("HEARTBEAT_AGE", RegisterSpace.INPUT, 12), ("UPTIME", RegisterSpace.INPUT, 13),
+        ("MODE", RegisterSpace.INPUT, 15),
+        ("STATE", RegisterSpace.INPUT, 16), ("TOTAL_FLOW", RegisterSpace.INPUT, 17),
+        ("MIXER_PRESSURE", RegisterSpace.INPUT, 18), ("SEQ_APPLIED", RegisterSpace.INPUT, 21),
+        ("LAST_REFUSAL", RegisterSpace.INPUT, 22), ("TICK", RegisterSpace.INPUT, 23),
+        ("H1.STATUS", RegisterSpace.INPUT, 100), ("H1.WEIGHT", RegisterSpace.INPUT, 106),
+        ("H4.LEVEL", RegisterSpace.INPUT, 408), ("H2.RUN_HOURS", RegisterSpace.INPUT, 219),
+        ("COMMAND", RegisterSpace.HOLDING, 0), ("HEARTBEAT", RegisterSpace.HOLDING, 1),
+        ("WD_TIMEOUT", RegisterSpace.HOLDING, 2), ("WD_RESET", RegisterSpace.HOLDING, 4),
+        ("SEQ", RegisterSpace.HOLDING, 6),
+        ("AT_SPEED_TOL", RegisterSpace.HOLDING, 11), ("H1.DISC_SP", RegisterSpace.HOLDING, 20),
+        ("H1.FLOW_SP", RegisterSpace.HOLDING, 23), ("H4.FLOW_SP", RegisterSpace.HOLDING, 35),
+        ("H1.FEED_FACTOR", RegisterSpace.HOLDING, 1100), ("H3.LOT", RegisterSpace.HOLDING, 1310),
     ],
 )
 def test_addresses(name, kind, address):
-    row = pmx.PMX[name]
-    assert (row.kind, pmx.PMX.wire_address(name)) == (kind, address)
-    assert row.writable == (kind is Kind.HOLDING)
+    row = pmx.PMX_MAP[name]
+    assert (row.space, pmx.PMX_MAP.wire_address(name)) == (kind, address)
+    assert row.writable == (kind is RegisterSpace.HOLDING)
 
 
 def test_flows_are_in_hundredths():
-    assert pmx.PMX.encode("H1.FLOW_SP", 2.45) == (245,)
-    assert pmx.PMX.decode("H1.FLOW_EST", [245]) == 2.45
-    assert pmx.PMX.decode("H1.WEIGHT", [0, 199_990 & 0xFFFF]) == pytest.approx(338.2)
+    assert pmx.PMX_MAP.encode("H1.FLOW_SP", 2.45) == (245,)
+    assert pmx.PMX_MAP.decode("H1.FLOW_EST", [245]) == 2.45
+    assert pmx.PMX_MAP.decode("H1.WEIGHT", [0, 199_990 & 0xFFFF]) == pytest.approx(338.2)
 
 
 def test_the_status_block_is_one_gapless_read():
@@ -43,44 +52,44 @@ def test_the_status_block_is_one_gapless_read():
 
 @pytest.mark.parametrize("channel", [1, 2, 3, 4])
 def test_a_hopper_is_one_gapless_read(channel):
-    (block,) = pmx.PMX.plan_reads(pmx.hopper_names(channel))
+    (block,) = pmx.PMX_MAP.plan_reads(pmx.hopper_input_names(channel))
     assert (block.address, block.count) == (100 * channel, 20)
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 4])
 def test_a_recipe_is_one_gapless_write_from_heartbeat_to_the_last_shadow_register(n):
     table = pmx.register_map(n)
-    (block,) = table.plan_reads(pmx.recipe_names(n))
+    (block,) = table.plan_reads(pmx.recipe_register_names(n))
     assert block.address == 1
     assert block.address + block.count == 20 + 4 * n
-    assert block.count <= MOST_WRITTEN
+    assert block.count <= MAX_WRITE_REGISTERS
     assert all(row.writable for row in block.rows)
 
 
 def test_the_mirror_collides_with_nothing():
     holding = {
         a
-        for row in pmx.PMX.rows if row.kind is Kind.HOLDING
+        for row in pmx.PMX_MAP.rows if row.space is RegisterSpace.HOLDING
         for a in range(row.address, row.address + row.words)
     }
-    size = pmx.mirrored_at(pmx.MOST_HOPPERS + 1)
-    assert not holding & set(range(pmx.MIRROR, pmx.MIRROR + size))
-    assert size <= MOST_READ
+    size = pmx.mirror_offset(pmx.MAX_HOPPERS + 1)
+    assert not holding & set(range(pmx.MIRROR_ADDRESS, pmx.MIRROR_ADDRESS + size))
+    assert size <= MAX_READ_REGISTERS
 
 
 def test_the_mirror_has_every_block_once_and_no_gap():
     at = pmx.SYSTEM_BLOCK.count
-    for channel in range(1, pmx.MOST_HOPPERS + 1):
-        assert pmx.mirrored_at(channel) == at
-        at += pmx.PMX.block(pmx.hopper_names(channel)).count
-    assert at == pmx.mirrored_at(pmx.MOST_HOPPERS + 1)
+    for channel in range(1, pmx.MAX_HOPPERS + 1):
+        assert pmx.mirror_offset(channel) == at
+        at += pmx.PMX_MAP.block(pmx.hopper_input_names(channel)).count
+    assert at == pmx.mirror_offset(pmx.MAX_HOPPERS + 1)
 
 
 def test_limits():
     with pytest.raises(RegisterError, match="between 0 and 2"):
-        pmx.PMX.encode("WD_ACTION", 3)
+        pmx.PMX_MAP.encode("WD_ACTION", 3)
     with pytest.raises(RegisterError, match=r"between 0 and 655\.35 g/min"):
-        pmx.PMX.encode("H1.FLOW_SP", 700)
+        pmx.PMX_MAP.encode("H1.FLOW_SP", 700)
 
 
 @pytest.mark.parametrize(
@@ -97,22 +106,22 @@ def test_limits():
     ],
 )
 def test_alarms_in_words(code, text):
-    found = pmx_alarms.alarm(code)
+    found = pmx_alarms.describe_alarm(code)
     assert (found.code, found.text) == (code, text)
-    assert found.hint
+    assert found.remedy
 
 
 def test_hoppers_may_have_names():
-    assert pmx_alarms.alarm(307, {2: "B"}).text == "hopper B: it is empty"
+    assert pmx_alarms.describe_alarm(307, {2: "B"}).text == "hopper B: it is empty"
 
 
 def test_every_code_of_the_map_has_words_and_advice():
     codes = [*pmx_alarms.SYSTEM_CODES]
     codes += [
-        pmx_alarms.hopper_code(h, n)
+        pmx_alarms.hopper_alarm_code(h, n)
         for h in range(1, 5) for n in (*range(1, 11), *range(51, 56))
     ]
-    assert all("does not list" not in pmx_alarms.alarm(code).text for code in codes)
+    assert all("does not list" not in pmx_alarms.describe_alarm(code).text for code in codes)
 
 
 @pytest.mark.parametrize(("code", "bits", "text"), [
@@ -126,20 +135,20 @@ def test_every_code_of_the_map_has_words_and_advice():
      "hopper 2 has one)"),
 ])
 def test_the_first_alarm_tells_of_the_others_that_stand(code, bits, text):
-    found = pmx_alarms.first_out(code, bits, {1: "A"})
+    found = pmx_alarms.describe_first_out_alarm(code, bits, {1: "A"})
     assert (found.code, found.text) == (code, text)
-    assert found.hint == pmx_alarms.alarm(code).hint
+    assert found.remedy == pmx_alarms.describe_alarm(code).remedy
 
 
 def test_every_warning_bit_has_words_and_unknown_ones_say_so():
-    every = pmx_alarms.warnings_in(0xFFFF)
+    every = pmx_alarms.describe_warnings(0xFFFF)
     assert [one.code for one in every] == list(range(51, 67))
-    assert all(one.text and one.hint for one in every)
+    assert all(one.text and one.remedy for one in every)
     assert ["does not list" in one.text for one in every] == [False] * 5 + [True] * 11
-    assert pmx_alarms.warnings_in(0) == []
+    assert pmx_alarms.describe_warnings(0) == []
 
 
 def test_refusals_in_words():
-    for reason in pmx.Refusal:
-        assert "does not list" not in pmx_alarms.refusal(reason)
-    assert "does not list" in pmx_alarms.refusal(77)
+    for reason in pmx.WriteRefusalCode:
+        assert "does not list" not in pmx_alarms.describe_refusal(reason)
+    assert "does not list" in pmx_alarms.describe_refusal(77)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lmctl.job.manifest_json import part_digest
-from lmctl.job.schema import HopperUse, JobLayer, JobManifest, LineKind, line_dtype
+from lmctl.job.schema import JobHopper, JobLayer, JobManifest, LineKind, line_dtype
 from lmctl.job.writer import JobWriter
 
 PART_TEXT = 'name = "disc"\n# größer\n'
@@ -38,12 +38,12 @@ def make_layer(index: int, n_lines: int = 6) -> JobLayer:
 
 
 def make_manifest() -> JobManifest:
-    hopper = HopperUse("A", "316L", 3.0, 1.0, 60.0)
+    hopper = JobHopper("A", "316L", 3.0, 1.0, 60.0)
     return JobManifest(
         part_name="disc", part_sha256=part_digest(PART_TEXT), sources={"disc.stl": "ab" * 32},
         machine="bench", profile_digest="cd" * 32, software="lmctl 0.1.0", powder_mode="lead",
         s_max=1000, max_power_W=3000.0, send_horizon_s=1.0, materials=("316L", "WC-12Co"),
-        hoppers=(hopper, HopperUse("B", "WC-12Co", 2.6, 0.8, 60.0)),
+        hoppers=(hopper, JobHopper("B", "WC-12Co", 2.6, 0.8, 60.0)),
         bounds_mm=((0.0, 0.0, 0.0), (6.0, 0.0, 1.5)), totals={"layers": 3, "warnings": []},
         verdict=({"level": "ok", "text": "coverage 99.8 %"},),
     )

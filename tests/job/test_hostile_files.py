@@ -20,7 +20,7 @@ from lmctl.errors import ConfigError, InputError, JobError, LmctlError, MissingF
 from lmctl.job import container
 from lmctl.job.reader import JobReader
 from lmctl.part.load import load_part
-from lmctl.run.journal import rundir
+from lmctl.run.journal import run_folders
 
 CELL = (files("lmctl.examples") / "cell.toml").read_text()
 MOST_MB = 60
@@ -50,15 +50,15 @@ def remade(path: Path, change) -> None:
     change(members)
     manifest = json.loads(members["manifest.json"])
     for index, layer in enumerate(manifest["layers"]):
-        data = tuple(members[name] for name in container.layer_names(index))
+        data = tuple(members[name] for name in container.layer_member_names(index))
         layer["sha256"] = container.layer_digest(data)
     members["manifest.json"] = json.dumps(manifest).encode()
     with path.open("wb+") as file:
         with zipfile.ZipFile(file, "w") as archive:
             for name, data in members.items():
-                archive.writestr(container.member(name), data)
+                archive.writestr(container.new_member(name), data)
             archive.comment = container.unsigned_trailer()
-        container.sign(file)
+        container.write_digest(file)
 
 
 # jobs --------------------------------------------------------------------------------------------
@@ -139,11 +139,11 @@ def test_a_member_twice_or_a_link_is_none(job_path):
             with zipfile.ZipFile(file, "w") as archive, warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # zipfile notices
                 for name, data in [*members, (again, b"/etc/passwd")]:
-                    info = container.member(name)
+                    info = container.new_member(name)
                     info.external_attr = attributes << 16
                     archive.writestr(info, data)
                 archive.comment = container.unsigned_trailer()
-            container.sign(file)
+            container.write_digest(file)
         with pytest.raises(JobError):
             read_all(job_path)
 
@@ -244,8 +244,8 @@ def test_a_runs_folder_of_links_is_listed_and_nothing_is_written_through_them(
     (runs / "run-0002").symlink_to(elsewhere, target_is_directory=True)
     (runs / "run-0003").symlink_to(tmp_path / "nowhere")
     (runs / "run-0005").symlink_to(runs / "run-0005")
-    assert {run.state for run in rundir.list_runs(runs)} == {"no journal"}
-    made = rundir.create(runs, job_path)
+    assert {run.state for run in run_folders.list_runs(runs)} == {"no journal"}
+    made = run_folders.create_run_folder(runs, job_path)
     assert made.run == "run-0006"
     assert not made.path.is_symlink()
     assert list(elsewhere.iterdir()) == []

@@ -92,15 +92,15 @@ def remake(path, change):
                 if isinstance(data, tuple):
                     archive.writestr(name, data[0], compress_type=data[1])
                 else:
-                    archive.writestr(container.member(name), data)
+                    archive.writestr(container.new_member(name), data)
             archive.comment = container.unsigned_trailer()
-        container.sign(file)
+        container.write_digest(file)
 
 
 def reseal(members, index):
     """Give the manifest the digest of a changed layer."""
     manifest = json.loads(members["manifest.json"])
-    data = tuple(members[name] for name in container.layer_names(index))
+    data = tuple(members[name] for name in container.layer_member_names(index))
     manifest["layers"][index]["sha256"] = container.layer_digest(data)
     members["manifest.json"] = json.dumps(manifest).encode()
 
@@ -155,7 +155,7 @@ def test_a_directory_the_file_does_not_have(job_path):
 def sign_again(path, data):
     with path.open("wb+") as file:
         file.write(data)
-        container.sign(file)
+        container.write_digest(file)
 
 
 def test_a_pickle_is_not_opened(job_path, tmp_path):

@@ -8,11 +8,11 @@ from contextlib import asynccontextmanager
 
 import pytest
 
-from lmctl.config.machine import Feeder, Hopper
+from lmctl.config.machine import FeederSettings, HopperSettings
 from lmctl.machine.feeder.driver import FeederDriver
-from lmctl.machine.feeder.status import FeederListener
+from lmctl.machine.feeder.status import FeederCallbacks
 from simulators.feeder.config import FeederConfig, HopperConfig
-from simulators.feeder.device import PmxDevice
+from simulators.feeder.device import PmxFeederDevice
 from simulators.feeder.server import serve_tcp
 from simulators.modbus_server import ModbusServer
 
@@ -25,12 +25,12 @@ ONE = FeederConfig("F1", (TRUTH,))
 SERVING = {"by": serve_tcp}
 
 
-def hopper(name: str = "A", channel: int = 1, **changes) -> Hopper:
-    return Hopper(**{"name": name, "feeder": "F1", "channel": channel, "material": "316L",
-                     "dead_time_s": 3.0, "lag_s": 1.0, "max_flow_g_min": 60.0} | changes)
+def hopper(name: str = "A", channel: int = 1, **changes) -> HopperSettings:
+    return HopperSettings(**{"name": name, "feeder": "F1", "channel": channel, "material": "316L",
+                             "dead_time_s": 3.0, "lag_s": 1.0, "max_flow_g_min": 60.0} | changes)
 
 
-class Ears(FeederListener):
+class Ears(FeederCallbacks):
     def __init__(self) -> None:
         self.statuses, self.faults = [], []
         super().__init__(self.statuses.append, self.faults.append)
@@ -38,7 +38,7 @@ class Ears(FeederListener):
 
 @asynccontextmanager
 async def simulated(config: FeederConfig) -> AsyncIterator[tuple]:
-    device = PmxDevice(config, asyncio.get_running_loop().time)
+    device = PmxFeederDevice(config, asyncio.get_running_loop().time)
     server: ModbusServer = await SERVING["by"](device)
     try:
         yield device, server
@@ -48,12 +48,12 @@ async def simulated(config: FeederConfig) -> AsyncIterator[tuple]:
 
 @asynccontextmanager
 async def driven(
-    config: FeederConfig = ONE, *hoppers: Hopper, **settings
-) -> AsyncIterator[tuple[FeederDriver, PmxDevice, ModbusServer, Ears]]:
+    config: FeederConfig = ONE, *hoppers: HopperSettings, **settings
+) -> AsyncIterator[tuple[FeederDriver, PmxFeederDevice, ModbusServer, Ears]]:
     async with simulated(config) as (device, server):
-        feeder = Feeder(name="F1", endpoint=server.endpoint, **settings)
+        feeder = FeederSettings(name="F1", endpoint=server.endpoint, **settings)
         driver = await FeederDriver.open(feeder, hoppers or (hopper(),))
-        driver.listener = ears = Ears()
+        driver.callbacks = ears = Ears()
         try:
             yield driver, device, server, ears
         finally:
@@ -64,16 +64,16 @@ def now() -> float:
     return asyncio.get_running_loop().time()
 
 
-def disc_rpm(device: PmxDevice, channel: int = 1) -> float:
-    device.settle()
+def disc_rpm(device: PmxFeederDevice, channel: int = 1) -> float:
+    device.advance_to_now()
     return device.hoppers[channel].process.disc_rpm(now())
 
 
 async def feeding(driver: FeederDriver, flow_g_min: float = 6.0) -> None:
     await driver.start_gas()
     driver.set_flows({h.name: flow_g_min for h in driver.hoppers})
-    await driver.feed_on()
-    await driver.stable(30.0)
+    await driver.start_powder()
+    await driver.wait_until_stable(30.0)
 
 
 only_tcp = pytest.mark.parametrize("wire", ["tcp"], indirect=True)

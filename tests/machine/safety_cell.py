@@ -8,19 +8,19 @@ from contextlib import asynccontextmanager
 
 import pytest
 
-from lmctl.config.machine import Safety
+from lmctl.config.machine import SafetySettings
 from lmctl.machine.safety.driver import SafetyDriver
-from lmctl.machine.safety.status import SafetyListener, SafetyStatus
-from simulators.faults.edge import Edge
+from lmctl.machine.safety.status import SafetyCallbacks, SafetyStatus
+from simulators.faults.link_tap import LinkTap
 from simulators.modbus_server import ModbusServer, serve_pty, serve_tcp
 from simulators.safety.config import SafetyConfig
-from simulators.safety.device import SafetyDevice
+from simulators.safety.device import SimulatedSafetyDevice
 
 PERIOD_S = 0.1
 RELAY = SafetyConfig(watchdog_relay=True)
 
 
-class Ears(SafetyListener):
+class Ears(SafetyCallbacks):
     def __init__(self) -> None:
         self.statuses: list[SafetyStatus] = []
         self.faults: list[tuple[float, str]] = []
@@ -33,7 +33,7 @@ def now() -> float:
     return asyncio.get_running_loop().time()
 
 
-async def served(device, wire: str = "tcp", edge: Edge | None = None) -> ModbusServer:
+async def served(device, wire: str = "tcp", edge: LinkTap | None = None) -> ModbusServer:
     if wire == "tcp":
         return await serve_tcp(device, edge=edge)
     return await serve_pty(device, edge, baud=115_200)
@@ -41,15 +41,15 @@ async def served(device, wire: str = "tcp", edge: Edge | None = None) -> ModbusS
 
 @asynccontextmanager
 async def driven(
-    config: SafetyConfig = RELAY, wire: str = "tcp", edge: Edge | None = None,
-    device: SafetyDevice | None = None, **settings,
-) -> AsyncIterator[tuple[SafetyDriver, SafetyDevice, Ears]]:
-    device = device or SafetyDevice(config, asyncio.get_running_loop().time)
+    config: SafetyConfig = RELAY, wire: str = "tcp", edge: LinkTap | None = None,
+    device: SimulatedSafetyDevice | None = None, **settings,
+) -> AsyncIterator[tuple[SafetyDriver, SimulatedSafetyDevice, Ears]]:
+    device = device or SimulatedSafetyDevice(config, asyncio.get_running_loop().time)
     server = await served(device, wire, edge)
     if config.watchdog_relay:
         settings.setdefault("relay_timeout_s", 0.3)
-    driver = await SafetyDriver.open(Safety(endpoint=server.endpoint, **settings))
-    driver.listener = ears = Ears()
+    driver = await SafetyDriver.open(SafetySettings(endpoint=server.endpoint, **settings))
+    driver.callbacks = ears = Ears()
     try:
         yield driver, device, ears
     finally:
@@ -60,7 +60,7 @@ async def driven(
 wires = pytest.mark.parametrize("wire", ["tcp", "rtu"])
 
 
-class Replayed(SafetyDevice):
+class Replayed(SimulatedSafetyDevice):
     """A device behind a gateway that gives old words for new ones."""
 
     old: list[int] | None = None

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from firmware_protocol.pmx import HopperFlags, State, Status
-from lmctl.config.machine import Feeder
+from firmware_protocol.pmx import FeederStateCode, FeederStatusBits, HopperStatusBits
+from lmctl.config.machine import FeederSettings
 from lmctl.machine.feeder.driver import FeederDriver
 from simulators import virtual_time
 from simulators.feeder.config import FeederConfig
@@ -27,31 +27,31 @@ def test_from_opening_to_powder_and_back(map_minor):
         config = replace(ONE, map_minor=map_minor)
         async with driven(config) as (driver, device, _, ears):
             assert driver.identity.has_mirror == bool(map_minor)
-            assert driver.status.state in (State.NOT_READY, State.READY)
+            assert driver.status.state in (FeederStateCode.NOT_READY, FeederStateCode.READY)
             started_s = now()
             await driver.start_gas()
             assert now() - started_s >= 3.0
             assert driver.status.gas_ok
             driver.set_flows({"A": 6.0})
-            await driver.feed_on()
+            await driver.start_powder()
             assert driver.status.feeding
             assert disc_rpm(device) == 3.0
             fed_s = now()
-            await driver.stable(30.0)
+            await driver.wait_until_stable(30.0)
             assert 7.5 <= now() - fed_s <= 9.0
             assert driver.status.mixer_pressure_mbar == 40.0
             await asyncio.sleep(2.1)
             reading = driver.status.hoppers["A"]
-            assert reading.flow_est_g_min == 6.0
+            assert reading.flow_estimated_g_min == 6.0
             assert reading.setpoint_g_min == pytest.approx(6.0)
-            assert HopperFlags.RUNNING in reading.flags
+            assert HopperStatusBits.RUNNING in reading.flags
             assert reading.weight_g == pytest.approx(1000.0 - 1.0, abs=0.3)
-            await driver.feed_off()
+            await driver.stop_powder()
             assert disc_rpm(device) == 0.0
             stopped_s = now()
-            await driver.gas_off()
+            await driver.stop_gas()
             assert 10.0 <= now() - stopped_s <= 11.0
-            assert driver.status.state is State.READY
+            assert driver.status.state is FeederStateCode.READY
             assert ears.faults == []
 
     virtual_time.run(main())
@@ -62,8 +62,8 @@ def test_a_feeder_with_a_patient_watchdog_is_asked_more_often_while_someone_wait
 
     async def main():
         async with driven(watchdog_s=60.0) as (driver, _, _, ears):
-            for act, within_s in ((driver.start_gas(), 6.0), (driver.feed_on(), 3.0),
-                                  (driver.feed_off(), 3.0), (driver.gas_off(), 13.0)):
+            for act, within_s in ((driver.start_gas(), 6.0), (driver.start_powder(), 3.0),
+                                  (driver.stop_powder(), 3.0), (driver.stop_gas(), 13.0)):
                 began_s = now()
                 await act
                 assert now() - began_s < within_s
@@ -84,15 +84,15 @@ def test_a_reading_says_what_its_disc_may_be_coming_from(map_minor):
             driver.set_flows({"A": 6.0})
             await feeding(driver)
             await asyncio.sleep(3.0)
-            assert driver.status.hoppers["A"].former_g_min == ()
-            driver.look_closer()
+            assert driver.status.hoppers["A"].previous_setpoints_g_min == ()
+            driver.request_hopper_readings()
             driver.set_flows({"A": 3.0})
             await asyncio.sleep(1.1)  # two cycles: on an old map hoppers show in the status after
             reading = driver.status.hoppers["A"]
             assert reading.setpoint_g_min == pytest.approx(3.0)
-            assert reading.former_g_min == (6.0,)
+            assert reading.previous_setpoints_g_min == (6.0,)
             await asyncio.sleep(2.1)
-            assert driver.status.hoppers["A"].former_g_min == ()
+            assert driver.status.hoppers["A"].previous_setpoints_g_min == ()
 
     virtual_time.run(main())
 
@@ -101,9 +101,9 @@ def test_gas_can_be_cut_short():
     async def main():
         async with driven() as (driver, device, _, _):
             await feeding(driver)
-            await driver.feed_off()
+            await driver.stop_powder()
             stopped_s = now()
-            await driver.gas_off(post_flow=False)
+            await driver.stop_gas(post_flow=False)
             assert now() - stopped_s < 1.0
             assert not device.gas_flows(now())
 
@@ -122,7 +122,7 @@ def test_two_hoppers_of_one_feeder_change_together():
             assert (disc_rpm(device, 1), disc_rpm(device, 2)) == (2.0, 6.0)
             assert len(changes) == 1
             await asyncio.sleep(2.0)
-            assert driver.status.hoppers["B"].flow_est_g_min == 12.0
+            assert driver.status.hoppers["B"].flow_estimated_g_min == 12.0
 
     virtual_time.run(main())
 
@@ -207,14 +207,14 @@ def test_closing_leaves_the_discs_stopped_and_the_device_content():
     async def main():
         async with simulated(ONE) as (device, server):
             driver = await FeederDriver.open(
-                Feeder(name="F1", endpoint=server.endpoint), [hopper()]
+                FeederSettings(name="F1", endpoint=server.endpoint), [hopper()]
             )
             await feeding(driver)
             await driver.close()
             assert disc_rpm(device) == 0.0
             await asyncio.sleep(100.0)
-            device.settle()
-            assert device.state(now()) is State.NOT_READY
+            device.advance_to_now()
+            assert device.state(now()) is FeederStateCode.NOT_READY
             assert not device.alarms
 
     virtual_time.run(main())
@@ -224,7 +224,7 @@ def test_a_second_host_numbers_its_recipes_on():
     """Beginning again at 1 would repeat the number that runs, and commit nothing."""
     async def main():
         async with simulated(ONE) as (device, server):
-            feeder = Feeder(name="F1", endpoint=server.endpoint)
+            feeder = FeederSettings(name="F1", endpoint=server.endpoint)
             for flow in (6.0, 8.0, 10.0):
                 driver = await FeederDriver.open(feeder, [hopper()])
                 await feeding(driver, flow)
@@ -238,7 +238,7 @@ def test_status_flags_reach_the_listener():
     async def main():
         async with driven() as (driver, _, _, ears):
             await feeding(driver)
-            assert Status.STABLE | Status.REMOTE in ears.statuses[-1].flags
+            assert FeederStatusBits.STABLE | FeederStatusBits.REMOTE in ears.statuses[-1].flags
             assert driver.status_age_s <= 0.5
 
     virtual_time.run(main())

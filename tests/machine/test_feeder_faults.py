@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from firmware_protocol.pmx import Command
+from firmware_protocol.pmx import FeederCommandBits
 from lmctl.errors import MachineError
 from simulators import virtual_time
 from simulators.feeder.config import FeederConfig
@@ -24,7 +24,7 @@ def fault_of(act, config: FeederConfig = ONE, within_s: float = 3.0):
             await feeding(driver)
             spoilt_s = now()
             heard_s = []
-            driver.listener.on_fault = lambda reason: (
+            driver.callbacks.on_fault = lambda reason: (
                 ears.faults.append(reason), heard_s.append(now())
             )
             act(device, server)
@@ -39,7 +39,7 @@ def fault_of(act, config: FeederConfig = ONE, within_s: float = 3.0):
 
 
 def test_an_alarm_is_told_once_in_words():
-    assert fault_of(lambda device, _: device.open_estop_chain(True)) == [
+    assert fault_of(lambda device, _: device.set_estop_open(True)) == [
         "the emergency-stop chain is open"
     ]
 
@@ -54,7 +54,7 @@ def test_a_restart_is_noticed():
 
 
 def test_the_local_switch_is_noticed():
-    (reason,) = fault_of(lambda device, _: device.turn_local(True))
+    (reason,) = fault_of(lambda device, _: device.set_local_mode(True))
     assert "LOCAL" in reason
 
 
@@ -96,7 +96,8 @@ def test_another_host_that_takes_command_away_is_noticed():
 
 def test_another_host_that_stops_powder_is_noticed():
     (reason,) = fault_of(
-        lambda device, _: device.write(0, [int(Command.ENABLE_REMOTE | Command.GAS_ON)])
+        lambda device,
+        _: device.write(0, [int(FeederCommandBits.ENABLE_REMOTE | FeederCommandBits.GAS_ON)])
     )
     assert reason == "powder stopped by itself (state STOPPING)"
 
@@ -113,7 +114,7 @@ def test_a_host_that_stalls_finds_powder_stopped_by_the_watchdog():
             assert ears.faults == ["the host's heartbeat stopped, and its watchdog tripped"]
             with pytest.raises(MachineError, match="heartbeat stopped"):
                 await driver.start_gas()
-            await driver.acknowledge()
+            await driver.reset_alarms()
             assert driver.fault is None
             await feeding(driver)
             assert disc_rpm(device) == 3.0
@@ -124,10 +125,10 @@ def test_a_host_that_stalls_finds_powder_stopped_by_the_watchdog():
 def test_an_alarm_with_a_cause_that_remains_cannot_be_reset():
     async def main():
         async with driven() as (driver, device, _, _):
-            device.open_estop_chain(True)
+            device.set_estop_open(True)
             await asyncio.sleep(1.0)
             with pytest.raises(MachineError, match="the cause of the alarm is still there"):
-                await driver.acknowledge()
+                await driver.reset_alarms()
 
     virtual_time.run(main())
 
@@ -137,7 +138,7 @@ def test_a_tcp_link_that_comes_back_in_time_is_no_fault():
     async def main():
         async with driven() as (driver, device, server, ears):
             await feeding(driver)
-            server.drop_hosts()
+            server.disconnect_hosts()
             await asyncio.sleep(5.0)
             assert ears.faults == []
             driver.set_flows({"A": 10.0})
@@ -157,8 +158,8 @@ def test_a_lost_answer_repeats_the_recipe_under_a_new_number():
                 answer = await ask(*args, **settings)
                 if not lost:
                     lost.append(answer)
-                    from lmctl.machine.modbus.client import NoAnswerError
-                    raise NoAnswerError("lost")
+                    from lmctl.machine.modbus.client import NoReplyError
+                    raise NoReplyError("lost")
                 return answer
 
             driver._link._ask = losing

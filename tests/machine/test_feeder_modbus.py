@@ -6,11 +6,11 @@ import pytest
 
 from lmctl.config.modbus_device import ModbusDevice
 from lmctl.errors import ConfigError, MachineError
-from lmctl.machine.modbus.client import ModbusLink, NoAnswerError, RefusedError
+from lmctl.machine.modbus.client import ModbusExceptionError, ModbusLink, NoReplyError
 from lmctl.machine.modbus.endpoint import RtuEndpoint, TcpEndpoint, parse_modbus_endpoint
 from simulators import virtual_time
 from simulators.feeder.config import FeederConfig, HopperConfig
-from simulators.feeder.device import PmxDevice
+from simulators.feeder.device import PmxFeederDevice
 from simulators.feeder.server import serve_pty, serve_tcp
 
 CONFIG = FeederConfig("F1", (HopperConfig(1, "316L", 0.008, 0.7, 3.0, 1.0, 2.0, 0.3, 30.0, 1e3),))
@@ -65,7 +65,7 @@ def test_a_network_address_takes_no_keys():
 def linked(wire: str, act, timeout_s: float = 0.5):
     """Run act(link, device) against the simulated feeder."""
     async def main():
-        device = PmxDevice(CONFIG, asyncio.get_running_loop().time)
+        device = PmxFeederDevice(CONFIG, asyncio.get_running_loop().time)
         server = await (serve_tcp if wire == "tcp" else serve_pty)(device)
         link = await ModbusLink.open(
             ModbusDevice(endpoint=server.endpoint, device_id=1), timeout_s=timeout_s)
@@ -101,11 +101,11 @@ def test_reads_writes_and_exchanges(wire):
 )
 def test_exceptions_come_in_words(wire, address, words, code, words_for_it):
     async def act(link, _):
-        with pytest.raises(RefusedError, match=words_for_it) as caught:
+        with pytest.raises(ModbusExceptionError, match=words_for_it) as caught:
             await link.write(address, words)
         assert caught.value.code == code
         assert isinstance(caught.value, MachineError)
-        with pytest.raises(RefusedError):
+        with pytest.raises(ModbusExceptionError):
             await link.exchange(address, words, 500, 1)
 
     linked(wire, act)
@@ -118,7 +118,7 @@ def test_an_unanswered_request_fails_after_its_time_and_ages_the_link(wire):
         await link.read_input(0, 1)
         link._device_id = 9
         asked_s = loop.time()
-        with pytest.raises(NoAnswerError, match="does not answer"):
+        with pytest.raises(NoReplyError, match="does not answer"):
             await link.read_input(0, 1)
         assert loop.time() - asked_s == pytest.approx(0.5)
         assert link.age_s == pytest.approx(0.5)
@@ -189,7 +189,7 @@ def test_a_gateway_that_takes_and_drops_connections_is_left_alone_but_once_a_sec
     """Connected is not answered: the wait between attempts grows until something answers."""
     async def main():
         loop = asyncio.get_running_loop()
-        device = PmxDevice(CONFIG, loop.time)
+        device = PmxFeederDevice(CONFIG, loop.time)
         server = await serve_tcp(device)
         link = await ModbusLink.open(
             ModbusDevice(endpoint=server.endpoint, device_id=1), timeout_s=0.5)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from lmctl.config.machine import Feeder
+from lmctl.config.machine import FeederSettings
 from lmctl.errors import ConfigError, MachineError
 from lmctl.machine.feeder.driver import FeederDriver
 from simulators import virtual_time
@@ -27,9 +27,10 @@ def test_a_booting_device_is_waited_for():
 def test_a_device_at_local_does_not_open():
     async def main():
         async with simulated(ONE) as (device, server):
-            device.turn_local(True)
+            device.set_local_mode(True)
             with pytest.raises(MachineError, match="LOCAL"):
-                await FeederDriver.open(Feeder(name="F1", endpoint=server.endpoint), [hopper()])
+                await FeederDriver.open(FeederSettings(name="F1", endpoint=server.endpoint),
+                                        [hopper()])
 
     virtual_time.run(main())
 
@@ -46,7 +47,7 @@ def test_a_profile_that_does_not_fit_the_device(changes, words):
         async with simulated(ONE) as (_, server):
             with pytest.raises(MachineError, match=words) as caught:
                 await FeederDriver.open(
-                    Feeder(name="F1", endpoint=server.endpoint), [hopper(**changes)]
+                    FeederSettings(name="F1", endpoint=server.endpoint), [hopper(**changes)]
                 )
             assert caught.value.hint
 
@@ -60,7 +61,7 @@ def test_a_device_of_another_kind_or_map_is_refused(monkeypatch):
                 monkeypatch.setattr(f"simulators.feeder.readings.{name}", 7)
                 with pytest.raises(MachineError, match=words):
                     await FeederDriver.open(
-                        Feeder(name="F1", endpoint=server.endpoint), [hopper()]
+                        FeederSettings(name="F1", endpoint=server.endpoint), [hopper()]
                     )
                 monkeypatch.undo()
 
@@ -74,16 +75,17 @@ def test_nobody_there():
             endpoint = server.endpoint
             with pytest.raises(MachineError, match="feeder F1: it does not answer"):
                 await FeederDriver.open(
-                    Feeder(name="F1", endpoint=endpoint, device_id=9), [hopper()]
+                    FeederSettings(name="F1", endpoint=endpoint, device_id=9), [hopper()]
                 )
         with pytest.raises(MachineError, match=r"nothing answers at 127\.0\.0\.1") as caught:
-            await FeederDriver.open(Feeder(name="F1", endpoint=endpoint), [hopper()])
+            await FeederDriver.open(FeederSettings(name="F1", endpoint=endpoint), [hopper()])
         assert caught.value.exit_code == 4
         with pytest.raises(MachineError, match="cannot open the serial port /dev/nosuch"):
             await FeederDriver.open(
-                Feeder(name="F1", endpoint="modbus-rtu:///dev/nosuch"), [hopper()]
+                FeederSettings(name="F1", endpoint="modbus-rtu:///dev/nosuch"), [hopper()]
             )
         with pytest.raises(ConfigError, match="not an endpoint"):
-            await FeederDriver.open(Feeder(name="F1", endpoint="tcp://127.0.0.1:502"), [hopper()])
+            await FeederDriver.open(FeederSettings(name="F1", endpoint="tcp://127.0.0.1:502"),
+                                    [hopper()])
 
     virtual_time.run(main())

@@ -6,7 +6,7 @@ import pytest
 
 from lmctl.errors import MachineError
 from simulators import virtual_time
-from simulators.modbus_refusal import RefusedError
+from simulators.modbus_errors import ExceptionReplyError
 from tests.machine.feeder_cell import disc_rpm, driven, feeding, now, simulated
 
 PASSING = (5, 6, 10, 11)
@@ -25,7 +25,7 @@ class Gateway:
     def _passes(self):
         if now() < self._until_s:
             self.asked += 1
-            raise RefusedError(self._code)
+            raise ExceptionReplyError(self._code)
         return self._registers
 
     def read_input(self, address, count):
@@ -42,7 +42,7 @@ async def until_still_s(device) -> float:
     """Time until the disc is told to stand."""
     started_s = now()
     while True:
-        device.settle()
+        device.advance_to_now()
         if not device.discs_on:
             return now() - started_s
         await asyncio.sleep(0.01)
@@ -71,11 +71,11 @@ def test_an_order_that_gets_lost_is_given_again(lost):
             direction = "to_device" if lost == "request" else "to_host"
 
             def lose(data, deliver):
-                server.edge.take(direction, lose)
+                server.edge.remove_filter(direction, lose)
 
-            server.edge.put(direction, lose)
+            server.edge.add_filter(direction, lose)
             started_s = now()
-            await driver.feed_off()
+            await driver.stop_powder()
             assert disc_rpm(device) < 0.1 or not device.discs_on
             return now() - started_s
 
@@ -88,7 +88,7 @@ def test_gas_off_without_post_flow_is_given_again_too():
             await feeding(driver)
             Gateway(server, 11, 0.9)
             started_s = now()
-            await driver.gas_off(post_flow=False)
+            await driver.stop_gas(post_flow=False)
             assert not device.gas_flows(now())
             return now() - started_s
 
@@ -101,7 +101,7 @@ def test_a_device_that_never_lets_go_is_reported_with_the_reason():
             await feeding(driver)
             Gateway(server, 11, 60.0)
             with pytest.raises(MachineError, match=r"powder did not stop within \d s: its gateway"):
-                await driver.feed_off()
+                await driver.stop_powder()
 
     virtual_time.run(main())
 
@@ -116,12 +116,12 @@ def test_an_order_is_given_again_even_after_nobody_waits_for_it():
             class LosesCommands(Gateway):
                 def write(self, address, words):
                     if address == 0 and now() < until_s:
-                        raise RefusedError(11)
+                        raise ExceptionReplyError(11)
                     registers.write(address, words)
 
             LosesCommands(server, 11, 0.0)
             with pytest.raises(MachineError, match="powder did not stop within 5 s"):
-                await driver.feed_off()
+                await driver.stop_powder()
             assert device.discs_on
             return await until_still_s(device)
 
@@ -148,7 +148,7 @@ def test_a_passing_exception_is_a_lost_answer_and_no_fault(code):
 
 def test_the_first_heartbeat_differs_from_the_one_an_earlier_host_left():
     """A device counts only a change as a heartbeat."""
-    from lmctl.config.machine import Feeder
+    from lmctl.config.machine import FeederSettings
     from lmctl.machine.feeder.driver import FeederDriver
     from tests.machine.feeder_cell import ONE, hopper
 
@@ -158,7 +158,7 @@ def test_the_first_heartbeat_differs_from_the_one_an_earlier_host_left():
             before_s = device.heartbeat_s
             await asyncio.sleep(1.0)
             driver = await FeederDriver.open(
-                Feeder(name="F1", endpoint=server.endpoint), (hopper(),))
+                FeederSettings(name="F1", endpoint=server.endpoint), (hopper(),))
             assert device.holding.raw("HEARTBEAT") == 2
             assert device.heartbeat_s > before_s
             await driver.close()

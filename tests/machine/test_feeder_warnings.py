@@ -9,17 +9,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_protocol.pmx import HopperFlags
+from firmware_protocol.pmx import HopperStatusBits
 from lmctl.machine.feeder.readings import HopperReading
 from lmctl.machine.feeder.warnings import WarningReader
 from simulators import virtual_time
 from simulators.feeder.config import FeederConfig
-from simulators.feeder.mishaps import Mishaps
+from simulators.feeder.injected_defects import InjectedDefects
 from tests.machine.feeder_cell import ONE, TRUTH, driven, feeding, hopper
 
 LOW, DRIFT, UNSTEADY, OLD, CLIPPED = (1 << bit for bit in range(5))
 FINE = HopperReading(
-    time_s=0.0, flags=HopperFlags.PRESENT, setpoint_g_min=6.0, flow_est_g_min=6.0,
+    time_s=0.0, flags=HopperStatusBits.PRESENT, setpoint_g_min=6.0, flow_estimated_g_min=6.0,
     flow_weighed_g_min=6.0, weight_g=1000.0, level_percent=50.0, carrier_L_min=4.0,
 )
 
@@ -29,7 +29,7 @@ def one(name="A", **changes):
 
 
 def low(**changes):
-    return replace(FINE, flags=HopperFlags.LEVEL_LOW, **changes)
+    return replace(FINE, flags=HopperStatusBits.LEVEL_LOW, **changes)
 
 
 def reader(n_hoppers=1, names=None):
@@ -49,7 +49,7 @@ def reader(n_hoppers=1, names=None):
      "recalibrate"),
     (UNSTEADY, one(), "hopper A of feeder F1: the flow is unsteady, by more than 3 %", "moisture"),
     (OLD, one(), "hopper A of feeder F1: its calibration is old", "before the next job"),
-    (CLIPPED, one(flags=HopperFlags.LIMITED),
+    (CLIPPED, one(flags=HopperStatusBits.LIMITED),
      "hopper A of feeder F1: the set-point was clipped", "speed range"),
     (1 << 7, one(), "hopper A of feeder F1: warning bit 7, which its register map does not list",
      "manual"),
@@ -100,10 +100,10 @@ def test_whatever_comes_and_goes_it_is_the_same_object_exactly_while_it_is_the_s
     reads, last, hoppers = reader(), (), {}
     for word, is_low, again in story:
         if again or not hoppers:
-            flags = HopperFlags.LEVEL_LOW if is_low else HopperFlags(0)
-            hoppers = {"A": replace(FINE, flags=flags | HopperFlags.LIMITED)}
+            flags = HopperStatusBits.LEVEL_LOW if is_low else HopperStatusBits(0)
+            hoppers = {"A": replace(FINE, flags=flags | HopperStatusBits.LIMITED)}
         now = reads.read(word, hoppers)
-        has_low = HopperFlags.LEVEL_LOW in hoppers["A"].flags
+        has_low = HopperStatusBits.LEVEL_LOW in hoppers["A"].flags
         assert [w.number - 51 for w in now] == [
             bit for bit in range(5) if word >> bit & 1 and (bit != 0 or has_low)]
         assert (now is last) == ([w.number for w in now] == [w.number for w in last])
@@ -134,8 +134,8 @@ def test_a_driver_tells_what_has_no_cause_in_the_process_and_that_it_has_gone():
     async def main():
         async with driven(ONE) as (driver, device, _, _ears):
             await feeding(driver)
-            device.mishaps = Mishaps()
-            undo = device.mishaps.tell(0, "WARNING", lambda word: word | OLD)
+            device.mishaps = InjectedDefects()
+            undo = device.mishaps.override_register(0, "WARNING", lambda word: word | OLD)
             await asyncio.sleep(1.1)
             assert [w.number for w in driver.status.warnings] == [54]
             undo()
@@ -150,14 +150,14 @@ def test_a_clipped_set_point_shows_in_the_next_answer_and_its_hopper_soon_after(
         async with driven(ONE, hopper("A")) as (driver, device, _, ears):
             await feeding(driver, 10.0)
             assert not driver.status.clipped
-            device.limit_disc(1, 1.0)
+            device.set_max_disc_rpm(1, 1.0)
             await asyncio.sleep(driver.period_s + 0.01)
             assert driver.status.clipped
             await asyncio.sleep(4 * driver.period_s)
             assert [(w.number, w.hopper) for w in driver.status.warnings] == [(55, "A")]
             # The disc does what the device asks of it: no other reading tells.
             reading = driver.status.hoppers["A"]
-            assert reading.flow_est_g_min == pytest.approx(reading.setpoint_g_min)
+            assert reading.flow_estimated_g_min == pytest.approx(reading.setpoint_g_min)
             assert ears.faults == []
 
     virtual_time.run(main())
@@ -167,8 +167,8 @@ def test_an_alarm_tells_of_the_others_that_came_with_it():
     async def main():
         async with driven(ONE) as (driver, device, _, ears):
             await feeding(driver)
-            device.trip(103)
-            device.trip(102)
+            device.raise_alarm(103)
+            device.raise_alarm(102)
             await asyncio.sleep(2.0)
             assert ears.faults == [
                 "the mixer pressure is too high (and 1 more: the gas supply pressure is low)"]

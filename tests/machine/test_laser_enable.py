@@ -8,55 +8,55 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lmctl.config.machine import Safety
+from lmctl.config.machine import SafetySettings
 from lmctl.errors import MachineError
-from lmctl.machine.by_hand.look_modbus import look_at_safety
+from lmctl.machine.manual.inspect_modbus import inspect_safety
 from lmctl.machine.safety.driver import SafetyDriver
 from lmctl.machine.safety.laser_enable import LaserEnable
 from simulators import virtual_time
-from simulators.faults.edge import nothing_passes
+from simulators.faults.link_tap import drop_all
 from simulators.modbus_server import serve_tcp
 from simulators.safety.config import SafetyConfig
-from simulators.safety.device import SafetyDevice
-from simulators.safety.laser_output import LaserOutput
+from simulators.safety.device import SimulatedSafetyDevice
+from simulators.safety.laser_output import LaserEnableOutput
 from tests.machine.laser_cell import FITTED, LASER_ENABLE, driven, now, played, wires
 
 
 def test_on_is_told_only_after_off_was_read_back():
     output = LaserEnable()
-    output.demand(True)
-    assert output.word() == 0
-    assert output.read_back(False, 0.0) is None
-    assert output.has_news
-    assert output.word() == 1
-    assert not output.is_shown(True)
-    assert output.read_back(True, 0.0) is None
-    assert output.is_shown(True)
-    assert not output.pending
-    output.demand(False)
-    assert (output.has_news, output.pending, output.word()) == (True, True, 0)
-    output.demand(True)  # before the 0 is known to have come
-    assert output.word() == 0
+    output.request(True)
+    assert output.output_word() == 0
+    assert output.on_read_back(False, 0.0) is None
+    assert output.has_unsent_change
+    assert output.output_word() == 1
+    assert not output.is_confirmed(True)
+    assert output.on_read_back(True, 0.0) is None
+    assert output.is_confirmed(True)
+    assert not output.is_pending
+    output.request(False)
+    assert (output.has_unsent_change, output.is_pending, output.output_word()) == (True, True, 0)
+    output.request(True)  # before the 0 is known to have come
+    assert output.output_word() == 0
 
 
 @given(st.lists(st.sampled_from(["on", "off", "beat", "lost", "trip", "restart"])))
 def test_whatever_happens_the_output_is_on_only_since_a_demand_that_was_not_taken_back(acts):
-    host, device = LaserEnable(), LaserOutput()
+    host, device = LaserEnable(), LaserEnableOutput()
     may_be_on, now_s = False, 0.0  # since the last demand: not taken back, not tripped
     for act in acts:
         now_s += 1.0
         if act in ("on", "off"):
-            host.demand(act == "on")
+            host.request(act == "on")
             may_be_on = host.wanted
         elif act in ("trip", "restart"):
             may_be_on &= act == "trip" and not device.is_on
-            (device.drop if act == "trip" else device.forget)()
+            (device.drop if act == "trip" else device.power_cycle)()
             if act == "restart":
-                host.restarted()  # as its uptime tells, before the next word
+                host.on_restart()  # as its uptime tells, before the next word
         else:
-            device.tell(host.word(), may_come_on=True)
+            device.command(host.output_word(), may_come_on=True)
             if act == "beat":
-                host.read_back(device.is_on, now_s)
+                host.on_read_back(device.is_on, now_s)
             assert may_be_on or not device.is_on
 
 
@@ -71,8 +71,8 @@ def test_it_comes_on_and_drops_at_once_in_requests_of_their_own(wire):
         await asyncio.sleep(1.0)
         assert cell.is_on
         dropped_s = now()
-        cell.driver.enable_laser(False)
-        await cell.driver.laser_enabled(False)
+        cell.driver.request_laser_enable(False)
+        await cell.driver.wait_for_laser_enable(False)
         assert (cell.is_on, cell.driver.status.laser_enabled) == (False, False)
         assert now() == dropped_s
         assert cell.words[0] == (began_s, 1)
@@ -91,15 +91,15 @@ def test_on_and_off_and_on_in_one_breath_is_an_edge(wire):
     async def act(cell):
         await cell.on()
         cell.words.clear()
-        cell.driver.enable_laser(False)
-        cell.driver.enable_laser(True)
-        cell.driver.enable_laser(False)
-        cell.driver.enable_laser(True)
-        await cell.driver.laser_enabled(True)
+        cell.driver.request_laser_enable(False)
+        cell.driver.request_laser_enable(True)
+        cell.driver.request_laser_enable(False)
+        cell.driver.request_laser_enable(True)
+        await cell.driver.wait_for_laser_enable(True)
         assert cell.is_on
-        cell.driver.enable_laser(False)
-        cell.driver.enable_laser(True)
-        cell.driver.enable_laser(False)
+        cell.driver.request_laser_enable(False)
+        cell.driver.request_laser_enable(True)
+        cell.driver.request_laser_enable(False)
         await asyncio.sleep(0.5)
         assert not cell.is_on
         assert cell.faults == []
@@ -111,18 +111,18 @@ def test_on_and_off_and_on_in_one_breath_is_an_edge(wire):
 def test_it_drops_with_the_watchdog_relay_and_heartbeats_do_not_bring_it_back(wire):
     async def act(cell):
         await cell.on()
-        cell.edge.put("to_device", nothing_passes)
+        cell.edge.add_filter("to_device", drop_all)
         await asyncio.sleep(0.5)
-        cell.device.settle()
+        cell.device.advance_to_now()
         assert not cell.is_on
         cell.faults.clear()
-        cell.edge.take("to_device", nothing_passes)
+        cell.edge.remove_filter("to_device", drop_all)
         await asyncio.sleep(2.0)
         assert not cell.is_on
         (fault,) = cell.faults
         assert fault[0] == "its laser-enable output is off and was told to be on"
         assert "drops with the watchdog relay, which is open" in fault[1]
-        await cell.driver.reset_relay()
+        await cell.driver.reset_watchdog_relay()
         await asyncio.sleep(1.0)
         assert (cell.is_on, cell.driver.status.relay_closed) == (False, True)
         await cell.on()
@@ -137,15 +137,15 @@ def test_closing_drops_it_before_the_watchdog_would(wire):
         async with driven(wire) as cell:
             await cell.on()
         assert not cell.is_on
-        assert not cell.device.relay_open
+        assert not cell.device.is_relay_open
 
     virtual_time.run(main())
 
 
 def test_without_an_output_nothing_is_written_and_nothing_awaited():
     async def act(cell):
-        cell.driver.enable_laser(True)
-        await cell.driver.laser_enabled(True)
+        cell.driver.request_laser_enable(True)
+        await cell.driver.wait_for_laser_enable(True)
         await asyncio.sleep(1.0)
         assert (cell.words, cell.faults) == ([], [])
         assert cell.driver.status.laser_enabled is None
@@ -155,8 +155,8 @@ def test_without_an_output_nothing_is_written_and_nothing_awaited():
 
 def test_a_device_without_one_is_refused():
     async def main():
-        server = await serve_tcp(SafetyDevice(SafetyConfig(watchdog_relay=True), now))
-        safety = Safety(endpoint=server.endpoint, relay_timeout_s=0.3, laser_enable=True)
+        server = await serve_tcp(SimulatedSafetyDevice(SafetyConfig(watchdog_relay=True), now))
+        safety = SafetySettings(endpoint=server.endpoint, relay_timeout_s=0.3, laser_enable=True)
         with pytest.raises(MachineError, match="has no laser-enable output") as caught:
             await SafetyDriver.open(safety)
         assert caught.value.where[1] == "the profile says laser_enable = true"
@@ -167,14 +167,14 @@ def test_a_device_without_one_is_refused():
 
 def test_a_look_tells_it_and_leaves_it():
     async def main():
-        device = SafetyDevice(FITTED, now)
+        device = SimulatedSafetyDevice(FITTED, now)
         server = await serve_tcp(device)
-        safety = Safety(endpoint=server.endpoint, relay_timeout_s=0.3, laser_enable=True)
-        assert (await look_at_safety(safety)).laser_enabled is False
+        safety = SafetySettings(endpoint=server.endpoint, relay_timeout_s=0.3, laser_enable=True)
+        assert (await inspect_safety(safety)).laser_enabled is False
         device.write(0, [1, 60_000, 0xC105])
         device.write(LASER_ENABLE, [1])
-        assert (await look_at_safety(safety)).laser_enabled is True
-        assert not device.laser_cut
+        assert (await inspect_safety(safety)).laser_enabled is True
+        assert not device.is_laser_enable_off
         await server.close()
 
     virtual_time.run(main())
@@ -182,13 +182,13 @@ def test_a_look_tells_it_and_leaves_it():
 
 def test_a_new_host_finds_it_off_whatever_the_last_one_left():
     async def main():
-        device = SafetyDevice(FITTED, now)
+        device = SimulatedSafetyDevice(FITTED, now)
         device.write(0, [7, 60_000, 0xC105])
         device.write(LASER_ENABLE, [1])
         server = await serve_tcp(device)
-        safety = Safety(endpoint=server.endpoint, relay_timeout_s=0.3, laser_enable=True)
+        safety = SafetySettings(endpoint=server.endpoint, relay_timeout_s=0.3, laser_enable=True)
         driver = await SafetyDriver.open(safety)
-        assert device.laser_cut
+        assert device.is_laser_enable_off
         assert driver.status.laser_enabled is False
         await driver.close()
         await server.close()

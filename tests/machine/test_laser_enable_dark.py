@@ -6,7 +6,7 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
-from lmctl.config.machine import Safety
+from lmctl.config.machine import SafetySettings
 from lmctl.machine.safety.driver import SafetyDriver
 from simulators import virtual_time
 from simulators.bench import Bench
@@ -37,14 +37,14 @@ def dark_after_s(
     async def main():
         loop = asyncio.get_running_loop()
         async with Bench(BenchConfig.parse(text), ephemeral_ports=True) as bench:
-            driver = await SafetyDriver.open(Safety(
+            driver = await SafetyDriver.open(SafetySettings(
                 endpoint=bench.endpoints["safety"], relay_timeout_s=0.3, laser_enable=True,
             ))
-            await driver.reset_relay()
-            driver.enable_laser(True)
-            await driver.laser_enabled(True)
+            await driver.reset_watchdog_relay()
+            driver.request_laser_enable(True)
+            await driver.wait_for_laser_enable(True)
             if answer_s:
-                bench.edges["safety"].put(
+                bench.edges["safety"].add_filter(
                     "to_host", lambda data, deliver: loop.call_later(answer_s, deliver, data)
                 )
             began_s = loop.time()
@@ -55,8 +55,8 @@ def dark_after_s(
             await asyncio.sleep(np.ceil(began_s * 10.0) / 10.0 + wait_s - loop.time())
             stopped_s = loop.time()
             if stop == "enable":
-                driver.enable_laser(False)
-                await driver.laser_enabled(False)
+                driver.request_laser_enable(False)
+                await driver.wait_for_laser_enable(False)
             else:
                 bench.motion.receive(b"!")
             await asyncio.sleep(1.0)

@@ -8,7 +8,7 @@ import pytest
 
 from lmctl.errors import MachineError
 from lmctl.machine.safety.laser_enable import SETTLE_S, LaserEnable
-from simulators.faults.edge import nothing_passes
+from simulators.faults.link_tap import drop_all
 from tests.machine.laser_cell import now, played, wires
 
 PERIOD_S = 0.1
@@ -17,43 +17,43 @@ PERIOD_S = 0.1
 @pytest.mark.parametrize("on", [True, False])
 def test_a_contact_has_its_time_and_then_is_at_fault(on):
     output = LaserEnable()
-    output.word()
-    output.read_back(False, 0.0)
-    output.demand(True)
-    output.word()
+    output.output_word()
+    output.on_read_back(False, 0.0)
+    output.request(True)
+    output.output_word()
     if not on:
-        output.read_back(True, 0.0)
-        output.demand(False)
-        output.word()
-    assert output.read_back(not on, 1.0) is None
-    assert output.read_back(not on, 1.0 + 0.9 * SETTLE_S) is None
-    assert output.against(on) is None
-    fault = output.read_back(not on, 1.0 + SETTLE_S)
+        output.on_read_back(True, 0.0)
+        output.request(False)
+        output.output_word()
+    assert output.on_read_back(not on, 1.0) is None
+    assert output.on_read_back(not on, 1.0 + 0.9 * SETTLE_S) is None
+    assert output.fault_against(on) is None
+    fault = output.on_read_back(not on, 1.0 + SETTLE_S)
     seen, told = ("off", "on") if on else ("on", "off")
     assert fault.reason == f"its laser-enable output is {seen} and was told to be {told}"
     assert fault.hint
-    assert output.against(on) is fault
-    assert output.read_back(not on, 9.0) is None  # told once
-    assert (output.wanted, output.pending) == (False, False)
-    output.demand(True)  # no demand while it is at fault
+    assert output.fault_against(on) is fault
+    assert output.on_read_back(not on, 9.0) is None  # told once
+    assert (output.wanted, output.is_pending) == (False, False)
+    output.request(True)  # no demand while it is at fault
     assert not output.wanted
 
 
 def test_what_was_on_and_is_off_is_at_fault_at_once_and_stays_off():
     output = LaserEnable()
-    output.word()
-    output.read_back(False, 0.0)
-    output.demand(True)
-    output.word()
-    output.read_back(True, 0.0)
-    assert output.read_back(False, 0.01).reason.startswith("its laser-enable output is off")
-    assert output.against(True) is not None
-    assert output.against(False) is None
-    assert output.word() == 0
-    assert output.read_back(False, 0.02) is None
-    assert not output.has_news
-    output.demand(True)
-    assert output.word() == 1
+    output.output_word()
+    output.on_read_back(False, 0.0)
+    output.request(True)
+    output.output_word()
+    output.on_read_back(True, 0.0)
+    assert output.on_read_back(False, 0.01).reason.startswith("its laser-enable output is off")
+    assert output.fault_against(True) is not None
+    assert output.fault_against(False) is None
+    assert output.output_word() == 0
+    assert output.on_read_back(False, 0.02) is None
+    assert not output.has_unsent_change
+    output.request(True)
+    assert output.output_word() == 1
 
 
 @wires
@@ -62,12 +62,12 @@ def test_a_word_that_is_lost_is_told_again(wire):
         await cell.on()
         for direction in ("to_device", "to_host"):
             for on in (False, True):
-                cell.edge.put(direction, nothing_passes)
+                cell.edge.add_filter(direction, drop_all)
                 asyncio.get_running_loop().call_later(
-                    0.02, cell.edge.take, direction, nothing_passes)
-                cell.driver.enable_laser(on)
+                    0.02, cell.edge.remove_filter, direction, drop_all)
+                cell.driver.request_laser_enable(on)
                 began_s = now()
-                await cell.driver.laser_enabled(on)
+                await cell.driver.wait_for_laser_enable(on)
                 assert cell.is_on is on
                 # an answer's patience, and on a line the silence after it
                 assert now() - began_s <= PERIOD_S + 0.03
@@ -84,7 +84,7 @@ def test_it_stays_off_after_the_device_restarted(wire):
         cell.device.restart()
         assert not cell.is_on
         await asyncio.sleep(1.0)
-        await cell.driver.reset_relay()
+        await cell.driver.reset_watchdog_relay()
         await asyncio.sleep(1.0)
         assert not cell.is_on
         assert [reason for reason, _ in cell.faults] == ["the device restarted"]
@@ -97,23 +97,23 @@ def test_it_stays_off_after_the_device_restarted(wire):
 def test_one_that_does_not_drop_is_told_and_does_not_count_as_dropped(wire):
     async def act(cell):
         await cell.on()
-        cell.device.stick_output()
+        cell.device.set_output_stuck()
         began_s = now()
-        cell.driver.enable_laser(False)
+        cell.driver.request_laser_enable(False)
         with pytest.raises(MachineError, match="output is on and was told to be off") as caught:
-            await cell.driver.laser_enabled(False)
+            await cell.driver.wait_for_laser_enable(False)
         assert now() - began_s <= 2 * SETTLE_S + 1e-9
         assert "check the laser-enable output" in caught.value.hint
         assert [reason for reason, _ in cell.faults] == [
             "its laser-enable output is on and was told to be off"
         ]
         assert cell.driver.status.laser_enabled is True
-        cell.driver.enable_laser(True)
+        cell.driver.request_laser_enable(True)
         with pytest.raises(MachineError, match="is on and was told to be off"):
-            await cell.driver.laser_enabled(True)
+            await cell.driver.wait_for_laser_enable(True)
         await asyncio.sleep(1.0)
         assert len(cell.faults) == 1
-        cell.device.stick_output(False)
+        cell.device.set_output_stuck(False)
         await asyncio.sleep(1.0)
         assert not cell.is_on  # the demand while it was stuck is none now
         await cell.on()
@@ -124,12 +124,12 @@ def test_one_that_does_not_drop_is_told_and_does_not_count_as_dropped(wire):
 @wires
 def test_one_that_does_not_come_is_told_and_not_awaited(wire):
     async def act(cell):
-        cell.device.stick_output()
-        cell.driver.enable_laser(True)
+        cell.device.set_output_stuck()
+        cell.driver.request_laser_enable(True)
         with pytest.raises(MachineError, match="output is off and was told to be on"):
-            await cell.driver.laser_enabled(True)
+            await cell.driver.wait_for_laser_enable(True)
         assert len(cell.faults) == 1
-        cell.device.stick_output(False)
+        cell.device.set_output_stuck(False)
         await asyncio.sleep(1.0)
         assert not cell.is_on
         await cell.on()
@@ -146,7 +146,7 @@ def test_one_that_drops_by_itself_is_told_at_the_next_beat():
         assert [reason for reason, _ in cell.faults] == [
             "its laser-enable output is off and was told to be on"
         ]
-        await cell.driver.laser_enabled(False)
+        await cell.driver.wait_for_laser_enable(False)
         await cell.on()
 
     played(act)
@@ -157,13 +157,13 @@ def test_a_device_that_cannot_be_heard_confirms_nothing(on):
     async def act(cell):
         if not on:
             await cell.on()
-        cell.device.freeze()
-        cell.driver.enable_laser(on)
+        cell.device.set_frozen()
+        cell.driver.request_laser_enable(on)
         with pytest.raises(MachineError, match="come on within" if on else "drop within"):
-            await cell.driver.laser_enabled(on)
+            await cell.driver.wait_for_laser_enable(on)
         await asyncio.sleep(0.001)
         assert not cell.is_on
-        cell.device.freeze(False)
+        cell.device.set_frozen(False)
         await asyncio.sleep(1.0)
         assert not cell.is_on
         assert cell.driver.status.laser_enabled is False

@@ -16,9 +16,9 @@ from lmctl.config.modbus_device import ModbusDevice
 from lmctl.errors import MachineError
 from lmctl.machine.modbus.client import ModbusLink
 from simulators import virtual_time
-from simulators.faults.edge import Edge
+from simulators.faults.link_tap import LinkTap
 from simulators.feeder.config import FeederConfig, HopperConfig
-from simulators.feeder.device import PmxDevice
+from simulators.feeder.device import PmxFeederDevice
 from simulators.feeder.server import FeederRegisters
 from simulators.modbus_server import serve_pty, serve_tcp
 
@@ -48,10 +48,10 @@ def under_damage(wire: str, act):
     async def main() -> None:
         loop = asyncio.get_running_loop()
         loop.set_exception_handler(lambda _, context: complaints.append(context))
-        edge, to_host, to_device = Edge(), Damage(), Damage()
-        edge.put("to_host", to_host)
-        edge.put("to_device", to_device)
-        device = PmxDevice(CONFIG, loop.time)
+        edge, to_host, to_device = LinkTap(), Damage(), Damage()
+        edge.add_filter("to_host", to_host)
+        edge.add_filter("to_device", to_device)
+        device = PmxFeederDevice(CONFIG, loop.time)
         serve = serve_tcp if wire == "tcp" else serve_pty
         server = await serve(FeederRegisters(device), edge=edge)
         link = await ModbusLink.open(

@@ -4,19 +4,19 @@ import asyncio
 
 import pytest
 
-from lmctl.config.machine import Feeder, Safety
+from lmctl.config.machine import FeederSettings, SafetySettings
 from lmctl.config.modbus_device import ModbusDevice
 from lmctl.errors import MachineError
 from lmctl.machine.feeder.driver import FeederDriver
-from lmctl.machine.modbus.client import ModbusLink, NoAnswerError
+from lmctl.machine.modbus.client import ModbusLink, NoReplyError
 from lmctl.machine.safety.driver import SafetyDriver
 from simulators import virtual_time
-from simulators.faults.edge import Edge, nothing_passes
 from simulators.faults.filters import ExactEcho, StrayBytes
-from simulators.feeder.device import PmxDevice
+from simulators.faults.link_tap import LinkTap, drop_all
+from simulators.feeder.device import PmxFeederDevice
 from simulators.feeder.server import FeederRegisters
 from simulators.modbus_server import serve_pty, serve_tcp
-from simulators.safety.device import SafetyDevice
+from simulators.safety.device import SimulatedSafetyDevice
 from tests.machine.feeder_cell import ONE, hopper, now
 from tests.machine.feeder_cell import Ears as FeederEars
 from tests.machine.safety_cell import PERIOD_S, RELAY
@@ -26,9 +26,9 @@ from tests.machine.safety_cell import driven as safety_driven
 
 def test_a_half_open_connection_is_reopened_before_the_safety_device_is_silent():
     async def main():
-        edge = Edge()
+        edge = LinkTap()
         async with safety_driven(edge=edge) as (driver, _, ears):
-            driver.enable_laser(True)
+            driver.request_laser_enable(True)
             oldest_s = 0.0
             for at in range(20):
                 await asyncio.sleep(0.5 + 0.013 * at)
@@ -46,11 +46,12 @@ def test_a_half_open_connection_is_reopened_before_the_safety_device_is_silent()
 
 def test_a_half_open_connection_is_reopened_before_the_feeder_is_silent():
     async def main():
-        edge = Edge()
-        device = PmxDevice(ONE, now)
+        edge = LinkTap()
+        device = PmxFeederDevice(ONE, now)
         server = await serve_tcp(FeederRegisters(device), edge=edge)
-        driver = await FeederDriver.open(Feeder(name="F1", endpoint=server.endpoint), (hopper(),))
-        driver.listener = ears = FeederEars()
+        driver = await FeederDriver.open(FeederSettings(name="F1", endpoint=server.endpoint),
+                                         (hopper(),))
+        driver.callbacks = ears = FeederEars()
         await driver.start_gas()
         for at in range(10):
             await asyncio.sleep(3.0 + 0.13 * at)
@@ -65,13 +66,13 @@ def test_a_half_open_connection_is_reopened_before_the_feeder_is_silent():
 
 def test_a_device_that_answers_nothing_is_not_made_to_connect_each_time():
     async def main():
-        edge = Edge()
-        edge.put("to_device", nothing_passes)
-        server = await serve_tcp(FeederRegisters(PmxDevice(ONE, now)), edge=edge)
+        edge = LinkTap()
+        edge.add_filter("to_device", drop_all)
+        server = await serve_tcp(FeederRegisters(PmxFeederDevice(ONE, now)), edge=edge)
         link = await ModbusLink.open(
             ModbusDevice(endpoint=server.endpoint, device_id=1), timeout_s=0.1)
         for at in range(100):
-            with pytest.raises(NoAnswerError):
+            with pytest.raises(NoReplyError):
                 await link.read_input(0, 1)
             await asyncio.sleep(0.1 * (at + 1) - now())
         await link.close()
@@ -91,8 +92,9 @@ def test_connecting_takes_its_own_time_and_not_a_period(monkeypatch):
     monkeypatch.setattr(asyncio.BaseEventLoop, "create_connection", slow)
 
     async def main():
-        server = await serve_tcp(SafetyDevice(RELAY, now))
-        driver = await SafetyDriver.open(Safety(endpoint=server.endpoint, period_s=PERIOD_S))
+        server = await serve_tcp(SimulatedSafetyDevice(RELAY, now))
+        driver = await SafetyDriver.open(SafetySettings(endpoint=server.endpoint,
+                                                        period_s=PERIOD_S))
         await driver.close()
         await server.close()
 
@@ -103,13 +105,13 @@ def test_connecting_takes_its_own_time_and_not_a_period(monkeypatch):
 @pytest.mark.parametrize("disturbance", ["stray", "echo", "both"])
 def test_rtu_answers_are_found_behind_stray_bytes_and_after_an_echo(device_id, disturbance):
     async def main():
-        edge = Edge()
-        device = PmxDevice(type(ONE)("F1", ONE.hoppers, device_id=device_id), now)
+        edge = LinkTap()
+        device = PmxFeederDevice(type(ONE)("F1", ONE.hoppers, device_id=device_id), now)
         server = await serve_pty(FeederRegisters(device), edge)
         if disturbance != "stray":
-            edge.put("to_device", ExactEcho(edge.say))
+            edge.add_filter("to_device", ExactEcho(edge.send_to_host))
         if disturbance != "echo":
-            edge.put("to_host", StrayBytes(3))
+            edge.add_filter("to_host", StrayBytes(3))
         link = await ModbusLink.open(
             ModbusDevice(endpoint=server.endpoint, device_id=device_id), timeout_s=0.2)
         found = 0
@@ -127,14 +129,14 @@ def test_rtu_answers_are_found_behind_stray_bytes_and_after_an_echo(device_id, d
 def silence_of(wire: str, disturb, *, device_id: int = 1, requests: int = 3) -> MachineError:
     """What a link says after some requests to a device whose wire is disturbed."""
     async def main():
-        edge = Edge()
+        edge = LinkTap()
         server = await (serve_tcp if wire == "tcp" else serve_pty)(
-            FeederRegisters(PmxDevice(ONE, now)), edge=edge)
+            FeederRegisters(PmxFeederDevice(ONE, now)), edge=edge)
         link = await ModbusLink.open(
             ModbusDevice(endpoint=server.endpoint, device_id=device_id), timeout_s=0.2)
         disturb(edge)
         for _ in range(requests):
-            with pytest.raises(NoAnswerError) as caught:
+            with pytest.raises(NoReplyError) as caught:
                 await link.read_input(0, 1)
         await link.close()
         await server.close()
@@ -155,17 +157,17 @@ def late(edge):
         if len(waiting) > 1:
             deliver(waiting[-2])
 
-    edge.put("to_host", hold_back)
+    edge.add_filter("to_host", hold_back)
 
 
 @pytest.mark.parametrize(("wire", "disturb", "words"), [
-    ("rtu", lambda edge: edge.put("to_device", nothing_passes), "no byte came back in 3 requests"),
-    ("tcp", lambda edge: edge.put("to_device", nothing_passes), "no byte came back in 3 requests"),
-    ("rtu", lambda edge: edge.put("to_host", damaged), "3 answers came damaged"),
-    ("rtu", lambda edge: edge.put("to_host", lambda data, deliver: deliver(bytes(
+    ("rtu", lambda edge: edge.add_filter("to_device", drop_all), "no byte came back in 3 requests"),
+    ("tcp", lambda edge: edge.add_filter("to_device", drop_all), "no byte came back in 3 requests"),
+    ("rtu", lambda edge: edge.add_filter("to_host", damaged), "3 answers came damaged"),
+    ("rtu", lambda edge: edge.add_filter("to_host", lambda data, deliver: deliver(bytes(
         byte * 37 & 0xE0 | 0x18 for byte in data))), "bytes came that are no Modbus frame"),
     ("tcp", late, "2 answers came later than 0.2 s"),
-    ("tcp", lambda edge: edge.open(False), "there is no connection"),
+    ("tcp", lambda edge: edge.set_open(False), "there is no connection"),
 ])
 def test_silence_says_what_was_seen(wire, disturb, words):
     error = silence_of(wire, disturb)
@@ -177,14 +179,14 @@ def test_silence_says_what_was_seen(wire, disturb, words):
 def test_a_relay_reset_is_taken_though_the_last_host_left_the_same_heartbeat():
     """A device counts only a change of the heartbeat; 1 was this driver's first one always."""
     async def main():
-        device = SafetyDevice(RELAY, now)
+        device = SimulatedSafetyDevice(RELAY, now)
         server = await serve_tcp(device)
         for _ in range(3):
             device.write(0, [1])
             await asyncio.sleep(10.0)
-            safety = Safety(endpoint=server.endpoint, relay_timeout_s=0.3)
+            safety = SafetySettings(endpoint=server.endpoint, relay_timeout_s=0.3)
             driver = await SafetyDriver.open(safety)
-            await driver.reset_relay()
+            await driver.reset_watchdog_relay()
             assert driver.status.relay_closed
             await driver.close()
         await server.close()
@@ -201,15 +203,15 @@ def test_the_laser_enable_output_drops_as_soon_as_a_gateway_lets_the_word_throug
         async with safety_driven(config, laser_enable=True, relay_timeout_s=5.0) as (
             driver, device, _,
         ):
-            await driver.reset_relay()
-            driver.enable_laser(True)
-            await driver.laser_enabled(True)
-            device.refuse(code)
-            driver.enable_laser(False)
+            await driver.reset_watchdog_relay()
+            driver.request_laser_enable(True)
+            await driver.wait_for_laser_enable(True)
+            device.reply_with_exception(code)
+            driver.request_laser_enable(False)
             await asyncio.sleep(0.9)
-            device.refuse(None)
+            device.reply_with_exception(None)
             freed_s = now()
-            await driver.laser_enabled(False)
+            await driver.wait_for_laser_enable(False)
             return now() - freed_s
 
     assert virtual_time.run(main()) <= 0.15
@@ -219,8 +221,8 @@ def test_a_gateway_that_does_not_reach_the_safety_device_is_named():
     async def main():
         async with safety_driven() as (driver, device, _):
             ears = SafetyEars()
-            driver.listener = ears
-            device.refuse(11)
+            driver.callbacks = ears
+            device.reply_with_exception(11)
             await asyncio.sleep(1.0)
             return ears.faults
 

@@ -11,21 +11,21 @@ from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 from firmware_protocol.registers import WordOrder
-from lmctl.config.machine import Feeder, Safety
+from lmctl.config.machine import FeederSettings, SafetySettings
 from lmctl.config.modbus_device import ModbusDevice
 from lmctl.errors import MachineError
-from lmctl.machine.by_hand.look_modbus import look_at_feeder, look_at_safety
 from lmctl.machine.feeder.driver import FeederDriver
+from lmctl.machine.manual.inspect_modbus import inspect_feeder, inspect_safety
 from lmctl.machine.safety.driver import SafetyDriver
 from simulators import virtual_time
 from simulators.feeder.config import FeederConfig
-from simulators.feeder.device import PmxDevice
+from simulators.feeder.device import PmxFeederDevice
 from simulators.feeder.server import FeederRegisters
+from simulators.modbus_errors import ExceptionReplyError
 from simulators.modbus_habits import ModbusHabits
-from simulators.modbus_refusal import RefusedError
 from simulators.modbus_server import serve_pty, serve_tcp
 from simulators.safety.config import SafetyConfig
-from simulators.safety.device import SafetyDevice
+from simulators.safety.device import SimulatedSafetyDevice
 from tests.machine.feeder_cell import TRUTH, hopper, now
 
 ORDERS = [order.value for order in WordOrder]
@@ -53,7 +53,7 @@ async def another_library(registers):
             else:
                 read = registers.read_input if code == 4 else registers.read_holding
                 current[address - start : address - start + count] = read(address, count)
-        except RefusedError as refused:
+        except ExceptionReplyError as refused:
             return ExcCodes(refused.code)
         return None
 
@@ -84,15 +84,16 @@ async def served(registers, wire, habits=None):
 
 async def feed_a_while(registers, wire, habits=None, **keys):
     async with served(registers, wire, habits) as endpoint:
-        driver = await FeederDriver.open(Feeder(name="F1", endpoint=endpoint, **keys), (hopper(),))
+        driver = await FeederDriver.open(FeederSettings(name="F1", endpoint=endpoint, **keys),
+                                         (hopper(),))
         await driver.start_gas()
         driver.set_flows({"A": 6.0})
-        await driver.feed_on()
-        await driver.stable(30.0)
+        await driver.start_powder()
+        await driver.wait_until_stable(30.0)
         await asyncio.sleep(5.0)
         status = driver.status
-        await driver.feed_off()
-        await driver.gas_off()
+        await driver.stop_powder()
+        await driver.stop_gas()
         await driver.close()
         return status
 
@@ -101,7 +102,7 @@ async def feed_a_while(registers, wire, habits=None, **keys):
 @pytest.mark.parametrize(("habits", "keys"), HABITS)
 def test_a_feeder_with_habits_is_driven_with_their_keys(habits, keys, wire):
     async def main():
-        device = PmxDevice(FeederConfig("F1", (TRUTH,)), now)
+        device = PmxFeederDevice(FeederConfig("F1", (TRUTH,)), now)
         status = await feed_a_while(FeederRegisters(device), wire, habits, **keys)
         assert status.hoppers["A"].flow_est_g_min == pytest.approx(6.0, abs=0.02)
         assert not device.discs_on
@@ -113,9 +114,9 @@ def test_a_feeder_with_habits_is_driven_with_their_keys(habits, keys, wire):
 def test_a_feeder_with_any_word_order_is_driven_with_its_key(order):
     async def main():
         config = FeederConfig("F1", (TRUTH,), word_order=WordOrder(order))
-        device = PmxDevice(config, now)
+        device = PmxFeederDevice(config, now)
         status = await feed_a_while(FeederRegisters(device), "tcp", word_order=order)
-        left_g = device.hoppers[1].process.left_g(now())
+        left_g = device.hoppers[1].process.remaining_g(now())
         assert left_g < status.hoppers["A"].weight_g < left_g + 10.0
         assert status.uptime_s < 100
 
@@ -124,21 +125,21 @@ def test_a_feeder_with_any_word_order_is_driven_with_its_key(order):
 
 def test_the_same_through_a_server_of_another_library():
     async def main():
-        device = PmxDevice(FeederConfig("F1", (TRUTH,)), now)
+        device = PmxFeederDevice(FeederConfig("F1", (TRUTH,)), now)
         status = await feed_a_while(FeederRegisters(device), "pymodbus")
         assert status.hoppers["A"].flow_est_g_min == pytest.approx(6.0, abs=0.02)
         config = SafetyConfig(watchdog_relay=True, laser_enable=True)
-        async with served(SafetyDevice(config, now), "pymodbus") as endpoint:
+        async with served(SimulatedSafetyDevice(config, now), "pymodbus") as endpoint:
             driver = await SafetyDriver.open(
-                Safety(endpoint=endpoint, relay_timeout_s=0.3, laser_enable=True))
-            await driver.reset_relay()
-            driver.enable_laser(True)
-            await driver.laser_enabled(True)
+                SafetySettings(endpoint=endpoint, relay_timeout_s=0.3, laser_enable=True))
+            await driver.reset_watchdog_relay()
+            driver.request_laser_enable(True)
+            await driver.wait_for_laser_enable(True)
             await asyncio.sleep(2.0)
             assert driver.fault is None
             assert driver.status_age_s <= 0.1 + 1e-6
-            driver.enable_laser(False)
-            await driver.laser_enabled(False)
+            driver.request_laser_enable(False)
+            await driver.wait_for_laser_enable(False)
             await driver.close()
 
     virtual_time.run(main())
@@ -152,17 +153,17 @@ def test_the_same_through_a_server_of_another_library():
 def test_swapped_words_are_refused_with_the_key_that_mends_it(uptime_s, configured, true_order):
     async def main():
         config = FeederConfig("F1", (TRUTH,), word_order=WordOrder(true_order))
-        device = PmxDevice(config, now)
-        safety = SafetyDevice(SafetyConfig(word_order=WordOrder(true_order)), now)
+        device = PmxFeederDevice(config, now)
+        safety = SimulatedSafetyDevice(SafetyConfig(word_order=WordOrder(true_order)), now)
         device.powered_s = safety._powered_s = now() - uptime_s
         async with (
             served(FeederRegisters(device), "tcp") as feeder_at, served(safety, "tcp") as safety_at
         ):
-            feeder = Feeder(name="F1", endpoint=feeder_at, word_order=configured)
+            feeder = FeederSettings(name="F1", endpoint=feeder_at, word_order=configured)
             for opening in (
-                FeederDriver.open(feeder, (hopper(),)), look_at_feeder(feeder, (hopper(),)),
-                SafetyDriver.open(Safety(endpoint=safety_at, word_order=configured)),
-                look_at_safety(Safety(endpoint=safety_at, word_order=configured)),
+                FeederDriver.open(feeder, (hopper(),)), inspect_feeder(feeder, (hopper(),)),
+                SafetyDriver.open(SafetySettings(endpoint=safety_at, word_order=configured)),
+                inspect_safety(SafetySettings(endpoint=safety_at, word_order=configured)),
             ):
                 with pytest.raises(MachineError, match="in another word order") as caught:
                     await opening
@@ -176,11 +177,11 @@ def test_swapped_words_are_refused_with_the_key_that_mends_it(uptime_s, configur
 def test_no_word_order_that_is_right_is_refused(order, uptime_s):
     async def main():
         config = FeederConfig("F1", (TRUTH,), word_order=WordOrder(order))
-        device = PmxDevice(config, now)
+        device = PmxFeederDevice(config, now)
         device.powered_s = now() - uptime_s
         async with served(FeederRegisters(device), "tcp") as endpoint:
-            feeder = Feeder(name="F1", endpoint=endpoint, word_order=order)
-            look = await look_at_feeder(feeder, (hopper(),))
+            feeder = FeederSettings(name="F1", endpoint=endpoint, word_order=order)
+            look = await inspect_feeder(feeder, (hopper(),))
             assert look.status.uptime_s == pytest.approx(uptime_s + now(), abs=1.0)
 
     virtual_time.run(main())
@@ -188,14 +189,14 @@ def test_no_word_order_that_is_right_is_refused(order, uptime_s):
 
 def test_a_device_that_counts_from_one_is_refused_with_the_key_that_mends_it():
     async def main():
-        feeder = FeederRegisters(PmxDevice(FeederConfig("F1", (TRUTH,)), now))
-        safety = SafetyDevice(SafetyConfig(), now)
+        feeder = FeederRegisters(PmxFeederDevice(FeederConfig("F1", (TRUTH,)), now))
+        safety = SimulatedSafetyDevice(SafetyConfig(), now)
         async with (
             served(_Shifted(feeder), "tcp") as feeder_at, served(_Shifted(safety), "tcp") as at
         ):
             for opening in (
-                FeederDriver.open(Feeder(name="F1", endpoint=feeder_at), (hopper(),)),
-                SafetyDriver.open(Safety(endpoint=at)),
+                FeederDriver.open(FeederSettings(name="F1", endpoint=feeder_at), (hopper(),)),
+                SafetyDriver.open(SafetySettings(endpoint=at)),
             ):
                 with pytest.raises(MachineError) as caught:
                     await opening
@@ -226,18 +227,18 @@ def test_keys_out_of_range_are_refused(keys, words):
 
 def test_a_time_out_longer_than_the_cycle_is_refused():
     with pytest.raises(ValidationError, match=r"at most a quarter of watchdog_s, 0.5 s"):
-        Feeder(name="F1", endpoint="modbus-tcp://h", timeout_s=0.6)
+        FeederSettings(name="F1", endpoint="modbus-tcp://h", timeout_s=0.6)
     with pytest.raises(ValidationError, match=r"at most period_s, 0.1 s"):
-        Safety(endpoint="modbus-tcp://h", timeout_s=0.2)
+        SafetySettings(endpoint="modbus-tcp://h", timeout_s=0.2)
 
 
 def test_fewer_registers_than_a_recipe_takes_are_refused():
     async def main():
-        device = PmxDevice(FeederConfig("F1", (TRUTH,)), now)
+        device = PmxFeederDevice(FeederConfig("F1", (TRUTH,)), now)
         async with served(FeederRegisters(device), "tcp") as endpoint:
             with pytest.raises(MachineError, match="moves 20 registers") as caught:
                 await FeederDriver.open(
-                    Feeder(name="F1", endpoint=endpoint, max_registers=20), (hopper(),))
+                    FeederSettings(name="F1", endpoint=endpoint, max_registers=20), (hopper(),))
             assert "max_registers" in caught.value.hint
 
     virtual_time.run(main())

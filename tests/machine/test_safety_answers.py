@@ -7,13 +7,13 @@ import random
 
 import pytest
 
-from firmware_protocol.safety_io import SIO, Status
-from lmctl.config.machine import Safety
+from firmware_protocol.safety_io import SIO_MAP, SafetyStatusBits
+from lmctl.config.machine import SafetySettings
 from lmctl.errors import MachineError
 from lmctl.machine.safety.driver import SafetyDriver
 from simulators import virtual_time
-from simulators.faults.edge import Edge
-from simulators.safety.device import SafetyDevice
+from simulators.faults.link_tap import LinkTap
+from simulators.safety.device import SimulatedSafetyDevice
 from tests.machine.safety_cell import PERIOD_S, RELAY, Replayed, driven, now, served, wires
 
 
@@ -22,7 +22,7 @@ def test_silence_ages_the_facts_and_is_told_after_three_periods_once(wire):
     async def main():
         async with driven(wire=wire) as (driver, device, ears):
             await asyncio.sleep(0.55)
-            device.silence()
+            device.set_silent()
             last_s = now() - driver.status_age_s
             await asyncio.sleep(2.0)
             ((told_s, reason),) = ears.faults
@@ -31,11 +31,11 @@ def test_silence_ages_the_facts_and_is_told_after_three_periods_once(wire):
             assert told_s - last_s == pytest.approx(0.3)
             assert driver.status_age_s == pytest.approx(now() - last_s)
             assert "safety device: no answer" in driver.fault.what
-            device.silence(False)
+            device.set_silent(False)
             await asyncio.sleep(1.0)
             assert driver.status_age_s <= PERIOD_S + 0.001
             assert driver.fault is None
-            device.silence()
+            device.set_silent()
             await asyncio.sleep(1.0)
             assert len(ears.faults) == 2
 
@@ -45,9 +45,9 @@ def test_silence_ages_the_facts_and_is_told_after_three_periods_once(wire):
 @wires
 def test_one_lost_answer_is_no_silence(wire):
     async def main():
-        edge = Edge()
+        edge = LinkTap()
         async with driven(wire=wire, edge=edge) as (driver, device, ears):
-            await driver.reset_relay()
+            await driver.reset_watchdog_relay()
             for _ in range(20):
                 await asyncio.sleep(0.5 + 0.01)
                 lose_one(edge)
@@ -57,9 +57,9 @@ def test_one_lost_answer_is_no_silence(wire):
 
     def lose_one(edge):
         def lost(data, deliver):
-            edge.take("to_host", lost)
+            edge.remove_filter("to_host", lost)
 
-        edge.put("to_host", lost)
+        edge.add_filter("to_host", lost)
 
     virtual_time.run(main())
 
@@ -69,14 +69,14 @@ def test_a_frozen_answer_is_no_answer():
         async with driven() as (driver, device, ears):
             opened_s = now()
             await asyncio.sleep(0.55)
-            device.freeze()
+            device.set_frozen()
             await asyncio.sleep(1.0)
             ((told_s, reason),) = ears.faults
             assert reason == "it answers, but with the same data for 0.3 s"
             # the answer just before it froze, and the first frozen one tells what it told
             assert 0.75 <= told_s - opened_s <= 0.95
             assert driver.status_age_s > 0.9
-            device.freeze(False)
+            device.set_frozen(False)
             await asyncio.sleep(0.11)
             assert driver.status_age_s <= PERIOD_S + 0.001
 
@@ -163,18 +163,18 @@ def mangled(kind: str, seed: int):
 @pytest.mark.parametrize("seed", range(3))
 def test_what_is_no_whole_answer_in_time_is_silence_and_ends(wire, kind, seed):
     async def main():
-        edge = Edge()
+        edge = LinkTap()
         async with driven(wire=wire, edge=edge) as (driver, device, ears):
             await asyncio.sleep(0.55)
             before = driver.status
             bad = mangled(kind, seed)
-            edge.put("to_host", bad)
+            edge.add_filter("to_host", bad)
             device.set_oxygen(77.0)
             await asyncio.sleep(2.0)
             assert len(ears.faults) == 1
             assert driver.status_age_s > 1.9
             assert driver.status.oxygen_ppm == before.oxygen_ppm
-            edge.take("to_host", bad)
+            edge.remove_filter("to_host", bad)
             await asyncio.sleep(2.5)
             assert driver.status_age_s <= PERIOD_S + 0.001
             assert driver.status.oxygen_ppm == 77.0
@@ -186,15 +186,15 @@ def test_what_is_no_whole_answer_in_time_is_silence_and_ends(wire, kind, seed):
 @wires
 def test_doubled_answers_do_no_harm(wire):
     async def main():
-        edge = Edge()
+        edge = LinkTap()
         async with driven(wire=wire, edge=edge) as (driver, device, ears):
             def twice(data, deliver):
                 deliver(data)
                 deliver(data)
 
-            edge.put("to_host", twice)
+            edge.add_filter("to_host", twice)
             for number in range(50):
-                device.open_door(number % 2 == 0)
+                device.set_door_open(number % 2 == 0)
                 await asyncio.sleep(0.11)
                 assert driver.status.door_closed is (number % 2 == 1)
             assert ears.faults == []
@@ -204,7 +204,7 @@ def test_doubled_answers_do_no_harm(wire):
 
 def test_doubled_answers_that_come_late_open_and_close_nothing_wrongly():
     async def main():
-        edge = Edge()
+        edge = LinkTap()
         async with driven(wire="rtu", edge=edge) as (driver, device, _):
             loop = asyncio.get_running_loop()
 
@@ -212,13 +212,13 @@ def test_doubled_answers_that_come_late_open_and_close_nothing_wrongly():
                 deliver(data)
                 loop.call_later(0.1, deliver, data)  # as the next request is under way
 
-            edge.put("to_host", again_later)
+            edge.add_filter("to_host", again_later)
             await asyncio.sleep(0.55)
-            device.open_door()
+            device.set_door_open()
             await asyncio.sleep(0.5)
             assert driver.status.door_closed is False
-            edge.take("to_host", again_later)
-            device.open_door(False)
+            edge.remove_filter("to_host", again_later)
+            device.set_door_open(False)
             await asyncio.sleep(1.0)
             assert driver.status.door_closed is True
             assert driver.status_age_s <= PERIOD_S + 0.001
@@ -230,10 +230,10 @@ def test_doubled_answers_that_come_late_open_and_close_nothing_wrongly():
 def test_what_opens_and_closes_between_two_answers_is_told(wire):
     async def main():
         async with driven(wire=wire) as (driver, device, ears):
-            await driver.reset_relay()
+            await driver.reset_watchdog_relay()
             await asyncio.sleep(0.52)
-            device.open_door()
-            device.open_door(False)
+            device.set_door_open()
+            device.set_door_open(False)
             await asyncio.sleep(0.2)
             ((_, reason),) = ears.faults
             assert reason == ("something opened and closed again between two answers; "
@@ -248,18 +248,18 @@ def test_what_opens_and_closes_between_two_answers_is_told(wire):
 def test_what_is_seen_open_is_not_told_as_missed_too_but_another_is():
     async def main():
         async with driven() as (driver, device, ears):
-            await driver.reset_relay()
+            await driver.reset_watchdog_relay()
             await asyncio.sleep(0.52)
-            device.open_door()
-            device.open_estop_chain()
+            device.set_door_open()
+            device.set_estop_open()
             await asyncio.sleep(0.5)
-            device.open_door(False)
+            device.set_door_open(False)
             await asyncio.sleep(0.5)
-            device.open_door()
+            device.set_door_open()
             await asyncio.sleep(0.5)
             assert ears.faults == []
-            device.invalidate_analyser()
-            device.invalidate_analyser(False)
+            device.set_analyser_invalid()
+            device.set_analyser_invalid(False)
             await asyncio.sleep(0.2)
             assert len(ears.faults) == 1
 
@@ -269,10 +269,10 @@ def test_what_is_seen_open_is_not_told_as_missed_too_but_another_is():
 def test_an_input_that_the_cell_does_not_have_may_open_and_close():
     async def main():
         async with driven(fitted=("estop", "door")) as (driver, device, ears):
-            await driver.reset_relay()
+            await driver.reset_watchdog_relay()
             await asyncio.sleep(0.52)
-            device.invalidate_analyser()
-            device.invalidate_analyser(False)
+            device.set_analyser_invalid()
+            device.set_analyser_invalid(False)
             await asyncio.sleep(1.0)
             assert ears.faults == []
 
@@ -280,14 +280,14 @@ def test_an_input_that_the_cell_does_not_have_may_open_and_close():
 
 
 def test_a_device_whose_self_test_fails_closes_nothing():
-    class Doubtful(SafetyDevice):
+    class Doubtful(SimulatedSafetyDevice):
         well = True
 
         def read_input(self, address, count):
             words = super().read_input(address, count)
-            status = SIO.wire_address("STATUS") - address
+            status = SIO_MAP.wire_address("STATUS") - address
             if not self.well and 0 <= status < count:
-                words[status] &= ~Status.SELF_TEST_OK.value
+                words[status] &= ~SafetyStatusBits.SELF_TEST_OK.value
             return words
 
     async def main():
@@ -301,7 +301,7 @@ def test_a_device_whose_self_test_fails_closes_nothing():
             assert driver.status_age_s > 0.9
         server = await served(device)
         with pytest.raises(MachineError, match="self-test failed"):
-            await SafetyDriver.open(Safety(endpoint=server.endpoint))
+            await SafetyDriver.open(SafetySettings(endpoint=server.endpoint))
         await server.close()
 
     virtual_time.run(main())

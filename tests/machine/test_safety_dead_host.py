@@ -6,7 +6,7 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
-from lmctl.config.machine import Safety
+from lmctl.config.machine import SafetySettings
 from lmctl.machine.safety.driver import SafetyDriver
 from simulators import virtual_time
 from simulators.bench import Bench
@@ -27,10 +27,10 @@ def dark_after_s(dialect: str, laser_circuit: bool, died_s: float) -> float:
 
     async def main():
         async with Bench(BenchConfig.parse(text), ephemeral_ports=True) as bench:
-            driver = await SafetyDriver.open(Safety(
+            driver = await SafetyDriver.open(SafetySettings(
                 endpoint=bench.endpoints["safety"], period_s=0.02, relay_timeout_s=0.07,
             ))
-            await driver.reset_relay()
+            await driver.reset_watchdog_relay()
             bench.motion.receive(b"~G21G90G94\nM4S0\n")
             bench.motion.receive(b"G1X30S800F600\n")
             await asyncio.sleep(died_s)

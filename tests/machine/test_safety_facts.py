@@ -7,12 +7,17 @@ import math
 
 import pytest
 
-from firmware_protocol.safety_io import CYCLE_BLOCK, MIRROR, RELAY_CODE, Inputs
+from firmware_protocol.safety_io import (
+    CYCLIC_BLOCK,
+    MIRROR_ADDRESS,
+    RELAY_FIRST_OUT_CODE,
+    SafetyInputBits,
+)
 from lmctl.errors import MachineError
-from lmctl.machine.safety.status import BITS
+from lmctl.machine.safety.status import INPUT_BITS
 from simulators import virtual_time
 from simulators.safety.config import SafetyConfig
-from simulators.safety.device import SafetyDevice
+from simulators.safety.device import SimulatedSafetyDevice
 from tests.machine.safety_cell import PERIOD_S, RELAY, driven, now, wires
 
 
@@ -25,7 +30,7 @@ def test_facts_come_every_period_with_their_age(wire):
             await asyncio.sleep(1.05)
             assert len(ears.statuses) == 10
             assert driver.status_age_s == pytest.approx(0.05)
-            device.open_door()
+            device.set_door_open()
             device.set_shield_gas(12.5)
             await asyncio.sleep(0.11)
             status = driver.status
@@ -54,9 +59,9 @@ FACTS = {
 @pytest.mark.parametrize("name", FACTS)
 def test_each_input_has_its_fact_and_one_that_is_not_fitted_has_none(name):
     async def main():
-        device = SafetyDevice(SafetyConfig(), now)
+        device = SimulatedSafetyDevice(SafetyConfig(), now)
         async with driven(SafetyConfig(), device=device) as (driver, _, _):
-            device.set_input(BITS[name], False)
+            device.set_input(INPUT_BITS[name], False)
             await asyncio.sleep(0.11)
             told = {other: getattr(driver.status, fact) for other, fact in FACTS.items()}
             assert told == {other: other != name for other in FACTS}
@@ -74,7 +79,7 @@ def test_what_the_device_cannot_tell_is_none():
             device.set_shield_gas(None)
             device.set_chiller(None, None)
             device.set_extraction(None)
-            device.invalidate_analyser()
+            device.set_analyser_invalid()
             await asyncio.sleep(0.11)
             status = driver.status
             values = (status.shield_gas_L_min, status.chiller_C, status.chiller_L_min,
@@ -90,7 +95,7 @@ def test_heartbeats_keep_the_relay_and_their_end_opens_it(wire):
     async def main():
         async with driven(wire=wire) as (driver, device, ears):
             assert driver.status.relay_closed is False
-            await driver.reset_relay()
+            await driver.reset_watchdog_relay()
             assert driver.status.relay_closed is True
             await asyncio.sleep(60.0)
             device.settle()
@@ -109,11 +114,11 @@ def test_without_a_relay_a_reset_forgets_what_was_first():
     async def main():
         async with driven(SafetyConfig()) as (driver, device, _):
             assert driver.status.relay_closed is None
-            device.open_door()
-            device.open_door(False)
+            device.set_door_open()
+            device.set_door_open(False)
             await asyncio.sleep(0.11)
             assert driver.status.first_out.code == 102
-            await driver.reset_relay()
+            await driver.reset_watchdog_relay()
             assert driver.status.first_out is None
 
     virtual_time.run(main())
@@ -131,11 +136,11 @@ def test_a_relay_that_does_not_close_is_told():
             device.write = stuck
             started_s = now()
             with pytest.raises(MachineError, match="relay does not close within"):
-                await driver.reset_relay()
+                await driver.reset_watchdog_relay()
             assert now() - started_s < 2.0
-            device.refuse(4)
+            device.reply_with_exception(4)
             with pytest.raises(MachineError, match="does not reset its relay: it cannot"):
-                await driver.reset_relay()
+                await driver.reset_watchdog_relay()
 
     virtual_time.run(main())
 
@@ -145,25 +150,25 @@ def test_every_period(period_s):
     async def main():
         settings = {"period_s": period_s, "relay_timeout_s": 3 * period_s}
         async with driven(**settings) as (driver, device, ears):
-            await driver.reset_relay()
+            await driver.reset_watchdog_relay()
             await asyncio.sleep(20 * period_s)
             assert 19 <= len(ears.statuses) <= 22
-            device.silence()
+            device.set_silent()
             last_s = now() - driver.status_age_s
             await asyncio.sleep(10 * period_s)
             ((told_s, _),) = ears.faults
             assert told_s - last_s == pytest.approx(3 * period_s)
-            device.silence(False)
-            device.settle()
+            device.set_silent(False)
+            device.advance_to_now()
             assert len(device.relay_opened_s) == 1
-            assert device.card.first_out == RELAY_CODE
+            assert device.card.first_out == RELAY_FIRST_OUT_CODE
 
     virtual_time.run(main())
 
 
 def test_the_whole_exchange_is_one_request():
     async def main():
-        device = SafetyDevice(RELAY, now)
+        device = SimulatedSafetyDevice(RELAY, now)
         asked = []
         read, write = device.read_holding, device.write
         device.read_holding = lambda *args: (asked.append(("read", *args)), read(*args))[1]
@@ -172,9 +177,9 @@ def test_the_whole_exchange_is_one_request():
             asked.clear()
             await asyncio.sleep(0.11)
         kinds = [(kind, address) for kind, address, _ in asked]
-        assert kinds == [("write", 0), ("read", MIRROR + CYCLE_BLOCK.address)]
+        assert kinds == [("write", 0), ("read", MIRROR_ADDRESS + CYCLIC_BLOCK.address)]
         assert device.read_holding(0, 2)[1] == 300
-        assert Inputs.DOOR_CLOSED in device.card.good
+        assert SafetyInputBits.DOOR_CLOSED in device.card.good
         assert math.isinf(device.next_due_s())
 
     virtual_time.run(main())

@@ -14,7 +14,7 @@ import trimesh
 
 from lmctl.errors import InputError
 from lmctl.field.surface_files import surface_bytes
-from lmctl.part.sources.files import LARGEST_DATA_BYTES, DataFile
+from lmctl.part.sources.files import MAX_DATA_BYTES, DataFile
 from lmctl.part.sources.mesh_files import Mesh, read_mesh
 
 BOX = trimesh.creation.box(extents=(30.0, 22.0, 16.0))
@@ -119,7 +119,7 @@ def test_a_zip_with_a_flipped_bit_is_refused_or_the_same() -> None:
         assert volume(mesh) == pytest.approx(BOX.volume)
 
 
-@pytest.mark.parametrize("said", [LARGEST_DATA_BYTES + 1, 0xFFFFFFF0, 100, 0])
+@pytest.mark.parametrize("said", [MAX_DATA_BYTES + 1, 0xFFFFFFF0, 100, 0])
 def test_a_zip_is_not_unpacked_further_than_it_says_and_it_may_not_say_too_much(said: int) -> None:
     """20 MB of blanks in 20 kB, under a size that is too large or not true."""
     data = bytearray(zipped(model() + 20_000_000 * " "))
@@ -131,7 +131,7 @@ def test_a_zip_is_not_unpacked_further_than_it_says_and_it_may_not_say_too_much(
         assert tracemalloc.get_traced_memory()[1] < 5_000_000
     finally:
         tracemalloc.stop()
-    assert ("unpacks to" in str(error.where)) == (said > LARGEST_DATA_BYTES)
+    assert ("unpacks to" in str(error.where)) == (said > MAX_DATA_BYTES)
 
 
 @pytest.mark.parametrize(

@@ -15,13 +15,13 @@ from lmctl.field.plane import PlaneGrid, loop_area_mm2, plane_distance
 from lmctl.part.bodies.body import Body, plane_points
 from lmctl.part.bodies.formulas import Box, Cone, Cylinder, Sphere, Torus
 from lmctl.part.bodies.mesh_solid import MeshSolid
-from lmctl.part.bodies.moved import Moved, motion
 from lmctl.part.bodies.prism import Prism
 from lmctl.part.bodies.stored import FieldSolid
-from lmctl.part.booleans.combined import Combined, Operation
-from lmctl.part.booleans.offset import Offset
+from lmctl.part.bodies.transformed import TransformedBody, similarity_transform
+from lmctl.part.booleans.combined import CombinedBody, Operation
+from lmctl.part.booleans.offset import OffsetBody
 from lmctl.part.sources.mesh_files import Mesh
-from lmctl.part.sources.mesh_topology import without_slivers
+from lmctl.part.sources.mesh_topology import remove_slivers
 from tests.field.stored_field import stored_field
 
 PLANE = PlaneGrid((-25.0, -25.0), 0.25, (201, 201))
@@ -30,31 +30,31 @@ CORNER_MM2 = 0.5 * 0.25**2 + 1e-6
 
 
 def mesh_solid(mesh: tuple[Any, Any], pitch: float) -> MeshSolid:
-    return MeshSolid(Mesh(*mesh), Grid.around(mesh[0].min(axis=0), mesh[0].max(axis=0), pitch))
+    return MeshSolid(Mesh(*mesh), Grid.enclosing(mesh[0].min(axis=0), mesh[0].max(axis=0), pitch))
 
 
 def section_area(body: Body, z: float) -> float:
-    return sum(loop_area_mm2(loop) for loop in body.loops(z, PLANE))
+    return sum(loop_area_mm2(loop) for loop in body.outline_loops(z, PLANE))
 
 
 @pytest.mark.parametrize("z", [-9.9, -6.0, 0.0, 3.3, 8.0, 9.9])
 def test_section_of_a_ball(z: float) -> None:
     ball = Sphere((1, 2, 0), 10)
     radius = np.sqrt(100 - z * z)
-    (loop,) = ball.loops(z, PLANE)
+    (loop,) = ball.outline_loops(z, PLANE)
     assert np.abs(np.hypot(*(loop - [1, 2]).T) - radius).max() < 0.25**2 / (7 * radius)
     distance = plane_distance([loop], PLANE)
     x, y = np.meshgrid(PLANE.x_mm - 1, PLANE.y_mm - 2)
     true = radius - np.hypot(x, y)
     assert np.abs(distance - true).max() < 0.01
-    assert ball.loops(10.0, PLANE) == ball.loops(-10.0, PLANE) == []
+    assert ball.outline_loops(10.0, PLANE) == ball.outline_loops(-10.0, PLANE) == []
 
 
 def test_in_plane_and_volume_distance_differ_as_they_should() -> None:
     """Sphere R 10 at z = 8: levels 0, 1, 2 of the 3D distance lie 1.88, 4.12 apart in plane."""
     ball = Sphere((0, 0, 0), 10)
     x = np.array([6.0, np.sqrt(81 - 64), 0.0])
-    depth = ball.at(np.column_stack([x, 0 * x, 0 * x + 8]))
+    depth = ball.distance_at(np.column_stack([x, 0 * x, 0 * x + 8]))
     assert depth == pytest.approx([0, 1, 2])
     assert x[0] - x[1] == pytest.approx(1.88, abs=0.005)
     assert x[1] - x[2] == pytest.approx(4.12, abs=0.005)
@@ -64,8 +64,8 @@ def test_section_of_a_box_is_its_rectangle_half_open() -> None:
     box = Box((-10, -5, 1), (10, 15, 4))
     assert section_area(box, 1.0) == 400
     assert section_area(box, 3.9) == 400
-    assert box.loops(4.0, PLANE) == box.loops(0.999, PLANE) == []
-    assert (box.cut(5.0, PLANE) < 0).all()
+    assert box.outline_loops(4.0, PLANE) == box.outline_loops(0.999, PLANE) == []
+    assert (box.section_values(5.0, PLANE) < 0).all()
 
 
 @pytest.mark.parametrize(
@@ -84,14 +84,14 @@ def test_section_of_a_cylinder(cylinder: Cylinder, z: float, area: float) -> Non
 
 def test_bounds_and_depths_of_formulas() -> None:
     tilted = Cylinder((0, 0, 0), (10, 10, 0), 3)
-    low, high = tilted.bounds_mm
+    low, high = tilted.tight_bounds_mm
     reach = 3 / np.sqrt(2)
     assert low == pytest.approx([-reach, -reach, -3])
     assert high == pytest.approx([10 + reach, 10 + reach, 3])
-    assert tilted.largest_depth_mm == 3
-    assert Cylinder((0, 0, 0), (0, 0, 2), 3).largest_depth_mm == 1
-    assert Box((0, 0, 0), (3, 4, 5)).largest_depth_mm == 1.5
-    assert Sphere((0, 0, 0), 7).bounds_mm[1] == pytest.approx([7, 7, 7])
+    assert tilted.maximum_depth_mm == 3
+    assert Cylinder((0, 0, 0), (0, 0, 2), 3).maximum_depth_mm == 1
+    assert Box((0, 0, 0), (3, 4, 5)).maximum_depth_mm == 1.5
+    assert Sphere((0, 0, 0), 7).tight_bounds_mm[1] == pytest.approx([7, 7, 7])
 
 
 def test_a_mesh_answers_like_the_box_it_is(making: Any) -> None:
@@ -102,10 +102,10 @@ def test_a_mesh_answers_like_the_box_it_is(making: Any) -> None:
     assert np.abs(mesh.distance(window) - exact.distance(window)).max() < 0.02
     for z in (0.0, 2.2, 4.999):
         assert section_area(mesh, z) == pytest.approx(192, abs=1e-9)
-        true = plane_distance(exact.loops(z, PLANE), PLANE)
-        assert np.abs(mesh.cut(z, PLANE) - true).max() < 1e-6
-    assert mesh.loops(5.0, PLANE) == []
-    assert mesh.largest_depth_mm == pytest.approx(2.5, abs=0.26)
+        true = plane_distance(exact.outline_loops(z, PLANE), PLANE)
+        assert np.abs(mesh.section_values(z, PLANE) - true).max() < 1e-6
+    assert mesh.outline_loops(5.0, PLANE) == []
+    assert mesh.maximum_depth_mm == pytest.approx(2.5, abs=0.26)
 
 
 def test_slabs_add_up_to_the_whole(making: Any) -> None:
@@ -123,14 +123,14 @@ def test_a_leaf_of_another_pitch_is_interpolated(making: Any) -> None:
 
 
 def ball_field(pitch: float = 0.5) -> Field:
-    grid = Grid.around(np.full(3, -5.0), np.full(3, 5.0), pitch)
+    grid = Grid.enclosing(np.full(3, -5.0), np.full(3, 5.0), pitch)
     return Field(grid, Sphere((0, 0, 0), 5).distance(grid.window()), None, np.empty((0, 3)))
 
 
 def test_a_stored_field_finds_its_bounds_and_sections() -> None:
     field = ball_field()
     solid = FieldSolid(field)
-    low, high = solid.bounds_mm
+    low, high = solid.tight_bounds_mm
     assert low == pytest.approx([-5, -5, -5], abs=1e-5)
     assert high == pytest.approx([5, 5, 5], abs=1e-5)
     assert section_area(solid, 3.1) == pytest.approx(np.pi * (25 - 3.1**2), rel=0.01)
@@ -139,9 +139,9 @@ def test_a_stored_field_finds_its_bounds_and_sections() -> None:
 A, B = Cylinder((0, 0, -30), (0, 0, 30), 10), Cylinder((12, 0, -30), (12, 0, 30), 10)
 
 
-def discs(operation: Operation, bodies: tuple[Body, ...] = (A, B)) -> Combined:
+def discs(operation: Operation, bodies: tuple[Body, ...] = (A, B)) -> CombinedBody:
     grid = Grid((-12.0, -12.0, -1.0), 0.25, (9, 97, 145))
-    return Combined(operation, bodies, grid)
+    return CombinedBody(operation, bodies, grid)
 
 
 @pytest.mark.parametrize(
@@ -160,7 +160,7 @@ def test_combined_distances_are_distances(
     operation: Operation, bodies: tuple[Body, ...], place: tuple[float, float], distance: float
 ) -> None:
     """The table of two discs R 10, 12 mm apart: min and max alone would give 4 for the first."""
-    at = discs(operation, bodies).at(np.array([[*place, 0.0]]))
+    at = discs(operation, bodies).distance_at(np.array([[*place, 0.0]]))
     assert at == pytest.approx([distance], abs=1e-4)
 
 
@@ -172,31 +172,31 @@ def test_combined_outlines(operation: Operation) -> None:
 
 
 def test_combined_bounds_and_order() -> None:
-    body = Combined(
+    body = CombinedBody(
         "difference", (Box((0, 0, 0), (10, 10, 10)), Box((5, -1, -1), (11, 11, 11))),
-        Grid.around(np.zeros(3), np.full(3, 10.0), 0.5),
+        Grid.enclosing(np.zeros(3), np.full(3, 10.0), 0.5),
     )
-    low, high = body.bounds_mm
+    low, high = body.tight_bounds_mm
     assert low == pytest.approx([0, 0, 0], abs=1e-5)
     assert high == pytest.approx([5, 10, 10], abs=1e-5)
     assert section_area(body, 5.0) == pytest.approx(50, abs=4 * CORNER_MM2)
-    three = Combined("difference", (A, B, Sphere((0, 0, 0), 3)), discs("union").grid)
-    assert three.at(np.zeros((1, 3)))[0] == pytest.approx(-3, abs=1e-6)
+    three = CombinedBody("difference", (A, B, Sphere((0, 0, 0), 3)), discs("union").grid)
+    assert three.distance_at(np.zeros((1, 3)))[0] == pytest.approx(-3, abs=1e-6)
 
 
 def test_combination_with_a_mesh(making: Any) -> None:
     block = mesh_solid(making.box((-10, -10, 0), (10, 10, 6)), 0.5)
-    holed = Combined("difference", (block, Cylinder((0, 0, -1), (0, 0, 7), 4)), block.grid)
+    holed = CombinedBody("difference", (block, Cylinder((0, 0, -1), (0, 0, 7), 4)), block.grid)
     assert section_area(holed, 3.0) == pytest.approx(400 - np.pi * 16, abs=4 * CORNER_MM2)
-    assert len(holed.loops(3.0, PLANE)) == 2
-    assert holed.at(np.array([[7.0, 0, 3.0]]))[0] == pytest.approx(3, abs=0.05)
+    assert len(holed.outline_loops(3.0, PLANE)) == 2
+    assert holed.distance_at(np.array([[7.0, 0, 3.0]]))[0] == pytest.approx(3, abs=0.05)
 
 
 def test_nothing_left_is_refused() -> None:
-    inside = Combined("difference", (Sphere((0, 0, 0), 3), Sphere((0, 0, 0), 5)),
-                      Grid.around(np.full(3, -3.0), np.full(3, 3.0), 0.5))
+    inside = CombinedBody("difference", (Sphere((0, 0, 0), 3), Sphere((0, 0, 0), 5)),
+                          Grid.enclosing(np.full(3, -3.0), np.full(3, 3.0), 0.5))
     with pytest.raises(InputError, match="difference of the bodies leaves nothing"):
-        _ = inside.bounds_mm
+        _ = inside.tight_bounds_mm
 
 
 TURNED_LOOP = np.array([(0, 0), (6, 1), (3, 2), (2, 7), (0, 0)], dtype=float)
@@ -207,26 +207,28 @@ TURNED: dict[str, Body] = {
     "needle": Cone((0, 0, 0), (0, 0, 9), 2, 0),
     "ring": Torus((1, 2, 3), (1, 0, 2), 5, 2),
     "prism": Prism(TURNED_LOOP, -1, 5),
-    "thicker box": Offset(Box((0, 0, 0), (4, 5, 6)), -1, Grid.around(
+    "thicker box": OffsetBody(Box((0, 0, 0), (4, 5, 6)), -1, Grid.enclosing(
         np.full(3, -1.0), np.array([5.0, 6, 7]), 0.25)),
-    "inside of a bar": Offset(Cylinder((0, 0, 0), (0, 0, 9), 4), 1, Grid.around(
+    "inside of a bar": OffsetBody(Cylinder((0, 0, 0), (0, 0, 9), 4), 1, Grid.enclosing(
         np.full(3, -4.0), np.array([4.0, 4, 9]), 0.25)),
     "field of a ball": FieldSolid(stored_field(
-        Sphere((0, 0, 0), 4).at, Grid.around(np.full(3, -4.0), np.full(3, 4.0), 0.5))),
-    "turned twice": Moved(Sphere((3, 1, 2), 4), motion(1, (1, 2, 3), 30, (0, 0, 0), (0, 0, 0))),
+        Sphere((0, 0, 0), 4).distance_at, Grid.enclosing(np.full(3, -4.0), np.full(3, 4.0), 0.5))),
+    "turned twice": TransformedBody(Sphere((3, 1, 2), 4),
+                                    similarity_transform(1, (1, 2, 3), 30, (0, 0, 0), (0, 0, 0))),
 }
 
 
 @pytest.mark.parametrize("name", TURNED)
 def test_a_turned_body_ends_where_its_bounds_say(name: str) -> None:
     """A ball is no wider when it is turned; what is set down would hang in the air."""
-    turned = Moved(TURNED[name], motion(1.5, (1, 1, 0), 40, (1, 0, 2), (3, 0, -1)))
-    low, high = turned.bounds_mm
+    turned = TransformedBody(TURNED[name],
+                             similarity_transform(1.5, (1, 1, 0), 40, (1, 0, 2), (3, 0, -1)))
+    low, high = turned.tight_bounds_mm
     rng = np.random.default_rng(0)
     points = rng.uniform(low - 3, high + 3, (20_000, 3))
     for _ in range(3):
-        points -= turned.at(points)[:, None] * turned.inward(points)
-    points = points[np.abs(turned.at(points)) < 1e-3]
+        points -= turned.distance_at(points)[:, None] * turned.inward_directions(points)
+    points = points[np.abs(turned.distance_at(points)) < 1e-3]
     assert (points.min(axis=0) > low - 0.02).all()
     assert (points.max(axis=0) < high + 0.02).all()
     assert (points.min(axis=0) < low + 0.2).all()
@@ -237,7 +239,7 @@ def test_slivers_are_left_out() -> None:
     good = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
     bad = [[[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[1, 1, 1]] * 3, [[0, 0, 0], [9, 0, 0], [4, 1e-7, 0]]]
     corners: NDArray[np.float64] = np.array([good, *bad], dtype=float)
-    np.testing.assert_array_equal(without_slivers(corners), corners[:1])
+    np.testing.assert_array_equal(remove_slivers(corners), corners[:1])
 
 
 def test_plane_points_match_the_array() -> None:

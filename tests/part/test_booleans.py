@@ -17,10 +17,10 @@ from lmctl.field.grid import Grid
 from lmctl.part.bodies.body import Body
 from lmctl.part.bodies.formulas import Box, Cylinder, Sphere, Torus
 from lmctl.part.bodies.half_space import HalfSpace
-from lmctl.part.bodies.moved import Moved, motion
 from lmctl.part.bodies.prism import Prism
 from lmctl.part.bodies.stored import FieldSolid
-from lmctl.part.booleans.combined import Combined, Operation
+from lmctl.part.bodies.transformed import TransformedBody, similarity_transform
+from lmctl.part.booleans.combined import CombinedBody, Operation
 from tests.field.stored_field import stored_field
 
 FloatArray = NDArray[np.float64]
@@ -28,20 +28,20 @@ OPERATIONS: tuple[Operation, ...] = ("union", "intersection", "difference")
 A, B = Cylinder((0, 0, -40), (0, 0, 40), 10), Cylinder((12, 0, -40), (12, 0, 40), 10)
 
 
-def combined(operation: Operation, bodies: tuple[Body, ...], pitch: float = 0.5) -> Combined:
-    low = np.min([b.box_mm[0] for b in bodies], axis=0)
-    high = np.max([b.box_mm[1] for b in bodies], axis=0)
-    return Combined(operation, bodies, Grid.around(low, np.maximum(low, high), pitch))
+def combined(operation: Operation, bodies: tuple[Body, ...], pitch: float = 0.5) -> CombinedBody:
+    low = np.min([b.enclosing_box_mm[0] for b in bodies], axis=0)
+    high = np.max([b.enclosing_box_mm[1] for b in bodies], axis=0)
+    return CombinedBody(operation, bodies, Grid.enclosing(low, np.maximum(low, high), pitch))
 
 
 def places(bodies: tuple[Body, ...], count: int, seed: int = 0) -> FloatArray:
-    low = np.min([b.bounds_mm[0] for b in bodies], axis=0) - 2
-    high = np.max([b.bounds_mm[1] for b in bodies], axis=0) + 2
+    low = np.min([b.tight_bounds_mm[0] for b in bodies], axis=0) - 2
+    high = np.max([b.tight_bounds_mm[1] for b in bodies], axis=0) + 2
     return np.random.default_rng(seed).uniform(low, high, (count, 3))
 
 
 def inside(operation: Operation, bodies: tuple[Body, ...], points: FloatArray) -> NDArray[np.bool_]:
-    each = [body.at(points) > 0 for body in bodies]
+    each = [body.distance_at(points) > 0 for body in bodies]
     if operation == "union":
         return reduce(np.logical_or, each)
     if operation == "intersection":
@@ -52,9 +52,9 @@ def inside(operation: Operation, bodies: tuple[Body, ...], points: FloatArray) -
 @pytest.mark.parametrize("operation", OPERATIONS)
 def test_slopes_are_one_nearly_everywhere(operation: Operation) -> None:
     """|∇d| = 1 ± 0.02 at 95 % of nodes, those of the medial axis among them."""
-    grid = Grid.around(np.array([-12.0, -12, -1]), np.array([24.0, 12, 1]), 0.25)
+    grid = Grid.enclosing(np.array([-12.0, -12, -1]), np.array([24.0, 12, 1]), 0.25)
     middle = grid.shape[0] // 2
-    body = Combined(operation, (A, B), grid)
+    body = CombinedBody(operation, (A, B), grid)
     values = body.distance(grid.window(middle - 1, middle + 2)).astype(float)
     slopes = np.array(np.gradient(values, 0.25))[:, 1]
     assert np.mean(np.abs(np.linalg.norm(slopes, axis=0) - 1) < 0.02) > 0.97
@@ -74,20 +74,23 @@ TWINS = (Box((0, 0, 0), (10, 8, 6)), Prism(SQUARE, 0.0, 6.0))  # the same, and n
 @pytest.mark.parametrize(
     ("operation", "bodies", "truth", "tolerance"),
     [
-        ("union", NESTED, NESTED[0].at, 1e-9),
-        ("intersection", NESTED, NESTED[1].at, 1e-9),
-        ("difference", NESTED, lambda p: np.minimum(NESTED[0].at(p), -NESTED[1].at(p)), 1e-9),
-        ("intersection", OVERLAPPING, Box((4, 3, 2), (10, 8, 6)).at, 1e-3),
-        ("union", DISJOINT, lambda p: np.maximum(DISJOINT[0].at(p), DISJOINT[1].at(p)), 1e-9),
-        ("difference", DISJOINT, DISJOINT[0].at, 1e-9),
-        ("union", TOUCHING, Box((0, 0, 0), (16, 8, 6)).at, 1e-9),
-        ("difference", TOUCHING, TOUCHING[0].at, 1e-9),
-        ("intersection", FLUSH, Box((3, 2, 0), (7, 8, 6)).at, 1e-9),
-        ("union", TWINS, TWINS[0].at, 1e-9),
-        ("intersection", TWINS, TWINS[0].at, 1e-9),
-        ("union", TANGENT, lambda p: np.maximum(TANGENT[0].at(p), TANGENT[1].at(p)), 1e-9),
-        ("union", SAME, SAME[0].at, 1e-9),
-        ("intersection", SAME, SAME[0].at, 1e-9),
+        ("union", NESTED, NESTED[0].distance_at, 1e-9),
+        ("intersection", NESTED, NESTED[1].distance_at, 1e-9),
+        ("difference", NESTED,
+         lambda p: np.minimum(NESTED[0].distance_at(p), -NESTED[1].distance_at(p)), 1e-9),
+        ("intersection", OVERLAPPING, Box((4, 3, 2), (10, 8, 6)).distance_at, 1e-3),
+        ("union", DISJOINT,
+         lambda p: np.maximum(DISJOINT[0].distance_at(p), DISJOINT[1].distance_at(p)), 1e-9),
+        ("difference", DISJOINT, DISJOINT[0].distance_at, 1e-9),
+        ("union", TOUCHING, Box((0, 0, 0), (16, 8, 6)).distance_at, 1e-9),
+        ("difference", TOUCHING, TOUCHING[0].distance_at, 1e-9),
+        ("intersection", FLUSH, Box((3, 2, 0), (7, 8, 6)).distance_at, 1e-9),
+        ("union", TWINS, TWINS[0].distance_at, 1e-9),
+        ("intersection", TWINS, TWINS[0].distance_at, 1e-9),
+        ("union", TANGENT,
+         lambda p: np.maximum(TANGENT[0].distance_at(p), TANGENT[1].distance_at(p)), 1e-9),
+        ("union", SAME, SAME[0].distance_at, 1e-9),
+        ("intersection", SAME, SAME[0].distance_at, 1e-9),
     ],
 )
 def test_bodies_that_nest_touch_or_agree(
@@ -96,9 +99,9 @@ def test_bodies_that_nest_touch_or_agree(
 ) -> None:
     points = places(bodies, 4000)
     body = combined(operation, bodies)
-    found, true = body.at(points), truth(points)
+    found, true = body.distance_at(points), truth(points)
     assert np.abs(found - true).max() < tolerance
-    feet = body.feet(points)
+    feet = body.closest_points(points)
     assert np.abs(np.linalg.norm(feet - points, axis=1) - np.abs(found)).max() < 0.01
 
 
@@ -109,26 +112,26 @@ def test_bodies_that_nest_touch_or_agree(
 )
 def test_nothing_left(operation: Operation, bodies: tuple[Body, ...]) -> None:
     with pytest.raises(InputError, match=f"the {operation} of the bodies leaves nothing"):
-        _ = combined(operation, bodies).bounds_mm
+        _ = combined(operation, bodies).tight_bounds_mm
 
 
 def test_a_lens_thinner_than_the_pitch_is_found() -> None:
     lens = combined("intersection", (Sphere((0, 0, 0), 10), Sphere((19.9, 0, 0), 10)), pitch=0.5)
-    assert lens.bounds_mm[0] == pytest.approx([9.9, -1, -1], abs=0.01)
-    assert lens.at(np.array([[9.95, 0, 0]])) == pytest.approx([0.05])
+    assert lens.tight_bounds_mm[0] == pytest.approx([9.9, -1, -1], abs=0.01)
+    assert lens.distance_at(np.array([[9.95, 0, 0]])) == pytest.approx([0.05])
 
 
 def test_difference_of_several_and_bodies_without_end() -> None:
     plate = Box((0, 0, 0), (20, 10, 4))
     holes = tuple(Cylinder((x, 5, -9), (x, 5, 9), 2) for x in (4.0, 10.0, 16.0))
     body = combined("difference", (plate, *holes))
-    assert body.bounds_mm[1] == pytest.approx([20, 10, 4])
-    assert body.at(np.array([[10.0, 5, 2], [7, 5, 2], [10, 5, -3]])) == pytest.approx(
+    assert body.tight_bounds_mm[1] == pytest.approx([20, 10, 4])
+    assert body.distance_at(np.array([[10.0, 5, 2], [7, 5, 2], [10, 5, -3]])) == pytest.approx(
         [-2, 1, -np.hypot(2, 3)], abs=1e-3)
-    half = Combined("intersection", (Sphere((0, 0, 0), 6), HalfSpace((0, 0, 0), (0, 0, -1))),
-                    Grid.around(np.array([-6.0, -6, 0]), np.full(3, 6.0), 0.5))
-    assert half.bounds_mm[0] == pytest.approx([-6, -6, 0], abs=0.01)
-    assert half.at(np.array([[0, 0, 2.0], [8, 0, -2], [0, 0, -3]])) == pytest.approx(
+    half = CombinedBody("intersection", (Sphere((0, 0, 0), 6), HalfSpace((0, 0, 0), (0, 0, -1))),
+                        Grid.enclosing(np.array([-6.0, -6, 0]), np.full(3, 6.0), 0.5))
+    assert half.tight_bounds_mm[0] == pytest.approx([-6, -6, 0], abs=0.01)
+    assert half.distance_at(np.array([[0, 0, 2.0], [8, 0, -2], [0, 0, -3]])) == pytest.approx(
         [2, -np.hypot(2, 2), -3], abs=1e-6)
 
 
@@ -136,18 +139,18 @@ def test_stored_leaves_of_different_pitch_meet_at_the_true_surface() -> None:
     """Sphere R 20 at pitch 1 with sphere R 6 at pitch 0.25: ≤ 1e-4 mm at the true surface."""
     balls = (Sphere((0, 0, 0), 20), Sphere((21, 3, 2), 6))
     leaves = tuple(
-        FieldSolid(stored_field(ball.at, Grid.around(*ball.bounds_mm, pitch)))
+        FieldSolid(stored_field(ball.distance_at, Grid.enclosing(*ball.tight_bounds_mm, pitch)))
         for ball, pitch in zip(balls, (1.0, 0.25), strict=True)
     )
     union = combined("union", leaves, pitch=1.0)
     points = places(balls, 6000, seed=4)
-    surface = np.vstack([ball.feet(points) for ball in balls])
-    surface = surface[np.maximum(*(ball.at(surface) for ball in balls)) < 1e-9]
+    surface = np.vstack([ball.closest_points(points) for ball in balls])
+    surface = surface[np.maximum(*(ball.distance_at(surface) for ball in balls)) < 1e-9]
     assert len(surface) > 7000
-    assert np.abs(union.at(surface)).max() <= 1e-4
+    assert np.abs(union.distance_at(surface)).max() <= 1e-4
     exact = combined("union", balls, pitch=1.0)
-    near = np.random.default_rng(1).uniform(*balls[1].bounds_mm, (1000, 3))
-    assert np.quantile(np.abs(union.at(near) - exact.at(near)), 0.99) < 0.02
+    near = np.random.default_rng(1).uniform(*balls[1].tight_bounds_mm, (1000, 3))
+    assert np.quantile(np.abs(union.distance_at(near) - exact.distance_at(near)), 0.99) < 0.02
 
 
 #: Fields are slow to make: what is found is not made smaller.
@@ -163,21 +166,22 @@ boxes = st.builds(
     st.tuples(*[lengths] * 3), st.tuples(*[sizes] * 3),
 )
 turned = st.builds(
-    lambda box, axis, degrees: Moved(box, motion(1.0, axis, degrees, (0, 0, 0), (0.3, 0, 0))),
+    lambda box, axis,
+    degrees: TransformedBody(box, similarity_transform(1.0, axis, degrees, (0, 0, 0), (0.3, 0, 0))),
     boxes, st.sampled_from([(0, 0, 1), (1, 2, 3)]), st.floats(10, 80),
 )
 bodies_of_all_kinds = balls | boxes | turned
 
 
-def united(*bodies: Body) -> Combined:
+def united(*bodies: Body) -> CombinedBody:
     return combined("union", bodies, 1.0)
 
 
-def common(*bodies: Body) -> Combined:
+def common(*bodies: Body) -> CombinedBody:
     return combined("intersection", bodies, 1.0)
 
 
-def less(*bodies: Body) -> Combined:
+def less(*bodies: Body) -> CombinedBody:
     return combined("difference", bodies, 1.0)
 
 
@@ -214,10 +218,10 @@ def test_laws_of_sets(law: str, a: Body, b: Body, c: Body) -> None:
 
 def at_or_empty(body: Body, points: FloatArray) -> FloatArray | None:
     try:
-        _ = body.bounds_mm
+        _ = body.tight_bounds_mm
     except InputError:
         return None
-    return body.at(points)
+    return body.distance_at(points)
 
 
 def test_a_body_less_itself_is_refused_however_it_is_said() -> None:
@@ -225,7 +229,7 @@ def test_a_body_less_itself_is_refused_however_it_is_said() -> None:
     for nothing in (less(a, a), less(common(a, b), a), less(a, united(a, b)),
                     common(less(a, b), b), less(b, united(common(a, b), less(b, a)))):
         with pytest.raises(InputError, match="of the bodies leaves nothing"):
-            _ = nothing.bounds_mm
+            _ = nothing.tight_bounds_mm
 
 
 def surface_of(body: Sphere | Box, count: int, rng: np.random.Generator) -> FloatArray:
@@ -272,7 +276,7 @@ def test_trees_against_a_dense_sample_of_their_surface(tree: str, seed: int) -> 
     samples = []
     for number, leaf in enumerate(leaves):
         on = surface_of(leaf, 20_000, rng)
-        sides = [other.at(on) > 0 for other in leaves]
+        sides = [other.distance_at(on) > 0 for other in leaves]
         with_it, without = list(sides), list(sides)
         with_it[number], without[number] = np.ones(len(on), bool), np.zeros(len(on), bool)
         samples.append(on[holds(with_it) != holds(without)])
@@ -282,7 +286,8 @@ def test_trees_against_a_dense_sample_of_their_surface(tree: str, seed: int) -> 
     if found is None:
         assert len(surface) < 50  # a crumb, if anything
         return
-    np.testing.assert_array_equal(found > 0, holds([leaf.at(points) > 0 for leaf in leaves]))
+    np.testing.assert_array_equal(found > 0,
+                                  holds([leaf.distance_at(points) > 0 for leaf in leaves]))
     if len(surface) > 3000:  # a crumb is sampled too thinly
         sampled = cKDTree(surface).query(points)[0]
         assert (np.abs(found) < sampled + 0.05).all()
@@ -299,7 +304,7 @@ def test_no_corner_is_missed_where_a_ball_cuts_an_edge(seed: int) -> None:
     body = less(Box((0, 0, 0), (4, 4, 4)), ball)
     points = corner + rng.uniform((-1, 0, 0), (1, 2, 2), (200, 3))
     away = np.linalg.norm(points - corner, axis=1)
-    assert (np.abs(body.at(points)) <= away + 1e-6).all()
+    assert (np.abs(body.distance_at(points)) <= away + 1e-6).all()
 
 
 def test_walls_that_bodies_share_hide_no_others() -> None:
@@ -311,8 +316,8 @@ def test_walls_that_bodies_share_hide_no_others() -> None:
     said = combined("difference", (a, combined("difference", (
         combined("union", (again, b), 0.49), c), 0.49)), 0.49)
     points = np.random.default_rng(0).uniform((2, 4, 1), (9, 15, 11), (6000, 3))
-    meant = combined("intersection", (a, c), 0.49).at(points)
-    np.testing.assert_allclose(said.at(points), meant, atol=1e-4)
+    meant = combined("intersection", (a, c), 0.49).distance_at(points)
+    np.testing.assert_allclose(said.distance_at(points), meant, atol=1e-4)
 
 
 @settings(max_examples=6, deadline=None, phases=FOUND, derandomize=True)
@@ -323,16 +328,16 @@ def test_distances_are_bounded_by_those_of_min_and_max(bodies: tuple[Body, Body]
     points = places(bodies, 300)
     steps = np.random.default_rng(2).normal(size=points.shape) * 0.3
     union = combined("union", bodies, 1.0)
-    found, beside = union.at(points), union.at(points + steps)
-    assert (found >= np.maximum(*(b.at(points) for b in bodies)) - 1e-9).all()
+    found, beside = union.distance_at(points), union.distance_at(points + steps)
+    assert (found >= np.maximum(*(b.distance_at(points) for b in bodies)) - 1e-9).all()
     excess = np.abs(found - beside) - np.linalg.norm(steps, axis=1)
     assert np.quantile(excess, 0.99) < 0.02
 
 
 def test_the_largest_depth_of_nested_booleans_is_refined() -> None:
     bar = united(Box((0, 0, 0), (10, 8, 6)), Box((10, 0, 0), (16, 8, 6)))
-    assert bar.largest_depth_mm == pytest.approx(3, abs=1e-3)
+    assert bar.maximum_depth_mm == pytest.approx(3, abs=1e-3)
     # A cube with a hollow cube in it, and in that a solid one: deepest in the corners around.
     hollow = less(Box((5, 5, 5), (15, 15, 15)), Box((7, 7, 7), (13, 13, 13)))
     cube = less(Box((0, 0, 0), (20, 20, 20)), hollow)
-    assert cube.largest_depth_mm == pytest.approx(5 * 3**0.5 / (1 + 3**0.5), abs=1e-3)
+    assert cube.maximum_depth_mm == pytest.approx(5 * 3**0.5 / (1 + 3**0.5), abs=1e-3)

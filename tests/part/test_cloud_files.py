@@ -11,13 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lmctl.errors import InputError
-from lmctl.part.sources.cloud_files import FEWEST_POINTS, Cloud, read_cloud
+from lmctl.part.sources.cloud_files import MIN_POINTS, PointCloud, read_cloud
 from lmctl.part.sources.files import DataFile
 
 POINTS = np.round(np.random.default_rng(3).uniform(-20, 20, (150, 3)), 3)
 
 
-def read(data: bytes | str, suffix: str = "xyz", units: str = "mm") -> Cloud:
+def read(data: bytes | str, suffix: str = "xyz", units: str = "mm") -> PointCloud:
     raw = data.encode() if isinstance(data, str) else data
     return read_cloud(DataFile(Path(f"scan.{suffix}"), raw, ""), units)
 
@@ -34,7 +34,7 @@ def rows(separator: str = " ", before: str = "", after: str = "") -> str:
     return "\n".join(lines) + "\n"
 
 
-def in_order(cloud: Cloud) -> bool:
+def in_order(cloud: PointCloud) -> bool:
     return bool(np.array_equal(cloud.points, np.unique(POINTS, axis=0)))
 
 
@@ -105,7 +105,7 @@ def test_order_of_points_does_not_matter() -> None:
         (rows() + "nan 1 2\n", "not numbers"),
         (rows() + "1 inf 2\n", "not numbers"),
         ("0 0 0\n9 9 9\n", "2 points"),
-        ("\n".join(rows().splitlines()[: FEWEST_POINTS - 1]), "99 points"),
+        ("\n".join(rows().splitlines()[: MIN_POINTS - 1]), "99 points"),
         (rows().replace(" ", "\0"), "not text"),
     ],
 )
@@ -133,7 +133,7 @@ def with_normals(separator: str = " ", names: str = "") -> tuple[str, np.ndarray
     return "\n".join([names, *lines] if names else lines) + "\n", normals
 
 
-def belongs(cloud: Cloud) -> bool:
+def belongs(cloud: PointCloud) -> bool:
     """Every point still has its own normal."""
     assert cloud.normals is not None
     size = np.linalg.norm(cloud.points, axis=1)[:, None]

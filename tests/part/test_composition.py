@@ -10,24 +10,24 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from lmctl.config.part_rules import parse_part_file
-from lmctl.part.data import Data
-from lmctl.part.materials.composition import Rule
-from lmctl.part.materials.profiles import Span, Table
-from lmctl.part.tree import Tree
+from lmctl.part.materials.composition import CompositionField
+from lmctl.part.materials.profiles import PowerLawProfile, TabulatedProfile
+from lmctl.part.part_data import PartData
+from lmctl.part.tree import BodyTree
 
 HEAD = 'name = "p"\n[[material]]\nname = "316L"\n[[material]]\nname = "WC-12Co"\n'
 BODY = '[[body]]\nkind = "sphere"\ncentre_mm = [0, 0, 0]\nradius_mm = 10\n'
 
 
-def rule(composition: str, body: str = BODY, head: str = HEAD) -> Rule:
+def rule(composition: str, body: str = BODY, head: str = HEAD) -> CompositionField:
     return rule_in(f"{head}{body}[composition]\n{composition}\n")
 
 
-def rule_in(text: str) -> Rule:
-    return Tree(parse_part_file(text, name="p"), Data(Path(), 2.0)).rule
+def rule_in(text: str) -> CompositionField:
+    return BodyTree(parse_part_file(text, name="p"), PartData(Path(), 2.0)).composition_field
 
 
-def steel(found: Rule, *points: tuple[float, float, float]) -> list[float]:
+def steel(found: CompositionField, *points: tuple[float, float, float]) -> list[float]:
     return [float(v) for v in found.fractions(np.array(points, dtype=float))[:, 0]]
 
 
@@ -120,7 +120,7 @@ distances = st.lists(st.floats(-1e5, 1e5), min_size=1, max_size=20).map(np.array
 @given(mixtures, mixtures, st.floats(-1e4, 1e4), st.floats(1e-3, 1e4), st.floats(1e-3, 1000),
        st.floats(0.01, 100), distances)
 def test_spans_sum_to_one(near, far, start, length, a, k, distance):
-    found = Span(near, far, (start, start + length), a, k).fractions(distance)
+    found = PowerLawProfile(near, far, (start, start + length), a, k).fractions(distance)
     assert np.abs(found.sum(axis=1) - 1).max() < 1e-6
     assert (found >= 0).all()
 
@@ -131,7 +131,7 @@ def test_spans_sum_to_one(near, far, start, length, a, k, distance):
                 unique_by=lambda row: round(row[0], 3)), distances)
 def test_tables_sum_to_one(rows, distance):
     rows.sort(key=lambda row: row[0])
-    table = Table(np.array([r[0] for r in rows]), np.stack([r[1] for r in rows]))
+    table = TabulatedProfile(np.array([r[0] for r in rows]), np.stack([r[1] for r in rows]))
     found = table.fractions(distance)
     assert np.abs(found.sum(axis=1) - 1).max() < 1e-6
     assert (found >= 0).all()

@@ -13,12 +13,12 @@ import pytest
 
 from lmctl.config.part_rules import parse_part_file
 from lmctl.errors import InputError
-from lmctl.field import store
-from lmctl.part.cost import Cost, Item
-from lmctl.part.data import Data
+from lmctl.field import array_storage
+from lmctl.part.cost import CostItem, PartCost
 from lmctl.part.load import load_part
-from lmctl.part.resolution import checked_grid, most_stored_nodes
-from lmctl.part.tree import Tree
+from lmctl.part.part_data import PartData
+from lmctl.part.resolution import checked_grid, max_stored_nodes
+from lmctl.part.tree import BodyTree
 
 Folder = Callable[..., Path]
 
@@ -34,40 +34,40 @@ NESTED = (
 MILLION = 1_000_000
 
 
-def mesh_of(million_nodes: float) -> Item:
-    return Item("a mesh", int(million_nodes * MILLION), 150e-9, True)
+def mesh_of(million_nodes: float) -> CostItem:
+    return CostItem("a mesh", int(million_nodes * MILLION), 150e-9, True)
 
 
 def disk_with(free: float, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=free))
 
 
-def counted(text: str) -> list[Item]:
-    return list(Tree(parse_part_file(text, name="p"), Data(Path(), 1.0)).cost().items)
+def counted(text: str) -> list[CostItem]:
+    return list(BodyTree(parse_part_file(text, name="p"), PartData(Path(), 1.0)).cost().items)
 
 
 def test_a_large_field_stays_on_the_disk_and_that_is_said() -> None:
-    small, large = Cost((mesh_of(60),)), Cost((mesh_of(70),))
+    small, large = PartCost((mesh_of(60),)), PartCost((mesh_of(70),))
     assert small.disk_bytes == 0
     assert small.memory_bytes == 60e6 * 20
-    assert " of disk" not in small.said()
+    assert " of disk" not in small.summary()
     assert large.disk_bytes == 70e6 * 8
     assert large.memory_bytes == 70e6 * 12
-    assert f"840 MB of memory, 560 MB of disk in {store.room_for_mapped()[0]}" in large.said()
+    assert f"840 MB of memory, 560 MB of disk in {array_storage.mapped_storage_space()[0]}" in large.summary()
 
 
 def test_several_large_fields_need_memory_for_one_at_a_time() -> None:
-    cost = Cost((mesh_of(150), mesh_of(100), mesh_of(10)))
+    cost = PartCost((mesh_of(150), mesh_of(100), mesh_of(10)))
     assert cost.memory_bytes == 150e6 * 12 + 10e6 * 8
     assert cost.disk_bytes == 250e6 * 8
-    cost.check()
+    cost.refuse_if_too_large()
 
 
 def test_more_disk_than_is_free_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     disk_with(1e9, monkeypatch)
-    Cost((mesh_of(120),)).check()
+    PartCost((mesh_of(120),)).refuse_if_too_large()
     with pytest.raises(InputError, match=r"no room for 1\.04 GB") as caught:
-        Cost((mesh_of(130),)).check()
+        PartCost((mesh_of(130),)).refuse_if_too_large()
     assert caught.value.where == ("free there: 1 GB",)
     assert "TMPDIR" in caught.value.hint
 
@@ -78,7 +78,7 @@ def test_a_part_is_refused_before_anything_of_it_is_made(
     text = STEEL + '[[body]]\nkind = "cloud"\nfile = "m.xyz"\nunits = "mm"\npitch_mm = 1.0\n'
     points = "\n".join("{} {} {}".format(*p) for p in making.ball(10.0, 24, 48)[0].tolist())
     path = folder(part__toml=text, m__xyz=points)
-    monkeypatch.setattr(store, "MOST_BYTES_IN_MEMORY", 1000)
+    monkeypatch.setattr(array_storage, "MOST_BYTES_IN_MEMORY", 1000)
     load_part(path / "part.toml")
     disk_with(1e5, monkeypatch)
     with pytest.raises(InputError, match="no room for"):
@@ -91,7 +91,7 @@ def test_the_largest_field_allowed_is_within_the_limit(
 ) -> None:
     monkeypatch.setenv("LMCTL_MEMORY_MB", str(megabytes))
     disk_with(1e15, monkeypatch)
-    Cost((mesh_of(most_stored_nodes() / MILLION),)).check()
+    PartCost((mesh_of(max_stored_nodes() / MILLION),)).refuse_if_too_large()
 
 
 def test_the_disk_lets_a_field_be_larger_than_memory_alone(
@@ -99,15 +99,15 @@ def test_the_disk_lets_a_field_be_larger_than_memory_alone(
 ) -> None:
     box = np.zeros(3), np.full(3, 500.0)
     assert checked_grid(*box, 1.0, stored=True).n_nodes > 2000e6 / 20
-    monkeypatch.setattr(store, "MOST_BYTES_IN_MEMORY", float("inf"))
+    monkeypatch.setattr(array_storage, "MOST_BYTES_IN_MEMORY", float("inf"))
     with pytest.raises(InputError, match=r"needs 1\.3e\+08 grid nodes, 2\.6. GB"):
         checked_grid(*box, 1.0, stored=True)
 
 
 def test_a_boolean_of_booleans_has_one_boundary() -> None:
     whole, = counted(STEEL + NESTED)
-    assert "all" in whole.what
-    assert whole.each_s == pytest.approx(3 * 80e-9)
+    assert "all" in whole.description
+    assert whole.seconds_per_node == pytest.approx(3 * 80e-9)
 
 
 def test_a_boolean_that_is_moved_is_counted_where_it_is_asked() -> None:

@@ -11,10 +11,10 @@ from scipy.interpolate import CubicSpline
 
 from lmctl.config.part_rules import parse_part_file
 from lmctl.errors import ConfigError, InputError
-from lmctl.part.data import Data
-from lmctl.part.materials.composition import Rule, inverse_shares
-from lmctl.part.materials.features import Sheet, spline
-from lmctl.part.tree import Tree
+from lmctl.part.materials.composition import CompositionField, inverse_distance_weights
+from lmctl.part.materials.features import TriangleSheet, spline
+from lmctl.part.part_data import PartData
+from lmctl.part.tree import BodyTree
 
 FloatArray = NDArray[np.float64]
 HEAD = 'name = "p"\n[[material]]\nname = "316L"\n[[material]]\nname = "WC-12Co"\n'
@@ -23,15 +23,15 @@ TENTH = ('profile = { kind = "linear", near = {"WC-12Co" = 1}, far = {"316L" = 1
          "over_mm = [0, 10] }\n")
 
 
-def tree(text: str, folder: Path = Path()) -> Tree:
-    return Tree(parse_part_file(text, name="p"), Data(folder, 2.0))
+def tree(text: str, folder: Path = Path()) -> BodyTree:
+    return BodyTree(parse_part_file(text, name="p"), PartData(folder, 2.0))
 
 
-def graded(feature: str, profile: str = TENTH, folder: Path = Path()) -> Rule:
-    return tree(f"{HEAD}{BOX}[composition]\n{feature}\n{profile}", folder).rule
+def graded(feature: str, profile: str = TENTH, folder: Path = Path()) -> CompositionField:
+    return tree(f"{HEAD}{BOX}[composition]\n{feature}\n{profile}", folder).composition_field
 
 
-def steel(rule: Rule, *points: tuple[float, float, float]) -> FloatArray:
+def steel(rule: CompositionField, *points: tuple[float, float, float]) -> FloatArray:
     fractions = rule.fractions(np.array(points, dtype=float))
     assert np.abs(fractions.sum(axis=1) - 1).max() < 1e-6
     return fractions[:, 0]
@@ -67,8 +67,9 @@ def test_a_spline_passes_its_points_and_lies_on_the_curve() -> None:
 
 def test_a_sheet_is_measured_exactly() -> None:
     random = np.random.default_rng(3)
-    sheet = Sheet(np.array([[[0, 0, 0], [30, 0, 0], [0, 30, 0]], [[0, 0, 0], [0, 0, 5], [9, 0, 0]]],
-                           dtype=float))
+    sheet = TriangleSheet(np.array([[[0, 0, 0], [30, 0, 0], [0, 30, 0]],
+                                    [[0, 0, 0], [0, 0, 5], [9, 0, 0]]],
+                                   dtype=float))
     points = random.uniform(-20, 40, (500, 3))
     dense = random.dirichlet([1, 1, 1], 40_000)
     samples = np.vstack([dense @ sheet.corners_mm[0], dense @ sheet.corners_mm[1]])
@@ -91,20 +92,20 @@ def test_faces_of_a_mesh_by_place_and_by_name(tmp_path: Path) -> None:
     for choice in ("at_mm = [5, 5, 10.1]", 'group = "top"'):
         text = f'{HEAD}{mesh}[[body]]\nkind = "moved"\nof = "block"\n[composition]\n' \
             f'feature = {{ kind = "face", of = "block", {choice} }}\n{TENTH}'
-        rule = tree(text, tmp_path).rule
+        rule = tree(text, tmp_path).composition_field
         assert steel(rule, (5, 5, 8), (5, 5, 4), (13, 5, 6)) == pytest.approx([0.2, 0.6, 0.5])
     for choice, words in (('group = "lid"', "no faces in a group 'lid'"),
                           ("at_mm = [5, 5, 30]", "no face at")):
         text = f'{HEAD}{mesh}[[body]]\nkind = "moved"\nof = "block"\n[composition]\n' \
             f'feature = {{ kind = "face", of = "block", {choice} }}\n{TENTH}'
         with pytest.raises(InputError, match=words):
-            _ = tree(text, tmp_path).rule
+            _ = tree(text, tmp_path).composition_field
 
 
 def test_depth_below_another_body_and_below_an_iso_contour() -> None:
     ball = '[[body]]\nname = "ball"\nkind = "sphere"\ncentre_mm = [0, 0, 0]\nradius_mm = 20\n'
     of_ball = 'feature = { kind = "surface", of = "ball", level_mm = 4 }'
-    rule = tree(f"{HEAD}{BOX}{ball}[composition]\n{of_ball}\n{TENTH}").rule
+    rule = tree(f"{HEAD}{BOX}{ball}[composition]\n{of_ball}\n{TENTH}").composition_field
     assert steel(rule, (16, 0, 0), (11, 0, 0), (0, 0, 6), (18, 0, 0)) == pytest.approx(
         [0, 0.5, 1, 0])
 
@@ -122,7 +123,7 @@ def test_every_kind_of_profile() -> None:
         [1, 1, 1, 0, 0, 0.5, 0.5])
     ball = '[[body]]\nkind = "sphere"\ncentre_mm = [0, 0, 0]\nradius_mm = 8\n'
     normalised = tree(f'{HEAD}{ball}[composition]\nprofile = {{ kind = "normalised", '
-                      'near = {"WC-12Co" = 1}, far = {"316L" = 1} }\n').rule
+                      'near = {"WC-12Co" = 1}, far = {"316L" = 1} }\n').composition_field
     assert steel(normalised, (8, 0, 0), (6, 0, 0), (0, 0, 0)) == pytest.approx([0, 0.25, 1])
 
 
@@ -135,19 +136,19 @@ def mixed(weights: str, first: str, second: str) -> str:
 
 def test_a_blend_with_constant_weights() -> None:
     """r_point 4, r_line 8, f = r/10, weights .3 and .7: (.68, .32)."""
-    rule = tree(mixed('weights = "constant"', "weight = 0.3", "weight = 0.7")).rule
+    rule = tree(mixed('weights = "constant"', "weight = 0.3", "weight = 0.7")).composition_field
     np.testing.assert_allclose(rule.fractions(np.array([[4.0, 0, 0]])), [[0.68, 0.32]], atol=1e-12)
 
 
 def test_a_blend_by_inverse_distance() -> None:
-    rule = tree(mixed('weights = "inverse-distance"\npower = 2', "", "")).rule
+    rule = tree(mixed('weights = "inverse-distance"\npower = 2', "", "")).composition_field
     near, far = 1 / 16, 1 / 64
     expected = (near * 0.4 + far * 0.8) / (near + far)
     assert steel(rule, (4, 0, 0), (0, 0, 0), (4, 8, 0)) == pytest.approx([expected, 0, 0])
 
 
 def test_inverse_shares_at_extremes() -> None:
-    shares = inverse_shares(np.array([[0.0, 0, 1e-300, 1e5], [0.0, 3, 1e5, 1e5]]), 20.0)
+    shares = inverse_distance_weights(np.array([[0.0, 0, 1e-300, 1e5], [0.0, 3, 1e5, 1e5]]), 20.0)
     np.testing.assert_allclose(shares, [[0.5, 1, 1, 0.5], [0.5, 0, 0, 0.5]])
 
 
@@ -201,7 +202,7 @@ def test_a_depth_without_length_is_refused() -> None:
             "outward = [-1, 0, 0]\n")
     of_half = 'feature = { kind = "surface", of = "h" }'
     with pytest.raises(InputError, match="has no length") as caught:
-        _ = tree(f"{HEAD}{BOX}{half}[composition]\n{of_half}\n{rule}").rule
+        _ = tree(f"{HEAD}{BOX}{half}[composition]\n{of_half}\n{rule}").composition_field
     assert "no deepest place" in str(caught.value.where)
     at_49 = graded('feature = { kind = "surface", level_mm = 49 }', rule)
     assert steel(at_49, (49.5, 0, 0), (0, 0, 0), (0.5, 0, 0)) == pytest.approx([1, 0, 0.5])

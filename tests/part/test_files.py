@@ -11,9 +11,9 @@ import pytest
 import trimesh
 
 from lmctl.errors import InputError, MissingFileError
-from lmctl.part.faces import grouped_corners
+from lmctl.part.faces import triangles_of_group
 from lmctl.part.sources.cloud_files import read_cloud
-from lmctl.part.sources.files import LARGEST_DATA_BYTES, read_data
+from lmctl.part.sources.files import MAX_DATA_BYTES, read_data
 from lmctl.part.sources.mesh_files import read_mesh
 
 
@@ -53,7 +53,7 @@ def test_points_and_faces_of_text_with_a_byte_order_mark_are_all_there(tmp_path:
     assert len(cloud.points) == 100
     corners = b"v 0 0 0\nv 1 0 0\nv 0 1 0\ng lid\nf 1 2 3\n"
     file = read_data("a.obj", marked(tmp_path, "a.obj", corners))
-    assert grouped_corners(file, "lid", "mm").tolist() == [[[0, 0, 0], [1, 0, 0], [0, 1, 0]]]
+    assert triangles_of_group(file, "lid", "mm").tolist() == [[[0, 0, 0], [1, 0, 0], [0, 1, 0]]]
 
 
 def test_a_binary_stl_that_begins_with_those_bytes_keeps_them(tmp_path: Path) -> None:
@@ -87,7 +87,7 @@ def test_what_is_not_a_file_with_content_is_refused(tmp_path: Path) -> None:
     (tmp_path / "folder.stl").mkdir()
     os.mkfifo(tmp_path / "pipe.stl")  # reading it would wait for ever
     with (tmp_path / "huge.stl").open("wb") as huge:
-        huge.truncate(LARGEST_DATA_BYTES + 1)
+        huge.truncate(MAX_DATA_BYTES + 1)
     with pytest.raises(MissingFileError, match="no file"):
         read_data("missing.stl", tmp_path)
     for name, words in {"empty.stl": "is empty",

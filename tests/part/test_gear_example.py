@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from lmctl.config.machine import load_profile
 from lmctl.config.part_rules import load_part_file
 from lmctl.examples import gear_cloud as gear
-from lmctl.examples.templates import TEMPLATES, write_gear_example, write_template
+from lmctl.examples.templates import TEMPLATES, write_gear_template, write_template
 from lmctl.field.plane import loop_area_mm2
 from lmctl.part.load import load_part, part_from_model
 from lmctl.part.part import Part
@@ -21,7 +21,7 @@ GEAR_AREA = 2319.1 - np.pi * 64
 
 @pytest.fixture(scope="module")
 def part(tmp_path_factory: pytest.TempPathFactory) -> Part:
-    return load_part(write_gear_example(tmp_path_factory.mktemp("gear")))
+    return load_part(write_gear_template(tmp_path_factory.mktemp("gear")))
 
 
 def test_the_true_outline_is_a_gear() -> None:
@@ -88,7 +88,7 @@ def test_steel_at_the_bore_carbide_at_the_teeth(part: Part) -> None:
 
 def test_no_hopper_runs_below_its_least_flow(part: Part, tmp_path: Path) -> None:
     """m = V ρ Q / η at the bead's volume rate, for the leanest mixture of each material."""
-    write_gear_example(tmp_path)
+    write_gear_template(tmp_path)
     profile = load_profile(tmp_path / "cell.toml")
     p = part.process
     volume_mm3_s = p.bead_width_mm * (1 - p.overlap) * p.layer_height_mm * p.speed_mm_s

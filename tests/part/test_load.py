@@ -234,7 +234,7 @@ def test_a_thin_mesh_graded_by_depth_needs_no_finer_pitch(folder: Folder, making
     y = np.linspace(0.0, 1.2, 13)
     points = np.stack([np.full(13, 30.0), y, np.full(13, 10.0)], axis=1)
     depth = np.minimum(y, 1.2 - y)
-    np.testing.assert_allclose(part.body.at(points), depth, atol=1e-6)
+    np.testing.assert_allclose(part.body.distance_at(points), depth, atol=1e-6)
     np.testing.assert_allclose(part.composition(points)[:, 1], depth / 0.6, atol=1e-3)
 
 

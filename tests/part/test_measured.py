@@ -8,12 +8,12 @@ import pytest
 from lmctl.field.field import Field
 from lmctl.field.grid import Grid
 from lmctl.part.bodies.formulas import Sphere
-from lmctl.part.bodies.measured import is_closed, without_specks, zero_bounds
+from lmctl.part.bodies.measured import is_closed, remove_specks, zero_bounds
 
 
 @pytest.fixture
 def ball() -> Field:
-    grid = Grid.around(np.full(3, -5.0), np.full(3, 5.0), 0.5)
+    grid = Grid.enclosing(np.full(3, -5.0), np.full(3, 5.0), 0.5)
     return Field(grid, Sphere((0, 0, 0), 5).distance(grid.window()), None, np.empty((0, 3)))
 
 
@@ -25,7 +25,7 @@ def with_values(field: Field, *changes: tuple[tuple[slice, ...], float]) -> Fiel
 
 
 def test_a_sound_field_is_left_alone(ball: Field) -> None:
-    cleared, count = without_specks(ball)
+    cleared, count = remove_specks(ball)
     assert cleared is ball
     assert count == 0
 
@@ -33,7 +33,7 @@ def test_a_sound_field_is_left_alone(ball: Field) -> None:
 def test_islands_and_voids_change_sides_and_nothing_else(ball: Field) -> None:
     island = (slice(1, 3), slice(1, 3), slice(1, 2))
     void = (slice(12, 14), slice(12, 13), slice(12, 13))
-    cleared, count = without_specks(with_values(ball, (island, 0.2), (void, -0.3)))
+    cleared, count = remove_specks(with_values(ball, (island, 0.2), (void, -0.3)))
     assert count == 2
     assert (cleared.values[island] == np.float32(-0.2)).all()
     assert (cleared.values[void] == np.float32(0.3)).all()
@@ -44,15 +44,15 @@ def test_islands_and_voids_change_sides_and_nothing_else(ball: Field) -> None:
 
 def test_a_second_body_of_some_size_stays(ball: Field) -> None:
     post = (slice(0, 3), slice(0, 3), slice(0, 3))
-    cleared, count = without_specks(with_values(ball, (post, 0.2)))
+    cleared, count = remove_specks(with_values(ball, (post, 0.2)))
     assert count == 0
     assert (cleared.values[post] > 0).all()
 
 
 def test_the_only_body_stays_however_small() -> None:
-    grid = Grid.around(np.full(3, -1.0), np.full(3, 1.0), 1.0)
+    grid = Grid.enclosing(np.full(3, -1.0), np.full(3, 1.0), 1.0)
     small = Field(grid, Sphere((0, 0, 0), 1.2).distance(grid.window()), None, np.empty((0, 3)))
-    assert without_specks(small)[1] == 0
+    assert remove_specks(small)[1] == 0
 
 
 def test_bounds_ignore_burrs_thinner_than_a_bead(ball: Field) -> None:

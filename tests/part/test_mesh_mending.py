@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from lmctl.errors import InputError
 from lmctl.part.sources.mesh_files import Mesh
-from lmctl.part.sources.mesh_report import mend
+from lmctl.part.sources.mesh_repair import repair_mesh
 from tests.part import angle_solid
 
 BEAD_MM = 2.0
@@ -25,8 +25,9 @@ ANGLE: Solid = (angle_solid.CORNERS, angle_solid.TRIANGLES)
 
 def mended(solid: Any) -> tuple[Mesh, str]:
     """What comes back bounds one solid: each edge in as many triangles one way as the other."""
-    whole, said = mend(Mesh(np.asarray(solid[0], float), np.asarray(solid[1], np.int64)), "m",
-                       BEAD_MM)
+    whole, said = repair_mesh(Mesh(np.asarray(solid[0], float), np.asarray(solid[1], np.int64)),
+                              "m",
+                              BEAD_MM)
     edges = whole.triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     forward, ahead = np.unique(edges, axis=0, return_counts=True)
     backward, behind = np.unique(edges[:, ::-1], axis=0, return_counts=True)

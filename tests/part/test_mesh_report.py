@@ -9,14 +9,14 @@ import pytest
 
 from lmctl.errors import InputError
 from lmctl.part.sources.mesh_files import Mesh
-from lmctl.part.sources.mesh_report import mend
+from lmctl.part.sources.mesh_repair import repair_mesh
 
 BEAD_MM = 2.0
 
 
 def mended(mesh: tuple[Any, Any]) -> tuple[Mesh, tuple[str, ...]]:
     given = Mesh(np.asarray(mesh[0], float), np.asarray(mesh[1], np.int64))
-    whole, said = mend(given, "m", BEAD_MM)
+    whole, said = repair_mesh(given, "m", BEAD_MM)
     edges = np.sort(whole.triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     assert (np.unique(edges, axis=0, return_counts=True)[1] % 2 == 0).all()
     return whole, said

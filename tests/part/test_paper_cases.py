@@ -35,7 +35,7 @@ def test_every_template_is_a_sound_part(name: str, tmp_path: Path) -> None:
     section = part.section(float(0.5 * (low + high)[2]))
     assert sum(loop_area_mm2(loop) for loop in section.loops) > 30
     random = np.random.default_rng(0).uniform(low, high, (400, 3))
-    inside = random[part.body.at(random) > 0]
+    inside = random[part.body.distance_at(random) > 0]
     fractions = part.composition(inside)
     assert np.abs(fractions.sum(axis=1) - 1).max() < 1e-6
     assert fractions.min() >= 0
@@ -70,7 +70,7 @@ def test_the_turbine_blade(tmp_path: Path) -> None:
         below.append(np.linalg.norm((x, y) - start - t[:, None] * along, axis=1).min())
     f = np.clip((np.array(below) - 2) / 2, 0, 1) ** 1.5
     assert carbide(part, *map(tuple, depths)) == pytest.approx(0.8 * (1 - f), abs=0.02)
-    in_passage = part.body.at(np.array([[18.0, 6, 6], [18.0, 6, 0.5], [18.0, 8.5, 6]]))
+    in_passage = part.body.distance_at(np.array([[18.0, 6, 6], [18.0, 6, 0.5], [18.0, 8.5, 6]]))
     assert in_passage[:2] == pytest.approx([-1.5, -1.5], abs=0.6)
     assert in_passage[2] == pytest.approx(1.0, abs=0.01)
 
@@ -109,4 +109,5 @@ def test_materials_of_the_other_booleans(tmp_path: Path) -> None:
         [0.4, 0, 0.8], abs=0.01)
     within = template("fig6-contained", tmp_path)
     assert carbide(within, (-9, 0, 2), (9.001, 0, 2)) == pytest.approx([0, 0], abs=1e-3)
-    assert within.body.at(np.array([[0.0, 0, 2], [10, 0, 2]])) == pytest.approx([2, 2], abs=1e-6)
+    assert within.body.distance_at(np.array([[0.0, 0, 2], [10, 0, 2]])) == pytest.approx([2, 2],
+                                                                                         abs=1e-6)

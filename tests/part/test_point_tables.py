@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from lmctl.errors import InputError
 from lmctl.part.load import part_from_model
-from lmctl.part.sources.cloud_files import Cloud, read_cloud
+from lmctl.part.sources.cloud_files import PointCloud, read_cloud
 from lmctl.part.sources.files import DataFile
 
 POINTS = np.round(np.random.default_rng(3).uniform(-20, 20, (150, 3)), 3)
@@ -20,7 +20,7 @@ MARKS = ("#", "//", "%", "!", ";", "*", "'", "--", "$", "REM", "C")
 TEXT = st.text(alphabet="0123456789.,;- \t\n#/xyzeE+\"'", max_size=120)
 
 
-def read(data: bytes | str, suffix: str = "xyz") -> Cloud:
+def read(data: bytes | str, suffix: str = "xyz") -> PointCloud:
     raw = data.encode() if isinstance(data, str) else data
     return read_cloud(DataFile(Path(f"scan.{suffix}"), raw, ""), "mm")
 
@@ -37,7 +37,7 @@ def rows(separator: str = " ", decimal: str = ".", after: str = "") -> str:
     return "\n".join(lines) + "\n"
 
 
-def all_there(cloud: Cloud) -> bool:
+def all_there(cloud: PointCloud) -> bool:
     return bool(np.array_equal(cloud.points, np.unique(POINTS, axis=0)))
 
 

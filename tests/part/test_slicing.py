@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from lmctl.field.plane import loop_area_mm2
 from lmctl.part.sources import slicing
-from lmctl.part.sources.slicing import Slicer
+from lmctl.part.sources.slicing import MeshSlicer
 
 
 def area(loops: list[Any]) -> float:
@@ -19,7 +19,7 @@ def area(loops: list[Any]) -> float:
 
 
 def test_a_box_has_its_corners_exactly(making: Any) -> None:
-    slicer = Slicer(*making.box((1, 2, 3), (11, 22, 33)))
+    slicer = MeshSlicer(*making.box((1, 2, 3), (11, 22, 33)))
     (loop,) = slicer.loops(10.0)
     assert loop_area_mm2(loop) == pytest.approx(200, abs=1e-12)
     for corner in [(1, 2), (11, 2), (11, 22), (1, 22)]:
@@ -28,12 +28,12 @@ def test_a_box_has_its_corners_exactly(making: Any) -> None:
 
 
 def test_planes_through_corners_are_half_open(making: Any) -> None:
-    slicer = Slicer(*making.box((0, 0, 0), (10, 10, 5)))
+    slicer = MeshSlicer(*making.box((0, 0, 0), (10, 10, 5)))
     assert area(slicer.loops(0.0)) == pytest.approx(100)
     assert slicer.loops(5.0) == []
     assert slicer.loops(-1e-9) == []
-    steps = Slicer(*making.join([making.box((0, 0, 0), (10, 10, 5)),
-                                 making.box((20, 0, 5), (30, 10, 9))]))
+    steps = MeshSlicer(*making.join([making.box((0, 0, 0), (10, 10, 5)),
+                                     making.box((20, 0, 5), (30, 10, 9))]))
     assert area(steps.loops(5.0)) == pytest.approx(100)
 
 
@@ -41,7 +41,7 @@ def test_planes_through_corners_are_half_open(making: Any) -> None:
 @given(st.floats(-9.99, 9.99), st.integers(3, 20))
 def test_a_ball_at_any_height(making: Any, z: float, rows: int) -> None:
     vertices, triangles = making.ball(10.0, 2 * rows, 64)
-    loops = Slicer(vertices, triangles).loops(z)
+    loops = MeshSlicer(vertices, triangles).loops(z)
     assert len(loops) == 1
     # the polyhedron lies in the ball of its corners and around a slightly smaller one
     smaller = 10 * np.cos(np.pi / (2 * rows)) * np.cos(np.pi / 64)
@@ -59,7 +59,7 @@ def test_holes_run_clockwise_and_islands_in_holes_do_not(making: Any) -> None:
     flip = rng.random(len(turned)) < 0.5  # parity does not ask which way triangles face
     turned[flip] = turned[flip][:, ::-1]
     for triangles in (nested[1], turned):
-        areas = sorted(loop_area_mm2(p) for p in Slicer(nested[0], triangles).loops(5.0))
+        areas = sorted(loop_area_mm2(p) for p in MeshSlicer(nested[0], triangles).loops(5.0))
         assert areas == pytest.approx([-900, -100, 400, 1600])
 
 
@@ -74,7 +74,7 @@ def test_loops_turn_by_parity_however_they_lie(
     """Nested, side by side, crossing, with walls in line: the area left of all is the parity's."""
     at = [(x + 0.01 * n, y + 0.013 * n, w, h) for n, (x, y, w, h) in enumerate(of)]
     mesh = making.join([making.box((x, y, 0), (x + w, y + h, 1)) for x, y, w, h in at])
-    loops = Slicer(*mesh).loops(0.5)
+    loops = MeshSlicer(*mesh).loops(0.5)
     for loop in loops:
         x, y = loop[0]
         within = [a < x < a + w and b < y < b + h for a, b, w, h in at]
@@ -88,19 +88,19 @@ def test_islands_are_not_compared_with_each_other(
                         for x in range(12) for y in range(12)])
     asked = []
     monkeypatch.setattr(slicing, "crossings", lambda *what: asked.append(what) or 0)
-    loops = Slicer(*pins).loops(0.5)
+    loops = MeshSlicer(*pins).loops(0.5)
     assert len(loops) == 144
     assert all(loop_area_mm2(loop) == pytest.approx(4) for loop in loops)
     assert not asked
 
 
 def test_a_grate_has_all_its_holes(making: Any) -> None:
-    loops = Slicer(*making.grate(6, 4.0, 5.0)).loops(2.0)
+    loops = MeshSlicer(*making.grate(6, 4.0, 5.0)).loops(2.0)
     assert len(loops) == 37
     assert area(loops) == pytest.approx((13 * 13 - 36) * 16)
 
 
 def test_above_and_below_there_is_nothing(making: Any) -> None:
-    slicer = Slicer(*making.ball(10.0, 12, 24))
+    slicer = MeshSlicer(*making.ball(10.0, 12, 24))
     assert slicer.loops(10.5) == []
     assert slicer.loops(-10.5) == []

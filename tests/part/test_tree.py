@@ -26,7 +26,7 @@ def part_of(folder: Folder, text: str, **files: Any) -> Part:
 
 
 def depths(part: Part, *places: tuple[float, float, float]) -> list[float]:
-    return [float(v) for v in part.body.at(np.array(places, dtype=float))]
+    return [float(v) for v in part.body.distance_at(np.array(places, dtype=float))]
 
 
 @pytest.mark.parametrize(
@@ -115,7 +115,7 @@ def test_a_moved_boolean_is_a_boolean_of_moved_bodies(folder: Folder) -> None:
     part = part_of(folder, text + '[[body]]\nkind = "union"\nof = ["cut moved", "rest moved"]\n')
     points = np.random.default_rng(3).uniform(-5, 9, (500, 3))
     expected = 5 - np.linalg.norm(points - [3, 0, 1], axis=1)
-    assert np.abs(part.body.at(points) - expected).max() < 0.01
+    assert np.abs(part.body.distance_at(points) - expected).max() < 0.01
 
 
 @pytest.mark.parametrize(

@@ -40,4 +40,5 @@ def test_sections_of_a_fine_ball_are_discs(harm: str, tmp_path: Path) -> None:
         assert len(loops) == 1
         disc = np.pi * (RADIUS_MM**2 - z**2)
         assert loop_area_mm2(loops[0]) == pytest.approx(disc, rel=5e-3)
-    assert part.body.at(np.array([[0.0, 0.0, 0.0]]))[0] == pytest.approx(RADIUS_MM, rel=2e-3)
+    assert part.body.distance_at(np.array([[0.0, 0.0, 0.0]]))[0] == pytest.approx(RADIUS_MM,
+                                                                                  rel=2e-3)

@@ -91,7 +91,7 @@ def test_a_piece_of_a_shell_is_what_the_whole_shell_has_there(
         return
     part = part_of(folder, ONE + BAR + shell + window(low, high, "s"))
     clear = np.min([abs(below - level) for level in levels], axis=0) > 1e-6
-    assert np.array_equal((part.body.at(points) > 0)[clear], true[clear])
+    assert np.array_equal((part.body.distance_at(points) > 0)[clear], true[clear])
 
 
 GRADED_PIECES = (

@@ -10,7 +10,7 @@ import pytest
 
 import lmctl.examples
 from lmctl.config.machine import load_profile
-from lmctl.config.part_file import Process
+from lmctl.config.part_file import ProcessSettings
 from lmctl.field.plane import PlaneGrid, plane_distance
 from lmctl.part.materials.powders import MaterialSpec
 from lmctl.plan.recipe import make_recipe
@@ -21,7 +21,7 @@ MATERIALS = (
     MaterialSpec("316L", 0.00785, None, 0.75, 1500.0, 10.0, ()),
     MaterialSpec("WC-12Co", 0.0143, None, 0.55, 1800.0, 10.0, ()),
 )
-PROCESS = Process()
+PROCESS = ProcessSettings()
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ class FakePart:
     outline: object
     mixture: object
     height_mm: float = 1.6
-    process: Process = PROCESS
+    process: ProcessSettings = PROCESS
     materials: tuple = MATERIALS
     placement_mm: tuple | None = None
     name: str = "prism"

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lmctl.config.part_file import Process
+from lmctl.config.part_file import ProcessSettings
 from lmctl.job.reader import JobReader
 from lmctl.job.schema import LineKind
 from lmctl.plan.planner import plan_job
@@ -59,7 +59,7 @@ def test_the_verdict_compares_what_is_laid_with_the_part(
 def test_a_plan_in_coarse_steps_is_said_to_differ_from_the_part(
         tmp_path, make_part, shapes, profile):
     part = make_part(shapes["rectangle"], lambda p: 0.5 + 0.005 * p[:, 0],
-                     process=Process(fraction_step=0.25))
+                     process=ProcessSettings(fraction_step=0.25))
     found = plan_job(part, profile, tmp_path / "a.lmj").verdict
     assert any("the plan differs from the part file" in f["text"] for f in found)
 

@@ -6,11 +6,11 @@ import shapely
 from shapely.geometry import Point, box
 from shapely.ops import unary_union
 
-from lmctl.config.part_file import Process
+from lmctl.config.part_file import ProcessSettings
 from lmctl.errors import PlanError
 from lmctl.plan.completeness import Completeness
 from lmctl.plan.geometry import layer_geometry
-from lmctl.preflight.placement import place
+from lmctl.preflight.placement import place_part
 
 
 def loops_of(poly):
@@ -26,9 +26,10 @@ def complete(make_part, profile):
     """All layers of a part whose outline is a polygon by height, added up."""
     def make(outline, height_mm=4.0, **process):
         part = make_part(lambda z: loops_of(outline(z)), lambda p: 0.5, height_mm=height_mm,
-                         process=Process(**process))
-        placement = place(part, profile)
-        found = Completeness(part.process, placement.layer_height_mm, placement.height_left_mm())
+                         process=ProcessSettings(**process))
+        placement = place_part(part, profile)
+        found = Completeness(part.process, placement.layer_height_mm,
+                             placement.uncovered_height_mm())
         for layer in range(placement.n_layers):
             found.add(layer_geometry(part, placement, layer))
         return found

@@ -5,12 +5,12 @@ import pickle
 import numpy as np
 
 from lmctl.plan.geometry import layer_geometry
-from lmctl.preflight.placement import place
+from lmctl.preflight.placement import place_part
 
 
 def test_a_layer_is_flat_arrays_that_agree(make_part, shapes, profile):
     part = make_part(shapes["islands"], lambda p: p[:, 0] / 20)
-    geometry = layer_geometry(part, place(part, profile), 1)
+    geometry = layer_geometry(part, place_part(part, profile), 1)
     n, m = len(geometry.points_mm), geometry.n_tracks
     assert geometry.layer == 1
     assert geometry.starts[0] == 0
@@ -30,7 +30,7 @@ def test_a_layer_is_flat_arrays_that_agree(make_part, shapes, profile):
 
 def test_a_layer_travels_to_another_process_whole(make_part, shapes, profile):
     part = make_part(shapes["disc"], lambda p: 0.5)
-    geometry = layer_geometry(part, place(part, profile), 0)
+    geometry = layer_geometry(part, place_part(part, profile), 0)
     again = pickle.loads(pickle.dumps(geometry))
     assert np.array_equal(again.points_mm, geometry.points_mm)
     assert again.figures == geometry.figures

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lmctl.config.part_file import Process
+from lmctl.config.part_file import ProcessSettings
 from lmctl.errors import PlanError
 from lmctl.job.reader import JobReader
 from lmctl.job.schema import LineKind
@@ -187,7 +187,7 @@ def test_beads_lie_half_a_pitch_inside_and_layers_one_height_apart(planned, prof
 def test_no_digit_of_a_plan_is_one_that_its_run_refuses(
         tmp_path, make_part, shapes, profile, fraction, height_mm):
     """Totals are rounded, for people; what is held against them is not."""
-    process = Process(layer_height_mm=height_mm, bead_width_mm=1.37, speed_mm_s=8.3)
+    process = ProcessSettings(layer_height_mm=height_mm, bead_width_mm=1.37, speed_mm_s=8.3)
     part = make_part(shapes["small disc"], lambda p: fraction + 0.007 * p[:, 0],
                      height_mm=2 * height_mm, process=process)
     plan_job(part, profile, tmp_path / "a.lmj")
@@ -260,7 +260,7 @@ def test_less_powder_than_a_hopper_meters_is_warned_of(tmp_path, make_part, shap
 
 def test_the_papers_strategy_gives_each_contour_one_mixture(tmp_path, make_part, shapes, profile):
     part = make_part(shapes["rectangle"], lambda p: 0.5 + 0.02 * p[:, 0],
-                     process=Process(strategy="iso-3d"))
+                     process=ProcessSettings(strategy="iso-3d"))
     plan_job(part, profile, tmp_path / "a.lmj")
     _, layers = layers_of(tmp_path / "a.lmj")
     row = layers[0].lines[layers[0].lines["kind"] == LineKind.BEAD]
@@ -278,7 +278,7 @@ def test_a_mixture_that_changes_faster_than_powder_can_is_slowed_down(
     slow = plan_job(part, profile, tmp_path / "a.lmj")
     text = " ".join(finding["text"] for finding in slow.verdict)
     assert "slowed to" in text
-    fixed = plan_job(make_part(shapes["rectangle"], steep, process=Process(powder="none")),
+    fixed = plan_job(make_part(shapes["rectangle"], steep, process=ProcessSettings(powder="none")),
                      profile, tmp_path / "b.lmj")
     assert fixed.totals["mixture_share"] < 0.5
     assert slow.totals["mixture_share"] > 0.9
@@ -299,7 +299,7 @@ def test_lead_in_puts_the_bead_at_full_speed(tmp_path, make_part, shapes, profil
 
 
 def test_without_lead_in_it_still_plans(tmp_path, make_part, shapes, profile):
-    part = make_part(shapes["annulus"], lambda p: 0.5, process=Process(lead_in_mm=0))
+    part = make_part(shapes["annulus"], lambda p: 0.5, process=ProcessSettings(lead_in_mm=0))
     manifest = plan_job(part, profile, tmp_path / "a.lmj")
     assert manifest.totals["contours"] > 0
 
@@ -318,7 +318,7 @@ def test_other_horizons(tmp_path, make_part, shapes, profile):
         ({"outline": "thin"}, "nothing as wide as a bead"),
         ({"height_mm": 0.3}, "not more than half a layer"),
         ({"placement_mm": (290.0, 150.0, 0.0)}, "outside the travel"),
-        ({"process": Process(layer_height_mm=8.0), "height_mm": 16.0}, "at most 60"),
+        ({"process": ProcessSettings(layer_height_mm=8.0), "height_mm": 16.0}, "at most 60"),
     ],
 )
 def test_what_cannot_be_planned_is_refused_whole(
@@ -335,7 +335,7 @@ def test_what_cannot_be_planned_is_refused_whole(
 def test_a_lead_in_beyond_the_bed_is_refused_at_its_layer(tmp_path, make_part, shapes, profile):
     """The wall ends at the bed's edge, and its track points over it."""
     part = make_part(shapes["wall 1.0"], lambda p: 0.5, placement_mm=(20.0, 50.0, 0.0),
-                     process=Process(lead_in_mm=5), height_mm=8.0)
+                     process=ProcessSettings(lead_in_mm=5), height_mm=8.0)
     done = []
     with pytest.raises(PlanError, match="layer 1 of prism reaches outside") as caught:
         plan_job(part, profile, tmp_path / "a.lmj", lambda layer, _: done.append(layer))
@@ -351,7 +351,7 @@ def test_a_second_hopper_of_a_material_is_said_to_be_idle(tmp_path, make_part, s
     told = [finding["text"] for finding in plan_job(part, cell, tmp_path / "a.lmj").verdict]
     assert any("hopper C holds 316L too, and is not used" in text for text in told)
     thick = make_part(shapes["annulus"], lambda p: 0.0, height_mm=24.0,
-                      process=Process(layer_height_mm=12.0))
+                      process=ProcessSettings(layer_height_mm=12.0))
     with pytest.raises(PlanError, match="at most 60") as caught:
         plan_job(thick, cell, tmp_path / "b.lmj")
     assert "hopper C holds 316L too" in caught.value.render()

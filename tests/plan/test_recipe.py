@@ -8,7 +8,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from lmctl.config.part_file import Process
+from lmctl.config.part_file import ProcessSettings
 from lmctl.errors import PlanError
 from lmctl.plan.recipe import hopper_flows_g_min, make_recipe
 
@@ -65,7 +65,7 @@ def test_every_mixture_of_three_powders_has_a_deliverable_one_near(materials, pr
     mixed = (replace(materials[0], speed_mm_s=8.0), materials[1], third)
     hopper = profile.hopper[0].model_copy(update={"name": "C", "material": "IN625"})
     recipe = make_recipe(
-        mixed, Process(), profile.model_copy(update={"hopper": (*profile.hopper, hopper)}))
+        mixed, ProcessSettings(), profile.model_copy(update={"hopper": (*profile.hopper, hopper)}))
     wanted = np.array([(a, b, 50 - a - b) for a in range(51) for b in range(51 - a)]) / 50
     got = recipe.deliverable(wanted)
     recipe.check_deliverable(got, "layer 1")
@@ -82,7 +82,7 @@ def test_mixtures_are_made_deliverable_each_for_itself(materials, profile):
     hopper = profile.hopper[0].model_copy(
         update={"name": "C", "material": "IN625", "min_flow_g_min": 2.0})
     recipe = make_recipe(
-        (replace(materials[0], speed_mm_s=6.0), materials[1], third), Process(),
+        (replace(materials[0], speed_mm_s=6.0), materials[1], third), ProcessSettings(),
         profile.model_copy(update={"hopper": (*profile.hopper, hopper)}))
     wanted = np.random.default_rng(0).dirichlet([0.4, 0.4, 0.4], 200).round(2)
     wanted = wanted[wanted.sum(axis=1) > 0.5]
@@ -97,7 +97,7 @@ def test_mixtures_are_made_deliverable_each_for_itself(materials, profile):
 
 def test_least_flows_that_leave_too_little_for_the_rest(materials, profile):
     """Each hopper's least is more than half of this thin layer: one powder goes."""
-    recipe = make_recipe(materials, Process(layer_height_mm=0.12), profile)
+    recipe = make_recipe(materials, ProcessSettings(layer_height_mm=0.12), profile)
     least = recipe.min_flow_g_s / np.diag(recipe.flow_g_s(np.eye(2)))
     assert 0.5 < least[0] < 1
     got = recipe.deliverable(mixes(0.42, 0.7))
@@ -105,7 +105,7 @@ def test_least_flows_that_leave_too_little_for_the_rest(materials, profile):
 
 
 def test_too_much_for_a_hopper_says_what_to_do(materials, profile):
-    fast = make_recipe(materials, Process(layer_height_mm=4.0), profile)
+    fast = make_recipe(materials, ProcessSettings(layer_height_mm=4.0), profile)
     with pytest.raises(PlanError) as caught:
         fast.check_deliverable(mixes(0.0, 1.0), "layer 3")
     text = caught.value.render()
@@ -118,7 +118,7 @@ def test_too_much_for_a_hopper_says_what_to_do(materials, profile):
 def test_the_speed_a_hint_gives_is_one_the_hopper_can_follow(materials, profile):
     """As told in three digits, in both directions."""
     for height, share in ((4.0, 1.0), (3.7, 0.9), (0.03, 0.0), (0.031, 1.0)):
-        process = Process(layer_height_mm=height)
+        process = ProcessSettings(layer_height_mm=height)
         with pytest.raises(PlanError) as caught:
             make_recipe(materials, process, profile).check_deliverable(mixes(share), "layer 1")
         said = re.search(r"speed_mm_s to at (?:most|least) ([\d.]+),", caught.value.hint)
@@ -128,7 +128,7 @@ def test_the_speed_a_hint_gives_is_one_the_hopper_can_follow(materials, profile)
 
 
 def test_too_little_of_a_pure_powder_says_what_to_do(materials, profile):
-    slow = make_recipe(materials, Process(layer_height_mm=0.03), profile)
+    slow = make_recipe(materials, ProcessSettings(layer_height_mm=0.03), profile)
     with pytest.raises(PlanError, match=r"at least 0\.8"):
         slow.check_deliverable(slow.deliverable(mixes(0.0)), "layer 1")
 
@@ -136,5 +136,5 @@ def test_too_little_of_a_pure_powder_says_what_to_do(materials, profile):
 def test_a_material_without_a_hopper(materials, profile):
     other = (materials[0], replace(materials[1], name="IN718"))
     with pytest.raises(PlanError, match="no hopper of 'bench cell' holds IN718") as caught:
-        make_recipe(other, Process(), profile)
+        make_recipe(other, ProcessSettings(), profile)
     assert "A: 316L" in caught.value.where[0]

@@ -6,7 +6,7 @@
 import numpy as np
 import pytest
 
-from lmctl.config.part_file import Process
+from lmctl.config.part_file import ProcessSettings
 from lmctl.job.reader import JobReader
 from lmctl.job.schema import LineKind
 from lmctl.plan.planner import plan_job
@@ -27,8 +27,9 @@ def rings(tmp_path, make_part, profile):
             [10.5 * circle, 0.5 * circle[::-1]],
             lambda p: lowest + 0.1 * (np.round(np.hypot(p[:, 0], p[:, 1])) - 1),
             height_mm=0.8, pitch_mm=0.125,
-            process=Process(bead_width_mm=1.0, overlap=0.0, lead_in_mm=0.0, travel_speed_mm_s=1.0,
-                            powder=mode, dwell_s=30.0))
+            process=ProcessSettings(bead_width_mm=1.0, overlap=0.0, lead_in_mm=0.0,
+                                    travel_speed_mm_s=1.0,
+                                    powder=mode, dwell_s=30.0))
         manifest = plan_job(part, even, tmp_path / "rings.lmj")
         with JobReader(tmp_path / "rings.lmj") as job:
             lines = job.layer(0).lines

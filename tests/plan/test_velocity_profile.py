@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lmctl.config.machine import Motion
+from lmctl.config.machine import MotionSettings
 from lmctl.job.schema import LineKind
 from lmctl.plan.sequence.moves import join, lines, on_raster
 from lmctl.plan.sequence.velocity_profile import line_durations
@@ -20,7 +20,7 @@ def motion(**changes):
         "max_speed_mm_s": (100, 100, 100), "acceleration_mm_s2": (500, 500, 500),
         "junction_deviation_mm": 0.01, "planner_blocks": 100, "purge_mm": (0, 0, 0),
     }
-    return Motion.model_validate(values | changes)
+    return MotionSettings.model_validate(values | changes)
 
 
 def path(points, speed=10.0):

@@ -8,9 +8,9 @@ from shapely.affinity import rotate
 from shapely.geometry import LineString, Point, Polygon, box
 from shapely.ops import unary_union
 
-from lmctl.config.part_file import Process
+from lmctl.config.part_file import ProcessSettings
 from lmctl.plan.geometry import layer_geometry
-from lmctl.preflight.placement import place
+from lmctl.preflight.placement import place_part
 
 BEAD = 2.0
 PITCH = BEAD * (1 - 0.333)
@@ -27,8 +27,8 @@ def loops_of(poly):
 @pytest.fixture
 def geometry_of(make_part, profile):
     def make(poly, mixture=lambda p: 0.5, **process):
-        part = make_part(loops_of(poly), mixture, height_mm=0.8, process=Process(**process))
-        return layer_geometry(part, place(part, profile), 0)
+        part = make_part(loops_of(poly), mixture, height_mm=0.8, process=ProcessSettings(**process))
+        return layer_geometry(part, place_part(part, profile), 0)
 
     return make
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from lmctl.errors import JobError
-from lmctl.job.schema import HopperUse
+from lmctl.job.schema import JobHopper
 from lmctl.preflight.job_check import check_job
 
 
@@ -67,7 +67,7 @@ def test_a_job_planned_for_another_profile(manifest, profile, changes, said):
         ({"totals": {"longest_line_s": 0.3}}, "longest line lasts 0.300 s"),
         ({"totals": {"peak_flow_g_min": {"B": 61.0}}}, "hopper B would deliver 61.0"),
         ({"totals": {"peak_power_W": 3100.0}}, "wants 3100 W"),
-        ({"hoppers": (HopperUse("A", "IN625", 3, 1, 60),)}, "no hopper A with IN625"),
+        ({"hoppers": (JobHopper("A", "IN625", 3, 1, 60),)}, "no hopper A with IN625"),
     ],
 )
 def test_a_job_beyond_the_machine(manifest, profile, changes, said):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lmctl.config.part_file import Process
+from lmctl.config.part_file import ProcessSettings
 from lmctl.errors import PlanError
 from lmctl.part.materials.powders import MaterialSpec
 from lmctl.preflight.part_check import check_part
@@ -27,7 +27,7 @@ def test_centred_on_the_platform_with_its_lowest_point_on_it(part, profile):
     assert placement.cut_mm(0) == pytest.approx(-3 + 5 / 13)
     assert placement.nozzle_mm(0) == pytest.approx(10 / 13)
     assert placement.nozzle_mm(12) == pytest.approx(10)
-    assert placement.height_left_mm() == pytest.approx(0)
+    assert placement.uncovered_height_mm() == pytest.approx(0)
 
 
 @pytest.mark.parametrize(("tall", "fitted"), [
@@ -56,17 +56,17 @@ def test_less_than_half_a_layer(part, profile):
 
 
 def test_more_layers_than_a_job_holds(part, profile):
-    tall = replace(part, high_mm=(20.0, 20.0, 87.0), process=Process(layer_height_mm=0.005))
+    tall = replace(part, high_mm=(20.0, 20.0, 87.0), process=ProcessSettings(layer_height_mm=0.005))
     assert "18,000 layers" in refusal(tall, profile)
 
 
 def test_only_some_layers(part, profile):
     placement = check_part(part, profile)
-    lowered = placement.only(2, 9, set_down=True)
+    lowered = placement.restricted_to(2, 9, set_down=True)
     assert lowered.n_layers == 8
     assert lowered.nozzle_mm(0) == pytest.approx(10 / 13)
     assert lowered.cut_mm(0) == pytest.approx(placement.cut_mm(2))
-    kept = placement.only(2, 9, set_down=False)
+    kept = placement.restricted_to(2, 9, set_down=False)
     assert kept.nozzle_mm(0) == pytest.approx(placement.nozzle_mm(2))
 
 
@@ -111,7 +111,7 @@ def test_everything_in_the_way_at_once(part, profile):
 
 
 def test_a_finer_layer_height_makes_more_layers(part, profile):
-    finer = replace(part, process=Process(layer_height_mm=0.25))
+    finer = replace(part, process=ProcessSettings(layer_height_mm=0.25))
     placement = check_part(finer, profile)
     assert placement.n_layers == 40
     heights = np.array([placement.nozzle_mm(i) for i in range(40)])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lmctl.errors import JobError
-from lmctl.job.layer_rules import broken_rule
+from lmctl.job.layer_rules import first_broken_rule
 from lmctl.job.schema import JobLayer, LineKind, line_dtype
 from lmctl.preflight.program_check import check_program
 
@@ -40,7 +40,7 @@ def layer_of(rows, index=0, first_line=0, start_s=0.0) -> JobLayer:
     program = tuple(f"N{first_line + at} {row[0]}" for at, row in enumerate(rows))
     flow_s = np.array([start_s, lines["end_s"][-1]])
     layer = JobLayer(index, 1.0, first_line, program, lines, flow_s, np.zeros((2, 2)))
-    assert broken_rule(layer, 2, 2) is None, "the job's own rules would have refused it"
+    assert first_broken_rule(layer, 2, 2) is None, "the job's own rules would have refused it"
     return layer
 
 

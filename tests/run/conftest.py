@@ -10,7 +10,7 @@ import pytest
 
 from lmctl.job.manifest_json import part_digest
 from lmctl.job.schema import (
-    HopperUse,
+    JobHopper,
     JobLayer,
     JobManifest,
     LayerEntry,
@@ -18,7 +18,7 @@ from lmctl.job.schema import (
     line_dtype,
 )
 from lmctl.job.writer import JobWriter
-from lmctl.run.program.window import JobWindow
+from lmctl.run.program.job_window import JobWindow
 
 START_MM = (0.0, 0.0, 0.0)
 
@@ -93,7 +93,7 @@ def build(
         part_name="test", part_sha256="cd" * 32, sources={}, machine="bench",
         profile_digest="ef" * 32, software="lmctl test", powder_mode=mode, s_max=1000,
         max_power_W=3000.0, send_horizon_s=1.0, materials=("316L", "WC-12Co"),
-        hoppers=(HopperUse("A", "316L", 3.0, 1.0, 60.0), HopperUse("B", "WC-12Co", 2.0, 0.5, 60.0)),
+        hoppers=(JobHopper("A", "316L", 3.0, 1.0, 60.0), JobHopper("B", "WC-12Co", 2.0, 0.5, 60.0)),
         bounds_mm=((0, 0, 0), (100, 100, 10)), totals={"duration_s": s}, verdict=(),
         layers=tuple(entries),
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from lmctl.errors import LmctlError
-from lmctl.run.journal.rundir import JOURNAL
+from lmctl.run.journal.run_folders import JOURNAL
 
 
 def journal_of_only_run(runs_dir: Path, error: LmctlError | None) -> Path:

@@ -16,18 +16,18 @@ from pathlib import Path
 
 import numpy as np
 
-from lmctl.cli.bench import rewire
+from lmctl.cli.bench import replace_endpoints
 from lmctl.config.machine import load_profile
 from lmctl.errors import JournalError, LmctlError, UsageError
 from lmctl.job.reader import JobReader
 from lmctl.part.load import load_part
 from lmctl.plan.planner import plan_job
 from lmctl.report.part_record import PartRecord, part_of
-from lmctl.run.executor import Continuation, Executor
-from lmctl.run.journal.aftermath import aftermath
+from lmctl.run.executor import EarlierRun, RunExecutor
 from lmctl.run.journal.recovery import find_place, refuse_finished
-from lmctl.run.journal.rundir import RunDir, names
-from lmctl.run.state.table import FINAL, State
+from lmctl.run.journal.replay import replay_run
+from lmctl.run.journal.run_folders import RunFolder, run_names
+from lmctl.run.state.transitions import FINAL_STATES, RunState
 from lmctl.run.unreported import keep_unreported
 from simulators import virtual_time
 from simulators.bench import Bench
@@ -137,7 +137,7 @@ class _Making:
         self._loop = asyncio.get_running_loop()
         async with Bench(self._config, ephemeral_ports=True) as bench:
             self._bench = bench
-            self._cell = rewire(self._profile, bench.endpoints)
+            self._cell = replace_endpoints(self._profile, bench.endpoints)
             self._watch_powder()
             continues = None
             for number in range(self._rng.integers(1, 4)):
@@ -154,14 +154,14 @@ class _Making:
             await asyncio.sleep(30.0)
             self._judge()
         runs = self._folder / "runs"
-        self._part.record = part_of(runs / names(runs)[-1] / "journal.jsonl")
+        self._part.record = part_of(runs / run_names(runs)[-1] / "journal.jsonl")
 
     # --- what is done to it -------------------------------------------------------------------
 
-    async def _one_run(self, continues: Continuation | None, *, to_the_end: bool) -> str:
+    async def _one_run(self, continues: EarlierRun | None, *, to_the_end: bool) -> str:
         runs = self._folder / "runs"
-        run = Executor(self._job, self._cell, runs, operator="Ada", continues=continues)
-        acts: list[Callable[[Executor], object]] = [self._hold, self._panel_hold, self._override]
+        run = RunExecutor(self._job, self._cell, runs, operator="Ada", continues=continues)
+        acts: list[Callable[[RunExecutor], object]] = [self._hold, self._panel_hold, self._override]
         task = asyncio.create_task(run.run())
         acting = asyncio.create_task(self._act(run, acts, to_the_end))
         try:
@@ -181,51 +181,51 @@ class _Making:
             return "killed"
         return run.state.value
 
-    async def _act(self, run: Executor, acts: list[Callable], to_the_end: bool) -> None:
+    async def _act(self, run: RunExecutor, acts: list[Callable], to_the_end: bool) -> None:
         rng = self._rng
         for _ in range(int(rng.integers(0, 3))):
-            await self._until(run, State.DEPOSITING)
+            await self._until(run, RunState.DEPOSITING)
             await asyncio.sleep(float(rng.uniform(0.2, self._program_s / 2)))
-            if run.state is not State.DEPOSITING:
+            if run.state is not RunState.DEPOSITING:
                 continue
             await acts[rng.integers(len(acts))](run)
-        await self._until(run, State.DEPOSITING)
+        await self._until(run, RunState.DEPOSITING)
         await asyncio.sleep(float(rng.uniform(0.2, self._program_s)))
-        if to_the_end or run.state is not State.DEPOSITING:
+        if to_the_end or run.state is not RunState.DEPOSITING:
             return
         if rng.random() < 0.5:
             self._note("stop")
             if rng.random() < 0.5:
                 run.hold()
-                await self._until(run, State.HELD)
+                await self._until(run, RunState.HELD)
             run.stop()
         else:
             self._kill(run)
 
-    async def _hold(self, run: Executor) -> None:
+    async def _hold(self, run: RunExecutor) -> None:
         self._note("hold")
         run.hold()
         await self._resume(run)
 
-    async def _panel_hold(self, run: Executor) -> None:
+    async def _panel_hold(self, run: RunExecutor) -> None:
         self._note("hold at the panel")
         self._bench.motion.receive(b"!")
         await self._resume(run)
 
-    async def _override(self, run: Executor) -> None:
+    async def _override(self, run: RunExecutor) -> None:
         percent = int(self._rng.choice([60, 80, 110, 130]))
         self._note(f"override {percent} %")
         run.set_override(percent)
 
-    async def _resume(self, run: Executor) -> None:
-        await self._until(run, State.HELD)
+    async def _resume(self, run: RunExecutor) -> None:
+        await self._until(run, RunState.HELD)
         await asyncio.sleep(float(self._rng.uniform(1.0, 20.0)))
         try:
             run.resume()
         except UsageError as error:
             raise AssertionError(f"seed {self._part.seed}: {error.render()}") from error
 
-    def _kill(self, run: Executor) -> None:
+    def _kill(self, run: RunExecutor) -> None:
         """What a killed host leaves: its files as they are, and every connection closed."""
         self._note("host killed")
         self._snapshot = self._folder / "killed"
@@ -237,26 +237,26 @@ class _Making:
         for device in (*cell.feeders, *filter(None, [cell.safety])):
             asyncio.ensure_future(_link_of(device).close())  # noqa: RUF006
 
-    async def _until(self, run: Executor, state: State) -> None:
-        while run.state not in (state, *FINAL):  # noqa: ASYNC110 (it has no event)
+    async def _until(self, run: RunExecutor, state: RunState) -> None:
+        while run.state not in (state, *FINAL_STATES):  # noqa: ASYNC110 (it has no event)
             await asyncio.sleep(0.05)
 
     def _note(self, what: str) -> None:
         self._part.happened.append(f"{self._loop.time():.2f} s: {what}")
 
-    def _continuation(self) -> Continuation | None:
+    def _continuation(self) -> EarlierRun | None:
         """As `lmctl recover` finds it; None where no bead is left."""
         runs = self._folder / "runs"
-        made = RunDir(runs / names(runs)[-1])
+        made = RunFolder(runs / run_names(runs)[-1])
         with JobReader(made.job) as job:
-            after = aftermath(made)
+            after = replay_run(made)
             found = find_place(job, after, tuple(self._bench.motion.position_mm))
             try:
                 refuse_finished(job, after, found.place, self._profile.motion)
             except JournalError:
                 keep_unreported(job, self._profile, made, found.place)
                 return None
-        return Continuation(made.run, found.place, trusted=found.matched)
+        return EarlierRun(made.run, found.place, trusted=found.matched)
 
     # --- what was really executed -------------------------------------------------------------
 
@@ -281,7 +281,7 @@ class _Making:
         process.command = noted
 
     def _judge(self) -> None:
-        path = self._bench.record.beam_path()
+        path = self._bench.record.beam_on_path()
         layer_of = np.array([self._layer_of(int(line)) for line in path.line])
         for layer in sorted(set(layer_of.tolist()) - {0}):
             here = layer_of == layer
@@ -292,7 +292,7 @@ class _Making:
                     (path.power_fraction[here] * path.duration_s[here]).sum() * self._full_W),
             }
         for feeder in self._bench.feeders.values():
-            now_s = feeder.settle()
+            now_s = feeder.advance_to_now()
         for name, knots in self._powder.items():
             times, fed = np.array(knots).T
             for layer, begin_s, end_s in self._windows():

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from lmctl.errors import JournalError
-from lmctl.run.cell.beam import Beam
+from lmctl.run.cell.beam_control import BeamControl
 
 
 class Motion:
@@ -32,5 +32,5 @@ def test_a_journal_that_cannot_be_written_leaves_no_motion_planned():
         raise JournalError("the disk is full")
 
     with pytest.raises(JournalError):
-        asyncio.run(Beam(SimpleNamespace(motion=motion, safety=None)).stop(at_rest, print))
+        asyncio.run(BeamControl(SimpleNamespace(motion=motion, safety=None)).stop(at_rest, print))
     assert motion.done == ["hold", "at rest", "reset"]

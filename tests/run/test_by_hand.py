@@ -8,8 +8,8 @@ import os
 import pytest
 
 from lmctl.errors import JournalError
-from lmctl.run.journal.by_hand import MachineJournal
-from lmctl.run.journal.file import read, verify
+from lmctl.run.journal.format import read_records, verify_journal
+from lmctl.run.journal.manual_journal import MachineJournal
 
 
 def test_a_record_that_the_disk_takes_in_pieces_is_written_whole(tmp_path, monkeypatch):
@@ -18,9 +18,9 @@ def test_a_record_that_the_disk_takes_in_pieces_is_written_whole(tmp_path, monke
     journal = MachineJournal(tmp_path, "cell")
     journal.append("act", do="home")
     journal.append("ended", do="home")
-    found = verify(journal.path)
-    assert (found.whole, found.dropped_bytes) == (True, 0)
-    assert [record["kind"] for record in read(journal.path)] == ["header", "act", "ended"]
+    found = verify_journal(journal.path)
+    assert (found.intact, found.dropped_bytes) == (True, 0)
+    assert [record["kind"] for record in read_records(journal.path)] == ["header", "act", "ended"]
 
 
 def test_a_full_disk_is_said_before_anything_is_done(tmp_path, monkeypatch):
@@ -40,4 +40,4 @@ def test_a_full_disk_is_said_before_anything_is_done(tmp_path, monkeypatch):
         journal.append("act", do="jog")
     monkeypatch.setattr("os.write", write)
     journal.append("act", do="unlock")
-    assert [record.get("do") for record in read(journal.path)] == [None, "home", "unlock"]
+    assert [record.get("do") for record in read_records(journal.path)] == [None, "home", "unlock"]

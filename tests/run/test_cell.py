@@ -12,8 +12,8 @@ import pytest
 from lmctl.config.machine import load_profile
 from lmctl.errors import JobError, LmctlError, MachineError
 from lmctl.run.executor import run_job
-from lmctl.run.journal.file import read, verify
-from lmctl.run.journal.rundir import list_runs
+from lmctl.run.journal.format import read_records, verify_journal
+from lmctl.run.journal.run_folders import list_runs
 from simulators import virtual_time
 
 
@@ -56,8 +56,8 @@ def test_a_run_that_could_not_begin_leaves_a_sealed_journal(tmp_path, nobody, jo
     (run,) = list_runs(tmp_path / "runs")
     assert run.state == "faulted"
     journal = tmp_path / "runs" / run.run / "journal.jsonl"
-    assert verify(journal).sealed
-    kinds = [record["kind"] for record in read(journal)]
+    assert verify_journal(journal).sealed
+    kinds = [record["kind"] for record in read_records(journal)]
     assert kinds[0] == "header"
     assert "fault" in kinds
     assert "path" not in kinds

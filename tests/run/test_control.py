@@ -17,11 +17,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from lmctl.errors import JournalError, UsageError
-from lmctl.run.control import path as control_path
+from lmctl.run.control import socket_path as control_path
 from lmctl.run.control.server import (
-    MOST_CLIENTS,
-    MOST_REQUEST_BYTES,
-    Controls,
+    MAX_CLIENTS,
+    MAX_REQUEST_BYTES,
+    ControlCallbacks,
     ControlSocket,
     listening,
     read_request,
@@ -59,7 +59,7 @@ def serve(folder, talk, run=None):
 
     async def main():
         with listening(folder) as made:
-            control = ControlSocket(made, Controls(run.status, run.act, run.heard))
+            control = ControlSocket(made, ControlCallbacks(run.status, run.act, run.heard))
             control.start()
             await talk(run)
             await control.close()
@@ -106,7 +106,7 @@ def test_requests_are_answered_in_order_and_acts_are_told_of(tmp_path):
     b'{"do": "override", "percent": true}\n', b'{"do": "override", "percent": 1e2}\n',
     b'{"do": "override", "percent": 9999999999999}\n', b'{"do": "watch", "every_s": NaN}\n',
     b'{"do": "watch", "every_s": 0}\n', b'{"do": "watch", "every_s": 1e400}\n',
-    b'{"do": "status"' + b" " * MOST_REQUEST_BYTES + b"}\n", b"[" * 1000 + b"\n",
+    b'{"do": "status"' + b" " * MAX_REQUEST_BYTES + b"}\n", b"[" * 1000 + b"\n",
     b"x" * 100_000,
 ])
 def test_nonsense_is_refused_and_its_sender_dropped(tmp_path, line):
@@ -191,7 +191,7 @@ def test_a_client_that_never_reads_is_dropped_and_costs_the_others_nothing(tmp_p
 def test_of_too_many_clients_the_one_silent_for_longest_goes(tmp_path):
     async def talk(run):
         crowd = []
-        for _ in range(3 * MOST_CLIENTS):
+        for _ in range(3 * MAX_CLIENTS):
             crowd.append(await connected(tmp_path))
             await asyncio.sleep(0.001)
         assert (await asked(tmp_path, {"do": "hold"}))[0]["ok"]
@@ -245,7 +245,7 @@ def test_who_watches_sees_how_it_ended(tmp_path):
 
         async def body():
             with listening(tmp_path) as made:
-                control = ControlSocket(made, Controls(run.status, run.act, run.heard))
+                control = ControlSocket(made, ControlCallbacks(run.status, run.act, run.heard))
                 control.start()
                 await main(run)
                 await control.close()

@@ -6,20 +6,26 @@ from dataclasses import replace
 
 import pytest
 
-from firmware_protocol.pmx import HopperFlags, Mode, Status
-from firmware_protocol.pmx import State as FeederState
+from firmware_protocol.pmx import FeederMode, FeederStatusBits, HopperStatusBits
+from firmware_protocol.pmx import FeederStateCode as FeederState
 from firmware_protocol.status import parse_status
-from lmctl.config.machine import Hopper, Safety
+from lmctl.config.machine import HopperSettings, SafetySettings
 from lmctl.machine.feeder.readings import HopperReading
 from lmctl.machine.feeder.status import FeederStatus
 from lmctl.machine.feeder.warnings import FeederWarning
 from lmctl.machine.safety.status import SafetyStatus
-from lmctl.run.interlocks.alarms import Alarms, EmergencyStop, Interlock, Trip
-from lmctl.run.interlocks.facts import Facts, FeederFacts, OffProgram, Unasked, said
-from lmctl.run.interlocks.rules import RULES, RULES_WITHOUT_SAFETY
-from lmctl.run.interlocks.supervision import Supervision
+from lmctl.run.interlocks.alarms import EmergencyStopError, InterlockError, RunAlarms, Trip
+from lmctl.run.interlocks.inputs import (
+    FeederAge,
+    InterlockInputs,
+    ProgramDeviation,
+    UncommandedOutput,
+    feeder_reading,
+)
+from lmctl.run.interlocks.rules import INTERLOCK_RULES, INTERLOCK_RULES_WITHOUT_SAFETY
+from lmctl.run.interlocks.supervision import InterlockSupervision
 
-LIMITS = Safety(
+LIMITS = SafetySettings(
     endpoint="modbus-tcp://127.0.0.1:5023", shield_gas_min_L_min=12, chiller_min_L_min=6,
     chiller_max_C=25, oxygen_trip_ppm=1000, relay_timeout_s=0.5,
 )
@@ -31,12 +37,13 @@ GOOD = SafetyStatus(
     first_out=None, trip_count=0, self_test_ok=True, heartbeat_echo=1, heartbeat_age_s=0.0,
     uptime_s=1, tick_ms=1,
 )
-HOPPER = Hopper(name="A", feeder="F1", material="316L", dead_time_s=3, lag_s=1, max_flow_g_min=60)
+HOPPER = HopperSettings(name="A", feeder="F1", material="316L", dead_time_s=3, lag_s=1,
+                        max_flow_g_min=60)
 
 
 def reading(**changes):
     return replace(HopperReading(
-        time_s=0.0, flags=HopperFlags(0), setpoint_g_min=6.0, flow_est_g_min=6.0,
+        time_s=0.0, flags=HopperStatusBits(0), setpoint_g_min=6.0, flow_estimated_g_min=6.0,
         flow_weighed_g_min=6.0, weight_g=1000.0, level_percent=50.0, carrier_L_min=4.0,
     ), **changes)
 
@@ -46,20 +53,22 @@ def feeder(
 ):
     warnings = [FeederWarning(55, "F1", name, "clipped", "") for name in clipped or ()]
     status = FeederStatus(
-        time_s=0.0, state=FeederState.FEEDING if feeding else FeederState.READY, mode=Mode.REMOTE,
-        flags=Status.STABLE, alarm=None, warnings=tuple(warnings), clipped=clipped is not None,
+        time_s=0.0, state=FeederState.FEEDING if feeding else FeederState.READY,
+        mode=FeederMode.REMOTE,
+        flags=FeederStatusBits.STABLE, alarm=None, warnings=tuple(warnings),
+        clipped=clipped is not None,
         seq_applied=1,
         heartbeat_age_s=0.0, uptime_s=1, tick_ms=1, total_gas_L_min=4.0,
         mixer_pressure_mbar=mixer_mbar, hoppers={"A": reading(**changes)}, gas_ok=True,
         feeding=feeding, stable=True,
     )
-    return {"feeders": (FeederFacts("F1", age_s, 1.0),),
-            "answers": (said("F1", status, (HOPPER,), mixer_max_mbar),)}
+    return {"feeders": (FeederAge("F1", age_s, 1.0),),
+            "answers": (feeder_reading("F1", status, (HOPPER,), mixer_max_mbar),)}
 
 
-FINE = Facts(
+FINE = InterlockInputs(
     motion=parse_status("<Run|MPos:1.000,2.000,3.000|FS:600,500>"), motion_age_s=0.1,
-    motion_period_s=0.2, still_s=0.0, off_program=OffProgram(), **feeder(),
+    motion_period_s=0.2, standstill_s=0.0, deviation=ProgramDeviation(), **feeder(),
     safety=GOOD, safety_age_s=0.0, limits=LIMITS,
 )
 
@@ -77,7 +86,7 @@ def with_motion(text):
 
 
 def off(**differences):
-    return FINE._replace(off_program=OffProgram(**differences))
+    return FINE._replace(deviation=ProgramDeviation(**differences))
 
 
 #: What is the matter, by the name of the rule that must find it.
@@ -102,14 +111,14 @@ TRIPPED = [
     ("extraction", with_safety(extraction_ok=False), "extraction"),
     ("safety inputs silent", FINE._replace(safety_age_s=0.31), "0.3 s"),
     ("motion silent", FINE._replace(motion_age_s=0.7), "0.7 s"),
-    ("position", FINE._replace(still_s=1.1), "1.1 s"),
+    ("position", FINE._replace(standstill_s=1.1), "1.1 s"),
     ("path", off(path_mm=0.11), "0.1 mm off the programmed path"),
     ("wait", off(early_s=1.5), "1.5 s ahead of the program"),
-    ("feed and power", off(unasked=Unasked(20.0, 10.0, 500.0, (900.0,))),
+    ("feed and power", off(unasked=UncommandedOutput(20.0, 10.0, 500.0, (900.0,))),
      "10.0 mm/s at most"),
-    ("feed and power", off(unasked=Unasked(50.0, 50.0, 580.0, (0.0,))),
+    ("feed and power", off(unasked=UncommandedOutput(50.0, 50.0, 580.0, (0.0,))),
      "580 W of beam, says the motion controller; the program asks for no beam here"),
-    ("feed and power", off(unasked=Unasked(10.0, 10.0, 90.0, (880.0, 900.0))),
+    ("feed and power", off(unasked=UncommandedOutput(10.0, 10.0, 90.0, (880.0, 900.0))),
      "880 or 900 W at that speed"),
     ("feeder silent", with_feeder(age_s=3.1), "feeder F1"),
     ("mixer pressure", with_feeder(mixer_mbar=201.0), "201 mbar, 200 mbar"),
@@ -125,13 +134,13 @@ TRIPPED = [
 
 
 def found(facts):
-    return [(rule.name, finding) for rule in RULES for finding in rule.look(facts)]
+    return [(rule.name, finding) for rule in INTERLOCK_RULES for finding in rule.find(facts)]
 
 
 def test_a_good_cell_trips_nothing_with_a_safety_device_and_without():
     assert found(FINE) == []
     assert found(FINE._replace(safety=None, limits=None)) == []
-    assert found(FINE._replace(feeders=(), answers=())) == []
+    assert found(FINE._replace(feeders=(), feeder_readings=())) == []
 
 
 @pytest.mark.parametrize(("name", "facts", "words"), TRIPPED,
@@ -147,15 +156,15 @@ def test_each_row(name, facts, words):
                          ids=[f"{n}-{w}" for n, _, w in TRIPPED])
 def test_a_cell_without_a_safety_device_is_spared_only_what_such_a_device_says(name, facts, words):
     bare = facts._replace(safety=None, limits=None)
-    spared = [rule for rule in RULES if rule not in RULES_WITHOUT_SAFETY]
-    assert [finding for rule in spared for finding in rule.look(bare)] == []
-    kept = [finding for rule in RULES_WITHOUT_SAFETY for finding in rule.look(bare)]
+    spared = [rule for rule in INTERLOCK_RULES if rule not in INTERLOCK_RULES_WITHOUT_SAFETY]
+    assert [finding for rule in spared for finding in rule.find(bare)] == []
+    kept = [finding for rule in INTERLOCK_RULES_WITHOUT_SAFETY for finding in rule.find(bare)]
     assert kept == [finding for _, finding in found(bare)]
-    assert bool(kept) == (name in [rule.name for rule in RULES_WITHOUT_SAFETY])
+    assert bool(kept) == (name in [rule.name for rule in INTERLOCK_RULES_WITHOUT_SAFETY])
 
 
 def test_every_rule_has_a_row_above():
-    assert {rule.name for rule in RULES} == {name for name, *_ in TRIPPED}
+    assert {rule.name for rule in INTERLOCK_RULES} == {name for name, *_ in TRIPPED}
 
 
 @pytest.mark.parametrize("facts", [
@@ -181,26 +190,26 @@ def test_a_relay_that_opens_the_controllers_door_input_is_not_called_a_door():
     assert [name for name, _ in found(facts)] == ["watchdog relay"]
 
 
-def watched(rules=RULES):
+def watched(rules=INTERLOCK_RULES):
     raised = []
-    return Supervision(raised.append, rules), raised
+    return InterlockSupervision(raised.append, rules), raised
 
 
 def test_a_rule_with_a_time_waits_for_it_and_starts_anew_after_a_gap():
     supervision, raised = watched()
     low = with_safety(shield_gas_L_min=5.0)
     for t in (0.0, 0.2, 0.4):
-        supervision.look(low, t, dark=False)
-    supervision.look(FINE, 0.45, dark=False)
-    supervision.look(low, 0.5, dark=False)
-    supervision.look(low, 0.9, dark=False)
+        supervision.evaluate(low, t, dark=False)
+    supervision.evaluate(FINE, 0.45, dark=False)
+    supervision.evaluate(low, 0.5, dark=False)
+    supervision.evaluate(low, 0.9, dark=False)
     assert raised == []
-    supervision.look(low, 1.0, dark=False)
-    assert [type(error) for error in raised] == [Interlock]
-    supervision.look(low, 2.0, dark=False)
+    supervision.evaluate(low, 1.0, dark=False)
+    assert [type(error) for error in raised] == [InterlockError]
+    supervision.evaluate(low, 2.0, dark=False)
     assert len(raised) == 1  # told once
-    supervision.forget()
-    supervision.look(low, 2.1, dark=False)
+    supervision.acknowledge()
+    supervision.evaluate(low, 2.1, dark=False)
     assert len(raised) == 2
 
 
@@ -213,13 +222,13 @@ def test_one_reading_trips_nothing_however_often_it_is_looked_at(changes, name, 
     supervision, raised = watched()
     bad = with_feeder(**changes)
     for t in (0.0, 0.2, for_s, 2 * for_s):
-        supervision.look(bad, t, dark=False)
+        supervision.evaluate(bad, t, dark=False)
         assert supervision.doubts
-    supervision.look(with_feeder(time_s=for_s / 2, **changes), for_s, dark=False)
+    supervision.evaluate(with_feeder(time_s=for_s / 2, **changes), for_s, dark=False)
     assert raised == []
-    supervision.look(with_feeder(time_s=for_s - 0.01, **changes), for_s, dark=False)
+    supervision.evaluate(with_feeder(time_s=for_s - 0.01, **changes), for_s, dark=False)
     assert [error.name for error in raised] == [name]
-    supervision.look(FINE, 3 * for_s, dark=False)
+    supervision.evaluate(FINE, 3 * for_s, dark=False)
     assert not supervision.doubts
 
 
@@ -227,13 +236,14 @@ def test_a_mixer_pressure_trips_when_it_has_been_too_high_for_a_second():
     supervision, raised = watched()
     clogged = with_feeder(mixer_mbar=201.0)
     for t in (0.0, 0.5, 0.9):
-        supervision.look(clogged, t, dark=False)
-    supervision.look(FINE, 0.95, dark=False)  # a puff
+        supervision.evaluate(clogged, t, dark=False)
+    supervision.evaluate(FINE, 0.95, dark=False)  # a puff
     for t in (1.0, 1.5, 1.9):
-        supervision.look(clogged, t, dark=False)
+        supervision.evaluate(clogged, t, dark=False)
     assert raised == []
-    supervision.look(clogged, 2.0, dark=False)
-    assert [(type(error), error.name) for error in raised] == [(Interlock, "mixer pressure F1")]
+    supervision.evaluate(clogged, 2.0, dark=False)
+    assert [(type(error), error.name) for error in raised] == [(InterlockError,
+                                                                "mixer pressure F1")]
 
 
 @pytest.mark.parametrize(("mbar", "trips"), [(201.0, ["feeder silent", "mixer pressure"]),
@@ -244,15 +254,15 @@ def test_a_mixer_pressure_that_is_old_counts_and_so_does_its_age(mbar, trips):
 
 
 def test_of_a_feeder_that_has_not_answered_nothing_is_known():
-    silent = FINE._replace(answers=(said("F1", None, (HOPPER,), 200.0),))
+    silent = FINE._replace(feeder_readings=(feeder_reading("F1", None, (HOPPER,), 200.0),))
     assert found(silent) == []
 
 
 def test_a_clog_keeps_from_resuming_until_it_has_cleared_however_short():
     supervision, _ = watched()
     clogged = with_feeder(mixer_mbar=900.0, feeding=False)
-    assert len(supervision.standing(clogged)) == 1
-    assert supervision.standing(FINE) == []
+    assert len(supervision.active_alarms(clogged)) == 1
+    assert supervision.active_alarms(FINE) == []
 
 
 def test_answers_in_which_nothing_is_found_are_looked_at_once_and_trouble_until_it_is_over():
@@ -261,17 +271,17 @@ def test_answers_in_which_nothing_is_found_are_looked_at_once_and_trouble_until_
     def looked(rule):
         def look(facts):
             looks.append(rule.name)
-            return rule.look(facts)
+            return rule.find(facts)
 
         return replace(rule, look=look)
 
-    of_answers = [rule.name for rule in RULES if rule.of_answers]
+    of_answers = [rule.name for rule in INTERLOCK_RULES if rule.uses_feeder_readings]
     assert of_answers == ["mixer pressure", "set-point", "carrier gas", "disc", "weighed flow"]
-    supervision, raised = watched([looked(rule) for rule in RULES])
+    supervision, raised = watched([looked(rule) for rule in INTERLOCK_RULES])
 
     def asked(facts, t):
         looks.clear()
-        supervision.look(facts, t, dark=False)
+        supervision.evaluate(facts, t, dark=False)
         return [name for name in looks if name in of_answers]
 
     clogged = with_feeder(mixer_mbar=900.0)
@@ -287,41 +297,41 @@ def test_answers_in_which_nothing_is_found_are_looked_at_once_and_trouble_until_
 
 def test_an_open_safety_chain_is_no_mere_hold():
     supervision, raised = watched()
-    supervision.look(with_safety(estop_closed=False), 0.0, dark=False)
-    assert [type(error) for error in raised] == [EmergencyStop]
+    supervision.evaluate(with_safety(estop_closed=False), 0.0, dark=False)
+    assert [type(error) for error in raised] == [EmergencyStopError]
 
 
 def test_extraction_waits_for_the_end_of_the_path_but_not_for_ever():
     supervision, raised = watched()
     bad = with_safety(extraction_ok=False)
-    supervision.look(bad, 0.0, dark=False)
-    supervision.look(bad, 30.0, dark=False)
+    supervision.evaluate(bad, 0.0, dark=False)
+    supervision.evaluate(bad, 30.0, dark=False)
     assert raised == []
-    supervision.look(bad, 31.0, dark=True)
+    supervision.evaluate(bad, 31.0, dark=True)
     assert len(raised) == 1
     supervision, raised = watched()
-    supervision.look(bad, 0.0, dark=False)
-    supervision.look(bad, 60.0, dark=False)
+    supervision.evaluate(bad, 0.0, dark=False)
+    supervision.evaluate(bad, 60.0, dark=False)
     assert len(raised) == 1
 
 
 def test_what_stands_keeps_from_resuming_but_not_what_acknowledging_ends():
     supervision, _ = watched()
-    assert [e.what for e in supervision.standing(with_safety(door_closed=False))] == [
+    assert [e.what for e in supervision.active_alarms(with_safety(door_closed=False))] == [
         "the safety door is open"]
-    assert supervision.standing(with_safety(relay_closed=False)) == []
+    assert supervision.active_alarms(with_safety(relay_closed=False)) == []
 
 
 def test_alarms_and_warnings_are_told_as_they_come_and_warnings_as_they_go():
-    alarms, lines = Alarms(), []
+    alarms, lines = RunAlarms(), []
     alarms.told = lines.append
     low = FeederWarning(51, "F1", "A", "hopper A: the level is low", "fill it")
-    alarms.warn(low, stands=True)
-    alarms.add(Interlock("gas", "gas is low", hint="check the bottle"), 1.0)
-    alarms.add(Interlock("gas", "gas is low"), 2.0)
-    alarms.acknowledged()
+    alarms.set_warning(low, stands=True)
+    alarms.add(InterlockError("gas", "gas is low", hint="check the bottle"), 1.0)
+    alarms.add(InterlockError("gas", "gas is low"), 2.0)
+    alarms.acknowledge()
     assert alarms.warnings == [low]  # nobody has filled it by that
-    alarms.warn(low, stands=False)
+    alarms.set_warning(low, stands=False)
     assert alarms.warnings == []
     assert lines == [
         "warning: hopper A: the level is low; what to do: fill it",
@@ -331,23 +341,23 @@ def test_alarms_and_warnings_are_told_as_they_come_and_warnings_as_they_go():
 
 
 def test_the_first_alarm_stays_first_until_all_are_acknowledged():
-    alarms = Alarms()
-    assert alarms.add(Interlock("gas", "gas is low"), 1.0)
-    assert alarms.add(Interlock("disc", "disc is jammed"), 2.0)
-    assert alarms.add(Interlock("gas", "gas is lower still"), 3.0) is None
+    alarms = RunAlarms()
+    assert alarms.add(InterlockError("gas", "gas is low"), 1.0)
+    assert alarms.add(InterlockError("disc", "disc is jammed"), 2.0)
+    assert alarms.add(InterlockError("gas", "gas is lower still"), 3.0) is None
     assert alarms.cause.what == "gas is low"
     assert [alarm.name for alarm in alarms] == ["gas", "disc"]
-    alarms.acknowledged()
+    alarms.acknowledge()
     assert alarms.cause is None
     assert len(alarms) == 0
 
 
 def test_a_cause_that_shows_later_than_what_it_does_is_the_first_alarm():
     """A controller that loses power is silent before it says that it has restarted."""
-    alarms, lines = Alarms(), []
+    alarms, lines = RunAlarms(), []
     alarms.told = lines.append
-    alarms.add(Interlock("motion silent", "it has not reported for 0.6 s"), 0.6)
-    alarms.add(Interlock("feeder silent F1", "feeder F1: no answer"), 0.9)
+    alarms.add(InterlockError("motion silent", "it has not reported for 0.6 s"), 0.6)
+    alarms.add(InterlockError("feeder silent F1", "feeder F1: no answer"), 0.9)
     alarms.add(Trip("motion restarted", "it restarted", explains=("motion silent",)), 1.5)
     alarms.add(Trip("motion alarm 3", "it is in alarm"), 1.6)
     assert alarms.cause.what == "it restarted"
@@ -357,8 +367,8 @@ def test_a_cause_that_shows_later_than_what_it_does_is_the_first_alarm():
 
 
 def test_what_explains_something_else_stays_behind_the_first_alarm():
-    alarms = Alarms()
-    alarms.add(Interlock("door", "the door is open"), 0.1)
-    alarms.add(Interlock("motion silent", "it has not reported for 0.6 s"), 0.6)
+    alarms = RunAlarms()
+    alarms.add(InterlockError("door", "the door is open"), 0.1)
+    alarms.add(InterlockError("motion silent", "it has not reported for 0.6 s"), 0.6)
     alarms.add(Trip("motion restarted", "it restarted", explains=("motion silent",)), 1.5)
     assert alarms.cause.name == "door"

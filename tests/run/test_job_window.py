@@ -28,15 +28,16 @@ def test_lines_know_where_and_when_they_start_across_layers(job):
     assert [window.line_start_s(line) for line in range(13)] == [
         0, 1, 3, 5, 6, 7, 9, 11, 12, 13, 15, 17, 18
     ]
-    assert window.stretch(1).start_mm[0].tolist() == [50, 0, 0]
-    assert window.stretch_of_line(4).index == 1
+    assert window.layer_program(1).start_mm[0].tolist() == [50, 0, 0]
+    assert window.layer_program_of_line(4).index == 1
 
 
 def test_paths_are_found_with_their_lines(job):
     window = job(there_and_back()).window()
-    spans = [(p.path, p.first_line, p.last_line) for k in range(3) for p in window.stretch(k).paths]
+    spans = [(p.path, p.first_line,
+              p.last_line) for k in range(3) for p in window.layer_program(k).paths]
     assert spans == [(0, 1, 1), (1, 2, 2), (2, 5, 5), (3, 6, 6), (4, 9, 9), (5, 10, 10)]
-    assert [p.path for p in window.stretch(1).paths_from(6, 8)] == [3]
+    assert [p.path for p in window.layer_program(1).paths_from(6, 8)] == [3]
 
 
 def test_flow_is_linear_between_knots_and_constant_outside(job):
@@ -90,38 +91,38 @@ def test_only_layers_near_the_run_are_held(job):
 
     window = type(small.window())(small.manifest, Counting().__getitem__, (0, 0, 0))
     for line in range(0, window.n_lines, 2):
-        window.forget(line)
+        window.drop_layers_before(line)
         window.flow_g_s(0, min(window.line_start_s(line) + 8.0, window.end_s))
-        assert window.stretch_of_line(line).first_line <= line
+        assert window.layer_program_of_line(line).first_line <= line
         assert len(window._loaded) <= 4
     assert read == list(range(50))  # each once, in order
     with pytest.raises(IndexError):
-        window.stretch(3)
+        window.layer_program(3)
 
 
 def test_fed_time_carries_over_forgotten_layers(job):
     window = job(there_and_back(layers=4)).window()
-    window.stretch(3)
+    window.layer_program(3)
     before = window.advance(19.0, 2.0, 0.5)
-    window.forget(12)
+    window.drop_layers_before(12)
     assert window.advance(19.0, 2.0, 0.5) == before == pytest.approx(20.0)
 
 
 def test_with_the_beam_off_no_line_asks_for_power(job):
     window = job(there_and_back(1)).window(beam_off=True)
-    assert b"S500" not in b"".join(window.stretch(0).program)
-    assert np.array(window.stretch(0).program).size == 4
-    assert not any(window.asked(0.0, 6.0)[1])
+    assert b"S500" not in b"".join(window.layer_program(0).program)
+    assert np.array(window.layer_program(0).program).size == 4
+    assert not any(window.commanded_between(0.0, 6.0)[1])
 
 
 def test_the_next_dark_span_is_found_across_beads_and_layers(job):
     window = job(there_and_back()).window()  # dark: 0-1, 5-6 and on into 6-7, 11-12, ...
-    assert window.next_dark_s(0.0, 60.0) == (0.0, 1.0)
-    assert window.next_dark_s(0.5, 60.0) == (5.0, 6.0)
-    assert window.next_dark_s(5.5, 60.0) == (6.0, 7.0)
-    assert window.next_dark_s(7.0, 60.0) == (11.0, 12.0)
-    assert window.next_dark_s(7.0, 11.0) is None
-    assert window.next_dark_s(17.5, 60.0) is None
+    assert window.next_beam_off_span_s(0.0, 60.0) == (0.0, 1.0)
+    assert window.next_beam_off_span_s(0.5, 60.0) == (5.0, 6.0)
+    assert window.next_beam_off_span_s(5.5, 60.0) == (6.0, 7.0)
+    assert window.next_beam_off_span_s(7.0, 60.0) == (11.0, 12.0)
+    assert window.next_beam_off_span_s(7.0, 11.0) is None
+    assert window.next_beam_off_span_s(17.5, 60.0) is None
 
 
 def test_machine_time_is_what_advancing_takes(job):

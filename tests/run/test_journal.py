@@ -13,15 +13,20 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from lmctl.errors import JournalError, MissingFileError
-from lmctl.run.journal.file import OtherFormat, fingerprint, read, verify
-from lmctl.run.journal.recorder import Recorder
-from lmctl.run.journal.writer import Journal, is_owned
+from lmctl.run.journal.format import (
+    UnsupportedFormatError,
+    fingerprint,
+    read_records,
+    verify_journal,
+)
+from lmctl.run.journal.recorder import RunRecorder
+from lmctl.run.journal.writer import JournalWriter, is_owned
 
 LOCAL = {"wall": "2026-01-01T00:00:00Z", "run": "run-0001", "pid": 4711}
 
 
 def write(path, n=4, *, local=LOCAL, seal=True, flow=2.449):
-    with Journal(path, {"job": "ab" * 32, "operator": "Ada"}, local=local) as journal:
+    with JournalWriter(path, {"job": "ab" * 32, "operator": "Ada"}, local=local) as journal:
         for i in range(n):
             journal.append(i * 0.1, "sample", x_mm=1.5 * i, flow_g_min=[flow, 6.084])
         if seal:
@@ -32,30 +37,30 @@ def write(path, n=4, *, local=LOCAL, seal=True, flow=2.449):
 def unharmed(path):
     """Whether nothing shows that a journal was damaged."""
     try:
-        result = verify(path)
-    except OtherFormat:  # it was the digit of the format that was hit
+        result = verify_journal(path)
+    except UnsupportedFormatError:  # it was the digit of the format that was hit
         return False
-    return result.sealed and result.whole
+    return result.sealed and result.intact
 
 
 def test_acts_wait_for_the_disk_only_where_something_follows_from_them(tmp_path, monkeypatch):
     """Sixteen clients may ask for what is refused, fifty times a second each."""
     synced = []
-    with Journal(tmp_path / "journal.jsonl", {}, local=LOCAL) as journal:
-        recorder = Recorder(journal, lambda: 0.0, ["A"])
+    with JournalWriter(tmp_path / "journal.jsonl", {}, local=LOCAL) as journal:
+        recorder = RunRecorder(journal, lambda: 0.0, ["A"])
         monkeypatch.setattr(os, "fdatasync", synced.append)
         for _ in range(50):
-            recorder.operator("resume", "cannot resume now", uid=1000)
+            recorder.record_operator("resume", "cannot resume now", uid=1000)
         assert synced == []
-        recorder.operator("hold", "", uid=1000)
+        recorder.record_operator("hold", "", uid=1000)
         assert len(synced) == 1
-    said = [record["accepted"] for record in read(tmp_path / "journal.jsonl")
+    said = [record["accepted"] for record in read_records(tmp_path / "journal.jsonl")
             if record["kind"] == "operator"]
     assert said == [False] * 50 + [True]
 
 
 def test_what_is_written_is_read_back_in_order(tmp_path):
-    records = list(read(write(tmp_path / "j", 3)))
+    records = list(read_records(write(tmp_path / "j", 3)))
     assert [r["seq"] for r in records] == [0, 1, 2, 3, 4]
     assert [r["kind"] for r in records] == ["header", "sample", "sample", "sample", "seal"]
     assert records[2]["t"] == 0.1
@@ -65,21 +70,21 @@ def test_what_is_written_is_read_back_in_order(tmp_path):
 
 
 def test_times_are_whole_microseconds(tmp_path):
-    with Journal(tmp_path / "j", {}, local={}) as journal:
+    with JournalWriter(tmp_path / "j", {}, local={}) as journal:
         journal.append(0.1 + 0.2, "sample")
-    assert list(read(tmp_path / "j"))[1]["t"] == 0.3
+    assert list(read_records(tmp_path / "j"))[1]["t"] == 0.3
 
 
 def test_a_sealed_journal_verifies(tmp_path):
-    result = verify(write(tmp_path / "j"))
+    result = verify_journal(write(tmp_path / "j"))
     assert result.sealed
-    assert result.whole
+    assert result.intact
     assert (result.records, result.reason) == (6, "")
 
 
 def test_a_journal_without_seal_is_whole_but_not_sealed(tmp_path):
-    result = verify(write(tmp_path / "j", seal=False))
-    assert result.whole
+    result = verify_journal(write(tmp_path / "j", seal=False))
+    assert result.intact
     assert not result.sealed
     assert result.reason == "it has no seal"
 
@@ -132,15 +137,15 @@ def test_records_exchanged_or_left_out_are_found(tmp_path):
     path = write(tmp_path / "j", 5)
     lines = path.read_bytes().splitlines(keepends=True)
     path.write_bytes(b"".join([*lines[:2], lines[3], lines[2], *lines[4:]]))
-    assert verify(path).broken_line == 3
+    assert verify_journal(path).broken_line == 3
     path.write_bytes(b"".join([*lines[:2], *lines[3:]]))
-    assert verify(path).broken_line == 3
+    assert verify_journal(path).broken_line == 3
 
 
 def test_the_line_after_an_altered_one_is_reported(tmp_path):
     path = write(tmp_path / "j", 5)
     path.write_bytes(path.read_bytes().replace(b'"x_mm":3.0', b'"x_mm":3.1'))
-    result = verify(path)
+    result = verify_journal(path)
     assert result.broken_line == 5  # x_mm 3.0 stands in line 4
     assert result.reason == "it does not carry the hash of the line before it"
 
@@ -151,9 +156,9 @@ def test_a_half_written_last_line_is_dropped_and_told(tmp_path, cut):
     sound = path.read_bytes()
     last = len(sound.splitlines(keepends=True)[-1])
     path.write_bytes(sound[:-cut])
-    assert [r["kind"] for r in read(path)] == ["header", "sample", "sample", "sample"]
-    result = verify(path)
-    assert result.whole
+    assert [r["kind"] for r in read_records(path)] == ["header", "sample", "sample", "sample"]
+    result = verify_journal(path)
+    assert result.intact
     assert not result.sealed
     assert result.dropped_bytes == last - cut
 
@@ -169,14 +174,14 @@ def test_equal_runs_have_equal_fingerprints_whatever_is_local(tmp_path):
 
 def test_a_second_writer_is_refused(tmp_path):
     path = tmp_path / "j"
-    with Journal(path, {}, local={}):
+    with JournalWriter(path, {}, local={}):
         assert is_owned(path)
         with pytest.raises(JournalError) as refused:
-            Journal(path, {}, local={})
+            JournalWriter(path, {}, local={})
         assert "still running" in refused.value.where[0]
     assert not is_owned(path)
     with pytest.raises(JournalError) as refused:
-        Journal(path, {}, local={})
+        JournalWriter(path, {}, local={})
     assert "earlier run" in refused.value.where[0]
 
 
@@ -192,12 +197,12 @@ def test_the_lock_dies_with_its_process(tmp_path):
     assert child.returncode == -9
     assert not is_owned(path)
     # What was synced is there; what only waited in memory is not.
-    assert [r["kind"] for r in read(path)] == ["header", "path"]
-    assert verify(path).whole
+    assert [r["kind"] for r in read_records(path)] == ["header", "path"]
+    assert verify_journal(path).intact
 
 
 def test_a_sealed_journal_takes_no_more(tmp_path):
-    with Journal(tmp_path / "j", {}, local={}) as journal:
+    with JournalWriter(tmp_path / "j", {}, local={}) as journal:
         journal.seal(1.0, state="done")
         with pytest.raises(ValueError, match="sealed"):
             journal.append(2.0, "sample")
@@ -205,7 +210,7 @@ def test_a_sealed_journal_takes_no_more(tmp_path):
 
 def test_not_a_number_never_reaches_a_journal(tmp_path):
     with (
-        Journal(tmp_path / "j", {}, local={}) as journal,
+        JournalWriter(tmp_path / "j", {}, local={}) as journal,
         pytest.raises(ValueError, match="not JSON compliant"),
     ):
         journal.append(0.0, "sample", flow=float("nan"))
@@ -220,12 +225,12 @@ def test_what_is_no_journal_is_refused(tmp_path, content):
     path = tmp_path / "j"
     path.write_bytes(content)
     with pytest.raises(JournalError, match="is not a run journal"):
-        list(read(path))
-    result = verify(path)
+        list(read_records(path))
+    result = verify_journal(path)
     assert result.broken_line == 1
 
 
-@pytest.mark.parametrize("look", [verify, lambda path: list(read(path))])
+@pytest.mark.parametrize("look", [verify_journal, lambda path: list(read_records(path))])
 def test_a_journal_of_another_format_is_not_called_damaged_or_something_else(tmp_path, look):
     path = tmp_path / "j"
     path.write_text('{"seq":0,"format":"lmctl-journal-3","software":"lmctl 3.1"}\n{"later":1}\n')
@@ -240,32 +245,32 @@ def test_a_line_without_end_is_refused_before_it_fills_memory(tmp_path):
     with path.open("wb") as file:
         file.truncate(500_000_000)  # a hole: takes no disk
     with pytest.raises(JournalError, match="is not a run journal"):
-        list(read(path))
+        list(read_records(path))
     with pytest.raises(JournalError, match="is not a run journal"):
-        verify(path)
+        verify_journal(path)
 
 
 def test_missing_and_unwritable_are_told(tmp_path):
     with pytest.raises(MissingFileError, match="there is no file"):
-        verify(tmp_path / "none")
+        verify_journal(tmp_path / "none")
     with pytest.raises(JournalError, match="cannot read"):
-        list(read(tmp_path))
+        list(read_records(tmp_path))
     with pytest.raises(JournalError, match="cannot write"):
-        Journal(tmp_path / "no" / "folder", {}, local={})
+        JournalWriter(tmp_path / "no" / "folder", {}, local={})
 
 
 def test_an_empty_file_is_an_unsealed_journal_of_nothing(tmp_path):
     (tmp_path / "j").touch()
-    assert list(read(tmp_path / "j")) == []
-    assert not verify(tmp_path / "j").sealed
+    assert list(read_records(tmp_path / "j")) == []
+    assert not verify_journal(tmp_path / "j").sealed
 
 
 def test_reading_takes_constant_memory(tmp_path):
     path = write(tmp_path / "j", 6_000)
     assert os.path.getsize(path) > 900_000
     tracemalloc.start()
-    assert verify(path).sealed
-    assert sum(1 for _ in read(path)) == 6_002
+    assert verify_journal(path).sealed
+    assert sum(1 for _ in read_records(path)) == 6_002
     fingerprint(path)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()

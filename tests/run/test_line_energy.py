@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from firmware_protocol.status import parse_status
-from lmctl.run.program.line_energy import LineEnergy
+from lmctl.run.program.line_energy import LineEnergyCheck
 
 FULL_W, S_MAX, BEAD_W, SPEED_MM_S = 3000.0, 1000, 1500.0, 10.0
 BEAD = "FS:600,500"
@@ -25,7 +25,7 @@ IN_BEAD_S, IN_TRAVEL_S, IN_DWELL_S = 1.5, 2.5, 7.5
 
 @pytest.fixture
 def energy(job):
-    return LineEnergy(job([LAYER]).window(), LEAD_S)
+    return LineEnergyCheck(job([LAYER]).window(), LEAD_S)
 
 
 def status(fields, state="Run"):
@@ -34,7 +34,7 @@ def status(fields, state="Run"):
 
 def hear(energy, s, *reports, rate=1.0):
     for fields in reports:
-        energy.report(status(fields), s, rate)
+        energy.on_report(status(fields), s, rate)
     return energy.unasked
 
 
@@ -62,7 +62,7 @@ def test_a_scale_of_few_steps_is_known_to_a_step_only(job):
     fine = job([LAYER])
     coarse = replace(fine, manifest=replace(fine.manifest, s_max=1))
     for fields in ("FS:600,0", "FS:600,1"):
-        energy = LineEnergy(coarse.window(), LEAD_S)
+        energy = LineEnergyCheck(coarse.window(), LEAD_S)
         assert hear(energy, IN_BEAD_S, fields, fields, fields) is None
 
 
@@ -86,33 +86,33 @@ def test_what_it_does_not_ask_for_counts_when_three_reports_say_it(energy, field
     feed, s_word = (float(word) for word in fields[3:].split(","))
     assert said.speed_mm_s == pytest.approx(feed / 60)
     assert said.power_W == pytest.approx(s_word * FULL_W / S_MAX)
-    assert said.most_mm_s == pytest.approx(SPEED_MM_S * rate)
-    assert said.asked_W == pytest.approx((min(BEAD_W / SPEED_MM_S * feed / 60, FULL_W),))
+    assert said.max_speed_mm_s == pytest.approx(SPEED_MM_S * rate)
+    assert said.commanded_W == pytest.approx((min(BEAD_W / SPEED_MM_S * feed / 60, FULL_W),))
 
 
 def test_where_a_dark_line_and_a_bead_may_be_running_half_the_power_is_neither(energy):
     assert hear(energy, 2.0, "FS:600,0", BEAD, "FS:3000,0") is None
     said = hear(energy, 2.0, "FS:600,250", "FS:600,250", "FS:600,250")
-    assert said.asked_W == pytest.approx((0.0, BEAD_W))
+    assert said.commanded_W == pytest.approx((0.0, BEAD_W))
 
 
 @pytest.mark.parametrize("s", [IN_TRAVEL_S, IN_DWELL_S])
 @pytest.mark.parametrize("fields", ["FS:3000,500", "FS:0,500", "FS:600,50"])
 def test_a_beam_where_the_program_has_none_needs_no_word_on_overrides(energy, s, fields):
     for _ in range(2):
-        energy.report(status(fields), s, 1.0, overrides_known=False)
+        energy.on_report(status(fields), s, 1.0, overrides_known=False)
         assert energy.unasked is None
         assert energy.is_in_doubt
-    energy.report(status(fields), s, 1.0, overrides_known=False)
+    energy.on_report(status(fields), s, 1.0, overrides_known=False)
     assert energy.unasked is not None
 
 
 def test_a_lost_report_may_have_shown_an_override_so_that_is_asked_first(energy):
     for _ in range(6):
-        energy.report(status("FS:600,300"), IN_BEAD_S, 1.0, overrides_known=False)
+        energy.on_report(status("FS:600,300"), IN_BEAD_S, 1.0, overrides_known=False)
         assert energy.unasked is None
         assert energy.is_in_doubt
-    energy.report(status("FS:600,300|Ov:100,100,60"), IN_BEAD_S, 1.0)
+    energy.on_report(status("FS:600,300|Ov:100,100,60"), IN_BEAD_S, 1.0)
     assert hear(energy, IN_BEAD_S, "FS:600,300", "FS:600,300", "FS:600,300") is None
     assert not energy.is_in_doubt
 
@@ -143,8 +143,8 @@ def test_an_override_turned_at_the_panel_is_no_damage(energy, reports):
     for fields in reports:
         report = status(fields)
         rate = report.overrides[0] / 100 if report.overrides else rate
-        energy.report(report, IN_BEAD_S, rate)
-    energy.report(status(reports[-1].partition("|")[0]), IN_BEAD_S, rate)
+        energy.on_report(report, IN_BEAD_S, rate)
+    energy.on_report(status(reports[-1].partition("|")[0]), IN_BEAD_S, rate)
     assert energy.unasked is None
 
 
@@ -157,13 +157,13 @@ def test_a_change_of_rate_excuses_the_report_that_was_on_its_way(energy):
 @pytest.mark.parametrize("state", ["Hold", "Idle", "Door", "Alarm"])
 def test_only_a_machine_that_runs_the_program_is_judged(energy, state):
     for _ in range(3):
-        energy.report(status("FS:600,1000", state), IN_BEAD_S, 1.0)
+        energy.on_report(status("FS:600,1000", state), IN_BEAD_S, 1.0)
     assert energy.unasked is None
 
 
 def test_a_report_without_feed_says_nothing(energy):
     for _ in range(3):
-        energy.report(parse_status("<Run|MPos:0.000,0.000,0.000>"), IN_BEAD_S, 1.0)
+        energy.on_report(parse_status("<Run|MPos:0.000,0.000,0.000>"), IN_BEAD_S, 1.0)
     assert energy.unasked is None
 
 
@@ -194,13 +194,13 @@ def test_what_was_found_stands(energy):
 
 
 def test_with_the_beam_off_every_power_is_one_too_many(job):
-    energy = LineEnergy(job([LAYER]).window(beam_off=True), LEAD_S)
+    energy = LineEnergyCheck(job([LAYER]).window(beam_off=True), LEAD_S)
     assert hear(energy, IN_BEAD_S, "FS:600,0", "FS:600,0") is None
     assert hear(energy, IN_BEAD_S, BEAD, BEAD, BEAD) is not None
 
 
 def test_lines_of_the_next_layer_may_be_running(job):
     layers = [LAYER[:3], [("bead", (70, 0, 0), 1.0, 1), ("travel", (0, 0, 0), 1.0)]]
-    energy = LineEnergy(job(layers).window(), LEAD_S)
+    energy = LineEnergyCheck(job(layers).window(), LEAD_S)
     assert hear(energy, 2.0, BEAD, BEAD) is None
     assert hear(energy, 2.95, "FS:3000,0", "FS:3000,0") is None  # the head is on the way already

@@ -7,10 +7,10 @@ from importlib.resources import files
 
 import pytest
 
-from firmware_protocol.realtime import Realtime
+from firmware_protocol.realtime import RealtimeCommand
 from lmctl.config.machine import load_profile
 from lmctl.errors import UsageError
-from lmctl.run.program.overrides import (
+from lmctl.run.program.override_limits import (
     LEAST_PERCENT,
     MOST_PERCENT,
     override_bytes,
@@ -18,15 +18,16 @@ from lmctl.run.program.overrides import (
 )
 
 STEP = {
-    Realtime.FEED_PLUS_10: 10, Realtime.FEED_MINUS_10: -10, Realtime.FEED_PLUS_1: 1,
-    Realtime.FEED_MINUS_1: -1,
+    RealtimeCommand.FEED_PLUS_10: 10, RealtimeCommand.FEED_MINUS_10: -10,
+    RealtimeCommand.FEED_PLUS_1: 1,
+    RealtimeCommand.FEED_MINUS_1: -1,
 }
 
 
 def test_every_override_is_reached_from_any_other():
     for percent in range(LEAST_PERCENT, MOST_PERCENT + 1):
         first, *steps = override_bytes(percent)
-        assert first is Realtime.FEED_100
+        assert first is RealtimeCommand.FEED_100
         assert 100 + sum(STEP[byte] for byte in steps) == percent
 
 

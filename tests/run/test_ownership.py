@@ -12,7 +12,7 @@ import pytest
 
 from lmctl.config.machine import load_profile
 from lmctl.errors import MachineError
-from lmctl.run.cell.ownership import owner_of, owning
+from lmctl.run.cell.ownership import lock_machine, owner_of
 
 
 @pytest.fixture(autouse=True)
@@ -41,8 +41,8 @@ FEEDERS = ("modbus-tcp://10.0.0.1:502", "modbus-tcp://10.0.0.2")
 
 def test_the_hint_to_the_other_run_can_be_copied_into_a_shell(profile, tmp_path, own_locks):
     with (
-        owning(profile, "run-0007", tmp_path / "runs of; mine"),
-        pytest.raises(MachineError) as refused, owning(profile, "run-0008", tmp_path),
+        lock_machine(profile, "run-0007", tmp_path / "runs of; mine"),
+        pytest.raises(MachineError) as refused, lock_machine(profile, "run-0008", tmp_path),
     ):
         pass
     typed = shlex.split(refused.value.hint.split("`")[1])
@@ -50,8 +50,8 @@ def test_the_hint_to_the_other_run_can_be_copied_into_a_shell(profile, tmp_path,
 
 
 def test_a_second_run_is_told_which_run_has_the_machine(profile, tmp_path, own_locks):
-    with owning(profile, "run-0007", tmp_path / "runs"):
-        with pytest.raises(MachineError) as refused, owning(profile, "run-0008", tmp_path):
+    with lock_machine(profile, "run-0007", tmp_path / "runs"):
+        with pytest.raises(MachineError) as refused, lock_machine(profile, "run-0008", tmp_path):
             pass
         text = refused.value.render()
         assert "run-0007 has the machine" in text
@@ -59,10 +59,10 @@ def test_a_second_run_is_told_which_run_has_the_machine(profile, tmp_path, own_l
         assert f"lmctl status run-0007 --runs {tmp_path / 'runs'}" in text
         owner = owner_of(profile)
         assert owner is not None
-        assert owner.what == "run-0007"
+        assert owner.activity == "run-0007"
     assert owner_of(profile) is None
     assert list(own_locks.iterdir()) == []
-    with owning(profile, "run-0008", tmp_path):
+    with lock_machine(profile, "run-0008", tmp_path):
         pass
 
 
@@ -71,10 +71,11 @@ def test_the_folder_for_large_files_has_no_say_in_who_owns_a_machine(
 ):
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
-    with owning(profile, "run-0007", tmp_path):
+    with lock_machine(profile, "run-0007", tmp_path):
         monkeypatch.setenv("TMPDIR", str(elsewhere))
         monkeypatch.setattr("tempfile.tempdir", None)
-        with pytest.raises(MachineError, match="run-0007"), owning(profile, "run-0008", tmp_path):
+        with pytest.raises(MachineError, match="run-0007"), lock_machine(profile, "run-0008",
+                                                                         tmp_path):
             pass
     assert list(elsewhere.iterdir()) == []
 
@@ -86,7 +87,7 @@ def test_locks_are_where_everybody_may_write_whoever_asks(profile, tmp_path, mon
     open_to_all.chmod(0o1777)
     monkeypatch.setattr("lmctl.run.cell.ownership.FOLDERS",
                         (tmp_path / "none", kept, open_to_all, tmp_path))
-    with owning(profile, "run-0001", tmp_path):
+    with lock_machine(profile, "run-0001", tmp_path):
         assert list((open_to_all / "lmctl-locks").iterdir())
     assert list(kept.iterdir()) == []
 
@@ -94,16 +95,16 @@ def test_locks_are_where_everybody_may_write_whoever_asks(profile, tmp_path, mon
 def test_one_shared_wire_is_enough(profile, tmp_path):
     mine = rewired(profile, "tcp://10.0.0.9:23", FEEDERS)
     other = rewired(profile, "tcp://10.0.0.8:23", ("modbus-tcp://10.0.0.3", FEEDERS[1] + ":502"))
-    with owning(mine, "run-0001", tmp_path), pytest.raises(MachineError, match="run-0001"), \
-            owning(other, "run-0002", tmp_path):
+    with lock_machine(mine, "run-0001", tmp_path), pytest.raises(MachineError, match="run-0001"), \
+            lock_machine(other, "run-0002", tmp_path):
         pass
-    with owning(other, "run-0002", tmp_path):  # what it did get, it gave back
+    with lock_machine(other, "run-0002", tmp_path):  # what it did get, it gave back
         pass
 
 
 def test_cells_that_share_no_wire_may_run_at_once(profile, tmp_path):
     other = rewired(profile, "tcp://10.0.0.8:23", FEEDERS)
-    with owning(profile, "run-0001", tmp_path), owning(other, "run-0002", tmp_path):
+    with lock_machine(profile, "run-0001", tmp_path), lock_machine(other, "run-0002", tmp_path):
         pass
 
 
@@ -113,8 +114,8 @@ def test_one_port_by_two_names_is_one_port(profile, tmp_path):
     one = rewired(profile, f"serial://{tmp_path}/ttyUSB0", FEEDERS)
     two = rewired(profile, f"serial://{tmp_path}/by-id",
                   ("modbus-tcp://10.0.0.6", "modbus-tcp://10.0.0.7"))
-    with owning(one, "run-0001", tmp_path), pytest.raises(MachineError, match="run-0001"), \
-            owning(two, "run-0002", tmp_path):
+    with lock_machine(one, "run-0001", tmp_path), pytest.raises(MachineError, match="run-0001"), \
+            lock_machine(two, "run-0002", tmp_path):
         pass
 
 
@@ -136,16 +137,16 @@ def test_a_killed_owner_leaves_nothing_that_keeps_others_out(profile, tmp_path):
     assert done.stdout == "mine\n", done.stderr
     assert list((tmp_path / "lmctl-locks").iterdir())
     assert owner_of(profile) is None
-    with owning(profile, "run-0002", tmp_path):
+    with lock_machine(profile, "run-0002", tmp_path):
         pass
 
 
 def test_a_lock_file_with_nonsense_in_it_is_still_a_lock(profile, tmp_path, own_locks):
-    with owning(profile, "run-0001", tmp_path):
+    with lock_machine(profile, "run-0001", tmp_path):
         for path in own_locks.iterdir():
             path.write_bytes(b"\xff[")
         with (
             pytest.raises(MachineError, match="another process has the machine"),
-            owning(profile, "run-0002", tmp_path),
+            lock_machine(profile, "run-0002", tmp_path),
         ):
             pass

@@ -11,8 +11,8 @@ import math
 import numpy as np
 import pytest
 
-from lmctl.run.powder.lead import TICK_S, Hose, PowderPlan, lead, slack_g_min
-from lmctl.run.program.clock import ProgramClock
+from lmctl.run.powder.lead import TICK_S, HoseModel, PowderPlan, lead_setpoint, slack_g_min
+from lmctl.run.program.program_clock import ProgramClock
 
 TRAVEL_S = 1.0
 THETA_S, LAG_S = (3.0, 2.6), (1.0, 0.8)
@@ -69,25 +69,25 @@ def share_within(job, *, mode="lead", dwell_s=0.0, rate=1.0, theta_error_s=0.0, 
     window = small.window()
     clock = ProgramClock(window)
     clock.acknowledge(window.n_lines)
-    clock.set_rate(0.0, rate)
-    hoses = [Hose(theta + theta_error_s, lag, 600.0)
+    clock.set_override(0.0, rate)
+    hoses = [HoseModel(theta + theta_error_s, lag, 600.0)
              for theta, lag in zip(THETA_S, LAG_S, strict=True)]
     plan = PowderPlan(mode, hoses, window, clock)
     starts_t = plan.lead_s + 0.5 + phase_s
-    clock.run_from(starts_t)
+    clock.start_at(starts_t)
     setpoints, t, rates = [], 0.0, []
-    while clock.now(t) < window.end_s:
+    while clock.program_time_s(t) < window.end_s:
         if change is not None and t >= change[0]:
             _, new_rate, planned = change
             change = None
             if planned:
-                clock.plan_rate(*window.next_dark_s(clock.ahead(t, plan.lead_s + 0.2), 99.0),
-                                new_rate)
+                clock.schedule_override(*window.next_beam_off_span_s(clock.program_time_ahead_s(t, plan.lead_s + 0.2), 99.0),
+                                        new_rate)
             else:
-                clock.set_rate(t, new_rate)
-        if clock.due_rate(t) is not None:
-            clock.set_rate(t, clock.due_rate(t))
-        rates.append((t, clock.now(t), clock.rate))
+                clock.set_override(t, new_rate)
+        if clock.due_override(t) is not None:
+            clock.set_override(t, clock.due_override(t))
+        rates.append((t, clock.program_time_s(t), clock.rate))
         setpoints.append([u / 60.0 for u in plan.setpoints_g_min(t)])
         t = len(setpoints) * TICK_S
     setpoints = np.array(setpoints)
@@ -159,10 +159,10 @@ def test_a_dead_time_wrong_by_half_a_second_costs_little(job, error_s):
 
 
 def test_set_points_stay_within_the_hopper():
-    assert lead(0.1, [0.0], 1.0, 0.9) == (0.0, 1)
-    assert lead(0.1, [0.3], 1.0, 0.9) == (0.9, 1)
-    assert lead(0.5, [0.5], 1.0, 0.9) == (0.5, 1)
-    assert lead(0.5, [0.7], 0.0, 0.9)[0] == pytest.approx(0.7)  # without lag nothing leads
+    assert lead_setpoint(0.1, [0.0], 1.0, 0.9) == (0.0, 1)
+    assert lead_setpoint(0.1, [0.3], 1.0, 0.9) == (0.9, 1)
+    assert lead_setpoint(0.5, [0.5], 1.0, 0.9) == (0.5, 1)
+    assert lead_setpoint(0.5, [0.7], 0.0, 0.9)[0] == pytest.approx(0.7)  # without lag nothing leads
 
 
 @pytest.mark.parametrize("rate", [0.6, 1.0, 1.4])
@@ -170,15 +170,16 @@ def test_for_short_ticks_the_law_is_the_one_of_the_design(rate):
     """u = r (w(s + rθ) + rτ w'(s + rθ)) where w is a straight ramp."""
     slope, lag, tick_s, ahead_s = 0.05, 1.3, 1e-4, 4.0
     now, then = (rate * (0.2 + slope * s) for s in (ahead_s, ahead_s + rate * tick_s))
-    assert lead(now, [then], lag, 9.0, tick_s)[0] == pytest.approx(now + rate * rate * lag * slope,
+    assert lead_setpoint(now, [then], lag, 9.0,
+                         tick_s)[0] == pytest.approx(now + rate * rate * lag * slope,
                                                                 rel=1e-3)
 
 
 def test_a_set_point_lasts_until_the_outflow_would_stray():
     """At rest one is enough; on a ramp it is held while the outflow stays within the slack."""
-    assert lead(5.0, [5.0] * 9, 1.0, 60.0) == (pytest.approx(5.0), 9)
+    assert lead_setpoint(5.0, [5.0] * 9, 1.0, 60.0) == (pytest.approx(5.0), 9)
     ramp = [5.0 + 0.05 * n for n in range(1, 17)]
-    (setpoint, lasts), outflow, held = lead(5.0, ramp, 1.0, 60.0), 5.0, 0
+    (setpoint, lasts), outflow, held = lead_setpoint(5.0, ramp, 1.0, 60.0), 5.0, 0
     for wanted in ramp:
         outflow = setpoint + (outflow - setpoint) * math.exp(-TICK_S / 1.0)
         if abs(outflow - wanted) > slack_g_min(wanted):
@@ -193,8 +194,8 @@ def test_steady_powder_takes_no_telegrams(job):
     window = job([[("bead", (100, 0, 0), 20.0, 0)]], flow=[(0.0, flow), (20.0, flow)]).window()
     clock = ProgramClock(window)
     clock.acknowledge(1)
-    plan = PowderPlan("lead", [Hose(2.0, 1.0, 36.0), Hose(3.0, 0.8, 36.0)], window, clock)
-    clock.run_from(0.0)
+    plan = PowderPlan("lead", [HoseModel(2.0, 1.0, 36.0), HoseModel(3.0, 0.8, 36.0)], window, clock)
+    clock.start_at(0.0)
     assert len({tuple(plan.setpoints_g_min(tick * TICK_S)) for tick in range(150)}) == 1
 
 
@@ -205,8 +206,8 @@ def test_what_a_limit_cuts_off_is_made_good(job):
                        (20.0, (0.5, 0.1))]).window()
     clock = ProgramClock(window)
     clock.acknowledge(1)
-    plan = PowderPlan("lead", [Hose(2.0, 1.0, 36.0), Hose(2.0, 1.0, 36.0)], window, clock)
-    clock.run_from(0.0)
+    plan = PowderPlan("lead", [HoseModel(2.0, 1.0, 36.0), HoseModel(2.0, 1.0, 36.0)], window, clock)
+    clock.start_at(0.0)
     setpoints = np.array([plan.setpoints_g_min(tick * TICK_S) for tick in range(100)])
     assert setpoints[:, 0].max() == 36.0
     arrived = at_nozzle(setpoints[:, 0], 2.0, 1.0, np.arange(0.05, 10.0, 0.1))
@@ -216,13 +217,14 @@ def test_what_a_limit_cuts_off_is_made_good(job):
 
 
 def test_settling_is_dead_time_and_four_lags():
-    assert Hose(3.0, 1.0, 1.0).settling_s == 7.0
+    assert HoseModel(3.0, 1.0, 1.0).settling_s == 7.0
 
 
 def test_a_set_point_is_nothing_or_what_the_disc_can_turn():
-    assert lead(1.0, [0.95], 1.0, 9.0, least=0.8)[0] == 0.8  # 0.475 would be nearer to the law
-    assert lead(1.0, [0.93], 1.0, 9.0, least=0.8)[0] == 0.0
-    assert lead(1.0, [1.0], 1.0, 9.0, least=0.8)[0] == 1.0
+    # 0.475 would be nearer to the law
+    assert lead_setpoint(1.0, [0.95], 1.0, 9.0, least=0.8)[0] == 0.8
+    assert lead_setpoint(1.0, [0.93], 1.0, 9.0, least=0.8)[0] == 0.0
+    assert lead_setpoint(1.0, [1.0], 1.0, 9.0, least=0.8)[0] == 1.0
 
 
 def test_a_dip_below_the_least_flow_is_made_good(job):
@@ -232,8 +234,9 @@ def test_a_dip_below_the_least_flow_is_made_good(job):
     window = job([[("bead", (200, 0, 0), 20.0, 0)]], flow=swing).window()
     clock = ProgramClock(window)
     clock.acknowledge(1)
-    plan = PowderPlan("lead", [Hose(1.0, 1.0, 60.0, 0.8), Hose(1.0, 1.0, 60.0)], window, clock)
-    clock.run_from(1.0)
+    plan = PowderPlan("lead", [HoseModel(1.0, 1.0, 60.0, 0.8), HoseModel(1.0, 1.0, 60.0)], window,
+                      clock)
+    clock.start_at(1.0)
     setpoints = np.array([plan.setpoints_g_min(tick * TICK_S) for tick in range(200)])
     asked = setpoints[:, 0]
     assert ((asked == 0.0) | (asked >= 0.8)).all()

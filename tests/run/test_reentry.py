@@ -15,15 +15,15 @@ from hypothesis import strategies as st
 from lmctl.config.machine import load_profile
 from lmctl.job.reader import JobReader
 from lmctl.job.schema import LineKind
+from lmctl.run.program.job_window import JobWindow
 from lmctl.run.program.reentry import (
+    JOB_START,
     OVERLAP_MM,
     RUN_UP_MM,
-    START,
-    Place,
-    enter,
+    ProgramPlace,
     overlap_mm,
+    plan_reentry,
 )
-from lmctl.run.program.window import JobWindow
 
 PROFILE = load_profile(Path(str(files("lmctl.examples") / "cell.toml")))
 FLOW = [(0.0, (0.1, 0.0)), (8.0, (0.1, 0.0)), (9.0, (0.0, 0.1)), (1e3, (0.0, 0.1))]
@@ -47,7 +47,7 @@ def points(whole, lines):
 
 
 def go(whole, place):
-    return enter(whole.manifest, whole.layer, place, PROFILE.motion)
+    return plan_reentry(whole.manifest, whole.layer, place, PROFILE.motion)
 
 
 def spoken(program, start):
@@ -67,7 +67,7 @@ def lit_mm(motions):
     return sum(float(np.linalg.norm(to - at)) for lit, at, to, _ in motions if lit)
 
 
-def beads_mm(whole, since=START):
+def beads_mm(whole, since=JOB_START):
     lines = rows(whole)
     length = np.linalg.norm(np.diff(points(whole, lines), axis=0), axis=1)
     length[: since.line] = 0.0
@@ -88,7 +88,7 @@ def n_lines(whole):
 @given(data=st.data())
 def test_from_any_place_the_rest_is_laid_and_no_more_than_the_overlap_twice(whole, data):
     line = data.draw(st.integers(0, n_lines(whole) - 1))
-    place = Place(line, data.draw(st.floats(0, 1)))
+    place = ProgramPlace(line, data.draw(st.floats(0, 1)))
     entry = go(whole, place)
     left_mm = beads_mm(whole, place)
     if entry is None:
@@ -102,7 +102,8 @@ def test_from_any_place_the_rest_is_laid_and_no_more_than_the_overlap_twice(whol
 @settings(max_examples=100, deadline=None)
 @given(data=st.data())
 def test_the_way_in_is_dark_continuous_and_never_longer_than_a_quarter_horizon(whole, data):
-    place = Place(data.draw(st.integers(0, n_lines(whole) - 60)), data.draw(st.floats(0, 0.9)))
+    place = ProgramPlace(data.draw(st.integers(0, n_lines(whole) - 60)),
+                         data.draw(st.floats(0, 0.9)))
     entry = go(whole, place)
     n = entry.lit_line - entry.layer.first_line
     layer = entry.layer
@@ -126,7 +127,7 @@ def test_the_way_in_is_dark_continuous_and_never_longer_than_a_quarter_horizon(w
 def test_a_bead_is_entered_before_the_place_reached_with_its_own_feed_and_power(whole):
     lines = rows(whole)
     bead = int(np.flatnonzero(lines["kind"] == LineKind.BEAD)[6])
-    entry = go(whole, Place(bead, 0.5))
+    entry = go(whole, ProgramPlace(bead, 0.5))
     motions = spoken(entry.layer.program, PROFILE.motion.purge_mm)
     first = next(i for i, motion in enumerate(motions) if motion[0])
     _, at, _, feed = motions[first]
@@ -143,7 +144,7 @@ def test_a_bead_is_entered_before_the_place_reached_with_its_own_feed_and_power(
 def test_a_place_in_a_travel_goes_on_with_the_next_path_from_its_beginning(whole):
     lines = rows(whole)
     second = int(np.flatnonzero(lines["path"] == 1)[0])
-    entry = go(whole, Place(second - 3, 0.4))
+    entry = go(whole, ProgramPlace(second - 3, 0.4))
     assert entry.repeated_mm == 0.0
     assert lines["path"][entry.lit_line] == 1
     assert lines["kind"][entry.lit_line - 1] == LineKind.LEAD
@@ -152,15 +153,15 @@ def test_a_place_in_a_travel_goes_on_with_the_next_path_from_its_beginning(whole
 def test_a_path_all_laid_is_not_entered_again(whole):
     lines = rows(whole)
     last = int(np.flatnonzero((lines["path"] == 0) & (lines["kind"] == LineKind.BEAD))[-1])
-    entry = go(whole, Place(last, 1.0))
+    entry = go(whole, ProgramPlace(last, 1.0))
     assert lines["path"][entry.lit_line] == 1
 
 
 def test_after_the_last_bead_there_is_nothing_to_enter(whole):
     lines = rows(whole)
     last = int(np.flatnonzero(lines["kind"] == LineKind.BEAD)[-1])
-    assert go(whole, Place(last + 1)) is None
-    assert go(whole, Place(n_lines(whole) - 1, 1.0)) is None
+    assert go(whole, ProgramPlace(last + 1)) is None
+    assert go(whole, ProgramPlace(n_lines(whole) - 1, 1.0)) is None
 
 
 def test_on_the_run_up_the_flow_is_the_program_s_and_before_it_stands_still(whole):
@@ -168,7 +169,7 @@ def test_on_the_run_up_the_flow_is_the_program_s_and_before_it_stands_still(whol
     beads = np.flatnonzero(lines["kind"] == LineKind.BEAD)
     changing = beads[np.searchsorted(lines["end_s"][beads], 8.4)]  # FLOW changes from 8 s to 9 s
     for bead in (int(changing), int(beads[30])):
-        entry = go(whole, Place(bead, 0.5))
+        entry = go(whole, ProgramPlace(bead, 0.5))
         layer = entry.layer
         n = entry.lit_line - layer.first_line
         lit_s = layer.lines["end_s"][n - 1]
@@ -195,7 +196,7 @@ def test_every_move_of_the_way_in_begins_and_ends_at_rest_but_for_the_run_up(who
     """So its time is known exactly, and with it when powder has to leave its hopper."""
     lines = rows(whole)
     bead = int(np.flatnonzero(lines["kind"] == LineKind.BEAD)[30])
-    layer = go(whole, Place(bead, 0.5)).layer
+    layer = go(whole, ProgramPlace(bead, 0.5)).layer
     kinds = layer.lines["kind"]
     moves = np.diff(points(whole, layer.lines), axis=0)
     for row in np.flatnonzero(kinds == LineKind.TRAVEL)[1:]:
@@ -217,7 +218,7 @@ def test_two_millimetres_around_an_entry_hold_no_more_than_1_3_of_a_bead(
 def test_a_job_window_runs_from_an_entry_in_the_jobs_own_line_numbers(whole):
     lines = rows(whole)
     bead = int(np.flatnonzero(lines["path"] == 3)[5])
-    entry = go(whole, Place(bead))
+    entry = go(whole, ProgramPlace(bead))
     index = entry.layer.index
 
     def read(layer):
@@ -225,7 +226,7 @@ def test_a_job_window_runs_from_an_entry_in_the_jobs_own_line_numbers(whole):
         return entry.layer if layer == index else whole.layer(layer)
 
     window = JobWindow(whole.manifest, read, PROFILE.motion.purge_mm, first_layer=index)
-    assert window.begin().first_line == entry.layer.first_line
+    assert window.first_layer().first_line == entry.layer.first_line
     assert window.line_start_s(entry.lit_line) == pytest.approx(
         float(entry.layer.lines["end_s"][entry.lit_line - entry.layer.first_line - 1]))
     assert window.line_start_s(bead + 3) == pytest.approx(float(lines["end_s"][bead + 2]))

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from lmctl.errors import JobError, JournalError, MissingFileError
-from lmctl.run.journal import rundir
-from lmctl.run.journal.writer import Journal
+from lmctl.run.journal import run_folders
+from lmctl.run.journal.writer import JournalWriter
 
 
 @pytest.fixture
@@ -23,20 +23,21 @@ def job_file(tmp_path):
 
 def test_runs_are_numbered_on_and_hold_their_job(tmp_path, job_file):
     runs = tmp_path / "deep" / "runs"
-    assert [rundir.create(runs, job_file).run for _ in range(3)] == [
+    assert [run_folders.create_run_folder(runs, job_file).run for _ in range(3)] == [
         "run-0001", "run-0002", "run-0003"
     ]
-    rundir.find(runs, "run-0002").job.unlink()
+    run_folders.find_run_folder(runs, "run-0002").job.unlink()
     (runs / "run-0002").rmdir()
-    assert rundir.create(runs, job_file).run == "run-0004"  # a number is never given twice
+    # a number is never given twice
+    assert run_folders.create_run_folder(runs, job_file).run == "run-0004"
     job_file.unlink()
-    assert rundir.find(runs, "run-0001").job.read_bytes() == b"a job"
+    assert run_folders.find_run_folder(runs, "run-0001").job.read_bytes() == b"a job"
 
 
 def test_the_job_and_its_folder_outlive_the_power(tmp_path, job_file, monkeypatch):
     synced = []
     monkeypatch.setattr("os.fsync", lambda fd: synced.append(os.fstat(fd).st_ino))
-    made = rundir.create(tmp_path / "runs", job_file)
+    made = run_folders.create_run_folder(tmp_path / "runs", job_file)
     assert {made.job.stat().st_ino, (tmp_path / "runs").stat().st_ino} <= set(synced)
 
 
@@ -57,7 +58,7 @@ def test_processes_at_once_get_folders_of_their_own(tmp_path, job_file):
 
 @pytest.mark.parametrize("folder", ["runs", "my runs", "a;b/'runs'", "$HOME"])
 def test_a_hint_to_a_run_can_be_copied_into_a_shell(folder):
-    text = rundir.RunDir(Path(folder) / "run-0007").command("log")
+    text = run_folders.RunFolder(Path(folder) / "run-0007").command("log")
     typed = subprocess.run(["sh", "-c", f"printf '%s\\n' {text}"], capture_output=True, text=True)
     where = [] if folder == "runs" else ["--runs", folder]
     assert typed.stdout.splitlines() == ["lmctl", "log", "run-0007", *where]
@@ -65,30 +66,30 @@ def test_a_hint_to_a_run_can_be_copied_into_a_shell(folder):
 
 def test_a_missing_job_leaves_nothing_behind(tmp_path):
     with pytest.raises(JobError, match="cannot copy the job"):
-        rundir.create(tmp_path / "runs", tmp_path / "none.lmj")
+        run_folders.create_run_folder(tmp_path / "runs", tmp_path / "none.lmj")
     assert list((tmp_path / "runs").iterdir()) == []
 
 
 @pytest.mark.parametrize("name", ["run-0009", "../run-0001", "run-0001/..", "", "run-1", "."])
 def test_only_a_run_s_own_name_finds_it(tmp_path, job_file, name):
-    rundir.create(tmp_path / "runs", job_file)
+    run_folders.create_run_folder(tmp_path / "runs", job_file)
     with pytest.raises(MissingFileError, match="there is no run") as error:
-        rundir.find(tmp_path / "runs", name)
+        run_folders.find_run_folder(tmp_path / "runs", name)
     assert error.value.where == ("the last one is run-0001",)
 
 
 def test_the_list_tells_running_done_and_broken_off_apart(tmp_path, job_file):
     runs = tmp_path / "runs"
-    assert rundir.list_runs(runs) == []
-    made = [rundir.create(runs, job_file) for _ in range(4)]
+    assert run_folders.list_runs(runs) == []
+    made = [run_folders.create_run_folder(runs, job_file) for _ in range(4)]
     header = {"part": "gear", "operator": "Ada"}
     local = {"wall": "2026-01-01T00:00:00Z"}
-    with Journal(made[0].journal, header, local=local) as journal:
+    with JournalWriter(made[0].journal, header, local=local) as journal:
         journal.seal(12.5, state="done", lines=42)
-    with Journal(made[1].journal, header, local=local) as journal:
+    with JournalWriter(made[1].journal, header, local=local) as journal:
         journal.append(1.0, "sample")
-    with Journal(made[2].journal, header, local=local):
-        rows = rundir.list_runs(runs)
+    with JournalWriter(made[2].journal, header, local=local):
+        rows = run_folders.list_runs(runs)
     assert [row.state for row in rows] == ["done", "broken off", "running", "no journal"]
     assert (rows[0].part, rows[0].operator, rows[0].lines, rows[0].machine_s) == (
         "gear", "Ada", 42, 12.5
@@ -99,19 +100,20 @@ def test_the_list_tells_running_done_and_broken_off_apart(tmp_path, job_file):
 
 def test_garbage_in_the_folder_is_passed_over(tmp_path, job_file):
     runs = tmp_path / "runs"
-    rundir.create(runs, job_file).journal.write_bytes(b"\x00garbage\nmore")
+    run_folders.create_run_folder(runs, job_file).journal.write_bytes(b"\x00garbage\nmore")
     (runs / "notes.txt").touch()
-    assert [row.state for row in rundir.list_runs(runs)] == ["no journal"]
+    assert [row.state for row in run_folders.list_runs(runs)] == ["no journal"]
 
 
 def test_a_run_whose_journal_is_of_another_format_is_listed_as_such(tmp_path, job_file):
     runs = tmp_path / "runs"
-    rundir.create(runs, job_file).journal.write_text('{"format":"lmctl-journal-3"}\n')
-    assert [row.state for row in rundir.list_runs(runs)] == ["format 3"]
+    run_folders.create_run_folder(runs,
+                                  job_file).journal.write_text('{"format":"lmctl-journal-3"}\n')
+    assert [row.state for row in run_folders.list_runs(runs)] == ["format 3"]
 
 
 def test_a_file_in_the_folders_place_is_told(tmp_path, job_file):
     (tmp_path / "runs").touch()
     with pytest.raises(JournalError, match=r"cannot make|is not a folder"):
-        rundir.create(tmp_path / "runs", job_file)
-    assert rundir.list_runs(tmp_path / "runs") == []
+        run_folders.create_run_folder(tmp_path / "runs", job_file)
+    assert run_folders.list_runs(tmp_path / "runs") == []

@@ -12,36 +12,44 @@ import asyncio
 import pytest
 
 from lmctl.errors import MachineError
-from lmctl.run.interlocks.alarms import Interlock
-from lmctl.run.state.machine import StateMachine
-from lmctl.run.state.table import FINAL, TRANSITIONS, Do, Event, State, step
+from lmctl.run.interlocks.alarms import InterlockError
+from lmctl.run.state.state_machine import RunStateMachine
+from lmctl.run.state.transitions import (
+    FINAL_STATES,
+    TRANSITIONS,
+    Effect,
+    RunEvent,
+    RunState,
+    next_transition,
+)
 
-LAYING = (Event.ACHIEVED,) * 5
+LAYING = (RunEvent.ACHIEVED,) * 5
 TO = {
-    State.CONNECTING: (),
-    State.CHECKING: LAYING[:1],
-    State.GAS: LAYING[:2],
-    State.POWDER: LAYING[:3],
-    State.ARMED: LAYING[:4],
-    State.DEPOSITING: LAYING,
-    State.HOLDING: (*LAYING, Event.HOLD),
-    State.HELD: (*LAYING, Event.HOLD, Event.ACHIEVED),
-    State.PURGING: (*LAYING, Event.HOLD, Event.ACHIEVED, Event.RESUME),
-    State.RESUMING: (*LAYING, Event.HOLD, Event.ACHIEVED, Event.RESUME, Event.ACHIEVED),
-    State.FINISHING: (*LAYING, Event.PROGRAM_DONE),
-    State.STOPPING: (*LAYING, Event.STOP),
-    State.TRIPPED: (*LAYING, Event.FAULT),
+    RunState.CONNECTING: (),
+    RunState.CHECKING: LAYING[:1],
+    RunState.GAS: LAYING[:2],
+    RunState.POWDER: LAYING[:3],
+    RunState.ARMED: LAYING[:4],
+    RunState.DEPOSITING: LAYING,
+    RunState.HOLDING: (*LAYING, RunEvent.HOLD),
+    RunState.HELD: (*LAYING, RunEvent.HOLD, RunEvent.ACHIEVED),
+    RunState.PURGING: (*LAYING, RunEvent.HOLD, RunEvent.ACHIEVED, RunEvent.RESUME),
+    RunState.RESUMING: (*LAYING, RunEvent.HOLD, RunEvent.ACHIEVED, RunEvent.RESUME,
+                        RunEvent.ACHIEVED),
+    RunState.FINISHING: (*LAYING, RunEvent.PROGRAM_DONE),
+    RunState.STOPPING: (*LAYING, RunEvent.STOP),
+    RunState.TRIPPED: (*LAYING, RunEvent.FAULT),
 }
-HAPPENS = [event for event in Event if event not in (Event.START, Event.ACHIEVED)]
-WISHES = (Event.HOLD, Event.RESUME, Event.STOP)
+HAPPENS = [event for event in RunEvent if event not in (RunEvent.START, RunEvent.ACHIEVED)]
+WISHES = (RunEvent.HOLD, RunEvent.RESUME, RunEvent.STOP)
 #: Done without letting go of the loop, as they are on the cell.
-AT_ONCE = (Do.START_MOTION,)
+AT_ONCE = (Effect.START_MOTION,)
 
 
-def effects_in(state: State) -> tuple[Do, ...]:
-    before, effects = State.READY, ()
-    for event in (Event.START, *TO[state]):
-        before, effects = step(before, event)
+def effects_in(state: RunState) -> tuple[Effect, ...]:
+    before, effects = RunState.READY, ()
+    for event in (RunEvent.START, *TO[state]):
+        before, effects = next_transition(before, event)
     assert before is state
     return effects
 
@@ -50,11 +58,11 @@ class Rig:
     """A machine whose effects end when they are let; its log of states entered, effects begun."""
 
     def __init__(self) -> None:
-        self.log: list[State | Do | str] = []
+        self.log: list[RunState | Effect | str] = []
         self.ending: asyncio.Future[None] | None = None
-        self.machine = StateMachine(self.carry_out, lambda _: self.log.append("halt"), self)
+        self.machine = RunStateMachine(self.carry_out, lambda _: self.log.append("halt"), self)
 
-    async def carry_out(self, do: Do) -> None:
+    async def carry_out(self, do: Effect) -> None:
         self.log.append(do)
         if do in AT_ONCE:
             return
@@ -65,7 +73,7 @@ class Rig:
             if self.ending is ending:
                 self.ending = None
 
-    def state(self, event: Event, before: State, after: State) -> None:
+    def state(self, event: RunEvent, before: RunState, after: RunState) -> None:
         self.log.append(after)
 
     def fault(self, error: Exception) -> None:
@@ -76,23 +84,23 @@ class Rig:
         if self.ending is not None and not self.ending.done():
             self.ending.set_result(None)
 
-    def happen(self, event: Event) -> None:
+    def happen(self, event: RunEvent) -> None:
         if event in WISHES:
-            self.machine.wish(event)
-        elif event is Event.FAULT:
+            self.machine.request_event(event)
+        elif event is RunEvent.FAULT:
             self.machine.trip(MachineError("broken"))
-        elif event is Event.INTERLOCK:
-            self.machine.trip(Interlock("gas", "gas is low"))
+        elif event is RunEvent.INTERLOCK:
+            self.machine.trip(InterlockError("gas", "gas is low"))
         else:
-            self.machine.post(event)
+            self.machine.post_event(event)
 
     async def settle(self) -> None:
         for _ in range(12):
             await asyncio.sleep(0)
 
-    async def go_to(self, state: State, effect: Do) -> None:
+    async def go_to(self, state: RunState, effect: Effect) -> None:
         for event in TO[state]:
-            if event is Event.ACHIEVED:
+            if event is RunEvent.ACHIEVED:
                 before = self.machine.state
                 while self.machine.state is before:
                     self.end()
@@ -105,9 +113,9 @@ class Rig:
             await self.settle()
 
     async def to_the_end(self) -> None:
-        while self.machine.state not in FINAL:
+        while self.machine.state not in FINAL_STATES:
             if self.ending is None:
-                self.happen(Event.STOP)
+                self.happen(RunEvent.STOP)
             self.end()
             await self.settle()
 
@@ -115,16 +123,16 @@ class Rig:
 class Reference:
     """The table, one happening at a time."""
 
-    def __init__(self, state: State, effects: tuple[Do, ...]) -> None:
+    def __init__(self, state: RunState, effects: tuple[Effect, ...]) -> None:
         self.state, self.left = state, list(effects)
-        self.log: list[State | Do | str] = []
+        self.log: list[RunState | Effect | str] = []
 
-    def take(self, event: Event) -> None:
+    def take(self, event: RunEvent) -> None:
         if event in WISHES and (self.state, event) not in TRANSITIONS:
             return
-        if self.state in FINAL:
+        if self.state in FINAL_STATES:
             return
-        self.state, effects = step(self.state, event)
+        self.state, effects = next_transition(self.state, event)
         self.log.append(self.state)
         if effects:
             self.left = list(effects)
@@ -135,26 +143,27 @@ class Reference:
         if self.left[0] in AT_ONCE:
             self.end()
 
-    def end(self, then: tuple[Event, ...] = ()) -> None:
+    def end(self, then: tuple[RunEvent, ...] = ()) -> None:
         """The effect under way ends; `then` comes before it is known that all is achieved."""
         self.left.pop(0)
         if self.left:
             self.begin()
         for event in then:
             self.take(event)
-        if not self.left and (self.state, Event.ACHIEVED) in TRANSITIONS:
-            self.take(Event.ACHIEVED)
+        if not self.left and (self.state, RunEvent.ACHIEVED) in TRANSITIONS:
+            self.take(RunEvent.ACHIEVED)
 
-    def to_the_end(self) -> list[State | Do | str]:
-        while self.state not in FINAL:
+    def to_the_end(self) -> list[RunState | Effect | str]:
+        while self.state not in FINAL_STATES:
             if self.left:
                 self.end()
             else:
-                self.take(Event.STOP)
+                self.take(RunEvent.STOP)
         return self.log
 
 
-def orders(state: State, left: tuple[Do, ...], event: Event) -> list[list[State | Do | str]]:
+def orders(state: RunState, left: tuple[Effect, ...],
+           event: RunEvent) -> list[list[RunState | Effect | str]]:
     """What may follow: the event first; the end first; or the end, but known only after it."""
     event_first = Reference(state, left)
     event_first.take(event)
@@ -169,8 +178,8 @@ def orders(state: State, left: tuple[Do, ...], event: Event) -> list[list[State 
         known_later.log += left[1:]
         before = known_later.left
         known_later.take(event)
-        if known_later.left is before and known_later.state not in FINAL:
-            known_later.take(Event.ACHIEVED)
+        if known_later.left is before and known_later.state not in FINAL_STATES:
+            known_later.take(RunEvent.ACHIEVED)
     return [one.to_the_end() for one in (event_first, end_first, known_later)]
 
 
@@ -201,4 +210,4 @@ def test_what_follows_is_what_one_order_of_the_two_would_bring(state, effect, ev
     assert followed in orders(state, effects[effects.index(effect):], event)
     for at, one in enumerate(rig.log[:-1]):
         if one == "halt":  # beam and motion are down: no effect begins before the table is asked
-            assert not isinstance(rig.log[at + 1], Do), rig.log
+            assert not isinstance(rig.log[at + 1], Effect), rig.log

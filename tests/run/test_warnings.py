@@ -7,7 +7,7 @@ import asyncio
 import pytest
 
 from lmctl.machine.feeder.warnings import FeederWarning
-from lmctl.run.interlocks.warnings import GONE_S, Warnings
+from lmctl.run.interlocks.warnings import GONE_S, WarningDebounce
 from simulators import virtual_time
 
 LOW_A, LOW_B, DRIFT, CLIPPED = (
@@ -21,14 +21,14 @@ def told(story):
     async def main():
         loop = asyncio.get_running_loop()
         began_s, lines = loop.time(), []
-        warnings = Warnings(
+        warnings = WarningDebounce(
             lambda one, stands: lines.append((round(loop.time() - began_s, 6), one, stands)))
         for wait_s, heard in story:
             await asyncio.sleep(wait_s)
             if heard is None:
                 warnings.stop()
             else:
-                warnings.hear(heard)
+                warnings.update(heard)
         await asyncio.sleep(10 * GONE_S)
         return lines
 

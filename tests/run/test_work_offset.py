@@ -7,7 +7,7 @@ import asyncio
 import pytest
 
 from lmctl.errors import MachineError
-from lmctl.run.cell.work_offset import lasting_offset, refuse_moved
+from lmctl.run.cell.work_offset import persistent_work_offset, refuse_changed_offset
 
 
 class Controller:
@@ -25,7 +25,7 @@ class Controller:
 
 
 def offset(controller):
-    return asyncio.run(lasting_offset(controller))
+    return asyncio.run(persistent_work_offset(controller))
 
 
 def test_what_g54_holds_is_the_work_offset():
@@ -51,7 +51,7 @@ def test_what_a_reset_would_change_is_refused_with_what_mends_it(controller, wor
 
 def test_an_offset_that_has_changed_is_told_apart_from_rounding():
     controller = Controller(G54="1.500,-2.000,3.000")
-    asyncio.run(refuse_moved(controller, (1.501, -2.0, 3.0)))
+    asyncio.run(refuse_changed_offset(controller, (1.501, -2.0, 3.0)))
     with pytest.raises(MachineError, match="has changed") as refused:
-        asyncio.run(refuse_moved(controller, (1.5, -2.0, 3.1)))
+        asyncio.run(refuse_changed_offset(controller, (1.5, -2.0, 3.1)))
     assert refused.value.where == ("it is 1.5, -2, 3 mm, and was 1.5, -2, 3.1 mm",)

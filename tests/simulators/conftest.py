@@ -37,9 +37,9 @@ class Rig:
             vain = vain + 1 if due_s <= self.now_s else 0
             assert vain < 10, "woken in vain"
             self.now_s = max(self.now_s, due_s)
-            said += self.controller.wake(self.now_s)
+            said += self.controller.advance(self.now_s)
         self.now_s = until_s
-        said += self.controller.wake(until_s)
+        said += self.controller.advance(until_s)
         return self._lines(said)
 
     def ask(self, data: bytes | str, seconds: float = 0.0) -> list[str]:
@@ -55,7 +55,7 @@ class Rig:
 
     def overrides(self) -> tuple[int, int, int]:
         """As reported; they come one report later when the work offset is due."""
-        return self.status().overrides or self.status().overrides
+        return self.status().override_percents or self.status().override_percents
 
     @staticmethod
     def _lines(data: bytes) -> list[str]:

@@ -5,23 +5,23 @@ from __future__ import annotations
 import pytest
 
 from firmware_protocol.pmx import (
-    PMX,
-    Command,
-    State,
-    Status,
-    hopper_row,
-    recipe_names,
+    PMX_MAP,
+    FeederCommandBits,
+    FeederStateCode,
+    FeederStatusBits,
+    hopper_register_name,
+    recipe_register_names,
     register_map,
 )
-from firmware_protocol.registers import Kind
+from firmware_protocol.registers import RegisterSpace
 from simulators.feeder.config import FeederConfig, HopperConfig
-from simulators.feeder.device import PmxDevice
+from simulators.feeder.device import PmxFeederDevice
 from simulators.feeder.readings import read_holding, read_input
-from simulators.modbus_refusal import RefusedError
+from simulators.modbus_errors import ExceptionReplyError
 
-REMOTE = Command.ENABLE_REMOTE
-GAS = REMOTE | Command.GAS_ON
-FEED = GAS | Command.FEED_ON
+REMOTE = FeederCommandBits.ENABLE_REMOTE
+GAS = REMOTE | FeederCommandBits.GAS_ON
+FEED = GAS | FeederCommandBits.FEED_ON
 
 
 def hopper(channel: int = 1, **changes) -> HopperConfig:
@@ -39,7 +39,7 @@ class Cell:
     def __init__(self, *hoppers: HopperConfig, **settings) -> None:
         self.t = 100.0
         config = FeederConfig("F1", hoppers or (hopper(),), **settings)
-        self.device = PmxDevice(config, lambda: self.t)
+        self.device = PmxFeederDevice(config, lambda: self.t)
         self.n = len(config.hoppers)
         self.beats = 0
 
@@ -56,10 +56,10 @@ class Cell:
         self.write("HEARTBEAT", self.beats)
 
     def write(self, name: str, value) -> None:
-        self.device.write(PMX.wire_address(name), PMX.encode(name, value))
+        self.device.write(PMX_MAP.wire_address(name), PMX_MAP.encode(name, value))
 
     def refused(self, name: str, value) -> int:
-        with pytest.raises(RefusedError) as caught:
+        with pytest.raises(ExceptionReplyError) as caught:
             self.write(name, value)
         return caught.value.code
 
@@ -67,28 +67,28 @@ class Cell:
         """One write from HEARTBEAT to the last shadow register."""
         self.beats += 1
         table = register_map(self.n)
-        values = dict.fromkeys(recipe_names(self.n), 0)
+        values = dict.fromkeys(recipe_register_names(self.n), 0)
         values |= {"HEARTBEAT": self.beats, "WD_TIMEOUT": 1000, "WD_ACTION": 1, "SEQ": seq,
                    "RAMP": ramp_s, "STABILISE": 8.0, "POSTFLOW": 10.0, "SETPOINT_MODE": 1,
                    "AT_SPEED_TOL": 2.0}
         for channel, flow in enumerate(flows_g_min, 1):
-            values[hopper_row(channel, "FLOW_SP")] = flow
-            values[hopper_row(channel, "CARRIER_SP")] = 4.0
-        block = table.block(recipe_names(self.n))
+            values[hopper_register_name(channel, "FLOW_SP")] = flow
+            values[hopper_register_name(channel, "CARRIER_SP")] = 4.0
+        block = table.block(recipe_register_names(self.n))
         self.device.write(block.address, block.encode(values | more))
 
     def read(self, name: str):
-        row = PMX[name]
-        read = read_input if row.kind is Kind.INPUT else read_holding
-        return PMX.decode(name, read(self.device, PMX.wire_address(name), row.words))
+        row = PMX_MAP[name]
+        read = read_input if row.space is RegisterSpace.INPUT else read_holding
+        return PMX_MAP.decode(name, read(self.device, PMX_MAP.wire_address(name), row.words))
 
     @property
-    def state(self) -> State:
-        return State(self.read("STATE"))
+    def state(self) -> FeederStateCode:
+        return FeederStateCode(self.read("STATE"))
 
     @property
-    def status(self) -> Status:
-        return Status(self.read("STATUS"))
+    def status(self) -> FeederStatusBits:
+        return FeederStatusBits(self.read("STATUS"))
 
     def feed(self, *flows_g_min: float) -> None:
         """Take command and run powder until it is stable."""
@@ -96,7 +96,7 @@ class Cell:
         self.recipe(*flows_g_min, seq=1)
         self.write("COMMAND", FEED)
         self.wait(11.5)
-        assert self.state is State.FEEDING
+        assert self.state is FeederStateCode.FEEDING
 
     def disc_rpm(self, channel: int = 1) -> float:
-        return self.read(hopper_row(channel, "DISC_ACT"))
+        return self.read(hopper_register_name(channel, "DISC_ACT"))

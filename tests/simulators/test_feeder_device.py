@@ -5,18 +5,18 @@ from __future__ import annotations
 import pytest
 
 from firmware_protocol.pmx import (
-    MIRROR,
+    MIRROR_ADDRESS,
     SYSTEM_BLOCK,
-    Command,
-    HopperFlags,
-    Mode,
-    Refusal,
-    State,
-    Status,
-    hopper_names,
+    FeederCommandBits,
+    FeederMode,
+    FeederStateCode,
+    FeederStatusBits,
+    HopperStatusBits,
+    WriteRefusalCode,
+    hopper_input_names,
 )
 from simulators.feeder.readings import read_holding, read_input
-from simulators.modbus_refusal import ILLEGAL_ADDRESS, ILLEGAL_VALUE, REFUSED, RefusedError
+from simulators.modbus_errors import ILLEGAL_ADDRESS, ILLEGAL_VALUE, REFUSED, ExceptionReplyError
 from tests.simulators.feeder_cell import FEED, GAS, REMOTE, Cell, hopper
 
 
@@ -25,7 +25,7 @@ def test_it_says_what_it_is():
     assert cell.read("DEVICE_ID") == 0x504D
     assert cell.read("MAP_VERSION") == 0x0101
     assert cell.read("N_HOPPERS") == 2
-    assert cell.read("MODE") == Mode.REMOTE
+    assert cell.read("MODE") == FeederMode.REMOTE
     assert cell.read("UPTIME") == 0
     cell.wait(65.7, beating=False)
     assert cell.read("UPTIME") == 65
@@ -34,35 +34,35 @@ def test_it_says_what_it_is():
 
 def test_the_way_from_rest_to_feeding_and_back():
     cell = Cell()
-    assert cell.state is State.NOT_READY
+    assert cell.state is FeederStateCode.NOT_READY
     cell.write("COMMAND", REMOTE)
-    assert cell.state is State.READY
+    assert cell.state is FeederStateCode.READY
     cell.recipe(6.0, seq=1)
     cell.write("COMMAND", GAS)
-    assert cell.state is State.GAS_PREFLOW
-    assert Status.GAS_OK not in cell.status
+    assert cell.state is FeederStateCode.GAS_PREFLOW
+    assert FeederStatusBits.GAS_OK not in cell.status
     assert cell.read("TOTAL_GAS") == 4.0
     cell.wait(3.0)
-    assert Status.GAS_OK in cell.status
+    assert FeederStatusBits.GAS_OK in cell.status
     assert cell.disc_rpm() == 0.0
     cell.write("COMMAND", FEED)
-    assert cell.state is State.STABILISING
+    assert cell.state is FeederStateCode.STABILISING
     assert cell.disc_rpm() == 3.0
     assert cell.read("TOTAL_FLOW") == 6.0
     cell.wait(7.9)
-    assert Status.STABLE not in cell.status
+    assert FeederStatusBits.STABLE not in cell.status
     cell.wait(0.2)
-    assert cell.state is State.FEEDING
-    assert Status.STABLE | Status.AT_SETPOINT | Status.FEEDING in cell.status
+    assert cell.state is FeederStateCode.FEEDING
+    assert FeederStatusBits.STABLE | FeederStatusBits.AT_SETPOINT | FeederStatusBits.FEEDING in cell.status
     cell.write("COMMAND", REMOTE)
-    assert cell.state is State.STOPPING
+    assert cell.state is FeederStateCode.STOPPING
     assert cell.disc_rpm() == 0.0
     assert cell.read("TOTAL_GAS") == 4.0  # post-flow
     cell.wait(10.1)
-    assert cell.state is State.READY
+    assert cell.state is FeederStateCode.READY
     assert cell.read("TOTAL_GAS") == 0.0
     cell.write("COMMAND", 0)
-    assert cell.state is State.NOT_READY
+    assert cell.state is FeederStateCode.NOT_READY
 
 
 def test_powder_waits_for_the_gas():
@@ -71,9 +71,9 @@ def test_powder_waits_for_the_gas():
     cell.recipe(6.0, seq=1)
     cell.write("COMMAND", FEED)
     cell.wait(2.9)
-    assert (cell.state, cell.disc_rpm()) == (State.GAS_PREFLOW, 0.0)
+    assert (cell.state, cell.disc_rpm()) == (FeederStateCode.GAS_PREFLOW, 0.0)
     cell.wait(0.2)
-    assert (cell.state, cell.disc_rpm()) == (State.STABILISING, 3.0)
+    assert (cell.state, cell.disc_rpm()) == (FeederStateCode.STABILISING, 3.0)
     # the discs started at 3 s exactly, though nobody looked then
     span = cell.device.spans[-1]
     assert (span.start_s, span.stable_s) == (103.0, 111.0)
@@ -84,9 +84,9 @@ def test_a_shorter_post_flow_counts_at_once():
     cell.feed(6.0)
     cell.write("COMMAND", REMOTE)
     cell.wait(1.0)
-    assert cell.state is State.STOPPING
+    assert cell.state is FeederStateCode.STOPPING
     cell.write("POSTFLOW", 0.0)
-    assert cell.state is State.READY
+    assert cell.state is FeederStateCode.READY
     assert cell.read("TOTAL_GAS") == 0.0
 
 
@@ -120,13 +120,13 @@ def test_a_ramp_goes_evenly_to_the_recipe():
     cell = Cell()
     cell.feed(6.0)
     cell.recipe(10.0, seq=2, ramp_s=2.0)
-    assert Status.RAMPING in cell.status
-    assert Status.AT_SETPOINT not in cell.status
+    assert FeederStatusBits.RAMPING in cell.status
+    assert FeederStatusBits.AT_SETPOINT not in cell.status
     cell.wait(1.0)
     assert cell.read("H1.DISC_RAMPED") == 4.0
     cell.wait(1.0)
     assert cell.disc_rpm() == 5.0
-    assert Status.AT_SETPOINT in cell.status
+    assert FeederStatusBits.AT_SETPOINT in cell.status
 
 
 def test_rpm_mode():
@@ -141,7 +141,7 @@ def test_a_set_point_beyond_the_disc_is_clipped_and_told():
     cell.feed(6.0)
     cell.recipe(50.0, seq=2)
     assert cell.disc_rpm() == 20.0
-    assert HopperFlags.LIMITED in HopperFlags(cell.read("H1.STATUS"))
+    assert HopperStatusBits.LIMITED in HopperStatusBits(cell.read("H1.STATUS"))
     assert cell.read("WARNING") == 1 << 4
 
 
@@ -150,9 +150,9 @@ def test_a_set_point_below_the_least_speed_stands_still_and_is_told():
     cell.feed(6.0)
     cell.recipe(0.5, seq=2)
     assert cell.disc_rpm() == 0.0
-    flags = HopperFlags(cell.read("H1.STATUS"))
-    assert HopperFlags.BELOW_N_MIN in flags
-    assert HopperFlags.AT_SETPOINT not in flags
+    flags = HopperStatusBits(cell.read("H1.STATUS"))
+    assert HopperStatusBits.BELOW_N_MIN in flags
+    assert HopperStatusBits.AT_SETPOINT not in flags
 
 
 def test_the_stored_feed_factor_is_what_the_device_believes_not_what_is_true():
@@ -162,16 +162,16 @@ def test_the_stored_feed_factor_is_what_the_device_believes_not_what_is_true():
     assert cell.read("H1.FLOW_EST") == 5.0
     assert cell.read("H1.FLOW_LIW") == 4.0
     assert cell.refused("H1.FEED_FACTOR", 2.0) == REFUSED
-    assert cell.read("LAST_REFUSAL") == Refusal.POWDER_RUNNING
+    assert cell.read("LAST_REFUSAL") == WriteRefusalCode.POWDER_RUNNING
 
 
 @pytest.mark.parametrize(
     ("name", "value", "code", "reason"),
     [
-        ("COMMAND", Command.GAS_ON, REFUSED, Refusal.NOT_REMOTE),
-        ("COMMAND", REMOTE | Command.FEED_ON, REFUSED, Refusal.NO_GAS),
+        ("COMMAND", FeederCommandBits.GAS_ON, REFUSED, WriteRefusalCode.NOT_REMOTE),
+        ("COMMAND", REMOTE | FeederCommandBits.FEED_ON, REFUSED, WriteRefusalCode.NO_GAS),
         ("COMMAND", 1 << 7, ILLEGAL_VALUE, None),
-        ("WD_TIMEOUT", 0, REFUSED, Refusal.WATCHDOG_NEEDED),
+        ("WD_TIMEOUT", 0, REFUSED, WriteRefusalCode.WATCHDOG_NEEDED),
         ("WD_TIMEOUT", 99, ILLEGAL_VALUE, None),
     ],
 )
@@ -195,7 +195,7 @@ def test_refused_writes(name, value, code, reason):
 def test_a_bad_word_in_a_write_leaves_all_as_it_was(address, words, code):
     cell = Cell()
     before = read_holding(cell.device, 0, 24)
-    with pytest.raises(RefusedError) as caught:
+    with pytest.raises(ExceptionReplyError) as caught:
         cell.device.write(address, words)
     assert caught.value.code == code
     assert read_holding(cell.device, 0, 24) == before
@@ -204,7 +204,7 @@ def test_a_bad_word_in_a_write_leaves_all_as_it_was(address, words, code):
 @pytest.mark.parametrize(("address", "count"), [(24, 1), (23, 2), (99, 2), (119, 2), (200, 1),
                                                 (0, 25), (60_000, 1)])
 def test_input_registers_that_are_not_there(address, count):
-    with pytest.raises(RefusedError) as caught:
+    with pytest.raises(ExceptionReplyError) as caught:
         read_input(Cell().device, address, count)
     assert caught.value.code == ILLEGAL_ADDRESS
 
@@ -212,7 +212,8 @@ def test_input_registers_that_are_not_there(address, count):
 def test_every_input_register_of_the_table_is_there_and_reads_as_it_should():
     cell = Cell(hopper(1), hopper(2))
     cell.feed(6.0, 2.0)
-    for name in (*(row.name for row in SYSTEM_BLOCK.rows), *hopper_names(1), *hopper_names(2)):
+    for name in (*(row.name for row in SYSTEM_BLOCK.rows), *hopper_input_names(1),
+                 *hopper_input_names(2)):
         cell.read(name)
     assert cell.read("H2.FLOW_EST") == 2.0
     assert cell.read("H1.LEVEL") == pytest.approx(100.0, abs=0.2)
@@ -221,22 +222,23 @@ def test_every_input_register_of_the_table_is_there_and_reads_as_it_should():
 
 def test_the_mirror_shows_input_registers_where_the_map_has_it():
     cell = Cell()
-    assert read_holding(cell.device, MIRROR, 24) == read_input(cell.device, 0, 24)
+    assert read_holding(cell.device, MIRROR_ADDRESS, 24) == read_input(cell.device, 0, 24)
     whole = read_input(cell.device, 0, 24) + read_input(cell.device, 100, 20)
-    assert read_holding(cell.device, MIRROR, 44) == whole
-    assert read_holding(cell.device, MIRROR + 24, 20) == whole[24:]
-    for address, count in ((MIRROR, 45), (MIRROR + 44, 1), (MIRROR + 100, 1)):
-        with pytest.raises(RefusedError):
+    assert read_holding(cell.device, MIRROR_ADDRESS, 44) == whole
+    assert read_holding(cell.device, MIRROR_ADDRESS + 24, 20) == whole[24:]
+    for address, count in ((MIRROR_ADDRESS, 45), (MIRROR_ADDRESS + 44, 1),
+                           (MIRROR_ADDRESS + 100, 1)):
+        with pytest.raises(ExceptionReplyError):
             read_holding(cell.device, address, count)
     old = Cell(map_minor=0)
     assert old.read("MAP_VERSION") == 0x0100
-    with pytest.raises(RefusedError):
-        read_holding(old.device, MIRROR, 24)
+    with pytest.raises(ExceptionReplyError):
+        read_holding(old.device, MIRROR_ADDRESS, 24)
 
 
 def test_the_mirror_of_a_hopper_that_is_not_there_is_zeros():
     cell = Cell(hopper(1), hopper(3))
-    said = read_holding(cell.device, MIRROR, 84)
+    said = read_holding(cell.device, MIRROR_ADDRESS, 84)
     assert said[24:44] == read_input(cell.device, 100, 20)
     assert said[44:64] == [0] * 20
     assert said[64:] == read_input(cell.device, 300, 20)
@@ -244,7 +246,7 @@ def test_the_mirror_of_a_hopper_that_is_not_there_is_zeros():
 
 def test_toggle_and_tick_move():
     cell = Cell()
-    before = cell.status & Status.TOGGLE, cell.read("TICK")
+    before = cell.status & FeederStatusBits.TOGGLE, cell.read("TICK")
     cell.t += 0.15
-    assert (cell.status & Status.TOGGLE) != before[0]
+    assert (cell.status & FeederStatusBits.TOGGLE) != before[0]
     assert cell.read("TICK") == (before[1] + 150) % 65_536

@@ -25,7 +25,7 @@ def flow(process: HopperProcess, *times: float) -> list[float]:
 
 def test_a_step_reaches_the_nozzle_after_the_dead_time_and_settles_by_the_lag():
     hopper = HopperProcess(PLAIN)
-    hopper.command(10.0, 4.0)
+    hopper.command_rpm(10.0, 4.0)
     full = 3.0 * 4.0 / 60
     assert flow(hopper, 9.0, 12.999, 13.0, 14.0, 16.91, 100.0) == pytest.approx(
         [0, 0, 0, full * (1 - math.exp(-1)), full * (1 - math.exp(-3.91)), full]
@@ -35,72 +35,72 @@ def test_a_step_reaches_the_nozzle_after_the_dead_time_and_settles_by_the_lag():
 
 def test_without_lags_the_nozzle_repeats_the_disc_late():
     hopper = HopperProcess(replace(PLAIN, lag_s=0.0))
-    hopper.command(0.0, 4.0)
-    hopper.command(5.0, 2.0)
+    hopper.command_rpm(0.0, 4.0)
+    hopper.command_rpm(5.0, 2.0)
     assert flow(hopper, 2.9, 3.0, 7.9, 8.0) == pytest.approx([0.0, 0.2, 0.2, 0.1])
 
 
 def test_a_lasting_ramp_is_followed_one_lag_behind():
     hopper = HopperProcess(PLAIN)
-    hopper.command(0.0, 5.0)
-    hopper.command(50.0, 25.0, ramp_s=100.0)  # 0.2 rpm a second
+    hopper.command_rpm(0.0, 5.0)
+    hopper.command_rpm(50.0, 25.0, ramp_s=100.0)  # 0.2 rpm a second
     at_100_s = 5.0 + 0.2 * (100.0 - 50.0 - PLAIN.dead_time_s - PLAIN.lag_s)
     assert flow(hopper, 100.0)[0] == pytest.approx(3.0 * at_100_s / 60, rel=1e-12)
     assert hopper.setpoint_rpm(100.0) == pytest.approx(15.0)
-    assert hopper.ramping(149.9)
-    assert not hopper.ramping(150.0)
+    assert hopper.is_ramping(149.9)
+    assert not hopper.is_ramping(150.0)
 
 
 def test_equal_drive_and_hose_lags_make_the_double_lag():
     hopper = HopperProcess(replace(PLAIN, drive_lag_s=1.0, dead_time_s=0.0))
-    hopper.command(0.0, 20.0)
+    hopper.command_rpm(0.0, 20.0)
     x = np.linspace(0.0, 8.0, 50)
     assert hopper.nozzle_flow_g_s(x) == pytest.approx(1.0 - (1.0 + x) * np.exp(-x), abs=1e-12)
 
 
 def test_below_the_least_speed_the_disc_stands():
     hopper = HopperProcess(PLAIN)
-    hopper.command(0.0, 0.29)
+    hopper.command_rpm(0.0, 0.29)
     assert hopper.disc_rpm(10.0) == 0.0
     assert hopper.setpoint_rpm(10.0) == 0.29
-    hopper.command(10.0, 0.3)
+    hopper.command_rpm(10.0, 0.3)
     assert hopper.disc_rpm(10.0) == pytest.approx(0.3)
     assert flow(hopper, 13.0, 100.0) == pytest.approx([0.0, 3.0 * 0.3 / 60])
 
 
 def test_a_ramp_through_the_dead_band_jumps_where_it_leaves_it():
     hopper = HopperProcess(replace(PLAIN, lag_s=0.0, dead_time_s=0.0))
-    hopper.command(0.0, 1.0, ramp_s=10.0)
+    hopper.command_rpm(0.0, 1.0, ramp_s=10.0)
     assert flow(hopper, 2.999, 3.001) == pytest.approx([0.0, 3.0 * 0.3001 / 60])
-    hopper.command(20.0, 0.0, ramp_s=10.0)
+    hopper.command_rpm(20.0, 0.0, ramp_s=10.0)
     assert flow(hopper, 26.999, 27.001) == pytest.approx([3.0 * 0.3001 / 60, 0.0])
 
 
 def test_no_disc_turns_faster_than_it_can():
     hopper = HopperProcess(PLAIN)
-    hopper.command(0.0, 99.0)
+    hopper.command_rpm(0.0, 99.0)
     assert hopper.disc_rpm(1.0) == pytest.approx(25.0)
 
 
 def test_the_offset_belongs_to_a_turning_disc_only():
     hopper = HopperProcess(replace(PLAIN, offset_g_min=0.6))
-    hopper.command(0.0, 1.0)
+    hopper.command_rpm(0.0, 1.0)
     assert flow(hopper, 60.0)[0] == pytest.approx(3.6 / 60)
     assert hopper.disc_rpm(1.0) == pytest.approx(1.0)
-    hopper.command(60.0, 0.0)
+    hopper.command_rpm(60.0, 0.0)
     assert flow(hopper, 120.0)[0] == pytest.approx(0.0, abs=1e-12)
 
 
 def test_an_empty_hopper_feeds_exactly_its_fill_and_no_more():
     hopper = HopperProcess(replace(PLAIN, fill_g=30.0))
-    hopper.command(0.0, 20.0)  # 1 g/s
-    hopper.command(10.0, 10.0)  # 0.5 g/s: the rest, 20 g, lasts 40 s
+    hopper.command_rpm(0.0, 20.0)  # 1 g/s
+    hopper.command_rpm(10.0, 10.0)  # 0.5 g/s: the rest, 20 g, lasts 40 s
     assert hopper.empty_s == pytest.approx(50.0)
     assert hopper.fed_g(49.0) == pytest.approx(29.5)
     assert hopper.fed_g(60.0) == 30.0
     assert hopper.disc_rpm(60.0) == pytest.approx(10.0)  # it turns, with nothing in it
-    hopper.command(50.0, 20.0)
-    hopper.command(70.0, 20.0)
+    hopper.command_rpm(50.0, 20.0)
+    hopper.command_rpm(70.0, 20.0)
     t = np.linspace(0.0, 100.0, 200_001)
     delivered = np.trapezoid(hopper.nozzle_flow_g_s(t), t)
     assert delivered == pytest.approx(30.0, rel=1e-6)
@@ -109,9 +109,9 @@ def test_an_empty_hopper_feeds_exactly_its_fill_and_no_more():
 
 def test_slower_feeding_puts_the_end_off():
     hopper = HopperProcess(replace(PLAIN, fill_g=30.0))
-    hopper.command(0.0, 20.0)
+    hopper.command_rpm(0.0, 20.0)
     assert hopper.empty_s == pytest.approx(30.0)
-    hopper.command(29.0, 0.0)
+    hopper.command_rpm(29.0, 0.0)
     assert hopper.empty_s == math.inf
     assert hopper.fed_g(1e6) == pytest.approx(29.0)
 
@@ -121,14 +121,14 @@ def test_powder_runs_out_when_it_is_said_to_through_ramp_and_drive_lag():
         hopper = HopperProcess(replace(PLAIN, fill_g=fill_g, drive_lag_s=0.5))
         full = HopperProcess(replace(PLAIN, drive_lag_s=0.5))
         for process in (hopper, full):
-            process.command(0.0, 20.0, ramp_s=8.0)
+            process.command_rpm(0.0, 20.0, ramp_s=8.0)
         assert full.fed_g(hopper.empty_s) == pytest.approx(fill_g, rel=1e-9)
 
 
 def test_a_new_command_replaces_what_had_not_begun():
     hopper = HopperProcess(PLAIN)
-    hopper.command(0.0, 20.0, ramp_s=100.0)
-    hopper.command(50.0, 0.0)
+    hopper.command_rpm(0.0, 20.0, ramp_s=100.0)
+    hopper.command_rpm(50.0, 0.0)
     assert flow(hopper, 60.0, 200.0) == pytest.approx([flow(hopper, 60.0)[0], 0.0], abs=1e-9)
     assert hopper.fed_g(500.0) == pytest.approx(12.5, rel=0.01)
 
@@ -137,15 +137,15 @@ def test_a_new_command_replaces_what_had_not_begun():
                                              (math.inf, 1.0), (math.nan, 1.0)])
 def test_impossible_commands_are_refused(time_s, rpm):
     hopper = HopperProcess(PLAIN)
-    hopper.command(5.0, 1.0)
+    hopper.command_rpm(5.0, 1.0)
     with pytest.raises(ValueError, match=r"command|cannot go"):
-        hopper.command(time_s, rpm)
+        hopper.command_rpm(time_s, rpm)
 
 
 def test_noise_is_unsteady_repeatable_and_even_on_average():
     def record(seed: int) -> np.ndarray:
         hopper = HopperProcess(replace(PLAIN, noise_rsd=0.02, seed=seed))
-        hopper.command(0.0, 20.0)
+        hopper.command_rpm(0.0, 20.0)
         return hopper.nozzle_flow_g_s(np.linspace(20.0, 620.0, 20_000))
 
     assert np.array_equal(record(1), record(1))
@@ -199,7 +199,7 @@ def test_the_closed_answer_is_what_small_steps_give(steps, drive_lag_s, lag_s, f
     commands = [(t, rpm, ramp) for t, (_, rpm, ramp) in zip(starts, steps, strict=True)]
     hopper = HopperProcess(config)
     for command in commands:
-        hopper.command(*command)
+        hopper.command_rpm(*command)
     times = np.linspace(0.0, starts[-1] + 8.0, 60)
     exact = hopper.nozzle_flow_g_s(times)
     peak = max(0.05, config.feed_factor_g_rev * config.n_max_rpm / 60)
@@ -211,10 +211,10 @@ def test_a_long_history_keeps_its_answers_and_its_size(monkeypatch):
     monkeypatch.setattr(hose, "MOST_PIECES", 1000)
     short, long = HopperProcess(PLAIN), HopperProcess(PLAIN)
     for i in range(5000):
-        long.command(i * 0.1, 5.0 + i % 7)
+        long.command_rpm(i * 0.1, 5.0 + i % 7)
     monkeypatch.setattr(hose, "MOST_PIECES", 1 << 20)
     for i in range(5000):
-        short.command(i * 0.1, 5.0 + i % 7)
+        short.command_rpm(i * 0.1, 5.0 + i % 7)
     times = np.linspace(480.0, 520.0, 400)
     assert long.nozzle_flow_g_s(times) == pytest.approx(short.nozzle_flow_g_s(times), rel=1e-12)
     with pytest.raises(ValueError, match="forgotten"):

@@ -9,7 +9,7 @@ import pytest
 
 from simulators import virtual_time
 from simulators.feeder.config import FeederConfig, HopperConfig
-from simulators.feeder.device import PmxDevice
+from simulators.feeder.device import PmxFeederDevice
 from simulators.feeder.server import serve_pty, serve_tcp
 
 CONFIG = FeederConfig(
@@ -24,7 +24,7 @@ def framed(pdu: bytes, number: int = 1, device: int = 5) -> bytes:
 def asked(*requests: bytes, wait_s: float = 0.1) -> bytes:
     """What comes back on one TCP connection, each request sent after the one before settled."""
     async def main():
-        device = PmxDevice(CONFIG, asyncio.get_running_loop().time)
+        device = PmxFeederDevice(CONFIG, asyncio.get_running_loop().time)
         server = await serve_tcp(device)
         host, _, port = server.endpoint.removeprefix("modbus-tcp://").partition(":")
         reader, writer = await asyncio.open_connection(host, int(port))
@@ -94,7 +94,7 @@ def test_rtu_on_a_pty_whole_in_parts_and_with_a_wrong_checksum():
     answer = b"\x05\x04\x02\x50\x4d"
 
     async def main():
-        device = PmxDevice(CONFIG, asyncio.get_running_loop().time)
+        device = PmxFeederDevice(CONFIG, asyncio.get_running_loop().time)
         server = await serve_pty(device)
         path = server.endpoint.removeprefix("modbus-rtu://").partition("?")[0]
         host = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)

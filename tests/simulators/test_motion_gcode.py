@@ -13,20 +13,20 @@ from simulators.motion.actions import (
     BEAM_CONSTANT,
     BEAM_DYNAMIC,
     BEAM_OFF,
-    Coolant,
     Dwell,
-    Motion,
-    Pause,
-    Probe,
+    ProbeFailure,
     ProgramEnd,
+    ProgramPause,
     ReadInput,
-    Spindle,
-    Switch,
+    SetCoolant,
+    SetOutput,
+    SetSpindle,
+    StraightMove,
     ToolChange,
 )
 from simulators.motion.interpreter import Interpreter
-from simulators.motion.reports import parser_state
-from simulators.motion.settings import Settings
+from simulators.motion.reports import parser_state_line
+from simulators.motion.settings import FirmwareSettings
 
 DIALECTS = {"grbl": GRBL, "grblhal": GRBLHAL}
 BOTH = pytest.mark.parametrize("name", ["grbl", "grblhal"])
@@ -34,7 +34,7 @@ BOTH = pytest.mark.parametrize("name", ["grbl", "grblhal"])
 
 def make(name="grblhal", **settings):
     values = {32: 1, 30: 1000} | {int(key.strip("s")): value for key, value in settings.items()}
-    return Interpreter(DIALECTS[name], Settings(DIALECTS[name], values))
+    return Interpreter(DIALECTS[name], FirmwareSettings(DIALECTS[name], values))
 
 
 def run(interpreter, *lines):
@@ -43,7 +43,7 @@ def run(interpreter, *lines):
 
 
 def targets(actions):
-    return [action.target_mm for action in actions if isinstance(action, Motion)]
+    return [action.target_mm for action in actions if isinstance(action, StraightMove)]
 
 
 def refusal(interpreter, line):
@@ -116,10 +116,10 @@ def test_what_is_refused_and_how(line, grbl, grblhal):
 def test_a_refused_line_changes_nothing(name):
     interpreter = make(name)
     run(interpreter, "G1 X1 F600 S100", "M4")
-    before = parser_state(interpreter.dialect, interpreter)
+    before = parser_state_line(interpreter.dialect, interpreter)
     for line in ("G91 G20 G18 X1 X2", "G92", "G2 X1 M5 S3 F1", "G10 L2 P1", "M3 G4"):
         refusal(interpreter, line)
-        assert parser_state(interpreter.dialect, interpreter) == before
+        assert parser_state_line(interpreter.dialect, interpreter) == before
         assert interpreter.position_mm == (1.0, 0.0, 0.0)
 
 
@@ -239,7 +239,7 @@ def test_the_beam_is_driven_by_m3_m4_and_never_in_g0(name):
         "M5",
         "G1 X6",
     )
-    moves = [action for action in actions if isinstance(action, Motion)]
+    moves = [action for action in actions if isinstance(action, StraightMove)]
     assert [(move.beam, move.power) for move in moves] == [
         (BEAM_DYNAMIC, 0.6),
         (BEAM_OFF, 0.0),
@@ -253,31 +253,32 @@ def test_the_beam_is_driven_by_m3_m4_and_never_in_g0(name):
 @BOTH
 def test_only_m3_burns_at_standstill_and_only_in_g1(name):
     interpreter = make(name)
-    assert run(interpreter, "M4 S600") == [Spindle(4, 0.0)]
-    assert run(interpreter, "M3") == [Spindle(3, 0.0)]  # in G0
-    assert run(interpreter, "G1 F600") == [Spindle(3, 0.6)]
-    assert run(interpreter, "S500") == [Spindle(3, 0.5)]
-    assert run(interpreter, "G0") == [Spindle(3, 0.0)]
+    assert run(interpreter, "M4 S600") == [SetSpindle(4, 0.0)]
+    assert run(interpreter, "M3") == [SetSpindle(3, 0.0)]  # in G0
+    assert run(interpreter, "G1 F600") == [SetSpindle(3, 0.6)]
+    assert run(interpreter, "S500") == [SetSpindle(3, 0.5)]
+    assert run(interpreter, "G0") == [SetSpindle(3, 0.0)]
 
 
 @BOTH
 def test_without_laser_mode_m4_is_a_spindle_that_stays_on(name):
     interpreter = make(name, s32=0)
     actions = run(interpreter, "M4 S600", "G1 X1 F600", "G0 X2", "G1 X3 S300")
-    assert actions[0] == Spindle(4, 0.6)
-    assert [(a.beam, a.power) for a in actions if isinstance(a, Motion)] == [
+    assert actions[0] == SetSpindle(4, 0.6)
+    assert [(a.beam, a.power) for a in actions if isinstance(a, StraightMove)] == [
         (BEAM_CONSTANT, 0.6),
         (BEAM_CONSTANT, 0.6),
         (BEAM_CONSTANT, 0.3),
     ]
-    assert actions[3] == Spindle(4, 0.3)  # an S change waits for rest
+    assert actions[3] == SetSpindle(4, 0.3)  # an S change waits for rest
 
 
 @BOTH
 def test_s_within_moves_needs_no_wait_in_laser_mode(name):
     interpreter = make(name)
     run(interpreter, "M4 S100", "G1 X1 F600")
-    assert [type(a) for a in run(interpreter, "G1 X2 S200", "X3 S0", "G0 X4 S5")] == [Motion] * 3
+    assert [type(a) for a in run(interpreter, "G1 X2 S200", "X3 S0",
+                                 "G0 X4 S5")] == [StraightMove] * 3
 
 
 def test_power_is_limited_and_has_a_floor():
@@ -290,12 +291,12 @@ def test_power_is_limited_and_has_a_floor():
 def test_the_order_within_a_line_is_the_firmwares():
     actions = run(make(), "G1 X1 F600 M3 S100 M8 M64 P1", "G4 P0.5 X2", "M2")
     assert [type(a) for a in actions] == [
-        Spindle,
-        Coolant,
-        Switch,
-        Motion,
+        SetSpindle,
+        SetCoolant,
+        SetOutput,
+        StraightMove,
         Dwell,
-        Motion,
+        StraightMove,
         ProgramEnd,
     ]
 
@@ -305,7 +306,8 @@ def test_ports_of_grblhal():
     assert run(interpreter, "M62 P3", "M67 E1 Q3.25") == []
     (move,) = run(interpreter, "G0 X1")
     assert move.outputs == (("D", 3, 1.0), ("A", 1, 3.0))  # an int32: the fraction is lost
-    assert run(interpreter, "M65 P2", "M68 E0 Q7") == [Switch("D", 2, 0.0), Switch("A", 0, 7.0)]
+    assert run(interpreter, "M65 P2", "M68 E0 Q7") == [SetOutput("D", 2, 0.0),
+                                                       SetOutput("A", 0, 7.0)]
     assert run(interpreter, "M66 P0 L0", "M66 P0 L3 Q2") == [ReadInput(0.0, 0), ReadInput(2.0, -1)]
     (plain,) = run(interpreter, "G0 X2")
     assert plain.outputs == ()
@@ -313,16 +315,16 @@ def test_ports_of_grblhal():
 
 def test_stops_tools_and_probes():
     interpreter = make()
-    assert run(interpreter, "M0", "M1") == [Pause()]  # no optional stop
+    assert run(interpreter, "M0", "M1") == [ProgramPause()]  # no optional stop
     assert run(interpreter, "M6 T3") == [ToolChange()]
     assert interpreter.modal.tool == 0
     interpreter.mount_tool()
     assert interpreter.modal.tool == 3
     assert run(interpreter, "G38.2 X5 F100", "G38.3 X6") == [
-        Motion((5.0, 0.0, 0.0), 100 / 60),
-        Probe(True),
-        Motion((6.0, 0.0, 0.0), 100 / 60),
-        Probe(False),
+        StraightMove((5.0, 0.0, 0.0), 100 / 60),
+        ProbeFailure(True),
+        StraightMove((6.0, 0.0, 0.0), 100 / 60),
+        ProbeFailure(False),
     ]
 
 
@@ -330,7 +332,7 @@ def test_stops_tools_and_probes():
 def test_program_end_restores_the_modes(name):
     interpreter = make(name)
     run(interpreter, "G91 G18 G55 M3 S100 F600", "M8", "M30")
-    text = parser_state(interpreter.dialect, interpreter).text
+    text = parser_state_line(interpreter.dialect, interpreter).text
     assert text.startswith("G1 G54 G17 G21 G90 G94 ")
     assert " M5 M9 " in text
 
@@ -339,9 +341,9 @@ def test_program_end_restores_the_modes(name):
 def test_a_jog_keeps_the_modal_state(name):
     interpreter = make(name)
     run(interpreter, "G1 X10 F600")
-    before = parser_state(interpreter.dialect, interpreter)
-    assert interpreter.jog(b"G91 G20 X1 F10") == Motion((35.4, 0.0, 0.0), 10 * 25.4 / 60)
-    assert parser_state(interpreter.dialect, interpreter) == before
+    before = parser_state_line(interpreter.dialect, interpreter)
+    assert interpreter.jog(b"G91 G20 X1 F10") == StraightMove((35.4, 0.0, 0.0), 10 * 25.4 / 60)
+    assert parser_state_line(interpreter.dialect, interpreter) == before
 
 
 @pytest.mark.parametrize(

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simulators.motion.actions import BEAM_CONSTANT, BEAM_DYNAMIC, Motion
-from simulators.motion.planner import Kinematics, Planner
+from simulators.motion.actions import BEAM_CONSTANT, BEAM_DYNAMIC, StraightMove
+from simulators.motion.planner import Kinematics, LookAheadPlanner
 from simulators.motion.stepper import Stepper
-from simulators.motion.trace import Trace
+from simulators.motion.trace import MotionTrace
 
 ACCELERATION = 500.0
 DEVIATION = 0.01
@@ -21,8 +21,8 @@ class Axes:
     """A planner and a stepper on a hand-driven clock, kept full from a list of moves."""
 
     def __init__(self, moves, blocks=100, lead_s=0.05, lead_blocks=6, kinematics=CELL):
-        self.planner = Planner(blocks, kinematics)
-        self.trace = Trace((0.0, 0.0, 0.0))
+        self.planner = LookAheadPlanner(blocks, kinematics)
+        self.trace = MotionTrace((0.0, 0.0, 0.0))
         self.stepper = Stepper(self.planner, self.trace, lead_s, lead_blocks)
         self.moves = list(moves)
         self.now_s = 0.0
@@ -40,7 +40,7 @@ class Axes:
                 self.stepper.start(self.now_s)
             self.stepper.advance(self.now_s)
             due_s = self.stepper.next_event_s()
-            if self.stepper.stopped(self.now_s) or due_s > until_s:
+            if self.stepper.is_stopped(self.now_s) or due_s > until_s:
                 break
             assert due_s > self.now_s
             self.now_s = due_s
@@ -52,7 +52,7 @@ class Axes:
 
 
 def line(*target, rate=20.0, **more):
-    return Motion(target, rate, **more)
+    return StraightMove(target, rate, **more)
 
 
 def run(*moves, **how):
@@ -232,14 +232,14 @@ def test_power_is_never_above_full_nor_below_the_floor():
 def test_stopping_dead_forgets_what_was_committed_ahead():
     axes = Axes([line(0.5 * k, 0.0, 0.0, line=k, beam=2, power=1.0) for k in range(1, 101)])
     axes.run(0.5)
-    axes.stepper.stop_dead(axes.now_s)
+    axes.stepper.stop_immediately(axes.now_s)
     here = axes.planner.position_mm[0]
     assert here == pytest.approx(0.4 + 0.46 * 20.0, abs=0.002)
     sample = axes.trace.sample([0.5, 0.6, 10.0])
     assert sample.speed_mm_s.tolist() == [0.0, 0.0, 0.0]
     assert sample.power_fraction.tolist() == [0.0, 0.0, 0.0]
     blocks = axes.trace.blocks()
-    assert blocks.complete.tolist() == [True] * (len(blocks.line) - 1) + [False]
+    assert blocks.is_complete.tolist() == [True] * (len(blocks.line) - 1) + [False]
     assert blocks.end_mm[-1, 0] == pytest.approx(here, abs=0.002)
 
 
@@ -284,7 +284,7 @@ def test_whatever_happens_motion_is_continuous_and_within_limits(moves, disturba
         axes.run(axes.now_s + wait_s)
         if what == "hold":
             if axes.stepper.running and not axes.stepper.holding:
-                axes.stepper.hold(axes.now_s)
+                axes.stepper.brake(axes.now_s)
                 axes.run()
                 axes.stepper.start(axes.now_s)
         elif what != "look":
@@ -295,7 +295,7 @@ def test_whatever_happens_motion_is_continuous_and_within_limits(moves, disturba
     assert axes.planner.count == 0
     assert axes.trace.position_at(axes.now_s) == pytest.approx(tuple(at[-1]), abs=0.003)
     blocks_done, phases = axes.trace.blocks(), axes.trace.phases()
-    assert blocks_done.complete.all()
+    assert blocks_done.is_complete.all()
     assert (np.diff(blocks_done.line) >= 1).all()
     gap = phases.start_s[1:] - phases.end_s[:-1]
     assert (gap >= -1e-9).all()

@@ -10,14 +10,14 @@ import pytest
 from simulators import virtual_time
 from simulators.motion.config import MotionConfig
 from simulators.motion.server import open_pty, serve_tcp
-from simulators.motion.sim import MotionSim
+from simulators.motion.simulator import MotionSimulator
 
 LASER_CELL = {30: 1000, 32: 1, 110: 6000, 111: 6000, 112: 6000, 120: 500, 121: 500, 122: 500}
 BOTH = pytest.mark.parametrize("dialect", ["grbl", "grblhal"])
 
 
 def sim_of(dialect="grblhal", **more):
-    return MotionSim(MotionConfig(dialect=dialect, settings=LASER_CELL, **more))
+    return MotionSimulator(MotionConfig(dialect=dialect, settings=LASER_CELL, **more))
 
 
 def zigzag(count):

@@ -1,7 +1,7 @@
 import pytest
 
 from firmware_protocol.dialect import GRBL, GRBLHAL
-from simulators.motion.settings import SettingError, Settings
+from simulators.motion.settings import FirmwareSettings, SettingError
 
 BOTH = pytest.mark.parametrize("dialect", [GRBL, GRBLHAL], ids=["grbl", "grblhal"])
 
@@ -23,7 +23,7 @@ BOTH = pytest.mark.parametrize("dialect", [GRBL, GRBLHAL], ids=["grbl", "grblhal
     ],
 )
 def test_what_is_refused(dialect, number, value, grbl, grblhal):
-    settings = Settings(dialect, {})
+    settings = FirmwareSettings(dialect, {})
     code = grblhal if dialect is GRBLHAL else grbl
     if code is None:
         settings.store(number, value)
@@ -38,7 +38,7 @@ def test_what_is_refused(dialect, number, value, grbl, grblhal):
 
 @BOTH
 def test_soft_limits_go_with_homing(dialect):
-    settings = Settings(dialect, {20: 1, 22: 1})  # in whatever order they are given
+    settings = FirmwareSettings(dialect, {20: 1, 22: 1})  # in whatever order they are given
     assert settings[20] == 1
     settings.store(22, 0.0)
     assert settings[20] == 0
@@ -46,7 +46,7 @@ def test_soft_limits_go_with_homing(dialect):
 
 @BOTH
 def test_whole_numbers_are_cut_and_others_shown_with_their_decimals(dialect):
-    settings = Settings(dialect, {23: 3.9, 110: 1234.5678})
+    settings = FirmwareSettings(dialect, {23: 3.9, 110: 1234.5678})
     listing = dict(settings.listing())
     assert listing[23] == "3"
     assert listing[110] == "1234.568"
@@ -54,7 +54,7 @@ def test_whole_numbers_are_cut_and_others_shown_with_their_decimals(dialect):
 
 @BOTH
 def test_restoring_brings_back_what_the_configuration_says(dialect):
-    settings = Settings(dialect, {110: 777})
+    settings = FirmwareSettings(dialect, {110: 777})
     settings.store(110, 1.0)
     settings.store(11, 0.5)
     settings.restore()
@@ -63,7 +63,7 @@ def test_restoring_brings_back_what_the_configuration_says(dialect):
 
 @BOTH
 def test_kinematics_are_per_second(dialect):
-    kinematics = Settings(dialect, {110: 6000, 121: 300, 102: 400, 11: 0.02}).kinematics()
+    kinematics = FirmwareSettings(dialect, {110: 6000, 121: 300, 102: 400, 11: 0.02}).kinematics()
     assert kinematics.max_rate_mm_s[0] == pytest.approx(100.0)
     assert kinematics.acceleration_mm_s2[1] == 300.0
     assert kinematics.steps_per_mm[2] == 400.0

@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from firmware_protocol.pmx import Command
+from firmware_protocol.pmx import FeederCommandBits
+from simulators.bench_record import BenchRecord
 from simulators.feeder.config import FeederConfig, HopperConfig
-from simulators.feeder.device import PmxDevice
+from simulators.feeder.device import PmxFeederDevice
 from simulators.motion.actions import BEAM_CONSTANT, BEAM_DYNAMIC, BEAM_OFF
-from simulators.motion.trace import ExecutedBlocks, Phases, TraceSample
-from simulators.record import BenchRecord
+from simulators.motion.trace import ConstantAccelerationPhases, ExecutedBlocks, TraceSample
 
 STEEL = HopperConfig(
     channel=1, material="316L", density_g_mm3=0.00785, catch_efficiency=0.75, dead_time_s=3.0,
@@ -33,9 +33,9 @@ class KnownMotion:
     def _column(self, i: int, kind=float) -> np.ndarray:
         return np.array([move[i] for move in self.moves], dtype=kind)
 
-    def phases(self) -> Phases:
+    def phases(self) -> ConstantAccelerationPhases:
         rows = np.arange(len(self.moves))
-        return Phases(
+        return ConstantAccelerationPhases(
             self._column(1), self._column(2), self._column(4), self._column(5), rows,
             np.zeros(len(self.moves)), self._column(8),
         )
@@ -76,7 +76,7 @@ class Bench:
         self.t = 0.0
         self.trace = KnownMotion()
         self.feeders = [
-            PmxDevice(FeederConfig(f"F{i}", (h,), preflow_s=0.0), lambda: self.t)
+            PmxFeederDevice(FeederConfig(f"F{i}", (h,), preflow_s=0.0), lambda: self.t)
             for i, h in enumerate(hoppers)
         ]
         self.record = BenchRecord(self.trace, self.feeders)
@@ -84,12 +84,12 @@ class Bench:
 
     def feed(self, *flows_g_min: float) -> None:
         for feeder, flow in zip(self.feeders, flows_g_min, strict=True):
-            seq = feeder.holding.raw("SEQ") + 1
-            feeder.write(0, [int(Command.ENABLE_REMOTE), seq, 60_000, 1, 0, 0])
+            seq = feeder.holding.raw_word("SEQ") + 1
+            feeder.write(0, [int(FeederCommandBits.ENABLE_REMOTE), seq, 60_000, 1, 0, 0])
             feeder.write(10, [1])
             feeder.write(23, [round(flow * 100)])
             feeder.write(6, [seq])
-            feeder.write(0, [int(Command.ENABLE_REMOTE | Command.GAS_ON | Command.FEED_ON)])
+            feeder.write(0, [int(FeederCommandBits.ENABLE_REMOTE | FeederCommandBits.GAS_ON | FeederCommandBits.FEED_ON)])
 
     def stop(self) -> None:
         for feeder in self.feeders:
@@ -112,7 +112,7 @@ def test_the_path_is_exact_in_length_place_and_time():
     bench.move(7, 20.0, 10.0)
     bench.move(8, 5.0, 10.0, beam=BEAM_OFF, power=0.0)
     bench.move(9, 10.0, 4.0)
-    path = bench.record.beam_path()
+    path = bench.record.beam_on_path()
     assert path.length_mm.sum() == pytest.approx(30.0, rel=1e-12)
     assert path.duration_s.sum() == pytest.approx(4.5, rel=1e-12)
     assert path.length_mm.max() <= 0.1 + 1e-12
@@ -126,7 +126,7 @@ def test_the_path_is_exact_in_length_place_and_time():
 def test_a_start_from_rest_keeps_its_length_and_its_beam_follows_the_speed():
     bench = Bench(STEEL)
     bench.move(1, 5.0, 10.0, acceleration_mm_s2=10.0)
-    path = bench.record.beam_path()
+    path = bench.record.beam_on_path()
     assert path.length_mm.sum() == pytest.approx(5.0, rel=1e-12)
     assert path.power_fraction == pytest.approx(0.5 * path.time_s)
 
@@ -134,15 +134,15 @@ def test_a_start_from_rest_keeps_its_length_and_its_beam_follows_the_speed():
 def test_moves_without_power_are_no_path():
     bench = Bench(STEEL)
     bench.move(1, 5.0, 10.0, power=0.0)
-    assert len(bench.record.beam_path().time_s) == 0
-    assert math.isnan(bench.record.beam_path().share_within(np.zeros((0, 1)), 0.02))
+    assert len(bench.record.beam_on_path().time_s) == 0
+    assert math.isnan(bench.record.beam_on_path().fraction_within(np.zeros((0, 1)), 0.02))
 
 
 def test_an_empty_record():
     record = Bench(STEEL).record
-    assert len(record.beam_path().time_s) == 0
-    assert record.beam_without_motion().shape == (0, 2)
-    assert record.beam_without_stable_powder().shape == (0, 2)
+    assert len(record.beam_on_path().time_s) == 0
+    assert record.beam_on_without_motion().shape == (0, 2)
+    assert record.beam_on_without_stable_powder().shape == (0, 2)
 
 
 def test_worked_example_of_volume_fractions():
@@ -151,7 +151,7 @@ def test_worked_example_of_volume_fractions():
     bench.feed(2.45, 6.08)
     bench.t = 50.0
     bench.move(1, 10.0, 10.0)
-    path = bench.record.beam_path()
+    path = bench.record.beam_on_path()
     assert path.materials == ("316L", "WC-12Co")
     assert path.fractions == pytest.approx(np.full((len(path.time_s), 2), 0.5), abs=1e-4)
     assert path.volume_rate_mm3_s == pytest.approx(np.full(len(path.time_s), 7.8), rel=1e-4)
@@ -163,7 +163,7 @@ def test_two_hoppers_of_one_material_count_together():
     bench.feed(6.0, 6.0)
     bench.t = 50.0
     bench.move(1, 1.0, 10.0)
-    path = bench.record.beam_path()
+    path = bench.record.beam_on_path()
     assert path.fractions == pytest.approx(np.ones((len(path.time_s), 1)))
     assert path.flow_g_s[:, 0] == pytest.approx(np.full(len(path.time_s), 0.2))
 
@@ -177,12 +177,12 @@ def test_the_share_is_that_of_the_path_not_of_pieces_or_time():
     bench.feed(7.2, 4.8)
     bench.move(1, 30.0, 10.0)  # the dead time: still the old mixture
     bench.move(2, 100.0, 10.0)
-    path = bench.record.beam_path(step_mm=0.02)
-    designed = path.designed(np.array([2, 1]), np.array([[0.6, 0.4], [0.6, 0.4]]))
+    path = bench.record.beam_on_path(step_mm=0.02)
+    designed = path.designed_fractions(np.array([2, 1]), np.array([[0.6, 0.4], [0.6, 0.4]]))
     late_mm = 10.0 * (3.0 + math.log(0.1 / 0.02))
-    assert path.share_within(designed, 0.02) == pytest.approx(1 - late_mm / 130.0, abs=2e-4)
-    old = path.designed(np.array([1, 2]), np.array([[0.5, 0.5], [0.6, 0.4]]))
-    assert path.share_within(old, 0.02) == pytest.approx(
+    assert path.fraction_within(designed, 0.02) == pytest.approx(1 - late_mm / 130.0, abs=2e-4)
+    old = path.designed_fractions(np.array([1, 2]), np.array([[0.5, 0.5], [0.6, 0.4]]))
+    assert path.fraction_within(old, 0.02) == pytest.approx(
         1 - (late_mm - 30.0) / 130.0, abs=2e-4
     )
 
@@ -190,17 +190,17 @@ def test_the_share_is_that_of_the_path_not_of_pieces_or_time():
 def test_without_powder_nothing_is_within_anything():
     bench = Bench(STEEL)
     bench.move(1, 10.0, 10.0)
-    path = bench.record.beam_path()
-    assert path.share_within(np.ones((len(path.time_s), 1)), 1.0) == 0.0
+    path = bench.record.beam_on_path()
+    assert path.fraction_within(np.ones((len(path.time_s), 1)), 1.0) == 0.0
 
 
 def test_a_line_the_design_does_not_know():
     bench = Bench(STEEL)
     bench.move(3, 1.0, 10.0)
-    path = bench.record.beam_path()
+    path = bench.record.beam_on_path()
     for lines in ([], [1, 2], [4]):
         with pytest.raises(ValueError, match="line 3"):
-            path.designed(np.array(lines, dtype=np.int64), np.ones((len(lines), 1)))
+            path.designed_fractions(np.array(lines, dtype=np.int64), np.ones((len(lines), 1)))
 
 
 def test_beam_without_motion_is_found_and_timed():
@@ -212,9 +212,9 @@ def test_beam_without_motion_is_found_and_timed():
     bench.t = 10.0
     bench.move(2, 10.0, 10.0, beam=BEAM_CONSTANT)
     bench.t = 20.0
-    (found,) = bench.record.beam_without_motion()
+    (found,) = bench.record.beam_on_without_motion()
     assert found == pytest.approx([2.0, 2.3], abs=0.006)
-    assert len(bench.record.beam_without_motion(longer_than_s=0.5)) == 0
+    assert len(bench.record.beam_on_without_motion(longer_than_s=0.5)) == 0
 
 
 def test_beam_without_stable_powder_is_found_and_timed():
@@ -226,7 +226,7 @@ def test_beam_without_stable_powder_is_found_and_timed():
     bench.move(2, 10.0, 10.0)
     bench.stop()
     bench.move(3, 10.0, 10.0)
-    found = bench.record.beam_without_stable_powder()
+    found = bench.record.beam_on_without_stable_powder()
     assert found == pytest.approx(np.array([[7.0, 8.0], [31.0, 32.0]]), abs=0.01)
 
 
@@ -236,7 +236,7 @@ def test_a_feeder_that_was_never_used_is_not_waited_for():
     bench.feed(6.0)
     bench.t = 20.0
     bench.move(1, 10.0, 10.0)
-    assert len(bench.record.beam_without_stable_powder()) == 0
+    assert len(bench.record.beam_on_without_stable_powder()) == 0
 
 
 def test_powder_fed():

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from pymodbus.client import AsyncModbusTcpClient
 
-from firmware_protocol.safety_io import RELAY_RESET_KEY, Inputs
+from firmware_protocol.safety_io import RELAY_RESET_KEY, SafetyInputBits
 from firmware_protocol.status import parse_status
 from simulators import virtual_time
 from simulators.bench import Bench
@@ -218,7 +218,7 @@ def test_while_the_relay_is_open_a_closed_door_changes_nothing():
         cell.beat()
         await asyncio.sleep(0.01)
         assert not cell.status().pins
-        cell.bench.safety.set_input(Inputs.KEY_ON, False)  # wired to nobody
+        cell.bench.safety.set_input(SafetyInputBits.KEY_ON, False)  # wired to nobody
         assert not cell.status().pins
 
     played("grblhal", act)

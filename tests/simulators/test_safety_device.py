@@ -6,20 +6,20 @@ import pytest
 
 from firmware_protocol.registers import RegisterError
 from firmware_protocol.safety_io import (
-    ALL_GOOD,
-    CYCLE_BLOCK,
+    ALL_INPUTS_OK,
+    CYCLIC_BLOCK,
     DEVICE_ID,
-    MIRROR,
-    RELAY_CODE,
+    FULL_BLOCK,
+    MIRROR_ADDRESS,
+    RELAY_FIRST_OUT_CODE,
     RELAY_RESET_KEY,
-    WHOLE_BLOCK,
-    Inputs,
-    Status,
-    input_code,
+    SafetyInputBits,
+    SafetyStatusBits,
+    first_out_code_of,
 )
-from simulators.modbus_refusal import RefusedError, SilentError
+from simulators.modbus_errors import ExceptionReplyError, RequestIgnoredError
 from simulators.safety.config import SafetyConfig
-from simulators.safety.device import SafetyDevice
+from simulators.safety.device import SimulatedSafetyDevice
 
 
 class Rig:
@@ -27,7 +27,7 @@ class Rig:
 
     def __init__(self, **config) -> None:
         self.now_s = 0.0
-        self.device = SafetyDevice(SafetyConfig(**config), lambda: self.now_s)
+        self.device = SimulatedSafetyDevice(SafetyConfig(**config), lambda: self.now_s)
         self.changes = 0
         self.device.on_change = self._changed
         self.beats = 0
@@ -36,20 +36,21 @@ class Rig:
         self.changes += 1
 
     def read(self) -> dict:
-        words = self.device.read_input(0, WHOLE_BLOCK.count)
-        mirrored = self.device.read_holding(MIRROR + CYCLE_BLOCK.address, CYCLE_BLOCK.count)
-        assert words[CYCLE_BLOCK.address :] == mirrored
-        return WHOLE_BLOCK.decode(words)
+        words = self.device.read_input(0, FULL_BLOCK.count)
+        mirrored = self.device.read_holding(MIRROR_ADDRESS + CYCLIC_BLOCK.address,
+                                            CYCLIC_BLOCK.count)
+        assert words[CYCLIC_BLOCK.address :] == mirrored
+        return FULL_BLOCK.decode(words)
 
     def beat(self) -> None:
         self.beats += 1
         self.device.write(0, [self.beats])
 
-    def inputs(self) -> Inputs:
-        return Inputs(self.read()["INPUTS"])
+    def inputs(self) -> SafetyInputBits:
+        return SafetyInputBits(self.read()["INPUTS"])
 
-    def status(self) -> Status:
-        return Status(self.read()["STATUS"])
+    def status(self) -> SafetyStatusBits:
+        return SafetyStatusBits(self.read()["STATUS"])
 
 
 def test_at_power_up_all_is_good_and_the_relay_is_open():
@@ -57,24 +58,25 @@ def test_at_power_up_all_is_good_and_the_relay_is_open():
     told = rig.read()
     assert told["DEVICE_ID"] == DEVICE_ID
     assert told["MAP_VERSION"] == 0x0101
-    assert Inputs(told["INPUTS"]) == ALL_GOOD
-    assert Status(told["STATUS"]) == Status.SELF_TEST_OK | Status.RELAY_FITTED
+    assert SafetyInputBits(told["INPUTS"]) == ALL_INPUTS_OK
+    assert SafetyStatusBits(
+        told["STATUS"]) == SafetyStatusBits.SELF_TEST_OK | SafetyStatusBits.RELAY_FITTED
     assert told["HEARTBEAT_AGE"] == 0xFFFF
     assert (told["FIRST_OUT"], told["TRIP_COUNT"], told["UPTIME"]) == (0, 0, 0)
-    assert rig.device.relay_open
-    assert not Rig().device.relay_open  # there is none
+    assert rig.device.is_relay_open
+    assert not Rig().device.is_relay_open  # there is none
 
 
-@pytest.mark.parametrize("one", list(Inputs))
+@pytest.mark.parametrize("one", list(SafetyInputBits))
 def test_every_input_opens_and_closes_and_is_first_out(one):
     rig = Rig()
     rig.device.set_input(one, False)
-    assert rig.inputs() == ALL_GOOD & ~one
+    assert rig.inputs() == ALL_INPUTS_OK & ~one
     told = rig.read()
-    assert (told["FIRST_OUT"], told["TRIP_COUNT"]) == (input_code(one), 1)
+    assert (told["FIRST_OUT"], told["TRIP_COUNT"]) == (first_out_code_of(one), 1)
     rig.device.set_input(one, True)
-    assert rig.inputs() == ALL_GOOD
-    assert rig.read()["FIRST_OUT"] == input_code(one)  # until it is reset
+    assert rig.inputs() == ALL_INPUTS_OK
+    assert rig.read()["FIRST_OUT"] == first_out_code_of(one)  # until it is reset
     rig.device.write(2, [RELAY_RESET_KEY])
     assert rig.read()["FIRST_OUT"] == 0
     assert rig.changes >= 2
@@ -82,34 +84,34 @@ def test_every_input_opens_and_closes_and_is_first_out(one):
 
 def test_the_first_stays_the_first_and_every_opening_counts():
     rig = Rig()
-    rig.device.open_door()
-    rig.device.open_estop_chain()
-    rig.device.open_door(False)
-    rig.device.open_door()
+    rig.device.set_door_open()
+    rig.device.set_estop_open()
+    rig.device.set_door_open(False)
+    rig.device.set_door_open()
     told = rig.read()
     assert (told["FIRST_OUT"], told["TRIP_COUNT"]) == (102, 3)
     rig.device.write(2, [RELAY_RESET_KEY])
     assert rig.read()["FIRST_OUT"] == 101  # still open, the first of them
-    assert rig.device.door_open
-    assert rig.device.estop_open
+    assert rig.device.is_door_open
+    assert rig.device.is_estop_open
 
 
 @pytest.mark.parametrize(
     ("act", "one"),
     [
-        (lambda d: d.set_shield_gas(4.9), Inputs.SHIELD_GAS_OK),
-        (lambda d: d.set_shield_gas(None), Inputs.SHIELD_GAS_OK),
-        (lambda d: d.set_chiller(36.0, 10.0), Inputs.CHILLER_OK),
-        (lambda d: d.set_chiller(22.0, 3.0), Inputs.CHILLER_OK),
-        (lambda d: d.set_extraction(100), Inputs.EXTRACTION_OK),
-        (lambda d: d.set_extraction(2500), Inputs.EXTRACTION_OK),
-        (lambda d: d.invalidate_analyser(), Inputs.OXYGEN_VALID),
+        (lambda d: d.set_shield_gas(4.9), SafetyInputBits.SHIELD_GAS_OK),
+        (lambda d: d.set_shield_gas(None), SafetyInputBits.SHIELD_GAS_OK),
+        (lambda d: d.set_chiller(36.0, 10.0), SafetyInputBits.CHILLER_OK),
+        (lambda d: d.set_chiller(22.0, 3.0), SafetyInputBits.CHILLER_OK),
+        (lambda d: d.set_extraction(100), SafetyInputBits.EXTRACTION_OK),
+        (lambda d: d.set_extraction(2500), SafetyInputBits.EXTRACTION_OK),
+        (lambda d: d.invalidate_analyser(), SafetyInputBits.OXYGEN_VALID),
     ],
 )
 def test_switches_follow_their_values(act, one):
     rig = Rig()
     act(rig.device)
-    assert rig.inputs() == ALL_GOOD & ~one
+    assert rig.inputs() == ALL_INPUTS_OK & ~one
 
 
 def test_values_are_told_as_set():
@@ -131,12 +133,12 @@ def test_values_are_told_as_set():
 
 def test_the_relay_closes_by_its_key_and_opens_when_heartbeats_stop():
     rig = Rig(watchdog_relay=True)
-    with pytest.raises(RefusedError) as refused:
+    with pytest.raises(ExceptionReplyError) as refused:
         rig.device.write(2, [RELAY_RESET_KEY])
     assert refused.value.code == 4  # no heartbeat so far
     rig.device.write(0, [1, 200, RELAY_RESET_KEY])
-    assert not rig.device.relay_open
-    assert Status.RELAY_CLOSED in rig.status()
+    assert not rig.device.is_relay_open
+    assert SafetyStatusBits.RELAY_CLOSED in rig.status()
     assert rig.device.read_holding(0, 3) == [1, 200, 0]
     rig.now_s = 0.15
     rig.device.write(0, [2])
@@ -144,38 +146,38 @@ def test_the_relay_closes_by_its_key_and_opens_when_heartbeats_stop():
     rig.device.write(0, [2])  # the same number is no heartbeat
     assert rig.device.next_due_s() == pytest.approx(0.35)
     rig.now_s = 0.5
-    assert rig.device.settle() == 0.5
-    assert rig.device.relay_open
+    assert rig.device.advance_to_now() == 0.5
+    assert rig.device.is_relay_open
     assert rig.device.relay_opened_s == [pytest.approx(0.35)]
     told = rig.read()
-    assert (told["FIRST_OUT"], told["TRIP_COUNT"]) == (RELAY_CODE, 1)
+    assert (told["FIRST_OUT"], told["TRIP_COUNT"]) == (RELAY_FIRST_OUT_CODE, 1)
     assert told["HEARTBEAT_AGE"] == 350
     rig.device.write(0, [3])
-    assert rig.device.relay_open  # latched, until
+    assert rig.device.is_relay_open  # latched, until
     rig.device.write(2, [RELAY_RESET_KEY])
-    assert not rig.device.relay_open
+    assert not rig.device.is_relay_open
 
 
 def test_the_laser_enable_output_comes_on_by_an_edge_while_the_relay_is_closed():
     rig = Rig(watchdog_relay=True, laser_enable=True)
-    assert Status.LASER_ENABLE_FITTED in rig.status()
-    assert rig.device.laser_cut
+    assert SafetyStatusBits.LASER_ENABLE_FITTED in rig.status()
+    assert rig.device.is_laser_enable_off
     rig.device.write(0, [1, 200, 0, 1])
-    assert rig.device.laser_cut  # the relay is open
+    assert rig.device.is_laser_enable_off  # the relay is open
     rig.device.write(0, [2, 200, RELAY_RESET_KEY, 1])
-    assert rig.device.laser_cut  # that was no edge
+    assert rig.device.is_laser_enable_off  # that was no edge
     rig.device.write(3, [0])
     changes = rig.changes
     rig.device.write(0, [3, 200, 0, 1])
-    assert not rig.device.laser_cut
-    assert Status.LASER_ENABLED in rig.status()
+    assert not rig.device.is_laser_enable_off
+    assert SafetyStatusBits.LASER_ENABLED in rig.status()
     assert rig.changes == changes + 1
     rig.device.write(0, [4, 200])  # who does not write it leaves it
-    assert not rig.device.laser_cut
+    assert not rig.device.is_laser_enable_off
     assert rig.device.read_holding(0, 4) == [4, 200, 0, 1]
     rig.device.write(0, [5, 200, 0, 0])
-    assert rig.device.laser_cut
-    assert Status.LASER_ENABLED not in rig.status()
+    assert rig.device.is_laser_enable_off
+    assert SafetyStatusBits.LASER_ENABLED not in rig.status()
     assert rig.changes == changes + 2
 
 
@@ -184,47 +186,47 @@ def test_the_laser_enable_output_drops_with_the_relay_and_no_heartbeat_brings_it
     rig.device.write(0, [1, 200, RELAY_RESET_KEY, 0])
     rig.device.write(3, [1])
     rig.now_s = 0.2
-    rig.device.settle()
-    assert rig.device.laser_cut
+    rig.device.advance_to_now()
+    assert rig.device.is_laser_enable_off
     rig.device.write(0, [2, 200, 0, 1])
     rig.device.write(0, [3, 200, RELAY_RESET_KEY, 1])
-    assert not rig.device.relay_open
-    assert rig.device.laser_cut
+    assert not rig.device.is_relay_open
+    assert rig.device.is_laser_enable_off
     rig.device.write(3, [0])
     rig.device.write(3, [1])
-    assert not rig.device.laser_cut
+    assert not rig.device.is_laser_enable_off
     rig.device.restart()
-    assert rig.device.laser_cut
+    assert rig.device.is_laser_enable_off
     assert rig.device.read_holding(3, 1) == [0]
 
 
 def test_a_stuck_output_is_read_back_as_it_is_and_follows_again():
     rig = Rig(watchdog_relay=True, laser_enable=True)
     rig.device.write(0, [1, 200, RELAY_RESET_KEY, 0])
-    rig.device.stick_output()
+    rig.device.set_output_stuck()
     rig.device.write(3, [1])
-    assert Status.LASER_ENABLED not in rig.status()
-    rig.device.stick_output(False)
-    assert Status.LASER_ENABLED in rig.status()
-    rig.device.stick_output()
+    assert SafetyStatusBits.LASER_ENABLED not in rig.status()
+    rig.device.set_output_stuck(False)
+    assert SafetyStatusBits.LASER_ENABLED in rig.status()
+    rig.device.set_output_stuck()
     rig.device.restart()
-    assert not rig.device.laser_cut
-    assert Status.LASER_ENABLED in rig.status()
-    rig.device.stick_output(False)
-    assert rig.device.laser_cut
+    assert not rig.device.is_laser_enable_off
+    assert SafetyStatusBits.LASER_ENABLED in rig.status()
+    rig.device.set_output_stuck(False)
+    assert rig.device.is_laser_enable_off
 
 
 def test_a_welded_output_closes_the_circuit_whatever_it_is_told_until_it_is_free():
     rig = Rig(watchdog_relay=True, laser_enable=True)
-    assert rig.device.laser_cut
+    assert rig.device.is_laser_enable_off
     rig.device.weld_output()
-    assert not rig.device.laser_cut
-    assert Status.LASER_ENABLED in rig.status()
+    assert not rig.device.is_laser_enable_off
+    assert SafetyStatusBits.LASER_ENABLED in rig.status()
     rig.device.write(0, [1, 200, RELAY_RESET_KEY, 0])
     rig.device.drop_output()
-    assert not rig.device.laser_cut
-    rig.device.stick_output(False)
-    assert rig.device.laser_cut
+    assert not rig.device.is_laser_enable_off
+    rig.device.set_output_stuck(False)
+    assert rig.device.is_laser_enable_off
 
 
 @pytest.mark.parametrize(
@@ -232,10 +234,10 @@ def test_a_welded_output_closes_the_circuit_whatever_it_is_told_until_it_is_free
 )
 def test_the_laser_enable_output_takes_0_and_1_where_it_is_fitted(config, words, code):
     rig = Rig(watchdog_relay=True, **config)
-    with pytest.raises(RefusedError) as refused:
+    with pytest.raises(ExceptionReplyError) as refused:
         rig.device.write(3, words)
     assert refused.value.code == code
-    assert not Rig().device.laser_cut  # there is none
+    assert not Rig().device.is_laser_enable_off  # there is none
 
 
 def test_a_shorter_time_is_told_to_whoever_waits_for_the_relay():
@@ -252,47 +254,47 @@ def test_other_words_do_not_reset_the_relay():
     rig.beat()
     for word in (0, 1, 0xBECF, 0xFFFF):
         rig.device.write(2, [word])
-        assert rig.device.relay_open
+        assert rig.device.is_relay_open
 
 
 def test_frozen_its_inputs_and_tick_stand_still_while_heartbeats_are_echoed():
     rig = Rig()
     rig.beat()
     rig.now_s = 1.0
-    rig.device.freeze()
-    rig.device.open_door()
+    rig.device.set_frozen()
+    rig.device.set_door_open()
     rig.now_s = 2.0
     rig.beat()
     told = rig.read()
-    assert Inputs(told["INPUTS"]) == ALL_GOOD
+    assert SafetyInputBits(told["INPUTS"]) == ALL_INPUTS_OK
     assert (told["TICK"], told["UPTIME"]) == (1000, 1)
     assert (told["HEARTBEAT_ECHO"], told["HEARTBEAT_AGE"]) == (2, 0)
-    rig.device.freeze(False)
+    rig.device.set_frozen(False)
     assert rig.read()["TICK"] == 2000
-    assert Inputs.DOOR_CLOSED not in rig.inputs()
+    assert SafetyInputBits.DOOR_CLOSED not in rig.inputs()
 
 
 def test_silent_it_does_not_hear_either():
     rig = Rig(watchdog_relay=True)
     rig.device.write(0, [1, 100, RELAY_RESET_KEY])
-    rig.device.silence()
+    rig.device.set_silent()
     for request in (lambda: rig.read(), lambda: rig.device.read_holding(0, 1), rig.beat):
-        with pytest.raises(SilentError):
+        with pytest.raises(RequestIgnoredError):
             request()
     rig.now_s = 0.1
-    rig.device.settle()
-    assert rig.device.relay_open
-    rig.device.silence(False)
-    assert Inputs(rig.read()["INPUTS"]) == ALL_GOOD
+    rig.device.advance_to_now()
+    assert rig.device.is_relay_open
+    rig.device.set_silent(False)
+    assert SafetyInputBits(rig.read()["INPUTS"]) == ALL_INPUTS_OK
 
 
 def test_exceptions_carry_nothing_out():
     rig = Rig()
-    rig.device.refuse(6)
-    with pytest.raises(RefusedError) as refused:
+    rig.device.reply_with_exception(6)
+    with pytest.raises(ExceptionReplyError) as refused:
         rig.beat()
     assert refused.value.code == 6
-    rig.device.refuse(None)
+    rig.device.reply_with_exception(None)
     assert rig.read()["HEARTBEAT_ECHO"] == 0
 
 
@@ -300,14 +302,14 @@ def test_a_restart_opens_the_relay_and_forgets():
     rig = Rig(watchdog_relay=True, boot_s=1.0)
     rig.now_s = 5.0
     rig.device.write(0, [7, 300, RELAY_RESET_KEY])
-    rig.device.open_door()
+    rig.device.set_door_open()
     rig.device.restart()
-    assert rig.device.relay_open
+    assert rig.device.is_relay_open
     told = rig.read()
     assert (told["UPTIME"], told["HEARTBEAT_ECHO"], told["TRIP_COUNT"]) == (0, 0, 0)
     assert told["FIRST_OUT"] == 102  # it is still open
     assert rig.device.next_due_s() == math.inf
-    with pytest.raises(RefusedError) as refused:
+    with pytest.raises(ExceptionReplyError) as refused:
         rig.device.write(0, [8])
     assert refused.value.code == 6
     rig.now_s = 6.0
@@ -319,14 +321,14 @@ def test_a_restart_opens_the_relay_and_forgets():
     [
         (lambda d: d.read_input(20, 2), 2), (lambda d: d.read_input(21, 1), 2),
         (lambda d: d.read_holding(3, 1), 2), (lambda d: d.read_holding(0, 4), 2),
-        (lambda d: d.read_holding(MIRROR + 21, 1), 2), (lambda d: d.write(3, [1]), 2),
-        (lambda d: d.write(MIRROR, [1]), 2), (lambda d: d.write(0, [1, 49]), 3),
+        (lambda d: d.read_holding(MIRROR_ADDRESS + 21, 1), 2), (lambda d: d.write(3, [1]), 2),
+        (lambda d: d.write(MIRROR_ADDRESS, [1]), 2), (lambda d: d.write(0, [1, 49]), 3),
         (lambda d: d.write(1, [60_001]), 3), (lambda d: d.write(0, [1, 100, 0, 0]), 2),
     ],
 )
 def test_what_is_not_there_or_out_of_limits(request_, code):
     rig = Rig()
-    with pytest.raises(RefusedError) as refused:
+    with pytest.raises(ExceptionReplyError) as refused:
         request_(rig.device)
     assert refused.value.code == code
     assert rig.device.read_holding(0, 3) == [0, 500, 0]

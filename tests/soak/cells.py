@@ -8,22 +8,22 @@ from pathlib import Path
 
 import numpy as np
 
-from lmctl.cli.bench import rewire
+from lmctl.cli.bench import replace_endpoints
 from lmctl.config.machine import load_profile
 from lmctl.errors import LmctlError, UsageError
 from lmctl.job.reader import JobReader
 from lmctl.job.schema import LineKind
-from lmctl.run.executor import Executor
-from lmctl.run.journal.file import read, verify
-from lmctl.run.state.table import FINAL, State
+from lmctl.run.executor import RunExecutor
+from lmctl.run.journal.format import read_records, verify_journal
+from lmctl.run.state.transitions import FINAL_STATES, RunState
 from simulators import virtual_time
 from simulators.bench import Bench
 from simulators.bench_config import Address, BenchConfig
-from simulators.faults.board import FaultBoard
-from simulators.faults.kind import Parameter, Strikes, Value
-from simulators.faults.kinds import KINDS, Fault
-from simulators.judge import Judge
-from simulators.verdict import verdict
+from simulators.fault_outcome import judge_fault
+from simulators.faults.fault_injector import FaultInjector
+from simulators.faults.kind import FaultParameter, FaultTarget, ParameterValue
+from simulators.faults.kinds import FAULT_KINDS, Fault
+from simulators.safety_checks import SafetyChecks
 from tests.faults.kills import shortened
 from tests.run.conftest import squares, write_job
 from tests.run.only_run import journal_of_only_run
@@ -68,9 +68,9 @@ class _Cell:
     async def main(self) -> None:
         loop, rng = asyncio.get_running_loop(), self._rng
         async with Bench(self._config, ephemeral_ports=True) as bench:
-            self._board = FaultBoard(bench)
-            self._executor = Executor(
-                self._job, rewire(self._profile, bench.endpoints), self._folder / "runs")
+            self._board = FaultInjector(bench)
+            self._executor = RunExecutor(
+                self._job, replace_endpoints(self._profile, bench.endpoints), self._folder / "runs")
             others = [asyncio.create_task(self._operate(loop.time()))]
             others += [asyncio.create_task(self._strike()) for _ in range(rng.integers(1, 4))]
             others += [asyncio.create_task(self._meddle()) for _ in range(rng.integers(0, 4))]
@@ -115,37 +115,39 @@ class _Cell:
         self._outcome.happened.append(f"{at_s:.2f} s: {fault} for {stands_s:g} s")
         number = self._board.inject(fault)
         await asyncio.sleep(stands_s)
-        if fault.kind.lasts:
+        if fault.kind.is_lasting:
             self._board.clear(number)
 
     def _random_fault(self) -> Fault:
         rng = self._rng
-        strikes = [Strikes.HOST] if self._safe else [Strikes.HOST, Strikes.SAFETY]
-        kinds = [kind for kind in KINDS.values() if kind.strikes not in strikes]
+        strikes = [FaultTarget.HOST] if self._safe else [FaultTarget.HOST, FaultTarget.SAFETY]
+        kinds = [kind for kind in FAULT_KINDS.values() if kind.target not in strikes]
         kind = kinds[rng.integers(len(kinds))]
         values = {one.name: self._random_value(one) for one in kind.parameters
                   if one.default is None or rng.random() < 0.4}
         if kind.name == "panel_override":
             values["rapid"] = int(rng.choice([25, 50, 100]))
         device = ""
-        if kind.strikes in (Strikes.LINK, Strikes.MODBUS, Strikes.FEEDER, Strikes.HOPPER):
+        if kind.target in (FaultTarget.LINK, FaultTarget.MODBUS, FaultTarget.FEEDER,
+                           FaultTarget.HOPPER):
             there = ["F1", "F2"]
-            if self._safe and kind.strikes in (Strikes.LINK, Strikes.MODBUS):
+            if self._safe and kind.target in (FaultTarget.LINK, FaultTarget.MODBUS):
                 there.append("safety")
-            if kind.strikes is Strikes.LINK:
+            if kind.target is FaultTarget.LINK:
                 there.append("motion")
             device = str(rng.choice(there))
-        return Fault.of(kind.name, device, **values)
+        return Fault.create(kind.name, device, **values)
 
-    def _random_value(self, one: Parameter) -> Value:
+    def _random_value(self, one: FaultParameter) -> ParameterValue:
         rng = self._rng
         if one.choices:
             return str(rng.choice(one.choices))
         if isinstance(one.default, bool):
             return bool(rng.random() < 0.5)
         usual = 100.0 if one.default is None else float(one.default)
-        value = min(max(usual * float(rng.choice([0.0, 0.3, 1.0, 2.0, 5.0])), one.least), one.most)
-        return round(value) if one.whole or isinstance(one.default, int) else value
+        value = min(max(usual * float(rng.choice([0.0, 0.3, 1.0, 2.0, 5.0])), one.minimum),
+                    one.maximum)
+        return round(value) if one.is_integer or isinstance(one.default, int) else value
 
     async def _meddle(self) -> None:
         """One act of an operator, in place or not."""
@@ -168,7 +170,7 @@ class _Cell:
             try:
                 if asyncio.get_running_loop().time() - began_s > _PATIENCE_S:
                     self._executor.stop()
-                elif self._executor.state is State.HELD:
+                elif self._executor.state is RunState.HELD:
                     self._executor.resume()
             except UsageError:
                 pass  # what keeps it held is told
@@ -176,22 +178,22 @@ class _Cell:
     # --- what must be so ----------------------------------------------------------------------
 
     def _judge(self, bench: Bench, ended_s: float) -> None:
-        short, found, judge = self._outcome.shortfalls, verdict(bench), Judge(bench)
-        if State(self._outcome.ended) not in FINAL:
+        short, found, judge = self._outcome.shortfalls, judge_fault(bench), SafetyChecks(bench)
+        if RunState(self._outcome.ended) not in FINAL_STATES:
             short.append(f"it was left {self._outcome.ended}")
-        if found.beam_standing:
+        if found.beam_on_without_motion:
             short.append("the beam was lit without motion")
         if found.powder_on:
             short.append(f"powder was left on: {', '.join(found.powder_on)}")
         # A controller that has lost its host runs dry within the send horizon.
         dark_by_s = ended_s + self._profile.motion.send_horizon_s + 0.2
-        if any(lit.end_s > dark_by_s for lit in judge.beam()):
+        if any(lit.end_s > dark_by_s for lit in judge.beam_on_intervals()):
             short.append("the beam was lit after the end")
         journal = journal_of_only_run(self._folder / "runs", self._error)
-        check = verify(journal)
-        if not (check.whole and check.sealed):
+        check = verify_journal(journal)
+        if not (check.intact and check.sealed):
             short.append("the journal is not whole")
-        short += [record["what"] for record in read(journal)
+        short += [record["what"] for record in read_records(journal)
                   if record["kind"] == "fault" and "internal error" in record["what"]]
         if self._outcome.ended == "done":
             self._judge_part(bench)
@@ -200,9 +202,9 @@ class _Cell:
         with JobReader(self._job) as reader:
             lines = np.concatenate([layer.lines for layer in reader.layers()])
         beads = np.flatnonzero(lines["kind"] == LineKind.BEAD)
-        path = bench.record.beam_path()
+        path = bench.record.beam_on_path()
         missing = []
-        for line in set(beads) - set(bench.motion.executed_n):
+        for line in set(beads) - set(bench.motion.executed_line_numbers):
             ends_mm = np.array([[lines[axis][n] for axis in ("x_mm", "y_mm", "z_mm")]
                                 for n in (line - 1, line)])
             # By place: a byte lost on the wire may have made another number of its own.

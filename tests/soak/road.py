@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lmctl.cli.bench import rewire
+from lmctl.cli.bench import replace_endpoints
 from lmctl.config.machine import load_profile
 from lmctl.errors import InputError, PlanError
 from lmctl.job.reader import JobReader
@@ -72,7 +72,7 @@ def down_the_road(
 async def _whole_run(job: Path, runs: Path) -> tuple[Bench, RunResult]:
     config = BenchConfig.parse(_shipped("bench.toml").read_text())
     async with Bench(config, ephemeral_ports=True) as bench:
-        profile = rewire(load_profile(_shipped("cell.toml")), bench.endpoints)
+        profile = replace_endpoints(load_profile(_shipped("cell.toml")), bench.endpoints)
         return bench, await run_job(job, profile, runs)
 
 
@@ -99,17 +99,18 @@ def _judge_run(bench: Bench, result: RunResult, job: Path, outcome: Outcome) -> 
     with JobReader(job) as reader:
         lines = np.concatenate([layer.lines for layer in reader.layers()])
         planned_s = reader.manifest.layers[-1].end_s
-    path, blocks = bench.record.beam_path(), bench.motion.trace.blocks()
-    designed = path.designed(np.arange(len(lines)), lines["fractions"])
-    outcome.within = float(path.share_within(designed, _TOLERANCE))
+    path, blocks = bench.record.beam_on_path(), bench.motion.trace.blocks()
+    designed = path.designed_fractions(np.arange(len(lines)), lines["fractions"])
+    outcome.within = float(path.fraction_within(designed, _TOLERANCE))
     began_s = blocks.start_s[np.flatnonzero(blocks.line > 0)[0]]
     outcome.planned_over_simulated = planned_s / float(blocks.end_s[-1] - began_s)
     if result.state != "done":
         short.append(f"the run ended {result.state}")
-    missing = set(np.flatnonzero(lines["kind"] == LineKind.BEAD)) - set(bench.motion.executed_n)
+    missing = set(
+        np.flatnonzero(lines["kind"] == LineKind.BEAD)) - set(bench.motion.executed_line_numbers)
     if missing:
         short.append(f"{len(missing)} beads were not laid")
-    if bench.motion.overruns:
+    if bench.motion.rx_overrun_bytes:
         short.append("bytes were lost")
     if outcome.within < outcome.promised - _SHARE_OFF:
         short.append(f"{outcome.within:.3f} of the path is right, {outcome.promised:.3f} promised")

@@ -8,19 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.errors import InputError
-from lmctl.field.cloud.even import fit_evenly
-from lmctl.field.cloud.nearest import nearest_samples
-from lmctl.field.cloud.normals import NormalsUnfitError
-from lmctl.field.cloud.outside import Orientation, orient
-from lmctl.field.cloud.patches import Patches
+from lmctl.field.cloud.inside_outside import Orientation, orient_samples
+from lmctl.field.cloud.local_faces import group_into_faces
+from lmctl.field.cloud.neighbour_search import nearest_samples
+from lmctl.field.cloud.normals import UnusableNormalsError
+from lmctl.field.cloud.patches import FittedPatches
+from lmctl.field.cloud.resampling import fit_resampled_patches
 from lmctl.field.cloud.samples import Samples, clean_samples
 from lmctl.field.cloud.seeds import BAND_PITCHES, CloudSeeds, seed_cloud
-from lmctl.field.cloud.sheets import sort_sheets
 from lmctl.field.field import Field
-from lmctl.field.flood import LEVELS, flood
 from lmctl.field.grid import Grid
-from lmctl.field.kernel import inner, kernel
-from lmctl.field.sweep import sweep_sources
+from lmctl.field.kernel import inner_kernel, kernel
+from lmctl.field.priority_flood import LEVELS, flood_tags
+from lmctl.field.sweep import propagate_closest_points
 
 FloatArray = NDArray[np.float64]
 
@@ -29,7 +29,7 @@ SURE_PITCHES = 0.5  # nearer to the surface than this a node's own fit knows its
 LEVELS_PER_PITCH = 8
 PROBE_PITCHES = 2.0
 BETWEEN_SPACINGS = 1.1  # with normals there is surface this far around every sample
-LARGEST_SHARE_DISPUTED = 0.05
+MAX_SHARE_DISPUTED = 0.05
 
 
 def cloud_field(
@@ -50,7 +50,7 @@ def cloud_field(
     raises : InputError for a cloud that is broken, too sparse for the pitch, open, or flat
     """
     samples, patches, orientation = _oriented(points, grid, normals)
-    sheets = sort_sheets(samples, patches, orientation.inward, grid)
+    sheets = group_into_faces(samples, patches, orientation.inward_directions, grid)
     reach = np.hypot(REACH_SPACINGS * samples.spacing_mm, BAND_PITCHES * grid.pitch_mm)
     owner = nearest_samples(samples.points_mm, reach, grid)
     seeds = seed_cloud(owner, samples, sheets, grid)
@@ -66,7 +66,7 @@ def cloud_field(
     sources = owner  # its memory serves again
     sources.fill(-1)
     sources.reshape(-1)[seeds.nodes[good]] = np.flatnonzero(good)
-    values = sweep_sources(sources, seeds.surface_mm, grid)
+    values = propagate_closest_points(sources, seeds.surface_mm, grid)
     tags.reshape(-1)[seeds.nodes[good]] = np.where(seeds.distance_mm[good] > 0.0, 1, -1)
     if not (tags > 0).any():
         raise _nothing_inside(len(samples.points_mm), grid)
@@ -79,11 +79,11 @@ def cloud_field(
 
 def _oriented(
     points: FloatArray, grid: Grid, normals: FloatArray | None
-) -> tuple[Samples, Patches, Orientation]:
-    samples, patches = fit_evenly(clean_samples(points, grid, normals), grid.pitch_mm)
+) -> tuple[Samples, FittedPatches, Orientation]:
+    samples, patches = fit_resampled_patches(clean_samples(points, grid, normals), grid.pitch_mm)
     try:
-        return samples, patches, orient(samples, patches, grid.pitch_mm)
-    except NormalsUnfitError as why:
+        return samples, patches, orient_samples(samples, patches, grid.pitch_mm)
+    except UnusableNormalsError as why:
         samples, patches, orientation = _oriented(points, grid, None)
         said = (str(why), *orientation.remarks)
         return samples, patches, replace(orientation, remarks=said)
@@ -131,7 +131,7 @@ def _tags(
     widest_first = np.argsort(narrowness, kind="stable")
     sides = np.where(seeds.distance_mm > 0.0, 1, -1).astype(np.int8)
     _spread_kernel(level)
-    flood(level, tags, seeds.nodes[widest_first], sides[widest_first])
+    flood_tags(level, tags, seeds.nodes[widest_first], sides[widest_first])
     return tags
 
 
@@ -164,7 +164,7 @@ def _spread_kernel(level: NDArray[np.uint8]) -> None:
             _nearer_kernel(level[k + 1, j], level[k, j])
 
 
-@inner
+@inner_kernel
 def _nearer_kernel(before: NDArray[np.uint8], row: NDArray[np.uint8]) -> None:
     for i in range(len(row)):
         row[i] = min(row[i], np.uint8(before[i] + np.uint8(LEVELS_PER_PITCH)))
@@ -183,7 +183,7 @@ def _on_the_surface(
     wrong = seeds.supported & (side * seeds.distance_mm < 0.0) & (
         np.abs(seeds.distance_mm) > SURE_PITCHES * grid.pitch_mm
     )
-    if wrong.mean() > LARGEST_SHARE_DISPUTED:
+    if wrong.mean() > MAX_SHARE_DISPUTED:
         raise InputError(
             "inside and outside of the point cloud cannot be told apart",
             where=f"{100.0 * wrong.mean():.0f} % of the nodes next to the surface are disputed",

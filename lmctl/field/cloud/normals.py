@@ -8,18 +8,18 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 FITTING = 0.5  # cosine of the angle between a normal and its patch's; less says nothing of a side
-FEWEST_FITTING = 0.7  # share of the samples
+MIN_FITTING = 0.7  # share of the samples
 TOLD_LEVELS = 2  # by which the way out is wider than through any gap where the outside is known
-FEWEST_TOLD = 0.05  # share of the samples
+MIN_TOLD = 0.05  # share of the samples
 AGREEING = 0.75  # share, of those where the outside is known, that have to point there; air comes
 # in through the gaps of a thin wall, too, so that not all will
 
 
-class NormalsUnfitError(Exception):
+class UnusableNormalsError(Exception):
     """Normals that are not to be used, and why."""
 
 
-def facing_out(
+def outward_signs(
     normals: FloatArray, patch_normals: FloatArray, sides: NDArray[np.uint8], gap: int
 ) -> tuple[NDArray[np.int8], tuple[str, ...]]:
     """On which side of each patch the outside is, by normals that were checked.
@@ -39,16 +39,17 @@ def facing_out(
     """
     along = np.einsum("nc,nc->n", normals, patch_normals)
     fitting = np.abs(along) > FITTING
-    if fitting.mean() < FEWEST_FITTING:
-        raise NormalsUnfitError(
+    if fitting.mean() < MIN_FITTING:
+        raise UnusableNormalsError(
             f"the normals of the cloud fit its surface at {100.0 * fitting.mean():.0f} % of its "
             "points only: they were not used"
         )
     facing = np.where(fitting, np.sign(along), 0.0).astype(np.int8)
     opener = sides[:, 0].astype(np.int16) - sides[:, 1]
     told = fitting & (sides.max(axis=1) >= gap + TOLD_LEVELS) & (opener != 0)
-    if told.mean() < FEWEST_TOLD:
-        raise NormalsUnfitError("the normals of the cloud could not be checked: they were not used")
+    if told.mean() < MIN_TOLD:
+        raise UnusableNormalsError(
+            "the normals of the cloud could not be checked: they were not used")
     right = facing * opener > 0
     share = float(right[told].mean())
     remarks: tuple[str, ...] = ()
@@ -56,7 +57,7 @@ def facing_out(
         facing, right = -facing, ~right
         remarks = ("the normals of the cloud point inwards: they were turned round",)
     elif share < AGREEING:
-        raise NormalsUnfitError(
+        raise UnusableNormalsError(
             f"the normals of the cloud point outwards at {100.0 * share:.0f} % of its points "
             "only: they were not used"
         )
@@ -64,7 +65,7 @@ def facing_out(
     return facing, remarks
 
 
-def outward(
+def oriented_normals(
     normals: FloatArray, patch_normals: FloatArray, facing: NDArray[np.int8]
 ) -> FloatArray:
     """The file's normals where they are believed, turned outwards; 0 elsewhere.

@@ -12,16 +12,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.field.cloud.fits import FITTED, fit_quadrics, fit_shared_planes
+from lmctl.field.cloud.local_fits import FITTED, fit_quadrics, fit_shared_planes
 from lmctl.field.cloud.samples import Samples
 
 FloatArray = NDArray[np.float64]
 
-FEWEST_SHARING = 6  # of 17 samples on a plane: fewer happen by chance where edges crowd
+MIN_SHARING = 6  # of 17 samples on a plane: fewer happen by chance where edges crowd
 
 
 @dataclass(frozen=True)
-class Patches:
+class FittedPatches:
     """Fitted patches; patch i is {base + t + f(t) normal}, f(t) = bend of the tangential t.
 
     base_mm : (n, 3) float64, the sample moved onto its fit
@@ -45,7 +45,7 @@ class Patches:
     tolerance_mm: float
 
 
-def fit_patches(samples: Samples) -> Patches:
+def fit_patches(samples: Samples) -> FittedPatches:
     """Fit every sample's patch to its 16 neighbours; deterministic."""
     points, neighbours = samples.points_mm, samples.alike
     n = len(points)
@@ -62,5 +62,5 @@ def fit_patches(samples: Samples) -> Patches:
     fit_shared_planes(
         points, neighbours, np.flatnonzero(~smooth), tolerance, base, normal, tangent, bend, sharing
     )
-    trusted = sharing >= FEWEST_SHARING
-    return Patches(base, normal, tangent, bend, smooth, trusted, noise, tolerance)
+    trusted = sharing >= MIN_SHARING
+    return FittedPatches(base, normal, tangent, bend, smooth, trusted, noise, tolerance)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.errors import InputError
-from lmctl.field.cloud.nearest import into_cells, nearest_neighbours
+from lmctl.field.cloud.neighbour_search import nearest_neighbours, sort_into_cells
 from lmctl.field.grid import Grid
 from lmctl.field.kernel import kernel
 
@@ -22,11 +22,11 @@ NEIGHBOURS = 24
 SIXTH = 6
 ALIKE = 16  # as many as a patch is fitted to
 LOOKED_AT = 48  # for these, as every other sample may be of the other side of a thin wall
-FEWEST_ALIKE = 8
+MIN_ALIKE = 8
 SAME_FACING = 0.2  # cosine of the angle between normals; less is around an edge
 FEWEST = 64  # below this a closed surface is a guess
 ISOLATED = 4.0  # times as far from its sixth neighbour as its surroundings are from theirs
-LARGEST_SHARE_DROPPED = 0.02
+MAX_SHARE_DROPPED = 0.02
 SPACING_OF_SIXTH = float(np.sqrt(np.pi / 6.0))  # within that distance d lie six: π d² / 6 for each
 DENSE_PITCHES = 0.35  # samples nearer to each other than this tell the grid nothing more
 BLOCK_PITCHES = 8.0
@@ -95,11 +95,11 @@ def clean_samples(
     _refuse_flat(distinct, where)
     _refuse_outside(distinct, grid, where)
     if _typical_spacing(distinct) < DENSE_PITCHES * grid.pitch_mm:
-        distinct, facing = thinned(distinct, 0.5 * grid.pitch_mm, facing)
+        distinct, facing = thin_to_cells(distinct, 0.5 * grid.pitch_mm, facing)
         remarks.append(f"samples denser than the grid were averaged to {len(distinct)} points")
     samples = _with_neighbours(distinct, facing, ())
     isolated = _isolated(samples.spacing_mm, samples.neighbours)
-    if isolated.mean() <= LARGEST_SHARE_DROPPED and isolated.any():
+    if isolated.mean() <= MAX_SHARE_DROPPED and isolated.any():
         remarks.append(f"{int(isolated.sum())} points far from all others were dropped as outliers")
         facing = None if facing is None else facing[~isolated]
         samples = _with_neighbours(distinct[~isolated], facing, ())
@@ -142,13 +142,13 @@ def _isolated(spacing: FloatArray, neighbours: NDArray[np.int32]) -> NDArray[np.
     return isolated
 
 
-def averaged(samples: Samples, cell_mm: float) -> Samples:
+def average_in_cells(samples: Samples, cell_mm: float) -> Samples:
     """The samples averaged in cells of a side; where the cloud is sparser it stays as it is."""
-    points, normals = thinned(samples.points_mm, cell_mm, samples.normals)
+    points, normals = thin_to_cells(samples.points_mm, cell_mm, samples.normals)
     return _with_neighbours(points, normals, samples.remarks)
 
 
-def thinned(
+def thin_to_cells(
     points: FloatArray, cell_mm: float, normals: FloatArray | None = None
 ) -> tuple[FloatArray, FloatArray | None]:
     """The mean of the points in each occupied cell of a side, in order of place, and of normals.
@@ -181,7 +181,7 @@ def unit_or_zero(normals: FloatArray) -> FloatArray:
 def _typical_spacing(points: FloatArray) -> float:
     """From a few hundred samples spread through the cloud's order."""
     some = np.arange(0, len(points), max(1, len(points) // 500))
-    found = nearest_neighbours(into_cells(points, SIXTH), SIXTH, some)[0]
+    found = nearest_neighbours(sort_into_cells(points, SIXTH), SIXTH, some)[0]
     return float(np.median(found[:, SIXTH - 1])) * SPACING_OF_SIXTH
 
 
@@ -194,10 +194,10 @@ def _with_neighbours(
             hint="use a smaller pitch, or check the units",
         )
     if normals is None:
-        distances, rows = nearest_neighbours(into_cells(points, NEIGHBOURS), NEIGHBOURS)
+        distances, rows = nearest_neighbours(sort_into_cells(points, NEIGHBOURS), NEIGHBOURS)
         return Samples(points, rows, rows, distances[:, SIXTH - 1] * SPACING_OF_SIXTH, remarks)
     many = min(LOOKED_AT, len(points) - 1)
-    distances, rows = nearest_neighbours(into_cells(points, many), many)
+    distances, rows = nearest_neighbours(sort_into_cells(points, many), many)
     alike = np.empty((len(points), ALIKE), dtype=np.int32)
     spacing = np.empty(len(points))
     _alike_kernel(normals, distances, rows, alike, spacing)
@@ -227,7 +227,7 @@ def _alike_kernel(
                     found += 1
                     if found == SIXTH:
                         spacing[n] = distances[n, m]
-            if found >= FEWEST_ALIKE:
+            if found >= MIN_ALIKE:
                 break
         for m in range(found, most):
             alike[n, m] = alike[n, m - found]

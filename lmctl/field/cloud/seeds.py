@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.field.cloud.local_faces import MEMBERS, LocalFaces, height_over
 from lmctl.field.cloud.samples import Samples
-from lmctl.field.cloud.sheets import MEMBERS, Sheets, height_over
 from lmctl.field.grid import Grid
-from lmctl.field.kernel import inner, kernel
+from lmctl.field.kernel import inner_kernel, kernel
 
 FloatArray = NDArray[np.float64]
 Sources = NDArray[np.int32]
@@ -42,7 +42,7 @@ class CloudSeeds:
     supported: NDArray[np.bool_]
 
 
-def seed_cloud(owner: Sources, samples: Samples, sheets: Sheets, grid: Grid) -> CloudSeeds:
+def seed_cloud(owner: Sources, samples: Samples, sheets: LocalFaces, grid: Grid) -> CloudSeeds:
     """The nodes near a cloud's surface, each with its closest point.
 
     owner : (nz, ny, nx) int32, row of the nearest sample, or −1 where none is near
@@ -132,7 +132,7 @@ def _seed_kernel(
     return count
 
 
-@inner
+@inner_kernel
 def _nearest_boundary(
     d: FloatArray, n: FloatArray, solid: int, sheets: int, step: FloatArray
 ) -> float:
@@ -197,7 +197,7 @@ def _nearest_boundary(
 
 
 
-@inner
+@inner_kernel
 def _supported(
     x: float, y: float, z: float, patch: FloatArray, neighbours: NDArray[np.int32], nearest: int,
     spacing: float,

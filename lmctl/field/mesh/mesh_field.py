@@ -10,8 +10,8 @@ from lmctl.field.field import Field
 from lmctl.field.grid import Grid
 from lmctl.field.mesh.seeds import seed_triangles
 from lmctl.field.mesh.sign import negate_outside
-from lmctl.field.sweep import sweep_sources
-from lmctl.field.triangles import walk_to_nearest, without_copies
+from lmctl.field.sweep import propagate_closest_points
+from lmctl.field.triangles import refine_to_closest, unique_triangles
 
 FloatArray = NDArray[np.float64]
 
@@ -32,12 +32,12 @@ def mesh_field(
     raises : InputError for no triangles, indices out of range, coordinates that are not
         numbers, and a mesh outside the grid
     """
-    corners, copies = without_copies(_corners(vertices, triangles, grid))
+    corners, copies = unique_triangles(_corners(vertices, triangles, grid))
     sources, surface_mm, triangle = seed_triangles(corners, grid)
     if len(surface_mm) == 0:
         raise InputError("the mesh lies outside its grid", where=_place(len(triangles), grid))
-    values = sweep_sources(sources, surface_mm, grid)
-    walk_to_nearest(sources, values, triangle, corners, grid)
+    values = propagate_closest_points(sources, surface_mm, grid)
+    refine_to_closest(sources, values, triangle, corners, grid)
     lost, disputed = negate_outside(values, corners, grid)
     if not (values > 0.0).any():
         raise InputError(

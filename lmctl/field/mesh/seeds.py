@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.field.array_storage import allocate_array
 from lmctl.field.grid import Grid
 from lmctl.field.kernel import kernel
-from lmctl.field.store import kept_array
 from lmctl.field.triangles import closest_on_triangle
 
 FloatArray = NDArray[np.float64]
@@ -32,7 +32,7 @@ def seed_triangles(
         triangle (n,) int32, the triangle it lies on
     """
     relative = np.ascontiguousarray((corners_mm - np.asarray(grid.origin_mm)) / grid.pitch_mm)
-    owner = kept_array(grid.shape, np.int32)
+    owner = allocate_array(grid.shape, np.int32)
     owner.fill(-1)
     squared = np.full(grid.shape, BAND_PITCHES**2, dtype=np.float32)
     _nearest_triangle_kernel(relative, BAND_PITCHES, owner, squared)

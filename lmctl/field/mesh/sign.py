@@ -16,9 +16,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.field.flood import LEVELS, flood
 from lmctl.field.grid import Grid
-from lmctl.field.kernel import inner, kernel
+from lmctl.field.kernel import inner_kernel, kernel
+from lmctl.field.priority_flood import LEVELS, flood_tags
 
 FloatArray = NDArray[np.float64]
 Sums = NDArray[np.int16]
@@ -26,7 +26,7 @@ Sums = NDArray[np.int16]
 ON_SURFACE_PITCHES = 1e-4
 LEVELS_PER_PITCH = 8
 # Share of rays that end neither outside nor odd; random facing makes it half of them.
-LARGEST_SHARE_TURNED = 0.05
+MAX_SHARE_TURNED = 0.05
 
 
 def negate_outside(
@@ -46,7 +46,7 @@ def negate_outside(
     rays, turned = _running_kernel(sums)
     last = np.asarray(grid.shape[::-1]) - 1
     held = bool(np.all((relative > 0.0) & (relative < last)))
-    facing = held and turned <= LARGEST_SHARE_TURNED * rays
+    facing = held and turned <= MAX_SHARE_TURNED * rays
     on_surface = ON_SURFACE_PITCHES * grid.pitch_mm
     lost = int(_lost_kernel(sums, facing)) if held else 0
     disputed = int(_vote_kernel(sums, distance, on_surface, held, facing))
@@ -54,7 +54,7 @@ def negate_outside(
     del sums
     if disputed:
         level = np.minimum(distance * (LEVELS_PER_PITCH / grid.pitch_mm), LEVELS - 1)
-        flood(level.astype(np.uint8), sides)
+        flood_tags(level.astype(np.uint8), sides)
     np.negative(distance, out=distance, where=sides <= 0)
     return lost, disputed
 
@@ -112,7 +112,7 @@ def _crossings_kernel(triangles: FloatArray, sums: Sums) -> None:
                         sums[node[2], node[1], node[0]] += way
 
 
-@inner
+@inner_kernel
 def _digits(number: int) -> tuple[int, int, int]:
     x = ((number + 16) & 31) - 16
     rest = (number - x) >> 5
@@ -198,7 +198,7 @@ def _vote_kernel(
     return disputed
 
 
-@inner
+@inner_kernel
 def _outside_is_not(total: int, facing: bool) -> bool:
     """Whether a ray with this sum is inside."""
     return total != 0 if facing else total & 1 == 1

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.field.kernel import inner, kernel
+from lmctl.field.kernel import inner_kernel, kernel
 from lmctl.field.triangles import closest_on_triangle
 
 FloatArray = NDArray[np.float64]
@@ -159,7 +159,7 @@ def _inside_kernel(
         inside[row] = _winding(triangles, boxes, levels, x, y, z, nodes) != 0
 
 
-@inner
+@inner_kernel
 def _nearest(
     triangles: FloatArray, boxes: FloatArray, levels: int, x: float, y: float, z: float,
     guess: int, nodes: NDArray[np.int64], far: FloatArray,
@@ -194,7 +194,7 @@ def _nearest(
     return nearest, bx, by, bz
 
 
-@inner
+@inner_kernel
 def _box_squared(boxes: FloatArray, node: int, x: float, y: float, z: float) -> float:
     dx = max(boxes[node, 0, 0] - x, 0.0, x - boxes[node, 1, 0])
     dy = max(boxes[node, 0, 1] - y, 0.0, y - boxes[node, 1, 1])
@@ -202,7 +202,7 @@ def _box_squared(boxes: FloatArray, node: int, x: float, y: float, z: float) -> 
     return float(dx * dx + dy * dy + dz * dz)
 
 
-@inner
+@inner_kernel
 def _winding(
     triangles: FloatArray, boxes: FloatArray, levels: int, x: float, y: float, z: float,
     nodes: NDArray[np.int64],
@@ -234,7 +234,7 @@ def _winding(
     return total
 
 
-@inner
+@inner_kernel
 def _above(triangles: FloatArray, n: int, x: float, y: float, z: float) -> int:
     t = triangles[n]
     enter, leave, met = np.inf, -np.inf, 0

@@ -7,37 +7,37 @@ from collections.abc import Awaitable, Callable, Mapping, Sequence
 
 from firmware_protocol.pmx import (
     ALARM_RESET_KEY,
-    PMX,
+    PMX_MAP,
     WATCHDOG_RESET_KEY,
-    Command,
-    State,
+    FeederCommandBits,
+    FeederStateCode,
     mirror_register,
 )
-from lmctl.config.machine import Feeder, Hopper
+from lmctl.config.machine import FeederSettings, HopperSettings
 from lmctl.errors import MachineError
-from lmctl.machine.feeder.cycle import FeederCycle
-from lmctl.machine.feeder.identity import FeederIdentity, identify
-from lmctl.machine.feeder.recipe import postflow_s
-from lmctl.machine.feeder.status import GAS_IS_ORDERED, FeederListener, FeederStatus
-from lmctl.machine.modbus.client import ModbusLink, NoAnswerError, RefusedError
+from lmctl.machine.feeder.identity import FeederIdentity, identify_feeder
+from lmctl.machine.feeder.polling import FeederPolling
+from lmctl.machine.feeder.recipe import post_flow_s
+from lmctl.machine.feeder.status import GAS_IS_ORDERED, FeederCallbacks, FeederStatus
+from lmctl.machine.modbus.client import ModbusExceptionError, ModbusLink, NoReplyError
 
 _BOOT_PATIENCE_S = 15.0
 _PATIENCE_S = 5.0
-_LONGEST_ANSWER_S = 1.0
+_MAX_ANSWER_S = 1.0
 #: An order that takes something away is given again after this [s], until it is seen to work.
 _ORDER_AGAIN_S = 0.1
 _CLOSE_PATIENCE_S = 1.0
 
-_COMMAND = PMX.wire_address("COMMAND")
-_WD_RESET = PMX.wire_address("WD_RESET")
-_POSTFLOW = PMX.wire_address("POSTFLOW")
+_COMMAND = PMX_MAP.wire_address("COMMAND")
+_WD_RESET = PMX_MAP.wire_address("WD_RESET")
+_POSTFLOW = PMX_MAP.wire_address("POSTFLOW")
 
 
 class FeederDriver:
     """A PMX feeder and those of its hoppers that are used."""
 
     def __init__(
-        self, link: ModbusLink, feeder: Feeder, hoppers: Sequence[Hopper],
+        self, link: ModbusLink, feeder: FeederSettings, hoppers: Sequence[HopperSettings],
         identity: FeederIdentity,
     ) -> None:
         self.name = feeder.name
@@ -46,17 +46,17 @@ class FeederDriver:
         self._feeder = feeder
         self._link = link
         self._loop = asyncio.get_running_loop()
-        self._cycle = FeederCycle(link, feeder, hoppers, identity)
+        self._cycle = FeederPolling(link, feeder, hoppers, identity)
 
     @classmethod
-    async def open(cls, feeder: Feeder, hoppers: Sequence[Hopper]) -> FeederDriver:
+    async def open(cls, feeder: FeederSettings, hoppers: Sequence[HopperSettings]) -> FeederDriver:
         """Connect, see what it is, set its watchdog and take command; discs stay still.
 
         A latched alarm does not keep it from opening: `status` shows it, `start_gas` refuses.
         Raises MachineError where it cannot be reached, is no PMX feeder, lacks a hopper, or
         does not let itself be commanded; ConfigError for a bad endpoint.
         """
-        timeout_s = min(_LONGEST_ANSWER_S, feeder.watchdog_s / 4.0)
+        timeout_s = min(_MAX_ANSWER_S, feeder.watchdog_s / 4.0)
         link = await _connect(feeder, timeout_s)
         try:
             driver = cls(link, feeder, hoppers, await _identified(link, feeder, hoppers))
@@ -87,12 +87,12 @@ class FeederDriver:
         return self._cycle.fault
 
     @property
-    def listener(self) -> FeederListener:
+    def callbacks(self) -> FeederCallbacks:
         """Who hears of answers and of the first fault."""
         return self._cycle.listener
 
-    @listener.setter
-    def listener(self, listener: FeederListener) -> None:
+    @callbacks.setter
+    def callbacks(self, listener: FeederCallbacks) -> None:
         self._cycle.listener = listener
 
     def set_flows(self, flows_g_min: Mapping[str, float]) -> None:
@@ -104,15 +104,15 @@ class FeederDriver:
         """
         self._cycle.set_flows(flows_g_min)
 
-    def look_closer(self) -> None:
+    def request_hopper_readings(self) -> None:
         """Read the hoppers with the next status, and not only with every fourth."""
-        self._cycle.look_closer()
+        self._cycle.request_hopper_readings()
 
     async def whole_status(self) -> FeederStatus:
         """The last status, once each hopper in use has been read. Raises MachineError."""
         names = {hopper.name for hopper in self.hoppers}
         if self.status is None or names - self.status.hoppers.keys():
-            await self._cycle.until(
+            await self._cycle.wait_until(
                 lambda status: names <= status.hoppers.keys(), _PATIENCE_S + 2 * self.period_s,
                 "its hoppers were not read",
             )
@@ -126,50 +126,50 @@ class FeederDriver:
         """
         if self.status is not None and self.status.alarm is not None:
             alarm = self.status.alarm
-            raise self._cycle.errors.error(alarm.text, f"{alarm.hint}, then reset the alarm")
+            raise self._cycle.errors.error(alarm.text, f"{alarm.remedy}, then reset the alarm")
         self._cycle.watching = True
         started_s = self._loop.time()
         preflow_s = self._feeder.gas_preflow_s
-        await self._order(self._cycle.command | Command.GAS_ON, "start gas")
-        await self._cycle.until(
+        await self._order(self._cycle.command | FeederCommandBits.GAS_ON, "start gas")
+        await self._cycle.wait_until(
             lambda status: status.gas_ok and status.time_s - started_s >= preflow_s,
             preflow_s + 2 * _PATIENCE_S, "carrier gas did not come",
         )
 
-    async def feed_on(self) -> None:
+    async def start_powder(self) -> None:
         """Discs on, at the flows last set; returns when they turn. See `stable` for the flow.
 
         Raises MachineError where the device refuses, or they do not start.
         """
-        await self._order(self._cycle.command | Command.FEED_ON, "start powder")
-        await self._cycle.until(
+        await self._order(self._cycle.command | FeederCommandBits.FEED_ON, "start powder")
+        await self._cycle.wait_until(
             lambda status: status.feeding, _PATIENCE_S, "powder did not start"
         )
         self._cycle.feeding = True
 
-    async def stable(self, timeout_s: float) -> None:
+    async def wait_until_stable(self, timeout_s: float) -> None:
         """Return when the device calls its powder stable. Raises MachineError after timeout_s."""
-        await self._cycle.until(
+        await self._cycle.wait_until(
             lambda status: status.stable, timeout_s, "powder did not get stable"
         )
 
-    async def feed_off(self) -> None:
+    async def stop_powder(self) -> None:
         """Discs off; returns when they stand. Gas flows on. Raises MachineError.
 
         A device at LOCAL or in alarm may refuse: then it counts what its discs do.
         """
         self._cycle.feeding = False
         await self._take_away(
-            Command.FEED_ON, lambda status: not status.feeding, "powder did not stop"
+            FeederCommandBits.FEED_ON, lambda status: not status.feeding, "powder did not stop"
         )
 
-    async def gas_off(self, *, post_flow: bool = True) -> None:
+    async def stop_gas(self, *, post_flow: bool = True) -> None:
         """Gas (and powder) off, after the post-flow that empties the hose; without it, at once.
 
         Returns when gas has stopped. Raises MachineError.
         """
         self._cycle.watching = self._cycle.feeding = False
-        everything = ~Command.ENABLE_REMOTE
+        everything = ~FeederCommandBits.ENABLE_REMOTE
         await self._take_away(
             everything, lambda status: status.state not in GAS_IS_ORDERED, "gas did not stop"
         )
@@ -177,21 +177,21 @@ class FeederDriver:
             await self._repeat(
                 lambda: self._link.write(_POSTFLOW, [0]), _gas_has_stopped, "gas did not stop"
             )
-        await self._cycle.until(
-            _gas_has_stopped, postflow_s(self._feeder, self.hoppers) + 2 * _PATIENCE_S,
+        await self._cycle.wait_until(
+            _gas_has_stopped, post_flow_s(self._feeder, self.hoppers) + 2 * _PATIENCE_S,
             "gas did not stop", faulty=True,
         )
 
-    async def acknowledge(self) -> None:
+    async def reset_alarms(self) -> None:
         """Reset a latched watchdog trip and alarms, as an operator's deliberate act.
 
         Raises MachineError where a cause remains.
         """
         reset = self._link.write(_WD_RESET, [WATCHDOG_RESET_KEY, ALARM_RESET_KEY])
         await self._cycle.errors.asked(reset, "reset its alarms")
-        self._cycle.start_afresh()
-        await self._order(Command.ENABLE_REMOTE, "take commands")
-        await self._cycle.until(
+        self._cycle.reset_fault()
+        await self._order(FeederCommandBits.ENABLE_REMOTE, "take commands")
+        await self._cycle.wait_until(
             lambda status: status.alarm is None, _PATIENCE_S, "its alarms did not clear"
         )
 
@@ -218,7 +218,7 @@ class FeederDriver:
         while True:
             try:
                 await self._link.write(_COMMAND, [0])
-            except NoAnswerError:
+            except NoReplyError:
                 if self._loop.time() >= deadline_s:
                     return
                 await asyncio.sleep(_ORDER_AGAIN_S)
@@ -232,15 +232,15 @@ class FeederDriver:
         deadline_s = self._loop.time() + _BOOT_PATIENCE_S
         while True:
             status = await self._cycle.errors.asked(self._cycle.first_status(), "show its status")
-            if status.state is not State.BOOT or self._loop.time() >= deadline_s:
+            if status.state is not FeederStateCode.BOOT or self._loop.time() >= deadline_s:
                 break
             await asyncio.sleep(self._cycle.period_s)
-        await self._cycle.errors.asked(self._cycle.turn(), "take its settings")
-        await self._order(Command.ENABLE_REMOTE, "take commands")
+        await self._cycle.errors.asked(self._cycle.poll(), "take its settings")
+        await self._order(FeederCommandBits.ENABLE_REMOTE, "take commands")
         self._cycle.start()
 
     async def _take_away(
-        self, bits: Command, is_done: Callable[[FeederStatus], bool], failure: str
+        self, bits: FeederCommandBits, is_done: Callable[[FeederStatus], bool], failure: str
     ) -> None:
         """Take bits out of the command, again and again until the status shows that it worked."""
         command = self._cycle.command & ~bits
@@ -265,31 +265,31 @@ class FeederDriver:
             failed: MachineError | None = None
             try:
                 await order()
-            except (NoAnswerError, RefusedError) as error:
+            except (NoReplyError, ModbusExceptionError) as error:
                 failed = error
-            self._cycle.ask_status()
+            self._cycle.read_status_now()
             left_s = deadline_s - self._loop.time()
             if await self._cycle.seen(is_done, min(_ORDER_AGAIN_S, left_s)):
                 return
             if self._loop.time() >= deadline_s or (
-                isinstance(failed, NoAnswerError) and self.status_age_s >= silent_s
+                isinstance(failed, NoReplyError) and self.status_age_s >= silent_s
             ):
                 waited_s = self._loop.time() - begun_s
                 raise self._cycle.errors.not_seen(
                     failure, waited_s, self.status, failed
                 ) from failed
 
-    async def _order(self, command: Command, what: str) -> None:
+    async def _order(self, command: FeederCommandBits, what: str) -> None:
         await self._cycle.errors.asked(self._link.write(_COMMAND, [int(command)]), what)
         self._cycle.command = command
-        self._cycle.ask_status()
+        self._cycle.read_status_now()
 
 
 def _gas_has_stopped(status: FeederStatus) -> bool:
-    return status.state not in (*GAS_IS_ORDERED, State.STOPPING)
+    return status.state not in (*GAS_IS_ORDERED, FeederStateCode.STOPPING)
 
 
-async def _connect(feeder: Feeder, timeout_s: float) -> ModbusLink:
+async def _connect(feeder: FeederSettings, timeout_s: float) -> ModbusLink:
     try:
         return await ModbusLink.open(feeder, timeout_s=timeout_s, mirror=mirror_register)
     except MachineError as error:
@@ -299,11 +299,11 @@ async def _connect(feeder: Feeder, timeout_s: float) -> ModbusLink:
 
 
 async def _identified(
-    link: ModbusLink, feeder: Feeder, hoppers: Sequence[Hopper]
+    link: ModbusLink, feeder: FeederSettings, hoppers: Sequence[HopperSettings]
 ) -> FeederIdentity:
     try:
-        return await identify(link, feeder, hoppers)
-    except (NoAnswerError, RefusedError) as error:
+        return await identify_feeder(link, feeder, hoppers)
+    except (NoReplyError, ModbusExceptionError) as error:
         raise MachineError(
             f"feeder {feeder.name}: {error.what}",
             where=f"{feeder.endpoint}, device {feeder.device_id}", hint=error.hint,

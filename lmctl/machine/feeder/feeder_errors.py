@@ -5,24 +5,24 @@ from __future__ import annotations
 from collections.abc import Awaitable
 from typing import TypeVar
 
-from firmware_protocol.pmx import PMX
-from firmware_protocol.pmx_alarms import refusal
+from firmware_protocol.pmx import PMX_MAP
+from firmware_protocol.pmx_alarms import describe_refusal
 from firmware_protocol.registers import RegisterError
-from lmctl.config.machine import Feeder
+from lmctl.config.machine import FeederSettings
 from lmctl.errors import MachineError
 from lmctl.machine.feeder.status import FeederStatus
-from lmctl.machine.modbus.client import FAILURE, ModbusLink, NoAnswerError, RefusedError
+from lmctl.machine.modbus.client import FAILURE, ModbusExceptionError, ModbusLink, NoReplyError
 
 T = TypeVar("T")
 
 REFUSED_HINT = "see the feeder's own display; clear what it complains of"
-_LAST_REFUSAL = PMX.wire_address("LAST_REFUSAL")
+_LAST_REFUSAL = PMX_MAP.wire_address("LAST_REFUSAL")
 
 
 class FeederErrors:
     """Errors of one feeder, from its own words where it gives any."""
 
-    def __init__(self, feeder: Feeder, link: ModbusLink) -> None:
+    def __init__(self, feeder: FeederSettings, link: ModbusLink) -> None:
         self._name = feeder.name
         self._place = f"{feeder.endpoint}, device {feeder.device_id}"
         self._link = link
@@ -45,19 +45,19 @@ class FeederErrors:
         """The request's answer, or a MachineError that names the feeder and what was wanted."""
         try:
             return await request
-        except NoAnswerError as error:
+        except NoReplyError as error:
             raise self.error(error.what, error.hint) from error
         except RegisterError as error:
             raise self.error(f"its answer makes no sense: {error}", "is it a PMX?") from error
-        except RefusedError as error:
+        except ModbusExceptionError as error:
             reason = await self.reason(error)
             raise self.error(f"it refuses to {what}: {reason}", REFUSED_HINT) from error
 
-    async def reason(self, refused: RefusedError) -> str:
+    async def reason(self, refused: ModbusExceptionError) -> str:
         """Why it refused, in its own words where it says."""
         if refused.code == FAILURE:
             try:
-                return refusal((await self._link.read_input(_LAST_REFUSAL, 1))[0])
+                return describe_refusal((await self._link.read_input(_LAST_REFUSAL, 1))[0])
             except MachineError:
                 pass  # then the bare code has to do
         return refused.what

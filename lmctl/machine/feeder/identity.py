@@ -7,17 +7,17 @@ from dataclasses import dataclass
 
 from firmware_protocol.pmx import (
     DEVICE_ID,
+    FIRST_MINOR_WITH_MIRROR,
     MAP_MAJOR,
-    MAP_MINOR_MIRROR,
-    MOST_HOPPERS,
-    PMX,
+    MAX_HOPPERS,
+    PMX_MAP,
     SYSTEM_BLOCK,
-    hopper_row,
-    recipe_names,
+    hopper_register_name,
+    recipe_register_names,
     register_map,
 )
-from firmware_protocol.registers import Value, WordOrder
-from lmctl.config.machine import Feeder, Hopper
+from firmware_protocol.registers import RegisterValue, WordOrder
+from lmctl.config.machine import FeederSettings, HopperSettings
 from lmctl.errors import MachineError
 from lmctl.machine.modbus.client import ModbusLink
 from lmctl.machine.modbus.patience import repeated
@@ -25,7 +25,7 @@ from lmctl.machine.modbus.word_order import counted_order, wrong_base_hint
 
 #: A device that is busy is asked again after this [s].
 _BUSY_PAUSE_S = 0.2
-_UPTIME = PMX.block(["UPTIME"])
+_UPTIME = PMX_MAP.block(["UPTIME"])
 
 
 @dataclass(frozen=True)
@@ -44,8 +44,8 @@ class FeederIdentity:
     feed_factor_g_rev: Mapping[str, float]
 
 
-async def identify(
-    link: ModbusLink, feeder: Feeder, hoppers: Sequence[Hopper]
+async def identify_feeder(
+    link: ModbusLink, feeder: FeederSettings, hoppers: Sequence[HopperSettings]
 ) -> FeederIdentity:
     """Read what the device is.
 
@@ -74,13 +74,13 @@ async def identify(
         )
     n_hoppers = _whole(values["N_HOPPERS"])
     missing = [h for h in hoppers if h.channel > n_hoppers]
-    if missing or not 1 <= n_hoppers <= MOST_HOPPERS:
+    if missing or not 1 <= n_hoppers <= MAX_HOPPERS:
         raise MachineError(
             f"feeder {feeder.name} has {n_hoppers} hoppers",
             where=[*place, *(f"hopper {h.name} is on channel {h.channel}" for h in missing)],
             hint="check the hoppers' channels in the machine profile",
         )
-    recipe_words = register_map(n_hoppers).block(recipe_names(n_hoppers)).count
+    recipe_words = register_map(n_hoppers).block(recipe_register_names(n_hoppers)).count
     if recipe_words > feeder.max_registers:
         raise MachineError(
             f"feeder {feeder.name} moves {feeder.max_registers} registers in one request, and a "
@@ -102,15 +102,16 @@ async def identify(
         serial=_whole(values["SERIAL"]),
         n_hoppers=n_hoppers,
         heartbeat=_whole(values["HEARTBEAT_ECHO"]),
-        has_mirror=minor >= MAP_MINOR_MIRROR,
+        has_mirror=minor >= FIRST_MINOR_WITH_MIRROR,
         feed_factor_g_rev=factors,
     )
 
 
-async def _feed_factor(link: ModbusLink, hopper: Hopper, place: list[str]) -> float:
+async def _feed_factor(link: ModbusLink, hopper: HopperSettings, place: list[str]) -> float:
     """The stored factor [g/rev]. Raises MachineError where the hopper cannot feed its maximum."""
-    names = [hopper_row(hopper.channel, name) for name in ("FEED_FACTOR", "N_MIN", "N_MAX")]
-    (block,) = PMX.plan_reads(names)
+    names = [hopper_register_name(hopper.channel, name) for name in ("FEED_FACTOR", "N_MIN",
+                                                                     "N_MAX")]
+    (block,) = PMX_MAP.plan_reads(names)
     values = block.decode(
         await repeated(lambda: link.read_holding(block.address, block.count), _BUSY_PAUSE_S)
     )
@@ -125,9 +126,9 @@ async def _feed_factor(link: ModbusLink, hopper: Hopper, place: list[str]) -> fl
     return factor
 
 
-def _whole(value: Value) -> int:
+def _whole(value: RegisterValue) -> int:
     return value if isinstance(value, int) else 0
 
 
-def _pair(value: Value) -> tuple[int, int]:
+def _pair(value: RegisterValue) -> tuple[int, int]:
     return _whole(value) >> 8, _whole(value) & 0xFF

@@ -6,9 +6,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from firmware_protocol.pmx import PMX, HopperFlags, hopper_names, hopper_row, mirrored_at
+from firmware_protocol.pmx import (
+    PMX_MAP,
+    HopperStatusBits,
+    hopper_input_names,
+    hopper_register_name,
+    mirror_offset,
+)
 from firmware_protocol.registers import WordOrder
-from lmctl.config.machine import Hopper
+from lmctl.config.machine import HopperSettings
 
 
 @dataclass(frozen=True)
@@ -23,14 +29,14 @@ class HopperReading:
     """
 
     time_s: float
-    flags: HopperFlags
+    flags: HopperStatusBits
     setpoint_g_min: float
-    flow_est_g_min: float | None
+    flow_estimated_g_min: float | None
     flow_weighed_g_min: float | None
     weight_g: float | None
     level_percent: float | None
     carrier_L_min: float | None
-    former_g_min: tuple[float, ...] = ()
+    previous_setpoints_g_min: tuple[float, ...] = ()
 
 
 #: Rows of a hopper that a reading holds: the first of its block, in one read.
@@ -44,16 +50,17 @@ class HopperReader:
     """
 
     def __init__(
-        self, hopper: Hopper, feed_factor_g_rev: float, word_order: WordOrder = WordOrder.ABCD
+        self, hopper: HopperSettings, feed_factor_g_rev: float,
+        word_order: WordOrder = WordOrder.ABCD
     ) -> None:
         wanted = [
-            name for name in hopper_names(hopper.channel)
-            if PMX[name].address < 100 * hopper.channel + _READ
+            name for name in hopper_input_names(hopper.channel)
+            if PMX_MAP[name].address < 100 * hopper.channel + _READ
         ]
-        (block,) = PMX.plan_reads(wanted)
+        (block,) = PMX_MAP.plan_reads(wanted)
         self._block = block.in_order(word_order)
         self.address, self.count = self._block.address, self._block.count
-        at = mirrored_at(hopper.channel)
+        at = mirror_offset(hopper.channel)
         self.mirrored = slice(at, at + self.count)
         self._hopper = hopper
         self._factor = feed_factor_g_rev
@@ -65,16 +72,16 @@ class HopperReader:
         values: dict[str, Any] = self._block.decode(words)
 
         def value(name: str) -> Any:
-            return values[hopper_row(self._hopper.channel, name)]
+            return values[hopper_register_name(self._hopper.channel, name)]
 
         return HopperReading(
             time_s=time_s,
-            flags=HopperFlags(value("STATUS")),
+            flags=HopperStatusBits(value("STATUS")),
             setpoint_g_min=(value("DISC_RAMPED") or 0.0) * self._factor,
-            flow_est_g_min=value("FLOW_EST"),
+            flow_estimated_g_min=value("FLOW_EST"),
             flow_weighed_g_min=value("FLOW_LIW"),
             weight_g=value("WEIGHT"),
             level_percent=value("LEVEL"),
             carrier_L_min=value("CARRIER_ACT"),
-            former_g_min=former_g_min,
+            previous_setpoints_g_min=former_g_min,
         )

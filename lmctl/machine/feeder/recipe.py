@@ -9,12 +9,12 @@ from collections.abc import Mapping, Sequence
 from firmware_protocol.pmx import (
     SetpointMode,
     WatchdogAction,
-    hopper_row,
-    recipe_names,
+    hopper_register_name,
+    recipe_register_names,
     register_map,
 )
-from firmware_protocol.registers import Value
-from lmctl.config.machine import Feeder, Hopper
+from firmware_protocol.registers import RegisterValue
+from lmctl.config.machine import FeederSettings, HopperSettings
 
 _COUNTS_PER_G_MIN = 100
 
@@ -28,9 +28,10 @@ class RecipeWriter:
     n_hoppers : what the device has, used or not; unused hoppers stand still
     """
 
-    def __init__(self, feeder: Feeder, hoppers: Sequence[Hopper], n_hoppers: int) -> None:
+    def __init__(self, feeder: FeederSettings, hoppers: Sequence[HopperSettings],
+                 n_hoppers: int) -> None:
         table = register_map(n_hoppers)
-        block = table.block(recipe_names(n_hoppers))
+        block = table.block(recipe_register_names(n_hoppers))
         self.address = block.address
         self._hoppers = tuple(hoppers)
         self._most = [round(h.max_flow_g_min * _COUNTS_PER_G_MIN) for h in hoppers]
@@ -40,7 +41,8 @@ class RecipeWriter:
             for name in ("HEARTBEAT", "SEQ")
         }
         self._flow_at = [
-            table.wire_address(hopper_row(h.channel, "FLOW_SP")) - block.address for h in hoppers
+            table.wire_address(hopper_register_name(h.channel,
+                                                    "FLOW_SP")) - block.address for h in hoppers
         ]
 
     def counts(self, flows_g_min: Mapping[str, float]) -> tuple[int, ...]:
@@ -72,46 +74,46 @@ class RecipeWriter:
         return words
 
 
-class FormerFlows:
+class PreviousFlows:
     """What hoppers were told before, and their discs may still be coming from."""
 
     def __init__(self) -> None:
         self._until: deque[tuple[float, tuple[int, ...]]] = deque()
 
-    def replaced(self, counts: tuple[int, ...], t_s: float) -> None:
+    def record_replaced(self, counts: tuple[int, ...], t_s: float) -> None:
         """These were the recipe until now."""
         self._until.append((t_s, counts))
 
-    def lately_g_min(self, hopper: int, t_s: float) -> tuple[float, ...]:
+    def recent_setpoints_g_min(self, hopper: int, t_s: float) -> tuple[float, ...]:
         """What a hopper, by its place among them, was told not long before t_s."""
         while self._until and self._until[0][0] < t_s - _FOLLOWS_WITHIN_S:
             self._until.popleft()
         return tuple(counts[hopper] / _COUNTS_PER_G_MIN for _, counts in self._until)
 
 
-def settling_s(hoppers: Sequence[Hopper]) -> float:
+def settling_time_s(hoppers: Sequence[HopperSettings]) -> float:
     """θ + 4τ of the slowest hose: after that a step has arrived to 98 % (process.md 2.2)."""
     return max(h.dead_time_s + 4.0 * h.lag_s for h in hoppers)
 
 
 def _settings(
-    feeder: Feeder, hoppers: Sequence[Hopper], n_hoppers: int
-) -> dict[str, Value]:
+    feeder: FeederSettings, hoppers: Sequence[HopperSettings], n_hoppers: int
+) -> dict[str, RegisterValue]:
     """Every value of the write but those that change with each one."""
-    values: dict[str, Value] = dict.fromkeys(recipe_names(n_hoppers), 0)
+    values: dict[str, RegisterValue] = dict.fromkeys(recipe_register_names(n_hoppers), 0)
     values |= {
         "WD_TIMEOUT": round(feeder.watchdog_s * 1000),
         "WD_ACTION": WatchdogAction.DISCS_STOP,
-        "STABILISE": max(feeder.stabilise_s, settling_s(hoppers)),
-        "POSTFLOW": postflow_s(feeder, hoppers),
+        "STABILISE": max(feeder.stabilise_s, settling_time_s(hoppers)),
+        "POSTFLOW": post_flow_s(feeder, hoppers),
         "SETPOINT_MODE": SetpointMode.G_MIN,
         "AT_SPEED_TOL": 2.0,
     }
     for hopper in hoppers:
-        values[hopper_row(hopper.channel, "CARRIER_SP")] = hopper.carrier_L_min
+        values[hopper_register_name(hopper.channel, "CARRIER_SP")] = hopper.carrier_L_min
     return values
 
 
-def postflow_s(feeder: Feeder, hoppers: Sequence[Hopper]) -> float:
+def post_flow_s(feeder: FeederSettings, hoppers: Sequence[HopperSettings]) -> float:
     """Gas after powder: what the profile asks for, and long enough to empty the hose."""
-    return max(feeder.gas_postflow_s, settling_s(hoppers))
+    return max(feeder.gas_postflow_s, settling_time_s(hoppers))

@@ -6,15 +6,15 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from firmware_protocol.pmx import SYSTEM_BLOCK, Mode, State, Status
-from firmware_protocol.pmx_alarms import CLIPPED_BIT, Alarm, first_out
+from firmware_protocol.pmx import SYSTEM_BLOCK, FeederMode, FeederStateCode, FeederStatusBits
+from firmware_protocol.pmx_alarms import CLIPPED_BIT, FeederAlarm, describe_first_out_alarm
 from firmware_protocol.registers import WordOrder
 from lmctl.machine.feeder.readings import HopperReading
 from lmctl.machine.feeder.warnings import FeederWarning, WarningReader
 
-_TURNING = (State.STABILISING, State.FEEDING)
+_TURNING = (FeederStateCode.STABILISING, FeederStateCode.FEEDING)
 #: States in which gas flows because it is ordered, and not as post-flow.
-GAS_IS_ORDERED = (State.GAS_PREFLOW, *_TURNING)
+GAS_IS_ORDERED = (FeederStateCode.GAS_PREFLOW, *_TURNING)
 
 
 class FeederStatus(NamedTuple):
@@ -29,10 +29,10 @@ class FeederStatus(NamedTuple):
     """
 
     time_s: float
-    state: State
-    mode: Mode
-    flags: Status
-    alarm: Alarm | None
+    state: FeederStateCode
+    mode: FeederMode
+    flags: FeederStatusBits
+    alarm: FeederAlarm | None
     warnings: tuple[FeederWarning, ...]
     clipped: bool
     seq_applied: int
@@ -49,7 +49,7 @@ class FeederStatus(NamedTuple):
 
 #: The rows of the system block that a status is made of, by the device's word order.
 _STATUS_ROWS = {
-    order: SYSTEM_BLOCK.in_order(order).only((
+    order: SYSTEM_BLOCK.in_order(order).restricted_to((
         "STATUS", "ALARM", "WARNING", "FIRST_ALARM_CODE", "HEARTBEAT_AGE", "UPTIME", "MODE",
         "STATE", "MIXER_PRESSURE", "TOTAL_GAS", "SEQ_APPLIED", "TICK",
     ))
@@ -57,7 +57,7 @@ _STATUS_ROWS = {
 }
 
 
-def feeder_status(
+def read_feeder_status(
     words: Sequence[int], time_s: float, hoppers: Mapping[str, HopperReading],
     warnings: WarningReader, word_order: WordOrder = WordOrder.ABCD,
 ) -> FeederStatus:
@@ -66,15 +66,15 @@ def feeder_status(
     Raises RegisterError where their number is wrong; ValueError for a state nobody knows.
     """
     values: dict[str, Any] = _STATUS_ROWS[word_order].decode(words)
-    flags, state = Status(values["STATUS"]), State(values["STATE"])
+    flags, state = FeederStatusBits(values["STATUS"]), FeederStateCode(values["STATE"])
     code, warned = values["FIRST_ALARM_CODE"], values["WARNING"]
     return FeederStatus(
         time_s=time_s,
         state=state,
-        mode=Mode(values["MODE"]),
+        mode=FeederMode(values["MODE"]),
         flags=flags,
-        alarm=first_out(code, values["ALARM"], warnings.names)
-        if code or Status.ALARM in flags else None,
+        alarm=describe_first_out_alarm(code, values["ALARM"], warnings.names)
+        if code or FeederStatusBits.ALARM in flags else None,
         warnings=warnings.read(warned, hoppers),
         clipped=bool(warned & CLIPPED_BIT),
         seq_applied=values["SEQ_APPLIED"],
@@ -84,9 +84,9 @@ def feeder_status(
         total_gas_L_min=values["TOTAL_GAS"],
         mixer_pressure_mbar=values["MIXER_PRESSURE"],
         hoppers=hoppers,
-        gas_ok=Status.GAS_OK in flags,
+        gas_ok=FeederStatusBits.GAS_OK in flags,
         feeding=state in _TURNING,
-        stable=Status.STABLE in flags,
+        stable=FeederStatusBits.STABLE in flags,
     )
 
 
@@ -99,7 +99,7 @@ def _ignore_fault(reason: str) -> None:
 
 
 @dataclass
-class FeederListener:
+class FeederCallbacks:
     """Who hears of a feeder: callables that return at once.
 
     on_status : every good status reply

@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
-from firmware_protocol.pmx import HopperFlags
-from firmware_protocol.pmx_alarms import CLIPPED, DRIFT, LEVEL_LOW, warnings_in
+from firmware_protocol.pmx import HopperStatusBits
+from firmware_protocol.pmx_alarms import CLIPPED, DRIFT, LEVEL_LOW, describe_warnings
 from lmctl.machine.feeder.readings import HopperReading
 
-_OWN_FLAG = {LEVEL_LOW: HopperFlags.LEVEL_LOW, CLIPPED: HopperFlags.LIMITED}
+_OWN_FLAG = {LEVEL_LOW: HopperStatusBits.LEVEL_LOW, CLIPPED: HopperStatusBits.LIMITED}
 
 
 class FeederWarning(NamedTuple):
@@ -26,8 +26,8 @@ class FeederWarning(NamedTuple):
     number: int
     feeder: str
     hopper: str
-    what: str
-    hint: str
+    text: str
+    remedy: str
 
 
 class WarningReader:
@@ -59,8 +59,8 @@ class WarningReader:
         standing = tuple(
             known.get((one.code, hopper))
             or FeederWarning(one.code, self._feeder, hopper, self._place(hopper) + one.text
-                             + _figures(one.code, hopper, hoppers), one.hint)
-            for one in warnings_in(word)
+                             + _figures(one.code, hopper, hoppers), one.remedy)
+            for one in describe_warnings(word)
             for hopper in self._of(one.code, hoppers)
         )
         if standing != self._standing:
@@ -87,9 +87,9 @@ def _figures(number: int, hopper: str, hoppers: Mapping[str, HopperReading]) -> 
         said += [] if reading.weight_g is None else [f"{reading.weight_g:.0f} g left"]
     elif number == DRIFT:
         said = [
-            f"{name} {one.flow_weighed_g_min:.2f} of {one.flow_est_g_min:.2f} g/min"
+            f"{name} {one.flow_weighed_g_min:.2f} of {one.flow_estimated_g_min:.2f} g/min"
             for name, one in hoppers.items()
-            if one.flow_weighed_g_min is not None and one.flow_est_g_min is not None
+            if one.flow_weighed_g_min is not None and one.flow_estimated_g_min is not None
         ]
     else:
         said = []

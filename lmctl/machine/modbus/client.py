@@ -14,16 +14,16 @@ from collections.abc import Callable, Sequence
 from pymodbus.pdu import ModbusPDU
 from pymodbus.pdu.register_message import ReadHoldingRegistersRequest, ReadInputRegistersRequest
 
-from firmware_protocol.registers import MOST_READ, MOST_WRITTEN
+from firmware_protocol.registers import MAX_READ_REGISTERS, MAX_WRITE_REGISTERS
 from lmctl.config.modbus_device import ModbusDevice
 from lmctl.errors import MachineError
 from lmctl.machine.modbus.endpoint import RtuEndpoint, TcpEndpoint, parse_modbus_endpoint
 from lmctl.machine.modbus.observation import WireObservation
-from lmctl.machine.modbus.pdus import ExchangeRequest, WriteRequest
+from lmctl.machine.modbus.pdus import ClientExchangeRequest, ClientWriteRequest
 from lmctl.machine.modbus.wire import ModbusWire
 
 #: Most registers one exchange (FC 23) may write; it may read MOST_READ.
-MOST_EXCHANGED = 121
+MAX_EXCHANGED = 121
 
 ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE, FAILURE = 1, 2, 3, 4
 
@@ -53,7 +53,7 @@ _PASSING = {
     11: "its gateway got no answer from it",
 }
 
-_LONGEST_FRAME = 256  # characters of an RTU frame
+_MAX_FRAME = 256  # characters of an RTU frame
 _WRITE_ANSWER_BYTES = 5  # function code, address and count
 
 
@@ -65,18 +65,18 @@ def _no_mirror(address: int) -> int:
     raise ValueError(f"input register {address} is shown by no holding register")
 
 
-class NoAnswerError(MachineError):
+class NoReplyError(MachineError):
     """The device did not answer, or said that it could not just now; whether it acted is not known.
 
     Its text says what was seen on the wire instead (see `observation`).
     """
 
 
-class PassingExceptionError(NoAnswerError):
+class PassingExceptionError(NoReplyError):
     """The device is busy, or its gateway could not reach it: the same request may work later."""
 
 
-class RefusedError(MachineError):
+class ModbusExceptionError(MachineError):
     """The device answered with a Modbus exception. code : which."""
 
     def __init__(self, endpoint: str, code: int) -> None:
@@ -161,8 +161,8 @@ class ModbusLink:
 
     async def write(self, address: int, words: Sequence[int]) -> None:
         """FC 16, one register too. More than the device takes in one request raises ValueError."""
-        _check_count(len(words), min(MOST_WRITTEN, self._most))
-        request = WriteRequest(
+        _check_count(len(words), min(MAX_WRITE_REGISTERS, self._most))
+        request = ClientWriteRequest(
             address=self._base + address, registers=words, dev_id=self._device_id)
         await self._ask(request, _WRITE_ANSWER_BYTES)
 
@@ -173,13 +173,13 @@ class ModbusLink:
 
         Two where the device does not know the function, more where it moves fewer registers.
         """
-        _check_count(len(words), min(MOST_EXCHANGED, self._most))
-        _check_count(count, MOST_READ)
+        _check_count(len(words), min(MAX_EXCHANGED, self._most))
+        _check_count(count, MAX_READ_REGISTERS)
         if not self._exchanges:
             await self.write(write_address, words)
             return await self.read_holding(read_address, count)
         first = min(count, self._most)
-        request = ExchangeRequest(
+        request = ClientExchangeRequest(
             self._base + read_address, first, self._base + write_address, words, self._device_id)
         registers = await self._read(request, first)
         if first == count:
@@ -190,7 +190,7 @@ class ModbusLink:
         self, request: Callable[..., ModbusPDU], address: int, count: int
     ) -> Sequence[int]:
         """Registers read one after the other, as many in a request as the device moves."""
-        _check_count(count, MOST_READ)
+        _check_count(count, MAX_READ_REGISTERS)
         found: Sequence[int] = ()
         while (at := len(found)) < count:
             part = min(self._most, count - at)
@@ -206,7 +206,7 @@ class ModbusLink:
     async def _read(self, request: ModbusPDU, count: int) -> Sequence[int]:
         answer = await self._ask(request, 2 + 2 * count)
         if len(answer.registers) != count:
-            raise NoAnswerError(
+            raise NoReplyError(
                 f"it answers with {len(answer.registers)} registers where {count} were asked for",
                 where=self.endpoint,
             )
@@ -218,14 +218,14 @@ class ModbusLink:
                 await asyncio.sleep(wait_s)
             asked_s = self._loop.time()
             try:
-                answer = await self._wire.ask(request, answer_bytes)
+                answer = await self._wire.send_request(request, answer_bytes)
             except asyncio.CancelledError:
                 self._expect_late_answer(asked_s + self._timeout_s)
                 raise
             except OSError as error:  # TimeoutError is one
                 self._expect_late_answer(self._loop.time())
                 seen = self._wire.seen
-                raise NoAnswerError(
+                raise NoReplyError(
                     f"it does not answer: {seen.sentence}", where=self.endpoint, hint=seen.hint
                 ) from error
             if answer.isError():
@@ -236,7 +236,7 @@ class ModbusLink:
 
     def _exception(self, code: int) -> MachineError:
         if code not in _PASSING:
-            return RefusedError(self.endpoint, code)
+            return ModbusExceptionError(self.endpoint, code)
         seen, words = self._wire.seen, f"{_PASSING[code]} (Modbus exception {code:02d})"
         seen.passing_exceptions[words] = seen.passing_exceptions.get(words, 0) + 1
         return PassingExceptionError(words, where=self.endpoint, hint=seen.hint)
@@ -248,7 +248,7 @@ class ModbusLink:
         answers are dropped by their transaction number.
         """
         if self._character_s is not None:
-            self._quiet_until_s = sent_s + _LONGEST_FRAME * self._character_s
+            self._quiet_until_s = sent_s + _MAX_FRAME * self._character_s
 
 
 def _unreachable(where: TcpEndpoint | RtuEndpoint, reason: str) -> MachineError:

@@ -21,7 +21,7 @@ EXCEPTION_FLAG = 0x80
 _READ_FUNCTIONS = (3, 4, 23)
 _WRITE_FUNCTIONS = (6, 16)
 _MBAP = 6  # bytes before the unit id of a TCP frame
-_LONGEST_TCP_BODY = 254
+_MAX_TCP_BODY = 254
 
 
 class SentRequest(NamedTuple):
@@ -189,7 +189,7 @@ def _tcp_frame(data: bytes) -> bytes | None:
     if length == 2 and data[_MBAP + 1] & EXCEPTION_FLAG:
         length = 3  # some gateways leave the code of an exception out of its length
     frame = data[: _MBAP + length]
-    return frame if 3 <= length <= _LONGEST_TCP_BODY and len(frame) == _MBAP + length else None
+    return frame if 3 <= length <= _MAX_TCP_BODY and len(frame) == _MBAP + length else None
 
 
 def _is_tcp_answer(frame: bytes, sent: SentRequest) -> bool:

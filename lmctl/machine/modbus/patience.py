@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Awaitable, Callable, Sequence
 
 from lmctl.errors import MachineError
-from lmctl.machine.modbus.client import NoAnswerError, PassingExceptionError
+from lmctl.machine.modbus.client import NoReplyError, PassingExceptionError
 
 #: Requests that may go without an answer, and how long a device may answer that it is busy [s].
 _OPENING_TRIES = 3
@@ -43,7 +43,7 @@ async def repeated(
     while True:
         try:
             return await request()
-        except NoAnswerError as error:
+        except NoReplyError as error:
             if not patience.is_left(error):
                 raise
             if isinstance(error, PassingExceptionError):

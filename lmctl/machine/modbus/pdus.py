@@ -17,7 +17,7 @@ from pymodbus.pdu.register_message import (
 )
 
 
-class WriteRequest(WriteMultipleRegistersRequest):
+class ClientWriteRequest(WriteMultipleRegistersRequest):
     """FC 16."""
 
     def encode(self) -> bytes:
@@ -25,14 +25,14 @@ class WriteRequest(WriteMultipleRegistersRequest):
         return struct.pack(f">HHB{count}H", self.address, count, 2 * count, *self.registers)
 
 
-class WriteAnswer(WriteMultipleRegistersResponse):
+class WriteReply(WriteMultipleRegistersResponse):
     """FC 16."""
 
     def __str__(self) -> str:
         return "written"
 
 
-class ExchangeRequest(ReadWriteMultipleRegistersRequest):
+class ClientExchangeRequest(ReadWriteMultipleRegistersRequest):
     """FC 23."""
 
     def encode(self) -> bytes:
@@ -43,7 +43,7 @@ class ExchangeRequest(ReadWriteMultipleRegistersRequest):
         )
 
 
-class ReadHoldingAnswer(ReadHoldingRegistersResponse):
+class ReadHoldingReply(ReadHoldingRegistersResponse):
     """FC 03."""
 
     def decode(self, data: bytes) -> None:
@@ -54,19 +54,19 @@ class ReadHoldingAnswer(ReadHoldingRegistersResponse):
         return f"{len(self.registers)} registers"
 
 
-class ReadInputAnswer(ReadHoldingAnswer):
+class ReadInputReply(ReadHoldingReply):
     """FC 04."""
 
     function_code = 4
 
 
-class ExchangeAnswer(ReadHoldingAnswer):
+class ExchangeReply(ReadHoldingReply):
     """FC 23."""
 
     function_code = 23
 
 
 #: To be registered with pymodbus's decoder.
-ANSWERS: tuple[type[ModbusPDU], ...] = (
-    ReadHoldingAnswer, ReadInputAnswer, WriteAnswer, ExchangeAnswer,
+REPLIES: tuple[type[ModbusPDU], ...] = (
+    ReadHoldingReply, ReadInputReply, WriteReply, ExchangeReply,
 )

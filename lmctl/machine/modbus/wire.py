@@ -18,7 +18,7 @@ from pymodbus.transport import CommParams, CommType, ModbusProtocol
 from lmctl.machine.modbus.endpoint import RtuEndpoint, TcpEndpoint
 from lmctl.machine.modbus.framing import Framing, RtuFraming, SentRequest, TcpFraming
 from lmctl.machine.modbus.observation import WireObservation
-from lmctl.machine.modbus.pdus import ANSWERS
+from lmctl.machine.modbus.pdus import REPLIES
 
 #: Making a connection takes its own time, whatever a device's period or answer time is [s]: the
 #: first packet of a connection is sent again only after one second.
@@ -29,7 +29,7 @@ CONNECT_TIMEOUT_S = 3.0
 _RECONNECT_S = 0.1
 _RECONNECT_MOST_S = 1.0
 
-_MOST_UNREAD = 1024
+_MAX_UNREAD = 1024
 
 # pymodbus would otherwise print its findings on stderr; they come as errors of ours.
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())
@@ -54,7 +54,7 @@ class ModbusWire(ModbusProtocol):
     ) -> None:
         super().__init__(_parameters(where), is_server=False)
         self._decoder = DecodePDU(False)
-        for answer in ANSWERS:
+        for answer in REPLIES:
             self._decoder.register(answer)
         self._is_tcp = isinstance(where, TcpEndpoint)
         self._framing: Framing = TcpFraming() if self._is_tcp else RtuFraming()
@@ -74,7 +74,7 @@ class ModbusWire(ModbusProtocol):
         if self.seen.is_anything:
             self.seen = self._fresh_observation()
 
-    async def ask(self, request: ModbusPDU, answer_bytes: int) -> ModbusPDU:
+    async def send_request(self, request: ModbusPDU, answer_bytes: int) -> ModbusPDU:
         """Send a request and return its answer, an exception of the device's included.
 
         answer_bytes : length of the regular answer's PDU, function code included
@@ -121,7 +121,7 @@ class ModbusWire(ModbusProtocol):
 
     def data_received(self, data: bytes) -> None:
         """Bytes have come: the answer to the open request, or something else."""
-        self.recv_buffer = (self.recv_buffer + data)[-_MOST_UNREAD:]
+        self.recv_buffer = (self.recv_buffer + data)[-_MAX_UNREAD:]
         if self._open is None or self._open.answer.done():
             return  # too late: looked at before the next request
         pdu = self._framing.find_answer(self.recv_buffer, self._open.sent)

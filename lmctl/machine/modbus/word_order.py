@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Sequence
 
-from firmware_protocol.registers import Block, WordOrder
+from firmware_protocol.registers import RegisterBlock, WordOrder
 from lmctl.config.modbus_device import ModbusDevice
 from lmctl.machine.modbus.client import ModbusLink
 
@@ -18,11 +18,11 @@ from lmctl.machine.modbus.client import ModbusLink
 _WATCHED_S = 1.5
 _EVERY_S = 0.1
 #: By so much it may go forward between two readings [s].
-_MOST_STEP_S = 3
+_MAX_STEP_S = 3
 
 
 async def counted_order(
-    link: ModbusLink, uptime: Block, configured: WordOrder
+    link: ModbusLink, uptime: RegisterBlock, configured: WordOrder
 ) -> WordOrder | None:
     """The word order in which a device's uptime counts seconds.
 
@@ -42,7 +42,7 @@ async def counted_order(
         block = uptime.in_order(order)
         (then_s,), (now_s,) = block.decode(before).values(), block.decode(now).values()
         if isinstance(then_s, int) and isinstance(now_s, int) and (
-            1 <= now_s - then_s <= _MOST_STEP_S
+            1 <= now_s - then_s <= _MAX_STEP_S
         ):
             return order
     return None

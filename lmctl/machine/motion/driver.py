@@ -9,18 +9,18 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from firmware_protocol.codes import LOCKED_BY_ALARM, position_lost
-from firmware_protocol.realtime import Realtime
+from firmware_protocol.realtime import RealtimeCommand
 from firmware_protocol.status import StatusReport
-from lmctl.machine.motion import holding
-from lmctl.machine.motion.conversation import Conversation
-from lmctl.machine.motion.handshake import RESET_S, Introduction, introduce
-from lmctl.machine.motion.hearer import Hearer
-from lmctl.machine.motion.identify import Identity, unfit_settings
-from lmctl.machine.motion.listener import MotionListener
+from lmctl.machine.motion import feed_hold
+from lmctl.machine.motion.callbacks import ConnectionCallbacks
+from lmctl.machine.motion.connection import GrblConnection
+from lmctl.machine.motion.driver_callbacks import MotionCallbacks
+from lmctl.machine.motion.handshake import RESET_S, ControllerInfo, shake_hands
+from lmctl.machine.motion.identity import ControllerIdentity, unfit_settings
+from lmctl.machine.motion.line_stream import LineStream
 from lmctl.machine.motion.override_arithmetic import NO_OVERRIDE
-from lmctl.machine.motion.stream import Stream
 
-__all__ = ["MotionDriver", "MotionListener"]
+__all__ = ["MotionCallbacks", "MotionDriver"]
 
 _HOMED_S = 180.0
 
@@ -37,29 +37,29 @@ class MotionDriver:
     """
 
     def __init__(self, endpoint: str, status_period_s: float) -> None:
-        self.listener = MotionListener()
+        self.listener = MotionCallbacks()
         self.status: StatusReport | None = None
         self.overrides: tuple[int, int, int] = NO_OVERRIDE
         self.offset_mm: tuple[float, ...] | None = None
         self.position_mm: tuple[float, ...] | None = None
         self.position_trusted = False
-        self._talk = Conversation(
+        self._talk = GrblConnection(
             endpoint,
             status_period_s,
-            Hearer(
-                accepted=self._accepted,
-                rejected=self._line_rejected,
-                report=self._reported,
-                alarm=self._alarmed,
-                restarted=self._restarted,
-                surplus_answer=lambda: self._stream.surplus_answer(),
-                batch_done=self._batch_done,
-                asking=lambda: self.listener.on_question(),
-                lost=self._lost,
+            ConnectionCallbacks(
+                on_ok=self._accepted,
+                on_rejected=self._line_rejected,
+                on_report=self._reported,
+                on_alarm=self._alarmed,
+                on_restart=self._restarted,
+                on_surplus_reply=lambda: self._stream.on_surplus_reply(),
+                on_batch_done=self._batch_done,
+                on_query=lambda: self.listener.on_query(),
+                on_lost=self._lost,
             ),
         )
-        self._stream = Stream(self._talk, lambda tag, code: self.listener.on_error(tag, code))
-        self._introduction: Introduction | None = None
+        self._stream = LineStream(self._talk, lambda tag, code: self.listener.on_error(tag, code))
+        self._introduction: ControllerInfo | None = None
         self._unfit = ""  # what keeps programs from being sent
         self._at_rest_at_reset = False
         self._grown = False  # counts have grown since on_progress was called
@@ -76,8 +76,8 @@ class MotionDriver:
         """
         driver = cls(endpoint, status_period_s)
         try:
-            await driver._talk.connect(baud, connect_timeout_s)
-            said = await introduce(driver._talk, connect_timeout_s)
+            await driver._talk.open(baud, connect_timeout_s)
+            said = await shake_hands(driver._talk, connect_timeout_s)
         except BaseException:
             await driver.close()
             raise
@@ -89,9 +89,9 @@ class MotionDriver:
         if driver.offset_mm is None:
             driver.offset_mm = said.offset_mm
             if driver.status is not None:
-                driver.position_mm = driver.status.program_mm(driver.offset_mm)
+                driver.position_mm = driver.status.work_position_mm(driver.offset_mm)
         idle = driver.status is not None and driver.status.state == "Idle"
-        driver.position_trusted = idle and said.position_stated
+        driver.position_trusted = idle and said.is_position_stated
         driver._talk.watch.start()
         return driver
 
@@ -101,7 +101,7 @@ class MotionDriver:
         self._talk.close()
 
     @property
-    def identity(self) -> Identity:
+    def identity(self) -> ControllerIdentity:
         """What the controller says it is."""
         return self._said().identity
 
@@ -111,34 +111,34 @@ class MotionDriver:
         return self._said().settings
 
     @property
-    def found(self) -> StatusReport:
+    def first_report(self) -> StatusReport:
         """The first report of all, from before anything was sent that could change a state."""
-        return self._said().found
+        return self._said().first_report
 
     @property
-    def sent(self) -> int:
+    def lines_sent(self) -> int:
         """Lines of the stream handed to the link."""
         return self._stream.progress.sent
 
     @property
-    def acknowledged(self) -> int:
+    def lines_acknowledged(self) -> int:
         """Lines of the stream answered `ok`, up to the first rejected one."""
         return self._stream.progress.acknowledged
 
     @property
-    def executed(self) -> int:
+    def lines_executed(self) -> int:
         """Lines of the stream known to be done; never above `acknowledged`."""
         return self._stream.progress.executed
 
     @property
     def all_answered(self) -> bool:
         """Whether the link is open and nothing that was sent is unanswered."""
-        return self._talk.lost is None and not self._talk.unanswered
+        return self._talk.lost is None and not self._talk.unanswered_lines
 
     @property
-    def queued(self) -> int:
+    def lines_queued(self) -> int:
         """Lines submitted and not sent."""
-        return self._stream.queued
+        return self._stream.lines_queued
 
     @property
     def status_age_s(self) -> float:
@@ -177,7 +177,7 @@ class MotionDriver:
             controller's settings ($32, $10) allow no program
         """
         if self._unfit:
-            raise self._talk.error(self._unfit, hint="see `lmctl machine doctor`")
+            raise self._talk.device_error(self._unfit, hint="see `lmctl machine doctor`")
         self._stream.submit(lines, self.identity)
 
     def discard_queue(self) -> int:
@@ -188,9 +188,9 @@ class MotionDriver:
         """The caller vouches that reported positions are those of the machine."""
         self.position_trusted = True
 
-    def realtime(self, byte: Realtime) -> None:
+    def realtime(self, byte: RealtimeCommand) -> None:
         """Send one real-time byte at once, before every line not yet on the wire."""
-        if byte is Realtime.RESET:
+        if byte is RealtimeCommand.RESET:
             self._stream.discard_queue()
             self._stream.held = True
             self._at_rest_at_reset = self._at_rest()
@@ -214,7 +214,7 @@ class MotionDriver:
         finally:
             if self._talk.lost is None:
                 self._talk.watch.start()
-        self._stream.end(halted=False)
+        self._stream.on_restart(halted=False)
         self.position_trusted = True
 
     async def hold(self, *, seen_within_s: float = 0.25, stopped_within_s: float = 5.0) -> None:
@@ -224,13 +224,13 @@ class MotionDriver:
             after stopped_within_s, or an alarm stops it instead
         """
         self._stream.held = True
-        await holding.hold(self._talk, seen_within_s, stopped_within_s)
+        await feed_hold.hold(self._talk, seen_within_s, stopped_within_s)
 
     async def resume(self) -> None:
         """End a hold. Raises MachineError where the machine is not standing held, or stays so."""
-        await holding.resume(self._talk)
+        await feed_hold.resume(self._talk)
         self._stream.held = False
-        self._stream.pump()
+        self._stream.send_available()
 
     async def reset(self, timeout_s: float = RESET_S) -> StatusReport:
         """Soft reset: ends stream and motion; returns the first report after the banner.
@@ -243,30 +243,30 @@ class MotionDriver:
         await self._talk.reset(timeout_s)
         report = await self._talk.fresh_report(timeout_s)
         if report is None:
-            raise self._talk.error(
+            raise self._talk.device_error(
                 "the controller restarted but answers no '?'", hint="switch it off and on"
             )
         return report
 
     def _accepted(self, count: int) -> None:
-        self._stream.accepted(count)
+        self._stream.on_ok(count)
         self._grown = True
 
     def _line_rejected(self, tag: int, error: int) -> None:
         if error == LOCKED_BY_ALARM and not self._stream.halted:
             self._alarmed(0)  # its ALARM: line was lost
-        self._stream.line_rejected(tag, error)
+        self._stream.on_rejected(tag, error)
         self._grown = True
 
     def _reported(self, report: StatusReport) -> None:
         self.status = report
         if report.offset_mm is not None:
             self.offset_mm = report.offset_mm
-        if report.overrides is not None:
-            self.overrides = report.overrides
-        self.position_mm = report.program_mm(self.offset_mm)
+        if report.override_percents is not None:
+            self.overrides = report.override_percents
+        self.position_mm = report.work_position_mm(self.offset_mm)
         if self._stream.running:
-            self._grown = self._stream.observe(report) or self._grown
+            self._grown = self._stream.on_status_report(report) or self._grown
             if report.state == "Alarm" and not self._stream.halted:
                 self._alarmed(report.substate or 0)  # its ALARM: line was lost
         self.listener.on_status(report)
@@ -279,7 +279,7 @@ class MotionDriver:
 
     def _restarted(self, asked: bool) -> None:
         surprise = not asked and self._introduction is not None
-        self._stream.end(halted=surprise)
+        self._stream.on_restart(halted=surprise)
         self.overrides = NO_OVERRIDE
         if not (asked and self._at_rest_at_reset):
             self.position_trusted = False
@@ -290,7 +290,7 @@ class MotionDriver:
         if self._grown:
             self._grown = False
             self.listener.on_progress()
-        self._stream.pump()
+        self._stream.send_available()
 
     def _lost(self, reason: str) -> None:
         self._stream.halted = True
@@ -302,10 +302,10 @@ class MotionDriver:
         if report is None:
             return False
         if report.state == "Idle":
-            return self._talk.unanswered == 0 and self._stream.progress.all_executed
-        return report.held or report.state in ("Alarm", "Check", "Sleep")
+            return self._talk.unanswered_lines == 0 and self._stream.progress.is_all_executed
+        return report.is_held or report.state in ("Alarm", "Check", "Sleep")
 
-    def _said(self) -> Introduction:
+    def _said(self) -> ControllerInfo:
         if self._introduction is None:
             raise AttributeError("the driver is not open")
         return self._introduction

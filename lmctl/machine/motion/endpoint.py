@@ -10,7 +10,7 @@ from lmctl.machine.endpoint_keys import endpoint_keys
 
 
 @dataclass(frozen=True)
-class Endpoint:
+class MotionEndpoint:
     """A parsed endpoint: kind "tcp" with host and port, or "serial" or "pty" with a path."""
 
     text: str
@@ -20,7 +20,7 @@ class Endpoint:
     path: str = ""
 
 
-def parse_endpoint(text: str) -> Endpoint:
+def parse_motion_endpoint(text: str) -> MotionEndpoint:
     """`tcp://HOST:PORT`, `serial:///dev/ttyUSB0` or `pty:///dev/pts/3`, without keys.
 
     Raises ConfigError for anything else; it names keys behind a `?`, none of which is known.
@@ -35,11 +35,11 @@ def parse_endpoint(text: str) -> Endpoint:
     path = parts.netloc + parts.path  # serial://COM3 has no third slash
     if parts.scheme == "tcp" and parts.hostname and port and parts.path in ("", "/"):
         endpoint_keys(text, parts.query, {}, "remove what stands behind the ?")
-        return Endpoint(text, "tcp", host=parts.hostname, port=port)
+        return MotionEndpoint(text, "tcp", host=parts.hostname, port=port)
     if parts.scheme in ("serial", "pty") and path.strip("/"):
         endpoint_keys(text, parts.query, {}, "write baud = 9600 into [motion] of the machine "
                       "profile; a motion controller's line is 8N1")
-        return Endpoint(text, parts.scheme, path=path)
+        return MotionEndpoint(text, parts.scheme, path=path)
     raise _no_endpoint(text)
 
 

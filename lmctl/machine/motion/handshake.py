@@ -13,17 +13,17 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from firmware_protocol.dialect import GRBLHAL
-from firmware_protocol.realtime import Realtime
+from firmware_protocol.realtime import RealtimeCommand
 from firmware_protocol.status import StatusReport
 from lmctl.errors import MachineError
-from lmctl.machine.motion.conversation import Conversation
-from lmctl.machine.motion.identify import (
-    Identity,
-    homed_axes,
-    homing_enabled,
+from lmctl.machine.motion.connection import GrblConnection
+from lmctl.machine.motion.identity import (
+    ControllerIdentity,
+    is_homing_enabled,
     read_identity,
     read_offset,
     read_settings,
+    reported_homed,
 )
 
 RESET_S = 5.0
@@ -38,7 +38,7 @@ _MOVING = ("Run", "Jog", "Home")
 
 
 @dataclass(frozen=True)
-class Introduction:
+class ControllerInfo:
     """What a controller said when it was met.
 
     found : its first report, before anything was sent that could change its state
@@ -46,20 +46,20 @@ class Introduction:
     homed : whether it calls its axes homed; None where it does not say (Grbl never does)
     """
 
-    found: StatusReport
-    identity: Identity
+    first_report: StatusReport
+    identity: ControllerIdentity
     settings: dict[int, str]
     offset_mm: tuple[float, ...] | None
-    homed: bool | None
+    is_homed: bool | None
 
     @property
-    def position_stated(self) -> bool:
+    def is_position_stated(self) -> bool:
         """Whether somebody has said where the machine is: its homing, or without one ($22) its
         operator, since nobody else can have."""
-        return self.homed is True or not homing_enabled(self.settings)
+        return self.is_homed is True or not is_homing_enabled(self.settings)
 
 
-async def introduce(talk: Conversation, timeout_s: float) -> Introduction:
+async def shake_hands(talk: GrblConnection, timeout_s: float) -> ControllerInfo:
     """Meet the controller on an open link and bring it to Idle or Alarm.
 
     timeout_s : for the first answer (a board that resets when the port opens takes 2 s), and again
@@ -68,18 +68,18 @@ async def introduce(talk: Conversation, timeout_s: float) -> Introduction:
     """
     found = await first_report(talk, timeout_s)
     await _come_to_rest(talk, found, timeout_s)
-    identity = await identify(talk)
-    talk.settle_on(identity.dialect, identity.rx_bytes)
+    identity = await query_identity(talk)
+    talk.use_dialect(identity.dialect, identity.rx_bytes)
     settings = read_settings(await talk.command("$$", _COMMAND_S))
     offset_mm: tuple[float, ...] | None = None
     with suppress(MachineError):  # refused in some alarms; reports carry WCO: as well
         parser_state = await talk.command("$G", _COMMAND_S)
         offset_mm = read_offset(parser_state, await talk.command("$#", _COMMAND_S))
         talk.screen.offset_is(offset_mm)
-    return Introduction(found, identity, settings, offset_mm, await homed(talk))
+    return ControllerInfo(found, identity, settings, offset_mm, await query_homed(talk))
 
 
-async def homed(talk: Conversation) -> bool | None:
+async def query_homed(talk: GrblConnection) -> bool | None:
     """Whether the controller calls its axes homed; None where it does not say.
 
     One changed digit would home a machine: two reports must agree.
@@ -88,15 +88,15 @@ async def homed(talk: Conversation) -> bool | None:
         return None
     said: list[bool | None] = []
     for _ in range(_HOMED_TRIES):
-        talk.realtime(Realtime.STATUS_FULL)
+        talk.realtime(RealtimeCommand.STATUS_FULL)
         report = await talk.fresh_report(_ASK_EVERY_S)
-        said.append(None if report is None else homed_axes(report))
+        said.append(None if report is None else reported_homed(report))
         if said[-1] is not None and said.count(said[-1]) >= _HOMED_AGREEING:
             return said[-1]
     return None
 
 
-async def first_report(talk: Conversation, timeout_s: float) -> StatusReport:
+async def first_report(talk: GrblConnection, timeout_s: float) -> StatusReport:
     """Ask `?` until it is answered. Raises MachineError with what came instead."""
     loop = asyncio.get_running_loop()
     deadline_s = loop.time() + timeout_s
@@ -107,10 +107,10 @@ async def first_report(talk: Conversation, timeout_s: float) -> StatusReport:
     seen = talk.observation
     assert seen is not None
     what, hint = seen.without_report()
-    raise talk.error(what, hint=hint)
+    raise talk.device_error(what, hint=hint)
 
 
-async def _come_to_rest(talk: Conversation, found: StatusReport, timeout_s: float) -> None:
+async def _come_to_rest(talk: GrblConnection, found: StatusReport, timeout_s: float) -> None:
     """Wait out motion; reset a controller that stands in a hold, behind a door, or asleep."""
     loop = asyncio.get_running_loop()
     deadline_s = loop.time() + timeout_s
@@ -127,26 +127,27 @@ async def _come_to_rest(talk: Conversation, found: StatusReport, timeout_s: floa
 
 
 def _stands_still(report: StatusReport) -> bool:
-    return report.held or report.state in ("Sleep", "Check", "Tool")
+    return report.is_held or report.state in ("Sleep", "Check", "Tool")
 
 
-def _restless(talk: Conversation, report: StatusReport | None) -> MachineError:
+def _restless(talk: GrblConnection, report: StatusReport | None) -> MachineError:
     if report is None:
-        return talk.error("the motion controller stopped answering", hint="check cable and power")
+        return talk.device_error("the motion controller stopped answering",
+                                 hint="check cable and power")
     if report.state in _MOVING:
-        return talk.error(
+        return talk.device_error(
             f"the machine is moving (state {report.state}) at another's command",
             hint="wait until it stands, or stop it at its panel, then try again",
         )
     if report.state == "Door":
-        return talk.error("the safety door is open", hint="close it and try again")
-    return talk.error(
+        return talk.device_error("the safety door is open", hint="close it and try again")
+    return talk.device_error(
         f"the motion controller stays in state {report.state}",
         hint="bring it to Idle at its panel, then try again",
     )
 
 
-async def identify(talk: Conversation) -> Identity:
+async def query_identity(talk: GrblConnection) -> ControllerIdentity:
     """What answers `$I`, asked again while it is refused. Raises MachineError.
 
     The first one may end a line that a dead host left half sent; what comes of the two together
@@ -156,7 +157,7 @@ async def identify(talk: Conversation) -> Identity:
         try:
             answer = await talk.command("$I", _COMMAND_S)
         except MachineError:
-            if talk.unanswered or talk.lost:
+            if talk.unanswered_lines or talk.lost:
                 raise
             continue
         if any(line.startswith("[VER:") for line in answer):

@@ -20,18 +20,18 @@ import serial
 from serial.tools import list_ports
 
 from lmctl.errors import MachineError
-from lmctl.machine.motion.endpoint import Endpoint, parse_endpoint
+from lmctl.machine.motion.endpoint import MotionEndpoint, parse_motion_endpoint
 
 _AHEAD_S = 0.005  # of bytes handed to the port and not yet on the wire: 57 bytes at 115,200 baud
 _REFILL_AT = 0.7  # of it: what is left outlasts a late timer, and the loop wakes 650 times a second
 _RATE_TRUSTED = 0.995  # of the nominal rate: two clocks differ, and what is ahead must not pile up
-_LEAST_AHEAD = 16  # bytes, so that a slow line does not wake the loop for every byte
+_MIN_AHEAD = 16  # bytes, so that a slow line does not wake the loop for every byte
 _BITS_PER_BYTE = 10  # 8N1
 _USB_NATIVE = ("ttyACM", "cu.usbmodem", "tty.usbmodem")  # its baud rate is a fiction
 _READ_BYTES = 65_536
 
 
-class Link:
+class ByteLink:
     """An open descriptor, watched by the running loop.
 
     rate_bytes_s : bytes a second to hand over; None where there is nothing to pace
@@ -54,7 +54,7 @@ class Link:
         self._on_data = on_data
         self._on_lost = on_lost
         self._rate = rate_bytes_s
-        self._most_ahead = max(_LEAST_AHEAD, (rate_bytes_s or 0.0) * _AHEAD_S)
+        self._most_ahead = max(_MIN_AHEAD, (rate_bytes_s or 0.0) * _AHEAD_S)
         self._unsent = bytearray()
         self._urgent = bytearray()  # real-time bytes, for the moments the descriptor takes none
         self._wire_free_s = 0.0  # when the last byte handed over will have left the wire
@@ -64,12 +64,12 @@ class Link:
         self._loop.add_reader(self._fd, self._readable)
 
     @property
-    def paced(self) -> bool:
+    def is_paced(self) -> bool:
         """Whether the wire is slow enough that bytes are handed over a few at a time."""
         return self._rate is not None
 
     @property
-    def unsent(self) -> int:
+    def unsent_bytes(self) -> int:
         """Bytes written and still held here."""
         return len(self._unsent)
 
@@ -171,22 +171,22 @@ async def open_link(
     on_data: Callable[[bytes], None],
     on_lost: Callable[[str], None],
     timeout_s: float = 5.0,
-) -> Link:
+) -> ByteLink:
     """Open a link to `endpoint`; `baud` counts on serial ports only.
 
     raises : ConfigError for text that is no endpoint; MachineError where the port is absent, busy,
         refused, forbidden or not a port
     """
-    where = parse_endpoint(endpoint)
+    where = parse_motion_endpoint(endpoint)
     if where.kind == "tcp":
-        return Link(endpoint, await _connect(where, timeout_s), None, on_data, on_lost)
+        return ByteLink(endpoint, await _connect(where, timeout_s), None, on_data, on_lost)
     port = _open_port(where, baud)
     paced = where.kind == "serial" and not _is_usb_native(where.path)
     rate_bytes_s = _RATE_TRUSTED * baud / _BITS_PER_BYTE if paced else None
-    return Link(endpoint, port, rate_bytes_s, on_data, on_lost)
+    return ByteLink(endpoint, port, rate_bytes_s, on_data, on_lost)
 
 
-async def _connect(where: Endpoint, timeout_s: float) -> socket.socket:
+async def _connect(where: MotionEndpoint, timeout_s: float) -> socket.socket:
     loop = asyncio.get_running_loop()
     connection: socket.socket | None = None
     try:
@@ -205,7 +205,7 @@ async def _connect(where: Endpoint, timeout_s: float) -> socket.socket:
     return connection
 
 
-async def _resolve(where: Endpoint) -> tuple[int, int, int, str, tuple[Any, ...]]:
+async def _resolve(where: MotionEndpoint) -> tuple[int, int, int, str, tuple[Any, ...]]:
     try:  # an address needs no resolver, and so no thread
         return socket.getaddrinfo(
             where.host, where.port, type=socket.SOCK_STREAM, flags=socket.AI_NUMERICHOST
@@ -215,7 +215,7 @@ async def _resolve(where: Endpoint) -> tuple[int, int, int, str, tuple[Any, ...]
         return (await loop.getaddrinfo(where.host, where.port, type=socket.SOCK_STREAM))[0]
 
 
-def _unreachable(where: Endpoint, timeout_s: float, error: OSError) -> MachineError:
+def _unreachable(where: MotionEndpoint, timeout_s: float, error: OSError) -> MachineError:
     place = f"motion controller at {where.text}"
     if isinstance(error, ConnectionRefusedError):
         return MachineError(
@@ -247,7 +247,7 @@ def _is_usb_native(path: str) -> bool:
     return Path(path).resolve().name.startswith(_USB_NATIVE)
 
 
-def _open_port(where: Endpoint, baud: int) -> serial.Serial:
+def _open_port(where: MotionEndpoint, baud: int) -> serial.Serial:
     try:
         return serial.Serial(where.path, baud, timeout=0, write_timeout=0, exclusive=True)
     except serial.SerialException as error:
@@ -260,7 +260,7 @@ def _open_port(where: Endpoint, baud: int) -> serial.Serial:
         ) from None
 
 
-def _refused(where: Endpoint, error: serial.SerialException) -> MachineError:
+def _refused(where: MotionEndpoint, error: serial.SerialException) -> MachineError:
     place = f"motion controller at {where.text}"
     if error.errno in (errno.ENOENT, errno.ENXIO, errno.ENODEV):
         there = sorted(port.device for port in list_ports.comports())

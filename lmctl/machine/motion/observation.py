@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from firmware_protocol.realtime import Realtime
+from firmware_protocol.realtime import RealtimeCommand
 
 #: Bytes kept as an example.
 _SAMPLE_BYTES = 60
@@ -45,7 +45,7 @@ class ControllerObservation:
             self.sample += data[:_SAMPLE_BYTES - len(self.sample)]
         self.received += len(data)
         self.no_text += sum(byte not in _TEXT for byte in data)
-        self.echoes += data.count(Realtime.STATUS.wire)
+        self.echoes += data.count(RealtimeCommand.STATUS.encoded)
 
     def without_report(self) -> tuple[str, str]:
         """What it means that no report came, in words, and what to do about it."""

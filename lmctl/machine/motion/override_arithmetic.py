@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from firmware_protocol.realtime import Realtime
+from firmware_protocol.realtime import RealtimeCommand
 
 NO_OVERRIDE = (100, 100, 100)
 """Feed, rapid and spindle as programmed [%]."""
@@ -11,19 +11,20 @@ _LEAST, _MOST = 10, 200
 _FEED, _RAPID, _SPINDLE = range(3)
 
 _SETS = {
-    Realtime.FEED_100: (_FEED, 100), Realtime.SPINDLE_100: (_SPINDLE, 100),
-    Realtime.RAPID_100: (_RAPID, 100), Realtime.RAPID_50: (_RAPID, 50),
-    Realtime.RAPID_25: (_RAPID, 25),
+    RealtimeCommand.FEED_100: (_FEED, 100), RealtimeCommand.SPINDLE_100: (_SPINDLE, 100),
+    RealtimeCommand.RAPID_100: (_RAPID, 100), RealtimeCommand.RAPID_50: (_RAPID, 50),
+    RealtimeCommand.RAPID_25: (_RAPID, 25),
 }
 _ADDS = {
-    Realtime.FEED_PLUS_10: (_FEED, 10), Realtime.FEED_MINUS_10: (_FEED, -10),
-    Realtime.FEED_PLUS_1: (_FEED, 1), Realtime.FEED_MINUS_1: (_FEED, -1),
-    Realtime.SPINDLE_PLUS_10: (_SPINDLE, 10), Realtime.SPINDLE_MINUS_10: (_SPINDLE, -10),
-    Realtime.SPINDLE_PLUS_1: (_SPINDLE, 1), Realtime.SPINDLE_MINUS_1: (_SPINDLE, -1),
+    RealtimeCommand.FEED_PLUS_10: (_FEED, 10), RealtimeCommand.FEED_MINUS_10: (_FEED, -10),
+    RealtimeCommand.FEED_PLUS_1: (_FEED, 1), RealtimeCommand.FEED_MINUS_1: (_FEED, -1),
+    RealtimeCommand.SPINDLE_PLUS_10: (_SPINDLE, 10),
+    RealtimeCommand.SPINDLE_MINUS_10: (_SPINDLE, -10),
+    RealtimeCommand.SPINDLE_PLUS_1: (_SPINDLE, 1), RealtimeCommand.SPINDLE_MINUS_1: (_SPINDLE, -1),
 }
 
 
-def after_byte(byte: Realtime, overrides: tuple[int, int, int]) -> tuple[int, int, int]:
+def after_byte(byte: RealtimeCommand, overrides: tuple[int, int, int]) -> tuple[int, int, int]:
     """The overrides [%] after a real-time byte; unchanged by one that is no override."""
     values = list(overrides)
     if byte in _SETS:

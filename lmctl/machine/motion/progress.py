@@ -34,7 +34,7 @@ _MOVING = ("Run", "Hold", "Door")
 _DWELL = re.compile(rb"G0?4(?![0-9.])")
 
 
-class Progress:
+class StreamProgress:
     """Counts of one stream.
 
     planner_blocks : what `Bf:` shows when the planner is empty
@@ -64,21 +64,21 @@ class Progress:
         return self._rejected
 
     @property
-    def answered(self) -> int:
+    def lines_answered(self) -> int:
         """Lines answered, `ok` or not."""
         return self._answered
 
     @property
-    def unanswered(self) -> int:
+    def lines_unanswered(self) -> int:
         """Lines sent and not answered."""
         return self.sent - self._answered
 
     @property
-    def all_executed(self) -> bool:
+    def is_all_executed(self) -> bool:
         """Whether every line sent is executed."""
         return self.executed == self.sent
 
-    def lines_sent(self, lines: Sequence[bytes]) -> None:
+    def count_sent(self, lines: Sequence[bytes]) -> None:
         """Count lines that are on their way."""
         for index, line in enumerate(lines, self.sent):
             if not makes_block(line):
@@ -88,7 +88,7 @@ class Progress:
         self._open.extend(lines)
         self.sent += len(lines)
 
-    def accepted(self, count: int, *, dwells_end: bool = True) -> None:
+    def count_ok(self, count: int, *, dwells_end: bool = True) -> None:
         """Count the `ok`s to the oldest unanswered lines.
 
         dwells_end : a dwell that is answered is over. A reset breaks one off, and it is answered
@@ -100,7 +100,7 @@ class Progress:
             if dwells_end:
                 self._count_executed(done)
 
-    def line_rejected(self) -> bool:
+    def count_rejected(self) -> bool:
         """Count another answer to the oldest unanswered line; True if it is the first one."""
         first = self._rejected is None
         if first:
@@ -119,7 +119,7 @@ class Progress:
     def unanswered_bytes(self) -> int:
         """Bytes of the lines sent and not answered, line ends included."""
         waiting = islice(self._open, self._answered - self.executed, None)
-        return self.unanswered + sum(map(len, waiting))
+        return self.lines_unanswered + sum(map(len, waiting))
 
     def oldest_unanswered(self) -> bytes | None:
         """The line whose answer is due next, or None."""
@@ -144,13 +144,13 @@ class Progress:
             planned += index >= first
         return min(planned, self.sent)
 
-    def observe(self, report: StatusReport, now_s: float) -> bool:
+    def on_status_report(self, report: StatusReport, now_s: float) -> bool:
         """Take a status report, in its place among the answers; True if `executed` grew."""
         idle = report.state == "Idle"
         done = left = self.executed
         if report.state in _MOVING:
             left = self._lines_out_of_planner(report)
-            if report.held:
+            if report.is_held:
                 done = left
                 self._left_planner.clear()
             else:
@@ -158,7 +158,7 @@ class Progress:
         elif not idle:  # an alarm kills what is in the segment buffer
             self._left_planner.clear()
         else:
-            has_count = report.line_number is not None or report.blocks_free is not None
+            has_count = report.line_number is not None or report.planner_blocks_free is not None
             left = self._lines_out_of_planner(report) if has_count else self._answered
             if self._answered == self.sent and self._planner_is_empty(report):
                 done = self._answered
@@ -181,13 +181,13 @@ class Progress:
     def _lines_out_of_planner(self, report: StatusReport) -> int:
         if report.line_number is not None:
             return self._before_line(report.line_number)
-        if report.blocks_free is not None:
-            return self._before_blocks(self._planner_blocks - report.blocks_free)
+        if report.planner_blocks_free is not None:
+            return self._before_blocks(self._planner_blocks - report.planner_blocks_free)
         return self.executed
 
     def _planner_is_empty(self, report: StatusReport) -> bool:
-        if report.blocks_free is not None:
-            return report.blocks_free >= self._planner_blocks
+        if report.planner_blocks_free is not None:
+            return report.planner_blocks_free >= self._planner_blocks
         # Without Bf: a line may be planned and motion not begun; the next report would show it.
         return self._idle_answered == self._answered
 

@@ -16,9 +16,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from firmware_protocol.realtime import Realtime
+from firmware_protocol.realtime import RealtimeCommand
 from firmware_protocol.status import StatusReport
-from lmctl.machine.motion.identify import Identity
+from lmctl.machine.motion.identity import ControllerIdentity
 from lmctl.machine.motion.override_arithmetic import NO_OVERRIDE, after_byte
 
 #: Reports of one axis position that differ by less say the same [mm].
@@ -65,7 +65,7 @@ class ReportScreen:
         """Whether another report is needed to believe an offset or override, or disprove it."""
         return self._claimed_overrides is not None or self._claimed_offset_mm is not None
 
-    def know(self, identity: Identity, settings: Mapping[int, str]) -> None:
+    def know(self, identity: ControllerIdentity, settings: Mapping[int, str]) -> None:
         """Use what the controller has stated of its buffers and axes."""
         self._blocks_most, self._rx_most = identity.planner_blocks, identity.rx_bytes
         stated = [settings.get(_HIGHEST_SPEED + axis, "") for axis in range(3)]
@@ -78,7 +78,7 @@ class ReportScreen:
         """The work offset as the controller lists it; counts more than that of one report."""
         self._offset_mm, self._claimed_offset_mm = offset_mm, None
 
-    def commanded(self, byte: Realtime) -> None:
+    def commanded(self, byte: RealtimeCommand) -> None:
         """A real-time byte was sent: an override reported as commanded is believed at once."""
         self._commanded = after_byte(byte, self._commanded)
 
@@ -100,8 +100,8 @@ class ReportScreen:
         t : loop time [s]. Offset and overrides are left out of it while they are not believed,
         and go with the next report where they came to be believed by one that was held back.
         """
-        if report.overrides is not None:
-            self._take_overrides(report.overrides)
+        if report.override_percents is not None:
+            self._take_overrides(report.override_percents)
         if report.offset_mm is not None:
             self._take_offset(report.offset_mm)
         if self._is_doubtful(t, report) and not self._is_confirmed(t, report):
@@ -111,16 +111,17 @@ class ReportScreen:
         self._doubtful.clear()
         overrides, self._new_overrides = self._new_overrides, None
         offset_mm, self._new_offset_mm = self._new_offset_mm, None
-        if overrides is report.overrides and offset_mm is report.offset_mm:
+        if overrides is report.override_percents and offset_mm is report.offset_mm:
             return report
-        return report._replace(overrides=overrides, offset_mm=offset_mm)
+        return report._replace(override_percents=overrides, offset_mm=offset_mm)
 
     # --- one report ---------------------------------------------------------------------------
 
     def _is_doubtful(self, t: float, report: StatusReport) -> bool:
         if _place(report) is None:
             return True
-        if (report.blocks_free or 0) > self._blocks_most or (report.rx_free or 0) > self._rx_most:
+        if (report.planner_blocks_free or 0) > self._blocks_most or (
+            report.rx_bytes_free or 0) > self._rx_most:
             return True
         if self._believed is None:
             return not _is_moving(report)
@@ -172,12 +173,12 @@ def _place(report: StatusReport) -> tuple[float, ...] | None:
 
 
 def _is_moving(report: StatusReport) -> bool:
-    return report.state in _MOVING or (report.state in ("Hold", "Door") and not report.held)
+    return report.state in _MOVING or (report.state in ("Hold", "Door") and not report.is_held)
 
 
 def _says_the_same(one: StatusReport, other: StatusReport) -> bool:
     """Whether two reports of a machine at rest agree in everything that it would act on."""
-    if one[:2] != other[:2] or one.blocks_free != other.blocks_free:
+    if one[:2] != other[:2] or one.planner_blocks_free != other.planner_blocks_free:
         return False
     a, b = _place(one), _place(other)
     return a is not None and b is not None and one.line_number == other.line_number and all(

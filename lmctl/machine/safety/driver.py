@@ -6,21 +6,21 @@ What the facts mean for a run is decided elsewhere; who talks to the device, and
 
 from __future__ import annotations
 
-from firmware_protocol.safety_io import RELAY_RESET_KEY, SIO, mirrored_at
-from lmctl.config.machine import Safety
+from firmware_protocol.safety_io import RELAY_RESET_KEY, SIO_MAP, mirrored_at
+from lmctl.config.machine import SafetySettings
 from lmctl.errors import MachineError
-from lmctl.machine.modbus.client import ModbusLink, NoAnswerError, RefusedError
-from lmctl.machine.safety.cycle import SILENT_PERIODS, SafetyCycle
-from lmctl.machine.safety.identity import SafetyIdentity, check_line, identify
-from lmctl.machine.safety.status import SafetyListener, SafetyStatus
+from lmctl.machine.modbus.client import ModbusExceptionError, ModbusLink, NoReplyError
+from lmctl.machine.safety.identity import SafetyIdentity, check_line, identify_safety_device
+from lmctl.machine.safety.polling import SILENT_PERIODS, SafetyPolling
+from lmctl.machine.safety.status import SafetyCallbacks, SafetyStatus
 
 #: A device on a network may take this long to answer, however short the period [s].
-_LEAST_PATIENCE_S = 0.05
+_MIN_PATIENCE_S = 0.05
 _RESET_PATIENCE_S = 1.0
 #: More than an output takes to follow its word, and to be found not to [s].
 _OUTPUT_PATIENCE_S = 0.2
 
-_RELAY_RESET = SIO.wire_address("RELAY_RESET")
+_RELAY_RESET = SIO_MAP.wire_address("RELAY_RESET")
 
 
 class SafetyDriver:
@@ -30,14 +30,14 @@ class SafetyDriver:
     fault : why it cannot be relied on, or None; listener : who is told
     """
 
-    def __init__(self, link: ModbusLink, safety: Safety, identity: SafetyIdentity) -> None:
+    def __init__(self, link: ModbusLink, safety: SafetySettings, identity: SafetyIdentity) -> None:
         self.identity = identity
         self._safety = safety
         self._link = link
-        self._cycle = SafetyCycle(link, safety, identity.heartbeat)
+        self._cycle = SafetyPolling(link, safety, identity.heartbeat)
 
     @classmethod
-    async def open(cls, safety: Safety) -> SafetyDriver:
+    async def open(cls, safety: SafetySettings) -> SafetyDriver:
         """Connect, see what it is, and begin its heartbeat; returns with a first status.
 
         An open relay stays open: see `reset_relay`.
@@ -45,7 +45,7 @@ class SafetyDriver:
         answer; ConfigError for a bad endpoint, or a line too slow for the period.
         """
         check_line(safety)
-        timeout_s = max(safety.period_s, _LEAST_PATIENCE_S)
+        timeout_s = max(safety.period_s, _MIN_PATIENCE_S)
         try:
             link = await ModbusLink.open(safety, timeout_s=timeout_s, mirror=mirrored_at)
         except MachineError as error:
@@ -53,8 +53,8 @@ class SafetyDriver:
                 f"safety device: {error.what}", where=error.where, hint=error.hint
             ) from error
         try:
-            driver = cls(link, safety, await identify(link, safety))
-            await driver._cycle.first_answer()
+            driver = cls(link, safety, await identify_safety_device(link, safety))
+            await driver._cycle.read_first_status()
         except BaseException:
             await link.close()
             raise
@@ -62,11 +62,11 @@ class SafetyDriver:
         return driver
 
     @property
-    def listener(self) -> SafetyListener:
+    def callbacks(self) -> SafetyCallbacks:
         return self._cycle.listener
 
-    @listener.setter
-    def listener(self, listener: SafetyListener) -> None:
+    @callbacks.setter
+    def callbacks(self, listener: SafetyCallbacks) -> None:
         self._cycle.listener = listener
 
     @property
@@ -87,7 +87,7 @@ class SafetyDriver:
         """Whether the profile names its laser-enable output."""
         return self._cycle.laser is not None
 
-    async def reset_relay(self) -> None:
+    async def reset_watchdog_relay(self) -> None:
         """Close an open watchdog relay and forget the first-out code, as an operator's act.
 
         Returns when the device shows it. An input that is still open becomes the first-out again.
@@ -95,17 +95,17 @@ class SafetyDriver:
         """
         try:
             await self._link.write(_RELAY_RESET, [RELAY_RESET_KEY])
-        except (NoAnswerError, RefusedError) as error:
+        except (NoReplyError, ModbusExceptionError) as error:
             reason = f"it does not reset its relay: {error.what}"
-            raise self._cycle.error(reason, error.hint) from error
+            raise self._cycle.device_error(reason, error.hint) from error
         wanted_s = self._cycle.now_s
-        await self._cycle.until(
+        await self._cycle.wait_until(
             lambda good: good.time_s >= wanted_s and good.relay_closed is not False,
             _RESET_PATIENCE_S + SILENT_PERIODS * self._safety.period_s,
             "its watchdog relay does not close", "check the relay and its supply",
         )
 
-    def enable_laser(self, on: bool) -> None:
+    def request_laser_enable(self, on: bool) -> None:
         """Drop the laser-enable output, or have it come on. Returns at once; nothing without one.
 
         The word goes out in a request of its own, straight after one that is under way, and again
@@ -114,10 +114,10 @@ class SafetyDriver:
         """
         laser = self._cycle.laser
         if laser is not None and laser.wanted != on:
-            laser.demand(on)
-            self._cycle.at_once()
+            laser.request(on)
+            self._cycle.send_now()
 
-    async def laser_enabled(self, on: bool) -> None:
+    async def wait_for_laser_enable(self, on: bool) -> None:
         """Wait until the output, told so by `enable_laser`, reads back on or off; without one, not.
 
         Raises MachineError where it does not, within a few periods; it is off then, or told to be.
@@ -126,18 +126,18 @@ class SafetyDriver:
             return
 
         def shown(_: SafetyStatus) -> bool:
-            if (fault := laser.against(on)) is not None:
-                raise self._cycle.error(fault.reason, fault.hint)
-            return laser.is_shown(on)
+            if (fault := laser.fault_against(on)) is not None:
+                raise self._cycle.device_error(fault.reason, fault.hint)
+            return laser.is_confirmed(on)
 
         try:
-            await self._cycle.until(
+            await self._cycle.wait_until(
                 shown, _OUTPUT_PATIENCE_S + SILENT_PERIODS * self._safety.period_s,
                 f"its laser-enable output does not {'come on' if on else 'drop'}",
                 "check the device, its cable and the output's wiring",
             )
         except MachineError:
-            self.enable_laser(False)
+            self.request_laser_enable(False)
             raise
 
     async def close(self) -> None:

@@ -8,16 +8,16 @@ from typing import Any
 
 from firmware_protocol.registers import WordOrder
 from firmware_protocol.safety_io import (
-    CYCLE_BLOCK,
+    CYCLIC_BLOCK,
     DEVICE_ID,
+    FULL_BLOCK,
     MAP_MAJOR,
-    SIO,
-    WHOLE_BLOCK,
-    Status,
+    SIO_MAP,
+    SafetyStatusBits,
 )
-from lmctl.config.machine import Safety
+from lmctl.config.machine import SafetySettings
 from lmctl.errors import ConfigError, MachineError
-from lmctl.machine.modbus.client import ModbusLink, NoAnswerError, RefusedError
+from lmctl.machine.modbus.client import ModbusExceptionError, ModbusLink, NoReplyError
 from lmctl.machine.modbus.endpoint import RtuEndpoint, parse_modbus_endpoint
 from lmctl.machine.modbus.patience import repeated
 from lmctl.machine.modbus.word_order import counted_order, wrong_base_hint
@@ -28,8 +28,8 @@ _FRAME_CHARACTERS = 13 + 5 + 7
 _QUIET_CHARACTERS = 256
 #: What it takes more where the write is a request of its own: its answer, another head and silence.
 _SECOND_FRAME_CHARACTERS = 8 + 8 + 7
-_UPTIME = SIO.block(["UPTIME"])
-_WRITTEN_REGISTERS = SIO.block(["HEARTBEAT", "LASER_ENABLE"]).count
+_UPTIME = SIO_MAP.block(["UPTIME"])
+_WRITTEN_REGISTERS = SIO_MAP.block(["HEARTBEAT", "LASER_ENABLE"]).count
 
 
 @dataclass(frozen=True)
@@ -42,11 +42,11 @@ class SafetyIdentity:
     heartbeat: int
 
 
-def place(safety: Safety) -> str:
+def describe_device(safety: SafetySettings) -> str:
     return f"safety device: {safety.endpoint}, device {safety.device_id}"
 
 
-def check_line(safety: Safety) -> None:
+def check_line(safety: SafetySettings) -> None:
     """Raises ConfigError for a bad endpoint, or a serial line too slow for the period.
 
     One lost answer, and the quiet after it, must fit in the periods after which a device is silent.
@@ -54,7 +54,7 @@ def check_line(safety: Safety) -> None:
     where = parse_modbus_endpoint(safety.endpoint)
     if not isinstance(where, RtuEndpoint):
         return
-    characters = _FRAME_CHARACTERS + 2 * (_WRITTEN_REGISTERS + CYCLE_BLOCK.count)
+    characters = _FRAME_CHARACTERS + 2 * (_WRITTEN_REGISTERS + CYCLIC_BLOCK.count)
     if 23 not in safety.function_codes:
         characters += _SECOND_FRAME_CHARACTERS
     least_s = (characters + _QUIET_CHARACTERS) * where.character_s
@@ -68,7 +68,7 @@ def check_line(safety: Safety) -> None:
         )
 
 
-async def identify(link: ModbusLink, safety: Safety) -> SafetyIdentity:
+async def identify_safety_device(link: ModbusLink, safety: SafetySettings) -> SafetyIdentity:
     """Read what the device is.
 
     Raises MachineError where it does not answer, is no safety-input device of a known map, lacks
@@ -76,18 +76,19 @@ async def identify(link: ModbusLink, safety: Safety) -> SafetyIdentity:
     """
     try:
         words = await repeated(
-            lambda: link.read_input(WHOLE_BLOCK.address, WHOLE_BLOCK.count), safety.period_s
+            lambda: link.read_input(FULL_BLOCK.address, FULL_BLOCK.count), safety.period_s
         )
-    except (NoAnswerError, RefusedError) as error:
+    except (NoReplyError, ModbusExceptionError) as error:
         raise MachineError(
-            f"safety device: {error.what}", where=place(safety), hint=error.hint
+            f"safety device: {error.what}", where=describe_device(safety), hint=error.hint
         ) from error
     order = WordOrder(safety.word_order)
-    values: dict[str, Any] = WHOLE_BLOCK.in_order(order).decode(words)
+    values: dict[str, Any] = FULL_BLOCK.in_order(order).decode(words)
     if values["DEVICE_ID"] != DEVICE_ID:
         raise MachineError(
             "the device for safety inputs is none",
-            where=[place(safety), f"its DEVICE_ID is {values['DEVICE_ID']}, not {DEVICE_ID}"],
+            where=[describe_device(safety),
+                   f"its DEVICE_ID is {values['DEVICE_ID']}, not {DEVICE_ID}"],
             hint=wrong_base_hint(words, DEVICE_ID, safety)
             or "check endpoint and device_id of [safety] in the machine profile",
         )
@@ -95,31 +96,32 @@ async def identify(link: ModbusLink, safety: Safety) -> SafetyIdentity:
     if version[0] != MAP_MAJOR:
         raise MachineError(
             "the safety device speaks another register map",
-            where=[place(safety),
+            where=[describe_device(safety),
                    f"map {version[0]}.{version[1]}; map {MAP_MAJOR} is known here"],
             hint="it needs another version of lmctl, or other firmware",
         )
-    fitted = Status(values["STATUS"])
-    if safety.relay_timeout_s is not None and Status.RELAY_FITTED not in fitted:
+    fitted = SafetyStatusBits(values["STATUS"])
+    if safety.relay_timeout_s is not None and SafetyStatusBits.RELAY_FITTED not in fitted:
         raise MachineError(
             "the safety device has no watchdog relay",
-            where=[place(safety), f"the profile says relay_timeout_s = {safety.relay_timeout_s:g}"],
+            where=[describe_device(safety),
+                   f"the profile says relay_timeout_s = {safety.relay_timeout_s:g}"],
             hint="take relay_timeout_s out of [safety], or fit the relay",
         )
-    if safety.laser_enable and Status.LASER_ENABLE_FITTED not in fitted:
+    if safety.laser_enable and SafetyStatusBits.LASER_ENABLE_FITTED not in fitted:
         raise MachineError(
             "the safety device has no laser-enable output",
-            where=[place(safety), "the profile says laser_enable = true"],
+            where=[describe_device(safety), "the profile says laser_enable = true"],
             hint="take laser_enable out of [safety], or fit the output",
         )
     try:
         counted = await counted_order(link, _UPTIME, order)
-    except (NoAnswerError, RefusedError):
+    except (NoReplyError, ModbusExceptionError):
         counted = None  # the first exchange tells
     if counted not in (None, order):
         raise MachineError(
             "the safety device sends its 32-bit values in another word order",
-            where=[place(safety),
+            where=[describe_device(safety),
                    f"its uptime counts as {counted.value}, and {order.value} is expected"],
             hint=f'write word_order = "{counted.value}" into [safety] of the machine profile',
         )

@@ -16,10 +16,10 @@ _CHECK = "check the laser-enable output, its relay and the wiring of its read-ba
 
 
 @dataclass(frozen=True)
-class OutputFault:
+class LaserEnableFault:
     """Words and what to do. told : on or off, which it did not do"""
 
-    told: bool
+    commanded: bool
     reason: str
     hint: str
 
@@ -33,40 +33,40 @@ class LaserEnable:
 
     def __init__(self) -> None:
         self.wanted = False
-        self.fault: OutputFault | None = None
+        self.fault: LaserEnableFault | None = None
         self._told = False  # the word of the last request
         self._agrees = False  # it was read back as told
         self._answered_s = math.inf  # when a request with that word was first answered
 
-    def demand(self, on: bool) -> None:
+    def request(self, on: bool) -> None:
         """On is no demand while it cannot be relied on."""
         self.wanted = on and self.fault is None
 
     @property
-    def pending(self) -> bool:
+    def is_pending(self) -> bool:
         """Whether something is yet to be shown, and no fault."""
-        return self.fault is None and not self.is_shown(self.wanted)
+        return self.fault is None and not self.is_confirmed(self.wanted)
 
-    def is_shown(self, on: bool) -> bool:
+    def is_confirmed(self, on: bool) -> bool:
         """Whether it is wanted, told and read back so."""
         return self.wanted == self._told == on and self._agrees
 
     @property
-    def has_news(self) -> bool:
+    def has_unsent_change(self) -> bool:
         """Whether the next word is another than the last."""
         return self.wanted != self._told and (self._told or self._agrees)
 
-    def against(self, on: bool) -> OutputFault | None:
+    def fault_against(self, on: bool) -> LaserEnableFault | None:
         """The fault for which it will not be shown on, or off."""
-        return self.fault if self.fault is not None and (on or not self.fault.told) else None
+        return self.fault if self.fault is not None and (on or not self.fault.commanded) else None
 
-    def word(self) -> int:
+    def output_word(self) -> int:
         """What the next request tells it."""
-        if self.has_news:
+        if self.has_unsent_change:
             self._told, self._agrees, self._answered_s = self.wanted, False, math.inf
         return int(self._told)
 
-    def read_back(self, is_on: bool, now_s: float) -> OutputFault | None:
+    def on_read_back(self, is_on: bool, now_s: float) -> LaserEnableFault | None:
         """A good answer to the last request; returns what is newly wrong."""
         if is_on == self._told:
             self._agrees, self.fault = True, None
@@ -74,16 +74,16 @@ class LaserEnable:
             return None
         self._agrees = False
         self._answered_s = min(self._answered_s, now_s)
-        known = self.fault is not None and self.fault.told == self._told
+        known = self.fault is not None and self.fault.commanded == self._told
         if known or now_s < self._answered_s + SETTLE_S:
             return None
         seen, told = ("off", "on") if self._told else ("on", "off")
         reason = f"its laser-enable output is {seen} and was told to be {told}"
-        self.fault = OutputFault(self._told, reason, _CHECK)
+        self.fault = LaserEnableFault(self._told, reason, _CHECK)
         self.wanted = False
         return self.fault
 
-    def restarted(self) -> None:
+    def on_restart(self) -> None:
         """The device has forgotten what it was told."""
         self.wanted = self._told = self._agrees = False
         self.fault = None

@@ -7,31 +7,31 @@ from dataclasses import dataclass, field
 from functools import cache, lru_cache
 from typing import Any
 
-from firmware_protocol.registers import Block, WordOrder
+from firmware_protocol.registers import RegisterBlock, WordOrder
 from firmware_protocol.safety_io import (
-    ALL_GOOD,
-    CYCLE_BLOCK,
-    FirstOut,
-    Inputs,
-    Status,
-    first_out,
-    input_code,
+    ALL_INPUTS_OK,
+    CYCLIC_BLOCK,
+    FirstOutCause,
+    SafetyInputBits,
+    SafetyStatusBits,
+    describe_first_out,
+    first_out_code_of,
 )
-from lmctl.config.machine import Safety, SafetyInput
+from lmctl.config.machine import SafetyInput, SafetySettings
 from lmctl.config.modbus_device import WordOrderName
 
 #: The bit of each input a cell may have, by its name in the machine profile.
-BITS: dict[SafetyInput, Inputs] = {
-    "estop": Inputs.ESTOP_CLOSED,
-    "door": Inputs.DOOR_CLOSED,
-    "laser_ready": Inputs.LASER_READY,
-    "laser_fault": Inputs.LASER_HEALTHY,
-    "back_reflection": Inputs.NO_BACK_REFLECTION,
-    "chiller": Inputs.CHILLER_OK,
-    "shield_gas": Inputs.SHIELD_GAS_OK,
-    "extraction": Inputs.EXTRACTION_OK,
-    "oxygen": Inputs.OXYGEN_VALID,
-    "key": Inputs.KEY_ON,
+INPUT_BITS: dict[SafetyInput, SafetyInputBits] = {
+    "estop": SafetyInputBits.ESTOP_CLOSED,
+    "door": SafetyInputBits.DOOR_CLOSED,
+    "laser_ready": SafetyInputBits.LASER_READY,
+    "laser_fault": SafetyInputBits.LASER_HEALTHY,
+    "back_reflection": SafetyInputBits.NO_BACK_REFLECTION,
+    "chiller": SafetyInputBits.CHILLER_OK,
+    "shield_gas": SafetyInputBits.SHIELD_GAS_OK,
+    "extraction": SafetyInputBits.EXTRACTION_OK,
+    "oxygen": SafetyInputBits.OXYGEN_VALID,
+    "key": SafetyInputBits.KEY_ON,
 }
 
 
@@ -68,8 +68,8 @@ class SafetyStatus:
     chiller_L_min: float | None
     oxygen_ppm: float | None
     extraction_Pa: float | None
-    open_inputs: tuple[FirstOut, ...]
-    first_out: FirstOut | None
+    open_inputs: tuple[FirstOutCause, ...]
+    first_out: FirstOutCause | None
     trip_count: int
     self_test_ok: bool
     heartbeat_echo: int
@@ -78,8 +78,8 @@ class SafetyStatus:
     tick_ms: int
 
 
-def safety_status(
-    words: Sequence[int], time_s: float, safety: Safety
+def read_safety_status(
+    words: Sequence[int], time_s: float, safety: SafetySettings
 ) -> SafetyStatus:
     """The cycle block's words as a status of the cell that the profile describes.
 
@@ -102,18 +102,19 @@ def safety_status(
         oxygen_valid=oxygen,
         key_on=key,
         relay_closed=(
-            None if safety.relay_timeout_s is None else bool(status & Status.RELAY_CLOSED.value)
+            None if safety.relay_timeout_s is None else bool(
+                status & SafetyStatusBits.RELAY_CLOSED.value)
         ),
-        laser_enabled=bool(status & Status.LASER_ENABLED.value) if safety.laser_enable else None,
+        laser_enabled=bool(status & SafetyStatusBits.LASER_ENABLED.value) if safety.laser_enable else None,
         shield_gas_L_min=values["SHIELD_GAS"],
         chiller_C=values["CHILLER_TEMP"],
         chiller_L_min=values["CHILLER_FLOW"],
         oxygen_ppm=values["OXYGEN"] if oxygen else None,
         extraction_Pa=values["EXTRACTION_DP"],
         open_inputs=open_inputs,
-        first_out=first_out(code) if code else None,
+        first_out=describe_first_out(code) if code else None,
         trip_count=values["TRIP_COUNT"],
-        self_test_ok=bool(status & Status.SELF_TEST_OK.value),
+        self_test_ok=bool(status & SafetyStatusBits.SELF_TEST_OK.value),
         heartbeat_echo=values["HEARTBEAT_ECHO"],
         heartbeat_age_s=values["HEARTBEAT_AGE"] / 1000.0,
         uptime_s=values["UPTIME"],
@@ -122,19 +123,20 @@ def safety_status(
 
 
 @cache
-def _cycle_block(word_order: WordOrderName) -> Block:
-    return CYCLE_BLOCK.in_order(WordOrder(word_order))
+def _cycle_block(word_order: WordOrderName) -> RegisterBlock:
+    return CYCLIC_BLOCK.in_order(WordOrder(word_order))
 
 
 @lru_cache(maxsize=64)  # asked ten times a second for what hardly ever changes
 def _inputs(
     word: int, fitted: tuple[SafetyInput, ...]
-) -> tuple[tuple[bool | None, ...], tuple[FirstOut, ...]]:
+) -> tuple[tuple[bool | None, ...], tuple[FirstOutCause, ...]]:
     """The inputs' facts, in the order of BITS, and those that are open in words."""
-    good = Inputs(word & ALL_GOOD)
-    facts = tuple(bit in good if name in fitted else None for name, bit in BITS.items())
+    good = SafetyInputBits(word & ALL_INPUTS_OK)
+    facts = tuple(bit in good if name in fitted else None for name, bit in INPUT_BITS.items())
     return facts, tuple(
-        first_out(input_code(BITS[name])) for name in fitted if BITS[name] not in good
+        describe_first_out(
+            first_out_code_of(INPUT_BITS[name])) for name in fitted if INPUT_BITS[name] not in good
     )
 
 
@@ -147,7 +149,7 @@ def _ignore_fault(reason: str, hint: str) -> None:
 
 
 @dataclass
-class SafetyListener:
+class SafetyCallbacks:
     """Who hears of the device: callables that return at once.
 
     on_status : every answer; see SafetyDriver for which of them count as good

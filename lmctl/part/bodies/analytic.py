@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from lmctl.field.grid import Window
 from lmctl.field.plane import PlaneGrid, section_loops
 from lmctl.part.bodies.body import BodyDefaults, plane_points
-from lmctl.part.bodies.depth import greatest
+from lmctl.part.bodies.depth import maximum_in_box
 
 FloatArray = NDArray[np.float64]
 
@@ -19,32 +19,32 @@ FloatArray = NDArray[np.float64]
 NODES_AT_ONCE = 250_000
 
 
-class Analytic(BodyDefaults):
+class AnalyticBody(BodyDefaults):
     """A body whose `at` is exact, or as good as what it is made of."""
 
     @property
-    def slack_mm(self) -> float:
+    def surface_tolerance_mm(self) -> float:
         return 0.0
 
     @cached_property
-    def largest_depth_mm(self) -> float:
-        return greatest(self.at, *self.bounds_mm)
+    def maximum_depth_mm(self) -> float:
+        return maximum_in_box(self.distance_at, *self.tight_bounds_mm)
 
-    def feet(self, points: FloatArray) -> FloatArray:
-        return points - self.at(points)[:, None] * self.inward(points)
+    def closest_points(self, points: FloatArray) -> FloatArray:
+        return points - self.distance_at(points)[:, None] * self.inward_directions(points)
 
     def distance(self, window: Window) -> NDArray[np.float32]:
         values = np.empty(window.shape, dtype=np.float32)
         flat = values.reshape(-1)
         for first, points in chunks(window):
-            flat[first : first + len(points)] = self.at(points)
+            flat[first : first + len(points)] = self.distance_at(points)
         return values
 
-    def cut(self, z_mm: float, plane: PlaneGrid) -> NDArray[np.float32]:
-        return self.at(plane_points(plane, z_mm)).astype(np.float32).reshape(plane.shape)
+    def section_values(self, z_mm: float, plane: PlaneGrid) -> NDArray[np.float32]:
+        return self.distance_at(plane_points(plane, z_mm)).astype(np.float32).reshape(plane.shape)
 
-    def loops(self, z_mm: float, plane: PlaneGrid) -> list[FloatArray]:
-        return section_loops(self.cut(z_mm, plane), plane)
+    def outline_loops(self, z_mm: float, plane: PlaneGrid) -> list[FloatArray]:
+        return section_loops(self.section_values(z_mm, plane), plane)
 
 
 def chunks(window: Window) -> Iterator[tuple[int, FloatArray]]:

@@ -26,31 +26,31 @@ class Body(Protocol):
     """A node. Distances are signed, positive inside, true distances everywhere [mm]."""
 
     @property
-    def bounds_mm(self) -> Bounds:
+    def tight_bounds_mm(self) -> Bounds:
         """Lowest and highest x, y, z of the solid, each (3,) float64 [mm]; may be infinite."""
 
-    def reach_mm(self, way: FloatArray) -> float:
+    def support_mm(self, way: FloatArray) -> float:
         """How far it reaches from the origin along a direction (3,) of length 1, at most [mm]."""
 
     @property
-    def box_mm(self) -> Bounds:
+    def enclosing_box_mm(self) -> Bounds:
         """A box that holds it, told without looking for its surface; may be infinite."""
 
     @property
-    def key(self) -> Hashable:
+    def identity_key(self) -> Hashable:
         """Equal for bodies that are known to be the same."""
 
     @property
-    def slack_mm(self) -> float:
+    def surface_tolerance_mm(self) -> float:
         """How far from zero its distance may be at its surface [mm]; 0 where that is exact."""
 
     @property
-    def one_foot(self) -> bool:
+    def descent_is_exact(self) -> bool:
         """Whether the way down the slope leads to its nearest point from everywhere, and it is
         smooth."""
 
     @property
-    def exact_bound(self) -> bool:
+    def bound_is_exact(self) -> bool:
         """Whether `bound` is the distance already."""
 
     @property
@@ -59,33 +59,33 @@ class Body(Protocol):
         else −1."""
 
     @property
-    def rest(self) -> Surface | None:
+    def remaining_surface(self) -> Surface | None:
         """What stands for its surface where none of these does, if they leave anything."""
 
     @property
-    def largest_depth_mm(self) -> float:
+    def maximum_depth_mm(self) -> float:
         """The greatest distance from the surface inside, refined between stored nodes."""
 
-    def at(self, points: FloatArray) -> FloatArray:
+    def distance_at(self, points: FloatArray) -> FloatArray:
         """Distance at points (n, 3) float64 -> (n,) float64 [mm]."""
 
-    def bound(self, points: FloatArray) -> FloatArray:
+    def distance_bound(self, points: FloatArray) -> FloatArray:
         """A distance of the right sign and at most the true size, cheap to ask; zero on the same
         surface, and changing by at most 1 mm per mm."""
 
-    def feet(self, points: FloatArray) -> FloatArray:
+    def closest_points(self, points: FloatArray) -> FloatArray:
         """The surface point nearest to each of points (n, 3) -> (n, 3) float64 [mm]."""
 
-    def inward(self, points: FloatArray) -> FloatArray:
+    def inward_directions(self, points: FloatArray) -> FloatArray:
         """The direction in which the distance grows, (n, 3) -> (n, 3) float64 of length 1."""
 
     def distance(self, window: Window) -> NDArray[np.float32]:
         """Distance at the nodes of a slab, float32 of window.shape [mm]."""
 
-    def cut(self, z_mm: float, plane: PlaneGrid) -> NDArray[np.float32]:
+    def section_values(self, z_mm: float, plane: PlaneGrid) -> NDArray[np.float32]:
         """(ny, nx) float32, positive inside, zero on the outline; a distance only near it."""
 
-    def loops(self, z_mm: float, plane: PlaneGrid) -> list[FloatArray]:
+    def outline_loops(self, z_mm: float, plane: PlaneGrid) -> list[FloatArray]:
         """The outline at height z: closed loops (k, 2) float64 [mm], the inside on the left."""
 
 
@@ -94,40 +94,40 @@ class BodyDefaults(ABC):
 
     @property
     @abstractmethod
-    def bounds_mm(self) -> Bounds:
+    def tight_bounds_mm(self) -> Bounds:
         """As `Body` has it."""
 
     @property
     @abstractmethod
-    def slack_mm(self) -> float:
+    def surface_tolerance_mm(self) -> float:
         """As `Body` has it."""
 
     @abstractmethod
-    def at(self, points: FloatArray) -> FloatArray:
+    def distance_at(self, points: FloatArray) -> FloatArray:
         """As `Body` has it."""
 
     @abstractmethod
-    def inward(self, points: FloatArray) -> FloatArray:
+    def inward_directions(self, points: FloatArray) -> FloatArray:
         """As `Body` has it."""
 
-    def reach_mm(self, way: FloatArray) -> float:
-        low, high = self.bounds_mm
+    def support_mm(self, way: FloatArray) -> float:
+        low, high = self.tight_bounds_mm
         return float(np.maximum(low * way, high * way).sum())
 
     @property
-    def box_mm(self) -> Bounds:
-        return self.bounds_mm
+    def enclosing_box_mm(self) -> Bounds:
+        return self.tight_bounds_mm
 
     @property
-    def key(self) -> Hashable:
+    def identity_key(self) -> Hashable:
         return self
 
     @property
-    def one_foot(self) -> bool:
+    def descent_is_exact(self) -> bool:
         return False
 
     @property
-    def exact_bound(self) -> bool:
+    def bound_is_exact(self) -> bool:
         return True
 
     @property
@@ -135,11 +135,11 @@ class BodyDefaults(ABC):
         return ((self, 1),)
 
     @property
-    def rest(self) -> Surface | None:
+    def remaining_surface(self) -> Surface | None:
         return None
 
-    def bound(self, points: FloatArray) -> FloatArray:
-        return self.at(points)
+    def distance_bound(self, points: FloatArray) -> FloatArray:
+        return self.distance_at(points)
 
 
 def plane_points(plane: PlaneGrid, z_mm: float) -> FloatArray:
@@ -148,6 +148,6 @@ def plane_points(plane: PlaneGrid, z_mm: float) -> FloatArray:
     return np.stack([xx.ravel(), yy.ravel(), np.full(xx.size, float(z_mm))], axis=1)
 
 
-def nothing_of(plane: PlaneGrid) -> NDArray[np.float32]:
+def empty_section(plane: PlaneGrid) -> NDArray[np.float32]:
     """The cut of a plane that misses the body: −inf at every node."""
     return np.full(plane.shape, -np.inf, dtype=np.float32)

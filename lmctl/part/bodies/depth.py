@@ -21,11 +21,11 @@ SLOPE_STEP_MM = 1e-4
 ASIDE_MM = np.array([0.57, 0.31, 0.76]) * 1e-3
 
 #: Cells looked into at a time while closing in on the deepest place.
-MOST_CELLS = 4096
+MAX_CELLS = 4096
 FIRST_CELLS = 16
 
 
-def unit_slope(at: Distance, points: FloatArray, step_mm: float = SLOPE_STEP_MM) -> FloatArray:
+def unit_gradient(at: Distance, points: FloatArray, step_mm: float = SLOPE_STEP_MM) -> FloatArray:
     """The direction in which a distance grows, length 1; (n, 3) -> (n, 3).
 
     Where several directions are as good (on a medial axis), one of them.
@@ -54,7 +54,7 @@ def unit_rows(vectors: FloatArray) -> FloatArray:
     return unit
 
 
-def onto_zero(
+def project_to_surface(
     at: Distance, slope: Distance, points: FloatArray, rounds: int = 2
 ) -> FloatArray:
     """Where the way along the slope meets the surface: the nearest point of a true distance."""
@@ -64,7 +64,7 @@ def onto_zero(
     return feet
 
 
-def greatest(
+def maximum_in_box(
     at: Distance, low: FloatArray, high: FloatArray, tolerance_mm: float = 1e-4
 ) -> float:
     """The greatest value of a distance in a box, by halving cells that may still hold it.
@@ -85,8 +85,8 @@ def greatest(
         if reach <= tolerance_mm:
             return best
         kept = np.flatnonzero(values + reach > best + tolerance_mm)
-        if len(kept) > MOST_CELLS:
-            kept = kept[np.argsort(-values[kept], kind="stable")[:MOST_CELLS]]
+        if len(kept) > MAX_CELLS:
+            kept = kept[np.argsort(-values[kept], kind="stable")[:MAX_CELLS]]
         middles = (middles[kept, None] + halves * size).reshape(-1, 3)
         size = size / 2
         if len(middles) == 0:

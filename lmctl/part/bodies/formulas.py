@@ -21,12 +21,12 @@ from lmctl.field.primitives import (
     sphere_distance,
     torus_distance,
 )
-from lmctl.part.bodies.analytic import Analytic
-from lmctl.part.bodies.body import nothing_of
+from lmctl.part.bodies.analytic import AnalyticBody
+from lmctl.part.bodies.body import empty_section
 from lmctl.part.bodies.depth import unit_rows
-from lmctl.part.bodies.half_space import plane, vector_of
+from lmctl.part.bodies.half_space import as_vector, half_space_behind
 from lmctl.part.bodies.measured import Bounds
-from lmctl.part.bodies.surfaces import Mantle, Surface, Vector, around_axis
+from lmctl.part.bodies.surfaces import LateralSurface, Surface, Vector, around_axis
 
 FloatArray = NDArray[np.float64]
 
@@ -35,63 +35,63 @@ ON_IT_MM = 1e-9
 
 
 @dataclass(frozen=True)
-class Sphere(Analytic):
+class Sphere(AnalyticBody):
     """A ball."""
 
     centre_mm: Vector
     radius_mm: float
 
-    one_foot = True
+    descent_is_exact = True
 
     @property
-    def bounds_mm(self) -> Bounds:
+    def tight_bounds_mm(self) -> Bounds:
         centre = np.array(self.centre_mm)
         return centre - self.radius_mm, centre + self.radius_mm
 
-    def reach_mm(self, way: FloatArray) -> float:
+    def support_mm(self, way: FloatArray) -> float:
         return float(np.dot(self.centre_mm, way)) + self.radius_mm
 
     @property
-    def largest_depth_mm(self) -> float:
+    def maximum_depth_mm(self) -> float:
         return self.radius_mm
 
-    def at(self, points: FloatArray) -> FloatArray:
+    def distance_at(self, points: FloatArray) -> FloatArray:
         return sphere_distance(points, self.centre_mm, self.radius_mm)
 
-    def inward(self, points: FloatArray) -> FloatArray:
+    def inward_directions(self, points: FloatArray) -> FloatArray:
         way = np.array(self.centre_mm) - points
         size = np.linalg.norm(way, axis=1)
         way[size == 0.0] = (1.0, 0.0, 0.0)
         return unit_rows(way)
 
-    def cut(self, z_mm: float, plane: PlaneGrid) -> NDArray[np.float32]:
+    def section_values(self, z_mm: float, plane: PlaneGrid) -> NDArray[np.float32]:
         """The distance to the circle in the plane: near a pole the ball's own is too flat."""
         height = abs(z_mm - self.centre_mm[2])
         if height >= self.radius_mm:
-            return nothing_of(plane)
+            return empty_section(plane)
         circle = float(np.sqrt(self.radius_mm**2 - height**2))
         return (circle - _radii(plane, self.centre_mm)).astype(np.float32)
 
 
 @dataclass(frozen=True)
-class Box(Analytic):
+class Box(AnalyticBody):
     """The box between two opposite corners, along the axes."""
 
     low_mm: Vector
     high_mm: Vector
 
     @property
-    def bounds_mm(self) -> Bounds:
+    def tight_bounds_mm(self) -> Bounds:
         return np.array(self.low_mm), np.array(self.high_mm)
 
     @property
-    def largest_depth_mm(self) -> float:
+    def maximum_depth_mm(self) -> float:
         return 0.5 * min(b - a for a, b in zip(self.low_mm, self.high_mm, strict=True))
 
-    def at(self, points: FloatArray) -> FloatArray:
+    def distance_at(self, points: FloatArray) -> FloatArray:
         return box_distance(points, self.low_mm, self.high_mm)
 
-    def inward(self, points: FloatArray) -> FloatArray:
+    def inward_directions(self, points: FloatArray) -> FloatArray:
         """Outside towards the nearest place of it, inside away from the nearest face."""
         low, high = np.array(self.low_mm), np.array(self.high_mm)
         way = np.clip(points, low, high) - points
@@ -116,14 +116,14 @@ class Box(Analytic):
                 outward[axis] = sign
                 place = [0.0, 0.0, 0.0]
                 place[axis] = corner[axis]
-                planes.append((plane(place, outward), 1))
+                planes.append((half_space_behind(place, outward), 1))
         return tuple(planes)
 
-    def cut(self, z_mm: float, plane: PlaneGrid) -> NDArray[np.float32]:
-        loops = self.loops(z_mm, plane)
-        return plane_distance(loops, plane) if loops else nothing_of(plane)
+    def section_values(self, z_mm: float, plane: PlaneGrid) -> NDArray[np.float32]:
+        loops = self.outline_loops(z_mm, plane)
+        return plane_distance(loops, plane) if loops else empty_section(plane)
 
-    def loops(self, z_mm: float, plane: PlaneGrid) -> list[FloatArray]:
+    def outline_loops(self, z_mm: float, plane: PlaneGrid) -> list[FloatArray]:
         """The rectangle itself; at its lower face already, at its upper one no more."""
         if not self.low_mm[2] <= z_mm < self.high_mm[2]:
             return []
@@ -132,7 +132,7 @@ class Box(Analytic):
 
 
 @dataclass(frozen=True)
-class Cone(Analytic):
+class Cone(AnalyticBody):
     """A round bar between the centres of its end faces, each with its own radius."""
 
     base_mm: Vector
@@ -141,24 +141,24 @@ class Cone(Analytic):
     top_radius_mm: float
 
     @property
-    def bounds_mm(self) -> Bounds:
+    def tight_bounds_mm(self) -> Bounds:
         base, top = np.array(self.base_mm), np.array(self.top_mm)
         along = (top - base) / np.linalg.norm(top - base)
         reach = np.sqrt(np.maximum(0.0, 1.0 - along**2))
         below, above = self.base_radius_mm * reach, self.top_radius_mm * reach
         return np.minimum(base - below, top - above), np.maximum(base + below, top + above)
 
-    def reach_mm(self, way: FloatArray) -> float:
+    def support_mm(self, way: FloatArray) -> float:
         across = float(np.sqrt(max(0.0, 1.0 - np.dot(self._axis, way) ** 2)))
         return max(float(np.dot(self.base_mm, way)) + self.base_radius_mm * across,
                    float(np.dot(self.top_mm, way)) + self.top_radius_mm * across)
 
-    def at(self, points: FloatArray) -> FloatArray:
+    def distance_at(self, points: FloatArray) -> FloatArray:
         return cone_distance(
             points, self.base_mm, self.top_mm, self.base_radius_mm, self.top_radius_mm
         )
 
-    def inward(self, points: FloatArray) -> FloatArray:
+    def inward_directions(self, points: FloatArray) -> FloatArray:
         """In the half-plane (radius, height): outside towards the nearest place of it, inside away
         from the nearest of mantle and lids."""
         radial, axial, outward = around_axis(points, self.base_mm, self._axis)
@@ -191,26 +191,26 @@ class Cone(Analytic):
         axis = np.array(self._axis)
         slope = (self.top_radius_mm - self.base_radius_mm) / self._length_mm
         return (
-            (Mantle(self.base_mm, self._axis, self.base_radius_mm, slope), 1),
-            (plane(self.base_mm, -axis), 1),
-            (plane(self.top_mm, axis), 1),
+            (LateralSurface(self.base_mm, self._axis, self.base_radius_mm, slope), 1),
+            (half_space_behind(self.base_mm, -axis), 1),
+            (half_space_behind(self.top_mm, axis), 1),
         )
 
     @cached_property
     def _axis(self) -> Vector:
-        return vector_of(unit_vector(np.subtract(self.top_mm, self.base_mm)))
+        return as_vector(unit_vector(np.subtract(self.top_mm, self.base_mm)))
 
     @cached_property
     def _length_mm(self) -> float:
         return float(np.linalg.norm(np.subtract(self.top_mm, self.base_mm)))
 
-    def cut(self, z_mm: float, plane: PlaneGrid) -> NDArray[np.float32]:
+    def section_values(self, z_mm: float, plane: PlaneGrid) -> NDArray[np.float32]:
         """Standing upright, the distance to its circle; else its own, which is zero there too."""
         (x0, y0, z0), (x1, y1, z1) = self.base_mm, self.top_mm
         if (x0, y0) != (x1, y1):
-            return Analytic.cut(self, z_mm, plane)
+            return AnalyticBody.section_values(self, z_mm, plane)
         if not min(z0, z1) <= z_mm < max(z0, z1):
-            return nothing_of(plane)
+            return empty_section(plane)
         share = (z_mm - z0) / (z1 - z0)
         radius = self.base_radius_mm + share * (self.top_radius_mm - self.base_radius_mm)
         return (radius - _radii(plane, self.base_mm)).astype(np.float32)
@@ -223,15 +223,15 @@ class Cylinder(Cone):
         super().__init__(base_mm, top_mm, radius_mm, radius_mm)
 
     @property
-    def largest_depth_mm(self) -> float:
+    def maximum_depth_mm(self) -> float:
         return min(self.base_radius_mm, 0.5 * self._length_mm)
 
-    def at(self, points: FloatArray) -> FloatArray:
+    def distance_at(self, points: FloatArray) -> FloatArray:
         return cylinder_distance(points, self.base_mm, self.top_mm, self.base_radius_mm)
 
 
 @dataclass(frozen=True)
-class Torus(Analytic):
+class Torus(AnalyticBody):
     """A ring of round section around an axis (of any length but 0)."""
 
     centre_mm: Vector
@@ -239,45 +239,45 @@ class Torus(Analytic):
     radius_mm: float
     tube_radius_mm: float
 
-    one_foot = True
+    descent_is_exact = True
 
     @property
-    def bounds_mm(self) -> Bounds:
+    def tight_bounds_mm(self) -> Bounds:
         along = unit_vector(self.axis)
         reach = self.radius_mm * np.sqrt(np.maximum(0.0, 1.0 - along**2)) + self.tube_radius_mm
         centre = np.array(self.centre_mm)
         return centre - reach, centre + reach
 
-    def reach_mm(self, way: FloatArray) -> float:
+    def support_mm(self, way: FloatArray) -> float:
         across = float(np.sqrt(max(0.0, 1.0 - np.dot(unit_vector(self.axis), way) ** 2)))
         return (float(np.dot(self.centre_mm, way)) + self.radius_mm * across
                 + self.tube_radius_mm)
 
     @property
-    def largest_depth_mm(self) -> float:
+    def maximum_depth_mm(self) -> float:
         return self.tube_radius_mm
 
-    def at(self, points: FloatArray) -> FloatArray:
+    def distance_at(self, points: FloatArray) -> FloatArray:
         return torus_distance(
             points, self.centre_mm, self.axis, self.radius_mm, self.tube_radius_mm
         )
 
-    def inward(self, points: FloatArray) -> FloatArray:
+    def inward_directions(self, points: FloatArray) -> FloatArray:
         """Towards the circle that its tube runs along."""
         axis = unit_vector(self.axis)
-        radial, axial, outward = around_axis(points, self.centre_mm, vector_of(axis))
+        radial, axial, outward = around_axis(points, self.centre_mm, as_vector(axis))
         way = (self.radius_mm - radial)[:, None] * outward - axial[:, None] * axis
         lost = np.einsum("ij,ij->i", way, way) == 0.0
         way[lost] = outward[lost]
         return unit_rows(way)
 
-    def cut(self, z_mm: float, plane: PlaneGrid) -> NDArray[np.float32]:
+    def section_values(self, z_mm: float, plane: PlaneGrid) -> NDArray[np.float32]:
         """Lying flat, the distance to its two circles; else its own, which is zero there too."""
         if self.axis[:2] != (0.0, 0.0):
-            return Analytic.cut(self, z_mm, plane)
+            return AnalyticBody.section_values(self, z_mm, plane)
         height = abs(z_mm - self.centre_mm[2])
         if height >= self.tube_radius_mm:
-            return nothing_of(plane)
+            return empty_section(plane)
         half = float(np.sqrt(self.tube_radius_mm**2 - height**2))
         return (half - np.abs(_radii(plane, self.centre_mm) - self.radius_mm)).astype(np.float32)
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lmctl.field.features import unit_vector
 from lmctl.field.primitives import half_space_distance
-from lmctl.part.bodies.analytic import Analytic
+from lmctl.part.bodies.analytic import AnalyticBody
 from lmctl.part.bodies.measured import Bounds
 from lmctl.part.bodies.surfaces import Vector
 
@@ -18,16 +18,16 @@ FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class HalfSpace(Analytic):
+class HalfSpace(AnalyticBody):
     """Everything behind a plane; `outward` (of any length but 0) is the way out of it."""
 
     point_mm: Vector
     outward: Vector
 
-    one_foot = True
+    descent_is_exact = True
 
     @property
-    def bounds_mm(self) -> Bounds:
+    def tight_bounds_mm(self) -> Bounds:
         """Infinite, but for a plane across an axis on the side it closes."""
         along = unit_vector(self.outward)
         low, high = np.full(3, -np.inf), np.full(3, np.inf)
@@ -39,24 +39,25 @@ class HalfSpace(Analytic):
         return low, high
 
     @property
-    def largest_depth_mm(self) -> float:
+    def maximum_depth_mm(self) -> float:
         return float("inf")
 
-    def at(self, points: FloatArray) -> FloatArray:
+    def distance_at(self, points: FloatArray) -> FloatArray:
         return half_space_distance(points, self.point_mm, self.outward)
 
-    def inward(self, points: FloatArray) -> FloatArray:
+    def inward_directions(self, points: FloatArray) -> FloatArray:
         return np.tile(-unit_vector(self.outward), (len(points), 1))
 
 
-def plane(point_mm: Sequence[float], outward: Sequence[float] | FloatArray) -> HalfSpace:
+def half_space_behind(point_mm: Sequence[float],
+                      outward: Sequence[float] | FloatArray) -> HalfSpace:
     """What is behind a plane; equal for equal planes, whatever point of them is given."""
     along = unit_vector(outward)
     height = round(float(np.dot(along, point_mm)), 12)
-    return HalfSpace(vector_of(height * along + 0.0), vector_of(along + 0.0))
+    return HalfSpace(as_vector(height * along + 0.0), as_vector(along + 0.0))
 
 
-def vector_of(values: Sequence[float] | FloatArray) -> Vector:
+def as_vector(values: Sequence[float] | FloatArray) -> Vector:
     """Three numbers, as bodies keep them."""
     x, y, z = (float(value) for value in values)
     return x, y, z

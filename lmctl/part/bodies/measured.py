@@ -12,17 +12,17 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.field.array_storage import allocate_array
 from lmctl.field.field import Field
-from lmctl.field.store import kept_array
 
 FloatArray = NDArray[np.float64]
 Bounds = tuple[FloatArray, FloatArray]
 
 #: Islands and voids of fewer nodes than this (a cube of three) are taken for noise.
-FEWEST_NODES = 27
+MIN_NODES = 27
 
 
-def without_specks(field: Field) -> tuple[Field, int]:
+def remove_specks(field: Field) -> tuple[Field, int]:
     """The field with specks put on the side of what surrounds them, and how many there were.
 
     Only signs change: the distances around were measured to the same samples.
@@ -34,7 +34,7 @@ def without_specks(field: Field) -> tuple[Field, int]:
         specks, found = _small(side)
         if found:
             if count == 0:
-                values = kept_array(field.values.shape, field.values.dtype)
+                values = allocate_array(field.values.shape, field.values.dtype)
                 values[:] = field.values
             count += found
             values[specks] = np.float32(sign) * np.abs(values[specks])
@@ -47,8 +47,8 @@ def _small(side: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], int]:
 
     labels, _ = label(side)
     sizes = np.bincount(labels.ravel())
-    sizes[0] = FEWEST_NODES
-    small = sizes < FEWEST_NODES
+    sizes[0] = MIN_NODES
+    small = sizes < MIN_NODES
     if len(sizes) > 1:
         small[1 + int(np.argmax(sizes[1:]))] = False
     return small[labels], int(np.count_nonzero(small))

@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from lmctl.field.grid import Grid
 from lmctl.field.mesh.triangle_tree import TriangleTree
 from lmctl.field.plane import PlaneGrid, plane_distance
-from lmctl.part.bodies.analytic import Analytic
-from lmctl.part.bodies.body import nothing_of
-from lmctl.part.bodies.depth import unit_slope
+from lmctl.part.bodies.analytic import AnalyticBody
+from lmctl.part.bodies.body import empty_section
+from lmctl.part.bodies.depth import unit_gradient
 from lmctl.part.bodies.measured import Bounds
 from lmctl.part.sources.mesh_files import Mesh
-from lmctl.part.sources.slicing import Slicer
+from lmctl.part.sources.slicing import MeshSlicer
 
 FloatArray = NDArray[np.float64]
 
@@ -33,7 +33,7 @@ ON_SURFACE_MM = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class MeshSolid(Analytic):
+class MeshSolid(AnalyticBody):
     """A closed mesh whose triangles face out, each corner in use.
 
     grid : around it, for exports and for the boundaries of what is made of it
@@ -43,23 +43,23 @@ class MeshSolid(Analytic):
     grid: Grid
 
     @cached_property
-    def bounds_mm(self) -> Bounds:
+    def tight_bounds_mm(self) -> Bounds:
         return self.mesh.vertices.min(axis=0), self.mesh.vertices.max(axis=0)
 
     @cached_property
-    def slack_mm(self) -> float:
+    def surface_tolerance_mm(self) -> float:
         return ROUNDING_SHARE * float(np.abs(self.mesh.vertices).max())
 
-    def reach_mm(self, way: FloatArray) -> float:
+    def support_mm(self, way: FloatArray) -> float:
         return float((self.mesh.vertices @ way).max())
 
-    def at(self, points: FloatArray) -> FloatArray:
+    def distance_at(self, points: FloatArray) -> FloatArray:
         return self._tree.signed_distance(points)
 
-    def feet(self, points: FloatArray) -> FloatArray:
+    def closest_points(self, points: FloatArray) -> FloatArray:
         return self._tree.closest_points(points)[0]
 
-    def inward(self, points: FloatArray) -> FloatArray:
+    def inward_directions(self, points: FloatArray) -> FloatArray:
         """Away from the nearest point, or to it from outside; on the surface by the slope."""
         points = np.asarray(points, dtype=np.float64)
         feet, depth = self._tree.closest_points(points)
@@ -68,7 +68,7 @@ class MeshSolid(Analytic):
         inward = way / np.maximum(size, 1e-300)[:, None]
         close = np.flatnonzero(size < ON_SURFACE_MM)
         if len(close):
-            inward[close] = unit_slope(self.at, points[close])
+            inward[close] = unit_gradient(self.distance_at, points[close])
         return inward
 
     @cached_property
@@ -76,12 +76,12 @@ class MeshSolid(Analytic):
         return TriangleTree.of(self.mesh.vertices[self.mesh.triangles])
 
     @cached_property
-    def _slicer(self) -> Slicer:
-        return Slicer(self.mesh.vertices, self.mesh.triangles)
+    def _slicer(self) -> MeshSlicer:
+        return MeshSlicer(self.mesh.vertices, self.mesh.triangles)
 
-    def cut(self, z_mm: float, plane: PlaneGrid) -> NDArray[np.float32]:
-        loops = self.loops(z_mm, plane)
-        return plane_distance(loops, plane) if loops else nothing_of(plane)
+    def section_values(self, z_mm: float, plane: PlaneGrid) -> NDArray[np.float32]:
+        loops = self.outline_loops(z_mm, plane)
+        return plane_distance(loops, plane) if loops else empty_section(plane)
 
-    def loops(self, z_mm: float, plane: PlaneGrid) -> list[FloatArray]:
+    def outline_loops(self, z_mm: float, plane: PlaneGrid) -> list[FloatArray]:
         return self._slicer.loops(z_mm)

@@ -12,22 +12,22 @@ from numpy.typing import NDArray
 from lmctl.errors import InputError
 from lmctl.field.kernel import kernel
 from lmctl.field.plane import PlaneGrid, loop_area_mm2, plane_distance
-from lmctl.part.bodies.analytic import Analytic
-from lmctl.part.bodies.body import nothing_of
+from lmctl.part.bodies.analytic import AnalyticBody
+from lmctl.part.bodies.body import empty_section
 from lmctl.part.bodies.depth import unit_rows
 from lmctl.part.bodies.formulas import ON_IT_MM
-from lmctl.part.bodies.half_space import plane
+from lmctl.part.bodies.half_space import half_space_behind
 from lmctl.part.bodies.measured import Bounds
 from lmctl.part.bodies.surfaces import Surface
 
 FloatArray = NDArray[np.float64]
 
 #: Polygons of more sides are taken for one surface, not for as many planes.
-MOST_WALLS = 100
+MAX_WALLS = 100
 
 
 @dataclass(frozen=True, eq=False)
-class Prism(Analytic):
+class Prism(AnalyticBody):
     """A polygon in the xy plane between two heights.
 
     loop_mm : (k, 2) float64, counter-clockwise, first point repeated last, not crossing itself
@@ -38,22 +38,22 @@ class Prism(Analytic):
     high_mm: float
 
     @property
-    def bounds_mm(self) -> Bounds:
+    def tight_bounds_mm(self) -> Bounds:
         low, high = self.loop_mm.min(axis=0), self.loop_mm.max(axis=0)
         return np.array([*low, self.low_mm]), np.array([*high, self.high_mm])
 
-    def reach_mm(self, way: FloatArray) -> float:
+    def support_mm(self, way: FloatArray) -> float:
         return float((self.loop_mm @ way[:2]).max()
                      + max(self.low_mm * way[2], self.high_mm * way[2]))
 
-    def at(self, points: FloatArray) -> FloatArray:
+    def distance_at(self, points: FloatArray) -> FloatArray:
         """The nearest of the wall and the two lids; beyond both, of the rim between them."""
         across = _polygon_kernel(np.ascontiguousarray(points), self.loop_mm)[:, 0]
         along = np.minimum(points[:, 2] - self.low_mm, self.high_mm - points[:, 2])
         beyond = np.hypot(np.minimum(across, 0.0), np.minimum(along, 0.0))
         return np.where((across > 0) & (along > 0), np.minimum(across, along), -beyond)
 
-    def inward(self, points: FloatArray) -> FloatArray:
+    def inward_directions(self, points: FloatArray) -> FloatArray:
         found = _polygon_kernel(np.ascontiguousarray(points), self.loop_mm)
         up, down = points[:, 2] - self.low_mm, self.high_mm - points[:, 2]
         across, along = found[:, 0], np.minimum(up, down)
@@ -72,42 +72,43 @@ class Prism(Analytic):
     def surfaces(self) -> tuple[tuple[Surface, int], ...]:
         """The planes of its lids, and of its walls or, of many, the column they make."""
         x, y = (float(v) for v in self.loop_mm[0])
-        lids = plane((x, y, self.low_mm), (0, 0, -1)), plane((x, y, self.high_mm), (0, 0, 1))
-        walls: tuple[Surface, ...] = (Column(self.loop_mm),)
-        if len(self.loop_mm) <= MOST_WALLS:
+        lids = half_space_behind((x, y, self.low_mm),
+                                 (0, 0, -1)), half_space_behind((x, y, self.high_mm), (0, 0, 1))
+        walls: tuple[Surface, ...] = (PolygonWall(self.loop_mm),)
+        if len(self.loop_mm) <= MAX_WALLS:
             walls = tuple(
-                plane((ax, ay, self.low_mm), (by - ay, ax - bx, 0))
+                half_space_behind((ax, ay, self.low_mm), (by - ay, ax - bx, 0))
                 for (ax, ay), (bx, by) in pairwise(self.loop_mm)
             )
         return tuple((surface, 1) for surface in (*lids, *walls))
 
-    def cut(self, z_mm: float, plane: PlaneGrid) -> NDArray[np.float32]:
-        loops = self.loops(z_mm, plane)
-        return plane_distance(loops, plane) if loops else nothing_of(plane)
+    def section_values(self, z_mm: float, plane: PlaneGrid) -> NDArray[np.float32]:
+        loops = self.outline_loops(z_mm, plane)
+        return plane_distance(loops, plane) if loops else empty_section(plane)
 
-    def loops(self, z_mm: float, plane: PlaneGrid) -> list[FloatArray]:
+    def outline_loops(self, z_mm: float, plane: PlaneGrid) -> list[FloatArray]:
         """The polygon; at its lower face already, at its upper one no more."""
         return [self.loop_mm] if self.low_mm <= z_mm < self.high_mm else []
 
 
 @dataclass(frozen=True, eq=False)
-class Column:
+class PolygonWall:
     """A polygon's wall without end along z. loop_mm : as `Prism` has it"""
 
     loop_mm: FloatArray
 
-    slack_mm = 0.0
-    one_foot = False
+    surface_tolerance_mm = 0.0
+    descent_is_exact = False
 
-    def at(self, points: FloatArray) -> FloatArray:
+    def distance_at(self, points: FloatArray) -> FloatArray:
         return np.asarray(_polygon_kernel(np.ascontiguousarray(points), self.loop_mm)[:, 0])
 
-    def inward(self, points: FloatArray) -> FloatArray:
+    def inward_directions(self, points: FloatArray) -> FloatArray:
         found = _polygon_kernel(np.ascontiguousarray(points), self.loop_mm)
         return np.column_stack([found[:, 1:], np.zeros(len(points))])
 
 
-def closed_polygon(corners: FloatArray, name: str) -> FloatArray:
+def close_polygon(corners: FloatArray, name: str) -> FloatArray:
     """Corners (k, 2) as a loop that runs counter-clockwise and ends where it began.
 
     Raises InputError where it encloses nothing or crosses itself, with the place. name : of the

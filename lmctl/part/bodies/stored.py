@@ -11,13 +11,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.field.deepest import largest_depth
-from lmctl.field.field import Field, sample, sample_gradient
+from lmctl.field.field import Field, sample_distance, sample_gradient
 from lmctl.field.grid import Grid, Window
+from lmctl.field.maximum_depth import find_maximum_depth
 from lmctl.field.plane import PlaneGrid, loop_area_mm2, section_loops
-from lmctl.field.triangles import closest_in_rows
+from lmctl.field.triangles import closest_points_on_rows
 from lmctl.part.bodies.body import BodyDefaults, plane_points
-from lmctl.part.bodies.depth import onto_zero, unit_rows, unit_slope
+from lmctl.part.bodies.depth import project_to_surface, unit_gradient, unit_rows
 from lmctl.part.bodies.measured import Bounds, zero_bounds
 
 FloatArray = NDArray[np.float64]
@@ -45,54 +45,54 @@ class FieldSolid(BodyDefaults):
         return self.stored.grid
 
     @property
-    def slack_mm(self) -> float:
+    def surface_tolerance_mm(self) -> float:
         return SLACK_PITCHES * self.stored.grid.pitch_mm
 
     @cached_property
-    def largest_depth_mm(self) -> float:
+    def maximum_depth_mm(self) -> float:
         """Refined between the nodes: a body's deepest place is rarely one of them."""
-        return largest_depth(self.stored)[0]
+        return find_maximum_depth(self.stored)[0]
 
-    def at(self, points: FloatArray) -> FloatArray:
-        return sample(self.stored, points)
+    def distance_at(self, points: FloatArray) -> FloatArray:
+        return sample_distance(self.stored, points)
 
-    def feet(self, points: FloatArray) -> FloatArray:
+    def closest_points(self, points: FloatArray) -> FloatArray:
         """Of stored triangles the nearest place on one; of stored points the nearest, or nearer
         still the place on the surface between them that the slope leads to."""
         feet = closest_points(self.stored, points)
         if not (self.stored.exact and self.stored.surface_mm.ndim == 2):
             return feet
-        led = onto_zero(self.at, self.inward, points)
+        led = project_to_surface(self.distance_at, self.inward_directions, points)
         slack = SURFACE_PITCHES * self.stored.grid.pitch_mm
         nearer = np.linalg.norm(led - points, axis=1) < np.linalg.norm(feet - points, axis=1)
-        better = nearer & (np.abs(self.at(led)) < slack)
+        better = nearer & (np.abs(self.distance_at(led)) < slack)
         return np.where(better[:, None], led, feet)
 
-    def inward(self, points: FloatArray) -> FloatArray:
+    def inward_directions(self, points: FloatArray) -> FloatArray:
         if self.stored.exact:  # read back more precisely than the slope of its nodes is
-            return unit_slope(self.at, points, STEP_PITCHES * self.stored.grid.pitch_mm)
+            return unit_gradient(self.distance_at, points, STEP_PITCHES * self.stored.grid.pitch_mm)
         return unit_rows(sample_gradient(self.stored, points))
 
     def distance(self, window: Window) -> NDArray[np.float32]:
-        return self.stored.on_window(window)
+        return self.stored.values_on_window(window)
 
     @cached_property
-    def bounds_mm(self) -> Bounds:
+    def tight_bounds_mm(self) -> Bounds:
         return zero_bounds(self.stored, self.least_area_mm2)
 
-    def reach_mm(self, way: FloatArray) -> float:
+    def support_mm(self, way: FloatArray) -> float:
         """Of balls about the nodes near its surface, each as large as the node is deep."""
         near = (self.stored.values > 0) & (self.stored.values < 2.0 * self.grid.pitch_mm)
         nodes = np.argwhere(near)[:, ::-1] * self.grid.pitch_mm + np.asarray(self.grid.origin_mm)
         return float((nodes @ way + self.stored.values[near]).max())
 
-    def cut(self, z_mm: float, plane: PlaneGrid) -> NDArray[np.float32]:
-        values = sample(self.stored, plane_points(plane, z_mm))
+    def section_values(self, z_mm: float, plane: PlaneGrid) -> NDArray[np.float32]:
+        values = sample_distance(self.stored, plane_points(plane, z_mm))
         return values.astype(np.float32).reshape(plane.shape)
 
-    def loops(self, z_mm: float, plane: PlaneGrid) -> list[FloatArray]:
+    def outline_loops(self, z_mm: float, plane: PlaneGrid) -> list[FloatArray]:
         """Outlines that enclose at least a cell of the field's grid; smaller ones are noise."""
-        loops = section_loops(self.cut(z_mm, plane), plane)
+        loops = section_loops(self.section_values(z_mm, plane), plane)
         return [loop for loop in loops if abs(loop_area_mm2(loop)) >= self.grid.pitch_mm**2]
 
 
@@ -113,14 +113,14 @@ def closest_points(field: Field, points: FloatArray) -> FloatArray:
             x, y, z = (first + corner).T
             rows = field.sources[z, y, x]
             known = np.flatnonzero(rows >= 0)
-            found = closest_in_rows(field.surface_mm, rows[known], points[known])
+            found = closest_points_on_rows(field.surface_mm, rows[known], points[known])
             squared = ((found - points[known]) ** 2).sum(axis=1)
             nearer = squared < nearest[known]
             best[known[nearer]], nearest[known[nearer]] = found[nearer], squared[nearer]
     far = ~np.isfinite(nearest)
     if far.any():
-        best[far] = onto_zero(
-            lambda p: sample(field, p), lambda p: unit_rows(sample_gradient(field, p)),
+        best[far] = project_to_surface(
+            lambda p: sample_distance(field, p), lambda p: unit_rows(sample_gradient(field, p)),
             points[far], rounds=4,
         )
     return best

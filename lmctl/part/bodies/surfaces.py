@@ -15,17 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.field.features import unit_vector
-from lmctl.part.bodies.steps import step_along
+from lmctl.part.bodies.intersection_steps import step_along
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 Vector = tuple[float, float, float]
 
 #: Surfaces that may meet at one point: a crease has two, a corner three.
-MOST_ACTIVE = 3
+MAX_ACTIVE = 3
 
 #: Steps of a search at most, and the last of them, which lead to the surfaces the shortest way.
-MOST_STEPS = 16
+MAX_STEPS = 16
 LAST_STEPS = 2
 
 #: Steps after which a search that leads away is given up.
@@ -39,22 +39,22 @@ class Surface(Protocol):
     """Something smooth that distance is measured to, signed, true near it."""
 
     @property
-    def slack_mm(self) -> float:
+    def surface_tolerance_mm(self) -> float:
         """How far from zero its distance may be on it [mm]; 0 where it is exact."""
 
     @property
-    def one_foot(self) -> bool:
+    def descent_is_exact(self) -> bool:
         """Whether the way down the slope leads to its nearest point from everywhere."""
 
-    def at(self, points: FloatArray) -> FloatArray:
+    def distance_at(self, points: FloatArray) -> FloatArray:
         """Signed distance at points (n, 3) -> (n,) [mm]"""
 
-    def inward(self, points: FloatArray) -> FloatArray:
+    def inward_directions(self, points: FloatArray) -> FloatArray:
         """The direction in which it grows, (n, 3) -> (n, 3) of length 1."""
 
 
 @dataclass(frozen=True)
-class Mantle:
+class LateralSurface:
     """The endless round wall of a bar that may taper: positive towards its axis.
 
     base_mm, axis : where it has base_radius_mm, and the direction (of length 1) in which its
@@ -66,44 +66,44 @@ class Mantle:
     base_radius_mm: float
     slope: float
 
-    slack_mm = 0.0
-    one_foot = True
+    surface_tolerance_mm = 0.0
+    descent_is_exact = True
 
-    def at(self, points: FloatArray) -> FloatArray:
+    def distance_at(self, points: FloatArray) -> FloatArray:
         radial, axial, _ = around_axis(points, self.base_mm, self.axis)
         share = 1.0 / np.hypot(1.0, self.slope)
         return np.asarray(share * (self.base_radius_mm + self.slope * axial - radial))
 
-    def inward(self, points: FloatArray) -> FloatArray:
+    def inward_directions(self, points: FloatArray) -> FloatArray:
         _, _, outward = around_axis(points, self.base_mm, self.axis)
         share = 1.0 / np.hypot(1.0, self.slope)
         return np.asarray(share * (self.slope * np.array(self.axis) - outward))
 
 
 @dataclass(frozen=True)
-class Shifted:
+class OffsetSurface:
     """A surface moved along its own direction by a level [mm]."""
 
     surface: Surface
     level_mm: float
 
     @property
-    def slack_mm(self) -> float:
-        return self.surface.slack_mm
+    def surface_tolerance_mm(self) -> float:
+        return self.surface.surface_tolerance_mm
 
     @property
-    def one_foot(self) -> bool:
-        return self.surface.one_foot
+    def descent_is_exact(self) -> bool:
+        return self.surface.descent_is_exact
 
-    def at(self, points: FloatArray) -> FloatArray:
-        return self.surface.at(points) - self.level_mm
+    def distance_at(self, points: FloatArray) -> FloatArray:
+        return self.surface.distance_at(points) - self.level_mm
 
-    def inward(self, points: FloatArray) -> FloatArray:
-        return self.surface.inward(points)
+    def inward_directions(self, points: FloatArray) -> FloatArray:
+        return self.surface.inward_directions(points)
 
 
 @dataclass(frozen=True, eq=False)
-class Surfaces:
+class SurfaceSet:
     """All the surfaces among which something is looked for.
 
     pitch_mm : to which tolerances are related
@@ -113,21 +113,21 @@ class Surfaces:
     pitch_mm: float
 
     @cached_property
-    def slack_mm(self) -> FloatArray:
+    def surface_tolerance_mm(self) -> FloatArray:
         """How near to zero each has to be at a point on it, (n,) [mm]."""
         least = TOUCH_PITCHES * self.pitch_mm
-        return np.array([max(surface.slack_mm, least) for surface in self.all])
+        return np.array([max(surface.surface_tolerance_mm, least) for surface in self.all])
 
     @cached_property
-    def one_foot(self) -> NDArray[np.bool_]:
-        return np.array([surface.one_foot for surface in self.all], dtype=bool)
+    def descent_is_exact(self) -> NDArray[np.bool_]:
+        return np.array([surface.descent_is_exact for surface in self.all], dtype=bool)
 
-    def distances(self, points: FloatArray, which: IntArray) -> FloatArray:
+    def distances_to(self, points: FloatArray, which: IntArray) -> FloatArray:
         """From one surface each, unsigned; (n,) numbers, −1 for none, which is 0 away."""
         value, _ = self._active(points, which[:, None], inwards=False)
         return np.abs(value[:, 0])
 
-    def nearest(
+    def closest_points(
         self, points: FloatArray, start: FloatArray, active: IntArray, within_mm: FloatArray
     ) -> tuple[FloatArray, NDArray[np.bool_]]:
         """The point nearest to each of `points` at which all its active surfaces meet.
@@ -136,7 +136,7 @@ class Surfaces:
         within_mm : (n,), how far away it may be
         returns : (n, 3) [mm] and whether each was found
         """
-        direct = (active[:, 1] < 0) & self.one_foot[active[:, 0]]
+        direct = (active[:, 1] < 0) & self.descent_is_exact[active[:, 0]]
         at, found = start.copy(), np.zeros(len(points), dtype=bool)
         for rows, search in ((np.flatnonzero(direct), self._feet),
                              (np.flatnonzero(~direct), self._settle)):
@@ -153,7 +153,8 @@ class Surfaces:
         which = active[:, 0]
         value, inward = self._active(points, which[:, None])
         feet = points - value * inward[:, 0]
-        found: NDArray[np.bool_] = self.distances(feet, which) <= self.slack_mm[which]
+        found: NDArray[np.bool_] = self.distances_to(feet,
+                                                     which) <= self.surface_tolerance_mm[which]
         return feet, found
 
     def _settle(
@@ -167,9 +168,9 @@ class Surfaces:
         """
         at, rows = start.copy(), np.arange(len(points))
         before = np.zeros((len(points), 2, 3))
-        for number in range(MOST_STEPS):
+        for number in range(MAX_STEPS):
             value, inward = self._active(at[rows], active[rows])
-            last = number >= MOST_STEPS - LAST_STEPS
+            last = number >= MAX_STEPS - LAST_STEPS
             going = step_along(
                 rows, points, at, value, inward, before, self.pitch_mm, number == 0, last)
             if number >= PATIENCE:
@@ -178,7 +179,7 @@ class Surfaces:
             if len(rows) == 0:
                 break
         value, _ = self._active(at, active, inwards=False)
-        slack = np.where(active >= 0, self.slack_mm[active], np.inf)
+        slack = np.where(active >= 0, self.surface_tolerance_mm[active], np.inf)
         return at, np.all(np.abs(value) <= slack, axis=1)
 
     def _active(
@@ -187,16 +188,16 @@ class Surfaces:
         """Distances (n, m) and directions inwards (n, m, 3) of the active surfaces (n, m)."""
         value = np.zeros(active.shape)
         inward = np.zeros((*active.shape, 3))
-        for number, places in grouped(active.ravel()):
+        for number, places in group_by_number(active.ravel()):
             row, slot = np.divmod(places, active.shape[1])
             at = points[row]
-            value[row, slot] = self.all[number].at(at)
+            value[row, slot] = self.all[number].distance_at(at)
             if inwards:
-                inward[row, slot] = self.all[number].inward(at)
+                inward[row, slot] = self.all[number].inward_directions(at)
         return value, inward
 
 
-def grouped(numbers: IntArray) -> Iterator[tuple[int, IntArray]]:
+def group_by_number(numbers: IntArray) -> Iterator[tuple[int, IntArray]]:
     """Each number ≥ 0 of (n,) once, and the places where it is."""
     order = np.argsort(numbers, kind="stable")
     found, first = np.unique(numbers[order], return_index=True)

@@ -31,7 +31,7 @@ NODES_AT_ONCE = 250_000
 
 
 @dataclass(frozen=True, eq=False)
-class Near:
+class NearbyLeaves:
     """What is near in some blocks of a window.
 
     points : (b, m, 3) float64 [mm]
@@ -46,7 +46,7 @@ class Near:
 
 
 @dataclass(frozen=True, eq=False)
-class Blocks:
+class NodeBlocks:
     """A window's nodes as blocks. Those beyond the window's rim are there too, to be left out."""
 
     expression: Expression
@@ -82,12 +82,12 @@ class Blocks:
         for row, leaf in zip(found, self.expression.leaves, strict=True):
             for first in range(0, len(middles), NODES_AT_ONCE):
                 part = slice(first, first + NODES_AT_ONCE)
-                row[part] = leaf.bound(middles[part])
+                row[part] = leaf.distance_bound(middles[part])
         return found
 
-    def look(
+    def iterate_nearby(
         self, which: IntArray, bounds: FloatArray, near: NDArray[np.bool_]
-    ) -> Iterator[tuple[IntArray, Near]]:
+    ) -> Iterator[tuple[IntArray, NearbyLeaves]]:
         """Bounds of near leaves in some of the blocks, a bounded number at a time.
 
         which : (n,) numbers of blocks; bounds, near : (k, n), of their middles
@@ -106,15 +106,15 @@ class Blocks:
             ):
                 far = np.where(middle > 0, np.inf, -np.inf)[:, None]
                 if close.all():
-                    far = leaf.bound(points.reshape(-1, 3)).reshape(points.shape[:2])
+                    far = leaf.distance_bound(points.reshape(-1, 3)).reshape(points.shape[:2])
                 elif close.any():
                     far = np.repeat(far, points.shape[1], axis=1)
-                    found = leaf.bound(points[close].reshape(-1, 3))
+                    found = leaf.distance_bound(points[close].reshape(-1, 3))
                     far[close] = found.reshape(-1, points.shape[1])
                 rows.append(far)
-            yield some, Near(points, rows, their)
+            yield some, NearbyLeaves(points, rows, their)
 
-    def joined(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
+    def assemble(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
         """From blocks (n, m) to the window's own shape, without what is beyond its rim."""
         side = self._side
         counts = [-(-n // step) for n, step in zip(self.window.shape, side, strict=True)]

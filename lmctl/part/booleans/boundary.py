@@ -18,12 +18,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.field.grid import Grid
-from lmctl.field.sweep import sweep_sources
+from lmctl.field.sweep import propagate_closest_points
 from lmctl.part.bodies.measured import Bounds
-from lmctl.part.bodies.surfaces import MOST_ACTIVE, Surface, Surfaces
-from lmctl.part.booleans.blocks import Blocks, Near
+from lmctl.part.bodies.surfaces import MAX_ACTIVE, Surface, SurfaceSet
+from lmctl.part.booleans.blocks import NearbyLeaves, NodeBlocks
+from lmctl.part.booleans.closest_candidates import (
+    MAX_NEAR,
+    closest_surfaces,
+    corner_candidates,
+    seed_nodes,
+    take_closest,
+)
 from lmctl.part.booleans.expression import Expression
-from lmctl.part.booleans.nearby import MOST_NEAR, corners, most_near, offer, seed
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
@@ -76,21 +82,21 @@ class Boundary:
     grid: Grid
 
     @property
-    def feet_mm(self) -> FloatArray:
+    def surface_points_mm(self) -> FloatArray:
         """(n, 3) float64 [mm], points on the surface; none where there is no surface."""
         return self._found[0]
 
-    def ends(self, box: Bounds) -> Bounds:
+    def find_bounds(self, box: Bounds) -> Bounds:
         """Where the surface begins and ends along x, y, z; in a box that holds it.
 
         Points lie beside an outermost one: what comes near to the box's end, ends there.
         """
-        low, high = self.feet_mm.min(axis=0), self.feet_mm.max(axis=0)
+        low, high = self.surface_points_mm.min(axis=0), self.surface_points_mm.max(axis=0)
         near = END_PITCHES * self.grid.pitch_mm
         return np.where(low - box[0] < near, box[0], low), np.where(
             box[1] - high < near, box[1], high)
 
-    def nearest(self, points: FloatArray) -> FloatArray:
+    def closest_points(self, points: FloatArray) -> FloatArray:
         """The point of the surface nearest to each of points (n, 3) -> (n, 3) float64 [mm].
 
         There must be a surface.
@@ -116,7 +122,7 @@ class Boundary:
             feet[close[among[nearer]]] = at[nearer]
         away = np.flatnonzero(far)
         if len(away):
-            at, good = self._surfaces.nearest(
+            at, good = self._surfaces.closest_points(
                 points[away], feet[away], active[rows[away]].astype(np.int64), best[away])
             away, at = away[good], at[good]
             good = self.holds(at)
@@ -129,9 +135,9 @@ class Boundary:
         feet_mm, active = self._found
         own = self._in_nodes(points)
         rows = np.full(len(points), -1, dtype=np.int64)
-        near = np.full((len(points), MOST_NEAR), -1, dtype=np.int64)
-        known = corners(self._sources, own)
-        offer(known, feet_mm, active, points, rows, near.copy())
+        near = np.full((len(points), MAX_NEAR), -1, dtype=np.int64)
+        known = corner_candidates(self._sources, own)
+        take_closest(known, feet_mm, active, points, rows, near.copy())
         last = np.asarray(self.grid.shape[::-1]) - 1
         away = np.linalg.norm(feet_mm[rows] - points, axis=1)
         asked = np.any((own < 0) | (own > last), axis=1)
@@ -140,15 +146,16 @@ class Boundary:
         for share in LOOKS:
             near[:] = -1
             there = feet_mm[rows] + share * (points - feet_mm[rows])
-            found = corners(self._sources, self._in_nodes(there))
-            offer(found, feet_mm, active, points, rows, near)
+            found = corner_candidates(self._sources, self._in_nodes(there))
+            take_closest(found, feet_mm, active, points, rows, near)
         if asked.any():
             count = min(FEET_ASKED, len(feet_mm))
             _, nearest = self._tree.query(points[asked], k=[*range(1, count + 1)])
-            own_rows, own_near = rows[asked], np.full((len(nearest), MOST_NEAR), -1)
-            offer(nearest.astype(np.int32), feet_mm, active, points[asked], own_rows, own_near)
+            own_rows, own_near = rows[asked], np.full((len(nearest), MAX_NEAR), -1)
+            take_closest(nearest.astype(np.int32), feet_mm, active, points[asked], own_rows,
+                         own_near)
             rows[asked], near[asked] = own_rows, own_near
-        offer(known, feet_mm, active, points, rows, near)
+        take_closest(known, feet_mm, active, points, rows, near)
         return rows, near
 
     def _in_nodes(self, points: FloatArray) -> FloatArray:
@@ -160,7 +167,7 @@ class Boundary:
         """For places beside the surface, which nodes know too coarsely, or outside the grid."""
         from scipy.spatial import cKDTree  # late: few bodies need it
 
-        return cKDTree(self.feet_mm)
+        return cKDTree(self.surface_points_mm)
 
     def _searched(
         self, points: FloatArray, near: IntArray, start: FloatArray, within_mm: FloatArray
@@ -172,17 +179,18 @@ class Boundary:
         """
         surfaces = self._surfaces
         away = np.stack([
-            np.where(which < 0, np.inf, surfaces.distances(points, which)) for which in near.T
+            np.where(which < 0, np.inf, surfaces.distances_to(points, which)) for which in near.T
         ])
-        for count in range(1, MOST_ACTIVE + 1):
-            for slots in combinations(range(MOST_NEAR), count):
+        for count in range(1, MAX_ACTIVE + 1):
+            for slots in combinations(range(MAX_NEAR), count):
                 # Where surfaces meet is no nearer than the farthest of them.
                 rows = np.flatnonzero(away[list(slots)].max(axis=0) < within_mm)
                 if len(rows) == 0:
                     continue
-                active = np.full((len(rows), MOST_ACTIVE), -1, dtype=np.int64)
+                active = np.full((len(rows), MAX_ACTIVE), -1, dtype=np.int64)
                 active[:, :count] = near[rows][:, slots]
-                at, good = surfaces.nearest(points[rows], start[rows], active, within_mm[rows])
+                at, good = surfaces.closest_points(points[rows], start[rows], active,
+                                                   within_mm[rows])
                 rows, at = rows[good], at[good]
                 good = self.holds(at)
                 if good.any():
@@ -191,13 +199,13 @@ class Boundary:
     def _lain_on(self, points: FloatArray, near: IntArray) -> NDArray[np.int32]:
         """The surfaces that points lie on, (n, MOST_ACTIVE), −1 for none, of those near."""
         surfaces = self._surfaces
-        away = np.stack([surfaces.distances(points, which) for which in near.T], axis=1)
-        found = np.where(away <= surfaces.slack_mm[near], near, -1)
-        order = np.argsort(found < 0, axis=1, kind="stable")[:, :MOST_ACTIVE]
+        away = np.stack([surfaces.distances_to(points, which) for which in near.T], axis=1)
+        found = np.where(away <= surfaces.surface_tolerance_mm[near], near, -1)
+        order = np.argsort(found < 0, axis=1, kind="stable")[:, :MAX_ACTIVE]
         return np.take_along_axis(found, order, axis=1).astype(np.int32)
 
     @cached_property
-    def _numbered(self) -> tuple[Surfaces, list[list[int]], list[int]]:
+    def _numbered(self) -> tuple[SurfaceSet, list[list[int]], list[int]]:
         """Every leaf's surfaces, each once, and which of them each leaf has; last its rest or −1"""
         numbers: dict[Surface, int] = {}
         of_leaf, rests = [], []
@@ -205,17 +213,18 @@ class Boundary:
             of_leaf.append(
                 [numbers.setdefault(surface, len(numbers)) for surface, _ in leaf.surfaces])
             rests.append(
-                -1 if leaf.rest is None else numbers.setdefault(leaf.rest, len(numbers)))
-        return Surfaces(tuple(numbers), self.grid.pitch_mm), of_leaf, rests
+                -1 if leaf.remaining_surface is None else numbers.setdefault(leaf.remaining_surface,
+                                                                             len(numbers)))
+        return SurfaceSet(tuple(numbers), self.grid.pitch_mm), of_leaf, rests
 
     @property
-    def _surfaces(self) -> Surfaces:
+    def _surfaces(self) -> SurfaceSet:
         return self._numbered[0]
 
     @cached_property
     def _found(self) -> tuple[FloatArray, NDArray[np.int32]]:
         """Points on the surface, (n, 3) float64 [mm], and the surfaces they lie on."""
-        feet, active = [np.empty((0, 3))], [np.empty((0, MOST_ACTIVE), np.int32)]
+        feet, active = [np.empty((0, 3))], [np.empty((0, MAX_ACTIVE), np.int32)]
         reach = REACH_PITCHES * self.grid.pitch_mm
         for points, near in _gathered(self._nodes()):
             within = np.full(len(points), reach)
@@ -228,20 +237,21 @@ class Boundary:
         """Nodes near the surface and the surfaces near each, (n, MOST_NEAR)."""
         band = BAND_PITCHES * self.grid.pitch_mm
         for window in self.grid.slabs(SLAB_PLANES):
-            blocks = Blocks(self.expression, window)
+            blocks = NodeBlocks(self.expression, window)
             bounds = blocks.bounds()
-            which = np.flatnonzero(np.abs(self.expression.of(bounds)) <= blocks.radius_mm + band)
+            which = np.flatnonzero(
+                np.abs(self.expression.evaluate(bounds)) <= blocks.radius_mm + band)
             bounds = bounds[:, which]
             near = np.abs(bounds) <= blocks.radius_mm + band
-            for _, found in blocks.look(which, bounds, near):
-                kept = np.abs(self.expression.of(found.rows)) <= band
+            for _, found in blocks.iterate_nearby(which, bounds, near):
+                kept = np.abs(self.expression.evaluate(found.rows)) <= band
                 kept = np.broadcast_to(kept, found.points.shape[:2])
                 points = found.points[kept]
                 if len(points):
                     yield points, self._near(points, found, kept, band)
 
     def _near(
-        self, points: FloatArray, found: Near, kept: NDArray[np.bool_], band: float
+        self, points: FloatArray, found: NearbyLeaves, kept: NDArray[np.bool_], band: float
     ) -> IntArray:
         """The surfaces near points, of the leaves that are."""
         rows, which, away = [], [], []
@@ -255,27 +265,28 @@ class Boundary:
             for number in [*numbers, rest] if rest >= 0 else numbers:
                 if number == rest:
                     asked = asked[left[asked]]
-                distance = np.abs(surfaces.all[number].at(points[asked]))
-                left[asked[np.abs(distance - depth[asked]) <= surfaces.slack_mm[number]]] = False
+                distance = np.abs(surfaces.all[number].distance_at(points[asked]))
+                left[asked[np.abs(
+                    distance - depth[asked]) <= surfaces.surface_tolerance_mm[number]]] = False
                 own = distance <= band
                 rows.append(asked[own])
                 which.append(np.full(int(own.sum()), number))
                 away.append(distance[own])
         if not rows:
-            return np.full((len(points), MOST_NEAR), -1, dtype=np.int64)
-        return most_near(
+            return np.full((len(points), MAX_NEAR), -1, dtype=np.int64)
+        return closest_surfaces(
             np.concatenate(rows), np.concatenate(which), np.concatenate(away), len(points)
         )
 
     @cached_property
     def _sources(self) -> NDArray[np.int32]:
         """(nz, ny, nx) int32: the foot nearest to each node."""
-        feet = self.feet_mm
+        feet = self.surface_points_mm
         sources = np.full(self.grid.shape, -1, dtype=np.int32)
         squared = np.full(self.grid.shape, np.inf, dtype=np.float32)
-        seed(self._in_nodes(feet), sources, squared)
+        seed_nodes(self._in_nodes(feet), sources, squared)
         del squared
-        sweep_sources(sources, feet, self.grid)
+        propagate_closest_points(sources, feet, self.grid)
         return sources
 
 

@@ -20,35 +20,35 @@ from numpy.typing import NDArray
 from lmctl.errors import InputError
 from lmctl.field.grid import Grid, Window
 from lmctl.field.plane import PlaneGrid
-from lmctl.part.bodies.analytic import Analytic
+from lmctl.part.bodies.analytic import AnalyticBody
 from lmctl.part.bodies.body import Body
 from lmctl.part.bodies.measured import Bounds
-from lmctl.part.bodies.surfaces import Surface, grouped
-from lmctl.part.booleans.blocks import VALUES_AT_ONCE, Blocks
+from lmctl.part.bodies.surfaces import Surface, group_by_number
+from lmctl.part.booleans.blocks import VALUES_AT_ONCE, NodeBlocks
 from lmctl.part.booleans.boundary import Boundary
-from lmctl.part.booleans.cells import Cells
 from lmctl.part.booleans.expression import (
+    BooleanOf,
     Expression,
-    Joined,
     Operation,
-    Side,
+    SignedLeaf,
+    combine,
     expression_of,
-    joined,
 )
-from lmctl.part.booleans.joints import without_joints
+from lmctl.part.booleans.local_sides import LocalSides
+from lmctl.part.booleans.shared_faces import remove_shared_faces
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 SignArray = NDArray[np.int8]
 
-__all__ = ["Combined", "Operation"]
+__all__ = ["CombinedBody", "Operation"]
 
 #: Planes of a window evaluated at a time.
 SLAB_PLANES = 8
 
 
 @dataclass(frozen=True, eq=False)
-class Combined(Analytic):
+class CombinedBody(AnalyticBody):
     """Bodies made one; a difference takes all others from the first.
 
     grid : holds the result; on it its boundary is looked for
@@ -60,21 +60,21 @@ class Combined(Analytic):
 
     @cached_property
     def expression(self) -> Expression:
-        return joined(self.operation, [expression_of(body) for body in self.bodies])
+        return combine(self.operation, [expression_of(body) for body in self.bodies])
 
-    def carried(self, carry: Callable[[Body], Body], grid: Grid) -> Combined:
+    def transformed(self, carry: Callable[[Body], Body], grid: Grid) -> CombinedBody:
         """The same of bodies that are carried elsewhere, each as `carry` does it."""
         bodies = tuple(
-            body.carried(carry, grid) if isinstance(body, Combined) else carry(body)
+            body.transformed(carry, grid) if isinstance(body, CombinedBody) else carry(body)
             for body in self.bodies
         )
-        return Combined(self.operation, bodies, grid)
+        return CombinedBody(self.operation, bodies, grid)
 
     @cached_property
     def boundary(self) -> Boundary:
         """Raises InputError where nothing is left to have a boundary."""
-        boundary = Boundary(self.expression, self._cells.change, self.grid)
-        if len(boundary.feet_mm) == 0:
+        boundary = Boundary(self.expression, self._cells.is_boundary, self.grid)
+        if len(boundary.surface_points_mm) == 0:
             raise InputError(
                 f"the {self.operation} of the bodies leaves nothing",
                 where=f"at a pitch of {self.grid.pitch_mm:g} mm",
@@ -83,16 +83,16 @@ class Combined(Analytic):
         return boundary
 
     @cached_property
-    def _cells(self) -> Cells:
-        return Cells(self.expression, self.grid.pitch_mm)
+    def _cells(self) -> LocalSides:
+        return LocalSides(self.expression, self.grid.pitch_mm)
 
     @property
-    def exact_bound(self) -> bool:
+    def bound_is_exact(self) -> bool:
         return False
 
     @property
-    def slack_mm(self) -> float:
-        return max(leaf.slack_mm for leaf in self.expression.leaves)
+    def surface_tolerance_mm(self) -> float:
+        return max(leaf.surface_tolerance_mm for leaf in self.expression.leaves)
 
     @cached_property
     def surfaces(self) -> tuple[tuple[Surface, int], ...]:
@@ -103,21 +103,22 @@ class Combined(Analytic):
         ))
 
     @property
-    def box_mm(self) -> Bounds:
-        return self.expression.box_mm
+    def enclosing_box_mm(self) -> Bounds:
+        return self.expression.enclosing_box_mm
 
     @cached_property
-    def bounds_mm(self) -> Bounds:
+    def tight_bounds_mm(self) -> Bounds:
         """Of a union of leaves, exactly theirs; else of its boundary."""
         formula = self.expression.formula
-        if isinstance(formula, Joined) and not formula.every and all(
-            isinstance(part, Side) and part.sign > 0 for part in formula.of
+        if isinstance(formula, BooleanOf) and not formula.requires_all and all(
+            isinstance(part, SignedLeaf) and part.sign > 0 for part in formula.of
         ):
-            lows, highs = zip(*(leaf.bounds_mm for leaf in self.expression.leaves), strict=True)
+            lows, highs = zip(*(leaf.tight_bounds_mm for leaf in self.expression.leaves),
+                              strict=True)
             return np.min(lows, axis=0), np.max(highs, axis=0)
-        return self.boundary.ends(self.box_mm)
+        return self.boundary.find_bounds(self.enclosing_box_mm)
 
-    def at(self, points: FloatArray) -> FloatArray:
+    def distance_at(self, points: FloatArray) -> FloatArray:
         points = np.asarray(points, dtype=np.float64)
         depth = np.empty(len(points))
         for part in self._parts(len(points)):
@@ -125,23 +126,23 @@ class Combined(Analytic):
             depth[part] = self._depths(points[part][None], rows, near)[0]
         return depth
 
-    def bound(self, points: FloatArray) -> FloatArray:
+    def distance_bound(self, points: FloatArray) -> FloatArray:
         """What least and greatest of the leaves' distances say, but on faces that they share."""
         points = np.asarray(points, dtype=np.float64)
         depth = np.empty(len(points))
         for part in self._parts(len(points)):
-            found = self.expression.of(self._bounds(points[part])[0])[0]
-            depth[part] = self._cells.sided(points[part], found)
+            found = self.expression.evaluate(self._bounds(points[part])[0])[0]
+            depth[part] = self._cells.depth_on_shared_faces(points[part], found)
         return depth
 
-    def feet(self, points: FloatArray) -> FloatArray:
+    def closest_points(self, points: FloatArray) -> FloatArray:
         points = np.asarray(points, dtype=np.float64)
         feet = np.empty_like(points)
         for part in self._parts(len(points)):
             feet[part] = self._feet(points[part])[0]
         return feet
 
-    def inward(self, points: FloatArray) -> FloatArray:
+    def inward_directions(self, points: FloatArray) -> FloatArray:
         """The direction of the leaf that is measured to, or to and from the boundary itself."""
         points = np.asarray(points, dtype=np.float64)
         result = np.empty_like(points)
@@ -152,8 +153,8 @@ class Combined(Analytic):
             size = np.linalg.norm(way, axis=1)
             by_leaf = (which >= 0) | (size < 1e-9)
             way /= np.where(by_leaf, 1.0, size)[:, None]
-            for number, own in grouped(np.where(by_leaf, which, -1)):
-                found = self.expression.leaves[number].inward(asked[own])
+            for number, own in group_by_number(np.where(by_leaf, which, -1)):
+                found = self.expression.leaves[number].inward_directions(asked[own])
                 way[own] = side[own, None] * found
             result[part] = way
         return result
@@ -163,48 +164,48 @@ class Combined(Analytic):
         for first in range(0, window.shape[0], SLAB_PLANES):
             last = min(first + SLAB_PLANES, window.shape[0])
             slab = Window(window.grid, window.z_first + first, window.z_first + last)
-            self._fill(values[first:last], Blocks(self.expression, slab))
+            self._fill(values[first:last], NodeBlocks(self.expression, slab))
         return values
 
-    def cut(self, z_mm: float, plane: PlaneGrid) -> NDArray[np.float32]:
-        rows = [leaf.cut(z_mm, plane) for leaf in self.expression.leaves]
-        return without_joints(rows, self._cells, self.at, z_mm, plane)
+    def section_values(self, z_mm: float, plane: PlaneGrid) -> NDArray[np.float32]:
+        rows = [leaf.section_values(z_mm, plane) for leaf in self.expression.leaves]
+        return remove_shared_faces(rows, self._cells, self.distance_at, z_mm, plane)
 
-    def _fill(self, values: NDArray[np.float32], blocks: Blocks) -> None:
+    def _fill(self, values: NDArray[np.float32], blocks: NodeBlocks) -> None:
         bounds = blocks.bounds()
         # No place in a block measures to what is farther from its middle than this.
-        reach = np.abs(self.expression.of(bounds)) + 2.0 * blocks.radius_mm
+        reach = np.abs(self.expression.evaluate(bounds)) + 2.0 * blocks.radius_mm
         near = np.abs(bounds) <= reach
         found = np.empty((len(blocks.firsts), len(blocks.steps)), dtype=np.float32)
-        for some, what in blocks.look(np.arange(len(found)), bounds, near):
+        for some, what in blocks.iterate_nearby(np.arange(len(found)), bounds, near):
             found[some] = self._depths(what.points, what.rows, what.near)
-        values[:] = blocks.joined(found)
+        values[:] = blocks.assemble(found)
 
     def _depths(
         self, points: FloatArray, rows: list[FloatArray], near: NDArray[np.bool_]
     ) -> FloatArray:
         """Signed distance at points (b, m, 3) in blocks.
 
-        rows, near : as `blocks.Near` has them
+        rows, near : as `blocks.NearbyLeaves` has them
         """
         self._exactly(points, rows, near)
-        depth = np.array(np.broadcast_to(self.expression.of(rows), points.shape[:2]))
+        depth = np.array(np.broadcast_to(self.expression.evaluate(rows), points.shape[:2]))
         several = np.flatnonzero(near.sum(axis=0) > 1)
         if len(several) == 0:
             return depth
         close = depth[several]
         measured = [row[several] for row in rows]
-        which, sides, open_ = self._cells.doubted(close, measured, near[:, several])
+        which, sides, open_ = self._cells.uncertain_depths(close, measured, near[:, several])
         b, m = np.nonzero(open_)
         if len(b):
             asked, which = points[several[b], m], which[b, m]
             feet = self._leaf_feet(asked, which)
-            hidden = np.flatnonzero(~self._cells.change(feet, which, _at(sides, b, m)))
+            hidden = np.flatnonzero(~self._cells.is_boundary(feet, which, _at(sides, b, m)))
             if len(hidden):
-                nearest = self.boundary.nearest(asked[hidden])
+                nearest = self.boundary.closest_points(asked[hidden])
                 away = np.linalg.norm(asked[hidden] - nearest, axis=1)
                 b, m = b[hidden], m[hidden]
-                own = self._cells.sided(asked[hidden], close[b, m])
+                own = self._cells.depth_on_shared_faces(asked[hidden], close[b, m])
                 close[b, m] = np.copysign(np.maximum(away, np.abs(own)), own)
                 depth[several] = close
         return depth
@@ -215,16 +216,17 @@ class Combined(Analytic):
         """Ask leaves whose bound is no distance for theirs where the formula comes out at it."""
         inexact = [
             number for number, leaf in enumerate(self.expression.leaves)
-            if not leaf.exact_bound and near[number].any()
+            if not leaf.bound_is_exact and near[number].any()
         ]
         asked = {number: np.zeros(points.shape[:2], dtype=bool) for number in inexact}
         while inexact:
-            size = np.abs(self.expression.of(rows))
+            size = np.abs(self.expression.evaluate(rows))
             done = True
             for number in inexact:
                 wanted = (np.abs(rows[number]) == size) & ~asked[number]
                 if wanted.any():
-                    rows[number][wanted] = self.expression.leaves[number].at(points[wanted])
+                    rows[
+                        number][wanted] = self.expression.leaves[number].distance_at(points[wanted])
                     asked[number] |= wanted
                     done = False
             if done:
@@ -232,8 +234,8 @@ class Combined(Analytic):
 
     def _leaf_feet(self, points: FloatArray, which: IntArray) -> FloatArray:
         feet = np.empty_like(points)
-        for number, own in grouped(which):
-            feet[own] = self.expression.leaves[number].feet(points[own])
+        for number, own in group_by_number(which):
+            feet[own] = self.expression.leaves[number].closest_points(points[own])
         return feet
 
     def _feet(
@@ -243,8 +245,8 @@ class Combined(Analytic):
         formula's depth; and whether depths grow with that leaf's (1, else −1)."""
         rows, near = self._bounds(points)
         self._exactly(points[None], rows, near)
-        depth = np.array(np.broadcast_to(self.expression.of(rows), (1, len(points))))
-        which, sides, open_ = self._cells.doubted(depth, rows, near)
+        depth = np.array(np.broadcast_to(self.expression.evaluate(rows), (1, len(points))))
+        which, sides, open_ = self._cells.uncertain_depths(depth, rows, near)
         depth, which = depth[0], which[0]
         measured = np.concatenate(rows)[which, np.arange(len(points))]
         side = np.where((measured > 0) == (depth > 0), 1.0, -1.0)
@@ -252,16 +254,16 @@ class Combined(Analytic):
         hidden = np.flatnonzero(open_[0])
         if len(hidden):
             known = _at(sides, np.zeros_like(hidden), hidden)
-            hidden = hidden[~self._cells.change(feet[hidden], which[hidden], known)]
+            hidden = hidden[~self._cells.is_boundary(feet[hidden], which[hidden], known)]
         if len(hidden):
-            feet[hidden] = self.boundary.nearest(points[hidden])
-            depth[hidden] = self._cells.sided(points[hidden], depth[hidden])
+            feet[hidden] = self.boundary.closest_points(points[hidden])
+            depth[hidden] = self._cells.depth_on_shared_faces(points[hidden], depth[hidden])
             which[hidden] = -1
         return feet, which, depth, side
 
     def _bounds(self, points: FloatArray) -> tuple[list[FloatArray], NDArray[np.bool_]]:
         """What the leaves' bounds are at points, all of which make one block."""
-        rows = [leaf.bound(points)[None] for leaf in self.expression.leaves]
+        rows = [leaf.distance_bound(points)[None] for leaf in self.expression.leaves]
         return rows, np.ones((len(rows), 1), dtype=bool)
 
     def _parts(self, count: int) -> list[slice]:

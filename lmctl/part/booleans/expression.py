@@ -27,7 +27,7 @@ Operation = Literal["union", "difference", "intersection"]
 
 
 @dataclass(frozen=True)
-class Side:
+class SignedLeaf:
     """A leaf (by number) as it is, or inside out (sign −1)."""
 
     leaf: int
@@ -35,14 +35,14 @@ class Side:
 
 
 @dataclass(frozen=True)
-class Joined:
+class BooleanOf:
     """What is in all of several formulas, or in any of them."""
 
-    every: bool
+    requires_all: bool
     of: tuple[Formula, ...]
 
 
-Formula = Side | Joined
+Formula = SignedLeaf | BooleanOf
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,14 +52,14 @@ class Expression:
     leaves: tuple[Body, ...]
     formula: Formula
 
-    def of(self, rows: Rows) -> NDArray[Any]:
+    def evaluate(self, rows: Rows) -> NDArray[Any]:
         """The formula over what is known of each leaf."""
         return _evaluated(self.formula, rows)
 
     @property
-    def box_mm(self) -> Bounds:
+    def enclosing_box_mm(self) -> Bounds:
         """A box that holds it; may be infinite."""
-        boxes = [leaf.box_mm for leaf in self.leaves]
+        boxes = [leaf.enclosing_box_mm for leaf in self.leaves]
         return _boxed(self.formula, boxes)
 
     def sides(self) -> list[tuple[int, int]]:
@@ -70,10 +70,10 @@ class Expression:
 def expression_of(body: Body) -> Expression:
     """A body by its leaves: a boolean's own, or the body itself as the only one."""
     found = getattr(body, "expression", None)
-    return found if isinstance(found, Expression) else Expression((body,), Side(0, 1))
+    return found if isinstance(found, Expression) else Expression((body,), SignedLeaf(0, 1))
 
 
-def joined(operation: Operation, parts: Sequence[Expression]) -> Expression:
+def combine(operation: Operation, parts: Sequence[Expression]) -> Expression:
     """Several as one; a difference takes all others from the first."""
     numbers: dict[Hashable, int] = {}
     leaves: list[Body] = []
@@ -81,7 +81,7 @@ def joined(operation: Operation, parts: Sequence[Expression]) -> Expression:
     for part in parts:
         places = []
         for leaf in part.leaves:
-            key = leaf.key
+            key = leaf.identity_key
             if key not in numbers:
                 numbers[key] = len(leaves)
                 leaves.append(leaf)
@@ -92,44 +92,44 @@ def joined(operation: Operation, parts: Sequence[Expression]) -> Expression:
     every = operation != "union"
     flat: list[Formula] = []
     for formula in formulas:
-        inner = isinstance(formula, Joined) and formula.every == every
-        flat += formula.of if isinstance(formula, Joined) and inner else [formula]
-    return Expression(tuple(leaves), Joined(every, tuple(dict.fromkeys(flat))))
+        inner = isinstance(formula, BooleanOf) and formula.requires_all == every
+        flat += formula.of if isinstance(formula, BooleanOf) and inner else [formula]
+    return Expression(tuple(leaves), BooleanOf(every, tuple(dict.fromkeys(flat))))
 
 
 def _evaluated(formula: Formula, rows: Rows) -> NDArray[Any]:
-    if isinstance(formula, Side):
+    if isinstance(formula, SignedLeaf):
         row: NDArray[Any] = rows[formula.leaf]
         return row if formula.sign > 0 else -row
     found = [_evaluated(part, rows) for part in formula.of]
-    return reduce(np.minimum if formula.every else np.maximum, found)
+    return reduce(np.minimum if formula.requires_all else np.maximum, found)
 
 
 def _renumbered(formula: Formula, places: Sequence[int]) -> Formula:
-    if isinstance(formula, Side):
-        return Side(places[formula.leaf], formula.sign)
-    return Joined(formula.every, tuple(_renumbered(part, places) for part in formula.of))
+    if isinstance(formula, SignedLeaf):
+        return SignedLeaf(places[formula.leaf], formula.sign)
+    return BooleanOf(formula.requires_all, tuple(_renumbered(part, places) for part in formula.of))
 
 
 def _inside_out(formula: Formula) -> Formula:
     """De Morgan's law, down to the leaves."""
-    if isinstance(formula, Side):
-        return Side(formula.leaf, -formula.sign)
-    return Joined(not formula.every, tuple(_inside_out(part) for part in formula.of))
+    if isinstance(formula, SignedLeaf):
+        return SignedLeaf(formula.leaf, -formula.sign)
+    return BooleanOf(not formula.requires_all, tuple(_inside_out(part) for part in formula.of))
 
 
 def _boxed(formula: Formula, boxes: Sequence[Bounds]) -> Bounds:
-    if isinstance(formula, Side):
+    if isinstance(formula, SignedLeaf):
         if formula.sign > 0:
             return boxes[formula.leaf]
         return np.full(3, -np.inf), np.full(3, np.inf)
     lows, highs = zip(*(_boxed(part, boxes) for part in formula.of), strict=True)
-    if formula.every:
+    if formula.requires_all:
         return np.max(lows, axis=0), np.min(highs, axis=0)
     return np.min(lows, axis=0), np.max(highs, axis=0)
 
 
-def _sides(formula: Formula) -> list[Side]:
-    if isinstance(formula, Side):
+def _sides(formula: Formula) -> list[SignedLeaf]:
+    if isinstance(formula, SignedLeaf):
         return [formula]
     return [side for part in formula.of for side in _sides(part)]

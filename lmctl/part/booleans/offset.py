@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from lmctl.errors import InputError
 from lmctl.field.grid import Grid
 from lmctl.field.plane import PlaneGrid
-from lmctl.part.bodies.analytic import Analytic
+from lmctl.part.bodies.analytic import AnalyticBody
 from lmctl.part.bodies.body import Body, plane_points
 from lmctl.part.bodies.measured import Bounds
-from lmctl.part.bodies.surfaces import Shifted, Surface
+from lmctl.part.bodies.surfaces import OffsetSurface, Surface
 from lmctl.part.booleans.boundary import Boundary
 from lmctl.part.booleans.expression import expression_of
 
@@ -32,7 +32,7 @@ SLACK_PITCHES = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Offset(Analytic):
+class OffsetBody(AnalyticBody):
     """Everything at least `level_mm` deep in a body; with a negative level, all around it too.
 
     grid : holds the contour
@@ -43,95 +43,96 @@ class Offset(Analytic):
     grid: Grid
 
     @property
-    def key(self) -> Hashable:
-        return Offset, self.body.key, self.level_mm
+    def identity_key(self) -> Hashable:
+        return OffsetBody, self.body.identity_key, self.level_mm
 
     @property
-    def exact_bound(self) -> bool:
+    def bound_is_exact(self) -> bool:
         return False
 
     @property
-    def slack_mm(self) -> float:
-        return max(self.body.slack_mm, SLACK_PITCHES * self.grid.pitch_mm)
+    def surface_tolerance_mm(self) -> float:
+        return max(self.body.surface_tolerance_mm, SLACK_PITCHES * self.grid.pitch_mm)
 
     @cached_property
     def surfaces(self) -> tuple[tuple[Surface, int], ...]:
         """The body's, moved by the level."""
         return tuple(
-            (Shifted(surface, side * self.level_mm), side) for surface, side in self.body.surfaces
+            (OffsetSurface(surface, side * self.level_mm), side) for surface,
+            side in self.body.surfaces
         )
 
     @cached_property
-    def rest(self) -> Surface | None:
-        return None if self.level_mm == 0.0 else Shifted(self.body, self.level_mm)
+    def remaining_surface(self) -> Surface | None:
+        return None if self.level_mm == 0.0 else OffsetSurface(self.body, self.level_mm)
 
     @property
-    def box_mm(self) -> Bounds:
-        low, high = self.body.box_mm
+    def enclosing_box_mm(self) -> Bounds:
+        low, high = self.body.enclosing_box_mm
         return low + self.level_mm, high - self.level_mm
 
     @cached_property
-    def bounds_mm(self) -> Bounds:
-        low, high = self.body.bounds_mm
+    def tight_bounds_mm(self) -> Bounds:
+        low, high = self.body.tight_bounds_mm
         ends = low + self.level_mm, high - self.level_mm
-        return ends if self.level_mm < 0 else self._contour.ends(ends)
+        return ends if self.level_mm < 0 else self._contour.find_bounds(ends)
 
-    def reach_mm(self, way: FloatArray) -> float:
+    def support_mm(self, way: FloatArray) -> float:
         if self.level_mm <= 0:
-            return self.body.reach_mm(way) - self.level_mm
-        return float((self._contour.feet_mm @ way).max())
+            return self.body.support_mm(way) - self.level_mm
+        return float((self._contour.surface_points_mm @ way).max())
 
     @cached_property
-    def largest_depth_mm(self) -> float:
-        return self.body.largest_depth_mm - self.level_mm
+    def maximum_depth_mm(self) -> float:
+        return self.body.maximum_depth_mm - self.level_mm
 
-    def at(self, points: FloatArray) -> FloatArray:
+    def distance_at(self, points: FloatArray) -> FloatArray:
         points = np.asarray(points, dtype=np.float64)
-        depth = self.bound(points)
+        depth = self.distance_bound(points)
         rows, _ = self._missing(points, depth)
         if len(rows):
-            away = np.linalg.norm(points[rows] - self._contour.nearest(points[rows]), axis=1)
+            away = np.linalg.norm(points[rows] - self._contour.closest_points(points[rows]), axis=1)
             depth[rows] = np.copysign(np.maximum(away, np.abs(depth[rows])), depth[rows])
         return depth
 
-    def bound(self, points: FloatArray) -> FloatArray:
-        return self.body.at(points) - self.level_mm
+    def distance_bound(self, points: FloatArray) -> FloatArray:
+        return self.body.distance_at(points) - self.level_mm
 
-    def feet(self, points: FloatArray) -> FloatArray:
+    def closest_points(self, points: FloatArray) -> FloatArray:
         points = np.asarray(points, dtype=np.float64)
-        depth = self.bound(points)
+        depth = self.distance_bound(points)
         missing, feet = self._missing(points, depth)
         if len(missing):
-            feet[missing] = self._contour.nearest(points[missing])
+            feet[missing] = self._contour.closest_points(points[missing])
         return feet
 
-    def inward(self, points: FloatArray) -> FloatArray:
-        return self.body.inward(points)
+    def inward_directions(self, points: FloatArray) -> FloatArray:
+        return self.body.inward_directions(points)
 
-    def cut(self, z_mm: float, plane: PlaneGrid) -> NDArray[np.float32]:
+    def section_values(self, z_mm: float, plane: PlaneGrid) -> NDArray[np.float32]:
         if self.level_mm == 0.0:
-            return self.body.cut(z_mm, plane)
-        depth = self.bound(plane_points(plane, z_mm))
+            return self.body.section_values(z_mm, plane)
+        depth = self.distance_bound(plane_points(plane, z_mm))
         return depth.astype(np.float32).reshape(plane.shape)
 
     def _missing(self, points: FloatArray, depth: FloatArray) -> tuple[IntArray, FloatArray]:
         """The rows whose way along the distance does not meet the contour, and where all lead."""
-        feet = points - depth[:, None] * self.body.inward(points)
+        feet = points - depth[:, None] * self.body.inward_directions(points)
         if self.level_mm == 0.0:
             return np.empty(0, dtype=np.int64), feet
         return np.flatnonzero(~self._met(feet)), feet
 
     def _met(self, points: FloatArray) -> NDArray[np.bool_]:
-        met: NDArray[np.bool_] = np.abs(self.bound(points)) <= self.slack_mm
+        met: NDArray[np.bool_] = np.abs(self.distance_bound(points)) <= self.surface_tolerance_mm
         return met
 
     @cached_property
     def _contour(self) -> Boundary:
         contour = Boundary(expression_of(self), self._met, self.grid)
-        if len(contour.feet_mm) == 0:
+        if len(contour.surface_points_mm) == 0:
             raise InputError(
                 f"nothing lies deeper than {self.level_mm:g} mm",
-                where=f"the deepest place is at {self.body.largest_depth_mm:.4g} mm, the pitch is "
+                where=f"the deepest place is at {self.body.maximum_depth_mm:.4g} mm, the pitch is "
                 f"{self.grid.pitch_mm:g} mm",
                 hint="lower from_mm or to_mm of the shell, or give a smaller pitch_mm",
             )

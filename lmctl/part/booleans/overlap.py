@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 from lmctl.field.grid import Grid
 from lmctl.part.bodies.body import Body
 from lmctl.part.booleans.boundary import Boundary
-from lmctl.part.booleans.cells import Cells
-from lmctl.part.booleans.expression import Expression, Joined, Side
+from lmctl.part.booleans.expression import BooleanOf, Expression, SignedLeaf
+from lmctl.part.booleans.local_sides import LocalSides
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
-class Overlap:
+class OverlapWeights:
     """Shares of overlapping bodies by relative distance to their pieces of surface.
 
     grid : holds the bodies' overlap
@@ -28,7 +28,7 @@ class Overlap:
     bodies: tuple[Body, ...]
     grid: Grid
 
-    def shares(self, points: FloatArray) -> FloatArray:
+    def weights(self, points: FloatArray) -> FloatArray:
         """(k, n) float64, each ≥ 0, columns summing to 1.
 
         A body alone has all. Where several overlap, each counts by the distance to the piece of its
@@ -37,14 +37,14 @@ class Overlap:
         nearest has all.
         """
         points = np.asarray(points, dtype=np.float64)
-        depths = np.stack([body.bound(points) for body in self.bodies])
+        depths = np.stack([body.distance_bound(points) for body in self.bodies])
         deepest = depths.argmax(axis=0)
         weights = np.maximum(depths, 0.0)
         shared = np.flatnonzero((weights > 0).sum(axis=0) > 1)
         for number, body in enumerate(self.bodies):
             own = shared[weights[number, shared] > 0]
             if len(own):
-                depth = body.at(points[own])
+                depth = body.distance_at(points[own])
                 weights[number, own] = self._to_piece(number, points[own], depth)
         nothing = weights.sum(axis=0) <= 0.0
         weights[deepest[nothing], nothing] = 1.0
@@ -53,14 +53,14 @@ class Overlap:
     def _to_piece(self, number: int, points: FloatArray, depth: FloatArray) -> FloatArray:
         """Distance to the piece of one body's surface in the others; to all of it if none is."""
         piece = self._pieces[number]
-        if len(piece.feet_mm) == 0:
+        if len(piece.surface_points_mm) == 0:
             return depth
-        feet = self.bodies[number].feet(points)
+        feet = self.bodies[number].closest_points(points)
         elsewhere = np.flatnonzero(~piece.holds(feet))
         if len(elsewhere) == 0:
             return depth
         result, asked = depth.copy(), points[elsewhere]
-        away = np.linalg.norm(piece.nearest(asked) - asked, axis=1)
+        away = np.linalg.norm(piece.closest_points(asked) - asked, axis=1)
         result[elsewhere] = np.maximum(depth[elsewhere], away)
         return result
 
@@ -73,11 +73,12 @@ class Overlap:
         pieces = []
         count = len(self.bodies)
         for number in range(count):
-            sides = tuple(Side(other, 1) for other in range(count) if other != number)
-            others = Joined(False, sides)
-            both = Expression(self.bodies, Joined(True, (Side(number, 1), others)))
-            cells = Cells(both, self.grid.pitch_mm)
+            sides = tuple(SignedLeaf(other, 1) for other in range(count) if other != number)
+            others = BooleanOf(False, sides)
+            both = Expression(self.bodies, BooleanOf(True, (SignedLeaf(number, 1), others)))
+            cells = LocalSides(both, self.grid.pitch_mm)
             within = Expression(self.bodies, others)
             pieces.append(
-                Boundary(both, partial(cells.enter, leaf=number, others=within), self.grid))
+                Boundary(both, partial(cells.is_on_boundary_piece, leaf=number, others=within),
+                         self.grid))
         return pieces

@@ -13,15 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.part.bodies.body import Body
-from lmctl.part.bodies.moved import Motion
-from lmctl.part.booleans.overlap import Overlap
+from lmctl.part.bodies.transformed import SimilarityTransform
+from lmctl.part.booleans.overlap import OverlapWeights
 from lmctl.part.materials.features import Feature
-from lmctl.part.materials.profiles import Profile, whole
+from lmctl.part.materials.profiles import MixtureProfile, normalise_rows
 
 FloatArray = NDArray[np.float64]
 
 
-class Rule(Protocol):
+class CompositionField(Protocol):
     """Composition of a body."""
 
     def fractions(self, points: FloatArray) -> FloatArray:
@@ -29,24 +29,24 @@ class Rule(Protocol):
 
 
 @dataclass(frozen=True)
-class Graded:
+class GradedComposition:
     """A profile over the distance to a feature."""
 
     feature: Feature
-    profile: Profile
+    profile: MixtureProfile
 
     def fractions(self, points: FloatArray) -> FloatArray:
         return self.profile.fractions(self.feature.distance(points))
 
 
 @dataclass(frozen=True)
-class Blend:
+class BlendedComposition:
     """(6)-(8): Σ wᵢ f(rᵢ) with Σ wᵢ = 1.
 
     weights : constants that sum to 1, or None for 1/rᵢ^power; on a feature (rᵢ = 0) it alone counts
     """
 
-    parts: tuple[Graded, ...]
+    parts: tuple[GradedComposition, ...]
     weights: tuple[float, ...] | None
     power: float = 1.0
 
@@ -57,15 +57,15 @@ class Blend:
             share[:, None] * part.profile.fractions(distance)
             for share, part, distance in zip(shares, self.parts, distances, strict=True)
         )
-        return whole(np.asarray(mixed))
+        return normalise_rows(np.asarray(mixed))
 
     def _shares(self, distances: FloatArray) -> FloatArray:
         if self.weights is not None:
             return np.repeat(np.array(self.weights)[:, None], distances.shape[1], axis=1)
-        return inverse_shares(distances, self.power)
+        return inverse_distance_weights(distances, self.power)
 
 
-def inverse_shares(distances: FloatArray, power: float) -> FloatArray:
+def inverse_distance_weights(distances: FloatArray, power: float) -> FloatArray:
     """(1/rᵢ^p)/Σ(1/r^p) by columns, (k, n) -> (k, n); where some rᵢ are 0 they share alone."""
     least = distances.min(axis=0)
     relative = least / np.where(distances > 0, distances, 1.0)  # ≤ 1, so no power overflows
@@ -74,28 +74,28 @@ def inverse_shares(distances: FloatArray, power: float) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class Uniform:
+class UniformComposition:
     """One mixture everywhere. of : (n_materials,)"""
 
-    of: tuple[float, ...]
+    mixture: tuple[float, ...]
 
     def fractions(self, points: FloatArray) -> FloatArray:
-        return np.tile(np.array(self.of), (len(points), 1))
+        return np.tile(np.array(self.mixture), (len(points), 1))
 
 
 @dataclass(frozen=True)
-class Carried:
+class TransformedComposition:
     """The rule of a body that was moved: it goes with the body."""
 
-    rule: Rule
-    motion: Motion
+    rule: CompositionField
+    transform: SimilarityTransform
 
     def fractions(self, points: FloatArray) -> FloatArray:
-        return self.rule.fractions(self.motion.back(points))
+        return self.rule.fractions(self.transform.invert(points))
 
 
 @dataclass(frozen=True)
-class Mixed:
+class OverlapComposition:
     """What a union or intersection is of: each body's own material where it is alone, and where
     several overlap a mixture that passes from one to the other (method.md 4).
 
@@ -106,11 +106,11 @@ class Mixed:
     """
 
     bodies: tuple[Body, ...]
-    rules: tuple[Rule, ...]
-    overlap: Overlap
+    rules: tuple[CompositionField, ...]
+    overlap: OverlapWeights
 
     def fractions(self, points: FloatArray) -> FloatArray:
-        shares = self.overlap.shares(points)
+        shares = self.overlap.weights(points)
         mixed: FloatArray | None = None
         for rule, share in zip(self.rules, shares, strict=True):
             own = np.flatnonzero(share > 0)
@@ -121,6 +121,6 @@ class Mixed:
                 mixed = np.zeros((len(points), found.shape[1]))
             mixed[own] += share[own, None] * found
         assert mixed is not None, "shares sum to 1"
-        return whole(mixed)
+        return normalise_rows(mixed)
 
 

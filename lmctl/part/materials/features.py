@@ -16,7 +16,7 @@ from lmctl.field.features import (
     segment_distance,
 )
 from lmctl.field.kernel import kernel
-from lmctl.field.triangles import closest_in_rows
+from lmctl.field.triangles import closest_points_on_rows
 from lmctl.part.bodies.body import Body
 from lmctl.part.bodies.surfaces import Vector
 
@@ -29,8 +29,8 @@ FloatArray = NDArray[np.float64]
 PIECES_PER_SPAN = 64
 
 #: Triangles are cut until none is longer than this share of the surface's size.
-LONGEST_SHARE = 0.02
-MOST_PIECES = 2_000_000
+MAX_SHARE = 0.02
+MAX_PIECES = 2_000_000
 NEIGHBOURS = 12
 
 
@@ -95,14 +95,14 @@ class Plane:
 
 
 @dataclass(frozen=True)
-class Depth:
+class DepthBelowSurface:
     """Depth below a body's surface, or below an iso-contour of its distance (method.md (1))."""
 
     body: Body
     level_mm: float = 0.0
 
     def distance(self, points: FloatArray) -> FloatArray:
-        return self.body.at(points) - self.level_mm
+        return self.body.distance_at(points) - self.level_mm
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ class Coordinate:
 
 
 @dataclass(frozen=True, eq=False)
-class Sheet:
+class TriangleSheet:
     """Distance to triangles, which need not close or agree on a side.
 
     corners_mm : (m, 3, 3) float64, m ≥ 1
@@ -133,7 +133,7 @@ class Sheet:
             middles, pieces = self._tree.query(points[rows], k=[*range(1, count + 1)])
             best = np.full(len(rows), np.inf)
             for column in range(count):
-                found = closest_in_rows(
+                found = closest_points_on_rows(
                     self._pieces, pieces[:, column].astype(np.int32), points[rows])
                 best = np.minimum(best, np.linalg.norm(found - points[rows], axis=1))
             distance[rows] = best
@@ -148,9 +148,9 @@ class Sheet:
         """The triangles, long ones halved until their middles tell where they are."""
         pieces = self.corners_mm
         size = float(np.ptp(pieces.reshape(-1, 3), axis=0).max())
-        while len(pieces) < MOST_PIECES:
+        while len(pieces) < MAX_PIECES:
             edges = np.linalg.norm(pieces - np.roll(pieces, -1, axis=1), axis=2)
-            long = edges.max(axis=1) > LONGEST_SHARE * size
+            long = edges.max(axis=1) > MAX_SHARE * size
             if not long.any():
                 break
             cut, first = pieces[long], edges[long].argmax(axis=1)

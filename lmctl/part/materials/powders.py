@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from lmctl.config import materials as library
-from lmctl.config.part_file import Material, PartFile
+from lmctl.config.part_file import MaterialSettings, PartFile
 
 #: Middle of what coaxial nozzles catch of metal powder (process.md 2.5: 0.4–0.85).
 UNKNOWN_CATCH_EFFICIENCY = 0.65
@@ -43,8 +43,8 @@ def resolve_materials(part: PartFile) -> tuple[MaterialSpec, ...]:
     return tuple(_resolve(material, part) for material in part.material)
 
 
-def _resolve(material: Material, part: PartFile) -> MaterialSpec:
-    known = library.find(material.name)
+def _resolve(material: MaterialSettings, part: PartFile) -> MaterialSpec:
+    known = library.find_material(material.name)
     defaults: list[str] = []
 
     def settle(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 
-class Profile(Protocol):
+class MixtureProfile(Protocol):
     """The mixture at each distance."""
 
     def fractions(self, distance: FloatArray) -> FloatArray:
@@ -23,7 +23,7 @@ class Profile(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Span:
+class PowerLawProfile:
     """near · (1 − f) + far · f with f = (a·d)^k clamped to [0, 1] (method.md (4); k = 1: linear).
 
     d runs from 0 at over_mm[0] to 1 at over_mm[1], clamped; near, far : (n_materials,)
@@ -39,7 +39,7 @@ class Span:
         start, end = self.over_mm
         d = np.clip((distance - start) / (end - start), 0.0, 1.0)
         f = np.clip((self.a * d) ** self.k, 0.0, 1.0)[:, None]
-        return whole(self.near * (1.0 - f) + self.far * f)
+        return normalise_rows(self.near * (1.0 - f) + self.far * f)
 
     @property
     def span_mm(self) -> tuple[float, float]:
@@ -47,18 +47,18 @@ class Span:
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
+class TabulatedProfile:
     """Mixtures at rising distances, linear between, constant beyond; one row is a constant.
 
     at_mm : (k,) strictly rising; of : (k, n_materials)
     """
 
     at_mm: FloatArray
-    of: FloatArray
+    mixtures: FloatArray
 
     def fractions(self, distance: FloatArray) -> FloatArray:
-        columns = [np.interp(distance, self.at_mm, column) for column in self.of.T]
-        return whole(np.stack(columns, axis=1))
+        columns = [np.interp(distance, self.at_mm, column) for column in self.mixtures.T]
+        return normalise_rows(np.stack(columns, axis=1))
 
     @property
     def span_mm(self) -> tuple[float, float]:
@@ -66,15 +66,15 @@ class Table:
 
 
 @dataclass(frozen=True, eq=False)
-class Steps:
+class SteppedProfile:
     """Mixtures that change at once. ends_mm : (k,) rising, where all but the last end; of : (k + 1,
     n_materials)"""
 
     ends_mm: FloatArray
-    of: FloatArray
+    mixtures: FloatArray
 
     def fractions(self, distance: FloatArray) -> FloatArray:
-        return whole(self.of[np.searchsorted(self.ends_mm, distance, side="right")])
+        return normalise_rows(self.mixtures[np.searchsorted(self.ends_mm, distance, side="right")])
 
     @property
     def span_mm(self) -> tuple[float, float]:
@@ -83,7 +83,7 @@ class Steps:
         return float(self.ends_mm[0]), float(self.ends_mm[-1])
 
 
-def whole(fractions: FloatArray) -> FloatArray:
+def normalise_rows(fractions: FloatArray) -> FloatArray:
     """Rows without the −1e-17 that interpolation leaves, made to sum to 1."""
     positive = np.maximum(fractions, 0.0)
     return np.asarray(positive / positive.sum(axis=1, keepdims=True), dtype=np.float64)

@@ -12,26 +12,31 @@ from numpy.typing import NDArray
 from lmctl.config import composition as config
 from lmctl.errors import InputError
 from lmctl.part.bodies.body import Body
-from lmctl.part.materials.composition import Blend, Graded, Rule
+from lmctl.part.materials.composition import BlendedComposition, CompositionField, GradedComposition
 from lmctl.part.materials.features import (
     Axis,
     Coordinate,
-    Depth,
+    DepthBelowSurface,
     Feature,
     Plane,
     Point,
     Polyline,
     Segment,
-    Sheet,
+    TriangleSheet,
     spline,
 )
-from lmctl.part.materials.profiles import Profile, Span, Steps, Table
+from lmctl.part.materials.profiles import (
+    MixtureProfile,
+    PowerLawProfile,
+    SteppedProfile,
+    TabulatedProfile,
+)
 
 FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Surroundings:
+class CompositionContext:
     """What a composition may refer to.
 
     names : of the part's materials, in order
@@ -39,30 +44,31 @@ class Surroundings:
     triangles_of : those a face or sheet feature names, (m, 3, 3) float64 [mm]
     """
 
-    names: tuple[str, ...]
+    material_names: tuple[str, ...]
     body_named: Callable[[str], Body]
     triangles_of: Callable[[config.FaceFeature | config.SheetFeature], FloatArray]
 
 
-def rule_of(composition: config.Composition, body: Body, around: Surroundings) -> Rule:
+def composition_field_of(composition: config.Composition, body: Body,
+                         around: CompositionContext) -> CompositionField:
     """The rule a checked composition states for a body."""
     if not composition.blend:
         assert composition.profile is not None, "part_rules asks for it"
         return _graded(composition.feature, composition.profile, body, around)
     parts = tuple(_graded(p.feature, p.profile, body, around) for p in composition.blend)
     if composition.weights == "inverse-distance":
-        return Blend(parts, None, composition.power)
-    return Blend(parts, tuple(p.weight or 0.0 for p in composition.blend))
+        return BlendedComposition(parts, None, composition.power)
+    return BlendedComposition(parts, tuple(p.weight or 0.0 for p in composition.blend))
 
 
 def _graded(
-    feature: config.Feature, profile: config.Profile, body: Body, around: Surroundings
-) -> Graded:
+    feature: config.Feature, profile: config.Profile, body: Body, around: CompositionContext
+) -> GradedComposition:
     measured = _feature(feature, body, around)
-    return Graded(measured, _profile(profile, measured, around.names))
+    return GradedComposition(measured, _profile(profile, measured, around.material_names))
 
 
-def _feature(feature: config.Feature, body: Body, around: Surroundings) -> Feature:
+def _feature(feature: config.Feature, body: Body, around: CompositionContext) -> Feature:
     match feature:
         case config.PointFeature():
             return Point(feature.at_mm)
@@ -77,38 +83,39 @@ def _feature(feature: config.Feature, body: Body, around: Surroundings) -> Featu
         case config.PlaneFeature():
             return Plane(feature.point_mm, feature.normal)
         case config.FaceFeature() | config.SheetFeature():
-            return Sheet(around.triangles_of(feature))
+            return TriangleSheet(around.triangles_of(feature))
         case config.SurfaceFeature():
             of = body if feature.of is None else around.body_named(feature.of)
-            return Depth(of, feature.level_mm)
+            return DepthBelowSurface(of, feature.level_mm)
         case config.CoordinateFeature():
             return Coordinate("xyz".index(feature.along))
 
 
-def _profile(profile: config.Profile, feature: Feature, names: tuple[str, ...]) -> Profile:
+def _profile(profile: config.Profile, feature: Feature, names: tuple[str, ...]) -> MixtureProfile:
     match profile:
         case config.TableProfile():
-            return Table(
+            return TabulatedProfile(
                 np.array([point.at_mm for point in profile.points]),
                 np.stack([_vector(point.of, names) for point in profile.points]),
             )
         case config.StepsProfile():
-            return Steps(
+            return SteppedProfile(
                 np.array([step.over_mm[1] for step in profile.steps[:-1]]),
                 np.stack([_vector(step.of, names) for step in profile.steps]),
             )
         case config.ConstantProfile():
-            return Table(np.zeros(1), _vector(profile.of, names)[None])
+            return TabulatedProfile(np.zeros(1), _vector(profile.of, names)[None])
     near, far = _vector(profile.near, names), _vector(profile.far, names)
     match profile:
         case config.NormalisedProfile():
-            return Span(near, far, _deepest(feature))
+            return PowerLawProfile(near, far, _deepest(feature))
         case config.PowerProfile():
-            return Span(near, far, profile.over_mm or _deepest(feature), profile.a, profile.k)
+            return PowerLawProfile(near, far, profile.over_mm or _deepest(feature), profile.a,
+                                   profile.k)
         case config.ParabolaProfile():
-            return Span(near, far, profile.over_mm or _deepest(feature), k=2.0)
+            return PowerLawProfile(near, far, profile.over_mm or _deepest(feature), k=2.0)
         case config.LinearProfile():
-            return Span(near, far, profile.over_mm or _deepest(feature))
+            return PowerLawProfile(near, far, profile.over_mm or _deepest(feature))
 
 
 def _deepest(feature: Feature) -> tuple[float, float]:
@@ -116,8 +123,8 @@ def _deepest(feature: Feature) -> tuple[float, float]:
 
     Raises InputError where there is nothing deeper than the feature's level, or no end of it.
     """
-    assert isinstance(feature, Depth), "part_rules asks for over_mm with all others"
-    largest = feature.body.largest_depth_mm
+    assert isinstance(feature, DepthBelowSurface), "part_rules asks for over_mm with all others"
+    largest = feature.body.maximum_depth_mm
     if not feature.level_mm < largest < math.inf:
         raise InputError(
             f"a profile over the depth below {feature.level_mm:g} mm has no length",

@@ -18,10 +18,10 @@ FloatArray = NDArray[np.float64]
 CLOUD_SUFFIXES = ("xyz", "csv", "txt", "asc", "pts", "ply")
 
 #: More points than this do not make any field finer, only slower.
-MOST_POINTS = 20_000_000
+MAX_POINTS = 20_000_000
 
 #: Fewer points enclose nothing.
-FEWEST_POINTS = 100
+MIN_POINTS = 100
 
 #: At most this share of the points may be strays that are dropped.
 OUTLIER_SHARE = 0.005
@@ -31,7 +31,7 @@ Read = tuple[NDArray[np.float64], NDArray[np.float64] | None, list[str]]
 
 
 @dataclass(frozen=True)
-class Cloud:
+class PointCloud:
     """points: (n, 3) float64 [mm], in no order; notes: what of the file was left out.
 
     normals: (n, 3) float64, where the outside is at each point, if the file says; else None
@@ -44,7 +44,7 @@ class Cloud:
     warnings: tuple[str, ...] = ()
 
 
-def read_cloud(file: DataFile, units: str) -> Cloud:
+def read_cloud(file: DataFile, units: str) -> PointCloud:
     """The points of a cloud file in mm, each place once.
 
     Raises InputError where it cannot be read (with the line), has too few or too many points,
@@ -60,11 +60,11 @@ def read_cloud(file: DataFile, units: str) -> Cloud:
             f"{file.path} is not a kind of point cloud that can be read",
             hint="XYZ, CSV, TXT, ASC, PTS and PLY files can; the ending must say which it is",
         )
-    if not FEWEST_POINTS <= len(points) <= MOST_POINTS:
+    if not MIN_POINTS <= len(points) <= MAX_POINTS:
         raise InputError(
             f"{file.path} has {len(points):,} points",
-            where=f"{FEWEST_POINTS} to {MOST_POINTS:,} points can be used",
-            hint="scan the surface more densely" if len(points) < FEWEST_POINTS else
+            where=f"{MIN_POINTS} to {MAX_POINTS:,} points can be used",
+            hint="scan the surface more densely" if len(points) < MIN_POINTS else
             "thin it out: detail far below the bead width is lost anyway",
         )
     warnings = []
@@ -80,7 +80,7 @@ def read_cloud(file: DataFile, units: str) -> Cloud:
     single, first = np.unique(points, axis=0, return_index=True)
     if len(single) < len(points):
         notes.append(f"{file.path.name}: {len(points) - len(single):,} points are there twice")
-    return Cloud(
+    return PointCloud(
         single, tuple(notes), None if normals is None else normals[first], tuple(warnings))
 
 

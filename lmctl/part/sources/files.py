@@ -15,7 +15,7 @@ from pathlib import Path
 from lmctl.errors import InputError, MissingFileError
 
 #: More than this is not read into memory: about eight million triangles of binary STL.
-LARGEST_DATA_BYTES = 400_000_000
+MAX_DATA_BYTES = 400_000_000
 
 
 @dataclass(frozen=True)
@@ -50,10 +50,10 @@ def read_data(name: str, folder: Path) -> DataFile:
             raise InputError(f"{path} is not a plain file", hint="copy the data into a file")
         if found.st_size == 0:
             raise InputError(f"{path} is empty", hint="export it again")
-        if found.st_size > LARGEST_DATA_BYTES:
+        if found.st_size > MAX_DATA_BYTES:
             raise InputError(
                 f"{path} is too large",
-                where=f"{found.st_size:,} bytes; at most {LARGEST_DATA_BYTES:,}",
+                where=f"{found.st_size:,} bytes; at most {MAX_DATA_BYTES:,}",
                 hint="thin out the mesh or cloud: detail far below the bead width is lost anyway",
             )
         data = path.read_bytes()

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.config.quantities import FARTHEST_MM, MM_PER_UNIT
+from lmctl.config.quantities import MAX_COORDINATE_MM, MM_PER_UNIT
 from lmctl.errors import InputError
 from lmctl.part.sources.files import DataFile
 from lmctl.part.sources.obj_files import group_triangles, read_obj
@@ -28,7 +28,7 @@ IntArray = NDArray[np.int64]
 MESH_SUFFIXES = ("stl", "ply", "obj", "off", "3mf")
 
 #: More triangles than this would take minutes and gigabytes to bring onto any grid.
-MOST_TRIANGLES = 5_000_000
+MAX_TRIANGLES = 5_000_000
 
 #: A part smaller or larger than this was most likely written in other units.
 SMALLEST_PART_MM, LARGEST_PART_MM = 1.0, 2000.0
@@ -73,9 +73,9 @@ def read_mesh(file: DataFile, units: str | None, group: str | None = None) -> Me
             hint='is it a point cloud? then write kind = "cloud"' if file.suffix == "ply" else
             "export the part as a mesh",
         )
-    if len(triangles) > MOST_TRIANGLES:
+    if len(triangles) > MAX_TRIANGLES:
         raise InputError(
-            f"{file.path} has {len(triangles):,} triangles; at most {MOST_TRIANGLES:,} are read",
+            f"{file.path} has {len(triangles):,} triangles; at most {MAX_TRIANGLES:,} are read",
             hint="reduce the mesh: detail far below the bead width is lost anyway",
         )
     used = np.zeros(len(vertices), dtype=bool)
@@ -155,10 +155,10 @@ def checked_points(
         raise InputError(
             f"{file.path} is flat: all {what}s have the same {axis}", hint="a part needs a volume"
         )
-    if max(abs(low).max(), abs(high).max()) > FARTHEST_MM:
+    if max(abs(low).max(), abs(high).max()) > MAX_COORDINATE_MM:
         raise InputError(
             f"{file.path} lies too far from its origin",
-            where=f"{max(abs(low).max(), abs(high).max()):.4g} mm; at most {FARTHEST_MM:g} mm",
+            where=f"{max(abs(low).max(), abs(high).max()):.4g} mm; at most {MAX_COORDINATE_MM:g} mm",
             hint="move it to the origin in the program it came from",
         )
     if used is not None:  # unused corners may hold anything; nobody may stumble over them later

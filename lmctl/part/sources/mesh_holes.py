@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.errors import InputError
-from lmctl.part.sources.mesh_topology import components, directed_edges, edge_numbers
+from lmctl.part.sources.mesh_topology import connected_components, directed_edges, edge_numbers
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -92,7 +92,7 @@ def _loops(rim: IntArray, count: int) -> list[IntArray]:
     follows: dict[int, list[int]] = {}
     for row, start in enumerate(rim[:, 0].tolist()):
         follows.setdefault(start, []).append(row)
-    group = components(rim, count)[rim[:, 0]]
+    group = connected_components(rim, count)[rim[:, 0]]
     holes: list[IntArray] = []
     for which in np.unique(group).tolist():
         own = np.flatnonzero(group == which)

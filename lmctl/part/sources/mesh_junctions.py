@@ -17,7 +17,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 #: Rounds of cutting; each leaves at most half of an edge uncut, so few are ever needed.
-MOST_ROUNDS = 30
+MAX_ROUNDS = 30
 
 
 def split_at_junctions(
@@ -29,7 +29,7 @@ def split_at_junctions(
     returns : triangles (k, 3); how many edges were cut
     """
     cuts = 0
-    for _ in range(MOST_ROUNDS):
+    for _ in range(MAX_ROUNDS):
         edge, corner = _junctions(vertices, triangles, within_mm)
         if len(edge) == 0:
             break

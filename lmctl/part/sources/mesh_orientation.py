@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.errors import InputError
-from lmctl.part.sources.mesh_topology import components, directed_edges, edge_numbers
+from lmctl.part.sources.mesh_topology import connected_components, directed_edges, edge_numbers
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -38,7 +38,7 @@ def facing_alike(
         np.stack([one, other + count * opposed], axis=1),
         np.stack([one + count, other + count * ~opposed], axis=1),
     ])
-    label = components(links, 2 * count)
+    label = connected_components(links, 2 * count)
     as_is, turned = label[:count], label[count:]
     both = np.flatnonzero(as_is == turned)
     if len(both):
@@ -60,7 +60,8 @@ def facing_alike(
 
 def shells_of(vertices: FloatArray, triangles: IntArray) -> IntArray:
     """The number of the shell of each triangle (m,): what hangs together over edges."""
-    shell: IntArray = components(directed_edges(triangles), len(vertices))[triangles[:, 0]]
+    shell: IntArray = connected_components(directed_edges(triangles),
+                                           len(vertices))[triangles[:, 0]]
     return np.unique(shell, return_inverse=True)[1].reshape(-1)
 
 
@@ -78,7 +79,7 @@ def facing_out_by_parity(vertices: FloatArray, triangles: IntArray) -> IntArray:
     the next patch faces.
     """
     pairs, _ = _neighbours(triangles)
-    patch = components(pairs, len(triangles))
+    patch = connected_components(pairs, len(triangles))
     area = _areas(vertices, triangles)
     corners = vertices[triangles]
     result = triangles.copy()

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.part.sources.mesh_topology import components, directed_edges, edge_numbers
+from lmctl.part.sources.mesh_topology import connected_components, directed_edges, edge_numbers
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -42,7 +42,7 @@ def parted_at_shared_edges(
         np.stack([start, np.where(against, _next(beside), beside)], axis=1),
         np.stack([end, np.where(against, beside, _next(beside))], axis=1),
     ])
-    corner = components(links, 3 * len(triangles))
+    corner = connected_components(links, 3 * len(triangles))
     _, first, rows = np.unique(corner, return_index=True, return_inverse=True)
     return vertices[triangles.ravel()[first]], rows.reshape(-1, 3)
 

@@ -18,7 +18,7 @@ from lmctl.errors import InputError
 from lmctl.field.mesh.triangle_tree import TriangleTree
 from lmctl.part.sources.mesh_gaps import INTO_MM, Gap, close_gap
 from lmctl.part.sources.mesh_orientation import facing_out_by_parity, shells_of, signed_volumes
-from lmctl.part.sources.mesh_topology import components, edge_numbers
+from lmctl.part.sources.mesh_topology import connected_components, edge_numbers
 
 if TYPE_CHECKING:
     from manifold3d import Manifold
@@ -126,7 +126,7 @@ def _near_groups(shells: list[Shell]) -> list[list[int]]:
         others = order[place + 1 : last]
         near = np.all((low[others] <= high[number]) & (high[others] >= low[number]), axis=1)
         links.append(np.stack([np.full(int(near.sum()), number), others[near]], axis=1))
-    group = components(np.vstack(links), len(shells))
+    group = connected_components(np.vstack(links), len(shells))
     return [np.flatnonzero(group == which).tolist() for which in np.unique(group)]
 
 

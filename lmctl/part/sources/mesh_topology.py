@@ -14,7 +14,7 @@ IntArray = NDArray[np.int64]
 FloatArray = NDArray[np.float64]
 
 
-def join_corners(vertices: FloatArray, triangles: IntArray) -> tuple[FloatArray, IntArray]:
+def merge_equal_vertices(vertices: FloatArray, triangles: IntArray) -> tuple[FloatArray, IntArray]:
     """Corners of exactly equal coordinates made one."""
     points = np.ascontiguousarray(vertices + 0.0)  # −0 and 0 are the same place
     order = np.lexsort(points.T)
@@ -25,7 +25,7 @@ def join_corners(vertices: FloatArray, triangles: IntArray) -> tuple[FloatArray,
     return points[order[new]], number[triangles]
 
 
-def without_slivers(corners: FloatArray) -> FloatArray:
+def remove_slivers(corners: FloatArray) -> FloatArray:
     """Triangles (m, 3, 3) less those narrower than a millionth of their length.
 
     Their neighbours cover them to rounding, and the closest point on one cannot be computed.
@@ -60,16 +60,16 @@ def odd_edges(triangles: IntArray) -> IntArray:
     return odd
 
 
-def patches(triangles: IntArray) -> tuple[IntArray, IntArray]:
+def connected_patches(triangles: IntArray) -> tuple[IntArray, IntArray]:
     """The number of each triangle's patch; the size of each patch."""
     number, counts = edge_numbers(triangles)
     order = np.argsort(number, kind="stable")
     paired = order[(counts == 2)[number[order]]].reshape(-1, 2) // 3
-    patch = components(paired, len(triangles))
+    patch = connected_components(paired, len(triangles))
     return patch, np.bincount(patch)
 
 
-def components(links: IntArray, count: int) -> IntArray:
+def connected_components(links: IntArray, count: int) -> IntArray:
     """The number of the connected component of each of `count` things; links (k, 2) join them."""
     return _components(np.ascontiguousarray(links, dtype=np.int64), count)
 

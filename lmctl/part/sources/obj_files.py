@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.config.materials import closest
+from lmctl.config.materials import suggest_name
 from lmctl.errors import InputError
 from lmctl.part.sources.files import DataFile
 from lmctl.part.sources.polygons import polygon_triangles
@@ -85,7 +85,8 @@ def group_triangles(file: DataFile, model: ObjModel, group: str) -> IntArray:
     triangles = model.triangles[np.isin(model.group, numbers)]
     if len(triangles) == 0:
         names = sorted({name for held in model.groups for name in held})
-        guess = closest(group, names) or f"its groups are {', '.join(names[:20]) or 'not named'}"
+        guess = suggest_name(group,
+                             names) or f"its groups are {', '.join(names[:20]) or 'not named'}"
         raise InputError(f"{file.path} has no faces in a group {group!r}", where=guess,
                          hint="name one of its groups")
     return triangles

@@ -25,7 +25,7 @@ _TYPES = {
     "float": "f4", "float32": "f4", "double": "f8", "float64": "f8",
 }
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
-_LONGEST_HEAD = 100_000
+_MAX_HEAD = 100_000
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ def ply_head(file: DataFile) -> tuple[str, list[PlyElement], bytes]:
     Raises InputError where there is none, or it promises more than the file can hold.
     """
     head, found, body = file.data.partition(b"end_header")
-    if not head.startswith(b"ply") or not found or len(head) > _LONGEST_HEAD:
+    if not head.startswith(b"ply") or not found or len(head) > _MAX_HEAD:
         raise unreadable(file, "it does not begin with `ply` … `end_header`")
     body = body[2:] if body.startswith(b"\r\n") else body[1:]
     order, elements = None, list[PlyElement]()

@@ -19,7 +19,7 @@ IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
-class Slicer:
+class MeshSlicer:
     """A closed mesh made ready for many slices: the heights between which each triangle lies.
 
     vertices : (n, 3) float64 [mm]; triangles : (m, 3) int64, every edge in an even number of them
@@ -125,7 +125,7 @@ def _turned(loops: list[FloatArray]) -> list[FloatArray]:
         around = np.all((low <= loop[0]) & (loop[0] <= high), axis=1)
         around[index] = False
         depth = sum(
-            crossings(loop[0], loops[other][:-1], loops[other][1:])
+            count_ray_crossings(loop[0], loops[other][:-1], loops[other][1:])
             for other in np.flatnonzero(around)
         )
         outer = depth % 2 == 0
@@ -133,7 +133,7 @@ def _turned(loops: list[FloatArray]) -> list[FloatArray]:
     return turned
 
 
-def crossings(point: FloatArray, start: FloatArray, end: FloatArray) -> int:
+def count_ray_crossings(point: FloatArray, start: FloatArray, end: FloatArray) -> int:
     """How many segments a ray from `point` along +x crosses; half-open in y."""
     spans = (start[:, 1] > point[1]) != (end[:, 1] > point[1])
     a, b = start[spans], end[spans]

@@ -18,7 +18,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 #: Meshes that a few lines of nested components may ask for.
-MOST_PLACED = 10_000
+MAX_PLACED = 10_000
 DEEPEST = 16
 
 
@@ -34,9 +34,9 @@ def read_3mf(file: DataFile, units: str | None) -> tuple[FloatArray, IntArray, t
             f"{file.path} states its units itself: {build.unit}",
             where=f"the part file says {units}", hint="leave `units` out for this file",
         )
-    placed = list(itertools.islice(build.meshes(), MOST_PLACED + 1))
-    if len(placed) > MOST_PLACED:
-        raise build.package.damaged(f"it places more than {MOST_PLACED:,} meshes")
+    placed = list(itertools.islice(build.meshes(), MAX_PLACED + 1))
+    if len(placed) > MAX_PLACED:
+        raise build.package.damaged(f"it places more than {MAX_PLACED:,} meshes")
     if not placed:
         return np.empty((0, 3)), np.empty((0, 3), dtype=np.int64), build.notes()
     starts = np.cumsum([0] + [len(v) for v, _ in placed])

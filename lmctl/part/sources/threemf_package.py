@@ -18,7 +18,7 @@ from urllib.parse import unquote
 from xml.parsers import expat
 
 from lmctl.errors import InputError
-from lmctl.part.sources.files import LARGEST_DATA_BYTES, DataFile
+from lmctl.part.sources.files import MAX_DATA_BYTES, DataFile
 from lmctl.part.sources.recognition import unreadable
 
 START_PART = "http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"
@@ -98,9 +98,9 @@ class Package:
         if member is None:
             raise self.damaged(f"there is no part {part} in it")
         self._unpacked += member.file_size
-        if self._unpacked > LARGEST_DATA_BYTES:
+        if self._unpacked > MAX_DATA_BYTES:
             raise self.damaged(f"{part} unpacks to {member.file_size:,} bytes; at most "
-                               f"{LARGEST_DATA_BYTES:,} in all")
+                               f"{MAX_DATA_BYTES:,} in all")
         try:
             with self._archive.open(member) as opened:  # no further than it said, true or not
                 return opened.read(member.file_size + 1)

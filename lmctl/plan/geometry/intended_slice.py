@@ -7,19 +7,19 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.config.part_file import Process
+from lmctl.config.part_file import ProcessSettings
 from lmctl.field.plane import iso_loops
 from lmctl.plan.geometry.section_raster import raster_pitch_mm, section_raster
 
 FloatArray = NDArray[np.float64]
 
 
-def pitch_mm(process: Process) -> float:
+def pitch_mm(process: ProcessSettings) -> float:
     """Nominal distance of neighbouring tracks."""
     return process.bead_width_mm * (1 - process.overlap)
 
 
-def outline_offset_mm(process: Process) -> float:
+def outline_offset_mm(process: ProcessSettings) -> float:
     """How far the intended outline lies outside the drawing; negative: inside.
 
     A track fills a strip a pitch wide around it. With `outer_track = "half-bead"` the outermost
@@ -31,7 +31,7 @@ def outline_offset_mm(process: Process) -> float:
     return process.allowance_mm - inset
 
 
-def intended_loops(loops: Sequence[FloatArray], process: Process) -> list[FloatArray]:
+def intended_loops(loops: Sequence[FloatArray], process: ProcessSettings) -> list[FloatArray]:
     """The outline of the intended slice, from that of the drawing; loops as `Section` has them."""
     offset = outline_offset_mm(process)
     if offset == 0 or not loops:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from lmctl.field.kernel import inner, kernel
+from lmctl.field.kernel import inner_kernel, kernel
 from lmctl.plan.geometry.bead_count import BeadCount
 from lmctl.plan.geometry.medial_axis import MedialAxis, foot
 from lmctl.plan.geometry.section_raster import SectionRaster
@@ -108,7 +108,7 @@ def core_of(
     return np.minimum(core, count)
 
 
-@inner
+@inner_kernel
 def _depth_at(depth: NDArray[np.float32], u: float, v: float) -> float:
     ny, nx = depth.shape
     i, j = min(max(int(u), 0), nx - 2), min(max(int(v), 0), ny - 2)
@@ -117,7 +117,7 @@ def _depth_at(depth: NDArray[np.float32], u: float, v: float) -> float:
     return float((1 - v) * low + v * ((1 - u) * depth[j + 1, i] + u * depth[j + 1, i + 1]))
 
 
-@inner
+@inner_kernel
 def _nearest_axis_point(
     at_edge: NDArray[np.int32], points: FloatArray, x: float, y: float, pitch: float, reach: int
 ) -> int:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from lmctl.config.part_file import Process
+from lmctl.config.part_file import ProcessSettings
 from lmctl.field.plane import loop_area_mm2
 from lmctl.plan.geometry.deposit import Deposit
 from lmctl.plan.geometry.islands import Islands
@@ -35,7 +35,7 @@ _EMPTY = 0.5
 
 def losses(
     loops: Sequence[FloatArray], islands: Islands, owner: NDArray[np.intp],
-    points_mm: FloatArray, deposit: Deposit | None, raster: SectionRaster, process: Process,
+    points_mm: FloatArray, deposit: Deposit | None, raster: SectionRaster, process: ProcessSettings,
 ) -> tuple[LostFeature, ...]:
     """Pieces of a slice that no track covers, the largest first.
 
@@ -59,7 +59,8 @@ def losses(
     return tuple(sorted(found, key=lambda lost: -lost.area_mm2))
 
 
-def lost_layer(loops: Sequence[FloatArray], islands: Islands, process: Process) -> LostFeature:
+def lost_layer(loops: Sequence[FloatArray], islands: Islands,
+               process: ProcessSettings) -> LostFeature:
     """A whole slice without a track. loops : of the slice, one at least"""
     area = float(islands.area_mm2.sum())
     return _lost("layer", np.vstack(loops), area, process)
@@ -67,7 +68,7 @@ def lost_layer(loops: Sequence[FloatArray], islands: Islands, process: Process) 
 
 def _uncovered_stretches(
     loop: FloatArray, tree: cKDTree, islands: Islands, has_tracks: NDArray[np.bool_],
-    raster: SectionRaster, process: Process,
+    raster: SectionRaster, process: ProcessSettings,
 ) -> list[LostFeature]:
     """Ribs of an outline that no track comes near."""
     bead = process.bead_width_mm
@@ -91,7 +92,7 @@ def _uncovered_stretches(
 
 
 def _empty_places(
-    deposit: Deposit, raster: SectionRaster, process: Process
+    deposit: Deposit, raster: SectionRaster, process: ProcessSettings
 ) -> list[LostFeature]:
     """Places among the tracks where less than half of a tile is filled."""
     deep = raster.depth_mm > process.bead_width_mm / 2
@@ -107,7 +108,7 @@ def _empty_places(
 
 
 def _lost(
-    kind: LostKind, outline: FloatArray, area_mm2: float, process: Process
+    kind: LostKind, outline: FloatArray, area_mm2: float, process: ProcessSettings
 ) -> LostFeature:
     middle = (outline.min(axis=0) + outline.max(axis=0)) / 2
     length, width = _size_mm(outline, area_mm2)

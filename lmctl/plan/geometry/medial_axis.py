@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.field.kernel import inner, kernel
+from lmctl.field.kernel import inner_kernel, kernel
 from lmctl.plan.geometry.section_raster import SectionRaster
 
 FloatArray = NDArray[np.float64]
@@ -62,7 +62,7 @@ def medial_axis(raster: SectionRaster) -> MedialAxis:
         links=links, at_edge=at_edge)
 
 
-@inner
+@inner_kernel
 def foot(segments: FloatArray, s: int, px: float, py: float) -> tuple[float, float, float]:
     """Nearest point of a segment (x, y), and its distance."""
     ax, ay = segments[s, 0], segments[s, 1]

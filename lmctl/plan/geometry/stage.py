@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.config.part_file import Process
+from lmctl.config.part_file import ProcessSettings
 from lmctl.plan.geometry.deposit import deposit_on
 from lmctl.plan.geometry.in_plane import InPlaneLayout, in_plane_layout
 from lmctl.plan.geometry.intended_slice import intended_loops, pitch_mm
@@ -92,7 +92,7 @@ def _narrow_area_mm2(layout: InPlaneLayout, bead_mm: float) -> float:
 def _figures(
     loops: list[FloatArray], raster: SectionRaster, islands: Islands, tracks: list[Toolpath],
     owner: NDArray[np.intp], narrow_mm2: float, overhang: tuple[OverhangPlace, ...],
-    process: Process,
+    process: ProcessSettings,
 ) -> LayerFigures:
     slice_mm2 = float(islands.area_mm2.sum())
     if not tracks:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.config.machine import Laser
+from lmctl.config.machine import LaserSettings
 from lmctl.errors import PlanError
 from lmctl.job.packed_layer import PackedLayer, pack
 from lmctl.job.schema import LineKind, line_dtype
@@ -19,7 +19,7 @@ from lmctl.plan.program_text.line_bytes import (
 )
 from lmctl.plan.sequence.moves import Moves
 from lmctl.plan.sequence.powder_flow import PowderFlow
-from lmctl.preflight.power_word import power_decimals
+from lmctl.preflight.s_word import s_word_decimals
 
 FloatArray = NDArray[np.float64]
 
@@ -47,7 +47,7 @@ class LayerLines:
     moves: Moves
     end_s: FloatArray
     flow: PowderFlow
-    laser: Laser
+    laser: LaserSettings
     opens: bool
     closes: bool
 
@@ -78,7 +78,7 @@ def program_bytes(layer: LayerLines) -> bytes:
     Raises PlanError where S words cannot say a beam's power.
     """
     moves = layer.moves
-    decimals = power_decimals(layer.laser.s_max)
+    decimals = s_word_decimals(layer.laser.s_max)
     setup = (OPENING if layer.opens else ()) + (CLOSING if layer.closes else ())
     return line_bytes(
         moves.kind, moves.path, _integers(moves.target_mm, COORDINATE_DECIMALS),
@@ -91,7 +91,7 @@ def _integers(values: FloatArray, decimals: int) -> NDArray[np.int64]:
     return np.asarray(np.rint(values * 10**decimals).astype(np.int64))
 
 
-def _power_words(moves: Moves, laser: Laser, decimals: int) -> FloatArray:
+def _power_words(moves: Moves, laser: LaserSettings, decimals: int) -> FloatArray:
     """Beam power as S words."""
     asked = moves.power_W / laser.max_power_W * laser.s_max
     off = (moves.kind == LineKind.BEAD) & (

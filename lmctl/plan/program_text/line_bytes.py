@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.field.kernel import inner, kernel
-from lmctl.job.layer_rules import LONGEST_LINE
+from lmctl.field.kernel import inner_kernel, kernel
+from lmctl.job.layer_rules import MAX_LINE
 from lmctl.job.schema import N_WORD_MODULUS, LineKind
 
 ByteArray = NDArray[np.uint8]
@@ -35,7 +35,7 @@ def line_bytes(
     """
     words = "".join(setup).encode("ascii")
     ends = np.cumsum([0, *(len(text) for text in setup)])
-    buffer = np.empty(len(kind) * (LONGEST_LINE + 1) + len(words), np.uint8)
+    buffer = np.empty(len(kind) * (MAX_LINE + 1) + len(words), np.uint8)
     length = _write_lines(
         kind, path, target, feed, power, dwell, first_line, power_decimals,
         np.frombuffer(words, np.uint8) if words else np.zeros(1, np.uint8), ends, buffer)
@@ -92,7 +92,7 @@ def _write_lines(
     return n
 
 
-@inner
+@inner_kernel
 def _word(out: ByteArray, n: int, letter: int, value: np.int64, decimals: int) -> int:
     """A letter and a fixed-point number without needless zeros; returns the next free place."""
     out[n] = letter

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.field.kernel import inner, kernel
+from lmctl.field.kernel import inner_kernel, kernel
 from lmctl.plan.sequence.track_order import OrderedTracks
 
 FloatArray = NDArray[np.float64]
@@ -85,7 +85,7 @@ def _vertices(
     return kept[:count], kept_starts
 
 
-@inner
+@inner_kernel
 def _mark(
     place: FloatArray, tolerance_sq: float, stays: NDArray[np.bool_], stack: NDArray[np.int64],
     n: int,

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.field.kernel import inner, kernel
+from lmctl.field.kernel import inner_kernel, kernel
 
 FloatArray = NDArray[np.float64]
 
@@ -64,7 +64,7 @@ class HoseModel:
         return answer
 
 
-@inner
+@inner_kernel
 def _lagged(y: float, u0: float, u1: float, lasting: float, lag: float) -> float:
     """A first-order lag after its input went linearly from u0 to u1."""
     slope = (u1 - u0) / lasting

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.config.machine import MachineProfile
-from lmctl.config.part_file import Process
+from lmctl.config.part_file import ProcessSettings
 from lmctl.errors import PlanError
 from lmctl.job.schema import LineKind
 from lmctl.plan.geometry import LayerGeometry
@@ -29,7 +29,7 @@ from lmctl.plan.sequence.moves import Moves, join, lines, on_raster
 from lmctl.plan.sequence.powder_flow import PowderFlow, powder_flow
 from lmctl.plan.sequence.track_order import OrderedTracks, order_tracks
 from lmctl.plan.sequence.travel import LAYER_REST_S, TravelSettings, layer_moves, way_home
-from lmctl.preflight.job_check import LINES_PER_HORIZON, beyond_travel
+from lmctl.preflight.job_check import LINES_PER_HORIZON, travel_violations
 from lmctl.preflight.placement import Placement
 
 FloatArray = NDArray[np.float64]
@@ -56,7 +56,7 @@ class LayerSequencer:
     """Sequences the layers of one part in order; `statistics` sums up those done so far."""
 
     def __init__(
-        self, part_name: str, process: Process, recipe: Recipe, profile: MachineProfile,
+        self, part_name: str, process: ProcessSettings, recipe: Recipe, profile: MachineProfile,
     ) -> None:
         self._part_name = part_name
         self._process = process
@@ -206,7 +206,7 @@ class LayerSequencer:
         ends_mm = moves.target_mm[moves.is_motion()]
         if len(ends_mm) == 0:
             return
-        outside = beyond_travel(ends_mm.min(axis=0), ends_mm.max(axis=0), self._profile)
+        outside = travel_violations(ends_mm.min(axis=0), ends_mm.max(axis=0), self._profile)
         if outside:
             raise PlanError(
                 f"layer {index + 1} of {self._part_name} reaches outside the travel of "

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.config.machine import Motion
+from lmctl.config.machine import MotionSettings
 from lmctl.errors import PlanError
 from lmctl.job.schema import LineKind
 from lmctl.plan.sequence.flat_arrays import numbers_within
@@ -42,7 +42,7 @@ def gap_bounds(moves: Moves) -> IndexArray:
 
 
 def with_time_for_powder(
-    moves: Moves, start_mm: FloatArray, motion: Motion, needed_s: FloatArray
+    moves: Moves, start_mm: FloatArray, motion: MotionSettings, needed_s: FloatArray
 ) -> Moves:
     """Slow the travel before each path so that the powder's change of mixture has time.
 
@@ -94,7 +94,7 @@ def _wait_before(moves: Moves, paths: IndexArray, gaps: IndexArray) -> IndexArra
 
 
 def in_short_lines(
-    moves: Moves, start_mm: FloatArray, motion: Motion, longest_s: float
+    moves: Moves, start_mm: FloatArray, motion: MotionSettings, longest_s: float
 ) -> tuple[Moves, FloatArray]:
     """Split every line that lasts longer than `longest_s`; returns lines and durations (n,)."""
     for _ in range(_SPLIT_ROUNDS):

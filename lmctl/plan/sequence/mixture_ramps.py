@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.field.kernel import inner, kernel
+from lmctl.field.kernel import inner_kernel, kernel
 from lmctl.plan.recipe import Recipe
 
 FloatArray = NDArray[np.float64]
@@ -113,7 +113,7 @@ def ramp(
     return times, COURSE.copy()
 
 
-@inner
+@inner_kernel
 def _fastest_course(
     start: FloatArray, end: FloatArray, lag: FloatArray, most: FloatArray
 ) -> FloatArray:
@@ -135,7 +135,7 @@ def _fastest_course(
     return times
 
 
-@inner
+@inner_kernel
 def _linear_time(start: FloatArray, end: FloatArray, lag: FloatArray, most: FloatArray) -> float:
     """Shortest straight ramp; infinite where a hopper is to stop or to reach its greatest flow."""
     longest = 0.0
@@ -148,7 +148,7 @@ def _linear_time(start: FloatArray, end: FloatArray, lag: FloatArray, most: Floa
     return longest * _MARGIN
 
 
-@inner
+@inner_kernel
 def _fraction_change(start: FloatArray, end: FloatArray, volume: FloatArray) -> float:
     """Greatest change of volume fraction between two flows."""
     total, other, most = 0.0, 0.0, 0.0
@@ -160,7 +160,7 @@ def _fraction_change(start: FloatArray, end: FloatArray, volume: FloatArray) -> 
     return most
 
 
-@inner
+@inner_kernel
 def share_of_way(
     flow: FloatArray, goal: FloatArray, lasting: float, lag: FloatArray, most: FloatArray
 ) -> float:
@@ -175,7 +175,7 @@ def share_of_way(
     return max(share, 0.0)
 
 
-@inner
+@inner_kernel
 def has_caught_up(flow: FloatArray, wanted: FloatArray, most: FloatArray) -> bool:
     """Whether a flow is what was wanted, or as good as."""
     return bool((np.abs(flow - wanted) <= _CAUGHT_UP * most).all())

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.field.kernel import inner, kernel
+from lmctl.field.kernel import inner_kernel, kernel
 from lmctl.plan.sequence.mixture_ramps import (
     COURSE,
     NO_LAG_S,
@@ -112,7 +112,7 @@ def _knots(
     return times[:n], flow[:n]
 
 
-@inner
+@inner_kernel
 def _follow_bead(
     bead_s: FloatArray, wanted: FloatArray, first: int, end: int, leads: bool, lag: FloatArray,
     most: FloatArray, times: FloatArray, flow: FloatArray, n: int,

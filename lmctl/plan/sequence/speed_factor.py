@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.field.kernel import inner, kernel
+from lmctl.field.kernel import inner_kernel, kernel
 from lmctl.plan.recipe import Recipe
 from lmctl.plan.sequence.mixture_ramps import (
     NO_LAG_S,
@@ -90,7 +90,7 @@ def _factors(
     return result
 
 
-@inner
+@inner_kernel
 def _is_off(flow: FloatArray, wanted: FloatArray, volume: FloatArray) -> bool:
     """Whether flows deposit another mixture than wanted."""
     total, other = 0.0, 0.0

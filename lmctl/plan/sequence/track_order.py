@@ -17,7 +17,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.field.kernel import inner, kernel
+from lmctl.field.kernel import inner_kernel, kernel
 from lmctl.plan.geometry.layer_geometry import LayerGeometry
 from lmctl.plan.sequence.flat_arrays import arc_lengths_mm, numbers_within
 
@@ -170,7 +170,7 @@ def _in_order(
         points, geometry.strip_width_mm[index], geometry.fractions[index], starts, along)
 
 
-@inner
+@inner_kernel
 def _change(fractions: FloatArray, vertex: int, mixture: FloatArray) -> float:
     most = 0.0
     for k in range(len(mixture)):

@@ -18,7 +18,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.config.machine import Motion
+from lmctl.config.machine import MotionSettings
 from lmctl.field.kernel import kernel
 from lmctl.plan.sequence.moves import Moves
 
@@ -28,7 +28,7 @@ FloatArray = NDArray[np.float64]
 _STRAIGHT = 0.999999
 
 
-def line_durations(moves: Moves, start_mm: FloatArray, motion: Motion) -> FloatArray:
+def line_durations(moves: Moves, start_mm: FloatArray, motion: MotionSettings) -> FloatArray:
     """Duration of every line, (n,) float64 [s], from rest at `start_mm` to rest after the last.
 
     Lines without motion (setup, dwell) are reached and left at rest: the firmware drains its
@@ -55,7 +55,8 @@ def _along(unit: FloatArray, axis_limits: tuple[float, float, float]) -> FloatAr
     return np.asarray(np.minimum(seen.min(axis=1), 1e9))
 
 
-def _junction_speed_sq(unit: FloatArray, moving: NDArray[np.bool_], motion: Motion) -> FloatArray:
+def _junction_speed_sq(unit: FloatArray, moving: NDArray[np.bool_],
+                       motion: MotionSettings) -> FloatArray:
     """Largest squared speed where each block begins [mm²/s²]: a d sin(θ/2) / (1 − sin(θ/2)).
 
     θ is the angle the path turns *through* the corner, 180° being straight on; 0 where either

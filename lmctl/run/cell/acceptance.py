@@ -8,21 +8,21 @@ from collections.abc import Sequence
 from lmctl.config.machine import MachineProfile
 from lmctl.errors import MachineError
 from lmctl.job.reader import JobReader
-from lmctl.machine.by_hand.look_motion import read_motion
 from lmctl.machine.feeder.driver import FeederDriver
+from lmctl.machine.manual.inspect_motion import read_motion
 from lmctl.run.cell.condition import Condition, refuse_unmet
 from lmctl.run.cell.devices import Cell
 from lmctl.run.cell.feeder_conditions import FeederReading, feeder_conditions
 from lmctl.run.cell.motion_conditions import motion_conditions
 from lmctl.run.cell.safety_conditions import safety_conditions
-from lmctl.run.journal.recorder import Recorder
-from lmctl.run.journal.whereabouts import Whereabouts
+from lmctl.run.journal.last_known_position import LastKnownPosition
+from lmctl.run.journal.recorder import RunRecorder
 from lmctl.run.program.beam_off import without_beam
 
 
-async def accept(
-    cell: Cell, profile: MachineProfile, job: JobReader, recorder: Recorder,
-    whereabouts: Whereabouts, *, run: str, going_on: bool, trusted: bool,
+async def accept_machine(
+    cell: Cell, profile: MachineProfile, job: JobReader, recorder: RunRecorder,
+    whereabouts: LastKnownPosition, *, run: str, going_on: bool, trusted: bool,
 ) -> bool:
     """Judge the machine, journal what it is, and note that `run` will move it.
 
@@ -33,10 +33,10 @@ async def accept(
     Raises MachineError, JobError.
     """
     motion, identity = cell.motion, cell.motion.identity
-    whereabouts.vouch(motion)
+    whereabouts.trust_if_unmoved(motion)
     # A beam only where door and emergency stop are watched, or where nothing can burn.
     beam_off = not (identity.is_bench or _is_watched(profile))
-    recorder.machine(
+    recorder.record_machine(
         dialect=identity.dialect.name, version=identity.version, info=identity.info,
         rx_bytes=identity.rx_bytes, planner_blocks=identity.planner_blocks,
         is_bench=identity.is_bench, beam_off=beam_off,
@@ -54,7 +54,7 @@ async def accept(
         **_safety_conditions(cell, profile),
     })
     cell.offset_mm = reading.offset_mm or ()
-    whereabouts.begin(motion, run)
+    whereabouts.record_run_start(motion, run)
     if beam_off:
         await _read_through(job)
     return beam_off
@@ -90,8 +90,8 @@ async def reset_alarms(cell: Cell, faulty: Sequence[FeederDriver]) -> None:
     """
     safety = cell.safety
     if safety is not None and safety.status is not None and safety.status.relay_closed is False:
-        await safety.reset_relay()
-    await cell.feeders_do(FeederDriver.acknowledge, faulty)
+        await safety.reset_watchdog_relay()
+    await cell.for_each_feeder(FeederDriver.reset_alarms, faulty)
 
 
 async def _read_through(job: JobReader) -> None:

@@ -7,7 +7,13 @@ from collections.abc import Awaitable, Callable, Iterable, Sequence
 from typing import Any
 
 from firmware_protocol.status import StatusReport
-from lmctl.config.machine import Feeder, Hopper, MachineProfile, Motion, Safety
+from lmctl.config.machine import (
+    FeederSettings,
+    HopperSettings,
+    MachineProfile,
+    MotionSettings,
+    SafetySettings,
+)
 from lmctl.errors import LmctlError, MachineError
 from lmctl.machine.feeder.driver import FeederDriver
 from lmctl.machine.feeder.readings import HopperReading
@@ -29,7 +35,7 @@ class Cell:
 
     def __init__(
         self, motion: MotionDriver, feeders: Sequence[FeederDriver],
-        safety: SafetyDriver | None, hoppers: Sequence[Hopper],
+        safety: SafetyDriver | None, hoppers: Sequence[HopperSettings],
     ) -> None:
         self.motion = motion
         self.feeders = tuple(feeders)
@@ -43,7 +49,7 @@ class Cell:
         self._waiting: list[asyncio.Future[None]] = []
 
     @classmethod
-    async def connect(cls, profile: MachineProfile, hoppers: Sequence[Hopper]) -> Cell:
+    async def connect(cls, profile: MachineProfile, hoppers: Sequence[HopperSettings]) -> Cell:
         """Open motion, the hoppers' feeders and the safety inputs, all at once.
 
         Raises MachineError: one report however many devices fail; those that answered are closed.
@@ -76,14 +82,14 @@ class Cell:
             devices.append(self.safety)
         await asyncio.gather(*map(_close, devices), return_exceptions=True)
 
-    def reported(self) -> None:
+    def notify_report(self) -> None:
         """A device has reported: let whoever waits look again."""
         waiting, self._waiting = self._waiting, []
         for future in waiting:
             if not future.done():
                 future.set_result(None)
 
-    async def until(
+    async def wait_until(
         self, condition: Callable[[], bool], timeout_s: float, what: str, hint: str = ""
     ) -> None:
         """Wait for a condition on the devices' reports. Raises MachineError after the time-out."""
@@ -98,7 +104,7 @@ class Cell:
                 f"{what} did not come about within {timeout_s:.0f} s", hint=hint
             ) from None
 
-    async def at_rest_at(self, place_mm: Iterable[float | None], timeout_s: float) -> None:
+    async def wait_at(self, place_mm: Iterable[float | None], timeout_s: float) -> None:
         """Wait until the machine stands idle at a place (None: wherever in that axis)."""
         wanted = tuple(place_mm)
 
@@ -109,7 +115,7 @@ class Cell:
                 for want, have in zip(wanted, at, strict=False)
             )
 
-        await self.until(there, timeout_s, "the move to the purge position")
+        await self.wait_until(there, timeout_s, "the move to the purge position")
 
     def set_flows(self, flows_g_min: dict[str, float]) -> None:
         """Hand each feeder the set-points of its hoppers, by hopper name."""
@@ -126,7 +132,7 @@ class Cell:
             for name, feeder in self._feeder_of
         ])
 
-    async def feeders_do(
+    async def for_each_feeder(
         self, act: Callable[[FeederDriver], Awaitable[None]],
         those: Iterable[FeederDriver] | None = None,
     ) -> None:
@@ -160,12 +166,12 @@ async def _close(device: MotionDriver | FeederDriver | SafetyDriver) -> None:
         await device.close()
 
 
-async def _open_safety(safety: Safety) -> SafetyDriver:
+async def _open_safety(safety: SafetySettings) -> SafetyDriver:
     """An open watchdog relay is closed: starting a run is the deliberate act for it."""
     driver = await SafetyDriver.open(safety)
     try:
         if safety.relay_timeout_s is not None:
-            await driver.reset_relay()
+            await driver.reset_watchdog_relay()
     except BaseException:
         await driver.close()
         raise
@@ -173,7 +179,7 @@ async def _open_safety(safety: Safety) -> SafetyDriver:
 
 
 async def _open_motion(
-    motion: Motion, safety_first: Sequence[asyncio.Future[Any]]
+    motion: MotionSettings, safety_first: Sequence[asyncio.Future[Any]]
 ) -> MotionDriver:
     """The controller stands behind its door input for as long as the watchdog relay is open."""
     if safety_first:
@@ -183,7 +189,7 @@ async def _open_motion(
     )
 
 
-async def _open_feeder(feeder: Feeder, hoppers: Sequence[Hopper]) -> FeederDriver:
+async def _open_feeder(feeder: FeederSettings, hoppers: Sequence[HopperSettings]) -> FeederDriver:
     return await FeederDriver.open(feeder, [h for h in hoppers if h.feeder == feeder.name])
 
 

@@ -9,34 +9,34 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from lmctl.config.machine import Feeder, Hopper, MachineProfile
+from lmctl.config.machine import FeederSettings, HopperSettings, MachineProfile
 from lmctl.errors import LmctlError
-from lmctl.machine.by_hand.controller import motion_at_hand
-from lmctl.machine.by_hand.look_modbus import FeederLook, look_at_feeder, look_at_safety
-from lmctl.machine.by_hand.look_motion import MotionReading, look_at_motion, read_motion
+from lmctl.machine.manual.controller import open_motion
+from lmctl.machine.manual.inspect_modbus import FeederInspection, inspect_feeder, inspect_safety
+from lmctl.machine.manual.inspect_motion import MotionReading, inspect_controller, read_motion
 from lmctl.machine.safety.status import SafetyStatus
 from lmctl.run.cell.condition import Condition
 from lmctl.run.cell.feeder_conditions import FeederReading, feeder_conditions
 from lmctl.run.cell.motion_conditions import motion_conditions
 from lmctl.run.cell.safety_conditions import safety_conditions
-from lmctl.run.journal.whereabouts import Whereabouts
+from lmctl.run.journal.last_known_position import LastKnownPosition
 
 
 @dataclass(frozen=True)
-class CellLook:
+class CellInspection:
     """One look at every device of a profile, or the error that it failed with.
 
     feeders : by name, in the profile's order; safety is None where the profile has none
     """
 
     motion: MotionReading | LmctlError
-    feeders: dict[str, FeederLook | LmctlError]
+    feeders: dict[str, FeederInspection | LmctlError]
     safety: SafetyStatus | LmctlError | None
 
 
-async def look_at(
+async def inspect_cell(
     profile: MachineProfile, runs_dir: Path, *, close_relay: bool = False
-) -> CellLook:
+) -> CellInspection:
     """Look at all devices at once; one that fails keeps no other from being looked at.
 
     runs_dir : where the machine's journal is, which says where the last session left it
@@ -45,25 +45,25 @@ async def look_at(
     """
     names = [feeder.name for feeder in profile.feeder]
     motion, safety, *feeders = await asyncio.gather(
-        _or_error(_motion_taken_over(profile) if close_relay else look_at_motion(
+        _or_error(_motion_taken_over(profile) if close_relay else inspect_controller(
             profile.motion.endpoint, baud=profile.motion.baud)),
-        _or_error(look_at_safety(profile.safety)) if profile.safety and not close_relay
+        _or_error(inspect_safety(profile.safety)) if profile.safety and not close_relay
         else asyncio.sleep(0),
-        *(_or_error(look_at_feeder(f, hoppers_on(profile, f.name))) for f in profile.feeder),
+        *(_or_error(inspect_feeder(f, hoppers_on(profile, f.name))) for f in profile.feeder),
     )
     if close_relay and profile.safety:  # a device may serve one connection at a time
-        safety = await _or_error(look_at_safety(profile.safety))
+        safety = await _or_error(inspect_safety(profile.safety))
     if isinstance(motion, MotionReading):
-        left = Whereabouts(runs_dir, profile.name)
+        left = LastKnownPosition(runs_dir, profile.name)
         motion = replace(motion, position_trusted=motion.position_trusted or left.confirms(motion))
-    return CellLook(motion, dict(zip(names, feeders, strict=True)), safety)
+    return CellInspection(motion, dict(zip(names, feeders, strict=True)), safety)
 
 
-def hoppers_on(profile: MachineProfile, feeder: str) -> list[Hopper]:
+def hoppers_on(profile: MachineProfile, feeder: str) -> list[HopperSettings]:
     return [hopper for hopper in profile.hopper if hopper.feeder == feeder]
 
 
-def examine(look: CellLook, profile: MachineProfile) -> dict[str, list[Condition]]:
+def check_inspection(look: CellInspection, profile: MachineProfile) -> dict[str, list[Condition]]:
     """Every condition of the cell, device by device."""
     found = {"motion": list(_motion(look.motion, profile))}
     for feeder in profile.feeder:
@@ -80,7 +80,7 @@ def examine(look: CellLook, profile: MachineProfile) -> dict[str, list[Condition
 
 async def _motion_taken_over(profile: MachineProfile) -> MotionReading:
     async with AsyncExitStack() as opened:
-        return await read_motion(await opened.enter_async_context(motion_at_hand(profile)))
+        return await read_motion(await opened.enter_async_context(open_motion(profile)))
 
 
 async def _or_error(look: Coroutine[Any, Any, Any]) -> Any:
@@ -102,12 +102,12 @@ def _motion(look: MotionReading | LmctlError, profile: MachineProfile) -> Iterat
 
 
 def _feeder(
-    look: FeederLook | LmctlError, feeder: Feeder, profile: MachineProfile
+    look: FeederInspection | LmctlError, feeder: FeederSettings, profile: MachineProfile
 ) -> Iterator[Condition]:
     if isinstance(look, LmctlError):
         yield _unreachable(look)
         return
     reading = FeederReading(look.identity, look.status, look.limits,
-                            clock_ratio=look.clock_ratio, answer_s=look.answer_s)
+                            clock_ratio=look.clock_ratio, answer_s=look.reply_time_s)
     yield from feeder_conditions(reading, feeder, hoppers_on(profile, feeder.name),
                                  send_horizon_s=profile.motion.send_horizon_s)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from firmware_protocol.pmx import HopperFlags, Mode, Status
-from firmware_protocol.pmx_alarms import EMPTY, ESTOP, hopper_code
-from lmctl.config.machine import Feeder, Hopper
+from firmware_protocol.pmx import FeederMode, FeederStatusBits, HopperStatusBits
+from firmware_protocol.pmx_alarms import EMPTY, ESTOP, hopper_alarm_code
+from lmctl.config.machine import FeederSettings, HopperSettings
 from lmctl.machine.feeder.identity import FeederIdentity
 from lmctl.machine.feeder.status import FeederStatus
 from lmctl.run.cell.condition import Condition
@@ -26,7 +26,7 @@ class FeederReading:
     limits : of each hopper by name: N_MIN, N_MAX [rpm], CARRIER_MIN, CARRIER_MAX [L/min]; empty
         where they have not been read
     ours : whether this host commands it already
-    clock_ratio, answer_s : as in `FeederLook`; None where they have not been measured
+    clock_ratio, answer_s : as in `FeederInspection`; None where they have not been measured
     """
 
     identity: FeederIdentity
@@ -38,7 +38,8 @@ class FeederReading:
 
 
 def feeder_conditions(
-    reading: FeederReading, feeder: Feeder, hoppers: Sequence[Hopper], *, send_horizon_s: float
+    reading: FeederReading, feeder: FeederSettings, hoppers: Sequence[HopperSettings], *,
+    send_horizon_s: float
 ) -> Iterator[Condition]:
     """hoppers : those of the profile that are on it."""
     identity, status = reading.identity, reading.status
@@ -53,14 +54,16 @@ def feeder_conditions(
                         "data may be old: restart it, and any gateway before it")
     if not reading.ours:
         yield _alone(status)
-    yield Condition(status.mode is not Mode.LOCAL, f"switch at {status.mode.name}",
+    yield Condition(status.mode is not FeederMode.LOCAL, f"switch at {status.mode.name}",
                     "turn it to REMOTE", refuses_run=True)
     yield from _alarm(status)
     alarmed = None if status.alarm is None else status.alarm.code
     for flag, code, fine, bad, hint in (
-        (Status.ESTOP_CHAIN_OK, ESTOP, "e-stop chain closed", "e-stop chain open", "release it"),
-        (Status.LID_CLOSED, _lid_alarm(alarmed), "lids closed", "a lid is open", "close it"),
-        (Status.CONFIG_VALID, _CONFIGURATION, "stored configuration valid",
+        (FeederStatusBits.ESTOP_CHAIN_OK, ESTOP, "e-stop chain closed", "e-stop chain open",
+         "release it"),
+        (FeederStatusBits.LID_CLOSED, _lid_alarm(alarmed), "lids closed", "a lid is open",
+         "close it"),
+        (FeederStatusBits.CONFIG_VALID, _CONFIGURATION, "stored configuration valid",
          "stored configuration not valid", "calibrate it at its own display"),
     ):
         good = flag in status.flags
@@ -69,7 +72,7 @@ def feeder_conditions(
     if status.mixer_pressure_mbar is not None and alarmed != _MIXER:
         yield _mixer(status.mixer_pressure_mbar, feeder.mixer_pressure_max_mbar)
     for warning in status.warnings:
-        yield Condition(False, warning.what, warning.hint)
+        yield Condition(False, warning.text, warning.remedy)
     allowed_s = feeder.watchdog_s + min((h.dead_time_s for h in hoppers), default=0.0)
     yield Condition(send_horizon_s < allowed_s,
                     f"send horizon {send_horizon_s:g} s, its watchdog and least dead time "
@@ -81,12 +84,13 @@ def feeder_conditions(
 
 def _lid_alarm(code: int | None) -> int | None:
     """The code itself where it is the alarm of some hopper's lid."""
-    return code if code is not None and code >= hopper_code(1, 0) and code % 100 == _LID_NUMBER \
+    return code if code is not None and code >= hopper_alarm_code(1,
+                                                                  0) and code % 100 == _LID_NUMBER \
         else None
 
 
 def _alone(status: FeederStatus) -> Condition:
-    alone = status.heartbeat_age_s >= _FOREIGN_S or Status.REMOTE not in status.flags
+    alone = status.heartbeat_age_s >= _FOREIGN_S or FeederStatusBits.REMOTE not in status.flags
     return Condition(alone, "no other host drives it" if alone else
                      f"another host drives it: its heartbeat came {status.heartbeat_age_s:.1f} s "
                      "ago", "end what it runs, then start this one")
@@ -96,11 +100,11 @@ def _alarm(status: FeederStatus) -> Iterator[Condition]:
     """The latched alarm; a watchdog trip is named by itself where it is not that alarm."""
     alarm = status.alarm
     if alarm is not None:
-        yield Condition(False, alarm.text, f"{alarm.hint}, then `lmctl machine unlock`",
+        yield Condition(False, alarm.text, f"{alarm.remedy}, then `lmctl machine unlock`",
                         refuses_run=True)
         return
     yield Condition(True, "no alarm")
-    tripped = Status.WATCHDOG_TRIPPED in status.flags
+    tripped = FeederStatusBits.WATCHDOG_TRIPPED in status.flags
     yield Condition(not tripped, "watchdog " + ("tripped" if tripped else "quiet"),
                     "`lmctl machine unlock`", refuses_run=True)
 
@@ -114,14 +118,14 @@ def _mixer(mbar: float, most_mbar: float | None) -> Condition:
                      "look for a clogged nozzle or kinked hose", refuses_run=True)
 
 
-def _hopper(reading: FeederReading, hopper: Hopper) -> Iterator[Condition]:
+def _hopper(reading: FeederReading, hopper: HopperSettings) -> Iterator[Condition]:
     of_hopper = reading.status.hoppers.get(hopper.name)
     name = f"hopper {hopper.name} ({hopper.material})"
     if of_hopper is not None:
         alarm = reading.status.alarm
-        alarmed = alarm is not None and alarm.code == hopper_code(hopper.channel, EMPTY)
-        present = HopperFlags.PRESENT in of_hopper.flags
-        empty = HopperFlags.LEVEL_EMPTY in of_hopper.flags
+        alarmed = alarm is not None and alarm.code == hopper_alarm_code(hopper.channel, EMPTY)
+        present = HopperStatusBits.PRESENT in of_hopper.flags
+        empty = HopperStatusBits.LEVEL_EMPTY in of_hopper.flags
         level = ("" if of_hopper.level_percent is None
                  else f", level {of_hopper.level_percent:.0f} %")
         if not (present and empty and alarmed):

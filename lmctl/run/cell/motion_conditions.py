@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from firmware_protocol.codes import alarm_meaning
 from firmware_protocol.status import StatusReport
 from lmctl.config.machine import MachineProfile
-from lmctl.machine.by_hand.look_motion import MotionReading
+from lmctl.machine.manual.inspect_motion import MotionReading
 from lmctl.run.cell.condition import Condition
 from lmctl.run.cell.setting_conditions import setting_conditions
 from lmctl.run.cell.work_offset import offset_conditions
@@ -75,5 +75,5 @@ def _state(reading: MotionReading) -> Condition:
     if report.substate is None:
         return Condition(False, "it is locked by an alarm", _FIND_OUT, refuses_run=True)
     meaning = alarm_meaning(report.substate, identity.dialect)
-    return Condition(False, f"alarm {report.substate}: {meaning.words}", meaning.remedy,
+    return Condition(False, f"alarm {report.substate}: {meaning.description}", meaning.remedy,
                      refuses_run=True)

@@ -21,8 +21,8 @@ from pathlib import Path
 from lmctl.config.machine import MachineProfile
 from lmctl.errors import MachineError
 from lmctl.machine.modbus.endpoint import RtuEndpoint, parse_modbus_endpoint
-from lmctl.machine.motion.endpoint import Endpoint, parse_endpoint
-from lmctl.run.journal.rundir import command
+from lmctl.machine.motion.endpoint import MotionEndpoint, parse_motion_endpoint
+from lmctl.run.journal.run_folders import command_line
 
 #: Where lock files are, the first that everybody may write to: one place for all users and
 #: processes of a host, and so nothing that a user's environment names (TMPDIR).
@@ -33,23 +33,23 @@ _CLAIM_BYTES = 4096
 
 
 @dataclass(frozen=True)
-class Owner:
+class MachineOwner:
     """Who holds a lock. what : "run-0003", or the act in words; runs_dir : its folder of runs."""
 
-    what: str
+    activity: str
     runs_dir: str
     pid: int
 
 
 @contextmanager
-def owning(profile: MachineProfile, what: str, runs_dir: Path) -> Iterator[None]:
+def lock_machine(profile: MachineProfile, what: str, runs_dir: Path) -> Iterator[None]:
     """Have the machine of a profile to oneself while the context lasts.
 
     what : who is to be named to those who come second
     Raises MachineError where another process has one of its endpoints, ConfigError for a bad one.
     """
     wires = {_wire(text): text for text in _endpoints(profile)}
-    claim = Owner(what, str(runs_dir.resolve()), os.getpid())
+    claim = MachineOwner(what, str(runs_dir.resolve()), os.getpid())
     with ExitStack() as held:
         for wire in sorted(wires):  # in one order, so that two who come at once see each other
             path = _folder() / _file_name(wire)
@@ -60,7 +60,7 @@ def owning(profile: MachineProfile, what: str, runs_dir: Path) -> Iterator[None]
         yield
 
 
-def owner_of(profile: MachineProfile) -> Owner | None:
+def owner_of(profile: MachineProfile) -> MachineOwner | None:
     """Who has the machine of a profile now, or None. Raises ConfigError for a bad endpoint."""
     for text in _endpoints(profile):
         path = _folder() / _file_name(_wire(text))
@@ -86,9 +86,9 @@ def _wire(endpoint: str) -> str:
     """One spelling for all the ways to write an endpoint. Raises ConfigError."""
     where = (
         parse_modbus_endpoint(endpoint) if endpoint.startswith("modbus-")
-        else parse_endpoint(endpoint)
+        else parse_motion_endpoint(endpoint)
     )
-    if isinstance(where, RtuEndpoint) or (isinstance(where, Endpoint) and where.path):
+    if isinstance(where, RtuEndpoint) or (isinstance(where, MotionEndpoint) and where.path):
         return os.path.realpath(where.path)  # /dev/serial/by-id/... is a link
     host = "127.0.0.1" if where.host.lower() == "localhost" else where.host.lower()
     return f"{host}:{where.port}"
@@ -169,22 +169,22 @@ def _release(path: Path, fd: int) -> None:
         os.close(fd)
 
 
-def _claim(fd: int) -> Owner:
+def _claim(fd: int) -> MachineOwner:
     try:
         said = json.loads(os.pread(fd, _CLAIM_BYTES, 0))
-        return Owner(str(said["what"]), str(said["runs_dir"]), int(said["pid"]))
+        return MachineOwner(str(said["what"]), str(said["runs_dir"]), int(said["pid"]))
     except (OSError, ValueError, TypeError, KeyError):
-        return Owner("another process", "", 0)
+        return MachineOwner("another process", "", 0)
 
 
-def _refusal(owner: Owner, endpoint: str) -> MachineError:
-    run = owner.what.startswith("run-")
+def _refusal(owner: MachineOwner, endpoint: str) -> MachineError:
+    run = owner.activity.startswith("run-")
     where = [f"at {endpoint}"]
     if owner.pid:
         where.append(f"process {owner.pid}, runs in {owner.runs_dir}")
     return MachineError(
-        f"{owner.what} has the machine", where=where,
-        hint=f"`{command('status', Path(owner.runs_dir), owner.what)}` shows how far it is" if run
+        f"{owner.activity} has the machine", where=where,
+        hint=f"`{command_line('status', Path(owner.runs_dir), owner.activity)}` shows how far it is" if run
         else "wait until it is done",
     )
 

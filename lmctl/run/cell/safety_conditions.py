@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from lmctl.config.machine import Safety
+from lmctl.config.machine import SafetySettings
 from lmctl.machine.safety.status import SafetyStatus
 from lmctl.run.cell.condition import Condition
-from lmctl.run.interlocks.facts import Facts, OffProgram
-from lmctl.run.interlocks.rule import Finding
-from lmctl.run.interlocks.rules import RULES
+from lmctl.run.interlocks.inputs import InterlockInputs, ProgramDeviation
+from lmctl.run.interlocks.rule import InterlockFinding
+from lmctl.run.interlocks.rules import INTERLOCK_RULES
 
 
-def safety_conditions(status: SafetyStatus, limits: Safety) -> Iterator[Condition]:
+def safety_conditions(status: SafetyStatus, limits: SafetySettings) -> Iterator[Condition]:
     """limits : the table [safety] of the profile."""
     yield Condition(status.self_test_ok,
                     "self-test " + ("passed" if status.self_test_ok else "failed"),
@@ -21,7 +21,7 @@ def safety_conditions(status: SafetyStatus, limits: Safety) -> Iterator[Conditio
     if not wrong:
         yield Condition(True, "every fitted input is good, every value within its limits")
     for one in wrong:
-        yield Condition(False, one.what, one.hint, refuses_run=True)
+        yield Condition(False, one.text, one.remedy, refuses_run=True)
     oxygen_ppm, warn_ppm, trip_ppm = (
         status.oxygen_ppm, limits.oxygen_warn_ppm, limits.oxygen_trip_ppm
     )
@@ -35,11 +35,12 @@ def safety_conditions(status: SafetyStatus, limits: Safety) -> Iterator[Conditio
         yield Condition(True, f"what opened first since the last reset: {status.first_out.text}")
 
 
-def _interlocks(status: SafetyStatus, limits: Safety) -> Iterator[Finding]:
+def _interlocks(status: SafetyStatus, limits: SafetySettings) -> Iterator[InterlockFinding]:
     """Interlocks that hold just now. (An open watchdog relay is closed by a run itself.)"""
-    facts = Facts(motion=None, still_s=0.0, off_program=OffProgram(), motion_age_s=0.0,
-                  motion_period_s=1.0, feeders=(), answers=(),
-                  safety=status, safety_age_s=0.0, limits=limits)
-    for rule in RULES:
-        if rule.of_safety and not rule.latched:
-            yield from rule.look(facts)
+    facts = InterlockInputs(motion=None, standstill_s=0.0, deviation=ProgramDeviation(),
+                            motion_age_s=0.0,
+                            motion_period_s=1.0, feeders=(), feeder_readings=(),
+                            safety=status, safety_age_s=0.0, limits=limits)
+    for rule in INTERLOCK_RULES:
+        if rule.needs_safety_device and not rule.is_latched:
+            yield from rule.find(facts)

@@ -10,14 +10,14 @@ from collections.abc import Callable, Iterator, Mapping
 
 from firmware_protocol.dialect import GRBLHAL
 from lmctl.config.machine import MachineProfile
-from lmctl.machine.motion.identify import (
+from lmctl.machine.motion.identity import (
     HOMING,
     LASER_MODE,
     MOST_SPINDLE,
     REPORT_MASK,
     REPORT_OVERRIDES,
-    Identity,
-    homing_enabled,
+    ControllerIdentity,
+    is_homing_enabled,
     unfit_settings,
 )
 from lmctl.run.cell.condition import Condition
@@ -31,7 +31,7 @@ _AXES = "XYZ"
 
 
 def setting_conditions(
-    identity: Identity, settings: Mapping[int, str], offset_mm: tuple[float, ...] | None,
+    identity: ControllerIdentity, settings: Mapping[int, str], offset_mm: tuple[float, ...] | None,
     profile: MachineProfile,
 ) -> Iterator[Condition]:
     """Every setting that matters, compared with the profile.
@@ -59,7 +59,8 @@ def setting_conditions(
     yield from _limits(identity, settings, offset_mm, profile)
 
 
-def _fit_for_programs(identity: Identity, settings: Mapping[int, str]) -> Iterator[Condition]:
+def _fit_for_programs(identity: ControllerIdentity,
+                      settings: Mapping[int, str]) -> Iterator[Condition]:
     """$32 and $10, without which no controller is sent a program."""
     unfit = {setting.number: setting for setting in unfit_settings(identity, settings)}
     for number, fine in (
@@ -78,13 +79,13 @@ def _fit_for_programs(identity: Identity, settings: Mapping[int, str]) -> Iterat
 
 
 def _limits(
-    identity: Identity, settings: Mapping[int, str], offset_mm: tuple[float, ...] | None,
+    identity: ControllerIdentity, settings: Mapping[int, str], offset_mm: tuple[float, ...] | None,
     profile: MachineProfile,
 ) -> Iterator[Condition]:
     """Travel, soft limits and homing, which belong together."""
     travel = profile.motion.travel_mm
     ranges = (travel.x, travel.y, travel.z)
-    homing = homing_enabled(settings)
+    homing = is_homing_enabled(settings)
     yield from _per_axis(
         settings, _TRAVEL, [high - low for low, high in ranges], "travel", "mm",
         lambda has, wants: has >= wants - _SLACK_MM, "programs could leave it",
@@ -112,7 +113,7 @@ def _limits(
 
 
 def _machine_range(
-    identity: Identity, settings: Mapping[int, str], axis: int
+    identity: ControllerIdentity, settings: Mapping[int, str], axis: int
 ) -> tuple[float, float]:
     """Reach of an axis in machine coordinates: below zero, unless grblHAL's origin is forced."""
     length = number_of(settings, _TRAVEL + axis) or 0.0
@@ -200,7 +201,7 @@ def _per_axis(
         yield Condition(True, f"{name}: {', '.join(fine)} {unit}")
 
 
-def _blocks(identity: Identity, wanted: int) -> Condition:
+def _blocks(identity: ControllerIdentity, wanted: int) -> Condition:
     has = identity.planner_blocks
     return Condition(
         has >= wanted, f"planner: {has} blocks, receive buffer {identity.rx_bytes} bytes"

@@ -11,10 +11,10 @@ from collections.abc import Iterator, Sequence
 
 from lmctl.errors import MachineError
 from lmctl.machine.motion.driver import MotionDriver
-from lmctl.machine.motion.identify import read_offset
+from lmctl.machine.motion.identity import read_offset
 from lmctl.run.cell.condition import Condition
 
-_MOST_OFF_MM = 0.002  # values are told to 0.001
+_MAX_OFF_MM = 0.002  # values are told to 0.001
 
 _SYSTEM = re.compile(r"\bG5[4-9](?:\.[1-3])?\b")
 _FORGOTTEN = {"G92": "an offset by G92 is in force", "TLO": "a tool length offset is in force"}
@@ -40,7 +40,7 @@ def offset_conditions(
                                 refuses_run=True)
 
 
-async def lasting_offset(motion: MotionDriver) -> tuple[float, ...]:
+async def persistent_work_offset(motion: MotionDriver) -> tuple[float, ...]:
     """The work offset in force [mm], as the controller reports it; it must be idle.
 
     Raises MachineError, all reasons at once, where a reset would change it.
@@ -53,10 +53,10 @@ async def lasting_offset(motion: MotionDriver) -> tuple[float, ...]:
     return read_offset(state, offsets)
 
 
-async def refuse_moved(motion: MotionDriver, offset_mm: tuple[float, ...]) -> None:
+async def refuse_changed_offset(motion: MotionDriver, offset_mm: tuple[float, ...]) -> None:
     """Raise MachineError where work coordinates are not those at `offset_mm` any more."""
-    now_mm = await lasting_offset(motion)
-    if any(abs(now - then) > _MOST_OFF_MM for now, then in zip(now_mm, offset_mm, strict=True)):
+    now_mm = await persistent_work_offset(motion)
+    if any(abs(now - then) > _MAX_OFF_MM for now, then in zip(now_mm, offset_mm, strict=True)):
         raise MachineError(
             "the work offset has changed since the run began: the rest of the part would be "
             "displaced",

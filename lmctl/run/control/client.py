@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from lmctl.errors import JournalError, UsageError
-from lmctl.run.control import path as control_path
-from lmctl.run.journal import rundir
+from lmctl.run.control import socket_path as control_path
+from lmctl.run.journal import run_folders
 
 _ANSWER_S = 10.0
-_MOST_ANSWER_BYTES = 1_000_000
+_MAX_ANSWER_BYTES = 1_000_000
 
 
-def under_way(runs_dir: Path) -> list[Path]:
+def runs_in_progress(runs_dir: Path) -> list[Path]:
     """Folders of the runs that a living process drives, oldest first.
 
     Sockets of dead ones are removed on the way. Raises JournalError where the folder cannot be
@@ -35,8 +35,8 @@ def find_run(runs_dir: Path, run: str | None) -> Path:
     Raises JournalError where there is none, UsageError where there are several.
     """
     if run is not None:
-        return rundir.find(runs_dir, run).path
-    folders = under_way(runs_dir)
+        return run_folders.find_run_folder(runs_dir, run).path
+    folders = runs_in_progress(runs_dir)
     if len(folders) > 1:
         names = [folder.name for folder in folders]
         raise UsageError(f"{len(folders)} runs are under way in {runs_dir}",
@@ -47,7 +47,7 @@ def find_run(runs_dir: Path, run: str | None) -> Path:
     return folders[0]
 
 
-def ask(folder: Path, do: str, **values: Any) -> dict[str, Any]:
+def send_request(folder: Path, do: str, **values: Any) -> dict[str, Any]:
     """What the run in a folder answers to one request; values : as in `lmctl.run.control.server`.
 
     Raises JournalError where nobody drives the run or it does not answer, UsageError with its
@@ -57,7 +57,7 @@ def ask(folder: Path, do: str, **values: Any) -> dict[str, Any]:
         return next(_answers_to(folder, connection, do, values))
 
 
-def watch(folder: Path, every_s: float) -> Iterator[dict[str, Any]]:
+def watch_status(folder: Path, every_s: float) -> Iterator[dict[str, Any]]:
     """The run's status every so often, until it ends. Raises as `ask` does."""
     with _connected(folder) as connection:
         connection.settimeout(every_s + _ANSWER_S)
@@ -77,15 +77,15 @@ def _answers(folder: Path) -> bool:
 def _connected(folder: Path) -> socket.socket:
     connection = control_path.connect(folder)
     if connection is None:
-        raise not_under_way(folder)
+        raise run_not_in_progress(folder)
     connection.settimeout(_ANSWER_S)
     return connection
 
 
-def not_under_way(folder: Path) -> JournalError:
+def run_not_in_progress(folder: Path) -> JournalError:
     """That nobody drives the run in a folder, and how it ended."""
-    made = rundir.RunDir(folder)
-    state = rundir.summary(made).state
+    made = run_folders.RunFolder(folder)
+    state = run_folders.run_summary(made).state
     ended = "it was broken off" if state == "broken off" else f"it is {state}"
     return JournalError(f"{folder.name} is not under way: {ended}",
                         hint=f"`{made.command('log')}` shows how far it came")
@@ -98,7 +98,7 @@ def _answers_to(
     try:
         connection.sendall(json.dumps({"do": do, **values}).encode("ascii") + b"\n")
         with connection.makefile("rb") as lines:
-            while line := lines.readline(_MOST_ANSWER_BYTES):
+            while line := lines.readline(_MAX_ANSWER_BYTES):
                 answered = True
                 yield _understood(folder, line)
     except TimeoutError:
@@ -107,7 +107,7 @@ def _answers_to(
     except OSError:
         pass  # it ended in this moment
     if not answered:
-        raise not_under_way(folder)
+        raise run_not_in_progress(folder)
 
 
 def _understood(folder: Path, line: bytes) -> dict[str, Any]:

@@ -17,7 +17,7 @@ A Unix stream socket, `control.sock` in the run's folder, which only the user wh
 
 An act (hold, resume, stop, override) is accepted when it is possible in the present state; that it
 has come about shows in `state`. Each one that arrives is journaled: from whom, and why it was
-refused if it was. The keys of a status are those of `Executor.snapshot`.
+refused if it was. The keys of a status are those of `RunExecutor.snapshot`.
 
 Nothing a client does may hurt the run: what it sends is read a few kilobytes at a time and no
 faster than 50 requests a second; after a request that makes no sense it is dropped, and so is one
@@ -38,22 +38,22 @@ from pathlib import Path
 from typing import Any
 
 from lmctl.errors import LmctlError, UsageError
-from lmctl.run.control import path as control_path
+from lmctl.run.control import socket_path as control_path
 
-MOST_REQUEST_BYTES = 1024
-MOST_CLIENTS = 16
+MAX_REQUEST_BYTES = 1024
+MAX_CLIENTS = 16
 _READ_BYTES = 4096
 _PAUSE_S = 0.02  # after each answer
 _SLOW_S = 5.0  # an answer not taken for so long drops the client
 _LEAST_EVERY_S, _MOST_EVERY_S = 0.1, 3600.0
 _ACCEPT_PAUSE_S = 0.5  # after a connection could not be taken
 
-ACTS = ("hold", "resume", "stop", "override")
+ACTIONS = ("hold", "resume", "stop", "override")
 _KEYS = {"override": {"do", "percent"}, "watch": {"do", "every_s"}}
 
 
 @dataclass(frozen=True)
-class Peer:
+class ControlClient:
     """Who is at the far end, by user and process number; None where the system does not say."""
 
     uid: int | None
@@ -61,7 +61,7 @@ class Peer:
 
 
 @dataclass(frozen=True)
-class Controls:
+class ControlCallbacks:
     """What the socket lets its clients do.
 
     status : how the run stands, as JSON values
@@ -71,13 +71,13 @@ class Controls:
 
     status: Callable[[], dict[str, Any]]
     act: Callable[[str, int | None], None]
-    came: Callable[[str, Peer, str], None]
+    came: Callable[[str, ControlClient, str], None]
 
 
 class ControlSocket:
     """Serves a listening socket from `start` to `close`, on the running loop."""
 
-    def __init__(self, listening: socket.socket, controls: Controls) -> None:
+    def __init__(self, listening: socket.socket, controls: ControlCallbacks) -> None:
         self._listening = listening
         self._controls = controls
         self._loop = asyncio.get_running_loop()
@@ -107,7 +107,7 @@ class ControlSocket:
             except OSError:  # out of descriptors, say: what is open must go on
                 await asyncio.sleep(_ACCEPT_PAUSE_S)
                 continue
-            if len(self._clients) >= MOST_CLIENTS:
+            if len(self._clients) >= MAX_CLIENTS:
                 next(iter(self._clients.values())).cancel()
             client.setblocking(False)
             self._clients[client] = asyncio.create_task(self._serve(client))
@@ -125,7 +125,7 @@ class ControlSocket:
             self._watchers.discard(client)
             client.close()
 
-    async def _converse(self, client: socket.socket, peer: Peer) -> None:
+    async def _converse(self, client: socket.socket, peer: ControlClient) -> None:
         unread = bytearray()
         while data := await self._loop.sock_recv(client, _READ_BYTES):
             unread += data
@@ -135,11 +135,11 @@ class ControlSocket:
                 if not await self._answer(client, peer, request):
                     return
                 await asyncio.sleep(_PAUSE_S)
-            if len(unread) > MOST_REQUEST_BYTES:
+            if len(unread) > MAX_REQUEST_BYTES:
                 await self._answer(client, peer, bytes(unread))
                 return
 
-    async def _answer(self, client: socket.socket, peer: Peer, line: bytes) -> bool:
+    async def _answer(self, client: socket.socket, peer: ControlClient, line: bytes) -> bool:
         """Do what a line asks for; returns whether to go on listening to this client."""
         self._clients[client] = self._clients.pop(client)  # now the last one heard
         try:
@@ -152,7 +152,7 @@ class ControlSocket:
             await self._watch(client, request.get("every_s", 1.0))
             return False
         refused: UsageError | None = None
-        if do in ACTS:
+        if do in ACTIONS:
             try:
                 self._controls.act(do, request.get("percent"))
             except UsageError as error:
@@ -192,16 +192,16 @@ def listening(folder: Path) -> Iterator[socket.socket]:
 
 def read_request(line: bytes) -> dict[str, Any]:
     """What a line asks for. Raises UsageError where it is no request."""
-    if len(line) > MOST_REQUEST_BYTES:
-        raise UsageError(f"a request is at most {MOST_REQUEST_BYTES} bytes long")
+    if len(line) > MAX_REQUEST_BYTES:
+        raise UsageError(f"a request is at most {MAX_REQUEST_BYTES} bytes long")
     try:
         request = json.loads(line)
     except (ValueError, RecursionError):
         raise UsageError("a request is one JSON object on a line") from None
     do = request.get("do") if isinstance(request, dict) else None
-    if not isinstance(do, str) or do not in ("status", "watch", *ACTS):
+    if not isinstance(do, str) or do not in ("status", "watch", *ACTIONS):
         raise UsageError("a request is an object whose \"do\" is one of status, watch, "
-                         + ", ".join(ACTS))
+                         + ", ".join(ACTIONS))
     if unknown := sorted(request.keys() - _KEYS.get(do, {"do"})):
         raise UsageError(f"{do} does not know {', '.join(map(repr, unknown))}")
     _check_values(do, request)
@@ -225,9 +225,9 @@ def _refusal(error: LmctlError) -> dict[str, Any]:
     return {"ok": False, "error": error.what, "where": list(error.where), "hint": error.hint}
 
 
-def _peer(client: socket.socket) -> Peer:
+def _peer(client: socket.socket) -> ControlClient:
     option = getattr(socket, "SO_PEERCRED", None)
     if option is None:
-        return Peer(None, None)
+        return ControlClient(None, None)
     pid, uid, _ = struct.unpack("3i", client.getsockopt(socket.SOL_SOCKET, option, 12))
-    return Peer(uid, pid)
+    return ControlClient(uid, pid)

@@ -1,7 +1,9 @@
 """What is not as it must be, in plain words: first-out, latched until an operator goes on.
 
-An `Interlock` is what a hold answers: beam and motion down, then powder, and the run waits for its
-operator. Everything else that goes wrong ends the run. All of it stands in one list, `Alarms`, in
+An `InterlockError` is what a hold answers: beam and motion down, then powder, and the run waits
+for its
+operator. Everything else that goes wrong ends the run. All of it stands in one list, `RunAlarms`,
+in
 the order in which it was found: the first is the cause, what came after may follow from it. Some
 causes show later than what they do, as a controller that loses power is silent before it says that
 it has restarted: they name what they explain.
@@ -32,23 +34,23 @@ class Trip(MachineError):  # noqa: N818 (it is the cell's own word)
         self.explains = frozenset(explains)
 
 
-class Interlock(Trip):
+class InterlockError(Trip):
     """A reason to hold."""
 
     @classmethod
-    def of(cls, name: str, error: MachineError) -> Interlock:
+    def from_error(cls, name: str, error: MachineError) -> InterlockError:
         """The same report as an interlock."""
         return error if isinstance(error, cls) else cls(
             name, error.what, where=error.where, hint=error.hint
         )
 
 
-class EmergencyStop(Trip):
+class EmergencyStopError(Trip):
     """The safety chain is open: the controller is reset at once, and its position is lost."""
 
 
 @dataclass(frozen=True)
-class Alarm:
+class RunAlarm:
     """One alarm as operators see it.
 
     at_s : machine time since the run began
@@ -67,7 +69,7 @@ def _tell_nobody(line: str) -> None:
     pass
 
 
-class Alarms:
+class RunAlarms:
     """The alarms of a run since it last went on, and the warnings that stand.
 
     Iterating gives the cause, then what came with it in the order in which it was found.
@@ -78,9 +80,9 @@ class Alarms:
     def __init__(self) -> None:
         self.told: Callable[[str], None] = _tell_nobody
         self.warnings: list[FeederWarning] = []
-        self._alarms: dict[str, Alarm] = {}
+        self._alarms: dict[str, RunAlarm] = {}
 
-    def __iter__(self) -> Iterator[Alarm]:
+    def __iter__(self) -> Iterator[RunAlarm]:
         cause = self.cause
         if cause is not None:
             yield cause
@@ -90,22 +92,22 @@ class Alarms:
         return len(self._alarms)
 
     @property
-    def cause(self) -> Alarm | None:
+    def cause(self) -> RunAlarm | None:
         """The first alarm, or the one that explains it: the others may follow from it."""
-        cause: Alarm | None = None
+        cause: RunAlarm | None = None
         for alarm in self._alarms.values():
             if cause is None or cause.name in alarm.explains:
                 cause = alarm
         return cause
 
-    def add(self, error: LmctlError, at_s: float) -> Alarm | None:
+    def add(self, error: LmctlError, at_s: float) -> RunAlarm | None:
         """Add an alarm; None where it stands already."""
         name = name_of(error)
         if name in self._alarms or any(one.what == error.what for one in self._alarms.values()):
             return None
         explains = error.explains if isinstance(error, Trip) else frozenset()
         before = self.cause
-        alarm = Alarm(name, error.what, error.where, error.hint, at_s, explains)
+        alarm = RunAlarm(name, error.what, error.where, error.hint, at_s, explains)
         self._alarms[name] = alarm
         hint = f"; what to do: {alarm.hint}" if alarm.hint else ""
         if before is None:
@@ -116,16 +118,16 @@ class Alarms:
             self.told(f"then: {alarm.what}{hint}")
         return alarm
 
-    def warn(self, warning: FeederWarning, *, stands: bool) -> None:
+    def set_warning(self, warning: FeederWarning, *, stands: bool) -> None:
         """A warning has appeared, or is over."""
         if stands:
             self.warnings.append(warning)
-            self.told(f"warning: {warning.what}; what to do: {warning.hint}")
+            self.told(f"warning: {warning.text}; what to do: {warning.remedy}")
         else:
             self.warnings.remove(warning)
-            self.told(f"no longer: {warning.what}")
+            self.told(f"no longer: {warning.text}")
 
-    def acknowledged(self) -> None:
+    def acknowledge(self) -> None:
         """The operator has seen them and the run goes on."""
         self._alarms.clear()
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import Enum
 
-from lmctl.run.interlocks.facts import Facts
+from lmctl.run.interlocks.inputs import InterlockInputs
 
 
 class Reaction(Enum):
@@ -18,34 +18,34 @@ class Reaction(Enum):
 
 
 @dataclass(frozen=True)
-class Finding:
+class InterlockFinding:
     """What a rule has found.
 
     subject : which of several like things, or ""
     read_s : loop time of the reading that shows it, where it is looked at more often than read
     """
 
-    what: str
-    hint: str
+    text: str
+    remedy: str
     subject: str = ""
     read_s: float | None = None
 
 
 @dataclass(frozen=True)
-class Rule:
+class InterlockRule:
     """One row of the table.
 
     for_s : how long it must be so before anything is done; of readings, how far the first and the
         last that show it must be apart
     latched : it stands until an operator acknowledges it, and so does not keep one from that
     of_safety : only the safety-input device says so; without one there is nothing to look at
-    of_answers : it looks at `Facts.answers` and at nothing else
+    of_answers : it looks at `InterlockInputs.answers` and at nothing else
     """
 
     name: str
-    look: Callable[[Facts], Iterator[Finding]]
+    find: Callable[[InterlockInputs], Iterator[InterlockFinding]]
     reaction: Reaction = Reaction.HOLD
     for_s: float = 0.0
-    latched: bool = False
-    of_safety: bool = False
-    of_answers: bool = False
+    is_latched: bool = False
+    needs_safety_device: bool = False
+    uses_feeder_readings: bool = False

@@ -5,8 +5,8 @@ Pure: rules look at facts that carry their own ages. A stale input is a tripped 
 
 from __future__ import annotations
 
-from lmctl.run.interlocks import of_cell, of_feeders, of_motion
-from lmctl.run.interlocks.rule import Reaction, Rule
+from lmctl.run.interlocks import cell_rules, feeder_rules, motion_rules
+from lmctl.run.interlocks.rule import InterlockRule, Reaction
 
 #: The controller holds by itself; a relay that has just closed shows in its next report only.
 _DOOR_S = 0.5
@@ -14,29 +14,34 @@ _DOOR_S = 0.5
 _SHIELD_GAS_S, _MIXER_S, _CARRIER_GAS_S, _DISC_S, _WEIGHED_S = 0.5, 1.0, 1.0, 2.0, 20.0
 
 #: The first row that holds is the first alarm, where several hold at once.
-RULES: tuple[Rule, ...] = (
-    Rule("emergency stop", of_cell.estop, Reaction.RESET, of_safety=True),
-    Rule("door", of_cell.door, of_safety=True),
-    Rule("controller's door", of_motion.controllers_door, for_s=_DOOR_S),
-    Rule("laser", of_cell.laser, of_safety=True),
-    Rule("chiller", of_cell.chiller, of_safety=True),
-    Rule("shield gas", of_cell.shield_gas, for_s=_SHIELD_GAS_S, of_safety=True),
-    Rule("oxygen", of_cell.oxygen, of_safety=True),
-    Rule("safety inputs silent", of_cell.silent, of_safety=True),
-    Rule("watchdog relay", of_cell.relay, latched=True, of_safety=True),
-    Rule("motion silent", of_motion.silent),
-    Rule("position", of_motion.not_following, Reaction.RESET),
-    Rule("path", of_motion.off_path),
-    Rule("wait", of_motion.early),
-    Rule("feed and power", of_motion.unasked),
-    Rule("feeder silent", of_feeders.silent),
-    Rule("mixer pressure", of_feeders.mixer, for_s=_MIXER_S, of_answers=True),
-    Rule("set-point", of_feeders.clipped, of_answers=True),
-    Rule("carrier gas", of_feeders.carrier_gas, for_s=_CARRIER_GAS_S, of_answers=True),
-    Rule("disc", of_feeders.disc, for_s=_DISC_S, of_answers=True),
-    Rule("weighed flow", of_feeders.weighed, for_s=_WEIGHED_S, of_answers=True),
-    Rule("extraction", of_cell.extraction, Reaction.PATH_END, of_safety=True),
+INTERLOCK_RULES: tuple[InterlockRule, ...] = (
+    InterlockRule("emergency stop", cell_rules.estop, Reaction.RESET, needs_safety_device=True),
+    InterlockRule("door", cell_rules.door, needs_safety_device=True),
+    InterlockRule("controller's door", motion_rules.controller_door, for_s=_DOOR_S),
+    InterlockRule("laser", cell_rules.laser, needs_safety_device=True),
+    InterlockRule("chiller", cell_rules.chiller, needs_safety_device=True),
+    InterlockRule("shield gas", cell_rules.shield_gas, for_s=_SHIELD_GAS_S,
+                  needs_safety_device=True),
+    InterlockRule("oxygen", cell_rules.oxygen, needs_safety_device=True),
+    InterlockRule("safety inputs silent", cell_rules.silent, needs_safety_device=True),
+    InterlockRule("watchdog relay", cell_rules.relay, is_latched=True, needs_safety_device=True),
+    InterlockRule("motion silent", motion_rules.silent),
+    InterlockRule("position", motion_rules.not_following, Reaction.RESET),
+    InterlockRule("path", motion_rules.off_path),
+    InterlockRule("wait", motion_rules.ahead_of_program),
+    InterlockRule("feed and power", motion_rules.uncommanded_output),
+    InterlockRule("feeder silent", feeder_rules.silent),
+    InterlockRule("mixer pressure", feeder_rules.mixer_pressure, for_s=_MIXER_S,
+                  uses_feeder_readings=True),
+    InterlockRule("set-point", feeder_rules.clipped_setpoint, uses_feeder_readings=True),
+    InterlockRule("carrier gas", feeder_rules.carrier_gas, for_s=_CARRIER_GAS_S,
+                  uses_feeder_readings=True),
+    InterlockRule("disc", feeder_rules.disc_speed, for_s=_DISC_S, uses_feeder_readings=True),
+    InterlockRule("weighed flow", feeder_rules.weighed_flow, for_s=_WEIGHED_S,
+                  uses_feeder_readings=True),
+    InterlockRule("extraction", cell_rules.extraction, Reaction.PATH_END, needs_safety_device=True),
 )
 
 #: The same for a cell without a safety-input device.
-RULES_WITHOUT_SAFETY = tuple(rule for rule in RULES if not rule.of_safety)
+INTERLOCK_RULES_WITHOUT_SAFETY = tuple(
+    rule for rule in INTERLOCK_RULES if not rule.needs_safety_device)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from lmctl.errors import MachineError
-from lmctl.run.interlocks.alarms import EmergencyStop, Interlock
-from lmctl.run.interlocks.facts import Facts, FeederSaid
-from lmctl.run.interlocks.rule import Finding, Reaction, Rule
+from lmctl.run.interlocks.alarms import EmergencyStopError, InterlockError
+from lmctl.run.interlocks.inputs import FeederReading, InterlockInputs
+from lmctl.run.interlocks.rule import InterlockFinding, InterlockRule, Reaction
 
 #: Readings so much nearer together than asked for are as far apart: answers are not that punctual.
 _PUNCTUAL_S = 0.05
@@ -16,7 +16,7 @@ _PUNCTUAL_S = 0.05
 _PATH_END_S = 60.0
 
 
-class Supervision:
+class InterlockSupervision:
     """Rules looked at again and again. Pure: it is told facts and the time.
 
     raised : called once for each rule and subject, when it has held for long enough; again only
@@ -25,26 +25,26 @@ class Supervision:
     """
 
     def __init__(
-        self, raised: Callable[[MachineError], None], rules: Sequence[Rule]
+        self, raised: Callable[[MachineError], None], rules: Sequence[InterlockRule]
     ) -> None:
         self.doubts = False
         self._raised = raised
         self._rules = rules
-        self._others = tuple(rule for rule in rules if not rule.of_answers)
-        self._sound: Sequence[FeederSaid] | None = None  # answers in which nothing was found
+        self._others = tuple(rule for rule in rules if not rule.uses_feeder_readings)
+        self._sound: Sequence[FeederReading] | None = None  # answers in which nothing was found
         self._since: dict[tuple[str, str], float] = {}
         self._told: set[tuple[str, str]] = set()
 
-    def look(self, facts: Facts, t: float, *, dark: bool) -> None:
+    def evaluate(self, facts: InterlockInputs, t: float, *, dark: bool) -> None:
         """dark : whether the program has the beam off just now."""
         holding: set[tuple[str, str]] = set()
         self.doubts = False
         # Most looks come between two answers of a feeder.
-        sound = facts.answers is self._sound
-        self._sound = facts.answers
+        sound = facts.feeder_readings is self._sound
+        self._sound = facts.feeder_readings
         for rule in self._others if sound else self._rules:
-            for finding in rule.look(facts):
-                if rule.of_answers:
+            for finding in rule.find(facts):
+                if rule.uses_feeder_readings:
                     self._sound = None
                 key = rule.name, finding.subject
                 holding.add(key)
@@ -62,21 +62,21 @@ class Supervision:
             del self._since[key]
             self._told.discard(key)
 
-    def forget(self) -> None:
+    def acknowledge(self) -> None:
         """Alarms have been acknowledged: what still holds is told again."""
         self._told.clear()
 
-    def standing(self, facts: Facts) -> list[MachineError]:
+    def active_alarms(self, facts: InterlockInputs) -> list[MachineError]:
         """What holds at this moment, however short, and would not end by being acknowledged."""
         return [
             alarm_of(rule, finding)
-            for rule in self._rules if not rule.latched
-            for finding in rule.look(facts)
+            for rule in self._rules if not rule.is_latched
+            for finding in rule.find(facts)
         ]
 
 
-def alarm_of(rule: Rule, finding: Finding) -> MachineError:
+def alarm_of(rule: InterlockRule, finding: InterlockFinding) -> MachineError:
     """A finding in the form that the run acts on."""
-    kind = EmergencyStop if rule.reaction is Reaction.RESET else Interlock
+    kind = EmergencyStopError if rule.reaction is Reaction.RESET else InterlockError
     name = f"{rule.name} {finding.subject}".strip()
-    return kind(name, finding.what, where=f"interlock: {rule.name}", hint=finding.hint)
+    return kind(name, finding.text, where=f"interlock: {rule.name}", hint=finding.remedy)

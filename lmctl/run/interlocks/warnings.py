@@ -18,7 +18,7 @@ GONE_S = 60.0
 _Key = tuple[int, str]
 
 
-class Warnings:
+class WarningDebounce:
     """The warnings of one feeder in one run.
 
     told : called with each one as it appears (True) and when it is over (False)
@@ -31,7 +31,7 @@ class Warnings:
         self._standing: dict[_Key, FeederWarning] = {}
         self._leaving: dict[_Key, asyncio.TimerHandle] = {}
 
-    def hear(self, warnings: Sequence[FeederWarning]) -> None:
+    def update(self, warnings: Sequence[FeederWarning]) -> None:
         """What it warns of now; the same object as long as that is the same."""
         if warnings is self._heard:
             return

@@ -12,8 +12,8 @@ from enum import StrEnum
 from typing import Any
 
 from lmctl.errors import JournalError
-from lmctl.run.journal.file import Verification, line_hashes, read, verify
-from lmctl.run.journal.rundir import RunDir
+from lmctl.run.journal.format import JournalVerification, line_hashes, read_records, verify_journal
+from lmctl.run.journal.run_folders import RunFolder
 from lmctl.run.journal.shared_journal import SharedJournal
 
 NOTES = "notes.jsonl"
@@ -45,13 +45,13 @@ class Note:
     records: int
 
 
-def notes_of(made: RunDir) -> SharedJournal:
+def notes_of(made: RunFolder) -> SharedJournal:
     """The file of a run's notes; it need not exist yet."""
     return SharedJournal(made.path / NOTES, {"notes_of": made.run})
 
 
 def add_note(
-    made: RunDir, text: str, *, about: int | None = None, disposition: Disposition | None = None,
+    made: RunFolder, text: str, *, about: int | None = None, disposition: Disposition | None = None,
     operator: str = "",
 ) -> None:
     """Add a note to a run; on the disk when this returns.
@@ -70,15 +70,15 @@ def add_note(
     )
 
 
-def read_notes(made: RunDir) -> list[Note]:
+def read_notes(made: RunFolder) -> list[Note]:
     """Every note on a run, in order. Raises JournalError where the file is not what was written."""
     path = made.path / NOTES
     if not path.exists():
         return []
-    return [_note(made.run, record) for record in read(path) if record["kind"] == "note"]
+    return [_note(made.run, record) for record in read_records(path) if record["kind"] == "note"]
 
 
-def verify_notes(made: RunDir) -> Verification | None:
+def verify_notes(made: RunFolder) -> JournalVerification | None:
     """The chain of the notes, and that the journal still is the one they were made on.
 
     None where there are no notes. Raises JournalError where a file cannot be read.
@@ -86,15 +86,15 @@ def verify_notes(made: RunDir) -> Verification | None:
     path = made.path / NOTES
     if not path.exists():
         return None
-    found = verify(path)
-    if not found.whole:
+    found = verify_journal(path)
+    if not found.intact:
         return found
     hashes = dict(line_hashes(made.journal))
-    for record in read(path):
+    for record in read_records(path):
         about = record.get("journal")
         if about and hashes.get(about["records"]) != about["sha256"]:
             reason = "the journal is not the one that this note was made on"
-            return Verification(False, int(record["seq"]) + 1, reason, int(record["seq"]), 0)
+            return JournalVerification(False, int(record["seq"]) + 1, reason, int(record["seq"]), 0)
     return found
 
 

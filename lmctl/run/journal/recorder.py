@@ -4,7 +4,7 @@ header    what the run is: job, machine, software, operator, hoppers; of one tha
           another: which, at what place, and whether the machine's position was true there
 machine   who answered: firmware, buffers, whether it is the bench
 state     a transition: event, from, to
-act       an effect begun (a `Do`), or one that failed while stopping
+act       an effect begun (a `Effect`), or one that failed while stopping
 path      a path is about to be sent: its number, layer, first and last line
 executed  a path has been executed: all its lines, not only acknowledged
 place     motion has come to rest: the line reached, and the share of it that has been executed
@@ -36,11 +36,11 @@ from typing import Any, NamedTuple
 
 from lmctl.errors import JournalError, LmctlError
 from lmctl.machine.feeder.warnings import FeederWarning
-from lmctl.run.interlocks.alarms import Alarm
-from lmctl.run.journal.writer import Journal
-from lmctl.run.program.reentry import Entry, Place
-from lmctl.run.program.stretch import PathSpan
-from lmctl.run.state.table import Do, Event, State
+from lmctl.run.interlocks.alarms import RunAlarm
+from lmctl.run.journal.writer import JournalWriter
+from lmctl.run.program.layer_program import PathSpan
+from lmctl.run.program.reentry import ProgramPlace, Reentry
+from lmctl.run.state.transitions import Effect, RunEvent, RunState
 
 #: Samples wait so long before they are written [s]: after a crash no more than that is in doubt.
 BATCH_S = 0.5
@@ -48,7 +48,7 @@ BATCH_S = 0.5
 _COLUMNS = ("t", "line", "x_mm", "y_mm", "z_mm", "feed_mm_min", "s_word")
 
 
-class Latest(NamedTuple):
+class LatestReport(NamedTuple):
     """The last status report, as journaled. Flows in the hoppers' order [g/min]."""
 
     position_mm: tuple[float, ...]
@@ -58,7 +58,7 @@ class Latest(NamedTuple):
     measured_g_min: tuple[float | None, ...]
 
 
-class Recorder:
+class RunRecorder:
     """The run's hand in its journal.
 
     now_s : machine time since the run began, as records carry it
@@ -71,7 +71,7 @@ class Recorder:
     """
 
     def __init__(
-        self, journal: Journal, now_s: Callable[[], float], hoppers: Iterable[str]
+        self, journal: JournalWriter, now_s: Callable[[], float], hoppers: Iterable[str]
     ) -> None:
         self._journal = journal
         self.now_s = now_s
@@ -79,61 +79,61 @@ class Recorder:
         self._samples: list[tuple[Any, ...]] = []
         self._batch_due_s = 0.0
         self._broken = False
-        self.latest: Latest | None = None
+        self.latest: LatestReport | None = None
         self.layer_so_far: Callable[[], list[dict[str, Any]]] = list
 
-    def machine(self, **fields: Any) -> None:
+    def record_machine(self, **fields: Any) -> None:
         """Who answered on the motion link."""
         self._append("machine", **fields)
 
-    def state(self, event: Event, before: State, after: State) -> None:
+    def record_state(self, event: RunEvent, before: RunState, after: RunState) -> None:
         """A transition, durable before its effects begin."""
         self._event("state", event=event, **{"from": before, "to": after})
         self._sync()
 
-    def act(self, do: Do, failed: str = "") -> None:
+    def record_effect(self, do: Effect, failed: str = "") -> None:
         """An effect begins, or has failed while the run was being stopped anyway."""
         self._event("act", do=do, **({"failed": failed} if failed else {}))
 
-    def paths(self, begun: Iterable[PathSpan]) -> None:
+    def record_paths_started(self, begun: Iterable[PathSpan]) -> None:
         """Paths whose lines are about to be sent; on the disk when this returns."""
         for path in begun:
             self._append("path", path=path.path, layer=path.layer,
                          lines=[path.first_line, path.last_line])
         self._sync()
 
-    def executed(self, done: Iterable[PathSpan]) -> None:
+    def record_paths_executed(self, done: Iterable[PathSpan]) -> None:
         """Paths that have been executed."""
         for path in done:
             self._append("executed", path=path.path)
 
-    def place(self, place: Place) -> None:
+    def record_place(self, place: ProgramPlace) -> None:
         """How far the job has been executed; durable."""
         self._event("place", **place_fields(place))
         self._sync()
 
-    def entry(self, entry: Entry) -> None:
+    def record_entry(self, entry: Reentry) -> None:
         """How the job goes on from a place."""
         self._event(
             "entry", **place_fields(entry.place),
-            lit_line=entry.lit_line, layer=entry.layer.index,
+            lit_line=entry.beam_on_line, layer=entry.layer.index,
             repeated_mm=round(entry.repeated_mm, 3),
         )
 
-    def alarm(self, alarm: Alarm) -> None:
+    def record_alarm(self, alarm: RunAlarm) -> None:
         """An interlock has tripped."""
         explains = {"explains": sorted(alarm.explains)} if alarm.explains else {}
         self._event("alarm", name=alarm.name, what=alarm.what, hint=alarm.hint, **explains,
                      local={"where": list(alarm.where)})
 
-    def warning(self, warning: FeederWarning, *, stands: bool) -> None:
+    def record_warning(self, warning: FeederWarning, *, stands: bool) -> None:
         """A warning has appeared, or is over."""
         self._event(
             "warning", number=warning.number, feeder=warning.feeder, hopper=warning.hopper,
-            stands=stands, what=warning.what, hint=warning.hint,
+            stands=stands, what=warning.text, hint=warning.remedy,
         )
 
-    def purged(self, fed_g: dict[str, float]) -> None:
+    def record_purge(self, fed_g: dict[str, float]) -> None:
         """Powder that has gone into no layer."""
         self._append("purge", fed_g={name: round(fed, 4) for name, fed in fed_g.items()})
 
@@ -145,21 +145,21 @@ class Recorder:
         """Lines of a layer are about to be sent."""
         self._event("layer_opened", **fields)
 
-    def layer(self, **fields: Any) -> None:
+    def record_layer(self, **fields: Any) -> None:
         """A layer is over, or the run is."""
         self._event("layer", **fields)
         self._sync()
 
-    def setpoint(self, flows_g_min: dict[str, float]) -> None:
+    def record_setpoint(self, flows_g_min: dict[str, float]) -> None:
         """Set-points on their way to the feeders."""
         self._append("setpoint", flow_g_min=flows_g_min)
 
-    def override(self, feed_percent: int, source: str, power_percent: int = 100) -> None:
+    def record_override(self, feed_percent: int, source: str, power_percent: int = 100) -> None:
         """Overrides. source : "operator" as asked for, "controller" as reported."""
         self._event("override", feed_percent=feed_percent, power_percent=power_percent,
                      source=source)
 
-    def operator(self, act: str, refused: str, **local: Any) -> None:
+    def record_operator(self, act: str, refused: str, **local: Any) -> None:
         """An act that came from outside. refused : why, "" where it was accepted
 
         Accepted ones are durable. Refusals change nothing, and there may be many a second: they
@@ -171,13 +171,13 @@ class Recorder:
         if not refused:
             self._sync()
 
-    def sample(
+    def record_sample(
         self, line: int, position_mm: tuple[float, ...], feed_mm_min: float | None,
         s_word: float | None, set_g_min: tuple[float, ...],
         measured_g_min: tuple[float | None, ...],
     ) -> None:
         """One status report; written together with others after a while."""
-        self.latest = Latest(position_mm, feed_mm_min, s_word, set_g_min, measured_g_min)
+        self.latest = LatestReport(position_mm, feed_mm_min, s_word, set_g_min, measured_g_min)
         now_s = self.now_s()
         if not self._samples:
             self._batch_due_s = now_s + BATCH_S
@@ -206,7 +206,7 @@ class Recorder:
             )
         self._flush()
 
-    def fault(self, error: BaseException, follows: str = "") -> None:
+    def record_fault(self, error: BaseException, follows: str = "") -> None:
         """A reason to stop, in words; durable.
 
         follows : what came before it and is the cause, "" where it is the cause itself
@@ -220,7 +220,7 @@ class Recorder:
             self._event("fault", what=f"internal error: {error!r}", hint="")
         self._sync()
 
-    def seal(self, state: State, **fields: Any) -> None:
+    def seal(self, state: RunState, **fields: Any) -> None:
         """The last record."""
         self.write_samples()
         if not self._broken:
@@ -252,9 +252,9 @@ class Recorder:
             raise
 
 
-def place_fields(place: Place) -> dict[str, Any]:
+def place_fields(place: ProgramPlace) -> dict[str, Any]:
     """A place as records carry it."""
-    return {"line": place.line, "share": round(place.share, 6)}
+    return {"line": place.line, "share": round(place.line_fraction, 6)}
 
 
 def wall_stamp() -> str:

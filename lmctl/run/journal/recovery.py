@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.config.machine import Motion
+from lmctl.config.machine import MotionSettings
 from lmctl.errors import JournalError
 from lmctl.job.reader import JobReader
-from lmctl.run.journal.aftermath import Aftermath
-from lmctl.run.program.reentry import START, Place, enter, layer_of
+from lmctl.run.journal.replay import RunReplay
+from lmctl.run.program.reentry import JOB_START, ProgramPlace, layer_of, plan_reentry
 
 FloatArray = NDArray[np.float64]
 
@@ -21,20 +21,20 @@ ON_LINE_MM = 0.05
 
 
 @dataclass(frozen=True)
-class Recovery:
+class RecoveryPlace:
     """Where to go on, and how that is known.
 
     matched : the machine stands where the job says, and nothing has made it lose its position
     """
 
-    place: Place
+    place: ProgramPlace
     matched: bool
-    why: str
+    reason: str
 
 
 def find_place(
-    job: JobReader, after: Aftermath, position_mm: Sequence[float] | None
-) -> Recovery:
+    job: JobReader, after: RunReplay, position_mm: Sequence[float] | None
+) -> RecoveryPlace:
     """The place up to which a run was executed.
 
     position_mm : where the machine stands in program coordinates, as it said before anything was
@@ -43,33 +43,36 @@ def find_place(
     may stand (a contour that crosses itself) the earliest counts: a little is laid twice rather
     than left out.
     """
-    if not after.began:
-        return Recovery(START, False, "nothing of the part had been begun")
-    if after.exact:
-        stands = position_mm is not None and _stands_at(job, after.proven, position_mm)
-        return Recovery(after.proven, stands and after.position_kept,
-                        "motion came to rest there, as journaled")
+    if not after.has_begun:
+        return RecoveryPlace(JOB_START, False, "nothing of the part had been begun")
+    if after.is_place_exact:
+        stands = position_mm is not None and _stands_at(job, after.proven_place, position_mm)
+        return RecoveryPlace(after.proven_place, stands and after.is_position_kept,
+                             "motion came to rest there, as journaled")
     if position_mm is not None:
         found = _on_lines_sent(job, after, np.asarray(position_mm[:3], dtype=np.float64))
         if found is not None:
-            return Recovery(max(found, after.proven), after.position_kept,
-                            "the machine stands there")
-    return Recovery(
-        after.proven, False,
+            return RecoveryPlace(max(found, after.proven_place), after.is_position_kept,
+                                 "the machine stands there")
+    return RecoveryPlace(
+        after.proven_place, False,
         "the machine does not stand on a line that was sent; this much the journal proves",
     )
 
 
-def refuse_finished(job: JobReader, after: Aftermath, place: Place, motion: Motion) -> None:
+def refuse_finished(job: JobReader, after: RunReplay, place: ProgramPlace,
+                    motion: MotionSettings) -> None:
     """Raise JournalError where no bead is left to lay from a place on."""
-    if place != START and enter(job.manifest, job.layer, place, motion) is None:
+    if place != JOB_START and plan_reentry(job.manifest, job.layer, place, motion) is None:
         raise JournalError(f"{after.run.run} has laid every bead of its job: nothing is left",
                            hint=f"`{after.run.command('log')}` prints its log")
 
 
-def _on_lines_sent(job: JobReader, after: Aftermath, position_mm: FloatArray) -> Place | None:
+def _on_lines_sent(job: JobReader, after: RunReplay,
+                   position_mm: FloatArray) -> ProgramPlace | None:
     """The first place on the lines that may have been running where the machine may stand."""
-    first = min(after.lit_line, after.proven.line) if after.lit_line else after.proven.line
+    first = min(after.beam_on_line,
+                after.proven_place.line) if after.beam_on_line else after.proven_place.line
     last = _last_before_next_path(job, after.last_line)
     for entry in job.manifest.layers:
         if entry.first_line + entry.n_lines <= first or entry.first_line > last:
@@ -80,16 +83,16 @@ def _on_lines_sent(job: JobReader, after: Aftermath, position_mm: FloatArray) ->
         share, off_mm = _nearest(start_mm[near], end_mm[near], position_mm)
         hits = np.flatnonzero(off_mm <= ON_LINE_MM)
         if len(hits):
-            return Place(int(rows[near][hits[0]]), float(share[hits[0]]))
+            return ProgramPlace(int(rows[near][hits[0]]), float(share[hits[0]]))
     return None
 
 
-def _stands_at(job: JobReader, place: Place, position_mm: Sequence[float]) -> bool:
+def _stands_at(job: JobReader, place: ProgramPlace, position_mm: Sequence[float]) -> bool:
     """Whether the machine stands at a place."""
     index = layer_of(job.manifest, place.line)
     start_mm, end_mm = _lines_of(job, index)
     row = place.line - job.manifest.layers[index].first_line
-    at_mm = start_mm[row] + place.share * (end_mm[row] - start_mm[row])
+    at_mm = start_mm[row] + place.line_fraction * (end_mm[row] - start_mm[row])
     return bool(np.linalg.norm(at_mm - np.asarray(position_mm[:3])) <= ON_LINE_MM)
 
 

@@ -1,6 +1,7 @@
 """A journal that many commands add to over time, and that is never sealed.
 
-The form is that of a run journal (`lmctl.run.journal.file`): JSON lines, each with the hash of the
+The form is that of a run journal (`lmctl.run.journal.format`): JSON lines, each with the hash of
+the
 one before. `t` counts from the first record by the wall clock.
 """
 
@@ -13,14 +14,14 @@ from pathlib import Path
 from typing import Any
 
 from lmctl.errors import JournalError
-from lmctl.run.journal.file import (
+from lmctl.run.journal.format import (
     FIRST_PREV,
     FORMAT,
     encode_record,
     last_record,
     line_hash,
-    read,
-    verify,
+    read_records,
+    verify_journal,
 )
 
 
@@ -67,8 +68,8 @@ class SharedJournal:
 
     def _end(self, fd: int) -> tuple[str, int]:
         """Hash of the last line and number of lines, a torn last one cut off."""
-        found = verify(self.path)
-        if not found.whole:
+        found = verify_journal(self.path)
+        if not found.intact:
             raise JournalError(
                 f"{self.path} was damaged or altered",
                 where=f"line {found.broken_line}: {found.reason}",
@@ -83,7 +84,7 @@ class SharedJournal:
         return line_hash(last), found.records
 
     def _began(self) -> datetime:
-        wall = str(next(read(self.path))["local"]["wall"])
+        wall = str(next(read_records(self.path))["local"]["wall"])
         return datetime.fromisoformat(wall)
 
 

@@ -9,10 +9,10 @@ from types import TracebackType
 from typing import Any, Self
 
 from lmctl.errors import JournalError
-from lmctl.run.journal.file import FIRST_PREV, FORMAT, encode_record, encode_seal, line_hash
+from lmctl.run.journal.format import FIRST_PREV, FORMAT, encode_record, encode_seal, line_hash
 
 
-class Journal:
+class JournalWriter:
     """The one writer of a run's journal. Use as a context manager.
 
     Records wait in memory until `flush` gives them to the operating system (they then outlive

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 
-from firmware_protocol.pmx import HopperFlags
+from firmware_protocol.pmx import HopperStatusBits
 from lmctl.machine.feeder.readings import HopperReading
 
 #: Amounts can be asked for so far back [s]: a status report or two.
@@ -92,7 +92,7 @@ class FedPowder:
         fed = self.fed_g(t)
         for hopper, reading in enumerate(self._readings):
             if reading is None or reading.weight_g is None or (
-                HopperFlags.REFILLING in reading.flags
+                HopperStatusBits.REFILLING in reading.flags
             ):
                 continue
             since_g = fed[hopper] - self.fed_g(reading.time_s)[hopper]
@@ -101,7 +101,7 @@ class FedPowder:
 
     def _scale(self, hopper: int, reading: HopperReading) -> float:
         """Reported flow over the flow ordered; a disc may still be on its way to the last order."""
-        flow, told = reading.flow_est_g_min, self._ordered_around(hopper, reading.time_s)
+        flow, told = reading.flow_estimated_g_min, self._ordered_around(hopper, reading.time_s)
         if flow is None or min(told) <= 0.0:
             return self._scales[hopper]
         return flow / min(max(flow, min(told)), max(told))

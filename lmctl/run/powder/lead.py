@@ -22,8 +22,8 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
-from lmctl.run.program.clock import ProgramClock
-from lmctl.run.program.window import JobWindow
+from lmctl.run.program.job_window import JobWindow
+from lmctl.run.program.program_clock import ProgramClock
 
 #: How often set-points are sent, and so how long each holds [s].
 TICK_S = 0.1
@@ -36,21 +36,21 @@ _FLOW_DECIMALS = 2
 #: compositions are planned in steps of 0.02. At a third of it the scanned gear takes 1.7 times as
 #: many telegrams, and its composition is no nearer where it counts (99 % within 0.006).
 SLACK = 0.015
-LEAST_SLACK_G_MIN = 0.04
+MIN_SLACK_G_MIN = 0.04
 
 #: Share of the slack that a new set-point is to use: rounding, and a clock corrected by a few
 #: milliseconds, take the rest.
 _CHOSEN_WITHIN = 0.9
 
 #: Most ticks a set-point is chosen to last; it is held longer where it still fits.
-_LONGEST_HOLD = 16
+_MAX_HOLD = 16
 
 #: By no more than this does a report set the clock forward [s].
 _CLOCK_MARGIN_S = 0.5
 
 
 @dataclass(frozen=True)
-class Hose:
+class HoseModel:
     """Dead time θ and lag τ of one hopper [s], the least and most it delivers [g/min].
 
     Below `least_g_min` (and above nothing) its disc does not turn steadily, or not at all.
@@ -58,8 +58,8 @@ class Hose:
 
     dead_time_s: float
     lag_s: float
-    limit_g_min: float
-    least_g_min: float = 0.0
+    max_g_min: float
+    min_g_min: float = 0.0
 
     @property
     def settling_s(self) -> float:
@@ -67,17 +67,17 @@ class Hose:
         return self.dead_time_s + 4.0 * self.lag_s
 
 
-def remaining(lag_s: float, tick_s: float = TICK_S) -> float:
+def remaining_fraction(lag_s: float, tick_s: float = TICK_S) -> float:
     """Share of a change that has not come through a lag after one tick: exp(-tick/τ)."""
     return math.exp(-tick_s / lag_s) if lag_s > 0.0 else 0.0
 
 
 def slack_g_min(wanted: float) -> float:
     """How far an outflow may be from `wanted` [g/min]."""
-    return max(LEAST_SLACK_G_MIN, SLACK * wanted)
+    return max(MIN_SLACK_G_MIN, SLACK * wanted)
 
 
-def lead(
+def lead_setpoint(
     outflow: float, wanted: Iterable[float], lag_s: float, limit: float, tick_s: float = TICK_S,
     least: float = 0.0,
 ) -> tuple[float, int]:
@@ -96,7 +96,7 @@ def lead(
     >>> round(setpoint, 3), ticks
     (1.205, 1)
     """
-    rest = remaining(lag_s, tick_s)
+    rest = remaining_fraction(lag_s, tick_s)
     least_yet, most_yet, left = 0.0, limit, 1.0
     setpoint, lasts = 0.0, 0
     for goal in wanted:
@@ -124,13 +124,13 @@ class PowderPlan:
     """
 
     def __init__(
-        self, mode: str, hoses: Sequence[Hose], window: JobWindow, clock: ProgramClock
+        self, mode: str, hoses: Sequence[HoseModel], window: JobWindow, clock: ProgramClock
     ) -> None:
         self._leads = mode == "lead"
         self._hoses = tuple(hoses)
         self._window = window
         self._clock = clock
-        self._rests = [remaining(hose.lag_s) for hose in hoses]
+        self._rests = [remaining_fraction(hose.lag_s) for hose in hoses]
         self._outflow: list[float] | None = None
         self._setpoints: list[float] = []
         self._lasts = [1] * len(self._hoses)  # ticks for which each set-point was chosen
@@ -149,9 +149,9 @@ class PowderPlan:
         return self._setpoints
 
     def _unled(self, t: float) -> list[float]:
-        s = self._clock.now(t)
+        s = self._clock.program_time_s(t)
         return [
-            round(min(self._wanted_g_min(hopper, s), hose.limit_g_min), _FLOW_DECIMALS)
+            round(min(self._wanted_g_min(hopper, s), hose.max_g_min), _FLOW_DECIMALS)
             for hopper, hose in enumerate(self._hoses)
         ]
 
@@ -166,15 +166,15 @@ class PowderPlan:
             wanted = self._arriving(hopper, t, TICK_S)
             self._lasts[hopper] = max(self._lasts[hopper] - ticks, 1)
             if abs(held + (outflow - held) * rest - wanted) > slack_g_min(wanted):
-                held, self._lasts[hopper] = lead(
-                    outflow, self._coming(hopper, t), hose.lag_s, hose.limit_g_min,
-                    least=hose.least_g_min)
+                held, self._lasts[hopper] = lead_setpoint(
+                    outflow, self._coming(hopper, t), hose.lag_s, hose.max_g_min,
+                    least=hose.min_g_min)
             held = round(held, _FLOW_DECIMALS)
             setpoints.append(held)
             self._outflow[hopper] = outflow
         return setpoints
 
-    def good_for_s(self, t: float) -> float:
+    def valid_for_s(self, t: float) -> float:
         """How long from t the set-points just found surely do, unless the clock turns."""
         return min(
             max(self._lasts[hopper] * TICK_S, self._steady_s(hopper, t))
@@ -184,9 +184,10 @@ class PowderPlan:
     def _steady_s(self, hopper: int, t: float) -> float:
         """How long the flow wanted of a hopper stays what it is, where its set-point, to which its
         outflow tends, is near it."""
-        if self._clock.rate_will_change:
+        if self._clock.is_override_pending:
             return 0.0
-        at_s = self._clock.ahead(t, self._hoses[hopper].dead_time_s if self._leads else 0.0)
+        at_s = self._clock.program_time_ahead_s(
+            t, self._hoses[hopper].dead_time_s if self._leads else 0.0)
         if self._outflow is not None:
             wanted = self._wanted_g_min(hopper, at_s)
             off = max(abs(self._outflow[hopper] - wanted), abs(self._setpoints[hopper] - wanted))
@@ -197,16 +198,17 @@ class PowderPlan:
 
     def _coming(self, hopper: int, t: float) -> Iterator[float]:
         """What is wanted of a hopper at the end of each coming tick."""
-        return (self._arriving(hopper, t, n * TICK_S) for n in range(1, _LONGEST_HOLD + 1))
+        return (self._arriving(hopper, t, n * TICK_S) for n in range(1, _MAX_HOLD + 1))
 
     def _arriving(self, hopper: int, t: float, later_s: float) -> float:
         """The flow wanted at the nozzle when what is sent `later_s` after t comes out there."""
         dead_time_s = self._hoses[hopper].dead_time_s
-        return self._wanted_g_min(hopper, self._clock.ahead(t, later_s + dead_time_s))
+        return self._wanted_g_min(hopper,
+                                  self._clock.program_time_ahead_s(t, later_s + dead_time_s))
 
     def _wanted_g_min(self, hopper: int, s: float) -> float:
         """The flow the nozzle must deliver at program time s.
 
         It is scaled by the override as beam and speed are, so the mass laid per millimetre stays.
         """
-        return self._window.flow_g_s(hopper, s) * 60.0 * self._clock.rate_at(s)
+        return self._window.flow_g_s(hopper, s) * 60.0 * self._clock.override_at(s)

@@ -11,10 +11,10 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
-from firmware_protocol.realtime import Realtime
-from lmctl.run.program.clock import ProgramClock
-from lmctl.run.program.overrides import override_bytes
-from lmctl.run.program.window import JobWindow
+from firmware_protocol.realtime import RealtimeCommand
+from lmctl.run.program.job_window import JobWindow
+from lmctl.run.program.override_limits import override_bytes
+from lmctl.run.program.program_clock import ProgramClock
 
 #: An override waits so long for a travel in which it can be set [s].
 _WITHIN_S = 60.0
@@ -39,7 +39,7 @@ class FeedOverride:
 
     def __init__(
         self, clock: ProgramClock, window: JobWindow, lead_s: float, status_period_s: float,
-        realtime: Callable[[Realtime], None],
+        realtime: Callable[[RealtimeCommand], None],
     ) -> None:
         self._clock = clock
         self._window = window
@@ -50,51 +50,51 @@ class FeedOverride:
         self._loop = asyncio.get_running_loop()
         self._timer: asyncio.TimerHandle | None = None
 
-    def ask(self, percent: int) -> None:
+    def request(self, percent: int) -> None:
         """It is to be `percent`: when `plan` is called."""
         self._asked = percent
 
-    def now(self, t: float, percent: int) -> None:
+    def apply_now(self, t: float, percent: int) -> None:
         """Set it at once."""
         self._asked = percent
-        self._clock.keep_rate()
+        self._clock.cancel_scheduled_override()
         self._set(t, percent)
 
-    def plan(self, t: float) -> None:
+    def schedule(self, t: float) -> None:
         """Find the place at which to set what was asked for."""
         clock, rate = self._clock, self._asked / 100.0
-        powder_s = clock.ahead(t, self._lead_s + _NOTICE_S)
-        if clock.changes_before(powder_s):
+        powder_s = clock.program_time_ahead_s(t, self._lead_s + _NOTICE_S)
+        if clock.is_override_pending_before(powder_s):
             return  # powder is on its way for that one: `look` comes back to this
-        clock.keep_rate()
+        clock.cancel_scheduled_override()
         if rate == clock.rate:
             return
-        dark = self._window.next_dark_s(powder_s, clock.ahead(t, _WITHIN_S))
-        clock.plan_rate(*(dark or (powder_s, powder_s + _IN_BEAD_S)), rate)
+        dark = self._window.next_beam_off_span_s(powder_s, clock.program_time_ahead_s(t, _WITHIN_S))
+        clock.schedule_override(*(dark or (powder_s, powder_s + _IN_BEAD_S)), rate)
 
-    def stop(self) -> None:
+    def cancel(self) -> None:
         """What is planned does not come any more."""
         if self._timer is not None:
             self._timer.cancel()
 
-    def look(self, t: float) -> None:
+    def apply_if_due(self, t: float) -> None:
         """Set what was planned if it is time for it, or when it will be before the next report."""
-        due = self._clock.due_rate(t)
+        due = self._clock.due_override(t)
         if due is None:
-            soon_s = self._clock.due_in_s(t) + _DUE_S
+            soon_s = self._clock.override_due_in_s(t) + _DUE_S
             if _DUE_S < soon_s < self._period_s:
-                self.stop()
+                self.cancel()
                 self._timer = self._loop.call_at(t + soon_s, self._look_again)
         else:
             percent = round(due * 100.0)
             self._set(t, percent)
             if self._asked != percent:
-                self.plan(t)
+                self.schedule(t)
 
     def _look_again(self) -> None:
-        self.look(self._loop.time())
+        self.apply_if_due(self._loop.time())
 
     def _set(self, t: float, percent: int) -> None:
         for byte in override_bytes(percent):
             self._realtime(byte)
-        self._clock.set_rate(t, percent / 100.0)
+        self._clock.set_override(t, percent / 100.0)

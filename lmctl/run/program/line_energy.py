@@ -14,8 +14,8 @@ from __future__ import annotations
 import math
 
 from firmware_protocol.status import StatusReport
-from lmctl.run.interlocks.facts import Unasked
-from lmctl.run.program.window import JobWindow
+from lmctl.run.interlocks.inputs import UncommandedOutput
+from lmctl.run.program.job_window import JobWindow
 
 #: How exactly the place reported is known in program time [s].
 _KNOWN_WITHIN_S = 0.05
@@ -32,7 +32,7 @@ _KEPT = 8
 _SHARE, _OF_FULL, _SPEED_MM_S = 0.03, 0.01, 0.05
 
 
-class LineEnergy:
+class LineEnergyCheck:
     """Looks at the reports of one run.
 
     lead_s : feed and power are those of the motion prepared last, ahead of the place by so much
@@ -46,7 +46,7 @@ class LineEnergy:
     """
 
     def __init__(self, window: JobWindow, lead_s: float) -> None:
-        self.unasked: Unasked | None = None
+        self.unasked: UncommandedOutput | None = None
         self.bead_short_from_s = math.inf
         self._window = window
         self._lead_s = lead_s
@@ -56,10 +56,11 @@ class LineEnergy:
         self._overrides: tuple[int, ...] = (100, 100, 100)  # feed, rapid, power, as last told
         self._rate = 1.0
         self.is_in_doubt = False
-        self._doubted: list[Unasked] = []  # since the last report that agreed with the program
+        # since the last report that agreed with the program
+        self._doubted: list[UncommandedOutput] = []
         self._good_s = -math.inf  # where the last report was that agreed with the program
 
-    def report(
+    def on_report(
         self, report: StatusReport, s: float, rate: float, *, overrides_known: bool = True
     ) -> None:
         """Take a report.
@@ -67,7 +68,7 @@ class LineEnergy:
         s : program time of the place it reports; rate : feed override
         overrides_known : no report can have been lost that showed an override
         """
-        overrides = self._overrides if report.overrides is None else report.overrides
+        overrides = self._overrides if report.override_percents is None else report.override_percents
         overridden = overrides != self._overrides or rate != self._rate
         self._overrides, self._rate = overrides, rate
         if overridden:  # feed and power before it, and perhaps this one, are of another override
@@ -80,19 +81,19 @@ class LineEnergy:
             self._good_s, self.bead_short_from_s = s, math.inf
             self._doubted.clear()
             return
-        beam_unasked = said.power_W > 0.0 and not any(said.asked_W)
+        beam_unasked = said.power_W > 0.0 and not any(said.commanded_W)
         if overridden and not beam_unasked:
             return
         agreeing = 1 + sum(self._agree(one, said) for one in self._doubted)
         self._doubted = [*self._doubted[-_KEPT:], said]
-        if said.power_W < max(said.asked_W, default=0.0):
+        if said.power_W < max(said.commanded_W, default=0.0):
             self.bead_short_from_s = self._good_s
         if agreeing >= _AGREEING and (overrides_known or beam_unasked):
             self.unasked = said
         else:
             self.is_in_doubt = True
 
-    def _agree(self, one: Unasked, other: Unasked) -> bool:
+    def _agree(self, one: UncommandedOutput, other: UncommandedOutput) -> bool:
         """Whether two reports say the same of feed and power, wherever on a ramp they were made."""
         slack_W = self._least_W + 2.0 * _SHARE * other.power_W
         expected_W = other.power_W
@@ -104,12 +105,12 @@ class LineEnergy:
         same_power = abs(one.power_W - other.power_W) <= slack_W
         return same_energy or (same_speed and same_power)
 
-    def _unasked(self, report: StatusReport, s: float, rate: float) -> Unasked | None:
+    def _unasked(self, report: StatusReport, s: float, rate: float) -> UncommandedOutput | None:
         """What a report says that no line asks for; None too where it tells of no motion."""
-        if report.state != "Run" or report.feed_mm_min is None or report.spindle is None:
+        if report.state != "Run" or report.feed_mm_min is None or report.spindle_speed is None:
             return None
-        speed_mm_s, power_W = report.feed_mm_min / 60.0, report.spindle * self._per_S
-        most_mm_s, energies_J_mm = self._window.asked(
+        speed_mm_s, power_W = report.feed_mm_min / 60.0, report.spindle_speed * self._per_S
+        most_mm_s, energies_J_mm = self._window.commanded_between(
             s - _KNOWN_WITHIN_S, s + _KNOWN_WITHIN_S + self._lead_s * max(rate, 1.0)
         )
         most_mm_s *= rate
@@ -123,7 +124,7 @@ class LineEnergy:
         if is_asked and not is_fast:
             return None
         asked_W = {self._power_W(energy, speed_mm_s) for energy in energies_J_mm}
-        return Unasked(speed_mm_s, most_mm_s, power_W, tuple(sorted(asked_W)))
+        return UncommandedOutput(speed_mm_s, most_mm_s, power_W, tuple(sorted(asked_W)))
 
     def _power_W(self, energy_J_mm: float, speed_mm_s: float) -> float:
         asked_W = energy_J_mm * speed_mm_s * self._overrides[2] / 100.0

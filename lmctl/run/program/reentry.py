@@ -22,9 +22,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.config.machine import Motion
+from lmctl.config.machine import MotionSettings
 from lmctl.job.schema import JobLayer, JobManifest, LineKind
-from lmctl.run.program.way_in import Leg, along, speeding_up_s, travel_legs
+from lmctl.run.program.approach import ApproachMove, along, speeding_up_s, travel_legs
 
 FloatArray = NDArray[np.float64]
 
@@ -38,7 +38,7 @@ RUN_UP_MM = 2.0
 _OF_RAMP = 1.5
 
 #: What is shorter is not worth a line: the firmware makes no block of less than a motor step [mm].
-_LEAST_MM = 0.02
+_MIN_MM = 0.02
 
 #: N words of the way in; a job of fewer lines than this has none of them.
 _FIRST_N = 9_990_000
@@ -47,18 +47,18 @@ _WORD = re.compile(r"([FS])([0-9.]+)")
 
 
 @dataclass(frozen=True, order=True)
-class Place:
+class ProgramPlace:
     """How far a job has been executed: all lines before `line`, and this share of its length."""
 
     line: int = 0
-    share: float = 0.0
+    line_fraction: float = 0.0
 
 
-START = Place()
+JOB_START = ProgramPlace()
 
 
 @dataclass(frozen=True)
-class Entry:
+class Reentry:
     """How a job goes on from a place.
 
     layer : the layer entered, its head replaced by the way in; its program time begins with that
@@ -66,9 +66,9 @@ class Entry:
     repeated_mm : bead that is laid twice
     """
 
-    place: Place
+    place: ProgramPlace
     layer: JobLayer
-    lit_line: int
+    beam_on_line: int
     repeated_mm: float
 
 
@@ -93,7 +93,7 @@ class _Track:
         self.end_s = lines["end_s"]
         self.start_s = np.concatenate([layer.flow_s[:1], self.end_s[:-1]])
 
-    def acceleration(self, row: int, motion: Motion) -> float:
+    def acceleration(self, row: int, motion: MotionSettings) -> float:
         """Along a row [mm/s²]."""
         away_mm = self.end_mm[row] - self.start_mm[row]
         if not away_mm.any():
@@ -102,7 +102,7 @@ class _Track:
 
     def next_bead(self, row: int, share: float) -> int | None:
         """The first row from here on with bead left to lay."""
-        if row < len(self.kind) and self.length_mm[row] * (1.0 - share) < _LEAST_MM:
+        if row < len(self.kind) and self.length_mm[row] * (1.0 - share) < _MIN_MM:
             row += 1
         beads = np.flatnonzero(self.kind[row:] == LineKind.BEAD)
         return row + int(beads[0]) if len(beads) else None
@@ -139,9 +139,10 @@ class _Track:
                 + after.share * float(self.length_mm[after.row]))
 
 
-def enter(
-    manifest: JobManifest, read_layer: Callable[[int], JobLayer], place: Place, motion: Motion
-) -> Entry | None:
+def plan_reentry(
+    manifest: JobManifest, read_layer: Callable[[int], JobLayer], place: ProgramPlace,
+    motion: MotionSettings
+) -> Reentry | None:
     """How to go on from a place; None where no bead is left to lay.
 
     A place on a bead is entered `overlap_mm` before it, but not before its path's first bead. One
@@ -149,7 +150,7 @@ def enter(
     beginning.
     """
     index = layer_of(manifest, place.line)
-    row, share = place.line - manifest.layers[index].first_line, place.share
+    row, share = place.line - manifest.layers[index].first_line, place.line_fraction
     while index < len(manifest.layers):
         layer = read_layer(index)
         track = _Track(layer, _start_of(manifest, read_layer, index, motion))
@@ -172,7 +173,7 @@ def overlap_mm(speed_mm_s: float, acceleration_mm_s2: float) -> float:
     return max(0.0, OVERLAP_MM - speed_mm_s**2 / (4.0 * acceleration_mm_s2))
 
 
-def _entry(track: _Track, reached: _Point, place: Place, motion: Motion) -> Entry:
+def _entry(track: _Track, reached: _Point, place: ProgramPlace, motion: MotionSettings) -> Reentry:
     layer, path_row = track.layer, track.first_of_path(reached.row)
     beads = np.flatnonzero(track.kind[path_row : reached.row + 1] == LineKind.BEAD)
     speed_mm_s = float(layer.lines["speed_mm_s"][reached.row])
@@ -184,7 +185,7 @@ def _entry(track: _Track, reached: _Point, place: Place, motion: Motion) -> Entr
     run_up, program_s = _run_up(track, start, lit, motion)
     purge = np.array(motion.purge_mm, dtype=np.float64)
     way = [
-        *travel_legs(purge, _across(purge, track.at_mm(start), motion), motion, _LEAST_MM), *run_up
+        *travel_legs(purge, _across(purge, track.at_mm(start), motion), motion, _MIN_MM), *run_up
     ]
     texts, table = _lines(way, purge, lit_s, layer.lines.dtype)
     rest = layer.lines[lit.row :].copy()
@@ -199,10 +200,10 @@ def _entry(track: _Track, reached: _Point, place: Place, motion: Motion) -> Entr
         (*texts, lit_text, *layer.program[lit.row + 1 :]), np.concatenate([table, rest]),
         flow_s, flow_g_s,
     )
-    return Entry(place, entered, first_line, track.between_mm(lit, reached))
+    return Reentry(place, entered, first_line, track.between_mm(lit, reached))
 
 
-def _across(purge: FloatArray, to: FloatArray, motion: Motion) -> list[FloatArray]:
+def _across(purge: FloatArray, to: FloatArray, motion: MotionSettings) -> list[FloatArray]:
     """From the purge position up, across at clearance height, and down to where the run-up begins.
     """
     height = max(purge[2], min(to[2] + motion.clearance_mm, motion.travel_mm.z[1]))
@@ -210,14 +211,14 @@ def _across(purge: FloatArray, to: FloatArray, motion: Motion) -> list[FloatArra
 
 
 def _run_up(
-    track: _Track, start: _Point, lit: _Point, motion: Motion
-) -> tuple[list[Leg], list[float]]:
+    track: _Track, start: _Point, lit: _Point, motion: MotionSettings
+) -> tuple[list[ApproachMove], list[float]]:
     """The path from rest at one point to another, and the program time at the ends of its legs.
 
     Each leg goes at its row's own speed and lasts as planned, corners included; the first ones
     take longer, since the nozzle starts at rest. A lead's planned time is that of another start.
     """
-    legs: list[Leg] = []
+    legs: list[ApproachMove] = []
     program_s = [track.at_s(start)]
     at_mm, gone_mm, extra_s = track.at_mm(start), 0.0, 0.0
     acceleration = track.acceleration(start.row, motion)
@@ -228,7 +229,7 @@ def _run_up(
         to_share = lit.share if row == lit.row else 1.0
         share = to_share - from_share
         length_mm = share * float(track.length_mm[row])
-        if length_mm < _LEAST_MM:
+        if length_mm < _MIN_MM:
             continue
         speed_mm_s = float(track.layer.lines["speed_mm_s"][row])
         planned_s = share * float(track.end_s[row] - track.start_s[row])
@@ -240,8 +241,9 @@ def _run_up(
             gone_mm += length_mm / parts
             before_s, extra_s = extra_s, speeding_up_s(gone_mm, first_mm_s, acceleration)
             end_mm = np.round(track.at_mm(end), 3)
-            legs.append(Leg(at_mm, end_mm, speed_mm_s, planned_s / parts + extra_s - before_s,
-                            is_run_up=True))
+            legs.append(ApproachMove(at_mm, end_mm, speed_mm_s,
+                                     planned_s / parts + extra_s - before_s,
+                                     is_run_up=True))
             program_s.append(track.at_s(end))
             at_mm = end_mm
     program_s[-1] = track.at_s(lit)
@@ -249,13 +251,13 @@ def _run_up(
 
 
 def _lines(
-    way: list[Leg], start_mm: FloatArray, end_s: float, dtype: np.dtype[np.void]
+    way: list[ApproachMove], start_mm: FloatArray, end_s: float, dtype: np.dtype[np.void]
 ) -> tuple[list[str], NDArray[np.void]]:
     """The way in as program text and lines of a job, timed to end at end_s."""
     table = np.zeros(len(way) + 1, dtype)
     table["path"], table["kind"] = -1, LineKind.TRAVEL
     table["kind"][0] = LineKind.SETUP
-    lasting_s = np.array([0.0, *(leg.lasting_s for leg in way)])
+    lasting_s = np.array([0.0, *(leg.duration_s for leg in way)])
     table["end_s"] = end_s - lasting_s[::-1].cumsum()[::-1] + lasting_s
     texts = [f"N{_FIRST_N} G21 G90 G94 M4 S0"]
     table[0]["x_mm"], table[0]["y_mm"], table[0]["z_mm"] = start_mm
@@ -264,7 +266,7 @@ def _lines(
         table[i]["speed_mm_s"] = leg.speed_mm_s
         if leg.is_dwell:
             table[i]["kind"] = LineKind.DWELL
-            texts.append(f"N{_FIRST_N + i} G4 P{leg.lasting_s:g}")
+            texts.append(f"N{_FIRST_N + i} G4 P{leg.duration_s:g}")
             continue
         x, y, z = (_number(value) for value in leg.end_mm)
         texts.append(f"N{_FIRST_N + i} G1 X{x} Y{y} Z{z} F{_number(leg.speed_mm_s * 60)} S0")
@@ -310,7 +312,7 @@ def layer_of(manifest: JobManifest, line: int) -> int:
 
 
 def _start_of(
-    manifest: JobManifest, read_layer: Callable[[int], JobLayer], index: int, motion: Motion
+    manifest: JobManifest, read_layer: Callable[[int], JobLayer], index: int, motion: MotionSettings
 ) -> FloatArray:
     """Where a layer's first line starts."""
     if index == 0:

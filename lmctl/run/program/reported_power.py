@@ -7,14 +7,14 @@ energy per millimetre, whatever accelerations and feed overrides do under M4 (se
 from __future__ import annotations
 
 from firmware_protocol.status import StatusReport
-from lmctl.run.program.window import JobWindow
+from lmctl.run.program.job_window import JobWindow
 
 #: How exactly the place reported is known in program time [s].
 _KNOWN_WITHIN_S = 0.05
 
 #: Speeds are reported in whole mm/min: at less than this share of the programmed speed the quotient
 #: says too little.
-_LEAST_SHARE = 0.5
+_MIN_SHARE = 0.5
 
 
 def energy_ratio(
@@ -27,15 +27,15 @@ def energy_ratio(
     lead_s : a report's feed and power are ahead of its place by up to so much
     Returns None where the report shows no beam in motion, or lies between lines.
     """
-    if report.state != "Run" or not report.feed_mm_min or not report.spindle:
+    if report.state != "Run" or not report.feed_mm_min or not report.spindle_speed:
         return None
-    most_mm_s, energies_J_mm = window.asked(
+    most_mm_s, energies_J_mm = window.commanded_between(
         s - _KNOWN_WITHIN_S, s + _KNOWN_WITHIN_S + lead_s * max(rate, 1.0))
     speed_mm_s = report.feed_mm_min / 60.0
-    if speed_mm_s < _LEAST_SHARE * min(rate, 1.0) * most_mm_s:
+    if speed_mm_s < _MIN_SHARE * min(rate, 1.0) * most_mm_s:
         return None
     manifest = window.manifest
-    reported = report.spindle * manifest.max_power_W / manifest.s_max / speed_mm_s
+    reported = report.spindle_speed * manifest.max_power_W / manifest.s_max / speed_mm_s
     asked = [energy for energy in energies_J_mm if energy > 0.0]
     if not asked:
         return None

@@ -63,7 +63,7 @@ def distances(seed: int) -> tuple[float, int]:
     window = part.grid.window(first := int(rng.integers(part.grid.shape[0])), first + 1)
     nodes = rng.integers(len(window.points()), size=PLACES)
     points = np.vstack([near, far, rng.uniform(low, high, (PLACES, 3)), window.points()[nodes]])
-    got = part.body.at(points)
+    got = part.body.distance_at(points)
     stored = part.distance(window).reshape(-1)[nodes].astype(np.float64)
     got[-PLACES:] = np.where(np.abs(stored - got[-PLACES:]) > 1e-3, stored, got[-PLACES:])
     squared = igl.point_mesh_squared_distance(points, vertices, triangles)[0]

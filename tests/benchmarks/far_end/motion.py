@@ -27,7 +27,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[3]))  # also without bei
 from firmware_protocol.device import GrblDevice
 from firmware_protocol.dialect import GRBL
 from simulators.motion.config import MotionConfig
-from simulators.motion.sim import MotionSim
+from simulators.motion.simulator import MotionSimulator
 
 BAUD = 115_200
 BYTES_S = BAUD / 10
@@ -93,7 +93,7 @@ class Obliging:
             if room_s > 0:
                 self._waiting = True
                 self._loop.call_later(room_s, self._room)
-            elif self._device.take_line() is None:
+            elif self._device.pop_line() is None:
                 return
             else:
                 self._idle_s = max(self._idle_s, self._loop.time()) + self._line_s
@@ -124,12 +124,12 @@ async def serve(firmware: str, line_s: float) -> dict[str, Any]:
     near, host_side = os.openpty()
     tty.setraw(host_side)
     os.set_blocking(near, False)
-    controller: MotionSim | Obliging
+    controller: MotionSimulator | Obliging
     if firmware == "any":
         controller = Obliging(line_s)
     else:
         mask = 3 if firmware == "grbl" else 511
-        controller = MotionSim(MotionConfig(dialect=firmware, settings=SETTINGS | {10: mask}))
+        controller = MotionSimulator(MotionConfig(dialect=firmware, settings=SETTINGS | {10: mask}))
     ends: list[tuple[float, int]] = []  # when each program line had arrived, and its bytes
     begun = b""  # of a line that a real-time byte or a write cut in two
 
@@ -159,7 +159,7 @@ async def serve(firmware: str, line_s: float) -> dict[str, Any]:
     await over.wait()
     counted = ends[WARM_LINES:] or [(0.0, 0)]
     return {
-        "overruns": controller.overruns, "lines": len(counted) - 1,
+        "overruns": controller.rx_overrun_bytes, "lines": len(counted) - 1,
         "bytes": sum(size for _, size in counted[1:]), "took_s": counted[-1][0] - counted[0][0],
     }
 

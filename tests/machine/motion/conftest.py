@@ -18,16 +18,16 @@ import pytest
 from firmware_protocol.device import GrblDevice
 from firmware_protocol.dialect import GRBL, GRBLHAL, Dialect, ErrorPolicy
 from firmware_protocol.messages import (
-    Alarm,
-    Banner,
+    AlarmMessage,
     ErrorReply,
-    Feedback,
+    FeedbackMessage,
     Message,
-    Ok,
-    Setting,
-    Status,
+    OkReply,
+    SettingMessage,
+    StatusMessage,
+    WelcomeBanner,
 )
-from firmware_protocol.realtime import Realtime
+from firmware_protocol.realtime import RealtimeCommand
 from firmware_protocol.status import StatusReport
 from simulators import virtual_time
 
@@ -72,19 +72,19 @@ class ScriptedController:
 
     def _realtime(self, byte: int) -> None:
         loop = asyncio.get_running_loop()
-        if byte == Realtime.STATUS:
+        if byte == RealtimeCommand.STATUS:
             self.asked_at_s.append(loop.time())
-            self.say(Status(self.report()))
-        elif byte == Realtime.HOLD and self.state in ("Idle", "Run"):
+            self.say(StatusMessage(self.report()))
+        elif byte == RealtimeCommand.HOLD and self.state in ("Idle", "Run"):
             moving = self.state == "Run"
             self.state, self.sub = "Hold", 1 if moving else 0
             self._stop_timer()
             if moving:
                 self._timer = loop.call_later(self.deceleration_s, self._stand)
-        elif byte == Realtime.START and self.state == "Hold" and self.sub == 0:
+        elif byte == RealtimeCommand.START and self.state == "Hold" and self.sub == 0:
             self._run_on()
             self._work()
-        elif byte == Realtime.RESET:
+        elif byte == RealtimeCommand.RESET:
             self.restart()
 
     def _stand(self) -> None:
@@ -97,24 +97,24 @@ class ScriptedController:
         self._planner.clear()
         self._blocked = None
         self._latched = 0
-        self.device.discard_rx()
+        self.device.clear_rx_buffer()
         self.state, self.sub = "Idle", None
         if lost and self.dialect is GRBL:
-            self.say(Alarm(3))
+            self.say(AlarmMessage(3))
             self.state = "Alarm"
-        self.say(Banner(self.dialect.banner))
+        self.say(WelcomeBanner(self.dialect.banner))
 
     def alarm(self, code: int) -> None:
         """Stop where it is, locked."""
         self._stop_timer()
         self.state, self.sub = "Alarm", None
-        self.say(Alarm(code))
+        self.say(AlarmMessage(code))
 
     # what it says ---------------------------------------------------------------------------
 
     def say(self, message: Message) -> None:
         if not self.mute:
-            self.write(self.device.send(message))
+            self.write(self.device.encode_message(message))
 
     def report(self) -> StatusReport:
         mask = int(self.settings[10])
@@ -123,9 +123,9 @@ class ScriptedController:
             number = self._planner[0][1] or None
         return StatusReport(
             self.state, self.sub, machine_mm=(float(self.done), 0.0, 0.0),
-            blocks_free=self.blocks - len(self._planner) if mask & 2 else None,
-            rx_free=self.device.rx_free if mask & 2 else None,
-            line_number=number, feed_mm_min=0.0, spindle=0.0,
+            planner_blocks_free=self.blocks - len(self._planner) if mask & 2 else None,
+            rx_bytes_free=self.device.free_rx_bytes if mask & 2 else None,
+            line_number=number, feed_mm_min=0.0, spindle_speed=0.0,
         )
 
     def _answer(self, message: Message) -> None:
@@ -138,7 +138,7 @@ class ScriptedController:
     def _work(self) -> None:
         while self.state not in ("Hold", "Sleep"):
             if self._blocked is None:
-                line = self.device.take_line()
+                line = self.device.pop_line()
                 if line is None:
                     break
                 self.received.append(line)
@@ -175,34 +175,34 @@ class ScriptedController:
             self._gcode_lines += 1
             if not self._planner:
                 self.done = self._gcode_lines
-        self._answer(Ok())
+        self._answer(OkReply())
         return True
 
     def _system(self, line: bytes) -> None:
         if line == b"$I":
-            self.say(Feedback("VER", f"{self.dialect.version}:{self.info}"))
+            self.say(FeedbackMessage("VER", f"{self.dialect.version}:{self.info}"))
             axes = ",3,0" if self.dialect is GRBLHAL else ""
             rx = self.device.rx_bytes
-            self.say(Feedback("OPT", f"{self.dialect.options},{self.blocks},{rx}{axes}"))
+            self.say(FeedbackMessage("OPT", f"{self.dialect.options},{self.blocks},{rx}{axes}"))
             if self.dialect is GRBLHAL:
-                self.say(Feedback("FIRMWARE", "grblHAL"))
+                self.say(FeedbackMessage("FIRMWARE", "grblHAL"))
         elif line == b"$$":
             for number, value in self.settings.items():
-                self.say(Setting(number, value))
+                self.say(SettingMessage(number, value))
         elif line == b"$G":
-            self.say(Feedback("GC", "G0 G55 G17 G21 G90 G94 M5 M9 T0 F0 S0"))
+            self.say(FeedbackMessage("GC", "G0 G55 G17 G21 G90 G94 M5 M9 T0 F0 S0"))
         elif line == b"$#":
-            self.say(Feedback("G54", "9.000,9.000,9.000"))
-            self.say(Feedback("G55", "1.000,2.000,3.000"))
-            self.say(Feedback("G92", "0.000,0.000,0.500"))
-            self.say(Feedback("TLO", "0.250"))
-            self.say(Feedback("PRB", "0.000,0.000,0.000:0"))
+            self.say(FeedbackMessage("G54", "9.000,9.000,9.000"))
+            self.say(FeedbackMessage("G55", "1.000,2.000,3.000"))
+            self.say(FeedbackMessage("G92", "0.000,0.000,0.500"))
+            self.say(FeedbackMessage("TLO", "0.250"))
+            self.say(FeedbackMessage("PRB", "0.000,0.000,0.000:0"))
         elif line in (b"$H", b"$X"):
             self.state = "Idle"
         else:
             self._answer(ErrorReply(3))
             return
-        self._answer(Ok())
+        self._answer(OkReply())
 
     def _run_on(self) -> None:
         self.state, self.sub = ("Run", None) if self._planner else ("Idle", None)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 
-from lmctl.machine.motion.driver import MotionDriver, MotionListener
+from lmctl.machine.motion.driver import MotionCallbacks, MotionDriver
 
 
 async def opened(endpoint: str, period_s: float = 0.1) -> MotionDriver:
@@ -20,7 +20,7 @@ async def until(condition, deadline_s: float = 60.0) -> None:
 def heard(driver: MotionDriver) -> list[tuple]:
     """Everything the driver tells but status and progress."""
     events: list[tuple] = []
-    driver.listener = MotionListener(
+    driver.listener = MotionCallbacks(
         on_error=lambda tag, code: events.append(("error", tag, code)),
         on_alarm=lambda code: events.append(("alarm", code)),
         on_restart=lambda: events.append(("restart",)),

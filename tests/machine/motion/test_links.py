@@ -15,8 +15,8 @@ import serial
 
 from lmctl.errors import ConfigError, MachineError
 from lmctl.machine.motion import links
-from lmctl.machine.motion.endpoint import Endpoint, parse_endpoint
-from lmctl.machine.motion.links import Link, open_link
+from lmctl.machine.motion.endpoint import MotionEndpoint, parse_motion_endpoint
+from lmctl.machine.motion.links import ByteLink, open_link
 
 
 def nothing(_: object) -> None:
@@ -37,14 +37,15 @@ def pty():
 @pytest.mark.parametrize(
     ("text", "endpoint"),
     [
-        ("tcp://127.0.0.1:2323", Endpoint("tcp://127.0.0.1:2323", "tcp", "127.0.0.1", 2323)),
-        ("tcp://[::1]:23", Endpoint("tcp://[::1]:23", "tcp", "::1", 23)),
-        ("serial:///dev/ttyUSB0", Endpoint("serial:///dev/ttyUSB0", "serial", path="/dev/ttyUSB0")),
-        ("pty:///dev/pts/3", Endpoint("pty:///dev/pts/3", "pty", path="/dev/pts/3")),
+        ("tcp://127.0.0.1:2323", MotionEndpoint("tcp://127.0.0.1:2323", "tcp", "127.0.0.1", 2323)),
+        ("tcp://[::1]:23", MotionEndpoint("tcp://[::1]:23", "tcp", "::1", 23)),
+        ("serial:///dev/ttyUSB0",
+         MotionEndpoint("serial:///dev/ttyUSB0", "serial", path="/dev/ttyUSB0")),
+        ("pty:///dev/pts/3", MotionEndpoint("pty:///dev/pts/3", "pty", path="/dev/pts/3")),
     ],
 )
 def test_endpoints(text, endpoint):
-    assert parse_endpoint(text) == endpoint
+    assert parse_motion_endpoint(text) == endpoint
 
 
 @pytest.mark.parametrize(
@@ -55,7 +56,7 @@ def test_endpoints(text, endpoint):
 )
 def test_text_that_is_no_endpoint(text):
     with pytest.raises(ConfigError) as refused:
-        parse_endpoint(text)
+        parse_motion_endpoint(text)
     assert "tcp://" in refused.value.hint
 
 
@@ -79,7 +80,7 @@ def test_tcp_carries_bytes_both_ways_and_says_when_it_ends(in_virtual_time):
         assert lost == [f"the link {endpoint} was lost: the far end closed it"]
         link.write(b"more\n")
         link.write_realtime(b"!")
-        assert link.unsent == 0
+        assert link.unsent_bytes == 0
         await asyncio.sleep(0.1)
         assert len(lost) == 1
         link.close()
@@ -98,7 +99,7 @@ def test_a_full_socket_keeps_the_rest_here_and_realtime_bytes_overtake_it(in_vir
         far.setblocking(False)
         data = bytes(range(0x41, 0x5B)) * 1_000_000
         link.write(data)
-        held = link.unsent
+        held = link.unsent_bytes
         assert 0 < held < len(data)
         link.write_realtime(b"!")
         link.write_realtime(b"?")
@@ -110,7 +111,7 @@ def test_a_full_socket_keeps_the_rest_here_and_realtime_bytes_overtake_it(in_vir
                 await asyncio.sleep(0)
         assert got.index(b"!?") == len(data) - held
         assert got.replace(b"!?", b"") == data
-        assert link.unsent == 0
+        assert link.unsent_bytes == 0
         link.close()
         far.close()
         listener.close()
@@ -162,7 +163,7 @@ def test_realtime_bytes_pass_the_lines_that_wait_for_a_serial_wire(in_virtual_ti
             with contextlib.suppress(BlockingIOError):
                 sent += os.read(near, 4096)
         assert len(sent) <= 0.005 * 11_520 + 1
-        assert link.unsent == 1020 - len(sent) + 1
+        assert link.unsent_bytes == 1020 - len(sent) + 1
         link.discard_unsent()
         link.write_realtime(b"\x18")
         await asyncio.sleep(1.0)
@@ -178,7 +179,7 @@ def test_a_pty_is_not_paced(in_virtual_time, pty):
     async def main() -> None:
         link = await open_link(f"pty://{path}", 1200, nothing, nothing)
         link.write(b"G1 X1\n" * 100)
-        assert link.unsent == 0
+        assert link.unsent_bytes == 0
         assert len(os.read(near, 4096)) == 600
         link.close()
 
@@ -212,7 +213,7 @@ def test_a_port_that_goes_away_is_a_loss(in_virtual_time):
 
 
 def refusal(run, endpoint: str, baud: int = 115_200) -> MachineError:
-    async def main() -> Link:
+    async def main() -> ByteLink:
         return await open_link(endpoint, baud, nothing, nothing, timeout_s=2.0)
 
     with pytest.raises(MachineError) as refused:
@@ -289,7 +290,7 @@ def test_other_ways_a_connection_fails(in_virtual_time, monkeypatch, error, word
 )
 def test_keys_behind_an_endpoint_are_refused_by_name(text):
     with pytest.raises(ConfigError, match="unknown key 'baud'") as caught:
-        parse_endpoint(text)
+        parse_motion_endpoint(text)
     assert "it takes no keys" in caught.value.hint
     if not text.startswith("tcp"):
         assert "baud = 9600 into [motion]" in caught.value.hint

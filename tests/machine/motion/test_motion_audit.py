@@ -12,22 +12,23 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from firmware_protocol.dialect import GRBL, GRBLHAL
-from firmware_protocol.realtime import Realtime
+from firmware_protocol.realtime import RealtimeCommand
 from firmware_protocol.status import parse_status
-from lmctl.machine.motion.driver import MotionDriver, MotionListener
-from simulators.faults.edge import Edge
-from simulators.faults.filters import SomeAnswers
+from lmctl.machine.motion.driver import MotionCallbacks, MotionDriver
+from simulators.faults.filters import RepeatOkReplies
+from simulators.faults.link_tap import LinkTap
 from simulators.motion.config import MotionConfig
 from simulators.motion.server import open_pty, serve_tcp
-from simulators.motion.sim import MotionSim
+from simulators.motion.simulator import MotionSimulator
 
 TRANSCRIPTS = Path(__file__).parents[2] / "firmware_protocol" / "transcripts"
 STATUS_S = 0.1
 SETTINGS = {30: 1000, 32: 1, 110: 6000, 111: 6000, 112: 6000, 120: 500, 121: 500, 122: 500,
             130: 300, 131: 300, 132: 200}
 WIRES = [(wire, rx_bytes) for wire in ("tcp", "pty", "serial") for rx_bytes in (128, 1024)]
-TURNS = [Realtime.FEED_PLUS_10, Realtime.FEED_MINUS_10, Realtime.FEED_100, Realtime.RAPID_50,
-         Realtime.SPINDLE_PLUS_10, Realtime.SPINDLE_MINUS_1]
+TURNS = [RealtimeCommand.FEED_PLUS_10, RealtimeCommand.FEED_MINUS_10, RealtimeCommand.FEED_100,
+         RealtimeCommand.RAPID_50,
+         RealtimeCommand.SPINDLE_PLUS_10, RealtimeCommand.SPINDLE_MINUS_1]
 
 every_wire = pytest.mark.parametrize(("wire", "rx_bytes"), WIRES)
 
@@ -37,10 +38,10 @@ class Machine:
 
     def __init__(self, name: str, wire: str, rx_bytes: int, mask: int | None = None) -> None:
         mask = mask or (3 if name == "grbl" else 511)
-        self.sim = MotionSim(
+        self.sim = MotionSimulator(
             MotionConfig(dialect=name, rx_bytes=rx_bytes, settings=SETTINGS | {10: mask})
         )
-        self.edge = Edge()
+        self.edge = LinkTap()
         self.told: list[str] = []
         self._wire = wire
 
@@ -52,7 +53,7 @@ class Machine:
             self._server = open_pty(self.sim, self.edge)
             endpoint = f"{self._wire}://{self._server.path}"
         self.driver = await MotionDriver.open(endpoint, baud=115_200, status_period_s=STATUS_S)
-        self.driver.listener = MotionListener(on_lost=self.told.append)
+        self.driver.listener = MotionCallbacks(on_lost=self.told.append)
         return self
 
     async def __aexit__(self, *_: object) -> None:
@@ -63,12 +64,12 @@ class Machine:
 
     def answers(self, times: int, count: int) -> None:
         """The next `count` answers come so many times."""
-        one = SomeAnswers(times, count, lambda: self.edge.take("to_host", one))
-        self.edge.put("to_host", one)
+        one = RepeatOkReplies(times, count, lambda: self.edge.remove_filter("to_host", one))
+        self.edge.add_filter("to_host", one)
 
     async def ended(self, within_s: float) -> None:
         async with asyncio.timeout(within_s):
-            while not self.told and self.driver.executed < self.driver.sent:  # noqa: ASYNC110
+            while not self.told and self.driver.lines_executed < self.driver.lines_sent:  # noqa: ASYNC110
                 await asyncio.sleep(0.005)
 
 
@@ -99,7 +100,7 @@ def test_an_answer_that_comes_twice_is_told_within_a_status_period(
             assert loop.time() - came_s < STATUS_S + 0.05 * count
             assert "answer came" in machine.told[0]
             if count == 1:  # more, and more is sent than there is room for
-                assert machine.sim.overruns == 0
+                assert machine.sim.rx_overrun_bytes == 0
             await asyncio.sleep(0.3)
             assert len(machine.told) == 1
             at = machine.sim.position_mm
@@ -133,7 +134,7 @@ def test_without_a_count_of_blocks_the_line_at_the_head_tells_of_lost_answers(in
         async with Machine("grblhal", "tcp", 1024, mask=511 - 2) as machine:
             machine.driver.submit(wiggle([2.0] * 10))
             await asyncio.sleep(0.2)
-            assert machine.driver.status.blocks_free is None
+            assert machine.driver.status.planner_blocks_free is None
             machine.answers(0, 5)
             machine.driver.submit(wiggle([1.0] * 20)[3:])
             await machine.ended(10.0)
@@ -145,7 +146,7 @@ def test_without_a_count_of_blocks_the_line_at_the_head_tells_of_lost_answers(in
 def test_no_report_of_the_real_firmwares_shows_more_in_their_buffers_than_was_sent():
     """Their own words (transcripts), against the sizes that the audit takes for granted."""
     for dialect, name in ((GRBL, "grbl-1.1h"), (GRBLHAL, "grblhal")):
-        empty = dialect.rx_bytes - dialect.rx_shown_margin
+        empty = dialect.rx_bytes - dialect.rx_report_margin
         shown, sent = [], 0
         for line in (TRANSCRIPTS / f"{name}.jsonl").read_text().splitlines():
             scenario = json.loads(line)
@@ -153,9 +154,9 @@ def test_no_report_of_the_real_firmwares_shows_more_in_their_buffers_than_was_se
             sent += 1 + sum(len(text) for text in scenario["sent"] if text.endswith("\n"))
             for text in scenario["received"]:
                 report = parse_status(text)
-                if report is not None and report.rx_free is not None:
-                    assert 0 <= empty - report.rx_free <= sent
-                    shown.append(report.rx_free)
+                if report is not None and report.rx_bytes_free is not None:
+                    assert 0 <= empty - report.rx_bytes_free <= sent
+                    shown.append(report.rx_bytes_free)
         assert max(shown) == empty
 
 
@@ -177,7 +178,7 @@ def test_a_sound_link_is_never_doubted_for_long_and_never_given_up(
     async def main() -> None:
         async with Machine(name, *wire) as machine:
             driver, rest = machine.driver, list(lines)
-            driver.listener.on_question = lambda: submit()
+            driver.listener.on_query = lambda: submit()
 
             def submit() -> None:
                 driver.submit(rest[:portion])
@@ -190,16 +191,16 @@ def test_a_sound_link_is_never_doubted_for_long_and_never_given_up(
                     await driver.hold()
                     await driver.resume()
                 elif act == "ask":
-                    driver.realtime(Realtime.STATUS)
+                    driver.realtime(RealtimeCommand.STATUS)
                 elif act == "few":
                     submit()
                 else:
                     driver.realtime(act)
             async with asyncio.timeout(600.0):
-                while rest or driver.executed < len(lines):
+                while rest or driver.lines_executed < len(lines):
                     assert machine.told == []
                     await asyncio.sleep(0.05)
             assert machine.told == []
-            assert machine.sim.overruns == 0
+            assert machine.sim.rx_overrun_bytes == 0
 
     in_virtual_time(main())

@@ -9,7 +9,7 @@ import pytest
 
 from firmware_protocol.dialect import GRBL
 from firmware_protocol.host import LocalProtocolError
-from firmware_protocol.messages import Alarm, Feedback
+from firmware_protocol.messages import AlarmMessage, FeedbackMessage
 from lmctl.errors import MachineError
 from tests.machine.motion.driving import heard, opened, until
 
@@ -57,7 +57,7 @@ def test_commands_answer_in_words(controller, in_virtual_time, dialect):
             driver.submit([b"G1 X1"])
             with pytest.raises(LocalProtocolError, match="sent alone"):
                 await driver.command("$G")
-            await until(lambda: driver.executed == 1)
+            await until(lambda: driver.lines_executed == 1)
             device._system = lambda line: None
             with pytest.raises(MachineError, match=r"no answer to .* within 5 s"):
                 await driver.command("$G")
@@ -77,7 +77,7 @@ def test_a_command_cut_short_says_why(controller, in_virtual_time, event):
             command = asyncio.create_task(driver.command("$H", 60.0))
             await asyncio.sleep(0.1)
             if event == "alarm":
-                device.say(Alarm(9))
+                device.say(AlarmMessage(9))
             elif event == "restart":
                 device.restart()
             else:
@@ -128,7 +128,7 @@ def test_push_messages_overrides_and_offsets_are_followed(controller, in_virtual
             driver = await opened(endpoint)
             assert driver.overrides == (100, 100, 100)
             await asyncio.sleep(0.05)  # between two questions
-            device.say(Feedback("MSG", "Pgm End"))
+            device.say(FeedbackMessage("MSG", "Pgm End"))
             for _ in range(2):  # one report alone may be damaged
                 device.write(b"<Idle|MPos:5.000,5.000,5.000|FS:0,0|WCO:1.000,1.000,1.000>\r\n")
             for _ in range(2):

@@ -15,7 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from lmctl.errors import MachineError
-from lmctl.machine.motion.driver import MotionDriver, MotionListener
+from lmctl.machine.motion.driver import MotionCallbacks, MotionDriver
 
 LINES = [b"N%d G1 X%d.5 F600" % (n, n % 90) for n in range(60)]
 ANSWER = re.compile(rb"(?:ok|error:\d+)\r?")
@@ -71,11 +71,11 @@ def streamed(in_virtual_time, device, acts: dict[int, tuple]) -> dict:
             line = device.write = Line(device.write, acts)
 
             def progressed() -> None:
-                assert driver.executed <= driver.acknowledged <= driver.sent
-                assert driver.acknowledged <= line.answers
-                ahead.append(driver.executed - device.done)
+                assert driver.lines_executed <= driver.lines_acknowledged <= driver.lines_sent
+                assert driver.lines_acknowledged <= line.answers
+                ahead.append(driver.lines_executed - device.done)
 
-            driver.listener = MotionListener(
+            driver.listener = MotionCallbacks(
                 on_progress=progressed,
                 on_error=lambda tag, code: told.append("error"),
                 on_alarm=lambda code: told.append("alarm"),
@@ -84,17 +84,17 @@ def streamed(in_virtual_time, device, acts: dict[int, tuple]) -> dict:
             )
             driver.submit(LINES)
             begun_s = loop.time()
-            while driver.executed < len(LINES) and not told:
+            while driver.lines_executed < len(LINES) and not told:
                 assert loop.time() - begun_s < ENDS_WITHIN_S, "nothing ended it"
                 await asyncio.sleep(0.05)
             progressed()
             await driver.close()
-            return {"told": told, "executed": driver.executed, "ahead": max(ahead),
+            return {"told": told, "executed": driver.lines_executed, "ahead": max(ahead),
                     "damaged": driver.damaged_messages}
 
     ended = in_virtual_time(main())
     assert complaints == []
-    assert device.device.overruns == 0 or any(act[0] != "drop" for act in acts.values())
+    assert device.device.rx_overrun_bytes == 0 or any(act[0] != "drop" for act in acts.values())
     return ended
 
 

@@ -7,7 +7,7 @@ import asyncio
 import pytest
 
 from firmware_protocol.dialect import GRBL, GRBLHAL
-from firmware_protocol.realtime import Realtime
+from firmware_protocol.realtime import RealtimeCommand
 from lmctl.errors import MachineError
 from tests.machine.motion.driving import PROGRAM, heard, opened, until
 
@@ -24,17 +24,17 @@ def test_hold_waits_for_standstill_and_resume_goes_on_with_nothing_lost(
             loop = asyncio.get_running_loop()
             driver = await opened(endpoint)
             driver.submit(PROGRAM)
-            await until(lambda: driver.executed > 30)
+            await until(lambda: driver.lines_executed > 30)
             start_s = loop.time()
             await driver.hold()
             assert 0.7 <= loop.time() - start_s < 0.8
             assert (device.state, device.sub) == ("Hold", 0)
-            done, sent = device.done, driver.sent
+            done, sent = device.done, driver.lines_sent
             await asyncio.sleep(30.0)
-            assert (device.done, driver.sent) == (done, sent)
+            assert (device.done, driver.lines_sent) == (done, sent)
             await driver.resume()
             assert device.state == "Run"
-            await until(lambda: driver.executed == 300)
+            await until(lambda: driver.lines_executed == 300)
             assert driver.position_trusted
             await driver.close()
 
@@ -51,9 +51,9 @@ def test_hold_at_rest_returns_and_lines_wait_for_resume(controller, in_virtual_t
             await driver.hold()
             driver.submit(PROGRAM[:5])
             await asyncio.sleep(1.0)
-            assert (driver.sent, driver.queued) == (0, 5)
+            assert (driver.lines_sent, driver.lines_queued) == (0, 5)
             await driver.resume()
-            await until(lambda: driver.executed == 5)
+            await until(lambda: driver.lines_executed == 5)
             await driver.close()
 
     in_virtual_time(main())
@@ -66,7 +66,7 @@ def test_a_hold_that_does_not_come_is_said_within_its_deadline(controller, in_vi
         async with device.on_tcp() as endpoint:
             driver = await opened(endpoint)
             driver.submit(PROGRAM)
-            await until(lambda: driver.executed > 3)
+            await until(lambda: driver.lines_executed > 3)
             loop = asyncio.get_running_loop()
             device.deceleration_s = 99.0
             start_s = loop.time()
@@ -75,7 +75,7 @@ def test_a_hold_that_does_not_come_is_said_within_its_deadline(controller, in_vi
             assert loop.time() - start_s < 2.1
             device._run_on()
             device._realtime = lambda byte, usual=device._realtime: (
-                None if byte == Realtime.HOLD else usual(byte)
+                None if byte == RealtimeCommand.HOLD else usual(byte)
             )
             start_s = loop.time()
             with pytest.raises(MachineError, match=r"no hold showed within 0\.\d"):
@@ -94,11 +94,11 @@ def test_resume_is_refused_while_it_still_decelerates(controller, in_virtual_tim
         async with device.on_tcp() as endpoint:
             driver = await opened(endpoint)
             driver.submit(PROGRAM)
-            await until(lambda: driver.executed > 3)
-            driver.realtime(Realtime.HOLD)
+            await until(lambda: driver.lines_executed > 3)
+            driver.realtime(RealtimeCommand.HOLD)
             with pytest.raises(MachineError, match="not held at standstill"):
                 await driver.resume()
-            assert Realtime.START not in device.realtime_seen
+            assert RealtimeCommand.START not in device.realtime_seen
             await driver.close()
 
     in_virtual_time(main())
@@ -114,13 +114,13 @@ def test_reset_from_a_hold_keeps_the_position_and_in_motion_does_not(
             driver = await opened(endpoint)
             events = heard(driver)
             driver.submit(PROGRAM)
-            await until(lambda: driver.executed > 3)
+            await until(lambda: driver.lines_executed > 3)
             await driver.hold()
             report = await driver.reset()
             assert report.state == "Idle"
             assert driver.position_trusted
             driver.submit(PROGRAM)
-            await until(lambda: driver.executed > 3)
+            await until(lambda: driver.lines_executed > 3)
             report = await driver.reset()
             assert report.state == ("Alarm" if dialect is GRBL else "Idle")
             assert not driver.position_trusted
@@ -138,11 +138,11 @@ def test_a_bare_reset_byte_is_no_surprise_and_ends_the_stream(controller, in_vir
             driver = await opened(endpoint)
             events = heard(driver)
             driver.submit(PROGRAM)
-            await until(lambda: driver.executed > 3)
-            driver.realtime(Realtime.RESET)
+            await until(lambda: driver.lines_executed > 3)
+            driver.realtime(RealtimeCommand.RESET)
             await asyncio.sleep(1.0)
             assert events == []
-            assert driver.queued == 0
+            assert driver.lines_queued == 0
             assert not driver.position_trusted
             await driver.close()
 

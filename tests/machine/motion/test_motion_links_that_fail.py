@@ -10,14 +10,14 @@ from contextlib import asynccontextmanager
 
 import pytest
 
-from firmware_protocol.realtime import Realtime
+from firmware_protocol.realtime import RealtimeCommand
 from lmctl.errors import MachineError
-from lmctl.machine.motion.driver import MotionDriver, MotionListener
-from simulators.faults.edge import Edge
-from simulators.faults.filters import Echo, FrozenReports, Late, SomeBytes
+from lmctl.machine.motion.driver import MotionCallbacks, MotionDriver
+from simulators.faults.filters import AlterBytes, DelayBytes, FreezeStatusReports, GarbledEcho
+from simulators.faults.link_tap import LinkTap
 from simulators.motion.config import MotionConfig
 from simulators.motion.server import open_pty, serve_tcp
-from simulators.motion.sim import MotionSim
+from simulators.motion.simulator import MotionSimulator
 
 SETTINGS = {30: 1000, 32: 1, 110: 6000, 111: 6000, 112: 6000, 120: 500, 121: 500, 122: 500,
             130: 300, 131: 300, 132: 200}
@@ -31,9 +31,9 @@ every_wire = pytest.mark.parametrize("wire", ["tcp", "pty", "serial"])
 @asynccontextmanager
 async def streaming(name: str, wire: str):
     """Driver and controller two seconds into a program, and what the driver has told since."""
-    sim = MotionSim(MotionConfig(
+    sim = MotionSimulator(MotionConfig(
         dialect=name, settings=SETTINGS | {10: 3 if name == "grbl" else 511}))
-    edge = Edge()
+    edge = LinkTap()
     if wire == "tcp":
         server = await serve_tcp(sim, edge=edge)
         endpoint = f"tcp://127.0.0.1:{server.port}"
@@ -42,7 +42,7 @@ async def streaming(name: str, wire: str):
         endpoint = f"{wire}://{server.path}"
     driver = await opened(endpoint)
     told = []
-    driver.listener = MotionListener(
+    driver.listener = MotionCallbacks(
         on_error=lambda tag, code: told.append(("error", tag, code)),
         on_alarm=lambda code: told.append(("alarm", code)),
         on_restart=lambda: told.append(("restart",)),
@@ -51,7 +51,7 @@ async def streaming(name: str, wire: str):
     driver.submit(LINES)
     try:
         await asyncio.sleep(2.0)
-        assert driver.executed > 2
+        assert driver.lines_executed > 2
         assert told == []
         yield sim, edge, driver, told, endpoint
     finally:
@@ -75,9 +75,9 @@ async def told_within(told: list, seconds: float) -> float:
     return loop.time() - begun_s
 
 
-def truly_done(sim: MotionSim) -> int:
+def truly_done(sim: MotionSimulator) -> int:
     """Lines up to the last move executed to its end."""
-    done = [n for n in sim.executed_n if n]
+    done = [n for n in sim.executed_line_numbers if n]
     return done[-1] + 1 if done else 2
 
 
@@ -88,26 +88,26 @@ def test_a_link_that_vanishes_and_returns_is_a_loss_until_it_is_opened_again(
 ):
     async def main() -> None:
         async with streaming(name, wire) as (sim, edge, driver, told, endpoint):
-            edge.open(False)
+            edge.set_open(False)
             took_s = await told_within(told, 4.0)
             ((kind, reason),) = told
             assert kind == "lost"
             assert took_s < 0.1 if wire == "tcp" else took_s < 3.3
             assert ("was lost: " if wire == "tcp" else "no answer to '?'") in reason
-            assert driver.executed <= truly_done(sim)
-            edge.open(True)
+            assert driver.lines_executed <= truly_done(sim)
+            edge.set_open(True)
             await asyncio.sleep(20.0)  # the controller runs dry
-            sent = driver.sent
+            sent = driver.lines_sent
             with pytest.raises(MachineError, match=r"was lost|no answer"):
                 await driver.command("$G")
-            assert (len(told), driver.sent) == (1, sent)  # it does not come back by itself
+            assert (len(told), driver.lines_sent) == (1, sent)  # it does not come back by itself
             await driver.close()
             heir = await opened(endpoint)
             assert heir.status.state == "Idle"
             assert heir.position_mm == pytest.approx(sim.position_mm, abs=0.001)
             heir.submit([b"G1 X1 Y1 F6000"])
             await asyncio.sleep(5.0)
-            assert heir.executed == 1
+            assert heir.lines_executed == 1
             await heir.close()
 
     in_virtual_time(main())
@@ -120,12 +120,12 @@ def test_a_link_that_stalls_is_silence_and_no_line_is_claimed(in_virtual_time, n
 
     async def main() -> None:
         async with streaming(name, wire) as (sim, edge, driver, told, _):
-            edge.read(False)
+            edge.set_reading(False)
             await told_within(told, 4.0)
             ((kind, reason),) = told
             assert kind == "lost"
             assert "no answer to '?'" in reason
-            assert driver.executed <= truly_done(sim)
+            assert driver.lines_executed <= truly_done(sim)
 
     in_virtual_time(main())
 
@@ -135,13 +135,13 @@ def test_a_link_that_stalls_is_silence_and_no_line_is_claimed(in_virtual_time, n
 def test_a_short_stall_is_none(in_virtual_time, name, wire):
     async def main() -> None:
         async with streaming(name, wire) as (sim, edge, driver, told, _):
-            edge.read(False)
+            edge.set_reading(False)
             await asyncio.sleep(1.5)
-            edge.read(True)
-            while driver.executed < len(LINES):  # noqa: ASYNC110
+            edge.set_reading(True)
+            while driver.lines_executed < len(LINES):  # noqa: ASYNC110
                 await asyncio.sleep(0.1)
             assert told == []
-            assert sim.executed_n == list(range(2, len(LINES)))
+            assert sim.executed_line_numbers == list(range(2, len(LINES)))
 
     in_virtual_time(main())
 
@@ -151,12 +151,12 @@ def test_a_short_stall_is_none(in_virtual_time, name, wire):
 def test_answers_that_come_late_are_waited_for(in_virtual_time, name, wire):
     async def main() -> None:
         async with streaming(name, wire) as (sim, edge, driver, told, _):
-            edge.put("to_host", Late(0.4))
-            while driver.executed < len(LINES):
-                assert driver.executed <= truly_done(sim) + (truly_done(sim) == len(LINES))
+            edge.add_filter("to_host", DelayBytes(0.4))
+            while driver.lines_executed < len(LINES):
+                assert driver.lines_executed <= truly_done(sim) + (truly_done(sim) == len(LINES))
                 await asyncio.sleep(0.1)
             assert told == []
-            assert sim.overruns == 0
+            assert sim.rx_overrun_bytes == 0
 
     in_virtual_time(main())
 
@@ -166,11 +166,11 @@ def test_answers_that_come_late_are_waited_for(in_virtual_time, name, wire):
 def test_a_garbled_echo_of_what_is_sent_is_no_answer_and_is_counted(in_virtual_time, name, wire):
     async def main() -> None:
         async with streaming(name, wire) as (sim, edge, driver, told, _):
-            edge.put("to_device", Echo(edge.say))
+            edge.add_filter("to_device", GarbledEcho(edge.send_to_host))
             await asyncio.sleep(20.0)
             assert driver.damaged_messages > 0
-            assert driver.executed <= driver.acknowledged
-            assert driver.executed <= truly_done(sim)
+            assert driver.lines_executed <= driver.lines_acknowledged
+            assert driver.lines_executed <= truly_done(sim)
             assert all(kind in ("lost", "error") for kind, *_ in told)
 
     in_virtual_time(main())
@@ -184,15 +184,16 @@ def test_a_board_that_reboots_in_mid_program_stops_everything(in_virtual_time, n
     async def main() -> None:
         async with streaming(name, wire) as (sim, edge, driver, told, _):
             claimed = truly_done(sim)
-            edge.say(sim.lose_power())
+            edge.send_to_host(sim.lose_power())
             await told_within(told, 1.0)
             assert told == [("restart",)]
             assert not driver.position_trusted
-            assert driver.executed <= claimed
-            moved = len(sim.executed_n)
+            assert driver.lines_executed <= claimed
+            moved = len(sim.executed_line_numbers)
             driver.submit([b"G1 X50 Y50 F600"])
             await asyncio.sleep(10.0)
-            assert len(sim.executed_n) == moved  # nothing moves until it is asked for anew
+            # nothing moves until it is asked for anew
+            assert len(sim.executed_line_numbers) == moved
             await driver.reset()
             assert not driver.position_trusted
 
@@ -210,7 +211,7 @@ def test_a_reboot_whose_banner_is_lost_does_not_credit_the_lines_that_died(
             sim.lose_power()  # and nobody hears what it says
             await told_within(told, 10.0)
             assert told[0][0] in ("lost", "alarm", "error")
-            assert driver.executed <= claimed
+            assert driver.lines_executed <= claimed
 
     in_virtual_time(main())
 
@@ -220,11 +221,11 @@ def test_a_reboot_whose_banner_is_lost_does_not_credit_the_lines_that_died(
 def test_frozen_reports_make_nothing_done(in_virtual_time, name, wire):
     async def main() -> None:
         async with streaming(name, wire) as (sim, edge, driver, _, _):
-            edge.put("to_host", FrozenReports("Run"))
+            edge.add_filter("to_host", FreezeStatusReports("Run"))
             await asyncio.sleep(0.5)
-            seen = driver.executed
+            seen = driver.lines_executed
             await asyncio.sleep(5.0)
-            assert driver.executed <= max(seen, truly_done(sim))
+            assert driver.lines_executed <= max(seen, truly_done(sim))
 
     in_virtual_time(main())
 
@@ -242,16 +243,16 @@ def test_disturbed_bytes_end_in_words_or_in_the_whole_program(
 
     async def main() -> None:
         async with streaming(name, wire) as (sim, edge, driver, told, _):
-            edge.put(direction, SomeBytes(changed, count=30, every=61, spent=lambda: None))
+            edge.add_filter(direction, AlterBytes(changed, count=30, every=61, spent=lambda: None))
             loop = asyncio.get_running_loop()
             begun_s = loop.time()
-            while driver.executed < len(LINES) and not told:
+            while driver.lines_executed < len(LINES) and not told:
                 assert loop.time() - begun_s < 300.0
-                assert driver.executed <= driver.acknowledged
+                assert driver.lines_executed <= driver.lines_acknowledged
                 await asyncio.sleep(0.05)
             assert all(kind in ("lost", "error", "alarm", "restart") for kind, *_ in told)
             if direction == "to_host" and change == "lost":
-                assert driver.executed <= truly_done(sim) + (truly_done(sim) == len(LINES))
+                assert driver.lines_executed <= truly_done(sim) + (truly_done(sim) == len(LINES))
 
     in_virtual_time(main())
 
@@ -263,13 +264,13 @@ def test_a_hold_reaches_a_controller_whose_answers_are_lost(in_virtual_time, nam
 
     async def main() -> None:
         async with streaming(name, wire) as (sim, edge, driver, _, _):
-            edge.put("to_host", lambda data, deliver: None)
+            edge.add_filter("to_host", lambda data, deliver: None)
             with pytest.raises(MachineError, match="no hold showed within"):
                 await driver.hold()
             at = sim.position_mm
             await asyncio.sleep(1.0)
             assert sim.position_mm == at
-            driver.realtime(Realtime.RESET)
+            driver.realtime(RealtimeCommand.RESET)
             await asyncio.sleep(1.0)
             assert sim.position_mm == at
 

@@ -8,7 +8,7 @@ import pytest
 
 from firmware_protocol.dialect import GRBL
 from lmctl.errors import MachineError
-from lmctl.machine.motion.status_watch import SILENT_S
+from lmctl.machine.motion.status_polling import SILENT_S
 from tests.machine.motion.driving import PROGRAM, heard, opened, until
 
 
@@ -20,7 +20,7 @@ def test_a_restart_nobody_asked_for_stops_everything(controller, in_virtual_time
             driver = await opened(endpoint)
             events = heard(driver)
             driver.submit(PROGRAM)
-            await until(lambda: driver.executed > 3)
+            await until(lambda: driver.lines_executed > 3)
             device.state = "Idle"  # power, not 0x18: no alarm
             device.restart()
             taken = len(device.received)
@@ -32,7 +32,7 @@ def test_a_restart_nobody_asked_for_stops_everything(controller, in_virtual_time
             assert len(device.received) == taken
             await driver.reset()
             driver.submit(PROGRAM[:4])
-            await until(lambda: driver.executed == 4)
+            await until(lambda: driver.lines_executed == 4)
             assert not driver.position_trusted
             await driver.close()
 
@@ -50,12 +50,12 @@ def test_an_alarm_stops_the_stream_and_says_whether_the_position_holds(
             driver = await opened(endpoint)
             events = heard(driver)
             driver.submit(PROGRAM)
-            await until(lambda: driver.executed > 3)
+            await until(lambda: driver.lines_executed > 3)
             device.alarm(code)
-            sent = driver.sent
+            sent = driver.lines_sent
             await asyncio.sleep(10.0)
             assert events == [("alarm", code)]
-            assert driver.sent == sent
+            assert driver.lines_sent == sent
             assert driver.position_trusted is kept
             await driver.close()
 
@@ -70,7 +70,7 @@ def test_an_alarm_whose_message_was_lost_is_seen_in_the_state(controller, in_vir
             driver = await opened(endpoint)
             events = heard(driver)
             driver.submit(PROGRAM)
-            await until(lambda: driver.executed > 3)
+            await until(lambda: driver.lines_executed > 3)
             device.mute = True
             device.alarm(1)
             device.mute = False
@@ -91,7 +91,7 @@ def test_silence_is_a_loss(controller, in_virtual_time, wire):
             driver = await opened(endpoint)
             events = heard(driver)
             driver.submit(PROGRAM)
-            await until(lambda: driver.executed > 3)
+            await until(lambda: driver.lines_executed > 3)
             device.mute = True
             loop = asyncio.get_running_loop()
             start_s = loop.time()
@@ -130,7 +130,7 @@ def test_a_closed_link_is_a_loss_and_fails_whoever_waits(controller, in_virtual_
             assert kind == "lost"
             assert reason.startswith(f"the link {endpoint} was lost: ")
             driver.submit([b"G1 X1"])
-            assert driver.sent == 0
+            assert driver.lines_sent == 0
             await driver.close()
 
     in_virtual_time(main())
@@ -153,7 +153,7 @@ def test_a_lost_answer_is_noticed_and_a_dwell_is_not_taken_for_one(controller, i
             await until(lambda: events)
             assert events[0][0] == "lost"
             assert "1 lines are unanswered" in events[0][1]
-            assert driver.executed <= driver.acknowledged == 59
+            assert driver.lines_executed <= driver.lines_acknowledged == 59
             await driver.close()
 
     in_virtual_time(main())

@@ -7,10 +7,10 @@ import asyncio
 import pytest
 
 from firmware_protocol.dialect import GRBL, GRBLHAL
-from firmware_protocol.realtime import Realtime
+from firmware_protocol.realtime import RealtimeCommand
 from lmctl.errors import ConfigError, MachineError
 from lmctl.machine.motion.driver import MotionDriver
-from lmctl.machine.motion.identify import Identity, read_offset, unfit_settings
+from lmctl.machine.motion.identity import ControllerIdentity, read_offset, unfit_settings
 
 
 async def opened(endpoint: str, timeout_s: float = 5.0) -> MotionDriver:
@@ -41,7 +41,7 @@ def refused_program(run, device) -> MachineError:
             try:
                 driver.submit([b"N0 G21 G90 G94"])
             finally:
-                assert driver.sent == driver.queued == 0
+                assert driver.lines_sent == driver.lines_queued == 0
                 await driver.close()
 
     with pytest.raises(MachineError) as refused:
@@ -62,11 +62,12 @@ def test_a_controller_says_who_it_is(controller, in_virtual_time, dialect, wire)
             assert driver.identity.planner_blocks == dialect.planner_blocks
             assert driver.identity.is_bench
             assert driver.settings[30] == "500"
-            assert driver.found.state == "Idle"
+            assert driver.first_report.state == "Idle"
             assert driver.offset_mm == (1.0, 2.0, 3.75)  # G55 + G92 + TLO
             assert driver.position_mm == (-1.0, -2.0, -3.75)
             assert driver.status_age_s < 0.1
-            assert (driver.sent, driver.acknowledged, driver.executed) == (0, 0, 0)
+            assert (driver.lines_sent, driver.lines_acknowledged, driver.lines_executed) == (0, 0,
+                                                                                             0)
             await driver.close()
             await driver.close()
 
@@ -115,7 +116,7 @@ def test_a_board_that_resets_when_the_port_opens_is_waited_for(controller, in_vi
             assert 2.0 <= loop.time() < 2.5
             driver.submit([b"G1 X1"])
             await asyncio.sleep(1.0)
-            assert driver.executed == 1
+            assert driver.lines_executed == 1
             await driver.close()
 
     in_virtual_time(main())
@@ -145,7 +146,7 @@ def test_with_reports_that_show_no_progress_no_line_is_sent(
     device.settings[10] = mask
     error = refused_program(in_virtual_time, device)
     assert "executed lines could not be told from planned ones" in error.what
-    identity = Identity(firmware, "1.1f", "", 128, 15)
+    identity = ControllerIdentity(firmware, "1.1f", "", 128, 15)
     (unfit,) = unfit_settings(identity, {10: mask, 32: "1"})
     assert (unfit.number, unfit.value) == (10, mend)
 
@@ -205,7 +206,7 @@ def test_a_machine_in_motion_is_waited_for_and_refused_when_it_goes_on(
         async with device.on_tcp() as endpoint:
             device.feed(b"G1 X1\n" * lines)  # another host's, which died
             driver = await opened(endpoint, 3.0)
-            assert driver.found.state == "Run"
+            assert driver.first_report.state == "Run"
             assert driver.status.state == "Idle"
             await driver.close()
 
@@ -222,8 +223,8 @@ def test_a_machine_found_holding_is_reset_where_it_stands(controller, in_virtual
             device.feed(b"G1 X1\nG1 X2\n")
             device.feed(b"!")
             driver = await opened(endpoint)
-            assert (driver.found.state, driver.found.substate) == ("Hold", 1)
-            assert device.realtime_seen.count(Realtime.RESET) == 1
+            assert (driver.first_report.state, driver.first_report.substate) == ("Hold", 1)
+            assert device.realtime_seen.count(RealtimeCommand.RESET) == 1
             assert driver.position_trusted  # no homing here, and it stood still
             await driver.close()
 
@@ -250,7 +251,7 @@ def test_an_alarm_does_not_prevent_opening(controller, in_virtual_time, dialect)
             assert driver.position_trusted
             driver.submit([b"G1 X1"])
             await asyncio.sleep(0.5)
-            assert driver.executed == 1
+            assert driver.lines_executed == 1
             await driver.close()
 
     in_virtual_time(main())
@@ -296,7 +297,7 @@ def test_the_same_driver_runs_on_an_ordinary_loop_in_real_time(controller):
         async with device.on_tcp() as endpoint:
             driver = await MotionDriver.open(endpoint, baud=115_200, status_period_s=0.02)
             finished = asyncio.Event()
-            driver.listener.on_progress = lambda: driver.executed == 100 and finished.set()
+            driver.listener.on_progress = lambda: driver.lines_executed == 100 and finished.set()
             driver.submit([b"N%d G1 X1" % n for n in range(100)])
             await asyncio.wait_for(finished.wait(), 10.0)
             await driver.close()

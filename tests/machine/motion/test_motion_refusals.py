@@ -31,7 +31,7 @@ def test_it_is_refused_in_words_and_nothing_of_the_batch_is_sent(
             with pytest.raises(LocalProtocolError, match=r"sent alone|act or break") as refused:
                 driver.submit([b"G1 X1 F60", line, b"G1 X2"])
             assert repr(line)[2:-1] in str(refused.value)
-            assert (driver.sent, driver.queued) == (0, 0)
+            assert (driver.lines_sent, driver.lines_queued) == (0, 0)
             await driver.command("$G")
             assert device.received[before:] == [b"$G"]
             assert bytes(device.realtime_seen).replace(b"?", b"") == acted
@@ -47,7 +47,7 @@ def test_lines_that_only_look_like_those_pass(controller, in_virtual_time, diale
         async with device.on_pty() as endpoint:
             driver = await MotionDriver.open(endpoint, baud=115_200, status_period_s=0.1)
             driver.submit(FINE)
-            assert driver.sent == len(FINE)
+            assert driver.lines_sent == len(FINE)
             await driver.close()
 
     in_virtual_time(main())
@@ -74,8 +74,8 @@ def test_whatever_is_submitted_nothing_acts_and_no_line_becomes_two(
                 assert b"".join(written) == line + b"\n"
                 device = GrblDevice(dialect, 1024)
                 assert device.receive_data(b"".join(written)) == b""
-                assert device.take_line() == line
-                assert device.lines_waiting == 0
+                assert device.pop_line() == line
+                assert device.buffered_lines == 0
                 assert not line.strip().startswith(b"$")
             await driver.close()
 

@@ -8,7 +8,7 @@ import pytest
 
 from firmware_protocol.dialect import GRBL
 from lmctl.errors import MachineError
-from lmctl.machine.by_hand.look_motion import look_at_motion
+from lmctl.machine.manual.inspect_motion import inspect_controller
 from lmctl.machine.motion.driver import MotionDriver
 from lmctl.machine.motion.observation import ControllerObservation
 
@@ -22,7 +22,7 @@ def refusal(run, device, wire, how) -> MachineError:
             if how == "open":
                 await MotionDriver.open(endpoint, baud=9600, status_period_s=0.1)
             else:
-                await look_at_motion(endpoint, baud=9600)
+                await inspect_controller(endpoint, baud=9600)
 
     with pytest.raises(MachineError) as refused:
         run(main())

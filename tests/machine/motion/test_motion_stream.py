@@ -9,8 +9,8 @@ import pytest
 
 from firmware_protocol.dialect import GRBL, GRBLHAL
 from firmware_protocol.host import LocalProtocolError
-from firmware_protocol.realtime import Realtime
-from lmctl.machine.motion.driver import MotionDriver, MotionListener
+from firmware_protocol.realtime import RealtimeCommand
+from lmctl.machine.motion.driver import MotionCallbacks, MotionDriver
 
 
 def program(count: int) -> list[bytes]:
@@ -50,22 +50,23 @@ def test_every_line_arrives_once_and_counts_never_run_ahead(
             steps = []
 
             def progressed() -> None:
-                steps.append((driver.sent, driver.acknowledged, driver.executed))
-                assert driver.sent >= driver.acknowledged >= driver.executed
-                assert driver.executed <= device.done
+                steps.append((driver.lines_sent, driver.lines_acknowledged, driver.lines_executed))
+                assert driver.lines_sent >= driver.lines_acknowledged >= driver.lines_executed
+                assert driver.lines_executed <= device.done
 
-            driver.listener = MotionListener(on_progress=progressed)
+            driver.listener = MotionCallbacks(on_progress=progressed)
             driver.submit(lines[:100])
             driver.submit(lines[100:])
-            await until(lambda: driver.executed == 400)
-            assert (driver.sent, driver.acknowledged, driver.queued) == (400, 400, 0)
+            await until(lambda: driver.lines_executed == 400)
+            assert (driver.lines_sent, driver.lines_acknowledged, driver.lines_queued) == (400, 400,
+                                                                                           0)
             assert steps == sorted(steps)
             assert len({executed for _, _, executed in steps}) > 20  # it was followed, not guessed
             await driver.close()
 
     in_virtual_time(main())
     assert gcode(device.received) == lines
-    assert device.device.overruns == 0
+    assert device.device.rx_overrun_bytes == 0
     assert device.done == 400
 
 
@@ -80,9 +81,10 @@ def test_executed_follows_line_numbers_closely_and_blocks_with_care(controller, 
         async with device.on_tcp() as endpoint:
             driver = await opened(endpoint)
             seen = []
-            driver.listener.on_status = lambda report: seen.append(device.done - driver.executed)
+            driver.listener.on_status = lambda report: seen.append(
+                device.done - driver.lines_executed)
             driver.submit([b"N%d G1 X1 F600" % n for n in range(100)])
-            await until(lambda: driver.executed == 100)
+            await until(lambda: driver.lines_executed == 100)
             lags[name] = set(seen[2:-2])
             await driver.close()
 
@@ -103,7 +105,7 @@ def test_executed_is_known_whatever_the_reports_carry(controller, in_virtual_tim
         async with device.on_tcp() as endpoint:
             driver = await opened(endpoint)
             driver.submit(program(60))
-            await until(lambda: driver.executed == 60)
+            await until(lambda: driver.lines_executed == 60)
             await driver.close()
 
     in_virtual_time(main())
@@ -117,10 +119,11 @@ def test_lines_without_motion_wait_for_the_motion_before_them(controller, in_vir
         async with device.on_tcp() as endpoint:
             driver = await opened(endpoint)
             driver.submit([b"M4 S5", b"G1 X1 F60", b"M5", b"G1 X2", b"G1 X3", b"G1 X4"])
-            await until(lambda: driver.acknowledged == 6)
+            await until(lambda: driver.lines_acknowledged == 6)
             await asyncio.sleep(0.5)
-            assert driver.executed == 0  # X1 is moving; M4 is only surely past once it is over
-            await until(lambda: driver.executed == 6)
+            # X1 is moving; M4 is only surely past once it is over
+            assert driver.lines_executed == 0
+            await until(lambda: driver.lines_executed == 6)
             await driver.close()
 
     in_virtual_time(main())
@@ -133,19 +136,19 @@ def test_a_second_stream_counts_from_zero_after_a_reset(controller, in_virtual_t
         async with device.on_tcp() as endpoint:
             driver = await opened(endpoint)
             driver.submit(program(300))
-            await until(lambda: driver.executed > 20)
+            await until(lambda: driver.lines_executed > 20)
             await driver.hold()
-            done = driver.executed
-            dropped = driver.queued
+            done = driver.lines_executed
+            dropped = driver.lines_queued
             await driver.reset()
-            assert driver.executed == done  # what was executed stays known after the reset
+            assert driver.lines_executed == done  # what was executed stays known after the reset
             assert dropped > 0
-            assert driver.queued == 0
+            assert driver.lines_queued == 0
             taken = len(gcode(device.received))
             await asyncio.sleep(1.0)
             assert len(gcode(device.received)) == taken  # nothing of the old stream follows
             driver.submit(program(30))
-            await until(lambda: driver.executed == 30)
+            await until(lambda: driver.lines_executed == 30)
             assert gcode(device.received)[taken:] == program(30)
             await driver.close()
 
@@ -168,16 +171,16 @@ def test_the_first_error_holds_the_machine_and_is_told_once(
             driver.submit(lines)
             await until(lambda: errors)
             await until(lambda: device.state == "Hold")
-            sent = driver.sent
+            sent = driver.lines_sent
             await asyncio.sleep(20.0)
             assert errors == [(7, 20)]
-            assert device.realtime_seen.count(Realtime.HOLD) == 1
-            assert driver.sent == sent < 200
-            assert driver.acknowledged == 7
-            assert driver.executed <= 7
+            assert device.realtime_seen.count(RealtimeCommand.HOLD) == 1
+            assert driver.lines_sent == sent < 200
+            assert driver.lines_acknowledged == 7
+            assert driver.lines_executed <= 7
             await driver.reset()
             driver.submit(program(5))
-            await until(lambda: driver.executed == 5)
+            await until(lambda: driver.lines_executed == 5)
             await driver.close()
 
     in_virtual_time(main())
@@ -194,7 +197,7 @@ def test_lines_that_could_never_be_sent_are_our_bug_and_none_is_queued(
             for bad in (b"G1 X1\n", b"(hold!)", b"X" * 80, "µ".encode()):
                 with pytest.raises(LocalProtocolError):
                     driver.submit([b"G1 X1", bad])
-            assert (driver.sent, driver.queued) == (0, 0)
+            assert (driver.lines_sent, driver.lines_queued) == (0, 0)
             await driver.close()
 
     in_virtual_time(main())
@@ -207,9 +210,9 @@ def test_discarded_lines_are_never_sent(controller, in_virtual_time):
         async with device.on_tcp() as endpoint:
             driver = await opened(endpoint)
             driver.submit(program(100))
-            sent = driver.sent
+            sent = driver.lines_sent
             assert driver.discard_queue() == 100 - sent
-            await until(lambda: driver.executed == sent)
+            await until(lambda: driver.lines_executed == sent)
             assert gcode(device.received) == program(100)[:sent]
             await driver.close()
 
@@ -234,7 +237,7 @@ def test_lines_go_out_several_at_once_where_the_wire_allows_and_the_planner_stay
         async with device.on_tcp() as endpoint:
             driver = await opened(endpoint)
             driver.submit([b"N%d G1 X1.234 Y5.678 F600" % n for n in range(400)])
-            await until(lambda: driver.executed == 400)
+            await until(lambda: driver.lines_executed == 400)
             await driver.close()
 
     in_virtual_time(main())
@@ -253,11 +256,11 @@ def test_the_same_stream_gives_the_same_history(controller, in_virtual_time):
             history: dict[float, tuple[int, int]] = {}
 
             def note() -> None:
-                history[loop.time()] = driver.acknowledged, driver.executed
+                history[loop.time()] = driver.lines_acknowledged, driver.lines_executed
 
             driver.listener.on_progress = note
             driver.submit(program(300))
-            await until(lambda: driver.executed == 300)
+            await until(lambda: driver.lines_executed == 300)
             histories.append(history)
             await driver.close()
 
@@ -285,13 +288,13 @@ def test_lines_submitted_as_a_question_is_put_are_there_when_it_is_answered(
             def question() -> None:
                 if waiting:
                     driver.submit([waiting.pop(0)])
-                told.append(("asked", driver.sent))
+                told.append(("asked", driver.lines_sent))
 
-            driver.listener = MotionListener(
-                on_question=question,
-                on_status=lambda report: told.append(("told", driver.sent)),
+            driver.listener = MotionCallbacks(
+                on_query=question,
+                on_status=lambda report: told.append(("told", driver.lines_sent)),
             )
-            await until(lambda: driver.executed == len(lines))
+            await until(lambda: driver.lines_executed == len(lines))
             asked = told[told.index(("asked", 1)) :]
             answered = [(a, b) for a, b in pairwise(asked) if b[0] == "told"]
             assert len(answered) >= len(lines)

@@ -8,12 +8,12 @@ from contextlib import asynccontextmanager
 import numpy as np
 import pytest
 
-from firmware_protocol.realtime import Realtime
+from firmware_protocol.realtime import RealtimeCommand
 from lmctl.errors import MachineError
-from lmctl.machine.motion.driver import MotionDriver, MotionListener
+from lmctl.machine.motion.driver import MotionCallbacks, MotionDriver
 from simulators.motion.config import MotionConfig
 from simulators.motion.server import open_pty, serve_tcp
-from simulators.motion.sim import MotionSim
+from simulators.motion.simulator import MotionSimulator
 
 SETTINGS = {30: 1000, 32: 1, 110: 6000, 111: 6000, 112: 6000, 120: 500, 121: 500, 122: 500,
             130: 300, 131: 300, 132: 200}
@@ -24,7 +24,7 @@ async def machine(name: str, wire: str, rx_bytes: int | None = None, **settings:
     """A simulated controller and a driver that has met it."""
     mask = 3 if name == "grbl" else 511
     wanted = SETTINGS | {10: mask} | {int(key[1:]): value for key, value in settings.items()}
-    sim = MotionSim(MotionConfig(dialect=name, rx_bytes=rx_bytes, settings=wanted))
+    sim = MotionSimulator(MotionConfig(dialect=name, rx_bytes=rx_bytes, settings=wanted))
     if wire == "tcp":
         server = await serve_tcp(sim)
         endpoint = f"tcp://127.0.0.1:{server.port}"
@@ -61,7 +61,7 @@ both_dialects = pytest.mark.parametrize("name", ["grbl", "grblhal"])
 
 async def executed_all(driver: MotionDriver, deadline_s: float = 600.0) -> None:
     async with asyncio.timeout(deadline_s):
-        while driver.executed < driver.sent or driver.queued:  # noqa: ASYNC110
+        while driver.lines_executed < driver.lines_sent or driver.lines_queued:  # noqa: ASYNC110
             await asyncio.sleep(0.01)
 
 
@@ -77,19 +77,19 @@ def test_a_program_is_executed_once_whole_and_followed(in_virtual_time, name, wi
             leads = []
 
             def progressed() -> None:
-                done = sim.executed_n
+                done = sim.executed_line_numbers
                 true = done[-1] + 1 if done else 2
                 true += done[-1:] == [len(lines) - 2]  # M5 is done with the last motion
-                leads.append(driver.executed - true)
-                assert driver.executed <= driver.acknowledged <= driver.sent
+                leads.append(driver.lines_executed - true)
+                assert driver.lines_executed <= driver.lines_acknowledged <= driver.lines_sent
 
-            driver.listener = MotionListener(on_progress=progressed)
+            driver.listener = MotionCallbacks(on_progress=progressed)
             for start in range(0, len(lines), 17):
                 driver.submit(lines[start : start + 17])
             await executed_all(driver)
-            assert driver.sent == driver.executed == len(lines)
-            assert sim.executed_n == list(range(2, len(lines) - 1))
-            assert sim.overruns == 0
+            assert driver.lines_sent == driver.lines_executed == len(lines)
+            assert sim.executed_line_numbers == list(range(2, len(lines) - 1))
+            assert sim.rx_overrun_bytes == 0
             assert driver.damaged_messages == 0
             assert sim.position_mm[:2] == pytest.approx((5.0, 5.0))
             assert driver.position_mm[:2] == pytest.approx((5.0, 5.0))
@@ -110,14 +110,14 @@ def test_hold_and_resume_on_the_way_lose_nothing(in_virtual_time, name, wire):
             for _ in range(4):
                 await asyncio.sleep(1.3)
                 await driver.hold()
-                at, executed = sim.position_mm, driver.executed
+                at, executed = sim.position_mm, driver.lines_executed
                 assert driver.status.state == "Hold"
                 await asyncio.sleep(5.0)
                 assert sim.position_mm == at
-                assert driver.executed == executed
+                assert driver.lines_executed == executed
                 await driver.resume()
             await executed_all(driver)
-            assert sim.executed_n == list(range(2, len(lines) - 1))
+            assert sim.executed_line_numbers == list(range(2, len(lines) - 1))
             assert driver.position_trusted
 
     in_virtual_time(main())
@@ -136,12 +136,12 @@ def test_cancel_from_a_hold_keeps_the_place_and_another_stream_runs(in_virtual_t
             assert report.state == "Idle"
             assert driver.position_trusted
             assert driver.position_mm == pytest.approx(at, abs=0.0006)
-            done = len(sim.executed_n)
+            done = len(sim.executed_line_numbers)
             driver.submit(rings(1))
-            assert driver.executed == 0
+            assert driver.lines_executed == 0
             await executed_all(driver)
-            assert len(sim.executed_n) - done >= 40
-            assert sim.overruns == 0
+            assert len(sim.executed_line_numbers) - done >= 40
+            assert sim.rx_overrun_bytes == 0
 
     in_virtual_time(main())
 
@@ -178,8 +178,8 @@ def test_a_rejected_line_stops_the_machine_near_it(in_virtual_time, name, wire):
             await asyncio.sleep(30.0)
             assert errors == [(100, 25)]
             assert driver.status.state == "Hold"
-            assert driver.executed <= driver.acknowledged == 100
-            assert max(sim.executed_n, default=0) < 130
+            assert driver.lines_executed <= driver.lines_acknowledged == 100
+            assert max(sim.executed_line_numbers, default=0) < 130
 
     in_virtual_time(main())
 
@@ -191,7 +191,7 @@ def test_a_feed_override_is_followed(in_virtual_time, name, wire):
         async with machine(name, wire) as (_, driver):
             driver.submit(rings(3))
             await asyncio.sleep(1.0)
-            driver.realtime(Realtime.FEED_MINUS_10)
+            driver.realtime(RealtimeCommand.FEED_MINUS_10)
             await asyncio.sleep(0.5)
             assert driver.overrides == (90, 100, 100)
             await executed_all(driver)
@@ -211,7 +211,7 @@ def test_settings_no_program_may_run_with(in_virtual_time, name, wire, settings,
             with pytest.raises(MachineError, match=words):
                 driver.submit(rings(1))
             await asyncio.sleep(2.0)
-            assert not any(sim.executed_n)
+            assert not any(sim.executed_line_numbers)
 
     in_virtual_time(main())
 
@@ -230,8 +230,8 @@ def test_a_machine_taken_over_in_a_hold_is_where_it_was(in_virtual_time, name, w
             endpoint = driver._talk.endpoint
             await driver.close()
             heir = await MotionDriver.open(endpoint, baud=115_200, status_period_s=0.1)
-            assert heir.found.state == "Hold"
-            assert heir.found.machine_mm == pytest.approx(at, abs=0.0006)
+            assert heir.first_report.state == "Hold"
+            assert heir.first_report.machine_mm == pytest.approx(at, abs=0.0006)
             assert heir.status.state == "Idle"
             assert heir.position_mm == pytest.approx(at, abs=0.0006)
             heir.submit(rings(1))
@@ -254,7 +254,7 @@ def test_homing_and_soft_limits(in_virtual_time, wire):
             await asyncio.sleep(2.0)
             assert alarms == [2]
             assert driver.position_trusted
-            assert driver.executed == 0
+            assert driver.lines_executed == 0
 
     in_virtual_time(main())
 

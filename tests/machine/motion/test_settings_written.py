@@ -7,9 +7,9 @@ import asyncio
 import pytest
 
 from lmctl.errors import ConfigError, MachineError, UsageError
-from lmctl.machine.by_hand.homing import run_clear_offsets
-from lmctl.machine.by_hand.settings import apply_settings
-from lmctl.machine.by_hand.settings_file import (
+from lmctl.machine.manual.homing import run_clear_offsets
+from lmctl.machine.manual.settings import apply_settings
+from lmctl.machine.manual.settings_file import (
     read_setting,
     same_value,
     settings_in,

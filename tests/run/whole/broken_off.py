@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import shutil
 
-from lmctl.run.journal.file import FIRST_PREV, encode_record, line_hash, read
-from lmctl.run.journal.rundir import RunDir
+from lmctl.run.journal.format import FIRST_PREV, encode_record, line_hash, read_records
+from lmctl.run.journal.run_folders import RunFolder
 
 
 def broken_off(folder, whole, records):
@@ -14,21 +14,21 @@ def broken_off(folder, whole, records):
     folder.mkdir(parents=True)
     shutil.copyfile(whole.job, folder / "job.lmj")
     lines, prev = [], FIRST_PREV
-    for seq, record in enumerate(list(read(whole.journal))[:records]):
+    for seq, record in enumerate(list(read_records(whole.journal))[:records]):
         fields = {k: v for k, v in record.items() if k not in ("prev", "seq", "t", "kind")}
         line = encode_record(prev, seq, record["t"], record["kind"], fields)
         lines.append(line)
         prev = line_hash(line)
     whole_lines = b"".join(line + b"\n" for line in lines)
     (folder / "journal.jsonl").write_bytes(whole_lines + b'{"prev":"half writ')
-    return RunDir(folder)
+    return RunFolder(folder)
 
 
 def changed_header(folder, whole, records, **fields):
     """The same, with other fields in its header; None takes one away."""
     made = broken_off(folder, whole, records)
     lines, prev = [], FIRST_PREV
-    for seq, record in enumerate(read(made.journal)):
+    for seq, record in enumerate(read_records(made.journal)):
         kept = {k: v for k, v in record.items() if k not in ("prev", "seq", "t", "kind")}
         if seq == 0:
             kept = {k: v for k, v in (kept | fields).items() if v is not None}

@@ -11,9 +11,9 @@ import pytest
 from lmctl.config.machine import load_profile
 from lmctl.errors import LmctlError, UsageError
 from lmctl.job.reader import JobReader
-from lmctl.run.executor import Executor
-from lmctl.run.journal.file import read, verify
-from lmctl.run.state.table import State
+from lmctl.run.executor import RunExecutor
+from lmctl.run.journal.format import read_records, verify_journal
+from lmctl.run.state.transitions import RunState
 from simulators import virtual_time
 from simulators.bench import Bench
 from simulators.bench_config import BenchConfig
@@ -96,7 +96,7 @@ class BenchRun:
     async def _main(self, config, folder, profile, acts, override):
         self.loop = asyncio.get_running_loop()
         async with Bench(config, ephemeral_ports=True) as self.bench:
-            self.executor = Executor(
+            self.executor = RunExecutor(
                 self.job, wired(profile, self.bench.endpoints), folder / "runs", operator="Ada",
                 progress=lambda *told: self.told.append((self.loop.time(), *told)),
                 notice=self.notices.append,
@@ -117,12 +117,12 @@ class BenchRun:
             else:
                 acting.cancel()
             record = self.bench.record
-            self.path = record.beam_path()
-            self.standing_beam = record.beam_without_motion()
-            self.bare_beam = record.beam_without_stable_powder()
-            self.executed = [n for n in self.bench.motion.executed_n if n]
+            self.path = record.beam_on_path()
+            self.standing_beam = record.beam_on_without_motion()
+            self.bare_beam = record.beam_on_without_stable_powder()
+            self.executed = [n for n in self.bench.motion.executed_line_numbers if n]
             self.position_mm = self.bench.motion.position_mm
-            self.overruns = self.bench.motion.overruns
+            self.overruns = self.bench.motion.rx_overrun_bytes
             self.ended_s = self.loop.time()
             await asyncio.sleep(60.0)
             self.still_feeding = [
@@ -131,7 +131,7 @@ class BenchRun:
             ] if all(device.spans for device in self.bench.feeders.values()) else []
 
     async def _act(self, acts):
-        while self.executor.state is not State.DEPOSITING:  # noqa: ASYNC110 (it has no event)
+        while self.executor.state is not RunState.DEPOSITING:  # noqa: ASYNC110 (it has no event)
             await asyncio.sleep(0.01)
         self.started_s = self.loop.time()
         for at, act in acts:
@@ -145,7 +145,7 @@ class BenchRun:
         self.refused.append(refusal.value.render())
 
     def records(self, kind):
-        return [record for record in read(self.journal) if record["kind"] == kind]
+        return [record for record in read_records(self.journal) if record["kind"] == kind]
 
     @property
     def states(self):
@@ -161,8 +161,8 @@ class BenchRun:
         assert len(self.bare_beam) == 0
         assert self.overruns == 0
         assert self.still_feeding == []
-        found = verify(self.journal)
-        assert found.whole
+        found = verify_journal(self.journal)
+        assert found.intact
         assert found.sealed
         begun = {record["path"]: record["lines"] for record in self.records("path")}
         claimed = [record["path"] for record in self.records("executed")]

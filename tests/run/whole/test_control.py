@@ -7,9 +7,9 @@ import json
 
 import pytest
 
-from lmctl.run.control.path import SOCKET
-from lmctl.run.journal.file import fingerprint
-from lmctl.run.state.table import State
+from lmctl.run.control.socket_path import SOCKET
+from lmctl.run.journal.format import fingerprint
+from lmctl.run.state.transitions import RunState
 from tests.run.whole.conftest import BenchRun
 
 
@@ -52,7 +52,7 @@ def test_hold_resume_and_override_by_the_socket(run, square_job, tmp_path):
         (4.5, terminal.asks("override", percent=80)), (5.0, terminal.asks("resume")),
     ])
     assert ran.result is not None, ran.error
-    assert ran.executor.state is State.DONE
+    assert ran.executor.state is RunState.DONE
     ran.check_safe()
     ok = [answer["ok"] for answer in terminal.said]
     assert ok == [True, False, True, True, True, True]
@@ -75,7 +75,7 @@ def test_a_stop_ends_it_in_the_safe_order_and_is_seen_by_who_watches(run, square
     ran = run(square_job, acts=[(1.0, terminal.asks("watch", every_s=1.0)),
                                 (3.0, terminal.asks("stop"))])
     ran.check_safe()
-    assert ran.executor.state is State.STOPPED
+    assert ran.executor.state is RunState.STOPPED
     states = [answer["state"] for answer in terminal.said]
     assert states[0] == "depositing"
     assert states[-1] == "stopped"
@@ -99,14 +99,14 @@ def test_time_left_counts_gas_and_powder_before_it_deposits(
     class Looked(BenchRun):
         async def _act(self, acts):
             self.seen = []
-            while self.executor.state is not State.DEPOSITING:
-                if self.executor.state is not State.READY:
+            while self.executor.state is not RunState.DEPOSITING:
+                if self.executor.state is not RunState.READY:
                     told = self.executor.snapshot()
                     self.seen.append((self.loop.time(), told["state"], told["remaining_s"]))
                 await asyncio.sleep(0.25)
 
     ran = Looked(tmp_path / "looked", profile, square_job, acts=["look"], override=override)
-    done_s = ran.entered_s(State.FINISHING)
-    assert {state for _, state, _ in ran.seen} >= {State.GAS, State.POWDER, State.ARMED}
+    done_s = ran.entered_s(RunState.FINISHING)
+    assert {state for _, state, _ in ran.seen} >= {RunState.GAS, RunState.POWDER, RunState.ARMED}
     wrong_s = [left_s - (done_s - now_s) for now_s, _, left_s in ran.seen]
     assert max(map(abs, wrong_s)) < 3.0, wrong_s  # of the 14 s that gas and powder take

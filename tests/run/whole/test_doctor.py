@@ -6,13 +6,13 @@ import re
 
 import pytest
 
-from firmware_protocol.safety_io import Inputs
+from firmware_protocol.safety_io import SafetyInputBits
 from lmctl.config.machine import load_profile
-from lmctl.run.cell.doctor import examine, look_at
+from lmctl.run.cell.doctor import check_inspection, inspect_cell
 from simulators import virtual_time
 from simulators.bench import Bench
 from simulators.bench_config import BenchConfig
-from simulators.feeder.mishaps import Mishaps
+from simulators.feeder.injected_defects import InjectedDefects
 from tests.run.whole.conftest import EXAMPLES, BenchRun, wired
 
 GRBL = (('dialect = "grblhal"', 'dialect = "grbl"'), ("10 = 511", "10 = 3"),
@@ -37,7 +37,7 @@ def feeder(act):
 
 
 def without_hopper(device):
-    device.mishaps = Mishaps()
+    device.mishaps = InjectedDefects()
     device.mishaps.tell(1, "STATUS", lambda word: word & ~1)
 
 
@@ -91,7 +91,8 @@ def doctor(folder, profile, changes, act, *, bench="bench.toml", close_relay=Fal
             if profile.safety is not None:
                 here = here.model_copy(update={"safety": profile.safety.model_copy(
                     update={"endpoint": cell.endpoints["safety"]})})
-            return examine(await look_at(here, folder / "runs", close_relay=close_relay), here)
+            return check_inspection(await inspect_cell(here, folder / "runs",
+                                                       close_relay=close_relay), here)
 
     return virtual_time.run(main())
 
@@ -129,7 +130,8 @@ def safety(act):
 
 SAFETY = [
     ("all well", (), None, []),
-    ("key off", (), safety(lambda one: one.set_input(Inputs.KEY_ON, False)), ["key switch is off"]),
+    ("key off", (), safety(lambda one: one.set_input(SafetyInputBits.KEY_ON, False)),
+     ["key switch is off"]),
     ("too little gas", (), safety(lambda one: one.set_shield_gas(8.0)), ["shield gas flows at 8"]),
     ("chiller, oxygen", (), safety(lambda one: (one.set_chiller(30.0, 10.0), one.set_oxygen(2e3))),
      ["the chiller is at 30", "oxygen is at 2000"]),

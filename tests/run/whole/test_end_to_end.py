@@ -9,8 +9,8 @@ import pytest
 
 from lmctl.errors import UsageError
 from lmctl.job.reader import JobReader
-from lmctl.run.journal.file import fingerprint
-from lmctl.run.journal.rundir import list_runs
+from lmctl.run.journal.format import fingerprint
+from lmctl.run.journal.run_folders import list_runs
 from tests.run.whole.conftest import BenchRun
 
 
@@ -239,7 +239,7 @@ def test_what_an_operator_may_not_ask_is_refused_and_does_no_harm(run, square_jo
 
 
 def test_a_machine_that_is_not_the_bench_gets_no_power(run, square_job, monkeypatch):
-    monkeypatch.setattr("lmctl.machine.motion.identify.BENCH_INFO", "some other bench")
+    monkeypatch.setattr("lmctl.machine.motion.identity.BENCH_INFO", "some other bench")
     one = run(square_job)
     assert one.result.state == "done"
     assert len(one.path.length_mm) == 0

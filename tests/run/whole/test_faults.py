@@ -11,13 +11,19 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from lmctl.errors import JournalError, MachineError, RunBrokenOff, RunFailed, RunStopped
-from lmctl.run.journal.aftermath import aftermath
-from lmctl.run.journal.file import verify
-from lmctl.run.journal.recorder import Recorder
-from lmctl.run.journal.rundir import RunDir
-from lmctl.run.program.reentry import Place
-from simulators.faults.board import FaultBoard
+from lmctl.errors import (
+    JournalError,
+    MachineError,
+    RunFailedError,
+    RunInterruptedError,
+    RunStoppedError,
+)
+from lmctl.run.journal.format import verify_journal
+from lmctl.run.journal.recorder import RunRecorder
+from lmctl.run.journal.replay import replay_run
+from lmctl.run.journal.run_folders import RunFolder
+from lmctl.run.program.reentry import ProgramPlace
+from simulators.faults.fault_injector import FaultInjector
 from simulators.faults.kinds import Fault
 from tests.run.whole.laid import (
     BEAM_OFF_S,
@@ -69,7 +75,7 @@ INTERLOCKS = {
 def test_a_feeder_that_cannot_be_stopped_is_said_so(run, large_square_job):
     """At LOCAL a feeder takes no orders: its powder is for the people at its panel."""
     one = run(large_square_job, acts=[(3.0, feeder_to_local), (20.0, stop)])
-    assert isinstance(one.error, RunBrokenOff)
+    assert isinstance(one.error, RunInterruptedError)
     assert "its switch stands at LOCAL" in one.error.what
     assert "powder did not stop" in one.error.render()
     assert len(one.standing_beam) == 0
@@ -83,7 +89,7 @@ def test_an_interlock_takes_beam_and_motion_down_first_and_waits(
     act, cycles, words = INTERLOCKS[name]
     seen_s = cycles * profile.feeder[0].watchdog_s / 4
     one = run(large_square_job, acts=[(3.0, act), (20.0, stop)])
-    assert isinstance(one.error, RunStopped), one.error
+    assert isinstance(one.error, RunStoppedError), one.error
     text = one.error.render()
     assert words.lower() in text.lower()
     assert "lmctl recover" in text
@@ -118,7 +124,7 @@ def test_after_an_interlock_the_operator_goes_on_with_the_part(
 
 def test_a_restarted_controller_ends_the_run(run, large_square_job):
     one = run(large_square_job, acts=[(3.0, reboot)])
-    assert isinstance(one.error, RunFailed), one.error
+    assert isinstance(one.error, RunFailedError), one.error
     assert "the motion controller restarted" in one.error.render()
     assert one.path.time_s.max() < one.started_s + 3.0 + BEAM_OFF_S
     assert one.still_feeding == []
@@ -132,7 +138,7 @@ def test_without_a_host_the_controller_runs_dry_within_the_send_horizon(
     run, large_square_job, act
 ):
     one = run(large_square_job, acts=[(3.0, act)])
-    assert isinstance(one.error, RunFailed)
+    assert isinstance(one.error, RunFailedError)
     assert "the motion controller has not reported for" in one.error.what
     assert one.path.time_s.max() < one.started_s + 3.0 + 1.0 + BEAM_OFF_S
     assert len(one.standing_beam) == 0
@@ -168,10 +174,10 @@ def test_a_line_damaged_on_its_way_stops_the_run_at_once(run, large_square_job, 
         one.bench.motion.receive = damaged
 
     one = run(large_square_job, bench=bench, acts=[(3.0, damage)])
-    assert isinstance(one.error, RunBrokenOff)
+    assert isinstance(one.error, RunInterruptedError)
     rejected = int(re.search(r"program line (\d+) was damaged on its way", one.error.render())[1])
-    after = aftermath(RunDir(one.journal.parent))  # a line once damaged does not end the part
-    assert Place(rejected - 20) < after.proven <= Place(rejected)
+    after = replay_run(RunFolder(one.journal.parent))  # a line once damaged does not end the part
+    assert ProgramPlace(rejected - 20) < after.proven_place <= ProgramPlace(rejected)
     assert len(one.standing_beam) == 0
     assert one.path.time_s.max() < one.started_s + 4.5
     assert one.still_feeding == []
@@ -214,7 +220,8 @@ def test_a_place_damaged_on_its_way_is_seen_by_where_the_nozzle_goes(
 
 def garble(letter, percent):
     def strike(one):
-        FaultBoard(one.bench).inject(Fault.of("word_garbled", letter=letter, percent=percent))
+        FaultInjector(one.bench).inject(Fault.create("word_garbled", letter=letter,
+                                                     percent=percent))
 
     return strike
 
@@ -278,7 +285,7 @@ def test_a_job_altered_while_it_runs_ends_the_run(run, tmp_path, profile, job_fi
         copy.write_bytes(data)
 
     one = run(tmp_path / "job.lmj", acts=[(1.0, alter)])
-    assert isinstance(one.error, RunFailed)
+    assert isinstance(one.error, RunFailedError)
     assert "job.lmj" in one.error.what
     assert "plan the part again" in one.error.hint
     assert len(one.standing_beam) == 0
@@ -301,8 +308,8 @@ def fill_disk(monkeypatch):
 def test_a_disk_that_is_full_when_all_is_done_keeps_no_feeder_from_being_given_back(
     run, square_job, fill_disk, monkeypatch
 ):
-    seal = Recorder.seal
-    monkeypatch.setattr(Recorder, "seal",
+    seal = RunRecorder.seal
+    monkeypatch.setattr(RunRecorder, "seal",
                         lambda *args, **fields: (fill_disk(), seal(*args, **fields)))
     one = run(square_job)
     assert isinstance(one.error, JournalError)
@@ -314,11 +321,11 @@ def test_a_disk_that_is_full_when_all_is_done_keeps_no_feeder_from_being_given_b
 def test_a_full_disk_ends_the_run_safely(run, large_square_job, fill_disk, monkeypatch):
     one = run(large_square_job, acts=[(3.0, fill_disk)])
     monkeypatch.undo()
-    assert isinstance(one.error, RunFailed)
+    assert isinstance(one.error, RunFailedError)
     assert "No space left on device" in one.error.render()
     assert len(one.standing_beam) == 0
     assert one.still_feeding == []
-    found = verify(one.journal)
-    assert found.whole
+    found = verify_journal(one.journal)
+    assert found.intact
     assert not found.sealed  # it could not be
     assert one.path.time_s.max() < one.started_s + 3.0 + 5.0

@@ -6,8 +6,8 @@ import pytest
 
 from lmctl.report.job_log_text import as_text
 from lmctl.report.part_record import part_of
-from lmctl.run.journal.file import read
-from simulators.faults.board import FaultBoard
+from lmctl.run.journal.format import read_records
+from simulators.faults.fault_injector import FaultInjector
 from simulators.faults.kinds import Fault
 
 
@@ -15,8 +15,8 @@ def injects(kind: str, **values):
     """An act: a fault becomes real, and stands."""
 
     def act(one) -> None:
-        one.board = FaultBoard(one.bench)
-        one.board.inject(Fault.of(kind, **values))
+        one.board = FaultInjector(one.bench)
+        one.board.inject(Fault.create(kind, **values))
 
     return act
 
@@ -51,7 +51,7 @@ def test_the_cause_is_the_headline_everywhere(run, large_square_job, kind, value
     if seen and seen[-1]:
         assert seen[-1][0]["what"].startswith(cause)
     # in the journal
-    seal = list(read(one.journal))[-1]
+    seal = list(read_records(one.journal))[-1]
     assert seal["cause"]["what"].startswith(cause)
     assert not any(text.startswith(cause) for text in seal["followed"])
     # in the log
@@ -63,7 +63,7 @@ def test_the_cause_is_the_headline_everywhere(run, large_square_job, kind, value
 def test_what_follows_is_listed_under_the_cause(run, large_square_job):
     one = run(large_square_job, acts=[(3.0, injects("controller_reboots"))])
     assert "then: the motion controller has not reported for 0.6 s" in one.error.where
-    faults = [r for r in read(one.journal) if r["kind"] == "fault"]
+    faults = [r for r in read_records(one.journal) if r["kind"] == "fault"]
     restarted = next(r for r in faults if "restarted" in r["what"])
     assert "follows" not in restarted
     later = faults[faults.index(restarted) + 1:]

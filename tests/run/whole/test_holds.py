@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lmctl.errors import RunFailed, RunStopped
+from lmctl.errors import RunFailedError, RunStoppedError
 from tests.run.whole.laid import BEAM_OFF_S, EXACT_MM, OVERLAP_MM, check_all_is_laid, laid_again_mm
 
 
@@ -92,7 +92,7 @@ def test_held_twice_in_the_overlap_the_first_place_counts(run, large_square_job,
 def test_nobody_comes_to_a_held_run(run, large_square_job, monkeypatch):
     monkeypatch.setattr("lmctl.run.sequence.HELD_AT_MOST_S", 100.0)
     one = run(large_square_job, acts=[(3.0, lambda r: r.executor.hold())])
-    assert isinstance(one.error, RunStopped)
+    assert isinstance(one.error, RunStoppedError)
     assert "lmctl recover" in one.error.hint
     assert one.entered_s("stopping") - one.entered_s("held") == pytest.approx(100.0, abs=0.1)
     one.check_safe()
@@ -118,7 +118,7 @@ def test_a_hold_that_does_not_come_is_followed_by_a_reset(run, large_square_job)
         one.executor.hold()
 
     one = run(large_square_job, acts=[(3.0, deaf_to_hold)])
-    assert isinstance(one.error, RunFailed)
+    assert isinstance(one.error, RunFailedError)
     assert "no hold showed" in one.error.render()
     assert one.path.time_s.max() < one.started_s + 3.0 + 2 * 0.25 + 2 * BEAM_OFF_S
     assert one.still_feeding == []
@@ -179,7 +179,7 @@ def test_an_offset_that_has_changed_in_a_hold_ends_the_run(run, large_square_job
         (8.0, lambda r: setattr(r.executor._live.sequence._cell, "offset_mm", (0.0, 0.0, 5.0))),
         (9.0, lambda r: r.executor.resume()),
     ])
-    assert isinstance(one.error, RunFailed)
+    assert isinstance(one.error, RunFailedError)
     assert "work offset has changed" in one.error.what
     one.check_safe()
     assert one.path.time_s.max() < one.started_s + 4.0

@@ -8,7 +8,7 @@ import re
 import pytest
 
 from lmctl.cli.__main__ import main
-from lmctl.run.journal.file import verify
+from lmctl.run.journal.format import verify_journal
 
 
 @pytest.fixture
@@ -45,7 +45,7 @@ def places(data: bytes) -> list[int]:
 
 def test_any_byte_changed_in_a_sealed_journal_is_found(journal, capsys):
     data = bytearray(journal.read_bytes())
-    assert verify(journal).sealed
+    assert verify_journal(journal).sealed
     looked = places(bytes(data))
     assert len(looked) > 300
     for at in looked:
@@ -55,10 +55,10 @@ def test_any_byte_changed_in_a_sealed_journal_is_found(journal, capsys):
                 file.seek(at)
                 file.write(bytes((value,)))
                 file.flush()
-                assert not verify(journal).sealed, (at, value)
+                assert not verify_journal(journal).sealed, (at, value)
             file.seek(at)
             file.write(bytes((before,)))
-    assert verify(journal).sealed
+    assert verify_journal(journal).sealed
 
 
 @pytest.mark.parametrize("where", [0.0, 0.3, 0.999])
@@ -82,4 +82,4 @@ def test_lines_left_out_swapped_or_doubled_are_found(journal):
         for changed in (lines[:at] + lines[at + 1 :], lines[: at + 1] + lines[at:],
                         [*lines[:at], lines[at + 1], lines[at], *lines[at + 2 :]]):
             journal.write_bytes(b"".join(changed))
-            assert not verify(journal).sealed
+            assert not verify_journal(journal).sealed

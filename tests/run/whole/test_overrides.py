@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from lmctl.errors import UsageError
-from lmctl.run.executor import Executor
-from lmctl.run.state.table import State
+from lmctl.run.executor import RunExecutor
+from lmctl.run.state.transitions import RunState
 from tests.run.whole.conftest import BenchRun
 
 
@@ -62,7 +62,7 @@ def test_one_asked_for_while_powder_is_led_comes_in_the_run(
     """The beam is armed by then, with the override that was."""
     job_file(tmp_path / "job.lmj", profile, hops(profile.motion.purge_mm))
     one = AskedIn(tmp_path / "armed", profile, tmp_path / "job.lmj",
-                  acts=[(State.ARMED, after_s, override(60))])
+                  acts=[(RunState.ARMED, after_s, override(60))])
     one.check_safe()
     check_laid(one, [100, 60], but_mm=3.0)
 
@@ -112,7 +112,7 @@ def test_one_beyond_what_the_laser_has_is_refused_before_anything_is_made(
     tmp_path, profile, job_file
 ):
     job_file(tmp_path / "job.lmj", profile, peaks={"peak_power_W": 2400.0})
-    executor = Executor(tmp_path / "job.lmj", profile, tmp_path / "runs")
+    executor = RunExecutor(tmp_path / "job.lmj", profile, tmp_path / "runs")
     executor.set_override(140)
     with pytest.raises(UsageError, match="140 % is not possible") as refused:
         asyncio.run(executor.run())
@@ -149,7 +149,7 @@ def test_one_after_the_last_bead_is_refused_and_leaves_nothing_behind(
         refused.append(error.value.what)
 
     one = AskedIn(tmp_path / "late", profile, square_job, acts=[
-        (State.FINISHING, 0.0, ask), (State.DONE, 0.0, ask)])
+        (RunState.FINISHING, 0.0, ask), (RunState.DONE, 0.0, ask)])
     assert refused == ["cannot override now: the run is finishing",
                        "cannot override now: the run is done"]
     assert one.records("override") == []

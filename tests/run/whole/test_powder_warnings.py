@@ -4,22 +4,22 @@ from __future__ import annotations
 
 import pytest
 
-from lmctl.errors import RunStopped
+from lmctl.errors import RunStoppedError
 from lmctl.report.run_record import read_run
-from lmctl.run.journal.aftermath import aftermath
-from lmctl.run.journal.file import fingerprint, read
-from lmctl.run.journal.rundir import RunDir, list_runs
-from lmctl.run.state.table import Do
-from simulators.faults.board import FaultBoard
+from lmctl.run.journal.format import fingerprint, read_records
+from lmctl.run.journal.replay import replay_run
+from lmctl.run.journal.run_folders import RunFolder, list_runs
+from lmctl.run.state.transitions import Effect
+from simulators.faults.fault_injector import FaultInjector
 from simulators.faults.kinds import Fault
-from simulators.judge import Judge
+from simulators.safety_checks import SafetyChecks
 from tests.run.whole.laid import BEAM_OFF_S, OVERLAP_MM, acts, check_all_is_laid, laid_again_mm
 
 
 def strike(kind, device, **values):
     def act(one):
-        one.board = FaultBoard(one.bench)
-        one.board.inject(Fault.of(kind, device, **values))
+        one.board = FaultInjector(one.bench)
+        one.board.inject(Fault.create(kind, device, **values))
 
     return act
 
@@ -47,9 +47,9 @@ def test_a_clog_is_held_before_powder_minds_and_gone_on_with_when_it_has_cleared
     seen = {}
 
     def look(one):
-        judge = Judge(one.bench)
+        judge = SafetyChecks(one.bench)
         seen["state"] = one.executor.state
-        seen["powder"] = [name for name in one.bench.feeders if judge.powder_on(name)]
+        seen["powder"] = [name for name in one.bench.feeders if judge.is_powder_on(name)]
         seen["gas"] = [d.gas_flows(one.loop.time()) for d in one.bench.feeders.values()]
 
     one = run(large_square_job, acts=[
@@ -84,7 +84,7 @@ def test_without_a_limit_the_feeder_s_own_alarm_is_the_second_line(
         feeder.model_copy(update={"mixer_pressure_max_mbar": None}) for feeder in profile.feeder)})
     one = run(large_square_job, profile=bare, acts=[
         (3.0, strike("hose_clogs", "F1", **CLOG)), (25.0, lambda r: r.executor.stop())])
-    assert isinstance(one.error, RunStopped)
+    assert isinstance(one.error, RunStoppedError)
     assert first_alarm(one)["name"] == "feeder F1"
     assert "the mixer pressure is too high" in first_alarm(one)["what"]
     assert one.entered_s("holding") > one.started_s + 3.0 + 12.0 + 1.0
@@ -97,7 +97,7 @@ def test_without_a_limit_the_feeder_s_own_alarm_is_the_second_line(
 def test_a_clog_that_the_feeder_does_not_notice_is_held_all_the_same(run, large_square_job):
     one = run(large_square_job, acts=[
         (3.0, strike("hose_clogs", "F2", noticed=False)), (20.0, lambda r: r.executor.stop())])
-    assert isinstance(one.error, RunStopped)
+    assert isinstance(one.error, RunStoppedError)
     assert first_alarm(one)["name"] == "mixer pressure F2"
     assert one.entered_s("holding") < one.started_s + 3.0 + 1.0 + 1.0 + 0.2 + BEAM_OFF_S
     one.check_safe()
@@ -145,9 +145,9 @@ def test_a_level_that_is_low_before_the_start_is_told_before_anything_is_switche
     assert warning == warning | {"feeder": "F1", "hopper": "A", "stands": True, "number": 51}
     assert warning["what"] == f"{low()} (8 %, 1500 g left)"
     assert warning["hint"].startswith("fill it soon")
-    kinds = [record["kind"] for record in read(one.journal)]
-    doing = [record.get("do", "") for record in read(one.journal)]
-    assert kinds.index("warning") < doing.index(Do.GAS_ON)
+    kinds = [record["kind"] for record in read_records(one.journal)]
+    doing = [record.get("do", "") for record in read_records(one.journal)]
+    assert kinds.index("warning") < doing.index(Effect.GAS_ON)
     assert one.notices == [f"warning: {warning['what']}; what to do: {warning['hint']}"]
 
 
@@ -165,7 +165,7 @@ def test_a_warning_in_the_run_is_journaled_told_shown_and_in_the_log(run, large_
     log = read_run(one.journal)
     assert [event.text for event in log.events if "WARNING" in event.text] == [
         f"WARNING: {warning['what']}; what to do: {warning['hint']}"]
-    assert "alarm" not in {record["kind"] for record in read(one.journal)}
+    assert "alarm" not in {record["kind"] for record in read_records(one.journal)}
     one.check_safe()
 
 
@@ -176,8 +176,8 @@ def test_a_warning_that_goes_is_over_after_a_minute_and_a_flickering_one_is_one(
 
     def flicker(one):
         device, on = one.bench.feeders["F1"], {"bit": False}
-        one.board = FaultBoard(one.bench)
-        one.board.inject(Fault.of("feeder_warns", "F1", of="old calibration"))
+        one.board = FaultInjector(one.bench)
+        one.board.inject(Fault.create("feeder_warns", "F1", of="old calibration"))
         steady = device.mishaps.told
 
         def told(channel, values):
@@ -201,12 +201,12 @@ def test_a_warning_that_goes_is_over_after_a_minute_and_a_flickering_one_is_one(
 def test_a_journal_with_warnings_can_be_recovered_from_and_listed(run, large_square_job):
     one = run(large_square_job, acts=[
         (3.0, strike("feeder_warns", "F2", of="drift")), (9.0, lambda r: r.executor.stop())])
-    assert isinstance(one.error, RunStopped)
+    assert isinstance(one.error, RunStoppedError)
     assert len(one.records("warning")) == 1
-    after = aftermath(RunDir(one.journal.parent))
+    after = replay_run(RunFolder(one.journal.parent))
     assert after.ended == "stopped"
-    assert after.exact
-    assert after.proven.line > 0
+    assert after.is_place_exact
+    assert after.proven_place.line > 0
     (listed,) = list_runs(one.journal.parent.parent)
     assert listed.state == "stopped"
 

@@ -10,17 +10,17 @@ import pytest
 
 from lmctl.errors import JournalError, LmctlError
 from lmctl.job.reader import JobReader
-from lmctl.run.executor import Continuation, Executor
-from lmctl.run.journal.aftermath import aftermath, continued_by
-from lmctl.run.journal.file import read
+from lmctl.run.executor import EarlierRun, RunExecutor
+from lmctl.run.journal.format import read_records
 from lmctl.run.journal.recovery import find_place
-from lmctl.run.journal.rundir import RunDir
-from lmctl.run.program.reentry import START
-from lmctl.run.state.table import State
+from lmctl.run.journal.replay import continued_by, replay_run
+from lmctl.run.journal.run_folders import RunFolder
+from lmctl.run.program.reentry import JOB_START
+from lmctl.run.state.transitions import RunState
 from simulators import virtual_time
 from simulators.bench import Bench
 from simulators.bench_config import BenchConfig
-from simulators.verdict import verdict
+from simulators.fault_outcome import judge_fault
 from tests.run.whole.broken_off import broken_off
 from tests.run.whole.conftest import EXAMPLES, wired
 
@@ -42,7 +42,7 @@ def bead_between_mm(whole, place, time_s):
 
 
 def test_wherever_a_journal_breaks_off_nothing_is_claimed_that_was_not_executed(whole, tmp_path):
-    records = list(read(whole.journal))
+    records = list(read_records(whole.journal))
     laying = [i for i, r in enumerate(records) if whole.started_s < whole.began_s + r["t"]]
     rng = np.random.default_rng(7)
     for cut in rng.choice(laying[:-8], 40, replace=False).tolist():
@@ -54,7 +54,7 @@ def test_wherever_a_journal_breaks_off_nothing_is_claimed_that_was_not_executed(
             continue
         at = int(rng.choice(ends))
         with JobReader(made.job) as job:
-            after = aftermath(made)
+            after = replay_run(made)
             known = find_place(job, after, tuple(whole.path.position_mm[at]))
             blind = find_place(job, after, None)
         time_s = whole.path.time_s[at]
@@ -70,18 +70,18 @@ def test_before_anything_was_begun_it_starts_from_the_beginning(whole, tmp_path)
     for records in (0, 1, 6):
         made = broken_off(tmp_path / "run-0001", whole, records)
         with JobReader(made.job) as job:
-            assert find_place(job, aftermath(made), (1.0, 2.0, 3.0)).place == START
+            assert find_place(job, replay_run(made), (1.0, 2.0, 3.0)).place == JOB_START
 
 
 def test_a_run_that_is_done_or_altered_is_refused(whole, tmp_path):
     with pytest.raises(JournalError, match="is done"):
-        aftermath(RunDir(whole.journal.parent))
+        replay_run(RunFolder(whole.journal.parent))
     made = broken_off(tmp_path / "run-0001", whole, 30)
     data = bytearray(made.journal.read_bytes())
     data[len(data) // 2] ^= 1
     made.journal.write_bytes(bytes(data))
     with pytest.raises(JournalError, match="not what was written"):
-        aftermath(made)
+        replay_run(made)
 
 
 class TwoRuns:
@@ -97,9 +97,9 @@ class TwoRuns:
         async with Bench(config, ephemeral_ports=True) as bench:
             self.bench = bench
             cell = wired(profile, bench.endpoints)
-            first = Executor(job, cell, folder / "runs")
+            first = RunExecutor(job, cell, folder / "runs")
             task = asyncio.create_task(first.run())
-            while first.state is not State.DEPOSITING:  # noqa: ASYNC110
+            while first.state is not RunState.DEPOSITING:  # noqa: ASYNC110
                 await asyncio.sleep(0.01)
             await asyncio.sleep(4.0)
             disturb(first, bench)
@@ -107,19 +107,19 @@ class TwoRuns:
                 await task
             except LmctlError as error:
                 self.error = error
-            self.made = RunDir(folder / "runs" / "run-0001")
+            self.made = RunFolder(folder / "runs" / "run-0001")
             position = bench.motion.position_mm
             with JobReader(self.made.job) as reader:
-                self.found = find_place(reader, aftermath(self.made), tuple(position))
-            going_on = Continuation("run-0001", self.found.place, trusted=self.found.matched)
+                self.found = find_place(reader, replay_run(self.made), tuple(position))
+            going_on = EarlierRun("run-0001", self.found.place, trusted=self.found.matched)
             try:
-                self.result = await Executor(
+                self.result = await RunExecutor(
                     self.made.job, cell, folder / "runs", continues=going_on,
                     progress=lambda *told: self.told.append(told)).run()
             except LmctlError as error:
                 self.second_error = error
-            self.path = bench.record.beam_path()
-            self.verdict = verdict(bench)
+            self.path = bench.record.beam_on_path()
+            self.verdict = judge_fault(bench)
 
 
 def test_a_stopped_run_is_recovered_where_it_stood(whole, profile, tmp_path):
@@ -128,13 +128,13 @@ def test_a_stopped_run_is_recovered_where_it_stood(whole, profile, tmp_path):
     assert "lmctl recover run-0001" in two.error.hint
     assert two.found.matched
     assert two.result.state == "done"
-    assert two.verdict.shortfalls(1e9) == []
+    assert two.verdict.safety_shortfalls(1e9) == []
     assert two.verdict.repeated_mm == pytest.approx(OVERLAP_MM, abs=0.1)
     assert two.path.length_mm.sum() == pytest.approx(
         whole.path.length_mm.sum() + OVERLAP_MM, abs=0.2)
     assert set(two.path.line) == set(whole.path.line)
     assert continued_by(two.made) == ("run-0002", [])
-    header = next(read(two.result.journal))
+    header = next(read_records(two.result.journal))
     assert header["continues"] == "run-0001"
     (first_s, end_s, _, left_s), *_ = two.told  # before it has done anything
     assert first_s > 2.0
@@ -159,5 +159,5 @@ def test_a_machine_that_lost_its_place_is_not_believed(whole, profile, tmp_path)
     two = TwoRuns(tmp_path, profile, whole.job, lambda run, bench: bench.motion.receive(b"\x18"))
     # It was reset in motion: what it says of itself proves nothing, wherever it seems to stand.
     assert not two.found.matched
-    assert next(r for r in read(two.made.journal) if r["kind"] == "seal")[
+    assert next(r for r in read_records(two.made.journal) if r["kind"] == "seal")[
         "position_trusted"] is False

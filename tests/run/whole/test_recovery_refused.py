@@ -7,20 +7,20 @@ import asyncio
 import numpy as np
 import pytest
 
-from lmctl.errors import JournalError, MachineError, RunBrokenOff, RunFailed
+from lmctl.errors import JournalError, MachineError, RunFailedError, RunInterruptedError
 from lmctl.job.reader import JobReader
-from lmctl.run.executor import Continuation, Executor
-from lmctl.run.journal.aftermath import aftermath, continued_by
-from lmctl.run.journal.file import read
+from lmctl.run.executor import EarlierRun, RunExecutor
+from lmctl.run.journal.format import read_records
 from lmctl.run.journal.recovery import find_place, refuse_finished
-from lmctl.run.journal.rundir import RunDir
-from lmctl.run.program.reentry import START, Place
-from lmctl.run.state.table import State
+from lmctl.run.journal.replay import continued_by, replay_run
+from lmctl.run.journal.run_folders import RunFolder
+from lmctl.run.program.reentry import JOB_START, ProgramPlace
+from lmctl.run.state.transitions import RunState
 from simulators import virtual_time
 from tests.run.whole.broken_off import broken_off, changed_header
 from tests.run.whole.conftest import wired
 
-PLACE = Place(30, 0.5)
+PLACE = ProgramPlace(30, 0.5)
 
 
 @pytest.fixture(params=[True, False], ids=["position kept", "position lost"])
@@ -28,15 +28,15 @@ def unentered(request, whole, profile, tmp_path):
     """A run that was to go on at PLACE, and found the cell switched off."""
     dead = wired(profile, {"motion": "tcp://127.0.0.1:9"} | {
         feeder.name: "modbus-tcp://127.0.0.1:9" for feeder in profile.feeder})
-    going_on = Continuation("run-0001", PLACE, trusted=request.param)
+    going_on = EarlierRun("run-0001", PLACE, trusted=request.param)
 
     async def main():
-        await Executor(whole.job, dead, tmp_path / "runs", continues=going_on).run()
+        await RunExecutor(whole.job, dead, tmp_path / "runs", continues=going_on).run()
 
     (tmp_path / "runs" / "run-0001").mkdir(parents=True)
     with pytest.raises(MachineError, match="devices of the cell failed"):
         virtual_time.run(main())
-    return RunDir(tmp_path / "runs" / "run-0002"), request.param
+    return RunFolder(tmp_path / "runs" / "run-0002"), request.param
 
 
 @pytest.mark.parametrize("sealed", [True, False], ids=["sealed", "killed"])
@@ -47,8 +47,8 @@ def test_a_recovery_that_never_entered_the_part_is_recovered_from_where_it_was_t
     if not sealed:
         lines = made.journal.read_bytes().splitlines(keepends=True)
         made.journal.write_bytes(lines[0])
-    after = aftermath(made)
-    assert after.began
+    after = replay_run(made)
+    assert after.has_begun
     with JobReader(made.job) as job:
         (lines,) = (layer.lines for layer in job.layers() if layer.first_line == 0)
         ends = np.column_stack([lines["x_mm"], lines["y_mm"], lines["z_mm"]])
@@ -67,12 +67,12 @@ def test_a_recovery_that_does_not_say_where_it_was_to_go_on_is_no_start_from_not
 ):
     made = changed_header(tmp_path / "run-0002", whole, 4, continues="run-0001")
     with pytest.raises(JournalError, match="does not say where"):
-        aftermath(made)
+        replay_run(made)
     # Where it has come to the part, its own records say it.
-    records = list(read(whole.journal))
+    records = list(read_records(whole.journal))
     laid = next(i for i, record in enumerate(records) if record["kind"] == "executed")
     made = changed_header(tmp_path / "run-0002", whole, laid + 1, continues="run-0001")
-    assert aftermath(made).proven > START
+    assert replay_run(made).proven_place > JOB_START
 
 
 def test_a_run_that_has_executed_every_line_leaves_nothing_to_recover(
@@ -81,30 +81,30 @@ def test_a_run_that_has_executed_every_line_leaves_nothing_to_recover(
     """A fault while gas runs on: the part is made, and no command leads astray."""
 
     async def when_finishing(one):
-        while one.executor.state is not State.FINISHING:  # noqa: ASYNC110
+        while one.executor.state is not RunState.FINISHING:  # noqa: ASYNC110
             await asyncio.sleep(0.01)
         one.executor._live.machine.trip(MachineError("gas did not stop"))
 
     one = run(square_job, acts=[
         (0.0, lambda one: setattr(one, "waiting", asyncio.create_task(when_finishing(one)))),
     ])
-    assert type(one.error) is RunFailed
-    assert not isinstance(one.error, RunBrokenOff)
+    assert type(one.error) is RunFailedError
+    assert not isinstance(one.error, RunInterruptedError)
     assert "recover" not in one.error.hint
     with pytest.raises(JournalError, match="nothing is left to lay") as refused:
-        aftermath(RunDir(one.journal.parent))
+        replay_run(RunFolder(one.journal.parent))
     assert refused.value.where == ("gas did not stop",)
     # Nor does a host that dies then, or while the nozzle leaves the part.
-    records = list(read(whole.journal))
-    finishing = next(i for i, r in enumerate(records) if r.get("to") == State.FINISHING)
+    records = list(read_records(whole.journal))
+    finishing = next(i for i, r in enumerate(records) if r.get("to") == RunState.FINISHING)
     with pytest.raises(JournalError, match="nothing is left to lay"):
-        aftermath(broken_off(tmp_path / "run-0001", whole, finishing + 1))
-    after = aftermath(broken_off(tmp_path / "run-0001", whole, finishing))
+        replay_run(broken_off(tmp_path / "run-0001", whole, finishing + 1))
+    after = replay_run(broken_off(tmp_path / "run-0001", whole, finishing))
     with JobReader(after.run.job) as job:
         place = find_place(job, after, None).place
         with pytest.raises(JournalError, match="nothing is left"):
             refuse_finished(job, after, place, profile.motion)
-        refuse_finished(job, after, START, profile.motion)
+        refuse_finished(job, after, JOB_START, profile.motion)
         refuse_finished(job, after, PLACE, profile.motion)
 
 
@@ -113,7 +113,7 @@ def test_a_run_that_ended_before_its_part_is_not_said_to_have_a_bad_job(
 ):
     one = run(square_job, before=lambda one: one.loop.call_later(0.5, one.executor.stop))
     with pytest.raises(JournalError, match="before it began") as refused:
-        aftermath(RunDir(one.journal.parent))
+        replay_run(RunFolder(one.journal.parent))
     assert "lmctl run" in refused.value.hint
 
 

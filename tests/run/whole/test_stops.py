@@ -6,9 +6,9 @@ import signal
 
 import pytest
 
-from lmctl.errors import RunStopped
+from lmctl.errors import RunStoppedError
 from lmctl.run.sequence import CellSequence
-from lmctl.run.state.table import State
+from lmctl.run.state.transitions import RunState
 from tests.run.whole.laid import BEAM_OFF_S, acts
 
 
@@ -22,7 +22,7 @@ def interrupt(one):
 ], ids=["stop", "cancel", "ctrl-c", "terminate"])
 def test_a_stop_is_orderly_and_says_where(run, large_square_job, how):
     one = run(large_square_job, acts=[(3.0, how)])
-    assert isinstance(one.error, RunStopped)
+    assert isinstance(one.error, RunStoppedError)
     assert one.error.exit_code == 5
     text = one.error.render()
     assert "layer 1, program line" in text
@@ -37,7 +37,7 @@ def test_a_stop_is_orderly_and_says_where(run, large_square_job, how):
 @pytest.mark.parametrize("how", [lambda r: r.executor.stop(), interrupt], ids=["stop", "ctrl-c"])
 def test_a_second_stop_skips_the_post_flow(run, large_square_job, how):
     one = run(large_square_job, acts=[(3.0, how), (4.0, how)])
-    assert isinstance(one.error, RunStopped)
+    assert isinstance(one.error, RunStoppedError)
     one.check_safe()
     assert acts(one)[-3:] == ["beam and motion off", "powder off", "gas off"]
     assert one.ended_s - one.entered_s("stopping") < 5.0
@@ -47,7 +47,7 @@ def test_a_stop_in_a_hold_is_a_stop(run, large_square_job):
     one = run(large_square_job, acts=[
         (3.0, lambda r: r.executor.hold()), (10.0, lambda r: r.executor.stop()),
     ])
-    assert isinstance(one.error, RunStopped)
+    assert isinstance(one.error, RunStoppedError)
     one.check_safe()
 
 
@@ -57,7 +57,7 @@ def test_a_stop_while_the_beam_is_taken_leaves_the_part_done(run, square_job):
         receive = one.bench.motion.receive
 
         def later(data):
-            if one.executor.state is not State.FINISHING or b"M5\n" not in data:
+            if one.executor.state is not RunState.FINISHING or b"M5\n" not in data:
                 receive(data)
                 return
             one.loop.call_later(0.03, receive, data)
@@ -92,5 +92,5 @@ def test_a_third_ctrl_c_does_not_keep_the_journal_from_its_seal(
     finally:
         signal.signal(signal.SIGINT, before)
     assert slipped_through == []
-    assert isinstance(one.error, RunStopped)
+    assert isinstance(one.error, RunStoppedError)
     one.check_safe()

@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 
 from lmctl.errors import MachineError
-from lmctl.machine.by_hand.homing import run_home, run_offset, run_unlock
+from lmctl.machine.manual.homing import home_axes, set_work_offset, unlock_controller
 from lmctl.machine.motion.driver import MotionDriver
 from lmctl.run.executor import run_job
-from lmctl.run.journal.whereabouts import Whereabouts
+from lmctl.run.journal.last_known_position import LastKnownPosition
 from simulators import virtual_time
 from simulators.bench import Bench
 from simulators.bench_config import BenchConfig
@@ -43,21 +43,21 @@ def on_grbl(tmp_path, profile, square_job, bench_text):
                 })
 
                 async def with_motion(act, journaled=True):
-                    whereabouts = Whereabouts(runs, wired.name)
+                    whereabouts = LastKnownPosition(runs, wired.name)
                     motion = await MotionDriver.open(
                         wired.motion.endpoint, baud=115_200, status_period_s=0.1)
                     try:
                         await act(motion)
                     finally:
                         if journaled:
-                            whereabouts.see(motion)
+                            whereabouts.record_position(motion)
                             whereabouts.journal.append("ended", do="test", **whereabouts.left)
                         await motion.close()
 
                 async def home(motion):
-                    await run_unlock(motion)
-                    await run_home(motion)
-                    await run_offset(motion, {"X": -300, "Y": -300, "Z": -200}, here=False)
+                    await unlock_controller(motion)
+                    await home_axes(motion)
+                    await set_work_offset(motion, {"X": -300, "Y": -300, "Z": -200}, here=False)
 
                 await story(
                     lambda: with_motion(home), lambda: run_job(square_job, wired, runs),
@@ -92,7 +92,7 @@ def test_what_another_hand_has_moved_or_only_unlocked_is_not_known(on_grbl):
             await motion.command("G0 X-0.1")
             await motion.command("G90")
 
-        await others(run_unlock)
+        await others(unlock_controller)
         with pytest.raises(MachineError, match="not been homed"):
             await run()
         await home()

@@ -10,13 +10,13 @@ from importlib.resources import files
 
 import pytest
 
-from firmware_protocol.pmx import PMX, Command, hopper_row
+from firmware_protocol.pmx import PMX_MAP, FeederCommandBits, hopper_register_name
 from simulators import virtual_time
 from simulators.bench import Bench
 from simulators.bench_config import BenchConfig
-from simulators.faults.board import FaultBoard
+from simulators.faults.fault_injector import FaultInjector
 from simulators.faults.kinds import Fault
-from simulators.judge import Judge
+from simulators.safety_checks import SafetyChecks
 
 SHIPPED = (files("lmctl.examples") / "bench.toml").read_text(encoding="utf-8")
 SAFETY = "\n[safety]\nwatchdog_relay = false\n"
@@ -35,7 +35,7 @@ class Cell:
 
     def __init__(self, bench: Bench) -> None:
         self.bench = bench
-        self.board = FaultBoard(bench)
+        self.board = FaultInjector(bench)
         self.loop = asyncio.get_running_loop()
         self.said = b""
         self._heartbeat = 0
@@ -48,11 +48,11 @@ class Cell:
         return self.loop.time()
 
     @property
-    def judge(self) -> Judge:
-        return Judge(self.bench)
+    def judge(self) -> SafetyChecks:
+        return SafetyChecks(self.bench)
 
     def inject(self, kind: str, device: str = "", channel: int = 0, for_s=None, **values) -> int:
-        return self.board.inject(Fault.of(kind, device, channel, **values), for_s)
+        return self.board.inject(Fault.create(kind, device, channel, **values), for_s)
 
     async def connect(self) -> None:
         port = int(self.bench.endpoints["motion"].rpartition(":")[2])
@@ -91,19 +91,20 @@ class Cell:
     def feed(self, feeder: str = "F1", g_min: float = 10.0) -> None:
         """Gas, recipe and discs on, as a host would command them; the watchdog is long."""
         device = self.bench.feeders[feeder]
-        self._write(device, "COMMAND", int(Command.ENABLE_REMOTE | Command.GAS_ON))
+        self._write(device, "COMMAND",
+                    int(FeederCommandBits.ENABLE_REMOTE | FeederCommandBits.GAS_ON))
         self._write(device, "WD_TIMEOUT", 60_000)
         self._write(device, "STABILISE", 80)
         self._write(device, "SETPOINT_MODE", 1)
         self.recipe(feeder, g_min)
         self._write(device, "COMMAND", int(
-            Command.ENABLE_REMOTE | Command.GAS_ON | Command.FEED_ON))
+            FeederCommandBits.ENABLE_REMOTE | FeederCommandBits.GAS_ON | FeederCommandBits.FEED_ON))
 
     def recipe(self, feeder: str, g_min: float) -> None:
         device = self.bench.feeders[feeder]
         for channel in device.hoppers:
-            self._write(device, hopper_row(channel, "CARRIER_SP"), 500)
-            self._write(device, hopper_row(channel, "FLOW_SP"), round(g_min * 100))
+            self._write(device, hopper_register_name(channel, "CARRIER_SP"), 500)
+            self._write(device, hopper_register_name(channel, "FLOW_SP"), round(g_min * 100))
         self._heartbeat += 1
         self._write(device, "HEARTBEAT", self._heartbeat)
         self._write(device, "SEQ", self._heartbeat)
@@ -113,7 +114,7 @@ class Cell:
 
     @staticmethod
     def _write(device, name: str, word: int) -> None:
-        device.write(PMX.wire_address(name), [word])
+        device.write(PMX_MAP.wire_address(name), [word])
 
 
 class RawModbus:

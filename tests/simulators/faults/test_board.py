@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from simulators.faults.board import FaultBoard
+from simulators.faults.fault_injector import FaultInjector
 from simulators.faults.kinds import Fault
 from simulators.faults.plan import FaultPlan
 
@@ -105,7 +105,7 @@ def test_closing_disarms(play):
 
 def test_clearing_by_fault_and_all(play):
     async def scene(cell):
-        door = Fault.of("door")
+        door = Fault.create("door")
         cell.board.inject(door)
         cell.inject("controller_silent")
         cell.inject("disc_stalls", "F1")
@@ -135,8 +135,8 @@ def test_a_device_the_bench_has_not(play):
 def test_the_host_is_killed_by_whoever_owns_it(play):
     async def scene(cell):
         done, told = [], []
-        board = FaultBoard(cell.bench, lambda: done.append(cell.now_s), told.append)
-        board.inject(Fault.of("host_killed"))
+        board = FaultInjector(cell.bench, lambda: done.append(cell.now_s), told.append)
+        board.inject(Fault.create("host_killed"))
         cell.inject("host_killed")  # a mark only
         return done, [str(one) for one in told]
 

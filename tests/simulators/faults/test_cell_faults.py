@@ -4,16 +4,16 @@ import asyncio
 
 import pytest
 
-from firmware_protocol.safety_io import RELAY_RESET_KEY, SIO, Inputs, Status
-from simulators.faults.kinds import KINDS, Fault, Strikes
-from simulators.faults.strikes import ACTS
+from firmware_protocol.safety_io import RELAY_RESET_KEY, SIO_MAP, SafetyInputBits, SafetyStatusBits
+from simulators.faults.injectors import INJECTORS
+from simulators.faults.kinds import FAULT_KINDS, Fault, FaultTarget
 
 RELAY = [("watchdog_relay = false", "watchdog_relay = true")]
 
 
 def word(cell, name):
     """The last word of a register."""
-    register, at = SIO[name], SIO.wire_address(name)
+    register, at = SIO_MAP[name], SIO_MAP.wire_address(name)
     return cell.bench.safety.read_input(at, register.words)[-1]
 
 
@@ -25,16 +25,17 @@ async def under_way(cell):
 
 
 def test_kinds_and_acts_are_of_the_same_names():
-    assert KINDS.keys() == ACTS.keys()
+    assert FAULT_KINDS.keys() == INJECTORS.keys()
 
 
 def a_fault_of(kind):
-    device = {Strikes.MODBUS: "F1", Strikes.FEEDER: "F1", Strikes.HOPPER: "F1"}.get(kind.strikes)
-    return Fault.of(kind.name, device or "", **{p.name: 5.0 for p in kind.parameters
+    device = {FaultTarget.MODBUS: "F1", FaultTarget.FEEDER: "F1",
+              FaultTarget.HOPPER: "F1"}.get(kind.strikes)
+    return Fault.create(kind.name, device or "", **{p.name: 5.0 for p in kind.parameters
                                                  if p.default is None})
 
 
-@pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
+@pytest.mark.parametrize("kind", FAULT_KINDS.values(), ids=FAULT_KINDS)
 def test_every_kind_happens_to_a_cell_at_work_and_ends_where_it_lasts(play, kind):
     async def scene(cell):
         await under_way(cell)
@@ -65,8 +66,8 @@ def test_emergency_stop_reaches_everything(play):
     at_s, said, seen, open_bits, closed_bits = play(scene)
     assert b"ALARM:10" in said
     assert seen == (pytest.approx(at_s), pytest.approx(at_s))
-    assert not open_bits & Inputs.ESTOP_CLOSED
-    assert closed_bits & Inputs.ESTOP_CLOSED
+    assert not open_bits & SafetyInputBits.ESTOP_CLOSED
+    assert closed_bits & SafetyInputBits.ESTOP_CLOSED
 
 
 def test_the_door_reaches_controller_and_safety_device_but_not_the_feeders(play):
@@ -81,8 +82,8 @@ def test_the_door_reaches_controller_and_safety_device_but_not_the_feeders(play)
 
     at_s, said, bits, judge, later = play(scene)
     assert b"<Door:1" in said
-    assert not bits & Inputs.DOOR_CLOSED
-    assert later & Inputs.DOOR_CLOSED
+    assert not bits & SafetyInputBits.DOOR_CLOSED
+    assert later & SafetyInputBits.DOOR_CLOSED
     assert judge.dark_s(at_s) < at_s + 0.2
     assert judge.powder_stop("F1") is None
 
@@ -103,7 +104,7 @@ def test_what_the_safety_device_reads(play, kind, values, name, reads):
         return before, during, word(cell, name)
 
     before, during, after = play(scene)
-    assert during / SIO[name].per_unit == pytest.approx(reads)
+    assert during / SIO_MAP[name].counts_per_unit == pytest.approx(reads)
     assert before == after != during
 
 
@@ -112,9 +113,10 @@ def test_an_invalid_analyser(play):
         cell.inject("analyser_invalid", for_s=1.0)
         during = word(cell, "INPUTS")
         await asyncio.sleep(1.1)
-        return during & Inputs.OXYGEN_VALID, word(cell, "INPUTS") & Inputs.OXYGEN_VALID
+        return during & SafetyInputBits.OXYGEN_VALID, word(cell,
+                                                           "INPUTS") & SafetyInputBits.OXYGEN_VALID
 
-    assert play(scene) == (0, Inputs.OXYGEN_VALID)
+    assert play(scene) == (0, SafetyInputBits.OXYGEN_VALID)
 
 
 def test_a_stuck_safety_device_stands_still_with_its_tick(play):
@@ -130,20 +132,20 @@ def test_a_stuck_safety_device_stands_still_with_its_tick(play):
     first, second, third = play(scene)
     assert first == second
     assert third[0] != first[0]
-    assert not third[1] & Inputs.DOOR_CLOSED
+    assert not third[1] & SafetyInputBits.DOOR_CLOSED
 
 
 def test_a_safety_device_that_restarts_opens_its_relay(play):
     async def scene(cell):
         device = cell.bench.safety
-        device.write(SIO.wire_address("HEARTBEAT"), [1])
-        device.write(SIO.wire_address("RELAY_RESET"), [RELAY_RESET_KEY])
-        closed = word(cell, "STATUS") & Status.RELAY_CLOSED
+        device.write(SIO_MAP.wire_address("HEARTBEAT"), [1])
+        device.write(SIO_MAP.wire_address("RELAY_RESET"), [RELAY_RESET_KEY])
+        closed = word(cell, "STATUS") & SafetyStatusBits.RELAY_CLOSED
         cell.inject("safety_restarts")
-        return closed, word(cell, "STATUS") & Status.RELAY_CLOSED, await cell.send("?")
+        return closed, word(cell, "STATUS") & SafetyStatusBits.RELAY_CLOSED, await cell.send("?")
 
     closed, opened, said = play(scene, *RELAY)
-    assert (closed, opened) == (Status.RELAY_CLOSED, 0)
+    assert (closed, opened) == (SafetyStatusBits.RELAY_CLOSED, 0)
     assert b"<Door" in said
 
 
@@ -173,8 +175,8 @@ OUTPUT = [("watchdog_relay = false", "watchdog_relay = true\nlaser_enable = true
 async def lit(cell):
     """The relay is closed and the laser-enable output on."""
     cell.bench.safety.write(0, [1, 5000, RELAY_RESET_KEY, 0])
-    cell.bench.safety.write(SIO.wire_address("LASER_ENABLE"), [1])
-    assert word(cell, "STATUS") & Status.LASER_ENABLED
+    cell.bench.safety.write(SIO_MAP.wire_address("LASER_ENABLE"), [1])
+    assert word(cell, "STATUS") & SafetyStatusBits.LASER_ENABLED
 
 
 def test_the_laser_enable_contact_drops_by_itself_and_can_be_closed_again(play):
@@ -182,13 +184,13 @@ def test_the_laser_enable_contact_drops_by_itself_and_can_be_closed_again(play):
         await lit(cell)
         cell.inject("laser_enable_drops")
         dropped = word(cell, "STATUS")
-        cell.bench.safety.write(SIO.wire_address("LASER_ENABLE"), [0])
-        cell.bench.safety.write(SIO.wire_address("LASER_ENABLE"), [1])
+        cell.bench.safety.write(SIO_MAP.wire_address("LASER_ENABLE"), [0])
+        cell.bench.safety.write(SIO_MAP.wire_address("LASER_ENABLE"), [1])
         return dropped, word(cell, "STATUS")
 
     dropped, again = play(scene, *OUTPUT)
-    assert not dropped & Status.LASER_ENABLED
-    assert again & Status.LASER_ENABLED
+    assert not dropped & SafetyStatusBits.LASER_ENABLED
+    assert again & SafetyStatusBits.LASER_ENABLED
 
 
 @pytest.mark.parametrize("contact", ["closed", "as it is"])
@@ -196,11 +198,11 @@ def test_a_stuck_laser_enable_contact_stays_closed_and_says_so_until_it_is_over(
     async def scene(cell):
         await lit(cell)
         number = cell.inject("laser_enable_stuck", contact=contact)
-        cell.bench.safety.write(SIO.wire_address("LASER_ENABLE"), [0])
+        cell.bench.safety.write(SIO_MAP.wire_address("LASER_ENABLE"), [0])
         stuck = word(cell, "STATUS")
         cell.board.clear(number)
         return stuck, word(cell, "STATUS")
 
     stuck, free = play(scene, *OUTPUT)
-    assert stuck & Status.LASER_ENABLED
-    assert not free & Status.LASER_ENABLED
+    assert stuck & SafetyStatusBits.LASER_ENABLED
+    assert not free & SafetyStatusBits.LASER_ENABLED

@@ -5,9 +5,9 @@ import asyncio
 import numpy as np
 import pytest
 
-from firmware_protocol.pmx import HopperFlags, Status
-from simulators.feeder.readings import readings
-from simulators.modbus_refusal import RefusedError
+from firmware_protocol.pmx import FeederStatusBits, HopperStatusBits
+from simulators.feeder.readings import register_values
+from simulators.modbus_errors import ExceptionReplyError
 
 G_MIN = 10.0
 FACTOR = 2.594  # g/rev of the shipped bench
@@ -22,7 +22,7 @@ async def feeding(cell):
 
 def told(cell, channel=1):
     device = cell.bench.feeders["F1"]
-    return readings(device, channel, device.settle())
+    return register_values(device, channel, device.advance_to_now())
 
 
 def nozzle_g_min(cell, seconds_ago=0.0):
@@ -62,7 +62,7 @@ def test_the_watchdog_trips_though_heartbeats_come(play):
 
     system, on = play(scene)
     assert system["FIRST_ALARM_CODE"] == 104
-    assert system["STATUS"] & Status.WATCHDOG_TRIPPED
+    assert system["STATUS"] & FeederStatusBits.WATCHDOG_TRIPPED
     assert not on
 
 
@@ -76,8 +76,8 @@ def test_the_estop_chain(play):
 
     opened, closed = play(scene)
     assert opened["FIRST_ALARM_CODE"] == 101
-    assert not opened["STATUS"] & Status.ESTOP_CHAIN_OK
-    assert closed["STATUS"] & Status.ESTOP_CHAIN_OK
+    assert not opened["STATUS"] & FeederStatusBits.ESTOP_CHAIN_OK
+    assert closed["STATUS"] & FeederStatusBits.ESTOP_CHAIN_OK
 
 
 def test_stale_data_stand_still_with_tick_and_toggle_while_powder_goes_on(play):
@@ -110,9 +110,9 @@ def test_a_lying_feeder_says_it_feeds_while_discs_stand(play):
         return lies, nozzle_g_min(cell)
 
     (system, hopper, flow), after = play(scene)
-    assert system["STATUS"] & Status.FEEDING
-    assert system["STATUS"] & Status.AT_SETPOINT
-    assert hopper["STATUS"] & HopperFlags.RUNNING
+    assert system["STATUS"] & FeederStatusBits.FEEDING
+    assert system["STATUS"] & FeederStatusBits.AT_SETPOINT
+    assert hopper["STATUS"] & HopperStatusBits.RUNNING
     assert hopper["FLOW_EST"] == pytest.approx(G_MIN, abs=0.01)
     assert hopper["DISC_ACT"] == pytest.approx(G_MIN / FACTOR, abs=0.01)
     assert hopper["FLOW_LIW"] == 0.0
@@ -156,7 +156,7 @@ def test_the_device_notices_in_its_time_and_keeps_its_alarm_while_the_cause_stan
         number = cell.inject(kind, "F1")
         await asyncio.sleep(notices_s + 0.1)
         alarm, stop = told(cell, 0)["FIRST_ALARM_CODE"], cell.judge.powder_stop("F1")
-        with pytest.raises(RefusedError, match="4"):
+        with pytest.raises(ExceptionReplyError, match="4"):
             cell.reset_alarm()
         cell.board.clear(number)
         cell.reset_alarm()
@@ -219,10 +219,10 @@ def test_the_device_sees_a_disc_that_turns_wrong_and_not_a_hose_that_clogs(play)
     slow, _ = play(lambda cell: scene(cell, "speed_deviates"))
     assert slow["DISC_ACT"] == pytest.approx(0.7 * G_MIN / FACTOR, rel=1e-2)
     assert slow["FLOW_EST"] == pytest.approx(0.7 * G_MIN, rel=1e-2)
-    assert not slow["STATUS"] & HopperFlags.AT_SETPOINT
+    assert not slow["STATUS"] & HopperStatusBits.AT_SETPOINT
     clogged, system = play(lambda cell: scene(cell, "hose_clogs"))
     assert clogged["DISC_ACT"] == pytest.approx(G_MIN / FACTOR, rel=1e-2)
-    assert clogged["STATUS"] & HopperFlags.AT_SETPOINT
+    assert clogged["STATUS"] & HopperStatusBits.AT_SETPOINT
     assert system["MIXER_PRESSURE"] == 900
 
 
@@ -272,7 +272,7 @@ def test_a_limited_disc_clips_the_set_point_that_runs_tells_so_and_is_judged(pla
         return clipped, warned, fed, wanted_rpm, nozzle_g_min(cell), told(cell, 0)["WARNING"]
 
     clipped, warned, fed, wanted_rpm, after, cleared = play(scene)
-    assert clipped["STATUS"] & HopperFlags.LIMITED
+    assert clipped["STATUS"] & HopperStatusBits.LIMITED
     assert clipped["DISC_RAMPED"] == 1.0
     assert (warned, cleared) == (1 << 4, 0)
     assert fed == pytest.approx(FACTOR, rel=1e-3)
@@ -286,13 +286,13 @@ def test_a_warning_is_shown_and_stops_nothing(play, of, bit):
     async def scene(cell):
         await feeding(cell)
         number = cell.inject("feeder_warns", "F1", of=of)
-        shown = told(cell, 0)["WARNING"], told(cell, 0)["STATUS"] & Status.WARNING
+        shown = told(cell, 0)["WARNING"], told(cell, 0)["STATUS"] & FeederStatusBits.WARNING
         await asyncio.sleep(5.0)
         on = cell.judge.powder_on("F1")
         cell.board.clear(number)
         return shown, on, told(cell, 0)["WARNING"]
 
-    assert play(scene) == ((1 << bit, Status.WARNING), True, 0)
+    assert play(scene) == ((1 << bit, FeederStatusBits.WARNING), True, 0)
 
 
 def test_a_set_point_changed_while_a_disc_deviates_is_followed_as_wrongly(play):
@@ -327,8 +327,8 @@ def test_carrier_supply_and_pressure_are_told(play):
     hopper, system = play(scene)
     assert hopper["CARRIER_ACT"] == pytest.approx(2.5)
     assert (system["SUPPLY_PRESSURE"], system["MIXER_PRESSURE"]) == (1.0, 1500)
-    assert not hopper["STATUS"] & HopperFlags.LID_CLOSED
-    assert not system["STATUS"] & Status.LID_CLOSED
+    assert not hopper["STATUS"] & HopperStatusBits.LID_CLOSED
+    assert not system["STATUS"] & FeederStatusBits.LID_CLOSED
 
 
 def test_an_empty_hopper_is_noticed_at_once_and_flows_no_more(play):
@@ -355,7 +355,7 @@ def test_a_level_runs_out_when_it_should(play):
         await feeding(cell)
         at_s = cell.now_s
         cell.inject("hopper_level", "F1", grams=2.0)
-        low = told(cell)["STATUS"] & HopperFlags.LEVEL_LOW
+        low = told(cell)["STATUS"] & HopperStatusBits.LEVEL_LOW
         await asyncio.sleep(30.0)
         return low, cell.judge.powder_stop("F1").told_s - at_s, told(cell, 0)
 
@@ -370,14 +370,14 @@ def test_below_its_least_speed_a_disc_stands_and_says_so(play):
         await feeding(cell)
         number = cell.inject("below_n_min", "F1", n_min_rpm=5.0)
         await asyncio.sleep(15.0)
-        below = told(cell)["STATUS"] & HopperFlags.BELOW_N_MIN, nozzle_g_min(cell)
+        below = told(cell)["STATUS"] & HopperStatusBits.BELOW_N_MIN, nozzle_g_min(cell)
         cell.recipe("F1", 20.0)
         await asyncio.sleep(15.0)
         above = nozzle_g_min(cell)
         cell.recipe("F1", 10.0)
         cell.board.clear(number)
         await asyncio.sleep(15.0)
-        return below, above, nozzle_g_min(cell), told(cell)["STATUS"] & HopperFlags.BELOW_N_MIN
+        return below, above, nozzle_g_min(cell), told(cell)["STATUS"] & HopperStatusBits.BELOW_N_MIN
 
     (flag, flow), above, after, cleared = play(scene)
     assert flag

@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from simulators.verdict import record_as_json, verdict
+from simulators.fault_outcome import judge_fault, record_as_json
 
 # The bench accelerates at 500 mm/s²: 10 mm/s takes 0.02 s and 0.1 mm.
 SPEED, ACCELERATION = 10.0, 500.0
@@ -194,7 +194,7 @@ def test_a_verdict_says_what_is_wrong_in_words(play):
         await cell.send("N1 G1 X50 F600 S500\n", then_s=1.0)
         at_s = cell.now_s
         await asyncio.sleep(10.0)
-        told = verdict(cell.bench, at_s)
+        told = judge_fault(cell.bench, at_s)
         return told, record_as_json(cell.bench, cell.board.happened)
 
     told, record = play(scene)

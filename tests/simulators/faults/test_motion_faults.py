@@ -313,7 +313,7 @@ def test_reports_of_a_newer_firmware_carry_more_fields(play):
     report = parse_status(play(scene).decode().strip())
     assert report is not None
     assert report.state == "Idle"
-    assert len(report.other) >= 2
+    assert len(report.unknown_fields) >= 2
 
 
 def test_a_reset_takes_an_open_question_with_it(play):

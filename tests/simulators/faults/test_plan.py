@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from simulators.faults.kinds import KINDS, Fault, mistakes_in
+from simulators.faults.kinds import FAULT_KINDS, Fault, find_mistakes
 from simulators.faults.plan import (
-    MOST_BYTES,
-    MOST_FAULTS,
+    MAX_BYTES,
+    MAX_FAULTS,
     AtLevel,
     AtLine,
     AtTime,
@@ -49,21 +49,21 @@ def mistakes(text, bench_config):
 def test_a_plan_is_read(bench_config):
     plan = FaultPlan.parse(GOOD, bench_config)
     assert plan.faults == (
-        PlannedFault(Fault.of("disc_stalls", "F1", 1, noticed=False), AtTime(30.0), 5.5),
-        PlannedFault(Fault.of("door"), AtLine(120)),
-        PlannedFault(Fault.of("bytes_flipped", "F2", direction="to_host", bit=3),
+        PlannedFault(Fault.create("disc_stalls", "F1", 1, noticed=False), AtTime(30.0), 5.5),
+        PlannedFault(Fault.create("door"), AtLine(120)),
+        PlannedFault(Fault.create("bytes_flipped", "F2", direction="to_host", bit=3),
                      AtLevel("F2", 1, 50.0)),
     )
 
 
 def test_defaults_are_filled_in():
-    fault = Fault.of("hose_clogs", "F1")
+    fault = Fault.create("hose_clogs", "F1")
     assert fault.channel == 1
     assert fault.values == {"share": 0.3, "mbar": 900, "rise_s": 0.0, "noticed": True}
-    assert Fault.of("link_closed").device == "motion"
-    assert Fault.of("hose_clogs", "F1", 1, share=0.3) == fault
+    assert Fault.create("link_closed").device == "motion"
+    assert Fault.create("hose_clogs", "F1", 1, share=0.3) == fault
     assert hash(fault)
-    assert str(Fault.of("hose_clogs", "F1", share=0.5)) == "hose_clogs of F1/1 (share 0.5)"
+    assert str(Fault.create("hose_clogs", "F1", share=0.5)) == "hose_clogs of F1/1 (share 0.5)"
 
 
 @pytest.mark.parametrize(
@@ -133,7 +133,7 @@ def test_a_mistake_is_named_with_its_key(table, said, bench_config):
         ("fault = 3", "fault: must be an array of tables"),
         ("[fault]\nkind = 'door'", "fault: must be an array of tables"),
         (GOOD + "\n[extra]\n", "extra: there is no such key"),
-        ("[[fault]]\nkind='door'\nat_s=1\n" * (MOST_FAULTS + 1), "at most 1000 faults"),
+        ("[[fault]]\nkind='door'\nat_s=1\n" * (MAX_FAULTS + 1), "at most 1000 faults"),
         ("a=" + "[" * 5000, "not valid TOML"),
     ],
 )
@@ -157,7 +157,7 @@ def test_loading_from_files(tmp_path, bench_config):
     path = tmp_path / "faults.toml"
     path.write_text(GOOD, encoding="utf-8")
     assert FaultPlan.load(path, bench_config) == FaultPlan.parse(GOOD, bench_config)
-    for data, said in ((b"\xff\xfe", "UTF-8"), (b"#" * (MOST_BYTES + 1), "larger than")):
+    for data, said in ((b"\xff\xfe", "UTF-8"), (b"#" * (MAX_BYTES + 1), "larger than")):
         path.write_bytes(data)
         with pytest.raises(FaultPlanError, match=said):
             FaultPlan.load(path, bench_config)
@@ -169,15 +169,15 @@ scalars = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_
 
 
 @given(
-    kind=st.sampled_from(sorted(KINDS)) | st.text(max_size=8),
+    kind=st.sampled_from(sorted(FAULT_KINDS)) | st.text(max_size=8),
     device=st.sampled_from(["", "F1", "motion", "?"]),
     channel=st.integers(-1, 9),
     values=st.dictionaries(st.sampled_from(sorted(
-        {p.name for kind in KINDS.values() for p in kind.parameters})), scalars, max_size=3),
+        {p.name for kind in FAULT_KINDS.values() for p in kind.parameters})), scalars, max_size=3),
 )
 def test_a_fault_is_made_whole_or_refused_in_words(kind, device, channel, values):
-    mistakes = mistakes_in(kind, device, channel, values)
+    mistakes = find_mistakes(kind, device, channel, values)
     assert all(": " in one for one in mistakes)
     if not mistakes:
-        fault = Fault.of(kind, device, channel, **values)
+        fault = Fault.create(kind, device, channel, **values)
         assert set(fault.values) == {p.name for p in fault.kind.parameters}

@@ -1,0 +1,32 @@
+"""A cell's motion controller alone, for what is done by hand: no powder, no gas, no beam."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from contextlib import AsyncExitStack, asynccontextmanager
+
+from lmctl.config.machine import MachineProfile
+from lmctl.machine.motion.driver import MotionDriver
+from lmctl.machine.safety.driver import SafetyDriver
+
+
+@asynccontextmanager
+async def open_motion(profile: MachineProfile) -> AsyncIterator[MotionDriver]:
+    """The controller, opened; closed again afterwards.
+
+    Where a watchdog relay is wired to its door input it would stand behind an open door for ever:
+    so the safety device gets its heartbeat first, and an open relay is closed, to act on the
+    machine being the deliberate act for that. Raises MachineError, ConfigError.
+    """
+    async with AsyncExitStack() as opened:
+        if profile.safety is not None:
+            safety = await SafetyDriver.open(profile.safety)
+            opened.push_async_callback(safety.close)
+            if profile.safety.relay_timeout_s is not None:
+                await safety.reset_watchdog_relay()
+        motion = await MotionDriver.open(
+            profile.motion.endpoint, baud=profile.motion.baud,
+            status_period_s=profile.motion.status_period_s,
+        )
+        opened.push_async_callback(motion.close)
+        yield motion

@@ -1,0 +1,134 @@
+"""One look at a motion controller: it is asked, and nothing is moved, written or reset.
+
+Opening a serial port restarts some boards (AVR with auto-reset); nothing can be done about that
+from here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from firmware_protocol.status import StatusReport
+from lmctl.errors import MachineError
+from lmctl.machine.motion.callbacks import ConnectionCallbacks
+from lmctl.machine.motion.connection import GrblConnection
+from lmctl.machine.motion.driver import MotionDriver
+from lmctl.machine.motion.handshake import first_report, query_homed, query_identity
+from lmctl.machine.motion.identity import (
+    ControllerIdentity,
+    is_homing_enabled,
+    read_offset,
+    read_settings,
+)
+
+_COMMAND_S = 3.0
+_PERIOD_S = 1.0  # of status reports; none is asked for beyond those waited for
+_ANSWERING = ("Idle", "Alarm")  # states in which `$` commands are answered
+
+
+@dataclass(frozen=True)
+class MotionReading:
+    """What a controller reports of itself: all that the conditions of a run look at.
+
+    identity, settings, parser_state, offsets : None or empty where it does not answer in its state;
+        parser_state and offsets are the lines of `$G` and `$#`
+    position_trusted : whether reported positions are those of the machine
+    homed : whether it calls its axes homed; None where it does not say (Grbl never does)
+    damaged : messages that made no sense on the way
+    ours : whether this host has taken it over, as a run does: it has been brought to rest
+    """
+
+    report: StatusReport
+    identity: ControllerIdentity | None
+    settings: dict[int, str]
+    parser_state: Sequence[str]
+    offsets: Sequence[str]
+    position_trusted: bool
+    homed: bool | None
+    damaged: int
+    ours: bool = False
+
+    @property
+    def offset_mm(self) -> tuple[float, ...] | None:
+        """Work offset in force (work = machine - offset), or None where it is not reported."""
+        return read_offset(self.parser_state, self.offsets) if self.offsets else None
+
+    @property
+    def position_mm(self) -> tuple[float, ...] | None:
+        """Program coordinates, None where they cannot be told."""
+        if self.report.work_mm is not None or self.report.machine_mm is None:
+            return self.report.work_mm
+        offset_mm = self.report.offset_mm or self.offset_mm
+        if offset_mm is None:
+            return None
+        return tuple(m - o for m, o in zip(self.report.machine_mm, offset_mm, strict=False))
+
+
+async def inspect_controller(endpoint: str, *, baud: int, timeout_s: float = 5.0) -> MotionReading:
+    """Ask a controller what it is and how it stands.
+
+    Raises MachineError where it is unreachable, silent or no Grbl; ConfigError for a bad endpoint.
+    """
+    talk = GrblConnection(endpoint, _PERIOD_S, ConnectionCallbacks(
+        on_ok=_ignore, on_rejected=_ignore, on_report=_ignore, on_alarm=_ignore, on_restart=_ignore,
+        on_batch_done=_ignore, on_lost=_ignore,
+    ))
+    try:
+        await talk.open(baud, timeout_s)
+        report = await first_report(talk, timeout_s)
+        if report.state not in _ANSWERING:
+            return MotionReading(report, None, {}, (), (), False, None, talk.damaged)
+        identity = await query_identity(talk)
+        talk.use_dialect(identity.dialect, identity.rx_bytes)
+        settings = read_settings(await _told(talk, "$$"))
+        parser_state = await _told(talk, "$G")
+        offsets = await _told(talk, "$#")
+        report, is_homed = await talk.fresh_report(timeout_s) or report, await query_homed(talk)
+        trusted = report.state == "Idle" and bool(settings) and (
+            is_homed is True or not is_homing_enabled(settings)
+        )
+        return MotionReading(report, identity, settings, parser_state, offsets, trusted, is_homed,
+                             talk.damaged)
+    finally:
+        talk.close()
+
+
+async def read_motion(motion: MotionDriver) -> MotionReading:
+    """The same of a controller that is open; it must be idle or in alarm.
+
+    Raises MachineError where it has not reported, or does not answer.
+    """
+    report = motion.status
+    if report is None:
+        raise MachineError("the motion controller does not report its state",
+                           hint="check its cable, then try again")
+    return MotionReading(
+        report, motion.identity, motion.settings,
+        await _told_to(motion, "$G"), await _told_to(motion, "$#"),
+        motion.position_trusted, None, motion.damaged_messages, ours=True,
+    )
+
+
+async def _told_to(motion: MotionDriver, command: str) -> list[str]:
+    """The same of a controller that is open."""
+    try:
+        return await motion.command(command)
+    except MachineError:
+        if not motion.all_answered:
+            raise
+        return []
+
+
+def _ignore(*_: object) -> None:
+    """What becomes of an event that nobody waits for."""
+
+
+async def _told(talk: GrblConnection, command: str) -> list[str]:
+    """What a command is answered with, nothing where it is refused (as in some alarms)."""
+    try:
+        return await talk.command(command, _COMMAND_S)
+    except MachineError:
+        if talk.lost:
+            raise
+        return []

@@ -1,0 +1,90 @@
+"""Writing firmware settings: each by itself, then all of them read back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from lmctl.errors import MachineError
+from lmctl.machine.manual.settings_file import same_value
+from lmctl.machine.motion.driver import MotionDriver
+from lmctl.machine.motion.identity import HOMING, read_settings
+
+#: Directions, homing and steps per mm: what a position means is another one afterwards.
+_OF_POSITION = frozenset((3, HOMING, 23, 27, 100, 101, 102, 103, 104, 105))
+
+
+@dataclass(frozen=True)
+class WrittenSettings:
+    """What became of settings that were to be written.
+
+    written : those that the controller reports as wanted, and did not before
+    refused : why the others were not: the controller's own words, or what it reports instead
+    also_changed : settings nobody asked to change, with the value they had and the one they have
+    messages : what the controller said beside its answers
+    position_lost : the machine has to be homed, or told where it is, before it is moved
+    """
+
+    written: dict[int, str]
+    refused: dict[int, str]
+    also_changed: dict[int, tuple[str, str]]
+    messages: list[str]
+    position_lost: bool
+
+
+async def apply_settings(motion: MotionDriver, wanted: Mapping[int, str]) -> WrittenSettings:
+    """Write the settings that differ, and read all back.
+
+    A setting may be refused for the value of another (soft limits without homing): those refused
+    are tried once more after the rest.
+    Raises MachineError where the controller is not at rest, or is lost on the way.
+    """
+    report = motion.status
+    if report is None or report.state not in ("Idle", "Alarm"):
+        state = "unknown" if report is None else report.state
+        raise MachineError(f"settings cannot be written in state {state}",
+                           hint="wait until the machine stands")
+    before = read_settings(await motion.command("$$"))
+    left = {number: value for number, value in wanted.items()
+            if number not in before or not same_value(value, before[number])}
+    asked = dict(left)
+    refused: dict[int, str] = {}
+    messages: list[str] = []
+    for _ in range(2):
+        refused = await _write(motion, left, messages)
+        left = {number: left[number] for number in refused}
+        if not left:
+            break
+    after = read_settings(await motion.command("$$"))
+    for number, value in asked.items():
+        if number not in after:
+            refused[number] = "this controller has no such setting"
+        elif number not in refused and not same_value(value, after[number]):
+            refused[number] = f"it was taken, and reads back as {after[number]}"
+    changed = {number: (before[number], after.get(number, "missing")) for number in before
+               if before[number] != after.get(number, "missing")}
+    lost = bool(_OF_POSITION & changed.keys())
+    if lost:
+        motion.position_trusted = False
+    return WrittenSettings(
+        {number: after[number] for number in asked if number not in refused}, refused,
+        {number: values for number, values in changed.items() if number not in asked},
+        messages, lost,
+    )
+
+
+async def _write(
+    motion: MotionDriver, settings: Mapping[int, str], messages: list[str]
+) -> dict[int, str]:
+    """Send each; returns why those that were refused were. Raises MachineError for a lost link."""
+    refused = {}
+    for number, value in settings.items():
+        try:
+            said = await motion.command(f"${number}={value}")
+        except MachineError as error:
+            if not motion.all_answered:  # it said nothing at all
+                raise
+            refused[number] = error.what
+        else:
+            messages += said
+    return refused

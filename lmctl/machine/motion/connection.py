@@ -1,0 +1,314 @@
+"""A conversation with a Grbl controller: link, codec and status questions put together.
+
+Lower half of the motion driver. It knows lines, answers, reports and resets; streams, holds and
+positions are above it. Events are handed on in the order they stood in the byte stream; those who
+wait for one of them are in `awaited`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import Sequence
+
+from firmware_protocol.codes import alarm_meaning, error_meaning
+from firmware_protocol.dialect import GRBL, GRBLHAL, Dialect
+from firmware_protocol.host import (
+    ControllerRestarted,
+    GrblHost,
+    HostEvent,
+    LineRejected,
+    LocalProtocolError,
+    RemoteProtocolError,
+)
+from firmware_protocol.messages import AlarmMessage, StatusMessage, UnknownMessage
+from firmware_protocol.realtime import RealtimeCommand
+from firmware_protocol.status import StatusReport
+from lmctl.errors import MachineError
+from lmctl.machine.motion.callbacks import ConnectionCallbacks
+from lmctl.machine.motion.endpoint import parse_motion_endpoint
+from lmctl.machine.motion.links import ByteLink, open_link
+from lmctl.machine.motion.observation import ControllerObservation
+from lmctl.machine.motion.pending_replies import PendingReplies
+from lmctl.machine.motion.report_screen import ReportScreen
+from lmctl.machine.motion.status_polling import StatusPolling
+
+_COMMAND_TAG = -1
+_LOST_HINT = "check cable and power of the controller, and that no other program talks to it"
+_RESET_TAKES_S = 0.3  # to the banner, where the controller has power
+_MIN_RX_USABLE = 127  # before the controller has said how much it has
+
+
+class GrblConnection:
+    """One open link to a controller.
+
+    dialect : Grbl's until `settle_on` is told better
+    damaged : messages so far that were no message or answered nothing
+    lost, is_silent : why nothing more will come, and whether because nothing did
+    observation : what arrives, from connecting to the first report; None otherwise
+    rx_empty : most free receive bytes reported with nothing unanswered
+    screen : which reports are believed
+    sent_before_question : tag of the newest line unanswered when `?` was sent, or None
+    """
+
+    def __init__(self, endpoint: str, status_period_s: float, hearer: ConnectionCallbacks) -> None:
+        self.endpoint = endpoint
+        self.dialect: Dialect = GRBL
+        self.damaged = 0
+        self.observation: ControllerObservation | None = None
+        self.lost: str | None = None
+        self.is_silent = False
+        self.rx_empty = 0
+        self.sent_before_question: int | None = None
+        self.watch = StatusPolling(status_period_s, self._ask, self._fell_silent)
+        self.screen = ReportScreen()
+        self._hearer = hearer
+        self._loop = asyncio.get_running_loop()
+        self._host = GrblHost(_MIN_RX_USABLE, GRBL.max_line_chars)
+        self._link: ByteLink | None = None
+        self._awaited = PendingReplies(self.device_error)
+        self._reset_sent_s: float | None = None  # the first whose banner has not come
+        self._silent_at_reset = False
+        self._with_question: bytes | None = None  # lines to be sent in one write with a `?`
+
+    async def open(self, baud: int, timeout_s: float) -> None:
+        """Open the link. Raises MachineError, ConfigError."""
+        is_serial = parse_motion_endpoint(self.endpoint).kind == "serial"
+        self.observation = ControllerObservation(is_serial, baud)
+        self._link = await open_link(
+            self.endpoint, baud, self._received, self.declare_lost, timeout_s
+        )
+
+    def close(self) -> None:
+        """Stop asking and close the link; whoever still waits gets MachineError."""
+        self.watch.stop()
+        if self._link is not None:
+            self._link.close()
+        self._awaited.on_lost(self.device_error("the link was closed"))
+
+    def use_dialect(self, dialect: Dialect, rx_bytes: int) -> None:
+        """Use what the controller has said of itself. Nothing may be unanswered."""
+        self.dialect = dialect
+        self._host = GrblHost(rx_bytes - 1, dialect.max_line_chars)
+
+    @property
+    def unanswered_lines(self) -> int:
+        """Lines sent and not answered, commands included."""
+        return self._host.unanswered_lines
+
+    @property
+    def is_command_pending(self) -> bool:
+        """Whether a command is unanswered."""
+        return self._awaited.command is not None or self._host.oldest_tag == _COMMAND_TAG
+
+    @property
+    def is_all_sent(self) -> bool:
+        """Whether nothing is held back here that is counted as sent."""
+        return self._link is not None and not self._link.unsent_bytes
+
+    @property
+    def is_worth_writing(self) -> bool:
+        """Whether so much room is free, or so little under way, that lines should go out now.
+
+        A wire without a pace is spared a write for every answer. Half full, and with the planner
+        behind it, the buffer does not run dry, and a dry run of short lines takes a quarter less
+        time.
+        """
+        host = self._host
+        return (
+            host.free_rx_bytes >= host.rx_usable // 2
+            or host.unanswered_lines == 0
+            or (self._link is not None and self._link.is_paced)
+        )
+
+    def check_lines(self, lines: Sequence[bytes]) -> None:
+        """Raise LocalProtocolError if one of the lines could never be sent."""
+        self._host.check_lines(lines)
+
+    def send_queued(self, waiting: deque[bytes], tag: int) -> list[bytes]:
+        """Send the checked lines there is room for, in one write, and take them off `waiting`.
+
+        tag : of the first; those behind it count on
+        """
+        sent = self._host.send_queued(waiting, tag)
+        if sent:
+            self.write(b"\n".join(sent) + b"\n")
+        return sent
+
+    def write(self, data: bytes) -> None:
+        """Send after all that went before; while a question is being put, together with it."""
+        if self._with_question is not None:
+            self._with_question += data
+        elif self._link is not None:
+            self._link.write(data)
+
+    def realtime(self, byte: RealtimeCommand) -> None:
+        """Send one byte before everything not yet on the wire. A reset drops all that waits."""
+        if self._link is None:
+            return
+        if byte is RealtimeCommand.RESET:
+            if self._reset_sent_s is None:
+                self._reset_sent_s = self._loop.time()
+                self._silent_at_reset = self.watch.unanswered_s > _RESET_TAKES_S
+            self._link.discard_unsent()
+        self.screen.commanded(byte)
+        self._link.write_realtime(byte.encoded)
+
+    async def command(self, line: str, timeout_s: float) -> list[str]:
+        """Send one line alone; return what was said before its `ok`.
+
+        raises : MachineError on error, alarm, restart, loss or no answer in time;
+            LocalProtocolError while other lines are unanswered
+        """
+        self._refuse_if_lost()
+        if self._awaited.command is not None or self._host.unanswered_lines:
+            raise LocalProtocolError(f"{line!r} must be sent alone, and lines are unanswered")
+        data = self._host.send_line(line.encode("ascii", "replace"), _COMMAND_TAG)
+        return await self._awaited.command_reply(line, lambda: self.write(data), timeout_s)
+
+    async def fresh_report(self, timeout_s: float) -> StatusReport | None:
+        """Ask `?` and wait for the next report; None if none comes in time."""
+        self._refuse_if_lost()
+        report = await self._awaited.next_report(self.watch.query_now, timeout_s)
+        if report is None:
+            self.watch.abandon_question()
+        return report
+
+    async def reset(self, timeout_s: float) -> None:
+        """Send 0x18 and wait for the banner. Raises MachineError if none comes in time."""
+        self._refuse_if_lost()
+        await self._awaited.wait_for_restart(lambda: self.realtime(RealtimeCommand.RESET),
+                                             timeout_s)
+
+    def _ask(self) -> None:
+        if self.observation is not None:
+            self.observation.questions += 1
+        if self.watch.is_repeated:
+            self.screen.missed()
+        else:
+            self.sent_before_question = self._host.newest_tag
+        self._with_question = b""
+        try:
+            self._hearer.on_query()
+        finally:
+            lines, self._with_question = self._with_question, None
+        question = RealtimeCommand.STATUS
+        if self.screen.is_unsure and self.dialect is GRBLHAL:
+            # with offset and overrides, which few reports carry
+            question = RealtimeCommand.STATUS_FULL
+        if lines and self._link is not None and not (
+            self._link.is_paced or self._link.unsent_bytes):
+            self._link.write(lines + question.encoded)
+        else:
+            self.write(lines)
+            self.realtime(question)
+
+    def _received(self, data: bytes) -> None:
+        if self.observation is not None:
+            self.observation.add(data)
+        accepted = 0
+        for event in self._host.receive_data(data):
+            if type(event) is int and event != _COMMAND_TAG:
+                accepted += 1
+                continue
+            if accepted:
+                self._hearer.on_ok(accepted)
+                accepted = 0
+            self._hear(event)
+        if accepted:
+            self._hearer.on_ok(accepted)
+        self._hearer.on_batch_done()
+
+    def _hear(self, event: HostEvent) -> None:
+        if self.observation is not None:
+            self.observation.restarts += isinstance(event, ControllerRestarted)
+            self.observation.messages += not isinstance(event,
+                                                        int | UnknownMessage | RemoteProtocolError)
+        if isinstance(event, int):
+            self._command_answered(0)
+        elif isinstance(event, LineRejected):
+            if event.tag == _COMMAND_TAG:
+                self._command_answered(event.code)
+            else:
+                self._hearer.on_rejected(event.tag, event.code)
+        elif isinstance(event, StatusMessage):
+            self._reported(event.report)
+        elif isinstance(event, ControllerRestarted):
+            self._restarted()
+        elif isinstance(event, AlarmMessage):
+            meaning = alarm_meaning(event.code, self.dialect)
+            self._awaited.on_refused(f"alarm {event.code}: {meaning.description}", meaning.remedy)
+            self._hearer.on_alarm(event.code)
+        elif isinstance(event, RemoteProtocolError):
+            self.damaged += 1
+            self._hearer.on_surplus_reply()
+        elif isinstance(event, UnknownMessage):
+            self.damaged += 1
+            if self.watch.is_open:  # most of what a controller says while asked is the answer
+                self.screen.missed()
+                self.watch.ask_again()
+        elif self._awaited.command is not None:
+            self._awaited.on_message(event.format())
+
+    def _reported(self, said: StatusReport) -> None:
+        report = self.screen.take(said, self._loop.time())
+        if report is None:
+            self.watch.ask_again()
+            return
+        self.watch.on_report()
+        if not self._host.unanswered_lines:
+            self.rx_empty = max(self.rx_empty, report.rx_bytes_free or 0)
+        self._hearer.on_report(report)
+        if self._awaited.reports:
+            self._awaited.on_report(report)
+        if self.screen.is_unsure:
+            self.watch.ask_soon()
+
+    def _command_answered(self, code: int) -> None:
+        if code:
+            meaning = error_meaning(code, self.dialect)
+            self._awaited.on_refused(f"error {code}: {meaning.description}", meaning.remedy)
+        else:
+            self._awaited.on_ok()
+
+    def _restarted(self) -> None:
+        asked = self._is_reset_answered()
+        self._reset_sent_s = None
+        self._awaited.on_refused("the controller restarted", "send it again")
+        self.screen.restarted()
+        self._hearer.on_restart(asked)
+        self._awaited.on_restart()
+        self.watch.restarted()
+
+    def _is_reset_answered(self) -> bool:
+        """Whether a banner answers a reset that was sent here.
+
+        One that comes late, from a controller that had been silent, is that of a start: the reset
+        went to a controller without power.
+        """
+        if self._reset_sent_s is None:
+            return False
+        return not self._silent_at_reset or (
+            self._loop.time() - self._reset_sent_s <= _RESET_TAKES_S
+        )
+
+    def _fell_silent(self, reason: str) -> None:
+        self.is_silent = True
+        self.declare_lost(reason)
+
+    def declare_lost(self, reason: str) -> None:
+        """Count the controller as lost; told once."""
+        if self.lost is not None:
+            return
+        self.lost = reason
+        self.watch.stop()
+        self._awaited.on_lost(self.device_error(reason, hint=_LOST_HINT))
+        self._hearer.on_lost(reason)
+
+    def _refuse_if_lost(self) -> None:
+        if self.lost is not None:
+            raise self.device_error(self.lost, hint=_LOST_HINT)
+
+    def device_error(self, what: str, hint: str = "") -> MachineError:
+        """A MachineError about this controller."""
+        return MachineError(what, where=f"motion controller at {self.endpoint}", hint=hint)

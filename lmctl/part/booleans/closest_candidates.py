@@ -1,0 +1,106 @@
+"""From places to the surface points that the nodes around them know."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmctl.field.kernel import kernel
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+#: Surfaces among which a place looks for its nearest point.
+MAX_NEAR = 6
+
+
+@kernel
+def seed_nodes(
+    relative: FloatArray, sources: NDArray[np.int32], squared: NDArray[np.float32]
+) -> None:
+    """Offer each foot to the nodes around it; a node keeps the nearest it was offered.
+
+    relative : feet in node units; sources : −1 where none was offered; squared : inf there
+    """
+    nz, ny, nx = sources.shape
+    for n in range(len(relative)):
+        x, y, z = relative[n, 0], relative[n, 1], relative[n, 2]
+        i0, j0, k0 = int(np.floor(x)), int(np.floor(y)), int(np.floor(z))
+        for k in range(max(k0 - 1, 0), min(k0 + 3, nz)):
+            for j in range(max(j0 - 1, 0), min(j0 + 3, ny)):
+                for i in range(max(i0 - 1, 0), min(i0 + 3, nx)):
+                    d2 = np.float32((x - i) ** 2 + (y - j) ** 2 + (z - k) ** 2)
+                    if d2 < squared[k, j, i]:
+                        squared[k, j, i] = d2
+                        sources[k, j, i] = n
+
+
+def corner_candidates(sources: NDArray[np.int32], nodes: FloatArray) -> NDArray[np.int32]:
+    """The feet that the corners of cells know, (n, 8).
+
+    nodes : (n, 3), a place in each cell, in node units; taken to the grid's rim if it lies outside
+    """
+    last = np.array(sources.shape[::-1]) - 2
+    i, j, k = np.clip(nodes, 0, np.maximum(last, 0)).astype(np.int64).T
+    _, ny, nx = sources.shape
+    first = (k * ny + j) * nx + i
+    steps = [(z * ny + y) * nx + x for z in (0, 1) for y in (0, 1) for x in (0, 1)]
+    known: NDArray[np.int32] = sources.ravel()[first[:, None] + np.array(steps)]
+    return known
+
+
+@kernel
+def take_closest(
+    offered: NDArray[np.int32], feet: FloatArray, active: NDArray[np.int32], points: FloatArray,
+    rows: IntArray, near: IntArray,
+) -> None:
+    """Of feet offered to each point take the nearest, and note the surfaces that all lie on.
+
+    offered : (n, m), numbers of feet
+    rows : (n,), numbers of the nearest feet so far, −1 for none; replaced by nearer ones
+    near : (n, MOST_NEAR), numbers of surfaces so far, −1 for none; more are added
+    """
+    for n in range(len(points)):
+        count = 0
+        while count < near.shape[1] and near[n, count] >= 0:
+            count += 1
+        least, best = np.inf, rows[n]
+        for c in range(-1, offered.shape[1]):
+            row = np.int64(rows[n]) if c < 0 else np.int64(offered[n, c])
+            if row < 0:
+                continue
+            d2 = (
+                (feet[row, 0] - points[n, 0]) ** 2 + (feet[row, 1] - points[n, 1]) ** 2
+                + (feet[row, 2] - points[n, 2]) ** 2
+            )
+            if d2 < least:
+                least, best = d2, row
+            for slot in range(active.shape[1]):
+                number = active[row, slot]
+                known = number < 0
+                for m in range(count):
+                    known = known or near[n, m] == number
+                if not known and count < near.shape[1]:
+                    near[n, count] = number
+                    count += 1
+        rows[n] = best
+
+
+def closest_surfaces(
+    rows: IntArray, which: IntArray, away: FloatArray, count: int
+) -> IntArray:
+    """For each of `count` rows the nearest surfaces it met, (count, MOST_NEAR), −1 for none.
+
+    rows, which, away : (m,), each meeting: the row, the surface's number, how far away it is; what
+        several bodies share is met several times, and counts once
+    """
+    order = np.lexsort((which, away, rows))
+    rows, which = rows[order], which[order]
+    new = np.ones(len(rows), dtype=bool)
+    new[1:] = (rows[1:] != rows[:-1]) | (which[1:] != which[:-1])
+    rows, which = rows[new], which[new]
+    slot = np.arange(len(rows)) - np.searchsorted(rows, rows)
+    kept = slot < MAX_NEAR
+    near = np.full((count, MAX_NEAR), -1, dtype=np.int64)
+    near[rows[kept], slot[kept]] = which[kept]
+    return near

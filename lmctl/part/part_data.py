@@ -1,0 +1,127 @@
+"""The data files a part file names, each read once, and what there is to say about them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmctl.config.bodies import CloudBody, MeshBody
+from lmctl.config.composition import FaceFeature, SheetFeature, features_of
+from lmctl.config.part_file import PartFile
+from lmctl.errors import InputError, MissingFileError
+from lmctl.part.faces import patch_around, triangles_of_group
+from lmctl.part.sources.cloud_files import PointCloud, read_cloud
+from lmctl.part.sources.files import DataFile, read_data
+from lmctl.part.sources.mesh_files import Mesh, read_mesh
+from lmctl.part.sources.mesh_repair import repair_mesh
+from lmctl.part.sources.mesh_topology import remove_slivers
+
+FloatArray = NDArray[np.float64]
+
+
+class PartData:
+    """Files below a part file's folder, by name.
+
+    sources : {name: sha256} of what was read; warnings, notes : for a person
+    """
+
+    def __init__(self, folder: Path, bead_mm: float) -> None:
+        self._folder = folder
+        self._bead_mm = bead_mm
+        self._meshes: dict[tuple[str, str | None, str | None], Mesh] = {}
+        self._clouds: dict[tuple[str, str], PointCloud] = {}
+        self._sheets: dict[SheetFeature, FloatArray] = {}
+        self.sources: dict[str, str] = {}
+        self.warnings: list[str] = []
+        self.notes: list[str] = []
+
+    def read(self, part: PartFile) -> None:
+        """Read all files a part names.
+
+        Raises MissingFileError where all that is wrong is that files are not there, else
+        InputError; either names every file that cannot be used.
+        """
+        wrong: dict[str, InputError | MissingFileError] = {}
+        items = {(item.kind, item.file, item.units, _group(item)): item for item in _filed(part)}
+        for item in items.values():
+            try:
+                if isinstance(item, SheetFeature):
+                    self.sheet(item)
+                else:
+                    self.points(item)
+            except (InputError, MissingFileError) as error:
+                wrong[error.render()] = error  # of one file that is not there, however it is used
+        if len(wrong) == 1:
+            raise next(iter(wrong.values()))
+        if wrong:
+            only_missing = all(isinstance(error, MissingFileError) for error in wrong.values())
+            raise (MissingFileError if only_missing else InputError)(
+                f"{len(wrong)} data files cannot be used",
+                where=[line for e in wrong.values()
+                       for line in (e.what, *(f"  {text}" for text in (*e.where, e.hint) if text))],
+                hint="mend them and check again with `lmctl check`",
+            )
+
+    def mesh(self, body: MeshBody) -> Mesh:
+        """A closed mesh, mended where it needed to be. Raises InputError."""
+        key = body.file, body.units, body.group
+        if key not in self._meshes:
+            read = read_mesh(self._file(body.file), body.units, body.group)
+            name = body.file if body.group is None else f"{body.file}, group {body.group!r}"
+            self._meshes[key], said = repair_mesh(read, name, self._bead_mm)
+            self.warnings += said
+            self.notes += read.notes
+        return self._meshes[key]
+
+    def cloud(self, body: CloudBody) -> PointCloud:
+        """Measured points. Raises InputError."""
+        key = body.file, body.units
+        if key not in self._clouds:
+            self._clouds[key] = read_cloud(self._file(body.file), body.units)
+            self.notes += self._clouds[key].notes
+            self.warnings += self._clouds[key].warnings
+        return self._clouds[key]
+
+    def points(self, body: MeshBody | CloudBody) -> FloatArray:
+        """(n, 3) float64 [mm]: a mesh's corners or a cloud's points."""
+        return self.mesh(body).vertices if isinstance(body, MeshBody) else self.cloud(body).points
+
+    def sheet(self, feature: SheetFeature) -> FloatArray:
+        """Triangles (m, 3, 3) float64 [mm] of a surface that need not close. Raises InputError."""
+        if feature not in self._sheets:
+            mesh = read_mesh(self._file(feature.file), feature.units)
+            corners = remove_slivers(mesh.vertices[mesh.triangles])
+            if len(corners) == 0:
+                raise InputError(f"{feature.file} has no triangle with an area",
+                                 hint="export it again")
+            self._sheets[feature] = corners
+        return self._sheets[feature]
+
+    def face(self, body: MeshBody, feature: FaceFeature) -> FloatArray:
+        """Triangles (m, 3, 3) float64 [mm] of one face of a mesh. Raises InputError."""
+        if feature.group is not None:
+            return triangles_of_group(self._file(body.file), feature.group, body.units)
+        assert feature.at_mm is not None, "the model asks for one of the two"
+        return patch_around(self.mesh(body), feature.at_mm, feature.angle_deg)
+
+    def _file(self, name: str) -> DataFile:
+        file = read_data(name, self._folder)
+        self.sources[name] = file.sha256
+        return file
+
+
+def _group(item: MeshBody | CloudBody | SheetFeature) -> str | None:
+    return item.group if isinstance(item, MeshBody) else None
+
+
+def _filed(part: PartFile) -> Iterator[MeshBody | CloudBody | SheetFeature]:
+    """What of a part is in files, in the part file's order."""
+    for body in part.body:
+        if isinstance(body, MeshBody | CloudBody):
+            yield body
+    for holder in (part, *part.body):
+        if holder.composition is not None:
+            yield from (f for f in features_of(holder.composition) if isinstance(f, SheetFeature))

@@ -1,0 +1,14 @@
+"""How finely S words tell the controller a beam's power."""
+
+from __future__ import annotations
+
+#: A step of the S word is at most one in so many of full power.
+_STEPS = 10_000
+
+
+def s_word_decimals(s_max: int) -> int:
+    """Decimals of S words where `s_max` (1 or more) means full power: one for the usual 1000."""
+    decimals = 0
+    while s_max * 10**decimals < _STEPS:
+        decimals += 1
+    return decimals

@@ -1,0 +1,297 @@
+"""Depositing: lines to the controller as the machine gets on, and the journal of it.
+
+Driven by the motion driver: a report says how far the machine is and so which lines may go, and
+those go out with the next question. Between them it does nothing.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import Callable
+
+from firmware_protocol.status import StatusReport
+from lmctl.config.machine import MotionSettings
+from lmctl.run.cell.devices import Cell
+from lmctl.run.executed_motion import ExecutedMotion
+from lmctl.run.interlocks.inputs import ProgramDeviation
+from lmctl.run.interlocks.motion_rules import OFF_PATH_MM
+from lmctl.run.journal.recorder import RunRecorder
+from lmctl.run.layer_accounts import LayerAccounts
+from lmctl.run.powder.setpoint_sender import SetpointSender
+from lmctl.run.program.feed_override import FeedOverride
+from lmctl.run.program.job_window import JobWindow
+from lmctl.run.program.line_energy import LineEnergyCheck
+from lmctl.run.program.line_releaser import LineReleaser
+from lmctl.run.program.program_clock import ProgramClock
+from lmctl.run.program.reentry import JOB_START, ProgramPlace, Reentry
+from lmctl.run.program.remaining_time import RemainingTime
+
+#: Lines wait for the next question only where the horizon holds so many status periods: one has
+#: gone by when they are sent, another until the next are, and motion must see its end in time.
+_PERIODS_AHEAD = 4
+
+#: From the word at the laser-enable output to a beam that is off [s].
+LASER_OFF_S = 0.02
+
+#: (program time done, program time in all, layer, remaining machine time) [s]
+Progress = Callable[[float, float, int, float], None]
+
+
+class Deposition:
+    """One job on one cell, from where it is entered to its last line or to the next hold.
+
+    motion : the machine's limits and its link
+    entry : how it is entered, None at its first line
+    accounts : of the layers, which what is executed goes into
+    started : whether a line of the job has been sent
+    done : called once, when the last line has been executed
+    failed : called with what goes wrong in a report
+    """
+
+    def __init__(
+        self, cell: Cell, window: JobWindow, clock: ProgramClock, feed: SetpointSender,
+        recorder: RunRecorder, accounts: LayerAccounts, motion: MotionSettings, *,
+        entry: Reentry | None = None, done: Callable[[], None],
+        failed: Callable[[Exception], None], progress: Progress | None,
+    ) -> None:
+        self.started = False
+        self._first_line = window.first_layer().first_line
+        self._lit_line = 0 if entry is None else entry.beam_on_line
+        self._place = JOB_START if entry is None else entry.place
+        self._cell = cell
+        self._window = window
+        self._clock = clock
+        self._feed = feed
+        self._recorder = recorder
+        lead_s = cell.motion.identity.dialect.segment_buffer_s
+        self._energy = LineEnergyCheck(window, lead_s)
+        self._accounts = accounts
+        self._entry = entry
+        self._motion = ExecutedMotion(window, feed.fed, accounts, lead_s)
+        self._streamer = LineReleaser(window, motion.send_horizon_s)
+        self._override = FeedOverride(
+            clock, window, feed.plan.lead_s, motion.status_period_s, cell.motion.realtime)
+        self._done = done
+        self._failed = failed
+        self._progress = progress
+        self._outlook = RemainingTime(window.end_s)
+        self._loop = asyncio.get_running_loop()
+        self._streaming = self._tracking = False
+        self._next_lines: list[bytes] = []  # journaled, to go with the next question
+        self._may_wait = _PERIODS_AHEAD * motion.status_period_s <= motion.send_horizon_s
+        self._seen = self._first_line  # lines executed when last looked at
+        self._percent = (100, 100)  # feed and power, as last journaled
+
+    @property
+    def lines_executed(self) -> int:
+        """Lines of the job known to be executed."""
+        return max(self._place.line, self._counted)
+
+    @property
+    def _counted(self) -> int:
+        """The same, but that lines run again count only once they are."""
+        return self._first_line + (self._cell.motion.lines_executed if self.started else 0)
+
+    @property
+    def place_text(self) -> str:
+        """Where in the job the run is, for people."""
+        if self.lines_executed >= self._window.n_lines:
+            return "the end of the program"
+        return f"layer {self._motion.layer + 1}, program line {self.lines_executed}"
+
+    @property
+    def is_motion_expected(self) -> bool:
+        """Whether the program is under way, and not in a wait of its own."""
+        if not self._streaming or self.lines_executed >= self._window.n_lines:
+            return False
+        start_mm, end_mm, _, _ = self._window.span_at(self._clock.program_time_s(self._loop.time()))
+        return start_mm != end_mm
+
+    @property
+    def deviation(self) -> ProgramDeviation:
+        """How the last report differs from the program; not at all once motion is at rest."""
+        if not self._tracking:
+            return ProgramDeviation()
+        return ProgramDeviation(self._clock.off_mm, self._clock.early_s, self._energy.unasked)
+
+    def job_line(self, tag: int) -> int:
+        """The job's number of a line of the stream."""
+        return self._first_line + tag
+
+    def start(self) -> None:
+        """Send the first lines; the rest follows as the machine reports where it is."""
+        self.started = self._streaming = self._tracking = True
+        self._begin_accounts()
+        self._override.schedule(self._loop.time())
+        self._cell.motion.submit(self._released())
+
+    def stop(self) -> None:
+        """Send no more lines, whatever is reported; those not yet on the wire are dropped.
+
+        Called as beam and motion are taken down: a laser-enable output drops in this moment.
+        """
+        if self._streaming:
+            self._streaming = False
+            safety = self._cell.safety
+            if safety is not None and safety.has_laser_enable:
+                off_s = self._clock.program_time_s(
+                    self._loop.time()) + LASER_OFF_S * self._clock.rate
+                self._motion.beam_off_from(off_s)
+            self._override.cancel()
+            self._next_lines.clear()
+            self._cell.motion.discard_queue()
+
+    def reached_place(self) -> ProgramPlace:
+        """Motion has come to rest: how far the job has been executed, by the last report.
+
+        What is reported later is no longer this job's.
+        """
+        if self._tracking:
+            self.stop()
+            self._tracking = False
+            self._motion.come_to_rest()
+            s = min(self._clock.reported_s, self._energy.bead_short_from_s)
+            line = self._window.line_at(s)
+            start_s, end_s = self._window.line_start_s(line), self._window.line_start_s(line + 1)
+            share = (s - start_s) / (end_s - start_s) if end_s > start_s else 0.0
+            if line >= self._lit_line:
+                self._place = max(self._place, ProgramPlace(line, min(max(share, 0.0), 1.0)))
+        return self._place
+
+    def _begin_accounts(self) -> None:
+        """Motion is about to begin: what was fed until now was for the hose, not for the part."""
+        t, entry = self._loop.time(), self._entry
+        self._recorder.record_purge(self._feed.fed.take_rest_g(t))
+        self._accounts.follow(lambda: (self._motion.reached, self._motion.left_mm))
+        if entry is not None:
+            self._accounts.close_before(entry.layer.index)
+            self._accounts.enter_again(entry.layer.index, entry.repeated_mm)
+        self._feed.fed.on_readings(t, self._cell.hopper_readings())
+        self._motion.start(t)
+
+    # --- feed override ------------------------------------------------------------------------
+
+    def set_override_now(self, percent: int) -> None:
+        """Set the feed override at once."""
+        self._override.apply_now(self._loop.time(), percent)
+
+    def schedule_override(self, percent: int) -> None:
+        """Set the feed override where powder can follow it; before motion starts, from then on."""
+        self._override.request(percent)
+        if self._streaming:
+            self._override.schedule(self._loop.time())
+
+    # --- listeners of the motion driver -------------------------------------------------------
+
+    def on_status(self, report: StatusReport) -> None:
+        """Take the place the machine has reached."""
+        try:
+            self._take(report)
+        except Exception as error:
+            self._failed(error)
+
+    def on_query(self) -> None:
+        """A report is about to be asked for: the lines that the last one let go go with it."""
+        try:
+            self._send()
+        except Exception as error:
+            self._failed(error)
+
+    def on_progress(self) -> None:
+        """More lines are acknowledged or executed."""
+        if not self._streaming:
+            return
+        try:
+            self._go_on()
+        except Exception as error:
+            self._failed(error)
+
+    def _take(self, report: StatusReport) -> None:
+        t, motion = self._loop.time(), self._cell.motion
+        position_mm = motion.position_mm
+        if position_mm is None:
+            return
+        readings = self._cell.hopper_readings()
+        if self._tracking:
+            if report.override_percents is not None:
+                self._controller_override(t, report.override_percents)
+            self._judge(t, report, position_mm)
+            self._feed.fed.on_readings(t, readings)
+            if not self._clock.is_in_doubt:
+                self._motion.on_report(
+                    t, self._clock.reported_s, report, position_mm, off_mm=self._clock.off_mm,
+                    rate=self._clock.rate, overrides=motion.overrides,
+                )
+        if self._streaming:
+            if self._clock.is_override_pending:
+                self._override.apply_if_due(t)
+            self._next_lines += self._released()
+            if not self._may_wait:
+                self._send()
+            self._tell(t)
+        self._recorder.record_sample(
+            self.lines_executed, position_mm, report.feed_mm_min, report.spindle_speed,
+            self._feed.flows_g_min,
+            tuple([None if one is None else one.flow_estimated_g_min for one in readings]),
+        )
+
+    def _judge(
+        self, t: float, report: StatusReport, position_mm: tuple[float, ...]
+    ) -> None:
+        """Compare a report with the program; one that is doubted is asked again at once."""
+        motion, clock, energy = self._cell.motion, self._clock, self._energy
+        feed = report.feed_mm_min
+        speed_mm_s = math.inf if feed is None else feed / 60.0
+        clock.on_report(t, self._counted, position_mm, speed_mm_s)
+        if not clock.is_in_doubt and clock.off_mm <= OFF_PATH_MM:
+            energy.on_report(
+                report, clock.program_time_s(t), clock.rate, overrides_known=motion.overrides_known
+            )
+        if clock.is_in_doubt or energy.is_in_doubt:
+            motion.confirm_report()
+
+    def _controller_override(self, t: float, overrides: tuple[int, int, int]) -> None:
+        """What the controller reports counts: its panel may have been used."""
+        feed, _, power = overrides
+        if (feed, power) != self._percent:
+            self._percent = feed, power
+            self._recorder.record_override(feed, "controller", power)
+        self._clock.set_override(t, feed / 100.0)
+
+    def _tell(self, t: float) -> None:
+        if self._progress is None:
+            return
+        s = self._clock.program_time_s(t)
+        remaining_s = self._outlook.remaining_s(t, s, self._clock.rate)
+        if remaining_s is not None:
+            self._progress(s, self._window.end_s, self._motion.layer, remaining_s)
+
+    def _go_on(self) -> None:
+        window, executed = self._window, self._counted
+        self._clock.acknowledge(self._first_line + self._cell.motion.lines_acknowledged)
+        if executed == self._seen:
+            return
+        self._seen = executed
+        if completed := self._streamer.completed_paths(executed):
+            self._recorder.record_paths_executed(completed)
+        self._motion.executed(self._loop.time(), executed, self._clock.rate)
+        window.drop_layers_before(executed)
+        if executed >= window.n_lines:
+            self._streaming = False
+            self._done()
+
+    def _released(self) -> list[bytes]:
+        """The next lines that may be sent, journaled."""
+        batch = self._streamer.release(self._clock.program_time_s(self._loop.time()),
+                                       self._clock.rate)
+        if batch.begun:
+            for layer in dict.fromkeys(path.layer for path in batch.begun):
+                self._accounts.open(layer)
+            self._recorder.record_paths_started(batch.begun)
+        return batch.lines
+
+    def _send(self) -> None:
+        if self._next_lines:
+            lines, self._next_lines = self._next_lines, []
+            self._cell.motion.submit(lines)

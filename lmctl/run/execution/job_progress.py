@@ -1,0 +1,118 @@
+"""How far a run is with its job: from the place it begins at, through each hold, to the last line.
+
+Between one hold and the next there is one `RunSegment`; the place that a hold leaves is where the
+next
+one enters. What is asked for the whole of it, the feed override, is kept here and given to each.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass
+
+from lmctl.errors import JobError
+from lmctl.run.execution.run_segment import RunSegment, RunSegmentFactory
+from lmctl.run.journal.recorder import RunRecorder
+from lmctl.run.program.reentry import JOB_START, ProgramPlace
+
+
+@dataclass(frozen=True)
+class EarlierRun:
+    """What an earlier run has made of the part.
+
+    place : how far the job has been executed
+    trusted : somebody has seen to it that the machine's position is true
+    """
+
+    run: str
+    place: ProgramPlace
+    trusted: bool
+
+
+class JobProgress:
+    """One run's way through its job.
+
+    begins_at : where an earlier run has left it
+    override_percent : the feed override asked for
+    """
+
+    def __init__(self, recorder: RunRecorder, begins_at: ProgramPlace = JOB_START) -> None:
+        self.override_percent = 100
+        self._recorder = recorder
+        self._begins_at = begins_at
+        self._loop = asyncio.get_running_loop()
+        self._workshop: RunSegmentFactory | None = None
+        self._work: RunSegment | None = None
+        self._resumed = False
+
+    # --- how far ------------------------------------------------------------------------------
+
+    @property
+    def is_entered(self) -> bool:
+        """Whether the machine was accepted, so that something of it may have been switched on."""
+        return self._work is not None
+
+    @property
+    def has_begun(self) -> bool:
+        """Whether a line of the job may have been executed, by this run or before it."""
+        started = self._work is not None and self._work.deposition.started
+        return started or self._begins_at != JOB_START or self._resumed
+
+    @property
+    def lines_executed(self) -> int:
+        """Lines of the job known to be executed, by this run or before it."""
+        return self._begins_at.line if self._work is None else self._work.deposition.lines_executed
+
+    @property
+    def place_text(self) -> str:
+        """Where in the job the run is, for people."""
+        if self._work is None or not self._work.deposition.started:
+            return "the purge position, before the first line"
+        return self._work.deposition.place_text
+
+    @property
+    def segment(self) -> RunSegment:
+        """What is worked with since the last hold."""
+        if self._work is None:
+            raise AttributeError("the machine has not been accepted")
+        return self._work
+
+    # --- on and off ---------------------------------------------------------------------------
+
+    def begin(self, workshop: RunSegmentFactory) -> None:
+        """A machine has been accepted: make ready for the first line to be run on it.
+
+        Raises JobError where no bead is left to lay.
+        """
+        self._workshop = workshop
+        self._work = workshop.create(self._begins_at, None, self.override_percent)
+        if self._work is None:
+            raise JobError("no bead of this job is left to lay", where=f"from {self._begins_at}")
+
+    def continue_after_hold(self) -> bool:
+        """A hold ends: make ready to go on from the place reached; False where no bead is left."""
+        if self._workshop is None:
+            raise AttributeError("the machine has not been accepted")
+        work = self._workshop.create(self.record_place(), self.segment, self.override_percent)
+        self._resumed = True
+        if work is not None:
+            self._work = work
+        return work is not None
+
+    def stop_sending(self) -> None:
+        """Motion is to end: no more lines, and the program's clock stands."""
+        self.segment.clock.stop_at(self._loop.time())
+        self.segment.deposition.stop()
+
+    def record_place(self) -> ProgramPlace:
+        """How far the job has been executed, now that motion has come to rest; journaled."""
+        place = self.segment.deposition.reached_place()
+        self._recorder.record_place(place)
+        return place
+
+    def set_override(self, percent: int) -> None:
+        """Set the feed override where powder can follow; before the beam is armed, for all."""
+        self.override_percent = percent
+        self._recorder.record_override(percent, "operator")
+        if self._work is not None:
+            self._work.deposition.schedule_override(percent)

@@ -1,0 +1,121 @@
+"""One job on one accepted cell, from where it is entered: clock, powder and deposition together."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lmctl.config.machine import HopperSettings, MachineProfile
+from lmctl.job.reader import JobReader
+from lmctl.job.schema import JobLayer
+from lmctl.run.cell.devices import Cell
+from lmctl.run.execution.deposition import Deposition, Progress
+from lmctl.run.journal.recorder import RunRecorder
+from lmctl.run.layer_accounts import LayerAccounts
+from lmctl.run.layer_plan import LayerPlan, layer_plan
+from lmctl.run.powder.lead import HoseModel, PowderPlan
+from lmctl.run.powder.setpoint_sender import SetpointSender
+from lmctl.run.program.job_window import JobWindow
+from lmctl.run.program.layer_program import LayerProgram, layer_program_of
+from lmctl.run.program.program_clock import ProgramClock
+from lmctl.run.program.reentry import JOB_START, ProgramPlace, Reentry, plan_reentry
+
+
+@dataclass(frozen=True)
+class RunSegment:
+    """What a run works with between one hold and the next."""
+
+    clock: ProgramClock
+    feed: SetpointSender
+    deposition: Deposition
+
+
+@dataclass(frozen=True)
+class RunSegmentFactory:
+    """Makes `RunSegment` for a job.
+
+    accounts : of the layers, for the whole run
+    beam_off : every power is sent as zero
+    done, failed : as `Deposition` and `SetpointSender` have them
+    """
+
+    job: JobReader
+    profile: MachineProfile
+    hoppers: Sequence[HopperSettings]
+    cell: Cell
+    recorder: RunRecorder
+    accounts: LayerAccounts
+    beam_off: bool
+    done: Callable[[], None]
+    failed: Callable[[Exception], None]
+    progress: Progress | None
+
+    def create(self, place: ProgramPlace, before: RunSegment | None,
+               override_percent: int) -> RunSegment | None:
+        """Work that goes on from a place; None where no bead is left to lay.
+
+        before : the work that was broken off there
+        override_percent : the feed override it is to run at
+        """
+        entry: Reentry | None = None
+        if place != JOB_START:
+            entry = plan_reentry(self.job.manifest, self.job.layer, place, self.profile.motion)
+            if entry is None:
+                return None
+            self.recorder.record_entry(entry)
+        if before is not None:
+            self.recorder.record_purge(before.feed.fed.take_rest_g(asyncio.get_running_loop().time()))
+        window = self._window(entry)
+        self._announce(window, override_percent)
+        clock = ProgramClock(window)
+        hoses = [
+            HoseModel(h.dead_time_s, h.lag_s, h.max_flow_g_min, h.min_flow_g_min)
+            for h in self.hoppers
+        ]
+        plan = PowderPlan(self.job.manifest.powder_mode, hoses, window, clock)
+        self.accounts.plan_of = lambda layer: self._plan_of(layer, entry, window)
+        feed = SetpointSender(self.cell, plan, clock, self.recorder, self.failed)
+        return RunSegment(clock, feed, Deposition(
+            self.cell, window, clock, feed, self.recorder, self.accounts, self.profile.motion,
+            entry=entry, done=self.done, failed=self.failed, progress=self.progress,
+        ))
+
+    def _announce(self, window: JobWindow, override_percent: int) -> None:
+        """What lies ahead, by the plan, until the deposition can tell."""
+        if self.progress is not None:
+            begin = window.first_layer()
+            left_s = window.end_s - begin.starts_s[0]
+            self.progress(begin.starts_s[0], window.end_s, begin.index,
+                          left_s * 100.0 / override_percent)
+
+    def _window(self, entry: Reentry | None) -> JobWindow:
+        def layer(index: int) -> JobLayer:
+            entered = entry is not None and index == entry.layer.index
+            return entry.layer if entry is not None and entered else self.job.layer(index)
+
+        first = 0 if entry is None else entry.layer.index
+        return JobWindow(self.job.manifest, layer, self.profile.motion.purge_mm,
+                         beam_off=self.beam_off, first_layer=first)
+
+    def _plan_of(self, index: int, entry: Reentry | None, window: JobWindow) -> LayerPlan:
+        """What the job plans for a layer, also where its head was replaced by a way in."""
+        layer = window.layer_program(index)
+        if entry is not None and index == entry.layer.index:
+            layer = self._whole_layer(index)
+        following = None
+        if index + 1 < len(self.job.manifest.layers):
+            following = window.layer_program(index + 1)
+        leads = self.job.manifest.powder_mode == "lead"
+        return layer_plan(layer, following, {
+            h.name: h.dead_time_s + h.lag_s if leads else 0.0 for h in self.hoppers
+        })
+
+    def _whole_layer(self, index: int) -> LayerProgram:
+        behind = self.job.layer(index - 1).lines[-1] if index else None
+        behind_mm = self.profile.motion.purge_mm if behind is None else (
+            behind["x_mm"], behind["y_mm"], behind["z_mm"])
+        return layer_program_of(self.job.layer(index), np.array(behind_mm, dtype=np.float64), 0.0,
+                                beam_off=self.beam_off)

@@ -1,0 +1,109 @@
+"""What interlocks look at: the last word of every device, each with its age."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+from firmware_protocol.pmx_alarms import CLIPPED
+from firmware_protocol.status import StatusReport
+from lmctl.config.machine import HopperSettings, SafetySettings
+from lmctl.machine.feeder.readings import HopperReading
+from lmctl.machine.feeder.status import FeederStatus
+from lmctl.machine.safety.status import SafetyStatus
+
+#: Reports missing before a device counts as silent (process.md 5.3).
+STALE_PERIODS = 3
+
+
+class FeederReading(NamedTuple):
+    """What matters of a feeder's last good answer. name : of the feeder
+
+    hoppers : those in use, once powder runs and has settled, with what was read of each
+    clipped : it feeds, and has clipped a set-point; the names of the hoppers, as far as known
+    mixer_mbar, mixer_max_mbar : what it tells and what the profile allows; None: not known
+    """
+
+    name: str
+    hoppers: Sequence[tuple[HopperSettings, HopperReading]] = ()
+    clipped: Sequence[str] | None = None
+    mixer_mbar: float | None = None
+    mixer_max_mbar: float | None = None
+
+
+class FeederAge(NamedTuple):
+    """How old a feeder's last good answer is."""
+
+    name: str
+    age_s: float
+    period_s: float
+
+
+class UncommandedOutput(NamedTuple):
+    """What a controller reports and its program does not ask for.
+
+    speed_mm_s, power_W : as reported
+    most_mm_s : the highest speed of the lines that may be running
+    asked_W : the powers they ask for at the speed reported, rising; none where none of them moves
+    """
+
+    speed_mm_s: float
+    max_speed_mm_s: float
+    power_W: float
+    commanded_W: tuple[float, ...]
+
+
+class ProgramDeviation(NamedTuple):
+    """How the machine differs from its program, by the last report.
+
+    path_mm : how far the nozzle is from the lines that may be running
+    early_s : by how much it was there sooner than the program would have it
+    unasked : feed or power that none of those lines asks for
+    """
+
+    path_error_mm: float = 0.0
+    early_s: float = 0.0
+    uncommanded: UncommandedOutput | None = None
+
+
+class InterlockInputs(NamedTuple):
+    """All a rule may look at.
+
+    still_s : for how long the controller has said that it runs the program without moving, the
+        program's own waits left out
+    off_program : no difference where no program runs
+    answers : of the feeders; the same object until one answers again
+    safety, limits : None where the cell has no safety-input device
+    motion_age_s : since the last report of the motion controller that was believed
+    motion_unreadable : answers since then that could not be read or believed
+    """
+
+    motion: StatusReport | None
+    standstill_s: float
+    deviation: ProgramDeviation
+    motion_age_s: float
+    motion_period_s: float
+    feeders: Sequence[FeederAge]
+    feeder_readings: Sequence[FeederReading]
+    safety: SafetyStatus | None
+    safety_age_s: float
+    limits: SafetySettings | None
+    motion_unreadable: int = 0
+
+
+def feeder_reading(
+    feeder: str, status: FeederStatus | None, hoppers: Iterable[HopperSettings],
+    mixer_max_mbar: float | None,
+) -> FeederReading:
+    """What interlocks look at of a feeder's answer. mixer_max_mbar : of the profile"""
+    if status is None:
+        return FeederReading(feeder)
+    readings = status.hoppers
+    clipped = None
+    if status.clipped and status.feeding:
+        clipped = [w.hopper for w in status.warnings if w.number == CLIPPED]
+    settled = hoppers if status.feeding and status.stable else ()
+    return FeederReading(
+        feeder, tuple((h, readings[h.name]) for h in settled if h.name in readings), clipped,
+        status.mixer_pressure_mbar, mixer_max_mbar,
+    )

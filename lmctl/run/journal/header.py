@@ -1,0 +1,51 @@
+"""The first record of a run's journal: what the run is, and what it goes on with."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from typing import Any
+
+from lmctl import __version__
+from lmctl.config.machine import HopperSettings, MachineProfile
+from lmctl.job.reader import JobReader
+from lmctl.run.execution.job_progress import EarlierRun
+from lmctl.run.journal.recorder import wall_stamp
+
+
+def run_header(
+    job: JobReader, profile: MachineProfile, hoppers: Sequence[HopperSettings], operator: str,
+    continues: EarlierRun | None,
+) -> dict[str, Any]:
+    """Job, machine, software, operator, hoppers: equal for equal runs."""
+    manifest = job.manifest
+    return {
+        "job": job.digest, "part": manifest.part_name, "part_sha256": manifest.part_sha256,
+        "sources": manifest.sources, "software": f"lmctl {__version__}",
+        "planned_with": manifest.software, "machine": profile.name,
+        "profile": profile.planning_digest(), "operator": operator,
+        "powder_mode": manifest.powder_mode, "layers": len(manifest.layers),
+        "lines": sum(entry.n_lines for entry in manifest.layers),
+        **({} if continues is None else _going_on(continues)),
+        "planned_s": manifest.layers[-1].end_s, "materials": list(manifest.materials),
+        "warnings": list(manifest.totals.get("warnings", [])),
+        "hoppers": [
+            {"name": h.name, "feeder": h.feeder, "material": h.material,
+             "dead_time_s": h.dead_time_s, "lag_s": h.lag_s}
+            for h in hoppers
+        ],
+    }
+
+
+def local_header(run: str, profile: MachineProfile) -> dict[str, Any]:
+    """What differs between equal runs."""
+    endpoints = {feeder.name: feeder.endpoint for feeder in profile.feeder}
+    return {"run": run, "wall": wall_stamp(), "uid": os.getuid(), "pid": os.getpid(),
+            "endpoints": {"motion": profile.motion.endpoint, **endpoints}}
+
+
+def _going_on(continues: EarlierRun) -> dict[str, Any]:
+    """Whoever goes on with a run that fails before it enters the part needs all of it again."""
+    place = continues.place
+    return {"continues": continues.run, "position_kept": continues.trusted,
+            "begins_at": {"line": place.line, "share": round(place.line_fraction, 6)}}

@@ -1,0 +1,110 @@
+"""The way back to a path, beam off, as program lines that fit the send horizon, each with its time.
+
+Powder leaves its hopper some seconds before it reaches the nozzle, so the time of every move of the
+way has to be known before it is made. Travel moves therefore begin and end at rest: a short dwell
+stands between them, and both firmwares come to rest before a dwell. A straight move from rest to
+rest lasts exactly what its speed and acceleration say, whatever junction deviation is set.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmctl.config.machine import MotionSettings
+
+FloatArray = NDArray[np.float64]
+
+#: Between two travel moves [s]. Grbl counts dwells in steps of 50 ms.
+DWELL_S = 0.05
+
+
+@dataclass(frozen=True)
+class ApproachMove:
+    """One line to be sent, a move or, where it ends where it starts, a dwell.
+
+    is_run_up : it is passed at the path's own speed, not begun and ended at rest
+    """
+
+    start_mm: FloatArray
+    end_mm: FloatArray
+    speed_mm_s: float
+    duration_s: float
+    is_run_up: bool = False
+
+    @property
+    def is_dwell(self) -> bool:
+        return self.speed_mm_s == 0.0
+
+
+def travel_legs(
+    start_mm: FloatArray, corners_mm: Sequence[FloatArray], motion: MotionSettings, least_mm: float
+) -> list[ApproachMove]:
+    """Straight moves from a start through corners at full speed, with a dwell at the end of each.
+
+    A line lasts a quarter of the send horizon at most. least_mm : corners nearer than this to the
+    one before are left out
+    """
+    longest_s = motion.send_horizon_s / 4.0
+    made: list[ApproachMove] = []
+    at_mm = start_mm
+    for corner_mm in corners_mm:
+        away_mm = corner_mm - at_mm
+        length_mm = float(np.linalg.norm(away_mm))
+        if length_mm < least_mm:
+            continue
+        speed_mm_s = along(motion.max_speed_mm_s, away_mm)
+        move = _RestToRest(length_mm, speed_mm_s, along(motion.acceleration_mm_s2, away_mm))
+        parts = max(1, math.ceil(move.lasting_s / longest_s))
+        before_mm = at_mm
+        for k in range(1, parts + 1):
+            gone = move.gone_mm(move.lasting_s * k / parts) / length_mm if k < parts else 1.0
+            end_mm = np.round(at_mm + gone * away_mm, 3)
+            made.append(ApproachMove(before_mm, end_mm, speed_mm_s, move.lasting_s / parts))
+            before_mm = end_mm
+        made.append(ApproachMove(before_mm, before_mm, 0.0, DWELL_S))
+        at_mm = corner_mm
+    return made
+
+
+def along(axis_limits: Sequence[float], direction: FloatArray) -> float:
+    """A limit of each axis as it is for a straight move: the least of limit over |component|."""
+    unit = np.abs(direction) / np.linalg.norm(direction)
+    return float(min(limit / part for limit, part in zip(axis_limits, unit, strict=True) if part))
+
+
+@dataclass(frozen=True)
+class _RestToRest:
+    """A straight move that begins and ends at rest, with trapezoidal speed."""
+
+    length_mm: float
+    speed_mm_s: float
+    acceleration_mm_s2: float
+
+    @property
+    def lasting_s(self) -> float:
+        if self.length_mm < self.speed_mm_s**2 / self.acceleration_mm_s2:
+            return 2.0 * math.sqrt(self.length_mm / self.acceleration_mm_s2)
+        return self.length_mm / self.speed_mm_s + self.speed_mm_s / self.acceleration_mm_s2
+
+    def gone_mm(self, t_s: float) -> float:
+        """Distance made after t_s."""
+        if t_s > self.lasting_s / 2.0:
+            return self.length_mm - self.gone_mm(self.lasting_s - t_s)
+        rising_s = min(self.speed_mm_s / self.acceleration_mm_s2, self.lasting_s / 2.0)
+        if t_s <= rising_s:
+            return self.acceleration_mm_s2 * t_s**2 / 2.0
+        return (self.acceleration_mm_s2 * rising_s**2 / 2.0
+                + self.speed_mm_s * (t_s - rising_s))
+
+
+def speeding_up_s(distance_mm: float, speed_mm_s: float, acceleration_mm_s2: float) -> float:
+    """By how much longer it takes to go so far from rest than at speed."""
+    ramp_mm = speed_mm_s**2 / (2.0 * acceleration_mm_s2)
+    if distance_mm >= ramp_mm:
+        return speed_mm_s / (2.0 * acceleration_mm_s2)
+    return math.sqrt(2.0 * distance_mm / acceleration_mm_s2) - distance_mm / speed_mm_s

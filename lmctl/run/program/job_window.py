@@ -1,0 +1,213 @@
+"""The stretch of a job that a run needs just now, layer by layer, in constant memory.
+
+Layers are read when something first asks for a line or a program time in them (the streamer runs
+ahead by the send horizon, the powder by the longest dead time) and dropped when `forget` says
+that they lie behind.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from collections import deque
+from collections.abc import Callable
+
+import numpy as np
+
+from lmctl.job.schema import JobLayer, JobManifest
+from lmctl.run.program.layer_program import LayerProgram, layer_program_of
+
+
+class JobWindow:
+    """The lines and flows of a job near the place it is being run.
+
+    manifest : of the job
+    read_layer : JobReader.layer
+    start_mm : where the nozzle is before the first line
+    beam_off : every power is sent as zero
+    first_layer : where running begins; no layer before it is ever asked for
+
+    Lines are counted from 0 through the whole job; program times before the job give its first
+    flow, times after it its last.
+    """
+
+    def __init__(
+        self,
+        manifest: JobManifest,
+        read_layer: Callable[[int], JobLayer],
+        start_mm: tuple[float, float, float],
+        beam_off: bool = False,
+        first_layer: int = 0,
+    ) -> None:
+        self.manifest = manifest
+        self.n_lines = sum(entry.n_lines for entry in manifest.layers)
+        self.end_s = manifest.layers[-1].end_s
+        self._read_layer = read_layer
+        self._beam_off = beam_off
+        self._first_layer = first_layer
+        self._first_lines = [entry.first_line for entry in manifest.layers]
+        self._starts_s = [entry.start_s for entry in manifest.layers]
+        self._loaded: deque[LayerProgram] = deque()
+        self._behind_mm = np.array(start_mm, dtype=np.float64)  # end of the last layer read
+        self._behind_fed_s = 0.0
+
+    def first_layer(self) -> LayerProgram:
+        """The layer in which running begins. It must not have been forgotten."""
+        return self.layer_program(self._first_layer)
+
+    def layer_program(self, layer: int) -> LayerProgram:
+        """A layer, by its place in the job. It must not have been forgotten."""
+        first = self._first_loaded
+        if layer < first:
+            raise IndexError(f"layer {layer} lies behind")
+        while layer >= first + len(self._loaded):
+            self._load(first + len(self._loaded))
+        return self._loaded[layer - first]
+
+    def layer_program_of_line(self, line: int) -> LayerProgram:
+        """The layer that holds a line."""
+        for stretch in self._loaded:
+            if stretch.first_line <= line <= stretch.last_line:
+                return stretch
+        return self.layer_program(bisect_right(self._first_lines, line) - 1)
+
+    def line_start_s(self, line: int) -> float:
+        """Program time at which a line starts; the job's end for the line after the last."""
+        if line >= self.n_lines:
+            return self.end_s
+        stretch = self.layer_program_of_line(line)
+        return stretch.starts_s[line - stretch.first_line]
+
+    def motion_from_s(self, line: int) -> float:
+        """Program time at which the first line from this one on that moves starts."""
+        while line < self.n_lines:
+            stretch = self.layer_program_of_line(line)
+            if stretch.speeds_mm_s[line - stretch.first_line] > 0.0:
+                break
+            line += 1
+        return self.line_start_s(line)
+
+    def line_at(self, s: float) -> int:
+        """The line that runs at program time s; the job's last one at its end."""
+        stretch = self._at(s)
+        return min(stretch.first_line + bisect_right(stretch.ends_s, s), stretch.last_line)
+
+    def span_at(self, s: float) -> tuple[list[float], list[float], float, float]:
+        """Where the line that runs at program time s starts and ends, and when."""
+        stretch = self._at(s)
+        row = min(bisect_left(stretch.ends_s, s), len(stretch.program) - 1)
+        corners = stretch.corners_mm
+        return corners[row], corners[row + 1], stretch.starts_s[row], stretch.ends_s[row]
+
+    def commanded_between(self, from_s: float, to_s: float) -> tuple[float, list[float]]:
+        """Of the lines that run between two program times: the highest speed [mm/s], and of each
+        that moves its energy per millimetre [J/mm]; 0 and none where none does."""
+        stretch = self._at(from_s)
+        lines = slice(bisect_left(stretch.ends_s, from_s), bisect_right(stretch.starts_s, to_s))
+        speeds_mm_s, energies_J_mm = stretch.speeds_mm_s[lines], stretch.energies_J_mm[lines]
+        while stretch.ends_s[-1] < to_s and stretch.index + 1 < len(self.manifest.layers):
+            stretch = self.layer_program(stretch.index + 1)
+            last = bisect_right(stretch.starts_s, to_s)
+            speeds_mm_s += stretch.speeds_mm_s[:last]
+            energies_J_mm += stretch.energies_J_mm[:last]
+        if 0.0 in speeds_mm_s:
+            moving = zip(energies_J_mm, speeds_mm_s, strict=True)
+            energies_J_mm = [energy for energy, speed in moving if speed > 0.0]
+        return max(speeds_mm_s, default=0.0), energies_J_mm
+
+    @property
+    def _first_loaded(self) -> int:
+        """The first layer that has not been forgotten."""
+        return self._loaded[0].index if self._loaded else self._first_layer
+
+    def drop_layers_before(self, before_line: int) -> None:
+        """Drop the layers that end before this line, but for the last one read."""
+        while len(self._loaded) > 1 and self._loaded[0].last_line < before_line:
+            self._loaded.popleft()
+
+    def advance(self, s: float, machine_s: float, rate: float) -> float:
+        """Program time after so much machine time more, at a feed override of `rate`.
+
+        The override acts on G1 only: rapids and dwells take the time they were planned to take.
+        """
+        if rate == 1.0 or machine_s <= 0.0:
+            reached_s = s + machine_s if machine_s > 0.0 else s
+            return reached_s if reached_s < self.end_s else self.end_s
+        stretch = self._at(s)
+        target = self.machine_s(s, rate) + machine_s
+        while True:
+            ends = stretch.end_s - stretch.fed_end_s * (1.0 - 1.0 / rate)
+            row = int(ends.searchsorted(target))
+            if row < len(ends):
+                slope = rate if stretch.fed[row] else 1.0
+                return float(stretch.end_s[row] - (ends[row] - target) * slope)
+            if stretch.index == len(self.manifest.layers) - 1:
+                return self.end_s
+            stretch = self.layer_program(stretch.index + 1)
+
+    def next_beam_off_span_s(self, s: float, before_s: float) -> tuple[float, float] | None:
+        """Program times between which the beam is off: the first such span to start after s.
+
+        None where none starts before `before_s`.
+        """
+        stretch = self._at(s)
+        while True:
+            first = int(stretch.start_s.searchsorted(s))
+            dark = np.flatnonzero(stretch.beam_off_spans[first:])
+            if len(dark):
+                first += int(dark[0])
+                lit = np.flatnonzero(~stretch.beam_off_spans[first:])
+                last = first + int(lit[0]) - 1 if len(lit) else len(stretch.beam_off_spans) - 1
+                start_s, end_s = float(stretch.start_s[first]), float(stretch.end_s[last])
+                if start_s >= before_s:
+                    return None
+                if end_s > start_s:
+                    return start_s, end_s
+                s = np.nextafter(end_s, np.inf)
+            elif stretch.end_s[-1] >= before_s or stretch.index + 1 == len(self.manifest.layers):
+                return None
+            else:
+                stretch = self.layer_program(stretch.index + 1)
+
+    def flow_g_s(self, hopper: int, s: float) -> float:
+        """Mass flow wanted at the nozzle from one hopper [g/s]."""
+        stretch = self._at(s)
+        times, flow = stretch.flow_s, stretch.flow_g_s[hopper]
+        after = bisect_right(times, s)
+        if after == 0 or after == len(times):
+            return flow[after - 1 if after else 0]
+        start_s, start = times[after - 1], flow[after - 1]
+        return start + (flow[after] - start) * (s - start_s) / (times[after] - start_s)
+
+    def flow_steady_until_s(self, hopper: int, s: float) -> float:
+        """Program time up to which a hopper's flow surely is what it is at s; s if it changes."""
+        stretch = self._at(s)
+        times, flow = stretch.flow_s, stretch.flow_g_s[hopper]
+        after = bisect_right(times, s)
+        steady = after
+        while 0 < steady < len(times) and flow[steady] == flow[steady - 1]:
+            steady += 1
+        return times[steady - 1] if steady > after else s
+
+    def _at(self, s: float) -> LayerProgram:
+        """The layer in which a program time lies, or the nearest one still held."""
+        for stretch in self._loaded:
+            if stretch.flow_s[0] <= s < stretch.flow_s[-1]:
+                return stretch
+        layer = max(bisect_right(self._starts_s, s) - 1, 0)
+        return self.layer_program(max(layer, self._first_loaded))
+
+    def machine_s(self, s: float, rate: float) -> float:
+        """Machine time from the job's start to program time s, at one override throughout."""
+        stretch = self._at(s)
+        row = min(int(stretch.end_s.searchsorted(s)), len(stretch.end_s) - 1)
+        left_s = stretch.end_s[row] - s
+        fed_s = stretch.fed_end_s[row] - (left_s if stretch.fed[row] else 0.0)
+        return float(s - fed_s * (1.0 - 1.0 / rate))
+
+    def _load(self, index: int) -> None:
+        stretch = layer_program_of(
+            self._read_layer(index), self._behind_mm, self._behind_fed_s, beam_off=self._beam_off
+        )
+        self._loaded.append(stretch)
+        self._behind_mm = stretch.end_mm[-1]
+        self._behind_fed_s = float(stretch.fed_end_s[-1])

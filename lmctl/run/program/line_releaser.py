@@ -1,0 +1,70 @@
+"""Which lines may go to the controller now: never more unexecuted motion than the send horizon.
+
+If the host dies, the controller runs dry and the beam goes out within the horizon; and no more
+than the horizon has to be repeated after a crash.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections import deque
+from dataclasses import dataclass
+
+from lmctl.run.program.job_window import JobWindow
+from lmctl.run.program.layer_program import PathSpan
+
+#: Lines always allowed: the one that runs and the next, without which motion would stop between
+#: them. Planning splits moves at a quarter of the horizon, so at half speed these two just fill it.
+_MIN_LINES = 2
+
+
+@dataclass(frozen=True)
+class LineBatch:
+    """Lines to send now, and the paths that begin in them."""
+
+    lines: list[bytes]
+    begun: list[PathSpan]
+
+
+class LineReleaser:
+    """Releases a job's lines as program time goes on. Knows no driver and no clock.
+
+    released : the first line not given out yet
+    """
+
+    def __init__(self, window: JobWindow, horizon_s: float) -> None:
+        self.released = window.first_layer().first_line
+        self._window = window
+        self._horizon_s = horizon_s
+        self._open: deque[PathSpan] = deque()  # begun and not yet executed
+
+    def release(self, s: float, rate: float) -> LineBatch:
+        """The lines that may be sent now that program time s has been reached.
+
+        rate : feed override. The horizon is machine time: it holds less program time where an
+            override slows motion down, more where it speeds it up.
+        """
+        window = self._window
+        limit_s = window.advance(s, self._horizon_s, rate)
+        least = window.line_at(s) + _MIN_LINES
+        lines: list[bytes] = []
+        begun: list[PathSpan] = []
+        while self.released < window.n_lines:
+            stretch = window.layer_program_of_line(self.released)
+            first = self.released - stretch.first_line
+            end = max(bisect_right(stretch.ends_s, limit_s),
+                      min(least - stretch.first_line, len(stretch.program)))
+            if end <= first:
+                break
+            lines += stretch.program[first:end]
+            self.released = stretch.first_line + end
+            begun += stretch.paths_from(stretch.first_line + first, self.released)
+        self._open.extend(begun)
+        return LineBatch(lines, begun)
+
+    def completed_paths(self, executed: int) -> list[PathSpan]:
+        """Paths all of whose lines have been executed since the last call."""
+        done: list[PathSpan] = []
+        while self._open and self._open[0].last_line < executed:
+            done.append(self._open.popleft())
+        return done

@@ -1,0 +1,304 @@
+"""Where in program time the machine is: planned time driven by reported progress.
+
+A status report says which line runs and where on it the nozzle is; between reports time runs on
+by the planned law times the feed override, and never past what the controller has acknowledged.
+Pure: it is told the time (loop clock, seconds) with every call.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from lmctl.run.interlocks.motion_rules import OFF_PATH_MM
+from lmctl.run.program.job_window import JobWindow
+from lmctl.run.program.layer_program import FloatArray, LayerProgram
+
+#: How far the nozzle may be from the start of the line that runs by the count of executed ones.
+#: Where the count comes from planner blocks (Bf), it is only known to a line or two.
+_LOOK_BACK_S, _LOOK_AHEAD_S = 0.15, 0.55
+
+#: A position so near to where it is expected needs no search for the line it lies on.
+_EXPECTED_S, _EXPECTED_MM = 0.05, 0.01
+
+#: A place so much sooner or later on the path than expected is believed when another report agrees
+#: [s]. Planned and real motion differ by less from one report to the next; one changed digit does.
+_JUMP_S = 0.2
+
+#: So many reports in a row must agree on a place that is not expected: on the path, and off it.
+_AGREE_ON_PATH, _AGREE_OFF_PATH = 2, 3
+
+#: Places doubted in a row that are compared with the newest.
+_DOUBTED_KEPT = 8
+
+#: What lies between two reports that agree: the way at the speed reported, in so much more time,
+#: and a rounding [mm].
+_AGREE_S, _AGREE_MM = 0.02, 0.05
+
+#: Distance that a deviation of one second from the expected time counts as [mm/s]: it only
+#: decides where a path lies on itself.
+_TIME_WEIGHT_MM_S = 0.02
+
+
+def _ignore() -> None:
+    """What happens when nobody listens."""
+
+
+@dataclass(frozen=True)
+class OverrideChange:
+    """The feed override goes from `before` to `after` at program time from_s.
+
+    Powder goes from one to the other evenly by to_s: the beam is off in between.
+    """
+
+    from_s: float
+    to_s: float
+    before: float
+    after: float
+
+
+class _Doubted(NamedTuple):
+    """A place that was not expected."""
+
+    t: float
+    position_mm: tuple[float, ...]
+    speed_mm_s: float
+
+
+class ProgramClock:
+    """Program time of one run.
+
+    rate : feed override now (1 = as planned)
+    reported_s : program time of the last place reported on the path, nothing added for what came
+        after
+    off_mm : how far the last place believed is from the path of the lines that may be running
+    early_s : by how much that place was reached sooner than expected; below 0 where later
+    is_in_doubt : the last place reported is not the expected one, and too few others agree yet; it
+        counts for nothing so far
+    turned : called when something other than the passing of time changes what lies ahead
+    The clock stands until `run_from`, and again after `stand`.
+    """
+
+    def __init__(self, window: JobWindow) -> None:
+        self.rate = 1.0
+        self.turned: Callable[[], None] = _ignore
+        self._window = window
+        first = window.first_layer()
+        self._acknowledged = first.first_line
+        self._change: OverrideChange | None = None
+        self._known_t = 0.0
+        self._known_s = float(first.start_s[0])
+        self.reported_s = self._known_s
+        self.off_mm = self.early_s = 0.0
+        self.is_in_doubt = False
+        self._doubted: list[_Doubted] = []  # since the last place that was expected
+        self._limit_s = self._known_s  # program time at the end of the lines acknowledged
+        self._runs_from_t = math.inf
+
+    def acknowledge(self, lines: int) -> None:
+        """The controller has taken so many lines; time never runs past their end.
+
+        But a dwell is answered when it is over: time runs through one that is next.
+        """
+        if lines != self._acknowledged:
+            self._acknowledged = lines
+            self._limit_s = self._window.motion_from_s(lines)
+
+    def start_at(self, t: float) -> None:
+        """Motion starts, or is to start, at machine time t."""
+        self._known_t = self._runs_from_t = t
+        self.turned()
+
+    def stop_at(self, t: float) -> None:
+        """Motion stops at t; until a report corrects it, program time is what it is by then."""
+        self._known_s = self.program_time_s(t)
+        self._known_t = t
+        self._runs_from_t = math.inf
+        self.turned()
+
+    def set_override(self, t: float, rate: float) -> None:
+        """The feed override is `rate` from t on."""
+        if rate != self.rate:
+            self._known_s = self.program_time_s(t)
+            self._known_t = t
+            self.rate = rate
+            if self._change is not None and self._known_s < self._change.from_s:
+                self._change = replace(self._change, before=rate)  # turned at the machine's panel
+            self.turned()
+
+    def schedule_override(self, from_s: float, to_s: float, rate: float) -> None:
+        """The feed override will be set to `rate` when program time is from_s.
+
+        It takes `set_rate` then to tell that it has been; until then it is due.
+        """
+        self._change = OverrideChange(from_s, to_s, self.rate, rate)
+        self.turned()
+
+    def cancel_scheduled_override(self) -> None:
+        """No other override is planned any more."""
+        if self._change is not None:
+            self._change = None
+            self.turned()
+
+    def is_override_pending_before(self, s: float) -> bool:
+        """Whether a planned override is still to be set, at a program time before s."""
+        change = self._change
+        return change is not None and self.rate != change.after and change.from_s < s
+
+    @property
+    def is_override_pending(self) -> bool:
+        """Whether a planned override is still to come, or powder still following it."""
+        return self._change is not None
+
+    def due_override(self, t: float) -> float | None:
+        """The planned override if it is time to set it, else None."""
+        change = self._change
+        due = change is not None and self.rate != change.after and self.program_time_s(
+            t) >= change.from_s
+        return change.after if change is not None and due else None
+
+    def override_due_in_s(self, t: float) -> float:
+        """Machine time from t until the planned override is to be set; 0 where it is, or none."""
+        change, s = self._change, self.program_time_s(t)
+        if change is None or s >= change.from_s:
+            return 0.0
+        window = self._window
+        return window.machine_s(change.from_s, self.rate) - window.machine_s(s, self.rate)
+
+    def override_at(self, s: float) -> float:
+        """The feed override there will be at program time s, as powder is to follow it."""
+        change = self._change
+        if change is None:
+            return self.rate
+        share = (s - change.from_s) / (change.to_s - change.from_s)
+        return change.before + min(max(share, 0.0), 1.0) * (change.after - change.before)
+
+    def on_report(
+        self, t: float, executed: int, position_mm: tuple[float, ...],
+        speed_mm_s: float = math.inf,
+    ) -> None:
+        """A status report: lines executed so far, and where the nozzle was, at t.
+
+        position_mm : program coordinates x, y, z
+        speed_mm_s : as reported, inf where that is not known
+        """
+        expected_s = self.program_time_s(t)
+        change = self._change
+        if change is not None and expected_s > change.to_s and self.rate == change.after:
+            self._change = None
+        off_mm = 0.0
+        if executed >= self._window.n_lines:
+            found_s = expected_s = self._window.end_s
+        elif (as_expected_s := self._as_expected(position_mm, expected_s)) is not None:
+            found_s = as_expected_s
+        else:
+            found_s, off_mm = self._nearest(executed, position_mm, expected_s)
+        if off_mm <= OFF_PATH_MM and abs(found_s - expected_s) <= _JUMP_S:
+            self._doubted.clear()
+            self.is_in_doubt = False
+        else:
+            agreeing = self._agreeing(_Doubted(t, position_mm, speed_mm_s))
+            needed = _AGREE_ON_PATH if off_mm <= OFF_PATH_MM else _AGREE_OFF_PATH
+            self.is_in_doubt = agreeing < needed
+            if self.is_in_doubt:
+                return
+        self._known_s, self.off_mm, self.early_s = found_s, off_mm, found_s - expected_s
+        if off_mm <= OFF_PATH_MM:
+            self.reported_s = found_s
+        self._known_t = t
+
+    def _agreeing(self, place: _Doubted) -> int:
+        """How many of the places doubted in a row agree with the newest, itself included."""
+        agreeing = 1 + sum(
+            math.dist(one.position_mm[:3], place.position_mm[:3])
+            <= max(one.speed_mm_s, place.speed_mm_s) * (place.t - one.t + _AGREE_S) + _AGREE_MM
+            for one in self._doubted
+        )
+        self._doubted = [*self._doubted[-_DOUBTED_KEPT:], place]
+        return agreeing
+
+    def program_time_s(self, t: float) -> float:
+        """Program time at t [s]; t must not lie before the last call that set something."""
+        running_s = t - max(self._known_t, self._runs_from_t)
+        if running_s <= 0.0:
+            return self._known_s
+        reached_s = self._window.advance(self._known_s, running_s, self.rate)
+        return max(self._known_s, min(reached_s, self._limit_s))
+
+    def program_time_ahead_s(self, t: float, machine_s: float) -> float:
+        """Program time that will have been reached `machine_s` after t, if all goes on as it is."""
+        s, running_s = self.program_time_s(t), t + machine_s - max(t, self._runs_from_t)
+        reached_s = self._window.advance(s, running_s, self.rate)
+        change = self._change
+        if change is None or not s < change.from_s < reached_s:
+            return reached_s
+        before_s = self.override_due_in_s(t)
+        return self._window.advance(change.from_s, running_s - before_s, change.after)
+
+    def _as_expected(self, position_mm: tuple[float, ...], expected_s: float) -> float | None:
+        """Program time of a position that lies where it is expected, found without a search."""
+        (x0, y0, z0), (x1, y1, z1), start_s, end_s = self._window.span_at(expected_s)
+        x, y, z = position_mm[:3]
+        dx, dy, dz = x1 - x0, y1 - y0, z1 - z0
+        length2 = dx * dx + dy * dy + dz * dz
+        if length2 == 0.0:
+            return None
+        share = ((x - x0) * dx + (y - y0) * dy + (z - z0) * dz) / length2
+        off2 = (
+            (x - x0 - share * dx) ** 2 + (y - y0 - share * dy) ** 2 + (z - z0 - share * dz) ** 2
+        )
+        found_s = start_s + share * (end_s - start_s)
+        near = abs(found_s - expected_s) < _EXPECTED_S and off2 < _EXPECTED_MM**2
+        return found_s if near and 0.0 <= share <= 1.0 else None
+
+    def _nearest(
+        self, executed: int, position_mm: tuple[float, ...], expected_s: float
+    ) -> tuple[float, float]:
+        """Program time of the point nearest to a position, on the lines that may be running.
+
+        And how far it is from there [mm].
+        """
+        start_mm, end_mm, start_s, end_s = self._around(executed, expected_s)
+        along_mm = end_mm - start_mm
+        lasting_s = end_s - start_s
+        from_start_mm = np.array(position_mm[:3]) - start_mm
+        length2 = np.einsum("ij,ij->i", along_mm, along_mm)
+        moves = length2 > 0.0
+        share = np.einsum("ij,ij->i", from_start_mm, along_mm)
+        np.divide(share, length2, out=share, where=moves)
+        # On a line that does not move (a dwell), only the expected time tells how far it is.
+        waits = ~moves & (lasting_s > 0.0)
+        share[~moves] = 0.0
+        share[waits] = (expected_s - start_s[waits]) / lasting_s[waits]
+        np.clip(share, 0.0, 1.0, out=share)
+        at_s = start_s + share * lasting_s
+        off_mm = from_start_mm - share[:, None] * along_mm
+        off_mm2 = np.einsum("ij,ij->i", off_mm, off_mm)
+        best = int((off_mm2 + (_TIME_WEIGHT_MM_S * (at_s - expected_s)) ** 2).argmin())
+        return float(at_s[best]), math.sqrt(off_mm2[best])
+
+    def _around(self, line: int, expected_s: float) -> tuple[FloatArray, ...]:
+        """Starts and ends, in place and time, of the lines that may be running."""
+        stretch = self._window.layer_program_of_line(line)
+        row = line - stretch.first_line
+        start_s = stretch.start_s[row]
+        first = int(stretch.end_s.searchsorted(start_s - _LOOK_BACK_S))
+        # The count is a report late: long periods and overrides bring the nozzle farther by then.
+        until_s = max(start_s + _LOOK_AHEAD_S, expected_s + _LOOK_BACK_S)
+        last = int(stretch.start_s.searchsorted(until_s, side="right"))
+        near = _rows(stretch, min(first, row), last)
+        if last < len(stretch.program) or stretch.last_line + 1 >= self._acknowledged:
+            return near
+        after = self._window.layer_program(stretch.index + 1)
+        last = int(after.start_s.searchsorted(until_s, side="right"))
+        return tuple(map(np.concatenate, zip(near, _rows(after, 0, last), strict=True)))
+
+
+def _rows(stretch: LayerProgram, first: int, last: int) -> tuple[FloatArray, ...]:
+    rows = slice(first, last)
+    return (stretch.start_mm[rows], stretch.end_mm[rows], stretch.start_s[rows],
+            stretch.end_s[rows])

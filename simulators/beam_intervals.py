@@ -1,0 +1,89 @@
+"""When the beam was lit, to the instant, by a controller's trace.
+
+A phase has one acceleration, so when a speed is crossed is computed, not looked for in steps.
+Between phases the axes stand; what burns then is another table of the trace. Times are the loop's.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulators.motion.actions import BEAM_DYNAMIC
+from simulators.motion.trace import MotionTrace
+
+FloatArray = NDArray[np.float64]
+
+#: Times so near to each other are the same [s].
+SAME_S = 1e-9
+
+
+@dataclass(frozen=True)
+class TimeInterval:
+    """From begin_s to end_s."""
+
+    begin_s: float
+    end_s: float
+
+    @property
+    def duration_s(self) -> float:
+        return self.end_s - self.begin_s
+
+
+def beam_on_below_speed(speed_mm_s: float, trace: MotionTrace, now_s: float) -> tuple[TimeInterval,
+                                                                                      ...]:
+    """When the beam was lit by now with the axes slower than that, or standing; in order."""
+    return merge_intervals(np.concatenate([_moving(trace, now_s, speed_mm_s),
+                                           _standing(trace, now_s)]))
+
+
+def merge_intervals(stretches: FloatArray) -> tuple[TimeInterval, ...]:
+    """Stretches (k, 2) [s] in order, those that touch joined."""
+    together: list[list[float]] = []
+    for begin_s, end_s in sorted(map(tuple, stretches.tolist())):
+        if together and begin_s <= together[-1][1] + SAME_S:
+            together[-1][1] = max(together[-1][1], end_s)
+        else:
+            together.append([begin_s, end_s])
+    return tuple(TimeInterval(begin_s, end_s) for begin_s, end_s in together)
+
+
+def _moving(trace: MotionTrace, now_s: float, below_mm_s: float) -> FloatArray:
+    """(k, 2) stretches of motion with the beam lit, as far as slower than that."""
+    phases = trace.phases()
+    begin, end = phases.start_s, np.minimum(phases.end_s, now_s)
+    speed, acceleration = phases.speed_mm_s, phases.acceleration_mm_s2
+    last = speed + acceleration * (end - begin)
+    dynamic = trace.blocks().beam[phases.block] == BEAM_DYNAMIC if len(begin) else begin > 0
+    moves = (speed > 0) | (last > 0)
+    lit = (phases.power > 0) & (begin < end) & (moves | ~dynamic)
+    if below_mm_s < math.inf:
+        crossing = begin + np.divide(
+            below_mm_s - speed, acceleration, out=np.zeros_like(speed),
+            where=acceleration != 0,
+        )
+        lit &= np.minimum(speed, last) < below_mm_s
+        end = np.where((speed < below_mm_s) & (last > below_mm_s), crossing, end)
+        begin = np.where((speed >= below_mm_s) & (last < below_mm_s), crossing, begin)
+    return np.column_stack([begin, end])[lit]
+
+
+def _standing(trace: MotionTrace, now_s: float) -> FloatArray:
+    """(k, 2) stretches without motion with the beam lit."""
+    phases = trace.phases()
+    since, power = trace.standing_power()
+    lit: list[tuple[float, float]] = []
+    ends = np.concatenate([[-math.inf], phases.end_s])
+    begins = np.concatenate([phases.start_s, [math.inf]])
+    for from_s, to_s, burning in zip(since, [*since[1:], now_s], power, strict=True):
+        if burning > 0:
+            first = int(np.searchsorted(begins, from_s))
+            last = int(np.searchsorted(ends, to_s))
+            lit += [
+                (max(from_s, ends[i]), min(to_s, begins[i], now_s))
+                for i in range(first, min(last, len(begins)))
+            ]
+    return np.array([one for one in lit if one[1] - one[0] > SAME_S]).reshape(-1, 2)

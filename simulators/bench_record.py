@@ -1,0 +1,212 @@
+"""The judge: what came out of the nozzle along the path the beam drew, by the simulators' own
+record of motion and powder. It knows nothing of how the job was planned.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulators.feeder.device import PmxFeederDevice
+from simulators.feeder.hopper import FeedInterval
+from simulators.feeder.process import HopperProcess
+from simulators.motion.trace import MotionTrace
+
+FloatArray = NDArray[np.float64]
+
+#: The beam's path is looked at once in so much path, and at least once in so much time.
+STEP_MM = 0.1
+STEP_S = 0.02
+#: While the machine stands, the beam is looked at this often.
+_STANDING_STEP_S = 0.005
+_CHUNK = 500_000
+
+
+@dataclass(frozen=True)
+class BeamOnPath:
+    """The path drawn with the beam on, in n pieces so short that nothing changes within one.
+
+    materials : in the order of the columns below
+    time_s, duration_s : (n,) middle and length of each piece in time
+    length_mm : (n,) exact path length
+    position_mm : (n, 3) at the middle, machine coordinates
+    line : (n,) int, N word of the program line, 0 without one
+    power_fraction : (n,) beam power over its maximum
+    flow_g_s : (n, n_materials) mass flow at the nozzle
+    deposit_mm3_s : (n, n_materials) volume that stays on the part, m·η/ρ
+    """
+
+    materials: tuple[str, ...]
+    time_s: FloatArray
+    duration_s: FloatArray
+    length_mm: FloatArray
+    position_mm: FloatArray
+    line: NDArray[np.int64]
+    power_fraction: FloatArray
+    flow_g_s: FloatArray
+    deposit_mm3_s: FloatArray
+
+    @property
+    def volume_rate_mm3_s(self) -> FloatArray:
+        """(n,) total volume deposited per second."""
+        return np.asarray(self.deposit_mm3_s.sum(axis=1))
+
+    @property
+    def fractions(self) -> FloatArray:
+        """(n, n_materials) volume fractions V_i = (m_i η_i/ρ_i)/Σ; NaN where nothing arrives."""
+        total = self.volume_rate_mm3_s[:, None]
+        return np.divide(
+            self.deposit_mm3_s, total, out=np.full_like(self.deposit_mm3_s, np.nan),
+            where=total > 0,
+        )
+
+    def designed_fractions(self, lines: NDArray[np.integer], fractions: FloatArray) -> FloatArray:
+        """What was wanted along the path: (n, n_materials), by each piece's N word.
+
+        lines : (m,) N words; fractions : (m, n_materials) wanted on each, in `materials`' order.
+        Raises ValueError where a piece was drawn by a line that is not among them.
+        """
+        order = np.argsort(lines, kind="stable")
+        found = np.searchsorted(lines, self.line, sorter=order)
+        row = order[np.minimum(found, len(order) - 1)] if len(order) else found
+        strangers = self.line[lines[row] != self.line] if len(order) else self.line
+        if len(strangers):
+            raise ValueError(f"the beam drew line {strangers[0]}, which the design does not have")
+        return np.asarray(fractions, dtype=np.float64)[row]
+
+    def fraction_within(self, designed: FloatArray, tolerance: float) -> float:
+        """Share of the path length where every fraction is within tolerance of the designed.
+
+        designed : (n, n_materials). NaN without a path.
+        """
+        worst = np.abs(self.fractions - designed).max(axis=1, initial=0.0)
+        good = np.where(np.isnan(worst), False, worst <= tolerance)
+        total = self.length_mm.sum()
+        return float(self.length_mm[good].sum() / total) if total > 0 else float("nan")
+
+
+class BenchRecord:
+    """What a bench did: trace of its motion, and its feeders. Times are the loop's."""
+
+    def __init__(self, trace: MotionTrace, feeders: Sequence[PmxFeederDevice]) -> None:
+        self._trace = trace
+        self._feeders = tuple(feeders)
+
+    def beam_on_path(self, step_mm: float = STEP_MM) -> BeamOnPath:
+        """The path drawn with the beam on, cut into pieces of at most step_mm."""
+        for feeder in self._feeders:
+            feeder.advance_to_now()
+        time_s, duration_s = self._pieces(step_mm)
+        kept: list[tuple[NDArray[Any], ...]] = []
+        for at in range(0, len(time_s), _CHUNK):
+            t, dt = time_s[at : at + _CHUNK], duration_s[at : at + _CHUNK]
+            sample = self._trace.sample(t)
+            lit = (sample.power_fraction > 0) & (sample.block >= 0)
+            kept.append((t[lit], dt[lit], (sample.speed_mm_s * dt)[lit], sample.position_mm[lit],
+                         sample.block[lit], sample.power_fraction[lit]))
+        if not kept:
+            kept = [(np.zeros(0), np.zeros(0), np.zeros(0), np.zeros((0, 3)),
+                     np.zeros(0, dtype=np.int64), np.zeros(0))]
+        t, dt, length, position, block, power = map(np.concatenate, zip(*kept, strict=True))
+        materials, flow, deposit = self._powder(t)
+        return BeamOnPath(
+            materials, t, dt, length, position, self._trace.blocks().line[block], power, flow,
+            deposit,
+        )
+
+    def beam_on_without_motion(self, longer_than_s: float = 0.0) -> FloatArray:
+        """(k, 2) begin and end of the times the beam burned while the machine stood [s]."""
+        phases = self._trace.phases()
+        ends = np.concatenate([[0.0], phases.end_s])
+        begins = np.concatenate([phases.start_s, [self._now_s()]])
+        found = [
+            _stretches(t[lit], np.full(int(lit.sum()), _STANDING_STEP_S))
+            for begin_s, end_s in zip(ends, begins, strict=True)
+            if end_s - begin_s > _STANDING_STEP_S
+            for t in [np.arange(begin_s + _STANDING_STEP_S / 2, end_s, _STANDING_STEP_S)]
+            for lit in [self._trace.sample(t).power_fraction > 0]
+            if lit.any()
+        ]
+        stretches = np.concatenate(found) if found else np.zeros((0, 2))
+        return stretches[stretches[:, 1] - stretches[:, 0] > longer_than_s]
+
+    def beam_on_without_stable_powder(self) -> FloatArray:
+        """(k, 2) begin and end of the times the beam moved while powder was not stable [s].
+
+        Powder is stable while every feeder that was used at all calls it so.
+        """
+        path = self.beam_on_path()
+        used = [feeder.spans for feeder in self._feeders if feeder.spans]
+        stable = np.full(len(path.time_s), bool(used))
+        for spans in used:
+            stable &= _within(path.time_s, spans)
+        return _stretches(path.time_s[~stable], path.duration_s[~stable])
+
+    def fed_g(self) -> dict[str, float]:
+        """Powder that left the hoppers so far, by material."""
+        total: dict[str, float] = {}
+        for feeder in self._feeders:
+            time_s = feeder.advance_to_now()
+            for hopper in feeder.hoppers.values():
+                name = hopper.config.material
+                total[name] = total.get(name, 0.0) + hopper.process.fed_g(time_s)
+        return total
+
+    def _now_s(self) -> float:
+        return max((feeder.advance_to_now() for feeder in self._feeders), default=0.0)
+
+    def _pieces(self, step_mm: float) -> tuple[FloatArray, FloatArray]:
+        """Middles and lengths in time of equal parts of every phase.
+
+        Speed is linear within a phase, so its value at the middle times the length is exact.
+        """
+        phases = self._trace.phases()
+        whole_s = phases.end_s - phases.start_s
+        beam = self._trace.blocks().beam[phases.block] > 0
+        start_s, whole_s = phases.start_s[beam], whole_s[beam]
+        speed = phases.speed_mm_s[beam] + 0.5 * phases.acceleration_mm_s2[beam] * whole_s
+        parts = np.maximum(np.ceil(speed * whole_s / step_mm), np.ceil(whole_s / STEP_S))
+        count = np.maximum(parts, 1).astype(np.int64)
+        first = np.repeat(np.cumsum(count) - count, count)
+        number = np.arange(count.sum()) - first
+        part_s = np.repeat(whole_s / count, count)
+        return np.repeat(start_s, count) + (number + 0.5) * part_s, part_s
+
+    def _powder(self, time_s: FloatArray) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
+        """Materials, and (n, n_materials) flow [g/s] and deposit [mm³/s] at the nozzle."""
+        processes: list[HopperProcess] = [
+            hopper.process for feeder in self._feeders for hopper in feeder.hoppers.values()
+        ]
+        materials = tuple(dict.fromkeys(process.config.material for process in processes))
+        flow = np.zeros((len(time_s), len(materials)))
+        deposit = np.zeros_like(flow)
+        for process in processes:
+            column = materials.index(process.config.material)
+            g_s = process.nozzle_flow_g_s(time_s)
+            flow[:, column] += g_s
+            config = process.config
+            deposit[:, column] += g_s * config.catch_efficiency / config.density_g_mm3
+        return materials, flow, deposit
+
+
+def _within(time_s: FloatArray, spans: Sequence[FeedInterval]) -> NDArray[np.bool_]:
+    """Whether each time lies in the stable part of a span."""
+    begins = np.array([span.stable_s for span in spans])
+    ends = np.array([span.end_s for span in spans])
+    at = np.searchsorted(begins, time_s, side="right") - 1
+    return (at >= 0) & (time_s < ends[np.maximum(at, 0)])
+
+
+def _stretches(time_s: FloatArray, duration_s: FloatArray) -> FloatArray:
+    """(k, 2) begin and end of pieces that follow on each other, given their middles, in order."""
+    if not len(time_s):
+        return np.zeros((0, 2))
+    begin, end = time_s - duration_s / 2, time_s + duration_s / 2
+    breaks = np.flatnonzero(begin[1:] - end[:-1] > 1e-6)
+    return np.column_stack(
+        [begin[np.concatenate([[0], breaks + 1])], end[np.concatenate([breaks, [len(end) - 1]])]]
+    )

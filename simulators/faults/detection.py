@@ -1,0 +1,48 @@
+"""When a fault became visible to the host: by the first bytes that got to it and could tell."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from simulators.faults.fault_context import FaultContext, Undo
+from simulators.faults.kinds import Fault, FaultTarget
+from simulators.faults.link_tap import PassOn
+
+_PLACES = {FaultTarget.MOTION: "motion", FaultTarget.SAFETY: "safety"}
+
+
+def observe_first_detection(scene: FaultContext, fault: Fault, seen: Callable[[], None]) -> Undo:
+    """Call seen() with the first bytes that get from a device the fault strikes to the host.
+
+    A fault that a feeder notices by itself is told no sooner than its alarm.
+    """
+    forgets: list[Undo] = []
+
+    def whole() -> None:
+        for forget in forgets:
+            forget()
+
+    def told(data: bytes, deliver: PassOn) -> None:
+        deliver(data)
+        if _shows(scene, fault):
+            whole()
+            seen()
+
+    forgets += [scene.bench.edges[place].add_observer(told) for place in _places(scene, fault)]
+    return whole
+
+
+def _places(scene: FaultContext, fault: Fault) -> list[str]:
+    strikes = fault.kind.target
+    if strikes is FaultTarget.HOST:
+        return []
+    if strikes is FaultTarget.CELL:
+        return list(scene.bench.edges)
+    place = fault.device or _PLACES[strikes]
+    return [place] if place in scene.bench.edges else []
+
+
+def _shows(scene: FaultContext, fault: Fault) -> bool:
+    if not fault.values.get("noticed", False):
+        return True
+    return bool(scene.bench.feeders[fault.device].alarms)

@@ -1,0 +1,138 @@
+"""Makes faults happen to a bench: now by `inject`, or when a plan says so by `arm`."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from simulators.faults.detection import observe_first_detection
+from simulators.faults.injectors import INJECTORS, FaultContext, Undo
+from simulators.faults.kinds import Fault
+from simulators.faults.plan import AtLevel, AtLine, AtTime, FaultPlan, PlannedFault
+from simulators.faults.triggers import wait_for_level, wait_for_line
+
+if TYPE_CHECKING:
+    from simulators.bench import Bench
+
+
+@dataclass(frozen=True)
+class InjectedFault:
+    """A fault that became real at at_s. Times are the loop's.
+
+    visible_s : when the first bytes that could tell got to the host; None: none did so far, as
+        with a device that is silent
+    cleared_s : None while it stands, and for a fault over as soon as it has happened
+    """
+
+    fault: Fault
+    at_s: float
+    detectable_s: float | None = None
+    cleared_s: float | None = None
+
+    def __str__(self) -> str:
+        return f"{self.fault} at {self.at_s:.3f} s"
+
+
+class FaultInjector:
+    """Everything that goes wrong with one bench, for as long as the bench runs.
+
+    on_host_killed : what to do where the host is to be killed; its kind is a mark without it
+    on_happened : called with each fault as it has become real
+    happened : what became real so far, in order
+
+    >>> def stall(bench):
+    ...     board = FaultBoard(bench)
+    ...     board.inject(Fault.of("disc_stalls", "F1"))
+    """
+
+    def __init__(
+        self, bench: Bench, on_host_killed: Callable[[], None] | None = None,
+        on_happened: Callable[[InjectedFault], None] | None = None,
+    ) -> None:
+        self._loop = asyncio.get_running_loop()
+        self._scene = FaultContext(bench, self._loop, on_host_killed)
+        self._on_happened = on_happened
+        self._happened: list[InjectedFault] = []
+        self._undo: dict[int, Undo] = {}
+        self._timers: list[asyncio.TimerHandle] = []
+        self._watchers: list[asyncio.Task[None]] = []
+
+    @property
+    def injected(self) -> tuple[InjectedFault, ...]:
+        return tuple(self._happened)
+
+    def inject(self, fault: Fault, for_s: float | None = None) -> int:
+        """Make a fault real at this instant; its number in `happened`.
+
+        for_s : clear it after so long. Raises ValueError where the bench lacks the device.
+        """
+        number = len(self._happened)
+        happens = InjectedFault(fault, self._loop.time())
+        self._happened.append(happens)
+        forget = observe_first_detection(self._scene, fault, lambda: self._seen(number))
+        try:
+            undo = INJECTORS[fault.kind.name](self._scene, fault)
+        except ValueError:
+            forget()
+            self._happened.pop()
+            raise
+        if self._on_happened is not None:
+            self._on_happened(happens)
+        if undo is not None:
+            self._undo[number] = undo
+            if for_s is not None:
+                self._timers.append(self._loop.call_later(for_s, self._clear, number))
+        return number
+
+    def clear(self, fault: Fault | int) -> None:
+        """End a fault that stands, by its number or as injected; without effect on one over."""
+        for number in [fault] if isinstance(fault, int) else list(self._undo):
+            if isinstance(fault, int) or self._happened[number].fault == fault:
+                self._clear(number)
+
+    def clear_all(self) -> None:
+        """End every fault that stands, the last one first."""
+        for number in sorted(self._undo, reverse=True):
+            self._clear(number)
+
+    def schedule(self, plan: FaultPlan) -> None:
+        """Let each fault of a plan happen in its time; times count from now."""
+        for planned in plan.faults:
+            if isinstance(planned.trigger, AtTime):
+                self._timers.append(
+                    self._loop.call_later(planned.trigger.at_s, self._inject_planned, planned)
+                )
+            else:
+                self._watchers.append(self._loop.create_task(self._watch(planned)))
+
+    def close(self) -> None:
+        """Disarm whatever has not happened. Faults that stand are left standing."""
+        for timer in self._timers:
+            timer.cancel()
+        for watcher in self._watchers:
+            watcher.cancel()
+
+    async def _watch(self, planned: PlannedFault) -> None:
+        bench = self._scene.bench
+        match planned.trigger:
+            case AtLine(line):
+                await wait_for_line(bench.motion, line)
+            case AtLevel(feeder, channel, grams):
+                await wait_for_level(bench.feeders[feeder], channel, grams)
+        self._inject_planned(planned)
+
+    def _inject_planned(self, planned: PlannedFault) -> None:
+        self.inject(planned.fault, planned.for_s)
+
+    def _seen(self, number: int) -> None:
+        self._happened[number] = replace(self._happened[number], detectable_s=self._loop.time())
+
+    def _clear(self, number: int) -> None:
+        undo = self._undo.pop(number, None)
+        if undo is not None:
+            undo()
+            self._happened[number] = replace(
+                self._happened[number], cleared_s=self._loop.time()
+            )
