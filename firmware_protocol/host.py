@@ -64,8 +64,8 @@ class ControllerRestarted:
 
 # An int is the tag of a line that was answered `ok`: by far most events, and no more to be said.
 HostEvent = (
-    int | LineRejected | RemoteProtocolError | ControllerRestarted | AlarmMessage | StatusMessage | FeedbackMessage | SettingMessage
-    | StartupBlockSetting | StartupBlockReply | UnknownMessage
+    int | LineRejected | RemoteProtocolError | ControllerRestarted | AlarmMessage | StatusMessage
+    | FeedbackMessage | SettingMessage | StartupBlockSetting | StartupBlockReply | UnknownMessage
 )
 
 

@@ -118,8 +118,8 @@ class UnknownMessage:
 
 
 Message = (
-    OkReply | ErrorReply | AlarmMessage | StatusMessage | WelcomeBanner | FeedbackMessage | SettingMessage | StartupBlockSetting | StartupBlockReply
-    | UnknownMessage
+    OkReply | ErrorReply | AlarmMessage | StatusMessage | WelcomeBanner | FeedbackMessage
+    | SettingMessage | StartupBlockSetting | StartupBlockReply | UnknownMessage
 )
 
 _CODE = re.compile(r"(error|ALARM):([0-9]{1,3})")

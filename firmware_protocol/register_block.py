@@ -210,8 +210,8 @@ def _rare_counts(row: Register, value: RegisterValue) -> int:
 def _out_of_range(row: Register, low: int, high: int, value: RegisterValue) -> RegisterError:
     unit = row.unit and f" {row.unit}"
     return RegisterError(
-        f"{row.name} must be between {low / row.counts_per_unit:g} and {high / row.counts_per_unit:g}{unit}, "
-        f"not {value}"
+        f"{row.name} must be between {low / row.counts_per_unit:g} and "
+        f"{high / row.counts_per_unit:g}{unit}, not {value}"
     )
 
 

@@ -120,7 +120,8 @@ def _motion_facts(look: MotionReading | LmctlError) -> dict[str, Any]:
         "position_mm": None if look.position_mm is None else list(look.position_mm),
         "position_trusted": look.position_trusted, "homed": look.homed,
         "pins": report.active_pins or "",
-        "overrides_percent": None if report.override_percents is None else list(report.override_percents),
+        "overrides_percent":
+            None if report.override_percents is None else list(report.override_percents),
         "blocks_free": report.planner_blocks_free, "rx_free": report.rx_bytes_free,
     }
 

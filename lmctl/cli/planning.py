@@ -69,7 +69,8 @@ def job_summary(manifest: JobManifest, target: Path) -> str:
         f"{manifest.part_name}: {totals['layers']} layers, {totals['contours']} contours, "
         f"{totals['vertices']} vertices",
         f"  path      {totals['path_length_mm'] / 1000:.2f} m, "
-        f"beam on {format_duration(totals['laser_on_s'])} of {format_duration(totals['duration_s'])}",
+        f"beam on {format_duration(totals['laser_on_s'])} "
+        f"of {format_duration(totals['duration_s'])}",
         f"  powder    {powder}",
         f"  machine   {manifest.machine}, powder mode {manifest.powder_mode}",
         f"  job       {target}",

@@ -52,9 +52,9 @@ def recover(
     after = replay_run(made)
     later, unread = continued_by(made)
     if later:
+        again = run_folders.command_line("recover", runs_dir, later)
         raise JournalError(f"{run} has been continued by {later}",
-                           hint=f"`{run_folders.command_line('recover', runs_dir, later)}` goes on from "
-                                "where that one came")
+                           hint=f"`{again}` goes on from where that one came")
 
     async def act(profile: MachineProfile) -> RunResult:
         from lmctl.run.executor import RunExecutor

@@ -110,8 +110,9 @@ def outcome_text(result: RunResult) -> str:
 
     faster = f", {result.machine_s / result.wall_s:.0f} × real time" if result.wall_s else ""
     return "\n".join([
-        f"{result.run}: {result.state}, {result.lines} lines in {format_duration(result.machine_s)} of "
-        f"machine time ({format_duration(result.wall_s)}{faster})",
+        f"{result.run}: {result.state}, {result.lines} lines in "
+        f"{format_duration(result.machine_s)} of machine time "
+        f"({format_duration(result.wall_s)}{faster})",
         f"  journal   {result.journal}",
         f"hint: `{RunFolder(result.journal.parent).command('log')}` prints its log",
     ])

@@ -151,8 +151,9 @@ class BodyTree:
             low = np.where(np.isfinite(low), low, self._far[0])
             high = np.where(np.isfinite(high), high, self._far[1])
         if not np.isfinite([low, high]).all():
-            raise InputError(f"the {operation} of {self._extents.display_names(numbers)} has no end",
-                             hint="cut its half-spaces with a body that has one")
+            raise InputError(
+                f"the {operation} of {self._extents.display_names(numbers)} has no end",
+                hint="cut its half-spaces with a body that has one")
         return boundary_grid(low, high, self.pitch_mm)
 
     @cached_property

@@ -131,7 +131,8 @@ def clog_nozzle(scene: FaultContext, fault: Fault) -> Undo:
     if rise_s == 0.0:
         let_through(fault.numeric_parameter("share"))
     return both(
-        scene.call_later(rise_s, lambda: let_through(fault.numeric_parameter("share"))) if rise_s else both(),
+        scene.call_later(rise_s, lambda: let_through(fault.numeric_parameter("share")))
+        if rise_s else both(),
         lambda: let_through(1.0),
         _pressure(feeder, fault),
         _noticed(scene, fault, feeder, _OVER_PRESSURE, _OVER_PRESSURE),

@@ -131,7 +131,9 @@ class PmxFeederDevice:
             return FeederStateCode.STOPPING
         if self.gas_flows(time_s):
             return FeederStateCode.GAS_PREFLOW
-        return FeederStateCode.READY if FeederCommandBits.ENABLE_REMOTE in self.command else FeederStateCode.NOT_READY
+        if FeederCommandBits.ENABLE_REMOTE in self.command:
+            return FeederStateCode.READY
+        return FeederStateCode.NOT_READY
 
     def _postflow_ends_s(self) -> float:
         return self.discs_off_s + self.holding["POSTFLOW"]
@@ -187,7 +189,9 @@ class PmxFeederDevice:
     def _fault(self, code: int, time_s: float, *, gas_off: bool) -> None:
         """Latch an alarm and stop powder; nothing starts again without a new command."""
         self.alarms.latch(code)
-        kept = FeederCommandBits.ENABLE_REMOTE if gas_off else FeederCommandBits.ENABLE_REMOTE | FeederCommandBits.GAS_ON
+        kept = FeederCommandBits.ENABLE_REMOTE
+        if not gas_off:
+            kept |= FeederCommandBits.GAS_ON
         self._stop_discs(time_s)
         self._take(self.command & kept)
         if gas_off:
@@ -233,7 +237,7 @@ class PmxFeederDevice:
             self._commit(time_s)
         if COMMAND in new:
             wanted = FeederCommandBits(new[COMMAND])
-            if FeederCommandBits.ENABLE_REMOTE in wanted and FeederCommandBits.ENABLE_REMOTE not in self.command:
+            if FeederCommandBits.ENABLE_REMOTE in wanted & ~self.command:
                 self.heartbeat_s = time_s  # the host's time starts when it takes command
             self._obey(wanted, time_s)
 

@@ -93,7 +93,8 @@ def register_values(device: PmxFeederDevice, channel: int, time_s: float) -> dic
 
 def read_holding(device: PmxFeederDevice, address: int, count: int) -> list[int]:
     """Words of holding registers, or of the input registers' mirror where the map has it."""
-    if device.config.map_minor >= FIRST_MINOR_WITH_MIRROR and MIRROR_ADDRESS <= address < CONFIGURATION:
+    has_mirror = device.config.map_minor >= FIRST_MINOR_WITH_MIRROR
+    if has_mirror and MIRROR_ADDRESS <= address < CONFIGURATION:
         return _mirrored(device, address - MIRROR_ADDRESS, count)
     device.advance_to_now()
     return device.holding.read(address, count)

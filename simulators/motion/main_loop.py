@@ -111,7 +111,8 @@ class MainLoop:
         """Take lines until one has to wait (True) or none is left or may be taken (False)."""
         take, send, machine = self._device.pop_line, self._send, self._machine
         interpret, planner = self._interpreter.interpret, machine.planner
-        add, capacity, most_chars = planner.add, planner.capacity, self._device.dialect.max_line_chars
+        add, capacity = planner.add, planner.capacity
+        most_chars = self._device.dialect.max_line_chars
         while True:
             if self._barred():
                 return False

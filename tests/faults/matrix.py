@@ -181,8 +181,8 @@ class Trial:
         seen_s = cell.seen_s
         laying = cell.state is RunState.DEPOSITING
         if (
-            kind.expected_reaction is ExpectedReaction.STOP and kind.name not in UNSEEN and laying and seen_s is None
-            and self._final == "done"
+            kind.expected_reaction is ExpectedReaction.STOP and kind.name not in UNSEEN
+            and laying and seen_s is None and self._final == "done"
         ):
             cell.shortfalls.append("nothing was noticed")
         if kind.expected_reaction is ExpectedReaction.CONTINUE and seen_s is not None:

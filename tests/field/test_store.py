@@ -58,7 +58,7 @@ def test_a_field_is_bit_for_bit_the_same_in_a_file(
     make: Callable[[], Field], folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     here = make()
-    monkeypatch.setattr(array_storage, "MOST_BYTES_IN_MEMORY", 1000)
+    monkeypatch.setattr(array_storage, "MAX_BYTES_IN_MEMORY", 1000)
     there = make()
     assert here.sources is not None
     assert there.sources is not None
@@ -75,7 +75,7 @@ def test_a_field_is_bit_for_bit_the_same_in_a_file(
 def test_a_file_has_no_name_and_goes_with_its_array(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(array_storage, "MOST_BYTES_IN_MEMORY", 1000)
+    monkeypatch.setattr(array_storage, "MAX_BYTES_IN_MEMORY", 1000)
     open_before = len(os.listdir("/proc/self/fd"))
     array = allocate_array((30, 20, 10), np.float32)
     assert array.shape == (30, 20, 10)
@@ -102,7 +102,7 @@ def test_a_full_disk_is_said_before_it_is_written_to(
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(array_storage, "MOST_BYTES_IN_MEMORY", 1000)
+    monkeypatch.setattr(array_storage, "MAX_BYTES_IN_MEMORY", 1000)
     monkeypatch.setattr(os, "posix_fallocate", full)
     with pytest.raises(InputError, match=r"no room for 0.004 GB") as caught:
         allocate_array((100, 100, 100), np.int32)
@@ -121,7 +121,7 @@ def test_without_any_folder_the_advice_is_to_name_one(monkeypatch: pytest.Monkey
     def none() -> str:
         raise FileNotFoundError(errno.ENOENT, "No usable temporary directory found")
 
-    monkeypatch.setattr(array_storage, "MOST_BYTES_IN_MEMORY", 1000)
+    monkeypatch.setattr(array_storage, "MAX_BYTES_IN_MEMORY", 1000)
     monkeypatch.setattr(tempfile, "gettempdir", none)
     with pytest.raises(InputError, match="no folder for") as caught:
         allocate_array((100, 100), np.int32)

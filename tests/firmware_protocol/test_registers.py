@@ -48,14 +48,14 @@ def test_signed_32_bit_values_survive_every_order(value, order):
 
 @given(st.integers(0, 0xFFFF))
 def test_scaled_values_are_the_nearest_decimal(raw):
-    table = one(RegisterType.U16, per_unit=100)
+    table = one(RegisterType.U16, counts_per_unit=100)
     value = table.decode("R", [raw])
     assert value == float(f"{raw // 100}.{raw % 100:02d}")
     assert table.encode("R", value) == (raw,)
 
 
 def test_values_are_rounded_to_the_nearest_count():
-    table = one(RegisterType.U16, per_unit=100)
+    table = one(RegisterType.U16, counts_per_unit=100)
     assert table.encode("R", 2.4492) == (245,)
     assert table.encode("R", 0.004) == (0,)
 
@@ -66,7 +66,7 @@ def test_values_are_rounded_to_the_nearest_count():
      (RegisterType.I32, (0x7FFF, 0xFFFF))],
 )
 def test_not_available(kind, code):
-    table = one(kind, may_be_missing=True)
+    table = one(kind, may_be_unavailable=True)
     assert table.encode("R", None) == code
     assert table.decode("R", code) is None
     number = one(kind).decode("R", code)
@@ -95,7 +95,7 @@ def test_what_the_words_cannot_hold_is_refused(kind, value):
 
 
 def test_limits_are_told_in_units():
-    table = one(RegisterType.U16, per_unit=10, unit="s", least=0, greatest=600)
+    table = one(RegisterType.U16, counts_per_unit=10, unit="s", least=0, greatest=600)
     assert table.encode("R", 600) == (6000,)
     with pytest.raises(RegisterError, match=r"R must be between 0 and 600 s, not 600\.1"):
         table.encode("R", 600.1)

@@ -154,12 +154,12 @@ def test_the_first_heartbeat_differs_from_the_one_an_earlier_host_left():
 
     async def main():
         async with simulated(ONE) as (device, server):
-            device.holding.put_raw("HEARTBEAT", 1)
+            device.holding.set_raw_word("HEARTBEAT", 1)
             before_s = device.heartbeat_s
             await asyncio.sleep(1.0)
             driver = await FeederDriver.open(
                 FeederSettings(name="F1", endpoint=server.endpoint), (hopper(),))
-            assert device.holding.raw("HEARTBEAT") == 2
+            assert device.holding.raw_word("HEARTBEAT") == 2
             assert device.heartbeat_s > before_s
             await driver.close()
 

@@ -97,7 +97,7 @@ def replayed(old_words, act):
 def test_an_answer_from_a_buffer_on_the_way_is_no_answer():
     async def act(driver, device, ears):
         before = driver.status
-        device.open_door()
+        device.set_door_open()
         await asyncio.sleep(1.0)
         assert driver.status is before
         assert driver.status_age_s > 0.9
@@ -129,10 +129,10 @@ def test_zeros_open_everything_at_once_and_are_no_answer():
 def test_an_old_answer_closes_nothing():
     async def act(driver, device, ears):
         old, device.old = device.old, None
-        device.open_door()
+        device.set_door_open()
         await asyncio.sleep(0.11)
         assert driver.status.door_closed is False
-        device.open_door(False)
+        device.set_door_open(False)
         device.old = old
         await asyncio.sleep(0.11)
         assert driver.status.door_closed is False

@@ -53,7 +53,8 @@ def test_a_large_field_stays_on_the_disk_and_that_is_said() -> None:
     assert " of disk" not in small.summary()
     assert large.disk_bytes == 70e6 * 8
     assert large.memory_bytes == 70e6 * 12
-    assert f"840 MB of memory, 560 MB of disk in {array_storage.mapped_storage_space()[0]}" in large.summary()
+    folder = array_storage.mapped_storage_space()[0]
+    assert f"840 MB of memory, 560 MB of disk in {folder}" in large.summary()
 
 
 def test_several_large_fields_need_memory_for_one_at_a_time() -> None:
@@ -78,7 +79,7 @@ def test_a_part_is_refused_before_anything_of_it_is_made(
     text = STEEL + '[[body]]\nkind = "cloud"\nfile = "m.xyz"\nunits = "mm"\npitch_mm = 1.0\n'
     points = "\n".join("{} {} {}".format(*p) for p in making.ball(10.0, 24, 48)[0].tolist())
     path = folder(part__toml=text, m__xyz=points)
-    monkeypatch.setattr(array_storage, "MOST_BYTES_IN_MEMORY", 1000)
+    monkeypatch.setattr(array_storage, "MAX_BYTES_IN_MEMORY", 1000)
     load_part(path / "part.toml")
     disk_with(1e5, monkeypatch)
     with pytest.raises(InputError, match="no room for"):
@@ -99,7 +100,7 @@ def test_the_disk_lets_a_field_be_larger_than_memory_alone(
 ) -> None:
     box = np.zeros(3), np.full(3, 500.0)
     assert checked_grid(*box, 1.0, stored=True).n_nodes > 2000e6 / 20
-    monkeypatch.setattr(array_storage, "MOST_BYTES_IN_MEMORY", float("inf"))
+    monkeypatch.setattr(array_storage, "MAX_BYTES_IN_MEMORY", float("inf"))
     with pytest.raises(InputError, match=r"needs 1\.3e\+08 grid nodes, 2\.6. GB"):
         checked_grid(*box, 1.0, stored=True)
 

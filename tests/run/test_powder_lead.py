@@ -81,8 +81,8 @@ def share_within(job, *, mode="lead", dwell_s=0.0, rate=1.0, theta_error_s=0.0, 
             _, new_rate, planned = change
             change = None
             if planned:
-                clock.schedule_override(*window.next_beam_off_span_s(clock.program_time_ahead_s(t, plan.lead_s + 0.2), 99.0),
-                                        new_rate)
+                ahead_s = clock.program_time_ahead_s(t, plan.lead_s + 0.2)
+                clock.schedule_override(*window.next_beam_off_span_s(ahead_s, 99.0), new_rate)
             else:
                 clock.set_override(t, new_rate)
         if clock.due_override(t) is not None:

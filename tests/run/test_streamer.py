@@ -61,7 +61,7 @@ def test_no_line_is_lost_doubled_or_early_over_many_layers(job, seed):
         window.drop_layers_before(window.line_at(s))
     completed += [p.path for p in streamer.completed_paths(window.n_lines)]
     assert sent == [line.encode() for layer in small.layers for line in layer.program]
-    paths = [p.path for k in range(9) for p in small.window().stretch(k).paths]
+    paths = [p.path for k in range(9) for p in small.window().layer_program(k).paths]
     assert begun == completed == paths
 
 

@@ -92,7 +92,7 @@ def test_leaving_frees_the_ports_and_keeps_the_record():
         return bench.record
 
     record = virtual_time.run(main())
-    assert len(record.beam_path().time_s) == 0
+    assert len(record.beam_on_path().time_s) == 0
     assert record.fed_g() == {"316L": 0.0, "WC-12Co": 0.0}
 
 

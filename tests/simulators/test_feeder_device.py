@@ -53,7 +53,8 @@ def test_the_way_from_rest_to_feeding_and_back():
     assert FeederStatusBits.STABLE not in cell.status
     cell.wait(0.2)
     assert cell.state is FeederStateCode.FEEDING
-    assert FeederStatusBits.STABLE | FeederStatusBits.AT_SETPOINT | FeederStatusBits.FEEDING in cell.status
+    for bit in (FeederStatusBits.STABLE, FeederStatusBits.AT_SETPOINT, FeederStatusBits.FEEDING):
+        assert bit in cell.status
     cell.write("COMMAND", REMOTE)
     assert cell.state is FeederStateCode.STOPPING
     assert cell.disc_rpm() == 0.0

@@ -208,11 +208,11 @@ def test_the_closed_answer_is_what_small_steps_give(steps, drive_lag_s, lag_s, f
 
 
 def test_a_long_history_keeps_its_answers_and_its_size(monkeypatch):
-    monkeypatch.setattr(hose, "MOST_PIECES", 1000)
+    monkeypatch.setattr(hose, "MAX_PIECES", 1000)
     short, long = HopperProcess(PLAIN), HopperProcess(PLAIN)
     for i in range(5000):
         long.command_rpm(i * 0.1, 5.0 + i % 7)
-    monkeypatch.setattr(hose, "MOST_PIECES", 1 << 20)
+    monkeypatch.setattr(hose, "MAX_PIECES", 1 << 20)
     for i in range(5000):
         short.command_rpm(i * 0.1, 5.0 + i % 7)
     times = np.linspace(480.0, 520.0, 400)

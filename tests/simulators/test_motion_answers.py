@@ -26,11 +26,11 @@ def test_ok_means_planned_and_a_full_planner_answers_no_more(rig, dialect):
         said += controller.send(line)
     assert len(said) == 15
     report = controller.status()
-    assert (report.blocks_free, report.state) == (0, "Run")
-    assert report.rx_free < (128 if dialect == "grbl" else 1023)
+    assert (report.planner_blocks_free, report.state) == (0, "Run")
+    assert report.rx_bytes_free < (128 if dialect == "grbl" else 1023)
     assert controller.wait(0.2 - LEAD_S[dialect] - 0.1) == []
     assert controller.wait(0.1) == ["ok"]
-    assert controller.status().blocks_free == 0
+    assert controller.status().planner_blocks_free == 0
     said += controller.wait(60.0)
     assert controller.machine.position_mm() == (20.0, 0.0, 0.0)
 
@@ -88,7 +88,7 @@ def test_a_block_leaves_the_planner_before_its_motion_is_over(rig, dialect):
     blocks = controller.controller.machine.planner.capacity
     controller.ask("G1 X2 F600\n", 0.22 - LEAD_S[dialect] / 2)
     report = controller.status()
-    assert (report.state, report.blocks_free) == ("Run", blocks)
+    assert (report.state, report.planner_blocks_free) == ("Run", blocks)
     assert report.machine_mm[0] < 2.0
 
 

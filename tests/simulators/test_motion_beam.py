@@ -16,7 +16,7 @@ def test_overrides_are_summed_and_clipped(rig, dialect):
     controller.wait(0.5)
     assert controller.overrides() == (121, 50, 90)
     report = controller.status()
-    assert (round(report.feed_mm_min), round(report.spindle)) == (1452, 653)
+    assert (round(report.feed_mm_min), round(report.spindle_speed)) == (1452, 653)
     controller.send("\x91" * 20 + "\x9b" * 20)
     assert controller.overrides() == (200, 50, 10)
     controller.send("\x92" * 30 + "\x9a" * 30 + "\x95")
@@ -34,7 +34,7 @@ def test_under_m4_every_report_tells_the_power_of_its_speed_between_short_lines_
     for _ in range(120):
         controller.wait(0.002)
         report = controller.status()
-        said.append((report.feed_mm_min, report.spindle))
+        said.append((report.feed_mm_min, report.spindle_speed))
     assert said.count((600.0, 600.0)) > 20
     assert all(feed == power for feed, power in said)
 

@@ -149,7 +149,7 @@ def test_a_move_of_less_than_a_step_is_none():
 
 def test_hold_brakes_along_the_path_from_the_head():
     axes = Axes([line(60.0, 0.0, 0.0)]).run(1.0)
-    axes.stepper.hold(axes.now_s)
+    axes.stepper.brake(axes.now_s)
     axes.run()
     at_1s, braking_mm = 0.4 + (1.0 - 0.04) * 20.0, 20.0**2 / (2 * ACCELERATION)
     stopped = axes.stepper.position_mm(axes.now_s)
@@ -161,7 +161,7 @@ def test_hold_brakes_along_the_path_from_the_head():
 def test_hold_may_span_blocks_and_resume_finishes_the_job():
     moves = [line(0.06 * k, 0.0, 0.0) for k in range(1, 401)]
     axes = Axes(moves).run(0.5)
-    axes.stepper.hold(axes.now_s)
+    axes.stepper.brake(axes.now_s)
     axes.run()
     held_mm = axes.stepper.position_mm(axes.now_s)[0]
     assert speed_at(axes, axes.now_s + 1.0) == 0.0
@@ -172,7 +172,7 @@ def test_hold_may_span_blocks_and_resume_finishes_the_job():
     assert axes.stepper.position_mm(axes.now_s)[0] == pytest.approx(24.0)
     assert axes.now_s == pytest.approx(10.0 + 24.0 / 20.0 + 2 * 20.0 / ACCELERATION)
     blocks = axes.trace.blocks()
-    assert blocks.complete.all()
+    assert blocks.is_complete.all()
     assert len(blocks.line) == 400
 
 

@@ -52,11 +52,12 @@ async def tcp_job(dialect, count):
     lines = [b"M4 S0\n", *zigzag(count)]
     answers = await stream(lambda: reader.read(4096), writer.write, lines, window)
     acknowledged_s = loop.time()
-    early = len(sim.executed_n)
+    early = len(sim.executed_line_numbers)
     await asyncio.sleep(60.0)
     blocks = sim.trace.blocks()
     result = (
-        answers, acknowledged_s, early, sim.executed_n, sim.overruns, sim.position_mm,
+        answers, acknowledged_s, early, sim.executed_line_numbers, sim.rx_overrun_bytes,
+        sim.position_mm,
         blocks.end_s.tolist(), blocks.start_s.tolist(),
     )  # fmt: skip
     writer.close()
@@ -94,7 +95,7 @@ def test_a_pty_carries_a_job_too(dialect):
         await asyncio.sleep(60.0)
         loop.remove_reader(port)
         os.close(port)
-        executed = sim.executed_n
+        executed = sim.executed_line_numbers
         pty.close()
         sim.close()
         return answers, executed
@@ -183,9 +184,9 @@ def test_the_record_is_true_in_the_middle_of_a_long_move():
         sim.receive(b"G1 X100 F600\n")
         await asyncio.sleep(3.0)
         sample = sim.trace.sample([2.5])
-        unfinished = sim.trace.blocks().complete.tolist()
+        unfinished = sim.trace.blocks().is_complete.tolist()
         sim.close()
-        return sample.position_mm[0, 0], sample.speed_mm_s[0], unfinished, sim.executed_n
+        return sample.position_mm[0, 0], sample.speed_mm_s[0], unfinished, sim.executed_line_numbers
 
     x, speed, complete, executed = virtual_time.run(main())
     assert (x, speed) == (pytest.approx(24.9), 10.0)

@@ -100,11 +100,11 @@ def test_a_reset_restores_modes_and_overrides(rig, dialect):
 def test_the_door_stops_everything_and_opens_the_way_only_when_shut(rig, dialect):
     controller = rig(dialect)
     controller.ask(START[dialect] + "M8\nG1 X60 F1200\n", 0.5)
-    controller.machine.settle(controller.now_s)
+    controller.machine.advance_to(controller.now_s)
     opened = controller.controller.set_door(True, controller.now_s)
     assert opened == b"[MSG:Check Door]\r\n"
     report = controller.status()
-    assert (report.state, report.substate, report.pins) == ("Door", 2, "D")
+    assert (report.state, report.substate, report.active_pins) == ("Door", 2, "D")
     controller.wait(0.5)
     report = controller.status()
     assert (report.state, report.substate) == ("Door", 1)

@@ -89,7 +89,8 @@ class Bench:
             feeder.write(10, [1])
             feeder.write(23, [round(flow * 100)])
             feeder.write(6, [seq])
-            feeder.write(0, [int(FeederCommandBits.ENABLE_REMOTE | FeederCommandBits.GAS_ON | FeederCommandBits.FEED_ON)])
+            feeder.write(0, [int(FeederCommandBits.ENABLE_REMOTE | FeederCommandBits.GAS_ON
+                                 | FeederCommandBits.FEED_ON)])
 
     def stop(self) -> None:
         for feeder in self.feeders:

@@ -166,7 +166,7 @@ def test_without_heartbeats_the_relay_stops_the_controller_and_darkens_the_beam(
         assert 1.25 < opened_s < 1.32
         assert 0.0 < cell.dark_after_s(opened_s) <= DARK_S[dialect]
         assert cell.status().state == "Door"
-        assert "D" in cell.status().pins
+        assert "D" in cell.status().active_pins
 
     played(dialect, act)
 
@@ -176,12 +176,12 @@ def test_the_door_opens_the_controllers_door_input_and_closing_it_lets_it_go_on(
     async def act(cell):
         cell.start(3.0, 10.0)
         await asyncio.sleep(1.0)
-        cell.bench.safety.open_door()
+        cell.bench.safety.set_door_open()
         opened_s = asyncio.get_running_loop().time()
         await asyncio.sleep(1.0)
         assert 0.0 < cell.dark_after_s(opened_s) <= DARK_S[dialect]
         assert (cell.status().state, cell.status().substate) == ("Door", 1)
-        cell.bench.safety.open_door(False)
+        cell.bench.safety.set_door_open(False)
         assert cell.status().substate == 0
         cell.bench.motion.receive(b"~")
         await asyncio.sleep(0.1)
@@ -195,13 +195,13 @@ def test_the_estop_chain_cuts_controller_and_feeders_at_once(dialect):
     async def act(cell):
         cell.start(3.0, 10.0)
         await asyncio.sleep(1.0)
-        cell.bench.safety.open_estop_chain()
+        cell.bench.safety.set_estop_open()
         opened_s = asyncio.get_running_loop().time()
         assert cell.status().state == "Alarm"
         await asyncio.sleep(1.0)
         assert cell.dark_after_s(opened_s) == 0.0
         assert all(feeder.estop_open for feeder in cell.bench.feeders.values())
-        cell.bench.safety.open_estop_chain(False)
+        cell.bench.safety.set_estop_open(False)
         assert not any(feeder.estop_open for feeder in cell.bench.feeders.values())
         cell.bench.motion.receive(b"\x18")
         cell.bench.motion.receive(b"$X\n")
@@ -212,14 +212,14 @@ def test_the_estop_chain_cuts_controller_and_feeders_at_once(dialect):
 
 def test_while_the_relay_is_open_a_closed_door_changes_nothing():
     async def act(cell):
-        cell.bench.safety.open_door()
-        cell.bench.safety.open_door(False)
-        assert "D" in cell.status().pins
+        cell.bench.safety.set_door_open()
+        cell.bench.safety.set_door_open(False)
+        assert "D" in cell.status().active_pins
         cell.beat()
         await asyncio.sleep(0.01)
-        assert not cell.status().pins
+        assert not cell.status().active_pins
         cell.bench.safety.set_input(SafetyInputBits.KEY_ON, False)  # wired to nobody
-        assert not cell.status().pins
+        assert not cell.status().active_pins
 
     played("grblhal", act)
 
@@ -229,7 +229,7 @@ def test_power_off_and_on_opens_the_relay_at_once():
         cell.beat()
         await asyncio.sleep(0.2)
         cell.bench.safety.restart()
-        assert "D" in cell.status().pins
+        assert "D" in cell.status().active_pins
 
     played("grblhal", act)
 
@@ -254,7 +254,7 @@ def test_in_the_lasers_own_circuit_every_contact_takes_the_beam_away_at_the_sour
             await asyncio.sleep(0.1)
             (opened_s,) = safety.relay_opened_s
         else:
-            (safety.open_door if contact == "door" else safety.open_estop_chain)()
+            (safety.set_door_open if contact == "door" else safety.set_estop_open)()
             opened_s = asyncio.get_running_loop().time()
         await asyncio.sleep(1.0)
         assert cell.dark_after_s(opened_s) <= 0.02
@@ -297,7 +297,7 @@ def test_either_of_enable_output_and_laser_circuit_keeps_the_beam_away():
         cell.start(3.0, 10.0)
         await asyncio.sleep(0.5)
         opened_s = asyncio.get_running_loop().time()
-        safety.open_door()
+        safety.set_door_open()
         await asyncio.sleep(0.01)
         safety.write(3, [0])  # no new time to darkness
         await asyncio.sleep(0.1)
@@ -305,7 +305,7 @@ def test_either_of_enable_output_and_laser_circuit_keeps_the_beam_away():
         await asyncio.sleep(0.1)
         assert cell.dark_after_s(opened_s) <= 0.02
         safety.write(3, [0])
-        safety.open_door(False)
+        safety.set_door_open(False)
         cell.bench.motion.receive(b"~")
         await asyncio.sleep(1.0)
         assert cell.status().state == "Run"
@@ -319,14 +319,14 @@ def test_a_circuit_that_closes_lets_the_controllers_beam_through_again():
         cell.start(3.0, 10.0)
         await asyncio.sleep(0.5)
         motion = cell.bench.motion
-        motion.cut_laser(True, 0.02)
-        motion.cut_laser(True, 0.02)  # another contact of it
+        motion.set_laser_circuit_open(True, 0.02)
+        motion.set_laser_circuit_open(True, 0.02)  # another contact of it
         await asyncio.sleep(0.3)
-        motion.cut_laser(False, 0.02)
+        motion.set_laser_circuit_open(False, 0.02)
         await asyncio.sleep(0.2)
-        motion.cut_laser(True, 0.02)
+        motion.set_laser_circuit_open(True, 0.02)
         await asyncio.sleep(0.01)
-        motion.cut_laser(False, 0.02)  # before the source had noticed
+        motion.set_laser_circuit_open(False, 0.02)  # before the source had noticed
         await asyncio.sleep(0.3)
         times = np.arange(0.4, 1.25, 0.001)
         lit = motion.trace.sample(times).power_fraction > 0.0
@@ -347,7 +347,7 @@ def test_the_record_of_phases_and_standing_tells_the_same_as_its_samples():
         for wait_s, is_cut in ((0.05, True), (0.1, False), (0.1, True), (0.05, False),
                                (0.2, True), (0.1, False)):
             await asyncio.sleep(wait_s)
-            motion.cut_laser(is_cut, 0.0)
+            motion.set_laser_circuit_open(is_cut, 0.0)
         await asyncio.sleep(0.5)
         trace = motion.trace
         phases = trace.phases()
@@ -359,7 +359,7 @@ def test_the_record_of_phases_and_standing_tells_the_same_as_its_samples():
             phases.speed_mm_s + phases.acceleration_mm_s2 * (middle - phases.start_s),
             sample.speed_mm_s,
         )
-        since, power = trace.standing()
+        since, power = trace.standing_power()
         assert (np.diff(since) >= 0).all()
         still = np.arange(0.0, 1.0, 0.0007)
         told = trace.sample(still)
@@ -370,6 +370,6 @@ def test_the_record_of_phases_and_standing_tells_the_same_as_its_samples():
         assert {0.0, 0.5} == set(told.power_fraction[told.block < 0])
         assert {0.0, 0.5} == set(told.power_fraction[told.block >= 0])
         assert len(trace.blocks().line) == 2
-        assert trace.blocks().complete.all()
+        assert trace.blocks().is_complete.all()
 
     played("grblhal", act, "")

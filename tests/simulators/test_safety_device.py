@@ -105,7 +105,7 @@ def test_the_first_stays_the_first_and_every_opening_counts():
         (lambda d: d.set_chiller(22.0, 3.0), SafetyInputBits.CHILLER_OK),
         (lambda d: d.set_extraction(100), SafetyInputBits.EXTRACTION_OK),
         (lambda d: d.set_extraction(2500), SafetyInputBits.EXTRACTION_OK),
-        (lambda d: d.invalidate_analyser(), SafetyInputBits.OXYGEN_VALID),
+        (lambda d: d.set_analyser_invalid(), SafetyInputBits.OXYGEN_VALID),
     ],
 )
 def test_switches_follow_their_values(act, one):

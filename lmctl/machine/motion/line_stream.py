@@ -145,6 +145,6 @@ class LineStream:
             self._owing_since_s = now_s
         elif now_s - self._owing_since_s >= _MISSING_ANSWER_S:
             self._talk.declare_lost(
-                f"the controller is idle, but {self.progress.lines_unanswered} lines are unanswered: "
-                "bytes were lost on the line"
+                f"the controller is idle, but {self.progress.lines_unanswered} lines "
+                "are unanswered: bytes were lost on the line"
             )

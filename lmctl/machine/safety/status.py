@@ -105,7 +105,8 @@ def read_safety_status(
             None if safety.relay_timeout_s is None else bool(
                 status & SafetyStatusBits.RELAY_CLOSED.value)
         ),
-        laser_enabled=bool(status & SafetyStatusBits.LASER_ENABLED.value) if safety.laser_enable else None,
+        laser_enabled=(
+            bool(status & SafetyStatusBits.LASER_ENABLED.value) if safety.laser_enable else None),
         shield_gas_L_min=values["SHIELD_GAS"],
         chiller_C=values["CHILLER_TEMP"],
         chiller_L_min=values["CHILLER_FLOW"],

@@ -158,7 +158,8 @@ def checked_points(
     if max(abs(low).max(), abs(high).max()) > MAX_COORDINATE_MM:
         raise InputError(
             f"{file.path} lies too far from its origin",
-            where=f"{max(abs(low).max(), abs(high).max()):.4g} mm; at most {MAX_COORDINATE_MM:g} mm",
+            where=f"{max(abs(low).max(), abs(high).max()):.4g} mm; "
+                  f"at most {MAX_COORDINATE_MM:g} mm",
             hint="move it to the origin in the program it came from",
         )
     if used is not None:  # unused corners may hold anything; nobody may stumble over them later

@@ -184,8 +184,8 @@ def _refusal(owner: MachineOwner, endpoint: str) -> MachineError:
         where.append(f"process {owner.pid}, runs in {owner.runs_dir}")
     return MachineError(
         f"{owner.activity} has the machine", where=where,
-        hint=f"`{command_line('status', Path(owner.runs_dir), owner.activity)}` shows how far it is" if run
-        else "wait until it is done",
+        hint=f"`{command_line('status', Path(owner.runs_dir), owner.activity)}` "
+             "shows how far it is" if run else "wait until it is done",
     )
 
 

@@ -12,8 +12,9 @@ CLOSE_IT = "close it; look at the part, then resume"
 
 def estop(facts: InterlockInputs) -> Iterator[InterlockFinding]:
     if facts.safety is not None and facts.safety.estop_closed is False:
-        yield InterlockFinding("the emergency stop chain is open",
-                               "release the emergency stop, reset the safety circuit, home the machine")
+        yield InterlockFinding(
+            "the emergency stop chain is open",
+            "release the emergency stop, reset the safety circuit, home the machine")
 
 
 def door(facts: InterlockInputs) -> Iterator[InterlockFinding]:
@@ -98,5 +99,6 @@ def extraction(facts: InterlockInputs) -> Iterator[InterlockFinding]:
 
 def silent(facts: InterlockInputs) -> Iterator[InterlockFinding]:
     if facts.limits is not None and facts.safety_age_s > STALE_PERIODS * facts.limits.period_s:
-        yield InterlockFinding(f"the safety inputs have not been read for {facts.safety_age_s:.1f} s",
-                               "check power and cable of the safety-input device")
+        yield InterlockFinding(
+            f"the safety inputs have not been read for {facts.safety_age_s:.1f} s",
+            "check power and cable of the safety-input device")

@@ -47,8 +47,9 @@ def silent(facts: InterlockInputs) -> Iterator[InterlockFinding]:
             "beam is still on, use the emergency stop",
         )
     else:
-        yield InterlockFinding(f"the motion controller has not reported for {facts.motion_age_s:.1f} s",
-                               "check its cable; if the beam is still on, use the emergency stop")
+        yield InterlockFinding(
+            f"the motion controller has not reported for {facts.motion_age_s:.1f} s",
+            "check its cable; if the beam is still on, use the emergency stop")
 
 
 def not_following(facts: InterlockInputs) -> Iterator[InterlockFinding]:
@@ -63,8 +64,8 @@ def not_following(facts: InterlockInputs) -> Iterator[InterlockFinding]:
 def off_path(facts: InterlockInputs) -> Iterator[InterlockFinding]:
     if facts.deviation.path_error_mm > OFF_PATH_MM:
         yield InterlockFinding(
-            f"the nozzle is {facts.deviation.path_error_mm:.1f} mm off the programmed path, says the "
-            "motion controller", _DAMAGED,
+            f"the nozzle is {facts.deviation.path_error_mm:.1f} mm off the programmed path, "
+            "says the motion controller", _DAMAGED,
         )
 
 

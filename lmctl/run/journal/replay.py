@@ -47,8 +47,9 @@ def replay_run(made: RunFolder) -> RunReplay:
     Raises JournalError where it is altered, still being written, or of a run that got done.
     """
     if not made.journal.exists():
-        raise JournalError(f"{made.run} has no journal",
-                           hint=f"`{run_folders.command_line('jobs', made.path.parent)}` lists runs")
+        raise JournalError(
+            f"{made.run} has no journal",
+            hint=f"`{run_folders.command_line('jobs', made.path.parent)}` lists runs")
     if is_owned(made.journal):
         raise JournalError(f"{made.run} is still running", where=str(made.journal),
                            hint=f"`{made.command('status')}` shows it, "

@@ -68,7 +68,8 @@ class LineEnergyCheck:
         s : program time of the place it reports; rate : feed override
         overrides_known : no report can have been lost that showed an override
         """
-        overrides = self._overrides if report.override_percents is None else report.override_percents
+        overrides = (self._overrides if report.override_percents is None
+                     else report.override_percents)
         overridden = overrides != self._overrides or rate != self._rate
         self._overrides, self._rate = overrides, rate
         if overridden:  # feed and power before it, and perhaps this one, are of another override

@@ -228,7 +228,7 @@ def test_lines_go_out_several_at_once_where_the_wire_allows_and_the_planner_stay
     def feed(data: bytes, usual=device.feed) -> None:
         if b"X" in data:
             arrivals.append(data.count(b"\n"))
-            least_waiting.append(device.device.lines_waiting)
+            least_waiting.append(device.device.buffered_lines)
         usual(data)
 
     device.feed = feed

@@ -66,7 +66,7 @@ CELLS = [
      ["locked by an alarm", "soft limits off", "X of the profile", "Y of the profile",
       "Z of the profile"]),
     ("a feeder's alarm", (), feeder(lambda one: one.trip(201)), ["hopper A: drive fault"]),
-    ("a feeder's e-stop", (), feeder(lambda one: one.open_estop_chain(True)),
+    ("a feeder's e-stop", (), feeder(lambda one: one.set_estop_open(True)),
      ["emergency-stop chain is open"]),
     ("a feeder's watchdog", (), feeder(lambda one: one.trip_watchdog()), ["its watchdog tripped"]),
     ("an empty hopper", (), feeder(lambda one: one.trip(207)), ["hopper A: it is empty"]),

@@ -54,7 +54,7 @@ def silence(one):
 
 
 def estop_chain(one):
-    one.bench.feeders["F1"].open_estop_chain(True)
+    one.bench.feeders["F1"].set_estop_open(True)
 
 
 def feeder_restarts(one):
@@ -62,7 +62,7 @@ def feeder_restarts(one):
 
 
 def feeder_to_local(one):
-    one.bench.feeders["F1"].turn_local(True)
+    one.bench.feeders["F1"].set_local_mode(True)
 
 
 #: What happens, in how many cycles of its feeder the host can know, and what it must say.
@@ -109,7 +109,7 @@ def test_after_an_interlock_the_operator_goes_on_with_the_part(
 ):
     """The disc of a feeder that was switched to LOCAL and back: alarms acknowledged, powder new."""
     one = run(large_square_job, acts=[
-        (3.0, feeder_to_local), (20.0, lambda r: r.bench.feeders["F1"].turn_local(False)),
+        (3.0, feeder_to_local), (20.0, lambda r: r.bench.feeders["F1"].set_local_mode(False)),
         (25.0, lambda r: r.executor.resume()),
     ])
     whole = undisturbed["large"]

@@ -138,7 +138,7 @@ def low(hopper="A"):
 def test_a_level_that_is_low_before_the_start_is_told_before_anything_is_switched_on(
     run, square_job
 ):
-    one = run(square_job, before=lambda r: r.bench.feeders["F1"].hoppers[1].process.set_left_g(
+    one = run(square_job, before=lambda r: r.bench.feeders["F1"].hoppers[1].process.set_remaining_g(
         r.loop.time(), 1500.0))
     assert one.result.state == "done"
     (warning,) = one.records("warning")
@@ -215,7 +215,7 @@ def test_equal_runs_with_warnings_have_equal_fingerprints(run, large_square_job)
     def story():
         return run(large_square_job, acts=[
             (3.0, strike("feeder_warns", "F2", of="unsteady flow")), (6.0, mend)],
-            before=lambda r: r.bench.feeders["F1"].hoppers[1].process.set_left_g(
+            before=lambda r: r.bench.feeders["F1"].hoppers[1].process.set_remaining_g(
                 r.loop.time(), 1500.0))
 
     first, second = story(), story()

@@ -18,11 +18,11 @@ def plan(cell, text):
 def test_a_fault_at_a_time_and_for_a_while(play):
     async def scene(cell):
         await asyncio.sleep(7.0)
-        cell.board.arm(plan(cell, '[[fault]]\nkind="door"\nat_s=2.5\nfor_s=1.25\n'))
+        cell.board.schedule(plan(cell, '[[fault]]\nkind="door"\nat_s=2.5\nfor_s=1.25\n'))
         await asyncio.sleep(2.6)
-        standing = cell.board.happened
+        standing = cell.board.injected
         await asyncio.sleep(2.0)
-        return standing, cell.board.happened
+        return standing, cell.board.injected
 
     (standing,), (over,) = play(scene)
     assert (standing.at_s, standing.cleared_s) == (pytest.approx(9.5), None)
@@ -33,9 +33,9 @@ def test_a_fault_at_a_time_and_for_a_while(play):
 @pytest.mark.parametrize("line", [1, 2, 30, 40])
 def test_a_fault_as_a_line_begins(play, line):
     async def scene(cell):
-        cell.board.arm(plan(cell, f'[[fault]]\nkind="bytes_lost"\nat_line={line}\n'))
+        cell.board.schedule(plan(cell, f'[[fault]]\nkind="bytes_lost"\nat_line={line}\n'))
         await cell.send(LINES, then_s=10.0)
-        return cell.board.happened[0].at_s, cell.judge.lines()[line - 1]
+        return cell.board.injected[0].at_s, cell.judge.executed_lines()[line - 1]
 
     at_s, executed = play(scene)
     assert executed.line == line
@@ -44,11 +44,11 @@ def test_a_fault_as_a_line_begins(play, line):
 
 def test_a_line_that_never_comes_is_waited_for_in_vain_and_a_later_one_will_do(play):
     async def scene(cell):
-        cell.board.arm(plan(
+        cell.board.schedule(plan(
             cell, '[[fault]]\nkind="panel_hold"\nat_line=100\n[[fault]]\nkind="door"\nat_line=7\n'))
         await cell.send("G21 G90 G94\nN3 G1 X5 F600\nN9 G1 X10\n", then_s=5.0)
-        return [str(one.fault) for one in cell.board.happened], cell.judge.lines()[1].begin_s, (
-            cell.board.happened[0].at_s)
+        names = [str(one.fault) for one in cell.board.injected]
+        return names, cell.judge.executed_lines()[1].begin_s, cell.board.injected[0].at_s
 
     names, begin_s, at_s = play(scene)
     assert names == ["door"]
@@ -58,9 +58,9 @@ def test_a_line_that_never_comes_is_waited_for_in_vain_and_a_later_one_will_do(p
 def test_watching_for_lines_changes_nothing_of_the_motion(play):
     async def scene(cell, text):
         if text:
-            cell.board.arm(plan(cell, text))
+            cell.board.schedule(plan(cell, text))
         await cell.send(LINES, then_s=10.0)
-        return cell.judge.lines()
+        return cell.judge.executed_lines()
 
     plain = play(lambda cell: scene(cell, ""))
     watched = play(lambda cell: scene(cell, '[[fault]]\nkind="bytes_lost"\nat_line=1000\n'))
@@ -70,13 +70,13 @@ def test_watching_for_lines_changes_nothing_of_the_motion(play):
 def test_a_fault_at_a_level(play):
     async def scene(cell):
         cell.inject("hopper_level", "F1", grams=10.0)
-        cell.board.arm(plan(
+        cell.board.schedule(plan(
             cell, '[[fault]]\nkind="panel_hold"\nat_level_g={feeder="F1", grams=8}\n'))
         cell.feed("F1", 12.0)
         await asyncio.sleep(5.0)
         cell.recipe("F1", 30.0)
         await asyncio.sleep(30.0)
-        return cell.board.happened[-1].at_s
+        return cell.board.injected[-1].at_s
 
     # 12 g/min from 3 s to 5 s, then 30 g/min
     assert play(scene) == pytest.approx(5.0 + (2.0 - 0.4) / 0.5, abs=1e-6)
@@ -84,21 +84,21 @@ def test_a_fault_at_a_level(play):
 
 def test_a_level_already_passed_is_reached_at_once(play):
     async def scene(cell):
-        cell.board.arm(plan(
+        cell.board.schedule(plan(
             cell, '[[fault]]\nkind="panel_hold"\nat_level_g={feeder="F1", grams=1e6}\n'))
         await asyncio.sleep(0.01)
-        return cell.board.happened[0].at_s
+        return cell.board.injected[0].at_s
 
     assert play(scene) == 0.0
 
 
 def test_closing_disarms(play):
     async def scene(cell):
-        cell.board.arm(plan(cell, '[[fault]]\nkind="door"\nat_s=1\n'
+        cell.board.schedule(plan(cell, '[[fault]]\nkind="door"\nat_s=1\n'
                                   '[[fault]]\nkind="door"\nat_line=1\n'))
         cell.board.close()
         await cell.send(LINES, then_s=3.0)
-        return cell.board.happened
+        return cell.board.injected
 
     assert play(scene) == ()
 
@@ -111,10 +111,10 @@ def test_clearing_by_fault_and_all(play):
         cell.inject("disc_stalls", "F1")
         await asyncio.sleep(1.0)
         cell.board.clear(door)
-        first = [one.cleared_s for one in cell.board.happened]
+        first = [one.cleared_s for one in cell.board.injected]
         await asyncio.sleep(1.0)
         cell.board.clear_all()
-        return first, [one.cleared_s for one in cell.board.happened]
+        return first, [one.cleared_s for one in cell.board.injected]
 
     assert play(scene) == ([1.0, None, None], [1.0, 2.0, 2.0])
 
@@ -127,7 +127,7 @@ def test_a_device_the_bench_has_not(play):
                 cell.inject(kind, device)
         with pytest.raises(ValueError, match="no hopper 3"):
             cell.inject("disc_stalls", "F1", 3)
-        return cell.board.happened
+        return cell.board.injected
 
     assert play(scene) == ()
 
@@ -156,7 +156,7 @@ def test_a_fault_is_visible_with_the_first_bytes_that_get_to_the_host(play):
         await asyncio.sleep(5.0)
         await other.ask(6)
         await (await cell.modbus("safety")).ask(0)
-        return [cell.board.happened[number].visible_s for number in numbers]
+        return [cell.board.injected[number].detectable_s for number in numbers]
 
     alarm, lid, disc, silent, exception, host = play(scene)
     assert alarm == 0.0
@@ -171,11 +171,11 @@ def test_what_a_feeder_has_not_noticed_it_cannot_tell(play):
         host = await cell.modbus()
         number = cell.inject("speed_deviates", "F1")
         await host.ask(6, then_s=1.9)
-        before = cell.board.happened[number].visible_s
+        before = cell.board.injected[number].detectable_s
         await asyncio.sleep(0.2)
         await host.ask(6)
         edges = cell.bench.edges.values()
-        return before, cell.board.happened[number].visible_s, [edge.to_host for edge in edges]
+        return before, cell.board.injected[number].detectable_s, [edge.to_host for edge in edges]
 
     before, after, filters = play(scene)
     assert before is None

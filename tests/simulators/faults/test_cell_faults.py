@@ -30,7 +30,7 @@ def test_kinds_and_acts_are_of_the_same_names():
 
 def a_fault_of(kind):
     device = {FaultTarget.MODBUS: "F1", FaultTarget.FEEDER: "F1",
-              FaultTarget.HOPPER: "F1"}.get(kind.strikes)
+              FaultTarget.HOPPER: "F1"}.get(kind.target)
     return Fault.create(kind.name, device or "", **{p.name: 5.0 for p in kind.parameters
                                                  if p.default is None})
 
@@ -40,16 +40,16 @@ def test_every_kind_happens_to_a_cell_at_work_and_ends_where_it_lasts(play, kind
     async def scene(cell):
         await under_way(cell)
         at_s = cell.now_s
-        number = cell.board.inject(a_fault_of(kind), for_s=2.0 if kind.lasts else None)
+        number = cell.board.inject(a_fault_of(kind), for_s=2.0 if kind.is_lasting else None)
         await asyncio.sleep(5.0)
-        (happened,) = cell.board.happened
+        (happened,) = cell.board.injected
         cell.board.clear(number)  # a second time, without effect
-        assert cell.board.happened == (happened,)
+        assert cell.board.injected == (happened,)
         return happened, at_s
 
     happened, at_s = play(scene)
     assert happened.at_s == at_s
-    assert happened.cleared_s == (pytest.approx(at_s + 2.0) if kind.lasts else None)
+    assert happened.cleared_s == (pytest.approx(at_s + 2.0) if kind.is_lasting else None)
 
 
 def test_emergency_stop_reaches_everything(play):
@@ -58,7 +58,7 @@ def test_emergency_stop_reaches_everything(play):
         at_s = cell.now_s
         number = cell.inject("estop")
         said = await cell.send("?", then_s=0.1)
-        seen = cell.judge.dark_s(at_s), cell.judge.powder_stop("F1").told_s
+        seen = cell.judge.beam_off_at_s(at_s), cell.judge.powder_stop("F1").commanded_s
         open_bits = word(cell, "INPUTS")
         cell.board.clear(number)
         return at_s, said, seen, open_bits, word(cell, "INPUTS")
@@ -84,7 +84,7 @@ def test_the_door_reaches_controller_and_safety_device_but_not_the_feeders(play)
     assert b"<Door:1" in said
     assert not bits & SafetyInputBits.DOOR_CLOSED
     assert later & SafetyInputBits.DOOR_CLOSED
-    assert judge.dark_s(at_s) < at_s + 0.2
+    assert judge.beam_off_at_s(at_s) < at_s + 0.2
     assert judge.powder_stop("F1") is None
 
 
@@ -161,7 +161,7 @@ def test_without_a_safety_device_estop_and_door_go_to_the_others(play):
         door = await cell.send("?")
         with pytest.raises(ValueError, match="no safety device"):
             cell.inject("oxygen_high")
-        return opened, door, cell.bench.feeders["F2"].estop_open, len(cell.board.happened)
+        return opened, door, cell.bench.feeders["F2"].estop_open, len(cell.board.injected)
 
     (said, chain), door, after, happened = play(scene)
     assert (b"|Pn:E" in said, chain, after) == (True, True, False)

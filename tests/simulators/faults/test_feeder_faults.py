@@ -36,10 +36,10 @@ def test_a_restart_stops_discs_and_forgets(play):
         at_s = cell.now_s
         cell.inject("feeder_restarts", "F1")
         await asyncio.sleep(5.0)
-        return at_s, cell.judge.powder_stop("F1"), cell.judge.gas_off_s("F1"), told(cell, 0)
+        return at_s, cell.judge.powder_stop("F1"), cell.judge.gas_off_at_s("F1"), told(cell, 0)
 
     at_s, stop, gas_off_s, system = play(scene)
-    assert stop.told_s == stop.stood_s == gas_off_s == at_s
+    assert stop.commanded_s == stop.stopped_s == gas_off_s == at_s
     assert (system["UPTIME"], system["SEQ_APPLIED"], system["ALARM"]) == (5, 0, 0)
 
 
@@ -47,7 +47,7 @@ def test_local_ends_remote_control_until_it_is_turned_back(play):
     async def scene(cell):
         await feeding(cell)
         number = cell.inject("feeder_local", "F1")
-        local = told(cell, 0)["MODE"], cell.judge.powder_on("F1")
+        local = told(cell, 0)["MODE"], cell.judge.is_powder_on("F1")
         cell.board.clear(number)
         return local, told(cell, 0)["MODE"]
 
@@ -58,7 +58,7 @@ def test_the_watchdog_trips_though_heartbeats_come(play):
     async def scene(cell):
         await feeding(cell)
         cell.inject("watchdog_trips", "F1")
-        return told(cell, 0), cell.judge.powder_on("F1")
+        return told(cell, 0), cell.judge.is_powder_on("F1")
 
     system, on = play(scene)
     assert system["FIRST_ALARM_CODE"] == 104
@@ -160,7 +160,7 @@ def test_the_device_notices_in_its_time_and_keeps_its_alarm_while_the_cause_stan
             cell.reset_alarm()
         cell.board.clear(number)
         cell.reset_alarm()
-        return alarm, stop.told_s - at_s, told(cell, 0)["FIRST_ALARM_CODE"]
+        return alarm, stop.commanded_s - at_s, told(cell, 0)["FIRST_ALARM_CODE"]
 
     alarm, after_s, cleared = play(scene)
     assert alarm == code
@@ -178,7 +178,7 @@ def test_unnoticed_it_raises_nothing(play, kind):
         await feeding(cell)
         cell.inject(kind, "F1", noticed=False)
         await asyncio.sleep(10.0)
-        return told(cell, 0)["FIRST_ALARM_CODE"], cell.judge.powder_on("F1")
+        return told(cell, 0)["FIRST_ALARM_CODE"], cell.judge.is_powder_on("F1")
 
     assert play(scene) == (0, True)
 
@@ -288,7 +288,7 @@ def test_a_warning_is_shown_and_stops_nothing(play, of, bit):
         number = cell.inject("feeder_warns", "F1", of=of)
         shown = told(cell, 0)["WARNING"], told(cell, 0)["STATUS"] & FeederStatusBits.WARNING
         await asyncio.sleep(5.0)
-        on = cell.judge.powder_on("F1")
+        on = cell.judge.is_powder_on("F1")
         cell.board.clear(number)
         return shown, on, told(cell, 0)["WARNING"]
 
@@ -357,7 +357,7 @@ def test_a_level_runs_out_when_it_should(play):
         cell.inject("hopper_level", "F1", grams=2.0)
         low = told(cell)["STATUS"] & HopperStatusBits.LEVEL_LOW
         await asyncio.sleep(30.0)
-        return low, cell.judge.powder_stop("F1").told_s - at_s, told(cell, 0)
+        return low, cell.judge.powder_stop("F1").commanded_s - at_s, told(cell, 0)
 
     low, lasted_s, system = play(scene)
     assert low

@@ -97,7 +97,8 @@ def test_a_closed_link_throws_the_host_out_turns_it_away_and_takes_it_again(play
         writer.close()
         await asyncio.sleep(2.0)
         await cell.connect()
-        return thrown_out, turned_away, await cell.send("G21\n"), cell.judge.host_went_s()
+        return thrown_out, turned_away, await cell.send(
+            "G21\n"), cell.judge.host_disconnected_at_s()
 
     thrown_out, (turned_away,), said, went_s = play(scene)
     assert thrown_out
@@ -125,7 +126,7 @@ def test_a_closed_feeder_link(play, wire):
 def test_exceptions_are_answered_in_the_devices_place(play, wire, code):
     async def scene(cell):
         host = await cell.modbus()
-        before = cell.bench.feeders["F1"].holding.raw("HEARTBEAT")
+        before = cell.bench.feeders["F1"].holding.raw_word("HEARTBEAT")
         cell.inject("modbus_exception", "F1", code=code, count=2)
         refused = [await host.ask(0), await host.ask(0)]
         return refused, await host.read(0), before
@@ -148,7 +149,7 @@ def test_refused_requests_do_not_reach_the_device(play, wire):
         if not wire:
             host._write(bytes((0, 9, 0, 0, 0, 6, 1, 6, 0, 1, 0, 77)))  # HEARTBEAT := 77
             await asyncio.sleep(0.01)
-        return cell.bench.feeders["F1"].holding.raw("HEARTBEAT")
+        return cell.bench.feeders["F1"].holding.raw_word("HEARTBEAT")
 
     assert play(scene, *wire) == 0
 

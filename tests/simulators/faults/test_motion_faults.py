@@ -37,7 +37,7 @@ def test_a_reboot_ends_motion_says_nothing_while_booting_and_starts_at_zero(play
     assert up == b"\r\nGrblHAL 1.1f ['$' or '$HELP' for help]\r\n"
     assert later.startswith(b"<Idle|MPos:0.000,0.000,0.000|")
     assert later.endswith(b"ok\r\n")
-    assert judge.dark_s(at_s) == pytest.approx(at_s, abs=1e-6)
+    assert judge.beam_off_at_s(at_s) == pytest.approx(at_s, abs=1e-6)
     # the axes are where they were, whatever the controller takes them to be
     assert place_mm == pytest.approx([9.9, 0, 0])
 
@@ -48,7 +48,7 @@ def test_after_a_reboot_the_axes_move_from_where_they_really_are(play):
         cell.inject("controller_reboots")
         await asyncio.sleep(2.0)
         await cell.send("G21 G90 G94\nM4 S0\nN9 G1 X2 F600 S500\n", then_s=2.0)
-        return cell.judge.lines()[-1], reports(await cell.send("?"))
+        return cell.judge.executed_lines()[-1], reports(await cell.send("?"))
 
     line, (report,) = play(scene)
     assert line.start_mm == pytest.approx((9.9, 0, 0))
@@ -86,7 +86,7 @@ def test_silent_it_says_nothing_and_goes_on_with_what_it_has(play, hears):
     at_s, said, after, judge = play(scene)
     assert said == b""
     assert reports(after)[0].startswith("<Hold:0" if hears else "<Run")
-    assert (judge.dark_s(at_s) < at_s + 0.2) is hears
+    assert (judge.beam_off_at_s(at_s) < at_s + 0.2) is hears
 
 
 def test_stalled_it_takes_nothing_and_gets_it_all_later(play):
@@ -137,7 +137,7 @@ def test_a_limit_switch_stops_dead_and_locks(play, dialect):
 
     at_s, said, judge = play(scene, *dialect)
     assert b"ALARM:1\r\n[MSG:Reset to continue]" in said
-    assert judge.dark_s(at_s) == judge.stood_s(at_s) == pytest.approx(at_s)
+    assert judge.beam_off_at_s(at_s) == judge.axes_stopped_at_s(at_s) == pytest.approx(at_s)
 
 
 @pytest.mark.parametrize("dialect", [(), GRBL])
@@ -150,7 +150,7 @@ def test_a_soft_limit_brakes_and_locks(play, dialect):
 
     at_s, said, judge = play(scene, *dialect)
     assert b"ALARM:2" in said
-    assert 0.02 < judge.stood_s(at_s) - at_s < 0.2
+    assert 0.02 < judge.axes_stopped_at_s(at_s) - at_s < 0.2
 
 
 @pytest.mark.parametrize(("dialect", "alarm", "pin"), [((), b"ALARM:10", "E"), (GRBL, b"ALARM:3",
@@ -168,7 +168,7 @@ def test_the_estop_input_stops_dead_and_shows_at_the_pin(play, dialect, alarm, p
     assert alarm in said
     assert re.search(rf"\|Pn:{pin}\b", reports(said)[-1])
     assert "|Pn:" not in after[-1]
-    assert judge.dark_s(at_s) == judge.stood_s(at_s) == pytest.approx(at_s)
+    assert judge.beam_off_at_s(at_s) == judge.axes_stopped_at_s(at_s) == pytest.approx(at_s)
 
 
 def test_with_the_chain_open_a_reset_does_not_unlock(play):
@@ -196,7 +196,7 @@ def test_the_door_input_stops_and_closes_again(play):
     at_s, opened, closed, judge = play(scene)
     assert opened[-1].startswith("<Door:1")
     assert closed[-1].startswith("<Door:0")
-    assert 0.0 < judge.dark_s(at_s) - at_s < 0.2
+    assert 0.0 < judge.beam_off_at_s(at_s) - at_s < 0.2
 
 
 def test_hold_and_start_at_the_panel(play):
@@ -213,7 +213,7 @@ def test_hold_and_start_at_the_panel(play):
 
     at_s, (held,), started_s, judge = play(scene)
     assert held.startswith("<Hold:0")
-    assert judge.lit_again_s(at_s) == pytest.approx(started_s, abs=0.01)
+    assert judge.beam_on_again_at_s(at_s) == pytest.approx(started_s, abs=0.01)
 
 
 def test_overrides_at_the_panel(play):
