@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import click
 
 from lmctl.cli.lazy import LazyGroup
-from lmctl.errors import LmctlError
+from lmctl.errors import LmctlError, UsageError
 
 COMMANDS = {
     "demo": ("lmctl.cli.demo", "The main job: a scanned gear to a printed job log, simulated."),
@@ -62,8 +62,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         click.echo("interrupted", err=True)
         return 130
     except click.ClickException as error:
-        error.show()
-        return 2
+        click.echo(_usage_error(error).render(), err=True)
+        return UsageError.exit_code
     except KeyboardInterrupt:
         click.echo("interrupted", err=True)
         return 130
@@ -72,6 +72,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # but Python would complain once more while closing standard output.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+
+
+def _usage_error(error: click.ClickException) -> UsageError:
+    """What click has to say of a command line, in the form of every other error."""
+    what = error.format_message().rstrip(".")
+    context = getattr(error, "ctx", None)
+    command = "lmctl" if context is None else context.command_path
+    hint = f"`{command} --help` shows what can be given"
+    if isinstance(error, click.NoSuchOption) and error.possibilities:
+        what = f"there is no option {error.option_name} here"
+        hint = f"did you mean {' or '.join(sorted(error.possibilities))}? {hint}"
+    return UsageError(what[0].lower() + what[1:], hint=hint)
 
 
 def run() -> None:

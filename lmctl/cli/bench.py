@@ -10,8 +10,9 @@ from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any, TypeVar
 
+from lmctl.config.file_kind import FileKind, refuse_other_kind
 from lmctl.config.machine import MachineProfile
-from lmctl.config.toml_file import read_text
+from lmctl.config.toml_file import parse_tables, read_text
 from lmctl.errors import ConfigError, Finding
 from lmctl.run.executor import Notice, Progress, RunResult, run_job
 from simulators import virtual_time
@@ -73,8 +74,10 @@ def load_bench(path: Path | None) -> BenchConfig:
     if path is None:
         with as_file(files("lmctl.examples") / "bench.toml") as shipped:
             return load_bench(shipped)
+    text = read_text(path)
+    refuse_other_kind(parse_tables(text, name=str(path)), FileKind.BENCH, path)
     try:
-        return BenchConfig.parse(read_text(path))
+        return BenchConfig.parse(text)
     except ValueError as error:
         raise ConfigError(
             f"{path} does not describe a bench", where=str(error).splitlines()
@@ -83,8 +86,10 @@ def load_bench(path: Path | None) -> BenchConfig:
 
 def load_faults(path: Path, bench: BenchConfig) -> FaultPlan:
     """What is to go wrong with a bench. Raises ConfigError with every mistake."""
+    text = read_text(path)
+    refuse_other_kind(parse_tables(text, name=str(path)), FileKind.FAULTS, path)
     try:
-        return FaultPlan.parse(read_text(path), bench)
+        return FaultPlan.parse(text, bench)
     except FaultPlanError as error:
         findings = [Finding(*_key_and_reason(mistake)) for mistake in error.mistakes]
         count = "1 mistake" if len(findings) == 1 else f"{len(findings)} mistakes"

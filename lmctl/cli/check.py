@@ -12,7 +12,9 @@ from lmctl.cli.paths import InputFile
 from lmctl.cli.planning import check_units, units_option
 from lmctl.cli.profiles import load_checked_profile, load_profile_or_default
 from lmctl.config import toml_file
+from lmctl.config.file_kind import FileKind, kind_of
 from lmctl.config.machine import MachineProfile
+from lmctl.errors import UsageError
 
 
 @click.command()
@@ -21,23 +23,38 @@ from lmctl.config.machine import MachineProfile
               help="Profile to check a part or job against [the bench cell].")
 @units_option
 def check(file: Path, machine: Path | None, units: str | None) -> None:
-    """Check FILE: a part file, a bare mesh or cloud, a machine profile, or a job."""
+    """Check FILE: a part file, a bare mesh or cloud, a machine profile, a bench, or a job."""
     check_units(file, units)
-    if file.suffix.lower() == ".lmj":
+    kind = _kind_of(file)
+    if kind in (FileKind.PROFILE, FileKind.BENCH):
+        if machine is not None:
+            raise UsageError(f"{file} is {kind}: it is checked by itself",
+                             hint="--machine is for a part or a job")
+        print_data(f"{file}: {kind}, {_profile_or_bench(file, kind)}; nothing wrong")
+    elif kind is FileKind.FAULTS:
+        raise UsageError(f"{file} is {kind}: what it may name is known to a simulated cell only",
+                         hint="`lmctl run JOB --sim --faults FILE` checks it before it runs")
+    elif file.suffix.lower() == ".lmj":
         _check_job(file, load_profile_or_default(machine))
-    elif _is_profile(file):
-        profile = load_checked_profile(file)
-        print_data(f"{file}: a machine profile, {len(profile.hopper)} hoppers on "
-                   f"{len(profile.feeder)} feeders; nothing wrong")
     else:
         _check_part(file, units, load_profile_or_default(machine))
 
 
-def _is_profile(file: Path) -> bool:
-    """Whether a TOML file is meant as a machine profile: only those have a [motion] table."""
+def _kind_of(file: Path) -> FileKind | None:
     if file.suffix.lower() != ".toml":
-        return False
-    return "motion" in toml_file.parse_tables(toml_file.read_text(file), name=str(file))
+        return None
+    return kind_of(toml_file.parse_tables(toml_file.read_text(file), name=str(file)))
+
+
+def _profile_or_bench(file: Path, kind: FileKind) -> str:
+    """What is in it, in words. Raises ConfigError."""
+    if kind is FileKind.BENCH:
+        from lmctl.cli.bench import load_bench
+
+        feeders = [one.name for one in load_bench(file).feeders]
+        return f"with {len(feeders)} feeders: {', '.join(feeders)}"
+    profile = load_checked_profile(file)
+    return f"{len(profile.hopper)} hoppers on {len(profile.feeder)} feeders"
 
 
 @interruptible()

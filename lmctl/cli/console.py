@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import textwrap
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -17,6 +18,12 @@ from lmctl.errors import UsageError
 def print_message(text: str = "") -> None:
     """A line of talk, on standard error."""
     click.echo(text, err=True)
+
+
+def wrapped(text: str) -> str:
+    """A long sentence in lines of a terminal's least width, those after the first indented."""
+    return textwrap.fill(text, 79, subsequent_indent="  ", break_long_words=False,
+                         break_on_hyphens=False)
 
 
 def print_data(text: str = "") -> None:

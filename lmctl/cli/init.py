@@ -64,5 +64,7 @@ def make_folder(folder: Path) -> None:
     """Make a folder and those above it. Raises UsageError where that cannot be."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
+    except FileExistsError:
+        raise UsageError(f"{folder} is a file, not a folder", hint="name another folder") from None
     except OSError as error:
         raise UsageError(f"cannot make the folder {folder}", where=str(error.strerror)) from None

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import importlib
+from difflib import get_close_matches
 from typing import Any
 
 import click
+
+from lmctl.errors import UsageError
 
 
 class LazyGroup(click.Group):
@@ -28,6 +31,20 @@ class LazyGroup(click.Group):
         command = getattr(module, cmd_name)
         assert isinstance(command, click.Command)
         return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Raises UsageError with a guess for a command that there is not."""
+        name = args[0]
+        if name not in self._table and not name.startswith("-"):
+            near = get_close_matches(name, self._table, n=1)
+            raise UsageError(
+                f"there is no command {name!r}",
+                hint=f"did you mean `{ctx.command_path} {near[0]}`?" if near
+                else f"`{ctx.command_path} --help` lists the commands",
+            )
+        return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):

@@ -49,11 +49,13 @@ def status(
 @click.option("--close-relay", is_flag=True,
               help="Close the watchdog relay first, as a run does, so that a controller behind it "
               "can be asked too.")
+@click.option("--search", is_flag=True,
+              help="Look for a device that is silent on a serial line at other rates and ids.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 @click.pass_context
 def doctor(
     ctx: click.Context, machine: Path | None, sim: bool, bench: Path | None, runs_dir: Path,
-    close_relay: bool, as_json: bool,
+    close_relay: bool, search: bool, as_json: bool,
 ) -> None:
     """Check every condition of a run's start, and what to do, without moving or writing anything.
 
@@ -64,7 +66,7 @@ def doctor(
 
     cell = choose_cell(machine, sim, bench)
     seen = cell.run_on_cell(lambda profile: inspect(profile, "lmctl machine doctor", runs_dir,
-                                                    close_relay=close_relay))
+                                                    close_relay=close_relay, search=search))
     found = check_inspection(seen, cell.profile)
     conditions = [condition for of_device in found.values() for condition in of_device]
     unmet = [condition for condition in conditions if not condition.met]
@@ -96,14 +98,15 @@ def doctor(
 
 
 async def inspect(
-    profile: MachineProfile, who: str, runs_dir: Path, *, close_relay: bool = False
+    profile: MachineProfile, who: str, runs_dir: Path, *, close_relay: bool = False,
+    search: bool = False,
 ) -> CellInspection:
     """Look at all devices. Raises MachineError where the machine is in other hands."""
     from lmctl.run.cell.doctor import inspect_cell
     from lmctl.run.cell.ownership import lock_machine
 
     with lock_machine(profile, who, runs_dir):  # a controller at work must not be asked by two
-        return await inspect_cell(profile, runs_dir, close_relay=close_relay)
+        return await inspect_cell(profile, runs_dir, close_relay=close_relay, search=search)
 
 
 def _error(error: LmctlError) -> dict[str, Any]:

@@ -8,7 +8,7 @@ import click
 
 from lmctl.cli.console import print_data, print_json, print_message
 from lmctl.cli.paths import InputFile
-from lmctl.cli.planning import job_summary, open_part, plan_to_file, units_option
+from lmctl.cli.planning import job_summary, open_part, plan_to_file, refuse_target, units_option
 from lmctl.cli.profiles import load_profile_or_default
 
 
@@ -32,6 +32,7 @@ def plan(
     if machine is None:
         print_message(f"no --machine given: planning for the {profile.name}")
     target = output or Path(part.name).with_suffix(".lmj")
+    refuse_target(target)
     manifest = plan_to_file(open_part(part, units), profile, target)
     if as_json:
         print_json({"job": str(target), **manifest.totals})

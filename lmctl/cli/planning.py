@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from lmctl.cli.console import format_duration, print_message, progress_bar
+from lmctl.cli.console import format_duration, print_message, progress_bar, wrapped
 from lmctl.cli.interrupts import interruptible
 from lmctl.config.machine import MachineProfile
 from lmctl.errors import UsageError
@@ -36,23 +36,32 @@ def open_part(path: Path, units: str | None = None) -> Part:
     from lmctl.part.load import load_part, part_from_model
 
     check_units(path, units)
+    if path.is_dir():
+        inside = [file for file in sorted(path.glob("*.toml")) if file.stem == path.name]
+        raise UsageError(f"{path} is a folder, not a part",
+                         hint=f"did you mean {inside[0]}?" if inside else "name a file in it")
     if path.suffix.lower() != ".toml":
         part = part_from_model(path, units=units, tell=print_message)
     else:
         part = load_part(path, tell=print_message)
     for text in part.notes:
-        print_message(f"note: {text}")
+        print_message(wrapped(f"note: {text}"))
     return part
+
+
+def refuse_target(target: Path) -> None:
+    """Raise UsageError where no file can be written to."""
+    if target.is_dir():
+        raise UsageError(f"{target} is a folder", hint="give -o a file name, such as part.lmj")
+    if not target.parent.is_dir():
+        raise UsageError(f"there is no folder {target.parent}", hint="make it first")
 
 
 def plan_to_file(part: Part, profile: MachineProfile, target: Path) -> JobManifest:
     """Plan a part into `target`, with a progress bar on a terminal; all of the file or nothing."""
     from lmctl.plan.planner import plan_job
 
-    if target.is_dir():
-        raise UsageError(f"{target} is a folder", hint="give -o a file name, such as part.lmj")
-    if not target.parent.is_dir():
-        raise UsageError(f"there is no folder {target.parent}", hint="make it first")
+    refuse_target(target)
     with progress_bar("planning") as update, interruptible() as check_interrupt:
         def layer_done(done: int, total: int) -> None:
             check_interrupt()

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from lmctl.config import toml_file
+from lmctl.config.file_kind import FileKind, refuse_other_kind
 from lmctl.config.machine import MachineProfile
 from lmctl.errors import ConfigError, Finding
 from lmctl.machine.modbus.endpoint import parse_modbus_endpoint
@@ -29,6 +30,7 @@ def load_profile_or_default(path: Path | None) -> MachineProfile:
 def load_checked_profile(path: Path) -> MachineProfile:
     """The profile in a file, whose endpoints can be opened. Raises ConfigError: every mistake."""
     text = toml_file.read_text(path)
+    refuse_other_kind(toml_file.parse_tables(text, name=str(path)), FileKind.PROFILE, path)
     profile: MachineProfile | None = None
     findings: list[Finding] = []
     try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -47,6 +48,8 @@ def run(
                          hint="--sim for the simulated one, --machine FILE for a real one")
     if not sim and (bench is not None or speed is not None or faults is not None):
         raise UsageError("--bench, --speed and --faults belong to --sim")
+    if job.suffix.lower() == ".toml":
+        raise UsageError(f"{job} is no job file", hint=f"plan it first: {planning_command(job)}")
     profile = load_profile_or_default(machine)
     result = run_with_progress(job, profile, runs_dir, operator=operator, sim=sim, bench=bench,
                                speed=speed, faults=faults)
@@ -54,6 +57,11 @@ def run(
         print_json(result_as_json(result))
     else:
         print_data(outcome_text(result))
+
+
+def planning_command(part: Path) -> str:
+    """The command that makes a job of a part file, as it can be typed."""
+    return f"`{shlex.join(['lmctl', 'plan', str(part)])}`"
 
 
 def run_with_progress(

@@ -9,6 +9,7 @@ import click
 
 from lmctl.cli.console import print_data, print_message, progress_bar
 from lmctl.cli.interrupts import interruptible
+from lmctl.cli.number_types import FiniteRange
 from lmctl.cli.paths import InputFile
 from lmctl.cli.planning import check_units, open_part, units_option
 from lmctl.errors import UsageError
@@ -25,9 +26,10 @@ FIELD = ".vti"
 @click.command()
 @click.argument("file", type=InputFile())
 @click.option("-l", "--layer", type=int, help="Of a job: layer number, from 1 [the middle one].")
-@click.option("-x", "x_mm", type=float, help="Of a part: where the plane across x lies [middle].")
-@click.option("-y", "y_mm", type=float, help="The same for y.")
-@click.option("-z", "z_mm", type=float, help="The same for z.")
+@click.option("-x", "x_mm", type=FiniteRange(),
+              help="Of a part: where the plane across x lies [middle].")
+@click.option("-y", "y_mm", type=FiniteRange(), help="The same for y.")
+@click.option("-z", "z_mm", type=FiniteRange(), help="The same for z.")
 @click.option("-o", "--output", type=click.Path(path_type=Path),
               help="File to write. .png, .svg, .pdf: a picture; .vti: a part's distance and "
               "composition for ParaView; .ply: its surface, coloured; .stl, .3mf: its surface.")
@@ -60,8 +62,22 @@ def show(
     part = open_part(file, units)
     for text in part.warnings:
         print_message(f"warning: {text}")
+    _refuse_beside(part, planes)
     _write_part(part, planes, target)
     print_data(str(target))
+
+
+def _refuse_beside(part: Part, planes_mm: tuple[float | None, ...]) -> None:
+    """Raise UsageError for planes that do not meet the part."""
+    low, high = part.bounds_mm
+    beside = [
+        f"{axis} = {plane:g} mm, and the part is from {least:g} to {most:g}"
+        for axis, plane, least, most in zip("xyz", planes_mm, low, high, strict=True)
+        if plane is not None and not least <= plane <= most
+    ]
+    if beside:
+        raise UsageError("a plane does not meet the part", where=beside,
+                         hint="choose another, or leave it out for the middle")
 
 
 @interruptible()

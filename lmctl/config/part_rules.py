@@ -14,6 +14,7 @@ from typing import Any
 
 from lmctl.config import materials, toml_file
 from lmctl.config.composition_rules import composition_findings
+from lmctl.config.file_kind import FileKind, refuse_other_kind
 from lmctl.config.part_file import PartFile
 from lmctl.config.tree_rules import tree_findings
 from lmctl.errors import ConfigError, Finding
@@ -30,6 +31,7 @@ _TAG = re.compile(
 def load_part_file(path: Path) -> tuple[PartFile, str]:
     """The checked part file and its own text. Raises ConfigError with all findings."""
     text = toml_file.read_text(path)
+    refuse_other_kind(toml_file.parse_tables(text, name=str(path)), FileKind.PART, path)
     return parse_part_file(text, name=str(path)), text
 
 

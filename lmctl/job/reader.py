@@ -40,6 +40,8 @@ class JobReader:
             self._file = self._path.open("rb")
         except FileNotFoundError:
             raise MissingFileError.of(self._path) from None
+        except IsADirectoryError:
+            raise JobError(f"{self._path} is a folder, not a job file") from None
         except OSError as error:
             raise JobError(f"cannot read {self._path}", where=str(error.strerror)) from None
         try:

@@ -7,14 +7,22 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import NDArray
+
 from lmctl.config.machine import MachineProfile
+from lmctl.config.part_file import ProcessSettings
 from lmctl.errors import PlanError
-from lmctl.plan.geometry import layer_geometry
 from lmctl.preflight.part_check import check_part
 from lmctl.preflight.placement import Placement
 
 if TYPE_CHECKING:
-    from lmctl.part.part import Part
+    from lmctl.part.part import Part, Section
+
+FloatArray = NDArray[np.float64]
+
+#: Points across each way of the outline's box; and most edges that all of them are measured to.
+_RASTER, _MOST_EDGES = 15, 2_000
 
 
 def place_layers(part: Part, profile: MachineProfile) -> Placement:
@@ -27,6 +35,10 @@ def place_layers(part: Part, profile: MachineProfile) -> Placement:
     placement = check_part(part, profile)
 
     def has_tracks(layer: int) -> bool:
+        if _is_wide(part.section(placement.cut_mm(layer)), part.process):
+            return True
+        from lmctl.plan.geometry import layer_geometry  # late: most parts are wide at both ends
+
         return layer_geometry(part, placement, layer).n_tracks > 0
 
     layers = range(placement.n_layers)
@@ -35,6 +47,37 @@ def place_layers(part: Part, profile: MachineProfile) -> Placement:
         raise nothing_to_deposit(part)
     last = next(layer for layer in reversed(layers) if has_tracks(layer))
     return placement.restricted_to(first, last, set_down=part.placement_mm is None)
+
+
+def _is_wide(section: Section, process: ProcessSettings) -> bool:
+    """Whether tracks fit for certain: a circle of two beads' radius lies in the outline.
+
+    Looked for around the points of a coarse raster, without the compiled kernels: loading them
+    takes longer than all else that the check of a plain part does.
+    """
+    edges = sum(len(loop) - 1 for loop in section.loops)
+    if process.strategy != "in-plane" or not 0 < edges <= _MOST_EDGES:
+        return False
+    start = np.vstack([loop[:-1] for loop in section.loops])
+    end = np.vstack([loop[1:] for loop in section.loops])
+    low, high = start.min(axis=0), start.max(axis=0)
+    at = low + (high - low) * (np.indices((_RASTER, _RASTER)).reshape(2, -1).T + 0.5) / _RASTER
+    way, offset = end - start, at[:, None] - start
+    share = (offset * way).sum(axis=2) / np.maximum((way * way).sum(axis=1), 1e-300)
+    apart = offset - np.clip(share, 0.0, 1.0)[:, :, None] * way
+    distance = np.hypot(apart[:, :, 0], apart[:, :, 1]).min(axis=1)
+    needed_mm = 2 * process.bead_width_mm + max(0.0, -process.allowance_mm)
+    return bool((_is_inside(at, start, end) & (distance >= needed_mm)).any())
+
+
+def _is_inside(at: FloatArray, start: FloatArray, end: FloatArray) -> NDArray[np.bool_]:
+    """(n,) whether points (n, 2) lie within loops of edges: an odd number is passed towards +x."""
+    crosses = (start[:, 1] > at[:, None, 1]) != (end[:, 1] > at[:, None, 1])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = (at[:, None, 1] - start[:, 1]) / (end[:, 1] - start[:, 1])
+    beyond = start[:, 0] + share * (end[:, 0] - start[:, 0]) > at[:, None, 0]
+    odd: NDArray[np.bool_] = (crosses & beyond).sum(axis=1) % 2 == 1
+    return odd
 
 
 def nothing_to_deposit(part: Part) -> PlanError:

@@ -62,6 +62,60 @@ def test_a_name_that_is_nearly_right_is_guessed(
     assert "there is no folder bix" in refused("check", "bix/box.toml", code=2)
 
 
+# --- what cannot be meant -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("command", "code", "words", "next_step"), [
+    ("chek", 2, "there is no command 'chek'", "did you mean `lmctl check`?"),
+    ("machine doctr", 2, "there is no command 'doctr'", "`lmctl machine doctor`"),
+    ("frobnicate", 2, "there is no command", "`lmctl --help` lists"),
+    ("plan", 2, "missing argument 'PART'", "`lmctl plan --help`"),
+    ("plan box.toml --outpt x.lmj", 2, "no option --outpt", "did you mean --output?"),
+    ("check box.toml --units furlong", 2, "'furlong' is not one of", "`lmctl check --help`"),
+    ("run box.toml --sim", 2, "box.toml is no job file", "`lmctl plan box.toml`"),
+    ("run cell.toml --sim --speed nan", 2, "nan is not a number", "`lmctl run --help`"),
+    ("check . ", 2, ". is a folder, not a part", "name a file in it"),
+    ("plan box", 2, "box is a folder, not a part", "did you mean box/box.toml?"),
+    ("check folder.lmj", 1, "folder.lmj is a folder", None),
+    ("check box.toml -m bench.toml", 3, "bench.toml is a description of a simulated cell, and a "
+     "machine profile is wanted here", "--sim --bench FILE"),
+    ("plan box.toml -m box.toml", 3, "box.toml is a part file, and a machine", "lmctl plan FILE"),
+    ("plan cell.toml", 3, "cell.toml is a machine profile, and a part file", "--machine FILE"),
+    ("show cell.toml", 3, "cell.toml is a machine profile, and a part file", "--machine FILE"),
+    ("machine status --sim --bench cell.toml", 3, "cell.toml is a machine profile, and a "
+     "description of a simulated cell is wanted", "--machine FILE"),
+    ("run job.lmj --sim --faults cell.toml", 3, "cell.toml is a machine profile, and a fault file",
+     "--machine FILE"),
+    ("check cell.toml -m cell.toml", 2, "it is checked by itself", "a part or a job"),
+    ("plan box.toml -o box", 2, "box is a folder", "give -o a file name"),
+    ("plan box.toml -o none/box.lmj", 2, "there is no folder none", "make it first"),
+    ("show box.toml -x 999", 2, "x = 999 mm, and the part is from 0 to 30", "leave it out"),
+    ("show box.toml -x nan", 2, "nan is not a number", "`lmctl show --help`"),
+    ("jobs --runs box.toml", 1, "box.toml is not a folder", "--runs names"),
+    ("init box cell.toml", 2, "cell.toml is a file, not a folder", "another folder"),
+])
+def test_each_mistake_is_answered_with_what_to_do(
+    command: str, code: int, words: str, next_step: str | None, lmctl: Lmctl, refused: Refused,
+    tmp_path: Path
+) -> None:
+    lmctl("init", "box", ".")
+    lmctl("init", "box", "box")
+    (tmp_path / "folder.lmj").mkdir()
+    (tmp_path / "job.lmj").touch()
+    said = refused(*command.split(), code=code, hint=next_step is not None)
+    assert words in said
+    assert (next_step or "") in said
+    assert max(map(len, said.splitlines())) < 140
+
+
+def test_every_kind_of_file_can_be_checked(lmctl: Lmctl) -> None:
+    lmctl("init", "box", ".")
+    assert lmctl("check", "bench.toml").data == (
+        "bench.toml: a description of a simulated cell, with 2 feeders: F1, F2; nothing wrong\n")
+    assert "a machine profile" in lmctl("check", "cell.toml").data
+    assert "graded block" in lmctl("check", "box.toml").data
+
+
 # --- what is imported ---------------------------------------------------------------------------
 
 
@@ -99,3 +153,23 @@ def test_a_list_of_templates_needs_no_numbers(tmp_path: Path) -> None:
     assert code == 0
     assert of(modules, "numpy", "pydantic") == []
     assert len(modules) <= 160
+
+
+def test_a_plain_part_is_checked_without_scipy_and_without_running_a_compiled_kernel(
+    lmctl: Lmctl, tmp_path: Path
+) -> None:
+    lmctl("init", "box", ".")
+    code, modules = imported(tmp_path, "check", "box.toml")
+    assert code == 0
+    assert len(of(modules, "scipy")) <= 15  # numba asks for its version
+    assert not {"numba.np.arraymath", "lmctl.plan.geometry", "lmctl.plan.planner"} & modules
+    assert of(modules, "asyncio", "simulators", "matplotlib", "serial", "pymodbus", "rich") == []
+    assert len(modules) <= 760
+
+
+def test_a_profile_is_checked_without_numbers(lmctl: Lmctl, tmp_path: Path) -> None:
+    lmctl("init", "box", ".")
+    code, modules = imported(tmp_path, "check", "cell.toml")
+    assert code == 0
+    assert of(modules, "numpy", "asyncio", "serial", "pymodbus") == []
+    assert len(modules) <= 310

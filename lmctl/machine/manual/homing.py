@@ -22,7 +22,8 @@ def describe_homing(settings: Mapping[int, str]) -> list[str]:
         raise MachineError(
             "the controller has no homing cycle ($22=0)",
             hint="without one the position is what you say: `lmctl machine jog`, then `lmctl "
-                 "machine offset --here X0 Y0 Z0`; or fit switches and send $22=1",
+                 "machine offset --here X0 Y0 Z0`; or fit switches, then `lmctl machine "
+                 "settings 22=1`",
         )
     towards = int(float(settings.get(_TOWARDS, "0") or 0))
     seek, off = settings.get(_SEEK, "?"), settings.get(_PULL_OFF, "?")

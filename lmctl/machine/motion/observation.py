@@ -81,7 +81,8 @@ class ControllerObservation:
         if self.is_serial:
             return ("check that it has power, that this is its port, its cable (TX and RX may be "
                     f"swapped), and motion.baud: a controller at another rate than {self.baud} "
-                    "does not understand the question")
+                    "does not understand the question (`lmctl machine doctor --search` tries the "
+                    "usual ones)")
         return ("it takes the connection: check that this is the controller's port, and that no "
                 "other program is connected, since most serve one at a time")
 

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -56,6 +55,8 @@ def close_gap(
     facing = _faces(vertices, others, own_box, gap_mm)
     if len(own.rows) == 0 or len(facing.rows) == 0:
         return []
+    from scipy.spatial import cKDTree  # late: scipy takes as long to load as a small part
+
     size = max(1.0, float(np.ptp(own_box, axis=0).max()))
     ahead = np.column_stack([own.normals * size, own.offsets])
     behind = np.column_stack([-facing.normals * size, -facing.offsets])

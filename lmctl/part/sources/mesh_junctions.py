@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from lmctl.part.sources.mesh_topology import directed_edges, edge_numbers
 
@@ -48,6 +47,8 @@ def _junctions(
 ) -> tuple[IntArray, IntArray]:
     """Directed edges (numbers) that pass open corners, at most one of a triangle, and for each the
     corner nearest to its middle."""
+    from scipy.spatial import cKDTree  # late: scipy takes as long to load as a small part
+
     number, counts = edge_numbers(triangles)
     open_edges = np.flatnonzero((counts % 2 == 1)[number])
     ends = directed_edges(triangles)[open_edges]

@@ -171,7 +171,10 @@ def run_names(runs_dir: Path) -> list[str]:
             (path.name for path in runs_dir.iterdir() if _NAME.fullmatch(path.name)),
             key=lambda name: int(name[4:]),
         )
-    except (FileNotFoundError, NotADirectoryError):
+    except FileNotFoundError:
         return []
+    except NotADirectoryError:
+        raise JournalError(f"{runs_dir} is not a folder",
+                           hint="--runs names a folder of runs") from None
     except OSError as error:
         raise JournalError(f"cannot read {runs_dir}", where=str(error.strerror)) from None

@@ -159,3 +159,15 @@ def test_without_closing_the_relay_doctor_says_what_it_could_not_see(tmp_path):
     assert "its settings cannot be read" in unseen.text
     assert "doctor --close-relay" in unseen.hint
     assert not unseen.refuses_run
+
+
+def test_doctor_prints_what_it_saw_on_a_silent_wire(tmp_path, profile):
+    """A serial feeder asked by a wrong device id, behind which another one answers."""
+    here = profile.model_copy(update={"feeder": (
+        profile.feeder[0].model_copy(update={"device_id": 3}), profile.feeder[1])})
+    found = doctor(tmp_path, here, (('"modbus-tcp://127.0.0.1:5021"', '"pty"'),), None)
+    (silent,) = found["feeder F1"]
+    assert silent.refuses_run
+    assert "no byte came back" in silent.text
+    assert "device_id" in silent.hint
+    assert all(one.met for one in [*found["motion"], *found["feeder F2"]])
