@@ -125,9 +125,9 @@ def test_a_killed_owner_leaves_nothing_that_keeps_others_out(profile, tmp_path):
         "from pathlib import Path\n"
         "from lmctl.config.machine import load_profile\n"
         "from lmctl.run.cell import ownership\n"
-        "from lmctl.run.cell.ownership import owning\n"
+        "from lmctl.run.cell.ownership import lock_machine\n"
         "ownership.FOLDERS = (Path(sys.argv[1]),)\n"
-        "with owning(load_profile(Path(sys.argv[2])), 'run-0001', Path('.')):\n"
+        "with lock_machine(load_profile(Path(sys.argv[2])), 'run-0001', Path('.')):\n"
         "    print('mine', flush=True); os.kill(os.getpid(), 9)\n"
     )
     done = subprocess.run(

@@ -34,7 +34,7 @@ _CLAIM_BYTES = 4096
 
 @dataclass(frozen=True)
 class MachineOwner:
-    """Who holds a lock. what : "run-0003", or the act in words; runs_dir : its folder of runs."""
+    """Who holds a lock. activity : "run-0003", or the act in words; runs_dir : its folder of runs."""
 
     activity: str
     runs_dir: str
@@ -172,7 +172,7 @@ def _release(path: Path, fd: int) -> None:
 def _claim(fd: int) -> MachineOwner:
     try:
         said = json.loads(os.pread(fd, _CLAIM_BYTES, 0))
-        return MachineOwner(str(said["what"]), str(said["runs_dir"]), int(said["pid"]))
+        return MachineOwner(str(said["activity"]), str(said["runs_dir"]), int(said["pid"]))
     except (OSError, ValueError, TypeError, KeyError):
         return MachineOwner("another process", "", 0)
 

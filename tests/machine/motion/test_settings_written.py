@@ -7,7 +7,7 @@ import asyncio
 import pytest
 
 from lmctl.errors import ConfigError, MachineError, UsageError
-from lmctl.machine.manual.is_homing_enabled import run_clear_offsets
+from lmctl.machine.manual.homing import run_clear_offsets
 from lmctl.machine.manual.settings import apply_settings
 from lmctl.machine.manual.settings_file import (
     read_setting,

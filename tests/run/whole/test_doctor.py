@@ -38,7 +38,7 @@ def feeder(act):
 
 def without_hopper(device):
     device.mishaps = InjectedDefects()
-    device.mishaps.tell(1, "STATUS", lambda word: word & ~1)
+    device.mishaps.override_register(1, "STATUS", lambda word: word & ~1)
 
 
 #: Name, replacements in the bench, what is done to it, words of each reason a run is refused for.
@@ -65,11 +65,11 @@ CELLS = [
     ("locked", (*GRBL, *settings((22, None, 1))), None,
      ["locked by an alarm", "soft limits off", "X of the profile", "Y of the profile",
       "Z of the profile"]),
-    ("a feeder's alarm", (), feeder(lambda one: one.trip(201)), ["hopper A: drive fault"]),
+    ("a feeder's alarm", (), feeder(lambda one: one.raise_alarm(201)), ["hopper A: drive fault"]),
     ("a feeder's e-stop", (), feeder(lambda one: one.set_estop_open(True)),
      ["emergency-stop chain is open"]),
     ("a feeder's watchdog", (), feeder(lambda one: one.trip_watchdog()), ["its watchdog tripped"]),
-    ("an empty hopper", (), feeder(lambda one: one.trip(207)), ["hopper A: it is empty"]),
+    ("an empty hopper", (), feeder(lambda one: one.raise_alarm(207)), ["hopper A: it is empty"]),
     ("no hopper", (), feeder(without_hopper),
      ["hopper A (316L): not there"]),
 ]
