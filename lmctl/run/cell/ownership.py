@@ -34,7 +34,10 @@ _CLAIM_BYTES = 4096
 
 @dataclass(frozen=True)
 class MachineOwner:
-    """Who holds a lock. activity : "run-0003", or the act in words; runs_dir : its folder of runs."""
+    """Who holds a lock.
+
+    activity : "run-0003", or the act in words; runs_dir : its folder of runs
+    """
 
     activity: str
     runs_dir: str
