@@ -90,20 +90,21 @@ def plane_distance(loops: Sequence[FloatArray], grid: PlaneGrid) -> NDArray[np.f
 
 def nearest_segments(
     loops: Sequence[FloatArray], grid: PlaneGrid
-) -> tuple[NDArray[np.float32], FloatArray, NDArray[np.int64]]:
+) -> tuple[NDArray[np.float32], FloatArray, NDArray[np.int64], NDArray[np.int64]]:
     """`plane_distance`, the loops' segments, and which of these is nearest to each node.
 
     returns : (ny, nx) float32 [mm]; (m, 4) float64, x0 y0 x1 y1 from the grid's origin [mm];
-        (ny, nx) int64, rows of these, −1 where there are no loops
+        (m, 2) int64, the first and last segment of each one's loop; (ny, nx) int64, the segment
+        nearest to each node, −1 where there are no loops
     """
     segments, ends = _segments(loops, grid)
     nearest = np.full(grid.shape, -1, dtype=np.int64)
     if len(segments) == 0:
-        return np.full(grid.shape, -np.inf, dtype=np.float32), segments, nearest
+        return np.full(grid.shape, -np.inf, dtype=np.float32), segments, ends, nearest
     distance = np.empty(grid.shape, dtype=np.float32)
     odd, squared = np.zeros(grid.shape, dtype=np.uint8), np.full(grid.shape, np.inf)
     _distance_kernel(segments, ends, grid.pitch_mm, nearest, squared, odd, distance)
-    return distance, segments, nearest
+    return distance, segments, ends, nearest
 
 
 def loop_area_mm2(loop: FloatArray) -> float:

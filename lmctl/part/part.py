@@ -16,6 +16,7 @@ from lmctl.part.bodies.body import Body, plane_points
 from lmctl.part.bodies.measured import Bounds
 from lmctl.part.materials.composition import CompositionField
 from lmctl.part.materials.powders import MaterialSpec
+from lmctl.part.turning_heights import turning_heights_mm
 
 FloatArray = NDArray[np.float64]
 
@@ -83,6 +84,11 @@ class Part:
     def bounds_mm(self) -> Bounds:
         """Lowest and highest x, y, z of the solid, each (3,) float64 [mm]."""
         return self.body.tight_bounds_mm
+
+    @cached_property
+    def turning_heights_mm(self) -> FloatArray:
+        """Rising heights at which something of the solid begins or ends, (h,) float64 [mm]."""
+        return turning_heights_mm(self.body)
 
     def distance(self, window: Window) -> NDArray[np.float32]:
         """Signed distance at the nodes of a slab, positive inside; float32 of window.shape [mm]."""

@@ -107,6 +107,11 @@ class FakePart:
     sources: tuple = ()
     warnings: tuple = ()
     pitch_mm: float = 0.25
+    turning_mm: tuple = ()
+
+    @property
+    def turning_heights_mm(self):
+        return np.array(self.turning_mm)
 
     def loops_at(self, z_mm):
         return self.outline(z_mm) if callable(self.outline) else self.outline

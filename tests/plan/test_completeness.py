@@ -24,9 +24,9 @@ def loops_of(poly):
 @pytest.fixture
 def complete(make_part, profile):
     """All layers of a part whose outline is a polygon by height, added up."""
-    def make(outline, height_mm=4.0, **process):
+    def make(outline, height_mm=4.0, turning_mm=(), **process):
         part = make_part(lambda z: loops_of(outline(z)), lambda p: 0.5, height_mm=height_mm,
-                         process=ProcessSettings(**process))
+                         process=ProcessSettings(**process), turning_mm=turning_mm)
         placement = place_part(part, profile)
         found = Completeness(part.process, placement.layer_height_mm,
                              placement.uncovered_height_mm())
@@ -127,5 +127,27 @@ def test_leaning_walls(complete, lean_deg, refused, warned):
 
 def test_height_that_whole_layers_do_not_fill_is_missing(complete):
     found = complete(lambda z: PLATE, height_mm=1.1)
-    assert found.built_fraction == pytest.approx(0.8 / 1.1, abs=0.01)
+    assert found.built_fraction == pytest.approx(0.8 / 1.1, abs=0.015)
     assert any("less than the part is tall" in text for fine, text in found.findings() if not fine)
+
+
+@pytest.mark.parametrize("low_mm", [0.02, 0.7, 1.25, 2.05, 3.65])
+def test_what_is_flatter_than_a_layer_is_listed_wherever_it_lies(complete, low_mm):
+    """A rib of 0.2 mm height meets no plane at which layers are cut."""
+    rib, high_mm = box(20, 8, 30, 12), low_mm + 0.2
+
+    def outline(z):
+        return unary_union([PLATE, rib]) if low_mm <= z < high_mm else PLATE
+
+    found = complete(outline, turning_mm=(0.0, low_mm, high_mm, 4.0))
+    (piece,) = found.lost
+    assert piece.feature.kind == "flat"
+    assert piece.feature.at_mm == pytest.approx((25, 10), abs=1)
+    assert "layer_height_mm" in piece.feature.remedy
+    with pytest.raises(PlanError, match="a piece is lost"):
+        found.check(allow_overhang=True)
+
+
+def test_a_slope_is_no_flat_piece(complete):
+    found = complete(lambda z: box(0, 0, 20 + z, 20), turning_mm=(0.0, 1.5, 1.6, 4.0))
+    assert not found.lost

@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 from lmctl.plan.geometry.bead_count import BeadCount
 from lmctl.plan.geometry.level_field import core_of
 from lmctl.plan.geometry.medial_axis import MedialAxis
+from lmctl.plan.geometry.section_raster import SectionRaster
 from lmctl.plan.geometry.toolpath import Toolpath
-from lmctl.plan.polyline import arc_lengths, at_lengths, densified
+from lmctl.plan.geometry.track_ends import prolonged, resampled, trimmed
+from lmctl.plan.polyline import arc_lengths
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.int64]
@@ -27,12 +29,12 @@ _LEAST_BESIDE = 1.0
 
 
 def centreline_tracks(
-    axis: MedialAxis, beads: BeadCount, pitch_mm: float, spacing_mm: float,
+    axis: MedialAxis, beads: BeadCount, raster: SectionRaster, pitch_mm: float,
     limits_mm: tuple[float, float],
 ) -> list[Toolpath]:
     """Open tracks, and closed ones around rings, along the axis.
 
-    spacing_mm : of their points, at most; limits_mm : least and widest strip
+    limits_mm : least and widest strip
     """
     chosen = beads.has_centreline & (beads.count % 2 == 1)
     strip = strip_on_axis(axis, beads, pitch_mm, limits_mm)
@@ -41,28 +43,31 @@ def centreline_tracks(
     degree = np.bincount(links.ravel(), minlength=len(chosen))
     larger = _has_neighbour(axis.links, beads, larger=True)
     smaller = _has_neighbour(axis.links, beads, larger=False)
-    tips = _ends_in_tip(axis.links, beads)
+    tips = _ends_in_tip(axis, beads)
     tip_area = _tip_area_mm2(axis)
     tracks = []
     for chain in through_junctions(chains(links), axis.points_mm):
         closed = bool(chain[0] == chain[-1])
         track = Toolpath(axis.points_mm[chain], strip[chain], closed)
         if closed:
-            tracks.append(_dense(track, spacing_mm))
+            tracks.append(track)
             continue
         for _ in (0, 1):  # at one end, then at the other
             point = int(chain[-1])
             width = float(track.strip_width_mm[-1])
-            if degree[point] > 2 or larger[point]:
-                track = _trimmed(track, width / 2)
+            if degree[point] > 2:
+                track = trimmed(track, width / 2)
+            elif larger[point]:  # the strip of those, n + 1 across, begins half of it before them
+                count = int(beads.count[point])
+                track = trimmed(track, width / 2 * count / (count + 1))
             elif tips[point]:
-                track = _prolonged(track, min(
-                    tip_area[point] / width, _LONGEST_TIP * pitch_mm), width)
+                track = prolonged(track, min(
+                    tip_area[point] / width, _LONGEST_TIP * pitch_mm), width, raster)
             elif not smaller[point]:
-                track = _extended(track, width, limits_mm[1])
+                track = _extended(track, width, limits_mm[1], raster)
             track, chain = track.reversed(), chain[::-1]
         if len(track.points_mm) > 1 and track.length_mm >= _LEAST_BESIDE * pitch_mm:
-            tracks.append(_dense(track, spacing_mm))
+            tracks.append(track)
     return tracks
 
 
@@ -158,11 +163,11 @@ def _has_neighbour(links: IndexArray, beads: BeadCount, *, larger: bool) -> NDAr
     return found
 
 
-def _ends_in_tip(links: IndexArray, beads: BeadCount) -> NDArray[np.bool_]:
-    """Where the axis goes on in material too narrow for a track. (v,)"""
+def _ends_in_tip(axis: MedialAxis, beads: BeadCount) -> NDArray[np.bool_]:
+    """Where the axis goes on, between opposite walls, too narrow for a track. (v,)"""
     found = np.zeros(len(beads.count), dtype=np.bool_)
-    for a, b in (links.T, links.T[::-1]):
-        found[a[beads.count[b] == 0]] = True
+    for a, b in (axis.links.T, axis.links.T[::-1]):
+        found[a[(beads.count[b] == 0) & axis.is_central[b]]] = True
     return found
 
 
@@ -172,49 +177,19 @@ def _tip_area_mm2(axis: MedialAxis) -> FloatArray:
     return np.asarray(axis.depth_mm**2 * np.sqrt(1 - steepness**2) / steepness)
 
 
-def _trimmed(track: Toolpath, by_mm: float) -> Toolpath:
-    """The track without its last `by_mm`."""
-    along = arc_lengths(track.points_mm)
-    left = along[-1] - by_mm
-    if left <= 0:
-        return Toolpath(track.points_mm[:1], track.strip_width_mm[:1], False)
-    return _cut(track, along, np.append(along[along < left - 1e-9], left))
-
-
-def _extended(track: Toolpath, width_mm: float, most_mm: float) -> Toolpath:
+def _extended(
+    track: Toolpath, width_mm: float, most_mm: float, raster: SectionRaster
+) -> Toolpath:
     """The track a little farther, so that it deposits what lies beyond: half a strip in length.
 
     Half of that by being longer, half by a wider strip in its last stretch, if that may be wider.
     """
     wider = min(1.5 - _BEYOND, max(1.0, most_mm / width_mm))
-    track = _prolonged(track, (1.5 - wider) * width_mm, width_mm)
+    track = prolonged(track, (1.5 - wider) * width_mm, width_mm, raster)
     along = arc_lengths(track.points_mm)
     first = max(0.0, along[-1] - width_mm)
-    track = _cut(track, along, np.unique(np.append(along, first)))
+    track = resampled(track, np.unique(np.append(along, first)))
     along = arc_lengths(track.points_mm)
     end = along >= first - 1e-9
     strip = np.where(end, track.strip_width_mm * wider, track.strip_width_mm)
     return Toolpath(track.points_mm, np.minimum(strip, most_mm), False)
-
-
-def _prolonged(track: Toolpath, by_mm: float, width_mm: float) -> Toolpath:
-    """The track straight on by so much, in the direction of its last strip width."""
-    points = track.points_mm
-    along = arc_lengths(points)
-    behind = at_lengths(points, np.array([max(0.0, along[-1] - width_mm)]))[0]
-    way = points[-1] - behind
-    size = float(np.hypot(*way))
-    if size <= 0 or by_mm <= 0:
-        return track
-    return Toolpath(np.vstack([points, points[-1] + way / size * by_mm]),
-                    np.append(track.strip_width_mm, track.strip_width_mm[-1]), False)
-
-
-def _cut(track: Toolpath, along: FloatArray, at: FloatArray) -> Toolpath:
-    return Toolpath(at_lengths(track.points_mm, at), np.interp(at, along, track.strip_width_mm),
-                    False)
-
-
-def _dense(track: Toolpath, spacing_mm: float) -> Toolpath:
-    table = densified(np.column_stack([track.points_mm, track.strip_width_mm]), spacing_mm)
-    return Toolpath(table[:, :2], table[:, 2], track.is_closed)

@@ -7,7 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.field.plane import PlaneGrid
+from lmctl.plan.geometry.corners import sharpened
 from lmctl.plan.geometry.level_field import LevelField
+from lmctl.plan.geometry.medial_axis import MedialAxis
+from lmctl.plan.geometry.section_raster import SectionRaster
 from lmctl.plan.geometry.toolpath import Toolpath
 
 FloatArray = NDArray[np.float64]
@@ -17,9 +20,11 @@ _LEAST_ROUND = 2.0
 
 
 def contour_tracks(
-    field: LevelField, grid: PlaneGrid, pitch_mm: float, most_strip_mm: float
+    field: LevelField, raster: SectionRaster, axis: MedialAxis, pitch_mm: float,
+    most_strip_mm: float,
 ) -> list[Toolpath]:
     """All closed tracks of a section, each with the width of its strip, the outermost first."""
+    grid = raster.grid
     top = float(field.level.max())
     generator = contourpy.contour_generator(
         grid.x_mm, grid.y_mm, field.level, name="serial", line_type=contourpy.LineType.Separate)
@@ -29,6 +34,7 @@ def contour_tracks(
             points = _without_repeats(np.asarray(line))
             if len(points) < 4 or _length_mm(points) < _LEAST_ROUND * pitch_mm:
                 continue
+            points = sharpened(points, raster, axis)
             strip = strip_widths(points, number, field, grid, pitch_mm)
             tracks.append(Toolpath(points, np.minimum(strip, most_strip_mm), True))
     return tracks

@@ -41,8 +41,8 @@ def in_plane_layout(
     beads = bead_count(axis, raster, bead_mm, pitch_mm, least_width_mm)
     field = level_field(raster, axis, beads, pitch_mm)
     limits_mm = LEAST_STRIP * pitch_mm, WIDEST_STRIP * pitch_mm
-    tracks = contour_tracks(field, raster.grid, pitch_mm, limits_mm[1])
-    tracks += centreline_tracks(axis, beads, pitch_mm, raster.grid.pitch_mm, limits_mm)
+    tracks = contour_tracks(field, raster, axis, pitch_mm, limits_mm[1])
+    tracks += centreline_tracks(axis, beads, raster, pitch_mm, limits_mm)
     middles = np.array([t.points_mm[len(t.points_mm) // 2] for t in tracks]).reshape(-1, 2)
     tracks, island = with_pins(tracks, islands.at(middles, raster), islands, axis, beads, raster,
                                least_width_mm, limits_mm)

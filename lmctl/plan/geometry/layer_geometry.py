@@ -16,8 +16,8 @@ FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
 
 #: What a lost piece of a slice is: all of a layer, a whole island, a part of an island thinner
-#: than the beads that fill the rest, or a closed void between tracks.
-LostKind = Literal["layer", "island", "rib", "void"]
+#: than the beads that fill the rest, a closed void between tracks, or what is flatter than a layer.
+LostKind = Literal["layer", "island", "rib", "void", "flat"]
 
 
 @dataclass(frozen=True)

@@ -107,6 +107,12 @@ def _empty_places(
     return found
 
 
+def lost_piece(kind: LostKind, outline: FloatArray, process: ProcessSettings) -> LostFeature:
+    """A piece within an outline (k, 2) [mm], which need not be closed."""
+    area = abs(loop_area_mm2(np.vstack([outline, outline[:1]])))
+    return _lost(kind, outline, area, process)
+
+
 def _lost(
     kind: LostKind, outline: FloatArray, area_mm2: float, process: ProcessSettings
 ) -> LostFeature:
@@ -114,7 +120,10 @@ def _lost(
     length, width = _size_mm(outline, area_mm2)
     bead = process.bead_width_mm
     least = bead if process.narrow_features == "omit" else bead / 2
-    if kind == "void":
+    if kind == "flat":
+        why = f"it is flatter than a layer of {process.layer_height_mm:g} mm, and between two"
+        remedy = "lower process.layer_height_mm, or build the part in another direction"
+    elif kind == "void":
         why = "no track reaches it"
         remedy = "lower process.bead_width_mm"
     elif width >= least * 0.98:

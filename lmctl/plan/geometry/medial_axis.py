@@ -25,6 +25,8 @@ _LEAST_CHORD = 0.35
 #: Largest slope of the depth along a ridge between opposite walls, each within 30° of parallel.
 _OPPOSITE = 0.5
 _BISECTIONS = 12
+#: Distances that differ by less, as a ratio, are equal.
+_EQUALLY_FAR = 1e-3
 
 
 @dataclass(frozen=True)
@@ -52,7 +54,8 @@ def medial_axis(raster: SectionRaster) -> MedialAxis:
     ny, nx = raster.grid.shape
     at_edge = np.full((2, ny, nx), -1, dtype=np.int32)
     found = _crossings_kernel(
-        raster.depth_mm, raster.segments, raster.nearest, raster.grid.pitch_mm, at_edge)
+        raster.depth_mm, raster.segments, raster.ends, raster.nearest, raster.grid.pitch_mm,
+        at_edge)
     joints, links = _links_kernel(
         found, at_edge, raster.segments, raster.nearest, raster.depth_mm, raster.grid.pitch_mm)
     table = np.vstack([found, joints])
@@ -75,10 +78,43 @@ def foot(segments: FloatArray, s: int, px: float, py: float) -> tuple[float, flo
     return x, y, np.sqrt((px - x) ** 2 + (py - y) ** 2)
 
 
+@inner_kernel
+def _meeting(
+    segments: FloatArray, a: int, b: int, i: int, j: int, ib: int, jb: int, pitch: float
+) -> float:
+    """Part of the way from node (j, i) to (jb, ib) where two edges are equally far."""
+    low, high = 0.0, 1.0
+    for _ in range(_BISECTIONS):
+        t = 0.5 * (low + high)
+        x, y = (i + t * (ib - i)) * pitch, (j + t * (jb - j)) * pitch
+        if foot(segments, a, x, y)[2] < foot(segments, b, x, y)[2]:
+            low = t
+        else:
+            high = t
+    return 0.5 * (low + high)
+
+
+@inner_kernel
+def _along(segments: FloatArray, ends: IndexArray, s: int, px: float, py: float) -> int:
+    """The edge of the same loop where the distance is least, walking from edge s."""
+    best, least = s, foot(segments, s, px, py)[2]
+    first, last = ends[s, 0], ends[s, 1]
+    for step in (-1, 1):
+        at = s
+        while True:
+            at += step
+            at = last if at < first else (first if at > last else at)
+            away = foot(segments, at, px, py)[2]
+            if away >= (1 - _EQUALLY_FAR) * least:
+                break
+            best, least = at, away
+    return best
+
+
 @kernel
 def _crossings_kernel(
-    depth: NDArray[np.float32], segments: FloatArray, nearest: IndexArray, pitch: float,
-    at_edge: NDArray[np.int32],
+    depth: NDArray[np.float32], segments: FloatArray, ends: IndexArray, nearest: IndexArray,
+    pitch: float, at_edge: NDArray[np.int32],
 ) -> FloatArray:
     """(v, 5): x, y, depth, gradient of the depth (x, y); fills `at_edge`."""
     ny, nx = depth.shape
@@ -100,16 +136,16 @@ def _crossings_kernel(
                 least = min(depth[j, i], depth[jb, ib])
                 if (ax - bx) ** 2 + (ay - by) ** 2 < (0.5 * _LEAST_CHORD * least) ** 2:
                     continue
-                low, high = 0.0, 1.0
-                for _ in range(_BISECTIONS):
-                    t = 0.5 * (low + high)
-                    x, y = (i + t * (ib - i)) * pitch, (j + t * (jb - j)) * pitch
-                    if foot(segments, a, x, y)[2] < foot(segments, b, x, y)[2]:
-                        low = t
-                    else:
-                        high = t
-                t = 0.5 * (low + high)
+                t = _meeting(segments, a, b, i, j, ib, jb, pitch)
                 x, y = (i + t * (ib - i)) * pitch, (j + t * (jb - j)) * pitch
+                # Of a curve drawn with many edges, others may be the nearest at the crossing.
+                at_a, at_b = _along(segments, ends, a, x, y), _along(segments, ends, b, x, y)
+                if at_a == at_b:  # no ridge, only neighbours on one curve
+                    continue
+                if at_a != a or at_b != b:
+                    a, b = at_a, at_b
+                    t = _meeting(segments, a, b, i, j, ib, jb, pitch)
+                    x, y = (i + t * (ib - i)) * pitch, (j + t * (jb - j)) * pitch
                 ax, ay, away = foot(segments, a, x, y)
                 bx, by, other = foot(segments, b, x, y)
                 away = 0.5 * (away + other)

@@ -5,17 +5,21 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.field.kernel import kernel
 from lmctl.plan.geometry.bead_count import BeadCount
 from lmctl.plan.geometry.islands import Islands
-from lmctl.plan.geometry.medial_axis import MedialAxis
+from lmctl.plan.geometry.medial_axis import MedialAxis, foot
 from lmctl.plan.geometry.section_raster import SectionRaster
 from lmctl.plan.geometry.toolpath import Toolpath
-from lmctl.plan.plane_values import plane_values
-from lmctl.plan.polyline import arc_lengths, at_lengths
+from lmctl.plan.geometry.track_ends import prolonged, trimmed
+from lmctl.plan.polyline import arc_lengths
 
 FloatArray = NDArray[np.float64]
 
 _POINTS = 9
+_HALVINGS = 6
+#: The middle of an island is that of the points so deep, as a part of the deepest.
+_NEARLY = 0.98
 
 
 def with_pins(
@@ -28,24 +32,64 @@ def with_pins(
     least_width_mm : what is narrower stays without
     """
     home = islands.at(axis.points_mm, raster)
-    widest = np.zeros(len(islands))
     most = np.zeros(len(islands), dtype=np.int64)
     inside = home >= 0
-    np.maximum.at(widest, home[inside], 2 * axis.depth_mm[inside])
     np.maximum.at(most, home[inside], beads.count[inside])
     tracks, owners = list(tracks), owner.tolist()
     for island in range(len(islands)):
         mine = [n for n, other in enumerate(owners) if other == island]
-        if not mine and widest[island] >= least_width_mm * (1 - 1e-6):
-            width = float(np.clip(widest[island], *limits_mm))
-            deepest = int(np.argmax(np.where(home == island, axis.depth_mm, -np.inf)))
-            tracks.append(_stroke(islands.outer[island], axis.points_mm[deepest],
-                                  float(islands.area_mm2[island]), width))
-            owners.append(island)
+        if not mine:
+            middle, width = _deepest(islands.label == island, raster)
+            deep = (home == island) & (2 * axis.depth_mm >= _NEARLY * width)
+            if deep.any():
+                middle = axis.points_mm[deep].mean(axis=0)
+            if width >= least_width_mm * (1 - 1e-6):
+                tracks.append(_stroke(islands.outer[island], middle,
+                                      float(islands.area_mm2[island]),
+                                      float(np.clip(width, *limits_mm))))
+                owners.append(island)
         elif len(mine) == 1 and most[island] == 1 and not tracks[mine[0]].is_closed:
             tracks[mine[0]] = _fitted(
                 tracks[mine[0]], float(islands.area_mm2[island]), raster)
     return tracks, np.array(owners, dtype=np.intp)
+
+
+def _deepest(
+    inside: NDArray[np.bool_], raster: SectionRaster
+) -> tuple[FloatArray, float]:
+    """The deepest place of an island, and its width there [mm]; 0 where it holds no node."""
+    if not inside.any():
+        return np.zeros(2), 0.0
+    j, i = np.unravel_index(
+        int(np.argmax(np.where(inside, raster.depth_mm, -np.inf))), inside.shape)
+    node = raster.grid.pitch_mm
+    x, y, depth = _climb_kernel(raster.segments, float(i) * node, float(j) * node, node / 2)
+    return np.array([x, y]) + np.array(raster.grid.origin_mm), 2 * depth
+
+
+@kernel
+def _climb_kernel(
+    segments: FloatArray, x: float, y: float, step: float
+) -> tuple[float, float, float]:
+    """Uphill over the depth from a place, by ever smaller steps: place and depth of the peak."""
+    best = np.inf
+    for s in range(len(segments)):
+        best = min(best, foot(segments, s, x, y)[2])
+    least_step = step / 2**_HALVINGS
+    while step > least_step:
+        before = best
+        for way in range(9):
+            u, v = x + step * (way % 3 - 1), y + step * (way // 3 - 1)
+            depth = np.inf
+            for s in range(len(segments)):
+                depth = min(depth, foot(segments, s, u, v)[2])
+                if depth <= best:
+                    break
+            if depth > best:
+                x, y, best = u, v, depth
+        if best <= before * (1 + 1e-9):
+            step /= 2
+    return x, y, best
 
 
 def _stroke(
@@ -69,24 +113,11 @@ def _fitted(track: Toolpath, area_mm2: float, raster: SectionRaster) -> Toolpath
     strip = np.minimum(track.strip_width_mm, core)
     missing_mm2 = area_mm2 - Toolpath(track.points_mm, strip, False).strip_area_mm2()
     more = missing_mm2 / core / 2
-    if more < 0:
-        more = max(more, -along[-1] / 3)
-        at = np.concatenate([[-more], along[(along > -more) & (along < along[-1] + more)],
-                             [along[-1] + more]])
-        return Toolpath(at_lengths(track.points_mm, at), np.interp(at, along, strip), False)
-    points = track.points_mm
-    reach = np.array([0.0, min(core, along[-1])])
-    ends = [_straight_on(at_lengths(points, at), more, raster)
-            for at in (reach, along[-1] - reach)]
-    return Toolpath(np.vstack([ends[0], points, ends[1]]),
-                    np.concatenate([strip[:1], strip, strip[-1:]]), False)
-
-
-def _straight_on(end: FloatArray, most_mm: float, raster: SectionRaster) -> FloatArray:
-    """The point (1, 2) up to `most_mm` beyond end[0], coming from end[1], within the outline."""
-    way = (end[0] - end[1]) / max(float(np.hypot(*(end[0] - end[1]))), 1e-12)
-    steps = np.linspace(0, most_mm, max(2, int(np.ceil(most_mm / raster.grid.pitch_mm * 4)) + 1))
-    points = end[0] + steps[:, None] * way
-    outside = np.flatnonzero(plane_values(raster.depth_mm, raster.grid, points) < 0)
-    last = max(0, int(outside[0]) - 1) if len(outside) else len(points) - 1
-    return np.asarray(points[last : last + 1])
+    track = Toolpath(track.points_mm, strip, False)
+    for _ in range(2):  # at one end, then at the other
+        if more < 0:
+            track = trimmed(track, min(-more, along[-1] / 3))
+        else:
+            track = prolonged(track, more, core, raster)
+        track = track.reversed()
+    return track

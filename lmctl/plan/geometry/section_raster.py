@@ -28,12 +28,14 @@ class SectionRaster:
 
     grid : of the nodes; depth_mm : (ny, nx) float32, distance to the outline, positive inside
     segments : (m, 4) float64, x0 y0 x1 y1 of the outline's edges from the grid's origin [mm]
+    ends : (m, 2) int64, first and last segment of each one's loop
     nearest : (ny, nx) int64, row of `segments` nearest to each node
     """
 
     grid: PlaneGrid
     depth_mm: NDArray[np.float32]
     segments: FloatArray
+    ends: NDArray[np.int64]
     nearest: NDArray[np.int64]
 
 
@@ -54,5 +56,4 @@ def section_raster(
     origin = low - (_PADDING - np.array(_OFFSET)) * node_mm
     nx, ny = (np.ceil((high - origin) / node_mm).astype(int) + _PADDING).tolist()
     grid = PlaneGrid((float(origin[0]), float(origin[1])), node_mm, (ny, nx))
-    depth, segments, nearest = nearest_segments(loops, grid)
-    return SectionRaster(grid, depth, segments, nearest)
+    return SectionRaster(grid, *nearest_segments(loops, grid))

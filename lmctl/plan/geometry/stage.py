@@ -5,18 +5,21 @@ A function of the part, where its layers are cut, and the layer's number; of not
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.config.part_file import ProcessSettings
+from lmctl.plan.geometry.between_layers import flat_pieces
 from lmctl.plan.geometry.deposit import deposit_on
 from lmctl.plan.geometry.in_plane import InPlaneLayout, in_plane_layout
 from lmctl.plan.geometry.intended_slice import intended_loops, pitch_mm
 from lmctl.plan.geometry.islands import Islands, islands_of
 from lmctl.plan.geometry.iso_3d import iso_3d_tracks
 from lmctl.plan.geometry.layer_geometry import LayerFigures, LayerGeometry, OverhangPlace
+from lmctl.plan.geometry.links import Line, LinkRules, linked
 from lmctl.plan.geometry.losses import losses, lost_layer
 from lmctl.plan.geometry.overhang import overhang_places
 from lmctl.plan.geometry.section_raster import SectionRaster, raster_pitch_mm, section_raster
@@ -24,12 +27,16 @@ from lmctl.plan.geometry.toolpath import Toolpath
 from lmctl.preflight.placement import Placement
 
 if TYPE_CHECKING:
-    from lmctl.part.part import Part
+    from lmctl.part.part import Part, Section
 
 FloatArray = NDArray[np.float64]
 
 #: A track of less extent may, on the program's raster, hold no motion that a controller can make.
 _LEAST_EXTENT_MM = 0.042
+#: Points of tracks are at most so far apart, in beads: so finely is the material field asked.
+SPACING_BEADS = 0.1
+#: Seams turn by so much from layer to layer, so that no ridge builds up [radians].
+GOLDEN_ANGLE = float(np.pi * (3 - np.sqrt(5)))
 
 
 def layer_geometry(part: Part, placement: Placement, layer: int) -> LayerGeometry:
@@ -44,26 +51,31 @@ def layer_geometry(part: Part, placement: Placement, layer: int) -> LayerGeometr
     loops = intended_loops(section.loops, process)
     number = placement.skipped + layer
     if not loops:
-        return _geometry(part, number, z_mm, [], np.empty(0, np.intp), [],
-                         LayerFigures(0.0, 0.0, 0.0, 0.0, 0.0))
+        return _geometry(number, z_mm, [], len(part.materials), [], LayerFigures(
+            0.0, 0.0, 0.0, 0.0, 0.0, lost=tuple(flat_pieces(part, placement, layer, loops))))
     node_mm = raster_pitch_mm(process.bead_width_mm, pitch_mm(process))
     raster = section_raster(loops, node_mm)
     islands = islands_of(loops, raster)
-    tracks, owner, narrow_mm2 = _tracks(part, z_mm, raster, islands)
+    tracks, owner, narrow_mm2 = _tracks(section, raster, islands, process)
+    lines = _with_mixtures(part, z_mm, tracks, owner)
+    if process.strategy == "in-plane":
+        lines = linked(lines, raster, _link_rules(number, process))
     below = intended_loops(part.section(placement.cut_mm(layer - 1)).loops, process) if (
         number > 0) else None
     overhang = () if below is None else overhang_places(
         loops, below, raster, islands, placement.layer_height_mm, process.bead_width_mm,
         process.max_overhang_deg)
-    figures = _figures(loops, raster, islands, tracks, owner, narrow_mm2, overhang, process)
-    return _geometry(part, number, z_mm, tracks, owner, loops, figures)
+    figures = _figures(loops, raster, islands, lines, narrow_mm2, overhang, process)
+    flat = flat_pieces(part, placement, layer, loops)
+    if flat:
+        figures = replace(figures, lost=(*figures.lost, *flat))
+    return _geometry(number, z_mm, lines, len(part.materials), loops, figures)
 
 
 def _tracks(
-    part: Part, z_mm: float, raster: SectionRaster, islands: Islands
+    section: Section, raster: SectionRaster, islands: Islands, process: ProcessSettings
 ) -> tuple[list[Toolpath], NDArray[np.intp], float]:
     """Tracks of a slice, the island of each, and the area of those in narrow places [mm²]."""
-    process = part.process
     bead = process.bead_width_mm
     narrow_mm2 = 0.0
     if process.strategy == "in-plane":
@@ -72,16 +84,18 @@ def _tracks(
         tracks, owner = layout.tracks, layout.island
         narrow_mm2 = _narrow_area_mm2(layout, bead)
     else:
-        tracks = iso_3d_tracks(part.section(z_mm), bead, pitch_mm(process))
+        tracks = iso_3d_tracks(section, bead, pitch_mm(process))
         middles = np.array([track.points_mm[0] for track in tracks]).reshape(-1, 2)
         owner = islands.at(middles, raster)
-    movable = [np.ptp(track.points_mm, axis=0).max() >= _LEAST_EXTENT_MM for track in tracks]
+    movable = np.array(
+        [np.ptp(track.points_mm, axis=0).max() >= _LEAST_EXTENT_MM for track in tracks],
+        dtype=np.bool_)
     return ([track for track, moves in zip(tracks, movable, strict=True) if moves],
-            np.maximum(owner[np.array(movable, dtype=np.bool_)], 0), narrow_mm2)
+            np.maximum(owner[movable], 0), narrow_mm2)
 
 
 def _narrow_area_mm2(layout: InPlaneLayout, bead_mm: float) -> float:
-    """Strips of single tracks where the material is narrower than a bead [mm²]."""
+    """Area that single tracks have to themselves where the material is narrower than a bead."""
     single = layout.beads.has_centreline & (layout.beads.count == 1)
     narrow = single & (2 * layout.axis.depth_mm < bead_mm * (1 - 1e-6))
     links = layout.axis.links[narrow[layout.axis.links].all(axis=1)]
@@ -89,41 +103,69 @@ def _narrow_area_mm2(layout: InPlaneLayout, bead_mm: float) -> float:
     return float((length * 2 * layout.axis.depth_mm[links].mean(axis=1)).sum())
 
 
+def _with_mixtures(
+    part: Part, z_mm: float, tracks: list[Toolpath], owner: NDArray[np.intp]
+) -> list[Line]:
+    """Tracks with the material field along them, asked for once."""
+    if not tracks:
+        return []
+    tracks = [track.dense(part.process.bead_width_mm * SPACING_BEADS) for track in tracks]
+    points = np.vstack([track.points_mm for track in tracks])
+    fractions = part.composition(np.column_stack([points, np.full(len(points), z_mm)]))
+    ends = np.cumsum([len(track.points_mm) for track in tracks])[:-1]
+    return [
+        Line(np.column_stack([track.points_mm, track.strip_width_mm, mixture]),
+             track.is_closed, int(island))
+        for track, mixture, island in zip(tracks, np.split(fractions, ends), owner, strict=True)
+    ]
+
+
+def _link_rules(layer: int, process: ProcessSettings) -> LinkRules:
+    seam = process.seam
+    return LinkRules(
+        pitch_mm=pitch_mm(process),
+        spacing_mm=process.bead_width_mm * SPACING_BEADS,
+        mixture_step=process.fraction_step,
+        seam_mm=seam if isinstance(seam, tuple) else None,
+        seam_angle=layer * GOLDEN_ANGLE if seam == "spread" else 0.0)
+
+
 def _figures(
-    loops: list[FloatArray], raster: SectionRaster, islands: Islands, tracks: list[Toolpath],
-    owner: NDArray[np.intp], narrow_mm2: float, overhang: tuple[OverhangPlace, ...],
-    process: ProcessSettings,
+    loops: list[FloatArray], raster: SectionRaster, islands: Islands, lines: list[Line],
+    narrow_mm2: float, overhang: tuple[OverhangPlace, ...], process: ProcessSettings,
 ) -> LayerFigures:
     slice_mm2 = float(islands.area_mm2.sum())
-    if not tracks:
+    if not lines:
         return LayerFigures(slice_mm2, 0.0, 0.0, 0.0, 0.0, overhang=overhang,
                             lost=(lost_layer(loops, islands, process),))
-    points, starts, strip = _flat(tracks)
+    table, starts = _flat(lines)
+    points, strip = table[:, :2], table[:, 2]
     deposit = deposit_on(raster, points, starts, strip, process.bead_width_mm)
+    step = np.linalg.norm(np.diff(points, axis=0), axis=1) * (strip[1:] + strip[:-1]) / 2
+    step[starts[1:-1] - 1] = 0.0  # from one track to the next nothing is deposited
+    owner = np.array([line.island for line in lines], dtype=np.intp)
     return LayerFigures(
         slice_mm2=slice_mm2, inside_mm2=deposit.inside() * slice_mm2,
         double_mm2=deposit.double() * slice_mm2, outside_mm2=deposit.outside() * slice_mm2,
-        strip_mm2=sum((track.strip_area_mm2() for track in tracks), 0.0), narrow_mm2=narrow_mm2,
+        strip_mm2=float(step.sum()), narrow_mm2=narrow_mm2,
         lost=losses(loops, islands, owner, points, deposit, raster, process), overhang=overhang)
 
 
-def _flat(tracks: list[Toolpath]) -> tuple[FloatArray, NDArray[np.intp], FloatArray]:
-    """Points, starts and strip widths of all tracks, one after the other."""
-    points = np.vstack([np.empty((0, 2)), *(track.points_mm for track in tracks)])
-    starts = np.cumsum([0, *(len(track.points_mm) for track in tracks)])
-    strip = np.concatenate([np.empty(0), *(track.strip_width_mm for track in tracks)])
-    return points, starts, strip
+def _flat(lines: list[Line]) -> tuple[FloatArray, NDArray[np.intp]]:
+    """Tables of all lines one after the other, and where each begins."""
+    return (np.vstack([line.table for line in lines]),
+            np.cumsum([0, *(len(line.table) for line in lines)]))
 
 
 def _geometry(
-    part: Part, layer: int, z_mm: float, tracks: list[Toolpath], owner: NDArray[np.intp],
-    loops: list[FloatArray], figures: LayerFigures,
+    layer: int, z_mm: float, lines: list[Line], materials: int, loops: list[FloatArray],
+    figures: LayerFigures,
 ) -> LayerGeometry:
-    points, starts, strip = _flat(tracks)
-    fractions = part.composition(np.column_stack([points, np.full(len(points), z_mm)]))
+    table, starts = _flat(lines) if lines else (np.empty((0, 3 + materials)), np.zeros(1, np.intp))
     return LayerGeometry(
-        layer=layer, z_mm=z_mm, points_mm=points, starts=starts, strip_width_mm=strip,
-        fractions=fractions,
-        is_closed=np.array([track.is_closed for track in tracks], dtype=np.bool_), island=owner,
+        layer=layer, z_mm=z_mm, points_mm=np.ascontiguousarray(table[:, :2]), starts=starts,
+        strip_width_mm=table[:, 2].copy(), fractions=np.ascontiguousarray(table[:, 3:]),
+        is_closed=np.array([line.is_closed for line in lines], dtype=np.bool_),
+        island=np.array([line.island for line in lines], dtype=np.intp),
         outline_mm=np.vstack([np.empty((0, 2)), *loops]),
         outline_starts=np.cumsum([0, *(len(loop) for loop in loops)]), figures=figures)

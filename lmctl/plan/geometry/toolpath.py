@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.plan.polyline import densified
+
 FloatArray = NDArray[np.float64]
 
 
@@ -32,12 +34,11 @@ class Toolpath:
         """Length times strip width: the volume it deposits over the layer height."""
         return float(self.steps_mm() @ (self.strip_width_mm[1:] + self.strip_width_mm[:-1]) / 2)
 
+    def dense(self, spacing_mm: float) -> Toolpath:
+        """The same with points at most `spacing_mm` apart."""
+        table = densified(
+            np.column_stack([self.points_mm, self.strip_width_mm]), spacing_mm)
+        return Toolpath(table[:, :2], table[:, 2], self.is_closed)
+
     def reversed(self) -> Toolpath:
         return Toolpath(self.points_mm[::-1], self.strip_width_mm[::-1], self.is_closed)
-
-    def starting_at(self, first: int) -> Toolpath:
-        """A closed toolpath begun at another of its points."""
-        if first == 0:
-            return self
-        order = np.concatenate([np.arange(first, len(self.points_mm) - 1), np.arange(first + 1)])
-        return Toolpath(self.points_mm[order], self.strip_width_mm[order], True)
