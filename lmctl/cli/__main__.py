@@ -31,7 +31,8 @@ COMMANDS = {
     "recover": ("lmctl.cli.recover", "Go on with a part whose run was stopped, tripped or died."),
     "machine": ("lmctl.cli.machine", "Look at a machine, check it, home it, jog it, unlock it."),
     "jobs": ("lmctl.cli.jobs", "List job files and runs."),
-    "log": ("lmctl.cli.log", "Print the log of a run; verify its journal."),
+    "log": ("lmctl.cli.log", "Print the log of a part over all its runs; verify its journals."),
+    "note": ("lmctl.cli.note", "Add a reason or a disposition to the log of a run."),
 }
 
 

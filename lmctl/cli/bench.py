@@ -14,7 +14,7 @@ from lmctl.config.file_kind import FileKind, refuse_other_kind
 from lmctl.config.machine import MachineProfile
 from lmctl.config.toml_file import parse_tables, read_text
 from lmctl.errors import ConfigError, Finding
-from lmctl.run.executor import Notice, Progress, RunResult, run_job
+from lmctl.run.executor import Notice, RunResult, Watcher, run_job
 from simulators import virtual_time
 from simulators.bench import Bench
 from simulators.bench_config import BenchConfig
@@ -25,7 +25,7 @@ T = TypeVar("T")
 
 def run_simulated(
     job: Path, profile: MachineProfile, runs_dir: Path, *, operator: str = "",
-    progress: Progress | None = None, notice: Notice | None = None, bench: Path | None = None,
+    watcher: Watcher | None = None, notice: Notice | None = None, bench: Path | None = None,
     speed: float | None = None, faults: Path | None = None, happened: list[str] | None = None,
 ) -> RunResult:
     """Run a job on the bench, in virtual time.
@@ -45,7 +45,7 @@ def run_simulated(
             board = FaultInjector(cell, on_host_killed=_kill_this_process)
             board.schedule(plan)
             try:
-                return await run_job(job, wired, runs_dir, operator=operator, progress=progress,
+                return await run_job(job, wired, runs_dir, operator=operator, watcher=watcher,
                                      notice=notice)
             finally:
                 board.close()

@@ -17,7 +17,7 @@ def demo(folder: Path) -> None:
     from lmctl.cli.init import make_folder
     from lmctl.cli.log import job_log_as_text
     from lmctl.cli.planning import job_summary, open_part, plan_to_file
-    from lmctl.cli.run import outcome_text, run_with_progress
+    from lmctl.cli.run import outcome_text, run_on_screen
     from lmctl.cli.show import draw_job_layer
     from lmctl.config.machine import load_profile
     from lmctl.examples.templates import write_gear_template
@@ -32,8 +32,8 @@ def demo(folder: Path) -> None:
     manifest = plan_to_file(open_part(part_file), profile, job)
     print_message(job_summary(manifest, job))
     print_message("3 of 4: running it on the simulated machine, in virtual time")
-    result = run_with_progress(job, profile, folder / "runs", operator="demo", sim=True,
-                               bench=folder / "bench.toml", speed=None)
+    result = run_on_screen(job, profile, folder / "runs", operator="demo", sim=True,
+                           bench=folder / "bench.toml", speed=None)
     print_message(outcome_text(result))
     print_message("4 of 4: the job log")
     picture = folder / "gear-layer.png"

@@ -120,9 +120,8 @@ def _verify(journal: Path) -> None:
 
 def _verify_notes(journal: Path) -> None:
     from lmctl.run.journal.notes import NOTES, verify_notes
-    from lmctl.run.journal.run_folders import RunFolder
 
-    found = verify_notes(RunFolder(journal.parent))
+    found = verify_notes(journal)
     if found is not None and found.broken_line is not None:
         raise JournalError(
             f"the notes of {journal.parent.name} do not fit their journal, or were altered",

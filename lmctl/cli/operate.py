@@ -12,6 +12,8 @@ import click
 
 from lmctl.cli.console import format_duration, print_data, print_json
 from lmctl.cli.number_types import FiniteRange
+from lmctl.cli.operator import operator_option
+from lmctl.cli.run_screen import level_words
 
 #: A hold is waited for so long; it takes a tenth of a second on any common machine.
 _HELD_S = 10.0
@@ -36,9 +38,10 @@ def _common(command: Callable[..., None]) -> Callable[..., None]:
 
 @click.command()
 @_common
-def hold(run: str | None, runs_dir: Path, as_json: bool) -> None:
+@operator_option
+def hold(run: str | None, runs_dir: Path, operator: str | None, as_json: bool) -> None:
     """Stop RUN on its path: beam off, position kept. RUN is the only one under way by default."""
-    folder, now = _act(run, runs_dir, "hold")
+    folder, now = _act(run, runs_dir, "hold", operator)
     # The run is another process, in real time; here is no loop whose clock could be asked.
     deadline_s = time.monotonic() + _HELD_S
     while now["state"] in _NOT_YET_HELD and time.monotonic() < deadline_s:
@@ -57,18 +60,20 @@ def hold(run: str | None, runs_dir: Path, as_json: bool) -> None:
 
 @click.command()
 @_common
-def resume(run: str | None, runs_dir: Path, as_json: bool) -> None:
+@operator_option
+def resume(run: str | None, runs_dir: Path, operator: str | None, as_json: bool) -> None:
     """End a hold of RUN: powder first, and the beam returns once the hose is purged."""
-    folder, now = _act(run, runs_dir, "resume")
+    folder, now = _act(run, runs_dir, "resume", operator)
     _say(now, as_json, "resumes: powder first, then motion and beam",
          f"`{_command('status', folder)}` shows when it deposits again")
 
 
 @click.command()
 @_common
-def stop(run: str | None, runs_dir: Path, as_json: bool) -> None:
+@operator_option
+def stop(run: str | None, runs_dir: Path, operator: str | None, as_json: bool) -> None:
     """End RUN: beam and motion, then powder, then gas. A second stop skips the post-flow."""
-    _, now = _act(run, runs_dir, "stop")
+    _, now = _act(run, runs_dir, "stop", operator)
     _say(now, as_json, "stops: beam and motion, then powder, then gas after its post-flow",
          "a second stop skips the post-flow")
 
@@ -76,12 +81,15 @@ def stop(run: str | None, runs_dir: Path, as_json: bool) -> None:
 @click.command()
 @click.argument("percent", type=int)
 @_common
-def override(percent: int, run: str | None, runs_dir: Path, as_json: bool) -> None:
+@operator_option
+def override(
+    percent: int, run: str | None, runs_dir: Path, operator: str | None, as_json: bool
+) -> None:
     """Scale speed, beam and powder of RUN together to PERCENT (50 to 200) of the plan.
 
     It takes effect in the next travel that powder can be made to follow.
     """
-    _, now = _act(run, runs_dir, "override", percent=percent)
+    _, now = _act(run, runs_dir, "override", operator, percent=percent)
     _say(now, as_json, f"goes to {percent} % in the next travel that powder can follow", "")
 
 
@@ -124,6 +132,7 @@ def status_text(now: dict[str, Any]) -> str:
     by = f" (operator {now['operator']})" if now["operator"] else ""
     lines = [
         f"{now['run']}: {now['state']}, {now['part']} on {now['machine']}{by}",
+        *_doing(now),
         f"  layer      {now['layer']} of {now['layers']}, program line {now['line']} of "
         f"{now['lines']}",
         f"  time left  {format_duration(now['remaining_s'])}",
@@ -137,9 +146,20 @@ def status_text(now: dict[str, Any]) -> str:
             f"{name} {'-' if is_g is None else f'{is_g:.2f}'} of {set_g:.2f} g/min"
             for name, set_g, is_g in flows
         ))
+    if now["levels"]:
+        lines.append("  hoppers    " + ", ".join(map(level_words, now["levels"])))
     if now["beam_off"] and now["state"] not in ("ready", "connecting", "checking"):
         lines.append("  beam       stays off in this run")
+    lines += [f"  next       `{one['command']}` {one['does']}" for one in now["next"]]
     return "\n".join(lines)
+
+
+def _doing(now: dict[str, Any]) -> list[str]:
+    """What is done at this moment, and why a held run is held."""
+    left_s = now["doing_left_s"]
+    left = "" if left_s is None else f", {format_duration(left_s)} left"
+    lines = [] if now["doing"] == now["state"] else [f"  now        {now['doing']}{left}"]
+    return lines + ([f"  held by    {now['held_by']}"] if now["held_by"] else [])
 
 
 def _in_a_line(now: dict[str, Any]) -> str:
@@ -164,10 +184,14 @@ def _put_alarms(now: dict[str, Any]) -> None:
         print_data(f"             what to do: {warning['hint']}")
 
 
-def _act(run: str | None, runs_dir: Path, do: str, **values: Any) -> tuple[Path, dict[str, Any]]:
+def _act(
+    run: str | None, runs_dir: Path, do: str, operator: str | None, **values: Any
+) -> tuple[Path, dict[str, Any]]:
     from lmctl.run.control import client as control_client
 
     folder = control_client.find_run(runs_dir, run)
+    if operator:
+        values["operator"] = operator
     return folder, control_client.send_request(folder, do, **values)
 
 

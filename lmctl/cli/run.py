@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING
 
 import click
 
-from lmctl.cli.console import format_duration, print_data, print_json, print_message, progress_bar
+from lmctl.cli.console import format_duration, print_data, print_json, print_message
 from lmctl.cli.number_types import FiniteRange
+from lmctl.cli.operator import operator_name, operator_option
 from lmctl.cli.paths import InputFile
 from lmctl.cli.profiles import load_profile_or_default
+from lmctl.cli.run_screen import run_screen
 from lmctl.config.machine import MachineProfile
 from lmctl.errors import UsageError
 
@@ -32,11 +34,11 @@ if TYPE_CHECKING:
               help="With --sim: a file of what goes wrong with the simulated cell, and when.")
 @click.option("--runs", "runs_dir", type=click.Path(path_type=Path), default=Path("runs"),
               show_default=True, help="Folder of run journals.")
-@click.option("--operator", default="", help="Name for the journal.")
+@operator_option
 @click.option("--json", "as_json", is_flag=True, help="Print the result as one JSON object.")
 def run(
     job: Path, sim: bool, machine: Path | None, bench: Path | None, speed: float | None,
-    faults: Path | None, runs_dir: Path, operator: str, as_json: bool,
+    faults: Path | None, runs_dir: Path, operator: str | None, as_json: bool,
 ) -> None:
     """Run JOB. Never real hardware by default: give --sim, or --machine FILE.
 
@@ -51,8 +53,8 @@ def run(
     if job.suffix.lower() == ".toml":
         raise UsageError(f"{job} is no job file", hint=f"plan it first: {planning_command(job)}")
     profile = load_profile_or_default(machine)
-    result = run_with_progress(job, profile, runs_dir, operator=operator, sim=sim, bench=bench,
-                               speed=speed, faults=faults)
+    result = run_on_screen(job, profile, runs_dir, operator=operator_name(operator), sim=sim,
+                           bench=bench, speed=speed, faults=faults)
     if as_json:
         print_json(result_as_json(result))
     else:
@@ -64,15 +66,15 @@ def planning_command(part: Path) -> str:
     return f"`{shlex.join(['lmctl', 'plan', str(part)])}`"
 
 
-def run_with_progress(
+def run_on_screen(
     job: Path, profile: MachineProfile, runs_dir: Path, *, operator: str, sim: bool,
     bench: Path | None, speed: float | None, faults: Path | None = None,
 ) -> RunResult:
-    """Run a job with a progress bar on a terminal. Raises what the run raises."""
+    """Run a job; a terminal shows how it stands. Raises what the run raises."""
     happened: list[str] = []
     try:
-        result = _run_with_bar(job, profile, runs_dir, operator=operator, sim=sim, bench=bench,
-                               speed=speed, faults=faults, happened=happened)
+        result = _run_on_screen(job, profile, runs_dir, operator=operator, sim=sim, bench=bench,
+                                speed=speed, faults=faults, happened=happened)
         if faults is not None and not happened:
             print_message("faults injected: none")
     finally:
@@ -81,26 +83,22 @@ def run_with_progress(
     return result
 
 
-def _run_with_bar(
+def _run_on_screen(
     job: Path, profile: MachineProfile, runs_dir: Path, *, operator: str, sim: bool,
     bench: Path | None, speed: float | None, faults: Path | None, happened: list[str],
 ) -> RunResult:
     from lmctl.run.executor import run_job
 
-    with progress_bar("running") as bar:
-
-        def progress(done_s: float, total_s: float, layer: int, remaining_s: float) -> None:
-            bar(done_s, total_s, f"layer {layer + 1}, {format_duration(remaining_s)} to go")
-
+    with run_screen() as on_screen:
         if not sim:
             return asyncio.run(
-                run_job(job, profile, runs_dir, operator=operator, progress=progress,
-                        notice=bar.notice)
+                run_job(job, profile, runs_dir, operator=operator, watcher=on_screen.watcher,
+                        notice=on_screen.notice)
             )
         from lmctl.cli.bench import run_simulated
 
-        return run_simulated(job, profile, runs_dir, operator=operator, progress=progress,
-                             notice=bar.notice, bench=bench, speed=speed, faults=faults,
+        return run_simulated(job, profile, runs_dir, operator=operator, watcher=on_screen.watcher,
+                             notice=on_screen.notice, bench=bench, speed=speed, faults=faults,
                              happened=happened)
 
 

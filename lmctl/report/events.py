@@ -62,7 +62,7 @@ def _override(record: Record) -> _Said:
 
 
 def _operator(record: Record) -> _Said:
-    name = record.get("operator")
+    name = record["operator"]
     who = f"operator {name}" if name else "operator"
     uid = record.get("local", {}).get("uid")
     who += f" (user {uid})" if uid is not None else ""

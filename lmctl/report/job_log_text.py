@@ -252,6 +252,9 @@ def _journals(part: PartRecord) -> str:
     lines = ["journals"]
     for run in part.runs:
         lines += [f"  {run.journal}", f"  {integrity(run.verification)}"]
+        if (notes := run.notes_verification) is not None:
+            sound = "its notes are whole, and made on this journal"
+            lines.append(f"  {sound if notes.intact else 'NOTES: ' + integrity(notes)}")
     return "\n".join(lines)
 
 

@@ -13,7 +13,8 @@ from typing import Any
 from lmctl.report.events import Event, event_of
 from lmctl.run.journal.figures import NOTHING, Figures
 from lmctl.run.journal.format import JournalVerification, read_records, verify_journal
-from lmctl.run.journal.notes import NOTES
+from lmctl.run.journal.notes import NOTES, verify_notes
+from lmctl.run.journal.writer import is_owned
 
 
 @dataclass(frozen=True)
@@ -72,6 +73,8 @@ class RunRecord:
     accounts : what became of them, in order
     purged_g : {hopper: powder fed into no layer}
     last_t_s : machine time of the last record; sent_line : last line of the paths sent, -1 for none
+    under_way : a living process writes the journal
+    notes_verification : of the notes beside the journal, None where there are none
     """
 
     run: str
@@ -85,12 +88,14 @@ class RunRecord:
     end: dict[str, Any]
     last_t_s: float
     sent_line: int
+    under_way: bool
     verification: JournalVerification
+    notes_verification: JournalVerification | None
 
     @property
     def state(self) -> str:
-        """How it ended; "not finished" without a seal."""
-        return str(self.end.get("state", "not finished"))
+        """How it ended; without a seal "running", or "broken off" where its process died."""
+        return str(self.end.get("state", "running" if self.under_way else "broken off"))
 
     @property
     def first_layer(self) -> int | None:
@@ -121,7 +126,8 @@ def read_run(journal: Path) -> RunRecord:
     return RunRecord(
         str(local.get("run") or journal.parent.name), journal, gathered.header, gathered.machine,
         gathered.planned, gathered.accounts(), gathered.purged_g, tuple(gathered.events),
-        gathered.end, gathered.last_t_s, gathered.sent_line, verification,
+        gathered.end, gathered.last_t_s, gathered.sent_line, is_owned(journal), verification,
+        verify_notes(journal),
     )
 
 
@@ -199,11 +205,12 @@ class _Gathered:
         layer = int(values["layer"])
         opened = self._opened[layer]
         return LayerAccount(
-            layer, Figures.from_json(values["reported"]), Figures.from_json(values["inferred"]),
-            NOTHING, {str(n): float(g) for n, g in values["weighed_g"].items()},
+            layer, Figures.from_json(values["reported"]),
+            Figures.from_json(values["inferred"]) if "inferred" in values else NOTHING, NOTHING,
+            {str(name): float(grams) for name, grams in values.get("weighed_g", {}).items()},
             float(values["place_error_mm"]), _span(values["feed_percent"]),
-            _span(values["power_percent"]), int(values["entered_again"]),
-            float(values["repeated_mm"]), opened.began_s, None, opened.began, "",
+            _span(values["power_percent"]), int(values.get("entered_again", 0)),
+            float(values.get("repeated_mm", 0.0)), opened.began_s, None, opened.began, "",
             int(values["reached"]["line"]), float(values["reached"]["share"]),
         )
 

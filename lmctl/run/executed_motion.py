@@ -83,7 +83,7 @@ class ExecutedMotion:
     def start(self, t: float) -> None:
         """The first lines are sent at t."""
         self._t = self._end_t = t
-        self._accounts.begin(self._stretch.index, self._fed.weight_g(t))
+        self._accounts.open(self._stretch.index)
 
     def beam_off_from(self, s: float) -> None:
         """The laser was disabled at program time s: what moves on has no beam."""
@@ -173,10 +173,9 @@ class ExecutedMotion:
             border_s = self._stretch.ends_s[-1]
             border_t = span.time_at(border_s, self._window, rate)
             self._count(_Span(begin_s, border_s, begin_t, border_t), rate, ratio, inferred)
-            weight_g = self._fed.weight_g(border_t)
-            self._accounts.leave(self._stretch.index, weight_g)
+            self._accounts.leave(self._stretch.index, self._fed.weight_g(border_t))
             self._stretch = self._window.layer_program(self._stretch.index + 1)
-            self._accounts.begin(self._stretch.index, weight_g)
+            self._accounts.open(self._stretch.index)
             begin_s, begin_t = border_s, border_t
         self._count(_Span(begin_s, span.end_s, begin_t, span.end_t), rate, ratio, inferred)
 
@@ -194,6 +193,8 @@ class ExecutedMotion:
         powder_t = span.end_t
         if powder_s < span.end_s or span.begin_s == span.end_s > powder_s:
             powder_t = span.time_at(powder_s, self._window, rate)
+            if not self._accounts.is_weighed(self._stretch.index):
+                self._accounts.weigh_from(self._stretch.index, self._fed.weight_g(powder_t))
         self._accounts.add(self._stretch.index, Figures(
             after.path_mm - before.path_mm, (after.beam_s - before.beam_s) / rate * pace,
             (after.energy_J - before.energy_J) * ratio, lasted_s,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import socket
 import time
 from collections.abc import Callable
@@ -32,10 +33,12 @@ from lmctl.run.sequence import CellSequence
 from lmctl.run.snapshot import RunView
 from lmctl.run.state.state_machine import RunStateMachine
 from lmctl.run.state.transitions import FINAL_STATES, RunEvent, RunState
+from lmctl.run.stop_words import stop_words
 from lmctl.run.trouble import TroubleLog
 from lmctl.run.unreported import unreported
+from lmctl.run.watcher import Watcher, watched
 
-__all__ = ["EarlierRun", "Notice", "Progress", "RunExecutor", "RunResult", "run_job"]
+__all__ = ["EarlierRun", "Notice", "Progress", "RunExecutor", "RunResult", "Watcher", "run_job"]
 
 #: A line about an alarm or a warning, for people.
 Notice = Callable[[str], None]
@@ -84,10 +87,12 @@ class _Live(NamedTuple):
 async def run_job(
     job_path: Path, profile: MachineProfile, runs_dir: Path, *, operator: str = "",
     progress: Progress | None = None, notice: Notice | None = None,
+    watcher: Watcher | None = None,
 ) -> RunResult:
     """Run a job on the machine a profile names; see `RunExecutor`."""
     return await RunExecutor(
-        job_path, profile, runs_dir, operator=operator, progress=progress, notice=notice
+        job_path, profile, runs_dir, operator=operator, progress=progress, notice=notice,
+        watcher=watcher,
     ).run()
 
 
@@ -97,12 +102,13 @@ class RunExecutor:
     progress : told (program time done, in all, layer, machine time left) about once a second
     notice : told of each alarm and warning as it comes, in a line
     continues : the run that has made the part so far, or None
+    watcher : shown a snapshot once a second of machine time
     """
 
     def __init__(
         self, job_path: Path, profile: MachineProfile, runs_dir: Path, *, operator: str = "",
         progress: Progress | None = None, notice: Notice | None = None,
-        continues: EarlierRun | None = None,
+        continues: EarlierRun | None = None, watcher: Watcher | None = None,
     ) -> None:
         self._job_path = job_path
         self._profile = profile
@@ -111,6 +117,7 @@ class RunExecutor:
         self._progress = progress
         self._notice = notice
         self._continues = continues
+        self._watcher = watcher
         self._override_percent = 100
         self._override_range = OverrideRange()
         self._live: _Live | None = None
@@ -165,9 +172,7 @@ class RunExecutor:
         live = self._live
         assert live is not None
         return live.view.snapshot(
-            self.state.value, live.course, live.recorder.latest, live.sequence.alarms,
-            beam_off=live.sequence.beam_off,
-        )
+            self.state, live.course, live.recorder.latest, live.sequence)
 
     def _act(self, act: str, percent: int | None) -> None:
         """An act of the control socket. Raises UsageError."""
@@ -176,14 +181,25 @@ class RunExecutor:
         else:
             {"hold": self.hold, "resume": self.resume, "stop": self.stop}[act]()
 
-    def _came(self, act: str, peer: ControlClient, refused: str) -> None:
-        """Journal an act of the control socket; a journal that cannot be written ends the run."""
+    def _came(self, act: str, operator: str, peer: ControlClient, refused: str) -> None:
+        """Journal what an operator asks for; a journal that cannot be written ends the run."""
         live = self._live
         assert live is not None
         try:
-            live.recorder.record_operator(act, refused, uid=peer.uid, pid=peer.pid)
+            live.recorder.record_operator(act, operator, refused, uid=peer.uid, pid=peer.pid)
         except LmctlError as error:
             live.machine.trip(error)
+
+    def _interrupted(self) -> None:
+        """Ctrl-C: an operator's stop, answered at once."""
+        live = self._live
+        assert live is not None
+        before = live.machine.state
+        is_taken = live.machine.request_event(RunEvent.STOP)
+        if is_taken:
+            self._came("stop", self._operator, ControlClient(os.getuid(), os.getpid()), "")
+        if self._notice is not None:
+            self._notice(stop_words(before, live.sequence.phase, is_taken=is_taken))
 
     def _request(self, event: RunEvent) -> None:
         if self._live is None or not self._live.machine.request_event(event):
@@ -239,8 +255,7 @@ class RunExecutor:
             for span in unreported(job, self._profile, earlier, self._continues.place):
                 recorder.unreported(**span.as_json())
 
-        view = RunView(made.run, job.manifest, self._profile, hoppers, self._operator,
-                       self._progress)
+        view = RunView(made, job.manifest, self._profile, hoppers, self._operator, self._progress)
 
         course = JobProgress(recorder,
                              JOB_START if self._continues is None else self._continues.place)
@@ -262,7 +277,7 @@ class RunExecutor:
         if self._override_percent != 100:
             course.set_override(self._override_percent)
         # To the last record: a third Ctrl-C must not keep the journal from its seal.
-        with signals.call_on_signal(lambda: machine.request_event(RunEvent.STOP), loop):
+        with signals.call_on_signal(self._interrupted, loop), watched(self.snapshot, self._watcher):
             try:
                 await machine.run()
             finally:

@@ -28,11 +28,10 @@ class _Account:
     """
 
     plan: LayerPlan
-    began_s: float
     reported: Figures = NOTHING
     inferred: Figures = NOTHING
     weighed_g: dict[str, float] = field(default_factory=dict)
-    weight_g: Mapping[str, float] | None = None  # as motion began, None at rest
+    weight_g: Mapping[str, float] | None = None  # where powder began to count, None before
     unweighed: set[str] = field(default_factory=set)  # did not weigh throughout
     place_error_mm: float = 0.0
     feed_percent: tuple[int, int] | None = None
@@ -40,15 +39,21 @@ class _Account:
     entered_again: int = 0
     repeated_mm: float = 0.0
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self, reached: ProgramPlace) -> dict[str, Any]:
+        """As journal records carry it; what is nothing is left out."""
+        weighed_g = {
+            name: round(grams, 2) for name, grams in sorted(self.weighed_g.items())
+            if name not in self.unweighed and self.weight_g is None
+        }
+        again = {"entered_again": self.entered_again, "repeated_mm": round(self.repeated_mm, 3)}
         return {
-            "layer": self.plan.layer, "began_s": round(self.began_s, 3),
-            "reported": self.reported.as_json(), "inferred": self.inferred.as_json(),
-            "weighed_g": {name: round(grams, 2) for name, grams in
-                          sorted(self.weighed_g.items()) if name not in self.unweighed},
+            "layer": self.plan.layer, "reached": place_fields(reached),
+            "reported": self.reported.as_json(),
+            **({} if self.inferred is NOTHING else {"inferred": self.inferred.as_json()}),
+            **({"weighed_g": weighed_g} if weighed_g else {}),
             "place_error_mm": round(self.place_error_mm, 3),
             "feed_percent": self.feed_percent, "power_percent": self.power_percent,
-            "entered_again": self.entered_again, "repeated_mm": round(self.repeated_mm, 3),
+            **(again if self.entered_again else {}),
         }
 
 
@@ -81,16 +86,19 @@ class LayerAccounts:
         """Lines of a layer are about to be sent."""
         if layer not in self._open:
             plan = self.plan_of(layer)
-            self._open[layer] = _Account(plan, self._recorder.now_s())
+            self._open[layer] = _Account(plan)
             self._recorder.layer_opened(
                 layer=layer, z_mm=round(plan.z_mm, 6), lines=list(plan.lines), paths=plan.paths,
                 planned=plan.figures.as_json(),
             )
 
-    def begin(self, layer: int, weight_g: Mapping[str, float]) -> None:
-        """Motion in a layer begins. weight_g : of the hoppers that weigh"""
-        self.open(layer)
-        self._open[layer].weight_g = weight_g
+    def weigh_from(self, layer: int, weight_g: Mapping[str, float]) -> None:
+        """Powder counts from here on; later calls before `leave` change nothing.
+
+        weight_g : of the hoppers that weigh
+        """
+        if self._open[layer].weight_g is None:
+            self._open[layer].weight_g = weight_g
 
     def leave(self, layer: int, weight_g: Mapping[str, float]) -> None:
         """Motion in a layer ends, or rests."""
@@ -104,6 +112,10 @@ class LayerAccounts:
             lost_g = before_g[name] - weight_g[name]
             account.weighed_g[name] = account.weighed_g.get(name, 0.0) + lost_g
         account.weight_g = None
+
+    def is_weighed(self, layer: int) -> bool:
+        """Whether `weigh_from` has been called for a layer, and not `leave` since."""
+        return self._open[layer].weight_g is not None
 
     def enter_again(self, layer: int, repeated_mm: float) -> None:
         """A layer is entered in its middle, with so much bead deposited twice."""
@@ -151,8 +163,7 @@ class LayerAccounts:
     def _close(self, layer: int, reached: ProgramPlace, left_mm: float) -> None:
         account = self._open.pop(layer)
         self._recorder.record_layer(
-            **account.as_json(), complete=left_mm < NO_BEAD_MM,
-            reached=place_fields(reached),
+            **account.as_json(reached), complete=left_mm < NO_BEAD_MM,
         )
 
     def _so_far(self) -> list[dict[str, Any]]:
@@ -161,6 +172,6 @@ class LayerAccounts:
             return []
         reached, _ = self._reached()
         return [
-            {**account.as_json(), "reached": place_fields(reached)}
+            account.as_json(reached)
             for account in self._open.values() if account.reported is not NOTHING
         ]

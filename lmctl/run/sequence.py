@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from typing import Any
 
 from lmctl.config.machine import HopperSettings, MachineProfile
 from lmctl.errors import JournalError, MachineError
@@ -22,6 +23,7 @@ from lmctl.run.interlocks.alarms import InterlockError, RunAlarms
 from lmctl.run.journal.last_known_position import LastKnownPosition
 from lmctl.run.journal.recorder import RunRecorder
 from lmctl.run.layer_accounts import LayerAccounts
+from lmctl.run.phase import PhaseClock
 from lmctl.run.program.override_limits import NO_OTHER_OVERRIDE
 from lmctl.run.state.transitions import Effect
 
@@ -52,6 +54,7 @@ class CellSequence:
     continues : what an earlier run has made of the part; None for a new one
     alarms : what is wrong, or was when the run was last held
     accounts : of the layers
+    phase : what is under way, and for how long
     beam_off : whether every power is sent as zero: no safety-input device, and not the bench
     """
 
@@ -64,6 +67,8 @@ class CellSequence:
     ) -> None:
         self.alarms = RunAlarms()
         self.accounts = LayerAccounts(recorder)
+        self.phase = PhaseClock(
+            profile, hoppers, job.manifest.powder_mode, held_at_most_s=HELD_AT_MOST_S)
         self.beam_off = True
         self._job = job
         self._profile = profile
@@ -108,6 +113,7 @@ class CellSequence:
         What a feeder will not do is an Interlock: the others and motion can still be held.
         """
         self._recorder.record_effect(do)
+        self.phase.begin(do, self._loop.time())
         try:
             await self._acts[do]()
         except MachineError as error:
@@ -125,6 +131,10 @@ class CellSequence:
     def active_alarms(self) -> list[MachineError]:
         """What keeps a held run from going on just now."""
         return [] if self._watch is None else self._watch.active_alarms()
+
+    def hopper_levels(self) -> list[dict[str, Any]]:
+        """How full the hoppers are that report it."""
+        return [] if self._cell is None else self._cell.hopper_levels()
 
     def stop_listening(self) -> None:
         """The run is over: nothing more is sent, and nothing that is said is heard."""

@@ -13,18 +13,27 @@ from lmctl.run.execution.deposition import Progress
 from lmctl.run.execution.job_progress import JobProgress
 from lmctl.run.interlocks.alarms import RunAlarms
 from lmctl.run.journal.recorder import LatestReport
+from lmctl.run.journal.run_folders import RunFolder
+from lmctl.run.sequence import CellSequence
 from lmctl.run.startup_time import StartupTime
+from lmctl.run.state.transitions import RunState
+
+_BEFORE = (RunState.READY, RunState.CONNECTING, RunState.CHECKING, RunState.GAS, RunState.POWDER,
+           RunState.ARMED)
+_ENDING = (RunState.FINISHING, RunState.STOPPING, RunState.TRIPPED)
 
 
 class RunView:
     """One run, looked at. What it knows comes from progress and from what `snapshot` is given."""
 
     def __init__(
-        self, run: str, manifest: JobManifest, profile: MachineProfile,
+        self, made: RunFolder, manifest: JobManifest, profile: MachineProfile,
         hoppers: Sequence[HopperSettings], operator: str, progress: Progress | None,
     ) -> None:
+        self._made = made
         self._fixed = {
-            "run": run, "pid": os.getpid(), "part": manifest.part_name, "machine": profile.name,
+            "run": made.run, "pid": os.getpid(), "part": manifest.part_name,
+            "machine": profile.name,
             "operator": operator, "layers": len(manifest.layers),
             "lines": sum(entry.n_lines for entry in manifest.layers),
             "hoppers": [h.name for h in hoppers],
@@ -41,36 +50,47 @@ class RunView:
             self._progress(done_s, total_s, layer, remaining_s)
 
     def snapshot(
-        self, state: str, course: JobProgress, latest: LatestReport | None, alarms: RunAlarms, *,
-        beam_off: bool,
+        self, state: RunState, course: JobProgress, latest: LatestReport | None,
+        sequence: CellSequence
     ) -> dict[str, Any]:
         """What the control socket answers to "status".
 
         run, part, machine, operator, pid, lines, layers, hoppers : as the run began
         state, line, layer (from 1), place (in words), override_percent
+        doing, doing_left_s : what is done at this moment, in words, and the machine time until it
+            is over (None: not known); held_by : why a held run is held, "" where it is not
+        next : commands that may be useful now, each with what it does
         done_s, total_s : program time; remaining_s : machine time to the end of the program, with
             what the run waits for before it deposits
         beam_off : whether every power goes out as zero
         position_mm, s_word, set_g_min, measured_g_min : as last reported, None before the first;
             flows in the hoppers' order
-        alarms : first-out first, each with what, where and hint
+        levels : of the hoppers that report one, each with hopper, level_percent and weight_g (None:
+            not reported)
+        alarms : the cause first, each with what, where, hint, and when it came and was over
         warnings : of feeders, oldest first, each with feeder, hopper ("": unknown), what and hint
         """
         whole = (0.0, self._end_s, 0, self._end_s * 100.0 / course.override_percent)
         done_s, total_s, layer, remaining_s = self._told or whole
-        remaining_s += self._preparation.remaining_s(state, asyncio.get_running_loop().time())
+        t, alarms = asyncio.get_running_loop().time(), sequence.alarms
+        remaining_s += self._preparation.remaining_s(state, t)
+        doing = sequence.phase.now(state, t)
         return {
-            **self._fixed, "state": state, "line": course.lines_executed, "layer": layer + 1,
+            **self._fixed, "state": state.value, "doing": doing.words,
+            "doing_left_s": None if doing.left_s is None else round(doing.left_s, 1),
+            "held_by": self._held_by(state, alarms), "next": self._next(state),
+            "levels": sequence.hopper_levels(), "line": course.lines_executed, "layer": layer + 1,
             "place": course.place_text, "override_percent": course.override_percent,
             "done_s": round(done_s, 3), "total_s": round(total_s, 3),
-            "remaining_s": round(remaining_s, 1), "beam_off": beam_off,
+            "remaining_s": round(remaining_s, 1), "beam_off": sequence.beam_off,
             "position_mm": None if latest is None else list(latest.position_mm),
             "s_word": None if latest is None else latest.s_word,
             "set_g_min": None if latest is None else list(latest.set_g_min),
             "measured_g_min": None if latest is None else list(latest.measured_g_min),
             "alarms": [
                 {"name": one.name, "what": one.what, "where": list(one.where), "hint": one.hint,
-                 "at_s": round(one.at_s, 3)}
+                 "at_s": round(one.at_s, 3),
+                 "cleared_s": None if one.cleared_s is None else round(one.cleared_s, 3)}
                 for one in alarms
             ],
             "warnings": [
@@ -78,3 +98,22 @@ class RunView:
                 for one in alarms.warnings
             ],
         }
+
+    @staticmethod
+    def _held_by(state: RunState, alarms: RunAlarms) -> str:
+        if state not in (RunState.HOLDING, RunState.HELD):
+            return ""
+        return "the operator" if alarms.cause is None else alarms.cause.what
+
+    def _next(self, state: RunState) -> list[dict[str, str]]:
+        """What an operator may want to type now."""
+        acts: list[tuple[str, str]] = []
+        if state in _BEFORE:
+            acts = [("stop", "ends the run")]
+        elif state in (RunState.DEPOSITING, RunState.PURGING, RunState.RESUMING):
+            acts = [("hold", "stops on the path, beam off"), ("stop", "ends the run")]
+        elif state is RunState.HELD:
+            acts = [("resume", "purges the hoses and goes on"), ("stop", "ends the run")]
+        elif state in _ENDING:
+            acts = [("stop", "skips the gas post-flow")]
+        return [{"command": self._made.command(act), "does": does} for act, does in acts]

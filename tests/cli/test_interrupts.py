@@ -73,16 +73,19 @@ def test_ctrl_c_while_planning_leaves_nothing(part: Path, tmp_path: Path) -> Non
 def test_ctrl_c_while_running_stops_in_the_safe_order(tmp_path: Path) -> None:
     write_job(tmp_path / "part.lmj", load_profile(EXAMPLES / "cell.toml"),
               squares(layers=6, per_layer=3, side_mm=12.0))
-    process = start(tmp_path, "run", "part.lmj", "--sim", "--speed", "20")
+    process = start(tmp_path, "run", "part.lmj", "--sim", "--speed", "20", "--operator", "Ada")
     journal = tmp_path / "runs" / "run-0001" / "journal.jsonl"
     when(lambda: journal.exists() and '"depositing"' in journal.read_text(), process)
     process.send_signal(signal.SIGINT)
     _, talk = process.communicate(timeout=60)
     assert process.returncode == 5, talk
     assert "Traceback" not in talk
+    assert "stopping: beam and motion off now" in talk
     assert verify_journal(journal).sealed
     records = list(read_records(journal))
     assert records[-1]["state"] == "stopped"
+    (asked,) = [record for record in records if record["kind"] == "operator"]
+    assert (asked["act"], asked["operator"], asked["local"]["uid"]) == ("stop", "Ada", os.getuid())
     acts = [record["do"] for record in records if record["kind"] == "act"]
     assert acts[-3:] == ["beam and motion off", "powder off", "post-flow, gas off"]
 

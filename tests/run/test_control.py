@@ -49,7 +49,7 @@ class Run:
         else:
             raise UsageError(f"cannot {act} now", hint="wait")
 
-    def heard(self, act, peer, refused):
+    def heard(self, act, operator, peer, refused):
         self.came.append((act, peer, refused))
 
 

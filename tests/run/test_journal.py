@@ -50,9 +50,9 @@ def test_acts_wait_for_the_disk_only_where_something_follows_from_them(tmp_path,
         recorder = RunRecorder(journal, lambda: 0.0, ["A"])
         monkeypatch.setattr(os, "fdatasync", synced.append)
         for _ in range(50):
-            recorder.record_operator("resume", "cannot resume now", uid=1000)
+            recorder.record_operator("resume", "", "cannot resume now", uid=1000)
         assert synced == []
-        recorder.record_operator("hold", "", uid=1000)
+        recorder.record_operator("hold", "Ada", "", uid=1000)
         assert len(synced) == 1
     said = [record["accepted"] for record in read_records(tmp_path / "journal.jsonl")
             if record["kind"] == "operator"]

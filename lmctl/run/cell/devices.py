@@ -132,6 +132,15 @@ class Cell:
             for name, feeder in self._feeder_of
         ])
 
+    def hopper_levels(self) -> list[dict[str, Any]]:
+        """How full the hoppers are that report it: hopper, level_percent, weight_g, as JSON."""
+        return [
+            {"hopper": hopper.name, "level_percent": reading.level_percent,
+             "weight_g": reading.weight_g}
+            for hopper, reading in zip(self.hoppers, self.hopper_readings(), strict=True)
+            if reading is not None and not (reading.level_percent is reading.weight_g is None)
+        ]
+
     async def for_each_feeder(
         self, act: Callable[[FeederDriver], Awaitable[None]],
         those: Iterable[FeederDriver] | None = None,

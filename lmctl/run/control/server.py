@@ -9,6 +9,7 @@ A Unix stream socket, `control.sock` in the run's folder, which only the user wh
     {"do": "resume"}                        end a hold
     {"do": "stop"}                          end the run; a second one skips the post-flow
     {"do": "override", "percent": 80}       scale speed, beam and powder together
+    {"do": "hold", "operator": "Ada"}       any of these four may say who asks
     {"do": "watch", "every_s": 1.0}         status again and again until the run ends; the last
                                             line shows how it ended. Nothing more is read then
 
@@ -49,7 +50,11 @@ _LEAST_EVERY_S, _MOST_EVERY_S = 0.1, 3600.0
 _ACCEPT_PAUSE_S = 0.5  # after a connection could not be taken
 
 ACTIONS = ("hold", "resume", "stop", "override")
-_KEYS = {"override": {"do", "percent"}, "watch": {"do", "every_s"}}
+_KEYS = {
+    "watch": {"do", "every_s"}, "override": {"do", "percent", "operator"},
+    **{act: {"do", "operator"} for act in ("hold", "resume", "stop")},
+}
+_LONGEST_NAME = 200
 
 
 @dataclass(frozen=True)
@@ -66,12 +71,13 @@ class ControlCallbacks:
 
     status : how the run stands, as JSON values
     act : carries out one of ACTS; percent is None but for "override". Raises UsageError
-    came : told of every act, with why it was refused ("" where it was not). Must not raise
+    came : told of every act: what, by whom (the name given, ""), and why it was refused ("" where
+        it was not). Must not raise
     """
 
     status: Callable[[], dict[str, Any]]
     act: Callable[[str, int | None], None]
-    came: Callable[[str, ControlClient, str], None]
+    came: Callable[[str, str, ControlClient, str], None]
 
 
 class ControlSocket:
@@ -158,7 +164,8 @@ class ControlSocket:
             except UsageError as error:
                 refused = error
             said = f"{do} {request['percent']} %" if do == "override" else do
-            self._controls.came(said, peer, refused.what if refused else "")
+            reason = refused.what if refused else ""
+            self._controls.came(said, request.get("operator", ""), peer, reason)
         await self._send(
             client, _refusal(refused) if refused else {"ok": True, **self._controls.status()}
         )
@@ -213,6 +220,9 @@ def _check_values(do: str, request: Mapping[str, Any]) -> None:
     percent, every_s = request.get("percent"), request.get("every_s", 1.0)
     if do == "override" and (type(percent) is not int or abs(percent) > 1_000_000):
         raise UsageError("\"percent\" of an override is a whole number")
+    operator = request.get("operator", "")
+    if not isinstance(operator, str) or len(operator) > _LONGEST_NAME:
+        raise UsageError(f"\"operator\" is a name of at most {_LONGEST_NAME} letters")
     if type(every_s) not in (int, float) or not _LEAST_EVERY_S <= every_s <= _MOST_EVERY_S:
         raise UsageError(f"\"every_s\" is from {_LEAST_EVERY_S} to {_MOST_EVERY_S:.0f} s")
 

@@ -61,7 +61,7 @@ class DeviceMonitor:
         self._held = held
         self._loop = asyncio.get_running_loop()
         rules = INTERLOCK_RULES if cell.safety is not None else INTERLOCK_RULES_WITHOUT_SAFETY
-        self._supervision = InterlockSupervision(self._raise, rules)
+        self._supervision = InterlockSupervision(self._raise, rules, self._cleared)
         # When the place reported last changed, or had not to; and when it was last reported: while
         # the host sleeps nobody knows whether it changes.
         self._moved_t = self._reported_t = self._loop.time()
@@ -103,6 +103,8 @@ class DeviceMonitor:
 
     def acknowledge(self) -> None:
         """An operator has seen the alarms: what still holds is told anew."""
+        for alarm in self._alarms:
+            self._clear(alarm.name, "acknowledged")
         self._alarms.acknowledge()
         self._supervision.acknowledge()
 
@@ -216,6 +218,15 @@ class DeviceMonitor:
             self._look()
             left_s = _STALE_LOOKS_S
         self._timer = self._loop.call_later(max(left_s, _MIN_WAIT_S), self._look_where_stale)
+
+    def _cleared(self, name: str) -> None:
+        """What an alarm was raised for is no longer found."""
+        self._clear(name, "its cause is gone")
+
+    def _clear(self, name: str, how: str) -> None:
+        alarm = self._alarms.clear(name, self._recorder.now_s())
+        if alarm is not None:
+            self._recorder.alarm_cleared(alarm, how)
 
     def _raise(self, error: MachineError) -> None:
         alarm = self._alarms.add(error, self._recorder.now_s())

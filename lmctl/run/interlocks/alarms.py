@@ -12,7 +12,7 @@ it has restarted: they name what they explain.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from lmctl.errors import LmctlError, MachineError
 from lmctl.machine.feeder.warnings import FeederWarning
@@ -23,6 +23,7 @@ class Trip(MachineError):  # noqa: N818 (it is the cell's own word)
 
     name : of the trip, one alarm a name
     explains : names of alarms that this is the cause of, though they may have come before it
+    cleared_s : machine time at which it was no longer so, None while it stands
     """
 
     def __init__(
@@ -63,6 +64,7 @@ class RunAlarm:
     hint: str
     at_s: float
     explains: frozenset[str] = frozenset()
+    cleared_s: float | None = None
 
 
 def _tell_nobody(line: str) -> None:
@@ -126,6 +128,14 @@ class RunAlarms:
         else:
             self.warnings.remove(warning)
             self.told(f"no longer: {warning.text}")
+
+    def clear(self, name: str, at_s: float) -> RunAlarm | None:
+        """An alarm is no longer so; it stays in the list. None where none of that name stands."""
+        alarm = self._alarms.get(name)
+        if alarm is None or alarm.cleared_s is not None:
+            return None
+        self._alarms[name] = replace(alarm, cleared_s=at_s)
+        return self._alarms[name]
 
     def acknowledge(self) -> None:
         """The operator has seen them and the run goes on."""

@@ -16,19 +16,26 @@ _PUNCTUAL_S = 0.05
 _PATH_END_S = 60.0
 
 
+def _ignore(name: str) -> None:
+    pass
+
+
 class InterlockSupervision:
     """Rules looked at again and again. Pure: it is told facts and the time.
 
     raised : called once for each rule and subject, when it has held for long enough; again only
         after it has not held in between, or after `forget`
+    cleared : called with the name of an alarm that was raised, once its rule no longer holds
     doubts : something is found in a reading that another is to confirm
     """
 
     def __init__(
-        self, raised: Callable[[MachineError], None], rules: Sequence[InterlockRule]
+        self, raised: Callable[[MachineError], None], rules: Sequence[InterlockRule],
+        cleared: Callable[[str], None] = _ignore,
     ) -> None:
         self.doubts = False
         self._raised = raised
+        self._cleared = cleared
         self._rules = rules
         self._others = tuple(rule for rule in rules if not rule.uses_feeder_readings)
         self._sound: Sequence[FeederReading] | None = None  # answers in which nothing was found
@@ -60,7 +67,9 @@ class InterlockSupervision:
                     self._raised(alarm_of(rule, finding))
         for key in self._since.keys() - holding:
             del self._since[key]
-            self._told.discard(key)
+            if key in self._told:
+                self._told.discard(key)
+                self._cleared(_alarm_name(*key))
 
     def acknowledge(self) -> None:
         """Alarms have been acknowledged: what still holds is told again."""
@@ -75,8 +84,12 @@ class InterlockSupervision:
         ]
 
 
+def _alarm_name(rule: str, subject: str) -> str:
+    return f"{rule} {subject}".strip()
+
+
 def alarm_of(rule: InterlockRule, finding: InterlockFinding) -> MachineError:
     """A finding in the form that the run acts on."""
     kind = EmergencyStopError if rule.reaction is Reaction.RESET else InterlockError
-    name = f"{rule.name} {finding.subject}".strip()
+    name = _alarm_name(rule.name, finding.subject)
     return kind(name, finding.text, where=f"interlock: {rule.name}", hint=finding.remedy)

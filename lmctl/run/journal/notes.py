@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from pathlib import Path
 from typing import Any
 
 from lmctl.errors import JournalError
@@ -78,18 +79,21 @@ def read_notes(made: RunFolder) -> list[Note]:
     return [_note(made.run, record) for record in read_records(path) if record["kind"] == "note"]
 
 
-def verify_notes(made: RunFolder) -> JournalVerification | None:
-    """The chain of the notes, and that the journal still is the one they were made on.
+def verify_notes(journal: Path) -> JournalVerification | None:
+    """The chain of the notes on a journal, and that it still is the one they were made on.
 
     None where there are no notes. Raises JournalError where a file cannot be read.
     """
-    path = made.path / NOTES
+    path = journal.parent / NOTES
     if not path.exists():
         return None
     found = verify_journal(path)
     if not found.intact:
         return found
-    hashes = dict(line_hashes(made.journal))
+    try:
+        hashes = dict(line_hashes(journal))
+    except JournalError as error:
+        return JournalVerification(False, 1, error.what, 0, 0)
     for record in read_records(path):
         about = record.get("journal")
         if about and hashes.get(about["records"]) != about["sha256"]:

@@ -11,6 +11,7 @@ place     motion has come to rest: the line reached, and the share of it that ha
 entry     how the job goes on after that: the line lit first, and the bead laid twice [mm]
 alarm     something is not as it must be: its name, the words the operator reads, and the names of
           alarms that it is the cause of, though they may stand before it
+alarm_cleared  what an alarm was raised for is gone, or an operator has acknowledged it
 warning   a feeder warns of something that holds nothing: which, and whether it stands or is over
 setpoint  flows sent to the hoppers [g/min]
 override  a feed override asked for, or reported by the controller [%]
@@ -126,6 +127,10 @@ class RunRecorder:
         self._event("alarm", name=alarm.name, what=alarm.what, hint=alarm.hint, **explains,
                      local={"where": list(alarm.where)})
 
+    def alarm_cleared(self, alarm: RunAlarm, how: str) -> None:
+        """An alarm is over. how : its cause is gone, or it was acknowledged"""
+        self._event("alarm_cleared", name=alarm.name, what=alarm.what, how=how)
+
     def record_warning(self, warning: FeederWarning, *, stands: bool) -> None:
         """A warning has appeared, or is over."""
         self._event(
@@ -159,14 +164,16 @@ class RunRecorder:
         self._event("override", feed_percent=feed_percent, power_percent=power_percent,
                      source=source)
 
-    def record_operator(self, act: str, refused: str, **local: Any) -> None:
-        """An act that came from outside. refused : why, "" where it was accepted
+    def record_operator(self, act: str, operator: str, refused: str, **local: Any) -> None:
+        """An act that came from outside.
+
+        operator : the name given, "" for none; refused : why, "" where it was accepted
 
         Accepted ones are durable. Refusals change nothing, and there may be many a second: they
         do not wait for the disk.
         local : who, by user and process number
         """
-        self._event("operator", act=act, accepted=not refused,
+        self._event("operator", act=act, operator=operator, accepted=not refused,
                      **({"refused": refused} if refused else {}), local=local)
         if not refused:
             self._sync()

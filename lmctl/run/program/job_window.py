@@ -198,6 +198,8 @@ class JobWindow:
 
     def machine_s(self, s: float, rate: float) -> float:
         """Machine time from the job's start to program time s, at one override throughout."""
+        if rate == 1.0:
+            return s
         stretch = self._at(s)
         row = min(int(stretch.end_s.searchsorted(s)), len(stretch.end_s) - 1)
         left_s = stretch.end_s[row] - s

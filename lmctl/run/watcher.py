@@ -1,0 +1,37 @@
+"""Showing how a run stands to whoever watches it, again and again."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+#: How a run stands; see `lmctl.run.snapshot`.
+Snapshot = dict[str, Any]
+
+Watcher = Callable[[Snapshot], None]
+
+#: Of machine time, between two snapshots [s].
+_EVERY_S = 1.0
+
+
+@contextmanager
+def watched(snapshot: Callable[[], Snapshot], watcher: Watcher | None) -> Iterator[None]:
+    """Call a watcher once a second of the loop's time, and at the end; None: nobody watches."""
+    if watcher is None:
+        yield
+        return
+    show = watcher
+
+    async def show_on() -> None:
+        while True:
+            show(snapshot())
+            await asyncio.sleep(_EVERY_S)
+
+    showing = asyncio.create_task(show_on(), name="run watcher")
+    try:
+        yield
+    finally:
+        showing.cancel()
+        show(snapshot())

@@ -1,0 +1,67 @@
+"""What the terminal of a run shows, and what Ctrl-C answers."""
+
+from __future__ import annotations
+
+import pytest
+
+from lmctl.cli.run_screen import screen
+from lmctl.config.machine import load_profile
+from lmctl.run.phase import PhaseClock
+from lmctl.run.state.transitions import FINAL_STATES, Effect, RunState
+from lmctl.run.stop_words import stop_words
+from tests.run.whole.conftest import EXAMPLES
+
+NOW = {
+    "run": "run-0001", "state": "held", "doing": "waiting for the operator", "doing_left_s": 1791.0,
+    "held_by": "the safety door was opened, and is closed again", "done_s": 120.0,
+    "total_s": 480.0, "layer": 3, "layers": 12, "remaining_s": 371.0,
+    "levels": [{"hopper": "A", "level_percent": 85.2, "weight_g": 17040.0},
+               {"hopper": "B", "level_percent": None, "weight_g": 900.0}],
+    "warnings": [], "next": [{"command": "lmctl resume run-0001", "does": "goes on"}],
+}
+
+
+@pytest.fixture
+def phase():
+    profile = load_profile(EXAMPLES / "cell.toml")
+    return PhaseClock(profile, profile.hopper, "lead", held_at_most_s=1800.0)
+
+
+def test_a_held_run_says_by_what_how_full_hoppers_are_and_what_to_type():
+    lines = screen(NOW)
+    assert lines[0].startswith("run-0001  HELD")
+    assert " 25 %  layer 3 of 12, 6:11 left" in lines[0]
+    assert "now     waiting for the operator, 29:51 left" in lines[1]
+    assert "held by the safety door was opened" in lines[2]
+    assert "powder  A 85 % 17.04 kg, B 0.90 kg" in lines[3]
+    assert "next    lmctl resume run-0001: goes on" in lines[4]
+
+
+@pytest.mark.parametrize("width", [40, 80])
+def test_no_line_is_longer_than_the_terminal_is_wide(width):
+    long = NOW | {"held_by": "a word and " * 30, "run": "run-000000001", "layers": 99_999}
+    assert all(len(line) <= width for line in screen(long, width))
+
+
+def test_each_effect_says_what_is_done_and_counts_down_where_it_is_known_how_long(phase):
+    for do in Effect:
+        phase.begin(do, 100.0)
+        words, left_s = phase.now(RunState.GAS, 101.0)
+        assert words
+        assert left_s is None or left_s >= 0.0
+    phase.begin(Effect.AWAIT_STABLE, 100.0)
+    assert phase.now(RunState.POWDER, 102.5).left_s == pytest.approx(8.0 - 2.5)  # stabilise_s
+    assert phase.now(RunState.POWDER, 200.0).left_s == 0.0
+    assert phase.now(RunState.DEPOSITING, 200.0) == ("depositing", None)
+
+
+def test_ctrl_c_says_what_happens_and_what_another_one_does(phase):
+    said = {state: stop_words(state, phase,
+                              is_taken=state not in FINAL_STATES) for state in RunState}
+    assert "nothing has been switched on" in said[RunState.CHECKING]
+    for state in (RunState.DEPOSITING, RunState.HELD, RunState.PURGING):
+        assert said[state].startswith("stopping: beam and motion off now")
+        assert "Ctrl-C again skips the post-flow" in said[state]
+    assert "post-flow is skipped" in said[RunState.STOPPING]
+    assert "Another Ctrl-C changes nothing" in said[RunState.STOPPING]
+    assert said[RunState.DONE] == "the run is done: another stop changes nothing"
