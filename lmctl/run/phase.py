@@ -25,7 +25,7 @@ _WORDS = {
     Effect.START_MOTION: "depositing",
     Effect.FEED_HOLD: "beam off, slowing down on the path",
     Effect.CLEAR_MOTION: "at rest, clearing the controller",
-    Effect.AWAIT_OPERATOR: "waiting for the operator, beam and powder off; without one the run stops",
+    Effect.AWAIT_OPERATOR: "waiting for the operator, beam and powder off; then the run stops",
     Effect.ACKNOWLEDGE: "acknowledging alarms",
     Effect.LEAVE_PART: "leaving the part for the purge position",
     Effect.REST_BEAM: "coming to rest, beam off",

@@ -271,14 +271,14 @@ class _Making:
 
     @staticmethod
     def _spy(process, knots: list[tuple[float, float]]) -> None:
-        command = process.command
+        command = process.command_rpm
 
         def noted(time_s: float, rpm: float, ramp_s: float = 0.0) -> None:
             assert ramp_s == 0.0
             command(time_s, rpm, ramp_s)
             knots.append((time_s, process.fed_g(time_s)))
 
-        process.command = noted
+        process.command_rpm = noted
 
     def _judge(self) -> None:
         path = self._bench.record.beam_on_path()
