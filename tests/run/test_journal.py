@@ -188,8 +188,9 @@ def test_a_second_writer_is_refused(tmp_path):
 def test_the_lock_dies_with_its_process(tmp_path):
     path = tmp_path / "j"
     code = (
-        "import os, sys; from pathlib import Path; from lmctl.run.journal.writer import Journal\n"
-        "j = Journal(Path(sys.argv[1]), {'a': 1}, local={})\n"
+        "import os, sys; from pathlib import Path\n"
+        "from lmctl.run.journal.writer import JournalWriter\n"
+        "j = JournalWriter(Path(sys.argv[1]), {'a': 1}, local={})\n"
         "j.append(1.0, 'path', path=1); j.sync(); j.append(2.0, 'sample')\n"
         "print('ready', flush=True); os.kill(os.getpid(), 9)"
     )
