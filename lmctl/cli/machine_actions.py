@@ -143,7 +143,7 @@ def unlock(
     cell.run_on_cell(lambda profile: _unlocked(profile, runs_dir, locked))
     print_data("unlocked: " + ", ".join(locked))
     if "motion" in locked:
-        print_data("hint: `lmctl machine doctor` says whether its position is to be trusted")
+        print_data("hint: `lmctl machine doctor` says whether its position is known")
 
 
 async def _what_moves(profile: MachineProfile, runs_dir: Path) -> list[str]:
@@ -166,12 +166,12 @@ def _locked(look: CellInspection, profile: MachineProfile) -> dict[str, str]:
     if look.motion.report.state == "Alarm":
         found["motion"] = "the controller is locked by an alarm"
     for feeder in profile.feeder:
-        told = look.feeders[feeder.name]
-        if isinstance(told, LmctlError):
-            raise told
-        if told.status.alarm is not None:
-            found[feeder.name] = told.status.alarm.text
-        elif FeederStatusBits.WATCHDOG_TRIPPED in told.status.flags:
+        reading = look.feeders[feeder.name]
+        if isinstance(reading, LmctlError):
+            raise reading
+        if reading.status.alarm is not None:
+            found[feeder.name] = reading.status.alarm.text
+        elif FeederStatusBits.WATCHDOG_TRIPPED in reading.status.flags:
             found[feeder.name] = "its watchdog has tripped"
     return found
 

@@ -188,10 +188,10 @@ def _put_motion(facts: dict[str, Any]) -> None:
         f"  state      {facts['state']}{sub}" + (f", {facts['firmware']}" if facts["firmware"]
                                                         else ""))
     at = facts["position_mm"]
-    place = "not told" if at is None else "  ".join(
+    place = "not reported" if at is None else "  ".join(
         f"{axis} {value:.3f}" for axis, value in zip("XYZ", at, strict=False)) + " mm"
     print_data(
-        f"  position   {place}" + ("" if facts["position_trusted"] else " (not to be trusted)"))
+        f"  position   {place}" + ("" if facts["position_trusted"] else " (not known: home the machine)"))
     if facts["overrides_percent"] is not None:
         feed, rapid, spindle = facts["overrides_percent"]
         print_data(f"  overrides  feed {feed} %, rapid {rapid} %, power {spindle} %")

@@ -1,7 +1,7 @@
 """Which machine profile a command works with: the one named, or the bench cell that ships.
 
 What an endpoint may look like is known to the drivers that open it, and configuration does not know
-drivers: here both are at hand, so that a profile is told of all its mistakes at once.
+drivers: here both are at hand, so that all mistakes of a profile are reported at once.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def _endpoint_findings(data: dict[str, Any]) -> Iterator[Finding]:
     for key, device, parsed in devices:
         endpoint = device.get("endpoint") if isinstance(device, dict) else None
         if not isinstance(endpoint, str):
-            continue  # told as missing, or as of another kind
+            continue  # reported as missing, or as of another kind
         try:
             parsed(endpoint)
         except ConfigError as error:

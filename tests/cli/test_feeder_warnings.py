@@ -104,7 +104,7 @@ def test_a_run_goes_on_where_nobody_hears_its_talk(monkeypatch):
     def broken(line):
         raise BrokenPipeError
 
-    monkeypatch.setattr("lmctl.cli.console.say", broken)
+    monkeypatch.setattr("lmctl.cli.console.print_message", broken)
     console.print_notice("warning: the level is low")
 
 

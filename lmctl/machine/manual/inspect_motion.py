@@ -56,7 +56,7 @@ class MotionReading:
 
     @property
     def position_mm(self) -> tuple[float, ...] | None:
-        """Program coordinates, None where they cannot be told."""
+        """Program coordinates, None where they are not known."""
         if self.report.work_mm is not None or self.report.machine_mm is None:
             return self.report.work_mm
         offset_mm = self.report.offset_mm or self.offset_mm

@@ -156,6 +156,6 @@ async def _rest(motion: MotionDriver, timeout_s: float) -> None:
     except TimeoutError:
         motion.realtime(RealtimeCommand.JOG_CANCEL)
         raise MachineError(f"the machine still moves after {timeout_s:.0f} s",
-                           hint="it was told to stop; look at it") from None
+                           hint="a stop was sent; look at the machine") from None
     finally:
         motion.listener = before

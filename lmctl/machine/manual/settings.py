@@ -22,7 +22,7 @@ class WrittenSettings:
     refused : why the others were not: the controller's own words, or what it reports instead
     also_changed : settings nobody asked to change, with the value they had and the one they have
     messages : what the controller said beside its answers
-    position_lost : the machine has to be homed, or told where it is, before it is moved
+    position_lost : the machine has to be homed, or its place set, before it is moved
     """
 
     written: dict[int, str]

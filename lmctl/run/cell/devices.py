@@ -1,4 +1,4 @@
-"""The devices of a cell, opened together and told to do things together. Knows no job."""
+"""The devices of a cell, opened together and commanded together. Knows no job."""
 
 from __future__ import annotations
 

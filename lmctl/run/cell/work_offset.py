@@ -14,7 +14,7 @@ from lmctl.machine.motion.driver import MotionDriver
 from lmctl.machine.motion.identity import read_offset
 from lmctl.run.cell.condition import Condition
 
-_MAX_OFF_MM = 0.002  # values are told to 0.001
+_MAX_OFF_MM = 0.002  # values are reported to 0.001
 
 _SYSTEM = re.compile(r"\bG5[4-9](?:\.[1-3])?\b")
 _FORGOTTEN = {"G92": "an offset by G92 is in force", "TLO": "a tool length offset is in force"}
