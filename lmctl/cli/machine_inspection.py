@@ -191,7 +191,8 @@ def _put_motion(facts: dict[str, Any]) -> None:
     place = "not reported" if at is None else "  ".join(
         f"{axis} {value:.3f}" for axis, value in zip("XYZ", at, strict=False)) + " mm"
     print_data(
-        f"  position   {place}" + ("" if facts["position_trusted"] else " (not known: home the machine)"))
+        f"  position   {place}"
+        + ("" if facts["position_trusted"] else " (not known: home the machine)"))
     if facts["overrides_percent"] is not None:
         feed, rapid, spindle = facts["overrides_percent"]
         print_data(f"  overrides  feed {feed} %, rapid {rapid} %, power {spindle} %")

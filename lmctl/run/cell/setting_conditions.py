@@ -65,7 +65,7 @@ def _fit_for_programs(identity: ControllerIdentity,
     unfit = {setting.number: setting for setting in unfit_settings(identity, settings)}
     for number, fine in (
         (LASER_MODE, f"laser mode is on (${LASER_MODE})"),
-        (REPORT_MASK, f"status reports distinguish executed lines from planned ones (${REPORT_MASK})"),
+        (REPORT_MASK, f"status reports show which lines are executed (${REPORT_MASK})"),
     ):
         wrong = unfit.get(number)
         yield Condition(wrong is None, fine if wrong is None else wrong.text,
