@@ -254,7 +254,7 @@ class Completeness:
 
     def _add_overhang(self, geometry: LayerGeometry, place: OverhangPlace) -> None:
         low = geometry.z_mm - self.layer_height_mm / 2
-        key = self._cell(place.at_mm)
+        key = self._cell(place.middle_mm)
         found = None if place.is_in_air else next(
             (near for cell in _around(key)
              if (near := self._open_overhangs.get(cell)) is not None
@@ -265,7 +265,8 @@ class Completeness:
             self.overhangs.append(found)
         found.to_layer, found.to_z_mm = geometry.layer, low + self.layer_height_mm
         found.area_mm2 += place.area_mm2
-        found.angle_deg = max(found.angle_deg, place.angle_deg)
+        if place.angle_deg > found.angle_deg:
+            found.at_mm, found.angle_deg = place.at_mm, place.angle_deg
         self._open_overhangs[key] = found
 
     def _cell(self, at_mm: tuple[float, float]) -> tuple[int, int]:

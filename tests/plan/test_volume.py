@@ -26,9 +26,9 @@ def loops_of(poly):
 
 @pytest.fixture
 def geometry_of(make_part, profile):
-    def make(poly, mixture=lambda p: 0.5, **process):
-        part = make_part(loops_of(poly), mixture, height_mm=0.8, process=ProcessSettings(**process))
-        return layer_geometry(part, place_part(part, profile), 0)
+    def make(poly, mixture=lambda p: 0.5, layer=0, **process):
+        part = make_part(loops_of(poly), mixture, height_mm=1.6, process=ProcessSettings(**process))
+        return layer_geometry(part, place_part(part, profile), layer)
 
     return make
 
@@ -191,3 +191,23 @@ def test_specks_are_listed_though_they_fall_between_nodes(geometry_of):
     lost = geometry_of(unary_union([box(0, 0, 30, 20), *specks])).figures.lost
     assert len(lost) == 30
     assert {item.kind for item in lost} == {"island"}
+
+
+@pytest.mark.parametrize("width", [7.0, 10.0, 13.3, 16.0, 24.0, 30.0])
+def test_tracks_of_neighbouring_layers_do_not_lie_upon_each_other(geometry_of, width):
+    """In walls of five tracks and more; the outermost always lies half a pitch inside."""
+    wall = box(0, 0, 60, width)
+    middle = LineString([(30, -1), (30, width + 1)])
+    across = []
+    for layer in (0, 1):
+        geometry = geometry_of(wall, lambda p: p[:, 1] * 100 % 1, layer=layer)
+        assert geometry.figures.inside_mm2 >= 0.98 * wall.area
+        places = np.concatenate([
+            shapely.get_coordinates(LineString(geometry.points_mm[geometry.track(k)])
+                                    .intersection(middle))[:, 1]
+            for k in range(geometry.n_tracks)])
+        across.append(np.sort(places))
+    assert across[0][0] == pytest.approx(across[1][0], abs=0.15 * PITCH)
+    inner = across[0][2:-2]
+    apart = np.abs(inner[:, None] - across[1]).min(axis=1)
+    assert np.median(apart) >= 0.25 * PITCH

@@ -29,6 +29,9 @@ SHORTEST_CENTRELINE_BEADS = 2.0
 #: An odd number may stand for a width of so many pitches more, between two odd stretches (where
 #: walls cross) and at the end of one.
 _MOST_MORE_BETWEEN, _MOST_MORE_AT_END = 1.2, 0.6
+#: So many tracks, from and to, become one more in every other layer. Of fewer the strips would be
+#: too thin; more of them are moved apart by the strip of the second (level_field.py).
+_ONE_MORE = 5, 10
 #: Points of the axis whose depth differs by less, in nodes, are as deep as each other.
 _LEVEL_NODES = 0.25
 #: Rounds of mending stretches: each takes one away, so few are ever needed.
@@ -55,9 +58,12 @@ class BeadCount:
 
 def bead_count(
     axis: MedialAxis, raster: SectionRaster, bead_mm: float, pitch_mm: float,
-    least_width_mm: float,
+    least_width_mm: float, *, is_odd_layer: bool = False,
 ) -> BeadCount:
-    """Tracks across at every point of the axis; none where it is narrower than `least_width_mm`."""
+    """Tracks across at every point of the axis; none where it is narrower than `least_width_mm`.
+
+    is_odd_layer : where five to ten lie across in other layers, one more does, between them
+    """
     order = np.argsort(-axis.depth_mm, kind="stable")
     links = axis.links
     first, neighbours = _neighbours(links, len(axis.points_mm))
@@ -67,6 +73,8 @@ def bead_count(
         raster.depth_mm, axis.at_edge, _LEVEL_NODES * raster.grid.pitch_mm)
     own = owner == np.arange(len(owner))
     count = _nearest_count(2 * axis.depth_mm, least_width_mm, pitch_mm)
+    if is_odd_layer:
+        count += (count >= _ONE_MORE[0]) & (count <= _ONE_MORE[1])
     peak = own & ~axis.is_central
     count[peak] = _even_count(2 * axis.depth_mm, count, pitch_mm)[peak]
     wide = axis.depth_mm >= least_width_mm / 2 * (1 - 1e-6)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.plan.geometry.bead_count import BeadCount
-from lmctl.plan.geometry.level_field import core_of
+from lmctl.plan.geometry.level_field import SHIFTED_FROM, core_of
 from lmctl.plan.geometry.medial_axis import MedialAxis
 from lmctl.plan.geometry.section_raster import SectionRaster
 from lmctl.plan.geometry.toolpath import Toolpath
@@ -30,14 +30,14 @@ _LEAST_BESIDE = 1.0
 
 def centreline_tracks(
     axis: MedialAxis, beads: BeadCount, raster: SectionRaster, pitch_mm: float,
-    limits_mm: tuple[float, float],
+    second_mm: float, limits_mm: tuple[float, float],
 ) -> list[Toolpath]:
     """Open tracks, and closed ones around rings, along the axis.
 
     limits_mm : least and widest strip
     """
     chosen = beads.has_centreline & (beads.count % 2 == 1)
-    strip = strip_on_axis(axis, beads, pitch_mm, limits_mm)
+    strip = strip_on_axis(axis, beads, pitch_mm, second_mm, limits_mm)
     links = axis.links[chosen[axis.links].all(axis=1)]
     links = links[beads.count[links[:, 0]] == beads.count[links[:, 1]]]
     degree = np.bincount(links.ravel(), minlength=len(chosen))
@@ -72,13 +72,16 @@ def centreline_tracks(
 
 
 def strip_on_axis(
-    axis: MedialAxis, beads: BeadCount, pitch_mm: float, limits_mm: tuple[float, float]
+    axis: MedialAxis, beads: BeadCount, pitch_mm: float, second_mm: float,
+    limits_mm: tuple[float, float],
 ) -> FloatArray:
     """Width of the strip of a track along the axis, (v,) [mm]."""
     count = np.maximum(beads.count, 1)
     core = core_of(count, beads.is_point)
     half = np.where(count == 1, axis.depth_mm, beads.depth_mm)
-    left = half - (count - core) // 2 * pitch_mm
+    outer = (count - core) // 2
+    left = half - np.where(
+        outer >= SHIFTED_FROM, (outer - 1) * pitch_mm + second_mm, outer * pitch_mm)
     return np.asarray(np.clip(2 * left / core, *limits_mm))
 
 

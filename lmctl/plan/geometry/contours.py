@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from lmctl.field.plane import PlaneGrid
 from lmctl.plan.geometry.corners import sharpened
-from lmctl.plan.geometry.level_field import LevelField
+from lmctl.plan.geometry.level_field import SHIFTED_FROM, LevelField
 from lmctl.plan.geometry.medial_axis import MedialAxis
 from lmctl.plan.geometry.section_raster import SectionRaster
 from lmctl.plan.geometry.toolpath import Toolpath
@@ -21,7 +21,7 @@ _LEAST_ROUND = 2.0
 
 def contour_tracks(
     field: LevelField, raster: SectionRaster, axis: MedialAxis, pitch_mm: float,
-    most_strip_mm: float,
+    second_mm: float, most_strip_mm: float,
 ) -> list[Toolpath]:
     """All closed tracks of a section, each with the width of its strip, the outermost first."""
     grid = raster.grid
@@ -35,13 +35,14 @@ def contour_tracks(
             if len(points) < 4 or _length_mm(points) < _LEAST_ROUND * pitch_mm:
                 continue
             points = sharpened(points, raster, axis)
-            strip = strip_widths(points, number, field, grid, pitch_mm)
+            strip = strip_widths(points, number, field, grid, pitch_mm, second_mm)
             tracks.append(Toolpath(points, np.minimum(strip, most_strip_mm), True))
     return tracks
 
 
 def strip_widths(
-    points_mm: FloatArray, number: int, field: LevelField, grid: PlaneGrid, pitch_mm: float
+    points_mm: FloatArray, number: int, field: LevelField, grid: PlaneGrid, pitch_mm: float,
+    second_mm: float,
 ) -> FloatArray:
     """Widths of the strips of track `number`, counted from the outline, at its points. (k,)"""
     at = (points_mm - np.array(grid.origin_mm)) / grid.pitch_mm
@@ -51,8 +52,9 @@ def strip_widths(
     for dj, di, share in ((0, 0, (1 - u) * (1 - v)), (0, 1, u * (1 - v)), (1, 0, (1 - u) * v),
                           (1, 1, u * v)):
         inside = field.level[j + dj, i + di] > 0
-        strip = np.where(
-            number < field.outer[j + dj, i + di], pitch_mm, field.strip_mm[j + dj, i + di])
+        outer = field.outer[j + dj, i + di]
+        plain = np.where((number == 1) & (outer >= SHIFTED_FROM), second_mm, pitch_mm)
+        strip = np.where(number < outer, plain, field.strip_mm[j + dj, i + di])
         total += np.where(inside, share * strip, 0.0)
         weight += np.where(inside, share, 0.0)
     return np.where(weight > 0, total / np.maximum(weight, 1e-12), pitch_mm)

@@ -19,6 +19,8 @@ from lmctl.plan.geometry.toolpath import Toolpath
 
 #: Strips are this wide at least and at most, in pitches.
 LEAST_STRIP, WIDEST_STRIP = 0.7, 1.5
+#: The second strip from the outline is so much wider than a pitch, and narrower in odd layers.
+SHIFT = 0.25
 
 
 @dataclass(frozen=True)
@@ -34,15 +36,19 @@ class InPlaneLayout:
 
 def in_plane_layout(
     raster: SectionRaster, islands: Islands, bead_mm: float, pitch_mm: float,
-    least_width_mm: float,
+    least_width_mm: float, *, is_odd_layer: bool = False,
 ) -> InPlaneLayout:
-    """All tracks of a section, in no order; none in what is narrower than `least_width_mm`."""
+    """All tracks of a section, in no order; none in what is narrower than `least_width_mm`.
+
+    is_odd_layer : tracks well inside lie half a pitch from those of other layers
+    """
     axis = medial_axis(raster)
-    beads = bead_count(axis, raster, bead_mm, pitch_mm, least_width_mm)
-    field = level_field(raster, axis, beads, pitch_mm)
+    beads = bead_count(axis, raster, bead_mm, pitch_mm, least_width_mm, is_odd_layer=is_odd_layer)
+    second_mm = pitch_mm * (1 - SHIFT if is_odd_layer else 1 + SHIFT)
+    field = level_field(raster, axis, beads, pitch_mm, second_mm)
     limits_mm = LEAST_STRIP * pitch_mm, WIDEST_STRIP * pitch_mm
-    tracks = contour_tracks(field, raster, axis, pitch_mm, limits_mm[1])
-    tracks += centreline_tracks(axis, beads, raster, pitch_mm, limits_mm)
+    tracks = contour_tracks(field, raster, axis, pitch_mm, second_mm, limits_mm[1])
+    tracks += centreline_tracks(axis, beads, raster, pitch_mm, second_mm, limits_mm)
     middles = np.array([t.points_mm[len(t.points_mm) // 2] for t in tracks]).reshape(-1, 2)
     tracks, island = with_pins(tracks, islands.at(middles, raster), islands, axis, beads, raster,
                                least_width_mm, limits_mm)

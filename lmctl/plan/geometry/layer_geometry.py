@@ -42,12 +42,14 @@ class LostFeature:
 class OverhangPlace:
     """A connected piece of a slice that lies beyond an overhang limit over the slice below.
 
-    at_mm : (x, y) of its middle, in the part's own coordinates; area_mm2 : of the piece
+    at_mm : (x, y) where it leans out farthest, in the part's own coordinates
+    middle_mm : (x, y) of its middle, which may lie outside it; area_mm2 : of the piece
     angle_deg : steepest lean over it, from the vertical, in (0, 90)
     is_in_air : it touches nothing within reach of the limit: material would start in the air
     """
 
     at_mm: tuple[float, float]
+    middle_mm: tuple[float, float]
     area_mm2: float
     angle_deg: float
     is_in_air: bool

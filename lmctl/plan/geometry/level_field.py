@@ -1,6 +1,8 @@
 """The section numbered across: a field whose levels ½, 1½, 2½ … are where the tracks run.
 
-Outside the core tracks lie a pitch apart, exactly. In the core, the innermost few of them, they
+Outside the core tracks lie a pitch apart, exactly, but for the strip of the second one: it is wider
+in every other layer, and narrower in those between, so that tracks farther in do not lie upon each
+other. In the core, the innermost few of them, they
 share what width is left, so that strips fill it: `count` strips of `strip` each. Which width and
 count hold at a node is found where the ray from the nearest point of the outline through the node
 meets the medial axis.
@@ -32,6 +34,8 @@ _BISECTIONS = 10
 _BELOW_CENTRELINE = 0.25
 #: Standard deviation of what rounds off steps [nodes].
 _SMOOTHING_NODES = 2.0
+#: From so many tracks outside the core on, the second one's strip may differ from the pitch.
+SHIFTED_FROM = 3
 #: Value of `outer` where no point of the axis was found: tracks lie a pitch apart all the way.
 NO_CORE = 1_000_000
 
@@ -51,9 +55,13 @@ class LevelField:
 
 
 def level_field(
-    raster: SectionRaster, axis: MedialAxis, beads: BeadCount, pitch_mm: float
+    raster: SectionRaster, axis: MedialAxis, beads: BeadCount, pitch_mm: float, second_mm: float
 ) -> LevelField:
-    """Levels at the nodes of a section."""
+    """Levels at the nodes of a section.
+
+    second_mm : strip width of the second track from the outline, where `SHIFTED_FROM` and more lie
+        outside the core
+    """
     shape = raster.grid.shape
     field = LevelField(
         np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape, np.int32),
@@ -61,7 +69,7 @@ def level_field(
     _level_kernel(
         raster.depth_mm, raster.segments, raster.nearest, raster.grid.pitch_mm,
         axis.points_mm - np.array(raster.grid.origin_mm), axis.slope, axis.is_central,
-        axis.at_edge, beads.count, beads.depth_mm, beads.owner, beads.is_point, pitch_mm,
+        axis.at_edge, beads.count, beads.depth_mm, beads.owner, beads.is_point, pitch_mm, second_mm,
         float(raster.depth_mm.max()),
         field.level, field.strip_mm, field.outer, field.count)
     _smooth(field, raster.depth_mm, pitch_mm)
@@ -109,6 +117,21 @@ def core_of(
 
 
 @inner_kernel
+def _outer_depth(count: int, pitch: float, second: float) -> float:
+    """How deep the strips of the outermost `count` tracks reach."""
+    return (count - 1) * pitch + second if count >= SHIFTED_FROM else count * pitch
+
+
+@inner_kernel
+def _outer_level(depth: float, count: int, pitch: float, second: float) -> float:
+    if count < SHIFTED_FROM or depth <= pitch:
+        return depth / pitch
+    if depth <= pitch + second:
+        return 1 + (depth - pitch) / second
+    return 2 + (depth - pitch - second) / pitch
+
+
+@inner_kernel
 def _depth_at(depth: NDArray[np.float32], u: float, v: float) -> float:
     ny, nx = depth.shape
     i, j = min(max(int(u), 0), nx - 2), min(max(int(v), 0), ny - 2)
@@ -140,7 +163,8 @@ def _level_kernel(
     depth: NDArray[np.float32], segments: FloatArray, nearest: NDArray[np.int64], pitch: float,
     points: FloatArray, slope: FloatArray, is_central: NDArray[np.bool_],
     at_edge: NDArray[np.int32], count: NDArray[np.int64], width: FloatArray,
-    owner: NDArray[np.int64], is_point: NDArray[np.bool_], track_pitch: float, deepest: float,
+    owner: NDArray[np.int64], is_point: NDArray[np.bool_], track_pitch: float, second: float,
+    deepest: float,
     level: NDArray[np.float32], strip: NDArray[np.float32], outer: NDArray[np.int32],
     across: NDArray[np.int32],
 ) -> None:
@@ -148,7 +172,7 @@ def _level_kernel(
     for j in range(ny):
         for i in range(nx):
             d = float(depth[j, i])
-            level[j, i], strip[j, i] = d / track_pitch, track_pitch
+            level[j, i], strip[j, i] = _outer_level(d, NO_CORE, track_pitch, second), track_pitch
             outer[j, i], across[j, i] = NO_CORE, 0
             if d <= 0:
                 continue
@@ -183,8 +207,10 @@ def _level_kernel(
             core = CORE_ODD if n % 2 == 1 else CORE_POINT if is_point[point] else CORE_EVEN
             core = min(core, n)
             fixed = (n - core) // 2
-            left = half - fixed * track_pitch
+            begin = _outer_depth(fixed, track_pitch, second)
+            left = half - begin
             outer[j, i] = fixed
+            level[j, i] = _outer_level(d, fixed, track_pitch, second)
             strip[j, i] = 2 * left / core
-            if d > fixed * track_pitch:
-                level[j, i] = fixed + (d - fixed * track_pitch) / strip[j, i]
+            if d > begin:
+                level[j, i] = fixed + (d - begin) / strip[j, i]

@@ -48,16 +48,19 @@ def overhang_places(
         area = float(mine.sum()) * cell
         if area < (_LEAST_BEADS * bead_mm) ** 2:
             continue
-        j, i = (values.mean() for values in np.nonzero(mine))
+        j, i = np.nonzero(mine)
+        x_mm, y_mm = raster.grid.x_mm[box[1]][i], raster.grid.y_mm[box[0]][j]
         island = int(islands.label[box][mine].max())
-        steepest = float(beyond[box][mine].max())
+        lean = beyond[box][mine]
+        farthest = int(np.argmax(lean))
+        steepest = float(lean[farthest])
+        middle = float(x_mm.mean()), float(y_mm.mean())
         angle = 89.9 if not np.isfinite(steepest) else float(
             np.degrees(np.arctan2(steepest, layer_height_mm)))
+        is_in_air = island >= 0 and not bool(supported[island])
         places.append(OverhangPlace(
-            at_mm=(float(raster.grid.x_mm[0] + (box[1].start + i) * raster.grid.pitch_mm),
-                   float(raster.grid.y_mm[0] + (box[0].start + j) * raster.grid.pitch_mm)),
-            area_mm2=area, angle_deg=min(angle, 89.9),
-            is_in_air=island >= 0 and not supported[island]))
+            at_mm=middle if is_in_air else (float(x_mm[farthest]), float(y_mm[farthest])),
+            middle_mm=middle, area_mm2=area, angle_deg=min(angle, 89.9), is_in_air=is_in_air))
     places.sort(key=lambda place: (not place.is_in_air, -place.area_mm2))
     return tuple(places[:_MOST_PLACES])
 

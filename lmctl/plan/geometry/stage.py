@@ -56,7 +56,8 @@ def layer_geometry(part: Part, placement: Placement, layer: int) -> LayerGeometr
     node_mm = raster_pitch_mm(process.bead_width_mm, pitch_mm(process))
     raster = section_raster(loops, node_mm)
     islands = islands_of(loops, raster)
-    tracks, owner, narrow_mm2 = _tracks(section, raster, islands, process)
+    tracks, owner, narrow_mm2 = _tracks(
+        section, raster, islands, process, is_odd_layer=number % 2 == 1)
     lines = _with_mixtures(part, z_mm, tracks, owner)
     if process.strategy == "in-plane":
         lines = linked(lines, raster, _link_rules(number, process))
@@ -73,14 +74,16 @@ def layer_geometry(part: Part, placement: Placement, layer: int) -> LayerGeometr
 
 
 def _tracks(
-    section: Section, raster: SectionRaster, islands: Islands, process: ProcessSettings
+    section: Section, raster: SectionRaster, islands: Islands, process: ProcessSettings, *,
+    is_odd_layer: bool,
 ) -> tuple[list[Toolpath], NDArray[np.intp], float]:
     """Tracks of a slice, the island of each, and the area of those in narrow places [mm²]."""
     bead = process.bead_width_mm
     narrow_mm2 = 0.0
     if process.strategy == "in-plane":
         least = bead if process.narrow_features == "omit" else bead / 2
-        layout = in_plane_layout(raster, islands, bead, pitch_mm(process), least)
+        layout = in_plane_layout(
+            raster, islands, bead, pitch_mm(process), least, is_odd_layer=is_odd_layer)
         tracks, owner = layout.tracks, layout.island
         narrow_mm2 = _narrow_area_mm2(layout, bead)
     else:
