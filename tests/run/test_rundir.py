@@ -43,8 +43,9 @@ def test_the_job_and_its_folder_outlive_the_power(tmp_path, job_file, monkeypatc
 
 def test_processes_at_once_get_folders_of_their_own(tmp_path, job_file):
     code = (
-        "import sys; from pathlib import Path; from lmctl.run.journal import rundir\n"
-        "for _ in range(20): print(rundir.create(Path(sys.argv[1]), Path(sys.argv[2])).run)"
+        "import sys; from pathlib import Path; from lmctl.run.journal import run_folders\n"
+        "for _ in range(20):\n"
+        " print(run_folders.create_run_folder(Path(sys.argv[1]), Path(sys.argv[2])).run)"
     )
     children = [
         subprocess.Popen([sys.executable, "-c", code, str(tmp_path / "runs"), str(job_file)],
@@ -116,4 +117,5 @@ def test_a_file_in_the_folders_place_is_told(tmp_path, job_file):
     (tmp_path / "runs").touch()
     with pytest.raises(JournalError, match=r"cannot make|is not a folder"):
         run_folders.create_run_folder(tmp_path / "runs", job_file)
-    assert run_folders.list_runs(tmp_path / "runs") == []
+    with pytest.raises(JournalError, match="is not a folder"):
+        run_folders.list_runs(tmp_path / "runs")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from lmctl.errors import MachineError
-from lmctl.machine.manual.is_homing_enabled import home_axes, set_work_offset, unlock_controller
+from lmctl.machine.manual.homing import home_axes, set_work_offset, unlock_controller
 from lmctl.machine.motion.driver import MotionDriver
 from lmctl.run.executor import run_job
 from lmctl.run.journal.last_known_position import LastKnownPosition
