@@ -26,7 +26,6 @@ from lmctl.part.bodies.stored import FieldSolid
 from lmctl.part.bodies.transformed import SimilarityTransform, TransformedBody
 from lmctl.part.booleans.combined import CombinedBody
 from lmctl.part.booleans.expression import Operation
-from lmctl.part.booleans.offset import OffsetBody
 from lmctl.part.booleans.overlap import OverlapWeights
 from lmctl.part.cost import CLOUD_S, OPERAND_S, CostItem, PartCost
 from lmctl.part.extents import BodyExtents, analytic_body, transform_of
@@ -39,6 +38,7 @@ from lmctl.part.materials.composition import (
 from lmctl.part.materials.rules import CompositionContext, composition_field_of
 from lmctl.part.part_data import PartData
 from lmctl.part.resolution import boundary_grid, checked_grid, choose_pitch
+from lmctl.part.shells import shell_of
 from lmctl.part.sources.cloud_files import PointCloud
 from lmctl.part.sources.mesh_files import Mesh
 
@@ -206,16 +206,8 @@ class BodyTree:
 
     def _shell(self, body: config.ShellBody, in_place: bool) -> Body:
         of = self._solid(self._number[body.of], in_place)
-        low, high = self._extents.enclosing_box(self._number[body.of])
-        least = min(body.from_mm, 0.0)
-        if not np.isfinite([low, high]).all():
-            raise InputError(f"the shell of {body.of!r} has no end",
-                             hint="cut it with a body that has one")
-        grid = boundary_grid(low + least, high - least, self.pitch_mm)
-        outer = of if body.from_mm == 0 else OffsetBody(of, body.from_mm, grid)
-        if body.to_mm is None:
-            return outer
-        return CombinedBody("difference", (outer, OffsetBody(of, body.to_mm, grid)), grid)
+        box = self._extents.enclosing_box(self._number[body.of])
+        return shell_of(of, box, body, self.pitch_mm)
 
     def _mesh(self, mesh: Mesh, pitch_mm: float | None) -> Body:
         low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)

@@ -246,6 +246,15 @@ def test_gaps_no_nozzle_can_leave_are_closed_and_said(kind: str, gap_mm: float, 
     assert "one solid" in said
 
 
+def test_many_unions_are_said_in_one_line() -> None:
+    pairs = [solid for n in range(5) for solid in (
+        box((30 * n, 0, 0), (10, 10, 10)), box((30 * n + 5, 3, 3), (10, 4, 4)))]
+    whole, said = mended(joined(*pairs))
+    assert said.startswith("mesh m: 10 shells made 5 solids")
+    assert "|" not in said
+    assert volume(whole) == pytest.approx(5 * (1000 + 5 * 16))
+
+
 def test_a_row_of_blocks_with_gaps_is_one_solid() -> None:
     row = joined(*(box((5.0 * n + 0.002 * n, 0, 0), (5, 5 + n % 2, 5)) for n in range(6)))
     whole, said = mended(row)
@@ -260,8 +269,16 @@ def _mesh64(mesh: Mesh) -> Any:
     return Mesh64(mesh.vertices, mesh.triangles.astype(np.uint64))
 
 
+@pytest.mark.parametrize("gap_mm", [0.02, 0.15])
+def test_gaps_too_wide_to_close_and_too_narrow_to_build_are_said(gap_mm: float) -> None:
+    two = joined(box((0, 0, 0), (10, 10, 10)), box((10 + gap_mm, 2, 0), (10, 5, 10)))
+    whole, said = mended(two)
+    assert f"two solids lie {gap_mm:.2g} mm apart near (10" in said
+    assert volume(whole) == pytest.approx(1500.0)
+
+
 def test_solids_that_are_clear_of_each_other_stay_to_the_last_digit() -> None:
-    near = joined(box((0, 0, 0), (10, 10, 10)), box((10.05, 0, 0), (10, 10, 10)),
+    near = joined(box((0, 0, 0), (10, 10, 10)), box((10.5, 0, 0), (10, 10, 10)),
                   inside_out(box((2, 2, 2), (6, 6, 6))), box((4, 4, 4), (1, 1, 1)))
     whole, said = mended(near)
     assert said == ""

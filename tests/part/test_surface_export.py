@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
 
 from lmctl.examples.templates import write_template
-from lmctl.part.load import load_part
+from lmctl.part.load import load_part, part_from_model
 from lmctl.part.sources.files import DataFile
 from lmctl.part.sources.mesh_files import read_mesh
 from lmctl.report import part_export
@@ -37,3 +38,16 @@ def test_surfaces_are_closed_once_a_reader_has_joined_equal_corners(
         volumes.append(joined.volume)
     assert volumes[0] > 0.0
     assert np.ptp(volumes) < 1e-4 * volumes[0]
+
+
+@pytest.mark.parametrize("turned", ["half", "all", "a shell"])
+def test_meshes_whose_facets_face_the_wrong_way_are_exported_facing_out(
+    turned: str, making: Any, tmp_path: Path
+) -> None:
+    vertices, triangles = making.join(
+        [making.box((0, 0, 0), (20, 15, 10)), making.box((30, 0, 0), (40, 15, 10))])
+    wrong = {"half": slice(0, None, 2), "all": slice(None), "a shell": slice(12, None)}[turned]
+    triangles[wrong] = triangles[wrong, ::-1]
+    (tmp_path / "a.stl").write_bytes(making.stl((vertices, triangles)))
+    write_surface(part_from_model(tmp_path / "a.stl", "mm"), tmp_path / "b.stl")
+    assert trimesh.load(tmp_path / "b.stl").volume == pytest.approx(3000 + 1500)

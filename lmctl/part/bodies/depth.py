@@ -65,11 +65,14 @@ def project_to_surface(
 
 
 def maximum_in_box(
-    at: Distance, low: FloatArray, high: FloatArray, tolerance_mm: float = 1e-4
+    at: Distance, low: FloatArray, high: FloatArray, tolerance_mm: float = 1e-4,
+    enough_mm: float | None = None,
 ) -> float:
     """The greatest value of a distance in a box, by halving cells that may still hold it.
 
     at : changes by at most 1 mm per mm
+    enough_mm : to learn only whether there is a greater value than this: then what is returned is
+        the greatest that was met on the way
     returns : at most `tolerance_mm` below the greatest; where thousands of cells are as good (the
         middle plane of a plate) the best of them are followed
     """
@@ -82,9 +85,10 @@ def maximum_in_box(
         values = at(middles)
         best = max(best, float(values.max()))
         reach = 0.5 * float(np.linalg.norm(size))
-        if reach <= tolerance_mm:
+        if reach <= tolerance_mm or (enough_mm is not None and best > enough_mm):
             return best
-        kept = np.flatnonzero(values + reach > best + tolerance_mm)
+        least = best + tolerance_mm if enough_mm is None else max(best + tolerance_mm, enough_mm)
+        kept = np.flatnonzero(values + reach > least)
         if len(kept) > MAX_CELLS:
             kept = kept[np.argsort(-values[kept], kind="stable")[:MAX_CELLS]]
         middles = (middles[kept, None] + halves * size).reshape(-1, 3)

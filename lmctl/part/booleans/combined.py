@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from lmctl.errors import InputError
 from lmctl.field.grid import Grid, Window
-from lmctl.field.plane import PlaneGrid
+from lmctl.field.plane import PlaneGrid, plane_distance
 from lmctl.part.bodies.analytic import AnalyticBody
-from lmctl.part.bodies.body import Body
+from lmctl.part.bodies.body import Body, empty_section
 from lmctl.part.bodies.measured import Bounds
 from lmctl.part.bodies.surfaces import Surface, group_by_number
 from lmctl.part.booleans.blocks import VALUES_AT_ONCE, NodeBlocks
@@ -35,7 +35,7 @@ from lmctl.part.booleans.expression import (
     expression_of,
 )
 from lmctl.part.booleans.local_sides import LocalSides
-from lmctl.part.booleans.shared_faces import remove_shared_faces
+from lmctl.part.booleans.outlines import combined_outline
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -168,8 +168,11 @@ class CombinedBody(AnalyticBody):
         return values
 
     def section_values(self, z_mm: float, plane: PlaneGrid) -> NDArray[np.float32]:
-        rows = [leaf.section_values(z_mm, plane) for leaf in self.expression.leaves]
-        return remove_shared_faces(rows, self._cells, self.distance_at, z_mm, plane)
+        loops = self.outline_loops(z_mm, plane)
+        return plane_distance(loops, plane) if loops else empty_section(plane)
+
+    def outline_loops(self, z_mm: float, plane: PlaneGrid) -> list[FloatArray]:
+        return combined_outline(self.expression, z_mm, plane, self._cells.shared_face_tolerance_mm)
 
     def _fill(self, values: NDArray[np.float32], blocks: NodeBlocks) -> None:
         bounds = blocks.bounds()

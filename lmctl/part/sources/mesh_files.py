@@ -69,7 +69,7 @@ def read_mesh(file: DataFile, units: str | None, group: str | None = None) -> Me
     vertices, triangles, notes = _read(file, units, group)
     if len(triangles) == 0:
         raise InputError(
-            f"{file.path} holds no triangles",
+            f"{file.path} holds no triangles", where=notes,
             hint='is it a point cloud? then write kind = "cloud"' if file.suffix == "ply" else
             "export the part as a mesh",
         )
@@ -118,11 +118,12 @@ def _from_ply(file: DataFile) -> tuple[FloatArray, IntArray]:
                              "export it as plain polygons")
         return vertices, np.empty((0, 3), dtype=np.int64)
     sizes, corners = named
-    whole = corners.astype(np.int64)
-    if len(whole) and not 0 <= whole.min() <= whole.max() < len(vertices):
-        raise unreadable(file, f"a face names corner {int(whole.max()) + 1:,}, there are "
-                         f"{len(vertices):,}")
-    triangles, _ = polygon_triangles(file, vertices, whole, sizes)
+    there = (corners >= 0) & (corners < len(vertices)) & (corners == np.floor(corners))
+    if not there.all():
+        wrong = float(corners[int(np.argmin(there))])
+        raise unreadable(file, f"a face names corner {wrong:g}, there are {len(vertices):,}, "
+                         "counted from 0")
+    triangles, _ = polygon_triangles(file, vertices, corners.astype(np.int64), sizes)
     return vertices, triangles
 
 

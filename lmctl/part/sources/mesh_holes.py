@@ -46,14 +46,14 @@ def close_holes(
     caps: list[IntArray] = []
     refused: list[tuple[float, FloatArray]] = []
     sizes: list[float] = []
-    flat = 0
+    flat = False
     for edges in holes:
         corners = vertices[rim[edges, 0]]
         size = float(np.linalg.norm(np.ptp(vertices[np.unique(rim[edges])], axis=0)))
         cap = _flat_cap(vertices, rim[edges], beside[edges])
         if cap is not None:
             caps.append(cap)
-            flat += size > hole_mm
+            flat = flat or size > hole_mm
         elif size <= hole_mm:
             middle = np.full(len(edges), len(vertices) + len(middles))
             middles.append(corners.mean(axis=0))
@@ -77,9 +77,9 @@ def close_holes(
     largest = int(np.argmax(sizes))
     at = ", ".join(f"{v:.2f}" for v in vertices[rim[holes[largest], 0]].mean(axis=0))
     said.append(
-        f"{len(holes)} hole{'s' if len(holes) > 1 else ''} closed, the largest "
-        f"{sizes[largest]:.2g} mm across near ({at}) mm"
-        + (f"; {flat} of them larger than a bead, in flat faces" if flat else ""))
+        f"{len(holes)} hole{'s' if len(holes) > 1 else ''} closed, "
+        f"{'the largest ' if len(holes) > 1 else ''}{sizes[largest]:.2g} mm across near ({at}) mm"
+        + ("; facets were missing from flat faces" if flat else ""))
     return np.vstack([vertices, *middles]), np.vstack([triangles, *caps])
 
 

@@ -63,7 +63,7 @@ def repair_mesh(mesh: Mesh, name: str, hole_mm: float) -> tuple[Mesh, tuple[str,
     if turned.any():
         said.append(f"{_count(turned, 'triangle')} faced the other way than those beside; turned")
     vertices, triangles = parted_at_shared_edges(vertices, triangles)
-    vertices, triangles = one_solid(vertices, triangles, turned, name, said)
+    vertices, triangles = one_solid(vertices, triangles, turned, name, hole_mm, said)
     vertices, triangles = merge_equal_vertices(vertices, triangles)
     counts = edge_numbers(triangles)[1]
     if (counts > 2).any():
@@ -137,8 +137,8 @@ def _seams_joined(
 def _cut_at_junctions(vertices: FloatArray, triangles: IntArray, said: list[str]) -> IntArray:
     cut, edges = split_at_junctions(vertices, triangles, SEAM_MM)
     if edges:
-        said.append(f"T-junctions: {edges} edge{'s' if edges > 1 else ''} cut at the corners they "
-                    "pass")
+        said.append(f"T-junctions: {edges} edge{'s' if edges > 1 else ''} cut at corners of "
+                    "neighbours")
     return cut
 
 

@@ -8,17 +8,15 @@ last digit. The others go through manifold3d, whose result bounds one solid.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.errors import InputError
-from lmctl.field.mesh.triangle_tree import TriangleTree
 from lmctl.part.sources.mesh_gaps import INTO_MM, Gap, close_gap
-from lmctl.part.sources.mesh_orientation import facing_out_by_parity, shells_of, signed_volumes
-from lmctl.part.sources.mesh_topology import connected_components, edge_numbers
+from lmctl.part.sources.mesh_shells import Shell, near_pairs, nesting, parted_shells
+from lmctl.part.sources.mesh_topology import connected_components
 
 if TYPE_CHECKING:
     from manifold3d import Manifold
@@ -30,109 +28,78 @@ BoolArray = NDArray[np.bool_]
 #: Solids nearer to each other than this were meant to be flush: no nozzle leaves such a gap [mm].
 GAP_MM = 0.01
 
+#: A gap narrower than this share of a bead is most likely not meant.
+NARROW_BEADS = 0.1
+
 #: Volumes and areas that differ by no more than this share are the same.
 SAME_SHARE = 1e-9
 
-#: Corners of a shell that are asked whether they lie in another.
-CORNERS_ASKED = 50
-
 
 @dataclass(frozen=True, eq=False)
-class Shell:
-    """A closed surface by corners of its own: vertices (n, 3), triangles (m, 3).
+class _Union:
+    """Shells that were made one; those of them that lay in another as solids; gaps closed."""
 
-    is_told : whether its triangles faced one way, so that they say whether it is a cavity
-    """
-
-    vertices: FloatArray
-    triangles: IntArray
-    is_told: bool = True
-
-    @cached_property
-    def volume_mm3(self) -> float:
-        """Negative where it faces in."""
-        return float(signed_volumes(self.vertices, self.triangles).sum())
-
-    @cached_property
-    def tree(self) -> TriangleTree:
-        return TriangleTree.of(self.vertices[self.triangles])
-
-    @cached_property
-    def box_mm(self) -> FloatArray:
-        return np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)])
-
-    @property
-    def place(self) -> str:
-        """Where it is, for messages."""
-        return "(" + ", ".join(f"{v:.2f}" for v in self.box_mm.mean(axis=0)) + ") mm"
-
-    def turned(self) -> Shell:
-        return replace(self, triangles=self.triangles[:, ::-1])
-
-    def holds(self, other: Shell) -> bool:
-        """Whether another lies in it, by the one of its corners that is clearest of it."""
-        if (other.box_mm[0] < self.box_mm[0]).any() or (other.box_mm[1] > self.box_mm[1]).any():
-            return False
-        step = -(-len(other.vertices) // CORNERS_ASKED)
-        depth = self.tree.signed_distance(other.vertices[::step])
-        return bool(depth[int(np.argmax(np.abs(depth)))] > 0.0)
+    shells: tuple[Shell, ...]
+    nested: tuple[Shell, ...]
+    gaps: tuple[Gap, ...]
 
 
 def one_solid(
-    vertices: FloatArray, triangles: IntArray, turned: BoolArray, name: str, said: list[str]
+    vertices: FloatArray, triangles: IntArray, turned: BoolArray, name: str, bead_mm: float,
+    said: list[str],
 ) -> tuple[FloatArray, IntArray]:
     """A closed mesh as the boundary of one solid, facing out.
 
     triangles : (m, 3), neighbours facing alike
     turned : (m,) those that had to be turned for that
+    bead_mm : gaps far narrower than a bead, that are too wide to be closed here, are said
     said : what was done is appended to it
     raises : InputError, with the place, where shells cannot be united, or where one whose triangles
         faced both ways lies in another: a cavity or not would be a guess
     """
-    shells = _shells(vertices, triangles, turned)
+    shells = parted_shells(vertices, triangles, turned)
     done: list[Shell] = []
-    for group in _near_groups(shells):
+    unions: list[_Union] = []
+    for group in _near_groups(shells, GAP_MM):
         some = _facing_by_nesting([shells[n] for n in group], name, said)
-        done += some if len(some) == 1 else _united(some, name, said)
+        found, union = (some, None) if len(some) == 1 else _united(some, name)
+        done += found
+        unions += [] if union is None else [union]
+    said += _in_words(unions)
+    said += _narrow_gaps(done, NARROW_BEADS * bead_mm)
     starts = np.cumsum([0] + [len(shell.vertices) for shell in done])
     return np.vstack([shell.vertices for shell in done]), np.vstack(
         [shell.triangles + start for shell, start in zip(done, starts[:-1], strict=True)])
 
 
-def _shells(vertices: FloatArray, triangles: IntArray, turned: BoolArray) -> list[Shell]:
-    number = shells_of(vertices, triangles)
-    order = np.argsort(number, kind="stable")
-    found = []
-    for rows in np.split(order, np.flatnonzero(np.diff(number[order])) + 1):
-        used, own = np.unique(triangles[rows], return_inverse=True)
-        shell = Shell(vertices[used], own.reshape(-1, 3), not turned[rows].any())
-        if (edge_numbers(shell.triangles)[1] > 2).any():
-            faces_in = shell.volume_mm3 < 0.0 and shell.is_told
-            shell = replace(
-                shell, triangles=facing_out_by_parity(shell.vertices, shell.triangles))
-            shell = shell.turned() if faces_in else shell
-        found.append(shell)
-    return found
-
-
-def _near_groups(shells: list[Shell]) -> list[list[int]]:
+def _near_groups(shells: list[Shell], gap_mm: float) -> list[list[int]]:
     """Numbers of shells whose boxes come nearer to each other than a gap, together."""
-    low = np.array([shell.box_mm[0] for shell in shells]) - GAP_MM
-    high = np.array([shell.box_mm[1] for shell in shells])
-    order = np.argsort(low[:, 0], kind="stable")
-    links = [np.empty((0, 2), dtype=np.int64)]
-    for place, number in enumerate(order.tolist()):
-        last = int(np.searchsorted(low[order, 0], high[number, 0], side="right"))
-        others = order[place + 1 : last]
-        near = np.all((low[others] <= high[number]) & (high[others] >= low[number]), axis=1)
-        links.append(np.stack([np.full(int(near.sum()), number), others[near]], axis=1))
-    group = connected_components(np.vstack(links), len(shells))
+    group = connected_components(near_pairs(shells, gap_mm), len(shells))
     return [np.flatnonzero(group == which).tolist() for which in np.unique(group)]
+
+
+def _narrow_gaps(shells: list[Shell], narrow_mm: float) -> list[str]:
+    """What to say of the narrowest gap between solids that no bead can leave open."""
+    solids = [shell for shell in shells if shell.volume_mm3 > 0.0]
+    width, place = narrow_mm, None
+    for one, other in near_pairs(solids, narrow_mm).tolist():
+        for shell, beside in ((solids[one], solids[other]), (solids[other], solids[one])):
+            low, high = beside.box_mm[0] - narrow_mm, beside.box_mm[1] + narrow_mm
+            near = np.all((shell.vertices >= low) & (shell.vertices <= high), axis=1)
+            away = np.abs(beside.tree.signed_distance(shell.vertices[near]))
+            away[away <= GAP_MM] = np.inf  # they touch there: no gap
+            if len(away) and away.min() < width:
+                width, place = float(away.min()), shell.vertices[near][int(np.argmin(away))]
+    if place is None:
+        return []
+    at = ", ".join(f"{v:.2f}" for v in place)
+    return [f"two solids lie {width:.2g} mm apart near ({at}) mm, far less than a bead: they are "
+            "planned as two, and what is deposited will not keep them apart"]
 
 
 def _facing_by_nesting(shells: list[Shell], name: str, said: list[str]) -> list[Shell]:
     """Outermost shells facing out; what lies in one that was turned is turned with it."""
-    holds = np.array([[a is not b and a.holds(b) for b in shells] for a in shells], dtype=bool)
+    holds = nesting(shells)
     result = list(shells)
     for number, shell in enumerate(shells):
         if holds[:, number].any():
@@ -154,7 +121,7 @@ def _facing_by_nesting(shells: list[Shell], name: str, said: list[str]) -> list[
     return result
 
 
-def _united(shells: list[Shell], name: str, said: list[str]) -> list[Shell]:
+def _united(shells: list[Shell], name: str) -> tuple[list[Shell], _Union | None]:
     """Shells that come near each other: as they are where they bound one solid, else united."""
     shells, gaps = _without_gaps(shells)
     solids = [shell for shell in shells if shell.volume_mm3 > 0.0]
@@ -162,7 +129,7 @@ def _united(shells: list[Shell], name: str, said: list[str]) -> list[Shell]:
     made = [_manifold(shell) for shell in solids]
     taken = [_manifold(shell.turned()) for shell in cavities]
     if any(one is None for one in (*made, *taken)):
-        return shells  # edges of more than two triangles: what overlaps is looked for by sections
+        return shells, None  # edges of more than two triangles: what overlaps is looked for later
     from manifold3d import Manifold, OpType
 
     parts = []
@@ -176,7 +143,7 @@ def _united(shells: list[Shell], name: str, said: list[str]) -> list[Shell]:
     same = abs(united.volume() - volume) <= SAME_SHARE * volume and (
         abs(united.surface_area() - area) <= SAME_SHARE * area)
     if same and not gaps:
-        return shells
+        return shells, None
     # Steps as deep as faces were moved into each other, and cuts across flat faces, are no shape.
     mesh = united.as_original().simplify(2.0 * INTO_MM).to_mesh64()
     found = Shell(np.array(mesh.vert_properties, dtype=np.float64)[:, :3],
@@ -185,35 +152,39 @@ def _united(shells: list[Shell], name: str, said: list[str]) -> list[Shell]:
         raise InputError(f"the solids of the mesh {name} cannot be united",
                          where=f"{len(shells)} shells around {shells[0].place}",
                          hint="unite them in the program they came from")
-    said.append(_in_words(shells, solids, gaps))
-    return [found]
+    nested = [solids[n] for n in np.flatnonzero(nesting(solids).any(axis=0))]
+    return [found], _Union(tuple(shells), tuple(nested), tuple(gaps))
 
 
-def _in_words(shells: list[Shell], solids: list[Shell], gaps: list[Gap]) -> str:
-    nested = [s for s in solids if any(other is not s and other.holds(s) for other in solids)]
+def _in_words(unions: list[_Union]) -> list[str]:
+    """What to say of shells that were united, in one line however many there are."""
+    if not unions:
+        return []
+    gaps = [gap for union in unions for gap in union.gaps]
+    nested = [shell for union in unions for shell in union.nested]
+    made = "one solid" if len(unions) == 1 else f"{len(unions)} solids"
+    count = sum(len(union.shells) for union in unions)
+    text = f"{count} shells made {made}, "
     if gaps:
         widest = max(gaps, key=lambda gap: gap.width_mm)
         at = ", ".join(f"{v:.2f}" for v in widest.place_mm)
-        return (f"{len(shells)} shells made one solid, with gaps up to {widest.width_mm:.2g} mm "
-                f"between flat faces closed, near ({at}) mm")
-    text = f"{len(shells)} shells that overlap or touch made one solid, around {shells[0].place}"
+        text += (f"with gaps up to {max(widest.width_mm, 0.0):.2g} mm between flat faces closed, "
+                 f"near ({at}) mm")
+    else:
+        text += f"as they overlap or touch around {unions[0].shells[0].place}"
     if nested:
         text += (f"; {len(nested)} of them lie in another and face out, which is no cavity: turn "
                  f"the triangles around {nested[0].place} inwards if one is meant")
-    return text
+    return [text]
 
 
 def _without_gaps(shells: list[Shell]) -> tuple[list[Shell], list[Gap]]:
     """Shells with flat faces moved onto those of others that they nearly touch, and the gaps."""
     moved = [shell.vertices.copy() for shell in shells]
     gaps: list[Gap] = []
-    for number, shell in enumerate(shells):
-        for before in range(number):
-            other = shells[before]
-            apart = np.maximum(shell.box_mm[0] - other.box_mm[1], other.box_mm[0] - shell.box_mm[1])
-            if apart.max() <= GAP_MM:
-                gaps += close_gap(
-                    moved[number], shell.triangles, moved[before], other.triangles, GAP_MM)
+    for one, other in np.sort(near_pairs(shells, GAP_MM), axis=1).tolist():
+        gaps += close_gap(moved[other], shells[other].triangles, moved[one],
+                          shells[one].triangles, GAP_MM)
     if not gaps:
         return shells, []
     return [

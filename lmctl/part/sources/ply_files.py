@@ -69,7 +69,8 @@ def read_ply(file: DataFile) -> dict[str, PlyColumns]:
     else:
         at = 0
         for element in elements:
-            found[element.name], at = _from_bytes(file, element, body, at)
+            with np.errstate(invalid="ignore"):  # what is no number is refused by its user
+                found[element.name], at = _from_bytes(file, element, body, at)
     return found
 
 

@@ -32,7 +32,8 @@ def read_stl(file: DataFile) -> FloatArray:
     promised = struct.unpack_from("<I", data, 80)[0] if long_enough else 0
     if long_enough and len(data) == _HEAD_BYTES + _FACET.itemsize * promised:
         facets = np.frombuffer(data, dtype=_FACET, offset=_HEAD_BYTES)
-        return facets["corners"].astype(np.float64).reshape(-1, 3)
+        with np.errstate(invalid="ignore"):  # what is no number is refused by all readers alike
+            return facets["corners"].astype(np.float64).reshape(-1, 3)
     if b"\0" not in data:
         return _from_text(file)
     if not long_enough:

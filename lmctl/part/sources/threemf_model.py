@@ -106,11 +106,11 @@ def read_model(package: Package, part: str) -> Model:
             return
         match name:
             case "vertex" if current:
-                current[-1].corners.append(
-                    (float(attributes["x"]), float(attributes["y"]), float(attributes["z"])))
+                x, y, z = (_number(attributes[axis]) for axis in "xyz")
+                current[-1].corners.append((x, y, z))
             case "triangle" if current:
-                current[-1].faces.append(
-                    (int(attributes["v1"]), int(attributes["v2"]), int(attributes["v3"])))
+                a, b, c = (_whole_number(attributes[key]) for key in ("v1", "v2", "v3"))
+                current[-1].faces.append((a, b, c))
             case "object":
                 number = attributes["id"]
                 if number in model.objects:
@@ -164,11 +164,24 @@ def _transform(text: str | None) -> Transform:
     """(4, 3): rows of the turn, then the shift, as the format writes them."""
     if text is None:
         return np.vstack([np.eye(3), np.zeros(3)])
-    words = text.split()
-    by = np.array([float(word) for word in words], dtype=np.float64)
+    by = np.array([_number(word) for word in text.split()], dtype=np.float64)
     if by.shape != (12,) or not np.isfinite(by).all():
         raise ValueError("a transform is not twelve numbers")
     return by.reshape(4, 3)
+
+
+def _number(word: str) -> float:
+    try:
+        return float(word)
+    except ValueError:
+        raise ValueError(f"{word[:40]!r} is not a number") from None
+
+
+def _whole_number(word: str) -> int:
+    try:
+        return int(word)
+    except ValueError:
+        raise ValueError(f"{word[:40]!r} is not a whole number") from None
 
 
 def _reason(error: Exception) -> str:

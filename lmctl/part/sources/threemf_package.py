@@ -41,8 +41,8 @@ class Package:
         self._unpacked = 0
         try:
             self._archive = zipfile.ZipFile(io.BytesIO(file.data))
-        except (zipfile.BadZipFile, OSError, ValueError) as error:
-            raise self.damaged(str(error)[:100]) from None
+        except (zipfile.BadZipFile, NotImplementedError, OSError, ValueError):
+            raise self.damaged("it is not a whole zip archive") from None
         self._members = {i.filename.lower().lstrip("/"): i for i in self._archive.infolist()}
 
     def start_part(self) -> str:
@@ -105,8 +105,9 @@ class Package:
             with self._archive.open(member) as opened:  # no further than it said, true or not
                 return opened.read(member.file_size + 1)
         except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError,
-                OSError, ValueError) as error:
-            raise self.damaged(str(error)[:100]) from None
+                OSError, ValueError):
+            raise self.damaged(f"{part} is damaged in the archive, or packed in a way that is not "
+                               "known") from None
 
 
 def part_name(target: str, beside: str) -> str:

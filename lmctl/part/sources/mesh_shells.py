@@ -1,0 +1,108 @@
+"""The shells of a closed mesh: surfaces that hang together, and how they lie to each other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmctl.field.mesh.triangle_tree import TriangleTree
+from lmctl.part.sources.mesh_orientation import facing_out_by_parity, shells_of, signed_volumes
+from lmctl.part.sources.mesh_topology import edge_numbers
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+#: Corners of a shell that are asked whether they lie in another.
+CORNERS_ASKED = 50
+
+
+@dataclass(frozen=True, eq=False)
+class Shell:
+    """A closed surface by corners of its own: vertices (n, 3), triangles (m, 3).
+
+    is_told : whether its triangles faced one way, so that they say whether it is a cavity
+    """
+
+    vertices: FloatArray
+    triangles: IntArray
+    is_told: bool = True
+
+    @cached_property
+    def volume_mm3(self) -> float:
+        """Negative where it faces in."""
+        return float(signed_volumes(self.vertices, self.triangles).sum())
+
+    @cached_property
+    def tree(self) -> TriangleTree:
+        return TriangleTree.of(self.vertices[self.triangles])
+
+    @cached_property
+    def box_mm(self) -> FloatArray:
+        return np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)])
+
+    @property
+    def place(self) -> str:
+        """Where it is, for messages."""
+        return "(" + ", ".join(f"{v:.2f}" for v in self.box_mm.mean(axis=0)) + ") mm"
+
+    def turned(self) -> Shell:
+        return replace(self, triangles=self.triangles[:, ::-1])
+
+    def holds(self, other: Shell) -> bool:
+        """Whether another lies in it, by the one of its corners that is clearest of it."""
+        if (other.box_mm[0] < self.box_mm[0]).any() or (other.box_mm[1] > self.box_mm[1]).any():
+            return False
+        step = -(-len(other.vertices) // CORNERS_ASKED)
+        depth = self.tree.signed_distance(other.vertices[::step])
+        return bool(depth[int(np.argmax(np.abs(depth)))] > 0.0)
+
+
+def parted_shells(
+    vertices: FloatArray, triangles: IntArray, turned: BoolArray
+) -> list[Shell]:
+    """The shells of a mesh. turned : (m,) triangles that had to be turned to face as others do"""
+    number = shells_of(vertices, triangles)
+    order = np.argsort(number, kind="stable")
+    found = []
+    for rows in np.split(order, np.flatnonzero(np.diff(number[order])) + 1):
+        used, own = np.unique(triangles[rows], return_inverse=True)
+        shell = Shell(vertices[used], own.reshape(-1, 3), not turned[rows].any())
+        if (edge_numbers(shell.triangles)[1] > 2).any():
+            faces_in = shell.volume_mm3 < 0.0 and shell.is_told
+            shell = replace(
+                shell, triangles=facing_out_by_parity(shell.vertices, shell.triangles))
+            shell = shell.turned() if faces_in else shell
+        found.append(shell)
+    return found
+
+
+def near_pairs(shells: list[Shell], gap_mm: float) -> IntArray:
+    """Pairs (k, 2) of numbers of shells whose boxes come nearer to each other than a gap."""
+    if len(shells) < 2:
+        return np.empty((0, 2), dtype=np.int64)
+    low = np.array([shell.box_mm[0] for shell in shells]) - gap_mm
+    high = np.array([shell.box_mm[1] for shell in shells])
+    order = np.argsort(low[:, 0], kind="stable")
+    links = [np.empty((0, 2), dtype=np.int64)]
+    for place, number in enumerate(order.tolist()):
+        last = int(np.searchsorted(low[order, 0], high[number, 0], side="right"))
+        others = order[place + 1 : last]
+        near = np.all((low[others] <= high[number]) & (high[others] >= low[number]), axis=1)
+        links.append(np.stack([np.full(int(near.sum()), number), others[near]], axis=1))
+    return np.vstack(links)
+
+
+def nesting(shells: list[Shell]) -> BoolArray:
+    """(n, n): whether each shell holds each other one."""
+    low = np.array([shell.box_mm[0] for shell in shells])
+    high = np.array([shell.box_mm[1] for shell in shells])
+    holds: BoolArray = np.all(low[:, None] <= low, axis=2)
+    holds &= np.all(high[:, None] >= high, axis=2)
+    np.fill_diagonal(holds, False)
+    for one, other in np.argwhere(holds).tolist():
+        holds[one, other] = shells[one].holds(shells[other])
+    return holds
