@@ -133,8 +133,8 @@ def test_a_binary_ply_cut_short_is_refused_at_every_length(order: str, polygons:
 
 @pytest.mark.parametrize("polygons", [TRIANGLE_ROWS, MIXED, angle.POLYGONS])
 def test_off_polygons(polygons: Any) -> None:
-    assert whole(angle.stop(polygons), "off")
-    coloured = angle.stop(polygons).replace("OFF", "COFF", 1).replace("10.0", "10.0 255 0 0 255")
+    assert whole(angle.off(polygons), "off")
+    coloured = angle.off(polygons).replace("OFF", "COFF", 1).replace("10.0", "10.0 255 0 0 255")
     assert volume_mm3(read(coloured, "off")) == pytest.approx(angle.VOLUME_MM3)
 
 
@@ -194,7 +194,7 @@ def test_pieces_of_a_long_text_stl_fit_together(monkeypatch: pytest.MonkeyPatch)
 @pytest.mark.parametrize(
     ("data", "suffix", "looks"),
     [(angle.obj(), "stl", "an OBJ file"), (angle.text_stl(), "obj", "text STL"),
-     (angle.stop(), "stl", "an OFF file"), (angle.ply("ascii"), "stl", "a PLY file"),
+     (angle.off(), "stl", "an OFF file"), (angle.ply("ascii"), "stl", "a PLY file"),
      (b"PK\x03\x04" + bytes(100), "stl", "zip"), (b"<!DOCTYPE html>" + b"x" * 100, "stl", "page"),
      (b"ISO-10303-21;\n" + b"x" * 100, "stl", "STEP"), (angle.ply("ascii"), "off", "a PLY file"),
      (b"version https://git-lfs.github.com/spec/v1\noid sha256:1\n", "ply", "Git LFS"),

@@ -87,7 +87,7 @@ def test_islands_are_not_compared_with_each_other(
     pins = making.join([making.box((3 * x, 3 * y, 0), (3 * x + 2, 3 * y + 2, 1))
                         for x in range(12) for y in range(12)])
     asked = []
-    monkeypatch.setattr(slicing, "crossings", lambda *what: asked.append(what) or 0)
+    monkeypatch.setattr(slicing, "count_ray_crossings", lambda *what: asked.append(what) or 0)
     loops = MeshSlicer(*pins).loops(0.5)
     assert len(loops) == 144
     assert all(loop_area_mm2(loop) == pytest.approx(4) for loop in loops)
