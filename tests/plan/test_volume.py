@@ -211,3 +211,21 @@ def test_tracks_of_neighbouring_layers_do_not_lie_upon_each_other(geometry_of, w
     inner = across[0][2:-2]
     apart = np.abs(inner[:, None] - across[1]).min(axis=1)
     assert np.median(apart) >= 0.25 * PITCH
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_crumbs_of_any_size_have_a_track_or_are_listed(geometry_of, seed):
+    """From far below a node of the raster to half a bead, wherever they lie between its nodes."""
+    rng = np.random.default_rng(seed)
+    crumbs = []
+    for k in range(24):
+        width, turn = rng.uniform(0.05, 1.3), rng.uniform(0, 90)
+        x, y = 1 + 3 * (k % 12) + rng.uniform(0, 0.5), 24 + 4 * (k // 12) + rng.uniform(0, 0.5)
+        crumbs.append(rotate(box(x, y, x + width, y + width * rng.uniform(0.3, 1)), turn))
+    geometry = geometry_of(unary_union([box(0, 0, 36, 20), *crumbs]))
+    places = np.array([item.at_mm for item in geometry.figures.lost]).reshape(-1, 2)
+    for crumb in crumbs:
+        middle = np.array(crumb.centroid.coords[0])
+        listed = (np.hypot(*(places - middle).T) < 0.5).any()
+        near = np.hypot(*(geometry.points_mm - middle).T).min() < 0.3
+        assert listed != near

@@ -78,6 +78,7 @@ def _climb_kernel(
     least_step = step / 2**_HALVINGS
     while step > least_step:
         before = best
+        step = min(step, 0.7 * best)  # diagonally too, no step leaves the outline
         for way in range(9):
             u, v = x + step * (way % 3 - 1), y + step * (way // 3 - 1)
             depth = np.inf
