@@ -79,6 +79,7 @@ class PartFile(ConfigModel):
     """A whole part file; read one with `part_rules.load_part_file`, which checks all of it.
 
     pitch_mm : of the grid that fields are stored on; None chooses it from the bead width
+    tolerance_mm : how far the surface may be from the data of a cloud; the pitch follows from it
     combine : how the bodies that no other names make one solid; a difference takes all others
         from the first
     composition : of all of the part, whatever its bodies are of; None where they say it themselves
@@ -87,6 +88,7 @@ class PartFile(ConfigModel):
 
     name: Name
     pitch_mm: Pitch | None = None
+    tolerance_mm: Annotated[float, Field(gt=0, le=10)] | None = None
     combine: Literal["union", "difference", "intersection"] | None = None
     material: Annotated[tuple[MaterialSettings, ...], Field(min_length=1, max_length=64)]
     body: Annotated[tuple[Body, ...], Field(min_length=1, max_length=1000)]

@@ -111,6 +111,7 @@ def _build(
         composition_field=rule,
         grid=grid,
         plane=plane_around(grid, part.process.bead_width_mm),
+        surface_error_mm=tree.surface_error_mm,
     )
 
 

@@ -65,6 +65,8 @@ class Part:
         platform, its lowest point at z = 0
     warnings : what is doubtful; notes : what was taken by default; each for a person
     grid : around the solid; `plane` : of every section
+    surface_error_mm : of surfaces fitted to clouds, estimated from their samples; None where no
+        tolerance is stated or nothing is fitted
     """
 
     name: str
@@ -79,6 +81,7 @@ class Part:
     composition_field: CompositionField
     grid: Grid
     plane: PlaneGrid
+    surface_error_mm: float | None = None
 
     @property
     def bounds_mm(self) -> Bounds:

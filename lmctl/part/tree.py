@@ -49,9 +49,11 @@ class BodyTree:
     """The bodies of a checked part file with their data.
 
     data : what their files hold; it also collects what there is to say
+    surface_error_mm : of the surfaces fitted to clouds, where a tolerance is stated
     """
 
     def __init__(self, part: PartFile, data: PartData) -> None:
+        self.surface_error_mm: float | None = None
         self._part = part
         self._data = data
         self._number = {body.name: n for n, body in enumerate(part.body) if body.name}
@@ -216,9 +218,22 @@ class BodyTree:
     def _cloud(self, cloud: PointCloud, pitch_mm: float | None) -> Body:
         low, high = cloud.points.min(axis=0), cloud.points.max(axis=0)
         grid = checked_grid(low, high, pitch_mm or self.pitch_mm, stored=True)
-        from lmctl.field.cloud.cloud_field import cloud_field  # late: it takes much of scipy
+        # late: these take much of scipy
+        from lmctl.field.cloud.cloud_field import cloud_field
+        from lmctl.part.tolerance import cloud_within_tolerance
 
-        stored = cloud_field(cloud.points, grid, cloud.normals)
+        if self._part.tolerance_mm is None:
+            stored = cloud_field(cloud.points, grid, cloud.normals)
+        else:
+            surface = cloud_within_tolerance(
+                cloud.points, cloud.normals, grid.pitch_mm, self._part.tolerance_mm,
+                is_fixed=bool(pitch_mm or self._part.pitch_mm))
+            stored, grid = surface.stored, surface.stored.grid
+            self.surface_error_mm = max(self.surface_error_mm or 0.0, surface.error_mm)
+            self._data.notes.append(
+                f"the fitted surface is within {surface.error_mm:.2g} mm of the samples "
+                f"(estimated from them, at a pitch of {grid.pitch_mm:.3g} mm); tolerance_mm is "
+                f"{self._part.tolerance_mm:g}")
         if not is_closed(stored):
             raise InputError(
                 "the surface fitted to the point cloud is not closed",
