@@ -20,6 +20,11 @@ class CodeMeaning:
     description: str
     remedy: str
 
+    @property
+    def is_damage(self) -> bool:
+        """Whether a line that was sound when it was sent can only have been damaged on its way."""
+        return self.remedy == _LINE
+
 
 _PROGRAM = "the program is not for this controller: plan the job again for this machine"
 _LINE = "the line was damaged on its way or the program is wrong: check the cable, plan again"

@@ -74,11 +74,11 @@ def _head(part: PartRecord) -> str:
 
 
 def _cause(run: RunRecord) -> list[tuple[str, str]]:
-    """What ended a run that was not done, and what followed from it."""
+    """What ended a run that was not done, or what stood when one was done; and what followed."""
     cause = run.end.get("cause")
     if not cause:
         return []
-    return [("cause", str(cause.get("what", ""))),
+    return [("alarm" if run.state == "done" else "cause", str(cause.get("what", ""))),
             *(("then", str(text)) for text in run.end.get("followed", []))]
 
 

@@ -289,7 +289,7 @@ class RunExecutor:
                     recorder.seal(machine.state, lines=course.lines_executed,
                                   warnings=list(warnings),
                                   recoverable=is_recoverable(machine, course),
-                                  **first_out(machine, sequence.alarms),
+                                  **first_out(sequence.alarms),
                                   position_trusted=sequence.position_trusted)
                 finally:  # a disk that is full must not leave the feeders to their watchdogs
                     await sequence.close()

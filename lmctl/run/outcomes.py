@@ -29,9 +29,9 @@ def is_recoverable(machine: RunStateMachine, course: JobProgress) -> bool:
     return course.has_begun and not machine.finished and not wrong_job
 
 
-def first_out(machine: RunStateMachine, alarms: RunAlarms) -> dict[str, Any]:
-    """Fields of a journal's seal: the cause of a run that was not done, and what followed."""
-    if machine.state is RunState.DONE or not len(alarms):
+def first_out(alarms: RunAlarms) -> dict[str, Any]:
+    """Fields of a journal's seal: the cause of the alarms that stand at the end, and the others."""
+    if not len(alarms):
         return {}
     cause, *others = alarms
     return {

@@ -2,36 +2,46 @@
 
 from __future__ import annotations
 
-#: Regular expressions on the first alarm, by kind of fault.
+#: What a headline says of a link that loses, doubles, flips or delays bytes, or echoes them: that
+#: a line or report was damaged, an answer is missing or too many, or that nothing comes.
+_LINK = "damaged|unreadable|answer|not reported|not been read"
+
+#: Words for faults that are ridden out: no headline may come of them at all.
+_NOTHING = "(?!)"
+
+#: Regular expressions on the headline, by kind of fault: the cause, not what follows from it.
 EXPECTED = {
-    "controller_reboots": "restarted|lost|not reported|refused",
-    "controller_silent": "not reported|silent|no answer|lost",
-    "controller_stalls": "not reported|silent|no answer|lost",
-    "controller_lies": "position has not changed|still moves|off the programmed path",
+    "controller_reboots": "restarted",
+    "controller_silent": "not reported",
+    "controller_stalls": "not reported",
+    "controller_lies": "position has not changed",
     "hard_limit": "limit", "soft_limit": "travel|limit",
     "motion_door": "door", "motion_estop": "e-stop|emergency", "panel_hold": "hold",
-    "panel_start": "", "panel_override": "",
-    "reports_garbled": "", "reports_lost": "", "reports_extended": "", "reports_slow": "",
-    "ok_lost": "unanswered|no answer|answer is missing", "ok_doubled": "answer",
-    "word_garbled": "program asks for|programmed path|purge position",
-    "link_closed": "lost|no answer|not answer|closed|not been read|not reported", "bytes_lost": "",
-    "bytes_doubled": "", "bytes_flipped": "", "bytes_late": "", "garbage_echoed": "",
-    "modbus_exception": "", "passing_exceptions": "no answer|not been read", "half_open": "",
-    "stray_bytes": "", "requests_echoed": "", "replies_slow": "", "replies_dropped": "",
-    "replies_doubled": "",
-    "device_silent": "no answer|not answer|not been read|silent",
-    "feeder_restarts": "feeder F1", "feeder_local": "LOCAL|feeder F1",
+    "panel_start": _NOTHING, "panel_override": _NOTHING,
+    "reports_garbled": _NOTHING, "reports_lost": _NOTHING, "reports_extended": _NOTHING,
+    "reports_slow": _NOTHING,
+    "ok_lost": "unanswered|no answer|answer is missing",
+    "ok_doubled": "an answer came",
+    "word_garbled": "program asks for|programmed path|damaged on its way",
+    "link_closed": "was lost|there is no connection",
+    "bytes_lost": _LINK, "bytes_doubled": _LINK, "bytes_flipped": _LINK, "bytes_late": _LINK,
+    "garbage_echoed": _LINK, "modbus_exception": "refuses a request",
+    "passing_exceptions": "no answer|not been read", "half_open": _LINK, "stray_bytes": _LINK,
+    "requests_echoed": _LINK, "replies_slow": _LINK, "replies_dropped": _LINK,
+    "replies_doubled": _NOTHING,
+    "device_silent": "no answer|not been read",
+    "feeder_restarts": "feeder F1: the device restarted", "feeder_local": "LOCAL",
     "feeder_estop": "emergency|e-stop",
     "watchdog_trips": "watchdog", "data_stale": "same data", "feeder_lies": "weight|weighed",
     "recipe_ignored": "recipe", "supply_low": "pressure", "over_pressure": "pressure",
     "disc_stalls": "disc|stall", "speed_deviates": "speed|disc", "flow_readback_off": "disc|flow",
     "hose_clogs": "pressure|clog", "hopper_empty": "empty", "hopper_level": "level",
-    "disc_limited": "clipped", "feeder_warns": "",
+    "disc_limited": "clipped", "feeder_warns": _NOTHING,
     "carrier_low": "carrier|gas", "lid_open": "lid", "below_n_min": "disc|least speed|stop",
     "shield_gas_low": "shield gas", "chiller_fails": "chiller", "oxygen_high": "oxygen",
     "analyser_invalid": "analyser", "extraction_low": "extraction",
     "laser_enable_stuck": "laser-enable", "laser_enable_drops": "laser-enable",
-    "safety_stuck": "safety device|safety inputs", "safety_restarts": "safety|relay|door",
+    "safety_stuck": "same data", "safety_restarts": "the device restarted",
     "estop": "emergency|e-stop", "door": "door",
 }
 

@@ -251,7 +251,9 @@ def write_job(folder: Path) -> Path:
 
 
 def main() -> int:
-    names = sys.argv[1:] or list(FAULT_KINDS)
+    from tests.faults.freshness import stamp
+
+    names, rows = sys.argv[1:] or list(FAULT_KINDS), []
     shown = [state.value for state in STATES]
     print("# Every fault in every state of a run\n\nMade by `make faults`: small job, cell-safe "
           "and bench-safe, short delays, virtual time. *Seen, dark*: from\nthe fault to the first "
@@ -267,15 +269,16 @@ def main() -> int:
             cells = [try_one(fault, state, folder, job) for state in STATES]
             laying = cells[STATES.index(RunState.DEPOSITING)]
             seen = "–" if laying.seen_s is None else f"{laying.seen_s:.2f}"
-            print(f"| {fault} | {seen}, {laying.dark_s:.2f} | "
-                  + " | ".join(cell.text for cell in cells) + " |", flush=True)
+            rows.append(f"| {fault} | {seen}, {laying.dark_s:.2f} | "
+                        + " | ".join(cell.text for cell in cells) + " |")
+            print(rows[-1], flush=True)
             short = [cell for cell in cells if cell.shortfalls]
             wrong += len(short)
             if short:
                 print(f"{fault} fell short in {', '.join(cell.state.value for cell in short)}; "
                       f"to repeat: python -m tests.faults.matrix {fault.kind.name}",
                       file=sys.stderr)
-    print(f"\n{wrong} fell short")
+    print(f"\n{stamp(rows)}\n\n{wrong} fell short")
     return 1 if wrong else 0
 
 

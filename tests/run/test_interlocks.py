@@ -63,7 +63,7 @@ def feeder(
         feeding=feeding, stable=True,
     )
     return {"feeders": (FeederAge("F1", age_s, 1.0),),
-            "answers": (feeder_reading("F1", status, (HOPPER,), mixer_max_mbar),)}
+            "feeder_readings": (feeder_reading("F1", status, (HOPPER,), mixer_max_mbar),)}
 
 
 FINE = InterlockInputs(
@@ -112,13 +112,13 @@ TRIPPED = [
     ("safety inputs silent", FINE._replace(safety_age_s=0.31), "0.3 s"),
     ("motion silent", FINE._replace(motion_age_s=0.7), "0.7 s"),
     ("position", FINE._replace(standstill_s=1.1), "1.1 s"),
-    ("path", off(path_mm=0.11), "0.1 mm off the programmed path"),
+    ("path", off(path_error_mm=0.11), "0.1 mm off the programmed path"),
     ("wait", off(early_s=1.5), "1.5 s ahead of the program"),
-    ("feed and power", off(unasked=UncommandedOutput(20.0, 10.0, 500.0, (900.0,))),
+    ("feed and power", off(uncommanded=UncommandedOutput(20.0, 10.0, 500.0, (900.0,))),
      "10.0 mm/s at most"),
-    ("feed and power", off(unasked=UncommandedOutput(50.0, 50.0, 580.0, (0.0,))),
+    ("feed and power", off(uncommanded=UncommandedOutput(50.0, 50.0, 580.0, (0.0,))),
      "580 W of beam, says the motion controller; the program asks for no beam here"),
-    ("feed and power", off(unasked=UncommandedOutput(10.0, 10.0, 90.0, (880.0, 900.0))),
+    ("feed and power", off(uncommanded=UncommandedOutput(10.0, 10.0, 90.0, (880.0, 900.0))),
      "880 or 900 W at that speed"),
     ("feeder silent", with_feeder(age_s=3.1), "feeder F1"),
     ("mixer pressure", with_feeder(mixer_mbar=201.0), "201 mbar, 200 mbar"),
@@ -127,8 +127,9 @@ TRIPPED = [
     ("set-point", with_feeder(clipped=["A"]), "hopper A was clipped"),
     ("set-point", with_feeder(clipped=[]), "a hopper was clipped"),
     ("carrier gas", with_feeder(carrier_L_min=3.1), "3.1 L/min"),
-    ("disc", with_feeder(flow_est_g_min=5.8), "5.80 g/min"),
-    ("disc", with_feeder(flow_est_g_min=3.9, former_g_min=(4.0, 4.5)), "3.90 g/min"),
+    ("disc", with_feeder(flow_estimated_g_min=5.8), "5.80 g/min"),
+    ("disc", with_feeder(flow_estimated_g_min=3.9, previous_setpoints_g_min=(4.0, 4.5)),
+     "3.90 g/min"),
     ("weighed flow", with_feeder(flow_weighed_g_min=4.9), "4.90 g/min"),
 ]
 
@@ -148,8 +149,8 @@ def test_a_good_cell_trips_nothing_with_a_safety_device_and_without():
 def test_each_row(name, facts, words):
     ((rule, finding),) = found(facts)
     assert rule == name
-    assert words in finding.what
-    assert finding.hint
+    assert words in finding.text
+    assert finding.remedy
 
 
 @pytest.mark.parametrize(("name", "facts", "words"), TRIPPED,
@@ -169,10 +170,10 @@ def test_every_rule_has_a_row_above():
 
 @pytest.mark.parametrize("facts", [
     with_motion("<Door:0|MPos:1.000,2.000,3.000>"),  # closed again, not yet gone on
-    with_feeder(flow_est_g_min=6.11),  # within 2 %
-    with_feeder(flow_est_g_min=5.0, former_g_min=(4.0, 4.5)),  # on its way up
-    with_feeder(flow_est_g_min=8.1, former_g_min=(8.0,)),  # and down
-    with_feeder(flow_est_g_min=0.0, feeding=False),  # discs are off
+    with_feeder(flow_estimated_g_min=6.11),  # within 2 %
+    with_feeder(flow_estimated_g_min=5.0, previous_setpoints_g_min=(4.0, 4.5)),  # on its way up
+    with_feeder(flow_estimated_g_min=8.1, previous_setpoints_g_min=(8.0,)),  # and down
+    with_feeder(flow_estimated_g_min=0.0, feeding=False),  # discs are off
     with_feeder(carrier_L_min=None, flow_weighed_g_min=None),
     with_feeder(mixer_mbar=200.0),  # what is allowed
     with_feeder(mixer_mbar=None),  # the feeder has no such sensor
@@ -214,7 +215,7 @@ def test_a_rule_with_a_time_waits_for_it_and_starts_anew_after_a_gap():
 
 
 @pytest.mark.parametrize(("changes", "name", "for_s"), [
-    ({"flow_est_g_min": 5.8}, "disc A", 2.0), ({"carrier_L_min": 3.0}, "carrier gas A", 1.0),
+    ({"flow_estimated_g_min": 5.8}, "disc A", 2.0), ({"carrier_L_min": 3.0}, "carrier gas A", 1.0),
     ({"flow_weighed_g_min": 4.0}, "weighed flow A", 20.0),
 ])
 def test_one_reading_trips_nothing_however_often_it_is_looked_at(changes, name, for_s):
@@ -273,7 +274,7 @@ def test_answers_in_which_nothing_is_found_are_looked_at_once_and_trouble_until_
             looks.append(rule.name)
             return rule.find(facts)
 
-        return replace(rule, look=look)
+        return replace(rule, find=look)
 
     of_answers = [rule.name for rule in INTERLOCK_RULES if rule.uses_feeder_readings]
     assert of_answers == ["mixer pressure", "set-point", "carrier gas", "disc", "weighed flow"]
@@ -350,6 +351,21 @@ def test_the_first_alarm_stays_first_until_all_are_acknowledged():
     alarms.acknowledge()
     assert alarms.cause is None
     assert len(alarms) == 0
+
+
+def test_a_host_that_stood_still_has_not_asked_so_nobody_is_silent():
+    stale = FINE._replace(motion_age_s=0.9, motion_unanswered=False)
+    supervision, raised = watched()
+    supervision.evaluate(stale, 0.0, dark=False)
+    assert raised == []
+    supervision.evaluate(stale._replace(motion_unanswered=True), 0.1, dark=False)
+    assert len(raised) == 1
+
+
+def test_reports_that_cannot_be_read_are_called_that():
+    supervision, raised = watched()
+    supervision.evaluate(FINE._replace(motion_age_s=0.7, motion_unreadable=5), 0.0, dark=False)
+    assert "unreadable for 0.7 s" in raised[0].what
 
 
 def test_a_cause_that_shows_later_than_what_it_does_is_the_first_alarm():

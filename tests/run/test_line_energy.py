@@ -142,7 +142,7 @@ def test_an_override_turned_at_the_panel_is_no_damage(energy, reports):
     rate = 1.0
     for fields in reports:
         report = status(fields)
-        rate = report.overrides[0] / 100 if report.overrides else rate
+        rate = report.override_percents[0] / 100 if report.override_percents else rate
         energy.on_report(report, IN_BEAD_S, rate)
     energy.on_report(status(reports[-1].partition("|")[0]), IN_BEAD_S, rate)
     assert energy.unasked is None

@@ -77,6 +77,11 @@ class FeederDriver:
         return self._cycle.status_age_s
 
     @property
+    def seen(self) -> str:
+        """What came on the wire since the last good answer, in words; "" where nothing is wrong."""
+        return self._link.seen.sentence if self._link.seen.is_anything else ""
+
+    @property
     def period_s(self) -> float:
         """How often it is asked."""
         return self._cycle.period_s

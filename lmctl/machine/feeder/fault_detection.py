@@ -29,6 +29,7 @@ class FeederMonitor:
     def __init__(self, period_s: float) -> None:
         self._period_s = period_s
         self._last: FeederStatus | None = None
+        self._restarted = False  # while it was looked at, also before it was relied on
         self._moved_s = 0.0  # when the device's clock was last seen to move
         self._behind_since_s: float | None = None  # it has not taken over the recipe since
 
@@ -51,6 +52,8 @@ class FeederMonitor:
         elif self._behind_since_s is None:
             self._behind_since_s = status.time_s
         if last is not None and status.uptime_s < last.uptime_s:
+            self._restarted = True
+        if self._restarted:
             return FeederFault("the device restarted", "check its power supply")
         if status.alarm is not None:
             return FeederFault(status.alarm.text, status.alarm.remedy)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Awaitable
 from typing import TypeVar
 
-from firmware_protocol.pmx import PMX_MAP
+from firmware_protocol.pmx import PMX_MAP, WriteRefusalCode
 from firmware_protocol.pmx_alarms import describe_refusal
 from firmware_protocol.registers import RegisterError
 from lmctl.config.machine import FeederSettings
@@ -57,7 +57,9 @@ class FeederErrors:
         """Why it refused, in its own words where it says."""
         if refused.code == FAILURE:
             try:
-                return describe_refusal((await self._link.read_input(_LAST_REFUSAL, 1))[0])
+                given = (await self._link.read_input(_LAST_REFUSAL, 1))[0]
+                if given != WriteRefusalCode.NONE:
+                    return describe_refusal(given)
             except MachineError:
                 pass  # then the bare code has to do
         return refused.what

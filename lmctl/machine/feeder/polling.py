@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 
 from firmware_protocol.pmx import (
     MIRROR_ADDRESS,
@@ -231,9 +232,17 @@ class FeederPolling:
             except (NoReplyError, RegisterError):
                 pass  # the age of the last good answer tells
             except ModbusExceptionError as error:
-                self._complain(FeederFault(await self.errors.reason(error), REFUSED_HINT))
+                await self._refused(error)
             if complaint := self._watch.silence_fault(self.status_age_s, self._link.seen):
                 self._complain(complaint)
+
+    async def _refused(self, error: ModbusExceptionError) -> None:
+        """A device that refuses answers all the same: its status says why, and how it is."""
+        reason = await self.errors.reason(error)
+        with suppress(MachineError, RegisterError):
+            self._answered(self._understood(
+                await self._link.read_input(SYSTEM_BLOCK.address, SYSTEM_BLOCK.count)))
+        self._complain(FeederFault(f"it refuses a request: {reason}", REFUSED_HINT))
 
     def _does_more_than_ordered(self) -> bool:
         """Whether it feeds, or lets gas flow, and was told not to: an order has got lost."""

@@ -31,11 +31,11 @@ from lmctl.machine.motion.links import ByteLink, open_link
 from lmctl.machine.motion.observation import ControllerObservation
 from lmctl.machine.motion.pending_replies import PendingReplies
 from lmctl.machine.motion.report_screen import ReportScreen
+from lmctl.machine.motion.resets import Resets
 from lmctl.machine.motion.status_polling import StatusPolling
 
 _COMMAND_TAG = -1
 _LOST_HINT = "check cable and power of the controller, and that no other program talks to it"
-_RESET_TAKES_S = 0.3  # to the banner, where the controller has power
 _MIN_RX_USABLE = 127  # before the controller has said how much it has
 
 
@@ -67,8 +67,7 @@ class GrblConnection:
         self._host = GrblHost(_MIN_RX_USABLE, GRBL.max_line_chars)
         self._link: ByteLink | None = None
         self._awaited = PendingReplies(self.device_error)
-        self._reset_sent_s: float | None = None  # the first whose banner has not come
-        self._silent_at_reset = False
+        self._resets = Resets()
         self._with_question: bytes | None = None  # lines to be sent in one write with a `?`
 
     async def open(self, baud: int, timeout_s: float) -> None:
@@ -87,7 +86,7 @@ class GrblConnection:
         self._awaited.on_lost(self.device_error("the link was closed"))
 
     def use_dialect(self, dialect: Dialect, rx_bytes: int) -> None:
-        """Use what the controller has said of itself. Nothing may be unanswered."""
+        """Use what the controller has said of itself, with nothing unanswered."""
         self.dialect = dialect
         self._host = GrblHost(rx_bytes - 1, dialect.max_line_chars)
 
@@ -147,9 +146,7 @@ class GrblConnection:
         if self._link is None:
             return
         if byte is RealtimeCommand.RESET:
-            if self._reset_sent_s is None:
-                self._reset_sent_s = self._loop.time()
-                self._silent_at_reset = self.watch.unanswered_s > _RESET_TAKES_S
+            self._resets.sent(self._loop.time(), self.watch.unanswered_s)
             self._link.discard_unsent()
         self.screen.commanded(byte)
         self._link.write_realtime(byte.encoded)
@@ -251,6 +248,7 @@ class GrblConnection:
             self._awaited.on_message(event.format())
 
     def _reported(self, said: StatusReport) -> None:
+        self._resets.reported()
         report = self.screen.take(said, self._loop.time())
         if report is None:
             self.watch.ask_again()
@@ -267,30 +265,18 @@ class GrblConnection:
     def _command_answered(self, code: int) -> None:
         if code:
             meaning = error_meaning(code, self.dialect)
-            self._awaited.on_refused(f"error {code}: {meaning.description}", meaning.remedy)
+            how = "arrived damaged" if meaning.is_damage else "was refused"
+            self._awaited.on_refused(f"error {code}: {meaning.description}", meaning.remedy, how)
         else:
             self._awaited.on_ok()
 
     def _restarted(self) -> None:
-        asked = self._is_reset_answered()
-        self._reset_sent_s = None
+        asked = self._resets.answered(self._loop.time())
         self._awaited.on_refused("the controller restarted", "send it again")
         self.screen.restarted()
         self._hearer.on_restart(asked)
         self._awaited.on_restart()
         self.watch.restarted()
-
-    def _is_reset_answered(self) -> bool:
-        """Whether a banner answers a reset that was sent here.
-
-        One that comes late, from a controller that had been silent, is that of a start: the reset
-        went to a controller without power.
-        """
-        if self._reset_sent_s is None:
-            return False
-        return not self._silent_at_reset or (
-            self._loop.time() - self._reset_sent_s <= _RESET_TAKES_S
-        )
 
     def _fell_silent(self, reason: str) -> None:
         self.is_silent = True

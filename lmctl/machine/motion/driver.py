@@ -156,6 +156,11 @@ class MotionDriver:
         return self._talk.watch.unreadable
 
     @property
+    def unanswered_questions(self) -> int:
+        """How often `?` was sent since the last believed report."""
+        return self._talk.watch.times_put
+
+    @property
     def is_silent(self) -> bool:
         """Whether the controller was given up because it does not answer."""
         return self._talk.is_silent

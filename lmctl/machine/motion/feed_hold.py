@@ -10,6 +10,7 @@ from lmctl.machine.motion.connection import GrblConnection
 
 _POLL_S = 0.02
 _ANSWER_S = 0.1  # a report takes 10 ms at 115,200 baud; a lost one must not use up the deadline
+_FROZEN_S = 1.0  # a machine that slows down moves
 _RESUMED_S = 10.0  # restoring the spindle behind a door takes some seconds
 
 
@@ -22,6 +23,8 @@ async def hold(talk: GrblConnection, seen_within_s: float, stopped_within_s: flo
     loop = asyncio.get_running_loop()
     start_s = loop.time()
     seen = False
+    place: tuple[float, ...] | None = None
+    moved_s = start_s
     idle_reports = 0
     talk.realtime(RealtimeCommand.HOLD)
     while True:
@@ -33,13 +36,16 @@ async def hold(talk: GrblConnection, seen_within_s: float, stopped_within_s: flo
                 raise talk.device_error("an alarm came instead of the hold",
                                         hint="look at the alarm")
             seen = seen or report.state in ("Hold", "Door")
+            at = report.machine_mm or report.work_mm
+            if at != place:
+                place, moved_s = at, loop.time()
             # The first may have been on its way before the hold, and nothing must be left to start.
             idle_reports += report.state == "Idle" and not talk.unanswered_lines
             if idle_reports >= 2:
                 return
         waited_s = loop.time() - start_s
         if waited_s >= (stopped_within_s if seen else seen_within_s):
-            raise _not_held(talk, seen, waited_s)
+            raise _not_held(talk, seen, waited_s, loop.time() - moved_s)
         await asyncio.sleep(_POLL_S)
 
 
@@ -69,9 +75,14 @@ async def resume(talk: GrblConnection) -> None:
         report = await talk.fresh_report(_ANSWER_S)
 
 
-def _not_held(talk: GrblConnection, seen: bool, waited_s: float) -> MachineError:
-    what = (
-        f"the machine still moves {waited_s:.2f} s after a feed hold" if seen
-        else f"no hold showed within {waited_s:.2f} s of a feed hold"
-    )
+def _not_held(talk: GrblConnection, seen: bool, waited_s: float, still_s: float) -> MachineError:
+    if not seen:
+        what = f"no hold showed within {waited_s:.2f} s of a feed hold"
+    elif still_s > _FROZEN_S:
+        what = (
+            f"the motion controller says that it slows down, but its position has not changed for "
+            f"{still_s:.1f} s: its reports cannot be relied on"
+        )
+    else:
+        what = f"the machine still moves {waited_s:.2f} s after a feed hold"
     return talk.device_error(what, hint="reset the controller; its position is lost then")

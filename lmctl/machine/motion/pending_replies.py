@@ -88,10 +88,10 @@ class PendingReplies:
         """The command was answered `ok`."""
         _tell(self.command, self._said)
 
-    def on_refused(self, why: str, hint: str) -> None:
+    def on_refused(self, why: str, hint: str, how: str = "was refused") -> None:
         """There will be no `ok` for the command, if there is one."""
         if self.command is not None and not self.command.done():
-            self.command.set_exception(self._error(f"{self._text!r} was refused: {why}", hint))
+            self.command.set_exception(self._error(f"{self._text!r} {how}: {why}", hint))
 
     def on_report(self, report: StatusReport) -> None:
         """A report has come."""

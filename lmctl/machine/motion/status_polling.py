@@ -40,6 +40,7 @@ class StatusPolling:
     ask : writes the `?`
     silent : called once when nothing believable has come for `SILENT_S`
     unreadable : answers since the last believable report that could not be read or believed
+    times_put : how often the open question has been put; 0 without one
     """
 
     def __init__(
@@ -54,7 +55,7 @@ class StatusPolling:
         self._open_since_s: float | None = None  # when it was first put; silence counts from here
         self._answered_s: float | None = None
         self._takes_s = 0.0  # what an answer takes, the slow ones of late
-        self._times_put = 0  # the open question
+        self.times_put = 0
         self._quick_left = _QUICK_MOST
         self._quick_since_s = self._loop.time()
         self._timer: asyncio.TimerHandle | None = None
@@ -84,7 +85,7 @@ class StatusPolling:
     @property
     def is_repeated(self) -> bool:
         """Whether the open question has been put more than once."""
-        return self._times_put > 1
+        return self.times_put > 1
 
     def start(self) -> None:
         """Ask now and every period from now on."""
@@ -143,12 +144,12 @@ class StatusPolling:
     def _close_question(self) -> None:
         """Nothing is waited for, and silence counts anew from the next question."""
         self._open_since_s = None
-        self._times_put = 0
+        self.times_put = 0
         self.abandon_question()
 
     def _put_question(self) -> None:
         self._asked_s = self._loop.time()
-        self._times_put += 1
+        self.times_put += 1
         if self._open_since_s is None:
             self._open_since_s = self._asked_s
             self._put_in(self.late_s)
@@ -174,7 +175,7 @@ class StatusPolling:
         """Whether the controller counts as silent from now on; reported once."""
         if self._timer is None or self._open_since_s is None:
             return False
-        if self._times_put < _SILENT_QUESTIONS:
+        if self.times_put < _SILENT_QUESTIONS:
             return False
         silent_s = self._loop.time() - self._open_since_s
         if silent_s < SILENT_S:

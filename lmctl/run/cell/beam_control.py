@@ -20,6 +20,8 @@ from lmctl.run.interlocks.alarms import EmergencyStopError
 
 _REST_PATIENCE_S = 10.0
 
+_ARMED_TRIES = 3
+_PARSER_STATE = re.compile(r"\[GC:.*\]")
 _ARMED = re.compile(r"\[GC:(?=.*\bM4\b)(?=.*\bS0(?:\.0*)?[\] ]).*\]")
 
 
@@ -49,10 +51,18 @@ class BeamControl:
             safety.request_laser_enable(True)
             await safety.wait_for_laser_enable(True)
         await self._motion.command("M4 S0")
-        said = await self._motion.command("$G")
-        if not any(_ARMED.fullmatch(line) for line in said):
-            raise MachineError("the controller did not arm the beam at zero",
-                               where=f"it says {' '.join(said) or 'nothing'} after M4 S0")
+        for _ in range(_ARMED_TRIES):
+            said = await self._motion.command("$G")
+            if any(_ARMED.fullmatch(line) for line in said):
+                return
+            if any(_PARSER_STATE.fullmatch(line) for line in said):
+                raise MachineError("the controller did not arm the beam at zero",
+                                   where=f"it says {' '.join(said)} after M4 S0")
+        raise MachineError(
+            "the controller's answers are unreadable: it is not known whether the beam is at zero",
+            where=f"it says {' '.join(said) or 'nothing readable'} to $G",
+            hint="the link is disturbed: check cable and earthing of the controller",
+        )
 
     async def hold(self) -> None:
         """Return when the machine stands. Without a hold in 250 ms the controller is reset.

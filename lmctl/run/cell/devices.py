@@ -115,7 +115,18 @@ class Cell:
                 for want, have in zip(wanted, at, strict=False)
             )
 
-        await self.wait_until(there, timeout_s, "the move to the purge position")
+        try:
+            await self.wait_until(there, timeout_s, "the move to the purge position")
+        except MachineError as error:
+            at_mm = self.motion.position_mm
+            if at_mm is None or not is_idle(self.motion.status):
+                raise
+            stands = " ".join(f"{axis}{at:.3f}" for axis, at in zip("XYZ", at_mm, strict=False))
+            raise MachineError(
+                f"the machine stands at {stands}, not at the purge position: a line was damaged "
+                "on its way", where=error.what,
+                hint="check cable and earthing of the controller",
+            ) from None
 
     def set_flows(self, flows_g_min: dict[str, float]) -> None:
         """Hand each feeder the set-points of its hoppers, by hopper name."""

@@ -19,6 +19,7 @@ from lmctl.run.execution.deposition import Deposition
 from lmctl.run.interlocks.alarms import InterlockError, RunAlarms, Trip
 from lmctl.run.interlocks.inputs import (
     STALE_PERIODS,
+    STALE_QUESTIONS,
     FeederAge,
     FeederReading,
     InterlockInputs,
@@ -32,8 +33,11 @@ from lmctl.run.journal.recorder import RunRecorder
 #: Alarms that a controller which restarts, or is lost, raises before that is known.
 _SYMPTOMS = ("motion silent", "position", "path", "wait", "feed and power")
 
+#: Alarms that a safety device raises which restarts or is silent, before that is known.
+_SYMPTOMS_OF_SAFETY = ("safety inputs silent", "watchdog relay", "controller's door")
+
 #: While a device stays silent, it is looked at so often [s].
-_STALE_LOOKS_S = 0.1
+_STALE_LOOKS_S = 0.02
 
 #: Timers may come early by the resolution of the clock [s].
 _MIN_WAIT_S = 1e-3
@@ -178,7 +182,9 @@ class DeviceMonitor:
 
         def fault(reason: str) -> None:
             error = feeder.fault or MachineError(f"feeder {feeder.name}: {reason}")
-            self._raise(InterlockError.from_error(f"feeder {feeder.name}", error))
+            self._raise(InterlockError(
+                f"feeder {feeder.name}", error.what, where=error.where, hint=error.hint,
+                explains=[f"feeder silent {feeder.name}"]))
 
         return FeederCallbacks(on_status=status, on_fault=fault)
 
@@ -195,7 +201,8 @@ class DeviceMonitor:
         self._cell.notify_report()
 
     def _safety_fault(self, reason: str, hint: str) -> None:
-        self._raise(InterlockError("safety inputs silent", f"safety device: {reason}", hint=hint))
+        self._raise(InterlockError("safety device", f"safety device: {reason}", hint=hint,
+                                   explains=_SYMPTOMS_OF_SAFETY))
 
     # --- interlocks ---------------------------------------------------------------------------
 
@@ -243,7 +250,7 @@ class DeviceMonitor:
             motion_age_s=cell.motion.status_age_s,
             motion_period_s=self._profile.motion.status_period_s,
             feeders=[
-                FeederAge(feeder.name, feeder.status_age_s, feeder.period_s)
+                FeederAge(feeder.name, feeder.status_age_s, feeder.period_s, feeder.seen)
                 for feeder in cell.feeders
             ],
             feeder_readings=self._answers,
@@ -251,4 +258,8 @@ class DeviceMonitor:
             safety_age_s=0.0 if safety is None else safety.status_age_s,
             limits=self._profile.safety if safety is not None else None,
             motion_unreadable=cell.motion.unreadable_answers,
+            motion_unanswered=(
+                cell.motion.unanswered_questions >= STALE_QUESTIONS
+                or cell.motion.status_age_s >= self._profile.motion.send_horizon_s
+            ),
         )

@@ -15,8 +15,11 @@ _WEIGHED_SHARE, _WEIGHED_LEAST_G_MIN = 0.15, 0.5
 def silent(facts: InterlockInputs) -> Iterator[InterlockFinding]:
     for feeder in facts.feeders:
         if feeder.age_s > STALE_PERIODS * feeder.period_s:
-            yield InterlockFinding(f"feeder {feeder.name}: no answer for {feeder.age_s:.1f} s",
-                                   "check its power and cable", feeder.name)
+            seen = f": {feeder.seen}" if feeder.seen else ""
+            yield InterlockFinding(
+                f"feeder {feeder.name}: no answer for {feeder.age_s:.1f} s{seen}",
+                "check its power and cable", feeder.name,
+            )
 
 
 def mixer_pressure(facts: InterlockInputs) -> Iterator[InterlockFinding]:

@@ -15,6 +15,10 @@ from lmctl.machine.safety.status import SafetyStatus
 #: Reports missing before a device counts as silent (process.md 5.3).
 STALE_PERIODS = 3
 
+#: So often the motion controller must have been asked in vain by then. A host that stood still for
+#: a while has not asked; but by the end of the send horizon motion has run dry, asked or not.
+STALE_QUESTIONS = 3
+
 
 class FeederReading(NamedTuple):
     """What matters of a feeder's last good answer. name : of the feeder
@@ -32,11 +36,12 @@ class FeederReading(NamedTuple):
 
 
 class FeederAge(NamedTuple):
-    """How old a feeder's last good answer is."""
+    """How old a feeder's last good answer is. seen : what came instead, in words"""
 
     name: str
     age_s: float
     period_s: float
+    seen: str = ""
 
 
 class UncommandedOutput(NamedTuple):
@@ -69,13 +74,14 @@ class ProgramDeviation(NamedTuple):
 class InterlockInputs(NamedTuple):
     """All a rule may look at.
 
-    still_s : for how long the controller has said that it runs the program without moving, the
+    standstill_s : for how long the controller has said that it runs the program without moving, the
         program's own waits left out
-    off_program : no difference where no program runs
-    answers : of the feeders; the same object until one answers again
+    deviation : none where no program runs
+    feeder_readings : the same object until a feeder answers again
     safety, limits : None where the cell has no safety-input device
     motion_age_s : since the last report of the motion controller that was believed
     motion_unreadable : answers since then that could not be read or believed
+    motion_unanswered : it has been asked several times since then, or has run dry
     """
 
     motion: StatusReport | None
@@ -89,6 +95,7 @@ class InterlockInputs(NamedTuple):
     safety_age_s: float
     limits: SafetySettings | None
     motion_unreadable: int = 0
+    motion_unanswered: bool = True
 
 
 def feeder_reading(

@@ -21,6 +21,10 @@ _EARLY_S, _UNTOLD_PERIODS = 1.0, 2
 
 _ROUNDING_S = 1e-6
 
+#: A nozzle leaves its path in motion; one that is off it and stands is not where it says [s].
+_FROZEN_S = 0.15
+_FROZEN = "its reports cannot be relied on: reset it, home the machine"
+
 _DAMAGED = (
     "a line, or the reports, were damaged on their way: look at the part, and at cable and "
     "earthing of the controller, then resume"
@@ -38,7 +42,8 @@ def controller_door(facts: InterlockInputs) -> Iterator[InterlockFinding]:
 
 def silent(facts: InterlockInputs) -> Iterator[InterlockFinding]:
     """No believable report for three periods, in which a question is put ten times and more."""
-    if facts.motion_age_s < STALE_PERIODS * facts.motion_period_s - _ROUNDING_S:
+    stale = facts.motion_age_s >= STALE_PERIODS * facts.motion_period_s - _ROUNDING_S
+    if not (stale and facts.motion_unanswered):
         return
     if facts.motion_unreadable:
         yield InterlockFinding(
@@ -57,12 +62,18 @@ def not_following(facts: InterlockInputs) -> Iterator[InterlockFinding]:
         yield InterlockFinding(
             f"the motion controller says it runs, but its position has not changed for "
             f"{facts.standstill_s:.1f} s",
-            "its reports cannot be relied on: reset it, home the machine",
+            _FROZEN,
         )
 
 
 def off_path(facts: InterlockInputs) -> Iterator[InterlockFinding]:
-    if facts.deviation.path_error_mm > OFF_PATH_MM:
+    off_mm = facts.deviation.path_error_mm
+    if off_mm > OFF_PATH_MM and facts.standstill_s > _FROZEN_S:
+        yield InterlockFinding(
+            f"the motion controller says it runs, but its position has not changed for "
+            f"{facts.standstill_s:.1f} s, and is {off_mm:.1f} mm off the programmed path", _FROZEN,
+        )
+    elif facts.deviation.path_error_mm > OFF_PATH_MM:
         yield InterlockFinding(
             f"the nozzle is {facts.deviation.path_error_mm:.1f} mm off the programmed path, "
             "says the motion controller", _DAMAGED,

@@ -26,7 +26,7 @@ layer_opened  lines of a layer are about to be sent for the first time in this r
 layer     a layer is over, or the run is: what was reported and inferred of it in this run, up to
           what place, and whether no bead of it is left
 fault     a reason why a run was held or ended badly; of one that came after another, the cause
-seal      the end: state, lines executed; of a run that was not done the cause, and what followed
+seal      the end: state, lines executed; where alarms stand their cause, and what followed
 """
 
 from __future__ import annotations

@@ -94,7 +94,7 @@ def streamed(in_virtual_time, device, acts: dict[int, tuple]) -> dict:
 
     ended = in_virtual_time(main())
     assert complaints == []
-    assert device.device.rx_overrun_bytes == 0 or any(act[0] != "drop" for act in acts.values())
+    assert device.device.overruns == 0 or any(act[0] != "drop" for act in acts.values())
     return ended
 
 

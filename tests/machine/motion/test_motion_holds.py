@@ -70,9 +70,13 @@ def test_a_hold_that_does_not_come_is_said_within_its_deadline(controller, in_vi
             loop = asyncio.get_running_loop()
             device.deceleration_s = 99.0
             start_s = loop.time()
-            with pytest.raises(MachineError, match=r"still moves 2\.\d"):
+            with pytest.raises(MachineError, match=r"position has not changed for [12]\.\d"):
                 await driver.hold(stopped_within_s=2.0)
             assert loop.time() - start_s < 2.1
+            device.report = lambda usual=device.report: usual()._replace(
+                machine_mm=(loop.time(), 0.0, 0.0))
+            with pytest.raises(MachineError, match=r"still moves 2\.\d"):
+                await driver.hold(stopped_within_s=2.0)
             device._run_on()
             device._realtime = lambda byte, usual=device._realtime: (
                 None if byte == RealtimeCommand.HOLD else usual(byte)

@@ -66,7 +66,7 @@ def test_every_line_arrives_once_and_counts_never_run_ahead(
 
     in_virtual_time(main())
     assert gcode(device.received) == lines
-    assert device.device.rx_overrun_bytes == 0
+    assert device.device.overruns == 0
     assert device.done == 400
 
 

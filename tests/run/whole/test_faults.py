@@ -72,12 +72,13 @@ INTERLOCKS = {
 }
 
 
-def test_a_feeder_that_cannot_be_stopped_is_said_so(run, large_square_job):
-    """At LOCAL a feeder takes no orders: its powder is for the people at its panel."""
+def test_a_feeder_at_local_takes_no_orders_and_is_read_all_the_same(run, large_square_job):
+    """It refuses the orders of a host, and says by its status that its discs stand."""
     one = run(large_square_job, acts=[(3.0, feeder_to_local), (20.0, stop)])
-    assert isinstance(one.error, RunInterruptedError)
-    assert "its switch stands at LOCAL" in one.error.what
-    assert "powder did not stop" in one.error.render()
+    assert isinstance(one.error, RunStoppedError)
+    assert "LOCAL" in one.error.what
+    assert "no answer" not in one.error.render()
+    assert one.still_feeding == []
     assert len(one.standing_beam) == 0
     assert "held" in one.states
 

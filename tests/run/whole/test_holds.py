@@ -185,6 +185,14 @@ def test_an_offset_that_has_changed_in_a_hold_ends_the_run(run, large_square_job
     assert one.path.time_s.max() < one.started_s + 4.0
 
 
+def test_a_host_that_stood_still_within_the_send_horizon_holds_nothing(run, large_square_job):
+    """The machine had lines for longer than that, and answers as soon as it is asked."""
+    one = run(large_square_job, acts=[(3.0, lambda r: r.loop._land_on(r.loop.time() + 0.75))])
+    assert one.result is not None, one.error
+    assert "held" not in one.states
+    assert one.records("alarm") == []
+
+
 @pytest.mark.parametrize("asleep_s", [1.6, 20.0])
 def test_a_host_that_slept_holds_the_run_and_keeps_the_position(run, large_square_job, asleep_s):
     """The machine went on as long as it had lines: nobody can say that it stood."""
