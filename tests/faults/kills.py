@@ -144,7 +144,7 @@ def _first_line(path: Path) -> str:
 
 
 def _judge_record(job: Path, record: dict, folder: Path, outcome: Outcome) -> None:
-    drawn = {line["line"]: line["drawn_mm"] for line in record["drawn"]}
+    drawn = {line["line"]: line["beam_on_mm"] for line in record["drawn"]}
     outcome.repeated_mm = record["verdict"]["repeated_mm"]
     with JobReader(job) as reader:
         horizon_s = reader.manifest.send_horizon_s
@@ -159,9 +159,9 @@ def _judge_record(job: Path, record: dict, folder: Path, outcome: Outcome) -> No
             short.append(f"lines {missing[:5]} are missing")
     if outcome.repeated_mm > SPEED_MM_S * horizon_s + OVERLAP_MM:
         short.append("more was repeated than the horizon holds")
-    if record["verdict"]["beam_standing"]:
+    if record["verdict"]["beam_on_without_motion"]:
         short.append("the beam was lit without motion")
-    if record["verdict"]["overruns"]:
+    if record["verdict"]["rx_overrun_bytes"]:
         short.append("bytes were lost")
     for journal in sorted(folder.glob("runs/*/journal.jsonl")):
         short += _false_claims(journal, lines, length, drawn)

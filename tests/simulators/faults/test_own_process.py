@@ -60,10 +60,11 @@ def test_faults_are_told_as_they_happen_and_the_record_is_written_when_asked(
     for asked in (early, late):
         assert [line["line"] for line in asked["lines"]] == [1, 2]
         assert len(asked["faults"]) == 2
-        assert asked["drawn"][0] == {"line": 1, "beam_on_mm": pytest.approx(1.0), "repeated_mm": 0.0}
+        assert asked["drawn"][0] == {
+            "line": 1, "beam_on_mm": pytest.approx(1.0), "repeated_mm": 0.0}
         assert asked["host"]["motion"][0][1] is True
     assert late["host"]["motion"][-1][1] is False
-    assert late["verdict"]["dark_after_s"] < 0.3
+    assert late["verdict"]["beam_off_after_s"] < 0.3
 
 
 def _written(path):
