@@ -65,7 +65,7 @@ def test_hold_and_resume(over, large_square_job):
 def test_a_feeder_that_falls_silent(over, large_square_job):
     """The cable of F2 is pulled; the beam goes first, and nothing is claimed that was not done."""
     one = over(large_square_job, acts=[
-        (3.0, lambda r: r.bench.edges["F2"].open(False)), (12.0, lambda r: r.executor.stop()),
+        (3.0, lambda r: r.bench.edges["F2"].set_open(False)), (12.0, lambda r: r.executor.stop()),
     ])
     assert one.error is not None
     assert "held" in one.states
