@@ -12,7 +12,7 @@ from typing import Any
 
 from lmctl.config.part_file import ProcessSettings
 from lmctl.errors import PlanError
-from lmctl.plan.geometry import LayerGeometry, LostFeature, OverhangPlace
+from lmctl.plan.geometry import IslandFigures, LayerGeometry, LostFeature, OverhangPlace
 
 #: Lost features and overhangs that a message names; the others are counted.
 _MOST_NAMED = 5
@@ -80,6 +80,33 @@ class Overhang:
 
 
 @dataclass
+class BuiltFeature:
+    """A piece of the part that is connected in each of its layers; heights in the part's
+    coordinates [mm]."""
+
+    at_mm: tuple[float, float]
+    from_layer: int
+    to_layer: int
+    from_z_mm: float
+    to_z_mm: float
+    volume_mm3: float = 0.0
+    inside_mm3: float = 0.0
+
+    @property
+    def built_fraction(self) -> float:
+        return self.inside_mm3 / self.volume_mm3 if self.volume_mm3 > 0 else 0.0
+
+    def as_dict(self) -> dict[str, Any]:
+        return {
+            "at_mm": [round(v, 3) for v in self.at_mm],
+            "from_z_mm": round(self.from_z_mm, 3), "to_z_mm": round(self.to_z_mm, 3),
+            "from_layer": self.from_layer, "to_layer": self.to_layer,
+            "volume_mm3": round(self.volume_mm3, 4),
+            "built_fraction": round(self.built_fraction, 5),
+        }
+
+
+@dataclass
 class Completeness:
     """Sums over all layers of a part, in order; read at the end.
 
@@ -98,6 +125,8 @@ class Completeness:
     top_mm2: float = 0.0
     lost: list[LostPiece] = field(default_factory=list)
     overhangs: list[Overhang] = field(default_factory=list)
+    features: list[BuiltFeature] = field(default_factory=list)
+    _open_features: dict[tuple[int, int], BuiltFeature] = field(default_factory=dict)
     _open_lost: dict[tuple[str, int, int], LostPiece] = field(default_factory=dict)
     _open_overhangs: dict[tuple[int, int], Overhang] = field(default_factory=dict)
 
@@ -110,6 +139,8 @@ class Completeness:
         self.outside_mm2 += figures.outside_mm2
         self.narrow_mm2 += figures.narrow_mm2
         self.top_mm2 = figures.slice_mm2
+        for island in figures.islands:
+            self._add_island(geometry, island)
         for feature in figures.lost:
             self._add_lost(geometry, feature)
         for place in figures.overhang:
@@ -150,6 +181,8 @@ class Completeness:
             "intended_volume_mm3": round(self.slice_mm2 * self.layer_height_mm, 3),
             "layer_height_mm": round(self.layer_height_mm, 6),
             "complete": self.is_complete(),
+            "feature_count": len(self.features),
+            "features": [f.as_dict() for f in self._least_built()[:_MOST_LISTED]],
             "lost_count": len(self.lost),
             "lost": [piece.as_dict() for piece in self._largest_lost()[:_MOST_LISTED]],
             "overhang_count": len(self.overhangs),
@@ -229,11 +262,31 @@ class Completeness:
             hint="build the part in another direction, raise process.max_overhang_deg where the "
                  "process holds it, or plan it all the same with --allow-overhang")
 
+    def _least_built(self) -> list[BuiltFeature]:
+        return sorted(self.features, key=lambda f: f.built_fraction)
+
     def _largest_lost(self) -> list[LostPiece]:
         return sorted(self.lost, key=lambda piece: -piece.volume_mm3)
 
     def _worst_overhangs(self) -> list[Overhang]:
         return sorted(self.overhangs, key=lambda o: (not o.is_in_air, -o.angle_deg, -o.area_mm2))
+
+    def _add_island(self, geometry: LayerGeometry, island: IslandFigures) -> None:
+        """Join a piece of a layer to the one below it whose middle is nearly the same."""
+        low = geometry.z_mm - self.layer_height_mm / 2
+        key = self._cell(island.at_mm)
+        found = next(
+            (near for cell in _around(key)
+             if (near := self._open_features.get(cell)) is not None
+             and near.to_layer == geometry.layer - 1), None)
+        if found is None:
+            found = BuiltFeature(island.at_mm, geometry.layer, geometry.layer, low,
+                            low + self.layer_height_mm)
+            self.features.append(found)
+        found.to_layer, found.to_z_mm = geometry.layer, low + self.layer_height_mm
+        found.volume_mm3 += island.slice_mm2 * self.layer_height_mm
+        found.inside_mm3 += island.inside_mm2 * self.layer_height_mm
+        self._open_features[key] = found
 
     def _add_lost(self, geometry: LayerGeometry, feature: LostFeature) -> None:
         """Join a lost feature to the one below it, if there is one."""

@@ -151,3 +151,22 @@ def test_what_is_flatter_than_a_layer_is_listed_wherever_it_lies(complete, low_m
 def test_a_slope_is_no_flat_piece(complete):
     found = complete(lambda z: box(0, 0, 20 + z, 20), turning_mm=(0.0, 1.5, 1.6, 4.0))
     assert not found.lost
+
+
+def test_every_feature_has_its_own_fraction(complete):
+    """A plate that splits into a tower and a thin wall: three features, each by place."""
+    def outline(z):
+        return PLATE if z < 1.6 else unary_union([box(0, 0, 6, 6), box(10, 10, 20, 11.2)])
+
+    found = complete(outline)
+    assert len(found.features) == 3
+    places = {tuple(np.round(f.at_mm)): f for f in found.features}
+    assert set(places) == {(10, 10), (3, 3), (15, 11)}
+    tower = places[3, 3]
+    assert (tower.from_layer, tower.to_layer) == (2, 4)
+    assert tower.volume_mm3 == pytest.approx(36 * 2.4)
+    assert all(0.9 <= f.built_fraction <= 1 for f in found.features)
+    totals = found.totals()
+    assert totals["feature_count"] == 3
+    least = min(f.built_fraction for f in found.features)
+    assert totals["features"][0]["built_fraction"] == pytest.approx(least, abs=1e-5)

@@ -5,6 +5,7 @@ machine, time or order.
 """
 
 from lmctl.plan.geometry.layer_geometry import (
+    IslandFigures,
     LayerFigures,
     LayerGeometry,
     LostFeature,
@@ -12,4 +13,7 @@ from lmctl.plan.geometry.layer_geometry import (
 )
 from lmctl.plan.geometry.stage import layer_geometry
 
-__all__ = ["LayerFigures", "LayerGeometry", "LostFeature", "OverhangPlace", "layer_geometry"]
+__all__ = [
+    "IslandFigures", "LayerFigures", "LayerGeometry", "LostFeature", "OverhangPlace",
+    "layer_geometry",
+]

@@ -47,6 +47,13 @@ class Deposit:
         cells = float(self.part.sum())
         return self.outside_cells / cells if cells else 0.0
 
+    def inside_of(self, label: NDArray[np.int32], count: int) -> FloatArray:
+        """`inside` of each of `count` pieces; label : (ny, nx), their numbers, −1 for none."""
+        filled = (np.minimum(self.filled, 1) * self.part)[label >= 0]
+        number = label[label >= 0]
+        room = np.bincount(number, self.part[label >= 0], minlength=count)
+        return np.asarray(np.bincount(number, filled, minlength=count) / np.maximum(room, 1e-9))
+
     def _over_slice(self, values: NDArray[np.float32]) -> float:
         cells = float(self.part.sum())
         return float((values * self.part).sum()) / cells if cells else 0.0

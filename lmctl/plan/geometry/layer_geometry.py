@@ -56,6 +56,19 @@ class OverhangPlace:
 
 
 @dataclass(frozen=True)
+class IslandFigures:
+    """One connected piece of the intended slice that has tracks.
+
+    at_mm : (x, y) of its middle, in the part's own coordinates
+    slice_mm2, inside_mm2 : its area, and what of it is filled
+    """
+
+    at_mm: tuple[float, float]
+    slice_mm2: float
+    inside_mm2: float
+
+
+@dataclass(frozen=True)
 class LayerFigures:
     """Areas of one layer [mm²], and what is wrong with it.
 
@@ -70,6 +83,7 @@ class LayerFigures:
     outside_mm2 : deposited outside it (surplus): inside + double + outside is strip_mm2
     strip_mm2 : sum of length · strip width of all tracks: the volume asked for, over layer height
     narrow_mm2 : strips of single tracks in what is narrower than a bead
+    islands : the pieces that have tracks, each with what of it is filled
     lost : pieces of the slice that no track covers
     overhang : pieces beyond the overhang warning angle, or that start in the air
     """
@@ -80,6 +94,7 @@ class LayerFigures:
     outside_mm2: float
     strip_mm2: float
     narrow_mm2: float = 0.0
+    islands: tuple[IslandFigures, ...] = ()
     lost: tuple[LostFeature, ...] = ()
     overhang: tuple[OverhangPlace, ...] = ()
 

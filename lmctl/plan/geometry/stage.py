@@ -13,12 +13,17 @@ from numpy.typing import NDArray
 
 from lmctl.config.part_file import ProcessSettings
 from lmctl.plan.geometry.between_layers import flat_pieces
-from lmctl.plan.geometry.deposit import deposit_on
+from lmctl.plan.geometry.deposit import Deposit, deposit_on
 from lmctl.plan.geometry.in_plane import InPlaneLayout, in_plane_layout
 from lmctl.plan.geometry.intended_slice import intended_loops, pitch_mm
 from lmctl.plan.geometry.islands import Islands, islands_of
 from lmctl.plan.geometry.iso_3d import iso_3d_tracks
-from lmctl.plan.geometry.layer_geometry import LayerFigures, LayerGeometry, OverhangPlace
+from lmctl.plan.geometry.layer_geometry import (
+    IslandFigures,
+    LayerFigures,
+    LayerGeometry,
+    OverhangPlace,
+)
 from lmctl.plan.geometry.links import Line, LinkRules, linked
 from lmctl.plan.geometry.losses import losses, lost_layer
 from lmctl.plan.geometry.overhang import overhang_places
@@ -151,7 +156,21 @@ def _figures(
         slice_mm2=slice_mm2, inside_mm2=deposit.inside() * slice_mm2,
         double_mm2=deposit.double() * slice_mm2, outside_mm2=deposit.outside() * slice_mm2,
         strip_mm2=float(step.sum()), narrow_mm2=narrow_mm2,
+        islands=_islands(islands, owner, deposit),
         lost=losses(loops, islands, owner, points, deposit, raster, process), overhang=overhang)
+
+
+def _islands(
+    islands: Islands, owner: NDArray[np.intp], deposit: Deposit
+) -> tuple[IslandFigures, ...]:
+    inside = deposit.inside_of(islands.label, len(islands))
+    found = []
+    for number in np.unique(owner):
+        outer, area = islands.outer[number], float(islands.area_mm2[number])
+        middle = (outer.min(axis=0) + outer.max(axis=0)) / 2
+        found.append(IslandFigures(
+            (float(middle[0]), float(middle[1])), area, area * float(inside[number])))
+    return tuple(found)
 
 
 def _flat(lines: list[Line]) -> tuple[FloatArray, NDArray[np.intp]]:
