@@ -23,12 +23,12 @@ class ErrorPolicy(Enum):
 class Dialect:
     """What differs between the firmwares.
 
-    line_chars : characters of one line the firmware stores; spaces and comments are not stored
+    max_line_chars : characters of one line the firmware stores; spaces and comments are not stored
     rx_bytes : size of the receive buffer as `[OPT:]` states it; one byte less is usable
-    rx_shown_margin : what `Bf:` leaves off `rx_bytes` when the buffer is empty
+    rx_report_margin : what `Bf:` leaves off `rx_bytes` when the buffer is empty
     planner_blocks : what `Bf:` shows when the planner is empty
     segment_buffer_s : most motion cut into segments and not yet made; `Ln:` and `Bf:` lead by it
-    realtime : bytes acted on; `dropped` : bytes thrown away unread
+    realtime_bytes : bytes acted on; `dropped` : bytes thrown away unread
     """
 
     name: str

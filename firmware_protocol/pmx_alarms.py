@@ -10,7 +10,7 @@ from firmware_protocol.pmx import MAX_HOPPERS, WriteRefusalCode
 
 @dataclass(frozen=True)
 class FeederAlarm:
-    """An alarm or warning in plain words. hint : what to do about it."""
+    """An alarm or warning in plain words. remedy : what to do about it."""
 
     code: int
     text: str

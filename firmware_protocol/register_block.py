@@ -57,9 +57,10 @@ class Register:
     """One row of a map.
 
     address : as the device's manual numbers it; the map's base is taken off for the wire
-    per_unit : counts in one unit: 100 for a register in 0.01 rpm; decoded values are then floats
-    least, greatest : limits in units, within what the words can hold
-    may_be_missing : the device may answer "not available"; that code is then no value
+    counts_per_unit : counts in one unit: 100 for a register in 0.01 rpm; decoded values are then
+    floats
+    minimum, maximum : limits in units, within what the words can hold
+    may_be_unavailable : the device may answer "not available"; that code is then no value
     length : words of an ASCII row; other types know theirs
     """
 

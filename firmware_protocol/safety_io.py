@@ -106,7 +106,7 @@ def mirrored_at(address: int) -> int:
 
 @dataclass(frozen=True)
 class FirstOutCause:
-    """What opened first, in plain words. hint : what to do about it."""
+    """What opened first, in plain words. remedy : what to do about it."""
 
     code: int
     text: str

@@ -37,12 +37,13 @@ class StatusReport(NamedTuple):
 
     machine_mm, work_mm : MPos, WPos, one value an axis (work = machine - offset)
     offset_mm : WCO
-    blocks_free, rx_free : Bf
+    planner_blocks_free, rx_bytes_free : Bf
     line_number : Ln, the N word of the block being executed
-    feed_mm_min, spindle : F or FS, actual feed and S; spindle_measured: grblHAL's third value
-    overrides : Ov, feed, rapid, spindle [%]
-    pins, accessories : Pn, A, the letters as they came ("" is not None)
-    other : fields not known here, (key, value), in the order they came; the value is None where
+    feed_mm_min, spindle_speed : F or FS, actual feed and S; spindle_measured: grblHAL's third value
+    override_percents : Ov, feed, rapid, spindle [%]
+    active_pins, accessories : Pn, A, the letters as they came ("" is not None)
+    unknown_fields : fields not known here, (key, value), in the order they came; the value is None
+    where
         the key stands alone, without a colon
     """
 

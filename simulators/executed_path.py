@@ -19,9 +19,9 @@ _SAME_MM = 0.01
 
 @dataclass(frozen=True)
 class ExecutedLine:
-    """One move that was begun. line : N word, 0 without; share : of it that was moved
+    """One move that was begun. line : N word, 0 without; executed_fraction : of it that was moved
 
-    lit_mm : length moved with the beam lit; start_mm, end_mm : where the axes really were
+    beam_on_mm : length moved with the beam lit; start_mm, end_mm : where the axes really were
     """
 
     line: int
@@ -35,7 +35,7 @@ class ExecutedLine:
 
 @dataclass(frozen=True)
 class BeamOnLine:
-    """What the beam drew of one N word, however often. drawn_mm : covered at least once
+    """What the beam drew of one N word, however often. beam_on_mm : covered at least once
 
     repeated_mm : drawn again
     """

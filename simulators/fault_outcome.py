@@ -17,15 +17,15 @@ if TYPE_CHECKING:
 class FaultOutcome:
     """What the machine did from since_s on, the time a fault became real.
 
-    dark_after_s : from then until the beam was dark, 0 where it was already
-    lit_again_s : when it was lit next, on the loop's clock; None: not again
-    stood_after_s : from then until the axes stood
-    beam_standing : the beam lit, and no motion (whole run)
-    powder_lacks : the beam lit, and the powder not as told (whole run)
+    beam_off_after_s : from then until the beam was dark, 0 where it was already
+    beam_on_again_at_s : when it was lit next, on the loop's clock; None: not again
+    axes_stopped_after_s : from then until the axes stood
+    beam_on_without_motion : the beam lit, and no motion (whole run)
+    powder_deficits : the beam lit, and the powder not as told (whole run)
     powder_stops : of the feeders that stopped since; powder_on : names of those that feed now
     gas_off_s : by feeder, when its carrier gas went off since
-    gas_first : feeders whose gas was off when their powder stopped
-    repeated_mm : drawn more than once with the beam lit (whole run); overruns : bytes lost
+    gas_off_before_powder : feeders whose gas was off when their powder stopped
+    repeated_mm : drawn more than once with the beam lit (whole run); rx_overrun_bytes : bytes lost
     """
 
     since_s: float

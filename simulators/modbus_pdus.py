@@ -38,7 +38,7 @@ class ReadInputRequest(ReadInputRegistersRequest):
 
 
 class ServerWriteRequest(WriteMultipleRegistersRequest):
-    """FC 16. sound : whether the counts it names agree, and the protocol allows them."""
+    """FC 16. is_valid : whether the counts it names agree, and the protocol allows them."""
 
     def decode(self, data: bytes) -> None:
         self.address, self.count, byte_count = _WRITE.unpack_from(data)
@@ -52,7 +52,7 @@ class ServerWriteRequest(WriteMultipleRegistersRequest):
 
 
 class ServerExchangeRequest(ReadWriteMultipleRegistersRequest):
-    """FC 23. sound : as of a write; what is to be read counts too."""
+    """FC 23. is_valid : as of a write; what is to be read counts too."""
 
     def decode(self, data: bytes) -> None:
         (

@@ -40,7 +40,7 @@ _STANDS = 0.01
 class PowderDeficit:
     """The beam was lit from begin_s to end_s while a feeder's powder was not as it should be.
 
-    why : "not stable", or "flow off": the nozzle's flow differs from what was told θ before
+    reason : "not stable", or "flow off": the nozzle's flow differs from what was told θ before
     """
 
     feeder: str

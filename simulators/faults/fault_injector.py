@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 class InjectedFault:
     """A fault that became real at at_s. Times are the loop's.
 
-    visible_s : when the first bytes that could tell got to the host; None: none did so far, as
+    detectable_s : when the first bytes that could tell got to the host; None: none did so far, as
         with a device that is silent
     cleared_s : None while it stands, and for a fault over as soon as it has happened
     """
@@ -40,7 +40,7 @@ class FaultInjector:
 
     on_host_killed : what to do where the host is to be killed; its kind is a mark without it
     on_happened : called with each fault as it has become real
-    happened : what became real so far, in order
+    injected : what became real so far, in order
 
     >>> def stall(bench):
     ...     board = FaultBoard(bench)

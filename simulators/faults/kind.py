@@ -33,7 +33,7 @@ class ExpectedReaction(Enum):
 class FaultParameter:
     """One knob of a fault: a number from least to most, one of choices, or yes and no.
 
-    default : None where it must be given. whole : an integer
+    default : None where it must be given. is_integer : an integer
     """
 
     name: str
@@ -64,9 +64,9 @@ class FaultParameter:
 class FaultKind:
     """A kind of fault.
 
-    does : in plain words
+    description : in plain words
     alarm : a word or two that a host's first alarm should have, "" where there is nothing to name
-    lasts : it stands until it is cleared; otherwise it is over as soon as it has happened
+    is_lasting : it stands until it is cleared; otherwise it is over as soon as it has happened
     """
 
     name: str

@@ -44,8 +44,8 @@ class ExecutedBlocks:
     start_mm, end_mm : (n, 3) machine coordinates
     rate_mm_s : (n,) programmed speed, 0 for a rapid
     beam : (n,) int, BEAM_OFF, BEAM_CONSTANT (M3) or BEAM_DYNAMIC (M4)
-    complete : (n,) bool, moved to its end
-    share : (n,) of its length that was moved
+    is_complete : (n,) bool, moved to its end
+    executed_fraction : (n,) of its length that was moved
     """
 
     line: NDArray[np.int64]

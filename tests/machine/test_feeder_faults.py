@@ -60,7 +60,7 @@ def test_the_local_switch_is_noticed():
 
 def test_silence_is_noticed_within_the_watchdog_time():
     def fall_silent(device, server):
-        server.stop()
+        server.go_offline()
 
     (reason,) = fault_of(fall_silent, within_s=2.1)
     assert reason.startswith("no answer for 1.")

@@ -49,7 +49,7 @@ async def until_still_s(device) -> float:
 
 
 @pytest.mark.parametrize("code", PASSING)
-@pytest.mark.parametrize("stops_by", ["feed_off", "gas_off", "close"])
+@pytest.mark.parametrize("stops_by", ["stop_powder", "stop_gas", "close"])
 def test_a_hopper_stops_as_soon_as_the_gateway_lets_an_order_through(code, stops_by):
     async def main():
         async with driven() as (driver, device, server, _):

@@ -56,8 +56,8 @@ def reader(n_hoppers=1, names=None):
 ])
 def test_each_warning_says_what_where_and_what_next(word, hoppers, what, hint):
     (warning,) = reader().read(word, hoppers)
-    assert warning.what == what
-    assert hint in warning.hint
+    assert warning.text == what
+    assert hint in warning.remedy
     assert (warning.feeder, warning.hopper) == ("F1", "A")
 
 
@@ -65,7 +65,7 @@ def test_of_several_hoppers_a_level_is_told_by_name_and_what_has_no_flag_without
     two = {"A": FINE, "B": low(level_percent=8.0, weight_g=90.0)}
     found = reader(2, {1: "A", 2: "B"}).read(LOW | OLD, two)
     assert [(w.number, w.hopper) for w in found] == [(51, "B"), (54, "")]
-    assert found[1].what == "feeder F1, one of its hoppers: its calibration is old"
+    assert found[1].text == "feeder F1, one of its hoppers: its calibration is old"
 
 
 @pytest.mark.parametrize("word", [LOW, CLIPPED])
@@ -77,7 +77,7 @@ def test_before_hoppers_are_read_nothing_is_said_of_them():
     reads = reader()
     assert reads.read(LOW | DRIFT, {}) == ()
     found = reads.read(LOW | DRIFT, {"A": low(flow_weighed_g_min=5.0)})
-    assert [w.what.partition("(")[2] for w in found] == [
+    assert [w.text.partition("(")[2] for w in found] == [
         "50 %, 1000 g left)", "A 5.00 of 6.00 g/min)"]
 
 
@@ -122,7 +122,7 @@ def test_a_driver_tells_a_level_that_sinks_while_it_feeds(map_minor):
             await asyncio.sleep(20.0)  # 0.1 g a second
             (warning,) = driver.status.warnings
             assert warning.hopper == "A"
-            assert warning.what == "hopper A of feeder F1: the level is low (10 %, 2 g left)"
+            assert warning.text == "hopper A of feeder F1: the level is low (10 %, 2 g left)"
             assert ears.faults == []
             objects = {id(status.warnings) for status in ears.statuses[-4:]}
             assert objects == {id(driver.status.warnings)}

@@ -104,7 +104,7 @@ def test_a_feeder_with_habits_is_driven_with_their_keys(habits, keys, wire):
     async def main():
         device = PmxFeederDevice(FeederConfig("F1", (TRUTH,)), now)
         status = await feed_a_while(FeederRegisters(device), wire, habits, **keys)
-        assert status.hoppers["A"].flow_est_g_min == pytest.approx(6.0, abs=0.02)
+        assert status.hoppers["A"].flow_estimated_g_min == pytest.approx(6.0, abs=0.02)
         assert not device.discs_on
 
     virtual_time.run(main())
@@ -127,7 +127,7 @@ def test_the_same_through_a_server_of_another_library():
     async def main():
         device = PmxFeederDevice(FeederConfig("F1", (TRUTH,)), now)
         status = await feed_a_while(FeederRegisters(device), "pymodbus")
-        assert status.hoppers["A"].flow_est_g_min == pytest.approx(6.0, abs=0.02)
+        assert status.hoppers["A"].flow_estimated_g_min == pytest.approx(6.0, abs=0.02)
         config = SafetyConfig(watchdog_relay=True, laser_enable=True)
         async with served(SimulatedSafetyDevice(config, now), "pymodbus") as endpoint:
             driver = await SafetyDriver.open(

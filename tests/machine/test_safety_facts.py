@@ -98,12 +98,12 @@ def test_heartbeats_keep_the_relay_and_their_end_opens_it(wire):
             await driver.reset_watchdog_relay()
             assert driver.status.relay_closed is True
             await asyncio.sleep(60.0)
-            device.settle()
+            device.advance_to_now()
             assert device.relay_opened_s == []
             assert ears.faults == []
             closed_s = now()
         await asyncio.sleep(1.0)
-        device.settle()
+        device.advance_to_now()
         (opened_s,) = device.relay_opened_s
         assert closed_s < opened_s + PERIOD_S <= closed_s + 0.3 + PERIOD_S
 

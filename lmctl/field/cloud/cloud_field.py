@@ -50,7 +50,7 @@ def cloud_field(
     raises : InputError for a cloud that is broken, too sparse for the pitch, open, or flat
     """
     samples, patches, orientation = _oriented(points, grid, normals)
-    sheets = group_into_faces(samples, patches, orientation.inward_directions, grid)
+    sheets = group_into_faces(samples, patches, orientation.inward_sign, grid)
     reach = np.hypot(REACH_SPACINGS * samples.spacing_mm, BAND_PITCHES * grid.pitch_mm)
     owner = nearest_samples(samples.points_mm, reach, grid)
     seeds = seed_cloud(owner, samples, sheets, grid)

@@ -42,7 +42,9 @@ WELL_CLEAR_SPACINGS = 5.0  # no place of the way out is told from another that i
 
 @dataclass(frozen=True)
 class Orientation:
-    """inward : (n,) int8, ±1: the patch's normal, times this, points inwards; 0: sample dropped
+    """Which side of each sample is inside.
+
+    inward_sign : (n,) int8, ±1: the patch's normal, times this, points inwards; 0: sample dropped
     deep : (nz, ny, nx) int8 on `deep_grid`, −1 at nodes the outside reaches by ways wider than
         any gap, +1 at nodes well away from all samples that it does not, 0 elsewhere; with
         normals also what lies right above or below a sample, on the side its normal says
@@ -50,7 +52,7 @@ class Orientation:
     remarks : what was dropped
     """
 
-    inward_directions: NDArray[np.int8]
+    inward_sign: NDArray[np.int8]
     deep: NDArray[np.int8]
     deep_grid: Grid
     gap_mm: float

@@ -23,8 +23,8 @@ class HopperReading:
 
     time_s : loop time of the reply; hoppers are read less often than the device itself
     setpoint_g_min : what the disc is asked to feed now, after the device's ramp
-    former_g_min : what it was told just before, and may still be coming from
-    flow_est_g_min : disc speed times feed factor
+    previous_setpoints_g_min : what it was told just before, and may still be coming from
+    flow_estimated_g_min : disc speed times feed factor
     flow_weighed_g_min : from the load cell
     """
 

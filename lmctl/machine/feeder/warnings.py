@@ -20,7 +20,7 @@ class FeederWarning(NamedTuple):
     """number : 51 for a low level to 55 for a clipped set-point (process.md 1.4)
 
     hopper : by name, "" where the feeder does not tell which
-    what, hint : as operators read it; figures are those with which it appeared
+    text, remedy : as operators read it; figures are those with which it appeared
     """
 
     number: int

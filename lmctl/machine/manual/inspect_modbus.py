@@ -35,7 +35,7 @@ class FeederInspection:
     clock_ratio : how far its clock moved while ours moved by 1; 0 for data that stand still
     limits : of each hopper of the profile, by name: N_MIN, N_MAX [rpm], CARRIER_MIN,
         CARRIER_MAX [L/min], LEVEL_WARN, LEVEL_STOP [%]
-    answer_s : time of one exchange
+    reply_time_s : time of one exchange
     """
 
     identity: FeederIdentity

@@ -41,9 +41,9 @@ _MOVING = ("Run", "Jog", "Home")
 class ControllerInfo:
     """What a controller said when it was met.
 
-    found : its first report, before anything was sent that could change its state
+    first_report : its first report, before anything was sent that could change its state
     offset_mm : work offset, or None where it would not tell
-    homed : whether it calls its axes homed; None where it does not say (Grbl never does)
+    is_homed : whether it calls its axes homed; None where it does not say (Grbl never does)
     """
 
     first_report: StatusReport

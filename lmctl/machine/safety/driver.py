@@ -27,7 +27,7 @@ class SafetyDriver:
     """One safety-input device, opened by `open`.
 
     status : the last answer, made worse by what proves nothing better (see SafetyCycle)
-    fault : why it cannot be relied on, or None; listener : who is told
+    fault : why it cannot be relied on, or None; callbacks : who is told
     """
 
     def __init__(self, link: ModbusLink, safety: SafetySettings, identity: SafetyIdentity) -> None:

@@ -17,7 +17,7 @@ _CHECK = "check the laser-enable output, its relay and the wiring of its read-ba
 
 @dataclass(frozen=True)
 class LaserEnableFault:
-    """Words and what to do. told : on or off, which it did not do"""
+    """Words and what to do. commanded : on or off, which it did not do"""
 
     commanded: bool
     reason: str

@@ -21,7 +21,10 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class SimilarityTransform:
-    """x ↦ scale · turn · x + shift. turn : (3, 3) float64, a rotation; shift_mm : (3,) float64"""
+    """x ↦ scale · rotation · x + shift.
+
+    rotation : (3, 3) float64; shift_mm : (3,) float64
+    """
 
     scale: float
     rotation: FloatArray

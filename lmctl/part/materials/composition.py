@@ -75,7 +75,7 @@ def inverse_distance_weights(distances: FloatArray, power: float) -> FloatArray:
 
 @dataclass(frozen=True)
 class UniformComposition:
-    """One mixture everywhere. of : (n_materials,)"""
+    """One mixture everywhere. mixture : (n_materials,)"""
 
     mixture: tuple[float, ...]
 

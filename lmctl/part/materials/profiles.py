@@ -50,7 +50,7 @@ class PowerLawProfile:
 class TabulatedProfile:
     """Mixtures at rising distances, linear between, constant beyond; one row is a constant.
 
-    at_mm : (k,) strictly rising; of : (k, n_materials)
+    at_mm : (k,) strictly rising; mixtures : (k, n_materials)
     """
 
     at_mm: FloatArray
@@ -67,8 +67,11 @@ class TabulatedProfile:
 
 @dataclass(frozen=True, eq=False)
 class SteppedProfile:
-    """Mixtures that change at once. ends_mm : (k,) rising, where all but the last end; of : (k + 1,
-    n_materials)"""
+    """Mixtures that change at once.
+
+    ends_mm : (k,) rising, where all but the last end
+    mixtures : (k + 1, n_materials)
+    """
 
     ends_mm: FloatArray
     mixtures: FloatArray

@@ -39,7 +39,7 @@ FloatArray = NDArray[np.float64]
 class CompositionContext:
     """What a composition may refer to.
 
-    names : of the part's materials, in order
+    material_names : of the part's materials, in order
     body_named : a body by its name
     triangles_of : those a face or sheet feature names, (m, 3, 3) float64 [mm]
     """

@@ -37,9 +37,10 @@ class InterlockRule:
 
     for_s : how long it must be so before anything is done; of readings, how far the first and the
         last that show it must be apart
-    latched : it stands until an operator acknowledges it, and so does not keep one from that
-    of_safety : only the safety-input device says so; without one there is nothing to look at
-    of_answers : it looks at `InterlockInputs.answers` and at nothing else
+    is_latched : it stands until an operator acknowledges it, and so does not keep one from that
+    needs_safety_device : only the safety-input device says so; without one there is nothing to
+    look at
+    uses_feeder_readings : it looks at `InterlockInputs.answers` and at nothing else
     """
 
     name: str

@@ -19,11 +19,12 @@ class RunReplay:
     """A run that did not get done.
 
     ended : its last state, or "broken off" where its process died
-    proven : executed for certain; more may have been
-    exact : whether `proven` is the very place where motion came to rest
-    position_kept : nothing is known by which the machine would have lost its position
+    proven_place : executed for certain; more may have been
+    is_place_exact : whether `proven` is the very place where motion came to rest
+    is_position_kept : nothing is known by which the machine would have lost its position
     last_line : no line after this one can have been sent
-    lit_line : the line with which the part was entered last; what lies before it was not run then
+    beam_on_line : the line with which the part was entered last; what lies before it was not run
+    then
     """
 
     run: RunFolder

@@ -31,7 +31,8 @@ class LayerProgram:
 
     start_s, end_s : (n,) program time at which each line starts and ends
     start_mm, end_mm : (n, 3) where it starts and ends
-    fed : (n,) whether a feed override scales the line (G1); dark : (n,) whether the beam is off
+    fed : (n,) whether a feed override scales the line (G1); beam_off_spans : (n,) whether the beam
+    is off
     speeds_mm_s, energies_J_mm : programmed speed and beam power over it, 0 where there is none
     fed_end_s : (n,) program time spent in G1 since the job began, up to each line's end
     starts_s, ends_s, corners_mm : the same as plain lists, for what is asked for one value at a

@@ -62,7 +62,7 @@ class Reentry:
     """How a job goes on from a place.
 
     layer : the layer entered, its head replaced by the way in; its program time begins with that
-    lit_line : line of the job with which the beam comes on again
+    beam_on_line : line of the job with which the beam comes on again
     repeated_mm : bead that is laid twice
     """
 
