@@ -48,8 +48,9 @@ class UncommandedOutput(NamedTuple):
     """What a controller reports and its program does not ask for.
 
     speed_mm_s, power_W : as reported
-    most_mm_s : the highest speed of the lines that may be running
-    asked_W : the powers they ask for at the speed reported, rising; none where none of them moves
+    max_speed_mm_s : the highest speed of the lines that may be running
+    commanded_W : the powers they ask for at the speed reported, rising; none where none of them
+    moves
     """
 
     speed_mm_s: float
@@ -61,9 +62,9 @@ class UncommandedOutput(NamedTuple):
 class ProgramDeviation(NamedTuple):
     """How the machine differs from its program, by the last report.
 
-    path_mm : how far the nozzle is from the lines that may be running
+    path_error_mm : how far the nozzle is from the lines that may be running
     early_s : by how much it was there sooner than the program would have it
-    unasked : feed or power that none of those lines asks for
+    uncommanded : feed or power that none of those lines asks for
     """
 
     path_error_mm: float = 0.0
