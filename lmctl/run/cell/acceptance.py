@@ -13,7 +13,7 @@ from lmctl.machine.manual.inspect_motion import read_motion
 from lmctl.run.cell.condition import Condition, refuse_unmet
 from lmctl.run.cell.devices import Cell
 from lmctl.run.cell.feeder_conditions import FeederReading, feeder_conditions
-from lmctl.run.cell.motion_conditions import motion_conditions
+from lmctl.run.cell.motion_conditions import is_watched, motion_conditions
 from lmctl.run.cell.safety_conditions import safety_conditions
 from lmctl.run.journal.last_known_position import LastKnownPosition
 from lmctl.run.journal.recorder import RunRecorder
@@ -35,7 +35,7 @@ async def accept_machine(
     motion, identity = cell.motion, cell.motion.identity
     whereabouts.trust_if_unmoved(motion)
     # A beam only where door and emergency stop are watched, or where nothing can burn.
-    beam_off = not (identity.is_bench or _is_watched(profile))
+    beam_off = not (identity.is_bench or is_watched(profile))
     recorder.record_machine(
         dialect=identity.dialect.name, version=identity.version, info=identity.info,
         rx_bytes=identity.rx_bytes, planner_blocks=identity.planner_blocks,
@@ -100,8 +100,3 @@ async def _read_through(job: JobReader) -> None:
         for line in layer.program:
             without_beam(line.encode("ascii"))
         await asyncio.sleep(0)
-
-
-def _is_watched(profile: MachineProfile) -> bool:
-    """Whether the cell's door and emergency stop can be read."""
-    return profile.safety is not None and {"estop", "door"} <= set(profile.safety.fitted)

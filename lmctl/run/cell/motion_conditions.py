@@ -24,6 +24,11 @@ _MOVING = ("Run", "Jog", "Home")
 _FIND_OUT = "find the reason, then `lmctl machine home` or `lmctl machine unlock`"
 
 
+def is_watched(profile: MachineProfile) -> bool:
+    """Whether the cell's door and emergency stop can be read: without that a beam stays off."""
+    return profile.safety is not None and {"estop", "door"} <= set(profile.safety.fitted)
+
+
 def motion_conditions(reading: MotionReading, profile: MachineProfile) -> Iterator[Condition]:
     """Every condition that can be judged in the state the controller is in."""
     identity = reading.identity
@@ -32,6 +37,12 @@ def motion_conditions(reading: MotionReading, profile: MachineProfile) -> Iterat
         return
     yield Condition(True, f"{identity.dialect.name} {identity.version} answers"
                           + (" (the bench)" if identity.is_bench else ""))
+    if not identity.is_bench:
+        yield Condition(is_watched(profile), "door and emergency stop are read"
+                        if is_watched(profile) else
+                        "the profile reads no door and no emergency stop: the beam stays off in "
+                        "every run (S0)",
+                        'add [safety] with "door" and "estop" fitted to the machine profile')
     yield Condition(not reading.damaged, f"link: {reading.damaged} damaged messages",
                     "check cable, shielding and baud rate")
     yield _state(reading)

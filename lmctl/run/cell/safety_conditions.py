@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from lmctl.config.machine import SafetySettings
+from lmctl.errors import ConfigError
+from lmctl.machine.safety.identity import check_line
 from lmctl.machine.safety.status import SafetyStatus
 from lmctl.run.cell.condition import Condition
 from lmctl.run.interlocks.inputs import InterlockInputs, ProgramDeviation
@@ -14,6 +16,10 @@ from lmctl.run.interlocks.rules import INTERLOCK_RULES
 
 def safety_conditions(status: SafetyStatus, limits: SafetySettings) -> Iterator[Condition]:
     """limits : the table [safety] of the profile."""
+    try:
+        check_line(limits)
+    except ConfigError as error:
+        yield Condition(False, "; ".join([error.what, *error.where]), error.hint, refuses_run=True)
     yield Condition(status.self_test_ok,
                     "self-test " + ("passed" if status.self_test_ok else "failed"),
                     "see the device's own display", refuses_run=True)

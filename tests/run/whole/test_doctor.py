@@ -6,9 +6,16 @@ import re
 
 import pytest
 
-from firmware_protocol.safety_io import SafetyInputBits
+from firmware_protocol.dialect import GRBL as DIALECT_GRBL
+from firmware_protocol.safety_io import CYCLIC_BLOCK, SafetyInputBits
+from firmware_protocol.status import parse_status
 from lmctl.config.machine import load_profile
+from lmctl.machine.manual.inspect_motion import MotionReading
+from lmctl.machine.motion.identity import ControllerIdentity
+from lmctl.machine.safety.status import read_safety_status
 from lmctl.run.cell.doctor import check_inspection, inspect_cell
+from lmctl.run.cell.motion_conditions import motion_conditions
+from lmctl.run.cell.safety_conditions import safety_conditions
 from simulators import virtual_time
 from simulators.bench import Bench
 from simulators.bench_config import BenchConfig
@@ -171,3 +178,24 @@ def test_doctor_prints_what_it_saw_on_a_silent_wire(tmp_path, profile):
     assert "no byte came back" in silent.text
     assert "device_id" in silent.hint
     assert all(one.met for one in [*found["motion"], *found["feeder F2"]])
+
+
+def test_a_line_too_slow_for_the_safety_device_is_among_its_conditions():
+    safety = load_profile(EXAMPLES / "cell-safe.toml").safety
+    slow = safety.model_copy(update={"endpoint": "modbus-rtu:///dev/ttyUSB0?baud=1200"})
+    status = read_safety_status([0] * CYCLIC_BLOCK.count, 0.0, safety)
+    assert not any("cannot be read every" in one.text for one in safety_conditions(status, safety))
+    (line,) = [one for one in safety_conditions(status, slow) if "cannot be read every" in one.text]
+    assert line.refuses_run
+    assert "raise period_s" in line.hint
+
+
+@pytest.mark.parametrize(("name", "beam"), [("cell.toml", False), ("cell-safe.toml", True)])
+def test_a_beam_that_would_stay_off_is_said_and_refuses_nothing(name, beam):
+    profile = load_profile(EXAMPLES / name)
+    report = parse_status("<Idle|WPos:0.000,0.000,0.000|Bf:15,128|FS:0,0>")
+    identity = ControllerIdentity(DIALECT_GRBL, "1.1h", "", 128, 15)
+    reading = MotionReading(report, identity, {}, (), (), True, None, 0)
+    said = [one for one in motion_conditions(reading, profile) if "beam stays off" in one.text]
+    assert len(said) == (not beam)
+    assert not any(one.refuses_run for one in said)
