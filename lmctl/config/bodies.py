@@ -34,10 +34,13 @@ class _Body(ConfigModel):
 
     name : by which others refer to it
     composition : of what it is; None where the part says so, or where it only cuts
+    allowance_mm : how far its outline in every layer is moved outwards, for machining; negative:
+        inwards, as for what is cut away with material left on its walls
     """
 
     name: Name | None = None
     composition: Composition | None = None
+    allowance_mm: Annotated[float, Field(ge=-20, le=20)] = 0.0
 
 
 class MeshBody(_Body):

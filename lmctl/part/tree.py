@@ -18,6 +18,7 @@ from lmctl.config.composition import FaceFeature, SheetFeature, measured_bodies
 from lmctl.config.part_file import PartFile
 from lmctl.errors import InputError
 from lmctl.field.grid import Grid
+from lmctl.part.bodies.allowance import AllowanceBody
 from lmctl.part.bodies.body import Body
 from lmctl.part.bodies.half_space import HalfSpace
 from lmctl.part.bodies.measured import Bounds, is_closed, remove_specks
@@ -172,8 +173,17 @@ class BodyTree:
     def _solid(self, number: int, in_place: bool) -> Body:
         key = (number, in_place)
         if key not in self._built:
-            self._built[key] = self._build(number, in_place)
+            built = self._build(number, in_place)
+            allowance_mm = self._allowance_mm(number) if in_place else 0.0
+            self._built[key] = AllowanceBody(built, allowance_mm) if allowance_mm else built
         return self._built[key]
+
+    def _allowance_mm(self, number: int) -> float:
+        """A body's own allowance, with that of the body it is a moved copy of."""
+        body = self._part.body[number]
+        inner = self._allowance_mm(self._number[body.of]) if isinstance(
+            body, config.MovedBody) else 0.0
+        return body.allowance_mm + inner
 
     def _build(self, number: int, in_place: bool) -> Body:
         body = self._part.body[number]

@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.part.bodies.allowance import AllowanceBody
 from lmctl.part.bodies.body import Body
 from lmctl.part.bodies.mesh_solid import MeshSolid
 from lmctl.part.booleans.combined import CombinedBody
@@ -22,6 +23,8 @@ def turning_heights_mm(body: Body) -> FloatArray:
     Of a mesh those of corners without a higher or without a lower neighbour; of bodies combined
     those of each; of others their lowest and highest point.
     """
+    if isinstance(body, AllowanceBody):
+        return turning_heights_mm(body.inner)
     if isinstance(body, MeshSolid):
         return _of_mesh(body.mesh.vertices[:, 2], body.mesh.triangles)
     if isinstance(body, CombinedBody):

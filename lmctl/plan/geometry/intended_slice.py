@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.config.part_file import ProcessSettings
-from lmctl.field.plane import iso_loops
-from lmctl.plan.geometry.section_raster import raster_pitch_mm, section_raster
+from lmctl.field.outline_offset import offset_loops
 
 FloatArray = NDArray[np.float64]
 
@@ -33,12 +32,4 @@ def outline_offset_mm(process: ProcessSettings) -> float:
 
 def intended_loops(loops: Sequence[FloatArray], process: ProcessSettings) -> list[FloatArray]:
     """The outline of the intended slice, from that of the drawing; loops as `Section` has them."""
-    offset = outline_offset_mm(process)
-    if offset == 0 or not loops:
-        return list(loops)
-    node = raster_pitch_mm(process.bead_width_mm, pitch_mm(process))
-    room = max(offset, 0.0) + 2 * node
-    points = np.vstack(loops)
-    box = np.array([points.min(axis=0) - room, points.max(axis=0) + room])
-    raster = section_raster(loops, node, box)
-    return iso_loops(raster.depth_mm, raster.grid, [-offset])[0]
+    return offset_loops(loops, outline_offset_mm(process))

@@ -44,14 +44,9 @@ def raster_pitch_mm(bead_mm: float, pitch_mm: float) -> float:
     return min(bead_mm / NODES_PER_BEAD, pitch_mm / NODES_PER_PITCH)
 
 
-def section_raster(
-    loops: Sequence[FloatArray], node_mm: float, box_mm: FloatArray | None = None
-) -> SectionRaster:
-    """The raster around closed loops (k, 2) [mm]; there has to be one at least.
-
-    box_mm : (2, 2) float64, lowest and highest x, y to be within it; the loops' own by default
-    """
-    points = np.vstack(loops) if box_mm is None else box_mm
+def section_raster(loops: Sequence[FloatArray], node_mm: float) -> SectionRaster:
+    """The raster around closed loops (k, 2) [mm]; there has to be one at least."""
+    points = np.vstack(loops)
     low, high = points.min(axis=0), points.max(axis=0)
     origin = low - (_PADDING - np.array(_OFFSET)) * node_mm
     nx, ny = (np.ceil((high - origin) / node_mm).astype(int) + _PADDING).tolist()
