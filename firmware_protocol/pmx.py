@@ -1,4 +1,6 @@
-"""The PMX register map of powder feeders with one to four hoppers (process.md 1.4), as a table.
+"""The PMX register map of powder feeders with one to four hoppers, as a table.
+
+Source: docs/explanation/powder-delivery.md, Feeders.
 
 Map 1.1 adds one thing to 1.0: from holding register `MIRROR` on, the input registers can be read
 too, without the gaps between their blocks: the device's, then each hopper's. So one FC 23 request

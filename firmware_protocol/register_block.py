@@ -44,7 +44,10 @@ class RegisterType(Enum):
 
 
 class WordOrder(Enum):
-    """Byte order of a 32-bit value, A its most significant byte (protocol.md 14)."""
+    """Byte order of a 32-bit value, A its most significant byte.
+
+    Source: docs/explanation/motion-protocol.md, Word order of 32-bit registers.
+    """
 
     ABCD = "ABCD"
     CDAB = "CDAB"

@@ -28,7 +28,8 @@ from simulators.motion.simulator import MotionSimulator
 if TYPE_CHECKING:
     from simulators.bench import Bench
 
-#: The beam may be lit so long while the machine stands, or nearly (process.md 5.5).
+#: The beam may be lit so long while the machine stands, or nearly
+#: (docs/explanation/safety-and-sequences.md, Sequences).
 SLOW_MM_S, SLOW_S = 1.0, 0.05
 #: Flows are compared to at least so much [g/s]; less cannot be told from nothing.
 _MIN_G_S = 0.005

@@ -159,13 +159,16 @@ class LinearProfile(_Span):
 
 
 class ParabolaProfile(_Span):
-    """far · d² + near · (1 − d²), d running from 0 to 1 over `over_mm` (method.md 5.2)."""
+    """far · d² + near · (1 − d²), d running from 0 to 1 over `over_mm`.
+
+    Source: docs/explanation/multi-colour-distance-field.md, The paper's examples.
+    """
 
     kind: Literal["parabola"]
 
 
 class NormalisedProfile(ConfigModel):
-    """far · d + near · (1 − d) with d the share of the largest depth (method.md (5))."""
+    """far · d + near · (1 − d) with d the share of the largest depth (Zhou et al. 2009, Eq. 5)."""
 
     kind: Literal["normalised"]
     near: Mixture
@@ -173,7 +176,7 @@ class NormalisedProfile(ConfigModel):
 
 
 class PowerProfile(_Span):
-    """far · f + near · (1 − f) with f = (a·d)^k clamped to [0, 1] (method.md (4))."""
+    """far · f + near · (1 − f) with f = (a·d)^k clamped to [0, 1] (Zhou et al. 2009, Eq. (4))."""
 
     kind: Literal["power"]
     a: Annotated[float, Field(gt=0, le=1000)] = 1.0

@@ -32,7 +32,8 @@ PlainName = Annotated[Name, AfterValidator(_plain)]
 Speed = Annotated[float, Field(ge=0.01, le=100_000)]
 Acceleration = Annotated[float, Field(ge=0.1, le=1_000_000)]
 Power = Annotated[float, Field(gt=0, le=1_000_000)]
-#: What a feeder's registers hold (process.md 1.4): set-points of 0.01 g/min in 16 bits.
+#: What a feeder's registers hold (docs/explanation/powder-delivery.md, Feeders): set-points of
+#: 0.01 g/min in 16 bits.
 Flow = Annotated[float, Field(ge=0, le=655)]
 GasTime = Annotated[float, Field(ge=0, le=600)]
 Pressure = Annotated[float, Field(gt=0, le=30_000)]
@@ -106,7 +107,8 @@ class FeederSettings(ModbusDevice):
     """One Modbus feeder device, see `ModbusDevice` too.
 
     watchdog_s : it stops its discs when heartbeats stop so long
-    stabilise_s : powder is called stable no sooner than this after its start (process.md 5.5)
+    stabilise_s : powder is called stable no sooner than this after its start
+    (docs/explanation/safety-and-sequences.md, Sequences)
     mixer_pressure_max_mbar : more than this for a second is a clog, and holds a run; None: only the
         feeder's own alarm tells of one. What is usual depends on hose, nozzle and gas: there is no
         default that would neither hold a sound cell nor overlook a clog
@@ -131,7 +133,8 @@ class HopperSettings(ConfigModel):
     """One hopper of a feeder and what is in it.
 
     channel : the hopper's number on its feeder, from 1
-    dead_time_s, lag_s : θ and τ from set-point to nozzle (process.md 2.1)
+    dead_time_s, lag_s : θ and τ from set-point to nozzle (docs/explanation/powder-delivery.md,
+    Transport delay and lag)
     """
 
     name: PlainName

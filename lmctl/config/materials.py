@@ -1,7 +1,9 @@
 """The material library: handbook values, each a default that a part file may replace.
 
-Densities are process.md 3.1 (handbook). Catch efficiencies, powers and speeds are *starting values*
-for the medium DED class (2 mm bead, process.md 3.3), by kind of powder: they get a first bead onto
+Densities are docs/explanation/process-defaults.md, Powders (handbook). Catch efficiencies, powers
+and speeds are *starting values*
+for the medium DED class (2 mm bead, docs/explanation/process-defaults.md, Process window), by kind
+of powder: they get a first bead onto
 the bench and are no substitute for a trial track. Whoever uses one is told which it was.
 """
 
@@ -39,7 +41,8 @@ class _Kind:
 
 
 # Reflective or conductive metals need more power; carbides and oxides rebound unmelted, so less of
-# them is caught (process.md 2.5, 3.2), and they are kept below the power at which they dissolve.
+# them is caught (docs/explanation/powder-delivery.md, Volume, mass and catch), and they are kept
+# below the power at which they dissolve.
 _STEEL = _Kind(0.75, 1500.0, 10.0)
 _NICKEL = _Kind(0.75, 1600.0, 10.0)
 _TITANIUM = _Kind(0.75, 1400.0, 10.0)

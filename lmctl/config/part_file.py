@@ -18,7 +18,7 @@ from lmctl.config.toml_file import ConfigModel
 
 
 class MaterialSettings(ConfigModel):
-    """One powder, as the process sees it (process.md 3.1).
+    """One powder, as the process sees it (docs/explanation/process-defaults.md, Powders).
 
     density_g_cm3, apparent_g_cm3 : solid and loose-powder density; None takes the library's
     catch_efficiency : share of the fed powder that ends in the bead, η in (0, 1]
@@ -34,10 +34,13 @@ class MaterialSettings(ConfigModel):
 
 
 class ProcessSettings(ConfigModel):
-    """How beads are laid. Defaults are the medium DED class of process.md 3.3, and are named.
+    """How beads are deposited. Defaults are those of medium deposition, and are named.
+
+    Source: docs/explanation/process-defaults.md, Process window.
 
     overlap : share of the bead width by which neighbours overlap; pitch = width · (1 − overlap)
-    fraction_step : quantum of volume fraction along a path (ε_c, process.md 4)
+    fraction_step : quantum of volume fraction along a path (docs/explanation/process-defaults.md,
+    Toolpaths)
     lead_in_mm : run-up and run-out with the beam off at each end of a path
     outer_track : how far the outermost track lies inside the outline: half a pitch, which fills the
         slice to its outline, or half a bead, which leaves no bead outside it

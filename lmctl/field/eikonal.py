@@ -1,4 +1,6 @@
-"""The scalar Eikonal solver: the paper's named method, kept for comparison (method.md 1, Eq. 2).
+"""The scalar Eikonal solver, the method the paper names; kept for comparison.
+
+Source: Zhou et al. 2009, Eq. (2).
 
 |∇d| = 1 by Gauss–Seidel fast sweeping with Godunov upwind differences (Zhao 2005,
 doi:10.1090/S0025-5718-04-01678-3). It is of first order: its error grows with distance, where

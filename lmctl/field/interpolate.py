@@ -1,4 +1,6 @@
-"""Read a field between its nodes with the closest points they hold (method.md 1, "Precision").
+"""Read a field between its nodes with the closest points they hold.
+
+Source: docs/explanation/multi-colour-distance-field.md, Geometry field.
 
 Every node of a cell knows a point of the surface and the direction inwards there. Nodes whose
 points lie on one smooth sheet measure a place q by

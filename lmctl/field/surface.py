@@ -1,4 +1,7 @@
-"""The surface of a field at any level, as triangles for viewing and export (method.md 1)."""
+"""The surface of a field at any level, as triangles for viewing and export.
+
+Source: docs/explanation/multi-colour-distance-field.md, Geometry field.
+"""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Carry surface points outward: every node learns the point of the surface nearest to it.
 
 Sweeping points instead of distances keeps the error from growing with distance: at 256³ first
-order scalar sweeping errs by 0.107 RMS, carried points by 0.005 (method.md 1, Eq. 2).
+order scalar sweeping errs by 0.107 RMS, carried points by 0.005 (Zhou et al. 2009, Eq. (2)).
 """
 
 from __future__ import annotations

@@ -276,7 +276,10 @@ class BodyTree:
     def _joint_rule(
         self, operation: Operation | None, numbers: Sequence[int], *, in_place: bool
     ) -> CompositionField:
-        """What becomes of the bodies' materials when they are combined (method.md 4)."""
+        """What becomes of the bodies' materials when they are combined.
+
+        Source: docs/explanation/multi-colour-distance-field.md, Booleans.
+        """
         if operation is None or operation == "difference":
             return self._rule(numbers[0], in_place)
         ruled = [n for n in numbers if operation == "union" or self._has_rule(n)]

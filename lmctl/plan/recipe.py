@@ -30,7 +30,7 @@ def hopper_flows_g_min(
     """Powder flow of each hopper that deposits a wanted mixture at a wanted rate.
 
     m_i = 60 V_i ρ_i Q_v / η_i: the paper mixes by volume, feeders meter mass, and every powder
-    is caught with its own efficiency (process.md 3.2).
+    is caught with its own efficiency (docs/explanation/powder-delivery.md, Volume, mass and catch).
 
     fractions : (..., n_hoppers) float64, volume fractions V_i of the deposit, sum 1
     density_g_mm3, catch_efficiency : (n_hoppers,) float64, solid density ρ_i, η_i in (0, 1]

@@ -34,7 +34,9 @@ MAX_BYTES = 20_000_000_000
 
 
 def write_field(part: Part, target: Path, progress: Progress | None = None) -> None:
-    """The pair d(S), F(r) (method.md (3)) on the part's grid as a VTK image (.vti), for ParaView.
+    """The pair d(S), F(r) on the part's grid as a VTK image (.vti), for ParaView.
+
+    Source: Zhou et al. 2009, Eq. (3).
 
     Point data: `distance` [mm], positive inside, and one array a material with its volume
     fraction. Written slab by slab, so that memory does not grow with the grid.

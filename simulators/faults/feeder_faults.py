@@ -22,7 +22,8 @@ _SUPPLY_LOW, _OVER_PRESSURE = 102, 103
 
 _WARNS_OF = {"drift": DRIFT, "unsteady flow": UNSTEADY, "old calibration": OLD_CALIBRATION}
 
-#: How long a device needs to notice (process.md 1.4: a deviation counts after 2 s).
+#: How long a device needs to notice (docs/explanation/powder-delivery.md, Feeders: a deviation
+#: counts after 2 s).
 _NOTICES_S = {_STALLED: 0.5, _DEVIATES: 2.0, _CARRIER: 1.0, _LID: 0.0, _SUPPLY_LOW: 0.5,
               _OVER_PRESSURE: 1.0}
 

@@ -9,7 +9,9 @@ from firmware_protocol.registers import WordOrder
 
 @dataclass(frozen=True)
 class HopperConfig:
-    """One hopper, its disc, its hose and the powder in it (process.md 1.2, 2.1).
+    """One hopper, its disc, its hose and the powder in it.
+
+    Source: docs/explanation/powder-delivery.md, Feeders.
 
     density_g_mm3, catch_efficiency : of the powder; only the judge uses them
     dead_time_s, lag_s : θ and τ from disc to nozzle; drive_lag_s : of the disc drive

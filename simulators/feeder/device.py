@@ -1,4 +1,6 @@
-"""The PMX device: commands, recipes, watchdog and alarms (process.md 1.4).
+"""The PMX device: commands, recipes, watchdog and alarms.
+
+Source: docs/explanation/powder-delivery.md, Feeders.
 
 The device holds facts (gas on since, discs on since, what is latched); its STATE follows from
 them. Nothing runs between requests: `settle` carries out what fell due since the last one, each at

@@ -1,4 +1,6 @@
-"""The hose: what goes in at the disc comes out at the nozzle, late and smoothed (process.md 2.1).
+"""The hose: what goes in at the disc comes out at the nozzle, late and smoothed.
+
+Source: docs/explanation/powder-delivery.md, Transport delay and lag.
 
 Flow into the hose is recorded as pieces s(x) = c0 + c1·x + c2·exp(−x/τ_d), x the time since the
 piece began: what a disc with a first-order drive (τ_d) makes of a stepwise or ramped set-point.

@@ -1,7 +1,8 @@
 """One hopper: disc, drive, powder and hose, driven by events and never stepped in time.
 
 set-point → ramp → disc (dead band below n_min, ceiling n_max, offset and g/rev) → drive lag →
-dead time θ → first-order lag τ (process.md 1.2, 2.1). A command costs the same whatever came
+dead time θ → first-order lag τ (docs/explanation/powder-delivery.md, Feeders). A command costs the
+same whatever came
 before; flows are exact at any instant.
 """
 
@@ -19,7 +20,8 @@ from simulators.feeder.hose import SimulatedHose
 
 FloatArray = NDArray[np.float64]
 
-#: Sines that make up the noise, and the band they lie in (process.md 1.4: pulsation, 0.1–1 Hz).
+#: Sines that make up the noise, and the band they lie in (docs/explanation/powder-delivery.md,
+#: Feeders: pulsation, 0.1–1 Hz).
 _NOISE_TONES = 7
 _NOISE_BAND_HZ = (0.1, 1.0)
 

@@ -1,4 +1,6 @@
-"""Powder on time: ten rings in steps of 0.1, judged at the simulated nozzle (process.md 2.3).
+"""Powder on time: ten rings in steps of 0.1, judged at the simulated nozzle.
+
+Source: docs/explanation/powder-delivery.md, Ten rings.
 
 The whole road: a part file is planned, and its job run against the bench in virtual time; the
 simulators' own record of beam, motion and powder says which share of the beam-on path was within

@@ -26,7 +26,8 @@ def test_values_are_possible() -> None:
         assert 0 < material.catch_efficiency <= 1
         if material.apparent_g_cm3 is not None:  # spheres cannot pack denser than this
             assert 0.25 < material.apparent_g_cm3 / material.density_g_cm3 < 0.74
-        assert 800 <= material.power_W <= 2500  # process.md 3.3, medium class
+        # docs/explanation/process-defaults.md, Process window, medium class
+        assert 800 <= material.power_W <= 2500
         assert 8 <= material.speed_mm_s <= 20
 
 

@@ -9,7 +9,8 @@ from firmware_protocol.registers import (
 )
 
 
-# process.md 1.4, every documented address of the system block and the control registers
+# docs/explanation/powder-delivery.md, Feeders, every documented address of the system block and
+# the control registers
 @pytest.mark.parametrize(
     ("name", "kind", "address"),
     [

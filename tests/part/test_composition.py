@@ -49,7 +49,7 @@ CUTTER = {
     ],
 )
 def test_boring_cutter(profile: str, expected: list[float]) -> None:
-    """method.md 5.2: explicit in x, linear and parabolic."""
+    """The paper's boring cutter: explicit in x, linear and parabolic."""
     along = 'feature = { kind = "coordinate", along = "x" }'
     found = rule(f"{along}\nprofile = {{ {CUTTER[profile]} }}")
     at = [(x, 3, -2) for x in (0, 40, 46, 52, 58, 64, 76)]

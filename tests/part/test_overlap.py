@@ -1,4 +1,7 @@
-"""Shares of bodies that overlap: whole, continuous, and fair to each (method.md 4)."""
+"""Shares of bodies that overlap: whole, continuous, and fair to each.
+
+Source: docs/explanation/multi-colour-distance-field.md, Booleans.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The paper's cases, as the templates state them (method.md 5)."""
+"""The paper's cases, as the templates state them.
+
+Source: docs/explanation/multi-colour-distance-field.md, The paper's examples.
+"""
 
 from __future__ import annotations
 

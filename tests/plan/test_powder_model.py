@@ -99,7 +99,7 @@ def test_a_ramp_that_is_given_its_time_arrives(start, end):
 
 @pytest.mark.parametrize(("start", "end"), [(0.1, 0.0), (0.9, 1.0), (0.5, 0.0), (0.3, 1.0)])
 def test_a_hopper_that_stops_needs_its_hose_to_empty(start, end):
-    """process.md 2.3: τ ln(a/b) down to a rest b; here b is what may still be missing."""
+    """A lag needs τ ln(a/b) down to a rest b; here b is what may still be missing."""
     a, b = mix(start), mix(end)
     falling = max(a[0] - b[0], a[1] - b[1])
     gap = needed_s(a, b, UNIT, 0.02)
@@ -129,7 +129,7 @@ def test_what_hoppers_can_follow_is_followed():
 
 
 def test_a_jump_under_a_lit_beam_takes_the_hose_its_time():
-    """process.md 2.2: to 98 % in 3.91 τ, at an even volume, set-points within their bounds."""
+    """To 98 % in 3.91 τ, at an even volume, set-points within their bounds."""
     times = np.array([0.0, 1, 1.02, 12])
     wanted = np.array([mix(0), mix(0), mix(1), mix(1)])
     at, flow = followed(times, wanted, wanted[0], UNIT)

@@ -19,7 +19,7 @@ def mixes(*second):
 
 
 def test_the_worked_example_of_volume_to_mass():
-    """process.md 3.2: equal volumes of steel and carbide at 7.8 mm³/s."""
+    """Equal volumes of steel and carbide at 7.8 mm³/s."""
     flow = hopper_flows_g_min([0.5, 0.5], [0.00785, 0.0143], [0.75, 0.55], 7.8)
     assert flow == pytest.approx([2.4492, 6.084], abs=5e-5)
 

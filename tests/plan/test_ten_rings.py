@@ -1,4 +1,6 @@
-"""The case of process.md 2.3: ten rings, r = 1 … 10 mm, steps of 0.1, 10 mm/s, 1 s between them.
+"""Ten rings, r = 1 … 10 mm, mixture in steps of 0.1, 10 mm/s, 1 s of travel between them.
+
+Source: docs/explanation/powder-delivery.md, Ten rings.
 
 θ = 3 s, τ = 1 s for both hoppers. An annulus from 0.5 to 10.5 mm is ten such rings exactly.
 """

@@ -1,4 +1,6 @@
-"""Powder led by dead time and lag: ten rings in steps of 0.1 (process.md 2.3), seen at the nozzle.
+"""Powder led by dead time and lag: ten rings in steps of 0.1, seen at the nozzle.
+
+Source: docs/explanation/powder-delivery.md, Ten rings.
 
 The hose here is the textbook one, integrated exactly between set-points: it shares nothing with
 the code that leads.

@@ -147,7 +147,7 @@ def test_an_empty_record():
 
 
 def test_worked_example_of_volume_fractions():
-    """process.md 3.2: 2.4492 and 6.084 g/min deposit 7.8 mm³/s, half of each by volume."""
+    """2.4492 and 6.084 g/min deposit 7.8 mm³/s, half of each by volume."""
     bench = Bench(replace(STEEL, offset_g_min=-0.0008), replace(CARBIDE, offset_g_min=0.004))
     bench.feed(2.45, 6.08)
     bench.t = 50.0

@@ -38,7 +38,8 @@ def cloud_field(
     """Signed distance to the surface a cloud samples, at the nodes of a grid that holds it.
 
     Nodes near the cloud measure to a locally fitted surface, not to the nearest sample; closest
-    points are swept from there. The outside is let in from the box's faces (method.md 1): first
+    points are swept from there. The outside is let in from the box's faces
+    (docs/explanation/multi-colour-distance-field.md, Geometry field): first
     between samples, which tells the air from the depth of the body, then from both of these
     towards the fitted surface. The wider way decides, so neither leaks through a gap.
 

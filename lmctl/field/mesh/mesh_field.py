@@ -19,7 +19,7 @@ FloatArray = NDArray[np.float64]
 def mesh_field(
     vertices: FloatArray, triangles: NDArray[np.integer], grid: Grid
 ) -> Field:
-    """Signed distance to a mesh at the nodes of a grid that holds it (method.md 1, Eq. 1).
+    """Signed distance to a mesh at the nodes of a grid that holds it (Zhou et al. 2009, Eq. (1)).
 
     Next to the surface triangles are rasterised into their neighbourhood; closest points are
     swept from there over the rest, and from its own every node walks over the mesh to the

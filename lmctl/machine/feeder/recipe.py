@@ -1,4 +1,7 @@
-"""The words of a recipe: heartbeat to shadow block in one write (process.md 1.4)."""
+"""The words of a recipe: heartbeat to shadow block in one write.
+
+Source: docs/explanation/powder-delivery.md, Feeders.
+"""
 
 from __future__ import annotations
 
@@ -92,7 +95,10 @@ class PreviousFlows:
 
 
 def settling_time_s(hoppers: Sequence[HopperSettings]) -> float:
-    """θ + 4τ of the slowest hose: after that a step has arrived to 98 % (process.md 2.2)."""
+    """θ + 4τ of the slowest hose: after that a step has arrived to 98 %.
+
+    Source: docs/explanation/powder-delivery.md, Transport delay and lag.
+    """
     return max(h.dead_time_s + 4.0 * h.lag_s for h in hoppers)
 
 

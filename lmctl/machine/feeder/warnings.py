@@ -17,7 +17,9 @@ _OWN_FLAG = {LEVEL_LOW: HopperStatusBits.LEVEL_LOW, CLIPPED: HopperStatusBits.LI
 
 
 class FeederWarning(NamedTuple):
-    """number : 51 for a low level to 55 for a clipped set-point (process.md 1.4)
+    """number : 51 for a low level to 55 for a clipped set-point
+
+    Source: docs/explanation/powder-delivery.md, Feeders.
 
     hopper : by name, "" where the feeder does not tell which
     text, remedy : as operators read it; figures are those with which it appeared

@@ -1,1 +1,1 @@
-"""Several bodies as one (method.md 4)."""
+"""Several bodies as one (docs/explanation/multi-colour-distance-field.md, Booleans)."""

@@ -1,4 +1,6 @@
-"""Several bodies as one: union, difference, intersection (method.md 4).
+"""Several bodies as one: union, difference, intersection.
+
+Source: docs/explanation/multi-colour-distance-field.md, Booleans.
 
 Least and greatest of distances have the right zero level but are not distances (a union of two
 10 mm discs 12 mm apart gives 4 mm where 8 is right). They are right wherever the surface point they

@@ -1,4 +1,6 @@
-"""Any boolean of booleans as one function of its distinct leaves (method.md 4).
+"""Any boolean of booleans as one function of its distinct leaves.
+
+Source: docs/explanation/multi-colour-distance-field.md, Booleans.
 
 A union is the greatest of its bodies' distances, an intersection the least, and inside out is the
 negative; so a whole tree is a formula of least and greatest over the distances of its leaves. The

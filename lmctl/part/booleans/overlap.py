@@ -1,4 +1,7 @@
-"""How much each of several bodies has to say at a place where they overlap (method.md 4)."""
+"""How much each of several bodies has to say at a place where they overlap.
+
+Source: docs/explanation/multi-colour-distance-field.md, Booleans.
+"""
 
 from __future__ import annotations
 

@@ -97,7 +97,8 @@ class TransformedComposition:
 @dataclass(frozen=True)
 class OverlapComposition:
     """What a union or intersection is of: each body's own material where it is alone, and where
-    several overlap a mixture that passes from one to the other (method.md 4).
+    several overlap a mixture that passes from one to the other
+    (docs/explanation/multi-colour-distance-field.md, Booleans).
 
     Where A and B overlap, A's share is rA/(rA + rB), r being the distance to the piece of a body's
     surface that lies in the other. On L2, where B begins to be alone, rA is 0; on L1 rB is. So the

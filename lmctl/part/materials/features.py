@@ -1,4 +1,7 @@
-"""What a material is graded from: things distance is measured to (method.md 2)."""
+"""What a material is graded from: things distance is measured to.
+
+Source: docs/explanation/multi-colour-distance-field.md, Material field.
+"""
 
 from __future__ import annotations
 
@@ -96,7 +99,10 @@ class Plane:
 
 @dataclass(frozen=True)
 class DepthBelowSurface:
-    """Depth below a body's surface, or below an iso-contour of its distance (method.md (1))."""
+    """Depth below a body's surface, or below an iso-contour of its distance.
+
+    Source: Zhou et al. 2009, Eq. (1).
+    """
 
     body: Body
     level_mm: float = 0.0

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from lmctl.config import materials as library
 from lmctl.config.part_file import MaterialSettings, PartFile
 
-#: Middle of what coaxial nozzles catch of metal powder (process.md 2.5: 0.4–0.85).
+#: Middle of what coaxial nozzles catch of metal powder (docs/explanation/powder-delivery.md,
+#: Volume, mass and catch: 0.4–0.85).
 UNKNOWN_CATCH_EFFICIENCY = 0.65
 
 

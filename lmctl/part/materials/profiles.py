@@ -1,4 +1,7 @@
-"""The mixture at each distance from a feature (method.md 2); every row sums to 1."""
+"""The mixture at each distance from a feature; every row sums to 1.
+
+Source: docs/explanation/multi-colour-distance-field.md, Material field.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +27,9 @@ class MixtureProfile(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class PowerLawProfile:
-    """near · (1 − f) + far · f with f = (a·d)^k clamped to [0, 1] (method.md (4); k = 1: linear).
+    """near · (1 − f) + far · f with f = (a·d)^k clamped to [0, 1]; k = 1 is linear.
+
+    Source: Zhou et al. 2009, Eq. (4).
 
     d runs from 0 at over_mm[0] to 1 at over_mm[1], clamped; near, far : (n_materials,)
     """

@@ -12,7 +12,8 @@ from lmctl.machine.feeder.readings import HopperReading
 from lmctl.machine.feeder.status import FeederStatus
 from lmctl.machine.safety.status import SafetyStatus
 
-#: Reports missing before a device counts as silent (process.md 5.3).
+#: Reports missing before a device counts as silent (docs/explanation/safety-and-sequences.md, Host
+#: duties).
 STALE_PERIODS = 3
 
 #: So often the motion controller must have been asked in vain by then. A host that stood still for

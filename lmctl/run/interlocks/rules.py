@@ -1,4 +1,4 @@
-"""The interlock table (process.md 5.4) as data.
+"""The interlock table (docs/explanation/safety-and-sequences.md, Interlock table) as data.
 
 Pure: rules look at facts that carry their own ages. A stale input is a tripped input.
 """

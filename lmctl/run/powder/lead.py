@@ -1,7 +1,8 @@
 """What to send to the hoppers now, so that the nozzle delivers what the program wants later.
 
 A hopper's flow reaches the nozzle after a dead time θ and through a first-order lag τ
-(process.md 2.1). With w the flow wanted at the nozzle against program time s, run at rate r, the
+(docs/explanation/powder-delivery.md, Transport delay and lag). With w the flow wanted at the
+nozzle against program time s, run at rate r, the
 law is u = r·(w(s + rθ) + rτ·w′(s + rθ)), within [0, u_max].
 
 No set-point leaves [0, u_max], the feeder's resolution, or what lies between nothing and its least
@@ -28,7 +29,7 @@ from lmctl.run.program.program_clock import ProgramClock
 #: How often set-points are sent, and so how long each holds [s].
 TICK_S = 0.1
 
-#: Feeders take set-points in steps of 0.01 g/min (process.md 1.4).
+#: Feeders take set-points in steps of 0.01 g/min (docs/explanation/powder-delivery.md, Feeders).
 _FLOW_DECIMALS = 2
 
 #: Outflow may stray so far from what is wanted before a new set-point is worth a telegram: a share
@@ -63,7 +64,10 @@ class HoseModel:
 
     @property
     def settling_s(self) -> float:
-        """θ + 4τ: after that, a step has arrived to 98 % (process.md 2.2)."""
+        """θ + 4τ: after that, a step has arrived to 98 %.
+
+        Source: docs/explanation/powder-delivery.md, Transport delay and lag.
+        """
         return self.dead_time_s + 4.0 * self.lag_s
 
 

@@ -1,5 +1,8 @@
-"""Feed override: how far it may go, and the real-time bytes for it (protocol 4): 100 %, then steps
-of ten and of one."""
+"""Feed override: how far it may go, and the real-time bytes for it.
+
+The bytes set 100 %, then steps of ten and of one.
+Source: docs/explanation/motion-protocol.md, Real-time bytes.
+"""
 
 from __future__ import annotations
 
