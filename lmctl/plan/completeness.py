@@ -6,104 +6,20 @@ counts, also those that have no tracks and are left out of the job.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
 from lmctl.config.part_file import ProcessSettings
 from lmctl.errors import PlanError
 from lmctl.plan.geometry import IslandFigures, LayerGeometry, LostFeature, OverhangPlace
+from lmctl.plan.layer_matching import PiecesBelow
+from lmctl.plan.part_pieces import BuiltFeature, LostPiece, Overhang
 
 #: Lost features and overhangs that a message names; the others are counted.
 _MOST_NAMED = 5
 #: Lost features and overhangs that a job lists; the others are counted.
 _MOST_LISTED = 1000
-
-
-@dataclass
-class LostPiece:
-    """A lost feature through all layers it is lost in; heights in the part's coordinates [mm]."""
-
-    feature: LostFeature
-    from_layer: int
-    to_layer: int
-    from_z_mm: float
-    to_z_mm: float
-    volume_mm3: float
-
-    def place(self) -> str:
-        x, y = self.feature.at_mm
-        length, width = self.feature.size_mm
-        return (f"{self.feature.kind} of {length:.3g} × {width:.2g} mm at x {x:.1f}, y {y:.1f}, "
-                f"z {_span(self.from_z_mm, self.to_z_mm)} mm ({self.volume_mm3:.3g} mm³): "
-                f"{self.feature.why}")
-
-    def as_dict(self) -> dict[str, Any]:
-        return {
-            "kind": self.feature.kind,
-            "at_mm": [round(v, 3) for v in self.feature.at_mm],
-            "from_z_mm": round(self.from_z_mm, 3), "to_z_mm": round(self.to_z_mm, 3),
-            "from_layer": self.from_layer, "to_layer": self.to_layer,
-            "size_mm": [round(v, 3) for v in self.feature.size_mm],
-            "volume_mm3": round(self.volume_mm3, 4),
-            "why": self.feature.why, "remedy": self.feature.remedy,
-        }
-
-
-@dataclass
-class Overhang:
-    """An overhang through the layers it goes on over; heights in the part's coordinates [mm]."""
-
-    at_mm: tuple[float, float]
-    from_layer: int
-    to_layer: int
-    from_z_mm: float
-    to_z_mm: float
-    area_mm2: float
-    angle_deg: float
-    is_in_air: bool
-
-    def place(self) -> str:
-        x, y = self.at_mm
-        lean = "nothing below it" if self.is_in_air else f"up to {self.angle_deg:.0f}°"
-        return (f"at x {x:.1f}, y {y:.1f}, z {_span(self.from_z_mm, self.to_z_mm)} mm: {lean}, "
-                f"{self.area_mm2:.3g} mm²")
-
-    def as_dict(self) -> dict[str, Any]:
-        return {
-            "at_mm": [round(v, 3) for v in self.at_mm],
-            "from_z_mm": round(self.from_z_mm, 3), "to_z_mm": round(self.to_z_mm, 3),
-            "from_layer": self.from_layer, "to_layer": self.to_layer,
-            "area_mm2": round(self.area_mm2, 4), "angle_deg": round(self.angle_deg, 1),
-            "in_air": self.is_in_air,
-        }
-
-
-@dataclass
-class BuiltFeature:
-    """A piece of the part that is connected in each of its layers; heights in the part's
-    coordinates [mm]."""
-
-    at_mm: tuple[float, float]
-    from_layer: int
-    to_layer: int
-    from_z_mm: float
-    to_z_mm: float
-    volume_mm3: float = 0.0
-    inside_mm3: float = 0.0
-
-    @property
-    def built_fraction(self) -> float:
-        return self.inside_mm3 / self.volume_mm3 if self.volume_mm3 > 0 else 0.0
-
-    def as_dict(self) -> dict[str, Any]:
-        return {
-            "at_mm": [round(v, 3) for v in self.at_mm],
-            "from_z_mm": round(self.from_z_mm, 3), "to_z_mm": round(self.to_z_mm, 3),
-            "from_layer": self.from_layer, "to_layer": self.to_layer,
-            "volume_mm3": round(self.volume_mm3, 4),
-            "built_fraction": round(self.built_fraction, 5),
-        }
 
 
 @dataclass
@@ -126,9 +42,12 @@ class Completeness:
     lost: list[LostPiece] = field(default_factory=list)
     overhangs: list[Overhang] = field(default_factory=list)
     features: list[BuiltFeature] = field(default_factory=list)
-    _open_features: dict[tuple[int, int], BuiltFeature] = field(default_factory=dict)
-    _open_lost: dict[tuple[str, int, int], LostPiece] = field(default_factory=dict)
-    _open_overhangs: dict[tuple[int, int], Overhang] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        bead = self.process.bead_width_mm
+        self._features_below = PiecesBelow[BuiltFeature](bead)
+        self._lost_below = PiecesBelow[LostPiece](bead)
+        self._overhangs_below = PiecesBelow[Overhang](bead)
 
     def add(self, geometry: LayerGeometry) -> None:
         """The next layer of the part, with tracks or without."""
@@ -272,65 +191,44 @@ class Completeness:
         return sorted(self.overhangs, key=lambda o: (not o.is_in_air, -o.angle_deg, -o.area_mm2))
 
     def _add_island(self, geometry: LayerGeometry, island: IslandFigures) -> None:
-        """Join a piece of a layer to the one below it whose middle is nearly the same."""
-        low = geometry.z_mm - self.layer_height_mm / 2
-        key = self._cell(island.at_mm)
-        found = next(
-            (near for cell in _around(key)
-             if (near := self._open_features.get(cell)) is not None
-             and near.to_layer == geometry.layer - 1), None)
-        if found is None:
-            found = BuiltFeature(island.at_mm, geometry.layer, geometry.layer, low,
-                            low + self.layer_height_mm)
-            self.features.append(found)
-        found.to_layer, found.to_z_mm = geometry.layer, low + self.layer_height_mm
-        found.volume_mm3 += island.slice_mm2 * self.layer_height_mm
-        found.inside_mm3 += island.inside_mm2 * self.layer_height_mm
-        self._open_features[key] = found
+        below = self._features_below.take("", island.at_mm, geometry.layer)
+        low, high = self._span_mm(geometry)
+        if below is None:
+            below = BuiltFeature(island.at_mm, geometry.layer, geometry.layer, low, high)
+            self.features.append(below)
+        below.to_layer, below.to_z_mm = geometry.layer, high
+        below.volume_mm3 += island.slice_mm2 * self.layer_height_mm
+        below.inside_mm3 += island.inside_mm2 * self.layer_height_mm
+        self._features_below.put("", island.at_mm, geometry.layer, below)
 
     def _add_lost(self, geometry: LayerGeometry, feature: LostFeature) -> None:
-        """Join a lost feature to the one below it, if there is one."""
-        low = geometry.z_mm - self.layer_height_mm / 2
-        key = (feature.kind, *self._cell(feature.at_mm))
-        piece = next(
-            (found for near in _around(key[1:])
-             if (found := self._open_lost.get((feature.kind, *near))) is not None
-             and found.to_layer == geometry.layer - 1), None)
-        volume = feature.area_mm2 * self.layer_height_mm
-        if piece is None:
-            piece = LostPiece(feature, geometry.layer, geometry.layer, low,
-                              low + self.layer_height_mm, 0.0)
-            self.lost.append(piece)
-        piece.to_layer, piece.to_z_mm = geometry.layer, low + self.layer_height_mm
-        piece.volume_mm3 += volume
-        self._open_lost[key] = piece
+        below = self._lost_below.take(feature.kind, feature.at_mm, geometry.layer)
+        low, high = self._span_mm(geometry)
+        if below is None:
+            below = LostPiece(feature, geometry.layer, geometry.layer, low, high, 0.0)
+            self.lost.append(below)
+        below.to_layer, below.to_z_mm = geometry.layer, high
+        below.volume_mm3 += feature.area_mm2 * self.layer_height_mm
+        self._lost_below.put(feature.kind, feature.at_mm, geometry.layer, below)
 
     def _add_overhang(self, geometry: LayerGeometry, place: OverhangPlace) -> None:
-        low = geometry.z_mm - self.layer_height_mm / 2
-        key = self._cell(place.middle_mm)
-        found = None if place.is_in_air else next(
-            (near for cell in _around(key)
-             if (near := self._open_overhangs.get(cell)) is not None
-             and near.to_layer == geometry.layer - 1), None)
-        if found is None:
-            found = Overhang(place.at_mm, geometry.layer, geometry.layer, low,
-                             low + self.layer_height_mm, 0.0, 0.0, place.is_in_air)
-            self.overhangs.append(found)
-        found.to_layer, found.to_z_mm = geometry.layer, low + self.layer_height_mm
-        found.area_mm2 += place.area_mm2
-        if place.angle_deg > found.angle_deg:
-            found.at_mm, found.angle_deg = place.at_mm, place.angle_deg
-        self._open_overhangs[key] = found
+        below = None if place.is_in_air else self._overhangs_below.take(
+            "", place.middle_mm, geometry.layer)
+        low, high = self._span_mm(geometry)
+        if below is None:
+            below = Overhang(place.at_mm, geometry.layer, geometry.layer, low, high, 0.0, 0.0,
+                             place.is_in_air)
+            self.overhangs.append(below)
+        below.to_layer, below.to_z_mm = geometry.layer, high
+        below.area_mm2 += place.area_mm2
+        if place.angle_deg > below.angle_deg:
+            below.at_mm, below.angle_deg = place.at_mm, place.angle_deg
+        self._overhangs_below.put("", place.middle_mm, geometry.layer, below)
 
-    def _cell(self, at_mm: tuple[float, float]) -> tuple[int, int]:
-        bead = self.process.bead_width_mm
-        return round(at_mm[0] / bead), round(at_mm[1] / bead)
-
-
-def _around(cell: tuple[int, int]) -> Iterable[tuple[int, int]]:
-    """A cell and the eight around it."""
-    x, y = cell
-    return ((x + i, y + j) for i in (0, -1, 1) for j in (0, -1, 1))
+    def _span_mm(self, geometry: LayerGeometry) -> tuple[float, float]:
+        """From where to where a layer reaches."""
+        half = self.layer_height_mm / 2
+        return geometry.z_mm - half, geometry.z_mm + half
 
 
 def _more(count: int, what: str) -> Iterator[tuple[bool, str]]:
@@ -340,7 +238,3 @@ def _more(count: int, what: str) -> Iterator[tuple[bool, str]]:
 
 def _places(count: int) -> str:
     return "one place" if count == 1 else f"{count} places"
-
-
-def _span(low_mm: float, high_mm: float) -> str:
-    return f"{low_mm:.2f} to {high_mm:.2f}"

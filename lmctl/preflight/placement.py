@@ -20,7 +20,7 @@ FloatArray = NDArray[np.float64]
 #: A layer may be so much higher or lower than the process says, so that whole layers fill a part.
 MAX_LAYER_HEIGHT_CHANGE = 0.1
 #: Heights that differ by less, as a ratio, are the same.
-_EQUAL = 1e-9
+_EQUAL = 1e-6
 
 
 @dataclass(frozen=True)

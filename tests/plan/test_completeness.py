@@ -170,3 +170,13 @@ def test_every_feature_has_its_own_fraction(complete):
     assert totals["feature_count"] == 3
     least = min(f.built_fraction for f in found.features)
     assert totals["features"][0]["built_fraction"] == pytest.approx(least, abs=1e-5)
+
+
+def test_pieces_that_stand_close_are_told_apart(complete):
+    """Specks nearer to each other than a bead: as many pieces as there are, not as many a layer."""
+    specks = [box(x, y, x + 0.2, y + 0.2) for x in np.arange(1, 19, 1.5) for y in (22, 23.3)]
+    found = complete(lambda z: unary_union([PLATE, *specks]))
+    assert len(found.lost) == len(specks)
+    assert all((piece.from_layer, piece.to_layer) == (0, 4) for piece in found.lost)
+    assert all(piece.feature.size_mm == pytest.approx((0.2, 0.2), abs=0.01)
+               for piece in found.lost)

@@ -142,9 +142,12 @@ def _lost(
 
 
 def _size_mm(outline: FloatArray, area_mm2: float) -> tuple[float, float]:
-    """Length and width: the longer side of the box along its main direction, and area over it."""
+    """Length and width: the longer side of the smaller box around it, and area over that.
+
+    Boxes along its main direction and along x and y.
+    """
     arms = outline - outline.mean(axis=0)
     turn = np.linalg.svd(arms, full_matrices=False)[2] if len(outline) > 1 else np.eye(2)
-    spread = np.ptp(arms @ turn.T, axis=0)
-    length = float(max(spread.max(), np.sqrt(area_mm2)))
+    boxes = np.ptp(arms @ turn.T, axis=0), np.ptp(arms, axis=0)
+    length = float(max(min(boxes, key=np.prod).max(), np.sqrt(area_mm2)))
     return length, area_mm2 / length if length > 0 else 0.0

@@ -1,0 +1,98 @@
+"""Pieces of a part through all the layers they go on over: built, lost, or leaning out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from lmctl.plan.geometry import LostFeature
+
+
+@dataclass
+class LostPiece:
+    """A lost feature through all layers it is lost in; heights in the part's coordinates [mm]."""
+
+    feature: LostFeature
+    from_layer: int
+    to_layer: int
+    from_z_mm: float
+    to_z_mm: float
+    volume_mm3: float
+
+    def place(self) -> str:
+        x, y = self.feature.at_mm
+        length, width = self.feature.size_mm
+        return (f"{self.feature.kind} of {length:.3g} × {width:.2g} mm at x {x:.1f}, y {y:.1f}, "
+                f"z {_span(self.from_z_mm, self.to_z_mm)} mm ({self.volume_mm3:.3g} mm³): "
+                f"{self.feature.why}")
+
+    def as_dict(self) -> dict[str, Any]:
+        return {
+            "kind": self.feature.kind,
+            "at_mm": [round(v, 3) for v in self.feature.at_mm],
+            "from_z_mm": round(self.from_z_mm, 3), "to_z_mm": round(self.to_z_mm, 3),
+            "from_layer": self.from_layer, "to_layer": self.to_layer,
+            "size_mm": [round(v, 3) for v in self.feature.size_mm],
+            "volume_mm3": round(self.volume_mm3, 4),
+            "why": self.feature.why, "remedy": self.feature.remedy,
+        }
+
+
+@dataclass
+class Overhang:
+    """An overhang through the layers it goes on over; heights in the part's coordinates [mm]."""
+
+    at_mm: tuple[float, float]
+    from_layer: int
+    to_layer: int
+    from_z_mm: float
+    to_z_mm: float
+    area_mm2: float
+    angle_deg: float
+    is_in_air: bool
+
+    def place(self) -> str:
+        x, y = self.at_mm
+        lean = "nothing below it" if self.is_in_air else f"up to {self.angle_deg:.0f}°"
+        return (f"at x {x:.1f}, y {y:.1f}, z {_span(self.from_z_mm, self.to_z_mm)} mm: {lean}, "
+                f"{self.area_mm2:.3g} mm²")
+
+    def as_dict(self) -> dict[str, Any]:
+        return {
+            "at_mm": [round(v, 3) for v in self.at_mm],
+            "from_z_mm": round(self.from_z_mm, 3), "to_z_mm": round(self.to_z_mm, 3),
+            "from_layer": self.from_layer, "to_layer": self.to_layer,
+            "area_mm2": round(self.area_mm2, 4), "angle_deg": round(self.angle_deg, 1),
+            "in_air": self.is_in_air,
+        }
+
+
+@dataclass
+class BuiltFeature:
+    """A piece of the part that is connected in each of its layers; heights in the part's
+    coordinates [mm]."""
+
+    at_mm: tuple[float, float]
+    from_layer: int
+    to_layer: int
+    from_z_mm: float
+    to_z_mm: float
+    volume_mm3: float = 0.0
+    inside_mm3: float = 0.0
+
+    @property
+    def built_fraction(self) -> float:
+        return self.inside_mm3 / self.volume_mm3 if self.volume_mm3 > 0 else 0.0
+
+    def as_dict(self) -> dict[str, Any]:
+        return {
+            "at_mm": [round(v, 3) for v in self.at_mm],
+            "from_z_mm": round(self.from_z_mm, 3), "to_z_mm": round(self.to_z_mm, 3),
+            "from_layer": self.from_layer, "to_layer": self.to_layer,
+            "volume_mm3": round(self.volume_mm3, 4),
+            "built_fraction": round(self.built_fraction, 5),
+        }
+
+
+def _span(low_mm: float, high_mm: float) -> str:
+    return f"{low_mm:.2f} to {high_mm:.2f}"
