@@ -8,7 +8,7 @@ from shapely.ops import unary_union
 
 from lmctl.config.part_file import ProcessSettings
 from lmctl.plan.geometry import layer_geometry
-from lmctl.plan.geometry.links import LONGEST_BRIDGE
+from lmctl.plan.geometry.link_lines import LONGEST_BRIDGE
 from lmctl.preflight.placement import place_part
 
 BEAD = 2.0

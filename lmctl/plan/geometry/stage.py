@@ -24,7 +24,8 @@ from lmctl.plan.geometry.layer_geometry import (
     LayerGeometry,
     OverhangPlace,
 )
-from lmctl.plan.geometry.links import Line, LinkRules, linked
+from lmctl.plan.geometry.link_lines import Line, LinkRules
+from lmctl.plan.geometry.links import linked
 from lmctl.plan.geometry.losses import losses, lost_layer
 from lmctl.plan.geometry.overhang import overhang_places
 from lmctl.plan.geometry.section_raster import SectionRaster, raster_pitch_mm, section_raster

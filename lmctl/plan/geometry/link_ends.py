@@ -1,0 +1,102 @@
+"""Open tracks that go on, from an end, into a closed one beside it or into another open one."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmctl.plan.geometry.link_lines import (
+    LEAST_LOOP,
+    Line,
+    LinkRules,
+    arc_lengths_of,
+    stretch_of,
+)
+from lmctl.plan.geometry.section_raster import SectionRaster
+from lmctl.plan.plane_values import plane_values
+from lmctl.plan.polyline import densified
+
+FloatArray = NDArray[np.float64]
+
+
+def joined_at_ends(
+    lines: list[Line], raster: SectionRaster, rules: LinkRules
+) -> list[Line]:
+    """Open lines joined, end by end, to closed lines and to each other, the nearest first."""
+    joined: list[Line] = []
+    for island in sorted({line.island for line in lines}):
+        joined += _joined_in_island(
+            [line for line in lines if line.island == island], raster, rules)
+    return joined
+
+
+def _joined_in_island(
+    lines: list[Line], raster: SectionRaster, rules: LinkRules
+) -> list[Line]:
+    """`joined_at_ends` of one island."""
+    known = dict(enumerate(lines))
+    number = len(lines)
+    nearest: dict[tuple[int, int], tuple[float, int, int] | None] = {}
+    while True:
+        for key, line in known.items():
+            for end in (0, -1):
+                if not line.is_closed and (key, end) not in nearest:
+                    nearest[key, end] = _nearest_line(key, end, known, raster, rules)
+        found = [(best[0], key, end, best) for (key, end), best in nearest.items()
+                 if best is not None]
+        if not found:
+            return list(known.values())
+        _, key, end, (_, other, vertex) = min(found)
+        joined = _joined(known.pop(key), end, known.pop(other), vertex, rules)
+        gone = {key, other}
+        # An end without a neighbour gets none: what is joined lies where its parts lay.
+        nearest = {(k, e): best for (k, e), best in nearest.items()
+                   if k not in gone and (best is None or best[1] not in gone)}
+        known[number] = joined
+        number += 1
+
+
+def _nearest_line(
+    number: int, end: int, lines: dict[int, Line], raster: SectionRaster, rules: LinkRules
+) -> tuple[float, int, int] | None:
+    """Distance, number and vertex of the line that an end of an open line may go on into."""
+    here = lines[number].table[end]
+    best = None
+    for other, target in lines.items():
+        if other == number:
+            continue
+        candidate = _nearest_on(here, target, raster, rules)
+        if candidate is not None and (best is None or candidate[0] < best[0]):
+            best = (candidate[0], other, candidate[1])
+    return best
+
+
+def _nearest_on(
+    here: FloatArray, target: Line, raster: SectionRaster, rules: LinkRules
+) -> tuple[float, int] | None:
+    """Distance to a line and its vertex, where a bridge may go; of open ones an end only."""
+    table = target.table if target.is_closed else target.table[[0, -1]]
+    away = np.hypot(table[:, 0] - here[0], table[:, 1] - here[1])
+    nearest = int(np.argmin(away))
+    if away[nearest] > rules.longest_bridge_mm:
+        return None
+    if np.abs(table[nearest, 3:] - here[3:]).max() > rules.mixture_step + 1e-9:
+        return None
+    way = here[:2] + np.linspace(0, 1, 5)[1:-1, None] * (table[nearest, :2] - here[:2])
+    depth = plane_values(raster.depth_mm, raster.grid, way)
+    if depth.min() < rules.least_depth_mm:
+        return None
+    return float(away[nearest]), nearest
+
+
+def _joined(line: Line, end: int, target: Line, vertex: int, rules: LinkRules) -> Line:
+    """An open line that goes on, from its end, into another one."""
+    table = line.table if end == -1 else line.table[::-1]
+    onward = target.table
+    if target.is_closed:
+        arc = arc_lengths_of(target)
+        gap = min(float(np.hypot(*(onward[vertex, :2] - table[-1, :2]))), arc[-1] / LEAST_LOOP)
+        onward = stretch_of(onward, arc, float(arc[vertex]), float(arc[vertex] + arc[-1] - gap))
+    elif vertex == 1:
+        onward = onward[::-1]
+    return Line(densified(np.vstack([table, onward]), rules.spacing_mm), False, line.island)

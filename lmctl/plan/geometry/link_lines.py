@@ -1,0 +1,75 @@
+"""Tracks while they are linked: points, strip widths and mixtures in one table, cut by length."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+#: The longest bridge, and how deep inside the outline it has to stay, in pitches.
+LONGEST_BRIDGE, LEAST_DEPTH = 1.5, 0.2
+#: A closed track is at least so many bridge lengths long to be cut.
+LEAST_LOOP = 2.6
+
+
+@dataclass(frozen=True)
+class Line:
+    """A track while it is linked.
+
+    table : (k, 3 + materials) float64: x, y, strip width [mm], volume fractions
+    """
+
+    table: FloatArray
+    is_closed: bool
+    island: int
+
+
+@dataclass(frozen=True)
+class LinkRules:
+    """pitch_mm : nominal; spacing_mm : of the points on bridges; mixture_step : equal mixtures
+    differ by no more; seam_mm : (2,) where bridges are wanted, or None; seam_angle : else, the
+    direction from the middle of the layer [radians]
+    """
+
+    pitch_mm: float
+    spacing_mm: float
+    mixture_step: float
+    seam_mm: tuple[float, float] | None
+    seam_angle: float
+
+    @property
+    def longest_bridge_mm(self) -> float:
+        return LONGEST_BRIDGE * self.pitch_mm
+
+    @property
+    def least_depth_mm(self) -> float:
+        """How deep inside the outline a bridge has to stay."""
+        return LEAST_DEPTH * self.pitch_mm
+
+
+def arc_lengths_of(line: Line) -> FloatArray:
+    steps = np.linalg.norm(np.diff(line.table[:, :2], axis=0), axis=1)
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def rows_at(table: FloatArray, arc_mm: FloatArray, at_mm: FloatArray) -> FloatArray:
+    """Rows of a closed line at arc lengths, taken round."""
+    at = at_mm % arc_mm[-1]
+    return np.stack([np.interp(at, arc_mm, column) for column in table.T], axis=1)
+
+
+def stretch_of(
+    table: FloatArray, arc_mm: FloatArray, begin_mm: float, end_mm: float
+) -> FloatArray:
+    """Rows of a closed line from one arc length to another, forwards or backwards."""
+    whole = float(arc_mm[-1])
+    low, high = min(begin_mm, end_mm), max(begin_mm, end_mm)
+    turns = np.arange(np.floor(low / whole), np.floor(high / whole) + 1)
+    inner = (turns[:, None] * whole + arc_mm[:-1]).ravel()
+    inner = inner[(inner > low + 1e-9) & (inner < high - 1e-9)]
+    at = np.concatenate([[low], inner, [high]])
+    rows = rows_at(table, arc_mm, at)
+    return rows if begin_mm <= end_mm else rows[::-1]
