@@ -13,7 +13,7 @@ from lmctl.field.triangles import closest_points_on_rows
 from lmctl.part.sources.files import DataFile
 from lmctl.part.sources.mesh_files import Mesh
 from lmctl.part.sources.mesh_topology import connected_components, edge_numbers, remove_slivers
-from lmctl.part.sources.obj_files import group_triangles, read_obj
+from lmctl.part.sources.obj_files import read_obj, triangle_rows_of_group
 
 FloatArray = NDArray[np.float64]
 
@@ -63,7 +63,8 @@ def triangles_of_group(file: DataFile, group: str, units: str | None) -> FloatAr
         raise InputError(f"{file.path} has no named faces",
                          hint="only OBJ files name groups; choose the face by at_mm instead")
     model = read_obj(file)
-    corners_mm = model.vertices[group_triangles(file, model, group)] * MM_PER_UNIT[units or "mm"]
+    corners_mm = model.vertices[triangle_rows_of_group(file, model,
+                                                       group)] * MM_PER_UNIT[units or "mm"]
     if not np.isfinite(corners_mm).all():
         raise InputError(f"{file.path} has coordinates that are not numbers",
                          hint="export it again")

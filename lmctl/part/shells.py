@@ -17,7 +17,7 @@ from lmctl.part.resolution import boundary_grid
 TOLERANCE_MM = 1e-3
 
 
-def shell_of(of: Body, box: Bounds, shell: ShellBody, pitch_mm: float) -> Body:
+def make_shell(of: Body, box: Bounds, shell: ShellBody, pitch_mm: float) -> Body:
     """The shell of a body that a part file asks for.
 
     box : holds the body

@@ -39,7 +39,7 @@ from lmctl.part.materials.composition import (
 from lmctl.part.materials.rules import CompositionContext, composition_field_of
 from lmctl.part.part_data import PartData
 from lmctl.part.resolution import boundary_grid, checked_grid, choose_pitch
-from lmctl.part.shells import shell_of
+from lmctl.part.shells import make_shell
 from lmctl.part.sources.cloud_files import PointCloud
 from lmctl.part.sources.mesh_files import Mesh
 
@@ -219,7 +219,7 @@ class BodyTree:
     def _shell(self, body: config.ShellBody, in_place: bool) -> Body:
         of = self._solid(self._number[body.of], in_place)
         box = self._extents.enclosing_box(self._number[body.of])
-        return shell_of(of, box, body, self.pitch_mm)
+        return make_shell(of, box, body, self.pitch_mm)
 
     def _mesh(self, mesh: Mesh, pitch_mm: float | None) -> Body:
         low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)

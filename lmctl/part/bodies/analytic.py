@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from lmctl.field.grid import Window
 from lmctl.field.plane import PlaneGrid, section_loops
 from lmctl.part.bodies.body import BodyDefaults, plane_points
-from lmctl.part.bodies.corners import with_corners
+from lmctl.part.bodies.corners import restore_corners
 from lmctl.part.bodies.depth import maximum_in_box
 
 FloatArray = NDArray[np.float64]
@@ -46,7 +46,7 @@ class AnalyticBody(BodyDefaults):
 
     def outline_loops(self, z_mm: float, plane: PlaneGrid) -> list[FloatArray]:
         loops = section_loops(self.section_values(z_mm, plane), plane)
-        return with_corners(loops, z_mm, self.distance_bound, self.inward_directions)
+        return restore_corners(loops, z_mm, self.distance_bound, self.inward_directions)
 
 
 def chunks(window: Window) -> Iterator[tuple[int, FloatArray]]:

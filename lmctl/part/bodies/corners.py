@@ -2,8 +2,8 @@
 
 Along an edge of the raster a distance is not quite linear, so points lie a little beside the
 surface. Between two neighbouring points the raster draws a chord. Where the surface turns
-sharply between them, its tangents at both meet in the corner; that the corner lies on the outline,
-where the chord's middle does not, tells it from a round.
+sharply between them, its tangents at both meet in the corner. A corner lies on the outline and the
+chord's middle does not; on a round edge the tangents meet off the outline.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ FLATTEST = 0.1
 BETTER = 0.25
 
 
-def with_corners(
+def restore_corners(
     loops: Sequence[FloatArray], z_mm: float, distance: Callable[[FloatArray], FloatArray],
     inward: Callable[[FloatArray], FloatArray],
 ) -> list[FloatArray]:

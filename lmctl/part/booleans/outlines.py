@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from lmctl.errors import InputError
 from lmctl.field.plane import PlaneGrid, loop_area_mm2, section_loops
 from lmctl.part.bodies.body import Body
-from lmctl.part.bodies.corners import with_corners
+from lmctl.part.bodies.corners import restore_corners
 from lmctl.part.booleans.expression import Expression, Formula, SignedLeaf
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def _outline(leaf: Body, z_mm: float, plane: PlaneGrid) -> CrossSection:
         values = leaf.section_values(z_mm, plane).copy()
         for edge in (values[0], values[-1], values[:, 0], values[:, -1]):
             np.minimum(edge, np.float32(-0.5 * plane.pitch_mm), out=edge)
-        loops = with_corners(section_loops(values, plane), z_mm, leaf.distance_bound,
+        loops = restore_corners(section_loops(values, plane), z_mm, leaf.distance_bound,
                              leaf.inward_directions)
     return CrossSection([loop[:-1] for loop in loops], FillRule.EvenOdd)
 

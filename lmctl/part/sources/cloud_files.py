@@ -23,7 +23,7 @@ MAX_POINTS = 20_000_000
 #: Fewer points enclose nothing.
 MIN_POINTS = 100
 
-#: At most this share of the points may be strays that are dropped.
+#: At most this share of the points may be outliers that are dropped.
 OUTLIER_SHARE = 0.005
 
 #: Points, normals or None, notes.
@@ -68,13 +68,13 @@ def read_cloud(file: DataFile, units: str) -> PointCloud:
             "thin it out: detail far below the bead width is lost anyway",
         )
     warnings = []
-    kept = without_outliers(points)
+    kept = inlier_mask(points)
     if not kept.all():
-        stray = int(np.argmin(kept))
-        place = ", ".join(f"{v:.6g}" for v in points[stray])
+        outlier = int(np.argmin(kept))
+        place = ", ".join(f"{v:.6g}" for v in points[outlier])
         warnings.append(
             f"{file.path.name}: {int((~kept).sum())} of {len(points):,} points lie far from all "
-            f"others and were dropped as outliers; the first is point {stray + 1}, ({place})")
+            f"others and were dropped as outliers; the first is point {outlier + 1}, ({place})")
         points, normals = points[kept], None if normals is None else normals[kept]
     points = checked_points(file, points, units, used=None, what="point")
     single, first = np.unique(points, axis=0, return_index=True)
@@ -105,11 +105,11 @@ def _from_ply(file: DataFile) -> Read:
     return points, normals, notes
 
 
-def without_outliers(points: FloatArray) -> NDArray[np.bool_]:
-    """Which of points (n, 3) belong to what was scanned, (n,): all but few strays far from it.
+def inlier_mask(points: FloatArray) -> NDArray[np.bool_]:
+    """Which of points (n, 3) belong to what was scanned, (n,): all but a few outliers.
 
-    A stray is farther from the box of nearly all points than that box is large. Nearer ones are
-    told from the fitted surface, later.
+    An outlier is farther from the box of nearly all points than that box is large. Nearer ones are
+    found later, by their distance from the fitted surface.
     """
     finite = np.isfinite(points).all(axis=1)
     kept = np.ones(len(points), dtype=bool)

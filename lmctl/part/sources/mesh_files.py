@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from lmctl.config.quantities import MAX_COORDINATE_MM, MM_PER_UNIT
 from lmctl.errors import InputError
 from lmctl.part.sources.files import DataFile
-from lmctl.part.sources.obj_files import group_triangles, read_obj
+from lmctl.part.sources.obj_files import read_obj, triangle_rows_of_group
 from lmctl.part.sources.off_files import read_off
 from lmctl.part.sources.ply_files import read_ply
-from lmctl.part.sources.polygons import polygon_triangles
-from lmctl.part.sources.recognition import unreadable
+from lmctl.part.sources.polygons import triangulate_polygons
+from lmctl.part.sources.recognition import unreadable_file
 from lmctl.part.sources.stl_files import read_stl
 from lmctl.part.sources.threemf import read_3mf
 
@@ -100,7 +100,7 @@ def _read(
             return *_from_ply(file), ()
     model = read_obj(file)
     if group is not None:
-        return model.vertices, group_triangles(file, model, group), ()
+        return model.vertices, triangle_rows_of_group(file, model, group), ()
     return model.vertices, model.triangles, ()
 
 
@@ -108,22 +108,22 @@ def _from_ply(file: DataFile) -> tuple[FloatArray, IntArray]:
     elements = read_ply(file)
     vertex = elements.get("vertex")
     if vertex is None or not all(axis in vertex.numbers for axis in "xyz"):
-        raise unreadable(file, "its head names no element vertex with x, y and z")
+        raise unreadable_file(file, "its head names no element vertex with x, y and z")
     vertices = np.stack([vertex.numbers[axis] for axis in "xyz"], axis=1)
     lists = elements["face"].lists if "face" in elements else {}
     named = lists.get("vertex_indices", lists.get("vertex_index"))
     if named is None:
         if any(name in elements for name in ("face", "tristrips")):
-            raise unreadable(file, "its faces are not lists of corners (vertex_indices)",
+            raise unreadable_file(file, "its faces are not lists of corners (vertex_indices)",
                              "export it as plain polygons")
         return vertices, np.empty((0, 3), dtype=np.int64)
     sizes, corners = named
     there = (corners >= 0) & (corners < len(vertices)) & (corners == np.floor(corners))
     if not there.all():
         wrong = float(corners[int(np.argmin(there))])
-        raise unreadable(file, f"a face names corner {wrong:g}, there are {len(vertices):,}, "
+        raise unreadable_file(file, f"a face names corner {wrong:g}, there are {len(vertices):,}, "
                          "counted from 0")
-    triangles, _ = polygon_triangles(file, vertices, corners.astype(np.int64), sizes)
+    triangles, _ = triangulate_polygons(file, vertices, corners.astype(np.int64), sizes)
     return vertices, triangles
 
 
@@ -163,7 +163,7 @@ def checked_points(
                   f"at most {MAX_COORDINATE_MM:g} mm",
             hint="move it to the origin in the program it came from",
         )
-    if used is not None:  # unused corners may hold anything; nobody may stumble over them later
+    if used is not None:  # unused corners may hold anything; they must not disturb later steps
         scaled = np.where(np.isfinite(scaled), scaled, 0.0)
     return np.asarray(scaled, dtype=np.float64)
 

@@ -1,8 +1,8 @@
 """Gaps between flat faces of two shells that were meant to be flush, closed.
 
-Assemblies exported block by block meet but for rounding. Where two flat faces look at each other
-across less than any nozzle can leave open, one of them is moved onto the other and a trifle into
-it, so that what unites solids finds them overlapping, not touching by chance.
+Assemblies exported block by block meet but for rounding. Where two flat faces face each other at a
+distance that no nozzle can leave open, one of them is moved onto the other and 1e-5 mm into it. The
+union of the solids then finds an overlap, not a contact that depends on rounding.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class _Faces:
 def close_gap(
     moved: FloatArray, triangles: IntArray, vertices: FloatArray, others: IntArray, gap_mm: float
 ) -> list[Gap]:
-    """Move flat faces of one shell onto those of another that they look at, in place.
+    """Move flat faces of one shell onto those of another that they face, in place.
 
     moved, triangles : corners (n, 3) and triangles (m, 3) of the one, facing out
     vertices, others : of the other

@@ -25,13 +25,13 @@ GOES_ON = 0.9
 
 
 def close_holes(
-    vertices: FloatArray, triangles: IntArray, name: str, hole_mm: float, said: list[str]
+    vertices: FloatArray, triangles: IntArray, name: str, hole_mm: float, remarks: list[str]
 ) -> tuple[FloatArray, IntArray]:
     """Every edge in an even number of triangles.
 
     name : of the mesh, for messages; hole_mm : holes up to this size are closed whatever their form
-    said : what was done is appended to it
-    raises : InputError, with the place, where a hole is larger and its form is not told
+    remarks : what was done is appended to it
+    raises : InputError, with the place, where a hole is larger and nothing shows how to close it
     """
     number, counts = edge_numbers(triangles)
     is_open = np.flatnonzero((counts % 2 == 1)[number])
@@ -76,7 +76,7 @@ def close_holes(
         )
     largest = int(np.argmax(sizes))
     at = ", ".join(f"{v:.2f}" for v in vertices[rim[holes[largest], 0]].mean(axis=0))
-    said.append(
+    remarks.append(
         f"{len(holes)} hole{'s' if len(holes) > 1 else ''} closed, "
         f"{'the largest ' if len(holes) > 1 else ''}{sizes[largest]:.2g} mm across near ({at}) mm"
         + ("; facets were missing from flat faces" if flat else ""))

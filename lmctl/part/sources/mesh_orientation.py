@@ -17,7 +17,7 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 
-def facing_alike(
+def orient_consistently(
     vertices: FloatArray, triangles: IntArray, name: str
 ) -> tuple[IntArray, BoolArray]:
     """Triangles turned so that neighbours over edges of two face the same way.
@@ -45,7 +45,7 @@ def facing_alike(
         at = ", ".join(f"{v:.2f}" for v in vertices[triangles[both[0]]].mean(axis=0))
         raise InputError(
             f"the mesh {name} has a surface with one side only",
-            where=f"inside and outside cannot be told apart near ({at}) mm",
+            where=f"inside and outside cannot be distinguished near ({at}) mm",
             hint="export it again as a solid",
         )
     patch = np.minimum(as_is, turned)
@@ -58,21 +58,21 @@ def facing_alike(
     return result, flip
 
 
-def shells_of(vertices: FloatArray, triangles: IntArray) -> IntArray:
+def shell_numbers(vertices: FloatArray, triangles: IntArray) -> IntArray:
     """The number of the shell of each triangle (m,): what hangs together over edges."""
     shell: IntArray = connected_components(directed_edges(triangles),
                                            len(vertices))[triangles[:, 0]]
     return np.unique(shell, return_inverse=True)[1].reshape(-1)
 
 
-def signed_volumes(vertices: FloatArray, triangles: IntArray) -> FloatArray:
+def signed_tetrahedron_volumes(vertices: FloatArray, triangles: IntArray) -> FloatArray:
     """Of the tetrahedron that each triangle spans with the mesh's middle, (m,) [mm³]."""
     a, b, c = (vertices[triangles[:, k]] - vertices.mean(axis=0) for k in range(3))
     volumes: FloatArray = np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0
     return volumes
 
 
-def facing_out_by_parity(vertices: FloatArray, triangles: IntArray) -> IntArray:
+def orient_by_parity(vertices: FloatArray, triangles: IntArray) -> IntArray:
     """Patches turned so that what is inside by parity is behind them.
 
     For a shell whose patches meet in edges of more than two triangles, where no neighbour says how

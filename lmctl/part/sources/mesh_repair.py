@@ -1,7 +1,8 @@
 """What is wrong with a mesh, what of it can be mended without guessing, and what cannot.
 
 Order matters: corners are joined first (an STL repeats every corner in every triangle), copies go,
-edges are cut where they pass corners, fins go, and holes are closed whose form is told. What is
+edges are cut where they pass corners, fins go, and holes are closed where the mesh shows how. What
+is
 still open after that is refused. Then triangles are made to face one way, and shells one solid.
 """
 
@@ -15,9 +16,9 @@ from lmctl.field.mesh.triangle_tree import TriangleTree
 from lmctl.part.sources.mesh_files import Mesh
 from lmctl.part.sources.mesh_holes import close_holes
 from lmctl.part.sources.mesh_junctions import split_at_junctions
-from lmctl.part.sources.mesh_orientation import facing_alike
-from lmctl.part.sources.mesh_shared_edges import parted_at_shared_edges
-from lmctl.part.sources.mesh_solids import one_solid
+from lmctl.part.sources.mesh_orientation import orient_consistently
+from lmctl.part.sources.mesh_shared_edges import split_at_shared_edges
+from lmctl.part.sources.mesh_solids import unite_shells
 from lmctl.part.sources.mesh_topology import (
     connected_components,
     connected_patches,
@@ -48,45 +49,46 @@ def repair_mesh(mesh: Mesh, name: str, hole_mm: float) -> tuple[Mesh, tuple[str,
         warnings, each naming `name`
     raises : InputError where the mesh is open, encloses nothing, or overlaps itself
     """
-    said: list[str] = []
+    remarks: list[str] = []
     vertices, triangles = merge_equal_vertices(mesh.vertices, mesh.triangles)
-    triangles = _without_collapsed(triangles, said)
-    triangles = _without_copies(triangles, said)
+    triangles = _without_collapsed(triangles, remarks)
+    triangles = _without_copies(triangles, remarks)
     if (edge_numbers(triangles)[1] != 2).any():
-        vertices, triangles = _seams_joined(vertices, triangles, said)
-        triangles = _cut_at_junctions(vertices, triangles, said)
-        triangles = _without_fins(triangles, said)
-        vertices, triangles = close_holes(vertices, triangles, name, hole_mm, said)
+        vertices, triangles = _seams_joined(vertices, triangles, remarks)
+        triangles = _cut_at_junctions(vertices, triangles, remarks)
+        triangles = _without_fins(triangles, remarks)
+        vertices, triangles = close_holes(vertices, triangles, name, hole_mm, remarks)
     if len(triangles) == 0:
         raise InputError(f"the mesh {name} encloses nothing", hint="export it again as a solid")
-    triangles, turned = facing_alike(vertices, triangles, name)
+    triangles, turned = orient_consistently(vertices, triangles, name)
     if turned.any():
-        said.append(f"{_count(turned, 'triangle')} faced the other way than those beside; turned")
-    vertices, triangles = parted_at_shared_edges(vertices, triangles)
-    vertices, triangles = one_solid(vertices, triangles, turned, name, hole_mm, said)
+        remarks.append(
+            f"{_count(turned, 'triangle')} faced the other way than those beside; turned")
+    vertices, triangles = split_at_shared_edges(vertices, triangles)
+    vertices, triangles = unite_shells(vertices, triangles, turned, name, hole_mm, remarks)
     vertices, triangles = merge_equal_vertices(vertices, triangles)
     counts = edge_numbers(triangles)[1]
     if (counts > 2).any():
-        said.append(f"{_count(counts > 2, 'edge')} with more than two triangles: solids touch "
+        remarks.append(f"{_count(counts > 2, 'edge')} with more than two triangles: solids touch "
                     "along edges there, and no more")
     _check_overlap(vertices, triangles, name, hole_mm)
     used = np.zeros(len(vertices), dtype=bool)
     used[triangles] = True
     whole = Mesh(vertices[used], (np.cumsum(used) - 1)[triangles])
-    return whole, tuple(f"mesh {name}: {text}" for text in said)
+    return whole, tuple(f"mesh {name}: {text}" for text in remarks)
 
 
-def _without_collapsed(triangles: IntArray, said: list[str]) -> IntArray:
+def _without_collapsed(triangles: IntArray, remarks: list[str]) -> IntArray:
     """Without triangles of fewer than three corners: their neighbours meet without them."""
     a, b, c = triangles.T
     whole = (a != b) & (b != c) & (c != a)
     if not whole.all():
-        said.append(f"{_count(~whole, 'triangle')} without area left out")
+        remarks.append(f"{_count(~whole, 'triangle')} without area left out")
     kept: IntArray = triangles[whole]
     return kept
 
 
-def _without_copies(triangles: IntArray, said: list[str]) -> IntArray:
+def _without_copies(triangles: IntArray, remarks: list[str]) -> IntArray:
     """One of each triangle; of a pair facing opposite ways neither, where that stays closed.
 
     Such a pair is the common wall of two solids that were put together without being united.
@@ -105,14 +107,14 @@ def _without_copies(triangles: IntArray, said: list[str]) -> IntArray:
     balance = np.bincount(number, weights=facing)
     first = np.zeros(len(triangles), dtype=bool)
     first[np.unique(number, return_index=True)[1]] = True
-    said.append(f"{_count(~first, 'triangle')} there more than once left out")
+    remarks.append(f"{_count(~first, 'triangle')} there more than once left out")
     one_each: IntArray = triangles[first]
     united: IntArray = triangles[first & (balance != 0)[number]]
     return united if len(united) and not len(odd_edges(united)) else one_each
 
 
 def _seams_joined(
-    vertices: FloatArray, triangles: IntArray, said: list[str]
+    vertices: FloatArray, triangles: IntArray, remarks: list[str]
 ) -> tuple[FloatArray, IntArray]:
     """Corners of open edges joined where they differ by rounding only."""
     rim = np.unique(odd_edges(triangles))
@@ -130,19 +132,19 @@ def _seams_joined(
     joined = number[triangles]
     a, b, c = joined.T
     moved = number != np.arange(len(number))
-    said.append(f"seams up to {SEAM_MM:g} mm wide joined at {_count(moved, 'corner')}")
+    remarks.append(f"seams up to {SEAM_MM:g} mm wide joined at {_count(moved, 'corner')}")
     return vertices, joined[(a != b) & (b != c) & (c != a)]
 
 
-def _cut_at_junctions(vertices: FloatArray, triangles: IntArray, said: list[str]) -> IntArray:
+def _cut_at_junctions(vertices: FloatArray, triangles: IntArray, remarks: list[str]) -> IntArray:
     cut, edges = split_at_junctions(vertices, triangles, SEAM_MM)
     if edges:
-        said.append(f"T-junctions: {edges} edge{'s' if edges > 1 else ''} cut at corners of "
+        remarks.append(f"T-junctions: {edges} edge{'s' if edges > 1 else ''} cut at corners of "
                     "neighbours")
     return cut
 
 
-def _without_fins(triangles: IntArray, said: list[str]) -> IntArray:
+def _without_fins(triangles: IntArray, remarks: list[str]) -> IntArray:
     """Without small patches that hang on a surface by an edge, float alone, or wall inside.
 
     A patch is what hangs together by edges of exactly two triangles. The smallest that does not
@@ -169,7 +171,8 @@ def _without_fins(triangles: IntArray, said: list[str]) -> IntArray:
             return triangles
     cut = len(triangles) - len(kept)
     if cut:
-        said.append(f"{cut} triangle{'s' if cut > 1 else ''} too many, bounding nothing, left out")
+        remarks.append(
+            f"{cut} triangle{'s' if cut > 1 else ''} too many, bounding nothing, left out")
     return kept
 
 
@@ -178,8 +181,8 @@ def _check_overlap(
 ) -> None:
     """Raises InputError where more of a surface than a bead's section lies inside the solid.
 
-    Places strewn over the surface, a trifle outside of it, must not be within the mesh. They are
-    inside where a shell cuts through itself: what of it is meant cannot be told.
+    Random points just outside the surface must not be inside the mesh. They are where a shell cuts
+    through itself; nothing shows which part of it is meant.
     """
     corners = vertices[triangles]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

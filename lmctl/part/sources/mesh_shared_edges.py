@@ -16,7 +16,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 
-def parted_at_shared_edges(
+def split_at_shared_edges(
     vertices: FloatArray, triangles: IntArray
 ) -> tuple[FloatArray, IntArray]:
     """The same triangles on corners of which some are there several times.

@@ -9,7 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.field.mesh.triangle_tree import TriangleTree
-from lmctl.part.sources.mesh_orientation import facing_out_by_parity, shells_of, signed_volumes
+from lmctl.part.sources.mesh_orientation import (
+    orient_by_parity,
+    shell_numbers,
+    signed_tetrahedron_volumes,
+)
 from lmctl.part.sources.mesh_topology import edge_numbers
 
 FloatArray = NDArray[np.float64]
@@ -24,17 +28,17 @@ CORNERS_ASKED = 50
 class Shell:
     """A closed surface by corners of its own: vertices (n, 3), triangles (m, 3).
 
-    is_told : whether its triangles faced one way, so that they say whether it is a cavity
+    faces_one_way : whether its triangles faced one way, so that they say whether it is a cavity
     """
 
     vertices: FloatArray
     triangles: IntArray
-    is_told: bool = True
+    faces_one_way: bool = True
 
     @cached_property
     def volume_mm3(self) -> float:
         """Negative where it faces in."""
-        return float(signed_volumes(self.vertices, self.triangles).sum())
+        return float(signed_tetrahedron_volumes(self.vertices, self.triangles).sum())
 
     @cached_property
     def tree(self) -> TriangleTree:
@@ -61,26 +65,26 @@ class Shell:
         return bool(depth[int(np.argmax(np.abs(depth)))] > 0.0)
 
 
-def parted_shells(
+def split_into_shells(
     vertices: FloatArray, triangles: IntArray, turned: BoolArray
 ) -> list[Shell]:
     """The shells of a mesh. turned : (m,) triangles that had to be turned to face as others do"""
-    number = shells_of(vertices, triangles)
+    number = shell_numbers(vertices, triangles)
     order = np.argsort(number, kind="stable")
     found = []
     for rows in np.split(order, np.flatnonzero(np.diff(number[order])) + 1):
         used, own = np.unique(triangles[rows], return_inverse=True)
         shell = Shell(vertices[used], own.reshape(-1, 3), not turned[rows].any())
         if (edge_numbers(shell.triangles)[1] > 2).any():
-            faces_in = shell.volume_mm3 < 0.0 and shell.is_told
+            faces_in = shell.volume_mm3 < 0.0 and shell.faces_one_way
             shell = replace(
-                shell, triangles=facing_out_by_parity(shell.vertices, shell.triangles))
+                shell, triangles=orient_by_parity(shell.vertices, shell.triangles))
             shell = shell.turned() if faces_in else shell
         found.append(shell)
     return found
 
 
-def near_pairs(shells: list[Shell], gap_mm: float) -> IntArray:
+def nearby_pairs(shells: list[Shell], gap_mm: float) -> IntArray:
     """Pairs (k, 2) of numbers of shells whose boxes come nearer to each other than a gap."""
     if len(shells) < 2:
         return np.empty((0, 2), dtype=np.int64)
@@ -96,7 +100,7 @@ def near_pairs(shells: list[Shell], gap_mm: float) -> IntArray:
     return np.vstack(links)
 
 
-def nesting(shells: list[Shell]) -> BoolArray:
+def containment_matrix(shells: list[Shell]) -> BoolArray:
     """(n, n): whether each shell holds each other one."""
     low = np.array([shell.box_mm[0] for shell in shells])
     high = np.array([shell.box_mm[1] for shell in shells])

@@ -15,7 +15,12 @@ from numpy.typing import NDArray
 
 from lmctl.errors import InputError
 from lmctl.part.sources.mesh_gaps import INTO_MM, Gap, close_gap
-from lmctl.part.sources.mesh_shells import Shell, near_pairs, nesting, parted_shells
+from lmctl.part.sources.mesh_shells import (
+    Shell,
+    containment_matrix,
+    nearby_pairs,
+    split_into_shells,
+)
 from lmctl.part.sources.mesh_topology import connected_components
 
 if TYPE_CHECKING:
@@ -44,29 +49,29 @@ class _Union:
     gaps: tuple[Gap, ...]
 
 
-def one_solid(
+def unite_shells(
     vertices: FloatArray, triangles: IntArray, turned: BoolArray, name: str, bead_mm: float,
-    said: list[str],
+    remarks: list[str],
 ) -> tuple[FloatArray, IntArray]:
     """A closed mesh as the boundary of one solid, facing out.
 
     triangles : (m, 3), neighbours facing alike
     turned : (m,) those that had to be turned for that
-    bead_mm : gaps far narrower than a bead, that are too wide to be closed here, are said
-    said : what was done is appended to it
+    bead_mm : gaps far narrower than a bead, that are too wide to be closed here, are remarks
+    remarks : what was done is appended to it
     raises : InputError, with the place, where shells cannot be united, or where one whose triangles
         faced both ways lies in another: a cavity or not would be a guess
     """
-    shells = parted_shells(vertices, triangles, turned)
+    shells = split_into_shells(vertices, triangles, turned)
     done: list[Shell] = []
     unions: list[_Union] = []
     for group in _near_groups(shells, GAP_MM):
-        some = _facing_by_nesting([shells[n] for n in group], name, said)
+        some = _facing_by_nesting([shells[n] for n in group], name, remarks)
         found, union = (some, None) if len(some) == 1 else _united(some, name)
         done += found
         unions += [] if union is None else [union]
-    said += _in_words(unions)
-    said += _narrow_gaps(done, NARROW_BEADS * bead_mm)
+    remarks += _in_words(unions)
+    remarks += _narrow_gaps(done, NARROW_BEADS * bead_mm)
     starts = np.cumsum([0] + [len(shell.vertices) for shell in done])
     return np.vstack([shell.vertices for shell in done]), np.vstack(
         [shell.triangles + start for shell, start in zip(done, starts[:-1], strict=True)])
@@ -74,7 +79,7 @@ def one_solid(
 
 def _near_groups(shells: list[Shell], gap_mm: float) -> list[list[int]]:
     """Numbers of shells whose boxes come nearer to each other than a gap, together."""
-    group = connected_components(near_pairs(shells, gap_mm), len(shells))
+    group = connected_components(nearby_pairs(shells, gap_mm), len(shells))
     return [np.flatnonzero(group == which).tolist() for which in np.unique(group)]
 
 
@@ -82,7 +87,7 @@ def _narrow_gaps(shells: list[Shell], narrow_mm: float) -> list[str]:
     """What to say of the narrowest gap between solids that no bead can leave open."""
     solids = [shell for shell in shells if shell.volume_mm3 > 0.0]
     width, place = narrow_mm, None
-    for one, other in near_pairs(solids, narrow_mm).tolist():
+    for one, other in nearby_pairs(solids, narrow_mm).tolist():
         for shell, beside in ((solids[one], solids[other]), (solids[other], solids[one])):
             low, high = beside.box_mm[0] - narrow_mm, beside.box_mm[1] + narrow_mm
             near = np.all((shell.vertices >= low) & (shell.vertices <= high), axis=1)
@@ -97,13 +102,13 @@ def _narrow_gaps(shells: list[Shell], narrow_mm: float) -> list[str]:
             "planned as two, and what is deposited will not keep them apart"]
 
 
-def _facing_by_nesting(shells: list[Shell], name: str, said: list[str]) -> list[Shell]:
+def _facing_by_nesting(shells: list[Shell], name: str, remarks: list[str]) -> list[Shell]:
     """Outermost shells facing out; what lies in one that was turned is turned with it."""
-    holds = nesting(shells)
+    holds = containment_matrix(shells)
     result = list(shells)
     for number, shell in enumerate(shells):
         if holds[:, number].any():
-            if not shell.is_told:
+            if not shell.faces_one_way:
                 raise InputError(
                     f"the mesh {name} has a shell inside another whose triangles face both ways",
                     where=f"{len(shell.triangles):,} triangles around {shell.place}: a cavity or a "
@@ -112,12 +117,12 @@ def _facing_by_nesting(shells: list[Shell], name: str, said: list[str]) -> list[
                 )
         elif shell.volume_mm3 < 0.0:
             inner = np.flatnonzero(holds[number]).tolist()
-            within = [number, *(n for n in inner if shells[n].is_told)]
+            within = [number, *(n for n in inner if shells[n].faces_one_way)]
             for n in within:
                 result[n] = result[n].turned()
-            if shell.is_told:
+            if shell.faces_one_way:
                 count = sum(len(shells[n].triangles) for n in within)
-                said.append(f"a shell of {count:,} triangles is inside out; it was turned")
+                remarks.append(f"a shell of {count:,} triangles is inside out; it was turned")
     return result
 
 
@@ -152,7 +157,7 @@ def _united(shells: list[Shell], name: str) -> tuple[list[Shell], _Union | None]
         raise InputError(f"the solids of the mesh {name} cannot be united",
                          where=f"{len(shells)} shells around {shells[0].place}",
                          hint="unite them in the program they came from")
-    nested = [solids[n] for n in np.flatnonzero(nesting(solids).any(axis=0))]
+    nested = [solids[n] for n in np.flatnonzero(containment_matrix(solids).any(axis=0))]
     return [found], _Union(tuple(shells), tuple(nested), tuple(gaps))
 
 
@@ -182,7 +187,7 @@ def _without_gaps(shells: list[Shell]) -> tuple[list[Shell], list[Gap]]:
     """Shells with flat faces moved onto those of others that they nearly touch, and the gaps."""
     moved = [shell.vertices.copy() for shell in shells]
     gaps: list[Gap] = []
-    for one, other in np.sort(near_pairs(shells, GAP_MM), axis=1).tolist():
+    for one, other in np.sort(nearby_pairs(shells, GAP_MM), axis=1).tolist():
         gaps += close_gap(moved[other], shells[other].triangles, moved[one],
                           shells[one].triangles, GAP_MM)
     if not gaps:

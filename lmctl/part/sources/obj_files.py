@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from lmctl.config.materials import suggest_name
 from lmctl.errors import InputError
 from lmctl.part.sources.files import DataFile
-from lmctl.part.sources.polygons import polygon_triangles
-from lmctl.part.sources.recognition import unreadable
+from lmctl.part.sources.polygons import triangulate_polygons
+from lmctl.part.sources.recognition import unreadable_file
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -40,7 +40,7 @@ class ObjModel:
 def read_obj(file: DataFile) -> ObjModel:
     """The polygons of an OBJ file as triangles. Raises InputError with the line that is wrong."""
     if b"\0" in file.data:
-        raise unreadable(file, "it is not text")
+        raise unreadable_file(file, "it is not text")
     coordinates: list[list[str]] = []
     corner_lines: list[int] = []
     corners: list[int] = []
@@ -71,15 +71,15 @@ def read_obj(file: DataFile) -> ObjModel:
     if corners and max(corners) >= len(vertices):
         bad = next(n for n, corner in enumerate(corners) if corner >= len(vertices))
         line = face_lines[int(np.searchsorted(np.cumsum(sizes), bad, side="right"))]
-        raise unreadable(file, f"line {line} names corner {corners[bad] + 1:,}, there are "
+        raise unreadable_file(file, f"line {line} names corner {corners[bad] + 1:,}, there are "
                          f"{len(vertices):,}")
-    triangles, owner = polygon_triangles(
+    triangles, owner = triangulate_polygons(
         file, vertices, np.array(corners, dtype=np.int64), np.array(sizes, dtype=np.int64))
     group = np.array(group_of_face, dtype=np.int64)[owner]
     return ObjModel(vertices, triangles, group, tuple(groups))
 
 
-def group_triangles(file: DataFile, model: ObjModel, group: str) -> IntArray:
+def triangle_rows_of_group(file: DataFile, model: ObjModel, group: str) -> IntArray:
     """Triangles (k, 3) of a group. Raises InputError, with the nearest name, where it has none."""
     numbers = [number for number, names in enumerate(model.groups) if group in names]
     triangles = model.triangles[np.isin(model.group, numbers)]
@@ -133,9 +133,9 @@ def _numbers(file: DataFile, coordinates: list[list[str]], lines: list[int]) -> 
                 [float(word) for word in words]
             except ValueError:
                 raise _bad_line(file, number, ["v", *words], "three numbers are wanted") from None
-        raise unreadable(file, "its coordinates are not numbers") from None
+        raise unreadable_file(file, "its coordinates are not numbers") from None
 
 
 def _bad_line(file: DataFile, number: int, words: list[str], why: str) -> InputError:
-    return unreadable(file, f"line {number}: {why}: {' '.join(words)[:60]!r}",
+    return unreadable_file(file, f"line {number}: {why}: {' '.join(words)[:60]!r}",
                       "the file is damaged there; export it again")

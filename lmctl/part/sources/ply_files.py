@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from lmctl.errors import InputError
 from lmctl.part.sources.files import DataFile
-from lmctl.part.sources.recognition import unreadable
+from lmctl.part.sources.recognition import unreadable_file
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -59,7 +59,7 @@ class PlyColumns:
 
 def read_ply(file: DataFile) -> dict[str, PlyColumns]:
     """All elements of a PLY file, by name. Raises InputError."""
-    order, elements, body = ply_head(file)
+    order, elements, body = read_ply_head(file)
     found = {}
     if order == "":
         lines = iter([w for line in body.decode("ascii", "replace").splitlines()
@@ -74,14 +74,14 @@ def read_ply(file: DataFile) -> dict[str, PlyColumns]:
     return found
 
 
-def ply_head(file: DataFile) -> tuple[str, list[PlyElement], bytes]:
+def read_ply_head(file: DataFile) -> tuple[str, list[PlyElement], bytes]:
     """The byte order ("" for text), the elements and the bytes that follow the head.
 
     Raises InputError where there is none, or it promises more than the file can hold.
     """
     head, found, body = file.data.partition(b"end_header")
     if not head.startswith(b"ply") or not found or len(head) > _MAX_HEAD:
-        raise unreadable(file, "it does not begin with `ply` … `end_header`")
+        raise unreadable_file(file, "it does not begin with `ply` … `end_header`")
     body = body[2:] if body.startswith(b"\r\n") else body[1:]
     order, elements = None, list[PlyElement]()
     for line in head.decode("ascii", "replace").splitlines():
@@ -90,15 +90,15 @@ def ply_head(file: DataFile) -> tuple[str, list[PlyElement], bytes]:
             order = _ORDERS.get(words[1] if len(words) > 1 else "")
         elif words[:1] == ["element"]:
             if len(words) != 3 or not words[2].isdigit() or len(words[2]) > 18:
-                raise unreadable(file, f"its head says {line[:80]!r}")
+                raise unreadable_file(file, f"its head says {line[:80]!r}")
             elements.append(PlyElement(words[1], int(words[2]), ()))
         elif words[:1] == ["property"]:
             if not elements or (stated := _property(words, order or "")) is None:
-                raise unreadable(file, f"its head says {line[:80]!r}")
+                raise unreadable_file(file, f"its head says {line[:80]!r}")
             last = elements[-1]
             elements[-1] = PlyElement(last.name, last.rows, (*last.properties, stated))
     if order is None:
-        raise unreadable(file, "its head names no format that is known")
+        raise unreadable_file(file, "its head names no format that is known")
     rows = sum(element.rows for element in elements)
     held = body.strip().count(b"\n") + 1 if order == "" else len(body)
     if held < rows:
@@ -131,7 +131,8 @@ def _from_lines(file: DataFile, element: PlyElement, lines: list[list[str]]) -> 
         else:
             _lists_from_lines(element, lines, columns)
     except (ValueError, OverflowError):
-        raise unreadable(file, f"a {element.name} is not the numbers its head promises") from None
+        raise unreadable_file(file,
+                              f"a {element.name} is not the numbers its head promises") from None
     if len(lines) < element.rows:
         raise _short(file, element, len(lines))
     return columns

@@ -2,7 +2,7 @@
 
 Columns stand between blanks, tabs, commas or semicolons; numbers have decimal points or decimal
 commas; a line may name the columns, as a comment or not; a PTS file begins with how many lines
-follow. How a table is written is told from its first lines, and what cannot be told is refused.
+follow. The first lines show how a table is written; what stays ambiguous is refused.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from lmctl.errors import InputError
 from lmctl.part.sources.files import DataFile
-from lmctl.part.sources.recognition import unreadable
+from lmctl.part.sources.recognition import unreadable_file
 
 FloatArray = NDArray[np.float64]
 
@@ -32,7 +32,7 @@ COMMENT_MARKS = ("#", "//", "%", "!", ";", "*", "'", "--", "$", "REM ", "rem ", 
 #: Columns without names are normals where so many rows are of length 1, within this.
 SHARE_UNIT, UNIT_WITHIN = 0.99, 0.01
 
-#: Lines looked at to tell how a table is written.
+#: Lines that are examined to find how a table is written.
 LINES_LOOKED_AT = 50
 
 
@@ -69,7 +69,7 @@ def read_point_table(file: DataFile) -> PointTable:
     if not rows:
         raise InputError(f"{file.path} has no points", where="only blank lines and comments")
     if re.match(r"(?i)\s*ncols\b", lines[rows[0]]):
-        raise unreadable(file, "it is a grid of heights (ESRI), not a list of points",
+        raise unreadable_file(file, "it is a grid of heights (ESRI), not a list of points",
                          "export points as x, y and z")
     promised = [number for number in rows if re.fullmatch(r"\s*\d+\s*", lines[number])]
     rows = [number for number in rows if number not in set(promised)] if promised else rows
@@ -112,8 +112,8 @@ def _read(
     if width > 3:
         notes.append(f"{name}: of {width} columns, {_listed(places)} are read as x, y, z")
     if has_normals:
-        said = "" if names is not None else ", as they are of length 1"
-        notes.append(f"{name}: columns {_listed(facing)} are read as normals{said}")
+        reason = "" if names is not None else ", as they are of length 1"
+        notes.append(f"{name}: columns {_listed(facing)} are read as normals{reason}")
     if style.decimal_comma:
         notes.append(f"{name}: its numbers have decimal commas")
     return PointTable(table[:, :3], table[:, 3:] if has_normals else None, tuple(notes))
@@ -196,8 +196,8 @@ def _style(file: DataFile, lines: list[str], rows: list[int]) -> _Style:
                     raise InputError(
                         f"{file.path}, line {number + 1}: decimal commas between commas",
                         where=repr(line[:60]),
-                        hint="which comma ends a number cannot be told: export it with decimal "
-                        "points, or with semicolons between the columns")
+                        hint="the file does not show which comma ends a number: export it with "
+                        "decimal points, or with semicolons between the columns")
                 return _Style(",", False)
         if "," in line and len(words) >= 3 and all(w.endswith(",") for w in words[:2]):
             return _Style(",", False)
@@ -288,4 +288,4 @@ def _bad_line(
             f"{file.path}, line {number + 1}: three numbers are wanted", where=repr(bare[:60]),
             hint="the file is truncated; copy it again" if number == data[-1] else
             "the file is damaged there, or is written in another manner than its first lines")
-    return unreadable(file, "it cannot be read as columns of numbers")
+    return unreadable_file(file, "it cannot be read as columns of numbers")

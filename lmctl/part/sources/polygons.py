@@ -22,7 +22,7 @@ STRAIGHT_SHARE = 1e-9
 COVER_SHARE = 1e-6
 
 
-def polygon_triangles(
+def triangulate_polygons(
     file: DataFile, vertices: FloatArray, corners: IntArray, sizes: IntArray
 ) -> tuple[IntArray, IntArray]:
     """Triangles of polygons, and which polygon each belongs to.

@@ -26,7 +26,7 @@ _BEGINNINGS = (
 _HEAD_BYTES = 2000
 
 
-def recognised(data: bytes) -> tuple[str, str]:
+def recognise_content(data: bytes) -> tuple[str, str]:
     """The ending and the name of the kind of file that bytes look like; "", "" if of none."""
     start = data[:_HEAD_BYTES].lstrip()
     for beginning, suffix, name in _BEGINNINGS:
@@ -43,9 +43,9 @@ def recognised(data: bytes) -> tuple[str, str]:
     return "", ""
 
 
-def unreadable(file: DataFile, where: str, hint: str = "") -> InputError:
+def unreadable_file(file: DataFile, where: str, hint: str = "") -> InputError:
     """The error for a file that is damaged, or whose content is not what its ending says."""
-    suffix, name = recognised(file.data)
+    suffix, name = recognise_content(file.data)
     article = "an" if file.suffix[:1] in "aeo" or file.suffix.startswith(("x", "st")) else "a"
     message = f"{file.path} is not {article} {file.suffix.upper()} file that can be read"
     if name and suffix != file.suffix:

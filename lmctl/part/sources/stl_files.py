@@ -1,4 +1,4 @@
-"""STL files of both forms, told apart by length: what they begin with says nothing.
+"""STL files of both forms. Their length distinguishes them; how they begin does not.
 
 A binary STL is 84 bytes and 50 a triangle, whatever its head holds, the word `solid` included. A
 text of just the length that four of its letters would promise cannot be: it would be gigabytes.
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from lmctl.errors import InputError
 from lmctl.part.sources.files import DataFile
-from lmctl.part.sources.recognition import unreadable
+from lmctl.part.sources.recognition import unreadable_file
 
 FloatArray = NDArray[np.float64]
 
@@ -37,9 +37,9 @@ def read_stl(file: DataFile) -> FloatArray:
     if b"\0" not in data:
         return _from_text(file)
     if not long_enough:
-        raise unreadable(file, f"{len(data)} bytes; the shortest has {_HEAD_BYTES}")
+        raise unreadable_file(file, f"{len(data)} bytes; the shortest has {_HEAD_BYTES}")
     held = (len(data) - _HEAD_BYTES) / _FACET.itemsize
-    raise unreadable(
+    raise unreadable_file(
         file, f"its head promises {promised:,} triangles, its {len(data):,} bytes hold "
         f"{held:,.8g}", "it is not whole, or of another kind; export or copy it again",
     )
@@ -48,7 +48,7 @@ def read_stl(file: DataFile) -> FloatArray:
 def _from_text(file: DataFile) -> FloatArray:
     text = file.data.lower()
     if not text.lstrip().startswith(b"solid") or b"facet" not in text:
-        raise unreadable(file, "it is text that does not begin with `solid` and facets")
+        raise unreadable_file(file, "it is text that does not begin with `solid` and facets")
     if not re.search(rb"endsolid[^\n]*\s*$", text[-2000:]):
         raise InputError(
             f"{file.path} is truncated", where="a text STL ends with `endsolid`, this one does not",
@@ -73,12 +73,13 @@ def _facets(file: DataFile, text: bytes) -> FloatArray:
     ends = int(np.count_nonzero(words == b"endfacet"))
     begins = int(np.count_nonzero(words == b"facet"))
     if begins != ends or len(at) != 3 * ends or (len(at) and at[-1] + 3 >= len(words)):
-        raise unreadable(file, f"{begins:,} facets begin, {ends:,} end, with {len(at):,} corners")
+        raise unreadable_file(file,
+                              f"{begins:,} facets begin, {ends:,} end, with {len(at):,} corners")
     try:
         corners: FloatArray = words[at[:, None] + np.arange(1, 4)].astype(np.float64)
         return corners
     except ValueError:
-        raise unreadable(file, _wrong_corner(words, at)) from None
+        raise unreadable_file(file, _wrong_corner(words, at)) from None
 
 
 def _wrong_corner(words: NDArray[np.bytes_], at: NDArray[np.int64]) -> str:

@@ -19,19 +19,19 @@ from xml.parsers import expat
 
 from lmctl.errors import InputError
 from lmctl.part.sources.files import MAX_DATA_BYTES, DataFile
-from lmctl.part.sources.recognition import unreadable
+from lmctl.part.sources.recognition import unreadable_file
 
 START_PART = "http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"
 _RELATIONSHIPS = "_rels/.rels"
 
-#: Between an element's namespace and its name, as expat is told to write them.
+#: Between an element's namespace and its name, as expat is set to write them.
 NAMESPACE_END = "|"
 
 Start = Callable[[str, dict[str, str]], None]
 
 
 class Package:
-    """A 3MF file opened; its parts are told apart by names without the leading slash, in any case.
+    """A 3MF file opened; its parts are known by names without the leading slash, in any case.
 
     Raises InputError where the file is no zip archive.
     """
@@ -91,7 +91,7 @@ class Package:
 
     def damaged(self, why: str) -> InputError:
         """The error for a package that cannot be read."""
-        return unreadable(self.file, why)
+        return unreadable_file(self.file, why)
 
     def _bytes(self, part: str) -> bytes:
         member = self._members.get(part)
@@ -102,7 +102,8 @@ class Package:
             raise self.damaged(f"{part} unpacks to {member.file_size:,} bytes; at most "
                                f"{MAX_DATA_BYTES:,} in all")
         try:
-            with self._archive.open(member) as opened:  # no further than it said, true or not
+            # no further than the stated size, true or not
+            with self._archive.open(member) as opened:
                 return opened.read(member.file_size + 1)
         except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError,
                 OSError, ValueError):
