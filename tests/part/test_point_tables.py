@@ -62,9 +62,19 @@ def test_every_separator_and_decimal_mark(separator: str, decimal: str) -> None:
 
 
 def test_decimal_commas_between_commas_are_never_guessed() -> None:
-    error = refused(rows(",", ","), "csv")
-    assert "decimal commas between commas" in error.what
-    assert "semicolons" in error.hint
+    tenths = "\n".join(",".join(f"{v:.1f}".replace(".", ",") for v in p) for p in POINTS)
+    for text in (rows(",", ","), tenths, "# scan\n" + tenths):
+        error = refused(text, "csv")
+        assert "decimal commas between commas" in error.what
+        assert "semicolons" in error.hint
+    whole = "\n".join(",".join([*(str(int(10 * v)) for v in p), "9,9,9"]) for p in POINTS)
+    assert len(read("x,y,z,r,g,b\n" + whole, "csv").points) == len(POINTS)
+    assert len(read(whole, "csv").points) == len(POINTS)  # some of its y are negative
+
+
+def test_decimal_commas_that_come_later_are_seen() -> None:
+    cloud = read("0 0 0\n1 2 3\n" + rows(" ", ","), "txt")
+    assert len(cloud.points) == len(POINTS) + 2
 
 
 @pytest.mark.parametrize("head", ["x y z i", "# x y z i", "% X[mm] Y[mm] Z[mm] I", "//X Y Z I"])

@@ -2,8 +2,7 @@
 
 Order matters: corners are joined first (an STL repeats every corner in every triangle), copies go,
 edges are cut where they pass corners, fins go, and holes are closed where the mesh shows how. What
-is
-still open after that is refused. Then triangles are made to face one way, and shells one solid.
+is still open after that is refused. Then triangles are made to face one way, and shells one solid.
 """
 
 from __future__ import annotations

@@ -178,31 +178,59 @@ def _plain(name: str) -> str:
 
 
 def _style(file: DataFile, lines: list[str], rows: list[int]) -> _Style:
-    """How a table is written, by its first lines that are numbers."""
-    for number in rows:
-        line = _bare(lines[number]).replace('"', "").strip()
-        words = line.split()
-        if ";" in line:
-            cells = [cell.strip() for cell in line.split(";")]
-            if _are_numbers([c.replace(",", ".") for c in cells[:3]]):
-                return _Style(";", any("," in c for c in cells))
-        elif len(words) >= 3 and _are_numbers([w.replace(",", ".") for w in words[:3]]):
-            if not any(w.endswith(",") for w in words):
-                return _Style(None, any("," in w for w in words[:3]))
-        elif "," in line:
-            cells = [cell.strip() for cell in line.split(",")]
-            if _are_numbers(cells[:3]):
-                if len(cells) >= 6 and any(re.fullmatch(r"0\d+", c) for c in cells[1:6:2]):
-                    raise InputError(
-                        f"{file.path}, line {number + 1}: decimal commas between commas",
-                        where=repr(line[:60]),
-                        hint="the file does not show which comma ends a number: export it with "
-                        "decimal points, or with semicolons between the columns")
-                return _Style(",", False)
-        if "," in line and len(words) >= 3 and all(w.endswith(",") for w in words[:2]):
-            return _Style(",", False)
-    first = lines[rows[0]] if rows else ""
-    return _Style(next((mark for mark in (";", ",") if mark in first), None), False)
+    """How a table is written, by its first lines. Raises InputError where that is ambiguous."""
+    bare = [_bare(lines[number]).replace('"', "").strip() for number in rows]
+    delimiter = next((mark for line in bare if (mark := _delimiter(line)) is not None), "")
+    if delimiter == ",":
+        _refuse_decimal_commas(file, rows, bare)
+        return _Style(",", False)
+    if delimiter == "":  # no line of numbers: what names the columns may still show it
+        first = bare[0] if bare else ""
+        return _Style(next((mark for mark in (";", ",") if mark in first), None), False)
+    between = ";" if delimiter == ";" else None
+    cells = [cell for line in bare for cell in line.split(between)[:3] if _is_decimal(cell)]
+    return _Style(between, any("," in cell for cell in cells))
+
+
+def _delimiter(line: str) -> str | None:
+    """What stands between the numbers of a line: ";", ",", or " " for blanks; None if it has none.
+    """
+    words = line.split()
+    if ";" in line:
+        return ";" if _are_numbers([cell.replace(",",
+                                                 ".") for cell in line.split(";")[:3]]) else None
+    if _are_numbers([word.replace(",", ".") for word in words[:3]]) and (
+        not any(word.endswith(",") for word in words)
+    ):
+        return " "
+    return "," if "," in line and _are_numbers(line.split(",")[:3]) else None
+
+
+def _refuse_decimal_commas(file: DataFile, rows: list[int], bare: list[str]) -> None:
+    """Raises InputError where the commas between columns may be decimal commas as well.
+
+    That is so where all columns are whole numbers, an even number of them, and no second one has a
+    sign; unless the columns have names.
+    """
+    table = [line.split(",") for line in bare]
+    numbers = [cells for cells in table if _are_numbers(cells[:3])]
+    named = len(numbers) < len(table) and len(table[0]) == len(numbers[0])
+    width = len(numbers[0])
+    if named or width < 6 or width % 2 or any(len(cells) != width for cells in numbers):
+        return
+    if all(re.fullmatch(r"\s*[-+]?\d+\s*", cell) for cells in numbers for cell in cells) and (
+        all(cell.strip().isdigit() for cells in numbers for cell in cells[1::2])
+    ):
+        first = len(table) - len(numbers)
+        raise InputError(
+            f"{file.path}, line {rows[first] + 1}: decimal commas between commas?",
+            where=repr(bare[first][:60]),
+            hint="the file does not show which comma ends a number: export it with decimal points, "
+            "with semicolons between the columns, or with a line that names the columns")
+
+
+def _is_decimal(word: str) -> bool:
+    return _is_number(word.strip().replace(",", "."))
 
 
 def _are_numbers(words: list[str]) -> bool:
