@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,6 +16,7 @@ from lmctl.errors import UsageError
 if TYPE_CHECKING:
     from lmctl.job.schema import JobManifest
     from lmctl.part.part import Part
+    from lmctl.plan.planner import PlanOptions
 
 
 #: Of the commands that open a part.
@@ -57,17 +59,23 @@ def refuse_target(target: Path) -> None:
         raise UsageError(f"there is no folder {target.parent}", hint="make it first")
 
 
-def plan_to_file(part: Part, profile: MachineProfile, target: Path) -> JobManifest:
+def plan_to_file(
+    part: Part, profile: MachineProfile, target: Path, options: PlanOptions | None = None
+) -> JobManifest:
     """Plan a part into `target`, with a progress bar on a terminal; all of the file or nothing."""
-    from lmctl.plan.planner import plan_job
+    from lmctl.plan.execution import usable_cores
+    from lmctl.plan.planner import PlanOptions, plan_job
 
     refuse_target(target)
+    begin_s = time.monotonic()
     with progress_bar("planning") as update, interruptible() as check_interrupt:
         def layer_done(done: int, total: int) -> None:
             check_interrupt()
-            update(done, total, f"layer {done} of {total}")
+            left_s = (time.monotonic() - begin_s) / done * (total - done)
+            update(done, total, f"layer {done} of {total}, {format_duration(left_s)} left")
 
-        return plan_job(part, profile, target, progress=layer_done)
+        return plan_job(part, profile, target, layer_done,
+                        options or PlanOptions(jobs=usable_cores()))
 
 
 def job_summary(manifest: JobManifest, target: Path) -> str:
@@ -81,6 +89,8 @@ def job_summary(manifest: JobManifest, target: Path) -> str:
         f"beam on {format_duration(totals['laser_on_s'])} "
         f"of {format_duration(totals['duration_s'])}",
         f"  powder    {powder}",
+        f"  built     {totals['built_fraction']:.2%} of the part's volume inside its surface, "
+        f"{totals['surplus_fraction']:.2%} beside it",
         f"  machine   {manifest.machine}, powder mode {manifest.powder_mode}",
         f"  job       {target}",
     ]

@@ -33,10 +33,12 @@ FIELD = ".vti"
 @click.option("-o", "--output", type=click.Path(path_type=Path),
               help="File to write. .png, .svg, .pdf: a picture; .vti: a part's distance and "
               "composition for ParaView; .ply: its surface, coloured; .stl, .3mf: its surface.")
+@click.option("--frame", type=click.Choice(["machine", "part"]), default="machine",
+              show_default=True, help="Of a job: whose coordinates the picture shows.")
 @units_option
 def show(
     file: Path, layer: int | None, x_mm: float | None, y_mm: float | None, z_mm: float | None,
-    output: Path | None, units: str | None,
+    output: Path | None, frame: str, units: str | None,
 ) -> None:
     """Draw FILE: a layer of a job, or sections of a part's distance and composition."""
     planes = (x_mm, y_mm, z_mm)
@@ -45,7 +47,7 @@ def show(
         if planes != (None, None, None):
             raise UsageError("-x, -y and -z are for parts", where=str(file),
                              hint="choose a layer of a job with --layer")
-        print_data(str(_show_job(file, layer, output)))
+        print_data(str(_show_job(file, layer, output, frame)))
         return
     if layer is not None:
         raise UsageError("--layer is for jobs", where=str(file),
@@ -108,7 +110,7 @@ def _write_part(
 
 
 @interruptible()
-def _show_job(job: Path, layer: int | None, output: Path | None) -> Path:
+def _show_job(job: Path, layer: int | None, output: Path | None, frame: str) -> Path:
     from lmctl.job.reader import JobReader
 
     with JobReader(job) as reader:
@@ -117,7 +119,7 @@ def _show_job(job: Path, layer: int | None, output: Path | None) -> Path:
         if not 1 <= number <= count:
             raise UsageError(f"{job} has no layer {number}", hint=f"layers go from 1 to {count}")
         target = output or Path(f"{job.stem}-layer-{number}.png")
-        draw_job_layer(reader, number - 1, target)
+        draw_job_layer(reader, number - 1, target, frame)
     return target
 
 
@@ -126,11 +128,14 @@ def _check_folder(target: Path) -> None:
         raise UsageError(f"there is no folder {target.parent}", hint="make it first")
 
 
-def draw_job_layer(reader: JobReader, index: int, target: Path) -> None:
-    """Draw layer `index` (from 0) of an open job. Raises UsageError for a format we cannot draw."""
-    from lmctl.config.part_file import PartFile
-    from lmctl.config.toml_file import parse_toml
-    from lmctl.report.layer_picture import draw_layer
+def draw_job_layer(
+    reader: JobReader, index: int, target: Path, frame: str = "machine"
+) -> None:
+    """Draw layer `index` (from 0) of an open job. Raises UsageError for a format we cannot draw.
+
+    frame : "machine" or "part", whose coordinates the picture shows
+    """
+    from lmctl.report.layer_picture import LayerView, draw_layer
 
     if target.suffix.lower() not in PICTURES:
         raise UsageError(f"cannot draw a picture as {target.suffix or 'a file with no ending'}",
@@ -138,15 +143,14 @@ def draw_job_layer(reader: JobReader, index: int, target: Path) -> None:
     _check_folder(target)
     manifest = reader.manifest
     layer = reader.layer(index)
-    process = parse_toml(reader.part_text, PartFile, name="the job's part file").process
     before = reader.layer(index - 1).lines[-1] if index else layer.lines[0]
     entry = manifest.layers[index]
     lasting_s = entry.end_s - entry.start_s
-    draw_layer(
-        layer, manifest.materials,
-        start_mm=(float(before["x_mm"]), float(before["y_mm"])),
-        track_pitch_mm=process.bead_width_mm * (1 - process.overlap),
-        title=f"{manifest.part_name}: layer {index + 1} of {len(manifest.layers)}, "
-              f"z = {entry.z_mm:.2f} mm, {entry.n_paths} paths, {lasting_s:.0f} s",
-        target=target,
-    )
+    number, last = index + 1, f" of {len(manifest.layers)}"
+    if manifest.excerpt is not None:
+        number, last = index + manifest.excerpt[0], ", planned for looking"
+    x, y, z = manifest.part_offset_mm if frame == "part" else (0.0, 0.0, 0.0)
+    draw_layer(layer, manifest.materials, LayerView(
+        start_mm=(float(before["x_mm"]), float(before["y_mm"])), origin_mm=(x, y), frame=frame,
+        title=f"{manifest.part_name}: layer {number}{last}, {frame} z = {entry.z_mm - z:.2f} mm, "
+              f"{entry.n_paths} paths, {lasting_s:.0f} s"), target)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 #: Version of the job format; a reader refuses any other.
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 
 #: Line numbers (N words) repeat after this many lines (error 27 above it in both firmwares).
 N_WORD_MODULUS = 10_000_000
@@ -38,6 +38,7 @@ def line_dtype(n_materials: int) -> np.dtype[Any]:
     x_mm, y_mm, z_mm : float64, position at its end
     speed_mm_s : float32, programmed speed, 0 for lines without motion
     power_W : float32, beam power, 0 for all but BEAD
+    bead_width_mm : float32, width of the bead deposited, 0 for all but BEAD
     path : int32, global number of the path the line belongs to, −1 for none. A path is one
         stretch from lead-in to lead-out: beam on once, off once.
     kind : uint8, a LineKind
@@ -46,7 +47,8 @@ def line_dtype(n_materials: int) -> np.dtype[Any]:
     return np.dtype(
         [
             ("end_s", "<f8"), ("x_mm", "<f8"), ("y_mm", "<f8"), ("z_mm", "<f8"),
-            ("speed_mm_s", "<f4"), ("power_W", "<f4"), ("path", "<i4"), ("kind", "u1"),
+            ("speed_mm_s", "<f4"), ("power_W", "<f4"), ("bead_width_mm", "<f4"),
+            ("path", "<i4"), ("kind", "u1"),
             ("fractions", "<f4", (n_materials,)),
         ]
     )
@@ -108,6 +110,9 @@ class JobManifest:
         laser_on_s, duration_s, powder_g (by material), warnings, ...; of these `check_job` reads
         longest_line_s, peak_power_W and peak_flow_g_min (by hopper)
     verdict : findings only geometry can prove, as {"level": "ok"|"warning", "text": ...}
+    excerpt : numbers of the first and last layer, from 1, where only these are planned, for
+        looking; no machine takes such a job
+    part_offset_mm : program coordinates of the part's own origin
     sources : {file name: sha256} of the data files the part was made from
     """
 
@@ -126,4 +131,6 @@ class JobManifest:
     bounds_mm: tuple[tuple[float, float, float], tuple[float, float, float]]
     totals: dict[str, Any]
     verdict: tuple[dict[str, str], ...]
+    part_offset_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    excerpt: tuple[int, int] | None = None
     layers: tuple[LayerEntry, ...] = field(default=())

@@ -14,7 +14,7 @@ from lmctl.field.grid import Grid, Window
 from lmctl.field.plane import PlaneGrid, plane_distance
 from lmctl.part.bodies.body import Body, plane_points
 from lmctl.part.bodies.measured import Bounds
-from lmctl.part.materials.composition import CompositionField
+from lmctl.part.materials.composition import CompositionField, UniformComposition
 from lmctl.part.materials.powders import MaterialSpec
 from lmctl.part.turning_heights import turning_heights_mm
 
@@ -105,6 +105,13 @@ class Part:
         """
         loops = self.body.outline_loops(z_mm, self.plane)
         return Section(z_mm, self.plane, loops, self.body)
+
+    def only_mixture(self) -> tuple[float, ...] | None:
+        """The volume fractions of all of the part, where they are the same everywhere."""
+        if len(self.materials) == 1:
+            return (1.0,)
+        return self.composition_field.mixture if isinstance(self.composition_field,
+                                                            UniformComposition) else None
 
     def composition(self, points_mm: FloatArray) -> FloatArray:
         """Volume fractions at any points, in the order of `materials`.

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from lmctl.config.machine import MachineProfile
 from lmctl.config.part_file import ProcessSettings
 from lmctl.errors import PlanError
+from lmctl.plan.recipe import recipe_of
 from lmctl.preflight.part_check import check_part
 from lmctl.preflight.placement import Placement
 
@@ -30,9 +31,10 @@ def place_layers(part: Part, profile: MachineProfile) -> Placement:
 
     Layers at the bottom and at the top without tracks are left out; a part that the part file does
     not place is set down by what is left out below it.
-    Raises PlanError: what `check_part` finds, or no layer with tracks.
+    Raises PlanError: what `check_part` and `recipe_of` find, or no layer with tracks.
     """
     placement = check_part(part, profile)
+    recipe_of(part, profile, placement.layer_height_mm)
 
     def has_tracks(layer: int) -> bool:
         if _is_wide(part.section(placement.cut_mm(layer)), part.process):

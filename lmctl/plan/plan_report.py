@@ -4,11 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from lmctl.plan.plan_statistics import (
-    ENOUGH_MIXTURE,
-    OVERHANG_DEG,
-    PlanStatistics,
-)
+from lmctl.plan.plan_statistics import ENOUGH_MIXTURE, PlanStatistics
 from lmctl.preflight.placement import Placement
 
 Finding = dict[str, str]
@@ -17,45 +13,26 @@ Finding = dict[str, str]
 def plan_report(plan: PlanStatistics, placement: Placement, mode: str) -> list[Finding]:
     """Findings for the job: each {"level": "ok" | "warning", "text": …}."""
     return [
-        *_empty(plan), *_overhang(plan), *_height(placement),
-        *_mixture(plan, mode), *_hoppers(plan), *_idle(plan), *_waste(plan),
+        *_left_out(plan, placement), *_mixture(plan, mode), *_hoppers(plan), *_idle(plan),
+        *_waste(plan),
     ]
 
 
-def _finding(fine: bool, text: str) -> Finding:
+def finding(fine: bool, text: str) -> Finding:
+    """One finding: whether it is fine, and what it says."""
     return {"level": "ok" if fine else "warning", "text": text}
 
 
-def _empty(plan: PlanStatistics) -> list[Finding]:
-    if not plan.empty_layers:
-        return []
-    return [_finding(
-        False, f"{len(plan.empty_layers)} layers have no tracks, the first is layer "
-        f"{plan.empty_layers[0] + 1}: nothing there is as wide as half a bead")]
-
-
-def _overhang(plan: PlanStatistics) -> list[Finding]:
-    share, layer = plan.worst_overhang
-    if share <= 1e-3:
-        return [_finding(True, f"no wall leans out by more than {OVERHANG_DEG:g}°")]
-    return [_finding(
-        False,
-        f"{plan.overhang_mm2:.1f} mm² of slices lean out by more than {OVERHANG_DEG:g}° over the "
-        f"slice below; worst in layer {layer + 1}, {share:.1%} of it")]
-
-
-def _height(placement: Placement) -> list[Finding]:
-    left, height = placement.uncovered_height_mm(), placement.layer_height_mm
+def _left_out(plan: PlanStatistics, placement: Placement) -> list[Finding]:
     found = []
     if placement.skipped:
-        found.append(_finding(
-            False, f"the lowest {placement.skipped * height:.3g} mm of the part have nothing as "
-            "wide as a bead and are left out"))
-    if left > 0.51 * height:  # more than half a layer: layers without tracks at the top
-        built = (placement.skipped + placement.n_layers) * height
-        found.append(_finding(
-            False, f"layers reach {built:.4g} mm, the part {built + left:.4g} mm: what is above "
-            "has nothing as wide as a bead"))
+        found.append(finding(
+            False, f"the lowest {placement.skipped * placement.layer_height_mm:.3g} mm of the part "
+            "have nothing to deposit and are left out"))
+    if plan.empty_layers:
+        found.append(finding(
+            False, f"{len(plan.empty_layers)} layers have no tracks, the first is layer "
+            f"{plan.empty_layers[0] + 1}"))
     return found
 
 
@@ -65,9 +42,9 @@ def _mixture(plan: PlanStatistics, mode: str) -> list[Finding]:
     fine = plan.mixture_share >= ENOUGH_MIXTURE
     if not fine:
         text += "".join(_why_off(plan, mode))
-    found = [_finding(fine, text)]
+    found = [finding(fine, text)]
     if plan.slowed_mm:
-        found.append(_finding(
+        found.append(finding(
             True, f"{plan.slowed_mm:.0f} mm of path slowed to as little as "
             f"{plan.least_speed_factor:.0%}: powder could not follow its mixture else, or the axes "
             "its speed"))
@@ -88,7 +65,7 @@ def _why_off(plan: PlanStatistics, mode: str) -> Iterator[str]:
 def _hoppers(plan: PlanStatistics) -> list[Finding]:
     if not plan.rounded_mm:
         return []
-    return [_finding(
+    return [finding(
         False,
         f"{plan.rounded_mm:.0f} mm of path ({plan.rounded_mm / plan.path_mm:.1%}) want less of "
         f"a powder than its hopper meters: set to none or the least, off by up to "
@@ -97,7 +74,7 @@ def _hoppers(plan: PlanStatistics) -> list[Finding]:
 
 def _idle(plan: PlanStatistics) -> list[Finding]:
     return [
-        _finding(True, f"hopper {hopper.name} holds {hopper.material} too, and is not used: "
+        finding(True, f"hopper {hopper.name} holds {hopper.material} too, and is not used: "
                  "a material is fed from one hopper")
         for hopper in plan.recipe.idle
     ]
@@ -107,4 +84,4 @@ def _waste(plan: PlanStatistics) -> list[Finding]:
     fed, wasted = float(plan.fed_g.sum()), float(plan.wasted_g.sum())
     if fed <= 0:
         return []
-    return [_finding(True, f"{wasted:.1f} of {fed:.1f} g powder are fed while the beam is off")]
+    return [finding(True, f"{wasted:.1f} of {fed:.1f} g powder are fed while the beam is off")]

@@ -21,17 +21,13 @@ FloatArray = NDArray[np.float64]
 
 #: The part of the path that should have its mixture.
 ENOUGH_MIXTURE = 0.99
-#: Walls lean out by more than this unsupported .
-OVERHANG_DEG = 30.0
 #: What decimals make of a difference of exactly the tolerance.
 _ROUNDING = 1e-9
-#: Overhang of a layer is looked at only where it has at least this area.
-_LEAST_SLICE_MM2 = 1.0
 
 
 @dataclass
 class PlanStatistics:
-    """Sums over the layers so far; `totals` and `plan_report` read it at the end."""
+    """Sums over the layers so far; `totals` and `plan_report` read them at the end."""
 
     recipe: Recipe
     layers: int = 0
@@ -44,8 +40,6 @@ class PlanStatistics:
     longest_line_s: float = 0.0
     peak_power_W: float = 0.0
     planned_mm2: float = 0.0
-    worst_overhang: tuple[float, int] = (0.0, 0)
-    overhang_mm2: float = 0.0
     deposited_mm3: float = 0.0
     rounded_mm: float = 0.0
     rounded_by: float = 0.0
@@ -69,12 +63,7 @@ class PlanStatistics:
     def add_beads(self, layer: int, geometry: LayerGeometry, beads: Beads | None) -> None:
         """The beads of layer `layer` of the job; None where its slice has no tracks."""
         self.layers += 1
-        figures, area_mm2 = geometry.figures, geometry.figures.slice_mm2
-        self.planned_mm2 += area_mm2
-        steep_mm2 = sum(place.area_mm2 for place in figures.overhang)
-        self.overhang_mm2 += steep_mm2
-        if area_mm2 > _LEAST_SLICE_MM2:
-            self.worst_overhang = max(self.worst_overhang, (steep_mm2 / area_mm2, layer))
+        self.planned_mm2 += geometry.figures.slice_mm2
         if beads is None:
             self.empty_layers.append(layer)
             return

@@ -9,92 +9,154 @@ part ──> GEOMETRY (layer)  ──> SEQUENCE (layers in order)  ──> TEXT 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import lmctl
 from lmctl.config.machine import MachineProfile
+from lmctl.errors import PlanError
 from lmctl.job.manifest_json import part_digest
 from lmctl.job.schema import JobHopper, JobManifest
 from lmctl.job.writer import JobWriter
+from lmctl.plan.completeness import Completeness
 from lmctl.plan.execution import LocalWorkers, StageWorkers, ordered_results
 from lmctl.plan.geometry import LayerGeometry
 from lmctl.plan.layer_range import nothing_to_deposit
-from lmctl.plan.plan_report import plan_report
+from lmctl.plan.plan_report import finding, plan_report
 from lmctl.plan.program_text import LayerLines
-from lmctl.plan.recipe import make_recipe
+from lmctl.plan.recipe import recipe_of
 from lmctl.plan.sequence.layer_sequencer import LayerSequencer
-from lmctl.preflight.job_check import check_job
+from lmctl.preflight.job_check import check_limits
 from lmctl.preflight.part_check import check_part
 
 if TYPE_CHECKING:
     from lmctl.part.part import Part
 
 
+@dataclass(frozen=True)
+class PlanOptions:
+    """How a part is planned; none of it changes where a bead lies.
+
+    jobs : processes for the stages that can run in parallel
+    cluster : opens workers elsewhere for these stages, instead of processes
+    layers : plan only these layers of the job, from the first number to the last, from 1; for
+        looking: no machine takes such a job
+    allow_incomplete : also where a part of the part is not deposited
+    allow_overhang : also where walls lean out too far, or material starts in the air
+    """
+
+    jobs: int = 1
+    cluster: Callable[[Part], StageWorkers] | None = None
+    layers: tuple[int, int] | None = None
+    allow_incomplete: bool = False
+    allow_overhang: bool = False
+
+    def open_workers(self, part: Part) -> StageWorkers:
+        """Workers for the pure stages. Raises PlanError where a cluster cannot be reached."""
+        return self.cluster(part) if self.cluster else LocalWorkers(part, self.jobs)
+
+
 def plan_job(
     part: Part, profile: MachineProfile, out: Path,
-    progress: Callable[[int, int], None] | None = None, *,
-    jobs: int = 1, cluster: Callable[[Part], StageWorkers] | None = None,
+    progress: Callable[[int, int], None] | None = None, options: PlanOptions | None = None,
 ) -> JobManifest:
     """Plan a part and write the job file; whole or, on any exception, not at all.
 
     progress : called with (layers done, layers in all)
-    jobs : processes for the stages that can run in parallel
-    cluster : opens workers elsewhere for these stages, instead of processes
     The job is the same, byte for byte, wherever its layers are made.
-    Raises PlanError where the part cannot be planned as asked, JobError where the file cannot be
-    written.
+    Raises PlanError where the part cannot be planned as asked, or the plan is not the part;
+    JobError where the file cannot be written.
     """
-    planning = _Planning(part, profile)
-    with JobWriter(out) as job, (cluster(part) if cluster else LocalWorkers(part, jobs)) as workers:
+    options = options or PlanOptions()
+    planning = _Planning(part, profile, options)
+    with JobWriter(out) as job, options.open_workers(part) as workers:
         for layer in ordered_results(workers.text, planning.sequenced(workers), workers.window):
             job.add_packed(layer)
             if progress is not None:
-                progress(layer.entry.index + 1, planning.placement.n_layers)
+                progress(layer.entry.index + 1, planning.count())
         manifest = planning.manifest()
-        check_job(manifest, profile)
+        check_limits(manifest, profile)
         return job.finish(manifest, part.text)
 
 
 class _Planning:
-    """One part on its way through geometry and sequence.
+    """One part on its way through geometry and sequence."""
 
-    placement : of the layers planned: once the first with tracks is known without those below it,
-        at the end without those above the last
-    """
-
-    def __init__(self, part: Part, profile: MachineProfile) -> None:
-        self.placement = self._whole = check_part(part, profile)
+    def __init__(self, part: Part, profile: MachineProfile, options: PlanOptions) -> None:
+        self._whole = self._placement = check_part(part, profile)
+        self._lowest = self._first = 0
+        self._last = self._whole.n_layers - 1
         self._part = part
         self._profile = profile
-        self._recipe = replace(make_recipe(part.materials, part.process, profile),
-                               layer_height_mm=self._whole.layer_height_mm)
+        self._options = options
+        self._recipe = recipe_of(part, profile, self._whole.layer_height_mm)
         self._sequencer = LayerSequencer(part.name, part.process, self._recipe, profile)
+        self._completeness = Completeness(
+            part.process, self._whole.layer_height_mm, self._whole.uncovered_height_mm())
+
+    def count(self) -> int:
+        """Layers of the job, as far as is known: those above the last with tracks come off last."""
+        return self._last - self._first + 1
 
     def sequenced(self, workers: StageWorkers) -> Iterator[LayerLines]:
-        """The layers of the job in order. Raises PlanError where none has tracks."""
+        """The layers of the job in order. Raises PlanError where there are none to plan."""
+        set_down = self._part.placement_mm is None
         index = -1
         for geometry, is_last in _first_to_last_with_tracks(self._geometries(workers)):
+            if index < 0 and self._options.layers is None:
+                self._lowest = self._first = geometry.layer
+            if is_last:
+                self._last = geometry.layer
             index += 1
-            first = geometry.layer - index
-            last = geometry.layer if is_last else self._whole.n_layers - 1
-            self.placement = self._whole.restricted_to(
-                first, last, set_down=self._part.placement_mm is None)
-            yield self._sequencer.sequence(index, geometry, self.placement, is_last=is_last)
+            self._placement = self._whole.restricted_to(
+                self._lowest, self._whole.n_layers - 1, set_down=set_down)
+            yield self._sequencer.sequence(index, geometry, self._placement, is_last=is_last)
         if index < 0:
             raise nothing_to_deposit(self._part)
+        if self._options.layers is None:
+            self._placement = self._whole.restricted_to(self._first, self._last, set_down=set_down)
 
     def _geometries(self, workers: StageWorkers) -> Iterator[LayerGeometry]:
-        yield from ordered_results(
-            lambda layer: workers.geometry(self._whole, layer), range(self._whole.n_layers),
-            workers.window)
+        """Geometry of every layer of the part, or of those to look at, in order."""
+        if self._options.layers is not None:
+            self._choose_layers(workers, *self._options.layers)
+        for geometry in ordered_results(
+            lambda layer: workers.geometry(self._whole, layer),
+            range(self._first, self._last + 1), workers.window,
+        ):
+            self._completeness.add(geometry)
+            yield geometry
+
+    def _choose_layers(self, workers: StageWorkers, first: int, last: int) -> None:
+        """The layers numbered from the first with tracks, which is 1."""
+        for layer in range(self._whole.n_layers):
+            self._lowest = layer
+            if workers.geometry(self._whole, layer).result().n_tracks:
+                break
+        self._first = self._lowest + first - 1
+        self._last = min(self._lowest + last, self._whole.n_layers) - 1
+        if self._first > self._last:
+            raise PlanError(f"{self._part.name} has no layer {first}",
+                            hint=f"layers go from 1 to {self._whole.n_layers - self._lowest}")
 
     def manifest(self) -> JobManifest:
-        """The manifest of all layers planned, without its layer table."""
+        """The manifest of all layers planned, without its layer table.
+
+        Raises PlanError where the plan is not the part, and that is not allowed.
+        """
         part, profile, statistics = self._part, self._profile, self._sequencer.statistics
-        findings = plan_report(statistics, self.placement, part.process.powder)
+        excerpt = self._options.layers
+        if excerpt is None:
+            self._completeness.check(allow_incomplete=self._options.allow_incomplete,
+                                     allow_overhang=self._options.allow_overhang)
+            findings = [finding(*found) for found in self._completeness.findings()]
+        else:
+            findings = [finding(False, "only layers {} to {} are planned, for looking: no machine "
+                                       "takes this job".format(*excerpt))]
+        findings += plan_report(statistics, self._placement, part.process.powder)
         warnings = [*part.warnings, *(f["text"] for f in findings if f["level"] == "warning")]
+        x, y, z = self._placement.offset_mm
         low, high = statistics.low_mm.tolist(), statistics.high_mm.tolist()
         return JobManifest(
             part_name=part.name,
@@ -112,8 +174,11 @@ class _Planning:
                 JobHopper(h.name, h.material, h.dead_time_s, h.lag_s, h.max_flow_g_min)
                 for h in self._recipe.hoppers),
             bounds_mm=((low[0], low[1], low[2]), (high[0], high[1], high[2])),
-            totals=statistics.totals(self._sequencer.duration_s, warnings),
+            totals=statistics.totals(self._sequencer.duration_s, warnings)
+            | self._completeness.totals(),
             verdict=tuple(findings),
+            part_offset_mm=(float(x), float(y), float(z)),
+            excerpt=excerpt,
         )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,6 +16,7 @@ from lmctl.preflight.hoppers import hopper_for_material
 
 if TYPE_CHECKING:
     from lmctl.part.materials.powders import MaterialSpec
+    from lmctl.part.part import Part
 
 FloatArray = NDArray[np.float64]
 
@@ -175,6 +176,34 @@ class Recipe:
         if shortage.min() < 1 - 1e-6:
             self._refuse(fractions, flow, shortage, where, "at least", self.min_flow_g_s, "raise")
 
+    def check_feasible(self, only: FloatArray | None) -> None:
+        """Raise PlanError where hoppers cannot deliver what is known before any geometry is made.
+
+        only : (m,) the mixture of all of the part; None where it varies, and then only what no
+            mixture could change is refused
+        """
+        if only is not None:
+            self.check_deliverable(self.deliverable(only[None]), "all of the part")
+            return
+        per_speed = self.flow_g_s(np.eye(len(self.hoppers))).diagonal() / self.speed_mm_s
+        most = float((self.max_flow_g_s / per_speed).sum())  # speed at which all give their most
+        if most < self.speed_mm_s.min():
+            raise PlanError(
+                f"all hoppers together deliver enough for {most:.3g} mm/s; no material of the part "
+                f"is deposited below {self.speed_mm_s.min():.3g}",
+                where=f"pitch {self.pitch_mm:.3g} mm, layer height {self.layer_height_mm:g} mm",
+                hint=f"lower speed_mm_s to at most {most * 0.99:.3g}, or the layer height in "
+                     "proportion")
+        ratio = per_speed * self.speed_mm_s.max() / np.maximum(self.min_flow_g_s, 1e-12)
+        if ratio.max() < 1:
+            least = self.speed_mm_s.max() / float(ratio.max())
+            raise PlanError(
+                "every hopper's least flow is more than any mixture of the part takes",
+                where=f"at most {self.speed_mm_s.max():.3g} mm/s, pitch {self.pitch_mm:.3g} mm, "
+                      f"layer height {self.layer_height_mm:g} mm",
+                hint=f"raise speed_mm_s to at least {least * 1.01:.3g}, or the layer height in "
+                     "proportion")
+
     def _refuse(
         self, fractions: FloatArray, flow: FloatArray, ratio: FloatArray, where: str, bound: str,
         limit_g_s: FloatArray, change: str,
@@ -195,6 +224,18 @@ class Recipe:
                      "is fed from one hopper" for name in idle)),
             hint=f"{change} speed_mm_s to {bound} {enough:.3g}, or the layer height in proportion",
         )
+
+
+def recipe_of(part: Part, profile: MachineProfile, layer_height_mm: float) -> Recipe:
+    """The recipe of a part on a machine, with what needs no geometry found feasible.
+
+    Raises PlanError: a material has no hopper, or hoppers cannot deliver it in any layer.
+    """
+    recipe = replace(make_recipe(part.materials, part.process, profile),
+                     layer_height_mm=layer_height_mm)
+    only = part.only_mixture()
+    recipe.check_feasible(None if only is None else np.asarray(only, dtype=np.float64))
+    return recipe
 
 
 def make_recipe(

@@ -19,7 +19,19 @@ _SLACK = 1e-6
 
 
 def check_job(manifest: JobManifest, profile: MachineProfile) -> None:
-    """Refuse a job the machine must not run; all reasons at once.
+    """Refuse a job the machine must not run.
+
+    Raises JobError: a job of some layers only, and what `check_limits` finds.
+    """
+    if manifest.excerpt is not None:
+        raise JobError(
+            "the job holds layers {} to {} of the part only, for looking".format(*manifest.excerpt),
+            where="they would be deposited on nothing", hint="plan the part without --layers")
+    check_limits(manifest, profile)
+
+
+def check_limits(manifest: JobManifest, profile: MachineProfile) -> None:
+    """Refuse a job that is not within what the machine can do; all reasons at once.
 
     Raises JobError: planned for another profile (digest), outside the travel, a line longer than
     the send horizon allows, hoppers with other powders or less flow, power beyond the laser.

@@ -18,7 +18,7 @@ from lmctl.field.surface_files import Kind, surface_bytes
 from lmctl.part.bodies.mesh_solid import MeshSolid
 from lmctl.part.part import Part
 from lmctl.part.resolution import PADDING, finest_pitch
-from lmctl.report.layer_picture import composition_colours
+from lmctl.report.composition_colours import composition_colours
 
 FloatArray = NDArray[np.float64]
 Progress = Callable[[int, int], None]

@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from lmctl.part.part import Part
-from lmctl.report.layer_picture import TWO_MATERIAL_MAP, composition_colours
+from lmctl.report.composition_colours import TWO_MATERIAL_MAP, composition_colours
 from lmctl.report.panels import arrange_panels
 
 FloatArray = NDArray[np.float64]

@@ -154,7 +154,7 @@ def write_spiral(path: Path, n_lines: int, cell: MachineProfile) -> None:
             ])
             moves = on_raster(
                 lines(target, feed_mm_s=SPEED_MM_S, kind=LineKind.BEAD, fractions=mixture,
-                      power_W=POWER_W, path=0), at_mm)
+                      power_W=POWER_W, path=0, bead_width_mm=2.0), at_mm)
             # The way to the layer is long: as a first bead line it would outlast the horizon.
             way = np.linspace(at_mm, moves.target_mm[0], 120)[1:-1]
             travel = lines(way, feed_mm_s=60.0, kind=LineKind.TRAVEL, fractions=mixture)

@@ -125,6 +125,9 @@ class FakePart:
     def section(self, z_mm):
         return cut(self.loops_at(z_mm), self.pitch_mm, z_mm)
 
+    def only_mixture(self):
+        return None
+
     def composition(self, points_mm):
         second = np.clip(np.asarray(self.mixture(points_mm), dtype=float), 0, 1)
         second = np.broadcast_to(second, len(points_mm))

@@ -9,7 +9,7 @@ import pytest
 from lmctl.errors import PlanError
 from lmctl.plan.execution import ordered_results, stage_workers
 from lmctl.plan.execution.stage_workers import _InlineExecutor
-from lmctl.plan.planner import plan_job
+from lmctl.plan.planner import PlanOptions, plan_job
 
 
 @pytest.fixture
@@ -27,7 +27,7 @@ def graded(make_part, shapes):
 def test_jobs_are_the_same_whatever_the_number_of_processes(
         tmp_path, graded, profile, processes_at_once):
     for jobs in (1, 2):
-        plan_job(graded, profile, tmp_path / f"{jobs}.lmj", jobs=jobs)
+        plan_job(graded, profile, tmp_path / f"{jobs}.lmj", options=PlanOptions(jobs=jobs))
     assert (tmp_path / "1.lmj").read_bytes() == (tmp_path / "2.lmj").read_bytes()
 
 
@@ -39,7 +39,7 @@ def test_an_interrupted_plan_ends_its_processes_and_leaves_no_file(
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        plan_job(graded, profile, tmp_path / "a.lmj", stop, jobs=2)
+        plan_job(graded, profile, tmp_path / "a.lmj", stop, PlanOptions(jobs=2))
     assert not multiprocessing.active_children()
     assert os.listdir(tmp_path) == []
 
@@ -50,7 +50,7 @@ def test_a_process_that_dies_is_said_in_words(tmp_path, graded, profile, process
             os.kill(child.pid, signal.SIGKILL)
 
     with pytest.raises(PlanError, match="ended before its work was done") as caught:
-        plan_job(graded, profile, tmp_path / "a.lmj", kill_one, jobs=2)
+        plan_job(graded, profile, tmp_path / "a.lmj", kill_one, PlanOptions(jobs=2))
     assert "--jobs 1" in caught.value.hint
     assert os.listdir(tmp_path) == []
 
@@ -65,7 +65,7 @@ def test_an_error_in_another_process_is_the_one_of_this(
 
     part = make_part(shapes["disc"], mixture, height_mm=6.4)
     with pytest.raises(PlanError, match="no composition there"):
-        plan_job(part, profile, tmp_path / "a.lmj", jobs=2)
+        plan_job(part, profile, tmp_path / "a.lmj", options=PlanOptions(jobs=2))
     assert os.listdir(tmp_path) == []
 
 

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from lmctl.config.part_file import ProcessSettings
-from lmctl.errors import PlanError
+from lmctl.errors import JobError, PlanError
 from lmctl.job.reader import JobReader
 from lmctl.job.schema import LineKind
-from lmctl.plan.planner import plan_job
+from lmctl.plan.planner import PlanOptions, plan_job
+from lmctl.plan.recipe import recipe_of
 from lmctl.preflight.job_check import check_job
 from lmctl.preflight.program_check import check_program
 
@@ -237,19 +238,86 @@ def test_layers_without_anything_to_lay_below_and_above_are_left_out(
         return [shapes["disc"][0] * radius / 10]
 
     part = make_part(outline, lambda p: 0.5, height_mm=8.0)
-    manifest = plan_job(part, profile, tmp_path / "a.lmj")
+    with pytest.raises(PlanError, match="not the whole part"):
+        plan_job(part, profile, tmp_path / "a.lmj")
+    manifest = plan_job(part, profile, tmp_path / "a.lmj", options=PlanOptions(
+        allow_incomplete=True, allow_overhang=True))
+    assert not manifest.totals["complete"]
     _, layers = layers_of(tmp_path / "a.lmj")
     assert [layer.z_mm for layer in layers] == pytest.approx(0.8 * np.arange(1, 7))
     assert any("lowest 1.6 mm" in text for text in manifest.totals["warnings"])
 
 
-def test_an_overhang_is_warned_of(tmp_path, make_part, shapes, profile):
-    part = make_part(lambda z: [shapes["disc"][0] * (0.5 + 0.15 * z)], lambda p: 0.5, height_mm=4.0)
-    manifest = plan_job(part, profile, tmp_path / "a.lmj")
-    assert any("lean out" in text for text in manifest.totals["warnings"])
-    upright = make_part(shapes["disc"], lambda p: 0.5)
-    manifest = plan_job(upright, profile, tmp_path / "b.lmj")
-    assert not any("lean out" in text for text in manifest.totals["warnings"])
+def leaning(make_part, shapes, degrees):
+    """A disc that grows with height, its wall leaning out by so much."""
+    lean = np.tan(np.radians(degrees))
+    return make_part(
+        lambda z: [shapes["disc"][0] * (0.6 + 0.1 * lean * z)], lambda p: 0.5, height_mm=4.0)
+
+
+def test_overhang_is_warned_of_and_beyond_the_limit_refused(
+        tmp_path, make_part, shapes, profile):
+    job = tmp_path / "a.lmj"
+    manifest = plan_job(leaning(make_part, shapes, 38), profile, job)
+    assert any("overhang" in text for text in manifest.totals["warnings"])
+    assert not any("overhang" in text for text in plan_job(
+        leaning(make_part, shapes, 10), profile, job).totals["warnings"])
+    steep = leaning(make_part, shapes, 55)
+    with pytest.raises(PlanError, match="lean out by more than 45°"):
+        plan_job(steep, profile, job)
+    manifest = plan_job(steep, profile, job, options=PlanOptions(allow_overhang=True))
+    assert any("overhang" in text for text in manifest.totals["warnings"])
+
+
+def test_layers_can_be_planned_alone_for_looking(tmp_path, make_part, shapes, profile):
+    """At their own height and with their own seams; no machine takes such a job."""
+    part = make_part(shapes["disc"], lambda p: 0.5, height_mm=8.0)
+    plan_job(part, profile, tmp_path / "all.lmj")
+    seen = []
+    excerpt = plan_job(part, profile, tmp_path / "some.lmj", lambda *n: seen.append(n),
+                       PlanOptions(layers=(3, 5)))
+    assert excerpt.excerpt == (3, 5)
+    assert seen == [(1, 3), (2, 3), (3, 3)]
+    _, every = layers_of(tmp_path / "all.lmj")
+    _, some = layers_of(tmp_path / "some.lmj")
+    for one, same in zip(some, every[2:5], strict=True):
+        assert one.z_mm == same.z_mm
+        beads, others = (layer.lines[layer.lines["kind"] == LineKind.BEAD] for layer in (one, same))
+        # In another order perhaps: the nozzle comes from elsewhere.
+        assert np.sort(beads["x_mm"]) == pytest.approx(np.sort(others["x_mm"]), abs=2e-3)
+    with pytest.raises(JobError, match="layers 3 to 5 of the part only"):
+        check_job(excerpt, profile)
+    with pytest.raises(PlanError, match="no layer 99"):
+        plan_job(part, profile, tmp_path / "none.lmj", options=PlanOptions(layers=(99, 99)))
+
+
+def test_layers_without_tracks_in_the_middle(tmp_path, make_part, shapes, profile):
+    """Two discs with nothing between them: said, and each layer has its place in the job."""
+    part = make_part(
+        lambda z: [shapes["disc"][0] * (0.005 if 3.2 < z < 4.8 else 1.0)], lambda p: 0.5,
+        height_mm=8.0)
+    manifest = plan_job(part, profile, tmp_path / "a.lmj", options=PlanOptions(
+        allow_incomplete=True, allow_overhang=True))
+    assert [entry.n_paths > 0 for entry in manifest.layers] == [True] * 4 + [False] * 2 + [True] * 4
+    assert any("2 layers have no tracks" in text for text in manifest.totals["warnings"])
+    with JobReader(tmp_path / "a.lmj") as job:
+        check_program(job, profile)
+
+
+@pytest.mark.parametrize(("process", "message"), [
+    (ProcessSettings(layer_height_mm=12.0), "all hoppers together"),
+    (ProcessSettings(layer_height_mm=0.01), "least flow is more than any mixture"),
+])
+def test_what_no_geometry_can_change_is_found_before_any(
+        tmp_path, make_part, shapes, profile, process, message, monkeypatch):
+    part = make_part(shapes["disc"], lambda p: 0.5, height_mm=2 * process.layer_height_mm,
+                     process=process)
+    monkeypatch.setattr(type(part), "section", lambda self, z_mm: pytest.fail("geometry was made"))
+    with pytest.raises(PlanError, match=message) as caught:
+        plan_job(part, profile, tmp_path / "a.lmj")
+    said = re.search(r"speed_mm_s to at (?:most|least) ([\d.]+),", caught.value.hint)
+    told = tuple(replace(m, speed_mm_s=float(said[1])) for m in part.materials)
+    recipe_of(replace(part, materials=told), profile, process.layer_height_mm)
 
 
 def test_less_powder_than_a_hopper_meters_is_warned_of(tmp_path, make_part, shapes, profile):
@@ -261,7 +329,7 @@ def test_less_powder_than_a_hopper_meters_is_warned_of(tmp_path, make_part, shap
 def test_the_papers_strategy_gives_each_contour_one_mixture(tmp_path, make_part, shapes, profile):
     part = make_part(shapes["rectangle"], lambda p: 0.5 + 0.02 * p[:, 0],
                      process=ProcessSettings(strategy="iso-3d"))
-    plan_job(part, profile, tmp_path / "a.lmj")
+    plan_job(part, profile, tmp_path / "a.lmj", options=PlanOptions(allow_incomplete=True))
     _, layers = layers_of(tmp_path / "a.lmj")
     row = layers[0].lines[layers[0].lines["kind"] == LineKind.BEAD]
     for path in np.unique(row["path"]):
@@ -351,8 +419,8 @@ def test_a_second_hopper_of_a_material_is_said_to_be_idle(tmp_path, make_part, s
     part = make_part(shapes["small disc"], lambda p: 0.0)
     told = [finding["text"] for finding in plan_job(part, cell, tmp_path / "a.lmj").verdict]
     assert any("hopper C holds 316L too, and is not used" in text for text in told)
-    thick = make_part(shapes["annulus"], lambda p: 0.0, height_mm=24.0,
-                      process=ProcessSettings(layer_height_mm=12.0))
+    thick = make_part(shapes["annulus"], lambda p: 0.0, height_mm=16.0,
+                      process=ProcessSettings(layer_height_mm=8.0))
     with pytest.raises(PlanError, match="at most 60") as caught:
         plan_job(thick, cell, tmp_path / "b.lmj")
     assert "hopper C holds 316L too" in caught.value.render()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import pickle
 from typing import TYPE_CHECKING
 
 from lmctl.errors import PlanError
@@ -27,6 +28,17 @@ def part_key(part: Part) -> str:
 def keep_part(key: str, part: Part) -> None:
     """Make a part known to this process; `geometry_stage` finds it by its key."""
     _parts[key] = part
+
+
+def receive_part(key: str, data: bytes, digest: str) -> None:
+    """Make a part known to this process from its pickle.
+
+    digest : SHA-256 of `data`, hexadecimal. Raises PlanError where it is another
+    """
+    if hashlib.sha256(data).hexdigest() != digest:
+        raise PlanError("the part did not reach a planning worker as it was sent",
+                        where=f"{len(data):,} bytes", hint="plan again")
+    keep_part(key, pickle.loads(data))
 
 
 def drop_part(key: str) -> None:

@@ -63,6 +63,7 @@ def packed_layer(layer: LayerLines) -> PackedLayer:
     table["x_mm"], table["y_mm"], table["z_mm"] = moves.target_mm.T
     table["speed_mm_s"] = moves.feed_mm_s
     table["power_W"] = moves.power_W
+    table["bead_width_mm"] = moves.bead_width_mm
     table["path"] = np.where(moves.path >= 0, moves.path + layer.first_path, -1)
     table["kind"] = moves.kind
     table["fractions"] = moves.fractions

@@ -43,6 +43,7 @@ class Beads:
     along_mm : (v,) float64, rising: place on the `OrderedTracks` they follow
     starts : (m + 1,) intp, bead k is vertices starts[k] to starts[k + 1]
     speed_mm_s, power_W : (v,) float64, from the vertex before; meaningless at a bead's first
+    width_mm : (v,) float64, of the bead from the vertex before; its strip over 1 − overlap
     speed_factor : (m,) float64, of the recipe's speed, powder and power, for the whole bead
     rounded_mm : length whose mixture was moved to what the hoppers can meter
     rounded_by : by how much at most, volume fraction
@@ -54,6 +55,7 @@ class Beads:
     starts: IndexArray
     speed_mm_s: FloatArray
     power_W: FloatArray
+    width_mm: FloatArray
     speed_factor: FloatArray
     rounded_mm: float
     rounded_by: float
@@ -115,7 +117,9 @@ def make_beads(
         points_mm=np.column_stack([np.interp(at, along, axis) for axis in tracks.points_mm.T]),
         fractions=deposited, along_mm=at, starts=starts,
         speed_mm_s=recipe.speed(middle) * _speed_change(_from_before(strips), recipe),
-        power_W=recipe.power(middle), speed_factor=np.ones(tracks.n_tracks),
+        power_W=recipe.power(middle),
+        width_mm=_from_before(strips) * (recipe.bead_mm / recipe.pitch_mm),
+        speed_factor=np.ones(tracks.n_tracks),
         rounded_mm=float(run_mm[off > step / 2].sum()),
         rounded_by=float(off[off > step / 2].max(initial=0.0)))
     beads = _within_axis_speed(beads, recipe, max_speed_mm_s)

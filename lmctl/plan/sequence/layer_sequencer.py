@@ -89,16 +89,20 @@ class LayerSequencer:
     ) -> LayerLines:
         """Sequence the next layer of the job, the first of which must have tracks.
 
-        index : from 0; is_last : whether the program ends with it
+        index : in the job, from 0; is_last : whether the program ends with it
+        placement : without the layers below the part's first with tracks. Which layer of it this
+            is decides its height, the turn of its seam and its direction, so that layers planned
+            alone look as they do among all
         Raises PlanError: a flow no hopper can deliver, motion outside the machine's travel, a
         power that S words cannot say.
         """
+        number = geometry.layer - placement.skipped
         tracks = order_tracks(
-            geometry, index, self._state.at_mm[:2] - placement.offset_mm[:2], self._state.mixture,
-            self._process.fraction_step, self._change_s)
-        beads = self._beads(index, tracks)
-        self.statistics.add_beads(index, geometry, beads)
-        moves, durations = self._timed_moves(index, beads, placement, is_last=is_last)
+            geometry, number, self._state.at_mm[:2] - placement.offset_mm[:2], self._state.mixture,
+            self._process.fraction_step, self._change_s, self._process.seam)
+        beads = self._beads(number, tracks)
+        self.statistics.add_beads(number, geometry, beads)
+        moves, durations = self._timed_moves(number, beads, placement, is_last=is_last)
         state = self._state
         end_s = state.time_s + np.cumsum(durations)
         flow = self._flow(moves, beads, end_s)
@@ -107,7 +111,7 @@ class LayerSequencer:
             self.statistics.add_mixture(predict_mixture(
                 tracks, moves, state.at_mm, state.time_s, end_s, flow, self._hoses, self._recipe))
         layer = LayerLines(
-            index=index, z_mm=placement.nozzle_mm(index), first_line=state.line,
+            index=index, z_mm=placement.nozzle_mm(number), first_line=state.line,
             first_path=state.path, moves=moves, end_s=end_s, flow=flow, laser=self._profile.laser,
             opens=index == 0, closes=is_last)
         self._state = SequenceState(
@@ -117,12 +121,12 @@ class LayerSequencer:
             flow_g_s=flow.g_s[-1])
         return layer
 
-    def _beads(self, index: int, tracks: OrderedTracks) -> Beads | None:
+    def _beads(self, number: int, tracks: OrderedTracks) -> Beads | None:
         if tracks.n_tracks == 0:
             return None
         return make_beads(
             tracks, self._recipe, self._process.fraction_step, self._longest_s,
-            min(self._profile.motion.max_speed_mm_s[:2]), f"layer {index + 1}",
+            min(self._profile.motion.max_speed_mm_s[:2]), f"layer {number + 1}",
             leads=self._leads, uniform=self._process.strategy == "iso-3d")
 
     def _change_s(self, start: FloatArray, end: FloatArray) -> float:
@@ -131,7 +135,7 @@ class LayerSequencer:
             flow(start)[None], flow(end)[None], self._limits, self._process.fraction_step)[0])
 
     def _timed_moves(
-        self, index: int, beads: Beads | None, placement: Placement, *, is_last: bool
+        self, number: int, beads: Beads | None, placement: Placement, *, is_last: bool
     ) -> tuple[Moves, FloatArray]:
         """The layer's lines and how long each lasts."""
         start, motion = self._state.at_mm, self._profile.motion
@@ -143,18 +147,18 @@ class LayerSequencer:
             moves = lines(start, feed_mm_s=0.0, kind=LineKind.DWELL, fractions=mixture,
                           dwell_s=LAYER_REST_S)
         else:
-            moves = layer_moves(beads, placement.nozzle_mm(index), placement.offset_mm, start,
+            moves = layer_moves(beads, placement.nozzle_mm(number), placement.offset_mm, start,
                                 self._travel, mixture)
         if is_last:
             moves = join([moves, way_home(
                 moves.target_mm[-1], self._home_mm, self._travel, moves.fractions[-1])])
         moves = on_raster(moves, start)
-        self._check_reach(index, moves)
+        self._check_reach(number, moves)
         if self._leads and beads is not None:
             moves = with_time_for_powder(moves, start, motion, self._needed_s(beads))
         moves, durations = in_short_lines(moves, start, motion, self._longest_s)
         parts, lasting = [moves], [durations]
-        if index == 0:
+        if self._state.line == 0:
             parts.insert(0, self._setup(len(OPENING), start, moves.fractions[0]))
             lasting.insert(0, np.zeros(len(OPENING)))
         if is_last:
@@ -201,7 +205,7 @@ class LayerSequencer:
             state.time_s, float(end_s[-1]), end_s[line], wanted, starts, self._limits,
             self._process.powder, state.flow_g_s)
 
-    def _check_reach(self, index: int, moves: Moves) -> None:
+    def _check_reach(self, number: int, moves: Moves) -> None:
         """Refuse, at the first layer, what `check_job` would refuse after the last."""
         ends_mm = moves.target_mm[moves.is_motion()]
         if len(ends_mm) == 0:
@@ -209,7 +213,7 @@ class LayerSequencer:
         outside = travel_violations(ends_mm.min(axis=0), ends_mm.max(axis=0), self._profile)
         if outside:
             raise PlanError(
-                f"layer {index + 1} of {self._part_name} reaches outside the travel of "
+                f"layer {number + 1} of {self._part_name} reaches outside the travel of "
                 f"{self._profile.name!r}", where=outside,
                 hint=f"lead-in and lead-out go beyond the part by up to "
                      f"{self._process.lead_in_mm:g} mm: lower process.lead_in_mm, or move the part "

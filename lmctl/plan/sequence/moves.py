@@ -33,6 +33,7 @@ class Moves:
     path : (n,) int32, path number counted from 0 within the layer, −1 for none
     fractions : (n, n_materials) float64, volume fractions at the line's end
     dwell_s : (n,) float64, time of a DWELL line, else 0
+    bead_width_mm : (n,) float64, width of the bead on BEAD lines, else 0
     along_mm : (n, 2) float64, place on the layer's `OrderedTracks` at a BEAD line's start and end
     """
 
@@ -43,6 +44,7 @@ class Moves:
     path: NDArray[np.int32]
     fractions: FloatArray
     dwell_s: FloatArray
+    bead_width_mm: FloatArray
     along_mm: FloatArray
 
     def __len__(self) -> int:
@@ -72,7 +74,7 @@ def join(parts: list[Moves]) -> Moves:
 def lines(
     target_mm: FloatArray, *, feed_mm_s: FloatArray | float, kind: LineKind,
     fractions: FloatArray, power_W: FloatArray | float = 0.0, path: int = -1,
-    dwell_s: FloatArray | float = 0.0,
+    dwell_s: FloatArray | float = 0.0, bead_width_mm: FloatArray | float = 0.0,
 ) -> Moves:
     """Lines of one kind off the tracks; scalars and single mixtures hold for all of them."""
     target_mm = np.atleast_2d(np.asarray(target_mm, dtype=np.float64))
@@ -86,7 +88,7 @@ def lines(
         target_mm=target_mm, feed_mm_s=column(feed_mm_s), power_W=column(power_W),
         kind=np.full(n, kind, np.uint8), path=np.full(n, path, np.int32),
         fractions=np.broadcast_to(fractions, (n, fractions.shape[1])).copy(),
-        dwell_s=column(dwell_s), along_mm=np.zeros((n, 2)),
+        dwell_s=column(dwell_s), bead_width_mm=column(bead_width_mm), along_mm=np.zeros((n, 2)),
     )
 
 

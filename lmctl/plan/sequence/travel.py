@@ -87,6 +87,7 @@ def layer_moves(
     moves.kind[segment] = LineKind.BEAD
     moves.feed_mm_s[segment] = beads.speed_mm_s[vertex]
     moves.power_W[segment] = beads.power_W[vertex]
+    moves.bead_width_mm[segment] = beads.width_mm[vertex]
     moves.fractions[segment] = beads.fractions[vertex]
     moves.along_mm[segment, 0] = beads.along_mm[np.flatnonzero(vertex) - 1]
     moves.along_mm[segment, 1] = beads.along_mm[vertex]
@@ -110,7 +111,7 @@ def _empty(n: int, n_materials: int, z_mm: float) -> Moves:
     return Moves(
         target_mm=target, feed_mm_s=np.zeros(n), power_W=np.zeros(n), kind=np.zeros(n, np.uint8),
         path=np.full(n, -1, np.int32), fractions=np.zeros((n, n_materials)), dwell_s=np.zeros(n),
-        along_mm=np.zeros((n, 2)))
+        bead_width_mm=np.zeros(n), along_mm=np.zeros((n, 2)))
 
 
 def _add_travel(
