@@ -75,8 +75,8 @@ def test_missing_file_and_folder(tmp_path):
 
 def test_another_version(job_path):
     whole = job_path.read_bytes()
-    job_path.write_bytes(whole.replace(b"lmctl-job 1 sha256", b"lmctl-job 2 sha256"))
-    assert "format 2" in refused(job_path)
+    job_path.write_bytes(whole.replace(b"lmctl-job 2 sha256", b"lmctl-job 1 sha256"))
+    assert "format 1" in refused(job_path)
 
 
 # From here on the digest is right: the file was made by someone who knows the format.

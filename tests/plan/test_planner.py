@@ -188,7 +188,8 @@ def test_beads_lie_half_a_pitch_inside_and_layers_one_height_apart(planned, prof
 def test_no_digit_of_a_plan_is_one_that_its_run_refuses(
         tmp_path, make_part, shapes, profile, fraction, height_mm):
     """Totals are rounded, for people; what is held against them is not."""
-    process = ProcessSettings(layer_height_mm=height_mm, bead_width_mm=1.37, speed_mm_s=8.3)
+    process = ProcessSettings(layer_height_mm=height_mm, bead_width_mm=1.37, speed_mm_s=8.3,
+                              min_built_fraction=0.95)
     part = make_part(shapes["small disc"], lambda p: fraction + 0.007 * p[:, 0],
                      height_mm=2 * height_mm, process=process)
     plan_job(part, profile, tmp_path / "a.lmj")
