@@ -178,12 +178,12 @@ def test_a_warning_that_goes_is_over_after_a_minute_and_a_flickering_one_is_one(
         device, on = one.bench.feeders["F1"], {"bit": False}
         one.board = FaultInjector(one.bench)
         one.board.inject(Fault.create("feeder_warns", "F1", of="old calibration"))
-        steady = device.mishaps.told
+        steady = device.mishaps.apply_overrides
 
         def told(channel, values):
             return steady(channel, values) if on["bit"] else values
 
-        device.mishaps.told = told
+        device.mishaps.apply_overrides = told
         for k in range(30):
             one.loop.call_later(0.7 * k, lambda k=k: on.update(bit=k % 2 == 0))
 
