@@ -101,7 +101,7 @@ class Part:
         """The outline and the in-plane distance at height z of the part.
 
         Meshes are cut from their triangles, formulas are evaluated in the plane, fields are
-        interpolated between their nodes.
+        interpolated between their nodes; outlines of booleans are cut from these as polygons.
         """
         loops = self.body.outline_loops(z_mm, self.plane)
         return Section(z_mm, self.plane, loops, self.body)
