@@ -13,7 +13,7 @@ from functools import reduce
 from operator import add
 from pathlib import Path
 
-from lmctl.errors import JournalError
+from lmctl.errors import LmctlError
 from lmctl.report.run_record import LayerAccount, PlannedLayer, RunRecord, read_run
 from lmctl.run.journal import run_folders
 from lmctl.run.journal.figures import NOTHING, Figures
@@ -239,15 +239,17 @@ def _all_runs(this: RunFolder) -> list[RunFolder]:
     for name in run_folders.run_names(runs_dir):
         try:
             header = next(read_records(RunFolder(runs_dir / name).journal), {})
-        except JournalError:
+        except LmctlError:  # no journal, or another program's: it is none of this part's
             continue
         before_of[name] = str(header.get("continues", ""))
+    # A run is younger than the one it goes on with; an altered header may say otherwise.
+    order = {name: at for at, name in enumerate(before_of)}
     first = this.run
-    while before_of.get(first) in before_of:
+    while order.get(before_of.get(first, ""), len(order)) < order.get(first, 0):
         first = before_of[first]
     found = [first]
-    for name, before in before_of.items():  # a run is younger than the one it goes on with
-        if before in found:
+    for name, before in before_of.items():
+        if before in found and name not in found:
             found.append(name)
     return [RunFolder(runs_dir / name) for name in found] if this.run in found else [this]
 
