@@ -12,6 +12,7 @@ from lmctl.plan.geometry.level_field import SHIFTED_FROM, LevelField
 from lmctl.plan.geometry.medial_axis import MedialAxis
 from lmctl.plan.geometry.section_raster import SectionRaster
 from lmctl.plan.geometry.toolpath import Toolpath
+from lmctl.plan.plane_values import plane_values
 
 FloatArray = NDArray[np.float64]
 
@@ -25,19 +26,30 @@ def contour_tracks(
 ) -> list[Toolpath]:
     """All closed tracks of a section, each with the width of its strip, the outermost first."""
     grid = raster.grid
-    top = float(field.level.max())
     generator = contourpy.contour_generator(
-        grid.x_mm, grid.y_mm, field.level, name="serial", line_type=contourpy.LineType.Separate)
+        grid.x_mm, grid.y_mm, _zero_at_halves(field.level), name="serial",
+        line_type=contourpy.LineType.Separate)
     tracks = []
-    for number in range(int(np.ceil(top - 0.5))):
-        for line in generator.lines(number + 0.5):
-            points = _without_repeats(np.asarray(line))
-            if len(points) < 4 or _length_mm(points) < _LEAST_ROUND * pitch_mm:
-                continue
-            points = sharpened(points, raster, axis)
-            strip = strip_widths(points, number, field, grid, pitch_mm, second_mm)
-            tracks.append(Toolpath(points, np.minimum(strip, most_strip_mm), True))
-    return tracks
+    for line in generator.lines(0.0):
+        points = _without_repeats(np.asarray(line))
+        if len(points) < 4 or _length_mm(points) < _LEAST_ROUND * pitch_mm:
+            continue
+        number = round(float(np.median(plane_values(field.level, grid, points))) - 0.5)
+        points = sharpened(points, raster, axis)
+        strip = strip_widths(points, number, field, grid, pitch_mm, second_mm)
+        tracks.append((number, Toolpath(points, np.minimum(strip, most_strip_mm), True)))
+    return [track for _, track in sorted(tracks, key=lambda numbered: numbered[0])]
+
+
+def _zero_at_halves(level: NDArray[np.float32]) -> NDArray[np.float32]:
+    """A triangle wave of the level, zero at ½, 1½, 2½ …: one contour of it is all of them at once.
+
+    It is as steep as the level itself, so that its contours lie where the level's would.
+    """
+    level = np.maximum(level, np.float32(0))
+    whole = np.floor(level)
+    rest = level - whole - np.float32(0.5)
+    return np.where(whole % 2 == 0, rest, -rest)
 
 
 def strip_widths(

@@ -82,8 +82,8 @@ def _deposit_kernel(
     points: FloatArray, starts: NDArray[np.int64], strip: FloatArray, depth: NDArray[np.float32],
     part: NDArray[np.float32], height: NDArray[np.float32],
 ) -> float:
-    """Strips in samples of half a node, each shared by the cells around it as far as they are
-    inside; in node units. Returns what lies outside the outline."""
+    """Strips in samples of a node along and half of one across, each shared by the cells around it
+    as far as these are inside; in node units. Returns what lies outside the outline."""
     ny, nx = height.shape
     outside = 0.0
     for track in range(len(starts) - 1):
@@ -92,7 +92,7 @@ def _deposit_kernel(
             length = np.sqrt(dx * dx + dy * dy)
             if length <= 0.0:
                 continue
-            along = int(2 * length) + 1
+            along = int(length) + 1
             for a in range(along):
                 t = (a + 0.5) / along
                 width = strip[k] + t * (strip[k + 1] - strip[k])

@@ -29,7 +29,8 @@ CORE_ODD, CORE_EVEN, CORE_POINT = 5, 6, 10
 #: How far below its own distance from the outline the depth may be before the axis is passed, in
 #: nodes: more than the raster errs by.
 _PAST_AXIS = 0.1
-_BISECTIONS = 10
+#: How closely the end of a ray is found, in nodes.
+_FOUND = 0.15
 #: The level of a track on the axis is not reached by the field, so that no contour is cut there.
 _BELOW_CENTRELINE = 0.25
 #: Standard deviation of what rounds off steps [nodes].
@@ -141,6 +142,15 @@ def _depth_at(depth: NDArray[np.float32], u: float, v: float) -> float:
 
 
 @inner_kernel
+def _is_before_axis(
+    depth: NDArray[np.float32], fx: float, fy: float, ux: float, uy: float, t: float, pitch: float
+) -> bool:
+    """Whether a ray from the outline is, after a length t, still nearest to where it began."""
+    here = _depth_at(depth, (fx + t * ux) / pitch, (fy + t * uy) / pitch)
+    return bool(here >= t - _PAST_AXIS * pitch)
+
+
+@inner_kernel
 def _nearest_axis_point(
     at_edge: NDArray[np.int32], points: FloatArray, x: float, y: float, pitch: float, reach: int
 ) -> int:
@@ -169,7 +179,9 @@ def _level_kernel(
     across: NDArray[np.int32],
 ) -> None:
     ny, nx = depth.shape
+    reached = np.zeros(nx)  # by the rays through the row before
     for j in range(ny):
+        before = 0.0
         for i in range(nx):
             d = float(depth[j, i])
             level[j, i], strip[j, i] = _outer_level(d, NO_CORE, track_pitch, second), track_pitch
@@ -181,13 +193,19 @@ def _level_kernel(
                 continue
             ux, uy = (i * pitch - fx) / away, (j * pitch - fy) / away
             low, high = d, deepest + pitch
-            for _ in range(_BISECTIONS):
+            for guess in (before, reached[i]):  # neighbours' rays are about as long
+                a, b = max(d, guess - pitch), guess + pitch
+                if (d < b < high and _is_before_axis(depth, fx, fy, ux, uy, a, pitch)
+                        and not _is_before_axis(depth, fx, fy, ux, uy, b, pitch)):
+                    low, high = a, b
+                    break
+            while high - low > _FOUND * pitch:
                 t = 0.5 * (low + high)
-                here = _depth_at(depth, (fx + t * ux) / pitch, (fy + t * uy) / pitch)
-                if here >= t - _PAST_AXIS * pitch:
+                if _is_before_axis(depth, fx, fy, ux, uy, t, pitch):
                     low = t
                 else:
                     high = t
+            before = reached[i] = low
             x, y = fx + low * ux, fy + low * uy
             point = _nearest_axis_point(at_edge, points, x, y, pitch, 1)
             if point < 0:

@@ -25,6 +25,8 @@ IndexArray = NDArray[np.int64]
 
 #: Two bridges on one track keep so many bridge lengths between their middles.
 _APART = 2.5
+#: The most places at which a bridge between two loops is tried.
+_MOST_PLACES = 1000
 #: Bridges may be longer than the gap they span by this part; at need, by this.
 _STRAIGHT, _MOST_SKEW = 0.05, 0.5
 
@@ -123,21 +125,35 @@ def _spanning_bridges(
             for other, size in used[loop])
 
     bridges: list[_Bridge] = []
-    for vertex in candidates.tolist():
-        if len(bridges) == len(length_mm) - 1:  # all loops are one
-            break
-        other = int(near[vertex])
-        a, b = int(owner[vertex]), int(owner[other])
+    for places in _by_pair(candidates, near, owner):
+        a, b = int(owner[places[0]]), int(owner[near[places[0]]])
         if found(a) == found(b):
             continue
-        size = max(float(gap[vertex]), 1e-6)
-        at_a, at_b = float(along_mm[vertex]), float(along_mm[other])
-        if is_free(a, at_a, size) and is_free(b, at_b, size):
-            root[found(b)] = found(a)
-            used[a].append((at_a, size))
-            used[b].append((at_b, size))
-            bridges.append(_Bridge(a, b, at_a, at_b, size))
+        for vertex in places[:_MOST_PLACES].tolist():
+            other = int(near[vertex])
+            a, b = int(owner[vertex]), int(owner[other])
+            size = max(float(gap[vertex]), 1e-6)
+            at_a, at_b = float(along_mm[vertex]), float(along_mm[other])
+            if is_free(a, at_a, size) and is_free(b, at_b, size):
+                root[found(b)] = found(a)
+                used[a].append((at_a, size))
+                used[b].append((at_b, size))
+                bridges.append(_Bridge(a, b, at_a, at_b, size))
+                break
     return bridges
+
+
+def _by_pair(candidates: IndexArray, near: IndexArray, owner: IndexArray) -> list[IndexArray]:
+    """The candidates of each two loops, in their order; those with the foremost one first."""
+    if len(candidates) == 0:
+        return []
+    pairs = np.sort(np.stack([owner[candidates], owner[near[candidates]]], axis=1), axis=1)
+    key = pairs[:, 0] * (owner.max() + 1) + pairs[:, 1]
+    order = np.argsort(key, kind="stable")
+    starts = np.flatnonzero(np.diff(key[order], prepend=-1))
+    groups = np.split(order, starts[1:])
+    groups.sort(key=lambda group: int(group[0]))
+    return [candidates[group] for group in groups]
 
 
 def _assembled(
