@@ -1,5 +1,8 @@
-"""The SIO register map of safety-input devices, as a table: what the host may read of a cell's
-safety circuits, the watchdog relay that its heartbeat keeps closed, and the laser-enable output.
+"""The SIO register map of safety-input devices, as a table.
+
+It covers what the host may read of a cell's safety circuits, the watchdog relay that its heartbeat
+keeps
+closed, and the laser-enable output.
 
 The circuits themselves are hardware; this device only tells how they stand. Its laser-enable
 output is one contact more in the laser's circuit, for a host that wants the beam dark before

@@ -1,5 +1,8 @@
-"""The judge: what came out of the nozzle along the path the beam drew, by the simulators' own
-record of motion and powder. It knows nothing of how the job was planned.
+"""The record of a bench: what came out of the nozzle along the path with the beam on.
+
+It is read from the simulators' own record of motion and powder, and knows nothing of how the job
+was
+planned.
 """
 
 from __future__ import annotations

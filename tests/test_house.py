@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -50,6 +52,72 @@ def test_every_module_says_what_it_is_for(package: str) -> None:
         and not ast.get_docstring(ast.parse(path.read_text(encoding="utf-8")))
     ]
     assert silent == []
+
+
+def test_no_class_name_stands_twice() -> None:
+    """One word for one thing: a class that has a namesake needs a qualifier."""
+    homes: dict[str, list[str]] = {}
+    for path in MODULES:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                homes.setdefault(node.name, []).append(path.relative_to(ROOT).as_posix())
+    assert {name: where for name, where in homes.items() if len(where) > 1} == {}
+
+
+def test_every_package_shows_its_public_face() -> None:
+    """`__all__` names what others may use, and each of those names is there."""
+    wrong = []
+    for path in MODULES:
+        if path.name != "__init__.py":
+            continue
+        name = ".".join(path.parent.relative_to(ROOT).parts)
+        package = import_module(name)
+        if not hasattr(package, "__all__"):
+            wrong.append(f"{name} has no __all__")
+        wrong += [f"{name}.{one}" for one in getattr(package, "__all__", ())
+                  if not hasattr(package, one)]
+    assert wrong == []
+
+
+@pytest.mark.parametrize(
+    "package",
+    ["lmctl.part", "lmctl.plan", "lmctl.job", "lmctl.run", "lmctl.report", "firmware_protocol",
+     "simulators"],
+)
+def test_importing_a_package_loads_none_of_its_modules(package: str) -> None:
+    program = (
+        f"import sys, {package}; "
+        f"print([m for m in sys.modules if m.startswith({package + '.'!r})])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True, cwd=ROOT
+    )
+    assert done.stdout.strip() == "[]"
+
+
+def test_the_first_line_of_a_docstring_says_alone_what_the_module_is() -> None:
+    """Package listings show that line only, so it is a sentence of its own."""
+    unfinished = []
+    for path in MODULES:
+        doc = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
+        first, _, rest = doc.partition("\n")
+        if not first.endswith((".", ":", "?")) or (rest and rest[:1] != "\n"):
+            unfinished.append(f"{path.relative_to(ROOT).as_posix()}: {first}")
+    assert unfinished == []
+
+
+def test_no_file_is_cited_that_the_tree_does_not_hold() -> None:
+    cited = re.compile(r"(?<![\w/.-])((?:[\w-]+/)*[\w-]+\.md)\b")
+    names = {path.name for path in ROOT.rglob("*.md") if ".venv" not in path.parts}
+    missing = []
+    for path in [*MODULES, *(ROOT / "docs").rglob("*.md"), ROOT / "README.md",
+                 ROOT / "ARCHITECTURE.md"]:
+        for name in cited.findall(path.read_text(encoding="utf-8")):
+            there = (ROOT / name).exists() or (path.parent / name).exists()
+            there = there or name.startswith("doc/markdown/")  # Grbl's own documents
+            if not there and ("/" in name or name not in names):
+                missing.append(f"{path.relative_to(ROOT).as_posix()}: {name}")
+    assert missing == []
 
 
 def test_asynchronous_code_uses_the_loops_clock_only() -> None:

@@ -1,6 +1,7 @@
 """What the terminal of a run shows: state, what is done and for how long, hoppers, what comes next.
 
-A screen is a few lines made from a snapshot of the run (`lmctl.run.snapshot`), and nothing else.
+A screen is a few lines made from a snapshot of the run (`lmctl.run.status.snapshot`), and nothing
+else.
 """
 
 from __future__ import annotations

@@ -1,5 +1,4 @@
-"""Which of the project's TOML files a file is, by the tables in it: they are easily taken for one
-another."""
+"""Which of the project's TOML files a file is, told by the tables in it."""
 
 from __future__ import annotations
 

@@ -1,5 +1,7 @@
-"""What a job holds: the final program text and, for each line, its planned time, path and kind;
-the powder the nozzle must deliver against program time; totals, verdict, digests.
+"""What a job holds: program text, a table of its lines, powder flow, totals, digests.
+
+The table gives each line's planned time, path and kind; the flow is what the nozzle must deliver
+against program time.
 
 *Program time* s is the planned time since the program's first line starts at the purge position,
 without overrides or holds. Units: mm, s, g, W; positions in program coordinates.

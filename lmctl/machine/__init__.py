@@ -1,1 +1,107 @@
 """Drivers: motion over a byte link, feeders over Modbus. They know no job and no geometry."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from lmctl.lazy_exports import exports_of
+
+if TYPE_CHECKING:
+    from lmctl.machine.feeder.driver import FeederDriver as FeederDriver
+    from lmctl.machine.feeder.identity import FeederIdentity as FeederIdentity
+    from lmctl.machine.feeder.readings import HopperReading as HopperReading
+    from lmctl.machine.feeder.recipe import post_flow_s as post_flow_s
+    from lmctl.machine.feeder.recipe import settling_time_s as settling_time_s
+    from lmctl.machine.feeder.status import FeederCallbacks as FeederCallbacks
+    from lmctl.machine.feeder.status import FeederStatus as FeederStatus
+    from lmctl.machine.feeder.warnings import FeederWarning as FeederWarning
+    from lmctl.machine.manual.controller import open_motion as open_motion
+    from lmctl.machine.manual.homing import describe_homing as describe_homing
+    from lmctl.machine.manual.homing import home_axes as home_axes
+    from lmctl.machine.manual.homing import run_clear_offsets as run_clear_offsets
+    from lmctl.machine.manual.homing import set_work_offset as set_work_offset
+    from lmctl.machine.manual.homing import unlock_controller as unlock_controller
+    from lmctl.machine.manual.inspect_modbus import FeederInspection as FeederInspection
+    from lmctl.machine.manual.inspect_modbus import inspect_feeder as inspect_feeder
+    from lmctl.machine.manual.inspect_modbus import inspect_safety as inspect_safety
+    from lmctl.machine.manual.inspect_motion import MotionReading as MotionReading
+    from lmctl.machine.manual.inspect_motion import inspect_controller as inspect_controller
+    from lmctl.machine.manual.inspect_motion import read_motion as read_motion
+    from lmctl.machine.manual.jog import JogRequest as JogRequest
+    from lmctl.machine.manual.jog import jog_axes as jog_axes
+    from lmctl.machine.manual.search_lines import find_device as find_device
+    from lmctl.machine.manual.search_lines import find_rate as find_rate
+    from lmctl.machine.manual.settings import WrittenSettings as WrittenSettings
+    from lmctl.machine.manual.settings import apply_settings as apply_settings
+    from lmctl.machine.manual.settings_file import read_setting as read_setting
+    from lmctl.machine.manual.settings_file import same_value as same_value
+    from lmctl.machine.manual.settings_file import settings_in as settings_in
+    from lmctl.machine.manual.settings_file import write_settings as write_settings
+    from lmctl.machine.modbus.client import NoReplyError as NoReplyError
+    from lmctl.machine.modbus.endpoint import RtuEndpoint as RtuEndpoint
+    from lmctl.machine.modbus.endpoint import parse_modbus_endpoint as parse_modbus_endpoint
+    from lmctl.machine.motion.driver import MotionDriver as MotionDriver
+    from lmctl.machine.motion.endpoint import MotionEndpoint as MotionEndpoint
+    from lmctl.machine.motion.endpoint import parse_motion_endpoint as parse_motion_endpoint
+    from lmctl.machine.motion.identity import ControllerIdentity as ControllerIdentity
+    from lmctl.machine.motion.identity import is_homing_enabled as is_homing_enabled
+    from lmctl.machine.motion.identity import read_offset as read_offset
+    from lmctl.machine.motion.identity import unfit_settings as unfit_settings
+    from lmctl.machine.safety.driver import SafetyDriver as SafetyDriver
+    from lmctl.machine.safety.identity import check_line as check_line
+    from lmctl.machine.safety.status import SafetyCallbacks as SafetyCallbacks
+    from lmctl.machine.safety.status import SafetyStatus as SafetyStatus
+    from lmctl.machine.timer_wheel import align_to_tick as align_to_tick
+
+#: What others may use, and the module that holds it; loaded when it is asked for.
+_HOMES = {
+    "ControllerIdentity": "lmctl.machine.motion.identity",
+    "FeederCallbacks": "lmctl.machine.feeder.status",
+    "FeederDriver": "lmctl.machine.feeder.driver",
+    "FeederIdentity": "lmctl.machine.feeder.identity",
+    "FeederInspection": "lmctl.machine.manual.inspect_modbus",
+    "FeederStatus": "lmctl.machine.feeder.status",
+    "FeederWarning": "lmctl.machine.feeder.warnings",
+    "HopperReading": "lmctl.machine.feeder.readings",
+    "JogRequest": "lmctl.machine.manual.jog",
+    "MotionDriver": "lmctl.machine.motion.driver",
+    "MotionEndpoint": "lmctl.machine.motion.endpoint",
+    "MotionReading": "lmctl.machine.manual.inspect_motion",
+    "NoReplyError": "lmctl.machine.modbus.client",
+    "RtuEndpoint": "lmctl.machine.modbus.endpoint",
+    "SafetyCallbacks": "lmctl.machine.safety.status",
+    "SafetyDriver": "lmctl.machine.safety.driver",
+    "SafetyStatus": "lmctl.machine.safety.status",
+    "WrittenSettings": "lmctl.machine.manual.settings",
+    "align_to_tick": "lmctl.machine.timer_wheel",
+    "apply_settings": "lmctl.machine.manual.settings",
+    "check_line": "lmctl.machine.safety.identity",
+    "describe_homing": "lmctl.machine.manual.homing",
+    "find_device": "lmctl.machine.manual.search_lines",
+    "find_rate": "lmctl.machine.manual.search_lines",
+    "home_axes": "lmctl.machine.manual.homing",
+    "inspect_controller": "lmctl.machine.manual.inspect_motion",
+    "inspect_feeder": "lmctl.machine.manual.inspect_modbus",
+    "inspect_safety": "lmctl.machine.manual.inspect_modbus",
+    "is_homing_enabled": "lmctl.machine.motion.identity",
+    "jog_axes": "lmctl.machine.manual.jog",
+    "open_motion": "lmctl.machine.manual.controller",
+    "parse_modbus_endpoint": "lmctl.machine.modbus.endpoint",
+    "parse_motion_endpoint": "lmctl.machine.motion.endpoint",
+    "post_flow_s": "lmctl.machine.feeder.recipe",
+    "read_motion": "lmctl.machine.manual.inspect_motion",
+    "read_offset": "lmctl.machine.motion.identity",
+    "read_setting": "lmctl.machine.manual.settings_file",
+    "run_clear_offsets": "lmctl.machine.manual.homing",
+    "same_value": "lmctl.machine.manual.settings_file",
+    "set_work_offset": "lmctl.machine.manual.homing",
+    "settings_in": "lmctl.machine.manual.settings_file",
+    "settling_time_s": "lmctl.machine.feeder.recipe",
+    "unfit_settings": "lmctl.machine.motion.identity",
+    "unlock_controller": "lmctl.machine.manual.homing",
+    "write_settings": "lmctl.machine.manual.settings_file",
+}
+
+__all__ = list(_HOMES)
+
+__getattr__ = exports_of(__name__, _HOMES)

@@ -1,1 +1,31 @@
 """A part answers two questions: what is solid and how deep, and of what."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from lmctl.lazy_exports import exports_of
+
+if TYPE_CHECKING:
+    from lmctl.part.bodies.mesh_solid import MeshSolid as MeshSolid
+    from lmctl.part.load import load_part as load_part
+    from lmctl.part.load import part_from_model as part_from_model
+    from lmctl.part.materials.powders import MaterialSpec as MaterialSpec
+    from lmctl.part.part import Part as Part
+    from lmctl.part.part import Section as Section
+    from lmctl.part.resolution import finest_pitch as finest_pitch
+
+#: What others may use, and the module that holds it; loaded when it is asked for.
+_HOMES = {
+    "MaterialSpec": "lmctl.part.materials.powders",
+    "MeshSolid": "lmctl.part.bodies.mesh_solid",
+    "Part": "lmctl.part.part",
+    "Section": "lmctl.part.part",
+    "finest_pitch": "lmctl.part.resolution",
+    "load_part": "lmctl.part.load",
+    "part_from_model": "lmctl.part.load",
+}
+
+__all__ = list(_HOMES)
+
+__getattr__ = exports_of(__name__, _HOMES)

@@ -1,1 +1,27 @@
 """Running a job: stream, lead the powder, watch, journal. Knows no geometry."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from lmctl.lazy_exports import exports_of
+
+if TYPE_CHECKING:
+    from lmctl.run.executor import Notice as Notice
+    from lmctl.run.executor import RunExecutor as RunExecutor
+    from lmctl.run.executor import RunResult as RunResult
+    from lmctl.run.executor import run_job as run_job
+    from lmctl.run.signals import catchable_signals as catchable_signals
+
+#: What others may use, and the module that holds it; loaded when it is asked for.
+_HOMES = {
+    "Notice": "lmctl.run.executor",
+    "RunExecutor": "lmctl.run.executor",
+    "RunResult": "lmctl.run.executor",
+    "catchable_signals": "lmctl.run.signals",
+    "run_job": "lmctl.run.executor",
+}
+
+__all__ = list(_HOMES)
+
+__getattr__ = exports_of(__name__, _HOMES)

@@ -21,22 +21,22 @@ from lmctl.run.cell.ownership import lock_machine
 from lmctl.run.control.server import ControlCallbacks, ControlClient, ControlSocket, listening
 from lmctl.run.execution.deposition import Progress
 from lmctl.run.execution.job_progress import EarlierRun, JobProgress
+from lmctl.run.execution.run_header import local_header, run_header
+from lmctl.run.execution.unreported_motion import unreported
 from lmctl.run.journal import run_folders
-from lmctl.run.journal.header import local_header, run_header
 from lmctl.run.journal.last_known_position import LastKnownPosition
 from lmctl.run.journal.recorder import RunRecorder
 from lmctl.run.journal.writer import JournalWriter
-from lmctl.run.outcomes import first_out, is_recoverable, outcome_error
 from lmctl.run.program.override_limits import OverrideRange, override_range
 from lmctl.run.program.reentry import JOB_START
 from lmctl.run.sequence import CellSequence
-from lmctl.run.snapshot import RunView
 from lmctl.run.state.state_machine import RunStateMachine
 from lmctl.run.state.transitions import FINAL_STATES, RunEvent, RunState
-from lmctl.run.stop_words import stop_words
-from lmctl.run.trouble import TroubleLog
-from lmctl.run.unreported import unreported
-from lmctl.run.watcher import Watcher, watched
+from lmctl.run.status.outcomes import first_out, is_recoverable, outcome_error
+from lmctl.run.status.snapshot import RunView
+from lmctl.run.status.stop_messages import stop_words
+from lmctl.run.status.watcher import Watcher, watched
+from lmctl.run.trouble_log import TroubleLog
 
 __all__ = ["EarlierRun", "Notice", "Progress", "RunExecutor", "RunResult", "Watcher", "run_job"]
 
@@ -168,7 +168,7 @@ class RunExecutor:
             self._live.course.set_override(percent)
 
     def snapshot(self) -> dict[str, Any]:
-        """How the run stands: see `lmctl.run.snapshot`. Not before `run` has begun."""
+        """How the run stands: see `lmctl.run.status.snapshot`. Not before `run` has begun."""
         live = self._live
         assert live is not None
         return live.view.snapshot(

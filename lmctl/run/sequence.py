@@ -18,14 +18,14 @@ from lmctl.run.cell.work_offset import refuse_changed_offset
 from lmctl.run.execution.deposition import Progress
 from lmctl.run.execution.device_monitor import DeviceMonitor
 from lmctl.run.execution.job_progress import EarlierRun, JobProgress
+from lmctl.run.execution.layer_accounts import LayerAccounts
 from lmctl.run.execution.run_segment import RunSegmentFactory
 from lmctl.run.interlocks.alarms import InterlockError, RunAlarms
 from lmctl.run.journal.last_known_position import LastKnownPosition
 from lmctl.run.journal.recorder import RunRecorder
-from lmctl.run.layer_accounts import LayerAccounts
-from lmctl.run.phase import PhaseClock
 from lmctl.run.program.override_limits import NO_OTHER_OVERRIDE
 from lmctl.run.state.transitions import Effect
+from lmctl.run.status.phase import PhaseClock
 
 #: A held run waits so long for its operator; then it is stopped, and can be recovered [s].
 HELD_AT_MOST_S = 1800.0

@@ -6,9 +6,9 @@ import pytest
 
 from lmctl.cli.run_screen import screen
 from lmctl.config.machine import load_profile
-from lmctl.run.phase import PhaseClock
 from lmctl.run.state.transitions import FINAL_STATES, Effect, RunState
-from lmctl.run.stop_words import stop_words
+from lmctl.run.status.phase import PhaseClock
+from lmctl.run.status.stop_messages import stop_words
 from tests.run.whole.conftest import EXAMPLES
 
 NOW = {

@@ -23,12 +23,12 @@ from lmctl.job.reader import JobReader
 from lmctl.part.load import load_part
 from lmctl.plan.planner import plan_job
 from lmctl.report.part_record import PartRecord, part_of
+from lmctl.run.execution.unreported_motion import keep_unreported
 from lmctl.run.executor import EarlierRun, RunExecutor
 from lmctl.run.journal.recovery import find_place, refuse_finished
 from lmctl.run.journal.replay import replay_run
 from lmctl.run.journal.run_folders import RunFolder, run_names
 from lmctl.run.state.transitions import FINAL_STATES, RunState
-from lmctl.run.unreported import keep_unreported
 from simulators import virtual_time
 from simulators.bench import Bench
 from simulators.bench_config import BenchConfig

@@ -13,7 +13,7 @@ import math
 import numpy as np
 import pytest
 
-from lmctl.run.powder.lead import TICK_S, HoseModel, PowderPlan, lead_setpoint, slack_g_min
+from lmctl.run.powder.lead import TICK_S, HoseDynamics, PowderPlan, lead_setpoint, slack_g_min
 from lmctl.run.program.program_clock import ProgramClock
 
 TRAVEL_S = 1.0
@@ -72,7 +72,7 @@ def share_within(job, *, mode="lead", dwell_s=0.0, rate=1.0, theta_error_s=0.0, 
     clock = ProgramClock(window)
     clock.acknowledge(window.n_lines)
     clock.set_override(0.0, rate)
-    hoses = [HoseModel(theta + theta_error_s, lag, 600.0)
+    hoses = [HoseDynamics(theta + theta_error_s, lag, 600.0)
              for theta, lag in zip(THETA_S, LAG_S, strict=True)]
     plan = PowderPlan(mode, hoses, window, clock)
     starts_t = plan.lead_s + 0.5 + phase_s
@@ -196,7 +196,8 @@ def test_steady_powder_takes_no_telegrams(job):
     window = job([[("bead", (100, 0, 0), 20.0, 0)]], flow=[(0.0, flow), (20.0, flow)]).window()
     clock = ProgramClock(window)
     clock.acknowledge(1)
-    plan = PowderPlan("lead", [HoseModel(2.0, 1.0, 36.0), HoseModel(3.0, 0.8, 36.0)], window, clock)
+    plan = PowderPlan("lead", [HoseDynamics(2.0, 1.0, 36.0), HoseDynamics(3.0, 0.8, 36.0)], window,
+                      clock)
     clock.start_at(0.0)
     assert len({tuple(plan.setpoints_g_min(tick * TICK_S)) for tick in range(150)}) == 1
 
@@ -208,7 +209,8 @@ def test_what_a_limit_cuts_off_is_made_good(job):
                        (20.0, (0.5, 0.1))]).window()
     clock = ProgramClock(window)
     clock.acknowledge(1)
-    plan = PowderPlan("lead", [HoseModel(2.0, 1.0, 36.0), HoseModel(2.0, 1.0, 36.0)], window, clock)
+    plan = PowderPlan("lead", [HoseDynamics(2.0, 1.0, 36.0), HoseDynamics(2.0, 1.0, 36.0)], window,
+                      clock)
     clock.start_at(0.0)
     setpoints = np.array([plan.setpoints_g_min(tick * TICK_S) for tick in range(100)])
     assert setpoints[:, 0].max() == 36.0
@@ -219,7 +221,7 @@ def test_what_a_limit_cuts_off_is_made_good(job):
 
 
 def test_settling_is_dead_time_and_four_lags():
-    assert HoseModel(3.0, 1.0, 1.0).settling_s == 7.0
+    assert HoseDynamics(3.0, 1.0, 1.0).settling_s == 7.0
 
 
 def test_a_set_point_is_nothing_or_what_the_disc_can_turn():
@@ -236,7 +238,8 @@ def test_a_dip_below_the_least_flow_is_made_good(job):
     window = job([[("bead", (200, 0, 0), 20.0, 0)]], flow=swing).window()
     clock = ProgramClock(window)
     clock.acknowledge(1)
-    plan = PowderPlan("lead", [HoseModel(1.0, 1.0, 60.0, 0.8), HoseModel(1.0, 1.0, 60.0)], window,
+    plan = PowderPlan("lead", [HoseDynamics(1.0, 1.0, 60.0, 0.8), HoseDynamics(1.0, 1.0, 60.0)],
+                      window,
                       clock)
     clock.start_at(1.0)
     setpoints = np.array([plan.setpoints_g_min(tick * TICK_S) for tick in range(200)])

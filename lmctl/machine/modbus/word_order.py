@@ -1,5 +1,6 @@
-"""How a device numbers its registers and orders the words of 32-bit values, seen from what it
-answers: what the profile says is checked, and the key that mends it named.
+"""Register numbering and word order of a Modbus device, recognised from its answers.
+
+What the profile says is checked, and the key that mends it is named.
 
 Swapped words give values that may well be possible, so no single reading proves an order. A counter
 of seconds does: only in the right order does it go forward by one.

@@ -1,1 +1,35 @@
 """The devices of a cell together: opened, checked, owned, dark or lit."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from lmctl.lazy_exports import exports_of
+
+if TYPE_CHECKING:
+    from lmctl.run.cell.beam_control import BeamControl as BeamControl
+    from lmctl.run.cell.devices import Cell as Cell
+    from lmctl.run.cell.doctor import CellInspection as CellInspection
+    from lmctl.run.cell.doctor import check_inspection as check_inspection
+    from lmctl.run.cell.doctor import hoppers_on as hoppers_on
+    from lmctl.run.cell.doctor import inspect_cell as inspect_cell
+    from lmctl.run.cell.ownership import lock_machine as lock_machine
+    from lmctl.run.cell.work_offset import offset_conditions as offset_conditions
+    from lmctl.run.cell.work_offset import refuse_changed_offset as refuse_changed_offset
+
+#: What others may use, and the module that holds it; loaded when it is asked for.
+_HOMES = {
+    "BeamControl": "lmctl.run.cell.beam_control",
+    "Cell": "lmctl.run.cell.devices",
+    "CellInspection": "lmctl.run.cell.doctor",
+    "check_inspection": "lmctl.run.cell.doctor",
+    "hoppers_on": "lmctl.run.cell.doctor",
+    "inspect_cell": "lmctl.run.cell.doctor",
+    "lock_machine": "lmctl.run.cell.ownership",
+    "offset_conditions": "lmctl.run.cell.work_offset",
+    "refuse_changed_offset": "lmctl.run.cell.work_offset",
+}
+
+__all__ = list(_HOMES)
+
+__getattr__ = exports_of(__name__, _HOMES)

@@ -12,7 +12,7 @@ from lmctl.machine.feeder.driver import FeederDriver
 from lmctl.machine.manual.inspect_motion import read_motion
 from lmctl.run.cell.condition import Condition, refuse_unmet
 from lmctl.run.cell.devices import Cell
-from lmctl.run.cell.feeder_conditions import FeederReading, feeder_conditions
+from lmctl.run.cell.feeder_conditions import FeederSnapshot, feeder_conditions
 from lmctl.run.cell.motion_conditions import is_watched, motion_conditions
 from lmctl.run.cell.safety_conditions import safety_conditions
 from lmctl.run.journal.last_known_position import LastKnownPosition
@@ -63,7 +63,7 @@ async def accept_machine(
 async def _feeder_conditions(driver: FeederDriver, profile: MachineProfile) -> list[Condition]:
     status = await driver.whole_status()
     (feeder,) = [one for one in profile.feeder if one.name == driver.name]
-    reading = FeederReading(driver.identity, status, {}, ours=True)
+    reading = FeederSnapshot(driver.identity, status, {}, ours=True)
     return list(feeder_conditions(reading, feeder, driver.hoppers,
                                   send_horizon_s=profile.motion.send_horizon_s))
 

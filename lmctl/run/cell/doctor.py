@@ -20,7 +20,7 @@ from lmctl.machine.modbus.client import NoReplyError
 from lmctl.machine.motion.endpoint import parse_motion_endpoint
 from lmctl.machine.safety.status import SafetyStatus
 from lmctl.run.cell.condition import Condition
-from lmctl.run.cell.feeder_conditions import FeederReading, feeder_conditions
+from lmctl.run.cell.feeder_conditions import FeederSnapshot, feeder_conditions
 from lmctl.run.cell.motion_conditions import motion_conditions
 from lmctl.run.cell.safety_conditions import safety_conditions
 from lmctl.run.journal.last_known_position import LastKnownPosition
@@ -145,7 +145,7 @@ def _feeder(
     if isinstance(look, LmctlError):
         yield _unreachable(look)
         return
-    reading = FeederReading(look.identity, look.status, look.limits,
+    reading = FeederSnapshot(look.identity, look.status, look.limits,
                             clock_ratio=look.clock_ratio, answer_s=look.reply_time_s)
     yield from feeder_conditions(reading, feeder, hoppers_on(profile, feeder.name),
                                  send_horizon_s=profile.motion.send_horizon_s)

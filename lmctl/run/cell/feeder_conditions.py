@@ -20,7 +20,7 @@ _MIXER, _CONFIGURATION, _LID_NUMBER = 103, 105, 6
 
 
 @dataclass(frozen=True)
-class FeederReading:
+class FeederSnapshot:
     """What a feeder reports of itself: all that the conditions of a run look at.
 
     limits : of each hopper by name: N_MIN, N_MAX [rpm], CARRIER_MIN, CARRIER_MAX [L/min]; empty
@@ -38,7 +38,7 @@ class FeederReading:
 
 
 def feeder_conditions(
-    reading: FeederReading, feeder: FeederSettings, hoppers: Sequence[HopperSettings], *,
+    reading: FeederSnapshot, feeder: FeederSettings, hoppers: Sequence[HopperSettings], *,
     send_horizon_s: float
 ) -> Iterator[Condition]:
     """hoppers : those of the profile that are on it."""
@@ -118,7 +118,7 @@ def _mixer(mbar: float, most_mbar: float | None) -> Condition:
                      "look for a clogged nozzle or kinked hose", refuses_run=True)
 
 
-def _hopper(reading: FeederReading, hopper: HopperSettings) -> Iterator[Condition]:
+def _hopper(reading: FeederSnapshot, hopper: HopperSettings) -> Iterator[Condition]:
     of_hopper = reading.status.hoppers.get(hopper.name)
     name = f"hopper {hopper.name} ({hopper.material})"
     if of_hopper is not None:

@@ -13,11 +13,11 @@ from collections.abc import Callable
 from firmware_protocol.status import StatusReport
 from lmctl.config.machine import MotionSettings
 from lmctl.run.cell.devices import Cell
-from lmctl.run.executed_motion import ExecutedMotion
+from lmctl.run.execution.executed_motion import ExecutedMotion
+from lmctl.run.execution.layer_accounts import LayerAccounts
 from lmctl.run.interlocks.inputs import ProgramDeviation
 from lmctl.run.interlocks.motion_rules import OFF_PATH_MM
 from lmctl.run.journal.recorder import RunRecorder
-from lmctl.run.layer_accounts import LayerAccounts
 from lmctl.run.powder.setpoint_sender import SetpointSender
 from lmctl.run.program.feed_override import FeedOverride
 from lmctl.run.program.job_window import JobWindow

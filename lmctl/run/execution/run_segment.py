@@ -13,10 +13,10 @@ from lmctl.job.reader import JobReader
 from lmctl.job.schema import JobLayer
 from lmctl.run.cell.devices import Cell
 from lmctl.run.execution.deposition import Deposition, Progress
+from lmctl.run.execution.layer_accounts import LayerAccounts
+from lmctl.run.execution.layer_plan import LayerPlan, layer_plan
 from lmctl.run.journal.recorder import RunRecorder
-from lmctl.run.layer_accounts import LayerAccounts
-from lmctl.run.layer_plan import LayerPlan, layer_plan
-from lmctl.run.powder.lead import HoseModel, PowderPlan
+from lmctl.run.powder.lead import HoseDynamics, PowderPlan
 from lmctl.run.powder.setpoint_sender import SetpointSender
 from lmctl.run.program.job_window import JobWindow
 from lmctl.run.program.layer_program import LayerProgram, layer_program_of
@@ -72,7 +72,7 @@ class RunSegmentFactory:
         self._announce(window, override_percent)
         clock = ProgramClock(window)
         hoses = [
-            HoseModel(h.dead_time_s, h.lag_s, h.max_flow_g_min, h.min_flow_g_min)
+            HoseDynamics(h.dead_time_s, h.lag_s, h.max_flow_g_min, h.min_flow_g_min)
             for h in self.hoppers
         ]
         plan = PowderPlan(self.job.manifest.powder_mode, hoses, window, clock)

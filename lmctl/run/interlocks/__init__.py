@@ -1,1 +1,47 @@
 """What must hold while a run is under way, and what is said where it does not."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from lmctl.lazy_exports import exports_of
+
+if TYPE_CHECKING:
+    from lmctl.run.interlocks.alarms import EmergencyStopError as EmergencyStopError
+    from lmctl.run.interlocks.alarms import InterlockError as InterlockError
+    from lmctl.run.interlocks.alarms import RunAlarm as RunAlarm
+    from lmctl.run.interlocks.alarms import RunAlarms as RunAlarms
+    from lmctl.run.interlocks.alarms import Trip as Trip
+    from lmctl.run.interlocks.alarms import name_of as name_of
+    from lmctl.run.interlocks.inputs import FeederAge as FeederAge
+    from lmctl.run.interlocks.inputs import FeederReading as FeederReading
+    from lmctl.run.interlocks.inputs import InterlockInputs as InterlockInputs
+    from lmctl.run.interlocks.inputs import ProgramDeviation as ProgramDeviation
+    from lmctl.run.interlocks.inputs import UncommandedOutput as UncommandedOutput
+    from lmctl.run.interlocks.inputs import feeder_reading as feeder_reading
+    from lmctl.run.interlocks.rule import InterlockFinding as InterlockFinding
+    from lmctl.run.interlocks.supervision import InterlockSupervision as InterlockSupervision
+    from lmctl.run.interlocks.warnings import WarningDebounce as WarningDebounce
+
+#: What others may use, and the module that holds it; loaded when it is asked for.
+_HOMES = {
+    "EmergencyStopError": "lmctl.run.interlocks.alarms",
+    "FeederAge": "lmctl.run.interlocks.inputs",
+    "FeederReading": "lmctl.run.interlocks.inputs",
+    "InterlockError": "lmctl.run.interlocks.alarms",
+    "InterlockFinding": "lmctl.run.interlocks.rule",
+    "InterlockInputs": "lmctl.run.interlocks.inputs",
+    "InterlockSupervision": "lmctl.run.interlocks.supervision",
+    "ProgramDeviation": "lmctl.run.interlocks.inputs",
+    "RunAlarm": "lmctl.run.interlocks.alarms",
+    "RunAlarms": "lmctl.run.interlocks.alarms",
+    "Trip": "lmctl.run.interlocks.alarms",
+    "UncommandedOutput": "lmctl.run.interlocks.inputs",
+    "WarningDebounce": "lmctl.run.interlocks.warnings",
+    "feeder_reading": "lmctl.run.interlocks.inputs",
+    "name_of": "lmctl.run.interlocks.alarms",
+}
+
+__all__ = list(_HOMES)
+
+__getattr__ = exports_of(__name__, _HOMES)

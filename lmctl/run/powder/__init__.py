@@ -1,1 +1,25 @@
 """Powder on time: what the hoppers are told now for what the path needs later."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from lmctl.lazy_exports import exports_of
+
+if TYPE_CHECKING:
+    from lmctl.run.powder.fed import FedPowder as FedPowder
+    from lmctl.run.powder.lead import HoseDynamics as HoseDynamics
+    from lmctl.run.powder.lead import PowderPlan as PowderPlan
+    from lmctl.run.powder.setpoint_sender import SetpointSender as SetpointSender
+
+#: What others may use, and the module that holds it; loaded when it is asked for.
+_HOMES = {
+    "FedPowder": "lmctl.run.powder.fed",
+    "HoseDynamics": "lmctl.run.powder.lead",
+    "PowderPlan": "lmctl.run.powder.lead",
+    "SetpointSender": "lmctl.run.powder.setpoint_sender",
+}
+
+__all__ = list(_HOMES)
+
+__getattr__ = exports_of(__name__, _HOMES)

@@ -51,7 +51,7 @@ _CLOCK_MARGIN_S = 0.5
 
 
 @dataclass(frozen=True)
-class HoseModel:
+class HoseDynamics:
     """Dead time θ and lag τ of one hopper [s], the least and most it delivers [g/min].
 
     Below `least_g_min` (and above nothing) its disc does not turn steadily, or not at all.
@@ -128,7 +128,7 @@ class PowderPlan:
     """
 
     def __init__(
-        self, mode: str, hoses: Sequence[HoseModel], window: JobWindow, clock: ProgramClock
+        self, mode: str, hoses: Sequence[HoseDynamics], window: JobWindow, clock: ProgramClock
     ) -> None:
         self._leads = mode == "lead"
         self._hoses = tuple(hoses)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from lmctl.run.phase import PhaseClock
 from lmctl.run.state.transitions import FINAL_STATES, RunState
+from lmctl.run.status.phase import PhaseClock
 
 _UNTOUCHED = (RunState.READY, RunState.CONNECTING, RunState.CHECKING)
 

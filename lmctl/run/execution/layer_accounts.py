@@ -11,9 +11,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from lmctl.run.execution.layer_plan import LayerPlan
 from lmctl.run.journal.figures import NOTHING, Figures
 from lmctl.run.journal.recorder import RunRecorder, place_fields
-from lmctl.run.layer_plan import LayerPlan
 from lmctl.run.program.reentry import ProgramPlace
 
 #: Less bead than this is no bead left: nothing shorter is entered again (see `reentry`) [mm].

@@ -12,8 +12,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from firmware_protocol.status import StatusReport
+from lmctl.run.execution.layer_accounts import LayerAccounts
 from lmctl.run.journal.figures import Figures
-from lmctl.run.layer_accounts import LayerAccounts
 from lmctl.run.powder.fed import FedPowder
 from lmctl.run.program.job_window import JobWindow
 from lmctl.run.program.layer_program import LayerProgram

@@ -15,8 +15,8 @@ from lmctl.run.interlocks.alarms import RunAlarms
 from lmctl.run.journal.recorder import LatestReport
 from lmctl.run.journal.run_folders import RunFolder
 from lmctl.run.sequence import CellSequence
-from lmctl.run.startup_time import StartupTime
 from lmctl.run.state.transitions import RunState
+from lmctl.run.status.startup_time import StartupTime
 
 _BEFORE = (RunState.READY, RunState.CONNECTING, RunState.CHECKING, RunState.GAS, RunState.POWDER,
            RunState.ARMED)

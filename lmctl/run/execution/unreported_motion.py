@@ -18,12 +18,12 @@ from firmware_protocol.dialect import GRBL, GRBLHAL
 from lmctl.config.machine import MachineProfile
 from lmctl.errors import JournalError, MissingFileError
 from lmctl.job.reader import JobReader
+from lmctl.run.execution.layer_accounts import NO_BEAD_MM
 from lmctl.run.journal.figures import Figures
 from lmctl.run.journal.format import read_records
 from lmctl.run.journal.notes import notes_of
 from lmctl.run.journal.recorder import place_fields
 from lmctl.run.journal.run_folders import RunFolder
-from lmctl.run.layer_accounts import NO_BEAD_MM
 from lmctl.run.program.layer_program import LayerProgram, layer_program_of
 from lmctl.run.program.reentry import JOB_START, ProgramPlace, layer_of
 
