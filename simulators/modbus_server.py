@@ -202,17 +202,18 @@ async def serve_tcp(
 
 async def serve_pty(
     registers: Registers, edge: LinkTap | None = None, baud: int = 19_200,
-    habits: ModbusHabits | None = None,
+    habits: ModbusHabits | None = None, checks_baud: bool = False,
 ) -> ModbusServer:
     """Answer Modbus RTU on a new pty, without parity: Linux ptys carry none.
 
     edge : where faults befall its bytes
     baud : what the endpoint says; a pty itself takes no time
+    checks_baud : whether a host at another rate is not understood
     """
     server = ModbusServer(registers, edge, habits)
     server.edge.is_rtu = True
     connection = _Connection(server, FramerRTU)
-    transport = PtyTransport(connection)
+    transport = PtyTransport(connection, baud if checks_baud else None)
     connection.connection_made(transport)
     server.endpoint = f"modbus-rtu://{transport.path}?baud={baud}&parity=N"
     return server

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import termios
 import tty
 from typing import Protocol
 
@@ -13,9 +14,13 @@ class DataReceiver(Protocol):
 
 
 class PtyTransport(asyncio.Transport):
-    """path : what the host opens. Both ends stay open until `close`, so hosts may come and go."""
+    """path : what the host opens. Both ends stay open until `close`, so hosts may come and go.
 
-    def __init__(self, receiver: DataReceiver) -> None:
+    baud : of the device; bytes of a host that has set another rate are framing errors, which it
+        drops. None: any rate will do. (A pty itself takes no time, and carries no parity.)
+    """
+
+    def __init__(self, receiver: DataReceiver, baud: int | None = None) -> None:
         super().__init__()
         self._receiver = receiver
         self._loop = asyncio.get_running_loop()
@@ -23,6 +28,7 @@ class PtyTransport(asyncio.Transport):
         tty.setraw(self._host)
         os.set_blocking(self._device, False)
         self.path = os.ttyname(self._host)
+        self._speed = None if baud is None else getattr(termios, f"B{baud}", None)
         self._unsent = b""
         self.resume_reading()
 
@@ -56,7 +62,8 @@ class PtyTransport(asyncio.Transport):
             data = os.read(self._device, 4096)
         except BlockingIOError:
             return
-        self._receiver.data_received(data)
+        if self._speed is None or termios.tcgetattr(self._host)[5] == self._speed:
+            self._receiver.data_received(data)
 
     def _writable(self) -> None:
         try:

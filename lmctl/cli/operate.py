@@ -1,4 +1,4 @@
-"""`lmctl hold|resume|stop|override|status`: a run under way, driven from another terminal."""
+"""`lmctl hold|resume|stop|override|refill|status`: a run driven from another terminal."""
 
 from __future__ import annotations
 
@@ -91,6 +91,39 @@ def override(
     """
     _, now = _act(run, runs_dir, "override", operator, percent=percent)
     _say(now, as_json, f"goes to {percent} % in the next travel that powder can follow", "")
+
+
+@click.command()
+@click.argument("hopper")
+@_common
+@click.option("--lot", help="Lot of the powder filled in: the hopper is filled and closed.")
+@click.option("--mass", "mass_g", type=FiniteRange(0, 1e6, min_open=True), metavar="GRAMS",
+              help="Mass filled in, as weighed by you.")
+@operator_option
+def refill(
+    hopper: str, run: str | None, runs_dir: Path, operator: str | None, as_json: bool,
+    lot: str | None, mass_g: float | None,
+) -> None:
+    """Refill HOPPER of RUN. First without options: the run is held at the end of its path, powder
+    and gas go off, and the hopper may be opened once the state is "refilling". Then, filled and
+    closed, with --lot and --mass: it is weighed, and `lmctl resume` goes on.
+    """
+    from lmctl.errors import UsageError
+
+    if (lot is None) != (mass_g is None):
+        raise UsageError("a refill needs both --lot and --mass",
+                         hint="without them the hopper is made ready to be opened")
+    if lot is None:
+        folder, now = _act(run, runs_dir, "refill", operator, hopper=hopper)
+        _say(now, as_json, f"makes hopper {hopper} ready: it is held at the end of its path, then "
+             "powder and gas go off",
+             f"open it when `{_command('status', folder)}` says \"refilling\"; then "
+             f"`lmctl refill {hopper} --lot LOT --mass GRAMS`")
+        return
+    folder, now = _act(
+        run, runs_dir, "refill", operator, hopper=hopper, lot=lot, mass_g=mass_g)
+    _say(now, as_json, f"weighs hopper {hopper}",
+         f"`{_command('resume', folder)}` when `{_command('status', folder)}` says \"held\"")
 
 
 @click.command()

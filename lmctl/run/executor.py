@@ -27,6 +27,11 @@ from lmctl.run.journal import run_folders
 from lmctl.run.journal.last_known_position import LastKnownPosition
 from lmctl.run.journal.recorder import RunRecorder
 from lmctl.run.journal.writer import JournalWriter
+<<<<<<< HEAD
+=======
+from lmctl.run.operator_acts import begin_refill, end_refill, perform, request
+from lmctl.run.outcomes import first_out, is_recoverable, outcome_error
+>>>>>>> 32321d4 (Refilling a hopper in a long build; a silent Modbus device is looked for)
 from lmctl.run.program.override_limits import OverrideRange, override_range
 from lmctl.run.program.reentry import JOB_START
 from lmctl.run.sequence import CellSequence
@@ -146,6 +151,23 @@ class RunExecutor:
             )
         self._request(RunEvent.RESUME)
 
+    def refill(self, hopper: str, lot: str = "", mass_g: float = 0.0) -> None:
+        """Refill a hopper: asked for without a lot, done with one.
+
+        A run that deposits is held at the end of its path; then powder and gas of the hopper's
+        feeder go off, and it may be opened. With a lot it is weighed, and the run can be resumed.
+        lot, mass_g : of what was filled in, as the operator says
+        Raises UsageError where the run has no such hopper or cannot be held for it.
+        """
+        live = self._live
+        if live is None:
+            raise UsageError("cannot refill now: the run has not begun")
+        refilling = live.sequence.refilling
+        if lot:
+            end_refill(live.machine, refilling, hopper, lot, mass_g)
+        else:
+            begin_refill(live.machine, live.course, refilling, hopper)
+
     def stop(self) -> None:
         """End the run: beam and motion, then powder, then gas. A second stop skips post-flow.
 
@@ -174,13 +196,6 @@ class RunExecutor:
         return live.view.snapshot(
             self.state, live.course, live.recorder.latest, live.sequence)
 
-    def _act(self, act: str, percent: int | None) -> None:
-        """An act of the control socket. Raises UsageError."""
-        if act == "override":
-            self.set_override(percent or 0)
-        else:
-            {"hold": self.hold, "resume": self.resume, "stop": self.stop}[act]()
-
     def _came(self, act: str, operator: str, peer: ControlClient, refused: str) -> None:
         """Journal what an operator asks for; a journal that cannot be written ends the run."""
         live = self._live
@@ -202,9 +217,7 @@ class RunExecutor:
             self._notice(stop_words(before, live.sequence.phase, is_taken=is_taken))
 
     def _request(self, event: RunEvent) -> None:
-        if self._live is None or not self._live.machine.request_event(event):
-            raise UsageError(f"cannot {event} now: the run is {self.state}",
-                             hint="a run can be held while it deposits and resumed once held")
+        request(None if self._live is None else self._live.machine, event)
 
     # --- the run ------------------------------------------------------------------------------
 
@@ -263,7 +276,8 @@ class RunExecutor:
             job, self._profile, hoppers, recorder, course,
             program_done=lambda: machine.post_event(RunEvent.PROGRAM_DONE),
             held=lambda: machine.state not in _MUST_NOT_BE_HELD,
-            tripped=lambda error: machine.trip(error), progress=view.on_progress,
+            tripped=lambda error: machine.trip(error),
+            refill_due=lambda: request(machine, RunEvent.REFILL), progress=view.on_progress,
             whereabouts=LastKnownPosition(self._runs_dir, self._profile.name), run=made.run,
             continues=self._continues,
         )
@@ -272,7 +286,8 @@ class RunExecutor:
         trouble = TroubleLog(sequence.alarms, recorder)
         machine = RunStateMachine(sequence.carry_out_effect, sequence.halt, trouble)
         self._live = _Live(machine, sequence, course, recorder, view)
-        operators = ControlSocket(control, ControlCallbacks(self.snapshot, self._act, self._came))
+        operators = ControlSocket(control, ControlCallbacks(
+            self.snapshot, lambda act, values: perform(self, act, values), self._came))
         operators.start()
         if self._override_percent != 100:
             course.set_override(self._override_percent)

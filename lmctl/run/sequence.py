@@ -23,7 +23,14 @@ from lmctl.run.execution.run_segment import RunSegmentFactory
 from lmctl.run.interlocks.alarms import InterlockError, RunAlarms
 from lmctl.run.journal.last_known_position import LastKnownPosition
 from lmctl.run.journal.recorder import RunRecorder
+<<<<<<< HEAD
 from lmctl.run.program.override_limits import NO_OTHER_OVERRIDE
+=======
+from lmctl.run.layer_accounts import LayerAccounts
+from lmctl.run.phase import PhaseClock
+from lmctl.run.powder.refill import Refilling
+from lmctl.run.powder.supply import SupplyWatch
+>>>>>>> 32321d4 (Refilling a hopper in a long build; a silent Modbus device is looked for)
 from lmctl.run.state.transitions import Effect
 from lmctl.run.status.phase import PhaseClock
 
@@ -33,13 +40,11 @@ HELD_AT_MOST_S = 1800.0
 #: Beyond its own settling time a feeder may take so long to call its powder stable.
 _STABLE_PATIENCE_S = 60.0
 
-_OVERRIDE_PATIENCE_S = 5.0
-
 #: Effects that only feeders can fail.
 _BY_FEEDERS = frozenset({
     Effect.ACKNOWLEDGE, Effect.GAS_ON, Effect.POWDER_ON, Effect.AWAIT_STABLE, Effect.POWDER_OFF,
     Effect.GAS_OFF,
-    Effect.GAS_OFF_NOW,
+    Effect.GAS_OFF_NOW, Effect.OPEN_HOPPER, Effect.CLOSE_HOPPER,
 })
 
 
@@ -52,6 +57,8 @@ class CellSequence:
     tripped : called with each reason to hold (Interlock) or to end the run
     whereabouts, run : what is known of the machine's position, and who will move it
     continues : what an earlier run has made of the part; None for a new one
+    refilling : the hoppers that are refilled in this run
+    refill_due : called when the run is held and a hopper is to be opened
     alarms : what is wrong, or was when the run was last held
     accounts : of the layers
     phase : what is under way, and for how long
@@ -62,6 +69,7 @@ class CellSequence:
         self, job: JobReader, profile: MachineProfile, hoppers: Sequence[HopperSettings],
         recorder: RunRecorder, course: JobProgress, *, program_done: Callable[[], None],
         held: Callable[[], bool], tripped: Callable[[Exception], None],
+        refill_due: Callable[[], None],
         progress: Progress | None, whereabouts: LastKnownPosition, run: str,
         continues: EarlierRun | None = None,
     ) -> None:
@@ -80,11 +88,14 @@ class CellSequence:
         self._program_done = program_done
         self._held = held
         self._tripped = tripped
+        self._refill_due = refill_due
+        self.refilling = Refilling(hoppers, recorder)
         self._progress = progress
         self._continues = continues
         self._loop = asyncio.get_running_loop()
         self._cell: Cell | None = None
         self._watch: DeviceMonitor | None = None
+        self._supply: SupplyWatch | None = None
         self._acts = {
             Effect.CONNECT: self._connect,
             Effect.CHECK_MACHINE: self._check_machine,
@@ -98,6 +109,8 @@ class CellSequence:
             Effect.FEED_HOLD: self._feed_hold,
             Effect.CLEAR_MOTION: self._clear_motion,
             Effect.AWAIT_OPERATOR: self._await_operator,
+            Effect.OPEN_HOPPER: lambda: self.refilling.open(self._connected),
+            Effect.CLOSE_HOPPER: self._close_hopper,
             Effect.ACKNOWLEDGE: self._acknowledge,
             Effect.LEAVE_PART: self._leave_part,
             Effect.REST_BEAM: self._rest_beam,
@@ -138,8 +151,9 @@ class CellSequence:
 
     def stop_listening(self) -> None:
         """The run is over: nothing more is sent, and nothing that is said is heard."""
-        if self._watch is not None:
-            self._watch.stop()
+        for watch in (self._watch, self._supply):
+            if watch is not None:
+                watch.stop()
         if self._course.is_entered:
             feed = self._course.segment.feed
             feed.stop()
@@ -180,6 +194,10 @@ class CellSequence:
             cell, profile, lambda: self._course.segment.deposition, self.alarms, self._recorder,
             self._tripped, self._held,
         )
+        self._supply = SupplyWatch(
+            self._job, self._hoppers, cell, lambda: self._course.segment.clock, self.alarms,
+            self._recorder)
+        self._supply.start()
         acceptance.refuse_unready(self._watch.active_alarms())
 
     async def _move_to_purge(self) -> None:
@@ -200,26 +218,11 @@ class CellSequence:
             lambda: all(f.status is not None and f.status.stable for f in cell.feeders),
             _STABLE_PATIENCE_S, "stable powder",
         )
+        await self.refilling.prove_flow(cell)
 
     async def _arm_beam(self) -> None:
-        await self._override_at_once()
+        await self._course.override_at_once(self._connected)
         await self._beam.arm()
-
-    async def _override_at_once(self) -> None:
-        """The feed override asked for, and no other: what somebody left at the panel is undone.
-
-        Sent whatever was told of them, which may be some reports old.
-        """
-        motion, percent = self._connected.motion, self._course.override_percent
-        wanted = (percent, 100, 100)
-        for byte in NO_OTHER_OVERRIDE:
-            motion.realtime(byte)
-        self._course.segment.deposition.set_override_now(percent)
-        await self._connected.wait_until(
-            lambda: motion.overrides == wanted, _OVERRIDE_PATIENCE_S,
-            f"a feed override of {percent} %",
-            hint="reports must carry Ov: for grblHAL add 64 to $10",
-        )
 
     async def _lead_powder(self) -> None:
         """Run the program's clock down to its start, so that led powder arrives in time."""
@@ -242,11 +245,19 @@ class CellSequence:
         await self._connected.motion.reset()
 
     async def _await_operator(self) -> None:
+        if self.refilling.take_due():
+            self._refill_due()
         await asyncio.sleep(HELD_AT_MOST_S)
+
+    async def _close_hopper(self) -> None:
+        self.alarms.told(await self.refilling.close(self._connected))
 
     async def _acknowledge(self) -> None:
         """The operator has asked to go on: latched alarms are reset, where their cause is gone."""
-        faulty = [feeder for feeder in self._connected.feeders if feeder.fault is not None]
+        faulty = [
+            feeder for feeder in self._connected.feeders
+            if feeder.fault is not None or (feeder.status is not None and feeder.status.alarm)
+        ]
         self._watching.acknowledge()
         await acceptance.reset_alarms(self._connected, faulty)
 

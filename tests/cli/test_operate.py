@@ -141,3 +141,32 @@ def test_what_answers_nonsense_or_nothing_is_said_so(refused, tmp_path, monkeypa
         deaf.bind(str(folder / "control.sock"))
         deaf.listen(8)
         assert "run-0001 does not answer" in refused("hold", code=1)
+
+
+def test_a_hopper_is_refilled_from_another_terminal(start, lmctl, refused, tmp_path) -> None:
+    process = start()
+    when(lambda: (tmp_path / "runs/run-0001/control.sock").exists())
+    when(lambda: lmctl("status", "--json").json["state"] == "depositing")
+
+    assert "needs both --lot and --mass" in refused("refill", "A", "--lot", "L7", code=2)
+    assert "uses no hopper 'Z'" in refused("refill", "Z", code=2)
+    asked = lmctl("refill", "A")
+    assert asked.code == 0
+    assert "makes hopper A ready" in asked.data
+    when(lambda: lmctl("status", "--json").json["state"] == "refilling")
+    assert "fill and close it" in refused("resume", code=2)
+    assert "weighs hopper A" in lmctl("refill", "A", "--lot", "HEAT-7", "--mass", "250").data
+    when(lambda: lmctl("status", "--json").json["state"] == "held")
+    assert "run-0001 resumes" in lmctl("resume").data
+    when(lambda: lmctl("status", "--json").json["state"] == "depositing")
+    assert lmctl("stop").code == 0
+    lmctl("stop")
+    process.communicate(timeout=60)
+    records = [json.loads(line) for line in
+               (tmp_path / "runs/run-0001/journal.jsonl").read_text().splitlines()]
+    (refill,) = (record for record in records if record["kind"] == "refill")
+    assert (refill["hopper"], refill["lot"], refill["mass_g"]) == ("A", "HEAT-7", 250.0)
+    assert refill["weighed_g"] == 0.0  # nobody poured anything: the two differ, and that is kept
+    acts = [record["act"] for record in records if record["kind"] == "operator"]
+    assert acts[:2] == ["refill Z", "refill A"]
+    assert "refill A with lot HEAT-7, 250 g" in acts

@@ -40,8 +40,11 @@ DARK_WITHIN_S = 0.1
 #: and checking take no machine time; there a device that fails is one that does not answer.)
 STATES = (
     RunState.GAS, RunState.POWDER, RunState.ARMED, RunState.DEPOSITING, RunState.HOLDING,
-    RunState.HELD, RunState.PURGING, RunState.RESUMING, RunState.STOPPING, RunState.FINISHING,
+    RunState.HELD, RunState.REFILLING, RunState.PURGING, RunState.RESUMING, RunState.STOPPING,
+    RunState.FINISHING,
 )
+#: The hopper that is refilled, what is poured into it, and how long that takes [s].
+_HOPPER, _LOT, _MASS_G, _POURING_S = "A", "LOT-1", 10.0, 2.0
 _HOLD_AT_S, _MOST_S = 1.0, 400.0
 _LOOK_S = 0.005
 
@@ -110,6 +113,9 @@ class Trial:
         self._board.clear_all()
         await asyncio.sleep(3.0)
         while True:
+            if self._executor.state is RunState.REFILLING:
+                self._executor.refill(_HOPPER, _LOT, _MASS_G)
+                await asyncio.sleep(_POURING_S)
             if self._executor.state is RunState.HELD:
                 self._read_headline()
                 try:
@@ -135,6 +141,9 @@ class Trial:
             await self._until(RunState.DEPOSITING)
             await asyncio.sleep(_HOLD_AT_S)
             (self._executor.stop if state is RunState.STOPPING else self._executor.hold)()
+        if state is RunState.REFILLING:
+            await self._until(RunState.DEPOSITING)
+            self._executor.refill(_HOPPER)
         if state in (RunState.PURGING, RunState.RESUMING):
             await self._until(RunState.HELD)
             await asyncio.sleep(0.5)

@@ -41,11 +41,13 @@ class Run:
     def status(self):
         return {"state": self.state, "percent": self.percent, "padding": self.padding}
 
-    def act(self, act, percent):
+    def act(self, act, values):
         if act == "override":
-            self.percent = percent
+            self.percent = values["percent"]
         elif act == "hold" and self.state == "depositing":
             self.state = "held"
+        elif act == "refill":
+            self.state = "refilling"
         else:
             raise UsageError(f"cannot {act} now", hint="wait")
 
@@ -86,8 +88,10 @@ async def asked(folder, *lines):
 def test_requests_are_answered_in_order_and_acts_are_told_of(tmp_path):
     async def talk(run):
         said = await asked(tmp_path, {"do": "status"}, {"do": "hold"}, {"do": "hold"},
-                           {"do": "override", "percent": 80}, {"do": "status"})
-        assert [answer["ok"] for answer in said] == [True, True, False, True, True]
+                           {"do": "override", "percent": 80}, {"do": "status"},
+                           {"do": "refill", "hopper": "A"},
+                           {"do": "refill", "hopper": "A", "lot": "L 7", "mass_g": 2000})
+        assert [answer["ok"] for answer in said[:5]] == [True, True, False, True, True]
         assert said[0]["state"] == "depositing"
         assert said[1]["state"] == "held"
         assert (said[2]["error"], said[2]["hint"]) == ("cannot hold now", "wait")
@@ -96,6 +100,7 @@ def test_requests_are_answered_in_order_and_acts_are_told_of(tmp_path):
     run = serve(tmp_path, talk)
     assert [(act, refused) for act, _, refused in run.came] == [
         ("hold", ""), ("hold", "cannot hold now"), ("override 80 %", ""),
+        ("refill A", ""), ("refill A with lot L 7, 2000 g", ""),
     ]
     assert {(peer.uid, peer.pid) for _, peer, _ in run.came} == {(os.getuid(), os.getpid())}
 
@@ -103,6 +108,13 @@ def test_requests_are_answered_in_order_and_acts_are_told_of(tmp_path):
 @pytest.mark.parametrize("line", [
     b"\n", b"hold\n", b"\x00\xff\xfe\n", b"[]\n", b"{}\n", b'{"do": 7}\n', b'{"do": "fire"}\n',
     b'{"do": ["hold"]}\n', b'{"do": "hold", "force": true}\n', b'{"do": "override"}\n',
+    b'{"do": "refill"}\n', b'{"do": "refill", "hopper": ""}\n',
+    b'{"do": "refill", "hopper": "A", "lot": "L"}\n',
+    b'{"do": "refill", "hopper": "A", "mass_g": 5}\n',
+    b'{"do": "refill", "hopper": "A", "lot": "L", "mass_g": true}\n',
+    b'{"do": "refill", "hopper": "A", "lot": "L", "mass_g": 0}\n',
+    b'{"do": "refill", "hopper": "A", "lot": "L", "mass_g": 1e99}\n',
+    b'{"do": "refill", "hopper": "A\\n", "lot": "L", "mass_g": 5}\n',
     b'{"do": "override", "percent": true}\n', b'{"do": "override", "percent": 1e2}\n',
     b'{"do": "override", "percent": 9999999999999}\n', b'{"do": "watch", "every_s": NaN}\n',
     b'{"do": "watch", "every_s": 0}\n', b'{"do": "watch", "every_s": 1e400}\n',

@@ -19,22 +19,25 @@ from lmctl.run.state.transitions import (
 # Next state for each event, written apart from the table: a dot is an event the state does not
 # know, which is a fault. Columns in the order of Event.
 NEXT = """
-             start       achieved    done       hold     resume   stop      interlock fault
-ready        connecting  .           .          .        .        stopped   faulted   faulted
-connecting   .           checking    .          .        .        stopped   faulted   faulted
-checking     .           gas         .          .        .        stopped   faulted   faulted
-gas          .           powder      .          .        .        stopping  tripped   tripped
-powder       .           armed       .          .        .        stopping  tripped   tripped
-armed        .           depositing  .          .        .        stopping  tripped   tripped
-depositing   .           .           finishing  holding  .        stopping  holding   tripped
-holding      .           held        finishing  .        .        stopping  holding   tripped
-held         .           stopping    finishing  .        purging  stopping  held      tripped
-purging      .           resuming    finishing  holding  .        stopping  holding   tripped
-resuming     .           depositing  finishing  holding  .        stopping  holding   tripped
-finishing    .           done        .          .        .        finishing finishing tripped
-stopping     .           stopped     stopping   .        .        stopping  stopping  tripped
-tripped      .           faulted     tripped    .        .        tripped   tripped   tripped
-"""
+-          start      achieved   done      hold    resume  stop      refill  refilled interlock fault
+ready      connecting .          .         .       .       stopped   .       .        faulted   faulted
+connecting .          checking   .         .       .       stopped   .       .        faulted   faulted
+checking   .          gas        .         .       .       stopped   .       .        faulted   faulted
+gas        .          powder     .         .       .       stopping  .       .        tripped   tripped
+powder     .          armed      .         .       .       stopping  .       .        tripped   tripped
+armed      .          depositing .         .       .       stopping  .       .        tripped   tripped
+depositing .          .          finishing holding .       stopping  .       .        holding   tripped
+holding    .          held       finishing .       .       stopping  .       .        holding   tripped
+held       .          stopping   finishing .       purging stopping  opening .        held      tripped
+opening    .          refilling  finishing .       .       stopping  .       .        held      tripped
+refilling  .          stopping   finishing .       .       stopping  .       weighing refilling tripped
+weighing   .          held       finishing .       .       stopping  .       .        refilling tripped
+purging    .          resuming   finishing holding .       stopping  .       .        holding   tripped
+resuming   .          depositing finishing holding .       stopping  .       .        holding   tripped
+finishing  .          done       .         .       .       finishing .       .        finishing tripped
+stopping   .          stopped    stopping  .       .       stopping  .       .        stopping  tripped
+tripped    .          faulted    tripped   .       .       tripped   .       .        tripped   tripped
+"""  # noqa: E501
 
 
 def cells():
@@ -114,6 +117,15 @@ def test_the_beam_returns_after_a_hold_only_off_the_part_and_through_fresh_powde
         Effect.ACKNOWLEDGE, Effect.LEAVE_PART, Effect.GAS_ON, Effect.POWDER_ON, Effect.AWAIT_STABLE,
         Effect.ARM_BEAM, Effect.LEAD_POWDER, Effect.START_MOTION,
     ]
+
+
+def test_a_hopper_is_opened_without_gas_and_closed_before_the_run_can_go_on():
+    assert effects_of(RunEvent.REFILL, RunEvent.ACHIEVED, RunEvent.REFILLED, RunEvent.ACHIEVED,
+                      state=RunState.HELD) == [
+        Effect.OPEN_HOPPER, Effect.AWAIT_OPERATOR, Effect.CLOSE_HOPPER, Effect.AWAIT_OPERATOR,
+    ]
+    for state in (RunState.OPENING, RunState.REFILLING, RunState.WEIGHING):
+        assert (state, RunEvent.RESUME) not in TRANSITIONS
 
 
 def test_no_row_starts_motion_or_powder_out_of_order():

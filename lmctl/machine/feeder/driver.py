@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 from firmware_protocol.pmx import (
     ALARM_RESET_KEY,
@@ -15,20 +15,19 @@ from firmware_protocol.pmx import (
 )
 from lmctl.config.machine import FeederSettings, HopperSettings
 from lmctl.errors import MachineError
+from lmctl.machine.feeder.feeder_errors import REFUSED_HINT
 from lmctl.machine.feeder.identity import FeederIdentity, identify_feeder
+from lmctl.machine.feeder.orders import PATIENCE_S, FeederOrders
 from lmctl.machine.feeder.polling import FeederPolling
+from lmctl.machine.feeder.readings import HopperReading
 from lmctl.machine.feeder.recipe import post_flow_s
+from lmctl.machine.feeder.refill import HopperRefill
 from lmctl.machine.feeder.status import GAS_IS_ORDERED, FeederCallbacks, FeederStatus
 from lmctl.machine.modbus.client import ModbusExceptionError, ModbusLink, NoReplyError
 
 _BOOT_PATIENCE_S = 15.0
-_PATIENCE_S = 5.0
 _MAX_ANSWER_S = 1.0
-#: An order that takes something away is given again after this [s], until it is seen to work.
-_ORDER_AGAIN_S = 0.1
-_CLOSE_PATIENCE_S = 1.0
 
-_COMMAND = PMX_MAP.wire_address("COMMAND")
 _WD_RESET = PMX_MAP.wire_address("WD_RESET")
 _POSTFLOW = PMX_MAP.wire_address("POSTFLOW")
 
@@ -47,6 +46,7 @@ class FeederDriver:
         self._link = link
         self._loop = asyncio.get_running_loop()
         self._cycle = FeederPolling(link, feeder, hoppers, identity)
+        self._orders = FeederOrders(link, self._cycle, feeder)
 
     @classmethod
     async def open(cls, feeder: FeederSettings, hoppers: Sequence[HopperSettings]) -> FeederDriver:
@@ -118,7 +118,7 @@ class FeederDriver:
         names = {hopper.name for hopper in self.hoppers}
         if self.status is None or names - self.status.hoppers.keys():
             await self._cycle.wait_until(
-                lambda status: names <= status.hoppers.keys(), _PATIENCE_S + 2 * self.period_s,
+                lambda status: names <= status.hoppers.keys(), PATIENCE_S + 2 * self.period_s,
                 "its hoppers were not read",
             )
         assert self.status is not None
@@ -135,10 +135,10 @@ class FeederDriver:
         self._cycle.watching = True
         started_s = self._loop.time()
         preflow_s = self._feeder.gas_preflow_s
-        await self._order(self._cycle.command | FeederCommandBits.GAS_ON, "start gas")
+        await self._orders.add(FeederCommandBits.GAS_ON, "start gas")
         await self._cycle.wait_until(
             lambda status: status.gas_ok and status.time_s - started_s >= preflow_s,
-            preflow_s + 2 * _PATIENCE_S, "carrier gas did not come",
+            preflow_s + 2 * PATIENCE_S, "carrier gas did not come",
         )
 
     async def start_powder(self) -> None:
@@ -146,9 +146,9 @@ class FeederDriver:
 
         Raises MachineError where the device refuses, or they do not start.
         """
-        await self._order(self._cycle.command | FeederCommandBits.FEED_ON, "start powder")
+        await self._orders.add(FeederCommandBits.FEED_ON, "start powder")
         await self._cycle.wait_until(
-            lambda status: status.feeding, _PATIENCE_S, "powder did not start"
+            lambda status: status.feeding, PATIENCE_S, "powder did not start"
         )
         self._cycle.feeding = True
 
@@ -164,7 +164,7 @@ class FeederDriver:
         A device at LOCAL or in alarm may refuse: then it counts what its discs do.
         """
         self._cycle.feeding = False
-        await self._take_away(
+        await self._orders.take_away(
             FeederCommandBits.FEED_ON, lambda status: not status.feeding, "powder did not stop"
         )
 
@@ -175,29 +175,56 @@ class FeederDriver:
         """
         self._cycle.watching = self._cycle.feeding = False
         everything = ~FeederCommandBits.ENABLE_REMOTE
-        await self._take_away(
+        await self._orders.take_away(
             everything, lambda status: status.state not in GAS_IS_ORDERED, "gas did not stop"
         )
         if not post_flow:
-            await self._repeat(
+            await self._orders.repeat(
                 lambda: self._link.write(_POSTFLOW, [0]), _gas_has_stopped, "gas did not stop"
             )
         await self._cycle.wait_until(
-            _gas_has_stopped, post_flow_s(self._feeder, self.hoppers) + 2 * _PATIENCE_S,
+            _gas_has_stopped, post_flow_s(self._feeder, self.hoppers) + 2 * PATIENCE_S,
             "gas did not stop", faulty=True,
         )
+
+    async def open_hopper(self, hopper: str) -> HopperReading:
+        """Powder and gas off, the hose emptied; returns when the hopper may be opened to refill it.
+
+        Its weighing is frozen until `close_hopper`. Returns its reading before.
+        Raises MachineError.
+        """
+        await self.stop_gas()
+        return await HopperRefill(self._cycle, self._orders).open(hopper)
+
+    async def close_hopper(self, hopper: str) -> HopperReading:
+        """A hopper has been refilled and closed: returns its reading once the weight is steady.
+
+        Raises MachineError.
+        """
+        return await HopperRefill(self._cycle, self._orders).close(hopper)
 
     async def reset_alarms(self) -> None:
         """Reset a latched watchdog trip and alarms, as an operator's deliberate act.
 
         Raises MachineError where a cause remains.
         """
+        alarm = None if self.status is None else self.status.alarm
         reset = self._link.write(_WD_RESET, [WATCHDOG_RESET_KEY, ALARM_RESET_KEY])
-        await self._cycle.errors.asked(reset, "reset its alarms")
+        try:
+            await reset
+        except ModbusExceptionError as error:
+            reason = await self._cycle.errors.reason(error)
+            what = "" if alarm is None else f"{alarm.text}; "
+            raise self._cycle.errors.error(
+                f"{what}it refuses to reset its alarms: {reason}",
+                REFUSED_HINT if alarm is None else alarm.remedy,
+            ) from error
+        except NoReplyError as error:
+            raise self._cycle.errors.error(error.what, error.hint) from error
         self._cycle.reset_fault()
-        await self._order(FeederCommandBits.ENABLE_REMOTE, "take commands")
+        await self._orders.set_command(FeederCommandBits.ENABLE_REMOTE, "take commands")
         await self._cycle.wait_until(
-            lambda status: status.alarm is None, _PATIENCE_S, "its alarms did not clear"
+            lambda status: status.alarm is None, PATIENCE_S, "its alarms did not clear"
         )
 
     async def close(self) -> None:
@@ -210,27 +237,9 @@ class FeederDriver:
             await self._cycle.stop()
         finally:
             try:
-                await self._give_back_command()
+                await self._orders.give_back()
             finally:
                 await self._link.close()
-
-    async def _give_back_command(self) -> None:
-        """Everything off, repeated until it is answered.
-
-        A device that is gone, or at LOCAL, stops by its own watchdog.
-        """
-        deadline_s = self._loop.time() + _CLOSE_PATIENCE_S
-        while True:
-            try:
-                await self._link.write(_COMMAND, [0])
-            except NoReplyError:
-                if self._loop.time() >= deadline_s:
-                    return
-                await asyncio.sleep(_ORDER_AGAIN_S)
-            except MachineError:
-                return
-            else:
-                return
 
     async def _take_command(self) -> None:
         """First status, settings and zero flows; then remote control, which arms its watchdog."""
@@ -241,53 +250,8 @@ class FeederDriver:
                 break
             await asyncio.sleep(self._cycle.period_s)
         await self._cycle.errors.asked(self._cycle.poll(), "take its settings")
-        await self._order(FeederCommandBits.ENABLE_REMOTE, "take commands")
+        await self._orders.set_command(FeederCommandBits.ENABLE_REMOTE, "take commands")
         self._cycle.start()
-
-    async def _take_away(
-        self, bits: FeederCommandBits, is_done: Callable[[FeederStatus], bool], failure: str
-    ) -> None:
-        """Take bits out of the command, again and again until the status shows that it worked."""
-        command = self._cycle.command & ~bits
-        self._cycle.command = command  # the cycle itself repeats it for as long as it must
-        await self._repeat(lambda: self._link.write(_COMMAND, [int(command)]), is_done, failure)
-
-    async def _repeat(
-        self, order: Callable[[], Awaitable[None]], is_done: Callable[[FeederStatus], bool],
-        failure: str,
-    ) -> None:
-        """Give an order that only takes something away until it is seen to have worked.
-
-        A lost answer leaves open whether the device acted, and a device that refuses may act by
-        itself: its status decides. A device that has been silent for longer than its watchdog has
-        stopped its discs by itself and is not waited for.
-        Raises MachineError after _PATIENCE_S.
-        """
-        begun_s = self._loop.time()
-        deadline_s = begun_s + _PATIENCE_S
-        silent_s = self._feeder.watchdog_s + self._cycle.period_s
-        while True:
-            failed: MachineError | None = None
-            try:
-                await order()
-            except (NoReplyError, ModbusExceptionError) as error:
-                failed = error
-            self._cycle.read_status_now()
-            left_s = deadline_s - self._loop.time()
-            if await self._cycle.seen(is_done, min(_ORDER_AGAIN_S, left_s)):
-                return
-            if self._loop.time() >= deadline_s or (
-                isinstance(failed, NoReplyError) and self.status_age_s >= silent_s
-            ):
-                waited_s = self._loop.time() - begun_s
-                raise self._cycle.errors.not_seen(
-                    failure, waited_s, self.status, failed
-                ) from failed
-
-    async def _order(self, command: FeederCommandBits, what: str) -> None:
-        await self._cycle.errors.asked(self._link.write(_COMMAND, [int(command)]), what)
-        self._cycle.command = command
-        self._cycle.read_status_now()
 
 
 def _gas_has_stopped(status: FeederStatus) -> bool:

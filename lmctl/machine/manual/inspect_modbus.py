@@ -11,12 +11,19 @@ from firmware_protocol.pmx import PMX_MAP, SYSTEM_BLOCK, hopper_register_name, m
 from firmware_protocol.registers import RegisterError, WordOrder
 from firmware_protocol.safety_io import CYCLIC_BLOCK, mirrored_at
 from lmctl.config.machine import FeederSettings, HopperSettings, SafetySettings
+from lmctl.config.modbus_device import ModbusDevice
 from lmctl.errors import MachineError
 from lmctl.machine.feeder.identity import FeederIdentity, identify_feeder
 from lmctl.machine.feeder.readings import HopperReader
 from lmctl.machine.feeder.status import FeederStatus, read_feeder_status
 from lmctl.machine.feeder.warnings import WarningReader
-from lmctl.machine.modbus.client import ModbusExceptionError, ModbusLink, NoReplyError
+from lmctl.machine.modbus.client import (
+    ModbusExceptionError,
+    ModbusLink,
+    NoReplyError,
+    PassingExceptionError,
+)
+from lmctl.machine.modbus.probe import ask_around
 from lmctl.machine.safety.identity import describe_device
 from lmctl.machine.safety.identity import identify_safety_device as identify_safety
 from lmctl.machine.safety.status import SafetyStatus, read_safety_status
@@ -58,7 +65,10 @@ async def inspect_feeder(feeder: FeederSettings,
             return await _feeder_told(link, feeder, hoppers)
         finally:
             await link.close()
-    except (NoReplyError, ModbusExceptionError) as error:
+    except NoReplyError as error:
+        place = f"{feeder.endpoint}, device {feeder.device_id}"
+        raise await _with_neighbours(f"feeder {feeder.name}", error, place, feeder) from error
+    except ModbusExceptionError as error:
         raise MachineError(
             f"feeder {feeder.name}: {error.what}",
             where=f"{feeder.endpoint}, device {feeder.device_id}", hint=error.hint,
@@ -124,7 +134,21 @@ async def inspect_safety(safety: SafetySettings) -> SafetyStatus:
             return read_safety_status(words, asyncio.get_running_loop().time(), safety)
         finally:
             await link.close()
-    except (NoReplyError, ModbusExceptionError) as error:
+    except NoReplyError as error:
+        raise await _with_neighbours("safety device", error, describe_device(safety),
+                                     safety) from error
+    except ModbusExceptionError as error:
         raise MachineError(
             f"safety device: {error.what}", where=describe_device(safety), hint=error.hint
         ) from error
+
+
+async def _with_neighbours(
+    name: str, error: NoReplyError, place: str, device: ModbusDevice
+) -> MachineError:
+    """A silence, with who answers instead: other ids and other settings of the line are tried."""
+    found = None if isinstance(error, PassingExceptionError) else await ask_around(device)
+    if found is None:
+        return MachineError(f"{name}: {error.what}", where=place, hint=error.hint)
+    return MachineError(
+        f"{name}: {error.what}; {found.sentence}", where=place, hint=found.hint)

@@ -46,11 +46,13 @@ class ModbusWire(ModbusProtocol):
     """One device on its own connection or serial line. One request at a time: see ModbusLink.
 
     timeout_s : for each answer
+    reopens : a network connection is made anew where answers do not come
     seen : what has come since the last good answer
     """
 
     def __init__(
-        self, where: TcpEndpoint | RtuEndpoint, device_id: int, timeout_s: float
+        self, where: TcpEndpoint | RtuEndpoint, device_id: int, timeout_s: float, *,
+        reopens: bool = True,
     ) -> None:
         super().__init__(_parameters(where), is_server=False)
         self._decoder = DecodePDU(False)
@@ -58,6 +60,7 @@ class ModbusWire(ModbusProtocol):
             self._decoder.register(answer)
         self._is_tcp = isinstance(where, TcpEndpoint)
         self._framing: Framing = TcpFraming() if self._is_tcp else RtuFraming()
+        self._reopens = reopens and self._is_tcp
         self._timeout_s = timeout_s
         self._device_id = device_id
         self._number = 0
@@ -171,7 +174,7 @@ class ModbusWire(ModbusProtocol):
         self.seen.requests += 1
         self._look_at_unread()
         self._unanswered += 1
-        if self._is_tcp and self._unanswered >= self._reopen_after:
+        if self._reopens and self._unanswered >= self._reopen_after:
             self._reopen()
 
     def _reopen(self) -> None:

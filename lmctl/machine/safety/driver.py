@@ -10,7 +10,12 @@ from firmware_protocol.safety_io import RELAY_RESET_KEY, SIO_MAP, mirrored_at
 from lmctl.config.machine import SafetySettings
 from lmctl.errors import MachineError
 from lmctl.machine.modbus.client import ModbusExceptionError, ModbusLink, NoReplyError
-from lmctl.machine.safety.identity import SafetyIdentity, check_line, identify_safety_device
+from lmctl.machine.safety.identity import (
+    SafetyIdentity,
+    check_line,
+    describe_device,
+    identify_safety_device,
+)
 from lmctl.machine.safety.polling import SILENT_PERIODS, SafetyPolling
 from lmctl.machine.safety.status import SafetyCallbacks, SafetyStatus
 
@@ -55,6 +60,11 @@ class SafetyDriver:
         try:
             driver = cls(link, safety, await identify_safety_device(link, safety))
             await driver._cycle.read_first_status()
+        except (NoReplyError, ModbusExceptionError) as error:
+            await link.close()
+            raise MachineError(
+                f"safety device: {error.what}", where=describe_device(safety), hint=error.hint
+            ) from error
         except BaseException:
             await link.close()
             raise

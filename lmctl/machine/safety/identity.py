@@ -71,17 +71,13 @@ def check_line(safety: SafetySettings) -> None:
 async def identify_safety_device(link: ModbusLink, safety: SafetySettings) -> SafetyIdentity:
     """Read what the device is.
 
-    Raises MachineError where it does not answer, is no safety-input device of a known map, lacks
-    the relay or the laser-enable output that the profile wants, or sends words in another order.
+    Raises MachineError where it is no safety-input device of a known map, lacks the relay or the
+    laser-enable output that the profile wants, or sends words in another order; NoAnswerError and
+    RefusedError as readings do.
     """
-    try:
-        words = await repeated(
-            lambda: link.read_input(FULL_BLOCK.address, FULL_BLOCK.count), safety.period_s
-        )
-    except (NoReplyError, ModbusExceptionError) as error:
-        raise MachineError(
-            f"safety device: {error.what}", where=describe_device(safety), hint=error.hint
-        ) from error
+    words = await repeated(
+        lambda: link.read_input(FULL_BLOCK.address, FULL_BLOCK.count), safety.period_s
+    )
     order = WordOrder(safety.word_order)
     values: dict[str, Any] = FULL_BLOCK.in_order(order).decode(words)
     if values["DEVICE_ID"] != DEVICE_ID:

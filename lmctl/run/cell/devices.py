@@ -42,10 +42,10 @@ class Cell:
         self.safety = safety
         self.hoppers = tuple(hoppers)
         self.offset_mm: tuple[float, ...] = ()
-        self._feeder_of = [
-            (hopper.name, feeder)
+        self._feeder_of = {
+            hopper.name: feeder
             for hopper in self.hoppers for feeder in self.feeders if feeder.name == hopper.feeder
-        ]
+        }
         self._waiting: list[asyncio.Future[None]] = []
 
     @classmethod
@@ -138,10 +138,12 @@ class Cell:
 
     def hopper_readings(self) -> tuple[HopperReading | None, ...]:
         """The last reading of each hopper, in the hoppers' order; None before the first."""
-        return tuple([
-            None if feeder.status is None else feeder.status.hoppers.get(name)
-            for name, feeder in self._feeder_of
-        ])
+        return tuple([self.reading(name) for name in self._feeder_of])
+
+    def reading(self, hopper: str) -> HopperReading | None:
+        """What a hopper's feeder last said of it; None before it has."""
+        status = self._feeder_of[hopper].status
+        return None if status is None else status.hoppers.get(hopper)
 
     def hopper_levels(self) -> list[dict[str, Any]]:
         """How full the hoppers are that report it: hopper, level_percent, weight_g, as JSON."""

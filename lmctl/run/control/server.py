@@ -8,17 +8,19 @@ A Unix stream socket, `control.sock` in the run's folder, which only the user wh
     {"do": "hold"}                          stop on the path, beam off
     {"do": "resume"}                        end a hold
     {"do": "stop"}                          end the run; a second one skips the post-flow
+    {"do": "refill", "hopper": "A"}         end the path, then make a hopper ready to be opened
+    {"do": "refill", "hopper": "A", "lot": "L7", "mass_g": 2000}    it is filled and closed
     {"do": "override", "percent": 80}       scale speed, beam and powder together
-    {"do": "hold", "operator": "Ada"}       any of these four may say who asks
+    {"do": "hold", "operator": "Ada"}       any of these may say who asks
     {"do": "watch", "every_s": 1.0}         status again and again until the run ends; the last
                                             line shows how it ended. Nothing more is read then
 
     -> {"ok": true, "run": "run-0001", "state": "depositing", ...}
     -> {"ok": false, "error": "cannot resume now: ...", "where": [...], "hint": "..."}
 
-An act (hold, resume, stop, override) is accepted when it is possible in the present state; that it
-has come about shows in `state`. Each one that arrives is journaled: from whom, and why it was
-refused if it was. The keys of a status are those of `RunExecutor.snapshot`.
+An act (hold, resume, stop, override, refill) is accepted when it is possible in the present state;
+that it has come about shows in `state`. Each one that arrives is journaled: from whom, and why it
+was refused if it was. The keys of a status are those of `RunExecutor.snapshot`.
 
 Nothing a client does may hurt the run: what it sends is read a few kilobytes at a time and no
 faster than 50 requests a second; after a request that makes no sense it is dropped, and so is one
@@ -49,12 +51,13 @@ _SLOW_S = 5.0  # an answer not taken for so long drops the client
 _LEAST_EVERY_S, _MOST_EVERY_S = 0.1, 3600.0
 _ACCEPT_PAUSE_S = 0.5  # after a connection could not be taken
 
-ACTIONS = ("hold", "resume", "stop", "override")
+ACTIONS = ("hold", "resume", "stop", "override", "refill")
 _KEYS = {
     "watch": {"do", "every_s"}, "override": {"do", "percent", "operator"},
+    "refill": {"do", "hopper", "lot", "mass_g", "operator"},
     **{act: {"do", "operator"} for act in ("hold", "resume", "stop")},
 }
-_LONGEST_NAME = 200
+_LONGEST_NAME, _MOST_MASS_G = 200, 1_000_000.0
 
 
 @dataclass(frozen=True)
@@ -70,13 +73,13 @@ class ControlCallbacks:
     """What the socket lets its clients do.
 
     status : how the run stands, as JSON values
-    act : carries out one of ACTS; percent is None but for "override". Raises UsageError
+    act : carries out one of ACTIONS, with the values of its request. Raises UsageError
     came : told of every act: what, by whom (the name given, ""), and why it was refused ("" where
         it was not). Must not raise
     """
 
     status: Callable[[], dict[str, Any]]
-    act: Callable[[str, int | None], None]
+    act: Callable[[str, Mapping[str, Any]], None]
     came: Callable[[str, str, ControlClient, str], None]
 
 
@@ -160,12 +163,11 @@ class ControlSocket:
         refused: UsageError | None = None
         if do in ACTIONS:
             try:
-                self._controls.act(do, request.get("percent"))
+                self._controls.act(do, request)
             except UsageError as error:
                 refused = error
-            said = f"{do} {request['percent']} %" if do == "override" else do
             reason = refused.what if refused else ""
-            self._controls.came(said, request.get("operator", ""), peer, reason)
+            self._controls.came(_in_words(request), request.get("operator", ""), peer, reason)
         await self._send(
             client, _refusal(refused) if refused else {"ok": True, **self._controls.status()}
         )
@@ -217,6 +219,8 @@ def read_request(line: bytes) -> dict[str, Any]:
 
 
 def _check_values(do: str, request: Mapping[str, Any]) -> None:
+    if do == "refill":
+        _check_refill(request)
     percent, every_s = request.get("percent"), request.get("every_s", 1.0)
     if do == "override" and (type(percent) is not int or abs(percent) > 1_000_000):
         raise UsageError("\"percent\" of an override is a whole number")
@@ -225,6 +229,34 @@ def _check_values(do: str, request: Mapping[str, Any]) -> None:
         raise UsageError(f"\"operator\" is a name of at most {_LONGEST_NAME} letters")
     if type(every_s) not in (int, float) or not _LEAST_EVERY_S <= every_s <= _MOST_EVERY_S:
         raise UsageError(f"\"every_s\" is from {_LEAST_EVERY_S} to {_MOST_EVERY_S:.0f} s")
+
+
+def _check_refill(request: Mapping[str, Any]) -> None:
+    hopper, lot, mass_g = request.get("hopper"), request.get("lot"), request.get("mass_g")
+    for name, text in (("hopper", hopper), ("lot", lot)):
+        if name == "lot" and lot is None:
+            continue
+        if not isinstance(text, str) or not text.isprintable() or not (
+            1 <= len(text) <= _LONGEST_NAME
+        ):
+            raise UsageError(f"\"{name}\" of a refill is a name of 1 to {_LONGEST_NAME} characters")
+    if (lot is None) != (mass_g is None):
+        raise UsageError("a refill has both \"lot\" and \"mass_g\", or neither")
+    if mass_g is not None and (
+        type(mass_g) not in (int, float) or not 0.0 < mass_g <= _MOST_MASS_G
+    ):
+        raise UsageError(f"\"mass_g\" of a refill is from 0 to {_MOST_MASS_G:,.0f} g")
+
+
+def _in_words(request: Mapping[str, Any]) -> str:
+    """An act as journals carry it."""
+    do = str(request["do"])
+    if do == "override":
+        return f"{do} {request['percent']} %"
+    if do == "refill":
+        filled = f" with lot {request['lot']}, {request['mass_g']:g} g" if "lot" in request else ""
+        return f"{do} {request['hopper']}{filled}"
+    return do
 
 
 def _line(answer: dict[str, Any]) -> bytes:

@@ -142,6 +142,13 @@ class Deposition:
             self._next_lines.clear()
             self._cell.motion.discard_queue()
 
+    def finish_path(self, path_done: Callable[[], None]) -> None:
+        """Send no path that has not begun; `path_done` is called when motion has come to its end.
+
+        Where the job ends with that path, `done` is called instead.
+        """
+        self._streamer.end_with_path(self._counted, path_done)
+
     def reached_place(self) -> ProgramPlace:
         """Motion has come to rest: how far the job has been executed, by the last report.
 

@@ -8,12 +8,17 @@ one enters. What is asked for the whole of it, the feed override, is kept here a
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from lmctl.errors import JobError
+from lmctl.run.cell.devices import Cell
 from lmctl.run.execution.run_segment import RunSegment, RunSegmentFactory
 from lmctl.run.journal.recorder import RunRecorder
+from lmctl.run.program.override_limits import NO_OTHER_OVERRIDE
 from lmctl.run.program.reentry import JOB_START, ProgramPlace
+
+_OVERRIDE_PATIENCE_S = 5.0
 
 
 @dataclass(frozen=True)
@@ -104,6 +109,10 @@ class JobProgress:
         self.segment.clock.stop_at(self._loop.time())
         self.segment.deposition.stop()
 
+    def finish_path(self, path_done: Callable[[], None]) -> None:
+        """Begin no further path; `path_done` is called at the end of the one under way."""
+        self.segment.deposition.finish_path(path_done)
+
     def record_place(self) -> ProgramPlace:
         """How far the job has been executed, now that motion has come to rest; journaled."""
         place = self.segment.deposition.reached_place()
@@ -116,3 +125,19 @@ class JobProgress:
         self._recorder.record_override(percent, "operator")
         if self._work is not None:
             self._work.deposition.schedule_override(percent)
+
+    async def override_at_once(self, cell: Cell) -> None:
+        """The feed override asked for, and no other: what somebody left at the panel is undone.
+
+        Sent whatever was told of them, which may be some reports old. Raises MachineError.
+        """
+        motion, percent = cell.motion, self.override_percent
+        wanted = (percent, 100, 100)
+        for byte in NO_OTHER_OVERRIDE:
+            motion.realtime(byte)
+        self.segment.deposition.set_override_now(percent)
+        await cell.wait_until(
+            lambda: motion.overrides == wanted, _OVERRIDE_PATIENCE_S,
+            f"a feed override of {percent} %",
+            hint="reports must carry Ov: for grblHAL add 64 to $10",
+        )

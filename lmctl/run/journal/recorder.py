@@ -20,6 +20,7 @@ unreported  what the run that is continued executed after its last report, in on
           from the place in which the machine was found
 samples   columns of equal length, one value a status report; and how the accounts of the layers
           under way stand, so that a killed host loses half a second of them
+refill    a hopper was refilled: material, lot, mass as the operator says and as weighed [g]
 purge     powder fed over the purge position or in a hold, before motion goes on [g]
 layer_opened  lines of a layer are about to be sent for the first time in this run: what is
           planned for the whole of it
@@ -57,6 +58,21 @@ class LatestReport(NamedTuple):
     s_word: float | None
     set_g_min: tuple[float, ...]
     measured_g_min: tuple[float | None, ...]
+
+
+class Refill(NamedTuple):
+    """What was filled into a hopper. Masses in g; None where the hopper has no load cell.
+
+    mass_g : as the operator says; weighed_g : the difference of the weights before and after
+    """
+
+    hopper: str
+    material: str
+    lot: str
+    mass_g: float
+    weighed_g: float | None
+    before_g: float | None
+    after_g: float | None
 
 
 class RunRecorder:
@@ -137,6 +153,14 @@ class RunRecorder:
             "warning", number=warning.number, feeder=warning.feeder, hopper=warning.hopper,
             stands=stands, what=warning.text, hint=warning.remedy,
         )
+
+    def refill(self, refill: Refill) -> None:
+        """A hopper was refilled; durable."""
+        self._event("refill", **{
+            name: round(value, 1) if isinstance(value, float) else value
+            for name, value in refill._asdict().items()
+        })
+        self._sync()
 
     def record_purge(self, fed_g: dict[str, float]) -> None:
         """Powder that has gone into no layer."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from lmctl.run.program.job_window import JobWindow
@@ -36,6 +37,8 @@ class LineReleaser:
         self.released = window.first_layer().first_line
         self._window = window
         self._horizon_s = horizon_s
+        self._end_line = window.n_lines  # no line from here on is released
+        self._path_done: Callable[[], None] | None = None
         self._open: deque[PathSpan] = deque()  # begun and not yet executed
 
     def release(self, s: float, rate: float) -> LineBatch:
@@ -49,11 +52,12 @@ class LineReleaser:
         least = window.line_at(s) + _MIN_LINES
         lines: list[bytes] = []
         begun: list[PathSpan] = []
-        while self.released < window.n_lines:
+        while self.released < self._end_line:
             stretch = window.layer_program_of_line(self.released)
             first = self.released - stretch.first_line
             end = max(bisect_right(stretch.ends_s, limit_s),
                       min(least - stretch.first_line, len(stretch.program)))
+            end = min(end, self._end_line - stretch.first_line)
             if end <= first:
                 break
             lines += stretch.program[first:end]
@@ -62,9 +66,25 @@ class LineReleaser:
         self._open.extend(begun)
         return LineBatch(lines, begun)
 
+    def end_with_path(self, executed: int, path_done: Callable[[], None]) -> None:
+        """Release no path that has not begun; call `path_done` once all of them are executed.
+
+        It is not called where the job ends with them.
+        """
+        begun = self._open[-1].last_line + 1 if self._open else self.released
+        self._end_line, self._path_done = max(begun, self.released), path_done
+        self._look_for_end_of_path(executed)
+
+    def _look_for_end_of_path(self, executed: int) -> None:
+        path_done = self._path_done
+        if path_done is not None and self._end_line <= executed < self._window.n_lines:
+            self._path_done = None
+            path_done()
+
     def completed_paths(self, executed: int) -> list[PathSpan]:
         """Paths all of whose lines have been executed since the last call."""
         done: list[PathSpan] = []
         while self._open and self._open[0].last_line < executed:
             done.append(self._open.popleft())
+        self._look_for_end_of_path(executed)
         return done

@@ -22,6 +22,9 @@ class RunState(StrEnum):
     DEPOSITING = "depositing"
     HOLDING = "holding"        # slowing down on the path; then motion and powder off
     HELD = "held"              # at rest, beam and powder off, position kept, nothing planned
+    OPENING = "opening"        # held; gas is going off so that a hopper may be opened
+    REFILLING = "refilling"    # held; a hopper may be open
+    WEIGHING = "weighing"      # held; a refilled hopper is being weighed
     PURGING = "purging"        # off the part; fresh powder through the hose at the purge position
     RESUMING = "resuming"      # beam armed, powder led up to the place where the path is entered
     FINISHING = "finishing"    # program done; powder off, then gas after its post-flow
@@ -44,6 +47,8 @@ class RunEvent(StrEnum):
     HOLD = "hold"                  # operator
     RESUME = "resume"              # operator
     STOP = "stop"                  # operator
+    REFILL = "refill"              # operator: a hopper is to be opened
+    REFILLED = "refilled"          # operator: it is filled and closed
     INTERLOCK = "interlock"        # something is not as it must be, and a hold is the answer
     FAULT = "fault"                # a device, a link, or our own mistake
 
@@ -66,6 +71,8 @@ class Effect(StrEnum):
     FEED_HOLD = "feed hold"
     CLEAR_MOTION = "clear the controller of motion"
     AWAIT_OPERATOR = "wait for the operator"
+    OPEN_HOPPER = "gas off, hopper ready to be opened"
+    CLOSE_HOPPER = "weigh the refilled hopper"
     ACKNOWLEDGE = "acknowledge alarms"
     LEAVE_PART = "leave the part for the purge position"
     REST_BEAM = "see beam and motion at rest"
@@ -90,7 +97,7 @@ _HOLD = Transition(RunState.HOLDING, (Effect.FEED_HOLD, Effect.CLEAR_MOTION, Eff
 _LIVE = (
     RunState.GAS, RunState.POWDER, RunState.ARMED, RunState.DEPOSITING, RunState.HOLDING,
     RunState.HELD,
-    RunState.PURGING, RunState.RESUMING,
+    RunState.OPENING, RunState.REFILLING, RunState.WEIGHING, RunState.PURGING, RunState.RESUMING,
 )
 
 TRANSITIONS: dict[tuple[RunState, RunEvent], Transition] = {
@@ -115,10 +122,25 @@ TRANSITIONS: dict[tuple[RunState, RunEvent], Transition] = {
         (Effect.ACKNOWLEDGE, Effect.LEAVE_PART, Effect.GAS_ON, Effect.POWDER_ON,
          Effect.AWAIT_STABLE),
     ),
+    (RunState.HELD, RunEvent.REFILL): Transition(RunState.OPENING, (Effect.OPEN_HOPPER,)),
     # Nobody has come: gas is not kept for ever, and the run can be recovered later.
     (RunState.HELD, RunEvent.ACHIEVED): Transition(RunState.STOPPING, _STOP),
     (RunState.HELD, RunEvent.INTERLOCK): Transition(RunState.HELD, ()),
     (RunState.HELD, RunEvent.PROGRAM_DONE): Transition(RunState.FINISHING, _FINISH),
+    # A hopper that could not be made ready, or weighed, is asked for again. An open one is no
+    # hindrance to a stop; going on needs it closed first, since only HELD can be resumed.
+    (RunState.OPENING, RunEvent.ACHIEVED): Transition(RunState.REFILLING, (Effect.AWAIT_OPERATOR,)),
+    (RunState.OPENING, RunEvent.INTERLOCK): Transition(RunState.HELD, (Effect.AWAIT_OPERATOR,)),
+    (RunState.REFILLING, RunEvent.REFILLED): Transition(RunState.WEIGHING, (Effect.CLOSE_HOPPER,)),
+    (RunState.REFILLING, RunEvent.ACHIEVED): Transition(RunState.STOPPING, _STOP),
+    (RunState.REFILLING, RunEvent.INTERLOCK): Transition(RunState.REFILLING, ()),
+    (RunState.WEIGHING, RunEvent.ACHIEVED): Transition(RunState.HELD, (Effect.AWAIT_OPERATOR,)),
+    (RunState.WEIGHING, RunEvent.INTERLOCK): Transition(RunState.REFILLING,
+                                                        (Effect.AWAIT_OPERATOR,)),
+    **{
+        (waiting, RunEvent.PROGRAM_DONE): Transition(RunState.FINISHING, _FINISH)
+        for waiting in (RunState.OPENING, RunState.REFILLING, RunState.WEIGHING)
+    },
     (RunState.PURGING, RunEvent.ACHIEVED): Transition(
         RunState.RESUMING, (Effect.ARM_BEAM, Effect.LEAD_POWDER, Effect.START_MOTION)
     ),

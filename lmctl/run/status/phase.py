@@ -26,6 +26,8 @@ _WORDS = {
     Effect.FEED_HOLD: "beam off, slowing down on the path",
     Effect.CLEAR_MOTION: "at rest, clearing the controller",
     Effect.AWAIT_OPERATOR: "waiting for the operator, beam and powder off; then the run stops",
+    Effect.OPEN_HOPPER: "gas post-flow; then the hopper may be opened",
+    Effect.CLOSE_HOPPER: "weighing the refilled hopper",
     Effect.ACKNOWLEDGE: "acknowledging alarms",
     Effect.LEAVE_PART: "leaving the part for the purge position",
     Effect.REST_BEAM: "coming to rest, beam off",
@@ -63,7 +65,7 @@ class PhaseClock:
                 default=0.0),
             Effect.LEAD_POWDER: max(leads_s, default=0.0),
             Effect.AWAIT_OPERATOR: held_at_most_s,
-            Effect.GAS_OFF: self.postflow_s,
+            Effect.GAS_OFF: self.postflow_s, Effect.OPEN_HOPPER: self.postflow_s,
         }
         self._do: Effect | None = None
         self._since_t = 0.0

@@ -15,8 +15,9 @@ _GAS, _POWDER, _LEAD, _CONNECT = range(4)
 _CONNECT_S = 1.0
 _AHEAD: dict[str, tuple[tuple[int, ...], tuple[int, ...]]] = {
     **dict.fromkeys((RunState.READY, RunState.CONNECTING), ((_CONNECT,), (_GAS, _POWDER, _LEAD))),
-    **dict.fromkeys((RunState.CHECKING, RunState.HOLDING, RunState.HELD),
-                    ((), (_GAS, _POWDER, _LEAD))),
+    **dict.fromkeys(
+        (RunState.CHECKING, RunState.HOLDING, RunState.HELD, RunState.OPENING, RunState.REFILLING,
+         RunState.WEIGHING), ((), (_GAS, _POWDER, _LEAD))),
     RunState.GAS: ((_GAS,), (_POWDER, _LEAD)),
     RunState.POWDER: ((_POWDER,), (_LEAD,)),
     RunState.PURGING: ((_GAS, _POWDER), (_LEAD,)),

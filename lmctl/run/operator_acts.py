@@ -1,0 +1,84 @@
+"""What an operator asks of a run, where it takes more than an event; and why it cannot be."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+from lmctl.errors import UsageError
+from lmctl.run.execution.job_progress import JobProgress
+from lmctl.run.powder.refill import Refilling
+from lmctl.run.state.state_machine import RunStateMachine
+from lmctl.run.state.transitions import RunEvent, RunState
+
+_HINT = "a run can be held while it deposits and resumed once held"
+_HINTS = {
+    RunState.OPENING: "powder and gas are going off; then the hopper may be opened",
+    RunState.REFILLING: "a hopper is open: fill and close it, then `lmctl refill HOPPER --lot LOT "
+                     "--mass GRAMS`",
+    RunState.WEIGHING: "the refilled hopper is weighed; wait a few seconds",
+}
+
+
+def request(machine: RunStateMachine | None, event: RunEvent) -> None:
+    """Ask a run for an event. Raises UsageError where its state does not know it."""
+    state = RunState.READY if machine is None else machine.state
+    if machine is None or not machine.request_event(event):
+        raise UsageError(f"cannot {event} now: the run is {state}", hint=_HINTS.get(state, _HINT))
+
+
+def begin_refill(
+    machine: RunStateMachine, course: JobProgress, refilling: Refilling, hopper: str
+) -> None:
+    """Have a hopper made ready to be opened: at the end of the path under way, or at once.
+
+    Raises UsageError where the run has no such hopper or cannot be held for it.
+    """
+    def hold() -> None:
+        machine.request_event(RunEvent.HOLD)
+
+    state = machine.state
+    if state not in (RunState.DEPOSITING, RunState.HOLDING, RunState.HELD):
+        raise UsageError(
+            f"cannot refill now: the run is {state}",
+            hint=_HINTS.get(state, "a hopper is refilled while the run deposits or is held"),
+        )
+    refilling.ask(hopper)
+    if state is RunState.DEPOSITING:
+        course.finish_path(hold)
+    elif state is RunState.HELD:
+        refilling.take_due()
+        request(machine, RunEvent.REFILL)
+
+
+def end_refill(
+    machine: RunStateMachine, refilling: Refilling, hopper: str, lot: str, mass_g: float
+) -> None:
+    """A hopper is filled and closed. Raises UsageError where it was not open."""
+    if machine.state is not RunState.REFILLING:
+        raise UsageError(
+            f"hopper {hopper} is not open for refilling: the run is {machine.state}",
+            hint=_HINTS.get(machine.state, f"`lmctl refill {hopper}` makes it ready to be opened"),
+        )
+    refilling.fill(hopper, lot, mass_g)
+    request(machine, RunEvent.REFILLED)
+
+
+class OperatedRun(Protocol):
+    """What an operator may do to a run; each act raises UsageError where it cannot be."""
+
+    def hold(self) -> None: ...
+    def resume(self) -> None: ...
+    def stop(self) -> None: ...
+    def set_override(self, percent: int) -> None: ...
+    def refill(self, hopper: str, lot: str = "", mass_g: float = 0.0) -> None: ...
+
+
+def perform(run: OperatedRun, act: str, values: Mapping[str, Any]) -> None:
+    """An act of the control socket, with the values of its request. Raises UsageError."""
+    if act == "override":
+        run.set_override(values["percent"])
+    elif act == "refill":
+        run.refill(values["hopper"], values.get("lot", ""), values.get("mass_g", 0.0))
+    else:
+        {"hold": run.hold, "resume": run.resume, "stop": run.stop}[act]()
