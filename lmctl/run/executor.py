@@ -27,11 +27,7 @@ from lmctl.run.journal import run_folders
 from lmctl.run.journal.last_known_position import LastKnownPosition
 from lmctl.run.journal.recorder import RunRecorder
 from lmctl.run.journal.writer import JournalWriter
-<<<<<<< HEAD
-=======
 from lmctl.run.operator_acts import begin_refill, end_refill, perform, request
-from lmctl.run.outcomes import first_out, is_recoverable, outcome_error
->>>>>>> 32321d4 (Refilling a hopper in a long build; a silent Modbus device is looked for)
 from lmctl.run.program.override_limits import OverrideRange, override_range
 from lmctl.run.program.reentry import JOB_START
 from lmctl.run.sequence import CellSequence

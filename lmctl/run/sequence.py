@@ -23,14 +23,8 @@ from lmctl.run.execution.run_segment import RunSegmentFactory
 from lmctl.run.interlocks.alarms import InterlockError, RunAlarms
 from lmctl.run.journal.last_known_position import LastKnownPosition
 from lmctl.run.journal.recorder import RunRecorder
-<<<<<<< HEAD
-from lmctl.run.program.override_limits import NO_OTHER_OVERRIDE
-=======
-from lmctl.run.layer_accounts import LayerAccounts
-from lmctl.run.phase import PhaseClock
 from lmctl.run.powder.refill import Refilling
 from lmctl.run.powder.supply import SupplyWatch
->>>>>>> 32321d4 (Refilling a hopper in a long build; a silent Modbus device is looked for)
 from lmctl.run.state.transitions import Effect
 from lmctl.run.status.phase import PhaseClock
 
