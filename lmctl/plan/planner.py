@@ -23,7 +23,7 @@ from lmctl.plan.completeness import Completeness
 from lmctl.plan.execution import LocalWorkers, StageWorkers, ordered_results
 from lmctl.plan.geometry import LayerGeometry
 from lmctl.plan.layer_range import nothing_to_deposit
-from lmctl.plan.plan_report import finding, plan_report
+from lmctl.plan.plan_report import Finding, finding, plan_report
 from lmctl.plan.program_text import LayerLines
 from lmctl.plan.recipe import recipe_of
 from lmctl.plan.sequence.layer_sequencer import LayerSequencer
@@ -140,6 +140,22 @@ class _Planning:
             raise PlanError(f"{self._part.name} has no layer {first}",
                             hint=f"layers go from 1 to {self._whole.n_layers - self._lowest}")
 
+    def _completeness_findings(self) -> Iterator[Finding]:
+        """Whether the plan is the part. Raises PlanError where it is not, and may not be."""
+        options, completeness = self._options, self._completeness
+        if options.layers is not None:
+            yield finding(False, "only layers {} to {} are planned, for looking: no machine takes "
+                                 "this job".format(*options.layers))
+            return
+        completeness.check(allow_incomplete=options.allow_incomplete,
+                           allow_overhang=options.allow_overhang)
+        if not completeness.is_complete():
+            yield finding(False, "this job is not the whole part: planned with --allow-incomplete")
+        if completeness.steep():
+            yield finding(False, "walls lean out beyond the limit, or material starts in the air: "
+                                 "planned with --allow-overhang")
+        yield from (finding(*found) for found in completeness.findings())
+
     def manifest(self) -> JobManifest:
         """The manifest of all layers planned, without its layer table.
 
@@ -147,14 +163,9 @@ class _Planning:
         """
         part, profile, statistics = self._part, self._profile, self._sequencer.statistics
         excerpt = self._options.layers
-        if excerpt is None:
-            self._completeness.check(allow_incomplete=self._options.allow_incomplete,
-                                     allow_overhang=self._options.allow_overhang)
-            findings = [finding(*found) for found in self._completeness.findings()]
-        else:
-            findings = [finding(False, "only layers {} to {} are planned, for looking: no machine "
-                                       "takes this job".format(*excerpt))]
-        findings += plan_report(statistics, self._placement, part.process.powder)
+        findings = [
+            *self._completeness_findings(),
+            *plan_report(statistics, self._placement, part.process.powder)]
         warnings = [*part.warnings, *(f["text"] for f in findings if f["level"] == "warning")]
         x, y, z = self._placement.offset_mm
         low, high = statistics.low_mm.tolist(), statistics.high_mm.tolist()

@@ -363,3 +363,17 @@ def test_words_that_are_no_command(lmctl: Callable[..., Any]) -> None:
 @pytest.mark.parametrize("speed", ["nan", "inf", "-1", "0"])
 def test_a_speed_that_is_none(refused: Refused, job: Path, speed: str) -> None:
     refused("run", job, "--sim", f"--speed={speed}", code=2, hint=False)
+
+
+@pytest.mark.parametrize(("options", "said"), [
+    (("--jobs", "0"), "0 is not in the range"),
+    (("--layers", "5-3"), "are no layers"),
+    (("--layers", "all"), "are no layers"),
+    (("--jobs", "2", "--scheduler", "tcp://127.0.0.1:1"), "--scheduler for a cluster"),
+])
+def test_options_of_planning_that_say_nothing(
+    refused: Refused, tmp_path: Path, options: tuple[str, ...], said: str
+) -> None:
+    part = write(tmp_path / "block.toml", BOX)
+    assert said in refused("plan", part, *options, code=2)
+    assert not list(tmp_path.glob("*.lmj"))

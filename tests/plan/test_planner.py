@@ -244,6 +244,7 @@ def test_layers_without_anything_to_lay_below_and_above_are_left_out(
     manifest = plan_job(part, profile, tmp_path / "a.lmj", options=PlanOptions(
         allow_incomplete=True, allow_overhang=True))
     assert not manifest.totals["complete"]
+    assert any("planned with --allow-incomplete" in text for text in manifest.totals["warnings"])
     _, layers = layers_of(tmp_path / "a.lmj")
     assert [layer.z_mm for layer in layers] == pytest.approx(0.8 * np.arange(1, 7))
     assert any("lowest 1.6 mm" in text for text in manifest.totals["warnings"])
@@ -267,6 +268,7 @@ def test_overhang_is_warned_of_and_beyond_the_limit_refused(
     with pytest.raises(PlanError, match="lean out by more than 45°"):
         plan_job(steep, profile, job)
     manifest = plan_job(steep, profile, job, options=PlanOptions(allow_overhang=True))
+    assert any("planned with --allow-overhang" in text for text in manifest.totals["warnings"])
     assert any("overhang" in text for text in manifest.totals["warnings"])
 
 
