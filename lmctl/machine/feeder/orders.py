@@ -1,5 +1,7 @@
-"""Orders to a feeder: those that add something are given once, those that only take something away
-until they are seen to work."""
+"""Orders to a feeder, given once or until they are seen to work.
+
+An order that adds something is given once; one that only takes something away is repeated.
+"""
 
 from __future__ import annotations
 

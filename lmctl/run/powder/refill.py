@@ -1,5 +1,4 @@
-"""Refilling a hopper in the middle of a run: what is asked, what was filled in, and whether the
-flow is steady afterwards."""
+"""Refilling a hopper in the middle of a run: asked for, weighed, and proven by its flow."""
 
 from __future__ import annotations
 
