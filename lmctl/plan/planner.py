@@ -186,7 +186,9 @@ class _Planning:
                 for h in self._recipe.hoppers),
             bounds_mm=((low[0], low[1], low[2]), (high[0], high[1], high[2])),
             totals=statistics.totals(self._sequencer.duration_s, warnings)
-            | self._completeness.totals(),
+            | self._completeness.totals()
+            | ({} if part.surface_error_mm is None else
+               {"surface_error_mm": round(part.surface_error_mm, 4)}),
             verdict=tuple(findings),
             part_offset_mm=(float(x), float(y), float(z)),
             excerpt=excerpt,

@@ -231,8 +231,11 @@ def recipe_of(part: Part, profile: MachineProfile, layer_height_mm: float) -> Re
 
     Raises PlanError: a material has no hopper, or hoppers cannot deliver it in any layer.
     """
-    recipe = replace(make_recipe(part.materials, part.process, profile),
-                     layer_height_mm=layer_height_mm)
+    recipe = make_recipe(part.materials, part.process, profile)
+    # Layers fitted to the part's height are deposited as much faster as they are lower: volume per
+    # second, power, and so energy per volume stay the recipe's.
+    faster = recipe.layer_height_mm / layer_height_mm
+    recipe = replace(recipe, layer_height_mm=layer_height_mm, speed_mm_s=recipe.speed_mm_s * faster)
     only = part.only_mixture()
     recipe.check_feasible(None if only is None else np.asarray(only, dtype=np.float64))
     return recipe

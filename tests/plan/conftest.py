@@ -108,6 +108,7 @@ class FakePart:
     warnings: tuple = ()
     pitch_mm: float = 0.25
     turning_mm: tuple = ()
+    surface_error_mm: float | None = None
 
     @property
     def turning_heights_mm(self):

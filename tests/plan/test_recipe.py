@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from lmctl.config.part_file import ProcessSettings
 from lmctl.errors import PlanError
-from lmctl.plan.recipe import hopper_flows_g_min, make_recipe
+from lmctl.plan.recipe import hopper_flows_g_min, make_recipe, recipe_of
 
 
 def mixes(*second):
@@ -138,3 +138,15 @@ def test_a_material_without_a_hopper(materials, profile):
     with pytest.raises(PlanError, match="no hopper of 'bench cell' holds IN718") as caught:
         make_recipe(other, ProcessSettings(), profile)
     assert "A: 316L" in caught.value.where[0]
+
+
+@pytest.mark.parametrize("height_mm", [0.73, 0.8, 0.88])
+def test_fitted_layers_get_the_recipes_energy_for_their_volume(
+        make_part, shapes, profile, height_mm):
+    """Volume per second, power and flow stay; lower layers are deposited faster."""
+    part = make_part(shapes["disc"], lambda p: 0.5)
+    plain, fitted = recipe_of(part, profile, 0.8), recipe_of(part, profile, height_mm)
+    mixture = np.array([0.4, 0.6])
+    assert fitted.flow_g_s(mixture) == pytest.approx(plain.flow_g_s(mixture))
+    assert fitted.power(mixture) == plain.power(mixture)
+    assert fitted.speed(mixture) * height_mm == pytest.approx(plain.speed(mixture) * 0.8)
