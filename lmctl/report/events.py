@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from lmctl.report.log_layout import number
+
 Record = dict[str, Any]
 
 
@@ -110,9 +112,16 @@ def _fault(record: Record) -> _Said:
     return f"{kind}: " + "; ".join([record["what"], *where]), not record.get("follows")
 
 
+def _refill(record: Record) -> _Said:
+    weighed_g = record["weighed_g"]
+    weighed = "" if weighed_g is None else f", {number(weighed_g, 1)} g by weight"
+    return (f"hopper {record['hopper']} refilled: {record['material']}, lot {record['lot']}, "
+            f"{number(record['mass_g'], 1)} g as stated{weighed}"), False
+
+
 _WORDS: dict[str, Callable[[Record], _Said]] = {
     "header": _header, "state": _state, "act": _act, "override": _override,
     "operator": _operator, "alarm": _alarm, "alarm_cleared": _alarm_cleared,
     "warning": _warning, "place": _place, "entry": _entry, "unreported": _unreported,
-    "fault": _fault,
+    "fault": _fault, "refill": _refill,
 }

@@ -114,6 +114,12 @@ class RunView:
             acts = [("hold", "stops on the path, beam off"), ("stop", "ends the run")]
         elif state is RunState.HELD:
             acts = [("resume", "purges the hoses and goes on"), ("stop", "ends the run")]
+        elif state in (RunState.OPENING, RunState.REFILLING, RunState.WEIGHING):
+            acts = [("stop", "ends the run")]
         elif state in _ENDING:
             acts = [("stop", "skips the gas post-flow")]
-        return [{"command": self._made.command(act), "does": does} for act, does in acts]
+        found = [{"command": self._made.command(act), "does": does} for act, does in acts]
+        if state is RunState.REFILLING:
+            filled = "lmctl refill HOPPER --lot LOT --mass GRAMS"
+            found.insert(0, {"command": filled, "does": "once it is filled and closed"})
+        return found
