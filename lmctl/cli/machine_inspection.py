@@ -50,7 +50,7 @@ def status(
               help="Close the watchdog relay first, as a run does, so that a controller behind it "
               "can be asked too.")
 @click.option("--search", is_flag=True,
-              help="Look for a device that is silent on a serial line at other rates and ids.")
+              help="Look for a motion controller that is silent on a serial port at other rates.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 @click.pass_context
 def doctor(

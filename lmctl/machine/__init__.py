@@ -29,8 +29,7 @@ if TYPE_CHECKING:
     from lmctl.machine.manual.inspect_motion import read_motion as read_motion
     from lmctl.machine.manual.jog import JogRequest as JogRequest
     from lmctl.machine.manual.jog import jog_axes as jog_axes
-    from lmctl.machine.manual.search_lines import find_device as find_device
-    from lmctl.machine.manual.search_lines import find_rate as find_rate
+    from lmctl.machine.manual.rate_search import find_rate as find_rate
     from lmctl.machine.manual.settings import WrittenSettings as WrittenSettings
     from lmctl.machine.manual.settings import apply_settings as apply_settings
     from lmctl.machine.manual.settings_file import read_setting as read_setting
@@ -77,8 +76,7 @@ _HOMES = {
     "apply_settings": "lmctl.machine.manual.settings",
     "check_line": "lmctl.machine.safety.identity",
     "describe_homing": "lmctl.machine.manual.homing",
-    "find_device": "lmctl.machine.manual.search_lines",
-    "find_rate": "lmctl.machine.manual.search_lines",
+    "find_rate": "lmctl.machine.manual.rate_search",
     "home_axes": "lmctl.machine.manual.homing",
     "inspect_controller": "lmctl.machine.manual.inspect_motion",
     "inspect_feeder": "lmctl.machine.manual.inspect_modbus",

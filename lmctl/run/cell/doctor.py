@@ -10,13 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from lmctl.config.machine import FeederSettings, HopperSettings, MachineProfile
-from lmctl.config.modbus_device import ModbusDevice
 from lmctl.errors import LmctlError, MachineError
 from lmctl.machine.manual.controller import open_motion
 from lmctl.machine.manual.inspect_modbus import FeederInspection, inspect_feeder, inspect_safety
 from lmctl.machine.manual.inspect_motion import MotionReading, inspect_controller, read_motion
-from lmctl.machine.manual.search_lines import find_device, find_rate
-from lmctl.machine.modbus.client import NoReplyError
+from lmctl.machine.manual.rate_search import find_rate
 from lmctl.machine.motion.endpoint import parse_motion_endpoint
 from lmctl.machine.safety.status import SafetyStatus
 from lmctl.run.cell.condition import Condition
@@ -46,7 +44,7 @@ async def inspect_cell(
     runs_dir : where the machine's journal is, which says where the last session left it
     close_relay : close the watchdog relay first and bring the controller to rest, as a run does,
         so that one behind its door input can be asked too
-    search : look for a silent device on a serial line at other rates and ids
+    search : look for a silent motion controller on a serial port at other rates
     """
     names = [feeder.name for feeder in profile.feeder]
     motion, safety, *feeders = await asyncio.gather(
@@ -60,9 +58,6 @@ async def inspect_cell(
         safety = await _or_error(inspect_safety(profile.safety))
     if search:
         motion = await _motion_searched(motion, profile)
-        feeders = [await _searched(one, feeder)
-                   for one, feeder in zip(feeders, profile.feeder, strict=True)]
-        safety = safety and await _searched(safety, profile.safety)
     if isinstance(motion, MotionReading):
         left = LastKnownPosition(runs_dir, profile.name)
         motion = replace(motion, position_trusted=motion.position_trusted or left.confirms(motion))
@@ -111,21 +106,6 @@ async def _motion_searched(look: Any, profile: MachineProfile) -> Any:
                             where=look.where, hint=look.hint)
     return MachineError(f"{look.what}; a Grbl answers there at {rate} baud, and {baud} is set",
                         where=look.where, hint=f"set motion.baud = {rate} in the machine profile")
-
-
-async def _searched(look: Any, device: ModbusDevice | None) -> Any:
-    """The look itself, or its error with where the device does answer."""
-    if not isinstance(look, MachineError) or device is None or not isinstance(
-        look.__cause__, NoReplyError
-    ):
-        return look
-    found = await find_device(device)
-    if found is None:
-        return MachineError(f"{look.what}; nor does anything answer at other ids and rates",
-                            where=look.where, hint=look.hint)
-    what, hint = found
-    return MachineError(f"{look.what}; {what}", where=look.where,
-                        hint=f"{hint}, in the machine profile")
 
 
 def _unreachable(error: LmctlError) -> Condition:
