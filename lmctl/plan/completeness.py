@@ -20,6 +20,9 @@ from lmctl.plan.part_pieces import BuiltFeature, LostPiece, Overhang
 _MOST_NAMED = 5
 #: Lost features and overhangs that a job lists; the others are counted.
 _MOST_LISTED = 1000
+#: Lost pieces that are kept while planning; of a part of a million crumbs the others are counted,
+#: those of every layer anew.
+_MOST_KEPT = 20_000
 
 
 @dataclass
@@ -40,6 +43,7 @@ class Completeness:
     narrow_mm2: float = 0.0
     top_mm2: float = 0.0
     lost: list[LostPiece] = field(default_factory=list)
+    lost_count: int = 0
     overhangs: list[Overhang] = field(default_factory=list)
     features: list[BuiltFeature] = field(default_factory=list)
 
@@ -87,7 +91,7 @@ class Completeness:
 
     def is_complete(self) -> bool:
         """Whether nothing is lost, and enough is built."""
-        return not self.lost and self.built_fraction >= self.process.min_built_fraction
+        return not self.lost_count and self.built_fraction >= self.process.min_built_fraction
 
     def totals(self) -> dict[str, Any]:
         """What the job's totals hold of it."""
@@ -102,7 +106,7 @@ class Completeness:
             "complete": self.is_complete(),
             "feature_count": len(self.features),
             "features": [f.as_dict() for f in self._least_built()[:_MOST_LISTED]],
-            "lost_count": len(self.lost),
+            "lost_count": self.lost_count,
             "lost": [piece.as_dict() for piece in self._largest_lost()[:_MOST_LISTED]],
             "overhang_count": len(self.overhangs),
             "overhangs": [o.as_dict() for o in self._worst_overhangs()[:_MOST_LISTED]],
@@ -133,7 +137,7 @@ class Completeness:
                          "a bead and get one track (process.narrow_features)")
         yield from ((False, f"lost: {piece.place()}; {piece.feature.remedy}")
                     for piece in self._largest_lost()[:_MOST_NAMED])
-        yield from _more(len(self.lost), "more pieces are lost")
+        yield from _more(self.lost_count, "more pieces are lost")
         if not self.overhangs:
             yield True, "no wall leans out by more than 30°"
         yield from ((False, f"overhang {o.place()}")
@@ -145,14 +149,14 @@ class Completeness:
             return
         what = (f"the plan is not the whole part: {self.built_fraction:.2%} of its volume is "
                 f"deposited inside its surface")
-        if self.lost:
-            what += f", {len(self.lost)} pieces are lost" if len(self.lost) > 1 else (
+        if self.lost_count:
+            what += f", {self.lost_count} pieces are lost" if self.lost_count > 1 else (
                 ", a piece is lost")
         remedies = list(dict.fromkeys(piece.feature.remedy for piece in self._largest_lost()))
         raise PlanError(
             what,
             where=[*(piece.place() for piece in self._largest_lost()[:_MOST_NAMED]),
-                   *(text for _, text in _more(len(self.lost), "more")),
+                   *(text for _, text in _more(self.lost_count, "more")),
                    f"process.min_built_fraction = {self.process.min_built_fraction:g}"],
             hint="; ".join([*remedies[:2], "or plan it all the same with --allow-incomplete"]))
 
@@ -205,6 +209,9 @@ class Completeness:
         below = self._lost_below.take(feature.kind, feature.at_mm, geometry.layer)
         low, high = self._span_mm(geometry)
         if below is None:
+            self.lost_count += 1
+            if len(self.lost) >= _MOST_KEPT:
+                return
             below = LostPiece(feature, geometry.layer, geometry.layer, low, high, 0.0)
             self.lost.append(below)
         below.to_layer, below.to_z_mm = geometry.layer, high

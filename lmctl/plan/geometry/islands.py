@@ -42,9 +42,10 @@ def islands_of(loops: Sequence[FloatArray], raster: SectionRaster) -> Islands:
     areas = np.array([loop_area_mm2(loop) for loop in loops])
     outer = [loop for loop, area in zip(loops, areas, strict=True) if area > 0]
     area_mm2 = areas[areas > 0]
+    pieces_of = _Outlines(outer, areas[areas > 0])
     for loop, area in zip(loops, areas, strict=True):
         if area < 0:
-            around = _piece_around(loop[0], outer, areas[areas > 0])
+            around = pieces_of.innermost_around(loop[0])
             if around >= 0:
                 area_mm2[around] += area
     label = np.full(raster.grid.shape, -1, np.int32)
@@ -54,21 +55,28 @@ def islands_of(loops: Sequence[FloatArray], raster: SectionRaster) -> Islands:
         owner = np.full(count + 1, -1, np.int32)
         for number, (j, i) in enumerate(deepest, start=1):
             place = np.array([raster.grid.x_mm[i], raster.grid.y_mm[j]])
-            owner[number] = _piece_around(place, outer, areas[areas > 0])
+            owner[number] = pieces_of.innermost_around(place)
         label = owner[pieces]
     return Islands(area_mm2, outer, label)
 
 
-def _piece_around(point: FloatArray, outer: list[FloatArray], area_mm2: FloatArray) -> int:
-    """The innermost outline around a point, −1 if there is none."""
-    best = -1
-    for number, loop in enumerate(outer):
-        if best >= 0 and area_mm2[number] >= area_mm2[best]:
-            continue
-        low, high = loop.min(axis=0), loop.max(axis=0)
-        if (point >= low).all() and (point <= high).all() and _is_around(loop, point):
-            best = number
-    return best
+class _Outlines:
+    """Outer outlines with their boxes, for many questions."""
+
+    def __init__(self, outer: list[FloatArray], area_mm2: FloatArray) -> None:
+        self._outer = outer
+        self._area_mm2 = area_mm2
+        self._low = np.array([loop.min(axis=0) for loop in outer]).reshape(-1, 2)
+        self._high = np.array([loop.max(axis=0) for loop in outer]).reshape(-1, 2)
+
+    def innermost_around(self, point: FloatArray) -> int:
+        """The outline of least area that winds around a point, −1 if there is none."""
+        boxed = ((point >= self._low) & (point <= self._high)).all(axis=1)
+        found = np.flatnonzero(boxed)
+        for number in found[np.argsort(self._area_mm2[found], kind="stable")].tolist():
+            if _is_around(self._outer[number], point):
+                return int(number)
+        return -1
 
 
 def _is_around(loop: FloatArray, point: FloatArray) -> bool:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -36,10 +38,14 @@ def with_pins(
     inside = home >= 0
     np.maximum.at(most, home[inside], beads.count[inside])
     tracks, owners = list(tracks), owner.tolist()
+    of_island: dict[int, list[int]] = defaultdict(list)
+    for number, island in enumerate(owners):
+        of_island[island].append(number)
+    deepest = _deepest_nodes(islands, raster)
     for island in range(len(islands)):
-        mine = [n for n, other in enumerate(owners) if other == island]
+        mine = of_island[island]
         if not mine:
-            middle, width = _deepest(islands.label == island, raster)
+            middle, width = _deepest(int(deepest[island]), raster, least_width_mm)
             deep = (home == island) & (2 * axis.depth_mm >= _NEARLY * width)
             if deep.any():
                 middle = axis.points_mm[deep].mean(axis=0)
@@ -54,15 +60,28 @@ def with_pins(
     return tracks, np.array(owners, dtype=np.intp)
 
 
+def _deepest_nodes(islands: Islands, raster: SectionRaster) -> NDArray[np.int64]:
+    """The deepest node of each island, by its place in the flat raster; −1 where it holds none."""
+    label, depth = islands.label.ravel(), raster.depth_mm.ravel()
+    nodes = np.flatnonzero(label >= 0)
+    nodes = nodes[np.argsort(depth[nodes], kind="stable")]
+    found = np.full(len(islands), -1, dtype=np.int64)
+    found[label[nodes]] = nodes  # of several the last counts, the deepest
+    return found
+
+
 def _deepest(
-    inside: NDArray[np.bool_], raster: SectionRaster
+    start: int, raster: SectionRaster, least_width_mm: float
 ) -> tuple[FloatArray, float]:
-    """The deepest place of an island, and its width there [mm]; 0 where it holds no node."""
-    if not inside.any():
-        return np.zeros(2), 0.0
-    j, i = np.unravel_index(
-        int(np.argmax(np.where(inside, raster.depth_mm, -np.inf))), inside.shape)
+    """The deepest place of an island from its deepest node, and its width there [mm].
+
+    0 where it holds no node, or cannot be as wide as `least_width_mm`.
+    """
     node = raster.grid.pitch_mm
+    nearest = float(raster.depth_mm.flat[start]) if start >= 0 else -np.inf
+    if 2 * (nearest + node) < least_width_mm:  # no place is farther than that from a node
+        return np.zeros(2), 0.0
+    j, i = np.unravel_index(start, raster.grid.shape)
     x, y, depth = _climb_kernel(raster.segments, float(i) * node, float(j) * node, node / 2)
     return np.array([x, y]) + np.array(raster.grid.origin_mm), 2 * depth
 
