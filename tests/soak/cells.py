@@ -135,6 +135,11 @@ class _Cell:
                 there.append("safety")
             if kind.target is FaultTarget.LINK:
                 there.append("motion")
+            if kind.name == "half_open":  # of a serial line there is no such thing
+                on_network = [one for one in there if not self._config.addresses[one].pty]
+                if not on_network:
+                    return Fault.create("device_silent", there[0])
+                there = on_network
             device = str(rng.choice(there))
         return Fault.create(kind.name, device, **values)
 
