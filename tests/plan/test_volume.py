@@ -229,3 +229,14 @@ def test_crumbs_of_any_size_have_a_track_or_are_listed(geometry_of, seed):
         listed = (np.hypot(*(places - middle).T) < 0.5).any()
         near = np.hypot(*(geometry.points_mm - middle).T).min() < 0.3
         assert listed != near
+
+
+@pytest.mark.parametrize("beads", np.arange(2.4, 8.0, 0.4))
+def test_the_surface_is_true_in_walls_of_four_tracks_and_more(geometry_of, beads):
+    """The outermost track lies half a pitch inside whatever the width, but of three tracks."""
+    width = beads * BEAD
+    wall = box(0, 0, 40, width)
+    geometry = geometry_of(wall, lambda p: p[:, 1] * 100 % 1)
+    depth = shapely.distance(wall.exterior, shapely.points(geometry.points_mm))
+    middle = np.abs(geometry.points_mm[:, 0] - 20) < 10
+    assert depth[middle].min() == pytest.approx(PITCH / 2, abs=0.02)

@@ -77,8 +77,8 @@ def strip_on_axis(
 ) -> FloatArray:
     """Width of the strip of a track along the axis, (v,) [mm]."""
     count = np.maximum(beads.count, 1)
-    core = core_of(count, beads.is_point)
     half = np.where(count == 1, axis.depth_mm, beads.depth_mm)
+    core = np.asarray(core_of(count, beads.is_point, half, pitch_mm))
     outer = (count - core) // 2
     left = half - np.where(
         outer >= SHIFTED_FROM, (outer - 1) * pitch_mm + second_mm, outer * pitch_mm)

@@ -26,6 +26,8 @@ FloatArray = NDArray[np.float64]
 #: Tracks that share what width is left over: the innermost of an odd and of an even number, and of
 #: rings around a point.
 CORE_ODD, CORE_EVEN, CORE_POINT = 5, 6, 10
+#: Strips of the core that leave the outermost tracks where they belong, in pitches.
+_LEAST_INNER, _WIDEST_INNER = 0.74, 1.3
 #: How far below its own distance from the outline the depth may be before the axis is passed, in
 #: nodes: more than the raster errs by.
 _PAST_AXIS = 0.1
@@ -109,12 +111,28 @@ def _near_a_step(count: NDArray[np.int32], inside: NDArray[np.bool_]) -> NDArray
     return np.asarray(np.minimum(spread * np.float32(3 * _SMOOTHING_NODES), 1))
 
 
+@kernel
 def core_of(
-    count: NDArray[np.int64], is_point: NDArray[np.bool_]
+    count: NDArray[np.int64], is_point: NDArray[np.bool_], half_mm: FloatArray, pitch_mm: float
 ) -> NDArray[np.int64]:
-    """How many of `count` tracks across share the width left over."""
-    core = np.where(count % 2 == 1, CORE_ODD, np.where(is_point, CORE_POINT, CORE_EVEN))
-    return np.minimum(core, count)
+    """How many of `count` tracks across share the width left over, (v,). half_mm : half of it"""
+    core = np.empty(len(count), np.int64)
+    for k in range(len(count)):
+        core[k] = _core(count[k], is_point[k], half_mm[k], pitch_mm)
+    return core
+
+
+@inner_kernel
+def _core(count: int, is_point: bool, half: float, pitch: float) -> int:
+    """Where strips allow, the outermost tracks are left out: exactly half a pitch inside."""
+    most = CORE_ODD if count % 2 == 1 else CORE_POINT if is_point else CORE_EVEN
+    if count > most:
+        return most
+    if count >= 4:
+        strip = 2 * (half - pitch) / (count - 2)
+        if _LEAST_INNER * pitch <= strip <= _WIDEST_INNER * pitch:
+            return count - 2
+    return count
 
 
 @inner_kernel
@@ -222,8 +240,7 @@ def _level_kernel(
             if n == 0:
                 outer[j, i] = 0
                 continue
-            core = CORE_ODD if n % 2 == 1 else CORE_POINT if is_point[point] else CORE_EVEN
-            core = min(core, n)
+            core = _core(n, is_point[point], half, track_pitch)
             fixed = (n - core) // 2
             begin = _outer_depth(fixed, track_pitch, second)
             left = half - begin
