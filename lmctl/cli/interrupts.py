@@ -21,27 +21,28 @@ def interruptible() -> Iterator[Callable[[], None]]:
     """In the context, or a function decorated with it, Ctrl-C always is a KeyboardInterrupt.
 
     So are a termination and a hang-up, which would leave half-written files behind, as far as
-    signals are `heeded`. Yields a function for the steps of a long work to call: it raises
+    they are `catchable_signals`. Yields a function for the steps of a long work to call: it raises
     KeyboardInterrupt where one was dropped since. At the latest the end of the context does.
     """
-    heard = False
+    interrupted = False
 
-    def hear(number: int, frame: FrameType | None) -> None:
-        nonlocal heard
-        heard = True
+    def on_signal(number: int, frame: FrameType | None) -> None:
+        nonlocal interrupted
+        interrupted = True
         raise KeyboardInterrupt
 
     def unraisable(dropped: sys.UnraisableHookArgs) -> None:
-        if dropped.exc_type is not KeyboardInterrupt:
+        # Once interrupted, what is dropped on the way out is what a library has made of that.
+        if not interrupted and dropped.exc_type is not KeyboardInterrupt:
             report(dropped)
 
     def check() -> None:
-        if heard:
+        if interrupted:
             raise KeyboardInterrupt
 
     before = catchable_signals()
     for number in before:
-        signal.signal(number, hear)
+        signal.signal(number, on_signal)
     report, sys.unraisablehook = sys.unraisablehook, unraisable
     try:
         yield check

@@ -157,3 +157,28 @@ def test_commands_end_interrupted(
     assert talk.endswith("interrupted\n")
     assert "Traceback" not in talk
     assert [path.name for path in tmp_path.iterdir()] == ["part.toml"]
+
+
+def test_what_a_library_drops_on_the_way_out_of_an_interrupt_is_not_printed(monkeypatch):
+    """A compiled library's finaliser that fails for the interrupt: it is no error of its own."""
+    reported = []
+    monkeypatch.setattr(sys, "unraisablehook", reported.append)
+
+    class Finalised:
+        def __del__(self):
+            raise AttributeError("half torn down")
+
+    @interruptible()
+    def work():
+        one = Finalised()
+        del one
+        assert len(reported) == 1  # before the interrupt it is reported as ever
+        one = Finalised()
+        try:
+            signal.raise_signal(signal.SIGINT)
+        finally:
+            del one
+
+    with pytest.raises(KeyboardInterrupt):
+        work()
+    assert len(reported) == 1
