@@ -121,7 +121,7 @@ class Completeness:
             self._check_overhang()
 
     def findings(self) -> Iterator[tuple[bool, str]]:
-        """What a person is told at the end: whether it is fine, and the text."""
+        """Messages for the plan's report: whether it is fine, and the text."""
         fine = self.built_fraction >= self.process.min_built_fraction
         yield fine, (f"{self.built_fraction:.2%} of the part's volume is deposited inside its "
                      f"surface, {self.surplus_fraction:.2%} beside it")

@@ -25,7 +25,7 @@ SHIFT = 0.25
 
 @dataclass(frozen=True)
 class InPlaneLayout:
-    """Tracks of a section with the island of each, and what they were laid out by."""
+    """Tracks of a section with the island of each, and what they were derived from."""
 
     tracks: list[Toolpath]
     island: NDArray[np.intp]

@@ -81,7 +81,7 @@ class LayerFigures:
         inside_mm2 is missing
     double_mm2 : deposited inside it beyond what fits
     outside_mm2 : deposited outside it (surplus): inside + double + outside is strip_mm2
-    strip_mm2 : sum of length · strip width of all tracks: the volume asked for, over layer height
+    strip_mm2 : sum of length · strip width of all tracks: the planned volume over the layer height
     narrow_mm2 : strips of single tracks in what is narrower than a bead
     islands : the pieces that have tracks, each with what of it is filled
     lost : pieces of the slice that no track covers

@@ -40,7 +40,7 @@ class SectionRaster:
 
 
 def raster_pitch_mm(bead_mm: float, pitch_mm: float) -> float:
-    """Distance of the nodes on which tracks of such a bead and pitch are laid out."""
+    """Node distance of the raster on which tracks of such a bead and pitch are planned."""
     return min(bead_mm / NODES_PER_BEAD, pitch_mm / NODES_PER_PITCH)
 
 

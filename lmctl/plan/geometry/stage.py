@@ -39,7 +39,7 @@ FloatArray = NDArray[np.float64]
 
 #: A track of less extent may, on the program's raster, hold no motion that a controller can make.
 _LEAST_EXTENT_MM = 0.042
-#: Points of tracks are at most so far apart, in beads: so finely is the material field asked.
+#: Points of tracks are at most so far apart, in beads: so finely is the material field sampled.
 SPACING_BEADS = 0.1
 #: Seams turn by so much from layer to layer, so that no ridge builds up [radians].
 GOLDEN_ANGLE = float(np.pi * (3 - np.sqrt(5)))
@@ -115,7 +115,7 @@ def _narrow_area_mm2(layout: InPlaneLayout, bead_mm: float) -> float:
 def _with_mixtures(
     part: Part, z_mm: float, tracks: list[Toolpath], owner: NDArray[np.intp]
 ) -> list[Line]:
-    """Tracks with the material field along them, asked for once."""
+    """Tracks with the material field along them, sampled once."""
     if not tracks:
         return []
     tracks = [track.dense(part.process.bead_width_mm * SPACING_BEADS) for track in tracks]
