@@ -71,7 +71,7 @@ def beads_mm(whole, since=JOB_START):
     lines = rows(whole)
     length = np.linalg.norm(np.diff(points(whole, lines), axis=0), axis=1)
     length[: since.line] = 0.0
-    length[since.line] *= 1.0 - since.share
+    length[since.line] *= 1.0 - since.line_fraction
     return float(length[lines["kind"] == LineKind.BEAD].sum())
 
 
@@ -105,7 +105,7 @@ def test_the_way_in_is_dark_continuous_and_never_longer_than_a_quarter_horizon(w
     place = ProgramPlace(data.draw(st.integers(0, n_lines(whole) - 60)),
                          data.draw(st.floats(0, 0.9)))
     entry = go(whole, place)
-    n = entry.lit_line - entry.layer.first_line
+    n = entry.beam_on_line - entry.layer.first_line
     layer = entry.layer
     motions = spoken(layer.program, PROFILE.motion.purge_mm)
     dark = next(i for i, (lit, *_) in enumerate(motions) if lit)
@@ -136,9 +136,9 @@ def test_a_bead_is_entered_before_the_place_reached_with_its_own_feed_and_power(
     assert entry.repeated_mm == pytest.approx(overlap_mm(10.0, 500.0))
     assert np.linalg.norm(reached - at) == pytest.approx(entry.repeated_mm, abs=2e-3)
     assert feed == pytest.approx(600.0)
-    assert "S500" in entry.layer.program[entry.lit_line - entry.layer.first_line]
-    assert entry.layer.program[entry.lit_line - entry.layer.first_line].startswith(
-        f"N{entry.lit_line} ")
+    assert "S500" in entry.layer.program[entry.beam_on_line - entry.layer.first_line]
+    assert entry.layer.program[entry.beam_on_line - entry.layer.first_line].startswith(
+        f"N{entry.beam_on_line} ")
 
 
 def test_a_place_in_a_travel_goes_on_with_the_next_path_from_its_beginning(whole):
@@ -146,15 +146,15 @@ def test_a_place_in_a_travel_goes_on_with_the_next_path_from_its_beginning(whole
     second = int(np.flatnonzero(lines["path"] == 1)[0])
     entry = go(whole, ProgramPlace(second - 3, 0.4))
     assert entry.repeated_mm == 0.0
-    assert lines["path"][entry.lit_line] == 1
-    assert lines["kind"][entry.lit_line - 1] == LineKind.LEAD
+    assert lines["path"][entry.beam_on_line] == 1
+    assert lines["kind"][entry.beam_on_line - 1] == LineKind.LEAD
 
 
 def test_a_path_all_laid_is_not_entered_again(whole):
     lines = rows(whole)
     last = int(np.flatnonzero((lines["path"] == 0) & (lines["kind"] == LineKind.BEAD))[-1])
     entry = go(whole, ProgramPlace(last, 1.0))
-    assert lines["path"][entry.lit_line] == 1
+    assert lines["path"][entry.beam_on_line] == 1
 
 
 def test_after_the_last_bead_there_is_nothing_to_enter(whole):
@@ -171,7 +171,7 @@ def test_on_the_run_up_the_flow_is_the_program_s_and_before_it_stands_still(whol
     for bead in (int(changing), int(beads[30])):
         entry = go(whole, ProgramPlace(bead, 0.5))
         layer = entry.layer
-        n = entry.lit_line - layer.first_line
+        n = entry.beam_on_line - layer.first_line
         lit_s = layer.lines["end_s"][n - 1]
         original = whole.layer(layer.index)
         dwells = np.flatnonzero(layer.lines["kind"][:n] == LineKind.DWELL)
@@ -227,8 +227,8 @@ def test_a_job_window_runs_from_an_entry_in_the_jobs_own_line_numbers(whole):
 
     window = JobWindow(whole.manifest, read, PROFILE.motion.purge_mm, first_layer=index)
     assert window.first_layer().first_line == entry.layer.first_line
-    assert window.line_start_s(entry.lit_line) == pytest.approx(
-        float(entry.layer.lines["end_s"][entry.lit_line - entry.layer.first_line - 1]))
+    assert window.line_start_s(entry.beam_on_line) == pytest.approx(
+        float(entry.layer.lines["end_s"][entry.beam_on_line - entry.layer.first_line - 1]))
     assert window.line_start_s(bead + 3) == pytest.approx(float(lines["end_s"][bead + 2]))
-    assert window.line_at(float(entry.layer.flow_s[0])) <= entry.lit_line
+    assert window.line_at(float(entry.layer.flow_s[0])) <= entry.beam_on_line
     assert window.end_s == pytest.approx(float(lines["end_s"][-1]))

@@ -73,10 +73,10 @@ class Rig:
             if self.ending is ending:
                 self.ending = None
 
-    def state(self, event: RunEvent, before: RunState, after: RunState) -> None:
+    def record_state(self, event: RunEvent, before: RunState, after: RunState) -> None:
         self.log.append(after)
 
-    def fault(self, error: Exception) -> None:
+    def record_fault(self, error: Exception) -> None:
         pass
 
     def end(self) -> None:

@@ -36,7 +36,7 @@ def bead_between_mm(whole, place, time_s):
     for n in range(place.line):
         done += path.length_mm[path.line == n].sum()
     here = path.line == place.line
-    done += place.share * path.length_mm[here].sum()
+    done += place.line_fraction * path.length_mm[here].sum()
     assert len(lines) > place.line
     return path.length_mm[path.time_s <= time_s].sum() - done
 
