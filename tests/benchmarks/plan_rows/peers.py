@@ -28,7 +28,8 @@ def prusa(stl: Path, gcode: Path, spacing_mm: float, layer_mm: float,
         "--perimeter-generator", generator, "--perimeters", "1",
         "--layer-height", f"{layer_mm:g}", "--first-layer-height", f"{layer_mm:g}",
         "--nozzle-diameter", f"{max(spacing_mm, layer_mm / 0.75):g}",
-        "--extrusion-width", f"{width:.4f}", "--first-layer-extrusion-width", f"{width:.4f}",
+        "--extrusion-width", f"{width:.4f}", "--first-layer-extrusion-width",
+        f"{spacing_mm:g}",  # wider, the organic mesh's tip would have no first layer
         "--skirts", "0", "--brim-width", "0", "--support-material=0",
         "--bed-shape", "0x0,300x0,300x300,0x300", "--center", "150,150",
     ]
