@@ -69,7 +69,7 @@ def test_a_zip_that_is_no_job(tmp_path):
 def test_missing_file_and_folder(tmp_path):
     with pytest.raises(MissingFileError, match="there is no file"):
         read_all(tmp_path / "a")
-    with pytest.raises(JobError, match="cannot read"):
+    with pytest.raises(JobError, match="is a folder"):
         read_all(tmp_path)
 
 
