@@ -89,7 +89,8 @@ def _warning(record: Record) -> _Said:
 
 
 def _place(record: Record) -> _Said:
-    return (f"motion at rest in line {record['line']}, {100 * record['share']:.0f} % of it"), False
+    return (f"deposition ended in line {record['line']}, {100 * record['share']:.0f} % of it "
+            f"({record['known']})"), record["known"] == "unknown"
 
 
 def _entry(record: Record) -> _Said:

@@ -18,9 +18,10 @@ from lmctl.preflight.job_check import check_job
 from lmctl.preflight.program_check import check_program
 from lmctl.run import signals
 from lmctl.run.cell.ownership import lock_machine
+from lmctl.run.continuation import EarlierRun
 from lmctl.run.control.server import ControlCallbacks, ControlClient, ControlSocket, listening
 from lmctl.run.execution.deposition import Progress
-from lmctl.run.execution.job_progress import EarlierRun, JobProgress
+from lmctl.run.execution.job_progress import JobProgress
 from lmctl.run.execution.run_header import local_header, run_header
 from lmctl.run.execution.unreported_motion import unreported
 from lmctl.run.journal import run_folders
@@ -29,7 +30,7 @@ from lmctl.run.journal.recorder import RunRecorder
 from lmctl.run.journal.writer import JournalWriter
 from lmctl.run.operator_acts import begin_refill, end_refill, perform, request
 from lmctl.run.program.override_limits import OverrideRange, override_range
-from lmctl.run.program.reentry import JOB_START
+from lmctl.run.program.place import NOTHING_REACHED
 from lmctl.run.sequence import CellSequence
 from lmctl.run.state.state_machine import RunStateMachine
 from lmctl.run.state.transitions import FINAL_STATES, RunEvent, RunState
@@ -261,13 +262,13 @@ class RunExecutor:
 
         if self._continues is not None:
             earlier = run_folders.RunFolder(self._runs_dir / self._continues.run).journal
-            for span in unreported(job, self._profile, earlier, self._continues.place):
+            for span in unreported(job, earlier, self._continues.reached):
                 recorder.unreported(**span.as_json())
 
         view = RunView(made, job.manifest, self._profile, hoppers, self._operator, self._progress)
 
-        course = JobProgress(recorder,
-                             JOB_START if self._continues is None else self._continues.place)
+        course = JobProgress(
+            recorder, NOTHING_REACHED if self._continues is None else self._continues.reached)
         sequence = CellSequence(
             job, self._profile, hoppers, recorder, course,
             program_done=lambda: machine.post_event(RunEvent.PROGRAM_DONE),

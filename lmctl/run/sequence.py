@@ -15,9 +15,10 @@ from lmctl.run.cell import acceptance
 from lmctl.run.cell.beam_control import BeamControl
 from lmctl.run.cell.devices import Cell
 from lmctl.run.cell.work_offset import refuse_changed_offset
+from lmctl.run.continuation import EarlierRun
 from lmctl.run.execution.deposition import Progress
 from lmctl.run.execution.device_monitor import DeviceMonitor
-from lmctl.run.execution.job_progress import EarlierRun, JobProgress
+from lmctl.run.execution.job_progress import JobProgress
 from lmctl.run.execution.layer_accounts import LayerAccounts
 from lmctl.run.execution.run_segment import RunSegmentFactory
 from lmctl.run.interlocks.alarms import InterlockError, RunAlarms
@@ -177,8 +178,7 @@ class CellSequence:
         cell, profile = self._connected, self._profile
         self.beam_off = await acceptance.accept_machine(
             cell, profile, self._job, self._recorder, self._whereabouts, run=self._run,
-            going_on=self._continues is not None,
-            trusted=self._continues is not None and self._continues.trusted,
+            continues=self._continues,
         )
         self._course.begin(RunSegmentFactory(
             self._job, profile, self._hoppers, cell, self._recorder,

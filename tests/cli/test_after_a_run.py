@@ -82,18 +82,35 @@ def test_hints_can_be_typed_where_folders_have_spaces(lmctl, tmp_path):
 
 def test_nobody_recovers_without_being_asked(journal, refused, monkeypatch):
     monkeypatch.setattr("sys.stdin.isatty", lambda: False)
-    talk = refused("recover", "run-0001", "--sim", code=2)
+    talk = refused("recover", "run-0001", "--sim", "--position-restored", code=2)
     assert "nobody is there to be asked" in talk
 
 
-def test_a_machine_without_homing_that_stands_elsewhere_is_said_to_be_believed(journal, lmctl):
+def test_a_controller_without_homing_that_was_switched_off_and_on_is_never_believed(
+    journal, lmctl, refused
+):
     """A fresh bench stands at its zero, as a controller does that was switched off and on."""
+    talk = refused("recover", "run-0001", "--sim", "--yes", code=4)
+    assert "the controller has lost its place" in talk
+    assert "it says 0, 0, 0" in talk
+    assert "lmctl machine offset --here" in talk
+    assert "--position-restored" in talk
+    assert not (journal.parent.parent / "run-0002").exists()
+
+
+def test_after_its_position_was_restored_the_part_goes_on(journal, lmctl):
     damaged = journal.parent.parent / "run-0002" / "journal.jsonl"
     damaged.parent.mkdir()
     damaged.write_bytes(b"\0\n")
-    recovered = lmctl("recover", "run-0001", "--sim", "--yes")
+    recovered = lmctl("recover", "run-0001", "--sim", "--yes", "--position-restored")
     assert "the journal of run-0002 cannot be read: do not go on if" in recovered.talk
     assert "found in state Idle, at X0.000 Y0.000 Z0.000" in recovered.talk
-    assert "believe where the controller says that it stands" in recovered.talk
-    assert "lmctl machine offset --here" in recovered.talk
+    # A limit switch: it came to rest, and may have lost steps.
+    assert ": inferred from what was sent" in recovered.talk
     assert recovered.code == 0, recovered.talk
+
+
+def test_bead_that_is_in_no_doubt_is_not_stated(journal, refused):
+    talk = refused("recover", "run-0001", "--sim", "--yes", "--position-restored",
+                   "--deposited", "3", code=2)
+    assert "no bead is in doubt" in talk

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
+from firmware_protocol.dialect import GRBL, GRBLHAL
 from lmctl.cli.bench import replace_endpoints
 from lmctl.config.machine import load_profile
 from lmctl.errors import JournalError, LmctlError, UsageError
@@ -28,10 +29,12 @@ from lmctl.run.executor import EarlierRun, RunExecutor
 from lmctl.run.journal.recovery import find_place, refuse_finished
 from lmctl.run.journal.replay import replay_run
 from lmctl.run.journal.run_folders import RunFolder, run_names
+from lmctl.run.program.place import Known, known_place
 from lmctl.run.state.transitions import FINAL_STATES, RunState
 from simulators import virtual_time
 from simulators.bench import Bench
 from simulators.bench_config import BenchConfig
+from tests.run.whole.broken_off import seen
 
 EXAMPLES = files("lmctl.examples")
 
@@ -250,13 +253,18 @@ class _Making:
         made = RunFolder(runs / run_names(runs)[-1])
         with JobReader(made.job) as job:
             after = replay_run(made)
-            found = find_place(job, after, tuple(self._bench.motion.position_mm))
+            dialect = GRBLHAL if self._bench.config.motion.dialect == "grblhal" else GRBL
+            found = find_place(
+                job, after, seen(self._bench.motion.position_mm, dialect=dialect), self._profile)
+            reached = found.reached
+            if reached.is_doubtful:  # a controller that nobody stops runs dry
+                reached = known_place(reached.until, Known.STATED)
             try:
-                refuse_finished(job, after, found.place, self._profile.motion)
+                refuse_finished(job, after, reached.place, self._profile.motion)
             except JournalError:
-                keep_unreported(job, self._profile, made, found.place)
+                keep_unreported(job, made, reached)
                 return None
-        return EarlierRun(made.run, found.place, trusted=found.matched)
+        return EarlierRun(made.run, reached, trusted=not found.lost)
 
     # --- what was really executed -------------------------------------------------------------
 

@@ -220,7 +220,7 @@ def test_not_a_number_never_reaches_a_journal(tmp_path):
 @pytest.mark.parametrize(
     "content",
     [b"\n", b"{}\n", b"[1]\n", b"\xff\xfe\n", b'{"format":"other"}\n', b"[" * 100_000 + b"\n",
-     b'{"format":"lmctl-journal-1","t":NaN}\n', b"9" * 10_000 + b"\n", b"solid cube\n"],
+     b'{"format":"lmctl-journal-2","t":NaN}\n', b"9" * 10_000 + b"\n", b"solid cube\n"],
 )
 def test_what_is_no_journal_is_refused(tmp_path, content):
     path = tmp_path / "j"

@@ -16,11 +16,10 @@ from lmctl.config.machine import load_profile
 from lmctl.job.reader import JobReader
 from lmctl.job.schema import LineKind
 from lmctl.run.program.job_window import JobWindow
+from lmctl.run.program.place import JOB_START, ProgramPlace
 from lmctl.run.program.reentry import (
-    JOB_START,
     OVERLAP_MM,
     RUN_UP_MM,
-    ProgramPlace,
     overlap_mm,
     plan_reentry,
 )

@@ -34,6 +34,7 @@ class MotionDriver:
     offset_mm : work offset as last reported, or None (work = machine - offset)
     position_mm : as last reported, in program (work) coordinates, or None
     position_trusted : whether reported positions are those of the machine
+    restarted : whether the controller has restarted unasked since its port was opened, or by that
     """
 
     def __init__(self, endpoint: str, status_period_s: float) -> None:
@@ -43,6 +44,7 @@ class MotionDriver:
         self.offset_mm: tuple[float, ...] | None = None
         self.position_mm: tuple[float, ...] | None = None
         self.position_trusted = False
+        self.restarted = False
         self._talk = GrblConnection(
             endpoint,
             status_period_s,
@@ -134,6 +136,11 @@ class MotionDriver:
     def all_answered(self) -> bool:
         """Whether the link is open and nothing that was sent is unanswered."""
         return self._talk.lost is None and not self._talk.unanswered_lines
+
+    @property
+    def lost(self) -> str | None:
+        """Why the link is lost, None while it is not."""
+        return self._talk.lost
 
     @property
     def lines_queued(self) -> int:
@@ -284,6 +291,7 @@ class MotionDriver:
 
     def _restarted(self, asked: bool) -> None:
         surprise = not asked and self._introduction is not None
+        self.restarted = self.restarted or not asked
         self._stream.on_restart(halted=surprise)
         self.overrides = NO_OVERRIDE
         if not (asked and self._at_rest_at_reset):

@@ -80,6 +80,11 @@ class SafetyDriver:
         self._cycle.listener = listener
 
     @property
+    def period_s(self) -> float:
+        """Between two answers."""
+        return self._safety.period_s
+
+    @property
     def status(self) -> SafetyStatus | None:
         return self._cycle.status
 

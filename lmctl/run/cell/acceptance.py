@@ -10,24 +10,28 @@ from lmctl.errors import MachineError
 from lmctl.job.reader import JobReader
 from lmctl.machine.feeder.driver import FeederDriver
 from lmctl.machine.manual.inspect_motion import read_motion
+from lmctl.machine.motion.driver import MotionDriver
 from lmctl.run.cell.condition import Condition, refuse_unmet
 from lmctl.run.cell.devices import Cell
 from lmctl.run.cell.feeder_conditions import FeederSnapshot, feeder_conditions
 from lmctl.run.cell.motion_conditions import is_watched, motion_conditions
 from lmctl.run.cell.safety_conditions import safety_conditions
+from lmctl.run.continuation import EarlierRun
 from lmctl.run.journal.last_known_position import LastKnownPosition
 from lmctl.run.journal.recorder import RunRecorder
 from lmctl.run.program.beam_off import without_beam
 
+#: A machine that has not moved says the same place [mm].
+_SAME_MM = 0.01
+
 
 async def accept_machine(
     cell: Cell, profile: MachineProfile, job: JobReader, recorder: RunRecorder,
-    whereabouts: LastKnownPosition, *, run: str, going_on: bool, trusted: bool,
+    whereabouts: LastKnownPosition, *, run: str, continues: EarlierRun | None,
 ) -> bool:
     """Judge the machine, journal what it is, and note that `run` will move it.
 
-    going_on : with what an earlier run left, so latched alarms are reset first
-    trusted : somebody has seen to it that the machine's position is true
+    continues : what an earlier run has left, so latched alarms are reset first
     Returns whether the beam stays off: every power of the job is then sent as zero, and the job
     has been read through for lines that this would refuse.
     Raises MachineError, JobError.
@@ -42,9 +46,10 @@ async def accept_machine(
         is_bench=identity.is_bench, beam_off=beam_off,
         position_trusted=motion.position_trusted,
     )
-    if trusted:
-        motion.trust_position()
-    if going_on:
+    if continues is not None:
+        _refuse_displaced(motion, continues)
+        if continues.trusted:
+            motion.trust_position()
         await reset_alarms(cell, [f for f in cell.feeders if f.status and f.status.alarm])
     reading = await read_motion(motion)
     refuse_unmet({
@@ -72,6 +77,27 @@ def _safety_conditions(cell: Cell, profile: MachineProfile) -> dict[str, list[Co
     if cell.safety is None or cell.safety.status is None or profile.safety is None:
         return {}
     return {"safety device": list(safety_conditions(cell.safety.status, profile.safety))}
+
+
+def _refuse_displaced(motion: MotionDriver, continues: EarlierRun) -> None:
+    """Raise MachineError where the machine is not where it was when the recovery was decided on.
+
+    Some boards restart when their port is opened, and then believe that they stand at zero.
+    """
+    at_mm, seen_mm = motion.position_mm, continues.stands_mm
+    if seen_mm is None or at_mm is None:
+        return
+    if any(abs(now - then) > _SAME_MM for now, then in zip(at_mm, seen_mm, strict=False)):
+        raise MachineError(
+            "the controller says another place than a moment ago: it has restarted, or was moved",
+            where=f"it says {_text(at_mm)}, and said {_text(seen_mm)}",
+            hint="keep the board from restarting when its port is opened (DTR); "
+                 f"then recover {continues.run} again",
+        )
+
+
+def _text(at_mm: Sequence[float]) -> str:
+    return " ".join(f"{axis}{value:.3f}" for axis, value in zip("XYZ", at_mm, strict=False))
 
 
 def refuse_unready(standing: Sequence[MachineError]) -> None:

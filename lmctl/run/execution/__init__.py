@@ -9,7 +9,6 @@ from lmctl.lazy_exports import exports_of
 if TYPE_CHECKING:
     from lmctl.run.execution.deposition import Progress as Progress
     from lmctl.run.execution.device_monitor import DeviceMonitor as DeviceMonitor
-    from lmctl.run.execution.job_progress import EarlierRun as EarlierRun
     from lmctl.run.execution.job_progress import JobProgress as JobProgress
     from lmctl.run.execution.layer_accounts import LayerAccounts as LayerAccounts
     from lmctl.run.execution.run_header import local_header as local_header
@@ -19,7 +18,6 @@ if TYPE_CHECKING:
 #: What others may use, and the module that holds it; loaded when it is asked for.
 _HOMES = {
     "DeviceMonitor": "lmctl.run.execution.device_monitor",
-    "EarlierRun": "lmctl.run.execution.job_progress",
     "JobProgress": "lmctl.run.execution.job_progress",
     "LayerAccounts": "lmctl.run.execution.layer_accounts",
     "Progress": "lmctl.run.execution.deposition",

@@ -9,10 +9,12 @@ from __future__ import annotations
 import asyncio
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 from firmware_protocol.status import StatusReport
 from lmctl.config.machine import MotionSettings
 from lmctl.run.cell.devices import Cell
+from lmctl.run.ended_at import beam_off_s, ended_at, is_at_rest, place_at
 from lmctl.run.execution.executed_motion import ExecutedMotion
 from lmctl.run.execution.layer_accounts import LayerAccounts
 from lmctl.run.interlocks.inputs import ProgramDeviation
@@ -23,16 +25,14 @@ from lmctl.run.program.feed_override import FeedOverride
 from lmctl.run.program.job_window import JobWindow
 from lmctl.run.program.line_energy import LineEnergyCheck
 from lmctl.run.program.line_releaser import LineReleaser
+from lmctl.run.program.place import NOTHING_REACHED, PlaceReached, ProgramPlace
 from lmctl.run.program.program_clock import ProgramClock
-from lmctl.run.program.reentry import JOB_START, ProgramPlace, Reentry
+from lmctl.run.program.reentry import Reentry
 from lmctl.run.program.remaining_time import RemainingTime
 
 #: Lines wait for the next question only where the horizon holds so many status periods: one has
 #: gone by when they are sent, another until the next are, and motion must see its end in time.
 _PERIODS_AHEAD = 4
-
-#: From the word at the laser-enable output to a beam that is off [s].
-LASER_OFF_S = 0.02
 
 #: (program time done, program time in all, layer, remaining machine time) [s]
 Progress = Callable[[float, float, int, float], None]
@@ -42,7 +42,7 @@ class Deposition:
     """One job on one cell, from where it is entered to its last line or to the next hold.
 
     motion : the machine's limits and its link
-    entry : how it is entered, None at its first line
+    entry : how it is entered, None at its first line; reached : what has been executed before
     accounts : of the layers, which what is executed goes into
     started : whether a line of the job has been sent
     done : called once, when the last line has been executed
@@ -52,13 +52,15 @@ class Deposition:
     def __init__(
         self, cell: Cell, window: JobWindow, clock: ProgramClock, feed: SetpointSender,
         recorder: RunRecorder, accounts: LayerAccounts, motion: MotionSettings, *,
-        entry: Reentry | None = None, done: Callable[[], None],
-        failed: Callable[[Exception], None], progress: Progress | None,
+        entry: Reentry | None = None, reached: PlaceReached = NOTHING_REACHED,
+        done: Callable[[], None], failed: Callable[[Exception], None], progress: Progress | None,
     ) -> None:
         self.started = False
         self._first_line = window.first_layer().first_line
         self._lit_line = 0 if entry is None else entry.beam_on_line
-        self._place = JOB_START if entry is None else entry.place
+        self._reached = reached
+        self._beam_off_s = math.inf
+        self._sent = self._first_line - 1  # the last line that may have been sent
         self._cell = cell
         self._window = window
         self._clock = clock
@@ -86,7 +88,7 @@ class Deposition:
     @property
     def lines_executed(self) -> int:
         """Lines of the job known to be executed."""
-        return max(self._place.line, self._counted)
+        return max(self._reached.place.line, self._counted)
 
     @property
     def _counted(self) -> int:
@@ -124,7 +126,8 @@ class Deposition:
         self.started = self._streaming = self._tracking = True
         self._begin_accounts()
         self._override.schedule(self._loop.time())
-        self._cell.motion.submit(self._released())
+        self._next_lines = self._released()
+        self._send()
 
     def stop(self) -> None:
         """Send no more lines, whatever is reported; those not yet on the wire are dropped.
@@ -133,11 +136,9 @@ class Deposition:
         """
         if self._streaming:
             self._streaming = False
-            safety = self._cell.safety
-            if safety is not None and safety.has_laser_enable:
-                off_s = self._clock.program_time_s(
-                    self._loop.time()) + LASER_OFF_S * self._clock.rate
-                self._motion.beam_off_from(off_s)
+            self._beam_off_s = beam_off_s(self._cell.safety, self._clock, self._loop.time())
+            if self._beam_off_s < math.inf:
+                self._motion.beam_off_from(self._beam_off_s)
             self._override.cancel()
             self._next_lines.clear()
             self._cell.motion.discard_queue()
@@ -149,8 +150,14 @@ class Deposition:
         """
         self._streamer.end_with_path(self._counted, path_done)
 
-    def reached_place(self) -> ProgramPlace:
-        """Motion has come to rest: how far the job has been executed, by the last report.
+    @property
+    def stands_mm(self) -> tuple[float, ...] | None:
+        """Where the machine stands, program coordinates; None where it has not reported that."""
+        motion = self._cell.motion
+        return motion.position_mm if is_at_rest(motion) and motion.position_trusted else None
+
+    def reached_place(self) -> PlaceReached:
+        """Motion has been stopped: how far the job has been executed, and how that is known.
 
         What is reported later is no longer this job's.
         """
@@ -158,13 +165,23 @@ class Deposition:
             self.stop()
             self._tracking = False
             self._motion.come_to_rest()
-            s = min(self._clock.reported_s, self._energy.bead_short_from_s)
-            line = self._window.line_at(s)
-            start_s, end_s = self._window.line_start_s(line), self._window.line_start_s(line + 1)
-            share = (s - start_s) / (end_s - start_s) if end_s > start_s else 0.0
-            if line >= self._lit_line:
-                self._place = max(self._place, ProgramPlace(line, min(max(share, 0.0), 1.0)))
-        return self._place
+            clock, age_s = self._clock, self._loop.time() - self._clock.reported_t
+            ended = ended_at(
+                self._cell.motion, clock, self._window,
+                executed_s=min(clock.reported_s, self._energy.bead_short_from_s),
+                off_s=self._beam_off_s, sent=self._sent,
+                reported_s=self._recorder.now_s() - age_s if age_s < math.inf else None,
+            )
+            self._reached = self._beyond_way_in(ended)
+        return self._reached
+
+    def _beyond_way_in(self, ended: PlaceReached) -> PlaceReached:
+        """What `ended` adds to what had been executed before; the way in adds nothing."""
+        before = self._reached
+        if max(ended.place, ended.until) <= max(before.place, ProgramPlace(self._lit_line)):
+            return before
+        return replace(ended, place=max(ended.place, before.place),
+                       at_least=max(ended.at_least, before.place))
 
     def _begin_accounts(self) -> None:
         """Motion is about to begin: what was fed until now was for the hose, not for the part."""
@@ -301,4 +318,6 @@ class Deposition:
     def _send(self) -> None:
         if self._next_lines:
             lines, self._next_lines = self._next_lines, []
+            self._sent += len(lines)
+            self._recorder.sent(self._sent, place_at(self._window, self._clock.reported_s))
             self._cell.motion.submit(lines)

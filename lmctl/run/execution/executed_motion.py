@@ -17,7 +17,7 @@ from lmctl.run.journal.figures import Figures
 from lmctl.run.powder.fed import FedPowder
 from lmctl.run.program.job_window import JobWindow
 from lmctl.run.program.layer_program import LayerProgram
-from lmctl.run.program.reentry import ProgramPlace
+from lmctl.run.program.place import ProgramPlace
 from lmctl.run.program.reported_power import energy_ratio
 
 #: Reports further apart than this leave what lies between them inferred [s].

@@ -9,39 +9,25 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from lmctl.errors import JobError
 from lmctl.run.cell.devices import Cell
 from lmctl.run.execution.run_segment import RunSegment, RunSegmentFactory
 from lmctl.run.journal.recorder import RunRecorder
 from lmctl.run.program.override_limits import NO_OTHER_OVERRIDE
-from lmctl.run.program.reentry import JOB_START, ProgramPlace
+from lmctl.run.program.place import JOB_START, NOTHING_REACHED, PlaceReached
 
 _OVERRIDE_PATIENCE_S = 5.0
-
-
-@dataclass(frozen=True)
-class EarlierRun:
-    """What an earlier run has made of the part.
-
-    place : how far the job has been executed
-    trusted : somebody has seen to it that the machine's position is true
-    """
-
-    run: str
-    place: ProgramPlace
-    trusted: bool
 
 
 class JobProgress:
     """One run's way through its job.
 
-    begins_at : where an earlier run has left it
+    begins_at : how far an earlier run has come with it
     override_percent : the feed override asked for
     """
 
-    def __init__(self, recorder: RunRecorder, begins_at: ProgramPlace = JOB_START) -> None:
+    def __init__(self, recorder: RunRecorder, begins_at: PlaceReached = NOTHING_REACHED) -> None:
         self.override_percent = 100
         self._recorder = recorder
         self._begins_at = begins_at
@@ -61,12 +47,14 @@ class JobProgress:
     def has_begun(self) -> bool:
         """Whether a line of the job may have been executed, by this run or before it."""
         started = self._work is not None and self._work.deposition.started
-        return started or self._begins_at != JOB_START or self._resumed
+        return started or self._begins_at.place != JOB_START or self._resumed
 
     @property
     def lines_executed(self) -> int:
         """Lines of the job known to be executed, by this run or before it."""
-        return self._begins_at.line if self._work is None else self._work.deposition.lines_executed
+        if self._work is None:
+            return self._begins_at.place.line
+        return self._work.deposition.lines_executed
 
     @property
     def place_text(self) -> str:
@@ -92,7 +80,8 @@ class JobProgress:
         self._workshop = workshop
         self._work = workshop.create(self._begins_at, None, self.override_percent)
         if self._work is None:
-            raise JobError("no bead of this job is left to lay", where=f"from {self._begins_at}")
+            raise JobError("no bead of this job is left to lay",
+                           where=f"from {self._begins_at.place}")
 
     def continue_after_hold(self) -> bool:
         """A hold ends: make ready to go on from the place reached; False where no bead is left."""
@@ -106,18 +95,18 @@ class JobProgress:
 
     def stop_sending(self) -> None:
         """Motion is to end: no more lines, and the program's clock stands."""
-        self.segment.clock.stop_at(self._loop.time())
         self.segment.deposition.stop()
+        self.segment.clock.stop_at(self._loop.time())
 
     def finish_path(self, path_done: Callable[[], None]) -> None:
         """Begin no further path; `path_done` is called at the end of the one under way."""
         self.segment.deposition.finish_path(path_done)
 
-    def record_place(self) -> ProgramPlace:
-        """How far the job has been executed, now that motion has come to rest; journaled."""
-        place = self.segment.deposition.reached_place()
-        self._recorder.record_place(place)
-        return place
+    def record_place(self) -> PlaceReached:
+        """How far the job has been executed, now that motion has been stopped; journaled."""
+        reached = self.segment.deposition.reached_place()
+        self._recorder.record_place(reached, self.segment.deposition.stands_mm)
+        return reached
 
     def set_override(self, percent: int) -> None:
         """Set the feed override where powder can follow; before the beam is armed, for all."""

@@ -14,7 +14,7 @@ from typing import Any
 from lmctl.run.execution.layer_plan import LayerPlan
 from lmctl.run.journal.figures import NOTHING, Figures
 from lmctl.run.journal.recorder import RunRecorder, place_fields
-from lmctl.run.program.reentry import ProgramPlace
+from lmctl.run.program.place import ProgramPlace
 
 #: Less bead than this is no bead left: nothing shorter is entered again (see `reentry`) [mm].
 NO_BEAD_MM = 0.02

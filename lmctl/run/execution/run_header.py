@@ -9,7 +9,7 @@ from typing import Any
 from lmctl import __version__
 from lmctl.config.machine import HopperSettings, MachineProfile
 from lmctl.job.reader import JobReader
-from lmctl.run.execution.job_progress import EarlierRun
+from lmctl.run.continuation import EarlierRun
 from lmctl.run.journal.recorder import wall_stamp
 
 
@@ -46,6 +46,8 @@ def local_header(run: str, profile: MachineProfile) -> dict[str, Any]:
 
 def _going_on(continues: EarlierRun) -> dict[str, Any]:
     """Whoever goes on with a run that fails before it enters the part needs all of it again."""
-    place = continues.place
+    place, stands_mm = continues.reached.place, continues.stands_mm
     return {"continues": continues.run, "position_kept": continues.trusted,
-            "begins_at": {"line": place.line, "share": round(place.line_fraction, 6)}}
+            "begins_at": {"line": place.line, "share": round(place.line_fraction, 6),
+                          "known": continues.reached.known},
+            "stands_mm": stands_mm and [round(axis, 3) for axis in stands_mm]}

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lmctl.config.machine import HopperSettings, MachineProfile
+from lmctl.errors import MachineError
 from lmctl.job.reader import JobReader
 from lmctl.job.schema import JobLayer
 from lmctl.run.cell.devices import Cell
@@ -20,8 +21,9 @@ from lmctl.run.powder.lead import HoseDynamics, PowderPlan
 from lmctl.run.powder.setpoint_sender import SetpointSender
 from lmctl.run.program.job_window import JobWindow
 from lmctl.run.program.layer_program import LayerProgram, layer_program_of
+from lmctl.run.program.place import JOB_START, PlaceReached
 from lmctl.run.program.program_clock import ProgramClock
-from lmctl.run.program.reentry import JOB_START, ProgramPlace, Reentry, plan_reentry
+from lmctl.run.program.reentry import Reentry, plan_reentry
 
 
 @dataclass(frozen=True)
@@ -53,16 +55,22 @@ class RunSegmentFactory:
     failed: Callable[[Exception], None]
     progress: Progress | None
 
-    def create(self, place: ProgramPlace, before: RunSegment | None,
-               override_percent: int) -> RunSegment | None:
-        """Work that goes on from a place; None where no bead is left to lay.
+    def create(
+        self, reached: PlaceReached, before: RunSegment | None, override_percent: int
+    ) -> RunSegment | None:
+        """Work that goes on from a place, which must be known; None where no bead is left.
 
         before : the work that was broken off there
         override_percent : the feed override it is to run at
         """
         entry: Reentry | None = None
-        if place != JOB_START:
-            entry = plan_reentry(self.job.manifest, self.job.layer, place, self.profile.motion)
+        if reached.is_doubtful:
+            raise MachineError(
+                "where deposition ended is not known",
+                hint="stop the run; `lmctl recover` asks what is on the part, and goes on")
+        if reached.place != JOB_START:
+            entry = plan_reentry(
+                self.job.manifest, self.job.layer, reached.place, self.profile.motion)
             if entry is None:
                 return None
             self.recorder.record_entry(entry)
@@ -80,7 +88,8 @@ class RunSegmentFactory:
         feed = SetpointSender(self.cell, plan, clock, self.recorder, self.failed)
         return RunSegment(clock, feed, Deposition(
             self.cell, window, clock, feed, self.recorder, self.accounts, self.profile.motion,
-            entry=entry, done=self.done, failed=self.failed, progress=self.progress,
+            entry=entry, reached=reached, done=self.done, failed=self.failed,
+            progress=self.progress,
         ))
 
     def _announce(self, window: JobWindow, override_percent: int) -> None:

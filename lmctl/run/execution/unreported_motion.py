@@ -14,8 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from firmware_protocol.dialect import GRBL, GRBLHAL
-from lmctl.config.machine import MachineProfile
 from lmctl.errors import JournalError, MissingFileError
 from lmctl.job.reader import JobReader
 from lmctl.run.execution.layer_accounts import NO_BEAD_MM
@@ -25,7 +23,8 @@ from lmctl.run.journal.notes import notes_of
 from lmctl.run.journal.recorder import place_fields
 from lmctl.run.journal.run_folders import RunFolder
 from lmctl.run.program.layer_program import LayerProgram, layer_program_of
-from lmctl.run.program.reentry import JOB_START, ProgramPlace, layer_of
+from lmctl.run.program.place import JOB_START, PlaceReached, ProgramPlace
+from lmctl.run.program.reentry import layer_of
 
 
 @dataclass(frozen=True)
@@ -50,22 +49,19 @@ class Unreported:
 
 @dataclass(frozen=True)
 class _LastReport:
-    """place : known last; dialect : of the controller; rate : feed override
+    """place : known last; rate : feed override
 
     flow_g_min : {hopper: last set-point}; discs keep it until the feeder's watchdog stops them
     """
 
     place: ProgramPlace = JOB_START
     beam_off: bool = False
-    dialect: str = ""
     rate: float = 1.0
     flow_g_min: Mapping[str, float] = field(default_factory=dict)
 
 
-def unreported(
-    job: JobReader, profile: MachineProfile, earlier: Path, found: ProgramPlace
-) -> list[Unreported]:
-    """What an earlier run of the same job executed between its last report and `found`.
+def unreported(job: JobReader, earlier: Path, reached: PlaceReached) -> list[Unreported]:
+    """What an earlier run of the same job executed between its last report and where it ended.
 
     earlier : its journal. Where that cannot be read, nothing is inferred.
     """
@@ -73,22 +69,21 @@ def unreported(
         last = _last_report(earlier)
     except (JournalError, MissingFileError):
         return []
+    found = reached.place
     if found <= last.place:
         return []
     layers = range(layer_of(job.manifest, last.place.line), layer_of(job.manifest, found.line) + 1)
-    spans = (_in_layer(job, profile, index, last, found) for index in layers)
+    spans = (_in_layer(job, index, last, reached) for index in layers)
     return [span for span in spans if span.figures.duration_s > 0.0]
 
 
-def keep_unreported(
-    job: JobReader, profile: MachineProfile, made: RunFolder, found: ProgramPlace
-) -> None:
+def keep_unreported(job: JobReader, made: RunFolder, reached: PlaceReached) -> None:
     """Write down what a run executed without a report where no later run will: nothing is left.
 
     It goes beside the journal, which may be sealed. Raises JournalError.
     """
     beside = notes_of(made)
-    for span in unreported(job, profile, made.journal, found):
+    for span in unreported(job, made.journal, reached):
         beside.append("unreported", **span.as_json())
 
 
@@ -100,14 +95,17 @@ def _last_report(journal: Path) -> _LastReport:
         match record["kind"]:
             case "header" if "begins_at" in record:
                 known = [record["begins_at"]]
-            case "place" | "entry":
+            case "place":
+                line, share = record.get("at_least", (record["line"], record["share"]))
+                known = [{"line": line, "share": share}]
+            case "entry":
                 known = [record]
             case "layer":
                 known = [record["reached"]]
             case "samples":
                 known = [account["reached"] for account in record["layers"]]
             case "machine":
-                last = replace(last, beam_off=record["beam_off"], dialect=record["dialect"])
+                last = replace(last, beam_off=record["beam_off"])
             case "override" if record["source"] == "controller":
                 last = replace(last, rate=record["feed_percent"] / 100.0)
             case "setpoint":
@@ -118,37 +116,22 @@ def _last_report(journal: Path) -> _LastReport:
 
 
 def _in_layer(
-    job: JobReader, profile: MachineProfile, index: int, last: _LastReport, found: ProgramPlace
+    job: JobReader, index: int, last: _LastReport, reached: PlaceReached
 ) -> Unreported:
-    layer = _layer(job, index)
+    layer, found = _layer(job, index), reached.place
     begin = max(last.place, ProgramPlace(layer.first_line))
     end = min(found, ProgramPlace(layer.last_line + 1))
     begin_s, end_s = _time_of(layer, begin), _time_of(layer, end)
-    beam_end_s = max(begin_s, end_s - _dark_s(profile, last)) if end == found else end_s
-    before, after = layer.totals.at(begin_s), layer.totals.at(beam_end_s)
+    before, after = layer.totals.at(begin_s), layer.totals.at(end_s)
     burns = 0.0 if last.beam_off else 1.0
-    fed_s = max(0.0, end_s - max(begin_s, layer.planned.beam_from_s)) / last.rate
+    rest_s = end_s + (reached.beam_off_motion_s * last.rate if end == found else 0.0)
+    fed_s = max(0.0, rest_s - max(begin_s, layer.planned.beam_from_s)) / last.rate
     grams = {name: flow / 60.0 * fed_s for name, flow in last.flow_g_min.items()}
     return Unreported(index, begin, end, Figures(
         burns * (after.path_mm - before.path_mm),
         burns * (after.beam_s - before.beam_s) / last.rate,
-        burns * (after.energy_J - before.energy_J), (end_s - begin_s) / last.rate, grams,
+        burns * (after.energy_J - before.energy_J), (rest_s - begin_s) / last.rate, grams,
     ), complete=layer.totals.whole.path_mm - layer.totals.at(end_s).path_mm < NO_BEAD_MM)
-
-
-def _dark_s(profile: MachineProfile, last: _LastReport) -> float:
-    """Program time between beam off and rest, where the watchdog relay ended both.
-
-    The relay drops the laser-enable output at once; the controller first executes what it has
-    prepared and then brakes.
-    """
-    safety, motion = profile.safety, profile.motion
-    if safety is None or not safety.laser_enable or safety.relay_timeout_s is None:
-        return 0.0
-    if safety.relay_timeout_s >= motion.send_horizon_s:
-        return 0.0  # it ran dry first
-    dialect = GRBL if last.dialect == GRBL.name else GRBLHAL
-    return dialect.segment_buffer_s * last.rate
 
 
 def _layer(job: JobReader, index: int) -> LayerProgram:

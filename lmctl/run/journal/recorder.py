@@ -6,9 +6,13 @@ machine   who answered: firmware, buffers, whether it is the bench
 state     a transition: event, from, to
 act       an effect begun (a `Effect`), or one that failed while stopping
 path      a path is about to be sent: its number, layer, first and last line
-executed  a path has been executed: all its lines, not only acknowledged
-place     motion has come to rest: the line reached, and the share of it that has been executed
-entry     how the job goes on after that: the line lit first, and the bead laid twice [mm]
+sent      up to which line the job is now sent, and the place reported before that
+executed  a path has been executed by the controller's reports, not only acknowledged
+place     where deposition ended: a line, the share of its length, and how that is known: "reported"
+          by the controller at standstill (and when), "inferred" from what was sent and the clock
+          (then perhaps only `at_least` another), "stated" by the operator, or "unknown": then
+          anywhere up to `until`; and where the machine stands, if it has reported that
+entry     how the job goes on after that: first line with beam, and bead deposited again [mm]
 alarm     something is not as it must be: its name, the words the operator reads, and the names of
           alarms that it is the cause of, though they may stand before it
 alarm_cleared  what an alarm was raised for is gone, or an operator has acknowledged it
@@ -41,7 +45,8 @@ from lmctl.machine.feeder.warnings import FeederWarning
 from lmctl.run.interlocks.alarms import RunAlarm
 from lmctl.run.journal.writer import JournalWriter
 from lmctl.run.program.layer_program import PathSpan
-from lmctl.run.program.reentry import ProgramPlace, Reentry
+from lmctl.run.program.place import Known, PlaceReached, ProgramPlace
+from lmctl.run.program.reentry import Reentry
 from lmctl.run.state.transitions import Effect, RunEvent, RunState
 
 #: Samples wait so long before they are written [s]: after a crash no more than that is in doubt.
@@ -124,9 +129,26 @@ class RunRecorder:
         for path in done:
             self._append("executed", path=path.path)
 
-    def record_place(self, place: ProgramPlace) -> None:
-        """How far the job has been executed; durable."""
-        self._event("place", **place_fields(place))
+    def sent(self, line: int, reported: ProgramPlace) -> None:
+        """Lines up to this one are about to be sent; out of this process when this returns.
+
+        reported : the place reported last. A killed host loses none of it.
+        """
+        self._append("sent", line=line, reported=_place(reported))
+        self._flush()
+
+    def record_place(self, reached: PlaceReached, stands_mm: tuple[float, ...] | None) -> None:
+        """Where deposition ended; durable. stands_mm : where the machine stands, if reported"""
+        fields: dict[str, Any] = {"known": reached.known}
+        if reached.is_assumed:
+            fields["at_least"] = _place(reached.at_least)
+        if reached.known is Known.UNKNOWN:
+            fields["until"] = _place(reached.until)
+        if reached.reported_s is not None:
+            fields["reported_at"] = round(reached.reported_s, 3)
+        if stands_mm is not None:
+            fields["stands_mm"] = [round(axis, 3) for axis in stands_mm]
+        self._event("place", **place_fields(reached.place), **fields)
         self._sync()
 
     def record_entry(self, entry: Reentry) -> None:
@@ -286,6 +308,10 @@ class RunRecorder:
 def place_fields(place: ProgramPlace) -> dict[str, Any]:
     """A place as records carry it."""
     return {"line": place.line, "share": round(place.line_fraction, 6)}
+
+
+def _place(place: ProgramPlace) -> list[float]:
+    return [place.line, round(place.line_fraction, 6)]
 
 
 def wall_stamp() -> str:

@@ -1,63 +1,106 @@
-"""From what a journal proves and where the machine stands to the place where a job goes on."""
+"""From what a journal tells and where the machine stands to the place where a job goes on."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 
 import numpy as np
-from numpy.typing import NDArray
 
-from lmctl.config.machine import MotionSettings
+from firmware_protocol.dialect import Dialect
+from lmctl.config.machine import MachineProfile, MotionSettings
 from lmctl.errors import JournalError
 from lmctl.job.reader import JobReader
+from lmctl.run.ended_at import LASER_OFF_S
 from lmctl.run.journal.replay import RunReplay
-from lmctl.run.program.reentry import JOB_START, ProgramPlace, layer_of, plan_reentry
+from lmctl.run.journal.standing import ON_LINE_MM, Standing, standing
+from lmctl.run.program.approach import along
+from lmctl.run.program.job_lines import (
+    after_bead_mm,
+    bead_between_mm,
+    before_motion_mm,
+    rows_between,
+)
+from lmctl.run.program.place import (
+    JOB_START,
+    NOTHING_REACHED,
+    Known,
+    PlaceReached,
+    ProgramPlace,
+    known_place,
+    unknown_place,
+)
+from lmctl.run.program.reentry import plan_reentry
 
-FloatArray = NDArray[np.float64]
+#: Less bead than this in doubt is no question for an operator [mm].
+_NO_DOUBT_MM = 0.1
 
-#: A machine this near to a line of the program stands on it [mm]: steps and rounding are finer.
-ON_LINE_MM = 0.05
+#: A device that runs for so much less than the time since a run has been switched off since [s].
+_UPTIME_SLACK_S = 5.0
+
+
+@dataclass(frozen=True)
+class MachineSeen:
+    """What a controller said before anything was sent to it.
+
+    position_mm : program coordinates, or None
+    at_zero : whether its machine coordinates are 0, 0, 0
+    restarted : whether it has sent its welcome message unasked
+    homed : whether its homing, or the record of it, vouches for its position
+    uptimes_s : for how long the other devices of the cell have run, by name
+    """
+
+    position_mm: tuple[float, ...] | None
+    at_zero: bool
+    restarted: bool
+    homed: bool
+    dialect: Dialect
+    uptimes_s: dict[str, float]
 
 
 @dataclass(frozen=True)
 class RecoveryPlace:
     """Where to go on, and how that is known.
 
-    matched : the machine stands where the job says, and nothing has made it lose its position
+    reached : where deposition ended; an operator has to say it where that is doubtful
+    reason : how it is known, in words
+    lost : why the machine's position is not proven, in words; "" where it is
     """
 
-    place: ProgramPlace
-    matched: bool
+    reached: PlaceReached
     reason: str
+    lost: str
 
 
 def find_place(
-    job: JobReader, after: RunReplay, position_mm: Sequence[float] | None
+    job: JobReader, after: RunReplay, seen: MachineSeen, profile: MachineProfile
 ) -> RecoveryPlace:
-    """The place up to which a run was executed.
+    """The place up to which a run was executed, and whether the machine's position is proven.
 
-    position_mm : where the machine stands in program coordinates, as it said before anything was
-        sent to it; None where that is not known
-    A machine that has run dry stands at the end of what it was sent. Of several places where it
-    may stand (a contour that crosses itself) the earliest counts: a little is laid twice rather
-    than left out.
+    The machine's own place counts where it stands on a line that was sent and nothing says that
+    its controller has restarted. Else all that was sent may have been executed, and that is asked.
     """
     if not after.has_begun:
-        return RecoveryPlace(JOB_START, False, "nothing of the part had been begun")
-    if after.is_place_exact:
-        stands = position_mm is not None and _stands_at(job, after.proven_place, position_mm)
-        return RecoveryPlace(after.proven_place, stands and after.is_position_kept,
-                             "motion came to rest there, as journaled")
-    if position_mm is not None:
-        found = _on_lines_sent(job, after, np.asarray(position_mm[:3], dtype=np.float64))
-        if found is not None:
-            return RecoveryPlace(max(found, after.proven_place), after.is_position_kept,
-                                 "the machine stands there")
-    return RecoveryPlace(
-        after.proven_place, False,
-        "the machine does not stand on a line that was sent; this much the journal proves",
-    )
+        return RecoveryPlace(NOTHING_REACHED, "nothing of the part had been begun", "")
+    stands = Standing(False, ())
+    if seen.position_mm is not None:
+        stands = standing(job, after, profile.motion, seen.position_mm)
+    lost = _why_lost(after, seen, stands)
+    if lost:
+        reached, why = _unconfirmed(after.reached), _journal_says(after)
+    else:
+        reached, why = _by_machine(job, after, seen, stands, profile)
+    doubt_mm = bead_between_mm(job, reached.place, reached.until)
+    if reached.known is Known.UNKNOWN and doubt_mm <= _NO_DOUBT_MM:
+        reached = replace(reached, known=Known.INFERRED, until=reached.place)
+    return RecoveryPlace(reached, why, lost)
+
+
+def stated_by_operator(job: JobReader, reached: PlaceReached, deposited_mm: float) -> PlaceReached:
+    """The place, of a doubtful stretch, up to which the operator has found so much bead."""
+    place = after_bead_mm(job, reached.place, reached.until, deposited_mm)
+    return known_place(place, Known.STATED)
 
 
 def refuse_finished(job: JobReader, after: RunReplay, place: ProgramPlace,
@@ -68,61 +111,120 @@ def refuse_finished(job: JobReader, after: RunReplay, place: ProgramPlace,
                            hint=f"`{after.run.command('log')}` prints its log")
 
 
-def _on_lines_sent(job: JobReader, after: RunReplay,
-                   position_mm: FloatArray) -> ProgramPlace | None:
-    """The first place on the lines that may have been running where the machine may stand."""
-    first = min(after.beam_on_line,
-                after.proven_place.line) if after.beam_on_line else after.proven_place.line
-    last = _last_before_next_path(job, after.last_line)
-    for entry in job.manifest.layers:
-        if entry.first_line + entry.n_lines <= first or entry.first_line > last:
-            continue
-        start_mm, end_mm = _lines_of(job, entry.index)
-        rows = np.arange(len(end_mm)) + entry.first_line
-        near = (rows >= first) & (rows <= last)
-        share, off_mm = _nearest(start_mm[near], end_mm[near], position_mm)
-        hits = np.flatnonzero(off_mm <= ON_LINE_MM)
-        if len(hits):
-            return ProgramPlace(int(rows[near][hits[0]]), float(share[hits[0]]))
-    return None
+def doubt_in_words(job: JobReader, reached: PlaceReached) -> list[str]:
+    """Which bead is in doubt, and from where to where."""
+    words = []
+    for rows in rows_between(job, reached.place.line, reached.until.line):
+        for path in dict.fromkeys(rows.path[rows.is_bead].tolist()):
+            mine = np.flatnonzero(rows.is_bead & (rows.path == path))
+            first, last = int(mine[0]), int(mine[-1])
+            line = int(rows.line[first]), int(rows.line[last])
+            start = reached.place.line_fraction if line[0] == reached.place.line else 0.0
+            end = reached.until.line_fraction if line[1] == reached.until.line else 1.0
+            length_mm = bead_between_mm(job, ProgramPlace(line[0], start),
+                                        ProgramPlace(line[1], end))
+            if length_mm > 0.0:
+                words.append(
+                    f"path {path + 1} of layer {rows.layer + 1}: {length_mm:.1f} mm, from "
+                    f"{_point(rows.at_mm(first, start))} (line {line[0]}) to "
+                    f"{_point(rows.at_mm(last, end))} (line {line[1]})"
+                )
+    return words
 
 
-def _stands_at(job: JobReader, place: ProgramPlace, position_mm: Sequence[float]) -> bool:
-    """Whether the machine stands at a place."""
-    index = layer_of(job.manifest, place.line)
-    start_mm, end_mm = _lines_of(job, index)
-    row = place.line - job.manifest.layers[index].first_line
-    at_mm = start_mm[row] + place.line_fraction * (end_mm[row] - start_mm[row])
-    return bool(np.linalg.norm(at_mm - np.asarray(position_mm[:3])) <= ON_LINE_MM)
+def _why_lost(after: RunReplay, seen: MachineSeen, stands: Standing) -> str:
+    """Why nothing proves that the machine is where its controller says; "" where it is proven."""
+    if seen.position_mm is None:
+        return "the controller does not say where it is"
+    if seen.restarted:
+        return "its controller has restarted: it sent its welcome message when the port was opened"
+    restarted = _restarted_devices(after, seen)
+    if seen.at_zero and not seen.homed and (restarted or not stands.unmoved):
+        return "it says 0, 0, 0, as every controller does that was switched off and on"
+    if not after.is_position_kept:
+        return f"{after.run.run} ended with its position lost"
+    if not stands.is_explained:
+        return (f"it says {_point(seen.position_mm)}, where nothing that {after.run.run} sent has "
+                "brought it")
+    if restarted and not stands.unmoved:
+        return (f"{', '.join(restarted)} of its cell restarted since {after.run.run} ended, so the "
+                "controller may have been switched off too")
+    return ""
 
 
-def _nearest(
-    start_mm: FloatArray, end_mm: FloatArray, position_mm: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Of each line the share at which it passes nearest to a point, and how far off."""
-    along = end_mm - start_mm
-    length2 = np.einsum("ij,ij->i", along, along)
-    share = np.einsum("ij,ij->i", position_mm - start_mm, along)
-    share = np.clip(np.divide(share, length2, out=np.ones_like(share), where=length2 > 0), 0, 1)
-    off = position_mm - (start_mm + share[:, None] * along)
-    return share, np.linalg.norm(off, axis=1)
+def _restarted_devices(after: RunReplay, seen: MachineSeen) -> list[str]:
+    if after.ended_wall is None:
+        return []
+    since_s = (datetime.now(UTC) - after.ended_wall).total_seconds()
+    return [name for name, up_s in seen.uptimes_s.items() if up_s < since_s - _UPTIME_SLACK_S]
 
 
-def _lines_of(job: JobReader, index: int) -> tuple[FloatArray, FloatArray]:
-    lines = job.layer(index).lines
-    end_mm = np.column_stack([lines["x_mm"], lines["y_mm"], lines["z_mm"]])
-    first = end_mm[:1] if index == 0 else _lines_of(job, index - 1)[1][-1:]
-    return np.concatenate([first, end_mm[:-1]]), end_mm
+def _by_machine(
+    job: JobReader, after: RunReplay, seen: MachineSeen, stands: Standing, profile: MachineProfile
+) -> tuple[PlaceReached, str]:
+    """Where deposition ended, by a machine whose position is proven."""
+    reached, first, last = after.reached, stands.places[0], stands.places[-1]
+    if reached.is_assumed and not after.moving:
+        return _unconfirmed(reached), _journal_says(after)
+    if reached.is_assumed and last < reached.place:
+        return known_place(last, Known.REPORTED), "reported: the machine stands there"
+    if reached.known is not Known.UNKNOWN:
+        return reached, _journal_says(after)
+    if bead_between_mm(job, first, last) > _NO_DOUBT_MM:
+        return (unknown_place(first, last, reached.reported_s),
+                "unknown: the path comes by where the machine stands more than once")
+    beam_off_first = profile.safety is not None and profile.safety.laser_enable
+    if not beam_off_first or first <= reached.place or _ran_dry(job, after, seen):
+        return known_place(first, Known.REPORTED), "reported: the machine stands there"
+    tail_mm, tail_s = _beam_off_tail(job, first, seen.dialect, profile.motion)
+    ended = max(reached.place, before_motion_mm(job, first, tail_mm))
+    return PlaceReached(
+        ended, Known.INFERRED, ended, ended, beam_off_motion_s=tail_s,
+    ), "inferred: the machine stands a little farther on, its laser-enable output dropped first"
 
 
-def _last_before_next_path(job: JobReader, line: int) -> int:
-    """The last line that can have been sent when no path after this line's had been begun."""
-    manifest = job.manifest
-    for entry in manifest.layers[layer_of(manifest, line):]:
-        paths = job.layer(entry.index).lines["path"]
-        rows = np.arange(len(paths)) + entry.first_line
-        later = rows[(rows > line) & (paths >= 0)]
-        if len(later):
-            return int(later[0]) - 1
-    return manifest.layers[-1].first_line + manifest.layers[-1].n_lines - 1
+def _unconfirmed(reached: PlaceReached) -> PlaceReached:
+    """A place that was inferred from motion going on, where the machine no longer shows that."""
+    if not reached.is_assumed:
+        return reached
+    return unknown_place(reached.at_least, reached.place, reached.reported_s)
 
+
+def _ran_dry(job: JobReader, after: RunReplay, seen: MachineSeen) -> bool:
+    """Whether the machine stands at the end of what it was sent: nothing stopped it before."""
+    if after.sent_line < 0 or seen.position_mm is None:
+        return False
+    rows = next(rows_between(job, after.sent_line, after.sent_line))
+    off_mm = rows.end_mm[0] - np.asarray(seen.position_mm[:3])
+    return bool(np.linalg.norm(off_mm) <= ON_LINE_MM)
+
+
+def _beam_off_tail(
+    job: JobReader, place: ProgramPlace, dialect: Dialect, motion: MotionSettings
+) -> tuple[float, float]:
+    """How far [mm], and how long [s], a nozzle moves on after its beam went off, where both are
+    stopped at once: the controller first executes the motion it has prepared, then brakes."""
+    rows = next(rows_between(job, place.line, place.line))
+    away_mm, speed_mm_s = rows.end_mm[0] - rows.start_mm[0], float(rows.speed_mm_s[0])
+    if not away_mm.any():
+        return 0.0, 0.0
+    prepared_s = max(0.0, dialect.segment_buffer_s - LASER_OFF_S)
+    braking_s = speed_mm_s / along(motion.acceleration_mm_s2, away_mm)
+    return speed_mm_s * (prepared_s + braking_s / 2.0), prepared_s + braking_s
+
+
+def _journal_says(after: RunReplay) -> str:
+    reached = after.reached
+    at = "" if reached.reported_s is None else f" at {reached.reported_s:.1f} s of that run"
+    return {
+        Known.REPORTED: f"reported at standstill{at}",
+        Known.INFERRED: "inferred from what was sent and the clock, and from the last report on "
+                        f"the path{at}",
+        Known.STATED: "stated by the operator who recovered before",
+        Known.UNKNOWN: f"unknown: it was reported there{at}, and what was sent after that may "
+                       "have been executed",
+    }[reached.known]
+
+
+def _point(at_mm: Iterable[float]) -> str:
+    return " ".join(f"{axis}{value:.1f}" for axis, value in zip("XYZ", at_mm, strict=False))

@@ -22,6 +22,9 @@ FloatArray = NDArray[np.float64]
 #: Between two travel moves [s]. Grbl counts dwells in steps of 50 ms.
 DWELL_S = 0.05
 
+#: A line that lasts no longer is gone through evenly enough, also where the nozzle speeds up [s].
+_EVEN_S = 0.05
+
 
 @dataclass(frozen=True)
 class ApproachMove:
@@ -46,10 +49,8 @@ def travel_legs(
 ) -> list[ApproachMove]:
     """Straight moves from a start through corners at full speed, with a dwell at the end of each.
 
-    A line lasts a quarter of the send horizon at most. least_mm : corners nearer than this to the
-    one before are left out
+    least_mm : corners nearer than this to the one before are left out
     """
-    longest_s = motion.send_horizon_s / 4.0
     made: list[ApproachMove] = []
     at_mm = start_mm
     for corner_mm in corners_mm:
@@ -59,16 +60,31 @@ def travel_legs(
             continue
         speed_mm_s = along(motion.max_speed_mm_s, away_mm)
         move = _RestToRest(length_mm, speed_mm_s, along(motion.acceleration_mm_s2, away_mm))
-        parts = max(1, math.ceil(move.lasting_s / longest_s))
-        before_mm = at_mm
-        for k in range(1, parts + 1):
-            gone = move.gone_mm(move.lasting_s * k / parts) / length_mm if k < parts else 1.0
+        before_mm, before_s = at_mm, 0.0
+        for until_s in _line_ends_s(move, motion):
+            gone = move.gone_mm(until_s) / length_mm if until_s < move.lasting_s else 1.0
             end_mm = np.round(at_mm + gone * away_mm, 3)
-            made.append(ApproachMove(before_mm, end_mm, speed_mm_s, move.lasting_s / parts))
-            before_mm = end_mm
+            made.append(ApproachMove(before_mm, end_mm, speed_mm_s, until_s - before_s))
+            before_mm, before_s = end_mm, until_s
         made.append(ApproachMove(before_mm, before_mm, 0.0, DWELL_S))
         at_mm = corner_mm
     return made
+
+
+def _line_ends_s(move: _RestToRest, motion: MotionSettings) -> list[float]:
+    """When the lines of a move end: short ones where it speeds up and brakes.
+
+    A line counts as gone through evenly, so a report from a long one that speeds up would set the
+    clock wrong, and powder with it. But the controller must see far enough ahead to brake in time.
+    At cruising speed a line lasts a quarter of the send horizon at most.
+    """
+    ramp_s = move.ramp_s
+    pieces = min(max(1, math.ceil(ramp_s / _EVEN_S)), (motion.planner_blocks - 1) // 2)
+    ramp = [ramp_s * k / pieces for k in range(1, pieces + 1)]
+    cruising_s = move.lasting_s - 2.0 * ramp_s
+    parts = math.ceil(cruising_s / (motion.send_horizon_s / 4.0) - 1e-9)
+    cruise = [ramp_s + cruising_s * k / parts for k in range(1, parts + 1)]
+    return [*ramp, *cruise, *(move.lasting_s - ramp_s + t for t in ramp[:-1]), move.lasting_s]
 
 
 def along(axis_limits: Sequence[float], direction: FloatArray) -> float:
@@ -86,20 +102,25 @@ class _RestToRest:
     acceleration_mm_s2: float
 
     @property
+    def ramp_s(self) -> float:
+        """For how long it speeds up, and for how long it brakes."""
+        return min(self.speed_mm_s / self.acceleration_mm_s2,
+                   math.sqrt(self.length_mm / self.acceleration_mm_s2))
+
+    @property
     def lasting_s(self) -> float:
         if self.length_mm < self.speed_mm_s**2 / self.acceleration_mm_s2:
-            return 2.0 * math.sqrt(self.length_mm / self.acceleration_mm_s2)
-        return self.length_mm / self.speed_mm_s + self.speed_mm_s / self.acceleration_mm_s2
+            return 2.0 * self.ramp_s
+        return self.length_mm / self.speed_mm_s + self.ramp_s
 
     def gone_mm(self, t_s: float) -> float:
         """Distance made after t_s."""
         if t_s > self.lasting_s / 2.0:
             return self.length_mm - self.gone_mm(self.lasting_s - t_s)
-        rising_s = min(self.speed_mm_s / self.acceleration_mm_s2, self.lasting_s / 2.0)
-        if t_s <= rising_s:
+        if t_s <= self.ramp_s:
             return self.acceleration_mm_s2 * t_s**2 / 2.0
-        return (self.acceleration_mm_s2 * rising_s**2 / 2.0
-                + self.speed_mm_s * (t_s - rising_s))
+        return (self.acceleration_mm_s2 * self.ramp_s**2 / 2.0
+                + self.speed_mm_s * (t_s - self.ramp_s))
 
 
 def speeding_up_s(distance_mm: float, speed_mm_s: float, acceleration_mm_s2: float) -> float:

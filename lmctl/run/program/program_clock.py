@@ -75,6 +75,7 @@ class ProgramClock:
     rate : feed override now (1 = as planned)
     reported_s : program time of the last place reported on the path, nothing added for what came
         after
+    reported_t : machine time of that report, -inf before the first
     off_mm : how far the last place believed is from the path of the lines that may be running
     early_s : by how much that place was reached sooner than expected; below 0 where later
     is_in_doubt : the last place reported is not the expected one, and too few others agree yet; it
@@ -93,6 +94,7 @@ class ProgramClock:
         self._known_t = 0.0
         self._known_s = float(first.start_s[0])
         self.reported_s = self._known_s
+        self.reported_t = -math.inf
         self.off_mm = self.early_s = 0.0
         self.is_in_doubt = False
         self._doubted: list[_Doubted] = []  # since the last place that was expected
@@ -208,7 +210,7 @@ class ProgramClock:
                 return
         self._known_s, self.off_mm, self.early_s = found_s, off_mm, found_s - expected_s
         if off_mm <= OFF_PATH_MM:
-            self.reported_s = found_s
+            self.reported_s, self.reported_t = found_s, t
         self._known_t = t
 
     def _agreeing(self, place: _Doubted) -> int:
@@ -228,6 +230,11 @@ class ProgramClock:
             return self._known_s
         reached_s = self._window.advance(self._known_s, running_s, self.rate)
         return max(self._known_s, min(reached_s, self._limit_s))
+
+    def if_not_stopped(self, t: float) -> float:
+        """Program time at t if motion has gone on since the last report, acknowledged or not."""
+        running_s = max(0.0, t - max(self._known_t, self._runs_from_t))
+        return self._window.advance(self._known_s, running_s, self.rate)
 
     def program_time_ahead_s(self, t: float, machine_s: float) -> float:
         """Program time that will have been reached `machine_s` after t, if all goes on as it is."""

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from lmctl.config.machine import MotionSettings
 from lmctl.job.schema import JobLayer, JobManifest, LineKind
 from lmctl.run.program.approach import ApproachMove, along, speeding_up_s, travel_legs
+from lmctl.run.program.place import ProgramPlace
 
 FloatArray = NDArray[np.float64]
 
@@ -46,24 +47,13 @@ _FIRST_N = 9_990_000
 _WORD = re.compile(r"([FS])([0-9.]+)")
 
 
-@dataclass(frozen=True, order=True)
-class ProgramPlace:
-    """How far a job has been executed: all lines before `line`, and this share of its length."""
-
-    line: int = 0
-    line_fraction: float = 0.0
-
-
-JOB_START = ProgramPlace()
-
-
 @dataclass(frozen=True)
 class Reentry:
     """How a job goes on from a place.
 
     layer : the layer entered, its head replaced by the way in; its program time begins with that
     beam_on_line : line of the job with which the beam comes on again
-    repeated_mm : bead that is laid twice
+    repeated_mm : bead that is deposited again
     """
 
     place: ProgramPlace

@@ -4,8 +4,18 @@ from __future__ import annotations
 
 import shutil
 
+from firmware_protocol.dialect import GRBLHAL
 from lmctl.run.journal.format import FIRST_PREV, encode_record, line_hash, read_records
+from lmctl.run.journal.recovery import MachineSeen
 from lmctl.run.journal.run_folders import RunFolder
+
+
+def seen(position_mm, **more):
+    """A controller without homing, that says a place and has not restarted."""
+    known = {"at_zero": False, "restarted": False, "homed": False, "dialect": GRBLHAL,
+             "uptimes_s": {}}
+    at = None if position_mm is None else tuple(position_mm)
+    return MachineSeen(at, **{**known, **more})
 
 
 def broken_off(folder, whole, records):

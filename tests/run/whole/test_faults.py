@@ -22,7 +22,7 @@ from lmctl.run.journal.format import verify_journal
 from lmctl.run.journal.recorder import RunRecorder
 from lmctl.run.journal.replay import replay_run
 from lmctl.run.journal.run_folders import RunFolder
-from lmctl.run.program.reentry import ProgramPlace
+from lmctl.run.program.place import ProgramPlace
 from simulators.faults.fault_injector import FaultInjector
 from simulators.faults.kinds import Fault
 from tests.run.whole.laid import (

@@ -18,6 +18,7 @@ from lmctl.run.state.transitions import RunState
 from simulators import virtual_time
 from simulators.bench import Bench
 from simulators.bench_config import BenchConfig
+from tests.run.whole.broken_off import seen
 from tests.run.whole.conftest import EXAMPLES, wired
 
 
@@ -55,9 +56,10 @@ def test_a_layer_held_after_its_last_bead_is_in_the_log(whole, profile, tmp_path
                 await task
             made = RunFolder(runs / "run-0001")
             with JobReader(made.job) as job:
-                found = find_place(job, replay_run(made), tuple(bench.motion.position_mm))
+                found = find_place(
+                    job, replay_run(made), seen(bench.motion.position_mm), profile)
             await RunExecutor(made.job, cell, runs, continues=EarlierRun(
-                "run-0001", found.place, trusted=found.matched)).run()
+                "run-0001", found.reached, trusted=not found.lost)).run()
 
     virtual_time.run(main())
     alone = part_of(runs / "run-0001/journal.jsonl", run_only=True)

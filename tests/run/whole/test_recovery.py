@@ -15,13 +15,13 @@ from lmctl.run.journal.format import read_records
 from lmctl.run.journal.recovery import find_place
 from lmctl.run.journal.replay import continued_by, replay_run
 from lmctl.run.journal.run_folders import RunFolder
-from lmctl.run.program.reentry import JOB_START
+from lmctl.run.program.place import JOB_START, Known
 from lmctl.run.state.transitions import RunState
 from simulators import virtual_time
 from simulators.bench import Bench
 from simulators.bench_config import BenchConfig
 from simulators.fault_outcome import judge_fault
-from tests.run.whole.broken_off import broken_off
+from tests.run.whole.broken_off import broken_off, seen
 from tests.run.whole.conftest import EXAMPLES, wired
 
 HORIZON_S, SPEED_MM_S, OVERLAP_MM = 1.0, 10.0, 0.15
@@ -41,36 +41,42 @@ def bead_between_mm(whole, place, time_s):
     return path.length_mm[path.time_s <= time_s].sum() - done
 
 
-def test_wherever_a_journal_breaks_off_nothing_is_claimed_that_was_not_executed(whole, tmp_path):
+def test_wherever_a_journal_breaks_off_the_machine_s_place_counts_or_all_that_was_sent_is_in_doubt(
+    whole, profile, tmp_path
+):
     records = list(read_records(whole.journal))
-    laying = [i for i, r in enumerate(records) if whole.started_s < whole.began_s + r["t"]]
+    end = next(i for i, r in enumerate(records) if r.get("to") == RunState.FINISHING)
+    laying = [i for i, r in enumerate(records[:end]) if whole.started_s < whole.began_s + r["t"]]
     rng = np.random.default_rng(7)
     for cut in rng.choice(laying[:-8], 40, replace=False).tolist():
         made = broken_off(tmp_path / "run-0001", whole, cut)
-        # The machine has run on, for no longer than the horizon, and stands on a bead.
+        # The machine has run on, no farther than it was sent, and stands on a bead.
         t = whole.began_s + records[cut - 1]["t"]
-        ends = np.flatnonzero((whole.path.time_s >= t) & (whole.path.time_s <= t + HORIZON_S))
+        after = replay_run(made)
+        ends = np.flatnonzero((whole.path.time_s >= t) & (whole.path.line <= after.sent_line))
         if not len(ends):
             continue
         at = int(rng.choice(ends))
         with JobReader(made.job) as job:
-            after = replay_run(made)
-            known = find_place(job, after, tuple(whole.path.position_mm[at]))
-            blind = find_place(job, after, None)
+            known = find_place(job, after, seen(whole.path.position_mm[at]), profile)
+            blind = find_place(job, after, seen(None), profile)
         time_s = whole.path.time_s[at]
-        horizon_mm = HORIZON_S * SPEED_MM_S
-        for found, most_mm in ((known, horizon_mm), (blind, 2 * horizon_mm)):
-            again_mm = bead_between_mm(whole, found.place, time_s)
-            assert -0.2 < again_mm < most_mm, (cut, found)
-        assert known.matched
-        assert not blind.matched
+        assert known.lost == ""
+        assert known.reached.known is Known.REPORTED
+        assert abs(bead_between_mm(whole, known.reached.place, time_s)) < 0.15, (cut, known)
+        assert blind.lost
+        least_mm, most_mm = (bead_between_mm(whole, place, time_s)
+                             for place in (blind.reached.place, blind.reached.until))
+        assert -0.15 < least_mm < 2 * HORIZON_S * SPEED_MM_S, (cut, blind)
+        assert most_mm < 0.15, (cut, blind)
 
 
-def test_before_anything_was_begun_it_starts_from_the_beginning(whole, tmp_path):
+def test_before_anything_was_begun_it_starts_from_the_beginning(whole, profile, tmp_path):
     for records in (0, 1, 6):
         made = broken_off(tmp_path / "run-0001", whole, records)
         with JobReader(made.job) as job:
-            assert find_place(job, replay_run(made), (1.0, 2.0, 3.0)).place == JOB_START
+            found = find_place(job, replay_run(made), seen((1.0, 2.0, 3.0)), profile)
+            assert found.reached.place == JOB_START
 
 
 def test_a_run_that_is_done_or_altered_is_refused(whole, tmp_path):
@@ -110,8 +116,9 @@ class TwoRuns:
             self.made = RunFolder(folder / "runs" / "run-0001")
             position = bench.motion.position_mm
             with JobReader(self.made.job) as reader:
-                self.found = find_place(reader, replay_run(self.made), tuple(position))
-            going_on = EarlierRun("run-0001", self.found.place, trusted=self.found.matched)
+                self.found = find_place(reader, replay_run(self.made), seen(position), profile)
+            going_on = EarlierRun(
+                "run-0001", self.found.reached, trusted=not self.found.lost, stands_mm=position)
             try:
                 self.result = await RunExecutor(
                     self.made.job, cell, folder / "runs", continues=going_on,
@@ -126,7 +133,8 @@ def test_a_stopped_run_is_recovered_where_it_stood(whole, profile, tmp_path):
     two = TwoRuns(tmp_path, profile, whole.job, lambda run, bench: run.stop())
     assert two.error.exit_code == 5
     assert "lmctl recover run-0001" in two.error.hint
-    assert two.found.matched
+    assert two.found.lost == ""
+    assert two.found.reached.known is Known.REPORTED
     assert two.result.state == "done"
     assert two.verdict.safety_shortfalls(1e9) == []
     assert two.verdict.repeated_mm == pytest.approx(OVERLAP_MM, abs=0.1)
@@ -158,6 +166,6 @@ def test_after_a_watchdog_trip_recovery_acknowledges_it(whole, profile, tmp_path
 def test_a_machine_that_lost_its_place_is_not_believed(whole, profile, tmp_path):
     two = TwoRuns(tmp_path, profile, whole.job, lambda run, bench: bench.motion.receive(b"\x18"))
     # It was reset in motion: what it says of itself proves nothing, wherever it seems to stand.
-    assert not two.found.matched
+    assert "position lost" in two.found.lost
     assert next(r for r in read_records(two.made.journal) if r["kind"] == "seal")[
         "position_trusted"] is False

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 
-import numpy as np
 import pytest
 
 from lmctl.errors import JournalError, MachineError, RunFailedError, RunInterruptedError
@@ -14,13 +13,14 @@ from lmctl.run.journal.format import read_records
 from lmctl.run.journal.recovery import find_place, refuse_finished
 from lmctl.run.journal.replay import continued_by, replay_run
 from lmctl.run.journal.run_folders import RunFolder
-from lmctl.run.program.reentry import JOB_START, ProgramPlace
+from lmctl.run.program.place import JOB_START, Known, ProgramPlace, known_place
 from lmctl.run.state.transitions import RunState
 from simulators import virtual_time
-from tests.run.whole.broken_off import broken_off, changed_header
+from tests.run.whole.broken_off import broken_off, changed_header, seen
 from tests.run.whole.conftest import wired
 
 PLACE = ProgramPlace(30, 0.5)
+STOOD_MM = (31.0, 32.5, 0.5)  # which is not that place: the run before had left the part
 
 
 @pytest.fixture(params=[True, False], ids=["position kept", "position lost"])
@@ -28,7 +28,8 @@ def unentered(request, whole, profile, tmp_path):
     """A run that was to go on at PLACE, and found the cell switched off."""
     dead = wired(profile, {"motion": "tcp://127.0.0.1:9"} | {
         feeder.name: "modbus-tcp://127.0.0.1:9" for feeder in profile.feeder})
-    going_on = EarlierRun("run-0001", PLACE, trusted=request.param)
+    reached = known_place(PLACE, Known.REPORTED)
+    going_on = EarlierRun("run-0001", reached, trusted=request.param, stands_mm=STOOD_MM)
 
     async def main():
         await RunExecutor(whole.job, dead, tmp_path / "runs", continues=going_on).run()
@@ -41,7 +42,7 @@ def unentered(request, whole, profile, tmp_path):
 
 @pytest.mark.parametrize("sealed", [True, False], ids=["sealed", "killed"])
 def test_a_recovery_that_never_entered_the_part_is_recovered_from_where_it_was_to(
-    unentered, sealed
+    unentered, sealed, profile
 ):
     made, kept = unentered
     if not sealed:
@@ -50,16 +51,13 @@ def test_a_recovery_that_never_entered_the_part_is_recovered_from_where_it_was_t
     after = replay_run(made)
     assert after.has_begun
     with JobReader(made.job) as job:
-        (lines,) = (layer.lines for layer in job.layers() if layer.first_line == 0)
-        ends = np.column_stack([lines["x_mm"], lines["y_mm"], lines["z_mm"]])
-        there = tuple((ends[PLACE.line - 1] + ends[PLACE.line]) / 2)
-        found = find_place(job, after, there)
-        elsewhere = find_place(job, after, tuple(ends[PLACE.line + 2]))
-        blind = find_place(job, after, None)
-    assert {one.place for one in (found, elsewhere, blind)} == {PLACE}
-    assert found.matched is kept
-    assert not elsewhere.matched
-    assert not blind.matched
+        found = find_place(job, after, seen(STOOD_MM), profile)
+        elsewhere = find_place(job, after, seen((40.0, 30.0, 0.5)), profile)
+        blind = find_place(job, after, seen(None), profile)
+    assert {one.reached.place for one in (found, elsewhere, blind)} == {PLACE}
+    assert (found.lost == "") is kept
+    assert elsewhere.lost
+    assert blind.lost
 
 
 def test_a_recovery_that_does_not_say_where_it_was_to_go_on_is_no_start_from_nothing(
@@ -101,7 +99,7 @@ def test_a_run_that_has_executed_every_line_leaves_nothing_to_recover(
         replay_run(broken_off(tmp_path / "run-0001", whole, finishing + 1))
     after = replay_run(broken_off(tmp_path / "run-0001", whole, finishing))
     with JobReader(after.run.job) as job:
-        place = find_place(job, after, None).place
+        place = find_place(job, after, seen(None), profile).reached.place
         with pytest.raises(JournalError, match="nothing is left"):
             refuse_finished(job, after, place, profile.motion)
         refuse_finished(job, after, JOB_START, profile.motion)

@@ -1,0 +1,22 @@
+"""What a run goes on with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from lmctl.run.program.place import PlaceReached
+
+
+@dataclass(frozen=True)
+class EarlierRun:
+    """What an earlier run has made of the part.
+
+    reached : how far the job has been executed; not doubtful
+    trusted : somebody has seen to it that the machine's position is true
+    stands_mm : where the machine stood then, in program coordinates; None where that is not known
+    """
+
+    run: str
+    reached: PlaceReached
+    trusted: bool
+    stands_mm: tuple[float, ...] | None = None

@@ -1,0 +1,419 @@
+"""A link cut, a host killed, a controller restarted at a random moment, then recovered: what lies
+on the part afterwards, by the simulators' trace alone.
+
+Each seed is one part on one simulated cell in virtual time: Grbl or grblHAL, with or without homing
+and a laser-enable output, disturbed once or twice. The operator of the test looks at the part (the
+trace) when `recover` asks, to a tenth of a millimetre, and touches off where it says that the
+controller has lost its place.
+
+    python -m tests.faults.moments SEED ...
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import io
+import random
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+
+from lmctl.cli.machine_actions import run_journaled, with_motion
+from lmctl.cli.recover import prepare
+from lmctl.config.machine import MachineProfile, load_profile
+from lmctl.errors import JournalError, LmctlError, MachineError, UsageError
+from lmctl.job.reader import JobReader
+from lmctl.machine.manual.controller import open_motion
+from lmctl.machine.manual.homing import home_axes, set_work_offset, unlock_controller
+from lmctl.machine.motion.driver import MotionDriver
+from lmctl.part.load import load_part
+from lmctl.plan.planner import plan_job
+from lmctl.run.continuation import EarlierRun
+from lmctl.run.executor import RunExecutor
+from lmctl.run.journal.format import read_records
+from lmctl.run.journal.replay import replay_run
+from lmctl.run.journal.run_folders import RunFolder
+from lmctl.run.program.place import PlaceReached, ProgramPlace
+from lmctl.run.state.transitions import RunState
+from simulators import virtual_time
+from simulators.bench import Bench
+from simulators.bench_config import BenchConfig
+from simulators.faults.link_tap import LinkTap, drop_all
+from tests.faults.on_the_part import Deposit, OnThePart, measured
+
+EXAMPLES = files("lmctl.examples")
+
+GRBL = {'"grblhal"': '"grbl"', "10 = 511": "10 = 3", "rx_bytes = 1024": "rx_bytes = 128",
+        "planner_blocks = 100": "planner_blocks = 15"}
+
+HOMING = "[motion.settings]\n20 = 1\n22 = 1\n24 = 600\n25 = 6000\n"
+#: Where program zero lies on a machine with homing, in machine coordinates.
+HOMED_ZERO_MM = (-300.0, -300.0, -200.0)
+
+#: What may happen to a run. "restart" is a controller that loses power in it; "kill, restart" and
+#: "cut, restart" one that does so before anybody recovers; "stop" and "hold" are harmless.
+DISTURBANCES = (
+    "kill", "cut", "mute", "restart", "kill, restart", "cut, restart", "stop", "hold",
+)
+
+#: Two layers, graded along their paths; 28 s of program.
+PART = """name = "small graded block"
+[[material]]
+name = "316L"
+[[material]]
+name = "WC-12Co"
+[[body]]
+kind = "box"
+low_mm = [40, 40, 0]
+high_mm = [54, 49, 1.6]
+[composition]
+feature = { kind = "plane", point_mm = [40, 40, 0], normal = [1, 0, 0] }
+[composition.profile]
+kind = "linear"
+near = { "316L" = 0.8, "WC-12Co" = 0.2 }
+far = { "316L" = 0.3, "WC-12Co" = 0.7 }
+over_mm = [0, 16]
+[process]
+bead_width_mm = 2.0
+layer_height_mm = 0.8
+"""
+
+#: From the start of motion to the end of the part [s]; a later run is disturbed after its start.
+_FIRST_S, _LATER_S = (0.0, 27.0), (0.0, 40.0)
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """What one seed means. moments : (what happens, seconds after the start) of each disturbance"""
+
+    seed: int
+    dialect: str
+    has_laser_enable: bool
+    has_homing: bool
+    moments: tuple[tuple[str, float], ...]
+
+    def __str__(self) -> str:
+        cell = ", ".join(filter(None, (
+            self.dialect, self.has_homing and "homing", self.has_laser_enable and "laser-enable")))
+        return f"{self.seed} ({cell}): " + ", then ".join(
+            f"{what} at {at_s:.2f} s" for what, at_s in self.moments)
+
+
+def scenario(seed: int) -> Scenario:
+    rng = random.Random(seed)
+    n = 1 if rng.random() < 0.7 else 2
+    dialect, has_laser_enable = rng.choice(("grbl", "grblhal")), rng.random() < 0.5
+    moments = tuple(
+        (rng.choice(DISTURBANCES), rng.uniform(*(_FIRST_S if i == 0 else _LATER_S)))
+        for i in range(n)
+    )
+    return Scenario(seed, dialect, has_laser_enable, rng.random() < 0.25, moments)
+
+
+@dataclass
+class Told:
+    """What became of a scenario. refused : in words, what kept it from being recovered at all;
+    asked : how often the operator had to look; lost : how often a position had to be restored;
+    needless : of these, how often after a harmless stop
+    """
+
+    scenario: Scenario
+    refused: str = ""
+    asked: int = 0
+    lost: int = 0
+    needless: int = 0
+    part: OnThePart | None = None
+
+
+def run_scenario(one: Scenario, folder: Path) -> Told:
+    """One part, disturbed and recovered."""
+    folder.mkdir(parents=True, exist_ok=True)
+    profile, config = _cell(one)
+    plan_job(load_part(_part_file(folder)), profile, folder / "job.lmj")
+    told = Told(one)
+    with contextlib.redirect_stderr(io.StringIO()):
+        virtual_time.run(_story(one, folder, profile, config, told))
+    return told
+
+
+def undisturbed(dialect: str, *, has_laser_enable: bool, folder: Path) -> Deposit:
+    """What lies on the part when nothing happens to it."""
+    told = run_scenario(Scenario(-1, dialect, has_laser_enable, False, ()), folder)
+    assert told.part is not None, told.refused
+    return told.part.deposit
+
+
+def _part_file(folder: Path) -> Path:
+    path = folder / "part.toml"
+    path.write_text(PART)
+    return path
+
+
+def _cell(one: Scenario) -> tuple[MachineProfile, BenchConfig]:
+    safe = "-safe" if one.has_laser_enable else ""
+    text = (EXAMPLES / f"bench{safe}.toml").read_text()
+    for old, new in GRBL.items() if one.dialect == "grbl" else ():
+        assert old in text
+        text = text.replace(old, new)
+    if one.has_homing:
+        text = text.replace("[motion.settings] ", f"{HOMING}#")
+    return load_profile(EXAMPLES / f"cell{safe}.toml"), BenchConfig.parse(text)
+
+
+async def _story(
+    one: Scenario, folder: Path, profile: MachineProfile, config: BenchConfig, told: Told
+) -> None:
+    async with Bench(config, ephemeral_ports=True) as bench:
+        from lmctl.cli.bench import replace_endpoints
+
+        cell = replace_endpoints(profile, bench.endpoints)
+        operator = _Operator(bench, cell, folder / "job.lmj", told)
+        if one.has_homing:
+            await operator.home(folder / "runs")
+        try:
+            await _runs(one, folder, bench, cell, operator)
+        except LmctlError as error:
+            told.refused = error.render()
+        except _NothingLeft:
+            pass
+        told.part = measured(bench, folder / "job.lmj", _entered(folder), operator.zero_mm)
+
+
+def _entered(folder: Path) -> list[ProgramPlace]:
+    """Where the part was entered again, by every journal."""
+    return list({
+        ProgramPlace(record["line"], record["share"])
+        for journal in folder.glob("runs*/run-*/journal.jsonl")
+        for record in read_records(journal) if record["kind"] == "entry"
+    })
+
+
+async def _runs(
+    one: Scenario, folder: Path, bench: Bench, cell: MachineProfile, operator: _Operator
+) -> None:
+    """One run after the other, until the part is whole."""
+    runs, continues = folder / "runs", None
+    for number, (what, at_s) in enumerate(one.moments):
+        runs = await _disturbed(
+            bench, cell, folder, runs, continues, what, at_s, first=number == 0)
+        made = _last_run(runs)
+        if made is None:
+            break
+        if _is_done(made):
+            return
+        continues = await operator.recover(made, runs, harmless=what in ("stop", "hold"))
+    await RunExecutor(folder / "job.lmj", cell, runs, continues=continues).run()
+
+
+class _NothingLeft(Exception):  # noqa: N818 (it is what ends a story well)
+    """A run has deposited every bead of its job."""
+
+
+async def _disturbed(
+    bench: Bench, cell: MachineProfile, folder: Path, runs: Path, continues: EarlierRun | None,
+    what: str, at_s: float, *, first: bool,
+) -> Path:
+    """A run to which something happens; returns the folder of runs as that leaves it."""
+    executor = RunExecutor(folder / "job.lmj", cell, runs, continues=continues)
+    task = asyncio.create_task(executor.run())
+    while first and executor.state is not RunState.DEPOSITING and not task.done():  # noqa: ASYNC110
+        await asyncio.sleep(0.01)
+    await asyncio.wait([task], timeout=at_s)
+    if task.done():
+        with contextlib.suppress(LmctlError):
+            await task
+        return runs
+    act = what.partition(",")[0]
+    if act == "kill":
+        runs = _killed(bench, runs)
+    elif act == "stop":
+        executor.stop()
+    elif act == "hold":
+        await _hold_and_resume(executor, task)
+    else:
+        undo = {"cut": _cut, "mute": _mute, "restart": _restart}[act](bench)
+        asyncio.get_running_loop().call_later(2.0, undo)
+    with contextlib.suppress(LmctlError):
+        await task
+    await asyncio.sleep(3.0)
+    for edge in bench.edges.values():
+        edge.set_open(True)
+    if what.endswith("restart") and act != "restart":
+        bench.motion.lose_power()
+    return runs
+
+
+async def _hold_and_resume(executor: RunExecutor, task: asyncio.Task) -> None:
+    """As an operator does it, where the run can be held at all."""
+    with contextlib.suppress(UsageError):
+        executor.hold()
+        await asyncio.wait([task], timeout=20.0)
+        executor.resume()
+
+
+def _killed(bench: Bench, runs: Path) -> Path:
+    """Nothing that the host does reaches anything any more, and of its journal there is what the
+    operating system has."""
+    for edge in bench.edges.values():
+        edge.set_open(False)
+    kept = runs.with_name(f"{runs.name}-killed")
+    shutil.copytree(runs, kept, ignore=shutil.ignore_patterns("*.sock"))
+    return kept
+
+
+def _cut(bench: Bench):
+    edge = bench.edges["motion"]
+    edge.set_open(False)
+    return lambda: edge.set_open(True)
+
+
+def _mute(bench: Bench):
+    """A cable that is broken without anybody being told."""
+    edge = bench.edges["motion"]
+    return _nothing_passes(edge)
+
+
+def _restart(bench: Bench):
+    banner, edge = bench.motion.lose_power(), bench.edges["motion"]
+    undo = _nothing_passes(edge)
+
+    def ready() -> None:
+        undo()
+        edge.send_to_host(banner)
+
+    return ready
+
+
+def _nothing_passes(edge: LinkTap):
+    def one(data: bytes, deliver) -> None:
+        drop_all(data, deliver)
+
+    for direction in ("to_device", "to_host"):
+        edge.add_filter(direction, one)
+
+    def undo() -> None:
+        for direction in ("to_device", "to_host"):
+            edge.remove_filter(direction, one)
+
+    return undo
+
+
+class _Operator:
+    """Recovers runs, looks at the part when asked, and touches off where a position is lost."""
+
+    def __init__(self, bench: Bench, cell: MachineProfile, job: Path, told: Told) -> None:
+        self._bench = bench
+        self._cell = cell
+        self._job = job
+        self._told = told
+        self.zero_mm = HOMED_ZERO_MM if told.scenario.has_homing else (0.0, 0.0, 0.0)
+
+    async def home(self, runs: Path) -> None:
+        """Before the first run: out of the alarm, homed, and program zero set."""
+        async def act(motion: MotionDriver) -> None:
+            await unlock_controller(motion)
+            await home_axes(motion)
+            await set_work_offset(motion, dict(zip("XYZ", self.zero_mm, strict=True)), here=False)
+
+        await run_journaled(self._cell, runs, {"do": "home"},
+                            lambda whereabouts: with_motion(self._cell, whereabouts, act))
+        await asyncio.sleep(1.0)
+
+    async def recover(self, made: RunFolder, runs: Path, *, harmless: bool) -> EarlierRun | None:
+        """What `lmctl recover` goes on with; None where nothing of the part has been begun."""
+        restored = False
+        try:
+            after = replay_run(made)
+        except JournalError as error:
+            if "before it began" in error.what:
+                return None
+            raise self._left(error) from error
+        while True:
+            try:
+                continuation = await prepare(
+                    after, self._cell, runs, [], yes=True, restored=restored, stated_mm=None,
+                    ask=self._look)
+                break
+            except JournalError as error:
+                raise self._left(error) from error
+            except MachineError as error:
+                if restored or "has lost its place" not in error.what:
+                    raise
+                self._told.lost += 1
+                self._told.needless += harmless
+                await self._touch_off()
+                restored = True
+        return continuation
+
+    @staticmethod
+    def _left(error: JournalError) -> Exception:
+        return _NothingLeft() if "nothing is left" in error.what else error
+
+    def _look(self, job: JobReader, reached: PlaceReached, _: float, __: list[str]) -> float:
+        self._told.asked += 1
+        part = measured(self._bench, self._job, [], self.zero_mm)
+        return round(part.deposited_mm(job, reached.place, reached.until), 1)
+
+    async def _touch_off(self) -> None:
+        """Say where the machine really is: the work offset makes up for the place it has lost."""
+        await asyncio.sleep(1.0)
+        async with open_motion(self._cell) as motion:
+            trace = self._bench.motion.trace
+            believed, shift = self._bench.motion.position_mm, trace.position_error_mm
+            true_mm = {axis: at + by for axis, at, by in zip("XYZ", believed, shift, strict=True)}
+            await set_work_offset(motion, true_mm, here=True)
+
+
+def _last_run(runs: Path) -> RunFolder | None:
+    made = sorted(runs.glob("run-*")) if runs.exists() else []
+    return RunFolder(made[-1]) if made and (made[-1] / "journal.jsonl").exists() else None
+
+
+def _is_done(made: RunFolder) -> bool:
+    from lmctl.run.journal.run_folders import run_summary
+
+    return run_summary(made).state == "done"
+
+
+def shortfalls(told: Told, whole: Deposit) -> Iterator[str]:
+    """What is wrong with a part, in words."""
+    part = told.part
+    if told.refused or part is None:
+        yield f"not recovered: {told.refused}"
+        return
+    if part.off_path_mm > 0.1:
+        yield f"deposited {part.off_path_mm:.2f} mm off the path"
+    if part.missing_mm > 0:
+        yield f"{part.missing_mm:.2f} mm missing"
+    if part.repeated_mm > 0:
+        yield f"{part.repeated_mm:.2f} mm deposited twice beyond the overlap"
+    if told.needless:
+        yield "a harmless stop was taken for a lost position"
+    least, most = part.entry_deposit(whole)
+    if not 0.9 <= least <= most <= 1.3:
+        yield f"2 mm around an entry hold {least:.2f} to {most:.2f} of a whole bead"
+    if (mixture := part.entry_mixture_error()) > 0.02:
+        yield f"the mixture after an entry is off by {mixture:.3f}"
+
+
+def main() -> int:
+    wrong = 0
+    with tempfile.TemporaryDirectory() as name:
+        for seed in map(int, sys.argv[1:]):
+            told = run_scenario(scenario(seed), Path(name) / str(seed))
+            whole = undisturbed(
+                told.scenario.dialect, has_laser_enable=told.scenario.has_laser_enable,
+                folder=Path(name) / f"{seed}-whole")
+            found = list(shortfalls(told, whole))
+            wrong += bool(found)
+            print(told.scenario, "->", "; ".join(found) or "well")
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,34 @@
+"""A few random moments; `tests/benchmarks/disturbances.py recovery` takes 300."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+
+from tests.faults.moments import run_scenario, scenario, shortfalls, undisturbed
+
+SEEDS = 8
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """What lies on an undisturbed part, by cell."""
+    return {
+        (dialect, safe): undisturbed(dialect, has_laser_enable=safe,
+                                     folder=tmp_path_factory.mktemp("whole"))
+        for dialect in ("grbl", "grblhal") for safe in (False, True)
+    }
+
+
+def test_after_any_cut_kill_or_restart_every_millimetre_lies_once_and_in_its_place(
+    whole, tmp_path
+):
+    first = random.SystemRandom().randrange(10**6)
+    wrong = []
+    for seed in range(first, first + SEEDS):
+        one = scenario(seed)
+        told = run_scenario(one, tmp_path / str(seed))
+        found = list(shortfalls(told, whole[one.dialect, one.has_laser_enable]))
+        wrong += [f"python -m tests.faults.moments {seed}: {one}: {what}" for what in found]
+    assert wrong == []
