@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING
 import click
 
 from lmctl.cli.cell import cell_options, choose_cell
-from lmctl.cli.console import ask_confirmation, print_data, print_json, print_message, print_notice
+from lmctl.cli.console import ask_confirmation, print_data, print_json, print_message
+from lmctl.cli.operator import operator_name, operator_option
 from lmctl.cli.run import outcome_text, result_as_json
+from lmctl.cli.run_screen import run_screen
 from lmctl.config.machine import MachineProfile
 from lmctl.errors import JournalError, MachineError, UsageError
 from lmctl.run.program.reentry import OVERLAP_MM
@@ -45,11 +47,11 @@ _ALL = "all"
 @click.option("--position-restored", is_flag=True,
               help="The controller had lost its place, and you have given it back: program "
                    "coordinates are those of the part again.")
-@click.option("--operator", default="", help="Name for the journal.")
+@operator_option
 @click.option("--json", "as_json", is_flag=True, help="Print the result as one JSON object.")
 def recover(
     run: str, runs_dir: Path, machine: Path | None, sim: bool, bench: Path | None, yes: bool,
-    deposited: str | None, position_restored: bool, operator: str, as_json: bool,
+    deposited: str | None, position_restored: bool, operator: str | None, as_json: bool,
 ) -> None:
     """Go on with the part of RUN, which was stopped, tripped or died.
 
@@ -74,15 +76,18 @@ def recover(
         raise JournalError(f"{run} has been continued by {later}",
                            hint=f"`{again}` goes on from where that one came")
 
+    name = operator_name("" if yes and operator is None else operator)
+
     async def act(profile: MachineProfile) -> RunResult:
         from lmctl.run.executor import RunExecutor
 
         continuation = await prepare(
             after, profile, runs_dir, unread, yes=yes, restored=position_restored,
             stated_mm=answer, ask=_refuse_to_guess if yes else _ask_operator)
-        return await RunExecutor(made.job, profile, runs_dir, operator=operator,
-                                 notice=print_notice,
-                                 continues=continuation).run()
+        with run_screen() as on_screen:
+            return await RunExecutor(
+                made.job, profile, runs_dir, operator=name, notice=on_screen.notice,
+                watcher=on_screen.watcher, continues=continuation).run()
 
     result = choice.run_on_cell(act)
     if as_json:

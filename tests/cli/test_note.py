@@ -22,7 +22,8 @@ def two_runs(tmp_path_factory):
         write_job(folder / "part.lmj", load_profile(folder / "cell.toml"), squares())
         (folder / "faults.toml").write_text(FAULTS)
         assert main(["run", "part.lmj", "--sim", "--faults", "faults.toml"]) == 5
-        assert main(["recover", "run-0001", "--sim", "--yes", "--operator", "Bob"]) == 0
+        assert main(["recover", "run-0001", "--sim", "--yes", "--position-restored",
+                     "--operator", "Bob"]) == 0
     return folder
 
 
