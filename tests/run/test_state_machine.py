@@ -34,12 +34,12 @@ class Rig:
         elif do in (Effect.FEED_HOLD, Effect.STOP_MOTION) and self.program is not None:
             self.program.cancel()
 
-    def state(self, event, before, after):
+    def record_state(self, event, before, after):
         self.states.append(after)
         if self.full_disk and after is RunState.POWDER:
             raise JournalError("disk full")
 
-    def fault(self, error):
+    def record_fault(self, error):
         if self.full_disk:
             raise JournalError("disk full")
         self.faults.append(str(error))

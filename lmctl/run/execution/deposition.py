@@ -300,7 +300,8 @@ class Deposition:
         if completed := self._streamer.completed_paths(executed):
             self._recorder.record_paths_executed(completed)
         self._motion.executed(self._loop.time(), executed, self._clock.rate)
-        window.drop_layers_before(executed)
+        # A layer of a few short lines may be executed before a report has counted it.
+        window.drop_layers_before(min(executed, self._motion.first_line_needed))
         if executed >= window.n_lines:
             self._streaming = False
             self._done()

@@ -80,6 +80,11 @@ class ExecutedMotion:
         """The layer that runs."""
         return self._stretch.index
 
+    @property
+    def first_line_needed(self) -> int:
+        """The first line of the layer that is counted: nothing before it is asked for again."""
+        return self._stretch.first_line
+
     def start(self, t: float) -> None:
         """The first lines are sent at t."""
         self._t = self._end_t = t
