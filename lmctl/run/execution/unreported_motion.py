@@ -8,7 +8,7 @@ recovered), and journals the difference as what it is: inferred.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -49,15 +49,17 @@ class Unreported:
 
 @dataclass(frozen=True)
 class _LastReport:
-    """place : known last; rate : feed override
+    """place : known last; rate : feed override; reported_s : machine time of that report
 
-    flow_g_min : {hopper: last set-point}; discs keep it until the feeder's watchdog stops them
+    setpoints : (machine time, {hopper: flow [g/min]}), the one in force then and those after it;
+        discs keep the last one until the feeder's watchdog stops them
     """
 
     place: ProgramPlace = JOB_START
     beam_off: bool = False
     rate: float = 1.0
-    flow_g_min: Mapping[str, float] = field(default_factory=dict)
+    reported_s: float = 0.0
+    setpoints: tuple[tuple[float, Mapping[str, float]], ...] = ()
 
 
 def unreported(job: JobReader, earlier: Path, reached: PlaceReached) -> list[Unreported]:
@@ -73,7 +75,8 @@ def unreported(job: JobReader, earlier: Path, reached: PlaceReached) -> list[Unr
     if found <= last.place:
         return []
     layers = range(layer_of(job.manifest, last.place.line), layer_of(job.manifest, found.line) + 1)
-    spans = (_in_layer(job, index, last, reached) for index in layers)
+    last_s = _time_of(_layer(job, layers[0]), last.place)
+    spans = (_in_layer(job, index, last, last_s, reached) for index in layers)
     return [span for span in spans if span.figures.duration_s > 0.0]
 
 
@@ -109,14 +112,33 @@ def _last_report(journal: Path) -> _LastReport:
             case "override" if record["source"] == "controller":
                 last = replace(last, rate=record["feed_percent"] / 100.0)
             case "setpoint":
-                last = replace(last, flow_g_min=record["flow_g_min"])
+                last = replace(
+                    last, setpoints=(*last.setpoints, (float(record["t"]), record["flow_g_min"])))
         places = [ProgramPlace(one["line"], one["share"]) for one in known]
-        last = replace(last, place=max([last.place, *places]))
+        if places:
+            t_s = float(record["at"][-1] if "at" in record else record["t"])
+            in_force = [one for one in last.setpoints if one[0] <= t_s][-1:]
+            later = [one for one in last.setpoints if one[0] > t_s]
+            last = replace(last, place=max([last.place, *places]), reported_s=t_s,
+                           setpoints=(*in_force, *later))
     return last
 
 
+def _fed_g(last: _LastReport, from_s: float, to_s: float) -> dict[str, float]:
+    """Powder by the set-points in force between two times after the last report [s]."""
+    begins_s = [max(t_s - last.reported_s, 0.0) for t_s, _ in last.setpoints]
+    grams: dict[str, float] = {}
+    for begin_s, end_s, (_, flows) in zip(
+        begins_s, [*begins_s[1:], max(to_s, 0.0)], last.setpoints, strict=True
+    ):
+        lasting_s = max(0.0, min(end_s, to_s) - max(begin_s, from_s))
+        for name, flow in flows.items():
+            grams[name] = grams.get(name, 0.0) + flow / 60.0 * lasting_s
+    return grams
+
+
 def _in_layer(
-    job: JobReader, index: int, last: _LastReport, reached: PlaceReached
+    job: JobReader, index: int, last: _LastReport, last_s: float, reached: PlaceReached
 ) -> Unreported:
     layer, found = _layer(job, index), reached.place
     begin = max(last.place, ProgramPlace(layer.first_line))
@@ -125,8 +147,8 @@ def _in_layer(
     before, after = layer.totals.at(begin_s), layer.totals.at(end_s)
     burns = 0.0 if last.beam_off else 1.0
     rest_s = end_s + (reached.beam_off_motion_s * last.rate if end == found else 0.0)
-    fed_s = max(0.0, rest_s - max(begin_s, layer.planned.beam_from_s)) / last.rate
-    grams = {name: flow / 60.0 * fed_s for name, flow in last.flow_g_min.items()}
+    fed_from_s = max(begin_s, layer.planned.beam_from_s)
+    grams = _fed_g(last, (fed_from_s - last_s) / last.rate, (rest_s - last_s) / last.rate)
     return Unreported(index, begin, end, Figures(
         burns * (after.path_mm - before.path_mm),
         burns * (after.beam_s - before.beam_s) / last.rate,

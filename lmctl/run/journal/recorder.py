@@ -204,6 +204,7 @@ class RunRecorder:
     def record_setpoint(self, flows_g_min: dict[str, float]) -> None:
         """Set-points on their way to the feeders."""
         self._append("setpoint", flow_g_min=flows_g_min)
+        self._flush()
 
     def record_override(self, feed_percent: int, source: str, power_percent: int = 100) -> None:
         """Overrides. source : "operator" as asked for, "controller" as reported."""
