@@ -21,7 +21,7 @@ class CodeMeaning:
     remedy: str
 
     @property
-    def is_damage(self) -> bool:
+    def implies_damaged_line(self) -> bool:
         """Whether a line that was sound when it was sent can only have been damaged on its way."""
         return self.remedy == _LINE
 
@@ -195,7 +195,7 @@ def alarm_meaning(code: int, dialect: Dialect) -> CodeMeaning:
     )
 
 
-def position_lost(alarm: int, dialect: Dialect) -> bool:
+def alarm_loses_position(alarm: int, dialect: Dialect) -> bool:
     """Whether the reported position can no longer be trusted after this alarm.
 
     Kept after a soft limit, probe failures and a demand for homing; lost after every other.

@@ -85,7 +85,7 @@ class GrblDevice:
         self._head_read = 0
         return line
 
-    def is_too_long(self, line: bytes) -> bool:
+    def is_line_too_long(self, line: bytes) -> bool:
         """Whether the firmware answers it with error:11; it stores no spaces and comments."""
         chars = self.dialect.max_line_chars
         if len(line) <= chars:

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import re
 
-EXPECTED_LETTER = 1
-BAD_NUMBER = 2
+ERROR_EXPECTED_LETTER = 1
+ERROR_BAD_NUMBER = 2
 
 _UPPER = bytes(c - 32 if 97 <= c <= 122 else c for c in range(256))
 _SPACES = bytes(range(0x21)) + b"/"  # the block-delete switch is off: '/' is ignored
@@ -73,4 +73,5 @@ def _refusal(block: str) -> GcodeError:
     """What the firmware answers where reading the block from the left first fails."""
     sound = _SOUND.match(block)
     at = sound.end() if sound else 0
-    return GcodeError(BAD_NUMBER if "A" <= block[at : at + 1] <= "Z" else EXPECTED_LETTER)
+    return GcodeError(
+        ERROR_BAD_NUMBER if "A" <= block[at : at + 1] <= "Z" else ERROR_EXPECTED_LETTER)

@@ -95,12 +95,12 @@ class GrblHost:
         return len(self._unanswered)
 
     @property
-    def oldest_tag(self) -> int | None:
+    def oldest_unanswered_tag(self) -> int | None:
         """Tag of the line whose answer is due next, or None."""
         return self._unanswered[0][0] if self._unanswered else None
 
     @property
-    def newest_tag(self) -> int | None:
+    def newest_unanswered_tag(self) -> int | None:
         """Tag of the line sent last, where that is unanswered."""
         return self._unanswered[-1][0] if self._unanswered else None
 

@@ -15,9 +15,9 @@ from functools import cache
 from firmware_protocol.registers import Register, RegisterMap, RegisterSpace, RegisterType
 
 DEVICE_ID = 0x504D
-MAP_MAJOR = 1
+MAP_MAJOR_VERSION = 1
 #: First map (minor version) with the mirror.
-FIRST_MINOR_WITH_MIRROR = 1
+FIRST_MINOR_VERSION_WITH_MIRROR = 1
 MIRROR_ADDRESS = 500
 MAX_HOPPERS = 4
 #: Input registers of one hopper.
@@ -129,32 +129,32 @@ class WriteRefusalCode(IntEnum):
 _I, _H = RegisterSpace.INPUT, RegisterSpace.HOLDING
 
 _SYSTEM = (
-    Register("DEVICE_ID", _I, 0, doc="0x504D; anything else is no PMX feeder"),
-    Register("MAP_VERSION", _I, 1, doc="high byte major, low byte minor"),
-    Register("FW_VERSION", _I, 2, doc="high byte major, low byte minor"),
+    Register("DEVICE_ID", _I, 0, description="0x504D; anything else is no PMX feeder"),
+    Register("MAP_VERSION", _I, 1, description="high byte major, low byte minor"),
+    Register("FW_VERSION", _I, 2, description="high byte major, low byte minor"),
     Register("N_HOPPERS", _I, 3),
     Register("SERIAL", _I, 4, RegisterType.U32),
-    Register("STATUS", _I, 6, RegisterType.BITS, doc="see Status"),
+    Register("STATUS", _I, 6, RegisterType.BITS, description="see Status"),
     Register("ALARM", _I, 7, RegisterType.BITS,
-             doc="latched; bits 0..5: alarms 101..106, 8..11: hoppers"),
+             description="latched; bits 0..5: alarms 101..106, 8..11: hoppers"),
     Register("WARNING", _I, 8, RegisterType.BITS,
-             doc="bits 0..4: x51..x55 of any hopper, not latched"),
-    Register("FIRST_ALARM_CODE", _I, 9, doc="first-out; 0 for none"),
-    Register("ALARM_COUNT", _I, 10, doc="modulo 65536: shows missed alarms"),
-    Register("HEARTBEAT_ECHO", _I, 11, doc="the last heartbeat written"),
-    Register("HEARTBEAT_AGE", _I, 12, unit="ms", doc="stays at 65535 when older"),
+             description="bits 0..4: x51..x55 of any hopper, not latched"),
+    Register("FIRST_ALARM_CODE", _I, 9, description="first-out; 0 for none"),
+    Register("ALARM_COUNT", _I, 10, description="modulo 65536: shows missed alarms"),
+    Register("HEARTBEAT_ECHO", _I, 11, description="the last heartbeat written"),
+    Register("HEARTBEAT_AGE", _I, 12, unit="ms", description="stays at 65535 when older"),
     Register("UPTIME", _I, 13, RegisterType.U32, unit="s",
-             doc="goes back when the device restarts"),
-    Register("MODE", _I, 15, doc="see Mode"),
-    Register("STATE", _I, 16, doc="see State"),
+             description="goes back when the device restarts"),
+    Register("MODE", _I, 15, description="see Mode"),
+    Register("STATE", _I, 16, description="see State"),
     Register("TOTAL_FLOW", _I, 17, counts_per_unit=100, unit="g/min", may_be_unavailable=True),
     Register("MIXER_PRESSURE", _I, 18, RegisterType.I16, unit="mbar", may_be_unavailable=True,
-             doc="over ambient; rises when the nozzle clogs"),
+             description="over ambient; rises when the nozzle clogs"),
     Register("TOTAL_GAS", _I, 19, counts_per_unit=100, unit="L/min", may_be_unavailable=True),
     Register("SUPPLY_PRESSURE", _I, 20, counts_per_unit=100, unit="bar", may_be_unavailable=True),
-    Register("SEQ_APPLIED", _I, 21, doc="the SEQ of the recipe that is really running"),
-    Register("LAST_REFUSAL", _I, 22, doc="see Refusal"),
-    Register("TICK", _I, 23, unit="ms", doc="modulo 65536: time stamp of this sample"),
+    Register("SEQ_APPLIED", _I, 21, description="the SEQ of the recipe that is really running"),
+    Register("LAST_REFUSAL", _I, 22, description="see Refusal"),
+    Register("TICK", _I, 23, unit="ms", description="modulo 65536: time stamp of this sample"),
 )
 
 #: Rows of one hopper: (offset from 100·h, name, type, counts per unit, unit)
@@ -180,22 +180,26 @@ _HOPPER = (
 )
 
 _CONTROL = (
-    Register("COMMAND", _H, 0, RegisterType.BITS, writable=True, doc="see Command"),
-    Register("HEARTBEAT", _H, 1, writable=True, doc="host changes it at least every timeout/4"),
+    Register("COMMAND", _H, 0, RegisterType.BITS, writable=True, description="see Command"),
+    Register("HEARTBEAT", _H, 1, writable=True,
+             description="host changes it at least every timeout/4"),
     Register("WD_TIMEOUT", _H, 2, unit="ms", writable=True, minimum=0, maximum=60_000,
-             doc="0: off, allowed in LOCAL and SERVICE only; else 100..60000"),
-    Register("WD_ACTION", _H, 3, writable=True, minimum=0, maximum=2, doc="see WatchdogAction"),
-    Register("WD_RESET", _H, 4, writable=True, doc="0xBECF resets a latched trip"),
+             description="0: off, allowed in LOCAL and SERVICE only; else 100..60000"),
+    Register("WD_ACTION", _H, 3, writable=True, minimum=0, maximum=2,
+             description="see WatchdogAction"),
+    Register("WD_RESET", _H, 4, writable=True, description="0xBECF resets a latched trip"),
     Register("ALARM_RESET", _H, 5, writable=True, minimum=0, maximum=1,
-             doc="1 clears alarms whose cause is gone"),
-    Register("SEQ", _H, 6, writable=True, doc="any change commits the shadow block at once"),
+             description="1 clears alarms whose cause is gone"),
+    Register("SEQ", _H, 6, writable=True,
+             description="any change commits the shadow block at once"),
     Register("RAMP", _H, 7, counts_per_unit=10, unit="s", writable=True, minimum=0, maximum=600,
-             doc="time in which discs go evenly to a new recipe"),
+             description="time in which discs go evenly to a new recipe"),
     Register("STABILISE", _H, 8, counts_per_unit=10, unit="s", writable=True, minimum=0,
              maximum=600),
     Register("POSTFLOW", _H, 9, counts_per_unit=10, unit="s", writable=True, minimum=0,
              maximum=600),
-    Register("SETPOINT_MODE", _H, 10, writable=True, minimum=0, maximum=1, doc="see SetpointMode"),
+    Register("SETPOINT_MODE", _H, 10, writable=True, minimum=0, maximum=1,
+             description="see SetpointMode"),
     Register("AT_SPEED_TOL", _H, 11, counts_per_unit=10, unit="%", writable=True, minimum=0.1,
              maximum=100),
     # Reserved, so that heartbeat, SEQ and shadow block fit one FC 16 write: written 0, read 0.
@@ -263,7 +267,7 @@ def register_map(n_hoppers: int = MAX_HOPPERS) -> RegisterMap:
 
 PMX_MAP = register_map()
 
-SYSTEM_BLOCK = PMX_MAP.block(row.name for row in _SYSTEM)
+SYSTEM_BLOCK = PMX_MAP.contiguous_block(row.name for row in _SYSTEM)
 
 
 def hopper_input_names(channel: int) -> tuple[str, ...]:

@@ -53,7 +53,7 @@ ESTOP, WATCHDOG = 101, 104
 #: Numbers of a hopper's own codes, see `hopper_code`.
 EMPTY, LEVEL_LOW, DRIFT, UNSTEADY, OLD_CALIBRATION, CLIPPED = 7, 51, 52, 53, 54, 55
 #: The bit of WARNING that says that some hopper's set-point was clipped.
-CLIPPED_BIT = 1 << CLIPPED - LEVEL_LOW
+SETPOINT_CLIPPED_BIT = 1 << CLIPPED - LEVEL_LOW
 
 _HOPPER_BITS_FROM = 8  # of ALARM: bit 8 is channel 1
 

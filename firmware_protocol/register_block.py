@@ -73,7 +73,7 @@ class Register:
     type: RegisterType = RegisterType.U16
     counts_per_unit: int = 1
     unit: str = ""
-    doc: str = ""
+    description: str = ""
     writable: bool = False
     minimum: float | None = None
     maximum: float | None = None
@@ -81,26 +81,26 @@ class Register:
     length: int = 0
 
     @property
-    def words(self) -> int:
+    def word_count(self) -> int:
         return self.length if self.type is RegisterType.ASCII else self.type.words
 
 
 class PlacedRegister(NamedTuple):
     """A row within a block, with what is needed at every reading and writing of it at hand.
 
-    low, high : limits of its counts
+    min_counts, max_counts : limits of its counts
     """
 
     name: str
     offset: int
-    words: int
+    word_count: int
     counts_per_unit: int
-    low: int
-    high: int
-    row: Register
+    min_counts: int
+    max_counts: int
+    register: Register
 
     @classmethod
-    def at(cls, row: Register, offset: int) -> PlacedRegister:
+    def from_register(cls, row: Register, offset: int) -> PlacedRegister:
         low, high, missing = row.type.least, row.type.greatest, row.type.not_available
         if row.minimum is not None:
             low = max(low, round(row.minimum * row.counts_per_unit))
@@ -108,11 +108,11 @@ class PlacedRegister(NamedTuple):
             high = min(high, round(row.maximum * row.counts_per_unit))
         if row.may_be_unavailable:  # its code stands at one end of the range, and is no value
             low, high = low + (low == missing), high - (high == missing)
-        return cls(row.name, offset, row.words, row.counts_per_unit, low, high, row)
+        return cls(row.name, offset, row.word_count, row.counts_per_unit, low, high, row)
 
     @property
     def is_single_number(self) -> bool:
-        return self.words == 1 and self.row.type is not RegisterType.ASCII
+        return self.word_count == 1 and self.register.type is not RegisterType.ASCII
 
 
 class RegisterBlock:
@@ -125,17 +125,18 @@ class RegisterBlock:
         self.kind = kind
         self.address = address
         self.count = count
-        self.rows = tuple(place.row for place in placed)
+        self.rows = tuple(place.register for place in placed)
         self._placed = tuple(placed)
         self._word_order = word_order
         # Most rows are a number in one word.
         self._numbers = [
-            (place.name, place.offset, place.counts_per_unit, place.low, place.high, place.row)
+            (place.name, place.offset, place.counts_per_unit, place.min_counts, place.max_counts,
+             place.register)
             for place in placed if place.is_single_number
         ]
         self._others = [place for place in placed if not place.is_single_number]
 
-    def in_order(self, word_order: WordOrder) -> RegisterBlock:
+    def with_word_order(self, word_order: WordOrder) -> RegisterBlock:
         """The same stretch of registers of a device with another word order."""
         return RegisterBlock(self.kind, self.address, self.count, self._placed, word_order)
 
@@ -158,8 +159,8 @@ class RegisterBlock:
             else:
                 values[name] = _decode(row, (raw,), order)
         for place in self._others:
-            own = words[place.offset : place.offset + place.words]
-            values[place.name] = _decode(place.row, own, order)
+            own = words[place.offset : place.offset + place.word_count]
+            values[place.name] = _decode(place.register, own, order)
         return values
 
     def encode(self, values: Mapping[str, RegisterValue]) -> list[int]:
@@ -182,21 +183,21 @@ class RegisterBlock:
                 raise _out_of_range(row, low, high, value)
         for place in self._others:
             own = _encode_other(place, values[place.name], self._word_order)
-            words[place.offset : place.offset + place.words] = own
+            words[place.offset : place.offset + place.word_count] = own
         return words
 
 
 def _encode_other(place: PlacedRegister, value: RegisterValue, order: WordOrder) -> tuple[int, ...]:
     """Words of a text, or of a number in two words."""
-    row = place.row
+    row = place.register
     if row.type is RegisterType.ASCII:
         return _encode_text(row, value)
     if type(value) is float and isfinite(value):
         raw = round(value * place.counts_per_unit)
     else:
         raw = _rare_counts(row, value)
-    if not place.low <= raw <= place.high and value is not None:
-        raise _out_of_range(row, place.low, place.high, value)
+    if not place.min_counts <= raw <= place.max_counts and value is not None:
+        raise _out_of_range(row, place.min_counts, place.max_counts, value)
     return _swapped((raw >> 16 & 0xFFFF, raw & 0xFFFF), order)
 
 

@@ -57,7 +57,7 @@ class RegisterMap:
         taken: dict[tuple[RegisterSpace, int], str] = {}
         for row in self.rows:
             self._check(row)
-            for address in range(row.address, row.address + row.words):
+            for address in range(row.address, row.address + row.word_count):
                 other = taken.setdefault((row.space, address), row.name)
                 if other != row.name:
                     raise RegisterError(f"{row.name} and {other} overlap at {address}")
@@ -65,10 +65,10 @@ class RegisterMap:
     def _check(self, row: Register) -> None:
         if row.writable and row.space is RegisterSpace.INPUT:
             raise RegisterError(f"{row.name}: an input register cannot be written")
-        if row.words < 1 or row.counts_per_unit < 1:
+        if row.word_count < 1 or row.counts_per_unit < 1:
             raise RegisterError(f"{row.name}: length and scale must be at least 1")
         first = self.wire_address(row.name)
-        if first < 0 or first + row.words > 0x1_0000:
+        if first < 0 or first + row.word_count > 0x1_0000:
             raise RegisterError(f"{row.name}: wire address {first} is outside 0..65535")
 
     def __getitem__(self, name: str) -> Register:
@@ -80,13 +80,13 @@ class RegisterMap:
 
     def encode(self, name: str, value: RegisterValue) -> tuple[int, ...]:
         """The words of one row. Raises RegisterError where the value does not fit."""
-        return tuple(self.block([name]).encode({name: value}))
+        return tuple(self.contiguous_block([name]).encode({name: value}))
 
     def decode(self, name: str, words: Sequence[int]) -> RegisterValue:
         """The value of one row's words; None where the device says "not available"."""
-        return self.block([name]).decode(words)[name]
+        return self.contiguous_block([name]).decode(words)[name]
 
-    def block(self, names: Iterable[str]) -> RegisterBlock:
+    def contiguous_block(self, names: Iterable[str]) -> RegisterBlock:
         """The rows as one contiguous stretch, whatever their order; gaps stay inside it.
 
         Raises RegisterError for rows of both kinds, or none.
@@ -95,8 +95,8 @@ class RegisterMap:
         if not rows or len({row.space for row in rows}) != 1:
             raise RegisterError("a block needs rows, all of one kind")
         start = self.wire_address(rows[0].name)
-        placed = [PlacedRegister.at(row, row.address - rows[0].address) for row in rows]
-        count = placed[-1].offset + placed[-1].words
+        placed = [PlacedRegister.from_register(row, row.address - rows[0].address) for row in rows]
+        count = placed[-1].offset + placed[-1].word_count
         return RegisterBlock(rows[0].space, start, count, placed, self.word_order)
 
     def plan_reads(self, names: Iterable[str], *,
@@ -113,10 +113,10 @@ class RegisterMap:
             if (
                 last is not None
                 and last[-1].space is row.space
-                and last[-1].address + last[-1].words == row.address
-                and row.address + row.words - last[0].address <= most
+                and last[-1].address + last[-1].word_count == row.address
+                and row.address + row.word_count - last[0].address <= most
             ):
                 last.append(row)
             else:
                 runs.append([row])
-        return tuple(self.block(row.name for row in run) for run in runs)
+        return tuple(self.contiguous_block(row.name for row in run) for run in runs)

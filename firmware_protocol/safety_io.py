@@ -61,48 +61,53 @@ class SafetyStatusBits(IntFlag):
 _I, _H = RegisterSpace.INPUT, RegisterSpace.HOLDING
 
 _READINGS = (
-    Register("DEVICE_ID", _I, 0, doc="0x5349; anything else is no SIO device"),
-    Register("MAP_VERSION", _I, 1, doc="high byte major, low byte minor"),
-    Register("FW_VERSION", _I, 2, doc="high byte major, low byte minor"),
+    Register("DEVICE_ID", _I, 0, description="0x5349; anything else is no SIO device"),
+    Register("MAP_VERSION", _I, 1, description="high byte major, low byte minor"),
+    Register("FW_VERSION", _I, 2, description="high byte major, low byte minor"),
     Register("RESERVED_3", _I, 3),
     Register("SERIAL", _I, 4, RegisterType.U32),
-    Register("INPUTS", _I, 6, RegisterType.BITS, doc="see Inputs"),
-    Register("STATUS", _I, 7, RegisterType.BITS, doc="see Status"),
-    Register("FIRST_OUT", _I, 8, doc="what opened first since the last reset; 0 for nothing"),
-    Register("TRIP_COUNT", _I, 9, doc="modulo 65536, of inputs opening: shows missed ones"),
-    Register("HEARTBEAT_ECHO", _I, 10, doc="the last heartbeat written"),
-    Register("HEARTBEAT_AGE", _I, 11, unit="ms", doc="stays at 65535 when older"),
+    Register("INPUTS", _I, 6, RegisterType.BITS, description="see Inputs"),
+    Register("STATUS", _I, 7, RegisterType.BITS, description="see Status"),
+    Register("FIRST_OUT", _I, 8,
+             description="what opened first since the last reset; 0 for nothing"),
+    Register("TRIP_COUNT", _I, 9, description="modulo 65536, of inputs opening: shows missed ones"),
+    Register("HEARTBEAT_ECHO", _I, 10, description="the last heartbeat written"),
+    Register("HEARTBEAT_AGE", _I, 11, unit="ms", description="stays at 65535 when older"),
     Register("UPTIME", _I, 12, RegisterType.U32, unit="s",
-             doc="goes back when the device restarts"),
-    Register("TICK", _I, 14, unit="ms", doc="modulo 65536: time stamp of this sample"),
+             description="goes back when the device restarts"),
+    Register("TICK", _I, 14, unit="ms", description="modulo 65536: time stamp of this sample"),
     Register("SHIELD_GAS", _I, 15, counts_per_unit=100, unit="L/min", may_be_unavailable=True),
     Register("CHILLER_TEMP", _I, 16, RegisterType.I16, 10, "°C", may_be_unavailable=True),
     Register("CHILLER_FLOW", _I, 17, counts_per_unit=100, unit="L/min", may_be_unavailable=True),
     Register("OXYGEN", _I, 18, RegisterType.U32, 10, "ppm", may_be_unavailable=True,
-             doc="air is 209000 ppm; without meaning while OXYGEN_VALID is 0"),
+             description="air is 209000 ppm; without meaning while OXYGEN_VALID is 0"),
     Register("EXTRACTION_DP", _I, 20, RegisterType.I16, unit="Pa", may_be_unavailable=True,
-             doc="across the filter: falls with the fan, rises as the filter clogs"),
+             description="across the filter: falls with the fan, rises as the filter clogs"),
 )
 
 _CONTROL = (
-    Register("HEARTBEAT", _H, 0, writable=True, doc="host changes it at least every timeout/4"),
+    Register("HEARTBEAT", _H, 0, writable=True,
+             description="host changes it at least every timeout/4"),
     Register("RELAY_TIMEOUT", _H, 1, unit="ms", writable=True, minimum=LEAST_TIMEOUT_MS,
-             maximum=GREATEST_TIMEOUT_MS, doc="the relay opens when heartbeats stop so long"),
-    Register("RELAY_RESET", _H, 2, writable=True, doc="0xC105 closes an open relay; reads 0"),
+             maximum=GREATEST_TIMEOUT_MS,
+             description="the relay opens when heartbeats stop so long"),
+    Register("RELAY_RESET", _H, 2, writable=True,
+             description="0xC105 closes an open relay; reads 0"),
     Register("LASER_ENABLE", _H, 3, writable=True, minimum=0, maximum=1,
-             doc="0: off, at power-up too; 0 to 1 with the relay closed: on; it drops as the relay "
-                 "opens, and stays off until it is 0 and then 1 again; only where it is fitted"),
+             description="0: off, at power-up too; 0 to 1 with the relay closed: on; it drops as "
+                         "the relay opens, and stays off until it is 0 and then 1 again; only "
+                         "where it is fitted"),
 )
 
 SIO_MAP = RegisterMap(_READINGS + _CONTROL)
 
 #: Everything the device tells; and of it, what changes: read at every cycle.
-FULL_BLOCK = SIO_MAP.block(row.name for row in _READINGS)
-CYCLIC_BLOCK = SIO_MAP.block(
+FULL_BLOCK = SIO_MAP.contiguous_block(row.name for row in _READINGS)
+CYCLIC_BLOCK = SIO_MAP.contiguous_block(
     row.name for row in _READINGS if row.address >= SIO_MAP["INPUTS"].address)
 
 
-def mirrored_at(address: int) -> int:
+def mirror_address_of(address: int) -> int:
     """The holding register that shows an input register."""
     return MIRROR_ADDRESS + address
 
@@ -144,13 +149,13 @@ _FIRST_CODE = 101
 RELAY_FIRST_OUT_CODE = 120
 
 
-def first_out_code_of(one: SafetyInputBits) -> int:
+def first_out_code_of_input(one: SafetyInputBits) -> int:
     """FIRST_OUT code of one input: 101 for the e-stop chain, 102 for the door."""
     return _FIRST_CODE + int(one).bit_length() - 1
 
 
 _FIRST_OUTS = {
-    **{first_out_code_of(one): FirstOutCause(first_out_code_of(one), *words) for one,
+    **{first_out_code_of_input(one): FirstOutCause(first_out_code_of_input(one), *words) for one,
        words in _WORDS.items()},
     RELAY_FIRST_OUT_CODE: FirstOutCause(RELAY_FIRST_OUT_CODE, *_RELAY_WORDS),
 }

@@ -50,7 +50,7 @@ class MissingFileError(LmctlError):
     exit_code = 2
 
     @classmethod
-    def of(cls, path: Path, hint: str = "") -> MissingFileError:
+    def for_path(cls, path: Path, hint: str = "") -> MissingFileError:
         """That there is no such file, and which of its folder's files may have been meant.
 
         hint : what else the reader should look at

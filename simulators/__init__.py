@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from simulators.faults.fault_injector import FaultInjector as FaultInjector
     from simulators.faults.plan import FaultPlan as FaultPlan
     from simulators.faults.plan import FaultPlanError as FaultPlanError
-    from simulators.virtual_time import run as run
+    from simulators.virtual_time import run_in_virtual_time as run_in_virtual_time
 
 #: What others may use, and the module that holds it; loaded when it is asked for.
 _HOMES = {
@@ -22,7 +22,7 @@ _HOMES = {
     "FaultInjector": "simulators.faults.fault_injector",
     "FaultPlan": "simulators.faults.plan",
     "FaultPlanError": "simulators.faults.plan",
-    "run": "simulators.virtual_time",
+    "run_in_virtual_time": "simulators.virtual_time",
 }
 
 __all__ = list(_HOMES)

@@ -18,7 +18,7 @@ from simulators.motion.trace import MotionTrace
 FloatArray = NDArray[np.float64]
 
 #: Times so near to each other are the same [s].
-SAME_S = 1e-9
+SAME_TIME_TOLERANCE_S = 1e-9
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ def merge_intervals(stretches: FloatArray) -> tuple[TimeInterval, ...]:
     """Stretches (k, 2) [s] in order, those that touch joined."""
     together: list[list[float]] = []
     for begin_s, end_s in sorted(map(tuple, stretches.tolist())):
-        if together and begin_s <= together[-1][1] + SAME_S:
+        if together and begin_s <= together[-1][1] + SAME_TIME_TOLERANCE_S:
             together[-1][1] = max(together[-1][1], end_s)
         else:
             together.append([begin_s, end_s])
@@ -86,4 +86,4 @@ def _standing(trace: MotionTrace, now_s: float) -> FloatArray:
                 (max(from_s, ends[i]), min(to_s, begins[i], now_s))
                 for i in range(first, min(last, len(begins)))
             ]
-    return np.array([one for one in lit if one[1] - one[0] > SAME_S]).reshape(-1, 2)
+    return np.array([one for one in lit if one[1] - one[0] > SAME_TIME_TOLERANCE_S]).reshape(-1, 2)

@@ -12,7 +12,7 @@ from simulators.bench_record import BenchRecord
 from simulators.faults.link_tap import LinkTap
 from simulators.feeder.device import PmxFeederDevice
 from simulators.feeder.server import FeederRegisters
-from simulators.modbus_server import Registers, serve_pty, serve_tcp
+from simulators.modbus_server import ModbusRegisters, serve_pty, serve_tcp
 from simulators.motion import server as motion_server
 from simulators.motion.simulator import MotionSimulator
 from simulators.safety.device import SimulatedSafetyDevice
@@ -106,7 +106,8 @@ class Bench:
         return self.edges.setdefault(name, LinkTap())
 
     async def _serve_modbus(
-        self, name: str, device: Registers, edge: LinkTap, address: Address, baud: int = 19_200
+        self, name: str, device: ModbusRegisters, edge: LinkTap, address: Address,
+        baud: int = 19_200
     ) -> str:
         if address.pty:
             server = await serve_pty(device, edge, baud)

@@ -80,7 +80,7 @@ def _bench(top: TableReader) -> BenchConfig:
     name = top.text("name", "bench")
     addresses: dict[str, Address] = {}
     motion = _motion(top.table("motion"), addresses)
-    safety = _safety(top.table("safety", {}), addresses) if top.has("safety") else None
+    safety = _safety(top.table("safety", {}), addresses) if top.has_key("safety") else None
     feeders = []
     for table in top.tables("feeder"):
         feeders.append(_feeder(table, addresses))
@@ -120,9 +120,9 @@ def _safety(table: TableReader, addresses: dict[str, Address]) -> SafetyConfig:
     usual = SafetyConfig()
     safety = SafetyConfig(
         device_id=table.integer("device_id", usual.device_id, least=1, most=247),
-        watchdog_relay=table.flag("watchdog_relay", usual.watchdog_relay),
-        laser_circuit=table.flag("laser_circuit", usual.laser_circuit),
-        laser_enable=table.flag("laser_enable", usual.laser_enable),
+        watchdog_relay=table.boolean("watchdog_relay", usual.watchdog_relay),
+        laser_circuit=table.boolean("laser_circuit", usual.laser_circuit),
+        laser_enable=table.boolean("laser_enable", usual.laser_enable),
         boot_s=table.number("boot_s", usual.boot_s, least=0, most=3600),
         shield_gas_L_min=table.number(
             "shield_gas_L_min", usual.shield_gas_L_min, least=0, most=600

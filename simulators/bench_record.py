@@ -22,8 +22,8 @@ from simulators.motion.trace import MotionTrace
 FloatArray = NDArray[np.float64]
 
 #: The beam's path is looked at once in so much path, and at least once in so much time.
-STEP_MM = 0.1
-STEP_S = 0.02
+MAX_PIECE_MM = 0.1
+MAX_PIECE_S = 0.02
 #: While the machine stands, the beam is looked at this often.
 _STANDING_STEP_S = 0.005
 _CHUNK = 500_000
@@ -81,7 +81,7 @@ class BeamOnPath:
             raise ValueError(f"the beam drew line {strangers[0]}, which the design does not have")
         return np.asarray(fractions, dtype=np.float64)[row]
 
-    def fraction_within(self, designed: FloatArray, tolerance: float) -> float:
+    def length_fraction_within_tolerance(self, designed: FloatArray, tolerance: float) -> float:
         """Share of the path length where every fraction is within tolerance of the designed.
 
         designed : (n, n_materials). NaN without a path.
@@ -99,7 +99,7 @@ class BenchRecord:
         self._trace = trace
         self._feeders = tuple(feeders)
 
-    def beam_on_path(self, step_mm: float = STEP_MM) -> BeamOnPath:
+    def beam_on_path(self, step_mm: float = MAX_PIECE_MM) -> BeamOnPath:
         """The path drawn with the beam on, cut into pieces of at most step_mm."""
         for feeder in self._feeders:
             feeder.advance_to_now()
@@ -172,7 +172,7 @@ class BenchRecord:
         beam = self._trace.blocks().beam[phases.block] > 0
         start_s, whole_s = phases.start_s[beam], whole_s[beam]
         speed = phases.speed_mm_s[beam] + 0.5 * phases.acceleration_mm_s2[beam] * whole_s
-        parts = np.maximum(np.ceil(speed * whole_s / step_mm), np.ceil(whole_s / STEP_S))
+        parts = np.maximum(np.ceil(speed * whole_s / step_mm), np.ceil(whole_s / MAX_PIECE_S))
         count = np.maximum(parts, 1).astype(np.int64)
         first = np.repeat(np.cumsum(count) - count, count)
         number = np.arange(count.sum()) - first

@@ -81,7 +81,7 @@ class RegistersReply(ModbusPDU):
 
 
 #: To be registered with pymodbus's decoder.
-REQUESTS: tuple[type[ModbusPDU], ...] = (
+REQUEST_PDU_CLASSES: tuple[type[ModbusPDU], ...] = (
     ReadHoldingRequest, ReadInputRequest, ServerWriteRequest, ServerExchangeRequest,
 )
 

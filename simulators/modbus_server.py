@@ -31,15 +31,15 @@ from simulators.modbus_errors import (
     ExceptionReplyError,
     RequestIgnoredError,
 )
-from simulators.modbus_habits import ModbusHabits, PeculiarRegisters, Registers
 from simulators.modbus_pdus import (
-    REQUESTS,
+    REQUEST_PDU_CLASSES,
     ReadHoldingRequest,
     ReadInputRequest,
     RegistersReply,
     ServerExchangeRequest,
     ServerWriteRequest,
 )
+from simulators.modbus_quirks import ModbusQuirks, ModbusRegisters, RegistersWithQuirks
 from simulators.pty_transport import PtyTransport
 
 # What pymodbus would otherwise print on stderr; a program that wants it sets up logging.
@@ -53,11 +53,12 @@ class ModbusServer:
     """A device on its wire. `endpoint` is where a host finds it, in the driver's own spelling."""
 
     def __init__(
-        self, registers: Registers, edge: LinkTap | None = None, habits: ModbusHabits | None = None
+        self, registers: ModbusRegisters, edge: LinkTap | None = None,
+        habits: ModbusQuirks | None = None
     ) -> None:
         self.endpoint = ""
-        self.habits = habits or ModbusHabits()
-        self.registers = registers if habits is None else PeculiarRegisters(registers, habits)
+        self.habits = habits or ModbusQuirks()
+        self.registers = registers if habits is None else RegistersWithQuirks(registers, habits)
         self.edge = edge or LinkTap()
         self.open: set[_Connection] = set()
         self.listening: asyncio.Server | None = None
@@ -83,7 +84,7 @@ class _Connection(asyncio.Protocol):
 
     def __init__(self, server: ModbusServer, framer: type[FramerBase]) -> None:
         requests = DecodePDU(True)
-        for request in REQUESTS:
+        for request in REQUEST_PDU_CLASSES:
             requests.register(request)
         self._server = server
         self._framer = framer(requests)
@@ -147,7 +148,7 @@ class _Connection(asyncio.Protocol):
 
 def _answer(server: ModbusServer, request: ModbusPDU) -> ModbusPDU | None:
     try:
-        server.habits.check_function(request.function_code)
+        server.habits.check_function_code(request.function_code)
         return _carried_out(server.registers, request)
     except ExceptionReplyError as refused:
         return ExceptionResponse(request.function_code, refused.code)
@@ -155,7 +156,7 @@ def _answer(server: ModbusServer, request: ModbusPDU) -> ModbusPDU | None:
         return None
 
 
-def _carried_out(registers: Registers, request: ModbusPDU) -> ModbusPDU:
+def _carried_out(registers: ModbusRegisters, request: ModbusPDU) -> ModbusPDU:
     """Do what a request asks, and say so. Raises RefusedError, SilentError."""
     match request:
         case ServerExchangeRequest() if request.is_valid:
@@ -186,8 +187,8 @@ def _carried_out(registers: Registers, request: ModbusPDU) -> ModbusPDU:
 
 
 async def serve_tcp(
-    registers: Registers, host: str = "127.0.0.1", port: int = 0, edge: LinkTap | None = None,
-    habits: ModbusHabits | None = None,
+    registers: ModbusRegisters, host: str = "127.0.0.1", port: int = 0, edge: LinkTap | None = None,
+    habits: ModbusQuirks | None = None,
 ) -> ModbusServer:
     """Answer Modbus TCP; port 0 takes a free one. Raises OSError where it cannot listen.
 
@@ -201,8 +202,8 @@ async def serve_tcp(
 
 
 async def serve_pty(
-    registers: Registers, edge: LinkTap | None = None, baud: int = 19_200,
-    habits: ModbusHabits | None = None, checks_baud: bool = False,
+    registers: ModbusRegisters, edge: LinkTap | None = None, baud: int = 19_200,
+    habits: ModbusQuirks | None = None, checks_baud: bool = False,
 ) -> ModbusServer:
     """Answer Modbus RTU on a new pty, without parity: Linux ptys carry none.
 

@@ -13,7 +13,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from simulators.beam_intervals import SAME_S, TimeInterval, beam_on_below_speed, merge_intervals
+from simulators.beam_intervals import (
+    SAME_TIME_TOLERANCE_S,
+    TimeInterval,
+    beam_on_below_speed,
+    merge_intervals,
+)
 from simulators.bench_record import BeamOnPath, BenchRecord
 from simulators.executed_path import (
     BeamOnLine,
@@ -105,7 +110,7 @@ class SafetyChecks:
         phases = self._motion.trace.phases()
         at_s = after_s
         for begin_s, end_s in zip(phases.start_s, phases.end_s, strict=True):
-            if begin_s <= at_s + SAME_S and at_s < end_s:
+            if begin_s <= at_s + SAME_TIME_TOLERANCE_S and at_s < end_s:
                 at_s = float(end_s)
         return at_s
 
@@ -185,7 +190,7 @@ class SafetyChecks:
                   off_by: float) -> NDArray[np.bool_]:
         off = np.zeros(len(path.time_s), dtype=bool)
         for hopper in feeder.hoppers.values():
-            told = hopper.told.nozzle_flow_g_s(path.time_s)
+            told = hopper.fault_free_process.nozzle_flow_g_s(path.time_s)
             flow = hopper.process.nozzle_flow_g_s(path.time_s)
             off |= np.abs(flow - told) > off_by * np.maximum(told, _MIN_G_S)
         return off

@@ -26,7 +26,7 @@ class TableReader:
         place = f"{self._path}.{key}" if self._path and key else self._path + key
         self.mistakes.append(f"{place}: {reason}" if place else reason)
 
-    def has(self, key: str) -> bool:
+    def has_key(self, key: str) -> bool:
         return key in self._table
 
     def number(
@@ -69,7 +69,7 @@ class TableReader:
             return "?"
         return value
 
-    def flag(self, key: str, default: bool) -> bool:
+    def boolean(self, key: str, default: bool) -> bool:
         value = self._get(key, default)
         if not isinstance(value, bool):
             self.report_mistake(key, "must be true or false")

@@ -123,7 +123,7 @@ class _JumpingSelector(selectors.PollSelector):
         return self._nothing_ready(timeout, super().select)
 
 
-def run(main: Coroutine[Any, Any, T], *, speed: float = math.inf) -> T:
+def run_in_virtual_time(main: Coroutine[Any, Any, T], *, speed: float = math.inf) -> T:
     """Run main to its end on a fresh virtual-time loop, as `asyncio.run` does on a real one.
 
     Ctrl-C cancels main, lets its cleanup run (in virtual time) and raises KeyboardInterrupt.

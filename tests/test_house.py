@@ -12,6 +12,8 @@ from pathlib import Path
 import pytest
 from importlinter.cli import lint_imports
 
+from tests.house.references import stale_references
+
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = ("lmctl", "firmware_protocol", "simulators")
 MODULES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
@@ -118,6 +120,11 @@ def test_no_file_is_cited_that_the_tree_does_not_hold() -> None:
             if not there and ("/" in name or name not in names):
                 missing.append(f"{path.relative_to(ROOT).as_posix()}: {name}")
     assert missing == []
+
+
+def test_documents_name_what_is_there() -> None:
+    documents = [ROOT / "ARCHITECTURE.md", ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
+    assert stale_references(ROOT, documents) == []
 
 
 def test_asynchronous_code_uses_the_loops_clock_only() -> None:

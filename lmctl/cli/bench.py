@@ -52,7 +52,7 @@ def run_simulated(
                 if happened is not None:
                     happened.extend(map(str, board.injected))
 
-    return virtual_time.run(whole_run(), speed=math.inf if speed is None else speed)
+    return virtual_time.run_in_virtual_time(whole_run(), speed=math.inf if speed is None else speed)
 
 
 def run_on_bench(
@@ -66,7 +66,7 @@ def run_on_bench(
         async with Bench(config, ephemeral_ports=True) as cell:
             return await act(replace_endpoints(profile, cell.endpoints))
 
-    return virtual_time.run(whole_act())
+    return virtual_time.run_in_virtual_time(whole_act())
 
 
 def load_bench(path: Path | None) -> BenchConfig:

@@ -12,7 +12,7 @@ from lmctl.cli.paths import InputFile
 from lmctl.cli.planning import check_units, units_option
 from lmctl.cli.profiles import load_checked_profile, load_profile_or_default
 from lmctl.config import toml_file
-from lmctl.config.file_kind import FileKind, kind_of
+from lmctl.config.file_kind import FileKind, file_kind_of
 from lmctl.config.machine import MachineProfile
 from lmctl.errors import UsageError
 
@@ -43,7 +43,7 @@ def check(file: Path, machine: Path | None, units: str | None) -> None:
 def _kind_of(file: Path) -> FileKind | None:
     if file.suffix.lower() != ".toml":
         return None
-    return kind_of(toml_file.parse_tables(toml_file.read_text(file), name=str(file)))
+    return file_kind_of(toml_file.parse_tables(toml_file.read_text(file), name=str(file)))
 
 
 def _profile_or_bench(file: Path, kind: FileKind) -> str:

@@ -41,7 +41,7 @@ def log(
     elif as_json:
         _put_journal(journal)
     elif as_csv:
-        from lmctl.report.job_log_csv import as_csv as form
+        from lmctl.report.job_log_csv import part_record_as_csv as form
 
         print_data(_printed(journal, form, run_only=run_only))
     else:
@@ -50,20 +50,20 @@ def log(
 
 def job_log_as_text(journal: Path, *, run_only: bool = False) -> str:
     """The log of the part that a journal is of, as text."""
-    from lmctl.report.job_log_text import as_text
+    from lmctl.report.job_log_text import part_record_as_text
 
-    return _printed(journal, as_text, run_only=run_only)
+    return _printed(journal, part_record_as_text, run_only=run_only)
 
 
 def _printed(journal: Path, form: Callable[[PartRecord], str], *, run_only: bool) -> str:
     """The log in some form; damage is said on the way. Raises JournalError."""
-    from lmctl.report.part_record import part_of
+    from lmctl.report.part_record import part_record_of
     from lmctl.run.journal.format import verify_journal
 
     found = verify_journal(journal)
     _warn(found)
     try:
-        part = part_of(journal, run_only=run_only)
+        part = part_record_of(journal, run_only=run_only)
         for run in part.runs:
             if run.journal != journal:
                 _warn(run.verification, run.run)
@@ -119,13 +119,13 @@ def _verify(journal: Path) -> None:
 
 
 def _verify_notes(journal: Path) -> None:
-    from lmctl.run.journal.notes import NOTES, verify_notes
+    from lmctl.run.journal.notes import NOTES_FILE_NAME, verify_notes
 
     found = verify_notes(journal)
     if found is not None and found.broken_line is not None:
         raise JournalError(
             f"the notes of {journal.parent.name} do not fit their journal, or were altered",
-            where=f"{journal.parent / NOTES}, line {found.broken_line}: {found.reason}")
+            where=f"{journal.parent / NOTES_FILE_NAME}, line {found.broken_line}: {found.reason}")
 
 
 def _put_journal(journal: Path) -> None:

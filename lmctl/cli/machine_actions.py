@@ -85,7 +85,7 @@ def offset(
     With --here: the program coordinates of the place where the machine stands. Axes that are not
     named keep theirs. The controller remembers it. Without axes, the offsets in force are shown.
     """
-    from lmctl.machine.manual.homing import run_clear_offsets, set_work_offset
+    from lmctl.machine.manual.homing import clear_work_offsets, set_work_offset
 
     cell = choose_cell(machine, sim, bench)
     axes = _axes(words)
@@ -96,7 +96,7 @@ def offset(
         return
 
     async def act(motion: MotionDriver) -> tuple[float, ...]:
-        at = await run_clear_offsets(motion) if clear else ()
+        at = await clear_work_offsets(motion) if clear else ()
         return await set_work_offset(motion, axes, here=here) if axes else at
 
     at = _move(cell, runs_dir, {"do": "offset", "axes": axes, "here": here, "clear": clear}, act)
@@ -105,7 +105,7 @@ def offset(
 
 def _put_offsets(look: MotionReading | LmctlError) -> None:
     """The work offset in force, and what it is made of. Raises MachineError where it is unknown."""
-    from lmctl.run.cell.work_offset import offset_conditions
+    from lmctl.run.cell.work_offset import work_offset_conditions
 
     if isinstance(look, LmctlError):
         raise look
@@ -116,7 +116,7 @@ def _put_offsets(look: MotionReading | LmctlError) -> None:
     print_data(f"program zero lies at {_place(at)} of the machine")
     for line in look.offsets:
         print_data(f"  {line.strip('[]').replace(':', '  ')}")
-    for condition in offset_conditions(look.parser_state, look.offsets):
+    for condition in work_offset_conditions(look.parser_state, look.offsets):
         print_data(f"✗ {condition.text}")
         print_data(f"    what to do: {condition.hint}")
 
@@ -147,12 +147,12 @@ def unlock(
 
 
 async def _what_moves(profile: MachineProfile, runs_dir: Path) -> list[str]:
-    from lmctl.machine.manual.controller import open_motion
+    from lmctl.machine.manual.controller import open_motion_controller
     from lmctl.machine.manual.homing import describe_homing
     from lmctl.run.cell.ownership import lock_machine
 
     with lock_machine(profile, "lmctl machine home", runs_dir):
-        async with open_motion(profile) as motion:
+        async with open_motion_controller(profile) as motion:
             return describe_homing(motion.settings)
 
 
@@ -179,14 +179,14 @@ def _locked(look: CellInspection, profile: MachineProfile) -> dict[str, str]:
 async def _unlocked(profile: MachineProfile, runs_dir: Path, locked: dict[str, str]) -> None:
     from lmctl.machine.feeder.driver import FeederDriver
     from lmctl.machine.manual.homing import unlock_controller
-    from lmctl.run.cell.doctor import hoppers_on
+    from lmctl.run.cell.doctor import hoppers_of_feeder
 
     async def unlocked(whereabouts: LastKnownPosition) -> None:
         if "motion" in locked:
-            await with_motion(profile, whereabouts, unlock_controller)
+            await run_with_motion(profile, whereabouts, unlock_controller)
         for feeder in profile.feeder:
             if feeder.name in locked:
-                driver = await FeederDriver.open(feeder, hoppers_on(profile, feeder.name))
+                driver = await FeederDriver.open(feeder, hoppers_of_feeder(profile, feeder.name))
                 try:
                     await driver.reset_alarms()
                 finally:
@@ -195,14 +195,14 @@ async def _unlocked(profile: MachineProfile, runs_dir: Path, locked: dict[str, s
     await run_journaled(profile, runs_dir, {"do": "unlock", "locked": locked}, unlocked)
 
 
-async def with_motion(
+async def run_with_motion(
     profile: MachineProfile, whereabouts: LastKnownPosition,
     act: Callable[[MotionDriver], Awaitable[T]]
 ) -> T:
     """What the act returns."""
-    from lmctl.machine.manual.controller import open_motion
+    from lmctl.machine.manual.controller import open_motion_controller
 
-    async with open_motion(profile) as motion:
+    async with open_motion_controller(profile) as motion:
         try:
             whereabouts.trust_if_unmoved(motion)
             return await act(motion)
@@ -218,7 +218,7 @@ def _move(
 
     async def moved(profile: MachineProfile) -> tuple[float, ...]:
         return await run_journaled(
-            profile, runs_dir, what, lambda whereabouts: with_motion(profile, whereabouts, act)
+            profile, runs_dir, what, lambda whereabouts: run_with_motion(profile, whereabouts, act)
         )
 
     return cell.run_on_cell(moved)

@@ -69,14 +69,14 @@ def doctor(
                                                     close_relay=close_relay, search=search))
     found = check_inspection(seen, cell.profile)
     conditions = [condition for of_device in found.values() for condition in of_device]
-    unmet = [condition for condition in conditions if not condition.met]
+    unmet = [condition for condition in conditions if not condition.is_met]
     refusing = [condition for condition in unmet if condition.refuses_run]
     if as_json:
         print_json({
             "good": not unmet,
             "checks": [
-                {"device": device, "good": condition.met, "text": condition.text,
-                 "hint": "" if condition.met else condition.hint,
+                {"device": device, "good": condition.is_met, "text": condition.text,
+                 "hint": "" if condition.is_met else condition.hint,
                  "refuses_run": condition.refuses_run}
                 for device, of_device in found.items() for condition in of_device
             ],
@@ -85,8 +85,8 @@ def doctor(
         for device, of_device in found.items():
             print_data(device)
             for condition in of_device:
-                print_data(f"  {'✓' if condition.met else '✗'} {condition.text}")
-                if not condition.met and condition.hint:
+                print_data(f"  {'✓' if condition.is_met else '✗'} {condition.text}")
+                if not condition.is_met and condition.hint:
                     print_data(f"      what to do: {condition.hint}")
         print_data(f"{len(conditions)} checks, " + (
             "all well" if not unmet
@@ -121,7 +121,7 @@ def _motion_facts(look: MotionReading | LmctlError) -> dict[str, Any]:
         "firmware": None if identity is None else f"{identity.dialect.name} {identity.version}",
         "state": report.state, "substate": report.substate,
         "position_mm": None if look.position_mm is None else list(look.position_mm),
-        "position_trusted": look.position_trusted, "homed": look.homed,
+        "position_trusted": look.is_position_trusted, "homed": look.is_homed,
         "pins": report.active_pins or "",
         "overrides_percent":
             None if report.override_percents is None else list(report.override_percents),

@@ -66,13 +66,13 @@ def settings(
 
 def _wanted(assignments: tuple[str, ...], applied: Path | None) -> dict[int, str] | None:
     """The settings to be written, None where none are. Raises UsageError, ConfigError."""
-    from lmctl.machine.manual.settings_file import read_setting
+    from lmctl.machine.manual.settings_file import parse_setting
 
     if applied is not None:
         return _kept(applied)
     found: dict[int, str] = {}
     for word in assignments:
-        number, value = read_setting(word)
+        number, value = parse_setting(word)
         if number in found:
             raise UsageError(f"${number} is named twice")
         found[number] = value
@@ -80,15 +80,15 @@ def _wanted(assignments: tuple[str, ...], applied: Path | None) -> dict[int, str
 
 
 def _kept(path: Path) -> dict[int, str]:
-    from lmctl.machine.manual.settings_file import settings_in
+    from lmctl.machine.manual.settings_file import read_settings_file
 
-    return settings_in(path)
+    return read_settings_file(path)
 
 
 def _read(cell: CellChoice, runs_dir: Path) -> MotionReading:
     """The controller's settings. Raises MachineError where they cannot be read."""
     from lmctl.config.machine import MachineProfile
-    from lmctl.machine.manual.controller import open_motion
+    from lmctl.machine.manual.controller import open_motion_controller
     from lmctl.machine.manual.inspect_motion import inspect_controller, read_motion
     from lmctl.run.cell.ownership import lock_machine
 
@@ -96,7 +96,7 @@ def _read(cell: CellChoice, runs_dir: Path) -> MotionReading:
         with lock_machine(profile, "lmctl machine settings", runs_dir):
             if profile.safety is not None and profile.safety.relay_timeout_s is not None:
                 # Behind an open watchdog relay a controller answers nothing.
-                async with open_motion(profile) as motion:
+                async with open_motion_controller(profile) as motion:
                     return await read_motion(motion)
             return await inspect_controller(profile.motion.endpoint, baud=profile.motion.baud)
 
@@ -122,7 +122,7 @@ def _show(reading: MotionReading, cell: CellChoice) -> None:
         print_data(_row(number, f"{value:<14}"))
     assert reading.identity is not None
     unmet = [one for one in setting_conditions(
-        reading.identity, reading.settings, reading.offset_mm, cell.profile) if not one.met]
+        reading.identity, reading.settings, reading.offset_mm, cell.profile) if not one.is_met]
     for condition in unmet:
         print_data(f"✗ {condition.text}")
         print_data(f"    what to do: {condition.hint}")
@@ -135,10 +135,10 @@ def _row(number: int, value: str) -> str:
 
 
 def _backup(reading: MotionReading, cell: CellChoice, path: Path) -> None:
-    from lmctl.machine.manual.settings_file import write_settings
+    from lmctl.machine.manual.settings_file import write_settings_file
 
     wall = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
-    write_settings(path, reading.settings, [
+    write_settings_file(path, reading.settings, [
         f"{cell.profile.name}: {_firmware(reading)}, {wall}",
         "put back with `lmctl machine settings --apply`",
     ])
@@ -147,11 +147,11 @@ def _backup(reading: MotionReading, cell: CellChoice, path: Path) -> None:
 
 def _compare(here: Mapping[int, str], kept: Mapping[int, str], *, as_json: bool) -> bool:
     """Show what differs; returns whether anything does."""
-    from lmctl.machine.manual.settings_file import same_value
+    from lmctl.machine.manual.settings_file import is_same_value
 
     different = {
         number: (here.get(number), kept.get(number)) for number in sorted(here.keys() | kept.keys())
-        if number not in here or number not in kept or not same_value(kept[number], here[number])
+        if number not in here or number not in kept or not is_same_value(kept[number], here[number])
     }
     if as_json:
         print_json({"different": {
@@ -171,11 +171,11 @@ def _apply(
     yes: bool, as_json: bool,
 ) -> None:
     """Show, ask, write and verify. Raises MachineError where anything could not be written."""
-    from lmctl.machine.manual.settings_file import same_value
+    from lmctl.machine.manual.settings_file import is_same_value
 
     here = reading.settings
     changes = {number: value for number, value in wanted.items()
-               if number not in here or not same_value(value, here[number])}
+               if number not in here or not is_same_value(value, here[number])}
     if not changes:
         if as_json:
             print_json({"written": {}, "refused": {}, "also_changed": {}})
@@ -222,14 +222,14 @@ def _put_written(done: WrittenSettings) -> None:
 def _write(
     cell: CellChoice, runs_dir: Path, changes: Mapping[int, str], before: Mapping[int, str]
 ) -> WrittenSettings:
-    from lmctl.cli.machine_actions import run_journaled, with_motion
+    from lmctl.cli.machine_actions import run_journaled, run_with_motion
     from lmctl.config.machine import MachineProfile
     from lmctl.machine.manual.settings import apply_settings
 
     async def act(profile: MachineProfile) -> WrittenSettings:
         what = {"do": "settings", "wanted": {str(n): v for n, v in changes.items()},
                 "before": {str(n): v for n, v in before.items()}}
-        return await run_journaled(profile, runs_dir, what, lambda whereabouts: with_motion(
+        return await run_journaled(profile, runs_dir, what, lambda whereabouts: run_with_motion(
             profile, whereabouts, lambda motion: apply_settings(motion, changes)))
 
     try:

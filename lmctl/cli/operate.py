@@ -13,7 +13,7 @@ import click
 from lmctl.cli.console import format_duration, print_data, print_json
 from lmctl.cli.number_types import FiniteRange
 from lmctl.cli.operator import operator_option
-from lmctl.cli.run_screen import level_words
+from lmctl.cli.run_screen import level_text
 
 #: A hold is waited for so long; it takes a tenth of a second on any common machine.
 _HELD_S = 10.0
@@ -180,7 +180,7 @@ def status_text(now: dict[str, Any]) -> str:
             for name, set_g, is_g in flows
         ))
     if now["levels"]:
-        lines.append("  hoppers    " + ", ".join(map(level_words, now["levels"])))
+        lines.append("  hoppers    " + ", ".join(map(level_text, now["levels"])))
     if now["beam_off"] and now["state"] not in ("ready", "connecting", "checking"):
         lines.append("  beam       stays off in this run")
     lines += [f"  next       `{one['command']}` {one['does']}" for one in now["next"]]

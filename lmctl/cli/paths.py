@@ -21,7 +21,7 @@ class InputFile(click.ParamType):
         try:
             path.stat()
         except (FileNotFoundError, NotADirectoryError):
-            raise MissingFileError.of(path) from None
+            raise MissingFileError.for_path(path) from None
         except OSError:
             pass  # it is there, or its name is too long: its reader says what is wrong
         return path

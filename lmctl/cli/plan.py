@@ -10,7 +10,13 @@ import click
 
 from lmctl.cli.console import print_data, print_json, print_message
 from lmctl.cli.paths import InputFile
-from lmctl.cli.planning import job_summary, open_part, plan_to_file, refuse_target, units_option
+from lmctl.cli.planning import (
+    check_target_writable,
+    job_summary,
+    open_part,
+    plan_to_file,
+    units_option,
+)
 from lmctl.cli.profiles import load_profile_or_default
 from lmctl.errors import UsageError
 
@@ -69,7 +75,7 @@ def plan(
     if machine is None:
         print_message(f"no --machine given: planning for the {profile.name}")
     target = output or Path(part.name).with_suffix(".lmj")
-    refuse_target(target)
+    check_target_writable(target)
     manifest = plan_to_file(open_part(part, units), profile, target, _options(
         jobs, scheduler, layers, allow_incomplete, allow_overhang))
     if as_json:

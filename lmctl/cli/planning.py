@@ -51,7 +51,7 @@ def open_part(path: Path, units: str | None = None) -> Part:
     return part
 
 
-def refuse_target(target: Path) -> None:
+def check_target_writable(target: Path) -> None:
     """Raise UsageError where no file can be written to."""
     if target.is_dir():
         raise UsageError(f"{target} is a folder", hint="give -o a file name, such as part.lmj")
@@ -66,7 +66,7 @@ def plan_to_file(
     from lmctl.plan.execution import usable_cores
     from lmctl.plan.planner import PlanOptions, plan_job
 
-    refuse_target(target)
+    check_target_writable(target)
     begin_s = time.monotonic()
     with progress_bar("planning") as update, interruptible() as check_interrupt:
         def layer_done(done: int, total: int) -> None:

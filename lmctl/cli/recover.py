@@ -64,13 +64,13 @@ def recover(
     simulated cell is a new one with every command, so its controller has lost its place.)
     """
     from lmctl.run.journal import run_folders
-    from lmctl.run.journal.replay import continued_by, replay_run
+    from lmctl.run.journal.replay import continuing_runs, replay_run
 
     choice = choose_cell(machine, sim, bench)
     answer = None if deposited is None else _length(deposited)
     made = run_folders.find_run_folder(runs_dir, run)
     after = replay_run(made)
-    later, unread = continued_by(made)
+    later, unread = continuing_runs(made)
     if later:
         again = run_folders.command_line("recover", runs_dir, later)
         raise JournalError(f"{run} has been continued by {later}",
@@ -107,21 +107,21 @@ async def prepare(
     ask : asked for that otherwise
     Raises MachineError where the position is lost; UsageError where nobody can be asked.
     """
-    from lmctl.cli.machine_actions import run_journaled, with_motion
+    from lmctl.cli.machine_actions import run_journaled, run_with_motion
     from lmctl.job.reader import JobReader
-    from lmctl.machine.manual.controller import open_motion
+    from lmctl.machine.manual.controller import open_motion_controller
     from lmctl.machine.manual.homing import describe_homing, home_axes
     from lmctl.machine.motion.identity import is_homing_enabled
     from lmctl.run.cell.ownership import lock_machine
-    from lmctl.run.execution.unreported_motion import keep_unreported
+    from lmctl.run.execution.unreported_motion import journal_unreported_motion
     from lmctl.run.executor import EarlierRun
-    from lmctl.run.journal.recovery import find_place, refuse_finished
+    from lmctl.run.journal.recovery import find_recovery_place, refuse_finished
 
     with lock_machine(profile, "lmctl recover", runs_dir), JobReader(after.run.job) as job:
         uptimes_s = await _uptimes_s(profile)
-        async with open_motion(profile) as motion:
+        async with open_motion_controller(profile) as motion:
             seen = _seen(motion, uptimes_s)
-            found = find_place(job, after, seen, profile)
+            found = find_recovery_place(job, after, seen, profile)
             if not is_homing_enabled(motion.settings):
                 _refuse_lost(after, motion, found, restored=restored)
             home = is_homing_enabled(motion.settings) and (
@@ -133,7 +133,7 @@ async def prepare(
         try:
             refuse_finished(job, after, reached.place, profile.motion)
         except JournalError:
-            keep_unreported(job, after.run, reached)
+            journal_unreported_motion(job, after.run, reached)
             raise
         print_message("\n".join([
             *(f"  the journal of {name} cannot be read: do not go on if that run was to go on with "
@@ -152,9 +152,9 @@ async def prepare(
     if home:
         stands_mm = await run_journaled(
             profile, runs_dir, {"do": "home"},
-            lambda whereabouts: with_motion(profile, whereabouts, home_axes))
+            lambda whereabouts: run_with_motion(profile, whereabouts, home_axes))
         await asyncio.sleep(_LET_GO_S)
-    return EarlierRun(after.run.run, reached, trusted=True, stands_mm=stands_mm)
+    return EarlierRun(after.run.run, reached, is_position_trusted=True, stands_mm=stands_mm)
 
 
 async def _uptimes_s(profile: MachineProfile) -> dict[str, float]:

@@ -21,7 +21,7 @@ _KEY = 8
 Snapshot = dict[str, Any]
 
 
-def screen(now: Snapshot, width: int = 80) -> list[str]:
+def screen_lines(now: Snapshot, width: int = 80) -> list[str]:
     """The lines for one snapshot, none longer than `width`."""
     done = now["done_s"] / now["total_s"] if now["total_s"] > 0.0 else 0.0
     filled = round(_BAR * min(max(done, 0.0), 1.0))
@@ -34,7 +34,7 @@ def screen(now: Snapshot, width: int = 80) -> list[str]:
     if now["held_by"]:
         rows.append(("held by", now["held_by"]))
     if now["levels"]:
-        rows.append(("powder", ", ".join(map(level_words, now["levels"]))))
+        rows.append(("powder", ", ".join(map(level_text, now["levels"]))))
     rows += [("warning", one["what"]) for one in now["warnings"]]
     rows += [("next", f"{one['command']}: {one['does']}") for one in now["next"]]
     for key, text in rows:
@@ -49,7 +49,7 @@ def _doing(now: Snapshot) -> str:
     return now["doing"] if left_s is None else f"{now['doing']}, {format_duration(left_s)} left"
 
 
-def level_words(level: Snapshot) -> str:
+def level_text(level: Snapshot) -> str:
     """A hopper's level as people read it: A 85 % 17.0 kg."""
     percent, grams = level["level_percent"], level["weight_g"]
     words = [f"{percent:.0f} %"] if percent is not None else []
@@ -84,7 +84,7 @@ def run_screen() -> Iterator[RunScreen]:
     with Live(console=console, transient=True, refresh_per_second=5) as live:
 
         def show(now: Snapshot) -> None:
-            lines = screen(now, min(console.width, 100))
+            lines = screen_lines(now, min(console.width, 100))
             live.update(Text("\n".join(lines), no_wrap=True, overflow="ellipsis"))
 
         yield RunScreen(show, say_above)

@@ -142,8 +142,8 @@ def draw_job_layer(
                          where=str(target), hint=f"choose one of {', '.join(PICTURES)}")
     _check_folder(target)
     manifest = reader.manifest
-    layer = reader.layer(index)
-    before = reader.layer(index - 1).lines[-1] if index else layer.lines[0]
+    layer = reader.read_layer(index)
+    before = reader.read_layer(index - 1).lines[-1] if index else layer.lines[0]
     entry = manifest.layers[index]
     lasting_s = entry.end_s - entry.start_s
     number, last = index + 1, f" of {len(manifest.layers)}"

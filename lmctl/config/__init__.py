@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from lmctl.config.composition import features_of as features_of
     from lmctl.config.composition import measured_bodies as measured_bodies
     from lmctl.config.file_kind import FileKind as FileKind
-    from lmctl.config.file_kind import kind_of as kind_of
+    from lmctl.config.file_kind import file_kind_of as file_kind_of
     from lmctl.config.file_kind import refuse_other_kind as refuse_other_kind
     from lmctl.config.machine import FeederSettings as FeederSettings
     from lmctl.config.machine import HopperSettings as HopperSettings
@@ -57,7 +57,7 @@ _HOMES = {
     "ShellBody": "lmctl.config.bodies",
     "WordOrderName": "lmctl.config.modbus_device",
     "features_of": "lmctl.config.composition",
-    "kind_of": "lmctl.config.file_kind",
+    "file_kind_of": "lmctl.config.file_kind",
     "load_part_file": "lmctl.config.part_rules",
     "load_profile": "lmctl.config.machine",
     "measured_bodies": "lmctl.config.composition",

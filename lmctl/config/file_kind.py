@@ -28,7 +28,7 @@ _USES = {
 }
 
 
-def kind_of(tables: Mapping[str, Any]) -> FileKind | None:
+def file_kind_of(tables: Mapping[str, Any]) -> FileKind | None:
     """The kind of a file, or None where its tables do not say.
 
     >>> kind_of({"material": [], "body": []})
@@ -48,7 +48,7 @@ def kind_of(tables: Mapping[str, Any]) -> FileKind | None:
 
 def refuse_other_kind(tables: Mapping[str, Any], wanted: FileKind, path: Path) -> None:
     """Raise ConfigError for a file that is of another kind than the one wanted."""
-    found = kind_of(tables)
+    found = file_kind_of(tables)
     if found is not None and found is not wanted:
         raise ConfigError(f"{path} is {found}, and {wanted} is wanted here",
                           hint=f"such a file is given as `{_USES[found]}`")

@@ -99,12 +99,12 @@ class PartFile(ConfigModel):
     placement: PlacementSettings | None = None
     process: ProcessSettings = ProcessSettings()
 
-    def root_bodies(self) -> tuple[int, ...]:
+    def root_body_indices(self) -> tuple[int, ...]:
         """Numbers of the bodies the part is made of: those no other and no feature names."""
         used = self._used() | self._measured()
         return tuple(n for n, body in enumerate(self.body) if body.name not in used)
 
-    def bodies_only_measured_from(self) -> tuple[int, ...]:
+    def reference_body_indices(self) -> tuple[int, ...]:
         """Numbers of the bodies that features measure from, and that nothing is made of."""
         only = self._measured() - self._used()
         return tuple(n for n, body in enumerate(self.body) if body.name in only)

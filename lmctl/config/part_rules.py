@@ -16,7 +16,7 @@ from lmctl.config import materials, toml_file
 from lmctl.config.composition_rules import composition_findings
 from lmctl.config.file_kind import FileKind, refuse_other_kind
 from lmctl.config.part_file import PartFile
-from lmctl.config.tree_rules import tree_findings
+from lmctl.config.tree_rules import body_tree_findings
 from lmctl.errors import ConfigError, Finding
 
 #: What pydantic puts into the path of a key: the kind of the body, feature or profile it is in.
@@ -48,19 +48,19 @@ def parse_part_file(text: str, *, name: str) -> PartFile:
         if not error.findings:  # not TOML at all
             raise
         findings = [Finding(_TAG.sub(r"\1", f.path), f.reason) for f in error.findings]
-    findings += cross_findings(toml_file.parse_tables(text, name=name))
+    findings += cross_key_findings(toml_file.parse_tables(text, name=name))
     if findings or part is None:
         count = "1 mistake" if len(findings) == 1 else f"{len(findings)} mistakes"
         raise ConfigError(f"{name} has {count}", findings=findings)
     return part
 
 
-def cross_findings(data: dict[str, Any]) -> list[Finding]:
+def cross_key_findings(data: dict[str, Any]) -> list[Finding]:
     """What is wrong between the keys of a part file as plain data, of whatever shape it is."""
     tables = [item for item in _list(data.get("material")) if isinstance(item, dict)]
     names = [item["name"] for item in tables if isinstance(item.get("name"), str)]
     findings = list(_material_findings(tables))
-    findings += tree_findings(data, several_materials=len(names) > 1)
+    findings += body_tree_findings(data, several_materials=len(names) > 1)
     bodies = _list(data.get("body"))
     known = {b["name"] for b in bodies if isinstance(b, dict) and isinstance(b.get("name"), str)}
     findings += composition_findings("composition", data.get("composition"), names, known)

@@ -56,7 +56,7 @@ def read_text(path: Path) -> str:
                               where=f"at most {MAX_FILE_BYTES:,} bytes are read")
         return data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
     except FileNotFoundError:
-        raise MissingFileError.of(path) from None
+        raise MissingFileError.for_path(path) from None
     except UnicodeDecodeError as error:
         raise ConfigError(
             f"{path} is not text", where=f"byte {error.start} is not UTF-8",
@@ -72,7 +72,7 @@ def parse_toml(text: str, model: type[M], *, name: str) -> M:
     name : what to call the text in messages, usually its path.
     Raises ConfigError: without findings for bad TOML, else with one for each key that is wrong.
     """
-    return check_data(parse_tables(text, name=name), model, name=name)
+    return validated_model(parse_tables(text, name=name), model, name=name)
 
 
 def parse_tables(text: str, *, name: str) -> dict[str, Any]:
@@ -89,7 +89,7 @@ def parse_tables(text: str, *, name: str) -> dict[str, Any]:
         raise ConfigError(f"{name} is not valid TOML", where=str(error)[:200]) from None
 
 
-def check_data(data: object, model: type[M], *, name: str) -> M:
+def validated_model(data: object, model: type[M], *, name: str) -> M:
     """Check plain data against a model; as `parse`, without the TOML."""
     try:
         return model.model_validate(_frozen(data))

@@ -15,7 +15,7 @@ from lmctl.errors import Finding
 _BOOLEANS = ("union", "difference", "intersection")
 
 
-def tree_findings(data: dict[str, Any], *, several_materials: bool) -> list[Finding]:
+def body_tree_findings(data: dict[str, Any], *, several_materials: bool) -> list[Finding]:
     """All that is wrong with the bodies of a part file among themselves."""
     found = data.get("body")
     bodies = [b if isinstance(b, dict) else {} for b in found] if isinstance(found, list) else []
@@ -39,14 +39,14 @@ def tree_findings(data: dict[str, Any], *, several_materials: bool) -> list[Find
         findings.append(Finding("body", f"bodies of bodies: {deepest} deep, {largest:,} in all; at "
                                 f"most {MAX_TREE_DEPTH} deep and {MAX_BODIES:,} in all"))
         return findings
-    roots = root_indices(data)
+    roots = root_body_indices(data)
     findings += _root_findings(data, bodies, roots)
     if several_materials and bodies:
         findings += _rule_findings(data, bodies, below, roots)
     return findings
 
 
-def root_indices(data: dict[str, Any]) -> list[int]:
+def root_body_indices(data: dict[str, Any]) -> list[int]:
     """The bodies that no other body and no feature names: those the part is made of.
 
     A body whose own composition names it is one of them.

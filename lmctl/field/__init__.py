@@ -8,7 +8,7 @@ from lmctl.lazy_exports import exports_of
 
 if TYPE_CHECKING:
     from lmctl.field.array_storage import allocate_array as allocate_array
-    from lmctl.field.array_storage import is_mapped as is_mapped
+    from lmctl.field.array_storage import is_stored_on_disk as is_stored_on_disk
     from lmctl.field.array_storage import mapped_storage_space as mapped_storage_space
     from lmctl.field.array_storage import storage_full_message as storage_full_message
     from lmctl.field.cloud.cloud_field import cloud_field as cloud_field
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from lmctl.field.features import point_distance as point_distance
     from lmctl.field.features import segment_distance as segment_distance
     from lmctl.field.features import unit_vector as unit_vector
-    from lmctl.field.field import Field as Field
+    from lmctl.field.field import DistanceField as DistanceField
     from lmctl.field.field import sample_distance as sample_distance
     from lmctl.field.field import sample_gradient as sample_gradient
     from lmctl.field.grid import Grid as Grid
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 #: What others may use, and the module that holds it; loaded when it is asked for.
 _HOMES = {
-    "Field": "lmctl.field.field",
+    "DistanceField": "lmctl.field.field",
     "Grid": "lmctl.field.grid",
     "Kind": "lmctl.field.surface_files",
     "PlaneGrid": "lmctl.field.plane",
@@ -63,7 +63,7 @@ _HOMES = {
     "find_maximum_depth": "lmctl.field.maximum_depth",
     "half_space_distance": "lmctl.field.primitives",
     "inner_kernel": "lmctl.field.kernel",
-    "is_mapped": "lmctl.field.array_storage",
+    "is_stored_on_disk": "lmctl.field.array_storage",
     "iso_loops": "lmctl.field.plane",
     "iso_surface": "lmctl.field.surface",
     "loop_area_mm2": "lmctl.field.plane",

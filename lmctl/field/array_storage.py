@@ -29,12 +29,12 @@ def allocate_array(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
     raises : InputError where the folder for temporary files has no room for it
     """
     size = prod(shape) * np.dtype(dtype).itemsize
-    if not is_mapped(size):
+    if not is_stored_on_disk(size):
         return np.empty(shape, dtype=dtype)
     return np.ndarray(shape, dtype=dtype, buffer=_mapped(size))
 
 
-def is_mapped(size: float) -> bool:
+def is_stored_on_disk(size: float) -> bool:
     """Whether a kept array of so many bytes takes disk instead of memory."""
     return size > MAX_BYTES_IN_MEMORY
 

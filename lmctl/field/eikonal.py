@@ -18,7 +18,7 @@ from lmctl.field.kernel import kernel
 FloatArray = NDArray[np.float64]
 
 ASLEEP, WAKE, FROZEN = 0, 1, 2
-MAX_ROUNDS = 50  # of eight orderings; bodies need two or three, mazes a few more
+MAX_SWEEP_ROUNDS = 50  # of eight orderings; bodies need two or three, mazes a few more
 
 
 def solve_eikonal(
@@ -38,7 +38,7 @@ def solve_eikonal(
     state = np.where(_beside(frozen), WAKE, ASLEEP).astype(np.uint8)
     state[frozen] = FROZEN
     rounds, change = 0, np.inf
-    while change > tolerance_mm and rounds < MAX_ROUNDS:
+    while change > tolerance_mm and rounds < MAX_SWEEP_ROUNDS:
         change = _round_kernel(distance, state, pitch_mm, tolerance_mm)
         rounds += 1
     return rounds

@@ -21,7 +21,7 @@ ENTRIES_TRIED = 4
 
 
 @dataclass(frozen=True)
-class Field:
+class DistanceField:
     """Signed distance at grid nodes, positive inside.
 
     values : (nz, ny, nx) float32 [mm]
@@ -44,7 +44,7 @@ class Field:
     exact: bool = False
 
     @property
-    def closest(self) -> NDArray[np.float32] | None:
+    def closest_point_of_each_node(self) -> NDArray[np.float32] | None:
         """The nearest surface point of each node, (nz, ny, nx, 3) float32 [mm]; made anew."""
         if self.sources is None:
             return None
@@ -52,7 +52,7 @@ class Field:
         for window in self.grid.slabs(8):
             rows = self.sources[window.z_first : window.z_last]
             closest[window.z_first : window.z_last] = closest_points_on_rows(
-                self.surface_mm, rows.reshape(-1), window.points()
+                self.surface_mm, rows.reshape(-1), window.node_points()
             ).reshape(*window.shape, 3)
         return closest
 
@@ -60,10 +60,10 @@ class Field:
         """Values at the nodes of any window: its own planes as they are, others interpolated."""
         if window.grid == self.grid:
             return self.values[window.z_first : window.z_last]
-        return sample_distance(self, window.points()).astype(np.float32).reshape(window.shape)
+        return sample_distance(self, window.node_points()).astype(np.float32).reshape(window.shape)
 
 
-def sample_distance(field: Field, points: FloatArray) -> FloatArray:
+def sample_distance(field: DistanceField, points: FloatArray) -> FloatArray:
     """Signed distance at any points.
 
     Trilinear between nodes; near the surface of an exact field of third order where that is
@@ -85,7 +85,7 @@ def sample_distance(field: Field, points: FloatArray) -> FloatArray:
     return distance
 
 
-def sample_gradient(field: Field, points: FloatArray) -> FloatArray:
+def sample_gradient(field: DistanceField, points: FloatArray) -> FloatArray:
     """Gradient of the trilinear interpolant (of its border value outside); it points inwards.
 
     points : (n, 3) float64 [mm]; returns : (n, 3) float64, length about 1
@@ -96,7 +96,7 @@ def sample_gradient(field: Field, points: FloatArray) -> FloatArray:
     return gradient
 
 
-def _sharpen(field: Field, nodes: FloatArray, distance: FloatArray) -> None:
+def _sharpen(field: DistanceField, nodes: FloatArray, distance: FloatArray) -> None:
     assert field.sources is not None
     h = field.grid.pitch_mm
     surface = field.surface_mm[:, None] if field.surface_mm.ndim == 2 else field.surface_mm
@@ -121,7 +121,7 @@ def _outside(grid: Grid, points: FloatArray) -> NDArray[np.bool_]:
     return outside
 
 
-def _beyond(field: Field, points: FloatArray, border: FloatArray) -> FloatArray:
+def _beyond(field: DistanceField, points: FloatArray, border: FloatArray) -> FloatArray:
     """Distance at points outside the grid, by the surface nearest to where the way in enters it."""
     origin, last = np.asarray(field.grid.origin_mm), np.asarray(field.grid.shape[::-1]) - 1
     nodes = _in_nodes(field.grid, points)

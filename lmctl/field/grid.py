@@ -72,7 +72,7 @@ class Window:
     def shape(self) -> tuple[int, int, int]:
         return (self.z_last - self.z_first, *self.grid.shape[1:])
 
-    def points(self) -> FloatArray:
+    def node_points(self) -> FloatArray:
         """Its nodes as points, (nz·ny·nx, 3) float64 [mm], in the arrays' own order."""
         z = self.grid.axis_mm(2)[self.z_first : self.z_last]
         zz, yy, xx = np.meshgrid(z, self.grid.axis_mm(1), self.grid.axis_mm(0), indexing="ij")

@@ -26,7 +26,7 @@ NEAR_PITCHES = 2.0  # farther from the surface than this trilinear values do
 EDGE_PITCHES = 1.0  # so do they, where an edge or the medial axis is, farther than this
 BEND = 0.15  # share of |n₂ − n₁||c₂ − c₁| by which points of one sheet may miss the circle
 SAME_TURN = 1e-8  # squared: directions nearer to each other than this are one
-EXACT = 1e-6  # pitches: what is nearer than this is one, but for rounding
+SAME_POINT_PITCHES = 1e-6  # pitches: what is nearer than this is one, but for rounding
 TIGHTEST = 0.45  # squared turn a pitch: a smooth sheet is no rounder than R 1.5 pitches
 
 
@@ -131,7 +131,7 @@ def _point_of(
         c[m, 0], c[m, 1], c[m, 2] = surface[row, 0, 0], surface[row, 0, 1], surface[row, 0, 2]
     n[m, 0], n[m, 1], n[m, 2] = x - c[m, 0], y - c[m, 1], z - c[m, 2]
     size = np.sqrt(n[m, 0] ** 2 + n[m, 1] ** 2 + n[m, 2] ** 2)
-    if size > EXACT:
+    if size > SAME_POINT_PITCHES:
         if value < 0.0:
             size = -size
     elif len(inwards) > 0:
@@ -158,8 +158,8 @@ def _smooth(c: FloatArray, n: FloatArray) -> bool:
         for o in range(m):
             across, _, turn, apart, same = _between(c, n, o, m)
             if not (
-                same > 0.3 and turn <= TIGHTEST * apart + EXACT
-                and abs(across) <= BEND * np.sqrt(turn * apart) + EXACT
+                same > 0.3 and turn <= TIGHTEST * apart + SAME_POINT_PITCHES
+                and abs(across) <= BEND * np.sqrt(turn * apart) + SAME_POINT_PITCHES
             ):
                 return False
     return True
@@ -175,8 +175,8 @@ def _one_sheet(c: FloatArray, n: FloatArray, a: int, b: int) -> bool:
     across, along, turn, _, same = _between(c, n, a, b)
     room = along * along / max(turn, 1e-30)
     return (
-        same > 0.3 and turn <= TIGHTEST * room + EXACT
-        and abs(across) <= BEND * abs(along) + EXACT
+        same > 0.3 and turn <= TIGHTEST * room + SAME_POINT_PITCHES
+        and abs(across) <= BEND * abs(along) + SAME_POINT_PITCHES
     )
 
 
@@ -204,7 +204,7 @@ def _on_an_edge(c: FloatArray, n: FloatArray, m: int) -> bool:
         for e in range(3):
             off += n[o, e] * (c[m, e] - c[o, e])
             turn += (n[m, e] - n[o, e]) ** 2
-        if abs(off) <= EXACT and turn > SAME_TURN + EXACT:
+        if abs(off) <= SAME_POINT_PITCHES and turn > SAME_TURN + SAME_POINT_PITCHES:
             return True
     return False
 
@@ -234,10 +234,10 @@ def _joined(
                 for a in range(3):
                     off += n[other, a] * (c[m, a] - c[other, a])
                 low, high = min(low, off), max(high, off)
-            if high > EXACT and low < -EXACT:
+            if high > SAME_POINT_PITCHES and low < -SAME_POINT_PITCHES:
                 return np.nan
             meets[s, t] = meets[t, s] = (
-                1 if high > EXACT else (-1 if low < -EXACT else 0)
+                1 if high > SAME_POINT_PITCHES else (-1 if low < -SAME_POINT_PITCHES else 0)
             )
             ridges += meets[s, t] == 1
             grooves += meets[s, t] == -1

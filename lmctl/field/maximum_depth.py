@@ -6,19 +6,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.field.features import length
-from lmctl.field.field import Field
+from lmctl.field.field import DistanceField
 from lmctl.field.sweep import propagate_closest_points
 from lmctl.field.triangles import closest_points_on_rows
 
 FloatArray = NDArray[np.float64]
 
-MAX_TRIED = 16  # local maxima looked into, deepest first
+MAX_MAXIMA_TRIED = 16  # local maxima looked into, deepest first
 AROUND_NODES = 2  # to each side of one: their surface points bound how deep it can be there
-ROUNDING = 1e-6  # pitches
-STRAIGHT = 0.99  # cosine: a way in that leaves the surface's own direction by more is from an edge
+ROUNDING_PITCHES = 1e-6  # pitches
+# cosine: a way in that leaves the surface's own direction by more is from an edge
+STRAIGHT_MIN_COSINE = 0.99
 
 
-def find_maximum_depth(field: Field) -> tuple[float, FloatArray]:
+def find_maximum_depth(field: DistanceField) -> tuple[float, FloatArray]:
     """The greatest distance from the surface inside, and a place where it is reached.
 
     About a node that is a local maximum every neighbour knows a point of the surface and the
@@ -40,16 +41,16 @@ def find_maximum_depth(field: Field) -> tuple[float, FloatArray]:
     # A node within half a cell of the deepest place is less deep by no more than the way there.
     nearly = values > depth - np.sqrt(0.75) * grid.pitch_mm
     summits = np.argwhere(nearly & (values == maximum_filter(values, 3)))
-    order = np.argsort(-values[tuple(summits.T)], kind="stable")[:MAX_TRIED]
+    order = np.argsort(-values[tuple(summits.T)], kind="stable")[:MAX_MAXIMA_TRIED]
     sources = _known_everywhere(field, summits[order])
     for summit in summits[order]:
         found = _between_planes(field, sources, summit)
-        if found is not None and found[0] > depth + ROUNDING * grid.pitch_mm:
+        if found is not None and found[0] > depth + ROUNDING_PITCHES * grid.pitch_mm:
             depth, place = found
     return depth, place
 
 
-def _known_everywhere(field: Field, summits: NDArray[np.int64]) -> NDArray[np.int32]:
+def _known_everywhere(field: DistanceField, summits: NDArray[np.int64]) -> NDArray[np.int32]:
     """Sources, swept to the nodes that have none, where the summits' are among these."""
     assert field.sources is not None
     if np.all(field.sources[tuple(summits.T)] >= 0):
@@ -60,7 +61,7 @@ def _known_everywhere(field: Field, summits: NDArray[np.int64]) -> NDArray[np.in
 
 
 def _between_planes(
-    field: Field, sources: NDArray[np.int32], summit: NDArray[np.int64]
+    field: DistanceField, sources: NDArray[np.int32], summit: NDArray[np.int64]
 ) -> tuple[float, FloatArray] | None:
     from scipy.optimize import linprog  # late, as above
 
@@ -80,7 +81,7 @@ def _between_planes(
     if len(field.inwards):
         # Feet carried over from other nodes are a little beside; the direction there is not.
         own = field.inwards[rows]
-        smooth = np.einsum("ij,ij->i", own, inwards) > STRAIGHT
+        smooth = np.einsum("ij,ij->i", own, inwards) > STRAIGHT_MIN_COSINE
         inwards[smooth] = own[smooth]
     # Farthest inside all planes: the greatest t with inwards · (place − foot) ≥ t.
     middle = np.asarray(grid.origin_mm) + grid.pitch_mm * summit[::-1]

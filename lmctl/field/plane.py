@@ -19,7 +19,7 @@ from lmctl.field.kernel import inner_kernel, kernel
 FloatArray = NDArray[np.float64]
 
 SEED_PITCHES = 1.5  # nodes this near a segment are given their distance to it directly
-ROUNDS = 2  # of the four orderings; the second corrects what the first decided too early
+SWEEP_ROUNDS = 2  # of the four orderings; the second corrects what the first decided too early
 
 
 @dataclass(frozen=True)
@@ -204,7 +204,7 @@ def _distance_kernel(
                 i = int(np.floor((x0 + (y - y0) * slope) / pitch)) + 1
                 if i < nx:
                     odd[j, max(i, 0)] ^= 1
-    for _ in range(ROUNDS):
+    for _ in range(SWEEP_ROUNDS):
         for order in range(4):
             dj = 1 if order < 2 else -1
             di = 1 if order % 2 == 0 else -1

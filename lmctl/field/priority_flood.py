@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 
 from lmctl.field.kernel import inner_kernel, kernel
 
-LEVELS = 64
+LEVEL_COUNT = 64
 
-NONE = np.empty(0, dtype=np.int64)
+NO_LATE_NODES = np.empty(0, dtype=np.int64)
 
 
 def flood_tags(
     level: NDArray[np.uint8],
     tags: NDArray[np.int8],
-    late: NDArray[np.int64] = NONE,
+    late: NDArray[np.int64] = NO_LATE_NODES,
     late_tags: NDArray[np.int8] = np.empty(0, dtype=np.int8),  # noqa: B008 (never written)
 ) -> None:
     """Tag every node, in place.
@@ -32,7 +32,7 @@ def flood_tags(
         (m,) int8, unless a wider way has brought another by the time their width is come to
     """
     following = np.full(level.size, -2, dtype=np.int32)
-    head = np.full(LEVELS, -1, dtype=np.int32)
+    head = np.full(LEVEL_COUNT, -1, dtype=np.int32)
     _flood_kernel(
         level.reshape(-1), tags.reshape(-1), late, late_tags, following, head, *level.shape
     )
@@ -63,7 +63,7 @@ def _flood_kernel(
                 ):
                     following[n] = head[level[n]]
                     head[level[n]] = n
-    at, turn = LEVELS - 1, 0
+    at, turn = LEVEL_COUNT - 1, 0
     while at >= 0:
         while turn < late.size and level[late[turn]] >= at:
             n = late[turn]
@@ -105,7 +105,7 @@ def _spread_widest(
     """Most nodes are of the widest level and next to such with a tag: one pass each way, in order,
     reaches nearly all of them. No list is as quick.
     """
-    plane, widest = ny * nx, np.uint8(LEVELS - 1)
+    plane, widest = ny * nx, np.uint8(LEVEL_COUNT - 1)
     wanted = False
     for n in range(tags.size):
         wanted = wanted or (tags[n] == 0 and level[n] == widest)

@@ -9,16 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.errors import InputError
-from lmctl.field.field import Field, sample_distance, sample_gradient
+from lmctl.field.field import DistanceField, sample_distance, sample_gradient
 
 FloatArray = NDArray[np.float64]
 Triangles = NDArray[np.int64]
 
-ROUNDS = 2  # of moving vertices onto the level
-MAX_MOVE = 0.5  # pitches; where more is asked for, an edge is near and the slope no guide
+PROJECTION_ROUNDS = 2  # of moving vertices onto the level
+MAX_MOVE_PITCHES = 0.5  # pitches; where more is asked for, an edge is near and the slope no guide
 
 
-def iso_surface(field: Field, level_mm: float = 0.0) -> tuple[FloatArray, Triangles]:
+def iso_surface(field: DistanceField, level_mm: float = 0.0) -> tuple[FloatArray, Triangles]:
     """The surface on which a field is `level_mm` deep, closed, its triangles wound outwards.
 
     Marching cubes (Lewiner et al. 2003, doi:10.1080/10867651.2003.10487582) on the nodes, then
@@ -72,10 +72,10 @@ def weld_points(points: FloatArray, triangles: Triangles) -> tuple[FloatArray, T
     return places.astype(np.float64), joined[first & (balance != 0)[group]]
 
 
-def _onto_level(field: Field, level_mm: float, points: FloatArray) -> FloatArray:
-    farthest = MAX_MOVE * field.grid.pitch_mm
+def _onto_level(field: DistanceField, level_mm: float, points: FloatArray) -> FloatArray:
+    farthest = MAX_MOVE_PITCHES * field.grid.pitch_mm
     moved = points
-    for _ in range(ROUNDS):
+    for _ in range(PROJECTION_ROUNDS):
         slope = sample_gradient(field, moved)
         slope /= np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-12)
         step = np.clip(level_mm - sample_distance(field, moved), -farthest, farthest)

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 Kind = Literal["stl", "ply", "3mf"]
 
-ZIP_TIME = (1980, 1, 1, 0, 0, 0)  # equal surfaces are equal bytes
-CORE_3MF = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
-PARTS_3MF = "http://schemas.openxmlformats.org/package/2006"
+ZIP_TIMESTAMP = (1980, 1, 1, 0, 0, 0)  # equal surfaces are equal bytes
+CORE_NAMESPACE_3MF = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
+PACKAGE_NAMESPACE_3MF = "http://schemas.openxmlformats.org/package/2006"
 
 
 def surface_bytes(
@@ -78,19 +78,20 @@ def _3mf(vertices: FloatArray, triangles: NDArray[np.int64]) -> bytes:
     faces = "".join(f'<triangle v1="{a}" v2="{b}" v3="{c}"/>' for a, b, c in triangles)
     head = '<?xml version="1.0" encoding="UTF-8"?>\n'
     model = (
-        f'{head}<model unit="millimeter" xml:lang="en-US" xmlns="{CORE_3MF}"><resources>'
+        f'{head}<model unit="millimeter" xml:lang="en-US" xmlns="{CORE_NAMESPACE_3MF}"><resources>'
         f'<object id="1" type="model"><mesh><vertices>{points}</vertices>'
         f"<triangles>{faces}</triangles></mesh></object></resources>"
         '<build><item objectid="1"/></build></model>\n'
     )
     types = (
-        f'{head}<Types xmlns="{PARTS_3MF}/content-types"><Default Extension="rels" '
+        f'{head}<Types xmlns="{PACKAGE_NAMESPACE_3MF}/content-types"><Default Extension="rels" '
         'ContentType="application/vnd.openxmlformats-package.relationships+xml"/><Default '
         'Extension="model" ContentType="application/vnd.ms-package.3dmanufacturing-3dmodel+xml"/>'
         "</Types>\n"
     )
     relations = (
-        f'{head}<Relationships xmlns="{PARTS_3MF}/relationships"><Relationship Id="rel0" '
+        f'{head}<Relationships xmlns="{PACKAGE_NAMESPACE_3MF}/relationships">'
+        '<Relationship Id="rel0" '
         'Target="/3D/3dmodel.model" '
         'Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"/></Relationships>\n'
     )
@@ -99,5 +100,5 @@ def _3mf(vertices: FloatArray, triangles: NDArray[np.int64]) -> bytes:
         for name, text in (
             ("[Content_Types].xml", types), ("_rels/.rels", relations), ("3D/3dmodel.model", model)
         ):
-            archive.writestr(zipfile.ZipInfo(name, ZIP_TIME), text, zipfile.ZIP_DEFLATED)
+            archive.writestr(zipfile.ZipInfo(name, ZIP_TIMESTAMP), text, zipfile.ZIP_DEFLATED)
     return content.getvalue()

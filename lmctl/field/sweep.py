@@ -19,8 +19,9 @@ FloatArray = NDArray[np.float64]
 Sources = NDArray[np.int32]
 Stamps = NDArray[np.uint8]
 
-RUN = 16  # nodes along x of which it is known when one was last changed
-EVER: Any = np.int64(0)  # stamp of what never changed; as a plain 0 it would have its own kernel
+RUN_NODES = 16  # nodes along x of which it is known when one was last changed
+# stamp of what never changed; as a plain 0 it would have its own kernel
+NEVER_CHANGED_STAMP: Any = np.int64(0)
 
 
 def propagate_closest_points(
@@ -42,7 +43,7 @@ def propagate_closest_points(
     relative = np.ascontiguousarray((surface_mm - np.asarray(grid.origin_mm)) / grid.pitch_mm)
     distance = allocate_array(grid.shape, np.float32)
     nz, ny, nx = grid.shape
-    changed = np.zeros((nz, ny, -(-nx // RUN)), dtype=np.uint8)
+    changed = np.zeros((nz, ny, -(-nx // RUN_NODES)), dtype=np.uint8)
     _sweep_kernel(sources, relative, distance, float((within_mm / grid.pitch_mm) ** 2), changed)
     _lengths_kernel(sources, relative, distance, grid.pitch_mm)
     return distance
@@ -58,7 +59,7 @@ def _from_row(
     for run in range(changed.shape[2]):
         if changed[kn, jn, run] < since:
             continue
-        for i in range(run * RUN, min(nx, (run + 1) * RUN)):
+        for i in range(run * RUN_NODES, min(nx, (run + 1) * RUN_NODES)):
             row = sources[kn, jn, i]
             if row >= 0 and row != sources[k, j, i]:
                 dx, dy, dz = points[row, 0] - i, points[row, 1] - j, points[row, 2] - k
@@ -82,7 +83,7 @@ def _along_row(
             run = n if step > 0 else runs - 1 - n
             if changed[k, j, run] < since and not came:
                 continue
-            first, last = run * RUN, min(nx, (run + 1) * RUN) - 1
+            first, last = run * RUN_NODES, min(nx, (run + 1) * RUN_NODES) - 1
             i, row = first if step > 0 else last, np.int32(-1)
             if 0 <= i - step < nx:
                 row = sources[k, j, i - step]
@@ -120,13 +121,15 @@ def _sweep_kernel(
         step, down = 1 - 2 * direction, 1 + 2 * direction
         up = down + 1
         # Of a row's neighbours in the plane, what changed since they were last asked.
-        below, above, own = (EVER, EVER, EVER) if direction == 0 else (2, 3, down)
+        below, above, own = (NEVER_CHANGED_STAMP, NEVER_CHANGED_STAMP,
+                             NEVER_CHANGED_STAMP) if direction == 0 else (2, 3, down)
         for n in range(nz):
             k = n if step > 0 else nz - 1 - n
             for j in range(ny):
                 if n > 0:
                     _from_row(
-                        sources, squared, points, most, changed, EVER, down, k, j, k - step, j
+                        sources, squared, points, most, changed, NEVER_CHANGED_STAMP, down, k, j,
+                        k - step, j
                     )
                 if j > 0:
                     _from_row(

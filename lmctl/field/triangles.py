@@ -10,7 +10,8 @@ from lmctl.field.kernel import inner_kernel, kernel
 
 FloatArray = NDArray[np.float64]
 
-MAX_STEPS = 64  # over edges; more are needed only where triangles are far smaller than the pitch
+# over edges; more are needed only where triangles are far smaller than the pitch
+MAX_WALK_STEPS = 64
 FAR_PITCHES = 8.0  # beyond, the triangle of the nearest seed is as good to 0.01 pitches
 
 
@@ -166,7 +167,7 @@ def _walk_kernel(
                 qx, qy, qz, edges = closest_on_triangle(triangles, n, x, y, z)
                 least = (qx - x) ** 2 + (qy - y) ** 2 + (qz - z) ** 2
                 came, steps = -1, 0
-                while edges != 0 and steps < MAX_STEPS and least < FAR_PITCHES**2:
+                while edges != 0 and steps < MAX_WALK_STEPS and least < FAR_PITCHES**2:
                     steps += 1
                     # Across an edge only what is nearer will do; around a corner, where all
                     # triangles are as near, the way goes on to the next.

@@ -9,7 +9,7 @@ from lmctl.lazy_exports import exports_of
 if TYPE_CHECKING:
     from lmctl.job.manifest_json import part_digest as part_digest
     from lmctl.job.packed_layer import PackedLayer as PackedLayer
-    from lmctl.job.packed_layer import pack as pack
+    from lmctl.job.packed_layer import pack_layer_arrays as pack_layer_arrays
     from lmctl.job.reader import JobReader as JobReader
     from lmctl.job.schema import JobHopper as JobHopper
     from lmctl.job.schema import JobLayer as JobLayer
@@ -28,7 +28,7 @@ _HOMES = {
     "LineKind": "lmctl.job.schema",
     "PackedLayer": "lmctl.job.packed_layer",
     "line_dtype": "lmctl.job.schema",
-    "pack": "lmctl.job.packed_layer",
+    "pack_layer_arrays": "lmctl.job.packed_layer",
     "part_digest": "lmctl.job.manifest_json",
 }
 

@@ -22,8 +22,8 @@ from typing import BinaryIO
 from lmctl.errors import JobError
 from lmctl.job.schema import FORMAT_VERSION
 
-MANIFEST = "manifest.json"
-PART = "part.toml"
+MANIFEST_MEMBER = "manifest.json"
+PART_MEMBER = "part.toml"
 
 #: What a layer consists of, in the order in which it is hashed.
 LAYER_MEMBERS = ("program.txt", "lines.npy", "flow_s.npy", "flow_g_s.npy")

@@ -16,14 +16,14 @@ from lmctl.job.schema import JobManifest
 _ADAPTER = TypeAdapter(JobManifest)
 
 
-def to_json(manifest: JobManifest) -> bytes:
+def manifest_to_json(manifest: JobManifest) -> bytes:
     """The manifest as UTF-8 JSON with sorted keys. Raises ValueError on NaN and infinities."""
     data = dataclasses.asdict(manifest)
     text = json.dumps(data, sort_keys=True, indent=1, ensure_ascii=False, allow_nan=False)
     return text.encode() + b"\n"
 
 
-def from_json(data: bytes, name: str) -> JobManifest:
+def manifest_from_json(data: bytes, name: str) -> JobManifest:
     """Read a manifest. Raises JobError where it is not one or contradicts itself."""
     try:
         manifest = _ADAPTER.validate_json(data)

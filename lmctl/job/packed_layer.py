@@ -32,14 +32,14 @@ class PackedLayer:
 
 def pack_layer(layer: JobLayer, first_path: int) -> PackedLayer:
     """A layer as bytes; first_path : number of its first path in the job. Raises as `pack` does."""
-    return pack(
+    return pack_layer_arrays(
         index=layer.index, z_mm=layer.z_mm, first_line=layer.first_line,
         first_path=first_path,
         program=("\n".join(layer.program) + "\n").encode("ascii"), lines=layer.lines,
         flow_s=layer.flow_s, flow_g_s=layer.flow_g_s)
 
 
-def pack(
+def pack_layer_arrays(
     *, index: int, z_mm: float, first_line: int, first_path: int, program: bytes,
     lines: NDArray[np.void], flow_s: FloatArray, flow_g_s: FloatArray,
 ) -> PackedLayer:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from lmctl.errors import JobError, MissingFileError
 from lmctl.job import container
 from lmctl.job.layer_rules import first_broken_rule
-from lmctl.job.manifest_json import from_json, part_digest
+from lmctl.job.manifest_json import manifest_from_json, part_digest
 from lmctl.job.schema import JobLayer, JobManifest, line_dtype
 
 
@@ -39,7 +39,7 @@ class JobReader:
         try:
             self._file = self._path.open("rb")
         except FileNotFoundError:
-            raise MissingFileError.of(self._path) from None
+            raise MissingFileError.for_path(self._path) from None
         except IsADirectoryError:
             raise JobError(f"{self._path} is a folder, not a job file") from None
         except OSError as error:
@@ -58,7 +58,7 @@ class JobReader:
         self._zip.close()
         self._file.close()
 
-    def layer(self, index: int) -> JobLayer:
+    def read_layer(self, index: int) -> JobLayer:
         """The layer, verified against its digest in the manifest."""
         entry = self.manifest.layers[index]
         where = f"layer {entry.index}"
@@ -89,10 +89,10 @@ class JobReader:
             raise self._no_layer(where, broken)
         return layer
 
-    def layers(self) -> Iterator[JobLayer]:
+    def iterate_layers(self) -> Iterator[JobLayer]:
         """Every layer in order, one in memory at a time."""
         for index in range(len(self.manifest.layers)):
-            yield self.layer(index)
+            yield self.read_layer(index)
 
     def _open(self) -> None:
         name = str(self._path)
@@ -102,16 +102,16 @@ class JobReader:
         except (zipfile.BadZipFile, NotImplementedError, ValueError, OSError) as error:
             raise JobError(f"{name} is not a job file", where=str(error),
                            hint=container.REPLAN_HINT) from None
-        manifest = self._member(container.MANIFEST, container.MAX_TEXT_BYTES)
-        self.manifest = from_json(manifest, name)
+        manifest = self._member(container.MANIFEST_MEMBER, container.MAX_TEXT_BYTES)
+        self.manifest = manifest_from_json(manifest, name)
         expected = [
             n for i in range(len(self.manifest.layers)) for n in container.layer_member_names(i)]
-        if self._zip.namelist() != [*expected, container.PART, container.MANIFEST]:
+        if self._zip.namelist() != [*expected, container.PART_MEMBER, container.MANIFEST_MEMBER]:
             raise JobError(f"{name} is not a job file lmctl made",
                            where="its members are not those its manifest tells",
                            hint=container.REPLAN_HINT)
         try:
-            self.part_text = self._member(container.PART, container.MAX_TEXT_BYTES).decode()
+            self.part_text = self._member(container.PART_MEMBER, container.MAX_TEXT_BYTES).decode()
         except UnicodeDecodeError:
             raise JobError(f"{name}: the part file in it is not text",
                            hint=container.REPLAN_HINT) from None

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from lmctl.errors import JobError
 from lmctl.job import container
-from lmctl.job.manifest_json import part_digest, to_json
+from lmctl.job.manifest_json import manifest_to_json, part_digest
 from lmctl.job.packed_layer import PackedLayer, pack_layer
 from lmctl.job.schema import JobLayer, JobManifest, LayerEntry
 
@@ -59,9 +59,9 @@ class JobWriter:
 
     def add_layer(self, layer: JobLayer) -> LayerEntry:
         """Append the next layer. Its index, first line and first time go on from the last."""
-        return self.add_packed(pack_layer(layer, self._next_path()))
+        return self.add_packed_layer(pack_layer(layer, self._next_path()))
 
-    def add_packed(self, layer: PackedLayer) -> LayerEntry:
+    def add_packed_layer(self, layer: PackedLayer) -> LayerEntry:
         """Append the next layer, packed already."""
         self._check(layer)
         names = container.layer_member_names(layer.entry.index)
@@ -77,7 +77,8 @@ class JobWriter:
         if manifest.part_sha256 != part_digest(part_text):
             raise ValueError("part_sha256 is not that of the part's text")
         manifest = dataclasses.replace(manifest, layers=tuple(self._entries))
-        self._write({container.PART: part_text.encode(), container.MANIFEST: to_json(manifest)})
+        self._write({container.PART_MEMBER: part_text.encode(),
+                     container.MANIFEST_MEMBER: manifest_to_json(manifest)})
         try:
             self._zip.comment = container.unsigned_trailer()
             self._zip.close()

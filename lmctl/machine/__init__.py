@@ -10,15 +10,15 @@ if TYPE_CHECKING:
     from lmctl.machine.feeder.driver import FeederDriver as FeederDriver
     from lmctl.machine.feeder.identity import FeederIdentity as FeederIdentity
     from lmctl.machine.feeder.readings import HopperReading as HopperReading
-    from lmctl.machine.feeder.recipe import post_flow_s as post_flow_s
+    from lmctl.machine.feeder.recipe import post_flow_duration_s as post_flow_duration_s
     from lmctl.machine.feeder.recipe import settling_time_s as settling_time_s
     from lmctl.machine.feeder.status import FeederCallbacks as FeederCallbacks
     from lmctl.machine.feeder.status import FeederStatus as FeederStatus
     from lmctl.machine.feeder.warnings import FeederWarning as FeederWarning
-    from lmctl.machine.manual.controller import open_motion as open_motion
+    from lmctl.machine.manual.controller import open_motion_controller as open_motion_controller
+    from lmctl.machine.manual.homing import clear_work_offsets as clear_work_offsets
     from lmctl.machine.manual.homing import describe_homing as describe_homing
     from lmctl.machine.manual.homing import home_axes as home_axes
-    from lmctl.machine.manual.homing import run_clear_offsets as run_clear_offsets
     from lmctl.machine.manual.homing import set_work_offset as set_work_offset
     from lmctl.machine.manual.homing import unlock_controller as unlock_controller
     from lmctl.machine.manual.inspect_modbus import FeederInspection as FeederInspection
@@ -29,14 +29,13 @@ if TYPE_CHECKING:
     from lmctl.machine.manual.inspect_motion import read_motion as read_motion
     from lmctl.machine.manual.jog import JogRequest as JogRequest
     from lmctl.machine.manual.jog import jog_axes as jog_axes
-    from lmctl.machine.manual.rate_search import find_rate as find_rate
+    from lmctl.machine.manual.rate_search import find_baud_rate as find_baud_rate
     from lmctl.machine.manual.settings import WrittenSettings as WrittenSettings
     from lmctl.machine.manual.settings import apply_settings as apply_settings
-    from lmctl.machine.manual.settings_file import read_setting as read_setting
-    from lmctl.machine.manual.settings_file import same_value as same_value
-    from lmctl.machine.manual.settings_file import settings_in as settings_in
-    from lmctl.machine.manual.settings_file import write_settings as write_settings
-    from lmctl.machine.modbus.client import NoReplyError as NoReplyError
+    from lmctl.machine.manual.settings_file import is_same_value as is_same_value
+    from lmctl.machine.manual.settings_file import parse_setting as parse_setting
+    from lmctl.machine.manual.settings_file import read_settings_file as read_settings_file
+    from lmctl.machine.manual.settings_file import write_settings_file as write_settings_file
     from lmctl.machine.modbus.endpoint import RtuEndpoint as RtuEndpoint
     from lmctl.machine.modbus.endpoint import parse_modbus_endpoint as parse_modbus_endpoint
     from lmctl.machine.motion.driver import MotionDriver as MotionDriver
@@ -44,10 +43,10 @@ if TYPE_CHECKING:
     from lmctl.machine.motion.endpoint import parse_motion_endpoint as parse_motion_endpoint
     from lmctl.machine.motion.identity import ControllerIdentity as ControllerIdentity
     from lmctl.machine.motion.identity import is_homing_enabled as is_homing_enabled
-    from lmctl.machine.motion.identity import read_offset as read_offset
-    from lmctl.machine.motion.identity import unfit_settings as unfit_settings
+    from lmctl.machine.motion.identity import parse_work_offset as parse_work_offset
+    from lmctl.machine.motion.identity import unsuitable_settings as unsuitable_settings
     from lmctl.machine.safety.driver import SafetyDriver as SafetyDriver
-    from lmctl.machine.safety.identity import check_line as check_line
+    from lmctl.machine.safety.identity import check_serial_line as check_serial_line
     from lmctl.machine.safety.status import SafetyCallbacks as SafetyCallbacks
     from lmctl.machine.safety.status import SafetyStatus as SafetyStatus
     from lmctl.machine.timer_wheel import align_to_tick as align_to_tick
@@ -66,7 +65,6 @@ _HOMES = {
     "MotionDriver": "lmctl.machine.motion.driver",
     "MotionEndpoint": "lmctl.machine.motion.endpoint",
     "MotionReading": "lmctl.machine.manual.inspect_motion",
-    "NoReplyError": "lmctl.machine.modbus.client",
     "RtuEndpoint": "lmctl.machine.modbus.endpoint",
     "SafetyCallbacks": "lmctl.machine.safety.status",
     "SafetyDriver": "lmctl.machine.safety.driver",
@@ -74,30 +72,30 @@ _HOMES = {
     "WrittenSettings": "lmctl.machine.manual.settings",
     "align_to_tick": "lmctl.machine.timer_wheel",
     "apply_settings": "lmctl.machine.manual.settings",
-    "check_line": "lmctl.machine.safety.identity",
+    "check_serial_line": "lmctl.machine.safety.identity",
+    "clear_work_offsets": "lmctl.machine.manual.homing",
     "describe_homing": "lmctl.machine.manual.homing",
-    "find_rate": "lmctl.machine.manual.rate_search",
+    "find_baud_rate": "lmctl.machine.manual.rate_search",
     "home_axes": "lmctl.machine.manual.homing",
     "inspect_controller": "lmctl.machine.manual.inspect_motion",
     "inspect_feeder": "lmctl.machine.manual.inspect_modbus",
     "inspect_safety": "lmctl.machine.manual.inspect_modbus",
     "is_homing_enabled": "lmctl.machine.motion.identity",
+    "is_same_value": "lmctl.machine.manual.settings_file",
     "jog_axes": "lmctl.machine.manual.jog",
-    "open_motion": "lmctl.machine.manual.controller",
+    "open_motion_controller": "lmctl.machine.manual.controller",
     "parse_modbus_endpoint": "lmctl.machine.modbus.endpoint",
     "parse_motion_endpoint": "lmctl.machine.motion.endpoint",
-    "post_flow_s": "lmctl.machine.feeder.recipe",
+    "parse_setting": "lmctl.machine.manual.settings_file",
+    "parse_work_offset": "lmctl.machine.motion.identity",
+    "post_flow_duration_s": "lmctl.machine.feeder.recipe",
     "read_motion": "lmctl.machine.manual.inspect_motion",
-    "read_offset": "lmctl.machine.motion.identity",
-    "read_setting": "lmctl.machine.manual.settings_file",
-    "run_clear_offsets": "lmctl.machine.manual.homing",
-    "same_value": "lmctl.machine.manual.settings_file",
+    "read_settings_file": "lmctl.machine.manual.settings_file",
     "set_work_offset": "lmctl.machine.manual.homing",
-    "settings_in": "lmctl.machine.manual.settings_file",
     "settling_time_s": "lmctl.machine.feeder.recipe",
-    "unfit_settings": "lmctl.machine.motion.identity",
     "unlock_controller": "lmctl.machine.manual.homing",
-    "write_settings": "lmctl.machine.manual.settings_file",
+    "unsuitable_settings": "lmctl.machine.motion.identity",
+    "write_settings_file": "lmctl.machine.manual.settings_file",
 }
 
 __all__ = list(_HOMES)

@@ -26,11 +26,11 @@ def endpoint_keys(text: str, query: str, valid: Mapping[str, str], instead: str)
     if query and not given:
         wrong.append(f"{query!r} is no key=value")
     if wrong:
-        raise refused_key(text, "; ".join(wrong), valid, instead)
+        raise endpoint_key_error(text, "; ".join(wrong), valid, instead)
     return dict(given)
 
 
-def refused_key(
+def endpoint_key_error(
     text: str, wrong: str, valid: Mapping[str, str], instead: str = ""
 ) -> ConfigError:
     """That something behind the `?` will not do, with the keys and values that will."""

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from lmctl.part.load import part_from_model as part_from_model
     from lmctl.part.materials.powders import MaterialSpec as MaterialSpec
     from lmctl.part.part import Part as Part
-    from lmctl.part.part import Section as Section
+    from lmctl.part.part import PartSection as PartSection
     from lmctl.part.resolution import finest_pitch as finest_pitch
 
 #: What others may use, and the module that holds it; loaded when it is asked for.
@@ -20,7 +20,7 @@ _HOMES = {
     "MaterialSpec": "lmctl.part.materials.powders",
     "MeshSolid": "lmctl.part.bodies.mesh_solid",
     "Part": "lmctl.part.part",
-    "Section": "lmctl.part.part",
+    "PartSection": "lmctl.part.part",
     "finest_pitch": "lmctl.part.resolution",
     "load_part": "lmctl.part.load",
     "part_from_model": "lmctl.part.load",

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from lmctl.errors import InputError
 from lmctl.field.array_storage import mapped_storage_space, storage_full_message
 from lmctl.part.resolution import (
-    BYTES_KEPT,
+    BYTES_KEPT_PER_NODE,
     BYTES_PER_NODE,
-    LIMIT_VARIABLE,
-    disk_bytes,
+    MEMORY_LIMIT_VARIABLE,
+    field_disk_bytes,
     format_bytes,
     memory_limit_bytes,
 )
@@ -36,7 +36,7 @@ class CostItem:
 
     @property
     def disk_bytes(self) -> float:
-        return disk_bytes(self.nodes) if self.is_stored else 0.0
+        return field_disk_bytes(self.nodes) if self.is_stored else 0.0
 
 
 @dataclass(frozen=True)
@@ -48,8 +48,9 @@ class PartCost:
     @property
     def memory_bytes(self) -> float:
         """What is kept of all, and what the largest takes besides while it is made."""
-        kept = sum(BYTES_KEPT * item.nodes - item.disk_bytes for item in self.items)
-        making = [(BYTES_PER_NODE - BYTES_KEPT) * i.nodes for i in self.items if i.is_stored]
+        kept = sum(BYTES_KEPT_PER_NODE * item.nodes - item.disk_bytes for item in self.items)
+        making = [
+            (BYTES_PER_NODE - BYTES_KEPT_PER_NODE) * i.nodes for i in self.items if i.is_stored]
         return kept + max(making, default=0)
 
     @property
@@ -86,7 +87,7 @@ class PartCost:
             where=[f"allowed are {format_bytes(limit)}",
                    *(f"{item.description}: {item.nodes:.2g} grid nodes" for item in largest)],
             hint=f"make pitch_mm {share:.2g} times as large, or allow more memory with "
-            f"{LIMIT_VARIABLE}",
+            f"{MEMORY_LIMIT_VARIABLE}",
         )
 
 

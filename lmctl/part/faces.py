@@ -18,10 +18,10 @@ from lmctl.part.sources.obj_files import read_obj, triangle_rows_of_group
 FloatArray = NDArray[np.float64]
 
 #: A place farther from the mesh than this names no face of it.
-MAX_SHARE = 0.05
+MAX_DISTANCE_FRACTION = 0.05
 
 
-def patch_around(mesh: Mesh, at_mm: Sequence[float], angle_deg: float) -> FloatArray:
+def smooth_patch_around(mesh: Mesh, at_mm: Sequence[float], angle_deg: float) -> FloatArray:
     """The triangles that hang together with the one nearest to a place, over blunt edges only.
 
     angle_deg : between two triangles' normals, up to which they are of one face
@@ -36,7 +36,7 @@ def patch_around(mesh: Mesh, at_mm: Sequence[float], angle_deg: float) -> FloatA
     away = np.linalg.norm(found - place, axis=1)
     nearest = int(np.argmin(away))
     size = float(np.ptp(mesh.vertices, axis=0).max())
-    if away[nearest] > MAX_SHARE * size:
+    if away[nearest] > MAX_DISTANCE_FRACTION * size:
         where = ", ".join(f"{v:g}" for v in place)
         raise InputError(
             f"there is no face at ({where}) mm",

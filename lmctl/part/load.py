@@ -16,7 +16,7 @@ from lmctl.part.materials.powders import resolve_materials
 from lmctl.part.materials.profile_warnings import flat_profile_warnings
 from lmctl.part.part import Part
 from lmctl.part.part_data import PartData
-from lmctl.part.resolution import checked_grid, plane_around
+from lmctl.part.resolution import checked_grid, section_plane_grid
 from lmctl.part.sources.cloud_files import CLOUD_SUFFIXES
 from lmctl.part.sources.mesh_files import MESH_SUFFIXES
 from lmctl.part.tree import BodyTree
@@ -76,7 +76,7 @@ def _build(
     data = PartData(folder, part.process.bead_width_mm)
     data.warnings += said
     data.read(part)
-    for number in part.bodies_only_measured_from():
+    for number in part.reference_body_indices():
         of = part.body[number]
         told = data.notes if of.composition is None else data.warnings
         told.append(f"{of.name!r} is only measured from: it is no part of the solid")
@@ -110,7 +110,7 @@ def _build(
         body=body,
         composition_field=rule,
         grid=grid,
-        plane=plane_around(grid, part.process.bead_width_mm),
+        plane=section_plane_grid(grid, part.process.bead_width_mm),
         surface_error_mm=tree.surface_error_mm,
     )
 

@@ -25,7 +25,7 @@ POINTS_AT_ONCE = 500_000
 
 
 @dataclass(frozen=True)
-class Section:
+class PartSection:
     """The part in one plane, in its own coordinates.
 
     loops : the outline, closed loops (k, 2) float64 [mm], first point repeated last, the inside
@@ -38,7 +38,7 @@ class Section:
     body: Body
 
     @cached_property
-    def distance(self) -> NDArray[np.float32]:
+    def in_plane_distance(self) -> NDArray[np.float32]:
         """(ny, nx) float32 [mm]: in-plane signed distance to the outline, positive inside.
 
         Measured in the plane anew when asked for; −inf everywhere where there is no outline.
@@ -46,7 +46,7 @@ class Section:
         return plane_distance(self.loops, self.grid)
 
     @cached_property
-    def volume_distance(self) -> NDArray[np.float32]:
+    def spatial_distance(self) -> NDArray[np.float32]:
         """(ny, nx) float32 [mm]: the 3D signed distance in this plane, made when asked for.
 
         Its iso-levels are the paper's literal toolpaths (the strategy "iso-3d").
@@ -97,16 +97,16 @@ class Part:
         """Signed distance at the nodes of a slab, positive inside; float32 of window.shape [mm]."""
         return self.body.distance(window)
 
-    def section(self, z_mm: float) -> Section:
+    def section(self, z_mm: float) -> PartSection:
         """The outline and the in-plane distance at height z of the part.
 
         Meshes are cut from their triangles, formulas are evaluated in the plane, fields are
         interpolated between their nodes; outlines of booleans are cut from these as polygons.
         """
         loops = self.body.outline_loops(z_mm, self.plane)
-        return Section(z_mm, self.plane, loops, self.body)
+        return PartSection(z_mm, self.plane, loops, self.body)
 
-    def only_mixture(self) -> tuple[float, ...] | None:
+    def uniform_mixture(self) -> tuple[float, ...] | None:
         """The volume fractions of all of the part, where they are the same everywhere."""
         if len(self.materials) == 1:
             return (1.0,)

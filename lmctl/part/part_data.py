@@ -12,9 +12,9 @@ from lmctl.config.bodies import CloudBody, MeshBody
 from lmctl.config.composition import FaceFeature, SheetFeature, features_of
 from lmctl.config.part_file import PartFile
 from lmctl.errors import InputError, MissingFileError
-from lmctl.part.faces import patch_around, triangles_of_group
+from lmctl.part.faces import smooth_patch_around, triangles_of_group
 from lmctl.part.sources.cloud_files import PointCloud, read_cloud
-from lmctl.part.sources.files import DataFile, read_data
+from lmctl.part.sources.files import DataFile, read_data_file
 from lmctl.part.sources.mesh_files import Mesh, read_mesh
 from lmctl.part.sources.mesh_repair import repair_mesh
 from lmctl.part.sources.mesh_topology import remove_slivers
@@ -105,10 +105,10 @@ class PartData:
         if feature.group is not None:
             return triangles_of_group(self._file(body.file), feature.group, body.units)
         assert feature.at_mm is not None, "the model asks for one of the two"
-        return patch_around(self.mesh(body), feature.at_mm, feature.angle_deg)
+        return smooth_patch_around(self.mesh(body), feature.at_mm, feature.angle_deg)
 
     def _file(self, name: str) -> DataFile:
-        file = read_data(name, self._folder)
+        file = read_data_file(name, self._folder)
         self.sources[name] = file.sha256
         return file
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.errors import InputError, UsageError
-from lmctl.field.array_storage import is_mapped
+from lmctl.field.array_storage import is_stored_on_disk
 from lmctl.field.grid import Grid
 from lmctl.field.plane import PlaneGrid
 
@@ -20,13 +20,13 @@ BYTES_PER_NODE = 20
 
 #: Of these the two arrays of four bytes that stay; large ones are kept in files
 #: (`field.array_storage`).
-ARRAYS_KEPT = 2
-BYTES_KEPT = 4 * ARRAYS_KEPT
+ARRAYS_KEPT_PER_NODE = 2
+BYTES_KEPT_PER_NODE = 4 * ARRAYS_KEPT_PER_NODE
 
 #: What parts may take of the memory, unless the user says otherwise: in megabytes, in this
 #: variable of the environment. No file can say it, as a file may come from someone else.
-LIMIT_VARIABLE = "LMCTL_MEMORY_MB"
-DEFAULT_LIMIT_MB = 2000
+MEMORY_LIMIT_VARIABLE = "LMCTL_MEMORY_MB"
+DEFAULT_MEMORY_LIMIT_MB = 2000
 
 #: A boolean's boundary needs to be found, not resolved: eight bytes a node while it is.
 MAX_BOUNDARY_NODES = 3_000_000
@@ -38,7 +38,7 @@ MAX_WALKED_NODES = 4_000_000_000
 MAX_PLANE_NODES = 30_000_000
 
 #: Nodes to spare around a body, each side.
-PADDING = 3
+PADDING_NODES = 3
 
 #: A field's default pitch, and a section's largest, as shares of the bead width: the error of an
 #: outline is far below its pitch, and both stay far below a bead.
@@ -54,14 +54,14 @@ def choose_pitch(low: FloatArray, high: FloatArray, bead_width_mm: float) -> flo
 
 def memory_limit_bytes() -> float:
     """What the user allows parts to take of the memory. Raises UsageError where it is no number."""
-    said = os.environ.get(LIMIT_VARIABLE, str(DEFAULT_LIMIT_MB))
+    said = os.environ.get(MEMORY_LIMIT_VARIABLE, str(DEFAULT_MEMORY_LIMIT_MB))
     try:
         megabytes = float(said)
     except ValueError:
         megabytes = math.nan
     if not 50 <= megabytes <= 1e7:
-        raise UsageError(f"{LIMIT_VARIABLE} = {said!r} is no amount of memory",
-                         hint=f"say megabytes, such as {DEFAULT_LIMIT_MB}")
+        raise UsageError(f"{MEMORY_LIMIT_VARIABLE} = {said!r} is no amount of memory",
+                         hint=f"say megabytes, such as {DEFAULT_MEMORY_LIMIT_MB}")
     return megabytes * 1e6
 
 
@@ -69,17 +69,19 @@ def max_stored_nodes() -> int:
     """Nodes of the largest field that can be made within the limit."""
     limit = memory_limit_bytes()
     in_memory = int(limit / BYTES_PER_NODE)
-    return int(limit / (BYTES_PER_NODE - BYTES_KEPT)) if disk_bytes(in_memory) else in_memory
+    return int(limit / (
+        BYTES_PER_NODE - BYTES_KEPT_PER_NODE)) if field_disk_bytes(in_memory) else in_memory
 
 
-def disk_bytes(nodes: float) -> float:
+def field_disk_bytes(nodes: float) -> float:
     """What a stored field keeps on the disk: all that stays of it, or nothing."""
-    return BYTES_KEPT * nodes if is_mapped(BYTES_KEPT / ARRAYS_KEPT * nodes) else 0.0
+    return BYTES_KEPT_PER_NODE * nodes if is_stored_on_disk(
+        BYTES_KEPT_PER_NODE / ARRAYS_KEPT_PER_NODE * nodes) else 0.0
 
 
-def peak_bytes(nodes: float) -> float:
+def field_peak_memory_bytes(nodes: float) -> float:
     """The memory a stored field takes while it is made."""
-    return BYTES_PER_NODE * nodes - disk_bytes(nodes)
+    return BYTES_PER_NODE * nodes - field_disk_bytes(nodes)
 
 
 def checked_grid(low: FloatArray, high: FloatArray, pitch_mm: float, *, stored: bool) -> Grid:
@@ -97,16 +99,16 @@ def checked_grid(low: FloatArray, high: FloatArray, pitch_mm: float, *, stored: 
             where=f"the part is {size} mm; at most {most:.2g} nodes"
             + (f", {_taken(most)}" if stored else ""),
             hint=f"give a pitch_mm of at least {finest_pitch(low, high, most):g}"
-            + (f", or allow more memory with {LIMIT_VARIABLE}" if stored else ""),
+            + (f", or allow more memory with {MEMORY_LIMIT_VARIABLE}" if stored else ""),
         )
-    return Grid.enclosing(low, high, pitch_mm, PADDING)
+    return Grid.enclosing(low, high, pitch_mm, PADDING_NODES)
 
 
 def boundary_grid(low: FloatArray, high: FloatArray, pitch_mm: float) -> Grid:
     """The grid on which a boolean's boundary is looked for: of the pitch, or coarser where that
     would be more than can be held. What is found on it is exact at any pitch."""
     most = max(pitch_mm, finest_pitch(low, high, MAX_BOUNDARY_NODES))
-    return Grid.enclosing(low, high, most, PADDING)
+    return Grid.enclosing(low, high, most, PADDING_NODES)
 
 
 def finest_pitch(low: FloatArray, high: FloatArray, most_nodes: int) -> float:
@@ -123,7 +125,7 @@ def finest_pitch(low: FloatArray, high: FloatArray, most_nodes: int) -> float:
     return math.ceil(enough * scale) / scale
 
 
-def plane_around(grid: Grid, bead_mm: float) -> PlaneGrid:
+def section_plane_grid(grid: Grid, bead_mm: float) -> PlaneGrid:
     """The nodes of every section of a part on this grid: no coarser than an eighth of a bead.
 
     Nodes lie on multiples of the pitch. Raises InputError where that is more than can be held.
@@ -148,12 +150,13 @@ def plane_around(grid: Grid, bead_mm: float) -> PlaneGrid:
 
 
 def _nodes(low: FloatArray, high: FloatArray, pitch_mm: float) -> float:
-    return float(np.prod((high - low) / pitch_mm + 2 * PADDING + 2))
+    return float(np.prod((high - low) / pitch_mm + 2 * PADDING_NODES + 2))
 
 
 def _taken(nodes: float) -> str:
-    disk = f" and {format_bytes(disk_bytes(nodes))} of disk" if disk_bytes(nodes) else ""
-    return f"{format_bytes(peak_bytes(nodes))} of memory{disk}"
+    disk = f" and {format_bytes(field_disk_bytes(nodes))} of disk" if field_disk_bytes(
+        nodes) else ""
+    return f"{format_bytes(field_peak_memory_bytes(nodes))} of memory{disk}"
 
 
 def format_bytes(count: float) -> str:

@@ -45,7 +45,7 @@ def _check_depth(of: Body, box: Bounds, name: str, key: str, level_mm: float) ->
     none distances are asked.
     """
     deepest = maximum_in_box(of.distance_bound, *box, TOLERANCE_MM, level_mm)
-    if deepest <= level_mm and not of.bound_is_exact:
+    if deepest <= level_mm and not of.distance_bound_is_exact:
         deepest = maximum_in_box(of.distance_at, *box, TOLERANCE_MM, level_mm)
     if deepest > level_mm:
         return

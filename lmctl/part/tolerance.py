@@ -13,8 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.errors import InputError
-from lmctl.field.field import Field, sample_distance
-from lmctl.part.resolution import LIMIT_VARIABLE, checked_grid, finest_pitch, max_stored_nodes
+from lmctl.field.field import DistanceField, sample_distance
+from lmctl.part.resolution import (
+    MEMORY_LIMIT_VARIABLE,
+    checked_grid,
+    finest_pitch,
+    max_stored_nodes,
+)
 
 FloatArray = NDArray[np.float64]
 
@@ -32,11 +37,11 @@ _MOST_TRIES = 5
 class CloudSurface:
     """error_mm : estimated, at 95 % of the surface"""
 
-    stored: Field
+    stored: DistanceField
     error_mm: float
 
 
-def surface_error_mm(stored: Field, points_mm: FloatArray) -> float:
+def surface_error_mm(stored: DistanceField, points_mm: FloatArray) -> float:
     """How far the surface of a field is from the samples (n, 3) it was made of, estimated [mm]."""
     from scipy.spatial import cKDTree
 
@@ -81,7 +86,7 @@ def cloud_within_tolerance(
         if not worth:
             break
         if pitch_mm <= finest:
-            limit = f"the memory allowed ({LIMIT_VARIABLE})"
+            limit = f"the memory allowed ({MEMORY_LIMIT_VARIABLE})"
             break
         pitch_mm = max(_FINER * pitch_mm, finest)
     assert best is not None

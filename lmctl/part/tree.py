@@ -58,7 +58,7 @@ class BodyTree:
         self._part = part
         self._data = data
         self._number = {body.name: n for n, body in enumerate(part.body) if body.name}
-        self._roots = part.root_bodies()
+        self._roots = part.root_body_indices()
         self._extents = BodyExtents(part, data, self._number)
         self._built: dict[tuple[int, bool], Body] = {}
         self.box = self._extents.combined_box(part.combine, self._roots)

@@ -53,7 +53,7 @@ class Completeness:
         self._lost_below = PiecesBelow[LostPiece](bead)
         self._overhangs_below = PiecesBelow[Overhang](bead)
 
-    def add(self, geometry: LayerGeometry) -> None:
+    def add_layer(self, geometry: LayerGeometry) -> None:
         """The next layer of the part, with tracks or without."""
         figures = geometry.figures
         self.slice_mm2 += figures.slice_mm2
@@ -84,7 +84,7 @@ class Completeness:
         whole = self.slice_mm2 * height
         return (self.outside_mm2 * height + above) / whole if whole > 0 else 0.0
 
-    def steep(self) -> list[Overhang]:
+    def steep_overhangs(self) -> list[Overhang]:
         """Overhangs beyond the limit, and what starts in the air."""
         return [o for o in self.overhangs
                 if o.is_in_air or o.angle_deg > self.process.max_overhang_deg]
@@ -135,12 +135,12 @@ class Completeness:
         if self.narrow_mm2:
             yield True, (f"{self.narrow_mm2 / self.slice_mm2:.2%} of the slices are narrower than "
                          "a bead and get one track (process.narrow_features)")
-        yield from ((False, f"lost: {piece.place()}; {piece.feature.remedy}")
+        yield from ((False, f"lost: {piece.location_text()}; {piece.feature.remedy}")
                     for piece in self._largest_lost()[:_MOST_NAMED])
         yield from _more(self.lost_count, "more pieces are lost")
         if not self.overhangs:
             yield True, "no wall leans out by more than 30°"
-        yield from ((False, f"overhang {o.place()}")
+        yield from ((False, f"overhang {o.location_text()}")
                     for o in self._worst_overhangs()[:_MOST_NAMED])
         yield from _more(len(self.overhangs), "more overhangs")
 
@@ -155,7 +155,7 @@ class Completeness:
         remedies = list(dict.fromkeys(piece.feature.remedy for piece in self._largest_lost()))
         raise PlanError(
             what,
-            where=[*(piece.place() for piece in self._largest_lost()[:_MOST_NAMED]),
+            where=[*(piece.location_text() for piece in self._largest_lost()[:_MOST_NAMED]),
                    *(text for _, text in _more(self.lost_count, "more")),
                    f"process.min_built_fraction = {self.process.min_built_fraction:g}"],
             hint="; ".join([*remedies[:2], "or plan it all the same with --allow-incomplete"]))
@@ -170,7 +170,7 @@ class Completeness:
                      "track there")
 
     def _check_overhang(self) -> None:
-        steep = [o for o in self._worst_overhangs() if o in self.steep()]
+        steep = [o for o in self._worst_overhangs() if o in self.steep_overhangs()]
         if not steep:
             return
         in_air = [o for o in steep if o.is_in_air]
@@ -179,7 +179,7 @@ class Completeness:
                 f"walls lean out by more than {limit:g}° in {_places(len(steep))}")
         raise PlanError(
             what,
-            where=[*(o.place() for o in steep[:_MOST_NAMED]),
+            where=[*(o.location_text() for o in steep[:_MOST_NAMED]),
                    *(text for _, text in _more(len(steep), "more")),
                    f"process.max_overhang_deg = {limit:g}"],
             hint="build the part in another direction, raise process.max_overhang_deg where the "
@@ -195,18 +195,18 @@ class Completeness:
         return sorted(self.overhangs, key=lambda o: (not o.is_in_air, -o.angle_deg, -o.area_mm2))
 
     def _add_island(self, geometry: LayerGeometry, island: IslandFigures) -> None:
-        below = self._features_below.take("", island.at_mm, geometry.layer)
+        below = self._features_below.take_piece_below("", island.at_mm, geometry.layer)
         low, high = self._span_mm(geometry)
         if below is None:
             below = BuiltFeature(island.at_mm, geometry.layer, geometry.layer, low, high)
             self.features.append(below)
-        below.to_layer, below.to_z_mm = geometry.layer, high
+        below.last_layer, below.highest_z_mm = geometry.layer, high
         below.volume_mm3 += island.slice_mm2 * self.layer_height_mm
         below.inside_mm3 += island.inside_mm2 * self.layer_height_mm
-        self._features_below.put("", island.at_mm, geometry.layer, below)
+        self._features_below.remember_piece("", island.at_mm, geometry.layer, below)
 
     def _add_lost(self, geometry: LayerGeometry, feature: LostFeature) -> None:
-        below = self._lost_below.take(feature.kind, feature.at_mm, geometry.layer)
+        below = self._lost_below.take_piece_below(feature.kind, feature.at_mm, geometry.layer)
         low, high = self._span_mm(geometry)
         if below is None:
             self.lost_count += 1
@@ -214,23 +214,23 @@ class Completeness:
                 return
             below = LostPiece(feature, geometry.layer, geometry.layer, low, high, 0.0)
             self.lost.append(below)
-        below.to_layer, below.to_z_mm = geometry.layer, high
+        below.last_layer, below.highest_z_mm = geometry.layer, high
         below.volume_mm3 += feature.area_mm2 * self.layer_height_mm
-        self._lost_below.put(feature.kind, feature.at_mm, geometry.layer, below)
+        self._lost_below.remember_piece(feature.kind, feature.at_mm, geometry.layer, below)
 
     def _add_overhang(self, geometry: LayerGeometry, place: OverhangPlace) -> None:
-        below = None if place.is_in_air else self._overhangs_below.take(
+        below = None if place.is_in_air else self._overhangs_below.take_piece_below(
             "", place.middle_mm, geometry.layer)
         low, high = self._span_mm(geometry)
         if below is None:
             below = Overhang(place.at_mm, geometry.layer, geometry.layer, low, high, 0.0, 0.0,
                              place.is_in_air)
             self.overhangs.append(below)
-        below.to_layer, below.to_z_mm = geometry.layer, high
+        below.last_layer, below.highest_z_mm = geometry.layer, high
         below.area_mm2 += place.area_mm2
         if place.angle_deg > below.angle_deg:
             below.at_mm, below.angle_deg = place.at_mm, place.angle_deg
-        self._overhangs_below.put("", place.middle_mm, geometry.layer, below)
+        self._overhangs_below.remember_piece("", place.middle_mm, geometry.layer, below)
 
     def _span_mm(self, geometry: LayerGeometry) -> tuple[float, float]:
         """From where to where a layer reaches."""

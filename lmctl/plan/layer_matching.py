@@ -20,7 +20,7 @@ class PiecesBelow(Generic[Piece]):
         self._below: dict[tuple[str, int, int], list[tuple[Place, Piece]]] = {}
         self._here: dict[tuple[str, int, int], list[tuple[Place, Piece]]] = {}
 
-    def take(self, kind: str, at_mm: Place, layer: int) -> Piece | None:
+    def take_piece_below(self, kind: str, at_mm: Place, layer: int) -> Piece | None:
         """The piece below a place, which no other piece of this layer gets any more."""
         self._go_to(layer)
         x, y = self._cell(at_mm)
@@ -34,7 +34,7 @@ class PiecesBelow(Generic[Piece]):
                         best = away, waiting, number
         return None if best is None else best[1].pop(best[2])[1]
 
-    def put(self, kind: str, at_mm: Place, layer: int, piece: Piece) -> None:
+    def remember_piece(self, kind: str, at_mm: Place, layer: int, piece: Piece) -> None:
         """Remember a piece of this layer for the next."""
         self._go_to(layer)
         self._here.setdefault((kind, *self._cell(at_mm)), []).append((at_mm, piece))

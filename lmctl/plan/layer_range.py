@@ -18,7 +18,7 @@ from lmctl.preflight.part_check import check_part
 from lmctl.preflight.placement import Placement
 
 if TYPE_CHECKING:
-    from lmctl.part.part import Part, Section
+    from lmctl.part.part import Part, PartSection
 
 FloatArray = NDArray[np.float64]
 
@@ -37,7 +37,7 @@ def place_layers(part: Part, profile: MachineProfile) -> Placement:
     recipe_of(part, profile, placement.layer_height_mm)
 
     def has_tracks(layer: int) -> bool:
-        if _is_wide(part.section(placement.cut_mm(layer)), part.process):
+        if _is_wide(part.section(placement.cut_height_mm(layer)), part.process):
             return True
         from lmctl.plan.geometry import layer_geometry  # late: most parts are wide at both ends
 
@@ -48,10 +48,10 @@ def place_layers(part: Part, profile: MachineProfile) -> Placement:
     if first is None:
         raise nothing_to_deposit(part)
     last = next(layer for layer in reversed(layers) if has_tracks(layer))
-    return placement.restricted_to(first, last, set_down=part.placement_mm is None)
+    return placement.restricted_to_layers(first, last, set_down=part.placement_mm is None)
 
 
-def _is_wide(section: Section, process: ProcessSettings) -> bool:
+def _is_wide(section: PartSection, process: ProcessSettings) -> bool:
     """Whether tracks fit for certain: a circle of two beads' radius lies in the outline.
 
     Looked for around the points of a coarse raster, without the compiled kernels: loading them

@@ -13,28 +13,28 @@ class LostPiece:
     """A lost feature through all layers it is lost in; heights in the part's coordinates [mm]."""
 
     feature: LostFeature
-    from_layer: int
-    to_layer: int
-    from_z_mm: float
-    to_z_mm: float
+    first_layer: int
+    last_layer: int
+    lowest_z_mm: float
+    highest_z_mm: float
     volume_mm3: float
 
-    def place(self) -> str:
+    def location_text(self) -> str:
         x, y = self.feature.at_mm
         length, width = self.feature.size_mm
         return (f"{self.feature.kind} of {length:.3g} × {width:.2g} mm at x {x:.1f}, y {y:.1f}, "
-                f"z {_span(self.from_z_mm, self.to_z_mm)} mm ({self.volume_mm3:.3g} mm³): "
-                f"{self.feature.why}")
+                f"z {_span(self.lowest_z_mm, self.highest_z_mm)} mm ({self.volume_mm3:.3g} mm³): "
+                f"{self.feature.reason}")
 
     def as_dict(self) -> dict[str, Any]:
         return {
             "kind": self.feature.kind,
             "at_mm": [round(v, 3) for v in self.feature.at_mm],
-            "from_z_mm": round(self.from_z_mm, 3), "to_z_mm": round(self.to_z_mm, 3),
-            "from_layer": self.from_layer, "to_layer": self.to_layer,
+            "from_z_mm": round(self.lowest_z_mm, 3), "to_z_mm": round(self.highest_z_mm, 3),
+            "from_layer": self.first_layer, "to_layer": self.last_layer,
             "size_mm": [round(v, 3) for v in self.feature.size_mm],
             "volume_mm3": round(self.volume_mm3, 4),
-            "why": self.feature.why, "remedy": self.feature.remedy,
+            "why": self.feature.reason, "remedy": self.feature.remedy,
         }
 
 
@@ -43,25 +43,26 @@ class Overhang:
     """An overhang through the layers it goes on over; heights in the part's coordinates [mm]."""
 
     at_mm: tuple[float, float]
-    from_layer: int
-    to_layer: int
-    from_z_mm: float
-    to_z_mm: float
+    first_layer: int
+    last_layer: int
+    lowest_z_mm: float
+    highest_z_mm: float
     area_mm2: float
     angle_deg: float
     is_in_air: bool
 
-    def place(self) -> str:
+    def location_text(self) -> str:
         x, y = self.at_mm
         lean = "nothing below it" if self.is_in_air else f"up to {self.angle_deg:.0f}°"
-        return (f"at x {x:.1f}, y {y:.1f}, z {_span(self.from_z_mm, self.to_z_mm)} mm: {lean}, "
+        return (
+            f"at x {x:.1f}, y {y:.1f}, z {_span(self.lowest_z_mm, self.highest_z_mm)} mm: {lean}, "
                 f"{self.area_mm2:.3g} mm²")
 
     def as_dict(self) -> dict[str, Any]:
         return {
             "at_mm": [round(v, 3) for v in self.at_mm],
-            "from_z_mm": round(self.from_z_mm, 3), "to_z_mm": round(self.to_z_mm, 3),
-            "from_layer": self.from_layer, "to_layer": self.to_layer,
+            "from_z_mm": round(self.lowest_z_mm, 3), "to_z_mm": round(self.highest_z_mm, 3),
+            "from_layer": self.first_layer, "to_layer": self.last_layer,
             "area_mm2": round(self.area_mm2, 4), "angle_deg": round(self.angle_deg, 1),
             "in_air": self.is_in_air,
         }
@@ -73,10 +74,10 @@ class BuiltFeature:
     coordinates [mm]."""
 
     at_mm: tuple[float, float]
-    from_layer: int
-    to_layer: int
-    from_z_mm: float
-    to_z_mm: float
+    first_layer: int
+    last_layer: int
+    lowest_z_mm: float
+    highest_z_mm: float
     volume_mm3: float = 0.0
     inside_mm3: float = 0.0
 
@@ -87,8 +88,8 @@ class BuiltFeature:
     def as_dict(self) -> dict[str, Any]:
         return {
             "at_mm": [round(v, 3) for v in self.at_mm],
-            "from_z_mm": round(self.from_z_mm, 3), "to_z_mm": round(self.to_z_mm, 3),
-            "from_layer": self.from_layer, "to_layer": self.to_layer,
+            "from_z_mm": round(self.lowest_z_mm, 3), "to_z_mm": round(self.highest_z_mm, 3),
+            "from_layer": self.first_layer, "to_layer": self.last_layer,
             "volume_mm3": round(self.volume_mm3, 4),
             "built_fraction": round(self.built_fraction, 5),
         }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from lmctl.plan.plan_statistics import ENOUGH_MIXTURE, PlanStatistics
+from lmctl.plan.plan_statistics import MIN_CORRECT_MIXTURE_FRACTION, PlanStatistics
 from lmctl.preflight.placement import Placement
 
 Finding = dict[str, str]
@@ -18,7 +18,7 @@ def plan_report(plan: PlanStatistics, placement: Placement, mode: str) -> list[F
     ]
 
 
-def finding(fine: bool, text: str) -> Finding:
+def report_finding(fine: bool, text: str) -> Finding:
     """One finding: whether it is fine, and what it says."""
     return {"level": "ok" if fine else "warning", "text": text}
 
@@ -26,25 +26,26 @@ def finding(fine: bool, text: str) -> Finding:
 def _left_out(plan: PlanStatistics, placement: Placement) -> list[Finding]:
     found = []
     if placement.skipped:
-        found.append(finding(
+        found.append(report_finding(
             False, f"the lowest {placement.skipped * placement.layer_height_mm:.3g} mm of the part "
             "have nothing to deposit and are left out"))
     if plan.empty_layers:
-        found.append(finding(
+        found.append(report_finding(
             False, f"{len(plan.empty_layers)} layers have no tracks, the first is layer "
             f"{plan.empty_layers[0] + 1}"))
     return found
 
 
 def _mixture(plan: PlanStatistics, mode: str) -> list[Finding]:
-    text = (f"{plan.mixture_share:.1%} of the path within ±0.02 of the part file's mixture at the "
-            f"nozzle, by the powder model (mode {mode}); worst {plan.worst_mixture:.3f}")
-    fine = plan.mixture_share >= ENOUGH_MIXTURE
+    text = (f"{plan.correct_mixture_fraction:.1%} of the path within ±0.02 of the part file's "
+            f"mixture at the nozzle, by the powder model (mode {mode}); "
+            f"worst {plan.worst_mixture:.3f}")
+    fine = plan.correct_mixture_fraction >= MIN_CORRECT_MIXTURE_FRACTION
     if not fine:
         text += "".join(_why_off(plan, mode))
-    found = [finding(fine, text)]
+    found = [report_finding(fine, text)]
     if plan.slowed_mm:
-        found.append(finding(
+        found.append(report_finding(
             True, f"{plan.slowed_mm:.0f} mm of path slowed to as little as "
             f"{plan.least_speed_factor:.0%}: powder could not follow its mixture else, or the axes "
             "its speed"))
@@ -52,7 +53,7 @@ def _mixture(plan: PlanStatistics, mode: str) -> list[Finding]:
 
 
 def _why_off(plan: PlanStatistics, mode: str) -> Iterator[str]:
-    worth_telling_mm = plan.asked_mm * (1 - ENOUGH_MIXTURE) / 2
+    worth_telling_mm = plan.asked_mm * (1 - MIN_CORRECT_MIXTURE_FRACTION) / 2
     if plan.unfollowed_mm > worth_telling_mm:
         what = ("the mixture changes faster than powder can follow" if mode == "lead"
                 else "powder comes too late")
@@ -65,7 +66,7 @@ def _why_off(plan: PlanStatistics, mode: str) -> Iterator[str]:
 def _hoppers(plan: PlanStatistics) -> list[Finding]:
     if not plan.rounded_mm:
         return []
-    return [finding(
+    return [report_finding(
         False,
         f"{plan.rounded_mm:.0f} mm of path ({plan.rounded_mm / plan.path_mm:.1%}) want less of "
         f"a powder than its hopper meters: set to none or the least, off by up to "
@@ -74,7 +75,7 @@ def _hoppers(plan: PlanStatistics) -> list[Finding]:
 
 def _idle(plan: PlanStatistics) -> list[Finding]:
     return [
-        finding(True, f"hopper {hopper.name} holds {hopper.material} too, and is not used: "
+        report_finding(True, f"hopper {hopper.name} holds {hopper.material} too, and is not used: "
                  "a material is fed from one hopper")
         for hopper in plan.recipe.idle
     ]
@@ -84,4 +85,5 @@ def _waste(plan: PlanStatistics) -> list[Finding]:
     fed, wasted = float(plan.fed_g.sum()), float(plan.wasted_g.sum())
     if fed <= 0:
         return []
-    return [finding(True, f"{wasted:.1f} of {fed:.1f} g powder are fed while the beam is off")]
+    return [report_finding(True,
+                           f"{wasted:.1f} of {fed:.1f} g powder are fed while the beam is off")]

@@ -15,12 +15,12 @@ from lmctl.plan.sequence.beads import Beads
 from lmctl.plan.sequence.mixture_prediction import MixturePrediction
 from lmctl.plan.sequence.moves import Moves
 from lmctl.plan.sequence.powder_flow import PowderFlow
-from lmctl.plan.sequence.speed_factor import TOLERANCE_FRACTION
+from lmctl.plan.sequence.speed_factor import MIXTURE_TOLERANCE_FRACTION
 
 FloatArray = NDArray[np.float64]
 
 #: The part of the path that should have its mixture.
-ENOUGH_MIXTURE = 0.99
+MIN_CORRECT_MIXTURE_FRACTION = 0.99
 #: What decimals make of a difference of exactly the tolerance.
 _ROUNDING = 1e-9
 
@@ -45,7 +45,7 @@ class PlanStatistics:
     rounded_by: float = 0.0
     slowed_mm: float = 0.0
     least_speed_factor: float = 1.0
-    right_mm: float = 0.0
+    correct_mixture_mm: float = 0.0
     asked_mm: float = 0.0
     unplanned_mm: float = 0.0
     unfollowed_mm: float = 0.0
@@ -109,7 +109,7 @@ class PlanStatistics:
         """What one layer is predicted to be deposited of."""
         length_mm = along.length_mm
         self.asked_mm += float(length_mm.sum())
-        self.right_mm += float(length_mm[~_differ(along.predicted, along.designed)].sum())
+        self.correct_mixture_mm += float(length_mm[~_differ(along.predicted, along.designed)].sum())
         self.worst_mixture = max(
             self.worst_mixture, float(np.abs(along.predicted - along.designed).max(initial=0.0)))
         self.unplanned_mm += float(length_mm[_differ(along.planned, along.designed)].sum())
@@ -141,26 +141,26 @@ class PlanStatistics:
             "longest_line_s": round(self.longest_line_s, 6),
             "slice_volume_mm3": round(self.planned_mm2 * height_mm, 3),
             "deposited_volume_mm3": round(self.deposited_mm3, 3),
-            "filling": round(self.filling, 5),
-            "mixture_share": round(self.mixture_share, 5),
+            "filling": round(self.filling_ratio, 5),
+            "mixture_share": round(self.correct_mixture_fraction, 5),
             "mixture_worst": round(self.worst_mixture, 4),
             "warnings": warnings,
         }
 
     @property
-    def filling(self) -> float:
+    def filling_ratio(self) -> float:
         """Deposited volume over that of the planned slices, wherever it lies."""
         slice_mm3 = self.planned_mm2 * self.recipe.layer_height_mm
         return self.deposited_mm3 / slice_mm3 if slice_mm3 else 0.0
 
     @property
-    def mixture_share(self) -> float:
-        return self.right_mm / self.asked_mm if self.asked_mm else 1.0
+    def correct_mixture_fraction(self) -> float:
+        return self.correct_mixture_mm / self.asked_mm if self.asked_mm else 1.0
 
 
 def _differ(one: FloatArray, other: FloatArray) -> NDArray[np.bool_]:
     """Where mixtures (q, m) differ by more than the tolerance, (q,)."""
-    return np.asarray(np.abs(one - other).max(axis=1) > TOLERANCE_FRACTION + _ROUNDING)
+    return np.asarray(np.abs(one - other).max(axis=1) > MIXTURE_TOLERANCE_FRACTION + _ROUNDING)
 
 
 def _integral(flow: PowderFlow, at_s: FloatArray) -> FloatArray:

@@ -10,7 +10,8 @@ from lmctl.field.plane import PlaneGrid
 FloatArray = NDArray[np.float64]
 
 
-def plane_values(values: NDArray[np.float32], grid: PlaneGrid, points_mm: FloatArray) -> FloatArray:
+def interpolate_bilinear(values: NDArray[np.float32], grid: PlaneGrid,
+                         points_mm: FloatArray) -> FloatArray:
     """Bilinear interpolation at points (n, 2) [mm]; beyond the edge, the edge's value. (n,)"""
     ny, nx = grid.shape
     u = np.clip((points_mm[:, 0] - grid.origin_mm[0]) / grid.pitch_mm, 0, nx - 1)

@@ -23,7 +23,7 @@ from lmctl.plan.completeness import Completeness
 from lmctl.plan.execution import LocalWorkers, StageWorkers, ordered_results
 from lmctl.plan.geometry import LayerGeometry
 from lmctl.plan.layer_range import nothing_to_deposit
-from lmctl.plan.plan_report import Finding, finding, plan_report
+from lmctl.plan.plan_report import Finding, plan_report, report_finding
 from lmctl.plan.program_text import LayerLines
 from lmctl.plan.recipe import recipe_of
 from lmctl.plan.sequence.layer_sequencer import LayerSequencer
@@ -72,7 +72,7 @@ def plan_job(
     planning = _Planning(part, profile, options)
     with JobWriter(out) as job, options.open_workers(part) as workers:
         for layer in ordered_results(workers.text, planning.sequenced(workers), workers.window):
-            job.add_packed(layer)
+            job.add_packed_layer(layer)
             if progress is not None:
                 progress(layer.entry.index + 1, planning.count())
         manifest = planning.manifest()
@@ -109,13 +109,14 @@ class _Planning:
             if is_last:
                 self._last = geometry.layer
             index += 1
-            self._placement = self._whole.restricted_to(
+            self._placement = self._whole.restricted_to_layers(
                 self._lowest, self._whole.n_layers - 1, set_down=set_down)
             yield self._sequencer.sequence(index, geometry, self._placement, is_last=is_last)
         if index < 0:
             raise nothing_to_deposit(self._part)
         if self._options.layers is None:
-            self._placement = self._whole.restricted_to(self._first, self._last, set_down=set_down)
+            self._placement = self._whole.restricted_to_layers(self._first, self._last,
+                                                               set_down=set_down)
 
     def _geometries(self, workers: StageWorkers) -> Iterator[LayerGeometry]:
         """Geometry of every layer of the part, or of those to look at, in order."""
@@ -125,7 +126,7 @@ class _Planning:
             lambda layer: workers.geometry(self._whole, layer),
             range(self._first, self._last + 1), workers.window,
         ):
-            self._completeness.add(geometry)
+            self._completeness.add_layer(geometry)
             yield geometry
 
     def _choose_layers(self, workers: StageWorkers, first: int, last: int) -> None:
@@ -144,17 +145,20 @@ class _Planning:
         """Whether the plan is the part. Raises PlanError where it is not, and may not be."""
         options, completeness = self._options, self._completeness
         if options.layers is not None:
-            yield finding(False, "only layers {} to {} are planned, for looking: no machine takes "
+            yield report_finding(False,
+                                 "only layers {} to {} are planned, for looking: no machine takes "
                                  "this job".format(*options.layers))
             return
         completeness.check(allow_incomplete=options.allow_incomplete,
                            allow_overhang=options.allow_overhang)
         if not completeness.is_complete():
-            yield finding(False, "this job is not the whole part: planned with --allow-incomplete")
-        if completeness.steep():
-            yield finding(False, "walls lean out beyond the limit, or material starts in the air: "
+            yield report_finding(False,
+                                 "this job is not the whole part: planned with --allow-incomplete")
+        if completeness.steep_overhangs():
+            yield report_finding(False,
+                                 "walls lean out beyond the limit, or material starts in the air: "
                                  "planned with --allow-overhang")
-        yield from (finding(*found) for found in completeness.findings())
+        yield from (report_finding(*found) for found in completeness.findings())
 
     def manifest(self) -> JobManifest:
         """The manifest of all layers planned, without its layer table.

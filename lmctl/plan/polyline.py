@@ -16,7 +16,7 @@ def arc_lengths(points: FloatArray) -> FloatArray:
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
-def at_lengths(points: FloatArray, lengths_mm: FloatArray) -> FloatArray:
+def points_at_lengths(points: FloatArray, lengths_mm: FloatArray) -> FloatArray:
     """The points at these lengths along a polyline, (n, d) float64."""
     along = arc_lengths(points)
     return np.stack(
@@ -24,7 +24,7 @@ def at_lengths(points: FloatArray, lengths_mm: FloatArray) -> FloatArray:
     )
 
 
-def densified(points: FloatArray, spacing_mm: float) -> FloatArray:
+def densified_polyline(points: FloatArray, spacing_mm: float) -> FloatArray:
     """The polyline with vertices added where they are farther apart than `spacing_mm`."""
     along = arc_lengths(points)
     pieces = np.maximum(1, np.ceil(np.diff(along) / spacing_mm).astype(int))
@@ -36,7 +36,7 @@ def densified(points: FloatArray, spacing_mm: float) -> FloatArray:
     return np.vstack([inner, points[-1:]])
 
 
-def simplified(points: FloatArray, tolerance_mm: float, fixed: IntArray) -> IntArray:
+def simplified_vertex_indices(points: FloatArray, tolerance_mm: float, fixed: IntArray) -> IntArray:
     """Which vertices to keep so that the polyline moves by no more than `tolerance_mm`.
 
     Douglas–Peucker between the vertices `fixed`, which always stay, as do both ends.

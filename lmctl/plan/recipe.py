@@ -86,13 +86,13 @@ class Recipe:
             fractions, self.density_g_mm3, self.catch_efficiency, rate[..., None])
         return flows / 60
 
-    def laid_fractions(self, flow_g_s: FloatArray) -> FloatArray:
+    def deposited_fractions(self, flow_g_s: FloatArray) -> FloatArray:
         """Volume fractions that flows (..., m) lay: V_i = m_i η_i / ρ_i, normalised."""
         volume = flow_g_s * self.catch_efficiency / self.density_g_mm3
         total = volume.sum(axis=-1, keepdims=True)
         return np.asarray(np.divide(volume, total, out=np.zeros_like(volume), where=total > 0))
 
-    def deliverable(self, fractions: FloatArray) -> FloatArray:
+    def deliverable_mixtures(self, fractions: FloatArray) -> FloatArray:
         """Mixtures (n, m) with every flow between a hopper's least and nothing set to the nearer.
 
         What that adds or takes is shared by the other materials in proportion. A powder left alone
@@ -183,7 +183,7 @@ class Recipe:
             mixture could change is refused
         """
         if only is not None:
-            self.check_deliverable(self.deliverable(only[None]), "all of the part")
+            self.check_deliverable(self.deliverable_mixtures(only[None]), "all of the part")
             return
         per_speed = self.flow_g_s(np.eye(len(self.hoppers))).diagonal() / self.speed_mm_s
         most = float((self.max_flow_g_s / per_speed).sum())  # speed at which all give their most
@@ -236,7 +236,7 @@ def recipe_of(part: Part, profile: MachineProfile, layer_height_mm: float) -> Re
     # second, power, and so energy per volume stay the recipe's.
     faster = recipe.layer_height_mm / layer_height_mm
     recipe = replace(recipe, layer_height_mm=layer_height_mm, speed_mm_s=recipe.speed_mm_s * faster)
-    only = part.only_mixture()
+    only = part.uniform_mixture()
     recipe.check_feasible(None if only is None else np.asarray(only, dtype=np.float64))
     return recipe
 

@@ -59,12 +59,12 @@ def check_part(part: Part, profile: MachineProfile) -> Placement:
 def _outside(placement: Placement, profile: MachineProfile) -> list[str]:
     """One line an axis in which the part leaves the travel."""
     travel = profile.motion.travel_mm
-    top = placement.nozzle_mm(placement.n_layers - 1) + profile.motion.clearance_mm
+    top = placement.nozzle_height_mm(placement.n_layers - 1) + profile.motion.clearance_mm
     low = placement.low_mm + placement.offset_mm
     high = placement.high_mm + placement.offset_mm
     spans = {
         "x": (low[0], high[0], travel.x), "y": (low[1], high[1], travel.y),
-        "z": (placement.nozzle_mm(0), top, travel.z),
+        "z": (placement.nozzle_height_mm(0), top, travel.z),
     }
     return [
         f"{axis}: needs {a:.1f} to {b:.1f} mm, has {limits[0]:g} to {limits[1]:g}"

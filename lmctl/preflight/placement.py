@@ -41,11 +41,11 @@ class Placement:
     n_layers: int
     skipped: int = 0
 
-    def cut_mm(self, layer: int) -> float:
+    def cut_height_mm(self, layer: int) -> float:
         """Height of a layer's middle, in the part's own coordinates."""
         return float(self.low_mm[2] + (self.skipped + layer + 0.5) * self.layer_height_mm)
 
-    def nozzle_mm(self, layer: int) -> float:
+    def nozzle_height_mm(self, layer: int) -> float:
         """Height of the nozzle reference while a layer is laid: its top, in program coordinates."""
         top_mm = self.low_mm[2] + (self.skipped + layer + 1) * self.layer_height_mm
         return float(self.offset_mm[2] + top_mm)
@@ -55,7 +55,7 @@ class Placement:
         built_mm = (self.skipped + self.n_layers) * self.layer_height_mm
         return float(self.high_mm[2] - self.low_mm[2] - built_mm)
 
-    def restricted_to(self, first: int, last: int, *, set_down: bool) -> Placement:
+    def restricted_to_layers(self, first: int, last: int, *, set_down: bool) -> Placement:
         """Without the layers below `first` and above `last`.
 
         set_down : lower the part by what is left out below it, so that it stands on the platform

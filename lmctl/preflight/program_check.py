@@ -49,7 +49,7 @@ def check_program(job: JobReader, profile: MachineProfile) -> None:
     and the table itself with what the manifest promises. Raises JobError.
     """
     check = _Check(job.manifest, profile.motion.purge_mm)
-    for layer in job.layers():
+    for layer in job.iterate_layers():
         check.layer(layer, is_last=layer.index == len(job.manifest.layers) - 1)
 
 

@@ -7,25 +7,25 @@ from typing import TYPE_CHECKING
 from lmctl.lazy_exports import exports_of
 
 if TYPE_CHECKING:
-    from lmctl.report.job_log_csv import as_csv as as_csv
-    from lmctl.report.job_log_text import as_text as as_text
+    from lmctl.report.job_log_csv import part_record_as_csv as part_record_as_csv
+    from lmctl.report.job_log_text import part_record_as_text as part_record_as_text
     from lmctl.report.layer_picture import LayerView as LayerView
     from lmctl.report.layer_picture import draw_layer as draw_layer
     from lmctl.report.part_export import write_field as write_field
     from lmctl.report.part_export import write_surface as write_surface
     from lmctl.report.part_picture import draw_part as draw_part
     from lmctl.report.part_record import PartRecord as PartRecord
-    from lmctl.report.part_record import part_of as part_of
+    from lmctl.report.part_record import part_record_of as part_record_of
 
 #: What others may use, and the module that holds it; loaded when it is asked for.
 _HOMES = {
     "LayerView": "lmctl.report.layer_picture",
     "PartRecord": "lmctl.report.part_record",
-    "as_csv": "lmctl.report.job_log_csv",
-    "as_text": "lmctl.report.job_log_text",
     "draw_layer": "lmctl.report.layer_picture",
     "draw_part": "lmctl.report.part_picture",
-    "part_of": "lmctl.report.part_record",
+    "part_record_as_csv": "lmctl.report.job_log_csv",
+    "part_record_as_text": "lmctl.report.job_log_text",
+    "part_record_of": "lmctl.report.part_record",
     "write_field": "lmctl.report.part_export",
     "write_surface": "lmctl.report.part_export",
 }

@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 #: Two materials read best on one perceptually even scale.
-TWO_MATERIAL_MAP = "viridis"
+TWO_MATERIAL_COLOURMAP = "viridis"
 #: From dark to light; four are far enough from one plane of colour for mixtures to be told apart.
-ANCHORS = ("#20205a", "#c8321e", "#2fa8d8", "#f5e642", "#7a4fa0", "#8fd19e")
+ANCHOR_COLOURS = ("#20205a", "#c8321e", "#2fa8d8", "#f5e642", "#7a4fa0", "#8fd19e")
 #: Light enough for what is drawn over it.
 _ONE_MATERIAL = "#8fa9c4"
 #: Most materials whose mixtures have colours of their own.
-MOST_MIXED = 4
+MAX_MIXED_MATERIALS = 4
 
 
 def composition_colours(fractions: NDArray[np.floating]) -> FloatArray:
@@ -32,10 +32,10 @@ def composition_colours(fractions: NDArray[np.floating]) -> FloatArray:
     if count == 1:
         return np.tile(to_rgb(_ONE_MATERIAL), (len(values), 1))
     if count == 2:
-        shades: FloatArray = colormaps[TWO_MATERIAL_MAP](values[:, 1])
+        shades: FloatArray = colormaps[TWO_MATERIAL_COLOURMAP](values[:, 1])
         return np.asarray(shades[:, :3], dtype=np.float64)
-    anchors = np.array([to_rgb(ANCHORS[i % len(ANCHORS)]) for i in range(count)])
-    if count <= MOST_MIXED:
+    anchors = np.array([to_rgb(ANCHOR_COLOURS[i % len(ANCHOR_COLOURS)]) for i in range(count)])
+    if count <= MAX_MIXED_MATERIALS:
         return np.asarray(np.clip(values @ anchors, 0.0, 1.0))
     largest = values.argmax(axis=1)
     share = values[np.arange(len(values)), largest][:, None]

@@ -6,13 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from lmctl.report.log_layout import number
+from lmctl.report.log_layout import format_number
 
 Record = dict[str, Any]
 
 
 @dataclass(frozen=True)
-class Event:
+class LoggedEvent:
     """Something a person should know of.
 
     seq : of the journal record; t_s : machine time since the run began; wall : UTC, "" where the
@@ -27,7 +27,7 @@ class Event:
     is_deviation: bool = False
 
 
-def event_of(record: Record) -> Event | None:
+def event_of(record: Record) -> LoggedEvent | None:
     """The event a record is of; None for records that are figures or samples."""
     words = _WORDS.get(str(record["kind"]))
     said = None if words is None else words(record)
@@ -35,7 +35,7 @@ def event_of(record: Record) -> Event | None:
         return None
     text, is_deviation = said
     wall = record.get("local", {}).get("wall", "")
-    return Event(int(record["seq"]), float(record["t"]), str(wall), text, is_deviation)
+    return LoggedEvent(int(record["seq"]), float(record["t"]), str(wall), text, is_deviation)
 
 
 _Said = tuple[str, bool] | None
@@ -115,9 +115,9 @@ def _fault(record: Record) -> _Said:
 
 def _refill(record: Record) -> _Said:
     weighed_g = record["weighed_g"]
-    weighed = "" if weighed_g is None else f", {number(weighed_g, 1)} g by weight"
+    weighed = "" if weighed_g is None else f", {format_number(weighed_g, 1)} g by weight"
     return (f"hopper {record['hopper']} refilled: {record['material']}, lot {record['lot']}, "
-            f"{number(record['mass_g'], 1)} g as stated{weighed}"), False
+            f"{format_number(record['mass_g'], 1)} g as stated{weighed}"), False
 
 
 _WORDS: dict[str, Callable[[Record], _Said]] = {

@@ -5,14 +5,14 @@ from __future__ import annotations
 import csv
 import io
 
-from lmctl.report.log_layout import number
+from lmctl.report.log_layout import format_number
 from lmctl.report.part_record import LayerRecord, PartRecord
 
 _FIGURES = (("path_mm", 3), ("beam_s", 3), ("energy_J", 1), ("duration_s", 3))
 _KINDS = ("planned", "reported", "inferred", "unreported")
 
 
-def as_csv(part: PartRecord) -> str:
+def part_record_as_csv(part: PartRecord) -> str:
     """One row a layer, without a trailing newline.
 
     reported holds what is named inferred as well; unreported is motion after a run's last report.
@@ -37,14 +37,15 @@ def _row(layer: LayerRecord, hoppers: tuple[str, ...]) -> list[object]:
                "unreported": layer.unreported}
     feed, power = layer.feed_percent or ("", ""), layer.power_percent or ("", "")
     return [
-        layer.number, number(layer.z_mm, 6), layer.paths, layer.lines[1] - layer.lines[0] + 1,
+        layer.number, format_number(layer.z_mm, 6), layer.paths,
+        layer.lines[1] - layer.lines[0] + 1,
         "yes" if layer.complete else "no",
-        *(number(getattr(of_kind[kind], name), decimals)
+        *(format_number(getattr(of_kind[kind], name), decimals)
           for kind in _KINDS for name, decimals in _FIGURES),
-        *(number(of_kind[kind].powder_g.get(hopper, 0.0), 4)
+        *(format_number(of_kind[kind].powder_g.get(hopper, 0.0), 4)
           for hopper in hoppers for kind in _KINDS),
-        *(number(layer.weighed_g[hopper], 2) if hopper in layer.weighed_g else ""
+        *(format_number(layer.weighed_g[hopper], 2) if hopper in layer.weighed_g else ""
           for hopper in hoppers),
-        number(layer.place_error_mm, 3), *feed, *power, layer.entered_again,
-        number(layer.repeated_mm, 3), " ".join(layer.runs), layer.began, layer.ended,
+        format_number(layer.place_error_mm, 3), *feed, *power, layer.entered_again,
+        format_number(layer.repeated_mm, 3), " ".join(layer.runs), layer.began, layer.ended,
     ]

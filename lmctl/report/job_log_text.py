@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from lmctl.report.log_layout import (
-    NONE,
-    WIDTH,
-    clock,
+    LINE_WIDTH,
+    NO_VALUE,
     date_of,
-    number,
-    table,
+    format_duration,
+    format_number,
+    table_lines,
     time_of,
     wrapped,
 )
-from lmctl.report.part_record import TOLERANCE, PartRecord, deviations
+from lmctl.report.part_record import DEVIATION_TOLERANCE, PartRecord, deviating_figures
 from lmctl.report.run_record import RunRecord
-from lmctl.run.journal.figures import Figures
+from lmctl.run.journal.figures import ExecutionFigures
 from lmctl.run.journal.format import JournalVerification
 from lmctl.run.journal.notes import Note
 from lmctl.run.journal.run_folders import RunFolder
@@ -27,7 +27,7 @@ _KEY = 13
 _HOPPERS_A_TABLE = 2
 
 
-def as_text(part: PartRecord) -> str:
+def part_record_as_text(part: PartRecord) -> str:
     """The whole log, without a trailing newline."""
     sections = [_head(part), _runs(part)]
     if part.layers:
@@ -38,7 +38,7 @@ def as_text(part: PartRecord) -> str:
     return "\n\n".join(section for section in sections if section)
 
 
-def integrity(found: JournalVerification) -> str:
+def integrity_text(found: JournalVerification) -> str:
     """What a journal's hashes say, in words."""
     if found.broken_line is not None:
         return f"BROKEN at line {found.broken_line}: {found.reason}"
@@ -63,23 +63,23 @@ def _head(part: PartRecord) -> str:
         ("software", f"{header.get('software', '')}, planned with "
                      f"{header.get('planned_with', '')}"),
         ("plan", f"{header.get('layers', 0)} layers, {header.get('lines', 0):,} program lines, "
-                 f"{clock(float(header.get('planned_s', 0.0)))}"),
+                 f"{format_duration(float(header.get('planned_s', 0.0)))}"),
         *((f"hopper {hopper['name']}", _hopper(hopper)) for hopper in header.get("hoppers", [])),
         *(("warning", str(text)) for text in header.get("warnings", [])),
     ]
     return "\n".join([
-        title + state.rjust(WIDTH - len(title)), "─" * WIDTH,
+        title + state.rjust(LINE_WIDTH - len(title)), "─" * LINE_WIDTH,
         *(wrapped(key.ljust(_KEY), text) for key, text in rows if text),
     ])
 
 
 def _cause(run: RunRecord) -> list[tuple[str, str]]:
     """What ended a run that was not done, or what stood when one was done; and what followed."""
-    cause = run.end.get("cause")
+    cause = run.seal.get("cause")
     if not cause:
         return []
     return [("alarm" if run.state == "done" else "cause", str(cause.get("what", ""))),
-            *(("then", str(text)) for text in run.end.get("followed", []))]
+            *(("then", str(text)) for text in run.seal.get("followed", []))]
 
 
 def _machine(run: RunRecord) -> str:
@@ -94,23 +94,24 @@ def _machine(run: RunRecord) -> str:
 
 
 def _hopper(hopper: dict[str, object]) -> str:
-    return (f"{hopper['material']}, dead time {number(float(str(hopper['dead_time_s'])), 2)} s, "
-            f"lag {number(float(str(hopper['lag_s'])), 2)} s")
+    return (
+        f"{hopper['material']}, dead time {format_number(float(str(hopper['dead_time_s'])), 2)} s, "
+            f"lag {format_number(float(str(hopper['lag_s'])), 2)} s")
 
 
 def _runs(part: PartRecord) -> str:
     rows = []
     for run in part.runs:
         local = run.header.get("local", {})
-        wall, ended = str(local.get("wall", "")), str(run.end.get("local", {}).get("wall", ""))
+        wall, ended = str(local.get("wall", "")), str(run.seal.get("local", {}).get("wall", ""))
         operator = str(run.header.get("operator", "")) or "not named"
         user = f" (user {local['uid']})" if "uid" in local else ""
         rows.append((
-            run.run, run.state, f"{date_of(wall)} {time_of(wall)}", time_of(ended) or NONE,
-            clock(run.last_t_s), f" {operator}{user}",
+            run.run, run.state, f"{date_of(wall)} {time_of(wall)}", time_of(ended) or NO_VALUE,
+            format_duration(run.last_t_s), f" {operator}{user}",
         ))
     heads = ("<run", "<state", "<begun (UTC)", "ended", "machine time", " operator")
-    lines = ["runs", *table(heads, rows, "  ")]
+    lines = ["runs", *table_lines(heads, rows, "  ")]
     for run in part.runs[:-1]:
         lines += [wrapped(f"  {run.run}  {key}: ", text) for key, text in _cause(run)]
     return "\n".join(lines)
@@ -124,8 +125,8 @@ def _beam_table(part: PartRecord) -> str:
         f"{name}\n{kind}" for name in ("path m", "beam s", "kJ") for kind in ("planned", "reported")
     ]
 
-    def row(label: str, z: str, planned: Figures, executed: Figures) -> list[str]:
-        marks = deviations(planned, executed)
+    def row(label: str, z: str, planned: ExecutionFigures, executed: ExecutionFigures) -> list[str]:
+        marks = deviating_figures(planned, executed)
         cells = [label, z]
         for name, scale, decimals in (
             ("path_mm", 1000.0, 3), ("beam_s", 1.0, 1), ("energy_J", 1000.0, 2),
@@ -135,10 +136,10 @@ def _beam_table(part: PartRecord) -> str:
             cells.append(f"{getattr(executed, name) / scale:.{decimals}f}{mark}")
         return cells
 
-    rows = [row(str(layer.number), number(layer.z_mm, 3), layer.planned, layer.executed)
+    rows = [row(str(layer.number), format_number(layer.z_mm, 3), layer.planned, layer.executed)
             for layer in part.layers]
     rows.append(row("all", "", part.planned, part.executed))
-    return "\n".join(["beam", *table(heads, rows)])
+    return "\n".join(["beam", *table_lines(heads, rows)])
 
 
 def _powder_tables(part: PartRecord) -> Iterator[str]:
@@ -155,19 +156,20 @@ def _powder_tables(part: PartRecord) -> Iterator[str]:
         rows.append(_powder_row("all", names, part.planned, part.executed, part.weighed_g))
         purged = part.purged_g
         rows.append(["purge", *(
-            cell for name in names for cell in (NONE, f"{purged.get(name, 0.0):.2f} ", NONE))])
-        yield "\n".join(["powder off the discs", *table(heads, rows)])
+            cell for name in names for cell in (NO_VALUE, f"{purged.get(name, 0.0):.2f} ",
+                                                NO_VALUE))])
+        yield "\n".join(["powder off the discs", *table_lines(heads, rows)])
 
 
 def _powder_row(
-    label: str, names: Sequence[str], planned: Figures, executed: Figures,
+    label: str, names: Sequence[str], planned: ExecutionFigures, executed: ExecutionFigures,
     weighed_g: dict[str, float],
 ) -> list[str]:
-    marks = deviations(planned, executed)
+    marks = deviating_figures(planned, executed)
     cells = [label]
     for name in names:
         mark = "*" if name in marks else " "
-        weighed = f"{weighed_g[name]:.1f}" if name in weighed_g else NONE
+        weighed = f"{weighed_g[name]:.1f}" if name in weighed_g else NO_VALUE
         cells += [f"{planned.powder_g.get(name, 0.0):.2f}",
                   f"{executed.powder_g.get(name, 0.0):.2f}{mark}", weighed]
     return cells
@@ -177,28 +179,28 @@ def _time_table(part: PartRecord) -> str:
     heads = ("layer", "begun\n(UTC)", "ended", "planned\ns", "took\ns", "feed\n%", "power\n%",
              "off path\nmm", " remarks")
     rows = [
-        (str(layer.number), time_of(layer.began) or NONE, time_of(layer.ended) or NONE,
+        (str(layer.number), time_of(layer.began) or NO_VALUE, time_of(layer.ended) or NO_VALUE,
          f"{layer.planned.duration_s:.1f}", f"{layer.executed.duration_s:.1f}",
          _span(layer.feed_percent), _span(layer.power_percent), f"{layer.place_error_mm:.2f}",
          f" {layer.remark}")
         for layer in part.layers
     ]
-    return "\n".join(["time, overrides and place, as reported", *table(heads, rows)])
+    return "\n".join(["time, overrides and place, as reported", *table_lines(heads, rows)])
 
 
 def _span(percent: tuple[int, int] | None) -> str:
     if percent is None:
-        return NONE
+        return NO_VALUE
     least, most = percent
     return str(least) if least == most else f"{least}-{most}"
 
 
 def _marks() -> str:
     return wrapped("", (
-        f"* differs from the plan by more than {100 * TOLERANCE:.0f} %. Reported: from place, "
-        "speed and power that the controller reports, and from what the feeders report of their "
-        "discs; inferred where the remarks say so. Weighed: weight lost by the hopper. Powder "
-        "counts from the first bead of a layer; what is fed before it is purge."
+        f"* differs from the plan by more than {100 * DEVIATION_TOLERANCE:.0f} %. Reported: from "
+        "place, speed and power that the controller reports, and from what the feeders report of "
+        "their discs; inferred where the remarks say so. Weighed: weight lost by the hopper. "
+        "Powder counts from the first bead of a layer; what is fed before it is purge."
     ))
 
 
@@ -243,7 +245,8 @@ def _events(run: RunRecord) -> str:
             date = date_of(event.wall)
             lines.append(f"  {date}")
         mark = f"#{event.seq}" if event.is_deviation else ""
-        head = f"  {clock(event.t_s):>10}  {time_of(event.wall) or NONE:<8}  {mark:<6} "
+        wall = time_of(event.wall) or NO_VALUE
+        head = f"  {format_duration(event.t_s):>10}  {wall:<8}  {mark:<6} "
         lines.append(wrapped(head, event.text))
     return "\n".join(lines)
 
@@ -251,10 +254,10 @@ def _events(run: RunRecord) -> str:
 def _journals(part: PartRecord) -> str:
     lines = ["journals"]
     for run in part.runs:
-        lines += [f"  {run.journal}", f"  {integrity(run.verification)}"]
+        lines += [f"  {run.journal}", f"  {integrity_text(run.verification)}"]
         if (notes := run.notes_verification) is not None:
             sound = "its notes are whole, and made on this journal"
-            lines.append(f"  {sound if notes.intact else 'NOTES: ' + integrity(notes)}")
+            lines.append(f"  {sound if notes.intact else 'NOTES: ' + integrity_text(notes)}")
     return "\n".join(lines)
 
 

@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 
 from lmctl.job.schema import JobLayer, LineKind
 from lmctl.report.composition_colours import (
-    MOST_MIXED,
-    TWO_MATERIAL_MAP,
+    MAX_MIXED_MATERIALS,
+    TWO_MATERIAL_COLOURMAP,
     composition_colours,
     material_colours,
 )
@@ -171,7 +171,7 @@ def _key(figure: Figure, materials: tuple[str, ...]) -> None:
     if len(materials) == 2:
         bar_axes = figure.add_axes((_KEY_LEFT, 0.40, 0.025, 0.51))
         bar = figure.colorbar(
-            ScalarMappable(Normalize(0, 1), colormaps[TWO_MATERIAL_MAP]), cax=bar_axes)
+            ScalarMappable(Normalize(0, 1), colormaps[TWO_MATERIAL_COLOURMAP]), cax=bar_axes)
         bar.set_label(f"volume fraction of {materials[1]} (the rest is {materials[0]})", fontsize=8)
         bar.ax.tick_params(labelsize=8)
     elif len(materials) == 3:
@@ -181,7 +181,7 @@ def _key(figure: Figure, materials: tuple[str, ...]) -> None:
         patches = [Patch(color=colour, label=name)
                    for name, colour in zip(materials, pure, strict=True)]
         title = None if len(materials) == 1 else (
-            "mixtures mix their colours" if len(materials) <= MOST_MIXED
+            "mixtures mix their colours" if len(materials) <= MAX_MIXED_MATERIALS
             else "largest share, paler\nthe smaller it is")
         figure.legend(handles=patches, loc="upper left", bbox_to_anchor=(_KEY_LEFT - 0.02, 0.92),
                       fontsize=8, title=title, title_fontsize=8, frameon=False)

@@ -6,13 +6,13 @@ import textwrap
 from collections.abc import Sequence
 
 #: Columns of a printed log.
-WIDTH = 80
+LINE_WIDTH = 80
 
 #: Stands where a figure is not known.
-NONE = "–"
+NO_VALUE = "–"
 
 
-def number(value: float, decimals: int) -> str:
+def format_number(value: float, decimals: int) -> str:
     """A number with at most so many decimals and no trailing zeros: 2.4, not 2.4000000000000004.
 
     >>> number(2.4000000000000004, 6), number(3.0, 2), number(-0.0004, 2)
@@ -24,7 +24,7 @@ def number(value: float, decimals: int) -> str:
     return "0" if text == "-0" else text
 
 
-def clock(seconds: float) -> str:
+def format_duration(seconds: float) -> str:
     """A duration: 0:01:23.4."""
     tenths = round(seconds * 10)
     minutes, rest = divmod(tenths, 600)
@@ -42,7 +42,7 @@ def time_of(wall: str) -> str:
     return wall[11:19]
 
 
-def wrapped(head: str, text: str, width: int = WIDTH) -> str:
+def wrapped(head: str, text: str, width: int = LINE_WIDTH) -> str:
     """A head and a text that goes on under itself on later lines; no word is broken."""
     return textwrap.fill(
         text, width, initial_indent=head, subsequent_indent=" " * len(head),
@@ -50,7 +50,8 @@ def wrapped(head: str, text: str, width: int = WIDTH) -> str:
     ) or head.rstrip()
 
 
-def table(headings: Sequence[str], rows: Sequence[Sequence[str]], indent: str = "") -> list[str]:
+def table_lines(headings: Sequence[str], rows: Sequence[Sequence[str]],
+                indent: str = "") -> list[str]:
     """Lines of a table. Columns are right-aligned; those whose heading begins with "<", left.
 
     A heading may have several lines, set apart by "\\n". The last column holds remarks where its

@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.errors import InputError
-from lmctl.field.field import Field
+from lmctl.field.field import DistanceField
 from lmctl.field.grid import Grid
 from lmctl.field.surface import iso_surface, weld_points
 from lmctl.field.surface_files import Kind, surface_bytes
 from lmctl.part.bodies.mesh_solid import MeshSolid
 from lmctl.part.part import Part
-from lmctl.part.resolution import PADDING, finest_pitch
+from lmctl.part.resolution import PADDING_NODES, finest_pitch
 from lmctl.report.composition_colours import composition_colours
 
 FloatArray = NDArray[np.float64]
@@ -65,7 +65,7 @@ def write_field(part: Part, target: Path, progress: Progress | None = None) -> N
                 offset = 8 + window.z_first * plane
                 file.seek(starts[0] + offset)
                 file.write(np.ascontiguousarray(part.distance(window), dtype="<f4").tobytes())
-                fractions = part.composition(window.points())
+                fractions = part.composition(window.node_points())
                 for start, column in zip(starts[1:], fractions.T, strict=True):
                     file.seek(start + offset)
                     file.write(np.ascontiguousarray(column, dtype="<f4").tobytes())
@@ -137,11 +137,11 @@ def _surface(part: Part) -> tuple[FloatArray, NDArray[np.int64]]:
         return part.body.mesh.vertices, part.body.mesh.triangles
     low, high = part.bounds_mm
     pitch = max(part.grid.pitch_mm, finest_pitch(low, high, MAX_SURFACE_NODES))
-    grid = Grid.enclosing(low, high, pitch, PADDING)
+    grid = Grid.enclosing(low, high, pitch, PADDING_NODES)
     values = np.empty(grid.shape, dtype=np.float32)
     for window in grid.slabs(SLAB_PLANES):
         values[window.z_first : window.z_last] = part.distance(window)
-    vertices, triangles = iso_surface(Field(grid, values, None, np.empty((0, 3))))
+    vertices, triangles = iso_surface(DistanceField(grid, values, None, np.empty((0, 3))))
     step = part.body.distance_at(vertices)[:, None] * part.body.inward_directions(vertices)
     near = np.linalg.norm(step, axis=1) <= 0.5 * pitch
     vertices[near] -= step[near]

@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from lmctl.part.part import Part
-from lmctl.report.composition_colours import TWO_MATERIAL_MAP, composition_colours
+from lmctl.report.composition_colours import TWO_MATERIAL_COLOURMAP, composition_colours
 from lmctl.report.panels import arrange_panels
 
 FloatArray = NDArray[np.float64]
@@ -25,10 +25,10 @@ DISTANCE_MAP = "RdBu"
 NODES = 300
 
 #: How much of a plane's longer side is left free around the part.
-MARGIN = 0.06
+MARGIN_FRACTION = 0.06
 
 #: Iso-contours drawn on each side of the surface, about.
-CONTOURS = 8
+CONTOURS_PER_SIDE = 8
 
 
 #: The longer side of a panel, the least height of a key, and its width [inches].
@@ -58,7 +58,7 @@ def part_figure(part: Part, at_mm: Places) -> Figure:
     ]
     depths = [part.body.distance_at(plane.points) for plane in planes]
     reach = max(float(np.abs(depth).max()) for depth in depths)
-    step = _even_step(float((high - low).max()) / (4 * CONTOURS))
+    step = _even_step(float((high - low).max()) / (4 * CONTOURS_PER_SIDE))
     for column, (plane, depth) in enumerate(zip(planes, depths, strict=True)):
         _draw_distance(axes[0, column], plane, depth, step, reach)
         _draw_composition(axes[1, column], plane, depth, part)
@@ -99,7 +99,7 @@ class _Plane:
 def _plane(low: FloatArray, high: FloatArray, across: int, at: float) -> _Plane:
     """A plane through a box, with a margin around it."""
     u, v = [axis for axis in range(3) if axis != across]
-    margin = MARGIN * float(max(high[u] - low[u], high[v] - low[v]))
+    margin = MARGIN_FRACTION * float(max(high[u] - low[u], high[v] - low[v]))
     u0, u1, v0, v1 = low[u] - margin, high[u] + margin, low[v] - margin, high[v] + margin
     pitch = max(u1 - u0, v1 - v0) / NODES
     us, vs = np.arange(u0 + pitch / 2, u1, pitch), np.arange(v0 + pitch / 2, v1, pitch)
@@ -142,7 +142,7 @@ def _outline(axes: Axes, plane: _Plane, depth: FloatArray, width: float) -> None
 def _key(figure: Figure, axes: Axes, materials: tuple[str, ...]) -> None:
     if len(materials) == 2:
         figure.colorbar(
-            ScalarMappable(Normalize(0.0, 1.0), TWO_MATERIAL_MAP), cax=axes,
+            ScalarMappable(Normalize(0.0, 1.0), TWO_MATERIAL_COLOURMAP), cax=axes,
             label=f"volume fraction of {materials[1]}",
         )
         return

@@ -16,7 +16,7 @@ from pathlib import Path
 from lmctl.errors import LmctlError
 from lmctl.report.run_record import LayerAccount, PlannedLayer, RunRecord, read_run
 from lmctl.run.journal import run_folders
-from lmctl.run.journal.figures import NOTHING, Figures
+from lmctl.run.journal.figures import NO_FIGURES, ExecutionFigures
 from lmctl.run.journal.format import read_records
 from lmctl.run.journal.notes import Note, read_notes
 from lmctl.run.journal.run_folders import RunFolder
@@ -25,7 +25,7 @@ from lmctl.run.journal.run_folders import RunFolder
 _NAMES = {"path_mm": "path", "beam_s": "beam time", "energy_J": "energy"}
 
 #: Share of the planned figure by which a reported one may differ before it is marked.
-TOLERANCE = 0.02
+DEVIATION_TOLERANCE = 0.02
 
 
 @dataclass(frozen=True)
@@ -49,10 +49,10 @@ class LayerRecord:
     z_mm: float
     lines: tuple[int, int]
     paths: int
-    planned: Figures
-    reported: Figures
-    inferred: Figures
-    unreported: Figures
+    planned: ExecutionFigures
+    reported: ExecutionFigures
+    inferred: ExecutionFigures
+    unreported: ExecutionFigures
     weighed_g: dict[str, float]
     place_error_mm: float
     feed_percent: tuple[int, int] | None
@@ -68,7 +68,7 @@ class LayerRecord:
     seq: int | None
 
     @property
-    def executed(self) -> Figures:
+    def executed(self) -> ExecutionFigures:
         """All that is known to have been executed, reported or inferred."""
         return self.reported + self.unreported
 
@@ -80,7 +80,7 @@ class LayerRecord:
     @property
     def deviations(self) -> tuple[str, ...]:
         """Names of the figures that differ from the plan by more than `TOLERANCE`."""
-        return deviations(self.planned, self.executed)
+        return deviating_figures(self.planned, self.executed)
 
     @property
     def difference(self) -> str:
@@ -89,7 +89,7 @@ class LayerRecord:
             return self.remark
         return ", ".join(
             f"{_NAMES.get(name, f'powder {name}')} {100 * (found / wanted - 1.0):+.1f} %"
-            for name, wanted, found in pairs(self.planned, self.executed)
+            for name, wanted, found in figure_pairs(self.planned, self.executed)
             if name in self.deviations and wanted
         )
 
@@ -106,7 +106,7 @@ class LayerRecord:
         if self.entered_again:
             times = "" if self.entered_again == 1 else f" ({self.entered_again} times)"
             words.append(f"{self.repeated_mm:.1f} mm twice{times}")
-        if self.inferred_mm > TOLERANCE * self.executed.path_mm:
+        if self.inferred_mm > DEVIATION_TOLERANCE * self.executed.path_mm:
             words.append(f"{self.inferred_mm:.1f} mm inferred")
         return ", ".join(words)
 
@@ -146,14 +146,14 @@ class PartRecord:
         return tuple(str(hopper["name"]) for hopper in self.runs[0].header.get("hoppers", []))
 
     @property
-    def planned(self) -> Figures:
+    def planned(self) -> ExecutionFigures:
         """Of all layers in the record."""
-        return total(layer.planned for layer in self.layers)
+        return sum_of_figures(layer.planned for layer in self.layers)
 
     @property
-    def executed(self) -> Figures:
+    def executed(self) -> ExecutionFigures:
         """Of all layers."""
-        return total(layer.executed for layer in self.layers)
+        return sum_of_figures(layer.executed for layer in self.layers)
 
     @property
     def weighed_g(self) -> dict[str, float]:
@@ -165,7 +165,8 @@ class PartRecord:
     @property
     def purged_g(self) -> dict[str, float]:
         """{hopper: powder fed into no layer}, by what the feeders reported."""
-        return dict(total(Figures(powder_g=run.purged_g) for run in self.runs).powder_g)
+        return dict(
+            sum_of_figures(ExecutionFigures(powder_g=run.purged_g) for run in self.runs).powder_g)
 
 
     @property
@@ -195,12 +196,13 @@ class PartRecord:
         )
 
 
-def total(figures: Iterator[Figures]) -> Figures:
+def sum_of_figures(figures: Iterator[ExecutionFigures]) -> ExecutionFigures:
     """Their sum."""
-    return reduce(add, figures, NOTHING)
+    return reduce(add, figures, NO_FIGURES)
 
 
-def pairs(planned: Figures, executed: Figures) -> list[tuple[str, float, float]]:
+def figure_pairs(planned: ExecutionFigures,
+                 executed: ExecutionFigures) -> list[tuple[str, float, float]]:
     """Field of Figures, or hopper; planned; executed."""
     return [
         *((name, getattr(planned, name), getattr(executed, name)) for name in _NAMES),
@@ -209,15 +211,15 @@ def pairs(planned: Figures, executed: Figures) -> list[tuple[str, float, float]]
     ]
 
 
-def deviations(planned: Figures, executed: Figures) -> tuple[str, ...]:
+def deviating_figures(planned: ExecutionFigures, executed: ExecutionFigures) -> tuple[str, ...]:
     """Names of the figures that differ by more than `TOLERANCE`: fields of Figures, or hoppers."""
     return tuple(
-        name for name, wanted, found in pairs(planned, executed)
-        if abs(found - wanted) > TOLERANCE * abs(wanted)
+        name for name, wanted, found in figure_pairs(planned, executed)
+        if abs(found - wanted) > DEVIATION_TOLERANCE * abs(wanted)
     )
 
 
-def part_of(journal: Path, *, run_only: bool = False) -> PartRecord:
+def part_record_of(journal: Path, *, run_only: bool = False) -> PartRecord:
     """The record of the part that a run worked on, from the journals beside it.
 
     run_only : of this run alone
@@ -261,7 +263,7 @@ def _layers(runs: Sequence[RunRecord]) -> Iterator[LayerRecord]:
         planned |= run.planned
         for account in run.accounts:
             accounts.setdefault(account.layer, []).append((run.run, account))
-    still_unknown = runs[-1].run if not runs[-1].end else ""
+    still_unknown = runs[-1].run if not runs[-1].seal else ""
     # A run enters the part at the next bead that is left: layers before that one are complete.
     entered = max((run.first_layer or 0 for run in runs), default=0)
     for layer, of_it in sorted(accounts.items()):
@@ -283,8 +285,9 @@ def _layer(plan: PlannedLayer, of_it: Sequence[tuple[str, LayerAccount]]) -> Lay
     }
     return LayerRecord(
         plan.number, plan.z_mm, plan.lines, plan.paths, plan.figures,
-        total(one.reported for one in accounts), total(one.inferred for one in accounts),
-        total(one.unreported for one in accounts), weighed,
+        sum_of_figures(one.reported for one in accounts),
+        sum_of_figures(one.inferred for one in accounts),
+        sum_of_figures(one.unreported for one in accounts), weighed,
         max(one.place_error_mm for one in accounts),
         _hull([one.feed_percent for one in accounts]),
         _hull([one.power_percent for one in accounts]),

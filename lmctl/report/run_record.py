@@ -10,10 +10,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from lmctl.report.events import Event, event_of
-from lmctl.run.journal.figures import NOTHING, Figures
+from lmctl.report.events import LoggedEvent, event_of
+from lmctl.run.journal.figures import NO_FIGURES, ExecutionFigures
 from lmctl.run.journal.format import JournalVerification, read_records, verify_journal
-from lmctl.run.journal.notes import NOTES, verify_notes
+from lmctl.run.journal.notes import NOTES_FILE_NAME, verify_notes
 from lmctl.run.journal.writer import is_owned
 
 
@@ -34,9 +34,9 @@ class LayerAccount:
     """
 
     layer: int
-    reported: Figures = NOTHING
-    inferred: Figures = NOTHING
-    unreported: Figures = NOTHING
+    reported: ExecutionFigures = NO_FIGURES
+    inferred: ExecutionFigures = NO_FIGURES
+    unreported: ExecutionFigures = NO_FIGURES
     weighed_g: dict[str, float] = field(default_factory=dict)
     place_error_mm: float = 0.0
     feed_percent: tuple[int, int] | None = None
@@ -61,19 +61,20 @@ class PlannedLayer:
     z_mm: float
     lines: tuple[int, int]
     paths: int
-    figures: Figures
+    figures: ExecutionFigures
 
 
 @dataclass(frozen=True)
 class RunRecord:
     """One run.
 
-    header, machine : the journal's own records; end : its seal, {} where there is none
+    header, machine : the journal's own records; seal : its seal, {} where there is none
     planned : of each layer of which lines were about to be sent, by index from 0
     accounts : what became of them, in order
     purged_g : {hopper: powder fed into no layer}
-    last_t_s : machine time of the last record; sent_line : last line of the paths sent, -1 for none
-    under_way : a living process writes the journal
+    last_t_s : machine time of the last record; last_sent_line : last line of the paths sent, -1
+    for none
+    is_running : a living process writes the journal
     notes_verification : of the notes beside the journal, None where there are none
     """
 
@@ -84,18 +85,18 @@ class RunRecord:
     planned: dict[int, PlannedLayer]
     accounts: tuple[LayerAccount, ...]
     purged_g: dict[str, float]
-    events: tuple[Event, ...]
-    end: dict[str, Any]
+    events: tuple[LoggedEvent, ...]
+    seal: dict[str, Any]
     last_t_s: float
-    sent_line: int
-    under_way: bool
+    last_sent_line: int
+    is_running: bool
     verification: JournalVerification
     notes_verification: JournalVerification | None
 
     @property
     def state(self) -> str:
         """How it ended; without a seal "running", or "broken off" where its process died."""
-        return str(self.end.get("state", "running" if self.under_way else "broken off"))
+        return str(self.seal.get("state", "running" if self.is_running else "broken off"))
 
     @property
     def first_layer(self) -> int | None:
@@ -118,7 +119,7 @@ def read_run(journal: Path) -> RunRecord:
     gathered = _Gathered()
     for record in read_records(journal):
         gathered.take(record)
-    beside = journal.parent / NOTES
+    beside = journal.parent / NOTES_FILE_NAME
     for record in read_records(beside) if beside.exists() else ():
         if record["kind"] == "unreported":
             gathered.take_unreported(record)
@@ -139,7 +140,7 @@ class _Gathered:
         self.machine: dict[str, Any] = {}
         self.planned: dict[int, PlannedLayer] = {}
         self.purged_g: dict[str, float] = {}
-        self.events: list[Event] = []
+        self.events: list[LoggedEvent] = []
         self.end: dict[str, Any] = {}
         self.last_t_s = 0.0
         self.sent_line = -1
@@ -180,7 +181,7 @@ class _Gathered:
     def take_unreported(self, record: dict[str, Any]) -> None:
         """Motion after the last report of a run, journaled by who found the machine."""
         self._unreported.append(LayerAccount(
-            int(record["layer"]), unreported=Figures.from_json(record["figures"]),
+            int(record["layer"]), unreported=ExecutionFigures.from_json(record["figures"]),
             reached_line=int(record["end"]["line"]), reached_share=float(record["end"]["share"]),
             complete=bool(record["complete"])))
 
@@ -197,7 +198,7 @@ class _Gathered:
         layer, (first, last) = int(record["layer"]), record["lines"]
         self.planned[layer] = PlannedLayer(
             layer + 1, float(record["z_mm"]), (int(first), int(last)), int(record["paths"]),
-            Figures.from_json(record["planned"]))
+            ExecutionFigures.from_json(record["planned"]))
         self._opened[layer] = LayerAccount(
             layer, began_s=self.last_t_s, began=_wall(record), reached_line=int(first))
 
@@ -205,8 +206,9 @@ class _Gathered:
         layer = int(values["layer"])
         opened = self._opened[layer]
         return LayerAccount(
-            layer, Figures.from_json(values["reported"]),
-            Figures.from_json(values["inferred"]) if "inferred" in values else NOTHING, NOTHING,
+            layer, ExecutionFigures.from_json(values["reported"]),
+            ExecutionFigures.from_json(values["inferred"]) if "inferred" in values else NO_FIGURES,
+            NO_FIGURES,
             {str(name): float(grams) for name, grams in values.get("weighed_g", {}).items()},
             float(values["place_error_mm"]), _span(values["feed_percent"]),
             _span(values["power_percent"]), int(values.get("entered_again", 0)),

@@ -12,11 +12,11 @@ class EarlierRun:
     """What an earlier run has made of the part.
 
     reached : how far the job has been executed; not doubtful
-    trusted : somebody has seen to it that the machine's position is true
+    is_position_trusted : somebody has seen to it that the machine's position is true
     stands_mm : where the machine stood then, in program coordinates; None where that is not known
     """
 
     run: str
     reached: PlaceReached
-    trusted: bool
+    is_position_trusted: bool
     stands_mm: tuple[float, ...] | None = None

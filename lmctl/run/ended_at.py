@@ -20,7 +20,7 @@ from lmctl.run.program.program_clock import ProgramClock
 
 #: From the word at the laser-enable output, or an opened circuit, to a beam that is off [s]: the
 #: safe-off of a laser takes less than 50 ms.
-LASER_OFF_S = 0.02
+LASER_OFF_DELAY_S = 0.02
 
 #: Two places in a program that differ by less are the same [s of program time].
 _SAME_S = 1e-3
@@ -37,11 +37,11 @@ def beam_off_s(safety: SafetyDriver | None, clock: ProgramClock, t: float) -> fl
     if safety is None or status is None:
         return math.inf
     if _is_open(status):
-        since_s = max(0.0, t - (status.time_s - safety.period_s + LASER_OFF_S))
+        since_s = max(0.0, t - (status.time_s - safety.period_s + LASER_OFF_DELAY_S))
         return clock.if_not_stopped(t) - since_s * clock.rate
     if status.laser_enabled is None:
         return math.inf
-    return clock.if_not_stopped(t + LASER_OFF_S)
+    return clock.if_not_stopped(t + LASER_OFF_DELAY_S)
 
 
 def _is_open(status: SafetyStatus) -> bool:
@@ -89,7 +89,7 @@ def is_at_rest(motion: MotionDriver) -> bool:
 
 def place_at(window: JobWindow, s: float) -> ProgramPlace:
     """The place in the job that belongs to a program time."""
-    line = window.line_at(s)
+    line = window.line_at_program_time(s)
     start_s, end_s = window.line_start_s(line), window.line_start_s(line + 1)
     share = (s - start_s) / (end_s - start_s) if end_s > start_s else 0.0
     return ProgramPlace(line, min(max(share, 0.0), 1.0))

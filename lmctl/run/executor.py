@@ -19,25 +19,30 @@ from lmctl.preflight.program_check import check_program
 from lmctl.run import signals
 from lmctl.run.cell.ownership import lock_machine
 from lmctl.run.continuation import EarlierRun
-from lmctl.run.control.server import ControlCallbacks, ControlClient, ControlSocket, listening
+from lmctl.run.control.server import (
+    ControlCallbacks,
+    ControlClient,
+    ControlSocket,
+    listening_socket,
+)
 from lmctl.run.execution.deposition import Progress
 from lmctl.run.execution.job_progress import JobProgress
 from lmctl.run.execution.run_header import local_header, run_header
-from lmctl.run.execution.unreported_motion import unreported
+from lmctl.run.execution.unreported_motion import find_unreported_motion
 from lmctl.run.journal import run_folders
 from lmctl.run.journal.last_known_position import LastKnownPosition
 from lmctl.run.journal.recorder import RunRecorder
 from lmctl.run.journal.writer import JournalWriter
-from lmctl.run.operator_acts import begin_refill, end_refill, perform, request
+from lmctl.run.operator_acts import begin_refill, end_refill, perform_act, request_event
 from lmctl.run.program.override_limits import OverrideRange, override_range
 from lmctl.run.program.place import NOTHING_REACHED
 from lmctl.run.sequence import CellSequence
 from lmctl.run.state.state_machine import RunStateMachine
 from lmctl.run.state.transitions import FINAL_STATES, RunEvent, RunState
-from lmctl.run.status.outcomes import first_out, is_recoverable, outcome_error
+from lmctl.run.status.outcomes import first_out_fields, is_recoverable, outcome_error
 from lmctl.run.status.snapshot import RunView
-from lmctl.run.status.stop_messages import stop_words
-from lmctl.run.status.watcher import Watcher, watched
+from lmctl.run.status.stop_messages import stop_message
+from lmctl.run.status.watcher import Watcher, periodic_watcher_updates
 from lmctl.run.trouble_log import TroubleLog
 
 __all__ = ["EarlierRun", "Notice", "Progress", "RunExecutor", "RunResult", "Watcher", "run_job"]
@@ -211,10 +216,10 @@ class RunExecutor:
         if is_taken:
             self._came("stop", self._operator, ControlClient(os.getuid(), os.getpid()), "")
         if self._notice is not None:
-            self._notice(stop_words(before, live.sequence.phase, is_taken=is_taken))
+            self._notice(stop_message(before, live.sequence.phase, is_taken=is_taken))
 
     def _request(self, event: RunEvent) -> None:
-        request(None if self._live is None else self._live.machine, event)
+        request_event(None if self._live is None else self._live.machine, event)
 
     # --- the run ------------------------------------------------------------------------------
 
@@ -238,7 +243,7 @@ class RunExecutor:
         try:
             with (
                 lock_machine(self._profile, made.run, self._runs_dir),
-                listening(made.path) as control, JobReader(made.job) as job,
+                listening_socket(made.path) as control, JobReader(made.job) as job,
             ):
                 if job.digest != digest:
                     raise JobError(f"{self._job_path} changed while it was read")
@@ -262,8 +267,8 @@ class RunExecutor:
 
         if self._continues is not None:
             earlier = run_folders.RunFolder(self._runs_dir / self._continues.run).journal
-            for span in unreported(job, earlier, self._continues.reached):
-                recorder.unreported(**span.as_json())
+            for span in find_unreported_motion(job, earlier, self._continues.reached):
+                recorder.record_unreported_motion(**span.as_json())
 
         view = RunView(made, job.manifest, self._profile, hoppers, self._operator, self._progress)
 
@@ -274,7 +279,7 @@ class RunExecutor:
             program_done=lambda: machine.post_event(RunEvent.PROGRAM_DONE),
             held=lambda: machine.state not in _MUST_NOT_BE_HELD,
             tripped=lambda error: machine.trip(error),
-            refill_due=lambda: request(machine, RunEvent.REFILL), progress=view.on_progress,
+            refill_due=lambda: request_event(machine, RunEvent.REFILL), progress=view.on_progress,
             whereabouts=LastKnownPosition(self._runs_dir, self._profile.name), run=made.run,
             continues=self._continues,
         )
@@ -284,12 +289,13 @@ class RunExecutor:
         machine = RunStateMachine(sequence.carry_out_effect, sequence.halt, trouble)
         self._live = _Live(machine, sequence, course, recorder, view)
         operators = ControlSocket(control, ControlCallbacks(
-            self.snapshot, lambda act, values: perform(self, act, values), self._came))
+            self.snapshot, lambda act, values: perform_act(self, act, values), self._came))
         operators.start()
         if self._override_percent != 100:
             course.set_override(self._override_percent)
         # To the last record: a third Ctrl-C must not keep the journal from its seal.
-        with signals.call_on_signal(self._interrupted, loop), watched(self.snapshot, self._watcher):
+        with signals.call_on_signal(self._interrupted,
+                                    loop), periodic_watcher_updates(self.snapshot, self._watcher):
             try:
                 await machine.run()
             finally:
@@ -301,7 +307,7 @@ class RunExecutor:
                     recorder.seal(machine.state, lines=course.lines_executed,
                                   warnings=list(warnings),
                                   recoverable=is_recoverable(machine, course),
-                                  **first_out(sequence.alarms),
+                                  **first_out_fields(sequence.alarms),
                                   position_trusted=sequence.position_trusted)
                 finally:  # a disk that is full must not leave the feeders to their watchdogs
                     await sequence.close()

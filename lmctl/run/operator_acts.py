@@ -7,7 +7,7 @@ from typing import Any, Protocol
 
 from lmctl.errors import UsageError
 from lmctl.run.execution.job_progress import JobProgress
-from lmctl.run.powder.refill import Refilling
+from lmctl.run.powder.refill import RefillProcedure
 from lmctl.run.state.state_machine import RunStateMachine
 from lmctl.run.state.transitions import RunEvent, RunState
 
@@ -20,7 +20,7 @@ _HINTS = {
 }
 
 
-def request(machine: RunStateMachine | None, event: RunEvent) -> None:
+def request_event(machine: RunStateMachine | None, event: RunEvent) -> None:
     """Ask a run for an event. Raises UsageError where its state does not know it."""
     state = RunState.READY if machine is None else machine.state
     if machine is None or not machine.request_event(event):
@@ -28,7 +28,7 @@ def request(machine: RunStateMachine | None, event: RunEvent) -> None:
 
 
 def begin_refill(
-    machine: RunStateMachine, course: JobProgress, refilling: Refilling, hopper: str
+    machine: RunStateMachine, course: JobProgress, refilling: RefillProcedure, hopper: str
 ) -> None:
     """Have a hopper made ready to be opened: at the end of the path under way, or at once.
 
@@ -43,16 +43,16 @@ def begin_refill(
             f"cannot refill now: the run is {state}",
             hint=_HINTS.get(state, "a hopper is refilled while the run deposits or is held"),
         )
-    refilling.ask(hopper)
+    refilling.request_refill(hopper)
     if state is RunState.DEPOSITING:
         course.finish_path(hold)
     elif state is RunState.HELD:
-        refilling.take_due()
-        request(machine, RunEvent.REFILL)
+        refilling.take_due_request()
+        request_event(machine, RunEvent.REFILL)
 
 
 def end_refill(
-    machine: RunStateMachine, refilling: Refilling, hopper: str, lot: str, mass_g: float
+    machine: RunStateMachine, refilling: RefillProcedure, hopper: str, lot: str, mass_g: float
 ) -> None:
     """A hopper is filled and closed. Raises UsageError where it was not open."""
     if machine.state is not RunState.REFILLING:
@@ -60,8 +60,8 @@ def end_refill(
             f"hopper {hopper} is not open for refilling: the run is {machine.state}",
             hint=_HINTS.get(machine.state, f"`lmctl refill {hopper}` makes it ready to be opened"),
         )
-    refilling.fill(hopper, lot, mass_g)
-    request(machine, RunEvent.REFILLED)
+    refilling.confirm_filled(hopper, lot, mass_g)
+    request_event(machine, RunEvent.REFILLED)
 
 
 class OperatedRun(Protocol):
@@ -74,7 +74,7 @@ class OperatedRun(Protocol):
     def refill(self, hopper: str, lot: str = "", mass_g: float = 0.0) -> None: ...
 
 
-def perform(run: OperatedRun, act: str, values: Mapping[str, Any]) -> None:
+def perform_act(run: OperatedRun, act: str, values: Mapping[str, Any]) -> None:
     """An act of the control socket, with the values of its request. Raises UsageError."""
     if act == "override":
         run.set_override(values["percent"])

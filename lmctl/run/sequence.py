@@ -24,7 +24,7 @@ from lmctl.run.execution.run_segment import RunSegmentFactory
 from lmctl.run.interlocks.alarms import InterlockError, RunAlarms
 from lmctl.run.journal.last_known_position import LastKnownPosition
 from lmctl.run.journal.recorder import RunRecorder
-from lmctl.run.powder.refill import Refilling
+from lmctl.run.powder.refill import RefillProcedure
 from lmctl.run.powder.supply import SupplyWatch
 from lmctl.run.state.transitions import Effect
 from lmctl.run.status.phase import PhaseClock
@@ -84,7 +84,7 @@ class CellSequence:
         self._held = held
         self._tripped = tripped
         self._refill_due = refill_due
-        self.refilling = Refilling(hoppers, recorder)
+        self.refilling = RefillProcedure(hoppers, recorder)
         self._progress = progress
         self._continues = continues
         self._loop = asyncio.get_running_loop()
@@ -104,7 +104,7 @@ class CellSequence:
             Effect.FEED_HOLD: self._feed_hold,
             Effect.CLEAR_MOTION: self._clear_motion,
             Effect.AWAIT_OPERATOR: self._await_operator,
-            Effect.OPEN_HOPPER: lambda: self.refilling.open(self._connected),
+            Effect.OPEN_HOPPER: lambda: self.refilling.open_hopper(self._connected),
             Effect.CLOSE_HOPPER: self._close_hopper,
             Effect.ACKNOWLEDGE: self._acknowledge,
             Effect.LEAVE_PART: self._leave_part,
@@ -121,7 +121,7 @@ class CellSequence:
         What a feeder will not do is an Interlock: the others and motion can still be held.
         """
         self._recorder.record_effect(do)
-        self.phase.begin(do, self._loop.time())
+        self.phase.begin_effect(do, self._loop.time())
         try:
             await self._acts[do]()
         except MachineError as error:
@@ -152,8 +152,8 @@ class CellSequence:
         if self._course.is_entered:
             feed = self._course.segment.feed
             feed.stop()
-            self.accounts.end()
-            self._recorder.record_purge(feed.fed.take_rest_g(self._loop.time()))
+            self.accounts.close_at_reached_place()
+            self._recorder.record_purge(feed.fed.take_remaining_fed_g(self._loop.time()))
 
     async def close(self) -> None:
         """Let go of the cell, whatever became of the run."""
@@ -166,7 +166,7 @@ class CellSequence:
     def position_trusted(self) -> bool:
         """Whether the machine is where it says it is; until it is asked, as an earlier run knew."""
         if self._cell is None:
-            return self._continues is not None and self._continues.trusted
+            return self._continues is not None and self._continues.is_position_trusted
         return self._cell.motion.position_trusted
 
     # --- start --------------------------------------------------------------------------------
@@ -215,7 +215,7 @@ class CellSequence:
         await self.refilling.prove_flow(cell)
 
     async def _arm_beam(self) -> None:
-        await self._course.override_at_once(self._connected)
+        await self._course.restore_requested_override(self._connected)
         await self._beam.arm()
 
     async def _lead_powder(self) -> None:
@@ -239,12 +239,12 @@ class CellSequence:
         await self._connected.motion.reset()
 
     async def _await_operator(self) -> None:
-        if self.refilling.take_due():
+        if self.refilling.take_due_request():
             self._refill_due()
         await asyncio.sleep(HELD_AT_MOST_S)
 
     async def _close_hopper(self) -> None:
-        self.alarms.told(await self.refilling.close(self._connected))
+        self.alarms.told(await self.refilling.weigh_and_record(self._connected))
 
     async def _acknowledge(self) -> None:
         """The operator has asked to go on: latched alarms are reset, where their cause is gone."""

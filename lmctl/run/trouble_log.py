@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from lmctl.errors import LmctlError
-from lmctl.run.interlocks.alarms import RunAlarms, name_of
+from lmctl.run.interlocks.alarms import RunAlarms, alarm_name_of
 from lmctl.run.journal.recorder import RunRecorder
 from lmctl.run.state.transitions import RunEvent, RunState
 
@@ -28,6 +28,7 @@ class TroubleLog:
         if isinstance(error, LmctlError):
             self._alarms.add(error, self._recorder.now_s())
             cause = self._alarms.cause
-            if cause is not None and name_of(error) != cause.name and error.what != cause.what:
+            if cause is not None and alarm_name_of(
+                error) != cause.name and error.what != cause.what:
                 follows = cause.what
         self._recorder.record_fault(error, follows)

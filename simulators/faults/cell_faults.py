@@ -38,13 +38,13 @@ def lower_extraction(scene: FaultContext, fault: Fault) -> Undo:
     return lambda: safety.set_extraction(round(safety.config.extraction_Pa))
 
 
-def freeze_safety(scene: FaultContext, fault: Fault) -> Undo:
+def freeze_safety_device(scene: FaultContext, fault: Fault) -> Undo:
     safety = scene.safety()
     safety.set_frozen(True)
     return lambda: safety.set_frozen(False)
 
 
-def restart_safety(scene: FaultContext, fault: Fault) -> None:
+def restart_safety_device(scene: FaultContext, fault: Fault) -> None:
     scene.safety().restart()
 
 
@@ -69,7 +69,7 @@ def press_estop(scene: FaultContext, fault: Fault) -> Undo:
         return lambda: safety.set_estop_open(False)
     undo = [motion_faults.open_estop(scene, fault)]
     for feeder in scene.bench.feeders.values():
-        undo.append(feeder_faults.open_chain(feeder))
+        undo.append(feeder_faults.open_estop_chain(feeder))
     return both(*undo)
 
 

@@ -11,7 +11,7 @@ from simulators.faults.link_tap import PassOn
 _PLACES = {FaultTarget.MOTION: "motion", FaultTarget.SAFETY: "safety"}
 
 
-def observe_first_detection(scene: FaultContext, fault: Fault, seen: Callable[[], None]) -> Undo:
+def call_on_first_detection(scene: FaultContext, fault: Fault, seen: Callable[[], None]) -> Undo:
     """Call seen() with the first bytes that get from a device the fault strikes to the host.
 
     A fault that a feeder notices by itself is told no sooner than its alarm.

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from simulators.faults.detection import observe_first_detection
+from simulators.faults.detection import call_on_first_detection
 from simulators.faults.injectors import INJECTORS, FaultContext, Undo
 from simulators.faults.kinds import Fault
 from simulators.faults.plan import AtLevel, AtLine, AtTime, FaultPlan, PlannedFault
@@ -71,7 +71,7 @@ class FaultInjector:
         number = len(self._happened)
         happens = InjectedFault(fault, self._loop.time())
         self._happened.append(happens)
-        forget = observe_first_detection(self._scene, fault, lambda: self._seen(number))
+        forget = call_on_first_detection(self._scene, fault, lambda: self._seen(number))
         try:
             undo = INJECTORS[fault.kind.name](self._scene, fault)
         except ValueError:

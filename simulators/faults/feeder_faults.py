@@ -32,17 +32,17 @@ def restart_feeder(scene: FaultContext, fault: Fault) -> None:
     scene.feeder(fault).restart()
 
 
-def turn_local(scene: FaultContext, fault: Fault) -> Undo:
+def switch_to_local_mode(scene: FaultContext, fault: Fault) -> Undo:
     feeder = scene.feeder(fault)
     feeder.set_local_mode(True)
     return lambda: feeder.set_local_mode(False)
 
 
 def open_estop(scene: FaultContext, fault: Fault) -> Undo:
-    return open_chain(scene.feeder(fault))
+    return open_estop_chain(scene.feeder(fault))
 
 
-def open_chain(feeder: PmxFeederDevice) -> Undo:
+def open_estop_chain(feeder: PmxFeederDevice) -> Undo:
     """Its emergency-stop chain."""
     feeder.set_estop_open(True)
     return lambda: feeder.set_estop_open(False)
@@ -144,12 +144,12 @@ def stall_disc(scene: FaultContext, fault: Fault) -> Undo:
     return _turn_otherwise(scene, fault, 0.0, _STALLED)
 
 
-def turn_disc_wrong(scene: FaultContext, fault: Fault) -> Undo:
+def turn_disc_at_wrong_speed(scene: FaultContext, fault: Fault) -> Undo:
     return _turn_otherwise(scene, fault, 1.0 + fault.numeric_parameter("percent") / 100.0,
                            _DEVIATES)
 
 
-def raise_n_min(scene: FaultContext, fault: Fault) -> Undo:
+def raise_min_disc_speed(scene: FaultContext, fault: Fault) -> Undo:
     """The disc needs more speed, and the device knows."""
     hopper, feeder = scene.hopper(fault), scene.feeder(fault)
     n_min = fault.numeric_parameter("n_min_rpm")
@@ -165,7 +165,7 @@ def raise_n_min(scene: FaultContext, fault: Fault) -> Undo:
     return undo
 
 
-def limit_disc(scene: FaultContext, fault: Fault) -> Undo:
+def lower_max_disc_speed(scene: FaultContext, fault: Fault) -> Undo:
     """Somebody does so at the panel, in the middle of a run."""
     hopper, feeder = scene.hopper(fault), scene.feeder(fault)
     feeder.set_max_disc_rpm(fault.channel, fault.numeric_parameter("n_max_rpm"))
@@ -184,11 +184,11 @@ def empty_hopper(scene: FaultContext, fault: Fault) -> None:
     _set_left(scene, fault, 0.0)
 
 
-def set_level(scene: FaultContext, fault: Fault) -> None:
+def set_hopper_level(scene: FaultContext, fault: Fault) -> None:
     _set_left(scene, fault, fault.numeric_parameter("grams"))
 
 
-def lower_carrier(scene: FaultContext, fault: Fault) -> Undo:
+def lower_carrier_gas(scene: FaultContext, fault: Fault) -> Undo:
     scene.hopper(fault)
     feeder = scene.feeder(fault)
     return both(
@@ -278,7 +278,7 @@ def _always(value: RegisterValue) -> Change:
 
 def _as_told(feeder: PmxFeederDevice, channel: int, per_rpm: float) -> Change:
     """What the disc would do, were it to do what it is told."""
-    told = feeder.hoppers[channel].told
+    told = feeder.hoppers[channel].fault_free_process
     return lambda _: told.disc_rpm(feeder.now()) * per_rpm
 
 

@@ -18,7 +18,7 @@ from simulators.faults.filters import (
     StrayBytes,
 )
 from simulators.faults.kinds import Fault
-from simulators.faults.link_tap import drop_all
+from simulators.faults.link_tap import drop_chunk
 
 TO_DEVICE, TO_HOST = "to_device", "to_host"
 
@@ -29,11 +29,11 @@ def close_link(scene: FaultContext, fault: Fault) -> Undo:
     return lambda: edge.set_open(True)
 
 
-def lose_bytes(scene: FaultContext, fault: Fault) -> None:
+def drop_bytes(scene: FaultContext, fault: Fault) -> None:
     _some_bytes(scene, fault, lambda byte: b"")
 
 
-def double_bytes(scene: FaultContext, fault: Fault) -> None:
+def duplicate_bytes(scene: FaultContext, fault: Fault) -> None:
     _some_bytes(scene, fault, lambda byte: bytes((byte, byte)))
 
 
@@ -72,15 +72,15 @@ def echo_garbage(scene: FaultContext, fault: Fault) -> Undo:
 def silence_link(scene: FaultContext, fault: Fault) -> Undo:
     """Neither heard nor answered."""
     return scene.apply_filters(
-        fault.device, (TO_DEVICE, drop_all), (TO_HOST, drop_all)
+        fault.device, (TO_DEVICE, drop_chunk), (TO_HOST, drop_chunk)
     )
 
 
-def lose_answers(scene: FaultContext, fault: Fault) -> None:
+def drop_ok_replies(scene: FaultContext, fault: Fault) -> None:
     _some_answers(scene, fault, times=0)
 
 
-def double_answers(scene: FaultContext, fault: Fault) -> None:
+def duplicate_ok_replies(scene: FaultContext, fault: Fault) -> None:
     _some_answers(scene, fault, times=2)
 
 
@@ -91,18 +91,18 @@ def _some_answers(scene: FaultContext, fault: Fault, times: int) -> None:
     edge.add_filter(TO_HOST, one)
 
 
-def garble_word(scene: FaultContext, fault: Fault) -> None:
+def garble_gcode_word(scene: FaultContext, fault: Fault) -> None:
     edge = scene.link_tap("motion")
     one = GarbleWord(str(fault.values["letter"]), fault.numeric_parameter("percent"),
                      lambda: edge.remove_filter(TO_DEVICE, one))
     edge.add_filter(TO_DEVICE, one)
 
 
-def drop_replies(scene: FaultContext, fault: Fault) -> None:
+def drop_modbus_replies(scene: FaultContext, fault: Fault) -> None:
     _some_replies(scene, fault, times=0)
 
 
-def double_replies(scene: FaultContext, fault: Fault) -> None:
+def duplicate_modbus_replies(scene: FaultContext, fault: Fault) -> None:
     _some_replies(scene, fault, times=2)
 
 
@@ -130,12 +130,12 @@ def pass_exceptions(scene: FaultContext, fault: Fault) -> Undo:
     return scene.apply_filters(fault.device, (TO_DEVICE, one))
 
 
-def forget_connections(scene: FaultContext, fault: Fault) -> Undo:
+def make_connections_half_open(scene: FaultContext, fault: Fault) -> Undo:
     """Raises ValueError on a serial line, which has no connections."""
     edge = scene.link_tap(fault.device)
     if edge.is_rtu:
         raise ValueError(f"device {fault.device!r} is on a serial line: it has no connection")
-    return edge.forget_links()
+    return edge.make_connections_half_open()
 
 
 def add_stray_bytes(scene: FaultContext, fault: Fault) -> Undo:

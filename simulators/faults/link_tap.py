@@ -27,7 +27,7 @@ class HostTransport(Protocol):
     def resume_reading(self) -> None: ...
 
 
-def drop_all(data: bytes, deliver: PassOn) -> None:
+def drop_chunk(data: bytes, deliver: PassOn) -> None:
     """Every chunk is lost."""
 
 
@@ -116,14 +116,14 @@ class LinkTap:
         self.is_open = is_open
         for direction in self._filters:
             if is_open:
-                self.remove_filter(direction, drop_all)
+                self.remove_filter(direction, drop_chunk)
             else:
-                self.add_filter(direction, drop_all)
+                self.add_filter(direction, drop_chunk)
         if not is_open:
             for link in list(self._links):
                 link.abort()
 
-    def forget_links(self) -> Callable[[], None]:
+    def make_connections_half_open(self) -> Callable[[], None]:
         """Links that are open are half open from now on: what comes over them is lost, and a new
         link works. What is returned closes them."""
         forgotten = list(self._links)
@@ -136,7 +136,7 @@ class LinkTap:
 
         return close
 
-    def set_reading(self, reading: bool) -> None:
+    def set_reading_enabled(self, reading: bool) -> None:
         """Whether bytes are taken off the link; else they pile up on the host's side."""
         self._reading = reading
         for link in self._links:

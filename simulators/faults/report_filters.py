@@ -23,7 +23,7 @@ _PRINTABLE = bytes(range(0x20, 0x7F))
 
 
 @dataclass
-class SomeReports:
+class AlterStatusReports:
     """A report in so many is changed; after `count` of them, unless that is 0, it is spent."""
 
     changed: Callable[[bytes, random.Random], bytes]
@@ -53,12 +53,12 @@ class SomeReports:
         return self.changed(report, self._random)
 
 
-def lost(report: bytes, draw: random.Random) -> bytes:
+def dropped_report(report: bytes, draw: random.Random) -> bytes:
     """Nothing of it arrives."""
     return b""
 
 
-def with_another_digit(report: bytes, draw: random.Random) -> bytes:
+def report_with_changed_digit(report: bytes, draw: random.Random) -> bytes:
     """One digit is another: it is read as a report like any other."""
     digits = [at for at, byte in enumerate(report) if 0x30 <= byte <= 0x39]
     if not digits:
@@ -68,25 +68,26 @@ def with_another_digit(report: bytes, draw: random.Random) -> bytes:
     return report[:at] + bytes((other,)) + report[at + 1 :]
 
 
-def with_another_byte(report: bytes, draw: random.Random) -> bytes:
+def report_with_changed_byte(report: bytes, draw: random.Random) -> bytes:
     """One byte is another printable one."""
     at = draw.randrange(len(report) - 2)
     return report[:at] + bytes((draw.choice(_PRINTABLE),)) + report[at + 1 :]
 
 
-def cut_short(report: bytes, draw: random.Random) -> bytes:
+def truncated_report(report: bytes, draw: random.Random) -> bytes:
     """Some bytes in it are lost."""
     first = draw.randrange(len(report) - 2)
     return report[:first] + report[draw.randrange(first + 1, len(report) - 1) :]
 
 
-def garbled(report: bytes, draw: random.Random) -> bytes:
+def garbled_report(report: bytes, draw: random.Random) -> bytes:
     """Any of these, half of them another digit."""
-    how = draw.choice((with_another_digit, with_another_digit, with_another_byte, cut_short))
+    how = draw.choice((report_with_changed_digit, report_with_changed_digit,
+                       report_with_changed_byte, truncated_report))
     return how(report, draw)
 
 
-def with_unknown_fields(report: bytes, draw: random.Random) -> bytes:
+def report_with_unknown_fields(report: bytes, draw: random.Random) -> bytes:
     """Fields stand in it that no firmware known here sends, with a value and without."""
     added = draw.sample([b"|AR", b"|$C:1", b"|Zq:1,2,3", b"|9", b"|x-y_z:"], 2)
     head, bar, rest = report[:-3].partition(b"|")
@@ -94,11 +95,12 @@ def with_unknown_fields(report: bytes, draw: random.Random) -> bytes:
 
 
 GARBLINGS = {
-    "any": garbled, "digit": with_another_digit, "byte": with_another_byte, "cut": cut_short,
+    "any": garbled_report, "digit": report_with_changed_digit, "byte": report_with_changed_byte,
+    "cut": truncated_report,
 }
 
 
-class SlowReports:
+class DelayStatusReports:
     """The controller looks at its status flag every so often; a reset in between clears it.
 
     `to_host` delays what the device sends, in order; `to_device` looks for the reset that takes the

@@ -28,7 +28,12 @@ from simulators.feeder.config import FeederConfig
 from simulators.feeder.holding_registers import HoldingRegisters
 from simulators.feeder.hopper import FeedInterval, SimulatedHopper
 from simulators.feeder.injected_defects import InjectedDefects
-from simulators.feeder.write_permissions import ALARM_RESET, COMMAND, WD_RESET, reason_refused
+from simulators.feeder.write_permissions import (
+    ALARM_RESET_ADDRESS,
+    COMMAND_ADDRESS,
+    WATCHDOG_RESET_ADDRESS,
+    reason_refused,
+)
 from simulators.modbus_errors import BUSY, REFUSED, ExceptionReplyError
 
 
@@ -109,7 +114,7 @@ class PmxFeederDevice:
     def is_stable(self, time_s: float) -> bool:
         return self.discs_on and time_s >= self.spans[-1].stable_s
 
-    def gas_flows(self, time_s: float) -> bool:
+    def is_gas_flowing(self, time_s: float) -> bool:
         return self.gas_since_s <= time_s
 
     def is_gas_ok(self, time_s: float) -> bool:
@@ -131,7 +136,7 @@ class PmxFeederDevice:
                 time_s) else FeederStateCode.STABILISING
         if time_s < self._postflow_ends_s():
             return FeederStateCode.STOPPING
-        if self.gas_flows(time_s):
+        if self.is_gas_flowing(time_s):
             return FeederStateCode.GAS_PREFLOW
         if FeederCommandBits.ENABLE_REMOTE in self.command:
             return FeederStateCode.READY
@@ -221,7 +226,7 @@ class PmxFeederDevice:
         if self.is_booting(time_s):
             raise ExceptionReplyError(BUSY)
         new = dict(enumerate(words, address))
-        self.holding.check(new)
+        self.holding.check_write(new)
         if refusal := reason_refused(self, new):
             self.refusal = refusal
             raise ExceptionReplyError(REFUSED)
@@ -229,16 +234,16 @@ class PmxFeederDevice:
         self.holding.store(new)
         if self.holding.raw_word("HEARTBEAT") != heartbeat:
             self.heartbeat_s = time_s
-        if new.get(WD_RESET) == WATCHDOG_RESET_KEY:
+        if new.get(WATCHDOG_RESET_ADDRESS) == WATCHDOG_RESET_KEY:
             self.watchdog_tripped = False
-        if new.get(ALARM_RESET) == ALARM_RESET_KEY:
+        if new.get(ALARM_RESET_ADDRESS) == ALARM_RESET_KEY:
             self.alarms.clear()
         self.holding.set_raw_word("WD_RESET", 0)
         self.holding.set_raw_word("ALARM_RESET", 0)
         if self.holding.raw_word("SEQ") != sequence:
             self._commit(time_s)
-        if COMMAND in new:
-            wanted = FeederCommandBits(new[COMMAND])
+        if COMMAND_ADDRESS in new:
+            wanted = FeederCommandBits(new[COMMAND_ADDRESS])
             if FeederCommandBits.ENABLE_REMOTE in wanted & ~self.command:
                 self.heartbeat_s = time_s  # the host's time starts when it takes command
             self._obey(wanted, time_s)
@@ -298,7 +303,7 @@ class PmxFeederDevice:
             most_rpm = self.holding[hopper_register_name(channel, "N_MAX")]
             if ignored:
                 if self.discs_on:
-                    hopper.told.command_rpm(time_s, min(rpm, most_rpm), ramp_s)
+                    hopper.fault_free_process.command_rpm(time_s, min(rpm, most_rpm), ramp_s)
                 continue
             hopper.apply_setpoint(rpm, most_rpm)
             hopper.carrier_L_min = self.holding[hopper_register_name(channel, "CARRIER_SP")]

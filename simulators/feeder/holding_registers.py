@@ -10,7 +10,7 @@ from simulators.feeder.config import FeederConfig, HopperConfig
 from simulators.modbus_errors import ILLEGAL_ADDRESS, ILLEGAL_VALUE, ExceptionReplyError
 
 #: Stored configuration begins here; nothing below it survives a restart.
-CONFIGURATION = 1000
+FIRST_CONFIGURATION_REGISTER = 1000
 
 _DEFAULTS: dict[str, RegisterValue] = {
     "WD_TIMEOUT": 1000, "WD_ACTION": 1, "STABILISE": 8.0, "POSTFLOW": 10.0, "AT_SPEED_TOL": 2.0,
@@ -29,7 +29,7 @@ class HoldingRegisters:
             for row in rows if row.minimum is not None and row.maximum is not None
         }
         self._places = {row.name: (row.address, row.counts_per_unit) for row in rows}
-        self._words = {row.address + i: 0 for row in rows for i in range(row.words)}
+        self._words = {row.address + i: 0 for row in rows for i in range(row.word_count)}
         for hopper in config.hoppers:
             for name, value in _stored(hopper).items():
                 self._put(hopper_register_name(hopper.channel, name), value)
@@ -38,7 +38,7 @@ class HoldingRegisters:
     def reset_volatile(self) -> None:
         """Power was lost: everything but the stored configuration is back at its defaults."""
         for address in self._words:
-            if address < CONFIGURATION:
+            if address < FIRST_CONFIGURATION_REGISTER:
                 self._words[address] = 0
         for name, value in _DEFAULTS.items():
             self._put(name, value)
@@ -50,7 +50,7 @@ class HoldingRegisters:
         except KeyError:
             raise ExceptionReplyError(ILLEGAL_ADDRESS) from None
 
-    def check(self, new: Mapping[int, int]) -> None:
+    def check_write(self, new: Mapping[int, int]) -> None:
         """Raises RefusedError for {address: word} that may not be written; nothing is changed."""
         words = self._words
         if not new.keys() <= words.keys():

@@ -50,18 +50,18 @@ class IdealHopper:
 class SimulatedHopper:
     """A hopper and what the running recipe asks of it.
 
-    rpm : what its disc is to do; wanted_rpm : before the device clipped that
-    told : the same, were all well with it; for the judge
+    rpm : what its disc is to do; requested_rpm : before the device clipped that
+    fault_free_process : the same, were all well with it; for the judge
     """
 
     config: HopperConfig
     process: HopperProcess
-    told: IdealHopper
+    fault_free_process: IdealHopper
     rpm: float = 0.0
-    wanted_rpm: float = 0.0
+    requested_rpm: float = 0.0
     carrier_L_min: float = 0.0
     stirrer_rpm: float = 0.0
-    limited: bool = False
+    is_setpoint_clipped: bool = False
 
     @classmethod
     def from_config(cls, config: HopperConfig) -> SimulatedHopper:
@@ -70,18 +70,18 @@ class SimulatedHopper:
 
     def apply_setpoint(self, rpm: float, most_rpm: float) -> None:
         """A new set-point; clipped to most_rpm, and the clipping told."""
-        self.limited = rpm > most_rpm + _ROUNDING_RPM
+        self.is_setpoint_clipped = rpm > most_rpm + _ROUNDING_RPM
         self.rpm = min(rpm, most_rpm)
-        self.wanted_rpm = min(rpm, self.config.n_max_rpm)
+        self.requested_rpm = min(rpm, self.config.n_max_rpm)
 
     def start_disc(self, time_s: float, ramp_s: float) -> None:
         """Let the disc go to its speed from time_s on."""
         self.process.command_rpm(time_s, self.rpm, ramp_s)
-        self.told.command_rpm(time_s, self.wanted_rpm, ramp_s)
+        self.fault_free_process.command_rpm(time_s, self.requested_rpm, ramp_s)
 
     def stop(self, time_s: float) -> None:
         self.process.command_rpm(time_s, 0.0)
-        self.told.command_rpm(time_s, 0.0)
+        self.fault_free_process.command_rpm(time_s, 0.0)
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 from firmware_protocol.pmx import (
     DEVICE_ID,
-    FIRST_MINOR_WITH_MIRROR,
+    FIRST_MINOR_VERSION_WITH_MIRROR,
     HOPPER_WORDS,
-    MAP_MAJOR,
+    MAP_MAJOR_VERSION,
     MIRROR_ADDRESS,
     PMX_MAP,
     SYSTEM_BLOCK,
@@ -23,7 +23,7 @@ from firmware_protocol.pmx import (
 from firmware_protocol.pmx_alarms import CLIPPED, EMPTY, LEVEL_LOW, hopper_alarm_code
 from firmware_protocol.registers import RegisterValue, WordOrder
 from simulators.feeder.device import PmxFeederDevice
-from simulators.feeder.holding_registers import CONFIGURATION
+from simulators.feeder.holding_registers import FIRST_CONFIGURATION_REGISTER
 from simulators.feeder.hopper import SimulatedHopper
 from simulators.modbus_errors import ILLEGAL_ADDRESS, ExceptionReplyError
 
@@ -42,9 +42,9 @@ _FIRST_WARNING = LEVEL_LOW
 #: Of the bits of a word, the lowest first.
 _WEIGHTS = tuple(1 << bit for bit in range(16))
 
-_SYSTEM_BLOCKS = {order: SYSTEM_BLOCK.in_order(order) for order in WordOrder}
+_SYSTEM_BLOCKS = {order: SYSTEM_BLOCK.with_word_order(order) for order in WordOrder}
 _HOPPER_BLOCKS = {
-    (order, channel): PMX_MAP.block(hopper_input_names(channel)).in_order(order)
+    (order, channel): PMX_MAP.contiguous_block(hopper_input_names(channel)).with_word_order(order)
     for order in WordOrder for channel in range(1, 5)
 }
 
@@ -93,8 +93,8 @@ def register_values(device: PmxFeederDevice, channel: int, time_s: float) -> dic
 
 def read_holding(device: PmxFeederDevice, address: int, count: int) -> list[int]:
     """Words of holding registers, or of the input registers' mirror where the map has it."""
-    has_mirror = device.config.map_minor >= FIRST_MINOR_WITH_MIRROR
-    if has_mirror and MIRROR_ADDRESS <= address < CONFIGURATION:
+    has_mirror = device.config.map_minor >= FIRST_MINOR_VERSION_WITH_MIRROR
+    if has_mirror and MIRROR_ADDRESS <= address < FIRST_CONFIGURATION_REGISTER:
         return _mirrored(device, address - MIRROR_ADDRESS, count)
     device.advance_to_now()
     return device.holding.read(address, count)
@@ -125,14 +125,14 @@ class _Seen(NamedTuple):
 def _system(device: PmxFeederDevice, time_s: float) -> dict[str, RegisterValue]:
     hoppers = device.hoppers.values()
     seen = [_Seen.now(hopper, device, time_s) for hopper in hoppers]
-    gas_L_min = sum(h.carrier_L_min for h in hoppers) if device.gas_flows(time_s) else 0.0
+    gas_L_min = sum(h.carrier_L_min for h in hoppers) if device.is_gas_flowing(time_s) else 0.0
     # WARNING: bits 0..4 are x51..x55 of any hopper
     warnings = any(one.low for one in seen) << LEVEL_LOW - _FIRST_WARNING
-    warnings |= any(h.limited for h in hoppers) << CLIPPED - _FIRST_WARNING
+    warnings |= any(h.is_setpoint_clipped for h in hoppers) << CLIPPED - _FIRST_WARNING
     state = device.state(time_s)
     return {
         "DEVICE_ID": DEVICE_ID,
-        "MAP_VERSION": MAP_MAJOR << 8 | device.config.map_minor,
+        "MAP_VERSION": MAP_MAJOR_VERSION << 8 | device.config.map_minor,
         "FW_VERSION": _FIRMWARE,
         "N_HOPPERS": max(device.hoppers),
         "SERIAL": _SERIAL,
@@ -174,7 +174,8 @@ def _status(
         device.watchdog_tripped,
         not device.estop_open,
         True,  # lids closed
-        FeederCommandBits.PURGE in command and device.gas_flows(time_s) and not device.discs_on,
+        (FeederCommandBits.PURGE in command and device.is_gas_flowing(time_s)
+         and not device.discs_on),
         any(h.process.is_ramping(time_s) for h in device.hoppers.values()),
         FeederCommandBits.REFILL_HOLD in command,
         True,  # configuration valid
@@ -188,7 +189,7 @@ def _hopper(device: PmxFeederDevice, channel: int, time_s: float) -> dict[str, R
     seen = _Seen.now(hopper, device, time_s)
     refilling = FeederCommandBits.REFILL_HOLD in device.command
     stirring = FeederCommandBits.STIR_ON in device.command
-    gas = device.gas_flows(time_s)
+    gas = device.is_gas_flowing(time_s)
     empty = time_s >= process.empty_s
     weighed_g_min = 0.0 if empty else process.disc_flow_g_s(time_s) * 60.0
     # in the order of the bits of `pmx.HopperStatusBits`
@@ -206,7 +207,7 @@ def _hopper(device: PmxFeederDevice, channel: int, time_s: float) -> dict[str, R
         True,  # warm enough
         not refilling,  # weighed flow valid
         stirring,
-        hopper.limited,
+        hopper.is_setpoint_clipped,
         0 < hopper.rpm < device.holding[hopper_register_name(channel, "N_MIN")],
         hopper_alarm_code(channel, EMPTY) in device.alarms,
     )

@@ -13,13 +13,13 @@ from firmware_protocol.pmx import (
     WriteRefusalCode,
 )
 from simulators.feeder.alarms import AlarmLatch
-from simulators.feeder.holding_registers import CONFIGURATION
+from simulators.feeder.holding_registers import FIRST_CONFIGURATION_REGISTER
 from simulators.modbus_errors import ILLEGAL_VALUE, ExceptionReplyError
 
-COMMAND = PMX_MAP.wire_address("COMMAND")
-WD_TIMEOUT = PMX_MAP.wire_address("WD_TIMEOUT")
-WD_RESET = PMX_MAP.wire_address("WD_RESET")
-ALARM_RESET = PMX_MAP.wire_address("ALARM_RESET")
+COMMAND_ADDRESS = PMX_MAP.wire_address("COMMAND")
+WATCHDOG_TIMEOUT_ADDRESS = PMX_MAP.wire_address("WD_TIMEOUT")
+WATCHDOG_RESET_ADDRESS = PMX_MAP.wire_address("WD_RESET")
+ALARM_RESET_ADDRESS = PMX_MAP.wire_address("ALARM_RESET")
 
 _KNOWN_COMMANDS = sum(FeederCommandBits)
 _MIN_WATCHDOG_MS = 100
@@ -44,25 +44,25 @@ def reason_refused(feeder: FeederCondition, new: Mapping[int, int]) -> WriteRefu
     """
     if feeder.local:
         return WriteRefusalCode.NOT_REMOTE
-    timeout_ms = new.get(WD_TIMEOUT, _MIN_WATCHDOG_MS)
+    timeout_ms = new.get(WATCHDOG_TIMEOUT_ADDRESS, _MIN_WATCHDOG_MS)
     if timeout_ms == 0:
         return WriteRefusalCode.WATCHDOG_NEEDED
     if (
         timeout_ms < _MIN_WATCHDOG_MS
-        or new.get(COMMAND, 0) & ~_KNOWN_COMMANDS
-        or new.get(WD_RESET, 0) not in (0, WATCHDOG_RESET_KEY)
+        or new.get(COMMAND_ADDRESS, 0) & ~_KNOWN_COMMANDS
+        or new.get(WATCHDOG_RESET_ADDRESS, 0) not in (0, WATCHDOG_RESET_KEY)
     ):
         raise ExceptionReplyError(ILLEGAL_VALUE)
-    if feeder.discs_on and max(new) >= CONFIGURATION:
+    if feeder.discs_on and max(new) >= FIRST_CONFIGURATION_REGISTER:
         return WriteRefusalCode.POWDER_RUNNING
-    trip_remains = feeder.watchdog_tripped and new.get(WD_RESET) != WATCHDOG_RESET_KEY
-    resets = new.get(ALARM_RESET) == ALARM_RESET_KEY
+    trip_remains = feeder.watchdog_tripped and new.get(WATCHDOG_RESET_ADDRESS) != WATCHDOG_RESET_KEY
+    resets = new.get(ALARM_RESET_ADDRESS) == ALARM_RESET_KEY
     if resets and (trip_remains or feeder.estop_open or feeder.alarm_cause_persists()):
         return WriteRefusalCode.CAUSE_REMAINS
-    if COMMAND not in new:
+    if COMMAND_ADDRESS not in new:
         return WriteRefusalCode.NONE
     faulted = trip_remains or (bool(feeder.alarms) and not resets)
-    return _command_objection(FeederCommandBits(new[COMMAND]), feeder.estop_open, faulted)
+    return _command_objection(FeederCommandBits(new[COMMAND_ADDRESS]), feeder.estop_open, faulted)
 
 
 def _command_objection(wanted: FeederCommandBits, estop_open: bool,

@@ -31,14 +31,14 @@ class Accessories:
     def set_spindle(self, mode: int, standing: float, now_s: float) -> None:
         """M3, M4 or M5 with the axes at rest. standing : beam power from now on, as a fraction"""
         if mode != self.spindle_mode or standing != self._stepper.standing:
-            self._reporter.accessories_changed()
+            self._reporter.on_accessories_changed()
         self.spindle_mode = mode
         self._stepper.set_standing_power(standing, now_s)
 
     def set_coolant(self, flood: bool, mist: bool) -> None:
         if (flood, mist) != (self.flood, self.mist):
             self.flood, self.mist = flood, mist
-            self._reporter.accessories_changed()
+            self._reporter.on_accessories_changed()
 
     def switch_all_off(self, now_s: float) -> None:
         """Off, with nothing to restore."""
@@ -52,12 +52,12 @@ class Accessories:
             self.spindle_stopped = True
             self._power_before = self._stepper.standing
             self._stepper.set_standing_power(0.0, self._stepper.end_s)
-            self._reporter.accessories_changed()
+            self._reporter.on_accessories_changed()
 
     def stop_for_door(self) -> None:
         self.stop_spindle()
         self._coolant_stopped = True
-        self._reporter.accessories_changed()
+        self._reporter.on_accessories_changed()
 
     def restore_spindle(self, now_s: float) -> None:
         if self.spindle_stopped:
@@ -65,7 +65,7 @@ class Accessories:
             self._stepper.set_standing_power(self._power_before, now_s)
             # Grbl's laser only waits for the next step
             if self._hal or not self._settings.is_laser_mode:
-                self._reporter.accessories_changed()
+                self._reporter.on_accessories_changed()
 
     def restore(self, now_s: float) -> None:
         """On again, what a hold or the door switched off."""
@@ -73,7 +73,7 @@ class Accessories:
         if self._coolant_stopped:
             self._coolant_stopped = False
             if self.flood or self.mist:
-                self._reporter.accessories_changed()
+                self._reporter.on_accessories_changed()
 
     def restore_delay_s(self) -> float:
         """How long the firmware waits for coolant and spindle after the door was closed."""

@@ -24,7 +24,7 @@ from simulators.motion.machine import MotionMachine
 from simulators.motion.states import ControllerState
 from simulators.motion.waits import Steps, WaitReason
 
-PROBE_ALARM = 5
+PROBE_FAILURE_ALARM_CODE = 5
 
 
 def perform_actions(machine: MotionMachine, actions: Iterable[Action]) -> Steps:
@@ -74,19 +74,19 @@ def _at_rest(machine: MotionMachine, action: Action) -> Steps:
         case ReadInput(seconds, result):
             yield machine.now_s + seconds
             machine.input_result = result
-            machine.reporter.input_read()
+            machine.reporter.on_input_read()
         case ProbeFailure(alarm):
             machine.probed_mm = machine.position_mm()
             x, y, z = machine.probed_mm
             machine.say(FeedbackMessage("PRB", f"{x:.3f},{y:.3f},{z:.3f}:0"))
             if alarm:
-                machine.raise_alarm(PROBE_ALARM)
+                machine.raise_alarm(PROBE_FAILURE_ALARM_CODE)
         case ProgramPause():
             machine.enter_hold()
             yield WaitReason.STANDSTILL
         case ToolChange():
             machine.state = ControllerState.TOOL
-            machine.reporter.tool_requested()
+            machine.reporter.on_tool_requested()
         case ProgramEnd():
             machine.accessories.switch_all_off(machine.now_s)
             machine.set_overrides(100, 100, 100)

@@ -13,9 +13,9 @@ from firmware_protocol.realtime import RealtimeCommand
 from simulators.motion import reports
 from simulators.motion.actions import Vector
 from simulators.motion.config import MotionConfig
-from simulators.motion.interpreter import Interpreter
+from simulators.motion.interpreter import GcodeInterpreter
 from simulators.motion.machine import ESTOP_ALARM, HARD_LIMIT_ALARM, MotionMachine
-from simulators.motion.main_loop import OK, MainLoop
+from simulators.motion.main_loop import OK_REPLY, MainLoop
 from simulators.motion.realtime_commands import apply_realtime_command
 from simulators.motion.report_fields import report_fields
 from simulators.motion.settings import FirmwareSettings
@@ -25,7 +25,7 @@ _FLAGS = frozenset((RealtimeCommand.STATUS, RealtimeCommand.HOLD, RealtimeComman
 """Bytes that set a flag in the firmware: several at once are one."""
 
 
-class Controller:
+class SimulatedController:
     """One simulated controller, without a wire: bytes and the time they come in, bytes out."""
 
     def __init__(self, config: MotionConfig) -> None:
@@ -35,7 +35,7 @@ class Controller:
         self.dialect = dialect = DIALECTS[config.dialect]
         self.settings = FirmwareSettings(dialect, config.settings)
         self.device = GrblDevice(dialect, config.rx_bytes)
-        self.interpreter = Interpreter(dialect, self.settings)
+        self.interpreter = GcodeInterpreter(dialect, self.settings)
         planner_blocks = config.planner_blocks or dialect.planner_blocks
         self.machine = MotionMachine(dialect, self.settings, planner_blocks, self.send,
                                      self._displaced)
@@ -178,7 +178,7 @@ class Controller:
                 self.device.clear_rx_buffer()
             if machine.state is ControllerState.TOOL and byte in (RealtimeCommand.START,
                                                                   RealtimeCommand.START_TOP):
-                self.interpreter.mount_tool()
+                self.interpreter.confirm_tool_change()
             apply_realtime_command(machine, byte)
             modal, on = self.interpreter.modal, machine.accessories
             if byte in (RealtimeCommand.FLOOD, RealtimeCommand.MIST):
@@ -191,7 +191,7 @@ class Controller:
         if alarm:
             self.send(AlarmMessage(alarm))
         if owed:
-            self._out.append(OK)  # the line it was in the middle of ends, and is answered
+            self._out.append(OK_REPLY)  # the line it was in the middle of ends, and is answered
         self.interpreter.reset()
         self._banner()
 
@@ -203,7 +203,7 @@ class Controller:
             return
         if machine.door_open:
             machine.enter_door_stop()
-        self._loop.run_startup()
+        self._loop.run_startup_blocks()
 
     def _report(self, everything: bool = False) -> None:
         machine, interpreter = self.machine, self.interpreter

@@ -36,7 +36,7 @@ def home_machine(machine: MotionMachine) -> Steps:
     machine.state = ControllerState.IDLE
     machine.alarm = 0
     machine.homed = True
-    machine.reporter.homed_changed()
+    machine.reporter.on_homed_changed()
     return 0
 
 

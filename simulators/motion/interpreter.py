@@ -28,8 +28,8 @@ from simulators.motion.actions import (
 )
 from simulators.motion.modal import (
     AXIS_LETTERS,
-    INCH_MM,
-    MAX_LINE,
+    MAX_LINE_NUMBER,
+    MM_PER_INCH,
     NO_AXES,
     NO_FEED,
     UNUSED,
@@ -38,17 +38,21 @@ from simulators.motion.modal import (
     target_position,
 )
 from simulators.motion.offsets import WorkOffsets
-from simulators.motion.plain_lines import NUMBERS, SAME_FORM, field_extractor
+from simulators.motion.plain_lines import (
+    DIGITS_TO_ZERO_TABLE,
+    LETTERS_TO_SPACES_TABLE,
+    word_value_extractor,
+)
 from simulators.motion.settings import FirmwareSettings
 from simulators.motion.words import BlockWords, GcodeGrammar
 
-BAD_JOG = 16
+ERROR_INVALID_JOG = 16
 
 _JOG_CODES = frozenset((200, 210, 900, 910, 530))
 
 
 @dataclass
-class Interpreter:
+class GcodeInterpreter:
     """Turns lines into actions.
 
     position_mm : machine coordinates of the last target
@@ -65,9 +69,9 @@ class Interpreter:
         self._grammar = GcodeGrammar(self.dialect)
         self._outputs: tuple[tuple[str, int, float], ...] = ()
         self._next_tool = 0
-        self.refresh()
+        self.on_settings_changed()
 
-    def refresh(self) -> None:
+    def on_settings_changed(self) -> None:
         """Settings or offsets have changed."""
         self._laser = self.settings.is_laser_mode
         self._full = self.settings[30]
@@ -79,13 +83,14 @@ class Interpreter:
         self.modal = ModalState(tool=self.modal.tool)
         self.offsets.reset()
         self._outputs = ()
-        self.refresh()
+        self.on_settings_changed()
 
     def interpret(self, line: bytes) -> tuple[Action, ...] | list[Action]:
         """raises: GcodeError; the state is then as before"""
-        pick = field_extractor(line.translate(SAME_FORM))
+        pick = word_value_extractor(line.translate(DIGITS_TO_ZERO_TABLE))
         if pick is not None:
-            motion = self._ordinary(*pick((*map(float, line.translate(NUMBERS).split()), None)))
+            motion = self._ordinary(
+                *pick((*map(float, line.translate(LETTERS_TO_SPACES_TABLE).split()), None)))
             if motion is not None:
                 return (motion,)
         tokens = tokenise_block(line)
@@ -115,18 +120,18 @@ class Interpreter:
         if feed is None:
             feed = modal.feed
         elif modal.units == 200:
-            feed *= INCH_MM
+            feed *= MM_PER_INCH
         if line is None:
             line = 0.0
         if (
             feed <= 0.0
-            or not 0.0 <= line <= MAX_LINE
+            or not 0.0 <= line <= MAX_LINE_NUMBER
             or speed < 0.0
             or modal.feed_mode == 930
             or not (self._laser or speed == modal.speed)
         ):
             return None
-        scale = 1.0 if modal.units == 210 else INCH_MM
+        scale = 1.0 if modal.units == 210 else MM_PER_INCH
         at_x, at_y, at_z = self.position_mm
         ox, oy, oz = self.work_offset_mm if modal.distance == 900 else self.position_mm
         modal.motion = 0 if rapid else 10
@@ -142,20 +147,20 @@ class Interpreter:
         return StraightMove(target, feed / 60.0, rapid, int(line), beam, power, self._floor,
                             outputs)
 
-    def jog(self, line: bytes) -> StraightMove:
+    def interpret_jog(self, line: bytes) -> StraightMove:
         """A `$J=` line: its own feed, units and distance mode; the modal state stays."""
         words = self._grammar.classify_words(tokenise_block(line))
         if words.m or not _JOG_CODES.issuperset(words.g.values()):
-            raise GcodeError(BAD_JOG)
+            raise GcodeError(ERROR_INVALID_JOG)
         values = words.values
         if not values.keys() <= frozenset("NFXYZ"):
-            raise GcodeError(BAD_JOG if self._hal else UNUSED)
+            raise GcodeError(ERROR_INVALID_JOG if self._hal else UNUSED)
         if not any(axis in values for axis in AXIS_LETTERS):
             raise GcodeError(NO_AXES)
         if not values.get("F"):
             raise GcodeError(NO_FEED)
         modal = self.modal
-        scale = INCH_MM if words.g.get("units", modal.units) == 200 else 1.0
+        scale = MM_PER_INCH if words.g.get("units", modal.units) == 200 else 1.0
         base: Vector = (0.0, 0.0, 0.0)
         if "nonmodal" not in words.g:
             absolute = words.g.get("distance", modal.distance) == 900
@@ -256,7 +261,7 @@ class Interpreter:
         if "tool" in words.m:
             actions.append(ToolChange())
 
-    def mount_tool(self) -> None:
+    def confirm_tool_change(self) -> None:
         """grblHAL: the tool selected by T has been put in and acknowledged."""
         self.modal.tool = self._next_tool
 
@@ -280,5 +285,5 @@ class Interpreter:
             modal.motion, modal.plane, modal.distance = 10, 170, 900
             modal.feed_mode, modal.wcs = 940, 540
             modal.spindle, modal.flood, modal.mist = 5, False, False
-            self.refresh()
+            self.on_settings_changed()
             actions.append(ProgramEnd())

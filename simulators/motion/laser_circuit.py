@@ -16,7 +16,7 @@ FloatArray = NDArray[np.float64]
 _T0, _T1, _DISTANCE, _SPEED, _ACCELERATION, _POWER = range(6)
 
 
-class LaserCircuit:
+class LaserSafetyCircuit:
     """When it was open, and what that makes of the beam in the record of motion."""
 
     def __init__(self) -> None:

@@ -17,7 +17,7 @@ from simulators.motion.actions import Vector
 from simulators.motion.planner import LookAheadPlanner
 from simulators.motion.reports import StatusReporter
 from simulators.motion.settings import FirmwareSettings
-from simulators.motion.states import MOVING, ControllerState
+from simulators.motion.states import MOVING_STATES, ControllerState
 from simulators.motion.stepper import Stepper
 from simulators.motion.trace import MotionTrace
 
@@ -82,14 +82,14 @@ class MotionMachine:
         if self.stopping is not None:
             if stepper.is_stopped(now_s):
                 self._has_stopped()
-        elif self.state in MOVING:
+        elif self.state in MOVING_STATES:
             if self.state is not ControllerState.HOME and stepper.is_stopped(now_s):
                 stepper.running = False
                 self.state = ControllerState.IDLE
         elif self.restore_s is not None and now_s >= self.restore_s:
             self._go_on()
 
-    def start(self) -> None:
+    def start_planned_motion(self) -> None:
         """Execute what is planned, if the state allows it (the firmware's auto cycle start)."""
         if self.state is ControllerState.IDLE and self.planner.first is not None:
             self.state = ControllerState.RUN
@@ -166,7 +166,7 @@ class MotionMachine:
                 self.advance_to(self.now_s)
         elif self.state is ControllerState.TOOL:
             self.state = ControllerState.IDLE
-            self.start()
+            self.start_planned_motion()
 
     def toggle_spindle_stop(self) -> None:
         if self.state is not ControllerState.HOLD or self.stopping is not None:
@@ -191,11 +191,11 @@ class MotionMachine:
         self.stepper.set_overrides(
             wanted[0] / 100.0, wanted[1] / 100.0, wanted[2] / 100.0, self.now_s
         )
-        self.reporter.overrides_changed()
+        self.reporter.on_overrides_changed()
 
     def reset(self) -> int:
         """Everything off and forgotten; position kept. Returns the alarm it earns, or 0."""
-        moving = self.state in MOVING or self.stopping is not None
+        moving = self.state in MOVING_STATES or self.stopping is not None
         homing = self.state is ControllerState.HOME
         locked = self.state is ControllerState.ALARM or (self.state is ControllerState.SLEEP)
         self._stop_dead()
@@ -203,7 +203,7 @@ class MotionMachine:
         self._door_after_jog = False
         self.accessories.switch_all_off(self.now_s)
         self.set_overrides(100, 100, 100)
-        self.reporter.restart()
+        self.reporter.on_restart()
         alarm = 0
         if self.critical:
             alarm = ESTOP_ALARM
@@ -226,7 +226,7 @@ class MotionMachine:
 
     def stop_immediately(self, code: int) -> None:
         """A limit switch or the e-stop input: motion and beam end at once, wherever they are."""
-        if code != ESTOP_ALARM or self.state in MOVING or self.stopping is not None:
+        if code != ESTOP_ALARM or self.state in MOVING_STATES or self.stopping is not None:
             self.homed = False
         self._stop_dead()
         self._door_after_jog = False
@@ -238,7 +238,7 @@ class MotionMachine:
         self.critical = self.homed = self._door_after_jog = False
         self.accessories.switch_all_off(self.now_s)
         self.set_overrides(100, 100, 100)
-        self.reporter.restart()
+        self.reporter.on_restart()
         self.alarm = 0
         self.state = ControllerState.IDLE
         (x, y, z), (dx, dy, dz) = self.trace.position_at(self.now_s), self.trace.position_error_mm

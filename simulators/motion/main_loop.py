@@ -15,14 +15,14 @@ from firmware_protocol.gcode import GcodeError, strip_comments_and_spaces
 from firmware_protocol.messages import ErrorReply, FeedbackMessage, Message
 from simulators.motion.action_execution import perform_actions
 from simulators.motion.actions import BEAM_CONSTANT, StraightMove
-from simulators.motion.interpreter import Interpreter
+from simulators.motion.interpreter import GcodeInterpreter
 from simulators.motion.machine import MotionMachine
-from simulators.motion.states import SUSPENDED, ControllerState
+from simulators.motion.states import SUSPENDED_STATES, ControllerState
 from simulators.motion.system_commands import SystemCommands
 from simulators.motion.waits import Steps, Waiting, WaitReason
 
 LOCKED, TOO_LONG = 9, 11
-OK = b"ok\r\n"
+OK_REPLY = b"ok\r\n"
 
 _EXECUTING = frozenset((ControllerState.IDLE, ControllerState.RUN))
 _SLACK_S = 1e-9  # a timer may come early by the clock's resolution
@@ -39,7 +39,7 @@ class MainLoop:
     def __init__(
         self,
         device: GrblDevice,
-        interpreter: Interpreter,
+        interpreter: GcodeInterpreter,
         machine: MotionMachine,
         identity: list[Message],
         say: Callable[[Message], None],
@@ -64,7 +64,7 @@ class MainLoop:
     def next_wake_s(self) -> float | None:
         """When a line that waits may go on, if nothing else happens."""
         machine = self._machine
-        if machine.state in SUSPENDED:
+        if machine.state in SUSPENDED_STATES:
             return None
         if self._held is None:
             if self._line is None or self._waiting is WaitReason.NEVER:
@@ -81,9 +81,9 @@ class MainLoop:
         self.reset_wanted = False
         return owed
 
-    def run_startup(self) -> None:
+    def run_startup_blocks(self) -> None:
         """Execute the stored lines."""
-        self._begin(self._commands.run_startup(), answered=False)
+        self._begin(self._commands.run_startup_blocks(), answered=False)
 
     def process_lines(self) -> None:
         """Do all that can be done at this instant."""
@@ -94,14 +94,14 @@ class MainLoop:
             if self._line is not None and not self._resume_line():
                 return
             if not self._read_lines():
-                machine.start()
+                machine.start_planned_motion()
                 return
 
     def _barred(self) -> bool:
         """No line may be taken or go on."""
         machine = self._machine
         return (
-            machine.state in SUSPENDED
+            machine.state in SUSPENDED_STATES
             or machine.critical
             or machine.stopping is not None
             or self.reset_wanted
@@ -138,7 +138,7 @@ class MainLoop:
                             self._held = motion
                             return True
                         if add(motion) is not None or motion.beam != BEAM_CONSTANT:
-                            send(OK)
+                            send(OK_REPLY)
                             continue
                 waits = self._begin(perform_actions(machine, actions))
                 break
@@ -151,13 +151,13 @@ class MainLoop:
         assert motion is not None
         planner = machine.planner
         if planner.count >= planner.capacity and machine.state is ControllerState.IDLE:
-            machine.start()
+            machine.start_planned_motion()
             machine.advance_to(machine.now_s)
         if planner.count >= planner.capacity:
             return False
         self._held = None
         if planner.add(motion) is not None or motion.beam != BEAM_CONSTANT:
-            self._send(OK)
+            self._send(OK_REPLY)
         else:
             self._begin(perform_actions(machine, (motion,)))
         return True
@@ -165,7 +165,7 @@ class MainLoop:
     def _unusual(self, text: bytes) -> bool:
         """Any other line; True where it has to wait."""
         block = strip_comments_and_spaces(text)
-        if self._device.is_too_long(text):
+        if self._device.is_line_too_long(text):
             self._answer(TOO_LONG)
         elif not block:
             self._answer(0)
@@ -219,10 +219,10 @@ class MainLoop:
         if waiting is WaitReason.PLANNER_ROOM:
             planner = machine.planner
             if planner.count >= planner.capacity:
-                machine.start()
+                machine.start_planned_motion()
                 machine.advance_to(machine.now_s)
             return planner.count < planner.capacity
-        machine.start()
+        machine.start_planned_motion()
         machine.advance_to(machine.now_s)
         return machine.is_at_rest()
 
@@ -230,7 +230,7 @@ class MainLoop:
         if code:
             self._say(ErrorReply(code))
         else:
-            self._send(OK)
+            self._send(OK_REPLY)
         if self._latches:
             self._latched = code
         if self._machine.state is ControllerState.SLEEP:

@@ -22,8 +22,8 @@ NO_FEED, NO_AXES, BAD_LINE_NUMBER, NO_VALUE = 22, 26, 27, 28
 G53_NEEDS_MOTION, AXES_UNUSED, NO_PLANE_AXES = 30, 31, 32
 BAD_TARGET, NO_OFFSETS, UNUSED = 33, 35, 36
 
-MAX_LINE = 10_000_000
-INCH_MM = 25.4
+MAX_LINE_NUMBER = 10_000_000
+MM_PER_INCH = 25.4
 AXIS_LETTERS = "XYZ"
 
 _PLANES = {170: (0, 1, 2), 180: (2, 0, 1), 190: (1, 2, 0)}
@@ -94,9 +94,9 @@ def check_block(
     """raises: GcodeError"""
     g, values = words.g, words.values
     line = values.get("N", 0.0)
-    if line > MAX_LINE:
+    if line > MAX_LINE_NUMBER:
         raise GcodeError(BAD_LINE_NUMBER)
-    scale = INCH_MM if g.get("units", modal.units) == 200 else 1.0
+    scale = MM_PER_INCH if g.get("units", modal.units) == 200 else 1.0
     feed_mode = g.get("feed", modal.feed_mode)
     feed = modal.feed if feed_mode == modal.feed_mode == 940 else 0.0
     if "F" in values:

@@ -11,8 +11,8 @@ from simulators.motion.words import UNSUPPORTED, BlockWords
 
 NO_AXES, NO_VALUE, NO_SUCH_SYSTEM, TOOL_AXIS = 26, 28, 29, 37
 
-SYSTEMS_GRBL = (540, 550, 560, 570, 580, 590)
-SYSTEMS_GRBLHAL = (*SYSTEMS_GRBL, 591, 592, 593)
+GRBL_WORK_OFFSET_CODES = (540, 550, 560, 570, 580, 590)
+GRBLHAL_WORK_OFFSET_CODES = (*GRBL_WORK_OFFSET_CODES, 591, 592, 593)
 
 _ZERO: Vector = (0.0, 0.0, 0.0)
 
@@ -22,7 +22,7 @@ class WorkOffsets:
     """systems, stored : by code (540 is G54; 280, 300), machine coordinates [mm]."""
 
     systems: dict[int, Vector] = field(
-        default_factory=lambda: dict.fromkeys(SYSTEMS_GRBLHAL, _ZERO)
+        default_factory=lambda: dict.fromkeys(GRBLHAL_WORK_OFFSET_CODES, _ZERO)
     )
     stored: dict[int, Vector] = field(default_factory=lambda: {280: _ZERO, 300: _ZERO})
     g92: Vector = _ZERO
@@ -39,7 +39,7 @@ class WorkOffsets:
 
     def restore(self) -> None:
         """`$RST=#`: everything back to zero."""
-        self.systems = dict.fromkeys(SYSTEMS_GRBLHAL, _ZERO)
+        self.systems = dict.fromkeys(GRBLHAL_WORK_OFFSET_CODES, _ZERO)
         self.stored = {280: _ZERO, 300: _ZERO}
         self.reset()
 
@@ -92,7 +92,7 @@ class WorkOffsets:
         given = self._given(words, scale)
         if "P" not in values or "L" not in values:
             raise GcodeError(NO_VALUE)
-        systems = SYSTEMS_GRBLHAL if many_systems else SYSTEMS_GRBL
+        systems = GRBLHAL_WORK_OFFSET_CODES if many_systems else GRBL_WORK_OFFSET_CODES
         index = int(values["P"])
         if index > len(systems):
             raise GcodeError(NO_SUCH_SYSTEM)

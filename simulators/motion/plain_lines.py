@@ -18,14 +18,15 @@ _LETTERS = "NGXYZFS"
 _NUMBER = re.compile(r"[+-]?(?:0+\.?0*|\.0+)")
 
 #: Translates a line to its shape: all digits 0.
-SAME_FORM = bytes.maketrans(b"123456789", b"000000000")
+DIGITS_TO_ZERO_TABLE = bytes.maketrans(b"123456789", b"000000000")
 
 #: Translates an ordinary line to its numbers, with spaces between.
-NUMBERS = bytes.maketrans(_LETTERS.encode(), b" " * len(_LETTERS))
+LETTERS_TO_SPACES_TABLE = bytes.maketrans(_LETTERS.encode(), b" " * len(_LETTERS))
 
 
 @lru_cache(maxsize=4096)
-def field_extractor(alike: bytes) -> Callable[[Sequence[float | None]], tuple[Any, ...]] | None:
+def word_value_extractor(alike: bytes) -> Callable[[Sequence[float | None]],
+                                                   tuple[Any, ...]] | None:
     """What picks the values of N, G, X, Y, Z, F and S out of an ordinary line's numbers.
 
     alike : the line translated by `ALIKE`

@@ -14,16 +14,16 @@ from math import inf
 from struct import Struct
 
 from simulators.motion.actions import Vector
-from simulators.motion.laser_circuit import LaserCircuit
+from simulators.motion.laser_circuit import LaserSafetyCircuit
 from simulators.motion.planner import PlannerBlock
 
 #: Columns of the tables, numbers in a row.
-BLOCK_DTYPE = 11  # line, start xyz, end xyz, length, rate, beam, floor
-PHASE_DTYPE = 7  # as `Phase`
-STANDING_DTYPE = 2  # from when, power
+BLOCK_COLUMN_COUNT = 11  # line, start xyz, end xyz, length, rate, beam, floor
+PHASE_COLUMN_COUNT = 7  # as `Phase`
+STANDING_COLUMN_COUNT = 2  # from when, power
 
 # in half the time that an array takes for so many numbers
-_BLOCK_ROW = Struct(f"{BLOCK_DTYPE}d").pack
+_BLOCK_ROW = Struct(f"{BLOCK_COLUMN_COUNT}d").pack
 
 Phase = tuple[float, float, float, float, float, float, float]
 """Its start and end [s], distance into the block and speed at its start, acceleration, beam power
@@ -40,7 +40,7 @@ class MotionRecording:
 
     def __init__(self, position_mm: Vector) -> None:
         self.outputs: list[tuple[float, str, int, float]] = []
-        self.laser = LaserCircuit()
+        self.laser = LaserSafetyCircuit()
         self._origin = position_mm
         self._blocks = array("d")
         self._phases = array("d")
@@ -65,8 +65,8 @@ class MotionRecording:
         """When a block among the last ones began to move; None where it has not."""
         phases = self._phases
         began_s = None
-        for at in range(len(phases) - PHASE_DTYPE, -1, -PHASE_DTYPE):
-            if phases[at + PHASE_DTYPE - 1] < row:
+        for at in range(len(phases) - PHASE_COLUMN_COUNT, -1, -PHASE_COLUMN_COUNT):
+            if phases[at + PHASE_COLUMN_COUNT - 1] < row:
                 break
             began_s = phases[at]
         return began_s
@@ -110,19 +110,19 @@ class MotionRecording:
         """From when_s on, the beam burns with this power whenever the machine stands still."""
         stands = self._stands
         while stands[-2] > when_s:  # committed ahead of a reset
-            del stands[-STANDING_DTYPE:]
+            del stands[-STANDING_COLUMN_COUNT:]
         if stands[-1] != power:
             stands.extend((when_s, power))
 
     def truncate_at(self, when_s: float) -> None:
         """Motion stopped dead at when_s: forget what was committed beyond."""
         phases, blocks = self._phases, self._blocks
-        while phases and phases[-PHASE_DTYPE] >= when_s:
-            del phases[-PHASE_DTYPE:]
-        if phases and phases[1 - PHASE_DTYPE] > when_s:
-            phases[1 - PHASE_DTYPE] = when_s
+        while phases and phases[-PHASE_COLUMN_COUNT] >= when_s:
+            del phases[-PHASE_COLUMN_COUNT:]
+        if phases and phases[1 - PHASE_COLUMN_COUNT] > when_s:
+            phases[1 - PHASE_COLUMN_COUNT] = when_s
         self.rows = int(phases[-1]) + 1 if phases else 0
-        del blocks[self.rows * BLOCK_DTYPE :]
+        del blocks[self.rows * BLOCK_COLUMN_COUNT :]
         self.outputs = [switched for switched in self.outputs if switched[0] <= when_s]
 
     def position_at(self, when_s: float) -> Vector:
@@ -131,18 +131,18 @@ class MotionRecording:
         No arrays are built.
         """
         phases = self._phases
-        at = len(phases) - PHASE_DTYPE
+        at = len(phases) - PHASE_COLUMN_COUNT
         while at >= 0 and phases[at] > when_s:
-            at -= PHASE_DTYPE
+            at -= PHASE_COLUMN_COUNT
         if at < 0 or phases[at] < self._rebased_s:
             return self._rebased_mm
-        start_s, end_s, distance, speed, acceleration, _, row = phases[at : at + PHASE_DTYPE]
+        start_s, end_s, distance, speed, acceleration, _, row = phases[at : at + PHASE_COLUMN_COUNT]
         dt = min(when_s, end_s) - start_s
         return self._along(int(row), distance + (speed + 0.5 * acceleration * dt) * dt)
 
     def _along(self, row: int, distance_mm: float) -> Vector:
         _, x0, y0, z0, x1, y1, z1, length, *_ = self._blocks[
-            row * BLOCK_DTYPE : (row + 1) * BLOCK_DTYPE]
+            row * BLOCK_COLUMN_COUNT : (row + 1) * BLOCK_COLUMN_COUNT]
         part = min(1.0, distance_mm / length)
         return (x0 + (x1 - x0) * part, y0 + (y1 - y0) * part, z0 + (z1 - z0) * part)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from simulators.motion.actions import Vector
 from simulators.motion.machine import MotionMachine
 from simulators.motion.reports import ReportFields
-from simulators.motion.states import MOVING, ControllerState
+from simulators.motion.states import MOVING_STATES, ControllerState
 
 
 def report_fields(machine: MotionMachine, offset_mm: Vector, tool: int,
@@ -56,6 +56,6 @@ def _feed_and_speed(machine: MotionMachine) -> tuple[float, float]:
     block = machine.stepper.block
     if machine.hal and machine.is_held() and block is not None:
         speed = block.nominal_speed  # it shows what it will go on with
-    elif machine.state not in MOVING and machine.stopping is None:
+    elif machine.state not in MOVING_STATES and machine.stopping is None:
         speed = 0.0
     return speed * 60.0, power * machine.settings[30]

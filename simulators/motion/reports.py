@@ -21,12 +21,12 @@ from firmware_protocol.messages import (
 from firmware_protocol.status import StatusReport
 from simulators.motion.actions import Vector
 from simulators.motion.auxiliary_outputs import ANALOG_IN, ANALOG_OUT, DIGITAL_IN, DIGITAL_OUT
-from simulators.motion.interpreter import Interpreter
-from simulators.motion.offsets import SYSTEMS_GRBL, SYSTEMS_GRBLHAL
+from simulators.motion.interpreter import GcodeInterpreter
+from simulators.motion.offsets import GRBL_WORK_OFFSET_CODES, GRBLHAL_WORK_OFFSET_CODES
 from simulators.motion.settings import FirmwareSettings
-from simulators.motion.states import MOVING, ControllerState
+from simulators.motion.states import MOVING_STATES, ControllerState
 
-_BUSY = MOVING | {ControllerState.HOLD, ControllerState.DOOR}
+_BUSY = MOVING_STATES | {ControllerState.HOLD, ControllerState.DOOR}
 _OFFSET_EVERY, _OFFSET_EVERY_BUSY = 10, 30
 _OVERRIDES_EVERY, _OVERRIDES_EVERY_BUSY = 10, 20
 
@@ -60,9 +60,9 @@ class StatusReporter:
         self._hal = dialect is GRBLHAL
         self._show_homed = True
         self._offset_mm: Vector = (0.0, 0.0, 0.0)
-        self.restart()
+        self.on_restart()
 
-    def restart(self) -> None:
+    def on_restart(self) -> None:
         """After power-up and every reset."""
         self._offset_in = 1 if self._hal else 0
         self._overrides_in = 0
@@ -71,23 +71,23 @@ class StatusReporter:
         self._show_input = False
         self._show_tool = False
 
-    def overrides_changed(self) -> None:
+    def on_overrides_changed(self) -> None:
         self._overrides_in = 0
 
-    def accessories_changed(self) -> None:
+    def on_accessories_changed(self) -> None:
         """grblHAL shows them alone, Grbl only together with the overrides."""
         if self._hal:
             self._show_accessories = True
         else:
             self._overrides_in = 0
 
-    def homed_changed(self) -> None:
+    def on_homed_changed(self) -> None:
         self._show_homed = True
 
-    def tool_requested(self) -> None:
+    def on_tool_requested(self) -> None:
         self._show_tool = True
 
-    def input_read(self) -> None:
+    def on_input_read(self) -> None:
         self._show_input = True
 
     def next_report(self, now: ReportFields, mask: int, everything: bool = False) -> StatusMessage:
@@ -186,7 +186,7 @@ def identity_lines(dialect: Dialect, info: str, planner_blocks: int,
     ]
 
 
-def parser_state_line(dialect: Dialect, interpreter: Interpreter) -> FeedbackMessage:
+def parser_state_line(dialect: Dialect, interpreter: GcodeInterpreter) -> FeedbackMessage:
     """`$G`."""
     modal = interpreter.modal
     hal = dialect is GRBLHAL
@@ -202,13 +202,14 @@ def parser_state_line(dialect: Dialect, interpreter: Interpreter) -> FeedbackMes
     return FeedbackMessage("GC", " ".join(words))
 
 
-def parameter_lines(dialect: Dialect, interpreter: Interpreter, probed_mm: Vector) -> list[Message]:
+def parameter_lines(dialect: Dialect, interpreter: GcodeInterpreter,
+                    probed_mm: Vector) -> list[Message]:
     """`$#`."""
     offsets = interpreter.offsets
     hal = dialect is GRBLHAL
     named = [
         (f"G{code // 10}" + (f".{code % 10}" if code % 10 else ""), offsets.systems[code])
-        for code in (SYSTEMS_GRBLHAL if hal else SYSTEMS_GRBL)
+        for code in (GRBLHAL_WORK_OFFSET_CODES if hal else GRBL_WORK_OFFSET_CODES)
     ]
     named += [("G28", offsets.stored[280]), ("G30", offsets.stored[300]), ("G92", offsets.g92)]
     messages: list[Message] = [FeedbackMessage(name, _vector(value)) for name, value in named]

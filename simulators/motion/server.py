@@ -63,7 +63,7 @@ class _Client(asyncio.Protocol):
         client.get_extra_info("socket").setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._transport = client
         self._clients.add(client)
-        self._sim.attach(self._edge.host_connected(client, client.write))
+        self._sim.attach_client(self._edge.host_connected(client, client.write))
 
     def data_received(self, data: bytes) -> None:
         if self._transport is None:
@@ -77,7 +77,7 @@ class _Client(asyncio.Protocol):
         if self._transport is not None:
             self._clients.discard(self._transport)
             self._edge.host_disconnected(self._transport)
-            self._sim.detach()
+            self._sim.detach_client()
 
 
 class Pty:
@@ -97,7 +97,7 @@ class Pty:
         self.path = os.ttyname(self._slave)
         self._unsent = b""
         self.resume_reading()
-        sim.attach(edge.host_connected(self, self._write))
+        sim.attach_client(edge.host_connected(self, self._write))
 
     def pause_reading(self) -> None:
         self._loop.remove_reader(self._master)
@@ -111,7 +111,7 @@ class Pty:
     def close(self) -> None:
         """Hang up."""
         self._edge.host_disconnected(self)
-        self._sim.detach()
+        self._sim.detach_client()
         self._loop.remove_reader(self._master)
         self._loop.remove_writer(self._master)
         os.close(self._master)

@@ -76,9 +76,9 @@ class FirmwareSettings:
         self._rows = _GRBLHAL if self._hal else _GRBL
         self._overrides = dict(overrides)
         self._values: dict[int, float] = {}
-        self.restore()
+        self.restore_defaults()
 
-    def restore(self) -> None:
+    def restore_defaults(self) -> None:
         """Back to the defaults and what the configuration lays over them (`$RST=$`)."""
         self._values = {number: row.default for number, row in self._rows.items()}
         # homing before soft limits, which need it

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from firmware_protocol.realtime import RealtimeCommand
 from simulators.motion.actions import Vector
 from simulators.motion.config import MotionConfig
-from simulators.motion.controller import Controller
+from simulators.motion.controller import SimulatedController
 from simulators.motion.trace import MotionTrace
 
 
@@ -21,7 +21,7 @@ class MotionSimulator:
     def __init__(self, config: MotionConfig) -> None:
         self.config = config
         self._loop = asyncio.get_running_loop()
-        self._controller = Controller(config)
+        self._controller = SimulatedController(config)
         self._write: Callable[[bytes], None] | None = None
         self._timer: asyncio.TimerHandle | None = None
         self._timer_s = 0.0
@@ -65,7 +65,7 @@ class MotionSimulator:
         """Drive the e-stop input."""
         self._send(self._controller.set_estop(is_open, self._loop.time()))
 
-    def press(self, button: RealtimeCommand) -> None:
+    def press_button(self, button: RealtimeCommand) -> None:
         """Feed hold, cycle start or reset, at the panel."""
         self._send(self._controller.receive(bytes((button,)), self._loop.time()))
 
@@ -99,11 +99,11 @@ class MotionSimulator:
         """Let the controller work out what is certain of the motion to come."""
         self._advance()
 
-    def attach(self, write: Callable[[bytes], None]) -> None:
+    def attach_client(self, write: Callable[[bytes], None]) -> None:
         """A client has come: what the controller sends goes to `write` from now on."""
         self._write = write
 
-    def detach(self) -> None:
+    def detach_client(self) -> None:
         """The client has gone; the controller notices nothing."""
         self._write = None
 

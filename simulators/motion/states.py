@@ -20,9 +20,9 @@ class ControllerState(Enum):
     TOOL = "Tool"
 
 
-MOVING = frozenset((ControllerState.RUN, ControllerState.JOG, ControllerState.HOME))
+MOVING_STATES = frozenset((ControllerState.RUN, ControllerState.JOG, ControllerState.HOME))
 """States in which the axes may be moving without being told to stop."""
 
-SUSPENDED = frozenset((ControllerState.HOLD, ControllerState.DOOR, ControllerState.SLEEP,
-                       ControllerState.TOOL))
+SUSPENDED_STATES = frozenset((ControllerState.HOLD, ControllerState.DOOR, ControllerState.SLEEP,
+                              ControllerState.TOOL))
 """States in which no line is read from the receive buffer."""

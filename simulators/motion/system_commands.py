@@ -11,7 +11,7 @@ from firmware_protocol.messages import FeedbackMessage, Message, UnknownMessage
 from simulators.motion import reports
 from simulators.motion.action_execution import is_out_of_travel
 from simulators.motion.homing import home_machine
-from simulators.motion.interpreter import Interpreter
+from simulators.motion.interpreter import GcodeInterpreter
 from simulators.motion.machine import MotionMachine
 from simulators.motion.settings import SettingError
 from simulators.motion.states import ControllerState
@@ -36,7 +36,7 @@ class SystemCommands:
     def __init__(
         self,
         dialect: Dialect,
-        interpreter: Interpreter,
+        interpreter: GcodeInterpreter,
         machine: MotionMachine,
         identity: list[Message],
         gcode: Callable[[bytes], Steps],
@@ -89,7 +89,7 @@ class SystemCommands:
             return 0
         return self._assign(text)
 
-    def run_startup(self) -> Steps:
+    def run_startup_blocks(self) -> Steps:
         """The stored lines, after a reset or homing."""
         for number in sorted(self.startup):
             block = self.startup[number]
@@ -164,17 +164,17 @@ class SystemCommands:
         return 0
 
     def _restore_settings(self) -> int:
-        self._settings.restore()
+        self._settings.restore_defaults()
         self._refresh()
         return self._say(FeedbackMessage("MSG", "Restoring defaults"))
 
     def _restore_offsets(self) -> int:
         self._interpreter.offsets.restore()
-        self._interpreter.refresh()
+        self._interpreter.on_settings_changed()
         return self._say(FeedbackMessage("MSG", "Restoring defaults"))
 
     def _refresh(self) -> None:
-        self._interpreter.refresh()
+        self._interpreter.on_settings_changed()
         self._machine.planner.kinematics = self._settings.kinematics()
 
     def _store_line(self, number: int, block: str) -> Steps:
@@ -194,7 +194,7 @@ class SystemCommands:
         if machine.state not in (ControllerState.IDLE, ControllerState.JOG):
             return NOT_IDLE
         try:
-            motion = self._interpreter.jog(text[3:].encode("latin-1"))
+            motion = self._interpreter.interpret_jog(text[3:].encode("latin-1"))
         except GcodeError as refused:
             return refused.code
         if is_out_of_travel(machine, motion.target_mm):
@@ -214,4 +214,4 @@ class SystemCommands:
             return DOOR_OPEN
         yield from home_machine(machine)
         self._interpreter.position_mm = machine.planner.position_mm
-        return (yield from self.run_startup())
+        return (yield from self.run_startup_blocks())

@@ -12,7 +12,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from simulators.motion.actions import BEAM_DYNAMIC
-from simulators.motion.recording import BLOCK_DTYPE, PHASE_DTYPE, STANDING_DTYPE, MotionRecording
+from simulators.motion.recording import (
+    BLOCK_COLUMN_COUNT,
+    PHASE_COLUMN_COUNT,
+    STANDING_COLUMN_COUNT,
+    MotionRecording,
+)
 
 FloatArray = NDArray[np.float64]
 
@@ -155,14 +160,14 @@ class MotionTrace(MotionRecording):
 
     def _phase_rows(self) -> FloatArray:
         return self.laser.split_phases(np.array(self._phases,
-                                                dtype=np.float64).reshape(-1, PHASE_DTYPE))
+                                                dtype=np.float64).reshape(-1, PHASE_COLUMN_COUNT))
 
     def _stand_rows(self) -> FloatArray:
-        stands = np.array(self._stands, dtype=np.float64).reshape(-1, STANDING_DTYPE)
+        stands = np.array(self._stands, dtype=np.float64).reshape(-1, STANDING_COLUMN_COUNT)
         return self.laser.split_standing(stands)
 
     def _block_rows(self) -> FloatArray:
-        return np.array(self._blocks, dtype=np.float64).reshape(-1, BLOCK_DTYPE)
+        return np.array(self._blocks, dtype=np.float64).reshape(-1, BLOCK_COLUMN_COUNT)
 
 
 def _beam(power: FloatArray, speed: FloatArray, block: FloatArray) -> FloatArray:

@@ -60,7 +60,7 @@ class SimulatedSafetyDevice:
 
     def __init__(self, config: SafetyConfig, now: Callable[[], float]) -> None:
         self.config = config
-        self._block = FULL_BLOCK.in_order(config.word_order)
+        self._block = FULL_BLOCK.with_word_order(config.word_order)
         self.now = now
         self.card = InputCard(config)
         self._output = LaserEnableOutput()

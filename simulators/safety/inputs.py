@@ -5,7 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from firmware_protocol.registers import RegisterValue
-from firmware_protocol.safety_io import ALL_INPUTS_OK, SIO_MAP, SafetyInputBits, first_out_code_of
+from firmware_protocol.safety_io import (
+    ALL_INPUTS_OK,
+    SIO_MAP,
+    SafetyInputBits,
+    first_out_code_of_input,
+)
 from simulators.safety.config import SafetyConfig
 
 #: Where its switches stand (least, greatest): a value beyond opens the input.
@@ -42,7 +47,7 @@ class InputCard:
 
     def reset_first_out(self) -> None:
         still_open = [one for one in SafetyInputBits if one not in self.good]
-        self.first_out = first_out_code_of(still_open[0]) if still_open else 0
+        self.first_out = first_out_code_of_input(still_open[0]) if still_open else 0
 
     def set_input(self, one: SafetyInputBits, good: bool) -> None:
         if good:
@@ -67,7 +72,7 @@ class InputCard:
         before, self.good = self.good, self._seen()
         for one in SafetyInputBits:
             if one in before and one not in self.good:
-                self.record_first_out(first_out_code_of(one))
+                self.record_first_out(first_out_code_of_input(one))
 
     def _seen(self) -> SafetyInputBits:
         good = ALL_INPUTS_OK & ~self._opened_by_hand

@@ -11,7 +11,7 @@ from simulators.motion.simulator import MotionSimulator
 from simulators.safety.device import SimulatedSafetyDevice
 
 #: From an opened safety circuit to a dark laser: a safe-off takes less than 50 ms.
-LASER_OFF_S = 0.02
+LASER_OFF_DELAY_S = 0.02
 
 
 class SafetyWiring:
@@ -51,7 +51,7 @@ class SafetyWiring:
         circuit = safety.config.laser_circuit
         if circuit or safety.config.laser_enable:
             is_cut = (circuit and (door or estop)) or safety.is_laser_enable_off
-            self._motion.set_laser_circuit_open(is_cut, LASER_OFF_S)
+            self._motion.set_laser_circuit_open(is_cut, LASER_OFF_DELAY_S)
         if door != self._door:
             self._door = door
             self._motion.set_door(door)

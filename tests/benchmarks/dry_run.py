@@ -101,13 +101,13 @@ def one_run(job: Path, wire: str, runs: Path) -> dict[str, float]:
         async with Bench(config, ephemeral_ports=True) as bench:
             return bench, await run_job(job, replace_endpoints(profile(), bench.endpoints), runs)
 
-    bench, result = virtual_time.run(whole())
+    bench, result = virtual_time.run_in_virtual_time(whole())
     peak_mb = peak_so_far_mb()  # before the judging
     with JobReader(job) as reader:
         planned_s = reader.manifest.layers[-1].end_s
         motions = [
             layer.first_line + int(row)
-            for layer in reader.layers()
+            for layer in reader.iterate_layers()
             for row in np.flatnonzero(~np.isin(layer.lines["kind"],
                                                (LineKind.SETUP, LineKind.DWELL)))
         ]
@@ -132,14 +132,20 @@ def peak_so_far_mb() -> float:
 
 def write_spiral(path: Path, n_lines: int, cell: MachineProfile) -> None:
     """A spiral of SEGMENT_MM chords in layers of LAYER_LINES lines, one path each."""
-    from lmctl.plan.program_text.layer_text import CLOSING, OPENING, LayerLines, packed_layer
-    from lmctl.plan.sequence.moves import Moves, join, lines, on_raster
+    from lmctl.plan.program_text.layer_text import (
+        CLOSING_LINES,
+        OPENING_LINES,
+        LayerLines,
+        packed_layer,
+    )
+    from lmctl.plan.sequence.moves import Moves, join_moves, moves_of_kind, rounded_to_program_steps
     from lmctl.plan.sequence.powder_flow import PowderFlow
     from lmctl.plan.sequence.velocity_profile import line_durations
 
     def modes(count: int, at_mm: np.ndarray, mixture: np.ndarray) -> Moves:
-        return lines(np.repeat(at_mm[None], count, axis=0), feed_mm_s=0.0, kind=LineKind.SETUP,
-                     fractions=mixture)
+        return moves_of_kind(np.repeat(at_mm[None], count, axis=0), feed_mm_s=0.0,
+                             kind=LineKind.SETUP,
+                             fractions=mixture)
 
     mixture = np.array([1.0, 0.0])
     at_mm, at_s, count = np.array(cell.motion.purge_mm, dtype=float), 0.0, 0
@@ -152,23 +158,23 @@ def write_spiral(path: Path, n_lines: int, cell: MachineProfile) -> None:
                 150 + radius * np.cos(turn), 150 + radius * np.sin(turn),
                 np.full(len(turn), 1.0 + 0.5 * index),
             ])
-            moves = on_raster(
-                lines(target, feed_mm_s=SPEED_MM_S, kind=LineKind.BEAD, fractions=mixture,
-                      power_W=POWER_W, path=0, bead_width_mm=2.0), at_mm)
+            moves = rounded_to_program_steps(
+                moves_of_kind(target, feed_mm_s=SPEED_MM_S, kind=LineKind.BEAD, fractions=mixture,
+                              power_W=POWER_W, path=0, bead_width_mm=2.0), at_mm)
             # The way to the layer is long: as a first bead line it would outlast the horizon.
             way = np.linspace(at_mm, moves.target_mm[0], 120)[1:-1]
-            travel = lines(way, feed_mm_s=60.0, kind=LineKind.TRAVEL, fractions=mixture)
-            moves = join([on_raster(travel, at_mm), moves])
+            travel = moves_of_kind(way, feed_mm_s=60.0, kind=LineKind.TRAVEL, fractions=mixture)
+            moves = join_moves([rounded_to_program_steps(travel, at_mm), moves])
             lasting_s = line_durations(moves, at_mm, cell.motion)
             opens, closes = index == 0, count + len(moves) >= n_lines
             if opens:
-                moves = join([modes(len(OPENING), at_mm, mixture), moves])
-                lasting_s = np.concatenate([np.zeros(len(OPENING)), lasting_s])
+                moves = join_moves([modes(len(OPENING_LINES), at_mm, mixture), moves])
+                lasting_s = np.concatenate([np.zeros(len(OPENING_LINES)), lasting_s])
             if closes:
-                moves = join([moves, modes(len(CLOSING), moves.target_mm[-1], mixture)])
-                lasting_s = np.concatenate([lasting_s, np.zeros(len(CLOSING))])
+                moves = join_moves([moves, modes(len(CLOSING_LINES), moves.target_mm[-1], mixture)])
+                lasting_s = np.concatenate([lasting_s, np.zeros(len(CLOSING_LINES))])
             end_s = at_s + np.cumsum(lasting_s)
-            writer.add_packed(packed_layer(LayerLines(
+            writer.add_packed_layer(packed_layer(LayerLines(
                 index=index, z_mm=1.0 + 0.5 * index, first_line=count, first_path=index,
                 moves=moves, end_s=end_s, laser=cell.laser, opens=opens, closes=closes,
                 flow=PowderFlow(np.array([at_s, end_s[-1]]), np.array([[FLOW_G_S, 0.0]] * 2)),

@@ -24,7 +24,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))  # also without bei
 from lmctl.examples.gear_cloud import bore_outline, gear_outline
 from lmctl.field.cloud.cloud_field import cloud_field
 from lmctl.field.eikonal import eikonal_distance
-from lmctl.field.field import Field, sample_distance
+from lmctl.field.field import DistanceField, sample_distance
 from lmctl.field.grid import Grid
 from lmctl.field.mesh.mesh_field import mesh_field
 from lmctl.field.primitives import box_distance, sphere_distance
@@ -90,7 +90,7 @@ def cloud_against_kdtree(grid: Grid) -> dict[str, Any]:
     def every_node() -> None:
         tree = cKDTree(points)
         for window in grid.slabs(8):
-            tree.query(window.points())
+            tree.query(window.node_points())
 
     peer_s, _ = cpu_s(every_node)
     error = (field.values - gear_distance(grid)).reshape(-1)
@@ -110,7 +110,8 @@ def eikonal_against_skfmm(grid: Grid) -> dict[str, Any]:
     """Both of first order."""
     import skfmm
 
-    values = sphere_distance(grid.window().points(), [0.3, -0.2, 0.1], 20.0).reshape(grid.shape)
+    values = sphere_distance(grid.window().node_points(), [0.3, -0.2, 0.1],
+                             20.0).reshape(grid.shape)
     single = values.astype(np.float32)
     own_s, ours = median_cpu_s(lambda: eikonal_distance(single, grid.pitch_mm))
     peer_s, theirs = cpu_s(lambda: skfmm.distance(values, dx=grid.pitch_mm, order=1))
@@ -192,7 +193,8 @@ def cube(nodes: int) -> Grid:
     return Grid((-half, -half, -half), CUBE_MM / (nodes - 1), (nodes, nodes, nodes))
 
 
-def stored(distance: Callable[[np.ndarray], np.ndarray], reach: np.ndarray, pitch: float) -> Field:
+def stored(distance: Callable[[np.ndarray], np.ndarray], reach: np.ndarray,
+           pitch: float) -> DistanceField:
     return stored_field(distance, Grid.enclosing(-reach, reach, pitch))
 
 
@@ -294,11 +296,11 @@ def open3d_distance(mesh: Mesh, grid: Grid) -> None:
         open3d.core.Tensor(mesh[1].astype(np.uint32)),
     )
     for window in grid.slabs(1):
-        nodes = window.points().astype(np.float32)
+        nodes = window.node_points().astype(np.float32)
         scene.compute_signed_distance(open3d.core.Tensor(nodes)).numpy()
 
 
-def errors_against_libigl(mesh: Mesh, field: Field) -> tuple[float, int]:
+def errors_against_libigl(mesh: Mesh, field: DistanceField) -> tuple[float, int]:
     """Of random nodes, rms in pitches and wrong signs, by the pseudonormal distance."""
     import igl
 

@@ -139,12 +139,12 @@ def judged(
             await executor.run()
         return bench
 
-    path = virtual_time.run(whole()).record.beam_on_path()
+    path = virtual_time.run_in_virtual_time(whole()).record.beam_on_path()
     with JobReader(job) as reader:
-        fractions = np.concatenate([layer.lines["fractions"] for layer in reader.layers()])
+        fractions = np.concatenate([layer.lines["fractions"] for layer in reader.iterate_layers()])
     designed = path.designed_fractions(np.arange(len(fractions)), fractions)
     layer_s = float(path.time_s[-1] - path.time_s[0])
-    return float(path.fraction_within(designed, TOLERANCE)), layer_s
+    return float(path.length_fraction_within_tolerance(designed, TOLERANCE)), layer_s
 
 
 if __name__ == "__main__":

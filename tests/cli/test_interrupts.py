@@ -118,7 +118,8 @@ def test_a_port_that_is_no_controller(
         finally:
             loop.remove_reader(master)
 
-    monkeypatch.setattr("asyncio.run", lambda command: virtual_time.run(answered(command)))
+    monkeypatch.setattr("asyncio.run",
+                        lambda command: virtual_time.run_in_virtual_time(answered(command)))
     talk = refused("run", "part.lmj", "--machine", "cell.toml", code=4)
     os.close(master)
     os.close(slave)

@@ -126,10 +126,10 @@ def test_help_of_every_command(lmctl: Lmctl) -> None:
 def test_the_same_job_gives_the_same_journal(
     lmctl: Lmctl, planned: dict[str, object], tmp_path: Path
 ) -> None:
-    from lmctl.run.journal.format import fingerprint
+    from lmctl.run.journal.format import run_fingerprint
 
     prints = set()
     for number in range(1, 7):
         assert lmctl("run", "block.lmj", "--sim").code == 0
-        prints.add(fingerprint(tmp_path / "runs" / f"run-{number:04d}" / "journal.jsonl"))
+        prints.add(run_fingerprint(tmp_path / "runs" / f"run-{number:04d}" / "journal.jsonl"))
     assert len(prints) == 1

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from lmctl.cli.run_screen import screen
+from lmctl.cli.run_screen import screen_lines
 from lmctl.config.machine import load_profile
 from lmctl.run.state.transitions import FINAL_STATES, Effect, RunState
 from lmctl.run.status.phase import PhaseClock
-from lmctl.run.status.stop_messages import stop_words
+from lmctl.run.status.stop_messages import stop_message
 from tests.run.whole.conftest import EXAMPLES
 
 NOW = {
@@ -28,7 +28,7 @@ def phase():
 
 
 def test_a_held_run_says_by_what_how_full_hoppers_are_and_what_to_type():
-    lines = screen(NOW)
+    lines = screen_lines(NOW)
     assert lines[0].startswith("run-0001  HELD")
     assert " 25 %  layer 3 of 12, 6:11 left" in lines[0]
     assert "now     waiting for the operator, 29:51 left" in lines[1]
@@ -40,24 +40,25 @@ def test_a_held_run_says_by_what_how_full_hoppers_are_and_what_to_type():
 @pytest.mark.parametrize("width", [40, 80])
 def test_no_line_is_longer_than_the_terminal_is_wide(width):
     long = NOW | {"held_by": "a word and " * 30, "run": "run-000000001", "layers": 99_999}
-    assert all(len(line) <= width for line in screen(long, width))
+    assert all(len(line) <= width for line in screen_lines(long, width))
 
 
 def test_each_effect_says_what_is_done_and_counts_down_where_it_is_known_how_long(phase):
     for do in Effect:
-        phase.begin(do, 100.0)
-        words, left_s = phase.now(RunState.GAS, 101.0)
+        phase.begin_effect(do, 100.0)
+        words, left_s = phase.current_phase(RunState.GAS, 101.0)
         assert words
         assert left_s is None or left_s >= 0.0
-    phase.begin(Effect.AWAIT_STABLE, 100.0)
-    assert phase.now(RunState.POWDER, 102.5).left_s == pytest.approx(8.0 - 2.5)  # stabilise_s
-    assert phase.now(RunState.POWDER, 200.0).left_s == 0.0
-    assert phase.now(RunState.DEPOSITING, 200.0) == ("depositing", None)
+    phase.begin_effect(Effect.AWAIT_STABLE, 100.0)
+    # stabilise_s
+    assert phase.current_phase(RunState.POWDER, 102.5).remaining_s == pytest.approx(8.0 - 2.5)
+    assert phase.current_phase(RunState.POWDER, 200.0).remaining_s == 0.0
+    assert phase.current_phase(RunState.DEPOSITING, 200.0) == ("depositing", None)
 
 
 def test_ctrl_c_says_what_happens_and_what_another_one_does(phase):
-    said = {state: stop_words(state, phase,
-                              is_taken=state not in FINAL_STATES) for state in RunState}
+    said = {state: stop_message(state, phase,
+                                is_taken=state not in FINAL_STATES) for state in RunState}
     assert "nothing has been switched on" in said[RunState.CHECKING]
     for state in (RunState.DEPOSITING, RunState.HELD, RunState.PURGING):
         assert said[state].startswith("stopping: beam and motion off now")

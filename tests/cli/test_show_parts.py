@@ -51,7 +51,7 @@ def test_the_field_for_paraview_is_the_part(lmctl: Callable[..., Any], ball: Pat
     np.testing.assert_array_equal(arrays[0], part.distance(part.grid.window()).ravel())
     assert np.abs(arrays[1] + arrays[2] - 1).max() < 1e-6
     assert arrays[1][arrays[0].argmax()] == pytest.approx(part.composition(
-        part.grid.window().points()[arrays[0].argmax()][None])[0, 0])
+        part.grid.window().node_points()[arrays[0].argmax()][None])[0, 0])
     assert rest.rstrip().endswith(b"</VTKFile>")
     assert [path.name for path in Path().glob(".*partial")] == []
 

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lmctl.config.part_file import PartFile
-from lmctl.config.part_rules import cross_findings, load_part_file, parse_part_file
+from lmctl.config.part_rules import cross_key_findings, load_part_file, parse_part_file
 from lmctl.errors import ConfigError, MissingFileError
 
 ONE_MATERIAL = 'name = "p"\n[[material]]\nname = "316L"\n'
@@ -185,8 +185,8 @@ def test_fractions_must_sum_to_one(shares: list[float], error: float) -> None:
 ))
 def test_cross_checks_survive_any_shape_of_data(value: object) -> None:
     for key in ("material", "body", "composition"):
-        list(cross_findings({key: value}))
-        list(cross_findings({"composition": {"profile": value, "feature": value}, key: value}))
+        list(cross_key_findings({key: value}))
+        list(cross_key_findings({"composition": {"profile": value, "feature": value}, key: value}))
 
 
 def test_files_that_are_not_part_files(tmp_path: Path) -> None:
@@ -211,6 +211,6 @@ def test_a_body_that_its_own_composition_names_is_of_the_part() -> None:
     paths = [path for path, _ in findings(two + of_steel)]
     assert paths == ["combine"]  # which of two bodies is no longer passed over without a word
     part = parse_part_file('combine = "union"\n' + two + of_steel, name="part.toml")
-    assert (part.root_bodies(), part.bodies_only_measured_from()) == ((0, 1), ())
+    assert (part.root_body_indices(), part.reference_body_indices()) == ((0, 1), ())
     part = parse_part_file(two + own, name="part.toml")
-    assert (part.root_bodies(), part.bodies_only_measured_from()) == ((1,), (0,))
+    assert (part.root_body_indices(), part.reference_body_indices()) == ((1,), (0,))

@@ -13,7 +13,7 @@ import pytest
 
 from lmctl.config.machine import MachineProfile
 from lmctl.config.part_file import PartFile
-from lmctl.config.toml_file import ConfigModel, check_data
+from lmctl.config.toml_file import ConfigModel, validated_model
 from lmctl.errors import ConfigError
 
 EXAMPLES = sorted(path.name for path in files("lmctl.examples").iterdir()
@@ -43,7 +43,7 @@ def places(data: Any) -> Iterator[tuple[Any, Any]]:
 
 def reasons(data: Any, model: type[ConfigModel]) -> list[tuple[str, str]]:
     try:
-        check_data(data, model, name="it")
+        validated_model(data, model, name="it")
     except ConfigError as error:
         return [(finding.path, finding.reason) for finding in error.findings]
     return []

@@ -150,7 +150,7 @@ def _judge_record(job: Path, record: dict, folder: Path, outcome: Outcome) -> No
     drawn = {line["line"]: line["beam_on_mm"] for line in record["drawn"]}
     outcome.repeated_mm = record["verdict"]["repeated_mm"]
     with JobReader(job) as reader:
-        lines = np.concatenate([layer.lines for layer in reader.layers()])
+        lines = np.concatenate([layer.lines for layer in reader.iterate_layers()])
     ends = np.column_stack([lines["x_mm"], lines["y_mm"], lines["z_mm"]])
     length = np.linalg.norm(np.diff(ends, axis=0, prepend=ends[:1]), axis=1)
     beads = np.flatnonzero(lines["kind"] == LineKind.BEAD)

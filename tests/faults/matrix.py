@@ -221,7 +221,7 @@ def try_one(fault: Fault, state: RunState, folder: Path, job: Path) -> Cell:
     here.mkdir()
     shutil.copyfile(job.parent / "cell.toml", here / "cell.toml")
     trial = Trial(fault, state, job, here)
-    virtual_time.run(trial.main())
+    virtual_time.run_in_virtual_time(trial.main())
     return trial.cell
 
 

@@ -23,12 +23,12 @@ from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 
-from lmctl.cli.machine_actions import run_journaled, with_motion
+from lmctl.cli.machine_actions import run_journaled, run_with_motion
 from lmctl.cli.recover import prepare
 from lmctl.config.machine import MachineProfile, load_profile
 from lmctl.errors import JournalError, LmctlError, MachineError, UsageError
 from lmctl.job.reader import JobReader
-from lmctl.machine.manual.controller import open_motion
+from lmctl.machine.manual.controller import open_motion_controller
 from lmctl.machine.manual.homing import home_axes, set_work_offset, unlock_controller
 from lmctl.machine.motion.driver import MotionDriver
 from lmctl.part.load import load_part
@@ -43,7 +43,7 @@ from lmctl.run.state.transitions import RunState
 from simulators import virtual_time
 from simulators.bench import Bench
 from simulators.bench_config import BenchConfig
-from simulators.faults.link_tap import LinkTap, drop_all
+from simulators.faults.link_tap import LinkTap, drop_chunk
 from tests.faults.on_the_part import Deposit, OnThePart, measured
 
 EXAMPLES = files("lmctl.examples")
@@ -137,7 +137,7 @@ def run_scenario(one: Scenario, folder: Path) -> Told:
     plan_job(load_part(_part_file(folder)), profile, folder / "job.lmj")
     told = Told(one)
     with contextlib.redirect_stderr(io.StringIO()):
-        virtual_time.run(_story(one, folder, profile, config, told))
+        virtual_time.run_in_virtual_time(_story(one, folder, profile, config, told))
     return told
 
 
@@ -291,7 +291,7 @@ def _restart(bench: Bench):
 
 def _nothing_passes(edge: LinkTap):
     def one(data: bytes, deliver) -> None:
-        drop_all(data, deliver)
+        drop_chunk(data, deliver)
 
     for direction in ("to_device", "to_host"):
         edge.add_filter(direction, one)
@@ -321,7 +321,7 @@ class _Operator:
             await set_work_offset(motion, dict(zip("XYZ", self.zero_mm, strict=True)), here=False)
 
         await run_journaled(self._cell, runs, {"do": "home"},
-                            lambda whereabouts: with_motion(self._cell, whereabouts, act))
+                            lambda whereabouts: run_with_motion(self._cell, whereabouts, act))
         await asyncio.sleep(1.0)
 
     async def recover(self, made: RunFolder, runs: Path, *, harmless: bool) -> EarlierRun | None:
@@ -362,7 +362,7 @@ class _Operator:
     async def _touch_off(self) -> None:
         """Say where the machine really is: the work offset makes up for the place it has lost."""
         await asyncio.sleep(1.0)
-        async with open_motion(self._cell) as motion:
+        async with open_motion_controller(self._cell) as motion:
             trace = self._bench.motion.trace
             believed, shift = self._bench.motion.position_mm, trace.position_error_mm
             true_mm = {axis: at + by for axis, at, by in zip("XYZ", believed, shift, strict=True)}

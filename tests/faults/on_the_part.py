@@ -143,7 +143,7 @@ def measured(
     off_path_mm = 0.0
     with JobReader(job_path) as job:
         assert job.manifest.materials == drawn.materials
-        wanted = np.concatenate([layer.lines["fractions"] for layer in job.layers()])
+        wanted = np.concatenate([layer.lines["fractions"] for layer in job.iterate_layers()])
         n_lines = sum(entry.n_lines for entry in job.manifest.layers)
         for rows in rows_between(job, 0, n_lines - 1):
             for row in np.flatnonzero(rows.is_bead).tolist():

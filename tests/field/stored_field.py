@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.field.features import length
-from lmctl.field.field import Field
+from lmctl.field.field import DistanceField
 from lmctl.field.grid import Grid
 
 FloatArray = NDArray[np.float64]
@@ -19,7 +19,7 @@ STEP = 1e-5  # of the differences, in pitches
 ASIDE = np.array([0.37, 0.61, 0.23])  # a direction no body is likely to be symmetric in
 
 
-def stored_field(distance: Callable[[FloatArray], FloatArray], grid: Grid) -> Field:
+def stored_field(distance: Callable[[FloatArray], FloatArray], grid: Grid) -> DistanceField:
     """Store an exact signed distance, with the closest points that make reading it back precise.
 
     distance : points (n, 3) float64 [mm] -> (n,) float64 [mm], positive inside, a true distance
@@ -29,7 +29,7 @@ def stored_field(distance: Callable[[FloatArray], FloatArray], grid: Grid) -> Fi
     sources = np.full(grid.shape, -1, dtype=np.int32)
     surface, inwards, count = [np.empty((0, 3))], [np.empty((0, 3))], 0
     for window in grid.slabs(SLAB_PLANES):
-        points = window.points()
+        points = window.node_points()
         exact = distance(points)
         values[window.z_first : window.z_last] = exact.reshape(window.shape)
         near = np.abs(exact) < BAND_PITCHES * grid.pitch_mm
@@ -40,7 +40,7 @@ def stored_field(distance: Callable[[FloatArray], FloatArray], grid: Grid) -> Fi
         surface.append(closest)
         inwards.append(slope)
         count += len(closest)
-    return Field(
+    return DistanceField(
         grid, values, sources, np.vstack(surface), inwards=np.vstack(inwards), exact=True
     )
 

@@ -38,7 +38,7 @@ def test_smooth_surfaces_are_third_order(sphere_cloud):
     for count, pitch in ((2_000, 0.8), (8_000, 0.4)):
         points = sphere_cloud(count, 10.0)
         grid = around(points, pitch)
-        true = 10.0 - np.linalg.norm(grid.window().points(), axis=1)
+        true = 10.0 - np.linalg.norm(grid.window().node_points(), axis=1)
         error = errors_near(cloud_field(points, grid), true, pitch)
         worst.append(np.sqrt(np.mean(error**2)))
     assert worst[0] < 2e-3
@@ -54,7 +54,7 @@ def test_a_torus_has_a_hole(sphere_cloud):
         [ring * np.cos(turn[keep]), ring * np.sin(turn[keep]), 4 * np.sin(tube[keep])]
     ) + rng.normal(0, 0.02, (keep.sum(), 3))
     grid = around(points, 0.5)
-    true = torus_distance(grid.window().points(), [0, 0, 0], [0, 0, 1], 9.0, 4.0)
+    true = torus_distance(grid.window().node_points(), [0, 0, 0], [0, 0, 1], 9.0, 4.0)
     field = cloud_field(points, grid)
     away = np.abs(true) > 0.1
     assert np.array_equal((field.values.reshape(-1) > 0)[away], (true > 0)[away])
@@ -73,7 +73,7 @@ def test_edges_of_a_box_stay_sharp():
     size = np.array([12.0, 9.0, 7.0])
     points = box_cloud(np.random.default_rng(3), 12_000, size)
     grid = around(points, 0.25)
-    true = box_distance(grid.window().points(), [0, 0, 0], size)
+    true = box_distance(grid.window().node_points(), [0, 0, 0], size)
     error = np.abs(errors_near(cloud_field(points, grid), true, 0.25))
     # Samples are 0.2 mm apart; a fit across edges would err by about as much at all of them.
     assert np.quantile(error, 0.99) < 0.01
@@ -89,7 +89,7 @@ def test_uneven_density_and_small_holes_are_bridged(sphere_cloud):
     spacing = np.where(dense[:, 0] > 0, 0.25, 0.72)
     cloud = dense[gap > 1.2 * spacing]
     grid = around(cloud, 0.4)
-    true = 10.0 - np.linalg.norm(grid.window().points(), axis=1)
+    true = 10.0 - np.linalg.norm(grid.window().node_points(), axis=1)
     field = cloud_field(cloud, grid)
     away = np.abs(true) > 0.3
     assert np.array_equal((field.values.reshape(-1) > 0)[away], (true > 0)[away])
@@ -99,7 +99,7 @@ def test_thin_walls_have_two_sides():
     size = np.array([20.0, 16.0, 1.2])
     points = box_cloud(np.random.default_rng(6), 9_000, size)
     grid = around(points, 0.2)
-    true = box_distance(grid.window().points(), [0, 0, 0], size)
+    true = box_distance(grid.window().node_points(), [0, 0, 0], size)
     field = cloud_field(points, grid)
     away = np.abs(true) > 0.3  # samples are 0.27 mm apart
     assert np.array_equal((field.values.reshape(-1) > 0)[away], (true > 0)[away])
@@ -113,7 +113,7 @@ def test_repeats_and_strays_are_dropped_and_told(sphere_cloud):
     cloud = np.vstack([points, points[:50], strays])
     grid = around(cloud, 0.5)
     field = cloud_field(cloud, grid)
-    true = 10.0 - np.linalg.norm(grid.window().points(), axis=1)
+    true = 10.0 - np.linalg.norm(grid.window().node_points(), axis=1)
     away = np.abs(true) > 0.05
     assert np.array_equal((field.values.reshape(-1) > 0)[away], (true > 0)[away])
     assert any("50 repeated points" in remark for remark in field.remarks)
@@ -179,7 +179,7 @@ def test_lines_of_a_scanner_are_made_even():
         np.cos(height).ravel(),
     ])
     grid = around(points, 0.4)
-    true = 10.0 - np.linalg.norm(grid.window().points(), axis=1)
+    true = 10.0 - np.linalg.norm(grid.window().node_points(), axis=1)
     error = errors_near(cloud_field(points, grid), true, 0.4)
     assert np.abs(error).max() < 0.02  # lines are 1 mm apart
 
@@ -189,7 +189,7 @@ def test_noise_averages_out_where_samples_are_dense(sphere_cloud):
     points = sphere_cloud(60_000, 10.0) + rng.normal(0, 0.1, (60_000, 3))
     for pitch in (0.4, 1.0):
         grid = around(points, pitch)
-        true = 10.0 - np.linalg.norm(grid.window().points(), axis=1)
+        true = 10.0 - np.linalg.norm(grid.window().node_points(), axis=1)
         error = errors_near(cloud_field(points, grid), true, pitch)
         assert np.sqrt(np.mean(error**2)) < 0.05
 

@@ -12,7 +12,7 @@ from lmctl.field.grid import Grid
 
 def ball(pitch: float) -> tuple[np.ndarray, Grid]:
     grid = Grid.enclosing(np.full(3, -6.0), np.full(3, 6.0), pitch)
-    true = 5.0 - np.linalg.norm(grid.window().points(), axis=1)
+    true = 5.0 - np.linalg.norm(grid.window().node_points(), axis=1)
     return true.astype(np.float32).reshape(grid.shape), grid
 
 

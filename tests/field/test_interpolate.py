@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lmctl.field.field import Field, sample_distance
+from lmctl.field.field import DistanceField, sample_distance
 from lmctl.field.grid import Grid
 from lmctl.field.mesh.mesh_field import mesh_field
 from lmctl.field.primitives import (
@@ -39,7 +39,8 @@ def box_surface(low: np.ndarray, high: np.ndarray) -> np.ndarray:
     return low + np.vstack([faces, edges, corners]) * (high - low)
 
 
-def stored(distance: Callable[[np.ndarray], np.ndarray], reach: float, pitch: float) -> Field:
+def stored(distance: Callable[[np.ndarray], np.ndarray], reach: float,
+           pitch: float) -> DistanceField:
     return stored_field(distance, Grid.enclosing(np.full(3, -reach), np.full(3, reach), pitch))
 
 
@@ -113,5 +114,5 @@ def test_a_mesh_is_read_back_as_its_own_facets(box_mesh):
 
 def test_nodes_themselves_give_their_own_values():
     field = stored(lambda p: sphere_distance(p, [0.1, 0.2, 0.3], 5.0), 6.0, 0.8)
-    nodes = field.grid.window().points()
+    nodes = field.grid.window().node_points()
     assert sample_distance(field, nodes) == pytest.approx(field.values.reshape(-1), abs=1e-5)

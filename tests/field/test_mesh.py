@@ -22,7 +22,7 @@ def grid() -> Grid:
 
 def test_a_box_is_measured_exactly(box_mesh, grid):
     field = mesh_field(*box_mesh(*BOX), grid)
-    true = box_distance(grid.window().points(), *BOX).reshape(grid.shape)
+    true = box_distance(grid.window().node_points(), *BOX).reshape(grid.shape)
     assert np.abs(field.values - true)[np.abs(true) < 0.5].max() < 1e-5
     # Farther out the point taken is the best among those of the seeds.
     assert np.abs(field.values - true).max() < 0.1 * grid.pitch_mm
@@ -34,7 +34,7 @@ def test_faces_exactly_on_nodes_keep_their_signs(box_mesh):
     low, high = [-3.0, -2.0, -2.0], [3.0, 2.0, 2.0]
     grid = Grid.enclosing(np.array(low), np.array(high), 0.5)
     field = mesh_field(*box_mesh(low, high), grid)
-    true = box_distance(grid.window().points(), low, high).reshape(grid.shape)
+    true = box_distance(grid.window().node_points(), low, high).reshape(grid.shape)
     assert np.abs(field.values - true).max() < 0.1 * grid.pitch_mm
     assert field.remarks == ()
 
@@ -43,7 +43,7 @@ def test_every_node_agrees_with_libigl(sphere_mesh):
     vertices, triangles = sphere_mesh(8.0, 48)
     vertices = vertices * [1.0, 0.7, 1.3] + 0.2 * np.sin(vertices[:, ::-1])
     grid = Grid.enclosing(vertices.min(axis=0), vertices.max(axis=0), 0.4)
-    points = grid.window().points()
+    points = grid.window().node_points()
     exact = -igl.signed_distance(
         points, vertices, triangles, sign_type=igl.SIGNED_DISTANCE_TYPE_PSEUDONORMAL
     )[0].reshape(grid.shape)
@@ -61,7 +61,7 @@ def test_winding_does_not_matter(sphere_mesh, wound):
     triangles = np.where(flip[:, None], triangles[:, ::-1], triangles)
     grid = Grid.enclosing(vertices.min(axis=0), vertices.max(axis=0), 0.5)
     field = mesh_field(vertices, triangles, grid)
-    true = 8.0 - np.linalg.norm(grid.window().points(), axis=1).reshape(grid.shape)
+    true = 8.0 - np.linalg.norm(grid.window().node_points(), axis=1).reshape(grid.shape)
     away = np.abs(true) > 0.05
     assert np.array_equal((field.values > 0)[away], (true > 0)[away])
 
@@ -73,7 +73,7 @@ def test_a_small_hole_is_outvoted_and_reported(sphere_mesh):
     hole = np.linalg.norm(centres - [0.0, 8.0, 0.0], axis=1) < 1.0
     assert hole.any()
     field = mesh_field(vertices, triangles[~hole], grid)
-    points = grid.window().points()
+    points = grid.window().node_points()
     true = 8.0 - np.linalg.norm(points, axis=1).reshape(grid.shape)
     # Nodes in the hole itself may go either way.
     away = (np.abs(true) > 0.05) & (
@@ -100,7 +100,7 @@ def test_solids_that_overlap_in_one_mesh_are_one(sphere_mesh):
     both = np.vstack([vertices, vertices + np.array([9.0, 0.3, 0.2])])
     grid = Grid.enclosing(both.min(axis=0), both.max(axis=0), 0.5)
     field = mesh_field(both, np.vstack([triangles, triangles + len(vertices)]), grid)
-    points = grid.window().points()
+    points = grid.window().node_points()
     apart = [np.linalg.norm(points - c, axis=1) for c in ([0, 0, 0], [9.0, 0.3, 0.2])]
     true = (8.0 - np.minimum(*apart)).reshape(grid.shape)
     # The surface of either within the other stays a surface: distances are measured to it.
@@ -113,7 +113,7 @@ def test_a_cavity_is_outside(sphere_mesh):
     both = np.vstack([vertices, 0.5 * vertices])
     grid = Grid.enclosing(both.min(axis=0), both.max(axis=0), 0.5)
     field = mesh_field(both, np.vstack([triangles, triangles[:, ::-1] + len(vertices)]), grid)
-    radius = np.linalg.norm(grid.window().points(), axis=1).reshape(grid.shape)
+    radius = np.linalg.norm(grid.window().node_points(), axis=1).reshape(grid.shape)
     assert np.all(field.values[radius < 3.9] < 0)
     assert np.all(field.values[(radius > 4.1) & (radius < 7.9)] > 0)
 
@@ -127,7 +127,7 @@ def test_triangles_missing_here_and_there_leave_the_rest_its_signs(sphere_mesh, 
         left = np.where(rng.random(len(left))[:, None] < 0.5, left, left[:, ::-1])
     grid = Grid.enclosing(vertices.min(axis=0), vertices.max(axis=0), 0.25)
     field = mesh_field(vertices, left, grid)
-    true = 8.0 - np.linalg.norm(grid.window().points(), axis=1).reshape(grid.shape)
+    true = 8.0 - np.linalg.norm(grid.window().node_points(), axis=1).reshape(grid.shape)
     away = np.abs(true) > 0.3
     assert np.array_equal((field.values > 0)[away], (true > 0)[away])
     assert "the mesh is open" in field.remarks[0]
@@ -137,7 +137,7 @@ def test_half_a_ball_left_open_is_closed_over(sphere_mesh):
     vertices, triangles = sphere_mesh(8.0, 48)
     low = triangles[vertices[triangles][:, :, 2].max(axis=1) < 0.3]
     grid = Grid.enclosing(vertices.min(axis=0), vertices.max(axis=0), 0.5)
-    points = grid.window().points()
+    points = grid.window().node_points()
     inside = mesh_field(vertices, low, grid).values.reshape(-1) > 0
     true = 8.0 - np.linalg.norm(points, axis=1)
     assert np.all(inside[(true > 0.2) & (points[:, 2] < -0.5)])
@@ -155,7 +155,7 @@ def test_slivers_and_triangles_without_area_do_no_harm(box_mesh, grid):
 def test_the_pitch_does_not_matter_near_the_surface(sphere_mesh, pitch):
     vertices, triangles = sphere_mesh(8.0, 256)
     grid = Grid.enclosing(vertices.min(axis=0), vertices.max(axis=0), pitch)
-    true = 8.0 - np.linalg.norm(grid.window().points(), axis=1)
+    true = 8.0 - np.linalg.norm(grid.window().node_points(), axis=1)
     error = mesh_field(vertices, triangles, grid).values.reshape(-1) - true
     assert np.abs(error[np.abs(true) < 3.0]).max() < 2e-3  # the mesh's own, by its facets
 
@@ -164,9 +164,9 @@ def test_closest_points_lie_on_the_surface_at_the_distance_given(sphere_mesh):
     vertices, triangles = sphere_mesh(8.0)
     grid = Grid.enclosing(vertices.min(axis=0), vertices.max(axis=0), 1.0)
     field = mesh_field(vertices, triangles, grid)
-    closest = field.closest.reshape(-1, 3)
+    closest = field.closest_point_of_each_node.reshape(-1, 3)
     assert np.linalg.norm(closest, axis=1) == pytest.approx(8.0, abs=0.02)
-    away = np.linalg.norm(closest - grid.window().points(), axis=1)
+    away = np.linalg.norm(closest - grid.window().node_points(), axis=1)
     assert away == pytest.approx(np.abs(field.values.reshape(-1)), abs=1e-5)
 
 
@@ -179,7 +179,7 @@ def test_sampling_between_and_beyond_the_nodes(sphere_mesh):
     error = np.abs(sample_distance(field, points) - true)
     assert error[np.abs(true) < 4.0].max() < 0.03
     assert error[true < 0.0].max() < 0.1 * grid.pitch_mm
-    nodes = grid.window(10, 11).points()
+    nodes = grid.window(10, 11).node_points()
     assert sample_distance(field, nodes) == pytest.approx(field.values[10].reshape(-1), abs=1e-5)
     near = points[np.abs(true) < 3.0]
     inwards = -near / np.linalg.norm(near, axis=1)[:, None]
@@ -191,7 +191,7 @@ def test_a_window_of_its_own_grid_is_its_own_values(box_mesh, grid):
     field = mesh_field(*box_mesh(*BOX), grid)
     assert np.shares_memory(field.values_on_window(grid.window(2, 5)), field.values)
     other = Grid.enclosing(np.array(BOX[0]), np.array(BOX[1]), 0.3)
-    true = box_distance(other.window(5, 9).points(), *BOX)
+    true = box_distance(other.window(5, 9).node_points(), *BOX)
     got = field.values_on_window(other.window(5, 9))
     assert got.shape == other.window(5, 9).shape
     assert np.abs(got.reshape(-1) - true).max() < 0.2

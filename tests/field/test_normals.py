@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lmctl.errors import InputError
 from lmctl.field.cloud.cloud_field import cloud_field
-from lmctl.field.field import Field
+from lmctl.field.field import DistanceField
 from lmctl.field.grid import Grid
 from lmctl.field.primitives import box_distance, cone_distance
 
@@ -38,9 +38,9 @@ def around(points: FloatArray) -> Grid:
     return Grid.enclosing(points.min(axis=0), points.max(axis=0), 0.25)
 
 
-def wrong_signs(field: Field, thick: float) -> NDArray[np.bool_]:
+def wrong_signs(field: DistanceField, thick: float) -> NDArray[np.bool_]:
     """At nodes farther from the plate's surface than a spacing."""
-    true = box_distance(field.grid.window().points(), [0, 0, 0], [*ACROSS, thick])
+    true = box_distance(field.grid.window().node_points(), [0, 0, 0], [*ACROSS, thick])
     values = field.values.reshape(-1)
     wrong: NDArray[np.bool_] = ((values > 0) != (true > 0)) & (np.abs(true) > SPACING_MM)
     return wrong
@@ -55,7 +55,7 @@ def test_a_plate_too_thin_for_its_spacing_is_told_by_its_normals(thick, noise):
         cloud_field(points, grid)
     field = cloud_field(points, grid, normals)
     assert not wrong_signs(field, thick).any()
-    true = box_distance(grid.window().points(), [0, 0, 0], [*ACROSS, thick])
+    true = box_distance(grid.window().node_points(), [0, 0, 0], [*ACROSS, thick])
     inside = true > 0.2
     assert (field.values.reshape(-1)[inside] > 0).mean() > (0.995 if thick < 2.0 else 0.9999)
     assert (field.values.reshape(-1)[true < -0.1] < 0).mean() > 0.998
@@ -89,7 +89,7 @@ def test_what_is_hardly_thicker_is_right_or_refused(thick, seed):
     except InputError as refused:
         assert "the samples are apart" in refused.what  # noqa: PT017 (it may be right as well)
         return
-    true = box_distance(field.grid.window().points(), [0, 0, 0], [*ACROSS, thick])
+    true = box_distance(field.grid.window().node_points(), [0, 0, 0], [*ACROSS, thick])
     assert (field.values.reshape(-1)[true > 0.2] > 0).mean() > 0.99
     assert any("than the samples are apart" in remark for remark in field.remarks)
 
@@ -123,7 +123,7 @@ def test_a_sharp_trailing_edge_alone_does_not_refuse():
     ])
     field = cloud_field(points, around(points), normals)
     assert any("than the samples are apart" in remark for remark in field.remarks)
-    x, y, z = field.grid.window().points().T
+    x, y, z = field.grid.window().node_points().T
     inside = (x < long - 0.3) & (y > 0.3) & (y < wide - 0.3) & (z > 0.3) & (z < x * slope - 0.3)
     assert (field.values.reshape(-1)[inside] > 0).mean() > 0.99
 
@@ -194,7 +194,7 @@ def test_right_normals_of_samples_denser_than_the_grid_are_believed(seed):
     grid = Grid.enclosing(points.min(axis=0), points.max(axis=0), 1.9)
     field = cloud_field(points, grid, normals)
     assert field.remarks == ()
-    true = box_distance(grid.window().points() @ turn, [0, 0, 0], [*ACROSS, 14.0])
+    true = box_distance(grid.window().node_points() @ turn, [0, 0, 0], [*ACROSS, 14.0])
     assert not (((field.values.reshape(-1) > 0) != (true > 0)) & (np.abs(true) > 0.8)).any()
 
 
@@ -215,5 +215,5 @@ def test_a_pointed_cone_is_not_thin_for_its_rim(radius, high, pitch):
     field = cloud_field(points, Grid.enclosing(points.min(axis=0), points.max(axis=0), pitch),
                         normals)
     assert not any("thin" in remark for remark in field.remarks)
-    true = cone_distance(field.grid.window().points(), [0, 0, 0], [0, 0, high], radius, 0.0)
+    true = cone_distance(field.grid.window().node_points(), [0, 0, 0], [0, 0, high], radius, 0.0)
     assert not (((field.values.reshape(-1) > 0) != (true > 0)) & (np.abs(true) > 0.3)).any()

@@ -16,7 +16,7 @@ from lmctl.errors import InputError
 from lmctl.field import array_storage
 from lmctl.field.array_storage import allocate_array
 from lmctl.field.cloud.cloud_field import cloud_field
-from lmctl.field.field import Field, sample_distance
+from lmctl.field.field import DistanceField, sample_distance
 from lmctl.field.grid import Grid
 from lmctl.field.mesh.mesh_field import mesh_field
 
@@ -37,13 +37,13 @@ def around_a_ball(count: int) -> np.ndarray:
     return 5 * np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=1)
 
 
-def of_a_mesh() -> Field:
+def of_a_mesh() -> DistanceField:
     corners = 5 * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
     sides = [(x, y, z) for x in (0, 1) for y in (2, 3) for z in (4, 5)]
     return mesh_field(corners.astype(float), np.array(sides), BALL)
 
 
-def of_a_cloud() -> Field:
+def of_a_cloud() -> DistanceField:
     return cloud_field(around_a_ball(3000), BALL)
 
 
@@ -55,7 +55,7 @@ def is_in_a_file(array: np.ndarray) -> bool:
 
 @pytest.mark.parametrize("make", [of_a_mesh, of_a_cloud])
 def test_a_field_is_bit_for_bit_the_same_in_a_file(
-    make: Callable[[], Field], folder: Path, monkeypatch: pytest.MonkeyPatch
+    make: Callable[[], DistanceField], folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     here = make()
     monkeypatch.setattr(array_storage, "MAX_BYTES_IN_MEMORY", 1000)

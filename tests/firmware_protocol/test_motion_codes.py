@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from firmware_protocol.codes import alarm_meaning, error_meaning, position_lost
+from firmware_protocol.codes import alarm_loses_position, alarm_meaning, error_meaning
 from firmware_protocol.dialect import GRBL, GRBLHAL
 
 GRBL_ERRORS = [*range(1, 18), *range(20, 39)]
@@ -64,6 +64,6 @@ def test_codes_of_the_transcripts_are_listed(scenarios):
 
 
 def test_alarms_that_lose_the_position():
-    assert [n for n in range(1, 11) if not position_lost(n, GRBL)] == [2, 4, 5]
-    assert position_lost(10, GRBLHAL)
-    assert not position_lost(13, GRBLHAL)
+    assert [n for n in range(1, 11) if not alarm_loses_position(n, GRBL)] == [2, 4, 5]
+    assert alarm_loses_position(10, GRBLHAL)
+    assert not alarm_loses_position(13, GRBLHAL)

@@ -104,13 +104,13 @@ def test_a_line_is_too_long_by_what_is_stored_of_it():
     device = GrblDevice(GRBL)
     assert device.pop_line() is None
     device.receive_data(b"X" * 79 + b"\n")
-    assert not device.is_too_long(device.pop_line())
+    assert not device.is_line_too_long(device.pop_line())
     assert device.pop_line() is None
     device.receive_data(b"X" * 80 + b"\n")
-    assert device.is_too_long(device.pop_line())
+    assert device.is_line_too_long(device.pop_line())
     assert device.pop_line() is None
     device.receive_data(b" " * 30 + b"X" * 40 + b"(" + b"c" * 30 + b")\n")
-    assert not device.is_too_long(device.pop_line())
+    assert not device.is_line_too_long(device.pop_line())
 
 
 def test_an_endless_line_is_bounded_and_too_long():
@@ -121,7 +121,7 @@ def test_an_endless_line_is_bounded_and_too_long():
         assert device.pop_line() is None
     assert len(device._partial) < 5000
     device.receive_data(b")\nM5\n")
-    assert device.is_too_long(device.pop_line())
+    assert device.is_line_too_long(device.pop_line())
     assert device.pop_line() == b"M5"
     assert device.free_rx_bytes == 1023
 

@@ -119,7 +119,7 @@ def test_lines_are_refused_together_where_one_of_them_is(lines):
 def test_of_the_lines_that_wait_as_many_are_sent_as_there_is_room_for():
     host, waiting = GrblHost(20, 79), deque([b"G1 X12345", b"", b"G1 X5432", b"G1 X1"])
     assert host.send_queued(waiting, 7) == [b"G1 X12345", b"", b"G1 X5432"]
-    assert (host.free_rx_bytes, host.oldest_tag, host.newest_tag) == (0, 7, 9)
+    assert (host.free_rx_bytes, host.oldest_unanswered_tag, host.newest_unanswered_tag) == (0, 7, 9)
     assert host.send_queued(waiting, 10) == []
     assert host.receive_data(b"ok\r\nok\r\n") == [7, 8]
     assert host.send_queued(waiting, 10) == [b"G1 X1"]

@@ -71,7 +71,7 @@ def test_the_mirror_collides_with_nothing():
     holding = {
         a
         for row in pmx.PMX_MAP.rows if row.space is RegisterSpace.HOLDING
-        for a in range(row.address, row.address + row.words)
+        for a in range(row.address, row.address + row.word_count)
     }
     size = pmx.mirror_offset(pmx.MAX_HOPPERS + 1)
     assert not holding & set(range(pmx.MIRROR_ADDRESS, pmx.MIRROR_ADDRESS + size))
@@ -82,7 +82,7 @@ def test_the_mirror_has_every_block_once_and_no_gap():
     at = pmx.SYSTEM_BLOCK.count
     for channel in range(1, pmx.MAX_HOPPERS + 1):
         assert pmx.mirror_offset(channel) == at
-        at += pmx.PMX_MAP.block(pmx.hopper_input_names(channel)).count
+        at += pmx.PMX_MAP.contiguous_block(pmx.hopper_input_names(channel)).count
     assert at == pmx.mirror_offset(pmx.MAX_HOPPERS + 1)
 
 

@@ -167,7 +167,7 @@ def test_a_block_moves_values_both_ways():
         Register("A", RegisterSpace.HOLDING, 10, counts_per_unit=10),
         Register("B", RegisterSpace.HOLDING, 12, RegisterType.I32),
     ]
-    block = RegisterMap(rows).block(["B", "A"])
+    block = RegisterMap(rows).contiguous_block(["B", "A"])
     assert (block.address, block.count) == (10, 4)
     words = block.encode({"A": 1.5, "B": -2})
     assert words == [15, 0, 0xFFFF, 0xFFFE]
@@ -184,7 +184,7 @@ def test_of_a_block_only_some_rows_may_be_looked_at():
         Register("C", RegisterSpace.INPUT, 3, RegisterType.I16),
         Register("D", RegisterSpace.INPUT, 4, RegisterType.ASCII, length=1),
     ]
-    block = RegisterMap(rows).block("ABCD")
+    block = RegisterMap(rows).contiguous_block("ABCD")
     words = [15, 0xFFFF, 0xFFFE, 0x8000, 0x4142]
     assert block.decode(words) == {"A": 1.5, "B": -2, "C": -32768, "D": "AB"}
     assert block.restricted_to("BC").decode(words) == {"B": -2, "C": -32768}
@@ -197,4 +197,4 @@ def test_a_block_needs_rows_of_one_kind():
                          Register("B", RegisterSpace.HOLDING, 0)])
     for names in ([], ["A", "B"]):
         with pytest.raises(RegisterError):
-            table.block(names)
+            table.contiguous_block(names)

@@ -105,7 +105,7 @@ def test_limits_of_the_relays_time(milliseconds):
     ],
 )
 def test_first_outs_in_words(one, code, words):
-    assert safety_io.first_out_code_of(one) == code
+    assert safety_io.first_out_code_of_input(one) == code
     found = safety_io.describe_first_out(code)
     assert found.code == code
     assert words in found.text

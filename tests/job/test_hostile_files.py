@@ -39,7 +39,7 @@ def bounded_memory():
 
 def read_all(path: Path) -> None:
     with JobReader(path) as job:
-        for _ in job.layers():
+        for _ in job.iterate_layers():
             pass
 
 

@@ -15,7 +15,7 @@ from lmctl.job.reader import JobReader
 
 def read_all(path):
     with JobReader(path) as job:
-        for _ in job.layers():
+        for _ in job.iterate_layers():
             pass
 
 
@@ -270,4 +270,4 @@ def test_a_layer_changed_while_the_job_is_open(job_path):
             layers=(job.manifest.layers[0], dataclasses.replace(entry, sha256="0" * 64)),
         )
         with pytest.raises(JobError, match="damaged or altered"):
-            job.layer(1)
+            job.read_layer(1)

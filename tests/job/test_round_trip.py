@@ -21,7 +21,7 @@ def test_everything_comes_back(job_path, layer, part_text):
         assert [entry.n_lines for entry in job.manifest.layers] == [6, 6, 6]
         assert [(e.first_path, e.n_paths) for e in job.manifest.layers] == [(0, 1), (1, 1), (2, 1)]
         assert [(e.start_s, e.end_s) for e in job.manifest.layers] == [(0, 10), (10, 20), (20, 30)]
-        for index, got in enumerate(job.layers()):
+        for index, got in enumerate(job.iterate_layers()):
             want = layer(index)
             assert got.program == want.program
             assert (got.index, got.z_mm, got.first_line) == (index, want.z_mm, want.first_line)
@@ -140,7 +140,7 @@ def test_a_long_job_takes_no_more_memory_than_a_short_one(tmp_path, manifest, la
                 job.add_layer(layer(index, 500))
             job.finish(manifest(), part_text)
         with JobReader(tmp_path / "a.lmj") as job:
-            for _ in job.layers():
+            for _ in job.iterate_layers():
                 pass
         _, most = tracemalloc.get_traced_memory()
         tracemalloc.stop()

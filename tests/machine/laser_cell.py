@@ -78,4 +78,4 @@ def played(act, wire: str = "tcp", **settings):
         async with driven(wire, **settings) as cell:
             await act(cell)
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())

@@ -35,7 +35,7 @@ def fault_of(act, config: FeederConfig = ONE, within_s: float = 3.0):
             assert heard_s[0] - spoilt_s <= within_s
             return ears.faults
 
-    return virtual_time.run(main())
+    return virtual_time.run_in_virtual_time(main())
 
 
 def test_an_alarm_is_told_once_in_words():
@@ -86,7 +86,7 @@ def test_a_recipe_that_is_not_taken_over_is_noticed():
             (reason,) = ears.faults
             assert reason.startswith("it runs recipe")
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 def test_another_host_that_takes_command_away_is_noticed():
@@ -119,7 +119,7 @@ def test_a_host_that_stalls_finds_powder_stopped_by_the_watchdog():
             await feeding(driver)
             assert disc_rpm(device) == 3.0
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 def test_an_alarm_with_a_cause_that_remains_cannot_be_reset():
@@ -130,7 +130,7 @@ def test_an_alarm_with_a_cause_that_remains_cannot_be_reset():
             with pytest.raises(MachineError, match="the cause of the alarm is still there"):
                 await driver.reset_alarms()
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 @only_tcp
@@ -145,7 +145,7 @@ def test_a_tcp_link_that_comes_back_in_time_is_no_fault():
             await asyncio.sleep(0.1)
             assert disc_rpm(device) == 5.0
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 def test_a_lost_answer_repeats_the_recipe_under_a_new_number():
@@ -171,7 +171,7 @@ def test_a_lost_answer_repeats_the_recipe_under_a_new_number():
             assert disc_rpm(device) == 4.5
             assert ears.faults == []
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 def test_one_dead_feeder_leaves_the_other_alone():
@@ -185,4 +185,4 @@ def test_one_dead_feeder_leaves_the_other_alone():
             assert ears.faults == []
             assert max(np.diff([s.time_s for s in ears.statuses])) <= 0.5 + 1e-9
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())

@@ -75,7 +75,7 @@ def linked(wire: str, act, timeout_s: float = 0.5):
             await link.close()
             await server.close()
 
-    return virtual_time.run(main())
+    return virtual_time.run_in_virtual_time(main())
 
 
 wires = pytest.mark.parametrize("wire", ["tcp", "rtu"])
@@ -121,10 +121,10 @@ def test_an_unanswered_request_fails_after_its_time_and_ages_the_link(wire):
         with pytest.raises(NoReplyError, match="does not answer"):
             await link.read_input(0, 1)
         assert loop.time() - asked_s == pytest.approx(0.5)
-        assert link.age_s == pytest.approx(0.5)
+        assert link.answer_age_s == pytest.approx(0.5)
         link._device_id = 1
         await link.read_input(0, 1)
-        assert link.age_s == 0.0
+        assert link.answer_age_s == 0.0
 
     linked(wire, act)
 
@@ -213,6 +213,6 @@ def test_a_gateway_that_takes_and_drops_connections_is_left_alone_but_once_a_sec
         await server.close()
         return came_s, words
 
-    came_s, words = virtual_time.run(main())
+    came_s, words = virtual_time.run_in_virtual_time(main())
     assert 55 <= len(came_s) <= 66
     assert len(words) == 2

@@ -21,7 +21,7 @@ def test_a_booting_device_is_waited_for():
             assert 4.0 <= now() <= 5.0
             await feeding(driver)
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 def test_a_device_at_local_does_not_open():
@@ -32,7 +32,7 @@ def test_a_device_at_local_does_not_open():
                 await FeederDriver.open(FeederSettings(name="F1", endpoint=server.endpoint),
                                         [hopper()])
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 @pytest.mark.parametrize(
@@ -51,13 +51,13 @@ def test_a_profile_that_does_not_fit_the_device(changes, words):
                 )
             assert caught.value.hint
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 def test_a_device_of_another_kind_or_map_is_refused(monkeypatch):
     async def main():
         async with simulated(ONE) as (_, server):
-            for name, words in (("DEVICE_ID", "no PMX feeder"), ("MAP_MAJOR", "register map")):
+            for name, words in (("DEVICE_ID", "no PMX feeder"), ("MAP_MAJOR_VERSION", "register map")):
                 monkeypatch.setattr(f"simulators.feeder.readings.{name}", 7)
                 with pytest.raises(MachineError, match=words):
                     await FeederDriver.open(
@@ -65,7 +65,7 @@ def test_a_device_of_another_kind_or_map_is_refused(monkeypatch):
                     )
                 monkeypatch.undo()
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 @only_tcp
@@ -88,4 +88,4 @@ def test_nobody_there():
             await FeederDriver.open(FeederSettings(name="F1", endpoint="tcp://127.0.0.1:502"),
                                     [hopper()])
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())

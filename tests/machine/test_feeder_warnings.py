@@ -127,7 +127,7 @@ def test_a_driver_tells_a_level_that_sinks_while_it_feeds(map_minor):
             objects = {id(status.warnings) for status in ears.statuses[-4:]}
             assert objects == {id(driver.status.warnings)}
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 def test_a_driver_tells_what_has_no_cause_in_the_process_and_that_it_has_gone():
@@ -142,7 +142,7 @@ def test_a_driver_tells_what_has_no_cause_in_the_process_and_that_it_has_gone():
             await asyncio.sleep(1.1)
             assert driver.status.warnings == ()
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 def test_a_clipped_set_point_shows_in_the_next_answer_and_its_hopper_soon_after():
@@ -160,7 +160,7 @@ def test_a_clipped_set_point_shows_in_the_next_answer_and_its_hopper_soon_after(
             assert reading.flow_estimated_g_min == pytest.approx(reading.setpoint_g_min)
             assert ears.faults == []
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 def test_an_alarm_tells_of_the_others_that_came_with_it():
@@ -173,4 +173,4 @@ def test_an_alarm_tells_of_the_others_that_came_with_it():
             assert ears.faults == [
                 "the mixer pressure is too high (and 1 more: the gas supply pressure is low)"]
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())

@@ -14,7 +14,7 @@ from lmctl.machine.manual.inspect_modbus import inspect_safety
 from lmctl.machine.safety.driver import SafetyDriver
 from lmctl.machine.safety.laser_enable import LaserEnable
 from simulators import virtual_time
-from simulators.faults.link_tap import drop_all
+from simulators.faults.link_tap import drop_chunk
 from simulators.modbus_server import serve_tcp
 from simulators.safety.config import SafetyConfig
 from simulators.safety.device import SimulatedSafetyDevice
@@ -111,12 +111,12 @@ def test_on_and_off_and_on_in_one_breath_is_an_edge(wire):
 def test_it_drops_with_the_watchdog_relay_and_heartbeats_do_not_bring_it_back(wire):
     async def act(cell):
         await cell.on()
-        cell.edge.add_filter("to_device", drop_all)
+        cell.edge.add_filter("to_device", drop_chunk)
         await asyncio.sleep(0.5)
         cell.device.advance_to_now()
         assert not cell.is_on
         cell.faults.clear()
-        cell.edge.remove_filter("to_device", drop_all)
+        cell.edge.remove_filter("to_device", drop_chunk)
         await asyncio.sleep(2.0)
         assert not cell.is_on
         (fault,) = cell.faults
@@ -139,7 +139,7 @@ def test_closing_drops_it_before_the_watchdog_would(wire):
         assert not cell.is_on
         assert not cell.device.is_relay_open
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 def test_without_an_output_nothing_is_written_and_nothing_awaited():
@@ -162,7 +162,7 @@ def test_a_device_without_one_is_refused():
         assert caught.value.where[1] == "the profile says laser_enable = true"
         await server.close()
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 def test_a_look_tells_it_and_leaves_it():
@@ -177,7 +177,7 @@ def test_a_look_tells_it_and_leaves_it():
         assert not device.is_laser_enable_off
         await server.close()
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 def test_a_new_host_finds_it_off_whatever_the_last_one_left():
@@ -193,4 +193,4 @@ def test_a_new_host_finds_it_off_whatever_the_last_one_left():
         await driver.close()
         await server.close()
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())

@@ -11,7 +11,7 @@ from lmctl.machine.safety.driver import SafetyDriver
 from simulators import virtual_time
 from simulators.bench import Bench
 from simulators.bench_config import BenchConfig
-from simulators.safety.wiring import LASER_OFF_S
+from simulators.safety.wiring import LASER_OFF_DELAY_S
 
 TEXT = (files("lmctl.examples") / "bench.toml").read_text(encoding="utf-8")
 GRBL = {'"grblhal"': '"grbl"', "10 = 511": "10 = 3", "rx_bytes = 1024": "rx_bytes = 128",
@@ -66,7 +66,7 @@ def dark_after_s(
             await driver.close()
             return float(lit[-1] - stopped_s) + STEP_S
 
-    return virtual_time.run(main())
+    return virtual_time.run_in_virtual_time(main())
 
 
 dialects = pytest.mark.parametrize("dialect", ["grblhal", "grbl"])
@@ -79,7 +79,7 @@ speeds = pytest.mark.parametrize("speed_mm_s", [10.0, 100.0])
 def test_the_beam_is_dark_as_soon_as_the_source_can_be(dialect, speed_mm_s, wire):
     for wait_s in (1.0, 1.05, 1.0999):
         dark_s = dark_after_s(dialect, speed_mm_s, "enable", wire, wait_s)
-        assert dark_s == pytest.approx(LASER_OFF_S, abs=2 * STEP_S)
+        assert dark_s == pytest.approx(LASER_OFF_DELAY_S, abs=2 * STEP_S)
 
 
 @pytest.mark.parametrize("wire", ["tcp", "rtu"])
@@ -87,12 +87,12 @@ def test_a_request_under_way_is_waited_for_and_no_more(wire):
     # the beat has asked at 1.0 s, and its answer takes 30 ms
     for into_s in (0.001, 0.015, 0.029):
         dark_s = dark_after_s("grblhal", 10.0, "enable", wire, 1.0 + into_s, answer_s=0.03)
-        assert dark_s == pytest.approx(0.03 - into_s + LASER_OFF_S, abs=2 * STEP_S)
+        assert dark_s == pytest.approx(0.03 - into_s + LASER_OFF_DELAY_S, abs=2 * STEP_S)
     dark_s = dark_after_s("grblhal", 10.0, "enable", wire, 1.04, answer_s=0.03)
-    assert dark_s == pytest.approx(LASER_OFF_S, abs=2 * STEP_S)
+    assert dark_s == pytest.approx(LASER_OFF_DELAY_S, abs=2 * STEP_S)
 
 
 @dialects
 @speeds
 def test_a_feed_hold_alone_takes_longer(dialect, speed_mm_s):
-    assert dark_after_s(dialect, speed_mm_s, "hold") > 2 * LASER_OFF_S
+    assert dark_after_s(dialect, speed_mm_s, "hold") > 2 * LASER_OFF_DELAY_S

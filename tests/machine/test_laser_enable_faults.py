@@ -7,8 +7,8 @@ import asyncio
 import pytest
 
 from lmctl.errors import MachineError
-from lmctl.machine.safety.laser_enable import SETTLE_S, LaserEnable
-from simulators.faults.link_tap import drop_all
+from lmctl.machine.safety.laser_enable import CONTACT_SETTLE_S, LaserEnable
+from simulators.faults.link_tap import drop_chunk
 from tests.machine.laser_cell import now, played, wires
 
 PERIOD_S = 0.1
@@ -26,9 +26,9 @@ def test_a_contact_has_its_time_and_then_is_at_fault(on):
         output.request(False)
         output.output_word()
     assert output.on_read_back(not on, 1.0) is None
-    assert output.on_read_back(not on, 1.0 + 0.9 * SETTLE_S) is None
+    assert output.on_read_back(not on, 1.0 + 0.9 * CONTACT_SETTLE_S) is None
     assert output.fault_against(on) is None
-    fault = output.on_read_back(not on, 1.0 + SETTLE_S)
+    fault = output.on_read_back(not on, 1.0 + CONTACT_SETTLE_S)
     seen, told = ("off", "on") if on else ("on", "off")
     assert fault.reason == f"its laser-enable output is {seen} and was told to be {told}"
     assert fault.hint
@@ -62,9 +62,9 @@ def test_a_word_that_is_lost_is_told_again(wire):
         await cell.on()
         for direction in ("to_device", "to_host"):
             for on in (False, True):
-                cell.edge.add_filter(direction, drop_all)
+                cell.edge.add_filter(direction, drop_chunk)
                 asyncio.get_running_loop().call_later(
-                    0.02, cell.edge.remove_filter, direction, drop_all)
+                    0.02, cell.edge.remove_filter, direction, drop_chunk)
                 cell.driver.request_laser_enable(on)
                 began_s = now()
                 await cell.driver.wait_for_laser_enable(on)
@@ -102,7 +102,7 @@ def test_one_that_does_not_drop_is_told_and_does_not_count_as_dropped(wire):
         cell.driver.request_laser_enable(False)
         with pytest.raises(MachineError, match="output is on and was told to be off") as caught:
             await cell.driver.wait_for_laser_enable(False)
-        assert now() - began_s <= 2 * SETTLE_S + 1e-9
+        assert now() - began_s <= 2 * CONTACT_SETTLE_S + 1e-9
         assert "check the laser-enable output" in caught.value.hint
         assert [reason for reason, _ in cell.faults] == [
             "its laser-enable output is on and was told to be off"

@@ -63,7 +63,7 @@ def under_damage(wire: str, act):
             await link.close()
             await server.close()
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
     assert complaints == []
 
 

@@ -12,7 +12,7 @@ from lmctl.machine.modbus.client import ModbusLink, NoReplyError
 from lmctl.machine.safety.driver import SafetyDriver
 from simulators import virtual_time
 from simulators.faults.filters import ExactEcho, StrayBytes
-from simulators.faults.link_tap import LinkTap, drop_all
+from simulators.faults.link_tap import LinkTap, drop_chunk
 from simulators.feeder.device import PmxFeederDevice
 from simulators.feeder.server import FeederRegisters
 from simulators.modbus_server import serve_pty, serve_tcp
@@ -32,7 +32,7 @@ def test_a_half_open_connection_is_reopened_before_the_safety_device_is_silent()
             oldest_s = 0.0
             for at in range(20):
                 await asyncio.sleep(0.5 + 0.013 * at)
-                edge.forget_links()
+                edge.make_connections_half_open()
                 for _ in range(40):
                     await asyncio.sleep(0.01)
                     oldest_s = max(oldest_s, driver.status_age_s)
@@ -41,7 +41,8 @@ def test_a_half_open_connection_is_reopened_before_the_safety_device_is_silent()
             assert driver.status.relay_closed is not None
             return oldest_s
 
-    assert virtual_time.run(main()) <= 2.1 * PERIOD_S  # one answer lost, and the next is there
+    # one answer lost, and the next is there
+    assert virtual_time.run_in_virtual_time(main()) <= 2.1 * PERIOD_S
 
 
 def test_a_half_open_connection_is_reopened_before_the_feeder_is_silent():
@@ -55,19 +56,19 @@ def test_a_half_open_connection_is_reopened_before_the_feeder_is_silent():
         await driver.start_gas()
         for at in range(10):
             await asyncio.sleep(3.0 + 0.13 * at)
-            edge.forget_links()
+            edge.make_connections_half_open()
         await asyncio.sleep(3.0)
         await driver.close()
         await server.close()
         return ears.faults
 
-    assert virtual_time.run(main()) == []
+    assert virtual_time.run_in_virtual_time(main()) == []
 
 
 def test_a_device_that_answers_nothing_is_not_made_to_connect_each_time():
     async def main():
         edge = LinkTap()
-        edge.add_filter("to_device", drop_all)
+        edge.add_filter("to_device", drop_chunk)
         server = await serve_tcp(FeederRegisters(PmxFeederDevice(ONE, now)), edge=edge)
         link = await ModbusLink.open(
             ModbusDevice(endpoint=server.endpoint, device_id=1), timeout_s=0.1)
@@ -79,7 +80,7 @@ def test_a_device_that_answers_nothing_is_not_made_to_connect_each_time():
         await server.close()
         return [at_s for at_s, came in edge.host_was_there if came]
 
-    assert 4 <= len(virtual_time.run(main())) <= 8  # doubling: 1, 2, 4 ... requests
+    assert 4 <= len(virtual_time.run_in_virtual_time(main())) <= 8  # doubling: 1, 2, 4 ... requests
 
 
 def test_connecting_takes_its_own_time_and_not_a_period(monkeypatch):
@@ -98,7 +99,7 @@ def test_connecting_takes_its_own_time_and_not_a_period(monkeypatch):
         await driver.close()
         await server.close()
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 @pytest.mark.parametrize("device_id", [1, 3, 247])
@@ -123,7 +124,7 @@ def test_rtu_answers_are_found_behind_stray_bytes_and_after_an_echo(device_id, d
         await server.close()
         return found
 
-    assert virtual_time.run(main()) == 100
+    assert virtual_time.run_in_virtual_time(main()) == 100
 
 
 def silence_of(wire: str, disturb, *, device_id: int = 1, requests: int = 3) -> MachineError:
@@ -142,7 +143,7 @@ def silence_of(wire: str, disturb, *, device_id: int = 1, requests: int = 3) -> 
         await server.close()
         return caught.value
 
-    return virtual_time.run(main())
+    return virtual_time.run_in_virtual_time(main())
 
 
 def damaged(data, deliver):
@@ -161,8 +162,10 @@ def late(edge):
 
 
 @pytest.mark.parametrize(("wire", "disturb", "words"), [
-    ("rtu", lambda edge: edge.add_filter("to_device", drop_all), "no byte came back in 3 requests"),
-    ("tcp", lambda edge: edge.add_filter("to_device", drop_all), "no byte came back in 3 requests"),
+    ("rtu", lambda edge: edge.add_filter("to_device", drop_chunk),
+     "no byte came back in 3 requests"),
+    ("tcp", lambda edge: edge.add_filter("to_device", drop_chunk),
+     "no byte came back in 3 requests"),
     ("rtu", lambda edge: edge.add_filter("to_host", damaged), "3 answers came damaged"),
     ("rtu", lambda edge: edge.add_filter("to_host", lambda data, deliver: deliver(bytes(
         byte * 37 & 0xE0 | 0x18 for byte in data))), "bytes came that are no Modbus frame"),
@@ -191,7 +194,7 @@ def test_a_relay_reset_is_taken_though_the_last_host_left_the_same_heartbeat():
             await driver.close()
         await server.close()
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 @pytest.mark.parametrize("code", [5, 6, 10, 11])
@@ -214,7 +217,7 @@ def test_the_laser_enable_output_drops_as_soon_as_a_gateway_lets_the_word_throug
             await driver.wait_for_laser_enable(False)
             return now() - freed_s
 
-    assert virtual_time.run(main()) <= 0.15
+    assert virtual_time.run_in_virtual_time(main()) <= 0.15
 
 
 def test_a_gateway_that_does_not_reach_the_safety_device_is_named():
@@ -226,5 +229,5 @@ def test_a_gateway_that_does_not_reach_the_safety_device_is_named():
             await asyncio.sleep(1.0)
             return ears.faults
 
-    ((_, reason),) = virtual_time.run(main())
+    ((_, reason),) = virtual_time.run_in_virtual_time(main())
     assert "its gateway got no answer from it (Modbus exception 11)" in reason

@@ -108,15 +108,17 @@ def test_on_a_line_that_echoes_the_beginning_of_an_echo_is_no_answer():
     for end in range(len(request) + 1):
         assert framing.find_answer(request[:end], sent) is None
     assert framing.find_answer(request + answer, sent) == answer[1:-2]
-    framing.observe(b"\x00", sent, WireObservation(1, True, 0.5))  # it echoes no longer
+    # it echoes no longer
+    framing.count_unexpected_bytes(b"\x00", sent, WireObservation(1, True, 0.5))
     assert framing.find_answer(answer, sent) == answer[1:-2]
 
 
 def seen_of(wire, received, number=7, device_id=1):
     request, size, answer = pymodbus_frames(wire, device_id, number, 0, "read input", [1, 2, 3])
     seen = WireObservation(device_id, wire == "rtu", 0.5)
-    framing_of(wire).observe(received(request, answer), opened(wire, request, number, size), seen)
-    seen.requests, seen.bytes_received = 1, len(received(request, answer))
+    framing_of(wire).count_unexpected_bytes(received(request, answer),
+                                            opened(wire, request, number, size), seen)
+    seen.unanswered_request_count, seen.bytes_received = 1, len(received(request, answer))
     return seen
 
 
@@ -142,5 +144,5 @@ def of_id(wire, device_id, number=7):
 ])
 def test_each_cause_of_silence_reads_differently(wire, received, words, hint):
     seen = seen_of(wire, received)
-    assert words in seen.sentence
+    assert words in seen.description
     assert hint in seen.hint

@@ -22,7 +22,7 @@ from simulators.feeder.config import FeederConfig
 from simulators.feeder.device import PmxFeederDevice
 from simulators.feeder.server import FeederRegisters
 from simulators.modbus_errors import ExceptionReplyError
-from simulators.modbus_habits import ModbusHabits
+from simulators.modbus_quirks import ModbusQuirks
 from simulators.modbus_server import serve_pty, serve_tcp
 from simulators.safety.config import SafetyConfig
 from simulators.safety.device import SimulatedSafetyDevice
@@ -31,12 +31,12 @@ from tests.machine.feeder_cell import TRUTH, hopper, now
 ORDERS = [order.value for order in WordOrder]
 #: Device's habits, and the keys of a profile that say so.
 HABITS = [
-    (ModbusHabits(), {}),
-    (ModbusHabits(address_base=1), {"address_base": 1}),
-    (ModbusHabits(max_registers=28), {"max_registers": 28}),
-    (ModbusHabits(function_codes=(3, 4, 16)), {"function_codes": (3, 4, 16)}),
-    (ModbusHabits(function_codes=(3, 16)), {"function_codes": (3, 16)}),
-    (ModbusHabits(1, 28, (3, 16)),
+    (ModbusQuirks(), {}),
+    (ModbusQuirks(address_base=1), {"address_base": 1}),
+    (ModbusQuirks(max_registers=28), {"max_registers": 28}),
+    (ModbusQuirks(function_codes=(3, 4, 16)), {"function_codes": (3, 4, 16)}),
+    (ModbusQuirks(function_codes=(3, 16)), {"function_codes": (3, 16)}),
+    (ModbusQuirks(1, 28, (3, 16)),
      {"address_base": 1, "max_registers": 28, "function_codes": (3, 16)}),
 ]
 
@@ -107,7 +107,7 @@ def test_a_feeder_with_habits_is_driven_with_their_keys(habits, keys, wire):
         assert status.hoppers["A"].flow_estimated_g_min == pytest.approx(6.0, abs=0.02)
         assert not device.discs_on
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 @pytest.mark.parametrize("order", ORDERS)
@@ -120,7 +120,7 @@ def test_a_feeder_with_any_word_order_is_driven_with_its_key(order):
         assert left_g < status.hoppers["A"].weight_g < left_g + 10.0
         assert status.uptime_s < 100
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 def test_the_same_through_a_server_of_another_library():
@@ -142,7 +142,7 @@ def test_the_same_through_a_server_of_another_library():
             await driver.wait_for_laser_enable(False)
             await driver.close()
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 @pytest.mark.parametrize(("uptime_s", "configured", "true_order"), [
@@ -169,7 +169,7 @@ def test_swapped_words_are_refused_with_the_key_that_mends_it(uptime_s, configur
                     await opening
                 assert f'word_order = "{true_order}"' in caught.value.hint
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 @pytest.mark.parametrize("uptime_s", [0.0, 299.4, 65_535.5, 200_000.0])
@@ -184,7 +184,7 @@ def test_no_word_order_that_is_right_is_refused(order, uptime_s):
             look = await inspect_feeder(feeder, (hopper(),))
             assert look.status.uptime_s == pytest.approx(uptime_s + now(), abs=1.0)
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 def test_a_device_that_counts_from_one_is_refused_with_the_key_that_mends_it():
@@ -202,7 +202,7 @@ def test_a_device_that_counts_from_one_is_refused_with_the_key_that_mends_it():
                     await opening
                 assert "address_base = 1" in caught.value.hint
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 class _Shifted:
@@ -241,4 +241,4 @@ def test_fewer_registers_than_a_recipe_takes_are_refused():
                     FeederSettings(name="F1", endpoint=endpoint, max_registers=20), (hopper(),))
             assert "max_registers" in caught.value.hint
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())

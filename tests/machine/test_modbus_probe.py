@@ -8,7 +8,7 @@ from lmctl.config.machine import FeederSettings, SafetySettings
 from lmctl.errors import MachineError
 from lmctl.machine.manual.inspect_modbus import inspect_feeder, inspect_safety
 from simulators import virtual_time
-from simulators.faults.link_tap import LinkTap, drop_all
+from simulators.faults.link_tap import LinkTap, drop_chunk
 from simulators.feeder.config import FeederConfig
 from simulators.feeder.device import PmxFeederDevice
 from simulators.feeder.server import FeederRegisters
@@ -43,7 +43,7 @@ def looked_at(wire, change=lambda endpoint: endpoint, device_id=1, edge=None, of
         await server.close()
         return caught.value, took_s
 
-    return virtual_time.run(main())
+    return virtual_time.run_in_virtual_time(main())
 
 
 @pytest.mark.parametrize("of", ["feeder", "safety"])
@@ -64,7 +64,7 @@ def test_a_wrong_baud_rate_is_named_with_the_right_one():
 
 @pytest.mark.parametrize("wire", ["tcp", "rtu"])
 def test_a_dead_cable_says_that_nothing_came_back(wire):
-    error, took_s = looked_at(wire, edge=lambda edge: edge.add_filter("to_device", drop_all))
+    error, took_s = looked_at(wire, edge=lambda edge: edge.add_filter("to_device", drop_chunk))
     assert "no byte came back" in error.what
     assert "answers" not in error.what.replace("does not answer", "")
     assert error.hint

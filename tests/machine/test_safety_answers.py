@@ -39,7 +39,7 @@ def test_silence_ages_the_facts_and_is_told_after_three_periods_once(wire):
             await asyncio.sleep(1.0)
             assert len(ears.faults) == 2
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 @wires
@@ -61,7 +61,7 @@ def test_one_lost_answer_is_no_silence(wire):
 
         edge.add_filter("to_host", lost)
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 def test_a_frozen_answer_is_no_answer():
@@ -80,7 +80,7 @@ def test_a_frozen_answer_is_no_answer():
             await asyncio.sleep(0.11)
             assert driver.status_age_s <= PERIOD_S + 0.001
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 def replayed(old_words, act):
@@ -91,7 +91,7 @@ def replayed(old_words, act):
             device.old = old_words(device)
             await act(driver, device, ears)
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 def test_an_answer_from_a_buffer_on_the_way_is_no_answer():
@@ -180,7 +180,7 @@ def test_what_is_no_whole_answer_in_time_is_silence_and_ends(wire, kind, seed):
             assert driver.status.oxygen_ppm == 77.0
             assert len(ears.faults) == 1
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 @wires
@@ -199,7 +199,7 @@ def test_doubled_answers_do_no_harm(wire):
                 assert driver.status.door_closed is (number % 2 == 1)
             assert ears.faults == []
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 def test_doubled_answers_that_come_late_open_and_close_nothing_wrongly():
@@ -223,7 +223,7 @@ def test_doubled_answers_that_come_late_open_and_close_nothing_wrongly():
             assert driver.status.door_closed is True
             assert driver.status_age_s <= PERIOD_S + 0.001
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 @wires
@@ -242,7 +242,7 @@ def test_what_opens_and_closes_between_two_answers_is_told(wire):
             await asyncio.sleep(2.0)
             assert len(ears.faults) == 1
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 def test_what_is_seen_open_is_not_told_as_missed_too_but_another_is():
@@ -263,7 +263,7 @@ def test_what_is_seen_open_is_not_told_as_missed_too_but_another_is():
             await asyncio.sleep(0.2)
             assert len(ears.faults) == 1
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 def test_an_input_that_the_cell_does_not_have_may_open_and_close():
@@ -276,7 +276,7 @@ def test_an_input_that_the_cell_does_not_have_may_open_and_close():
             await asyncio.sleep(1.0)
             assert ears.faults == []
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 def test_a_device_whose_self_test_fails_closes_nothing():
@@ -304,4 +304,4 @@ def test_a_device_whose_self_test_fails_closes_nothing():
             await SafetyDriver.open(SafetySettings(endpoint=server.endpoint))
         await server.close()
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())

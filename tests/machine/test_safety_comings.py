@@ -30,7 +30,7 @@ def test_a_restart_is_seen_and_the_relays_time_set_again(wire):
             await driver.reset_watchdog_relay()
             assert driver.status.relay_closed is True
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 def test_exceptions_are_told_in_words():
@@ -44,7 +44,7 @@ def test_exceptions_are_told_in_words():
             await asyncio.sleep(0.11)
             assert driver.status_age_s <= PERIOD_S + 0.001
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 def test_a_device_that_still_starts_up_is_waited_for():
@@ -62,7 +62,7 @@ def test_a_device_that_still_starts_up_is_waited_for():
             await SafetyDriver.open(SafetySettings(endpoint=server.endpoint))
         await server.close()
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 def test_a_lost_connection_is_made_again():
@@ -81,7 +81,7 @@ def test_a_lost_connection_is_made_again():
         assert ears.faults[-1][1] == "no answer for 0.3 s: there is no connection"
         await driver.close()
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 def test_what_cannot_be_opened():
@@ -119,7 +119,7 @@ def test_what_cannot_be_opened():
         with pytest.raises(ConfigError, match="not an endpoint"):
             await SafetyDriver.open(SafetySettings(endpoint="tcp://127.0.0.1:1"))
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 @pytest.mark.parametrize(
@@ -138,7 +138,7 @@ def test_a_line_too_slow_for_the_period_is_refused(line, period_s, hint):
             )
         assert hint in caught.value.hint
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 def test_closing_ends_even_with_a_dead_device():
@@ -150,4 +150,4 @@ def test_closing_ends_even_with_a_dead_device():
             await driver.close()
             assert now() - started_s < 0.5
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())

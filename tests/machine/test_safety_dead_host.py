@@ -41,7 +41,7 @@ def dark_after_s(dialect: str, laser_circuit: bool, died_s: float) -> float:
             lit = times[bench.motion.trace.sample(times).power_fraction > 0.0]
             return float(lit[-1] - dead_s)
 
-    return virtual_time.run(main())
+    return virtual_time.run_in_virtual_time(main())
 
 
 DEATHS_S = [0.5, 0.5071, 0.513, 0.5199]

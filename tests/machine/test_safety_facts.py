@@ -45,7 +45,7 @@ def test_facts_come_every_period_with_their_age(wire):
             assert ears.faults == []
             assert driver.fault is None
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 FACTS = {
@@ -70,7 +70,7 @@ def test_each_input_has_its_fact_and_one_that_is_not_fitted_has_none(name):
             assert getattr(driver.status, FACTS[name]) is None
             assert driver.status.open_inputs == ()
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 def test_what_the_device_cannot_tell_is_none():
@@ -87,7 +87,7 @@ def test_what_the_device_cannot_tell_is_none():
             assert values == (None,) * 5
             assert status.oxygen_valid is False
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 @wires
@@ -107,7 +107,7 @@ def test_heartbeats_keep_the_relay_and_their_end_opens_it(wire):
         (opened_s,) = device.relay_opened_s
         assert closed_s < opened_s + PERIOD_S <= closed_s + 0.3 + PERIOD_S
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 def test_without_a_relay_a_reset_forgets_what_was_first():
@@ -121,7 +121,7 @@ def test_without_a_relay_a_reset_forgets_what_was_first():
             await driver.reset_watchdog_relay()
             assert driver.status.first_out is None
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 def test_a_relay_that_does_not_close_is_told():
@@ -142,7 +142,7 @@ def test_a_relay_that_does_not_close_is_told():
             with pytest.raises(MachineError, match="does not reset its relay: it cannot"):
                 await driver.reset_watchdog_relay()
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 @pytest.mark.parametrize("period_s", [0.02, 0.05, 0.5, 1.0])
@@ -163,7 +163,7 @@ def test_every_period(period_s):
             assert len(device.relay_opened_s) == 1
             assert device.card.first_out == RELAY_FIRST_OUT_CODE
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 def test_the_whole_exchange_is_one_request():
@@ -182,4 +182,4 @@ def test_the_whole_exchange_is_one_request():
         assert SafetyInputBits.DOOR_CLOSED in device.card.good
         assert math.isinf(device.next_due_s())
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from lmctl.errors import InputError
-from lmctl.field.field import Field
+from lmctl.field.field import DistanceField
 from lmctl.field.grid import Grid
 from lmctl.field.plane import PlaneGrid, loop_area_mm2, plane_distance
 from lmctl.part.bodies.body import Body, plane_points
@@ -122,9 +122,9 @@ def test_a_leaf_of_another_pitch_is_interpolated(making: Any) -> None:
     assert np.abs(mesh.distance(other) - expected).max() < 0.25  # half a pitch, at the medial axis
 
 
-def ball_field(pitch: float = 0.5) -> Field:
+def ball_field(pitch: float = 0.5) -> DistanceField:
     grid = Grid.enclosing(np.full(3, -5.0), np.full(3, 5.0), pitch)
-    return Field(grid, Sphere((0, 0, 0), 5).distance(grid.window()), None, np.empty((0, 3)))
+    return DistanceField(grid, Sphere((0, 0, 0), 5).distance(grid.window()), None, np.empty((0, 3)))
 
 
 def test_a_stored_field_finds_its_bounds_and_sections() -> None:

@@ -12,7 +12,7 @@ from scipy.interpolate import CubicSpline
 from lmctl.config.part_rules import parse_part_file
 from lmctl.errors import ConfigError, InputError
 from lmctl.part.materials.composition import CompositionField, inverse_distance_weights
-from lmctl.part.materials.features import TriangleSheet, spline
+from lmctl.part.materials.features import TriangleSheetDistance, spline_polyline
 from lmctl.part.part_data import PartData
 from lmctl.part.tree import BodyTree
 
@@ -58,7 +58,7 @@ def test_distances_to_features(
 
 def test_a_spline_passes_its_points_and_lies_on_the_curve() -> None:
     corners = np.array([[0, 0, 0], [10, 8, 0], [20, 0, 5], [30, 4, 0.0]])
-    curve = spline(corners)
+    curve = spline_polyline(corners)
     assert curve.distance(corners).max() < 1e-12
     chords = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
     between = CubicSpline(chords, corners, bc_type="natural")(np.linspace(0, chords[-1], 777))
@@ -67,9 +67,9 @@ def test_a_spline_passes_its_points_and_lies_on_the_curve() -> None:
 
 def test_a_sheet_is_measured_exactly() -> None:
     random = np.random.default_rng(3)
-    sheet = TriangleSheet(np.array([[[0, 0, 0], [30, 0, 0], [0, 30, 0]],
-                                    [[0, 0, 0], [0, 0, 5], [9, 0, 0]]],
-                                   dtype=float))
+    sheet = TriangleSheetDistance(np.array([[[0, 0, 0], [30, 0, 0], [0, 30, 0]],
+                                            [[0, 0, 0], [0, 0, 5], [9, 0, 0]]],
+                                           dtype=float))
     points = random.uniform(-20, 40, (500, 3))
     dense = random.dirichlet([1, 1, 1], 40_000)
     samples = np.vstack([dense @ sheet.corners_mm[0], dense @ sheet.corners_mm[1]])

@@ -55,7 +55,7 @@ def parted(make: Callable[[Corner, Corner], Body], *cuts: Sequence[float]) -> li
 
 def check(body: CombinedBody, truth: Callable[[FloatArray], FloatArray], z: float) -> None:
     """Depths at the nodes, and an outline in one piece that lies where the surface is."""
-    points = body.grid.window().points()
+    points = body.grid.window().node_points()
     true = truth(points)
     assert np.abs(body.distance_at(points) - true).max() < 1e-6
     assert np.abs(body.distance(body.grid.window()).ravel() - true).max() < 1e-5
@@ -92,7 +92,7 @@ def test_pieces_that_were_turned_still_join(make: Callable[[Corner, Corner], Bod
     pieces = parted(make, [2.5, 4.0], [1.5], [])
     turned, whole = union([TransformedBody(piece, TURN) for piece in pieces],
                           1.0), TransformedBody(WHOLE, TURN)
-    points = turned.grid.window().points()
+    points = turned.grid.window().node_points()
     assert np.abs(turned.distance_at(points) - whole.distance_at(points)).max() < 1e-6
     (loop,) = turned.outline_loops(1.3, PLANE)
     (true,) = whole.outline_loops(1.3, PLANE)
@@ -104,7 +104,7 @@ def test_pieces_that_were_turned_still_join(make: Callable[[Corner, Corner], Bod
 def test_pieces_that_were_tilted_still_join() -> None:
     tilted = union([TransformedBody(piece, TILT) for piece in parted(Box, [2.5], [1.5], [])], 1.0)
     whole = TransformedBody(WHOLE, TILT)
-    points = tilted.grid.window().points()
+    points = tilted.grid.window().node_points()
     assert np.abs(tilted.distance_at(points) - whole.distance_at(points)).max() < 1e-6
     z = float(np.mean(whole.tight_bounds_mm, axis=0)[2])
     plane = PlaneGrid((-12.0, -12.0), 0.25, (120, 120))
@@ -139,7 +139,7 @@ def test_wedges_that_meet_at_one_edge_are_one(corners: list[tuple[float, float]]
         for a, b in zip(rim, np.roll(rim, -1, axis=0), strict=True)
     ]
     whole, body = Prism(np.vstack([rim, rim[:1]]), 0.0, 3.0), union(wedges, 1.0)
-    points = body.grid.window().points()
+    points = body.grid.window().node_points()
     assert np.abs(body.distance_at(points) - whole.distance_at(points)).max() < 1e-6
     (loop,) = body.outline_loops(1.3, PLANE)
     assert loop_area_mm2(loop) == pytest.approx(loop_area_mm2(whole.loop_mm), rel=5e-3)
@@ -150,7 +150,7 @@ def test_a_plug_in_its_own_hole_fills_it() -> None:
     for plug in (Cylinder((3, 3, 0), (3, 3, 3), 1.5), Box((2.0, 2.0, 0.0), (4.0, 4.0, 3.0))):
         ring = CombinedBody("difference", (disc, plug), union((disc,)).grid)
         body = union((ring, plug))
-        points = body.grid.window().points()
+        points = body.grid.window().node_points()
         assert np.abs(body.distance_at(points) - disc.distance_at(points)).max() < 1e-6
         (loop,) = body.outline_loops(1.3, PLANE)
         assert loop_area_mm2(loop) == pytest.approx(np.pi * 3.5**2, rel=2e-3)

@@ -15,7 +15,7 @@ from lmctl.config.part_rules import parse_part_file
 from lmctl.errors import ConfigError, InputError, LmctlError, MissingFileError
 from lmctl.field.plane import loop_area_mm2
 from lmctl.part.load import load_part, part_from_model
-from lmctl.part.part import Part, Section
+from lmctl.part.part import Part, PartSection
 from lmctl.part.resolution import checked_grid
 
 Folder = Callable[..., Path]
@@ -26,7 +26,7 @@ BOX = '[[body]]\nkind = "box"\nlow_mm = [0, 0, 0]\nhigh_mm = [30, 20, 8]\n'
 BALL = '[[body]]\nkind = "sphere"\ncentre_mm = [0, 0, 0]\nradius_mm = 12\n'
 
 
-def area(section: Section) -> float:
+def area(section: PartSection) -> float:
     return sum(loop_area_mm2(loop) for loop in section.loops)
 
 
@@ -58,12 +58,12 @@ def test_six_meshes_of_very_different_kinds(
     assert sliced_volume(part, 12 if name == "200k" else 40) == pytest.approx(volume, rel=0.01)
     assert any("left out" in text for text in part.warnings) == (name == "three too many")
     section = part.section(float(low[2] + 0.4 * (high[2] - low[2])))
-    assert section.distance.dtype == np.float32
-    assert section.distance.shape == section.grid.shape
-    inside = np.count_nonzero(section.distance > 0) * section.grid.pitch_mm**2
+    assert section.in_plane_distance.dtype == np.float32
+    assert section.in_plane_distance.shape == section.grid.shape
+    inside = np.count_nonzero(section.in_plane_distance > 0) * section.grid.pitch_mm**2
     rim = sum(float(np.hypot(*np.diff(loop, axis=0).T).sum()) for loop in section.loops)
     assert inside == pytest.approx(area(section), abs=0.5 * section.grid.pitch_mm * rim)
-    assert section.distance.max() >= 0.5
+    assert section.in_plane_distance.max() >= 0.5
 
 
 def test_part_file_with_a_mesh_in_inches(folder: Folder, making: Any) -> None:
@@ -84,7 +84,7 @@ def test_part_file_with_a_mesh_in_inches(folder: Folder, making: Any) -> None:
     assert [m.name for m in part.materials] == ["316L", "WC-12Co"]
     np.testing.assert_allclose(part.composition(np.array([[12.7, 0, 0]])), [[0.5, 0.5]])
     assert part.distance(part.grid.window(0, 4)).shape == (4, *part.grid.shape[1:])
-    assert part.section(6.0).volume_distance.max() == pytest.approx(6, abs=0.05)
+    assert part.section(6.0).spatial_distance.max() == pytest.approx(6, abs=0.05)
 
 
 def test_a_bare_mesh_names_its_defaults(folder: Folder, making: Any) -> None:
@@ -142,7 +142,8 @@ def test_combined_bodies(folder: Folder) -> None:
 def test_parts_are_the_same_every_time(folder: Folder) -> None:
     where = folder(part__toml='combine = "difference"\n' + STEEL + BOX + BALL)
     one, two = load_part(where / "part.toml"), load_part(where / "part.toml")
-    np.testing.assert_array_equal(one.section(2.0).distance, two.section(2.0).distance)
+    np.testing.assert_array_equal(one.section(2.0).in_plane_distance,
+                                  two.section(2.0).in_plane_distance)
     np.testing.assert_array_equal(one.distance(one.grid.window()), two.distance(two.grid.window()))
 
 
@@ -158,7 +159,7 @@ def test_a_section_outside_the_part_is_empty(folder: Folder) -> None:
     part = load_part(folder(part__toml=STEEL + BALL) / "part.toml")
     section = part.section(50.0)
     assert section.loops == []
-    assert (section.distance < 0).all()
+    assert (section.in_plane_distance < 0).all()
 
 
 def test_composition_takes_any_number_of_points(folder: Folder) -> None:

@@ -30,7 +30,7 @@ class FakeSection:
     grid: PlaneGrid
     loops: list
     distance: np.ndarray
-    volume_distance: np.ndarray
+    spatial_distance: np.ndarray
 
 
 def cut(loops, pitch_mm=0.25, z_mm=0.0):
@@ -126,7 +126,7 @@ class FakePart:
     def section(self, z_mm):
         return cut(self.loops_at(z_mm), self.pitch_mm, z_mm)
 
-    def only_mixture(self):
+    def uniform_mixture(self):
         return None
 
     def composition(self, points_mm):

@@ -13,7 +13,7 @@ from lmctl.plan.planner import plan_job
 
 def layers_of(path):
     with JobReader(path) as job:
-        return list(job.layers())
+        return list(job.iterate_layers())
 
 
 def stepped(make_part, shapes):
@@ -45,7 +45,7 @@ def test_the_verdict_compares_what_is_laid_with_the_part(
             flow = np.array([np.interp(middle_s, layer.flow_s, layer.flow_g_s[:, m])
                              for m in (0, 1)])
             x = (lines["x_mm"][i - 1] + lines["x_mm"][i]) / 2 - 150.0
-            off = abs(recipe.laid_fractions(flow)[1] - (0.7 if x > 0.1 else 0.3))
+            off = abs(recipe.deposited_fractions(flow)[1] - (0.7 if x > 0.1 else 0.3))
             right.append([off <= 0.02, lines["end_s"][i] - begin_s[i]])
     share = float(np.prod(right, axis=1).sum() / np.sum(right, axis=0)[1])
     assert 0.2 < share < 0.8

@@ -31,7 +31,7 @@ def complete(make_part, profile):
         found = Completeness(part.process, placement.layer_height_mm,
                              placement.uncovered_height_mm())
         for layer in range(placement.n_layers):
-            found.add(layer_geometry(part, placement, layer))
+            found.add_layer(layer_geometry(part, placement, layer))
         return found
 
     return make
@@ -54,8 +54,8 @@ def test_a_lost_rib_is_one_piece_over_all_its_layers(complete):
     rib = box(20, 8, 30, 8.7)
     found = complete(lambda z: unary_union([PLATE, rib]) if z > 1.6 else PLATE)
     (piece,) = found.lost
-    assert (piece.from_layer, piece.to_layer) == (2, 4)
-    assert (piece.from_z_mm, piece.to_z_mm) == pytest.approx((1.6, 4.0))
+    assert (piece.first_layer, piece.last_layer) == (2, 4)
+    assert (piece.lowest_z_mm, piece.highest_z_mm) == pytest.approx((1.6, 4.0))
     assert piece.volume_mm3 == pytest.approx(rib.area * 2.4, rel=0.2)
     with pytest.raises(PlanError) as caught:
         found.check(allow_overhang=True)
@@ -113,12 +113,12 @@ def test_leaning_walls(complete, lean_deg, refused, warned):
     slope = np.tan(np.radians(lean_deg))
     found = complete(lambda z: box(0, 0, 20 + slope * z, 20))
     assert bool(found.overhangs) == warned
-    assert bool(found.steep()) == refused
+    assert bool(found.steep_overhangs()) == refused
     if warned:
         (wall,) = found.overhangs
         assert wall.angle_deg == pytest.approx(lean_deg, abs=3)
         assert wall.at_mm[0] > 20
-        assert wall.to_layer == 4
+        assert wall.last_layer == 4
     if refused:
         with pytest.raises(PlanError, match="more than 45°"):
             found.check()
@@ -163,7 +163,7 @@ def test_every_feature_has_its_own_fraction(complete):
     places = {tuple(np.round(f.at_mm)): f for f in found.features}
     assert set(places) == {(10, 10), (3, 3), (15, 11)}
     tower = places[3, 3]
-    assert (tower.from_layer, tower.to_layer) == (2, 4)
+    assert (tower.first_layer, tower.last_layer) == (2, 4)
     assert tower.volume_mm3 == pytest.approx(36 * 2.4)
     assert all(0.9 <= f.built_fraction <= 1 for f in found.features)
     totals = found.totals()
@@ -177,6 +177,6 @@ def test_pieces_that_stand_close_are_told_apart(complete):
     specks = [box(x, y, x + 0.2, y + 0.2) for x in np.arange(1, 19, 1.5) for y in (22, 23.3)]
     found = complete(lambda z: unary_union([PLATE, *specks]))
     assert len(found.lost) == len(specks)
-    assert all((piece.from_layer, piece.to_layer) == (0, 4) for piece in found.lost)
+    assert all((piece.first_layer, piece.last_layer) == (0, 4) for piece in found.lost)
     assert all(piece.feature.size_mm == pytest.approx((0.2, 0.2), abs=0.01)
                for piece in found.lost)

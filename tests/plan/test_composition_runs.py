@@ -11,7 +11,7 @@ from hypothesis.extra import numpy as hnp
 from lmctl.plan.sequence.composition_runs import (
     composition_knots,
     composition_runs,
-    quantised,
+    quantised_fractions,
 )
 
 mixtures = st.integers(1, 5).flatmap(
@@ -22,7 +22,7 @@ mixtures = st.integers(1, 5).flatmap(
 @settings(max_examples=100, deadline=None)
 @given(mixtures, st.sampled_from([0.01, 0.02, 0.03, 0.05, 0.1, 0.5]))
 def test_quanta_sum_to_one_and_lie_within_a_quantum(fractions, step):
-    result = quantised(fractions, step)
+    result = quantised_fractions(fractions, step)
     quanta = round(1 / step)
     assert result.sum(axis=1) == pytest.approx(np.ones(7), abs=1e-12)
     assert result * quanta == pytest.approx(np.round(result * quanta), abs=1e-9)
@@ -32,7 +32,7 @@ def test_quanta_sum_to_one_and_lie_within_a_quantum(fractions, step):
 
 def test_two_materials_round_to_the_nearest():
     second = np.array([0.0, 0.009, 0.011, 0.5, 0.9899, 1.0])
-    result = quantised(np.stack([1 - second, second], axis=1), 0.02)
+    result = quantised_fractions(np.stack([1 - second, second], axis=1), 0.02)
     assert result[:, 1] == pytest.approx([0, 0, 0.02, 0.5, 0.98, 1])
 
 

@@ -5,8 +5,8 @@ import pytest
 
 from lmctl.job.schema import LineKind
 from lmctl.plan.sequence.beads import Beads
-from lmctl.plan.sequence.line_timing import gap_bounds, with_time_for_powder
-from lmctl.plan.sequence.moves import on_raster
+from lmctl.plan.sequence.line_timing import gap_line_ranges, with_time_for_powder
+from lmctl.plan.sequence.moves import rounded_to_program_steps
 from lmctl.plan.sequence.travel import TravelSettings, layer_moves
 from lmctl.plan.sequence.velocity_profile import line_durations
 
@@ -23,12 +23,12 @@ def corner(lead_in_mm):
         speed_factor=np.ones(2),
         rounded_mm=0.0, rounded_by=0.0)
     settings = TravelSettings(50, 5, lead_in_mm, 2.0, 0.0, 0.02)
-    return on_raster(
+    return rounded_to_program_steps(
         layer_moves(beads, 1.0, np.zeros(3), START, settings, np.array([1.0, 0])), START)
 
 
 def gap_lines(moves, path):
-    return np.arange(*gap_bounds(moves)[path])
+    return np.arange(*gap_line_ranges(moves)[path])
 
 
 @pytest.mark.parametrize("lead_in_mm", [0.0, 2.0])

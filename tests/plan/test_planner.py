@@ -24,7 +24,7 @@ LINE = re.compile(
 
 def layers_of(path):
     with JobReader(path) as job:
-        return job.manifest, list(job.layers())
+        return job.manifest, list(job.iterate_layers())
 
 
 @pytest.fixture
@@ -161,7 +161,7 @@ def test_flow_goes_on_from_layer_to_layer_and_along_each_bead(planned, recipe):
         row = layer.lines[bead]
         flow = np.stack([np.interp(row["end_s"], layer.flow_s, layer.flow_g_s[:, m])
                          for m in (0, 1)], axis=1)
-        off = np.abs(recipe.laid_fractions(flow) - row["fractions"]).max(axis=1)
+        off = np.abs(recipe.deposited_fractions(flow) - row["fractions"]).max(axis=1)
         assert off.max() < 0.02  # a quantum within a tenth of a millimetre is a jump to a hopper
         assert np.quantile(off, 0.97) < 2e-3
 

@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lmctl.plan.sequence.hose_model import HoseModel
-from lmctl.plan.sequence.mixture_ramps import LEAST_RAMP_S, SETTLED, PowderLimits
-from lmctl.plan.sequence.mixture_ramps import needed_s as needed_times_s
-from lmctl.plan.sequence.mixture_ramps import ramp as ramp_course
+from lmctl.plan.sequence.mixture_ramps import MIN_RAMP_S, SETTLED_FRACTION, PowderLimits
+from lmctl.plan.sequence.mixture_ramps import min_ramp_duration_s as needed_times_s
+from lmctl.plan.sequence.mixture_ramps import ramp_knots as ramp_course
 from lmctl.plan.sequence.powder_flow import followed_flow
 
 #: Volume flow in units of the whole, so that flows are volume fractions.
@@ -103,7 +103,7 @@ def test_a_hopper_that_stops_needs_its_hose_to_empty(start, end):
     a, b = mix(start), mix(end)
     falling = max(a[0] - b[0], a[1] - b[1])
     gap = needed_s(a, b, UNIT, 0.02)
-    assert gap == pytest.approx(np.log(falling / SETTLED), rel=0.15)
+    assert gap == pytest.approx(np.log(falling / SETTLED_FRACTION), rel=0.15)
     assert np.abs(laid_after(a, b, gap, 0.0) - b).max() <= 0.02
     assert np.abs(laid_after(a, b, gap, 2.0) - b).max() <= 0.005
 
@@ -166,7 +166,7 @@ def test_a_short_straight_ramp_lies_in_the_middle_of_a_long_gap():
 
 def test_changes_within_a_quantum_need_no_time():
     assert needed_s(mix(0.50), mix(0.52), UNIT, 0.02) == 0
-    assert needed_s(mix(0.50), mix(0.54), UNIT, 0.02) >= LEAST_RAMP_S
+    assert needed_s(mix(0.50), mix(0.54), UNIT, 0.02) >= MIN_RAMP_S
     assert needed_s(mix(0.5), mix(0.5), UNIT, 0.02) == 0
 
 

@@ -21,7 +21,7 @@ def test_the_controller_is_told_the_power_whatever_its_full_scale(
     plan_job(part, cell, tmp_path / "a.lmj")
     with JobReader(tmp_path / "a.lmj") as job:
         check_program(job, cell)
-        text = "\n".join(line for layer in job.layers() for line in layer.program)
+        text = "\n".join(line for layer in job.iterate_layers() for line in layer.program)
     said = set(re.findall(r" S([\d.]+)$", text, re.MULTILINE)) - {"0"}
     assert len(said) == 1
     assert float(said.pop()) / s_max * laser.max_power_W == pytest.approx(power_W, rel=0.01)

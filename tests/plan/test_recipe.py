@@ -26,7 +26,7 @@ def test_the_worked_example_of_volume_to_mass():
 
 def test_flow_and_laid_volume_are_each_others_inverse(recipe):
     fractions = mixes(0, 0.1, 0.5, 0.77, 1)
-    assert recipe.laid_fractions(recipe.flow_g_s(fractions)) == pytest.approx(fractions)
+    assert recipe.deposited_fractions(recipe.flow_g_s(fractions)) == pytest.approx(fractions)
 
 
 def test_laid_volume_is_pitch_height_and_speed(recipe):
@@ -44,7 +44,7 @@ def test_what_a_hopper_cannot_meter_goes_to_the_nearer(recipe):
     """The carbide hopper meters 0.8 g/min and more: 4.8 % of the volume here."""
     least = 0.8 / recipe.flow_g_s(mixes(1.0))[0, 1] / 60
     wanted = np.array([0.0, 0.3, 0.45, 0.55, 0.9, 1.0, 1.5]) * least
-    got = recipe.deliverable(mixes(*wanted))[:, 1]
+    got = recipe.deliverable_mixtures(mixes(*wanted))[:, 1]
     assert got == pytest.approx(np.array([0, 0, 0, 1, 1, 1, 1.5]) * least)
 
 
@@ -52,7 +52,7 @@ def test_what_a_hopper_cannot_meter_goes_to_the_nearer(recipe):
     HealthCheck.function_scoped_fixture])
 @given(second=st.lists(st.floats(0, 1), min_size=1, max_size=20))
 def test_whatever_is_wanted_can_be_metered_afterwards(recipe, second):
-    got = recipe.deliverable(mixes(*second))
+    got = recipe.deliverable_mixtures(mixes(*second))
     flow = recipe.flow_g_s(got)
     assert got.sum(axis=1) == pytest.approx(np.ones(len(second)))
     assert ((flow < 1e-12) | (flow >= recipe.min_flow_g_s * (1 - 1e-6))).all()
@@ -67,7 +67,7 @@ def test_every_mixture_of_three_powders_has_a_deliverable_one_near(materials, pr
     recipe = make_recipe(
         mixed, ProcessSettings(), profile.model_copy(update={"hopper": (*profile.hopper, hopper)}))
     wanted = np.array([(a, b, 50 - a - b) for a in range(51) for b in range(51 - a)]) / 50
-    got = recipe.deliverable(wanted)
+    got = recipe.deliverable_mixtures(wanted)
     recipe.check_deliverable(got, "layer 1")
     assert got.sum(axis=1) == pytest.approx(np.ones(len(wanted)))
     least = recipe.min_flow_g_s / np.diag(recipe.flow_g_s(np.eye(3))) * 1.5  # at the least speed
@@ -86,8 +86,8 @@ def test_mixtures_are_made_deliverable_each_for_itself(materials, profile):
         profile.model_copy(update={"hopper": (*profile.hopper, hopper)}))
     wanted = np.random.default_rng(0).dirichlet([0.4, 0.4, 0.4], 200).round(2)
     wanted = wanted[wanted.sum(axis=1) > 0.5]
-    got = recipe.deliverable(wanted)
-    alone = np.vstack([recipe.deliverable(row[None]) for row in wanted])
+    got = recipe.deliverable_mixtures(wanted)
+    alone = np.vstack([recipe.deliverable_mixtures(row[None]) for row in wanted])
     assert got == pytest.approx(alone, abs=1e-12)
     flow, least = recipe.flow_g_s(got), recipe.min_flow_g_s
     assert ((flow < 1e-12) | (flow > least * (1 - 1e-9))).all()
@@ -100,7 +100,7 @@ def test_least_flows_that_leave_too_little_for_the_rest(materials, profile):
     recipe = make_recipe(materials, ProcessSettings(layer_height_mm=0.12), profile)
     least = recipe.min_flow_g_s / np.diag(recipe.flow_g_s(np.eye(2)))
     assert 0.5 < least[0] < 1
-    got = recipe.deliverable(mixes(0.42, 0.7))
+    got = recipe.deliverable_mixtures(mixes(0.42, 0.7))
     recipe.check_deliverable(got, "layer 1")
 
 
@@ -130,7 +130,7 @@ def test_the_speed_a_hint_gives_is_one_the_hopper_can_follow(materials, profile)
 def test_too_little_of_a_pure_powder_says_what_to_do(materials, profile):
     slow = make_recipe(materials, ProcessSettings(layer_height_mm=0.03), profile)
     with pytest.raises(PlanError, match=r"at least 0\.8"):
-        slow.check_deliverable(slow.deliverable(mixes(0.0)), "layer 1")
+        slow.check_deliverable(slow.deliverable_mixtures(mixes(0.0)), "layer 1")
 
 
 def test_a_material_without_a_hopper(materials, profile):

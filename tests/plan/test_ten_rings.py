@@ -34,7 +34,7 @@ def rings(tmp_path, make_part, profile):
                                     powder=mode, dwell_s=30.0))
         manifest = plan_job(part, even, tmp_path / "rings.lmj")
         with JobReader(tmp_path / "rings.lmj") as job:
-            lines = job.layer(0).lines
+            lines = job.read_layer(0).lines
         bead = np.flatnonzero(lines["kind"] == LineKind.BEAD)
         lasting = lines["end_s"][bead[-1]] - lines["end_s"][bead[0] - 1]
         return manifest.totals, lasting, lines

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from lmctl.config.machine import MotionSettings
 from lmctl.job.schema import LineKind
-from lmctl.plan.sequence.moves import join, lines, on_raster
+from lmctl.plan.sequence.moves import join_moves, moves_of_kind, rounded_to_program_steps
 from lmctl.plan.sequence.velocity_profile import line_durations
 
 ORIGIN = np.zeros(3)
@@ -26,7 +26,7 @@ def motion(**changes):
 def path(points, speed=10.0):
     points = np.asarray(points, dtype=float)
     points = np.column_stack([points, np.zeros((len(points), 3 - points.shape[1]))])
-    return lines(points, feed_mm_s=speed, kind=LineKind.LEAD, fractions=MIX)
+    return moves_of_kind(points, feed_mm_s=speed, kind=LineKind.LEAD, fractions=MIX)
 
 
 def total(points, speed=10.0, **changes):
@@ -92,21 +92,22 @@ def test_a_spiral_of_short_segments_keeps_its_feed():
     """0.1 mm segments at 10 mm/s: neither corners nor the window slow it."""
     turn = np.sqrt(np.linspace(0.5, 60**2, 20_000))
     spiral = np.column_stack([0.2 * turn * np.cos(turn), 0.2 * turn * np.sin(turn)])
-    moves = on_raster(path(spiral), ORIGIN)
+    moves = rounded_to_program_steps(path(spiral), ORIGIN)
     length = np.linalg.norm(np.diff(moves.target_mm, axis=0), axis=1).sum()
     taken = line_durations(moves, moves.target_mm[0], motion(planner_blocks=15)).sum()
     assert taken == pytest.approx(length / 10, rel=0.005)
 
 
 def test_a_dwell_is_reached_and_left_at_rest():
-    rest = lines([10, 0, 0], feed_mm_s=0, kind=LineKind.DWELL, fractions=MIX, dwell_s=2.5)
-    moves = join([path([[10, 0]]), rest, path([[20, 0]])])
+    rest = moves_of_kind([10, 0, 0], feed_mm_s=0, kind=LineKind.DWELL, fractions=MIX, dwell_s=2.5)
+    moves = join_moves([path([[10, 0]]), rest, path([[20, 0]])])
     durations = line_durations(moves, ORIGIN, motion())
     assert durations == pytest.approx([1 + 10 / 500, 2.5, 1 + 10 / 500])
 
 
 def test_setup_takes_no_time():
-    moves = join([lines(ORIGIN, feed_mm_s=0, kind=LineKind.SETUP, fractions=MIX), path([[5, 0]])])
+    moves = join_moves([moves_of_kind(ORIGIN, feed_mm_s=0, kind=LineKind.SETUP, fractions=MIX),
+                        path([[5, 0]])])
     assert line_durations(moves, ORIGIN, motion())[0] == 0
 
 
@@ -117,7 +118,7 @@ points = st.lists(
 @settings(max_examples=60, deadline=None)
 @given(points=points, speed=st.floats(1, 90), blocks=st.integers(4, 20))
 def test_no_law_of_motion_is_broken(points, speed, blocks):
-    moves = on_raster(path(points, speed), ORIGIN)
+    moves = rounded_to_program_steps(path(points, speed), ORIGIN)
     if len(moves) == 0:
         return
     way = np.linalg.norm(np.diff(np.vstack([ORIGIN, moves.target_mm]), axis=0), axis=1)
@@ -125,7 +126,7 @@ def test_no_law_of_motion_is_broken(points, speed, blocks):
     fastest = np.minimum(moves.feed_mm_s, 100 * np.sqrt(3))
     assert (durations >= way / fastest * (1 - 1e-9)).all()
     alone = sum(
-        float(line_durations(moves.take(np.array([i])), start, motion())[0])
+        float(line_durations(moves.select(np.array([i])), start, motion())[0])
         for i, start in enumerate(np.vstack([ORIGIN, moves.target_mm[:-1]]))
     )
     assert durations.sum() <= alone * (1 + 1e-9)
@@ -135,9 +136,9 @@ def test_no_law_of_motion_is_broken(points, speed, blocks):
 
 def test_moves_shorter_than_a_motor_step_are_dropped():
     """The firmware would make no block of them; many in a row still add up to a motion."""
-    moves = on_raster(path([[1, 0], [1.0004, 0], [1.0012, 0], [2, 0]]), ORIGIN)
+    moves = rounded_to_program_steps(path([[1, 0], [1.0004, 0], [1.0012, 0], [2, 0]]), ORIGIN)
     assert moves.target_mm[:, 0] == pytest.approx([1.0, 2.0])
-    creeping = on_raster(path([[1 + 0.005 * i, 0] for i in range(101)]), ORIGIN)
+    creeping = rounded_to_program_steps(path([[1 + 0.005 * i, 0] for i in range(101)]), ORIGIN)
     steps = np.diff(creeping.target_mm[:, 0])
     assert steps.min() >= 0.02 - 1e-9
     assert creeping.target_mm[-1, 0] == pytest.approx(1.5, abs=0.02)

@@ -171,7 +171,7 @@ def test_every_thing_too_thin_is_listed_with_place_size_and_remedy(geometry_of, 
         (found,) = [item for item in lost if np.hypot(*(np.array(item.at_mm) - place)) < 1.5]
         assert found.kind == ("island" if piece.area < 0.3 and piece.bounds[0] > 25 else "rib")
         assert found.area_mm2 == pytest.approx(piece.area, rel=0.5)
-        assert found.why
+        assert found.reason
         assert found.remedy
 
 
@@ -181,7 +181,7 @@ def test_a_slice_without_a_track_is_a_lost_layer(geometry_of):
     (lost,) = geometry.figures.lost
     assert lost.kind == "layer"
     assert lost.size_mm == pytest.approx((30, 0.5), rel=0.01)
-    assert "half a bead" in lost.why
+    assert "half a bead" in lost.reason
 
 
 def test_specks_are_listed_though_they_fall_between_nodes(geometry_of):

@@ -24,9 +24,9 @@ def test_centred_on_the_platform_with_its_lowest_point_on_it(part, profile):
     assert placement.offset_mm == pytest.approx([150, 150, 3])
     assert placement.n_layers == 13  # 10 mm in layers of 0.769, nearest to 0.8
     assert placement.layer_height_mm == pytest.approx(10 / 13)
-    assert placement.cut_mm(0) == pytest.approx(-3 + 5 / 13)
-    assert placement.nozzle_mm(0) == pytest.approx(10 / 13)
-    assert placement.nozzle_mm(12) == pytest.approx(10)
+    assert placement.cut_height_mm(0) == pytest.approx(-3 + 5 / 13)
+    assert placement.nozzle_height_mm(0) == pytest.approx(10 / 13)
+    assert placement.nozzle_height_mm(12) == pytest.approx(10)
     assert placement.uncovered_height_mm() == pytest.approx(0)
 
 
@@ -41,7 +41,7 @@ def test_the_layer_height_is_fitted_within_a_tenth(tall, fitted):
 def test_where_the_part_file_says(part, profile):
     placement = check_part(replace(part, placement_mm=(50.0, 60.0, 5.0)), profile)
     assert placement.offset_mm == pytest.approx([50, 60, 5])
-    assert placement.nozzle_mm(0) == pytest.approx(5 - 3 + 10 / 13)
+    assert placement.nozzle_height_mm(0) == pytest.approx(5 - 3 + 10 / 13)
 
 
 @pytest.mark.parametrize(("height", "layers"), [(0.45, 1), (0.8, 1), (1.2, 1), (1.25, 2), (8, 10)])
@@ -62,12 +62,12 @@ def test_more_layers_than_a_job_holds(part, profile):
 
 def test_only_some_layers(part, profile):
     placement = check_part(part, profile)
-    lowered = placement.restricted_to(2, 9, set_down=True)
+    lowered = placement.restricted_to_layers(2, 9, set_down=True)
     assert lowered.n_layers == 8
-    assert lowered.nozzle_mm(0) == pytest.approx(10 / 13)
-    assert lowered.cut_mm(0) == pytest.approx(placement.cut_mm(2))
-    kept = placement.restricted_to(2, 9, set_down=False)
-    assert kept.nozzle_mm(0) == pytest.approx(placement.nozzle_mm(2))
+    assert lowered.nozzle_height_mm(0) == pytest.approx(10 / 13)
+    assert lowered.cut_height_mm(0) == pytest.approx(placement.cut_height_mm(2))
+    kept = placement.restricted_to_layers(2, 9, set_down=False)
+    assert kept.nozzle_height_mm(0) == pytest.approx(placement.nozzle_height_mm(2))
 
 
 @pytest.mark.parametrize(
@@ -114,5 +114,5 @@ def test_a_finer_layer_height_makes_more_layers(part, profile):
     finer = replace(part, process=ProcessSettings(layer_height_mm=0.25))
     placement = check_part(finer, profile)
     assert placement.n_layers == 40
-    heights = np.array([placement.nozzle_mm(i) for i in range(40)])
+    heights = np.array([placement.nozzle_height_mm(i) for i in range(40)])
     assert np.diff(heights) == pytest.approx(np.full(39, 0.25))

@@ -54,7 +54,7 @@ class Job:
         )
         self._layers = layers
 
-    def layers(self):
+    def iterate_layers(self):
         return iter(self._layers)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from lmctl.report.part_record import part_of
+from lmctl.report.part_record import part_record_of
 from lmctl.run.journal.writer import JournalWriter
 
 
@@ -19,7 +19,7 @@ def runs(folder, **continues):
 
 
 def names(folder, run, **options):
-    return [one.run for one in part_of(folder / run / "journal.jsonl", **options).runs]
+    return [one.run for one in part_record_of(folder / run / "journal.jsonl", **options).runs]
 
 
 def test_every_run_of_a_part_has_the_same_record(tmp_path):

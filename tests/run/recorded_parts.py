@@ -23,10 +23,10 @@ from lmctl.errors import JournalError, LmctlError, UsageError
 from lmctl.job.reader import JobReader
 from lmctl.part.load import load_part
 from lmctl.plan.planner import plan_job
-from lmctl.report.part_record import PartRecord, part_of
-from lmctl.run.execution.unreported_motion import keep_unreported
+from lmctl.report.part_record import PartRecord, part_record_of
+from lmctl.run.execution.unreported_motion import journal_unreported_motion
 from lmctl.run.executor import EarlierRun, RunExecutor
-from lmctl.run.journal.recovery import find_place, refuse_finished
+from lmctl.run.journal.recovery import find_recovery_place, refuse_finished
 from lmctl.run.journal.replay import replay_run
 from lmctl.run.journal.run_folders import RunFolder, run_names
 from lmctl.run.program.place import Known, known_place
@@ -96,7 +96,7 @@ class RecordedPart:
 def record_part(seed: int, folder: Path) -> RecordedPart:
     """Make one part; the same one for the same seed."""
     part = RecordedPart(seed)
-    virtual_time.run(_Making(part, folder).main())
+    virtual_time.run_in_virtual_time(_Making(part, folder).main())
     return part
 
 
@@ -157,7 +157,7 @@ class _Making:
             await asyncio.sleep(30.0)
             self._judge()
         runs = self._folder / "runs"
-        self._part.record = part_of(runs / run_names(runs)[-1] / "journal.jsonl")
+        self._part.record = part_record_of(runs / run_names(runs)[-1] / "journal.jsonl")
 
     # --- what is done to it -------------------------------------------------------------------
 
@@ -254,7 +254,7 @@ class _Making:
         with JobReader(made.job) as job:
             after = replay_run(made)
             dialect = GRBLHAL if self._bench.config.motion.dialect == "grblhal" else GRBL
-            found = find_place(
+            found = find_recovery_place(
                 job, after, seen(self._bench.motion.position_mm, dialect=dialect), self._profile)
             reached = found.reached
             if reached.is_doubtful:  # a controller that nobody stops runs dry
@@ -262,9 +262,9 @@ class _Making:
             try:
                 refuse_finished(job, after, reached.place, self._profile.motion)
             except JournalError:
-                keep_unreported(job, made, reached)
+                journal_unreported_motion(job, made, reached)
                 return None
-        return EarlierRun(made.run, reached, trusted=not found.lost)
+        return EarlierRun(made.run, reached, is_position_trusted=not found.lost)
 
     # --- what was really executed -------------------------------------------------------------
 

@@ -38,7 +38,7 @@ def nobody():
 def test_all_that_is_absent_is_told_in_one_report(tmp_path, nobody, job_file):
     job_file(tmp_path / "job.lmj", nobody)
     with pytest.raises(MachineError) as error:
-        virtual_time.run(run_job(tmp_path / "job.lmj", nobody, tmp_path / "runs"))
+        virtual_time.run_in_virtual_time(run_job(tmp_path / "job.lmj", nobody, tmp_path / "runs"))
     text = error.value.render()
     assert "3 devices of the cell failed" in text
     assert nobody.motion.endpoint in text
@@ -52,7 +52,7 @@ def test_all_that_is_absent_is_told_in_one_report(tmp_path, nobody, job_file):
 def test_a_run_that_could_not_begin_leaves_a_sealed_journal(tmp_path, nobody, job_file):
     job_file(tmp_path / "job.lmj", nobody)
     with pytest.raises(MachineError):
-        virtual_time.run(run_job(tmp_path / "job.lmj", nobody, tmp_path / "runs"))
+        virtual_time.run_in_virtual_time(run_job(tmp_path / "job.lmj", nobody, tmp_path / "runs"))
     (run,) = list_runs(tmp_path / "runs")
     assert run.state == "faulted"
     journal = tmp_path / "runs" / run.run / "journal.jsonl"
@@ -70,7 +70,7 @@ def test_a_job_for_another_machine_is_refused_before_a_run_is_made(tmp_path, nob
     job_file(tmp_path / "job.lmj", nobody)
     other = nobody.model_copy(update={"name": "other cell"})
     with pytest.raises(JobError, match="planned for 'bench cell'"):
-        virtual_time.run(run_job(tmp_path / "job.lmj", other, tmp_path / "runs"))
+        virtual_time.run_in_virtual_time(run_job(tmp_path / "job.lmj", other, tmp_path / "runs"))
     assert not (tmp_path / "runs").exists()
 
 
@@ -79,5 +79,5 @@ def test_what_is_no_job_is_refused_before_a_run_is_made(tmp_path, nobody, conten
     if content is not None:
         (tmp_path / "job.lmj").write_bytes(content)
     with pytest.raises(LmctlError):
-        virtual_time.run(run_job(tmp_path / "job.lmj", nobody, tmp_path / "runs"))
+        virtual_time.run_in_virtual_time(run_job(tmp_path / "job.lmj", nobody, tmp_path / "runs"))
     assert not (tmp_path / "runs").exists()

@@ -23,8 +23,8 @@ from lmctl.run.control.server import (
     MAX_REQUEST_BYTES,
     ControlCallbacks,
     ControlSocket,
-    listening,
-    read_request,
+    listening_socket,
+    parse_request,
 )
 from simulators import virtual_time
 
@@ -60,18 +60,18 @@ def serve(folder, talk, run=None):
     run = run or Run()
 
     async def main():
-        with listening(folder) as made:
+        with listening_socket(folder) as made:
             control = ControlSocket(made, ControlCallbacks(run.status, run.act, run.heard))
             control.start()
             await talk(run)
             await control.close()
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
     return run
 
 
 async def connected(folder):
-    return await asyncio.open_unix_connection(str(folder / control_path.SOCKET))
+    return await asyncio.open_unix_connection(str(folder / control_path.SOCKET_NAME))
 
 
 async def asked(folder, *lines):
@@ -141,7 +141,7 @@ def test_nonsense_is_refused_and_its_sender_dropped(tmp_path, line):
 @settings(max_examples=300, deadline=None)
 def test_whatever_a_line_holds_it_is_a_request_or_a_usage_error(line):
     try:
-        request = read_request(line)
+        request = parse_request(line)
     except UsageError:
         return
     assert request["do"] in ("status", "watch", "hold", "resume", "stop", "override")
@@ -183,7 +183,7 @@ def test_a_client_that_never_reads_is_dropped_and_costs_the_others_nothing(tmp_p
     async def talk(run):
         with socket.socket(socket.AF_UNIX) as deaf:
             deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-            deaf.connect(str(tmp_path / control_path.SOCKET))
+            deaf.connect(str(tmp_path / control_path.SOCKET_NAME))
             deaf.sendall(b'{"do": "watch", "every_s": 0.1}\n')
             loop = asyncio.get_running_loop()
             for _ in range(200):
@@ -256,14 +256,14 @@ def test_who_watches_sees_how_it_ended(tmp_path):
         run = Run()
 
         async def body():
-            with listening(tmp_path) as made:
+            with listening_socket(tmp_path) as made:
                 control = ControlSocket(made, ControlCallbacks(run.status, run.act, run.heard))
                 control.start()
                 await main(run)
                 await control.close()
                 await talk.rest
 
-        virtual_time.run(body())
+        virtual_time.run_in_virtual_time(body())
 
     whole()
     assert seen == ["depositing"] * 3 + ["done"]
@@ -281,8 +281,8 @@ def session(monkeypatch):
 
 
 def test_only_its_owner_may_open_it_and_it_is_gone_afterwards(tmp_path):
-    with listening(tmp_path):
-        found = (tmp_path / control_path.SOCKET).stat()
+    with listening_socket(tmp_path):
+        found = (tmp_path / control_path.SOCKET_NAME).stat()
         assert stat.S_ISSOCK(found.st_mode)
         assert stat.S_IMODE(found.st_mode) == 0o600
     assert list(tmp_path.iterdir()) == []
@@ -293,8 +293,8 @@ def test_a_folder_too_deep_for_a_socket_gets_a_link_to_one(tmp_path, session):
     deep.mkdir(parents=True)
 
     async def talk(run):
-        assert (deep / control_path.SOCKET).is_symlink()
-        client = control_path.connect(deep)
+        assert (deep / control_path.SOCKET_NAME).is_symlink()
+        client = control_path.connect_to_run(deep)
         assert client is not None
         client.close()
 
@@ -314,15 +314,15 @@ def test_two_runs_that_begin_at_once_in_deep_folders_get_a_socket_each(
 
         def rename_when_the_other_has_begun(path, target):
             monkeypatch.setattr(Path, "rename", renames)
-            other = open_sockets.enter_context(listening(theirs))
+            other = open_sockets.enter_context(listening_socket(theirs))
             sockets.append(other)
             return path.rename(target)
 
         sockets = []
         monkeypatch.setattr(Path, "rename", rename_when_the_other_has_begun)
-        sockets.insert(0, open_sockets.enter_context(listening(ours)))
+        sockets.insert(0, open_sockets.enter_context(listening_socket(ours)))
         for folder, listens in zip((ours, theirs), sockets, strict=True):
-            with control_path.connect(folder):
+            with control_path.connect_to_run(folder):
                 accepted, _ = listens.accept()  # it does not block: raises where nobody came
                 accepted.close()
 
@@ -332,7 +332,7 @@ def test_a_socket_that_cannot_be_made_leaves_nothing_behind(tmp_path, monkeypatc
         raise PermissionError(errno.EACCES, "not here")
 
     monkeypatch.setattr(Path, "rename", no_rename)
-    with pytest.raises(JournalError, match="no control socket"), listening(tmp_path):
+    with pytest.raises(JournalError, match="no control socket"), listening_socket(tmp_path):
         pass
     assert list(tmp_path.iterdir()) == []
 
@@ -345,8 +345,8 @@ def test_without_a_folder_of_the_session_the_temporary_one_serves(
     monkeypatch.setattr(tempfile, "tempdir", str(session))
     deep = tmp_path / ("d" * 100) / "run-0001"
     deep.mkdir(parents=True)
-    with listening(deep):
-        target = (deep / control_path.SOCKET).readlink()
+    with listening_socket(deep):
+        target = (deep / control_path.SOCKET_NAME).readlink()
         assert target.parent == session / f"lmctl-{os.getuid()}"
 
 
@@ -355,24 +355,24 @@ def test_a_foreign_run_time_folder_is_not_used(tmp_path, session):
     (session / "lmctl").chmod(0o777)
     deep = tmp_path / ("d" * 100) / "run-0001"
     deep.mkdir(parents=True)
-    with pytest.raises(JournalError, match="no control socket"), listening(deep):
+    with pytest.raises(JournalError, match="no control socket"), listening_socket(deep):
         pass
 
 
 def test_the_socket_of_a_dead_process_is_recognised_and_removed(tmp_path):
     left = socket.socket(socket.AF_UNIX)
-    left.bind(str(tmp_path / control_path.SOCKET))
+    left.bind(str(tmp_path / control_path.SOCKET_NAME))
     left.close()
-    assert control_path.connect(tmp_path) is None
+    assert control_path.connect_to_run(tmp_path) is None
     assert list(tmp_path.iterdir()) == []
     left = socket.socket(socket.AF_UNIX)
-    left.bind(str(tmp_path / control_path.SOCKET))
+    left.bind(str(tmp_path / control_path.SOCKET_NAME))
     left.close()
-    with listening(tmp_path):
-        assert (tmp_path / control_path.SOCKET).exists()
+    with listening_socket(tmp_path):
+        assert (tmp_path / control_path.SOCKET_NAME).exists()
 
 
 def test_a_living_one_keeps_a_second_out(tmp_path):
-    with listening(tmp_path), pytest.raises(JournalError, match="already drives"), \
-            listening(tmp_path):
+    with listening_socket(tmp_path), pytest.raises(JournalError, match="already drives"), \
+            listening_socket(tmp_path):
         pass

@@ -44,9 +44,9 @@ def test_a_disc_on_its_way_to_a_new_order_is_not_taken_for_a_slow_one():
 def test_what_is_taken_and_what_is_left_are_all_that_was_fed():
     fed = FedPowder(["A"], 0.0)
     fed.set_flows(0.0, (60.0,))
-    assert fed.take_g(2.0, 5.0) == pytest.approx({"A": 3.0})
-    assert fed.take_rest_g(6.0) == pytest.approx({"A": 3.0})
-    assert fed.take_rest_g(6.0) == pytest.approx({"A": 0.0})
+    assert fed.take_fed_g(2.0, 5.0) == pytest.approx({"A": 3.0})
+    assert fed.take_remaining_fed_g(6.0) == pytest.approx({"A": 3.0})
+    assert fed.take_remaining_fed_g(6.0) == pytest.approx({"A": 0.0})
 
 
 def test_scales_are_read_forward_by_what_was_fed_since():

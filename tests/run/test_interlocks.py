@@ -14,9 +14,9 @@ from lmctl.machine.feeder.readings import HopperReading
 from lmctl.machine.feeder.status import FeederStatus
 from lmctl.machine.feeder.warnings import FeederWarning
 from lmctl.machine.safety.status import SafetyStatus
-from lmctl.run.interlocks.alarms import EmergencyStopError, InterlockError, RunAlarms, Trip
+from lmctl.run.interlocks.alarms import EmergencyStopError, InterlockError, RunAlarms, RunTripError
 from lmctl.run.interlocks.inputs import (
-    FeederAge,
+    FeederAnswerAge,
     InterlockInputs,
     ProgramDeviation,
     UncommandedOutput,
@@ -62,7 +62,7 @@ def feeder(
         mixer_pressure_mbar=mixer_mbar, hoppers={"A": reading(**changes)}, gas_ok=True,
         feeding=feeding, stable=True,
     )
-    return {"feeders": (FeederAge("F1", age_s, 1.0),),
+    return {"feeders": (FeederAnswerAge("F1", age_s, 1.0),),
             "feeder_readings": (feeder_reading("F1", status, (HOPPER,), mixer_max_mbar),)}
 
 
@@ -113,7 +113,7 @@ TRIPPED = [
     ("motion silent", FINE._replace(motion_age_s=0.7), "0.7 s"),
     ("position", FINE._replace(standstill_s=1.1), "1.1 s"),
     ("path", off(path_error_mm=0.11), "0.1 mm off the programmed path"),
-    ("wait", off(early_s=1.5), "1.5 s ahead of the program"),
+    ("wait", off(ahead_of_program_s=1.5), "1.5 s ahead of the program"),
     ("feed and power", off(uncommanded=UncommandedOutput(20.0, 10.0, 500.0, (900.0,))),
      "10.0 mm/s at most"),
     ("feed and power", off(uncommanded=UncommandedOutput(50.0, 50.0, 580.0, (0.0,))),
@@ -374,8 +374,8 @@ def test_a_cause_that_shows_later_than_what_it_does_is_the_first_alarm():
     alarms.told = lines.append
     alarms.add(InterlockError("motion silent", "it has not reported for 0.6 s"), 0.6)
     alarms.add(InterlockError("feeder silent F1", "feeder F1: no answer"), 0.9)
-    alarms.add(Trip("motion restarted", "it restarted", explains=("motion silent",)), 1.5)
-    alarms.add(Trip("motion alarm 3", "it is in alarm"), 1.6)
+    alarms.add(RunTripError("motion restarted", "it restarted", explains=("motion silent",)), 1.5)
+    alarms.add(RunTripError("motion alarm 3", "it is in alarm"), 1.6)
     assert alarms.cause.what == "it restarted"
     assert [one.what for one in alarms] == [
         "it restarted", "it has not reported for 0.6 s", "feeder F1: no answer", "it is in alarm"]
@@ -386,5 +386,5 @@ def test_what_explains_something_else_stays_behind_the_first_alarm():
     alarms = RunAlarms()
     alarms.add(InterlockError("door", "the door is open"), 0.1)
     alarms.add(InterlockError("motion silent", "it has not reported for 0.6 s"), 0.6)
-    alarms.add(Trip("motion restarted", "it restarted", explains=("motion silent",)), 1.5)
+    alarms.add(RunTripError("motion restarted", "it restarted", explains=("motion silent",)), 1.5)
     assert alarms.cause.name == "door"

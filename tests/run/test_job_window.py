@@ -128,5 +128,5 @@ def test_the_next_dark_span_is_found_across_beads_and_layers(job):
 def test_machine_time_is_what_advancing_takes(job):
     window = job(there_and_back()).window()
     for rate in (0.5, 1.0, 1.7):
-        taken_s = window.machine_s(13.3, rate) - window.machine_s(2.2, rate)
+        taken_s = window.machine_time_s(13.3, rate) - window.machine_time_s(2.2, rate)
         assert window.advance(2.2, taken_s, rate) == pytest.approx(13.3)

@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from lmctl.errors import JournalError, MissingFileError
 from lmctl.run.journal.format import (
     UnsupportedFormatError,
-    fingerprint,
     read_records,
+    run_fingerprint,
     verify_journal,
 )
 from lmctl.run.journal.recorder import RunRecorder
@@ -168,8 +168,8 @@ def test_equal_runs_have_equal_fingerprints_whatever_is_local(tmp_path):
     two = write(tmp_path / "2", local={"wall": "2031", "run": "run-0009", "ports": [1, 2]})
     other = write(tmp_path / "3", flow=2.45)
     assert one.read_bytes() != two.read_bytes()
-    assert fingerprint(one) == fingerprint(two)
-    assert fingerprint(one) != fingerprint(other)
+    assert run_fingerprint(one) == run_fingerprint(two)
+    assert run_fingerprint(one) != run_fingerprint(other)
 
 
 def test_a_second_writer_is_refused(tmp_path):
@@ -272,7 +272,7 @@ def test_reading_takes_constant_memory(tmp_path):
     tracemalloc.start()
     assert verify_journal(path).sealed
     assert sum(1 for _ in read_records(path)) == 6_002
-    fingerprint(path)
+    run_fingerprint(path)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 100_000

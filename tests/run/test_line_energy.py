@@ -87,13 +87,13 @@ def test_what_it_does_not_ask_for_counts_when_three_reports_say_it(energy, field
     assert said.speed_mm_s == pytest.approx(feed / 60)
     assert said.power_W == pytest.approx(s_word * FULL_W / S_MAX)
     assert said.max_speed_mm_s == pytest.approx(SPEED_MM_S * rate)
-    assert said.commanded_W == pytest.approx((min(BEAD_W / SPEED_MM_S * feed / 60, FULL_W),))
+    assert said.commanded_powers_W == pytest.approx((min(BEAD_W / SPEED_MM_S * feed / 60, FULL_W),))
 
 
 def test_where_a_dark_line_and_a_bead_may_be_running_half_the_power_is_neither(energy):
     assert hear(energy, 2.0, "FS:600,0", BEAD, "FS:3000,0") is None
     said = hear(energy, 2.0, "FS:600,250", "FS:600,250", "FS:600,250")
-    assert said.commanded_W == pytest.approx((0.0, BEAD_W))
+    assert said.commanded_powers_W == pytest.approx((0.0, BEAD_W))
 
 
 @pytest.mark.parametrize("s", [IN_TRAVEL_S, IN_DWELL_S])

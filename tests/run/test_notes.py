@@ -8,7 +8,7 @@ import pytest
 
 from lmctl.errors import JournalError
 from lmctl.run.journal.format import verify_journal
-from lmctl.run.journal.notes import NOTES, Disposition, add_note, read_notes, verify_notes
+from lmctl.run.journal.notes import NOTES_FILE_NAME, Disposition, add_note, read_notes, verify_notes
 from lmctl.run.journal.run_folders import RunFolder
 from lmctl.run.journal.writer import JournalWriter
 
@@ -43,7 +43,7 @@ def test_notes_keep_reason_disposition_who_and_when(made):
 def test_a_note_on_what_is_not_there_is_refused(made):
     with pytest.raises(JournalError, match="has no record 4"):
         add_note(made, "what?", about=4)
-    assert not (made.path / NOTES).exists()
+    assert not (made.path / NOTES_FILE_NAME).exists()
 
 
 def test_a_journal_exchanged_or_altered_after_a_note_is_found(made):
@@ -60,7 +60,7 @@ def test_a_journal_exchanged_or_altered_after_a_note_is_found(made):
 def test_every_altered_byte_of_the_notes_is_found(made):
     add_note(made, "all well", about=1, disposition=Disposition.REWORKED)
     add_note(made, "again", about=2)
-    path = made.path / NOTES
+    path = made.path / NOTES_FILE_NAME
     sound = path.read_bytes()
     last = sound.rindex(b'{"prev"')  # what only its own text could prove, a chain cannot
     for at in range(0, last, 7):

@@ -13,7 +13,13 @@ import math
 import numpy as np
 import pytest
 
-from lmctl.run.powder.lead import TICK_S, HoseDynamics, PowderPlan, lead_setpoint, slack_g_min
+from lmctl.run.powder.lead import (
+    SETPOINT_PERIOD_S,
+    HoseDynamics,
+    PowderPlan,
+    lead_setpoint,
+    outflow_tolerance_g_min,
+)
 from lmctl.run.program.program_clock import ProgramClock
 
 TRAVEL_S = 1.0
@@ -50,7 +56,7 @@ def at_nozzle(setpoints, theta_s, lag_s, times):
 
     setpoints : (n,) from t = 0 on, and the first one for ever before
     """
-    tick_s = TICK_S
+    tick_s = SETPOINT_PERIOD_S
     flow = [setpoints[0]]
     decay = math.exp(-tick_s / lag_s)
     for u in setpoints:
@@ -91,7 +97,7 @@ def share_within(job, *, mode="lead", dwell_s=0.0, rate=1.0, theta_error_s=0.0, 
             clock.set_override(t, clock.due_override(t))
         rates.append((t, clock.program_time_s(t), clock.rate))
         setpoints.append([u / 60.0 for u in plan.setpoints_g_min(t)])
-        t = len(setpoints) * TICK_S
+        t = len(setpoints) * SETPOINT_PERIOD_S
     setpoints = np.array(setpoints)
     times = np.arange(starts_t, t, 0.01)
     nozzle = np.column_stack([
@@ -183,8 +189,8 @@ def test_a_set_point_lasts_until_the_outflow_would_stray():
     ramp = [5.0 + 0.05 * n for n in range(1, 17)]
     (setpoint, lasts), outflow, held = lead_setpoint(5.0, ramp, 1.0, 60.0), 5.0, 0
     for wanted in ramp:
-        outflow = setpoint + (outflow - setpoint) * math.exp(-TICK_S / 1.0)
-        if abs(outflow - wanted) > slack_g_min(wanted):
+        outflow = setpoint + (outflow - setpoint) * math.exp(-SETPOINT_PERIOD_S / 1.0)
+        if abs(outflow - wanted) > outflow_tolerance_g_min(wanted):
             break
         held += 1
     assert 3 <= lasts <= held < 16
@@ -199,7 +205,7 @@ def test_steady_powder_takes_no_telegrams(job):
     plan = PowderPlan("lead", [HoseDynamics(2.0, 1.0, 36.0), HoseDynamics(3.0, 0.8, 36.0)], window,
                       clock)
     clock.start_at(0.0)
-    assert len({tuple(plan.setpoints_g_min(tick * TICK_S)) for tick in range(150)}) == 1
+    assert len({tuple(plan.setpoints_g_min(tick * SETPOINT_PERIOD_S)) for tick in range(150)}) == 1
 
 
 def test_what_a_limit_cuts_off_is_made_good(job):
@@ -212,12 +218,12 @@ def test_what_a_limit_cuts_off_is_made_good(job):
     plan = PowderPlan("lead", [HoseDynamics(2.0, 1.0, 36.0), HoseDynamics(2.0, 1.0, 36.0)], window,
                       clock)
     clock.start_at(0.0)
-    setpoints = np.array([plan.setpoints_g_min(tick * TICK_S) for tick in range(100)])
+    setpoints = np.array([plan.setpoints_g_min(tick * SETPOINT_PERIOD_S) for tick in range(100)])
     assert setpoints[:, 0].max() == 36.0
     arrived = at_nozzle(setpoints[:, 0], 2.0, 1.0, np.arange(0.05, 10.0, 0.1))
     settled = int((5.0 + 1.0 * math.log((36 - 6) / (36 - 30)) + 0.2) / 0.1)
-    assert arrived[settled:] == pytest.approx(30.0, abs=slack_g_min(30.0))
-    assert arrived[:48] == pytest.approx(6.0, abs=slack_g_min(6.0))
+    assert arrived[settled:] == pytest.approx(30.0, abs=outflow_tolerance_g_min(30.0))
+    assert arrived[:48] == pytest.approx(6.0, abs=outflow_tolerance_g_min(6.0))
 
 
 def test_settling_is_dead_time_and_four_lags():
@@ -242,7 +248,7 @@ def test_a_dip_below_the_least_flow_is_made_good(job):
                       window,
                       clock)
     clock.start_at(1.0)
-    setpoints = np.array([plan.setpoints_g_min(tick * TICK_S) for tick in range(200)])
+    setpoints = np.array([plan.setpoints_g_min(tick * SETPOINT_PERIOD_S) for tick in range(200)])
     asked = setpoints[:, 0]
     assert ((asked == 0.0) | (asked >= 0.8)).all()
     assert (asked == 0.0).any()

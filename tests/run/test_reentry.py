@@ -37,7 +37,7 @@ def whole(job_file, tmp_path_factory):
 
 
 def rows(whole):
-    return np.concatenate([layer.lines for layer in whole.layers()])
+    return np.concatenate([layer.lines for layer in whole.iterate_layers()])
 
 
 def points(whole, lines):
@@ -46,7 +46,7 @@ def points(whole, lines):
 
 
 def go(whole, place):
-    return plan_reentry(whole.manifest, whole.layer, place, PROFILE.motion)
+    return plan_reentry(whole.manifest, whole.read_layer, place, PROFILE.motion)
 
 
 def spoken(program, start):
@@ -75,7 +75,7 @@ def beads_mm(whole, since=JOB_START):
 
 
 def the_rest(whole, entry):
-    after = [whole.layer(i) for i in range(entry.layer.index + 1, len(whole.manifest.layers))]
+    after = [whole.read_layer(i) for i in range(entry.layer.index + 1, len(whole.manifest.layers))]
     return [line for layer in (entry.layer, *after) for line in layer.program]
 
 
@@ -172,7 +172,7 @@ def test_on_the_run_up_the_flow_is_the_program_s_and_before_it_stands_still(whol
         layer = entry.layer
         n = entry.beam_on_line - layer.first_line
         lit_s = layer.lines["end_s"][n - 1]
-        original = whole.layer(layer.index)
+        original = whole.read_layer(layer.index)
         dwells = np.flatnonzero(layer.lines["kind"][:n] == LineKind.DWELL)
         run_up_s = layer.lines["end_s"][dwells[-1]]
         assert 0.2 <= lit_s - run_up_s < 0.25
@@ -222,12 +222,12 @@ def test_a_job_window_runs_from_an_entry_in_the_jobs_own_line_numbers(whole):
 
     def read(layer):
         assert layer >= index
-        return entry.layer if layer == index else whole.layer(layer)
+        return entry.layer if layer == index else whole.read_layer(layer)
 
     window = JobWindow(whole.manifest, read, PROFILE.motion.purge_mm, first_layer=index)
     assert window.first_layer().first_line == entry.layer.first_line
     assert window.line_start_s(entry.beam_on_line) == pytest.approx(
         float(entry.layer.lines["end_s"][entry.beam_on_line - entry.layer.first_line - 1]))
     assert window.line_start_s(bead + 3) == pytest.approx(float(lines["end_s"][bead + 2]))
-    assert window.line_at(float(entry.layer.flow_s[0])) <= entry.beam_on_line
+    assert window.line_at_program_time(float(entry.layer.flow_s[0])) <= entry.beam_on_line
     assert window.end_s == pytest.approx(float(lines["end_s"][-1]))

@@ -64,7 +64,7 @@ def run(rig, *acts):
             loop.call_later(at, act)
         return await rig.machine.run()
 
-    return virtual_time.run(main())
+    return virtual_time.run_in_virtual_time(main())
 
 
 def test_a_run_goes_through_its_states_to_done():

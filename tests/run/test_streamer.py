@@ -55,10 +55,10 @@ def test_no_line_is_lost_doubled_or_early_over_many_layers(job, seed):
         begun += [p.path for p in batch.begun]
         assert streamer.released == len(sent)
         assert window.line_start_s(len(sent)) - s <= 0.5 * rate + 1e-9
-        assert len(sent) > window.line_at(s)
+        assert len(sent) > window.line_at_program_time(s)
         s = min(rng.uniform(s, window.line_start_s(len(sent)) + 1e-6), window.end_s)
-        completed += [p.path for p in streamer.completed_paths(window.line_at(s))]
-        window.drop_layers_before(window.line_at(s))
+        completed += [p.path for p in streamer.completed_paths(window.line_at_program_time(s))]
+        window.drop_layers_before(window.line_at_program_time(s))
     completed += [p.path for p in streamer.completed_paths(window.n_lines)]
     assert sent == [line.encode() for layer in small.layers for line in layer.program]
     paths = [p.path for k in range(9) for p in small.window().layer_program(k).paths]

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lmctl.machine.feeder.readings import HopperReading
-from lmctl.run.powder.supply import ANNOUNCED_S, SupplyForecast, usable_g
+from lmctl.run.powder.supply import REFILL_NOTICE_S, SupplyForecast, usable_powder_g
 
 flows = st.lists(st.floats(0.0, 1.0), min_size=2, max_size=6)
 
@@ -37,7 +37,7 @@ def test_powder_lasts_until_the_flow_has_used_it_up(layers, start, left_g):
     forecast, made = forecast_of(layers)
     s = 60.0 * start
     for _ in layers:
-        forecast.look_ahead(s)
+        forecast.read_ahead(s)
     until_s = forecast.lasts_until_s(0, s, left_g)
     times = np.concatenate([layer.flow_s for layer in made])
     flow = np.concatenate([layer.flow_g_s[:, 0] for layer in made])
@@ -53,9 +53,9 @@ def test_powder_lasts_until_the_flow_has_used_it_up(layers, start, left_g):
 def test_one_layer_is_read_at_a_time_and_none_far_ahead_or_behind():
     forecast, _ = forecast_of([[1.0, 1.0]] * 60)
     for _ in range(100):
-        forecast.look_ahead(0.0)
-    assert len(forecast._needs) == pytest.approx(1.2 * ANNOUNCED_S / 60.0, abs=1)
-    forecast.look_ahead(600.0)
+        forecast.read_ahead(0.0)
+    assert len(forecast._needs) == pytest.approx(1.2 * REFILL_NOTICE_S / 60.0, abs=1)
+    forecast.read_ahead(600.0)
     assert forecast._needs[0].layer == 10
     assert forecast.lasts_until_s(0, 600.0, 90.0) == pytest.approx(690.0)
     assert forecast.lasts_until_s(0, 600.0, 9e9) is None
@@ -68,4 +68,4 @@ def test_one_layer_is_read_at_a_time_and_none_far_ahead_or_behind():
 ])
 def test_a_reserve_of_a_full_hopper_is_not_counted_on(weight_g, percent, usable):
     reading = HopperReading(0.0, None, 0.0, 0.0, 0.0, weight_g, percent, 4.0)
-    assert usable_g(reading) == (None if usable is None else pytest.approx(usable))
+    assert usable_powder_g(reading) == (None if usable is None else pytest.approx(usable))

@@ -7,7 +7,7 @@ import asyncio
 import pytest
 
 from lmctl.machine.feeder.warnings import FeederWarning
-from lmctl.run.interlocks.warnings import GONE_S, WarningDebounce
+from lmctl.run.interlocks.warnings import WARNING_CLEAR_S, WarningDebounce
 from simulators import virtual_time
 
 LOW_A, LOW_B, DRIFT, CLIPPED = (
@@ -29,15 +29,15 @@ def told(story):
                 warnings.stop()
             else:
                 warnings.update(heard)
-        await asyncio.sleep(10 * GONE_S)
+        await asyncio.sleep(10 * WARNING_CLEAR_S)
         return lines
 
-    return virtual_time.run(main())
+    return virtual_time.run_in_virtual_time(main())
 
 
 def test_it_is_told_at_once_and_over_when_it_has_stayed_away():
     assert told([(1.0, (LOW_A,)), (5.0, ())]) == [
-        (1.0, LOW_A, True), (6.0 + GONE_S, LOW_A, False)]
+        (1.0, LOW_A, True), (6.0 + WARNING_CLEAR_S, LOW_A, False)]
 
 
 def test_the_same_is_told_once():
@@ -45,22 +45,22 @@ def test_the_same_is_told_once():
     assert told([(0.0, same), (1.0, same), (1.0, (LOW_A,))]) == [(0.0, LOW_A, True)]
 
 
-@pytest.mark.parametrize("period_s", [0.5, 1.0, 7.0, GONE_S - 1])
+@pytest.mark.parametrize("period_s", [0.5, 1.0, 7.0, WARNING_CLEAR_S - 1])
 def test_one_that_flickers_is_one_record_however_long(period_s):
     story = [(period_s, heard) for _ in range(1000) for heard in ((LOW_A,), ())]
     assert told(story) == [
-        (period_s, LOW_A, True), (round(2000 * period_s + GONE_S, 6), LOW_A, False)]
+        (period_s, LOW_A, True), (round(2000 * period_s + WARNING_CLEAR_S, 6), LOW_A, False)]
 
 
 def test_each_hopper_and_each_warning_counts_for_itself():
     lines = told([(0.0, (LOW_A,)), (1.0, (LOW_A, LOW_B, DRIFT)), (1.0, (LOW_B,)), (1.0, (LOW_B,))])
     assert lines[:3] == [(0.0, LOW_A, True), (1.0, LOW_B, True), (1.0, DRIFT, True)]
     assert sorted(lines[3:]) == [
-        (2.0 + GONE_S, LOW_A, False), (2.0 + GONE_S, DRIFT, False)]
+        (2.0 + WARNING_CLEAR_S, LOW_A, False), (2.0 + WARNING_CLEAR_S, DRIFT, False)]
 
 
 def test_one_that_is_over_may_come_again():
-    lines = told([(0.0, (LOW_A,)), (1.0, ()), (2 * GONE_S, (LOW_A,))])
+    lines = told([(0.0, (LOW_A,)), (1.0, ()), (2 * WARNING_CLEAR_S, (LOW_A,))])
     assert [stands for _, _, stands in lines] == [True, False, True]
 
 

@@ -16,7 +16,7 @@ class Controller:
     def __init__(self, system="G54", tool="0.000", **offsets):
         self.system, self.tool, self.offsets = system, tool, offsets
 
-    async def command(self, line):
+    async def send_command(self, line):
         if line == "$G":
             return [f"[GC:G0 {self.system} G17 G21 G90 G94 M5 M9 T0 F0 S0]"]
         said = [f"[{name}:{self.offsets.get(name, '0.000,0.000,0.000')}]"

@@ -4,7 +4,7 @@ import pytest
 
 from firmware_protocol.status import StatusReport, parse_status
 from simulators.motion.config import MotionConfig
-from simulators.motion.controller import Controller
+from simulators.motion.controller import SimulatedController
 
 LASER_CELL = {10: 511, 30: 1000, 32: 1, 110: 6000, 111: 6000, 112: 6000}
 LASER_CELL |= {120: 500, 121: 500, 122: 500}
@@ -15,7 +15,8 @@ class Rig:
 
     def __init__(self, dialect: str, **config) -> None:
         settings = LASER_CELL | ({10: 3} if dialect == "grbl" else {}) | config.pop("settings", {})
-        self.controller = Controller(MotionConfig(dialect=dialect, settings=settings, **config))
+        self.controller = SimulatedController(MotionConfig(dialect=dialect, settings=settings,
+                                                           **config))
         self.machine = self.controller.machine
         self.trace = self.machine.trace
         self.now_s = 0.0

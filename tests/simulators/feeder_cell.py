@@ -74,13 +74,13 @@ class Cell:
         for channel, flow in enumerate(flows_g_min, 1):
             values[hopper_register_name(channel, "FLOW_SP")] = flow
             values[hopper_register_name(channel, "CARRIER_SP")] = 4.0
-        block = table.block(recipe_register_names(self.n))
+        block = table.contiguous_block(recipe_register_names(self.n))
         self.device.write(block.address, block.encode(values | more))
 
     def read(self, name: str):
         row = PMX_MAP[name]
         read = read_input if row.space is RegisterSpace.INPUT else read_holding
-        return PMX_MAP.decode(name, read(self.device, PMX_MAP.wire_address(name), row.words))
+        return PMX_MAP.decode(name, read(self.device, PMX_MAP.wire_address(name), row.word_count))
 
     @property
     def state(self) -> FeederStateCode:

@@ -58,7 +58,7 @@ def test_every_device_answers_where_it_says():
             assert await device_id(bench.endpoints["F2"]) == 0x504D
             assert list(bench.feeders) == ["F1", "F2"]
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 def test_feeders_on_ptys():
@@ -70,7 +70,7 @@ def test_feeders_on_ptys():
             assert bench.endpoints["F1"].startswith("modbus-rtu:///dev/pts/")
             assert await device_id(bench.endpoints["F1"]) == 0x504D
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 def test_motion_on_a_pty():
@@ -79,7 +79,7 @@ def test_motion_on_a_pty():
             path = bench.endpoints["motion"].removeprefix("pty://")
             assert stat.S_ISCHR(os.stat(path).st_mode)
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 def test_leaving_frees_the_ports_and_keeps_the_record():
@@ -91,7 +91,7 @@ def test_leaving_frees_the_ports_and_keeps_the_record():
                 await asyncio.open_connection("127.0.0.1", port)
         return bench.record
 
-    record = virtual_time.run(main())
+    record = virtual_time.run_in_virtual_time(main())
     assert len(record.beam_on_path().time_s) == 0
     assert record.fed_g() == {"316L": 0.0, "WC-12Co": 0.0}
 
@@ -114,7 +114,7 @@ def test_a_taken_port_is_named_and_nothing_is_left_listening(name):
             with pytest.raises(ConnectionRefusedError):
                 await asyncio.open_connection("127.0.0.1", port_of(bench.endpoints["motion"]))
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 def start(*arguments: str) -> subprocess.Popen:

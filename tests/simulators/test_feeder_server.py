@@ -36,7 +36,7 @@ def asked(*requests: bytes, wait_s: float = 0.1) -> bytes:
         await server.close()
         return await reader.read()
 
-    return virtual_time.run(main())
+    return virtual_time.run_in_virtual_time(main())
 
 
 def test_a_read_and_a_write():
@@ -117,4 +117,4 @@ def test_rtu_on_a_pty_whole_in_parts_and_with_a_wrong_checksum():
         os.close(host)
         await server.close()
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from firmware_protocol.status import parse_status
 from simulators.motion.config import MotionConfig
-from simulators.motion.controller import Controller
+from simulators.motion.controller import SimulatedController
 from simulators.motion.settings import SettingError
 from tests.simulators.motion_cases import BOTH, LEAD_S
 
@@ -118,9 +118,9 @@ def test_the_user_info_tells_a_bench(rig):
 
 def test_a_wrong_configuration_is_refused():
     with pytest.raises(ValueError, match=r"unknown dialect 'marlin'; known: grbl, grblhal"):
-        Controller(MotionConfig(dialect="marlin"))
+        SimulatedController(MotionConfig(dialect="marlin"))
     with pytest.raises(SettingError, match=r"\$20: error:10"):
-        Controller(MotionConfig(dialect="grbl", settings={20: 1}))
+        SimulatedController(MotionConfig(dialect="grbl", settings={20: 1}))
 
 
 REALTIME = [bytes([b]) for b in b"?!~?!~\x84\x85\x91\x92\x96\x9b\x9e\xa0\x87\x18"]

@@ -24,7 +24,7 @@ from simulators.motion.actions import (
     StraightMove,
     ToolChange,
 )
-from simulators.motion.interpreter import Interpreter
+from simulators.motion.interpreter import GcodeInterpreter
 from simulators.motion.reports import parser_state_line
 from simulators.motion.settings import FirmwareSettings
 
@@ -34,7 +34,7 @@ BOTH = pytest.mark.parametrize("name", ["grbl", "grblhal"])
 
 def make(name="grblhal", **settings):
     values = {32: 1, 30: 1000} | {int(key.strip("s")): value for key, value in settings.items()}
-    return Interpreter(DIALECTS[name], FirmwareSettings(DIALECTS[name], values))
+    return GcodeInterpreter(DIALECTS[name], FirmwareSettings(DIALECTS[name], values))
 
 
 def run(interpreter, *lines):
@@ -318,7 +318,7 @@ def test_stops_tools_and_probes():
     assert run(interpreter, "M0", "M1") == [ProgramPause()]  # no optional stop
     assert run(interpreter, "M6 T3") == [ToolChange()]
     assert interpreter.modal.tool == 0
-    interpreter.mount_tool()
+    interpreter.confirm_tool_change()
     assert interpreter.modal.tool == 3
     assert run(interpreter, "G38.2 X5 F100", "G38.3 X6") == [
         StraightMove((5.0, 0.0, 0.0), 100 / 60),
@@ -342,7 +342,8 @@ def test_a_jog_keeps_the_modal_state(name):
     interpreter = make(name)
     run(interpreter, "G1 X10 F600")
     before = parser_state_line(interpreter.dialect, interpreter)
-    assert interpreter.jog(b"G91 G20 X1 F10") == StraightMove((35.4, 0.0, 0.0), 10 * 25.4 / 60)
+    assert interpreter.interpret_jog(b"G91 G20 X1 F10") == StraightMove((35.4, 0.0, 0.0),
+                                                                        10 * 25.4 / 60)
     assert parser_state_line(interpreter.dialect, interpreter) == before
 
 
@@ -352,7 +353,7 @@ def test_a_jog_keeps_the_modal_state(name):
 )
 def test_what_is_no_jog(line, code):
     with pytest.raises(GcodeError) as refused:
-        make().jog(line.encode())
+        make().interpret_jog(line.encode())
     assert refused.value.code == code
 
 

@@ -69,7 +69,7 @@ async def tcp_job(dialect, count):
 
 @BOTH
 def test_a_streamed_job_is_executed_once_in_order_and_the_same_every_time(dialect):
-    first = virtual_time.run(tcp_job(dialect, 300))
+    first = virtual_time.run_in_virtual_time(tcp_job(dialect, 300))
     answers, acknowledged_s, early, executed, overruns, position_mm, ends_s, _ = first
     assert answers == [b"ok"] * 301
     assert executed == list(range(1, 301))
@@ -77,7 +77,7 @@ def test_a_streamed_job_is_executed_once_in_order_and_the_same_every_time(dialec
     assert position_mm == pytest.approx((90.0, 0.0, 0.0))
     assert early < 300  # ok is not executed
     assert acknowledged_s < ends_s[-1]
-    assert virtual_time.run(tcp_job(dialect, 300)) == first
+    assert virtual_time.run_in_virtual_time(tcp_job(dialect, 300)) == first
 
 
 @BOTH
@@ -100,7 +100,7 @@ def test_a_pty_carries_a_job_too(dialect):
         sim.close()
         return answers, executed
 
-    answers, executed = virtual_time.run(main())
+    answers, executed = virtual_time.run_in_virtual_time(main())
     assert answers == [b"ok"] * 200
     assert executed == list(range(1, 201))
 
@@ -125,7 +125,7 @@ def test_a_client_may_leave_and_motion_goes_on():
         sim.close()
         return report
 
-    assert virtual_time.run(main()).startswith(b"<Idle|MPos:10.000,0.000,0.000|")
+    assert virtual_time.run_in_virtual_time(main()).startswith(b"<Idle|MPos:10.000,0.000,0.000|")
 
 
 def test_a_second_client_is_turned_away():
@@ -146,19 +146,19 @@ def test_a_second_client_is_turned_away():
         sim.close()
         return answer
 
-    assert virtual_time.run(main()) == b"ok\r\n"
+    assert virtual_time.run_in_virtual_time(main()) == b"ok\r\n"
 
 
 def test_answers_of_one_instant_come_in_one_piece():
     async def main():
         sim = sim_of()
         written = []
-        sim.attach(written.append)
+        sim.attach_client(written.append)
         sim.receive(b"G0 X1\nG0 X2\n\n$G\n")
         sim.close()
         return written
 
-    (data,) = virtual_time.run(main())
+    (data,) = virtual_time.run_in_virtual_time(main())
     assert data.count(b"ok\r\n") == 4
 
 
@@ -173,7 +173,7 @@ def test_the_door_input_stops_a_job_without_a_host():
         sim.close()
         return x, sim.trace.sample([0.5, 5.0]).power_fraction.tolist()
 
-    x, power = virtual_time.run(main())
+    x, power = virtual_time.run_in_virtual_time(main())
     assert 9.0 < x < 12.0
     assert power == [0.5, 0.0]
 
@@ -188,6 +188,6 @@ def test_the_record_is_true_in_the_middle_of_a_long_move():
         sim.close()
         return sample.position_mm[0, 0], sample.speed_mm_s[0], unfinished, sim.executed_line_numbers
 
-    x, speed, complete, executed = virtual_time.run(main())
+    x, speed, complete, executed = virtual_time.run_in_virtual_time(main())
     assert (x, speed) == (pytest.approx(24.9), 10.0)
     assert (complete, executed) == ([False], [])

@@ -57,7 +57,7 @@ def test_restoring_brings_back_what_the_configuration_says(dialect):
     settings = FirmwareSettings(dialect, {110: 777})
     settings.store(110, 1.0)
     settings.store(11, 0.5)
-    settings.restore()
+    settings.restore_defaults()
     assert (settings[110], settings[11]) == (777.0, 0.01)
 
 

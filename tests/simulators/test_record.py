@@ -136,7 +136,8 @@ def test_moves_without_power_are_no_path():
     bench = Bench(STEEL)
     bench.move(1, 5.0, 10.0, power=0.0)
     assert len(bench.record.beam_on_path().time_s) == 0
-    assert math.isnan(bench.record.beam_on_path().fraction_within(np.zeros((0, 1)), 0.02))
+    assert math.isnan(bench.record.beam_on_path().length_fraction_within_tolerance(np.zeros((0, 1)),
+                                                                                   0.02))
 
 
 def test_an_empty_record():
@@ -181,9 +182,10 @@ def test_the_share_is_that_of_the_path_not_of_pieces_or_time():
     path = bench.record.beam_on_path(step_mm=0.02)
     designed = path.designed_fractions(np.array([2, 1]), np.array([[0.6, 0.4], [0.6, 0.4]]))
     late_mm = 10.0 * (3.0 + math.log(0.1 / 0.02))
-    assert path.fraction_within(designed, 0.02) == pytest.approx(1 - late_mm / 130.0, abs=2e-4)
+    assert path.length_fraction_within_tolerance(
+        designed, 0.02) == pytest.approx(1 - late_mm / 130.0, abs=2e-4)
     old = path.designed_fractions(np.array([1, 2]), np.array([[0.5, 0.5], [0.6, 0.4]]))
-    assert path.fraction_within(old, 0.02) == pytest.approx(
+    assert path.length_fraction_within_tolerance(old, 0.02) == pytest.approx(
         1 - (late_mm - 30.0) / 130.0, abs=2e-4
     )
 
@@ -192,7 +194,7 @@ def test_without_powder_nothing_is_within_anything():
     bench = Bench(STEEL)
     bench.move(1, 10.0, 10.0)
     path = bench.record.beam_on_path()
-    assert path.fraction_within(np.ones((len(path.time_s), 1)), 1.0) == 0.0
+    assert path.length_fraction_within_tolerance(np.ones((len(path.time_s), 1)), 1.0) == 0.0
 
 
 def test_a_line_the_design_does_not_know():

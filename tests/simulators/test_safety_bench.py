@@ -80,7 +80,7 @@ def test_it_answers_where_it_says_and_on_a_pty():
         async with Bench(config(table='endpoint = "pty"'), ephemeral_ports=True) as bench:
             assert bench.endpoints["safety"].startswith("modbus-rtu:///dev/pts/")
 
-    virtual_time.run(main())
+    virtual_time.run_in_virtual_time(main())
 
 
 class Cell:
@@ -89,7 +89,7 @@ class Cell:
     def __init__(self, bench: Bench) -> None:
         self.bench = bench
         self.said = bytearray()
-        bench.motion.attach(self.said.extend)
+        bench.motion.attach_client(self.said.extend)
 
     def status(self):
         self.said.clear()
@@ -139,7 +139,7 @@ def played(dialect: str, act, table: str = "watchdog_relay = true"):
         async with Bench(config(dialect, table), ephemeral_ports=True) as bench:
             return await act(Cell(bench))
 
-    return virtual_time.run(main())
+    return virtual_time.run_in_virtual_time(main())
 
 
 dialects = pytest.mark.parametrize("dialect", ["grblhal", "grbl"])

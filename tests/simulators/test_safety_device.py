@@ -15,7 +15,7 @@ from firmware_protocol.safety_io import (
     RELAY_RESET_KEY,
     SafetyInputBits,
     SafetyStatusBits,
-    first_out_code_of,
+    first_out_code_of_input,
 )
 from simulators.modbus_errors import ExceptionReplyError, RequestIgnoredError
 from simulators.safety.config import SafetyConfig
@@ -73,10 +73,10 @@ def test_every_input_opens_and_closes_and_is_first_out(one):
     rig.device.set_input(one, False)
     assert rig.inputs() == ALL_INPUTS_OK & ~one
     told = rig.read()
-    assert (told["FIRST_OUT"], told["TRIP_COUNT"]) == (first_out_code_of(one), 1)
+    assert (told["FIRST_OUT"], told["TRIP_COUNT"]) == (first_out_code_of_input(one), 1)
     rig.device.set_input(one, True)
     assert rig.inputs() == ALL_INPUTS_OK
-    assert rig.read()["FIRST_OUT"] == first_out_code_of(one)  # until it is reset
+    assert rig.read()["FIRST_OUT"] == first_out_code_of_input(one)  # until it is reset
     rig.device.write(2, [RELAY_RESET_KEY])
     assert rig.read()["FIRST_OUT"] == 0
     assert rig.changes >= 2

@@ -22,7 +22,7 @@ def test_the_clock_starts_at_zero_and_hours_take_no_time():
         return start_s, loop.time()
 
     began = time.monotonic()
-    assert virtual_time.run(main()) == (0.0, 30 * 24 * 3600.0)
+    assert virtual_time.run_in_virtual_time(main()) == (0.0, 30 * 24 * 3600.0)
     assert time.monotonic() - began < 1.0
 
 
@@ -42,7 +42,7 @@ def test_a_jump_lands_on_the_timer_and_fires_only_what_is_due(origin_s):
         assert fired == [("first", first_s), ("also first", first_s), ("later", later_s)]
         return fired
 
-    assert len(virtual_time.run(main())) == 3
+    assert len(virtual_time.run_in_virtual_time(main())) == 3
 
 
 def test_many_tiny_timers_neither_spin_nor_drift():
@@ -60,7 +60,7 @@ def test_many_tiny_timers_neither_spin_nor_drift():
             turns += 1
         return loop.time()
 
-    assert virtual_time.run(main()) == 1.0e5 + 1000 * 1e-10
+    assert virtual_time.run_in_virtual_time(main()) == 1.0e5 + 1000 * 1e-10
     assert turns == 1000
 
 
@@ -76,7 +76,7 @@ def test_waiting_for_nothing_is_a_deadlock_and_cleanup_still_runs():
             cleaned.append(asyncio.get_running_loop().time())
 
     with pytest.raises(DeadlockError, match=r"no byte, timer or thread job.*1\.500000 s"):
-        virtual_time.run(main())
+        virtual_time.run_in_virtual_time(main())
     assert cleaned == [3.5]
 
 
@@ -88,7 +88,7 @@ def test_a_connected_but_silent_socket_is_a_deadlock_too():
             await asyncio.get_running_loop().sock_recv(left, 1)
 
     with pytest.raises(DeadlockError):
-        virtual_time.run(main())
+        virtual_time.run_in_virtual_time(main())
 
 
 def test_the_clock_stands_still_while_a_thread_works():
@@ -106,7 +106,7 @@ def test_the_clock_stands_still_while_a_thread_works():
         result = await loop.run_in_executor(None, job)
         return result, loop.time(), bool(overtaken)
 
-    assert virtual_time.run(main()) == ("done", 0.0, False)
+    assert virtual_time.run_in_virtual_time(main()) == ("done", 0.0, False)
 
 
 def test_a_failing_thread_job_starts_the_clock_again():
@@ -117,7 +117,7 @@ def test_a_failing_thread_job_starts_the_clock_again():
         await asyncio.sleep(1.0)
         return loop.time()
 
-    assert virtual_time.run(main()) == 1.0
+    assert virtual_time.run_in_virtual_time(main()) == 1.0
 
 
 def test_name_resolution_does_not_move_the_clock():
@@ -127,7 +127,7 @@ def test_name_resolution_does_not_move_the_clock():
         await loop.getaddrinfo("localhost", 80)
         return loop.time()
 
-    assert virtual_time.run(main()) == 0.0
+    assert virtual_time.run_in_virtual_time(main()) == 0.0
 
 
 async def _echo_after_a_tick(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -154,7 +154,7 @@ def test_tcp_bytes_in_flight_are_never_jumped_over():
         server.close()
         return loop.time()
 
-    assert virtual_time.run(main()) == rounds * TICK_S
+    assert virtual_time.run_in_virtual_time(main()) == rounds * TICK_S
 
 
 def test_pty_bytes_in_flight_are_never_jumped_over():
@@ -182,7 +182,7 @@ def test_pty_bytes_in_flight_are_never_jumped_over():
         os.close(slave)
         return loop.time()
 
-    assert virtual_time.run(main()) == rounds * TICK_S
+    assert virtual_time.run_in_virtual_time(main()) == rounds * TICK_S
 
 
 def test_interrupt_cancels_main_and_runs_its_cleanup():
@@ -199,7 +199,7 @@ def test_interrupt_cancels_main_and_runs_its_cleanup():
             cleaned.append(loop.time())
 
     with pytest.raises(KeyboardInterrupt):
-        virtual_time.run(main())
+        virtual_time.run_in_virtual_time(main())
     assert cleaned == [3.0]
 
 
@@ -214,7 +214,7 @@ def test_interrupt_reaches_a_loop_that_waits_for_a_thread():
             release.set()
 
     with pytest.raises(KeyboardInterrupt):
-        virtual_time.run(main())
+        virtual_time.run_in_virtual_time(main())
 
 
 def test_speed_paces_the_clock_and_jumps_still_land_exactly():
@@ -224,7 +224,7 @@ def test_speed_paces_the_clock_and_jumps_still_land_exactly():
         return asyncio.get_running_loop().time()
 
     began = time.monotonic()
-    assert virtual_time.run(main(), speed=2.0) == 10 * TICK_S * 16
+    assert virtual_time.run_in_virtual_time(main(), speed=2.0) == 10 * TICK_S * 16
     assert 0.07 < time.monotonic() - began < 0.5
 
 
@@ -238,7 +238,7 @@ def test_paced_idling_waits_for_outside_bytes():
             assert await loop.sock_recv(left, 1) == b"x"
         return loop.time()
 
-    assert 0.04 < virtual_time.run(main(), speed=1.0) < 1.0
+    assert 0.04 < virtual_time.run_in_virtual_time(main(), speed=1.0) < 1.0
 
 
 def test_each_run_has_its_own_clock_and_closes_its_loop():
@@ -249,7 +249,8 @@ def test_each_run_has_its_own_clock_and_closes_its_loop():
         await asyncio.sleep(1.0)
         return loops[-1].time()
 
-    assert [virtual_time.run(main()), virtual_time.run(main())] == [1.0, 1.0]
+    assert [virtual_time.run_in_virtual_time(main()),
+            virtual_time.run_in_virtual_time(main())] == [1.0, 1.0]
     assert all(loop.is_closed() for loop in loops)
 
 
@@ -258,4 +259,4 @@ def test_a_speed_that_is_no_speed_is_refused(speed):
     with pytest.raises(ValueError, match="speed must be above 0"):
         VirtualTimeLoop(speed)
     with pytest.raises(ValueError, match="speed must be above 0"):
-        virtual_time.run(asyncio.sleep(1.0), speed=speed)
+        virtual_time.run_in_virtual_time(asyncio.sleep(1.0), speed=speed)

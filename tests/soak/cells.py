@@ -47,7 +47,7 @@ class Outcome:
 def run_a_cell(seed: int, folder: Path) -> Outcome:
     """One cell of its own; the same one for the same seed."""
     outcome = Outcome()
-    virtual_time.run(_Cell(np.random.default_rng(seed), folder, outcome).main())
+    virtual_time.run_in_virtual_time(_Cell(np.random.default_rng(seed), folder, outcome).main())
     return outcome
 
 
@@ -205,7 +205,7 @@ class _Cell:
 
     def _judge_part(self, bench: Bench) -> None:
         with JobReader(self._job) as reader:
-            lines = np.concatenate([layer.lines for layer in reader.layers()])
+            lines = np.concatenate([layer.lines for layer in reader.iterate_layers()])
         beads = np.flatnonzero(lines["kind"] == LineKind.BEAD)
         path = bench.record.beam_on_path()
         missing = []

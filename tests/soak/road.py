@@ -67,7 +67,7 @@ def down_the_road(
         return outcome
     outcome.lines = manifest.totals["lines"]
     outcome.promised = manifest.totals["mixture_share"]
-    bench, result = virtual_time.run(_whole_run(job, folder / "runs"))
+    bench, result = virtual_time.run_in_virtual_time(_whole_run(job, folder / "runs"))
     _judge_run(bench, result, job, outcome)
     return outcome
 
@@ -100,11 +100,11 @@ def _judge_part(
 def _judge_run(bench: Bench, result: RunResult, job: Path, outcome: Outcome) -> None:
     short = outcome.shortfalls
     with JobReader(job) as reader:
-        lines = np.concatenate([layer.lines for layer in reader.layers()])
+        lines = np.concatenate([layer.lines for layer in reader.iterate_layers()])
         planned_s = reader.manifest.layers[-1].end_s
     path, blocks = bench.record.beam_on_path(), bench.motion.trace.blocks()
     designed = path.designed_fractions(np.arange(len(lines)), lines["fractions"])
-    outcome.within = float(path.fraction_within(designed, _TOLERANCE))
+    outcome.within = float(path.length_fraction_within_tolerance(designed, _TOLERANCE))
     began_s = blocks.start_s[np.flatnonzero(blocks.line > 0)[0]]
     outcome.planned_over_simulated = planned_s / float(blocks.end_s[-1] - began_s)
     if result.state != "done":

@@ -8,18 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.errors import InputError
-from lmctl.field.cloud.inside_outside import Orientation, orient_samples
+from lmctl.field.cloud.inside_outside import SampleOrientation, orient_samples
 from lmctl.field.cloud.local_faces import group_into_faces
 from lmctl.field.cloud.neighbour_search import nearest_samples
 from lmctl.field.cloud.normals import UnusableNormalsError
 from lmctl.field.cloud.patches import FittedPatches
 from lmctl.field.cloud.resampling import fit_resampled_patches
-from lmctl.field.cloud.samples import Samples, clean_samples
+from lmctl.field.cloud.samples import CloudSamples, clean_samples
 from lmctl.field.cloud.seeds import BAND_PITCHES, CloudSeeds, seed_cloud
-from lmctl.field.field import Field
+from lmctl.field.field import DistanceField
 from lmctl.field.grid import Grid
 from lmctl.field.kernel import inner_kernel, kernel
-from lmctl.field.priority_flood import LEVELS, flood_tags
+from lmctl.field.priority_flood import LEVEL_COUNT, flood_tags
 from lmctl.field.sweep import propagate_closest_points
 
 FloatArray = NDArray[np.float64]
@@ -29,12 +29,12 @@ SURE_PITCHES = 0.5  # nearer to the surface than this a node's own fit knows its
 LEVELS_PER_PITCH = 8
 PROBE_PITCHES = 2.0
 BETWEEN_SPACINGS = 1.1  # with normals there is surface this far around every sample
-MAX_SHARE_DISPUTED = 0.05
+MAX_DISPUTED_FRACTION = 0.05
 
 
 def cloud_field(
     points: FloatArray, grid: Grid, normals: FloatArray | None = None
-) -> Field:
+) -> DistanceField:
     """Signed distance to the surface a cloud samples, at the nodes of a grid that holds it.
 
     Nodes near the cloud measure to a locally fitted surface, not to the nearest sample; closest
@@ -55,9 +55,9 @@ def cloud_field(
     reach = np.hypot(REACH_SPACINGS * samples.spacing_mm, BAND_PITCHES * grid.pitch_mm)
     owner = nearest_samples(samples.points_mm, reach, grid)
     seeds = seed_cloud(owner, samples, sheets, grid)
-    if not seeds.supported.any():
+    if not seeds.is_supported.any():
         raise _nothing_inside(len(samples.points_mm), grid)
-    standing = seeds.supported  # what may be in the air must not stand in the way
+    standing = seeds.is_supported  # what may be in the air must not stand in the way
     if samples.normals is not None:
         rows = owner.reshape(-1)[seeds.nodes]
         off = np.linalg.norm(seeds.surface_mm - samples.points_mm[rows], axis=1)
@@ -72,7 +72,7 @@ def cloud_field(
     if not (tags > 0).any():
         raise _nothing_inside(len(samples.points_mm), grid)
     values *= tags
-    return Field(
+    return DistanceField(
         grid, values, sources, seeds.surface_mm, samples.remarks + orientation.remarks,
         seeds.inwards,
     )
@@ -80,7 +80,7 @@ def cloud_field(
 
 def _oriented(
     points: FloatArray, grid: Grid, normals: FloatArray | None
-) -> tuple[Samples, FittedPatches, Orientation]:
+) -> tuple[CloudSamples, FittedPatches, SampleOrientation]:
     samples, patches = fit_resampled_patches(clean_samples(points, grid, normals), grid.pitch_mm)
     try:
         return samples, patches, orient_samples(samples, patches, grid.pitch_mm)
@@ -99,13 +99,13 @@ def _nothing_inside(count: int, grid: Grid) -> InputError:
 
 
 def _tags(
-    orientation: Orientation, seeds: CloudSeeds, grid: Grid, standing: NDArray[np.bool_]
+    orientation: SampleOrientation, seeds: CloudSeeds, grid: Grid, standing: NDArray[np.bool_]
 ) -> NDArray[np.int8]:
     """(nz, ny, nx) int8, −1 outside, +1 inside: from what is surely deep, towards the seeds.
 
     standing : (m,) bool, seeds by a surface that is surely there
     """
-    coarse = orientation.deep_grid
+    coarse = orientation.side_tag_grid
     nearest = [
         np.clip(
             np.rint((grid.axis_mm(a) - coarse.origin_mm[a]) / coarse.pitch_mm).astype(np.int64),
@@ -113,7 +113,7 @@ def _tags(
         )
         for a in range(3)
     ]
-    tags = orientation.deep
+    tags = orientation.side_tags
     for axis in range(3):
         tags = tags.take(nearest[2 - axis], axis)
     for axis in range(3):
@@ -121,7 +121,7 @@ def _tags(
             face = np.moveaxis(tags, axis, 0)[end]
             face[face == 0] = -1
     away = np.abs(seeds.distance_mm)
-    level = np.full(grid.shape, LEVELS - 1, dtype=np.uint8)
+    level = np.full(grid.shape, LEVEL_COUNT - 1, dtype=np.uint8)
     level.reshape(-1)[seeds.nodes[standing]] = (
         away[standing] * (LEVELS_PER_PITCH / grid.pitch_mm)
     ).astype(np.uint8)
@@ -146,7 +146,7 @@ def _spread_kernel(level: NDArray[np.uint8]) -> None:
     nz, ny, nx = level.shape
     for k in range(nz):
         for j in range(ny):
-            least = LEVELS
+            least = LEVEL_COUNT
             for i in range(nx):
                 least = min(least + LEVELS_PER_PITCH, int(np.int64(level[k, j, i])))
                 level[k, j, i] = least
@@ -181,10 +181,10 @@ def _on_the_surface(
     the inside on one side of their surface point, the outside on the other.
     """
     side = tags.reshape(-1)[seeds.nodes]
-    wrong = seeds.supported & (side * seeds.distance_mm < 0.0) & (
+    wrong = seeds.is_supported & (side * seeds.distance_mm < 0.0) & (
         np.abs(seeds.distance_mm) > SURE_PITCHES * grid.pitch_mm
     )
-    if wrong.mean() > MAX_SHARE_DISPUTED:
+    if wrong.mean() > MAX_DISPUTED_FRACTION:
         raise InputError(
             "inside and outside of the point cloud cannot be told apart",
             where=f"{100.0 * wrong.mean():.0f} % of the nodes next to the surface are disputed",
@@ -195,7 +195,7 @@ def _on_the_surface(
     for dk, dj, di in np.ndindex(3, 3, 3):
         nodes = seeds.nodes[wrong] + ((dk - 1) * ny + (dj - 1)) * nx + (di - 1)
         near_wrong[np.clip(nodes, 0, grid.n_nodes - 1)] = True
-    good = seeds.supported & ~near_wrong[seeds.nodes]
+    good = seeds.is_supported & ~near_wrong[seeds.nodes]
     rest = np.flatnonzero(~good)
     inside, outside = (
         _tags_at(tags, seeds.surface_mm[rest] + way * grid.pitch_mm * seeds.inwards[rest], grid)

@@ -19,20 +19,21 @@ from lmctl.field.cloud.neighbour_search import nearest_samples
 from lmctl.field.cloud.normals import oriented_normals
 from lmctl.field.cloud.orientation_consistency import propagate_orientation
 from lmctl.field.cloud.patches import FittedPatches
-from lmctl.field.cloud.samples import MAX_SHARE_DROPPED, Samples
+from lmctl.field.cloud.samples import MAX_DROPPED_FRACTION, CloudSamples
 from lmctl.field.cloud.thin_walls import outward_signs_of_thick_walls
 from lmctl.field.grid import Grid
 from lmctl.field.kernel import kernel
-from lmctl.field.priority_flood import LEVELS
+from lmctl.field.priority_flood import LEVEL_COUNT
 from lmctl.field.sweep import propagate_closest_points
 
 FloatArray = NDArray[np.float64]
 Sources = NDArray[np.int32]
 
 LEVELS_PER_SPACING = 8
-OFF_SURFACE = 2  # levels: nearer to a sample than this a node's side is for its own fit to tell
-LOOKED_AT = 8  # samples next to one that a place lies behind
-FACED = 0.5  # cosine of the angle to its normal within which a sample faces a place
+# levels: nearer to a sample than this a node's side is for its own fit to tell
+OFF_SURFACE_LEVELS = 2
+FACING_CANDIDATES = 8  # samples next to one that a place lies behind
+FACING_MIN_COSINE = 0.5  # cosine of the angle to its normal within which a sample faces a place
 # Samples strewn at random leave empty circles of up to 2.2 spacings among 10⁵ of them: what is
 # wider is an opening.
 MAX_GAP_SPACINGS = 3.0
@@ -41,11 +42,11 @@ WELL_CLEAR_SPACINGS = 5.0  # no place of the way out is told from another that i
 
 
 @dataclass(frozen=True)
-class Orientation:
+class SampleOrientation:
     """Which side of each sample is inside.
 
     inward_sign : (n,) int8, ±1: the patch's normal, times this, points inwards; 0: sample dropped
-    deep : (nz, ny, nx) int8 on `deep_grid`, −1 at nodes the outside reaches by ways wider than
+    side_tags : (nz, ny, nx) int8 on `deep_grid`, −1 at nodes the outside reaches by ways wider than
         any gap, +1 at nodes well away from all samples that it does not, 0 elsewhere; with
         normals also what lies right above or below a sample, on the side its normal says
     gap_mm : diameter of the widest gap the inside is reached through
@@ -53,13 +54,14 @@ class Orientation:
     """
 
     inward_sign: NDArray[np.int8]
-    deep: NDArray[np.int8]
-    deep_grid: Grid
+    side_tags: NDArray[np.int8]
+    side_tag_grid: Grid
     gap_mm: float
     remarks: tuple[str, ...]
 
 
-def orient_samples(samples: Samples, patches: FittedPatches, pitch_mm: float) -> Orientation:
+def orient_samples(samples: CloudSamples, patches: FittedPatches,
+                   pitch_mm: float) -> SampleOrientation:
     """Tell inside from outside at every sample.
 
     raises : InputError where the cloud is open: air reaches both sides of it, or its walls are
@@ -116,7 +118,7 @@ def orient_samples(samples: Samples, patches: FittedPatches, pitch_mm: float) ->
     inward = np.where(sure, np.where(facing == 0, by_air, -facing), 0).astype(np.int8)
     propagate_orientation(inward, floating, samples, patches)
     lost = (inward == 0) & ~floating
-    if lost.mean() > MAX_SHARE_DROPPED:
+    if lost.mean() > MAX_DROPPED_FRACTION:
         raise InputError(
             "inside and outside of the point cloud cannot be told apart everywhere",
             where=f"at {int(lost.sum())} of {len(lost)} samples, "
@@ -136,12 +138,12 @@ def orient_samples(samples: Samples, patches: FittedPatches, pitch_mm: float) ->
     deep = np.where(way > gap, -1, np.where(clear > 1.5 * gap, 1, 0)).astype(np.int8)
     if told is not None:
         deep = np.where(told != 0, told, deep)
-    return Orientation(
+    return SampleOrientation(
         inward, deep, grid, 2.0 * gap / LEVELS_PER_SPACING * typical, tuple(remarks)
     )
 
 
-def _tagging_grid(samples: Samples, pitch_mm: float) -> Grid:
+def _tagging_grid(samples: CloudSamples, pitch_mm: float) -> Grid:
     """A grid just fine enough for the gaps between samples, with air all around."""
     points, typical = samples.points_mm, samples.typical_spacing_mm
     pitch = max(pitch_mm, 0.75 * typical)
@@ -152,7 +154,7 @@ def _tagging_grid(samples: Samples, pitch_mm: float) -> Grid:
 def _refuse_open(
     floating: NDArray[np.bool_], narrow: NDArray[np.uint8], typical_mm: float
 ) -> None:
-    if floating.mean() > MAX_SHARE_DROPPED:
+    if floating.mean() > MAX_DROPPED_FRACTION:
         width = 2.0 * typical_mm * float(np.median(narrow[floating])) / LEVELS_PER_SPACING
         raise InputError(
             "the point cloud is open: the outside reaches both sides of its surface",
@@ -173,7 +175,7 @@ def _clear_kernel(
     for k in range(nz):
         for j in range(ny):
             for i in range(nx):
-                level = LEVELS - 1.0
+                level = LEVEL_COUNT - 1.0
                 if sources[k, j, i] >= 0:
                     level = min(level, distance[k, j, i] * levels_per_mm[sources[k, j, i]])
                 clear[k, j, i] = np.uint8(level)
@@ -228,7 +230,7 @@ def _by_normals_kernel(
         for j in range(ny):
             for i in range(nx):
                 n = sources[k, j, i]
-                if n < 0 or facing[n] == 0 or clear[k, j, i] < OFF_SURFACE:
+                if n < 0 or facing[n] == 0 or clear[k, j, i] < OFF_SURFACE_LEVELS:
                     continue
                 x, y, z = i - points[n, 0], j - points[n, 1], k - points[n, 2]
                 off2 = x * x + y * y + z * z
@@ -238,11 +240,11 @@ def _by_normals_kernel(
                 if along * along <= 0.64 * off2 or along * beyond <= 0.4 * off2:
                     continue
                 told[k, j, i] = -1 if along > 0.0 else 1
-                for m in range(LOOKED_AT if along < 0.0 else 0):
+                for m in range(FACING_CANDIDATES if along < 0.0 else 0):
                     r = near[n, m]
                     x, y, z = i - points[r, 0], j - points[r, 1], k - points[r, 2]
                     front = x * out[r, 0] + y * out[r, 1] + z * out[r, 2]
-                    if front > FACED * np.sqrt(x * x + y * y + z * z):
+                    if front > FACING_MIN_COSINE * np.sqrt(x * x + y * y + z * z):
                         told[k, j, i] = 0
                         break
 

@@ -13,18 +13,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.field.cloud.patches import FittedPatches
-from lmctl.field.cloud.samples import Samples
+from lmctl.field.cloud.samples import CloudSamples
 from lmctl.field.grid import Grid
 from lmctl.field.kernel import inner_kernel, kernel
 
 FloatArray = NDArray[np.float64]
 
-MEMBERS = 8  # patches that are averaged to a sheet: enough to smooth noise, few enough to be local
-MIN_MEMBERS = 3  # two samples may be strays
+# patches that are averaged to a sheet: enough to smooth noise, few enough to be local
+MAX_FACE_MEMBERS = 8
+MIN_FACE_MEMBERS = 3  # two samples may be strays
 SAME_SHEET_SLOPE = 0.1  # a sample this steeply off a patch belongs to another sheet
-FLAT_TURN = 0.9  # cosine of the angle between patches of one sheet; where an edge is near
-SMOOTH_TURN = 0.5  # where none is, patches of a tight curve may differ more
-LEADS_TRIED = 4
+# cosine of the angle between patches of one sheet; where an edge is near
+FLAT_FACE_MIN_COSINE = 0.9
+SMOOTH_FACE_MIN_COSINE = 0.5  # where none is, patches of a tight curve may differ more
+MAX_LEADS_TRIED = 4
 
 
 @dataclass(frozen=True)
@@ -34,25 +36,26 @@ class LocalFaces:
     patch : (n, 12) float64, base, inward normal, tangent (x, y, z each) and bend, as in
     `FittedPatches`
     spacing : (n,) float64
-    count : (n,) uint8, number of sheets, 0 to 3
-    member : (n, 3, 8) int32, the samples of each sheet, nearest first, −1 where there are no more
-    solid : (n,) uint8, bit m tells whether a point is inside that is on the inner side of the
+    face_count : (n,) uint8, number of sheets, 0 to 3
+    face_members : (n, 3, 8) int32, the samples of each sheet, nearest first, −1 where there are no
+    more
+    solid_bits : (n,) uint8, bit m tells whether a point is inside that is on the inner side of the
         sheets whose bits are set in m
     """
 
     patch: FloatArray
     spacing: FloatArray
-    count: NDArray[np.uint8]
-    member: NDArray[np.int32]
-    solid: NDArray[np.uint8]
+    face_count: NDArray[np.uint8]
+    face_members: NDArray[np.int32]
+    solid_bits: NDArray[np.uint8]
 
 
 def group_into_faces(
-    samples: Samples, patches: FittedPatches, inward: NDArray[np.int8], grid: Grid
+    samples: CloudSamples, patches: FittedPatches, inward: NDArray[np.int8], grid: Grid
 ) -> LocalFaces:
     """Sort every sample's neighbourhood into sheets.
 
-    inward : (n,) int8, as in `Orientation`
+    inward : (n,) int8, as in `SampleOrientation`
     """
     h = grid.pitch_mm
     patch = np.hstack([
@@ -60,21 +63,22 @@ def group_into_faces(
         patches.normal * inward[:, None],
         patches.tangent,
         # The other tangent turns with the normal, and with it the sign of the mixed term.
-        patches.bend * h * np.stack([inward, np.ones_like(inward), inward], axis=1),
+        patches.curvature_coefficients * h * np.stack([inward, np.ones_like(inward), inward],
+                                                      axis=1),
     ])
     spacing = samples.spacing_mm / h
-    usable = patches.trusted & (inward != 0)
-    member = np.full((len(patch), 3, MEMBERS), -1, dtype=np.int32)
+    usable = patches.is_trusted & (inward != 0)
+    member = np.full((len(patch), 3, MAX_FACE_MEMBERS), -1, dtype=np.int32)
     solid, count = np.zeros(len(patch), dtype=np.uint8), np.zeros(len(patch), dtype=np.uint8)
     _sort_kernel(
-        patch, samples.neighbours, usable, patches.smooth, spacing, patches.tolerance_mm / h,
+        patch, samples.neighbours, usable, patches.is_smooth, spacing, patches.tolerance_mm / h,
         count, member, solid,
     )
     return LocalFaces(patch, spacing, count, member, solid)
 
 
 @inner_kernel
-def height_over(
+def height_over_patch(
     patch: FloatArray, n: int, reach: float, x: float, y: float, z: float
 ) -> tuple[float, float, float, float]:
     """Signed distance of a point from patch n, positive on its inner side; its gradient.
@@ -146,9 +150,9 @@ def _sharing(
         for c in range(3):
             same += patch[r, 3 + c] * patch[lead, 3 + c]
             gap += (patch[r, c] - patch[lead, c]) ** 2
-        if same < (SMOOTH_TURN if smooth[r] and smooth[lead] else FLAT_TURN):
+        if same < (SMOOTH_FACE_MIN_COSINE if smooth[r] and smooth[lead] else FLAT_FACE_MIN_COSINE):
             continue
-        off = height_over(patch, lead, reach, patch[r, 0], patch[r, 1], patch[r, 2])[0]
+        off = height_over_patch(patch, lead, reach, patch[r, 0], patch[r, 1], patch[r, 2])[0]
         if abs(off) < tolerance + SAME_SHEET_SLOPE * np.sqrt(gap):
             count += 1
             bits |= 1 << m
@@ -174,7 +178,7 @@ def _sort_kernel(
             # The one of the next few samples whose patch most others share speaks for the sheet.
             lead, most, shared, tried = -1, 0, 0, 0
             for m in range(many):
-                if sheet[m] != -1 or tried == LEADS_TRIED:
+                if sheet[m] != -1 or tried == MAX_LEADS_TRIED:
                     continue
                 tried += 1
                 one = int(np.int64(around[m]))
@@ -189,7 +193,7 @@ def _sort_kernel(
                 if shared >> m & 1 != 0:
                     sheet[m] = sheets
             # A sheet that meets another in neither way is not part of the body here.
-            told = sheets == 0 or most >= MIN_MEMBERS
+            told = sheets == 0 or most >= MIN_FACE_MEMBERS
             for s in range(sheets):
                 ours, theirs = 0.0, 0.0
                 for m in range(many):
@@ -197,7 +201,7 @@ def _sort_kernel(
                     if mine or sheet[m] == s:
                         r, other = around[m], leads[s] if mine else lead
                         x, y, z = patch[r, 0], patch[r, 1], patch[r, 2]
-                        off = height_over(patch, other, reach, x, y, z)[0]
+                        off = height_over_patch(patch, other, reach, x, y, z)[0]
                         ours += off if mine else 0.0
                         theirs += 0.0 if mine else off
                 pair = 0 if sheets == 1 else (2 if s == 0 else 1)
@@ -207,7 +211,7 @@ def _sort_kernel(
                 leads[sheets] = lead
                 count = 0
                 for m in range(many):
-                    if sheet[m] == sheets and count < MEMBERS:
+                    if sheet[m] == sheets and count < MAX_FACE_MEMBERS:
                         member[n, sheets, count] = around[m]
                         count += 1
                 sheets += 1

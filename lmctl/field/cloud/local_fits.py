@@ -12,9 +12,12 @@ from lmctl.field.kernel import inner_kernel, kernel
 
 FloatArray = NDArray[np.float64]
 
-FITTED = 16  # a quadric has six unknowns; 16 neighbours leave noise something to average over
-PLANE_OF = 10  # planes tried near an edge: the sample and two of so many neighbours
-BROAD = 0.3  # sine of the angle at the sample from which on three points make a plane
+# a quadric has six unknowns; 16 neighbours leave noise something to average over
+FIT_NEIGHBOURS = 16
+# planes tried near an edge: the sample and two of so many neighbours
+PLANE_CANDIDATE_NEIGHBOURS = 10
+# sine of the angle at the sample from which on three points make a plane
+MIN_PLANE_ANGLE_SINE = 0.3
 
 
 @kernel
@@ -28,14 +31,14 @@ def fit_quadrics(
     base, normal, tangent, bend : as in `patches.FittedPatches`; residual : (n,), weighted rms
     misfit
     """
-    around, weights = np.zeros((FITTED + 1, 3)), np.empty(FITTED + 1)
+    around, weights = np.zeros((FIT_NEIGHBOURS + 1, 3)), np.empty(FIT_NEIGHBOURS + 1)
     up, side, over = np.empty(3), np.empty(3), np.empty(3)
-    terms, heights = np.ones((FITTED + 1, 6)), np.empty(FITTED + 1)
+    terms, heights = np.ones((FIT_NEIGHBOURS + 1, 6)), np.empty(FIT_NEIGHBOURS + 1)
     matrix, right = np.empty((6, 6)), np.empty(6)
     for n in range(len(points)):
         far = _gather(points, neighbours, n, around, weights)
         least_squares_plane(around, weights, up)
-        perpendicular(up, side)
+        set_perpendicular(up, side)
         _cross(up, side, over)
         scale = 1.0 / np.sqrt(far)
         ux, uy, uz = scale * side[0], scale * side[1], scale * side[2]
@@ -44,7 +47,7 @@ def fit_quadrics(
         s00 = s10 = s01 = s20 = s11 = s02 = s30 = s21 = s12 = s03 = 0.0
         s40 = s31 = s22 = s13 = s04 = 0.0
         h00 = h10 = h01 = h20 = h11 = h02 = 0.0
-        for m in range(FITTED + 1):
+        for m in range(FIT_NEIGHBOURS + 1):
             x, y, z, w = around[m, 0], around[m, 1], around[m, 2], weights[m]
             u, v = ux * x + uy * y + uz * z, vx * x + vy * y + vz * z
             h = up[0] * x + up[1] * y + up[2] * z
@@ -72,9 +75,9 @@ def fit_quadrics(
         right[3], right[4], right[5] = h20, h11, h02
         _solve(matrix, right)
         missed = 0.0
-        for m in range(FITTED + 1):
+        for m in range(FIT_NEIGHBOURS + 1):
             missed += weights[m] * (heights[m] - _dot(terms[m], right)) ** 2
-        residual[n] = np.sqrt(missed / (total * (1.0 - 6.0 / (FITTED + 1))))
+        residual[n] = np.sqrt(missed / (total * (1.0 - 6.0 / (FIT_NEIGHBOURS + 1))))
         for c in range(3):
             base[n, c] = points[n, c] + right[0] * up[c]
             normal[n, c] = up[c] - scale * (right[1] * side[c] + right[2] * over[c])
@@ -96,23 +99,23 @@ def fit_shared_planes(
 
     sharing : (n,), on return how many of the 17 lie on the plane
     """
-    around, weights = np.zeros((FITTED + 1, 3)), np.empty(FITTED + 1)
-    near, squared = np.empty(FITTED + 1), np.empty(PLANE_OF + 1)
+    around, weights = np.zeros((FIT_NEIGHBOURS + 1, 3)), np.empty(FIT_NEIGHBOURS + 1)
+    near, squared = np.empty(FIT_NEIGHBOURS + 1), np.empty(PLANE_CANDIDATE_NEIGHBOURS + 1)
     tried, best = np.empty(3), np.empty(3)
     for n in rows:
         _gather(points, neighbours, n, around, near)
         most = -2.0
-        for m in range(1, PLANE_OF + 1):
+        for m in range(1, PLANE_CANDIDATE_NEIGHBOURS + 1):
             squared[m] = _dot(around[m], around[m])
-        for one in range(1, PLANE_OF):
-            for two in range(one + 1, PLANE_OF + 1):
+        for one in range(1, PLANE_CANDIDATE_NEIGHBOURS):
+            for two in range(one + 1, PLANE_CANDIDATE_NEIGHBOURS + 1):
                 _cross(around[one], around[two], tried)
                 size = _dot(tried, tried)
                 score = -1.0
-                if size > BROAD * BROAD * squared[one] * squared[two]:
+                if size > MIN_PLANE_ANGLE_SINE * MIN_PLANE_ANGLE_SINE * squared[one] * squared[two]:
                     score, fine = 0.0, 1.0 / (np.sqrt(size) * tolerance)
                     x, y, z = tried[0] * fine, tried[1] * fine, tried[2] * fine
-                    for m in range(FITTED + 1):
+                    for m in range(FIT_NEIGHBOURS + 1):
                         miss = x * around[m, 0] + y * around[m, 1] + z * around[m, 2]
                         score += near[m] * max(0.0, 1.0 - miss * miss)
                 if score > most:
@@ -121,7 +124,7 @@ def fit_shared_planes(
                         best[c] = tried[c] / max(np.sqrt(size), 1e-300)
         offset = 0.0
         for _ in range(2):
-            for m in range(FITTED + 1):
+            for m in range(FIT_NEIGHBOURS + 1):
                 miss = (_dot(around[m], best) - offset) / tolerance
                 weights[m] = near[m] * max(0.0, 1.0 - miss * miss) ** 2 + 1e-12
             now = least_squares_plane(around, weights, tried)
@@ -131,10 +134,10 @@ def fit_shared_planes(
                 for c in range(3):
                     best[c] = tried[c]
         count = 0
-        for m in range(FITTED + 1):
+        for m in range(FIT_NEIGHBOURS + 1):
             count += abs(_dot(around[m], best) - offset) < tolerance
         sharing[n] = count
-        perpendicular(best, tangent[n])
+        set_perpendicular(best, tangent[n])
         for c in range(3):
             base[n, c] = points[n, c] + offset * best[c]
             normal[n, c], bend[n, c] = best[c], 0.0
@@ -189,7 +192,7 @@ def least_squares_plane(around: FloatArray, weights: FloatArray, up: FloatArray)
 
 
 @inner_kernel
-def perpendicular(normal: FloatArray, tangent: FloatArray) -> None:
+def set_perpendicular(normal: FloatArray, tangent: FloatArray) -> None:
     """Set `tangent` to some unit vector perpendicular to the normal."""
     least = 0
     for c in range(1, 3):
@@ -212,13 +215,13 @@ def _gather(
     """
     far = 0.0
     weights[0] = 0.0
-    for m in range(FITTED):
+    for m in range(FIT_NEIGHBOURS):
         r = neighbours[n, m]
         for c in range(3):
             around[m + 1, c] = points[r, c] - points[n, c]
         weights[m + 1] = _dot(around[m + 1], around[m + 1])
         far = max(far, weights[m + 1])
-    for m in range(FITTED + 1):
+    for m in range(FIT_NEIGHBOURS + 1):
         weights[m] = (1.0 - weights[m] / (1.2 * far)) ** 2
     return far
 

@@ -21,10 +21,12 @@ from lmctl.field.kernel import inner_kernel, kernel
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-CELL_SHARE = 0.54  # of the neighbours wanted, in a cell: a disc as wide as the cells around it
+# of the neighbours wanted, in a cell: a disc as wide as the cells around it
+CELL_NEIGHBOUR_FRACTION = 0.54
 # then holds half as many again as are wanted
-CROWD = 28  # times as many in a cell and around it: where there are more, a tree is as quick
-MAX_CELLS = 16  # for each point, in a table of all cells there are
+# times as many in a cell and around it: where there are more, a tree is as quick
+CROWDED_CELL_FACTOR = 28
+MAX_CELLS_PER_POINT = 16  # for each point, in a table of all cells there are
 
 
 @dataclass(frozen=True)
@@ -49,7 +51,7 @@ class PointCells:
 
 def sort_into_cells(points: FloatArray, wanted: int) -> PointCells:
     """Sort points (n, 3) float64 into cells just large enough to find so many neighbours in."""
-    each = CELL_SHARE * wanted
+    each = CELL_NEIGHBOUR_FRACTION * wanted
     low = points.min(axis=0)
     x, y, z = np.ptp(points, axis=0)
     side = float(np.sqrt(2.0 * (x * y + y * z + z * x) * each / len(points)))
@@ -58,7 +60,7 @@ def sort_into_cells(points: FloatArray, wanted: int) -> PointCells:
     side *= float(np.sqrt(each * occupied / len(points)))
     place, size = _places(points, low, side)
     many = float(np.prod(size.astype(np.float64)))
-    if many > MAX_CELLS * len(points) + 1e6:
+    if many > MAX_CELLS_PER_POINT * len(points) + 1e6:
         nothing = np.zeros(0, dtype=np.int64)
         return PointCells(points, nothing, nothing, nothing, size, side, each)
     cell = _numbers(place, size)
@@ -84,7 +86,7 @@ def nearest_neighbours(
     unknown = np.ones(len(of), dtype=np.bool_)
     _search_kernel(
         points[cells.order], cells.order, cells.cell, cells.start, cells.size, cells.side,
-        int(CROWD * cells.each), answer, distance, rows, unknown,
+        int(CROWDED_CELL_FACTOR * cells.each), answer, distance, rows, unknown,
     )
     if unknown.any():
         left = np.flatnonzero(unknown)

@@ -7,11 +7,13 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
-FITTING = 0.5  # cosine of the angle between a normal and its patch's; less says nothing of a side
-MIN_FITTING = 0.7  # share of the samples
+# cosine of the angle between a normal and its patch's; less says nothing of a side
+MIN_FIT_COSINE = 0.5
+MIN_FITTING_FRACTION = 0.7  # share of the samples
 TOLD_LEVELS = 2  # by which the way out is wider than through any gap where the outside is known
-MIN_TOLD = 0.05  # share of the samples
-AGREEING = 0.75  # share, of those where the outside is known, that have to point there; air comes
+MIN_KNOWN_SIDE_FRACTION = 0.05  # share of the samples
+# share, of those where the outside is known, that have to point there; air comes
+MIN_AGREEING_FRACTION = 0.75
 # in through the gaps of a thin wall, too, so that not all will
 
 
@@ -38,8 +40,8 @@ def outward_signs(
     raises : NormalsUnfitError
     """
     along = np.einsum("nc,nc->n", normals, patch_normals)
-    fitting = np.abs(along) > FITTING
-    if fitting.mean() < MIN_FITTING:
+    fitting = np.abs(along) > MIN_FIT_COSINE
+    if fitting.mean() < MIN_FITTING_FRACTION:
         raise UnusableNormalsError(
             f"the normals of the cloud fit its surface at {100.0 * fitting.mean():.0f} % of its "
             "points only: they were not used"
@@ -47,16 +49,16 @@ def outward_signs(
     facing = np.where(fitting, np.sign(along), 0.0).astype(np.int8)
     opener = sides[:, 0].astype(np.int16) - sides[:, 1]
     told = fitting & (sides.max(axis=1) >= gap + TOLD_LEVELS) & (opener != 0)
-    if told.mean() < MIN_TOLD:
+    if told.mean() < MIN_KNOWN_SIDE_FRACTION:
         raise UnusableNormalsError(
             "the normals of the cloud could not be checked: they were not used")
     right = facing * opener > 0
     share = float(right[told].mean())
     remarks: tuple[str, ...] = ()
-    if share < 1.0 - AGREEING:
+    if share < 1.0 - MIN_AGREEING_FRACTION:
         facing, right = -facing, ~right
         remarks = ("the normals of the cloud point inwards: they were turned round",)
-    elif share < AGREEING:
+    elif share < MIN_AGREEING_FRACTION:
         raise UnusableNormalsError(
             f"the normals of the cloud point outwards at {100.0 * share:.0f} % of its points "
             "only: they were not used"

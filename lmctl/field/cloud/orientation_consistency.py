@@ -6,14 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.field.cloud.patches import FittedPatches
-from lmctl.field.cloud.samples import Samples
+from lmctl.field.cloud.samples import CloudSamples
 from lmctl.field.kernel import kernel
 
 FloatArray = NDArray[np.float64]
 
 
 def propagate_orientation(
-    inward: NDArray[np.int8], floating: NDArray[np.bool_], samples: Samples, patches: FittedPatches
+    inward: NDArray[np.int8], floating: NDArray[np.bool_], samples: CloudSamples,
+    patches: FittedPatches
 ) -> None:
     """Carry orientation to the samples that have none, in place, the surest first.
 
@@ -38,7 +39,7 @@ def propagate_orientation(
 
 
 def neighbour_votes(
-    samples: Samples, patches: FittedPatches, facing: NDArray[np.int8]
+    samples: CloudSamples, patches: FittedPatches, facing: NDArray[np.int8]
 ) -> FloatArray:
     """What the samples near each, and like it, say of the side its patch faces, (n,) float64."""
     near = samples.alike

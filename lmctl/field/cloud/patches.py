@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.field.cloud.local_fits import FITTED, fit_quadrics, fit_shared_planes
-from lmctl.field.cloud.samples import Samples
+from lmctl.field.cloud.local_fits import FIT_NEIGHBOURS, fit_quadrics, fit_shared_planes
+from lmctl.field.cloud.samples import CloudSamples
 
 FloatArray = NDArray[np.float64]
 
@@ -27,10 +27,11 @@ class FittedPatches:
     base_mm : (n, 3) float64, the sample moved onto its fit
     normal, tangent : (n, 3) float64, unit, perpendicular to each other; the side the normal
         points to means nothing yet
-    bend : (n, 3) float64 [1/mm], f = b0 u² + b1 u v + b2 v², u along tangent, v along
+    curvature_coefficients : (n, 3) float64 [1/mm], f = b0 u² + b1 u v + b2 v², u along tangent, v
+    along
         normal × tangent
-    smooth : (n,) bool, a quadric explains the whole neighbourhood
-    trusted : (n,) bool, enough of the neighbourhood lies on the patch to believe it
+    is_smooth : (n,) bool, a quadric explains the whole neighbourhood
+    is_trusted : (n,) bool, enough of the neighbourhood lies on the patch to believe it
     noise_mm : root mean square of the samples' distance from smooth patches
     tolerance_mm : how far from its patch a sample of the same sheet may lie
     """
@@ -38,14 +39,14 @@ class FittedPatches:
     base_mm: FloatArray
     normal: FloatArray
     tangent: FloatArray
-    bend: FloatArray
-    smooth: NDArray[np.bool_]
-    trusted: NDArray[np.bool_]
+    curvature_coefficients: FloatArray
+    is_smooth: NDArray[np.bool_]
+    is_trusted: NDArray[np.bool_]
     noise_mm: float
     tolerance_mm: float
 
 
-def fit_patches(samples: Samples) -> FittedPatches:
+def fit_patches(samples: CloudSamples) -> FittedPatches:
     """Fit every sample's patch to its 16 neighbours; deterministic."""
     points, neighbours = samples.points_mm, samples.alike
     n = len(points)
@@ -58,7 +59,7 @@ def fit_patches(samples: Samples) -> FittedPatches:
         np.abs(bend).max(axis=1) * samples.spacing_mm < 0.25
     )
     tolerance = max(4.0 * noise, 0.05 * samples.typical_spacing_mm)
-    sharing = np.full(n, FITTED, dtype=np.int64)
+    sharing = np.full(n, FIT_NEIGHBOURS, dtype=np.int64)
     fit_shared_planes(
         points, neighbours, np.flatnonzero(~smooth), tolerance, base, normal, tangent, bend, sharing
     )

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from lmctl.field.cloud.local_fits import FITTED
+from lmctl.field.cloud.local_fits import FIT_NEIGHBOURS
 from lmctl.field.cloud.patches import FittedPatches, fit_patches
-from lmctl.field.cloud.samples import Samples, average_in_cells
+from lmctl.field.cloud.samples import CloudSamples, average_in_cells
 
-NOISY_SPACINGS = 0.2  # noise beyond this hides the surface between neighbours
-LINE_SHARE = 0.1  # of the lesser to the greater spread of a neighbourhood, squared: 1 is even
-ROUNDS = 3
+MAX_NOISE_SPACINGS = 0.2  # noise beyond this hides the surface between neighbours
+# of the lesser to the greater spread of a neighbourhood, squared: 1 is even
+LINE_LIKE_SPREAD_RATIO = 0.1
+MAX_RESAMPLING_ROUNDS = 3
 COARSEST_PITCHES = 2.0
 
 
-def fit_resampled_patches(samples: Samples, pitch_mm: float) -> tuple[Samples, FittedPatches]:
+def fit_resampled_patches(samples: CloudSamples, pitch_mm: float) -> tuple[CloudSamples,
+                                                                           FittedPatches]:
     """Fit patches; where the samples do not bear it, average them in growing cells first.
 
     A line scanner samples densely along its lines and sparsely across: all neighbours of a
@@ -23,9 +25,9 @@ def fit_resampled_patches(samples: Samples, pitch_mm: float) -> tuple[Samples, F
     """
     patches = fit_patches(samples)
     even, cell = samples, 0.0
-    for _ in range(ROUNDS):
+    for _ in range(MAX_RESAMPLING_ROUNDS):
         wanted = 4.0 * patches.noise_mm
-        if patches.noise_mm < NOISY_SPACINGS * even.typical_spacing_mm:
+        if patches.noise_mm < MAX_NOISE_SPACINGS * even.typical_spacing_mm:
             wanted = 0.0
         if _line_like(even):
             wanted = max(wanted, 2.0 * cell, 2.0 * even.typical_spacing_mm)
@@ -38,10 +40,10 @@ def fit_resampled_patches(samples: Samples, pitch_mm: float) -> tuple[Samples, F
     return even, patches
 
 
-def _line_like(samples: Samples) -> bool:
+def _line_like(samples: CloudSamples) -> bool:
     """Whether most neighbourhoods spread along one direction only."""
     rows = np.arange(0, len(samples.points_mm), max(1, len(samples.points_mm) // 2000))
-    around = samples.points_mm[samples.alike[rows, :FITTED]]
+    around = samples.points_mm[samples.alike[rows, :FIT_NEIGHBOURS]]
     around = around - around.mean(axis=1, keepdims=True)
     spread = np.linalg.eigvalsh(around.transpose(0, 2, 1) @ around)
-    return bool(np.median(spread[:, 1] / spread[:, 2]) < LINE_SHARE)
+    return bool(np.median(spread[:, 1] / spread[:, 2]) < LINE_LIKE_SPREAD_RATIO)

@@ -19,23 +19,26 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 NEIGHBOURS = 24
-SIXTH = 6
-ALIKE = 16  # as many as a patch is fitted to
-LOOKED_AT = 48  # for these, as every other sample may be of the other side of a thin wall
+SPACING_NEIGHBOUR_RANK = 6
+MAX_ALIKE_NEIGHBOURS = 16  # as many as a patch is fitted to
+# for these, as every other sample may be of the other side of a thin wall
+CANDIDATE_NEIGHBOURS = 48
 MIN_ALIKE = 8
-SAME_FACING = 0.2  # cosine of the angle between normals; less is around an edge
-FEWEST = 64  # below this a closed surface is a guess
-ISOLATED = 4.0  # times as far from its sixth neighbour as its surroundings are from theirs
-MAX_SHARE_DROPPED = 0.02
+SAME_FACING_MIN_COSINE = 0.2  # cosine of the angle between normals; less is around an edge
+MIN_SAMPLES = 64  # below this a closed surface is a guess
+# times as far from its sixth neighbour as its surroundings are from theirs
+ISOLATED_SPACING_RATIO = 4.0
+MAX_DROPPED_FRACTION = 0.02
 SPACING_OF_SIXTH = float(np.sqrt(np.pi / 6.0))  # within that distance d lie six: π d² / 6 for each
 DENSE_PITCHES = 0.35  # samples nearer to each other than this tell the grid nothing more
 BLOCK_PITCHES = 8.0
-ASLANT = np.array([0.5773, 0.6131, 0.5392])  # two places are hardly ever as far along this
+# two places are hardly ever as far along this
+OBLIQUE_DIRECTION = np.array([0.5773, 0.6131, 0.5392])
 COARSEST_PITCHES = 5.0  # samples typically farther apart than this leave details to guesswork
 
 
 @dataclass(frozen=True)
-class Samples:
+class CloudSamples:
     """Distinct samples of one surface.
 
     points_mm : (n, 3) float64
@@ -62,7 +65,7 @@ class Samples:
 
 def clean_samples(
     points: FloatArray, grid: Grid, normals: FloatArray | None = None
-) -> Samples:
+) -> CloudSamples:
     """Check a cloud and find every sample's neighbours.
 
     points : (n, 3) float64 [mm]; normals : (n, 3) float64 as they were given, or None
@@ -87,10 +90,10 @@ def clean_samples(
     if len(distinct) < len(points):
         repeated = len(points) - len(distinct)
         remarks.append(f"{repeated} repeated points of the cloud are counted once")
-    if len(distinct) < FEWEST:
+    if len(distinct) < MIN_SAMPLES:
         raise InputError(
             f"the point cloud has only {len(distinct)} distinct points", where=where,
-            hint=f"a closed surface needs at least {FEWEST}, evenly spread",
+            hint=f"a closed surface needs at least {MIN_SAMPLES}, evenly spread",
         )
     _refuse_flat(distinct, where)
     _refuse_outside(distinct, grid, where)
@@ -99,7 +102,7 @@ def clean_samples(
         remarks.append(f"samples denser than the grid were averaged to {len(distinct)} points")
     samples = _with_neighbours(distinct, facing, ())
     isolated = _isolated(samples.spacing_mm, samples.neighbours)
-    if isolated.mean() <= MAX_SHARE_DROPPED and isolated.any():
+    if isolated.mean() <= MAX_DROPPED_FRACTION and isolated.any():
         remarks.append(f"{int(isolated.sum())} points far from all others were dropped as outliers")
         facing = None if facing is None else facing[~isolated]
         samples = _with_neighbours(distinct[~isolated], facing, ())
@@ -109,7 +112,7 @@ def clean_samples(
 
 def _distinct(points: FloatArray) -> IntArray:
     """Rows of each place once, in order of place, so that the order in the file does not matter."""
-    along = points @ ASLANT
+    along = points @ OBLIQUE_DIRECTION
     order = np.argsort(along, kind="stable")
     new = _differ(points[order])
     if (new[1:] & (np.diff(along[order]) == 0.0)).any():  # different places, as far along
@@ -137,12 +140,13 @@ def _by_blocks(points: FloatArray, side_mm: float) -> IntArray:
 
 def _isolated(spacing: FloatArray, neighbours: NDArray[np.int32]) -> NDArray[np.bool_]:
     theirs = spacing[neighbours]
-    isolated: NDArray[np.bool_] = spacing > ISOLATED * theirs.min(axis=1)
-    isolated[isolated] = spacing[isolated] > ISOLATED * np.median(theirs[isolated], axis=1)
+    isolated: NDArray[np.bool_] = spacing > ISOLATED_SPACING_RATIO * theirs.min(axis=1)
+    isolated[isolated] = spacing[isolated] > ISOLATED_SPACING_RATIO * np.median(theirs[isolated],
+                                                                                axis=1)
     return isolated
 
 
-def average_in_cells(samples: Samples, cell_mm: float) -> Samples:
+def average_in_cells(samples: CloudSamples, cell_mm: float) -> CloudSamples:
     """The samples averaged in cells of a side; where the cloud is sparser it stays as it is."""
     points, normals = thin_to_cells(samples.points_mm, cell_mm, samples.normals)
     return _with_neighbours(points, normals, samples.remarks)
@@ -181,13 +185,14 @@ def unit_or_zero(normals: FloatArray) -> FloatArray:
 def _typical_spacing(points: FloatArray) -> float:
     """From a few hundred samples spread through the cloud's order."""
     some = np.arange(0, len(points), max(1, len(points) // 500))
-    found = nearest_neighbours(sort_into_cells(points, SIXTH), SIXTH, some)[0]
-    return float(np.median(found[:, SIXTH - 1])) * SPACING_OF_SIXTH
+    found = nearest_neighbours(sort_into_cells(points, SPACING_NEIGHBOUR_RANK),
+                               SPACING_NEIGHBOUR_RANK, some)[0]
+    return float(np.median(found[:, SPACING_NEIGHBOUR_RANK - 1])) * SPACING_OF_SIXTH
 
 
 def _with_neighbours(
     points: FloatArray, normals: FloatArray | None, remarks: tuple[str, ...]
-) -> Samples:
+) -> CloudSamples:
     if len(points) <= NEIGHBOURS:
         raise InputError(
             f"the point cloud has only {len(points)} points apart from each other",
@@ -195,14 +200,15 @@ def _with_neighbours(
         )
     if normals is None:
         distances, rows = nearest_neighbours(sort_into_cells(points, NEIGHBOURS), NEIGHBOURS)
-        return Samples(points, rows, rows, distances[:, SIXTH - 1] * SPACING_OF_SIXTH, remarks)
-    many = min(LOOKED_AT, len(points) - 1)
+        return CloudSamples(points, rows, rows,
+                            distances[:, SPACING_NEIGHBOUR_RANK - 1] * SPACING_OF_SIXTH, remarks)
+    many = min(CANDIDATE_NEIGHBOURS, len(points) - 1)
     distances, rows = nearest_neighbours(sort_into_cells(points, many), many)
-    alike = np.empty((len(points), ALIKE), dtype=np.int32)
+    alike = np.empty((len(points), MAX_ALIKE_NEIGHBOURS), dtype=np.int32)
     spacing = np.empty(len(points))
     _alike_kernel(normals, distances, rows, alike, spacing)
     neighbours = np.ascontiguousarray(rows[:, :NEIGHBOURS])
-    return Samples(points, neighbours, alike, spacing * SPACING_OF_SIXTH, remarks, normals)
+    return CloudSamples(points, neighbours, alike, spacing * SPACING_OF_SIXTH, remarks, normals)
 
 
 @kernel
@@ -222,10 +228,10 @@ def _alike_kernel(
             for m in range(rows.shape[1]):
                 r = rows[n, m]
                 same = x * normals[r, 0] + y * normals[r, 1] + z * normals[r, 2]
-                if found < most and (turn == 1 or same > SAME_FACING):
+                if found < most and (turn == 1 or same > SAME_FACING_MIN_COSINE):
                     alike[n, found] = r
                     found += 1
-                    if found == SIXTH:
+                    if found == SPACING_NEIGHBOUR_RANK:
                         spacing[n] = distances[n, m]
             if found >= MIN_ALIKE:
                 break

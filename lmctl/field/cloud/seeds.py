@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.field.cloud.local_faces import MEMBERS, LocalFaces, height_over
-from lmctl.field.cloud.samples import Samples
+from lmctl.field.cloud.local_faces import MAX_FACE_MEMBERS, LocalFaces, height_over_patch
+from lmctl.field.cloud.samples import CloudSamples
 from lmctl.field.grid import Grid
 from lmctl.field.kernel import inner_kernel, kernel
 
@@ -32,17 +32,17 @@ class CloudSeeds:
     surface_mm : (m, 3) float64, the closest point of each
     inwards : (m, 3) float64, the direction inwards from there through the node
     distance_mm : (m,) float64, positive inside
-    supported : (m,) bool, whether samples are near the closest point, or on all sides of it
+    is_supported : (m,) bool, whether samples are near the closest point, or on all sides of it
     """
 
     nodes: NDArray[np.int64]
     surface_mm: FloatArray
     inwards: FloatArray
     distance_mm: FloatArray
-    supported: NDArray[np.bool_]
+    is_supported: NDArray[np.bool_]
 
 
-def seed_cloud(owner: Sources, samples: Samples, sheets: LocalFaces, grid: Grid) -> CloudSeeds:
+def seed_cloud(owner: Sources, samples: CloudSamples, sheets: LocalFaces, grid: Grid) -> CloudSeeds:
     """The nodes near a cloud's surface, each with its closest point.
 
     owner : (nz, ny, nx) int32, row of the nearest sample, or −1 where none is near
@@ -52,7 +52,8 @@ def seed_cloud(owner: Sources, samples: Samples, sheets: LocalFaces, grid: Grid)
     surface, inwards = np.empty((most, 3)), np.empty((most, 3))
     supported = np.empty(most, dtype=np.bool_)
     count = _seed_kernel(
-        owner, sheets.patch, sheets.spacing, sheets.count, sheets.member, sheets.solid,
+        owner, sheets.patch, sheets.spacing, sheets.face_count, sheets.face_members,
+        sheets.solid_bits,
         samples.neighbours, nodes, surface, inwards, distance, supported,
     )
     return CloudSeeds(
@@ -86,7 +87,7 @@ def _seed_kernel(
                 n[1, 0] = n[1, 1] = n[1, 2] = n[2, 0] = n[2, 1] = n[2, 2] = 0.0
                 for s in range(sheets):
                     total, height, sx, sy, sz, first = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-                    for m in range(MEMBERS):
+                    for m in range(MAX_FACE_MEMBERS):
                         r = int(np.int64(member[nearest, s, m]))
                         if r < 0:
                             break
@@ -96,7 +97,7 @@ def _seed_kernel(
                         if m == 0:
                             first = away
                         weight = 1.0 / (1.0 + sharpness * max(away - first, 0.0)) ** 2
-                        here, gx, gy, gz = height_over(patch, r, reach, x, y, z)
+                        here, gx, gy, gz = height_over_patch(patch, r, reach, x, y, z)
                         if sheets == 1 and abs(here) > FAR_PITCHES:
                             # One sheet only, and its nearest patch tells the node to be off it.
                             off = True

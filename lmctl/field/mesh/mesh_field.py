@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.errors import InputError
-from lmctl.field.field import Field
+from lmctl.field.field import DistanceField
 from lmctl.field.grid import Grid
 from lmctl.field.mesh.seeds import seed_triangles
 from lmctl.field.mesh.sign import negate_outside
@@ -18,7 +18,7 @@ FloatArray = NDArray[np.float64]
 
 def mesh_field(
     vertices: FloatArray, triangles: NDArray[np.integer], grid: Grid
-) -> Field:
+) -> DistanceField:
     """Signed distance to a mesh at the nodes of a grid that holds it (Zhou et al. 2009, Eq. (1)).
 
     Next to the surface triangles are rasterised into their neighbourhood; closest points are
@@ -56,7 +56,7 @@ def mesh_field(
             f"inside and outside are disputed at {disputed} of {grid.n_nodes} nodes "
             f"({share:.2g} %): the mesh is open or cuts through itself",
         )
-    return Field(grid, values, sources, corners, tuple(remarks), exact=True)
+    return DistanceField(grid, values, sources, corners, tuple(remarks), exact=True)
 
 
 def _corners(vertices: FloatArray, triangles: NDArray[np.integer], grid: Grid) -> FloatArray:

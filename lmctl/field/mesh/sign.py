@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from lmctl.field.grid import Grid
 from lmctl.field.kernel import inner_kernel, kernel
-from lmctl.field.priority_flood import LEVELS, flood_tags
+from lmctl.field.priority_flood import LEVEL_COUNT, flood_tags
 
 FloatArray = NDArray[np.float64]
 Sums = NDArray[np.int16]
@@ -26,7 +26,7 @@ Sums = NDArray[np.int16]
 ON_SURFACE_PITCHES = 1e-4
 LEVELS_PER_PITCH = 8
 # Share of rays that end neither outside nor odd; random facing makes it half of them.
-MAX_SHARE_TURNED = 0.05
+MAX_TURNED_RAY_FRACTION = 0.05
 
 
 def negate_outside(
@@ -46,14 +46,14 @@ def negate_outside(
     rays, turned = _running_kernel(sums)
     last = np.asarray(grid.shape[::-1]) - 1
     held = bool(np.all((relative > 0.0) & (relative < last)))
-    facing = held and turned <= MAX_SHARE_TURNED * rays
+    facing = held and turned <= MAX_TURNED_RAY_FRACTION * rays
     on_surface = ON_SURFACE_PITCHES * grid.pitch_mm
     lost = int(_lost_kernel(sums, facing)) if held else 0
     disputed = int(_vote_kernel(sums, distance, on_surface, held, facing))
     sides = sums.astype(np.int8)
     del sums
     if disputed:
-        level = np.minimum(distance * (LEVELS_PER_PITCH / grid.pitch_mm), LEVELS - 1)
+        level = np.minimum(distance * (LEVELS_PER_PITCH / grid.pitch_mm), LEVEL_COUNT - 1)
         flood_tags(level.astype(np.uint8), sides)
     np.negative(distance, out=distance, where=sides <= 0)
     return lost, disputed

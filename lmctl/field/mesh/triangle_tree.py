@@ -18,7 +18,7 @@ from lmctl.field.triangles import closest_on_triangle
 FloatArray = NDArray[np.float64]
 
 LEAF_TRIANGLES = 4  # a leaf holds at most so many
-DEEPEST = 40  # levels a walk can remember
+MAX_TREE_DEPTH = 40  # levels a walk can remember
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,8 +129,8 @@ def _distance_kernel(
     distance: FloatArray, closest: FloatArray,
 ) -> None:
     """closest : (n, 3) for the nearest places, too, or (0, 3) for none."""
-    nodes = np.empty(2 * DEEPEST, dtype=np.int64)
-    far = np.empty(2 * DEEPEST)
+    nodes = np.empty(2 * MAX_TREE_DEPTH, dtype=np.int64)
+    far = np.empty(2 * MAX_TREE_DEPTH)
     nearest, before, side = 0, np.inf, 1.0
     for row in range(len(points)):
         x, y, z = points[row, 0], points[row, 1], points[row, 2]
@@ -153,7 +153,7 @@ def _inside_kernel(
     triangles: FloatArray, boxes: FloatArray, levels: int, points: FloatArray,
     inside: NDArray[np.bool_],
 ) -> None:
-    nodes = np.empty(2 * DEEPEST, dtype=np.int64)
+    nodes = np.empty(2 * MAX_TREE_DEPTH, dtype=np.int64)
     for row in range(len(points)):
         x, y, z = points[row, 0], points[row, 1], points[row, 2]
         inside[row] = _winding(triangles, boxes, levels, x, y, z, nodes) != 0

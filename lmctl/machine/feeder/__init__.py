@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from lmctl.machine.feeder.identity import identify_feeder as identify_feeder
     from lmctl.machine.feeder.readings import HopperReader as HopperReader
     from lmctl.machine.feeder.readings import HopperReading as HopperReading
-    from lmctl.machine.feeder.recipe import post_flow_s as post_flow_s
+    from lmctl.machine.feeder.recipe import post_flow_duration_s as post_flow_duration_s
     from lmctl.machine.feeder.recipe import settling_time_s as settling_time_s
     from lmctl.machine.feeder.status import FeederCallbacks as FeederCallbacks
     from lmctl.machine.feeder.status import FeederStatus as FeederStatus
@@ -31,7 +31,7 @@ _HOMES = {
     "HopperReading": "lmctl.machine.feeder.readings",
     "WarningReader": "lmctl.machine.feeder.warnings",
     "identify_feeder": "lmctl.machine.feeder.identity",
-    "post_flow_s": "lmctl.machine.feeder.recipe",
+    "post_flow_duration_s": "lmctl.machine.feeder.recipe",
     "read_feeder_status": "lmctl.machine.feeder.status",
     "settling_time_s": "lmctl.machine.feeder.recipe",
 }

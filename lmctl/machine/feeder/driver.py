@@ -17,12 +17,12 @@ from lmctl.config.machine import FeederSettings, HopperSettings
 from lmctl.errors import MachineError
 from lmctl.machine.feeder.feeder_errors import REFUSED_HINT
 from lmctl.machine.feeder.identity import FeederIdentity, identify_feeder
-from lmctl.machine.feeder.orders import PATIENCE_S, FeederOrders
+from lmctl.machine.feeder.orders import ORDER_TIMEOUT_S, FeederOrders
 from lmctl.machine.feeder.polling import FeederPolling
 from lmctl.machine.feeder.readings import HopperReading
-from lmctl.machine.feeder.recipe import post_flow_s
+from lmctl.machine.feeder.recipe import post_flow_duration_s
 from lmctl.machine.feeder.refill import HopperRefill
-from lmctl.machine.feeder.status import GAS_IS_ORDERED, FeederCallbacks, FeederStatus
+from lmctl.machine.feeder.status import GAS_ORDERED_STATES, FeederCallbacks, FeederStatus
 from lmctl.machine.modbus.client import ModbusExceptionError, ModbusLink, NoReplyError
 
 _BOOT_PATIENCE_S = 15.0
@@ -77,9 +77,10 @@ class FeederDriver:
         return self._cycle.status_age_s
 
     @property
-    def seen(self) -> str:
+    def wire_symptoms(self) -> str:
         """What came on the wire since the last good answer, in words; "" where nothing is wrong."""
-        return self._link.seen.sentence if self._link.seen.is_anything else ""
+        observation = self._link.wire_observation
+        return observation.description if observation.has_anomalies else ""
 
     @property
     def period_s(self) -> float:
@@ -113,12 +114,12 @@ class FeederDriver:
         """Read the hoppers with the next status, and not only with every fourth."""
         self._cycle.request_hopper_readings()
 
-    async def whole_status(self) -> FeederStatus:
+    async def complete_status(self) -> FeederStatus:
         """The last status, once each hopper in use has been read. Raises MachineError."""
         names = {hopper.name for hopper in self.hoppers}
         if self.status is None or names - self.status.hoppers.keys():
             await self._cycle.wait_until(
-                lambda status: names <= status.hoppers.keys(), PATIENCE_S + 2 * self.period_s,
+                lambda status: names <= status.hoppers.keys(), ORDER_TIMEOUT_S + 2 * self.period_s,
                 "its hoppers were not read",
             )
         assert self.status is not None
@@ -135,10 +136,10 @@ class FeederDriver:
         self._cycle.watching = True
         started_s = self._loop.time()
         preflow_s = self._feeder.gas_preflow_s
-        await self._orders.add(FeederCommandBits.GAS_ON, "start gas")
+        await self._orders.add_command_bits(FeederCommandBits.GAS_ON, "start gas")
         await self._cycle.wait_until(
             lambda status: status.gas_ok and status.time_s - started_s >= preflow_s,
-            preflow_s + 2 * PATIENCE_S, "carrier gas did not come",
+            preflow_s + 2 * ORDER_TIMEOUT_S, "carrier gas did not come",
         )
 
     async def start_powder(self) -> None:
@@ -146,9 +147,9 @@ class FeederDriver:
 
         Raises MachineError where the device refuses, or they do not start.
         """
-        await self._orders.add(FeederCommandBits.FEED_ON, "start powder")
+        await self._orders.add_command_bits(FeederCommandBits.FEED_ON, "start powder")
         await self._cycle.wait_until(
-            lambda status: status.feeding, PATIENCE_S, "powder did not start"
+            lambda status: status.feeding, ORDER_TIMEOUT_S, "powder did not start"
         )
         self._cycle.feeding = True
 
@@ -164,7 +165,7 @@ class FeederDriver:
         A device at LOCAL or in alarm may refuse: then it counts what its discs do.
         """
         self._cycle.feeding = False
-        await self._orders.take_away(
+        await self._orders.remove_command_bits(
             FeederCommandBits.FEED_ON, lambda status: not status.feeding, "powder did not stop"
         )
 
@@ -175,15 +176,16 @@ class FeederDriver:
         """
         self._cycle.watching = self._cycle.feeding = False
         everything = ~FeederCommandBits.ENABLE_REMOTE
-        await self._orders.take_away(
-            everything, lambda status: status.state not in GAS_IS_ORDERED, "gas did not stop"
+        await self._orders.remove_command_bits(
+            everything, lambda status: status.state not in GAS_ORDERED_STATES, "gas did not stop"
         )
         if not post_flow:
-            await self._orders.repeat(
+            await self._orders.repeat_until_done(
                 lambda: self._link.write(_POSTFLOW, [0]), _gas_has_stopped, "gas did not stop"
             )
         await self._cycle.wait_until(
-            _gas_has_stopped, post_flow_s(self._feeder, self.hoppers) + 2 * PATIENCE_S,
+            _gas_has_stopped,
+            post_flow_duration_s(self._feeder, self.hoppers) + 2 * ORDER_TIMEOUT_S,
             "gas did not stop", faulty=True,
         )
 
@@ -213,7 +215,7 @@ class FeederDriver:
         try:
             await reset
         except ModbusExceptionError as error:
-            reason = await self._cycle.errors.reason(error)
+            reason = await self._cycle.errors.refusal_reason(error)
             what = "" if alarm is None else f"{alarm.text}; "
             raise self._cycle.errors.error(
                 f"{what}it refuses to reset its alarms: {reason}",
@@ -224,7 +226,7 @@ class FeederDriver:
         self._cycle.reset_fault()
         await self._orders.set_command(FeederCommandBits.ENABLE_REMOTE, "take commands")
         await self._cycle.wait_until(
-            lambda status: status.alarm is None, PATIENCE_S, "its alarms did not clear"
+            lambda status: status.alarm is None, ORDER_TIMEOUT_S, "its alarms did not clear"
         )
 
     async def close(self) -> None:
@@ -237,7 +239,7 @@ class FeederDriver:
             await self._cycle.stop()
         finally:
             try:
-                await self._orders.give_back()
+                await self._orders.release_command()
             finally:
                 await self._link.close()
 
@@ -245,17 +247,18 @@ class FeederDriver:
         """First status, settings and zero flows; then remote control, which arms its watchdog."""
         deadline_s = self._loop.time() + _BOOT_PATIENCE_S
         while True:
-            status = await self._cycle.errors.asked(self._cycle.first_status(), "show its status")
+            status = await self._cycle.errors.request_answer(self._cycle.read_first_status(),
+                                                             "show its status")
             if status.state is not FeederStateCode.BOOT or self._loop.time() >= deadline_s:
                 break
             await asyncio.sleep(self._cycle.period_s)
-        await self._cycle.errors.asked(self._cycle.poll(), "take its settings")
+        await self._cycle.errors.request_answer(self._cycle.poll_once(), "take its settings")
         await self._orders.set_command(FeederCommandBits.ENABLE_REMOTE, "take commands")
         self._cycle.start()
 
 
 def _gas_has_stopped(status: FeederStatus) -> bool:
-    return status.state not in (*GAS_IS_ORDERED, FeederStateCode.STOPPING)
+    return status.state not in (*GAS_ORDERED_STATES, FeederStateCode.STOPPING)
 
 
 async def _connect(feeder: FeederSettings, timeout_s: float) -> ModbusLink:

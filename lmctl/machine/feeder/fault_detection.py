@@ -37,9 +37,9 @@ class FeederMonitor:
         """What to say of the time since the last good answer. seen : on the wire meanwhile"""
         if age_s < (_SILENT_CYCLES - _ROUNDING) * self._period_s:
             return None
-        if not seen.is_anything:  # it answers, but nothing that has a meaning
+        if not seen.has_anomalies:  # it answers, but nothing that has a meaning
             return FeederFault(f"no usable answer for {age_s:.1f} s", "restart the feeder")
-        return FeederFault(f"no answer for {age_s:.1f} s: {seen.sentence}", seen.hint)
+        return FeederFault(f"no answer for {age_s:.1f} s: {seen.description}", seen.hint)
 
     def find_fault(self, status: FeederStatus, *, sequence: int,
                    feeding: bool) -> FeederFault | None:

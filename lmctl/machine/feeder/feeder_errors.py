@@ -31,7 +31,7 @@ class FeederErrors:
         """A MachineError about this feeder."""
         return MachineError(f"feeder {self._name}: {reason}", where=self._place, hint=hint)
 
-    def not_seen(
+    def status_timeout_error(
         self, failure: str, waited_s: float, status: FeederStatus | None,
         error: MachineError | None = None,
     ) -> MachineError:
@@ -41,7 +41,7 @@ class FeederErrors:
         return self.error(f"{failure} within {waited_s:.0f} s{why}",
                           hint or f"its state is {state}: see its display")
 
-    async def asked(self, request: Awaitable[T], what: str) -> T:
+    async def request_answer(self, request: Awaitable[T], what: str) -> T:
         """The request's answer, or a MachineError that names the feeder and what was wanted."""
         try:
             return await request
@@ -50,10 +50,10 @@ class FeederErrors:
         except RegisterError as error:
             raise self.error(f"its answer makes no sense: {error}", "is it a PMX?") from error
         except ModbusExceptionError as error:
-            reason = await self.reason(error)
+            reason = await self.refusal_reason(error)
             raise self.error(f"it refuses to {what}: {reason}", REFUSED_HINT) from error
 
-    async def reason(self, refused: ModbusExceptionError) -> str:
+    async def refusal_reason(self, refused: ModbusExceptionError) -> str:
         """Why it refused, in its own words where it says."""
         if refused.code == FAILURE:
             try:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from firmware_protocol.pmx import (
     DEVICE_ID,
-    FIRST_MINOR_WITH_MIRROR,
-    MAP_MAJOR,
+    FIRST_MINOR_VERSION_WITH_MIRROR,
+    MAP_MAJOR_VERSION,
     MAX_HOPPERS,
     PMX_MAP,
     SYSTEM_BLOCK,
@@ -20,12 +20,12 @@ from firmware_protocol.registers import RegisterValue, WordOrder
 from lmctl.config.machine import FeederSettings, HopperSettings
 from lmctl.errors import MachineError
 from lmctl.machine.modbus.client import ModbusLink
-from lmctl.machine.modbus.patience import repeated
-from lmctl.machine.modbus.word_order import counted_order, wrong_base_hint
+from lmctl.machine.modbus.opening_retries import answer_with_retries
+from lmctl.machine.modbus.word_order import address_base_hint, detect_word_order
 
 #: A device that is busy is asked again after this [s].
 _BUSY_PAUSE_S = 0.2
-_UPTIME = PMX_MAP.block(["UPTIME"])
+_UPTIME = PMX_MAP.contiguous_block(["UPTIME"])
 
 
 @dataclass(frozen=True)
@@ -54,22 +54,22 @@ async def identify_feeder(
     """
     place = [f"feeder {feeder.name}: {feeder.endpoint}, device {feeder.device_id}"]
     order = WordOrder(feeder.word_order)
-    words = await repeated(
+    words = await answer_with_retries(
         lambda: link.read_input(SYSTEM_BLOCK.address, SYSTEM_BLOCK.count), _BUSY_PAUSE_S
     )
-    values = SYSTEM_BLOCK.in_order(order).decode(words)
+    values = SYSTEM_BLOCK.with_word_order(order).decode(words)
     if values["DEVICE_ID"] != DEVICE_ID:
         raise MachineError(
             f"the device for feeder {feeder.name} is no PMX feeder",
             where=[*place, f"its DEVICE_ID is {values['DEVICE_ID']}, not {DEVICE_ID}"],
-            hint=wrong_base_hint(words, DEVICE_ID, feeder)
+            hint=address_base_hint(words, DEVICE_ID, feeder)
             or "check the feeder's endpoint and device_id in the machine profile",
         )
     major, minor = _pair(values["MAP_VERSION"])
-    if major != MAP_MAJOR:
+    if major != MAP_MAJOR_VERSION:
         raise MachineError(
             f"feeder {feeder.name} speaks another register map",
-            where=[*place, f"map {major}.{minor}; map {MAP_MAJOR} is known here"],
+            where=[*place, f"map {major}.{minor}; map {MAP_MAJOR_VERSION} is known here"],
             hint="this feeder needs another version of lmctl, or other firmware",
         )
     n_hoppers = _whole(values["N_HOPPERS"])
@@ -80,7 +80,7 @@ async def identify_feeder(
             where=[*place, *(f"hopper {h.name} is on channel {h.channel}" for h in missing)],
             hint="check the hoppers' channels in the machine profile",
         )
-    recipe_words = register_map(n_hoppers).block(recipe_register_names(n_hoppers)).count
+    recipe_words = register_map(n_hoppers).contiguous_block(recipe_register_names(n_hoppers)).count
     if recipe_words > feeder.max_registers:
         raise MachineError(
             f"feeder {feeder.name} moves {feeder.max_registers} registers in one request, and a "
@@ -89,7 +89,7 @@ async def identify_feeder(
             "max_registers in the machine profile if the device, and a gateway before it, take it",
         )
     factors = {h.name: await _feed_factor(link, h, place) for h in hoppers}
-    counted = await counted_order(link, _UPTIME, order)
+    counted = await detect_word_order(link, _UPTIME, order)
     if counted not in (None, order):
         raise MachineError(
             f"feeder {feeder.name} sends its 32-bit values in another word order",
@@ -102,7 +102,7 @@ async def identify_feeder(
         serial=_whole(values["SERIAL"]),
         n_hoppers=n_hoppers,
         heartbeat=_whole(values["HEARTBEAT_ECHO"]),
-        has_mirror=minor >= FIRST_MINOR_WITH_MIRROR,
+        has_mirror=minor >= FIRST_MINOR_VERSION_WITH_MIRROR,
         feed_factor_g_rev=factors,
     )
 
@@ -113,7 +113,8 @@ async def _feed_factor(link: ModbusLink, hopper: HopperSettings, place: list[str
                                                                      "N_MAX")]
     (block,) = PMX_MAP.plan_reads(names)
     values = block.decode(
-        await repeated(lambda: link.read_holding(block.address, block.count), _BUSY_PAUSE_S)
+        await answer_with_retries(lambda: link.read_holding(block.address, block.count),
+                                  _BUSY_PAUSE_S)
     )
     factor, _, most_rpm = (float(values[name] or 0.0) for name in names)
     if factor * most_rpm < hopper.max_flow_g_min:

@@ -17,7 +17,7 @@ from lmctl.machine.modbus.client import ModbusExceptionError, ModbusLink, NoRepl
 
 #: An order that takes something away is given again after this, for so long [s].
 _AGAIN_S = 0.1
-PATIENCE_S = 5.0
+ORDER_TIMEOUT_S = 5.0
 _CLOSE_PATIENCE_S = 1.0
 
 _COMMAND = PMX_MAP.wire_address("COMMAND")
@@ -35,23 +35,23 @@ class FeederOrders:
 
     async def set_command(self, command: FeederCommandBits, what: str) -> None:
         """The whole command word. Raises MachineError where it is refused or not answered."""
-        await self._cycle.errors.asked(self._write(command), what)
+        await self._cycle.errors.request_answer(self._write(command), what)
         self._cycle.command = command
         self._cycle.read_status_now()
 
-    async def add(self, bits: FeederCommandBits, what: str) -> None:
+    async def add_command_bits(self, bits: FeederCommandBits, what: str) -> None:
         """Put bits into the command. Raises as `set_command` does."""
         await self.set_command(self._cycle.command | bits, what)
 
-    async def take_away(
+    async def remove_command_bits(
         self, bits: FeederCommandBits, is_done: Callable[[FeederStatus], bool], failure: str
     ) -> None:
         """Take bits out of the command, again and again until the status shows that it worked."""
         command = self._cycle.command & ~bits
         self._cycle.command = command  # the cycle itself repeats it for as long as it must
-        await self.repeat(lambda: self._write(command), is_done, failure)
+        await self.repeat_until_done(lambda: self._write(command), is_done, failure)
 
-    async def repeat(
+    async def repeat_until_done(
         self, order: Callable[[], Awaitable[None]], is_done: Callable[[FeederStatus], bool],
         failure: str,
     ) -> None:
@@ -63,7 +63,7 @@ class FeederOrders:
         Raises MachineError after PATIENCE_S.
         """
         begun_s = self._loop.time()
-        deadline_s = begun_s + PATIENCE_S
+        deadline_s = begun_s + ORDER_TIMEOUT_S
         while True:
             failed: MachineError | None = None
             try:
@@ -72,16 +72,16 @@ class FeederOrders:
                 failed = error
             self._cycle.read_status_now()
             left_s = deadline_s - self._loop.time()
-            if await self._cycle.seen(is_done, min(_AGAIN_S, left_s)):
+            if await self._cycle.is_condition_met_within(is_done, min(_AGAIN_S, left_s)):
                 return
             is_dead = (isinstance(failed, NoReplyError)
                        and self._cycle.status_age_s >= self._silent_s)
             if is_dead or self._loop.time() >= deadline_s:
-                raise self._cycle.errors.not_seen(
+                raise self._cycle.errors.status_timeout_error(
                     failure, self._loop.time() - begun_s, self._cycle.status, failed
                 ) from failed
 
-    async def give_back(self) -> None:
+    async def release_command(self) -> None:
         """Everything off, repeated until it is answered.
 
         A device that is gone, or at LOCAL, stops by its own watchdog.

@@ -27,7 +27,7 @@ from lmctl.machine.feeder.identity import FeederIdentity
 from lmctl.machine.feeder.readings import HopperReader, HopperReading
 from lmctl.machine.feeder.recipe import PreviousFlows, RecipeWriter
 from lmctl.machine.feeder.status import (
-    GAS_IS_ORDERED,
+    GAS_ORDERED_STATES,
     FeederCallbacks,
     FeederStatus,
     read_feeder_status,
@@ -98,19 +98,19 @@ class FeederPolling:
         return self._loop.time() - self.status.time_s if self.status else float("inf")
 
     def set_flows(self, flows_g_min: Mapping[str, float]) -> None:
-        wanted = self._recipe.counts(flows_g_min)
+        wanted = self._recipe.flow_counts(flows_g_min)
         if wanted != self._wanted:
             self._wanted = wanted
             self._wake()
 
-    async def first_status(self) -> FeederStatus:
+    async def read_first_status(self) -> FeederStatus:
         """A status without heartbeat; recipes are then numbered on from the one that runs."""
         words = await self._link.read_input(SYSTEM_BLOCK.address, SYSTEM_BLOCK.count)
         status = self._understood(words)
         self._sequence = status.seq_applied
         return status
 
-    async def poll(self) -> None:
+    async def poll_once(self) -> None:
         """Heartbeat, recipe where it changed, and the status where it is due.
 
         That is one request; with a status, two on an old map. The next status shows whether the
@@ -134,7 +134,7 @@ class FeederPolling:
             self._sequence = self._sequence % 0xFFFF + 1
             if self._sent is not None:
                 self._former.record_replaced(self._sent, now_s)
-            words = self._recipe.words(
+            words = self._recipe.recipe_words(
                 wanted, sequence=self._sequence, heartbeat=self._heartbeat
             )
         if not with_status:
@@ -196,10 +196,10 @@ class FeederPolling:
         failure : what to say after timeout_s; faulty : a fault does not end the waiting
         Raises MachineError.
         """
-        if not await self.seen(condition, timeout_s, faulty=faulty):
-            raise self.errors.not_seen(failure, timeout_s, self.status)
+        if not await self.is_condition_met_within(condition, timeout_s, faulty=faulty):
+            raise self.errors.status_timeout_error(failure, timeout_s, self.status)
 
-    async def seen(
+    async def is_condition_met_within(
         self, condition: Callable[[FeederStatus], bool], timeout_s: float, *, faulty: bool = True
     ) -> bool:
         """Whether a status read from now on meets the condition before timeout_s has passed."""
@@ -226,19 +226,20 @@ class FeederPolling:
         while True:
             await self._pause()
             try:
-                await self.poll()
+                await self.poll_once()
                 if self._does_more_than_ordered():
                     await self._link.write(_COMMAND, [int(self.command)])
             except (NoReplyError, RegisterError):
                 pass  # the age of the last good answer tells
             except ModbusExceptionError as error:
                 await self._refused(error)
-            if complaint := self._watch.silence_fault(self.status_age_s, self._link.seen):
+            if complaint := self._watch.silence_fault(self.status_age_s,
+                                                      self._link.wire_observation):
                 self._complain(complaint)
 
     async def _refused(self, error: ModbusExceptionError) -> None:
         """A device that refuses answers all the same: its status says why, and how it is."""
-        reason = await self.errors.reason(error)
+        reason = await self.errors.refusal_reason(error)
         with suppress(MachineError, RegisterError):
             self._answered(self._understood(
                 await self._link.read_input(SYSTEM_BLOCK.address, SYSTEM_BLOCK.count)))
@@ -250,7 +251,7 @@ class FeederPolling:
         if status is None or status.mode is not FeederMode.REMOTE:
             return False
         return (status.feeding and FeederCommandBits.FEED_ON not in self.command) or (
-            status.state in GAS_IS_ORDERED and FeederCommandBits.GAS_ON not in self.command
+            status.state in GAS_ORDERED_STATES and FeederCommandBits.GAS_ON not in self.command
         )
 
     async def _pause(self) -> None:
@@ -274,7 +275,8 @@ class FeederPolling:
         now_s = self._loop.time()
         self._hoppers_due_s = now_s + _HOPPER_CYCLES * self.period_s
         self._readings = {
-            name: reader.reading(words[name], now_s, self._former.recent_setpoints_g_min(at, now_s))
+            name: reader.decode_reading(words[name], now_s,
+                                        self._former.recent_setpoints_g_min(at, now_s))
             for at, (name, reader) in enumerate(self._readers.items())
         }
 

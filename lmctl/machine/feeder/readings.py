@@ -58,14 +58,14 @@ class HopperReader:
             if PMX_MAP[name].address < 100 * hopper.channel + _READ
         ]
         (block,) = PMX_MAP.plan_reads(wanted)
-        self._block = block.in_order(word_order)
+        self._block = block.with_word_order(word_order)
         self.address, self.count = self._block.address, self._block.count
         at = mirror_offset(hopper.channel)
         self.mirrored = slice(at, at + self.count)
         self._hopper = hopper
         self._factor = feed_factor_g_rev
 
-    def reading(
+    def decode_reading(
         self, words: Sequence[int], time_s: float, former_g_min: tuple[float, ...] = ()
     ) -> HopperReading:
         """Raises RegisterError where the number of words is wrong."""

@@ -34,7 +34,7 @@ class RecipeWriter:
     def __init__(self, feeder: FeederSettings, hoppers: Sequence[HopperSettings],
                  n_hoppers: int) -> None:
         table = register_map(n_hoppers)
-        block = table.block(recipe_register_names(n_hoppers))
+        block = table.contiguous_block(recipe_register_names(n_hoppers))
         self.address = block.address
         self._hoppers = tuple(hoppers)
         self._most = [round(h.max_flow_g_min * _COUNTS_PER_G_MIN) for h in hoppers]
@@ -48,7 +48,7 @@ class RecipeWriter:
                                                     "FLOW_SP")) - block.address for h in hoppers
         ]
 
-    def counts(self, flows_g_min: Mapping[str, float]) -> tuple[int, ...]:
+    def flow_counts(self, flows_g_min: Mapping[str, float]) -> tuple[int, ...]:
         """Flows as the device resolves them, 0.01 g/min each, in the hoppers' order.
 
         Raises ValueError for a flow that is no number, beyond its hopper's range, or nobody's.
@@ -67,7 +67,7 @@ class RecipeWriter:
             counts.append(count)
         return tuple(counts)
 
-    def words(self, counts: Sequence[int], *, sequence: int, heartbeat: int) -> list[int]:
+    def recipe_words(self, counts: Sequence[int], *, sequence: int, heartbeat: int) -> list[int]:
         """The write that makes these flows the recipe number `sequence`."""
         words = list(self._words)
         words[self._at["HEARTBEAT"]] = heartbeat
@@ -111,7 +111,7 @@ def _settings(
         "WD_TIMEOUT": round(feeder.watchdog_s * 1000),
         "WD_ACTION": WatchdogAction.DISCS_STOP,
         "STABILISE": max(feeder.stabilise_s, settling_time_s(hoppers)),
-        "POSTFLOW": post_flow_s(feeder, hoppers),
+        "POSTFLOW": post_flow_duration_s(feeder, hoppers),
         "SETPOINT_MODE": SetpointMode.G_MIN,
         "AT_SPEED_TOL": 2.0,
     }
@@ -120,6 +120,6 @@ def _settings(
     return values
 
 
-def post_flow_s(feeder: FeederSettings, hoppers: Sequence[HopperSettings]) -> float:
+def post_flow_duration_s(feeder: FeederSettings, hoppers: Sequence[HopperSettings]) -> float:
     """Gas after powder: what the profile asks for, and long enough to empty the hose."""
     return max(feeder.gas_postflow_s, settling_time_s(hoppers))

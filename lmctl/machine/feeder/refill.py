@@ -12,13 +12,13 @@ from collections import deque
 
 from firmware_protocol.pmx import FeederCommandBits, HopperStatusBits
 from lmctl.errors import MachineError
-from lmctl.machine.feeder.orders import PATIENCE_S, FeederOrders
+from lmctl.machine.feeder.orders import ORDER_TIMEOUT_S, FeederOrders
 from lmctl.machine.feeder.polling import FeederPolling
 from lmctl.machine.feeder.readings import HopperReading
 from lmctl.machine.feeder.status import FeederStatus
 
 #: A weight is steady when it stays for so long within so much, or within a share of itself.
-STEADY_FOR_S = 3.0
+STEADY_WEIGHT_DURATION_S = 3.0
 _STEADY_G, _STEADY_SHARE = 1.0, 0.0005
 _WEIGHT_PATIENCE_S = 60.0
 
@@ -45,9 +45,9 @@ class HopperRefill:
                 HopperStatusBits.PRESSURISED not in reading.flags
             )
 
-        await self._orders.add(FeederCommandBits.REFILL_HOLD, "freeze its weighing")
+        await self._orders.add_command_bits(FeederCommandBits.REFILL_HOLD, "freeze its weighing")
         await self._cycle.wait_until(
-            is_ready, 2 * PATIENCE_S, f"hopper {hopper} did not become free of pressure",
+            is_ready, 2 * ORDER_TIMEOUT_S, f"hopper {hopper} did not become free of pressure",
             faulty=True,
         )
         return before
@@ -63,8 +63,8 @@ class HopperRefill:
             self._cycle.request_hopper_readings()
             return reading is not None and HopperStatusBits.REFILLING not in reading.flags
 
-        await self._orders.take_away(FeederCommandBits.REFILL_HOLD, goes_on,
-                                     "its weighing did not go on")
+        await self._orders.remove_command_bits(FeederCommandBits.REFILL_HOLD, goes_on,
+                                               "its weighing did not go on")
         return await self._steady(hopper)
 
     async def _steady(self, hopper: str) -> HopperReading:
@@ -77,12 +77,12 @@ class HopperRefill:
             if reading.weight_g is None:
                 return reading
             seen.append(reading)
-            while len(seen) > 2 and seen[1].time_s <= reading.time_s - STEADY_FOR_S:
+            while len(seen) > 2 and seen[1].time_s <= reading.time_s - STEADY_WEIGHT_DURATION_S:
                 seen.popleft()
             weights = [one.weight_g for one in seen if one.weight_g is not None]
             spread_g = max(weights) - min(weights)
             lasted_s = reading.time_s - seen[0].time_s
-            if lasted_s >= STEADY_FOR_S and spread_g <= max(
+            if lasted_s >= STEADY_WEIGHT_DURATION_S and spread_g <= max(
                 _STEADY_G, _STEADY_SHARE * reading.weight_g
             ):
                 return reading
@@ -102,7 +102,7 @@ class HopperRefill:
 
         self._cycle.request_hopper_readings()
         await self._cycle.wait_until(
-            is_later, PATIENCE_S, f"hopper {hopper} was not read", faulty=True)
+            is_later, ORDER_TIMEOUT_S, f"hopper {hopper} was not read", faulty=True)
         status = self._cycle.status
         if status is None:
             raise MachineError(f"hopper {hopper} was not read")

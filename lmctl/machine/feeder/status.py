@@ -7,14 +7,14 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from firmware_protocol.pmx import SYSTEM_BLOCK, FeederMode, FeederStateCode, FeederStatusBits
-from firmware_protocol.pmx_alarms import CLIPPED_BIT, FeederAlarm, describe_first_out_alarm
+from firmware_protocol.pmx_alarms import SETPOINT_CLIPPED_BIT, FeederAlarm, describe_first_out_alarm
 from firmware_protocol.registers import WordOrder
 from lmctl.machine.feeder.readings import HopperReading
 from lmctl.machine.feeder.warnings import FeederWarning, WarningReader
 
 _TURNING = (FeederStateCode.STABILISING, FeederStateCode.FEEDING)
 #: States in which gas flows because it is ordered, and not as post-flow.
-GAS_IS_ORDERED = (FeederStateCode.GAS_PREFLOW, *_TURNING)
+GAS_ORDERED_STATES = (FeederStateCode.GAS_PREFLOW, *_TURNING)
 
 
 class FeederStatus(NamedTuple):
@@ -49,7 +49,7 @@ class FeederStatus(NamedTuple):
 
 #: The rows of the system block that a status is made of, by the device's word order.
 _STATUS_ROWS = {
-    order: SYSTEM_BLOCK.in_order(order).restricted_to((
+    order: SYSTEM_BLOCK.with_word_order(order).restricted_to((
         "STATUS", "ALARM", "WARNING", "FIRST_ALARM_CODE", "HEARTBEAT_AGE", "UPTIME", "MODE",
         "STATE", "MIXER_PRESSURE", "TOTAL_GAS", "SEQ_APPLIED", "TICK",
     ))
@@ -76,7 +76,7 @@ def read_feeder_status(
         alarm=describe_first_out_alarm(code, values["ALARM"], warnings.names)
         if code or FeederStatusBits.ALARM in flags else None,
         warnings=warnings.read(warned, hoppers),
-        clipped=bool(warned & CLIPPED_BIT),
+        clipped=bool(warned & SETPOINT_CLIPPED_BIT),
         seq_applied=values["SEQ_APPLIED"],
         heartbeat_age_s=values["HEARTBEAT_AGE"] / 1000.0,
         uptime_s=values["UPTIME"],

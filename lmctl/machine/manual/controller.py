@@ -11,7 +11,7 @@ from lmctl.machine.safety.driver import SafetyDriver
 
 
 @asynccontextmanager
-async def open_motion(profile: MachineProfile) -> AsyncIterator[MotionDriver]:
+async def open_motion_controller(profile: MachineProfile) -> AsyncIterator[MotionDriver]:
     """The controller, opened; closed again afterwards.
 
     Where a watchdog relay is wired to its door input it would stand behind an open door for ever:

@@ -9,7 +9,7 @@ from firmware_protocol.realtime import RealtimeCommand
 from firmware_protocol.status import StatusReport
 from lmctl.errors import MachineError
 from lmctl.machine.motion.driver import MotionCallbacks, MotionDriver
-from lmctl.machine.motion.identity import is_homing_enabled, read_offset
+from lmctl.machine.motion.identity import is_homing_enabled, parse_work_offset
 
 _AXES = "XYZ"
 _TOWARDS, _SEEK, _PULL_OFF, _TRAVEL = 23, 25, 27, 130
@@ -45,12 +45,12 @@ async def home_axes(motion: MotionDriver) -> tuple[float, ...]:
     Being cancelled resets the controller, which is all that ends a homing cycle.
     """
     if motion.status is not None and motion.status.state == "Idle":
-        await motion.command("M5 S0")
+        await motion.send_command("M5 S0")
     motion.position_trusted = False
     try:
         await motion.home()
     except asyncio.CancelledError:
-        motion.realtime(RealtimeCommand.RESET)
+        motion.send_realtime(RealtimeCommand.RESET)
         raise
     await wait_for_report(motion)
     return motion.position_mm or ()
@@ -65,21 +65,21 @@ async def set_work_offset(
     coordinates of program zero. The controller stores it in its EEPROM. Raises MachineError.
     """
     words = " ".join(f"{axis}{value:.3f}" for axis, value in axes.items())
-    await motion.command("G21 G54")
-    await motion.command(f"G10 {'L20' if here else 'L2'} P1 {words}")
-    parser_state = await motion.command("$G")
-    return read_offset(parser_state, await motion.command("$#"))
+    await motion.send_command("G21 G54")
+    await motion.send_command(f"G10 {'L20' if here else 'L2'} P1 {words}")
+    parser_state = await motion.send_command("$G")
+    return parse_work_offset(parser_state, await motion.send_command("$#"))
 
 
-async def run_clear_offsets(motion: MotionDriver) -> tuple[float, ...]:
+async def clear_work_offsets(motion: MotionDriver) -> tuple[float, ...]:
     """Back to G54, without G92 and tool length; returns the offset of every axis then.
 
     Raises MachineError.
     """
     for line in ("G54", "G92.1", "G49"):
-        await motion.command(line)
-    parser_state = await motion.command("$G")
-    return read_offset(parser_state, await motion.command("$#"))
+        await motion.send_command(line)
+    parser_state = await motion.send_command("$G")
+    return parse_work_offset(parser_state, await motion.send_command("$#"))
 
 
 async def unlock_controller(motion: MotionDriver) -> None:
@@ -90,10 +90,10 @@ async def unlock_controller(motion: MotionDriver) -> None:
     if motion.status is None or motion.status.state != "Alarm":
         return
     try:
-        await motion.command("$X")
+        await motion.send_command("$X")
     except MachineError:
         await motion.reset()
-        await motion.command("$X")
+        await motion.send_command("$X")
     report = await wait_for_report(motion)
     if report.state == "Alarm":
         raise MachineError("the controller stays in alarm", hint="its cause remains: see "

@@ -9,7 +9,7 @@ from typing import Any
 
 from firmware_protocol.pmx import PMX_MAP, SYSTEM_BLOCK, hopper_register_name, mirror_register
 from firmware_protocol.registers import RegisterError, WordOrder
-from firmware_protocol.safety_io import CYCLIC_BLOCK, mirrored_at
+from firmware_protocol.safety_io import CYCLIC_BLOCK, mirror_address_of
 from lmctl.config.machine import FeederSettings, HopperSettings, SafetySettings
 from lmctl.config.modbus_device import ModbusDevice
 from lmctl.errors import MachineError
@@ -23,7 +23,7 @@ from lmctl.machine.modbus.client import (
     NoReplyError,
     PassingExceptionError,
 )
-from lmctl.machine.modbus.probe import ask_around
+from lmctl.machine.modbus.probe import probe_other_settings
 from lmctl.machine.safety.identity import describe_device
 from lmctl.machine.safety.identity import identify_safety_device as identify_safety
 from lmctl.machine.safety.status import SafetyStatus, read_safety_status
@@ -40,7 +40,7 @@ class FeederInspection:
     """What a feeder says of itself.
 
     clock_ratio : how far its clock moved while ours moved by 1; 0 for data that stand still
-    limits : of each hopper of the profile, by name: N_MIN, N_MAX [rpm], CARRIER_MIN,
+    hopper_limits : of each hopper of the profile, by name: N_MIN, N_MAX [rpm], CARRIER_MIN,
         CARRIER_MAX [L/min], LEVEL_WARN, LEVEL_STOP [%]
     reply_time_s : time of one exchange
     """
@@ -48,7 +48,7 @@ class FeederInspection:
     identity: FeederIdentity
     status: FeederStatus
     clock_ratio: float
-    limits: Mapping[str, Mapping[str, float]]
+    hopper_limits: Mapping[str, Mapping[str, float]]
     reply_time_s: float
 
 
@@ -92,7 +92,7 @@ async def _feeder_told(
     for hopper in hoppers:
         reader = HopperReader(hopper, identity.feed_factor_g_rev[hopper.name], order)
         words = await link.read_input(reader.address, reader.count)
-        readings[hopper.name] = reader.reading(words, loop.time())
+        readings[hopper.name] = reader.decode_reading(words, loop.time())
         (block,
          ) = PMX_MAP.plan_reads([hopper_register_name(hopper.channel, name) for name in _LIMITS])
         values: dict[str, Any] = block.decode(await link.read_holding(block.address, block.count))
@@ -127,7 +127,7 @@ async def inspect_safety(safety: SafetySettings) -> SafetyStatus:
     bad endpoint.
     """
     try:
-        link = await ModbusLink.open(safety, timeout_s=_TIMEOUT_S, mirror=mirrored_at)
+        link = await ModbusLink.open(safety, timeout_s=_TIMEOUT_S, mirror=mirror_address_of)
         try:
             await identify_safety(link, safety)
             words = await link.read_input(CYCLIC_BLOCK.address, CYCLIC_BLOCK.count)
@@ -147,7 +147,7 @@ async def _with_neighbours(
     name: str, error: NoReplyError, place: str, device: ModbusDevice
 ) -> MachineError:
     """A silence, with who answers instead: other ids and other settings of the line are tried."""
-    found = None if isinstance(error, PassingExceptionError) else await ask_around(device)
+    found = None if isinstance(error, PassingExceptionError) else await probe_other_settings(device)
     if found is None:
         return MachineError(f"{name}: {error.what}", where=place, hint=error.hint)
     return MachineError(

@@ -18,8 +18,8 @@ from lmctl.machine.motion.handshake import first_report, query_homed, query_iden
 from lmctl.machine.motion.identity import (
     ControllerIdentity,
     is_homing_enabled,
-    read_offset,
-    read_settings,
+    parse_settings,
+    parse_work_offset,
 )
 
 _COMMAND_S = 3.0
@@ -33,10 +33,10 @@ class MotionReading:
 
     identity, settings, parser_state, offsets : None or empty where it does not answer in its state;
         parser_state and offsets are the lines of `$G` and `$#`
-    position_trusted : whether reported positions are those of the machine
-    homed : whether it calls its axes homed; None where it does not say (Grbl never does)
-    damaged : messages that made no sense on the way
-    ours : whether this host has taken it over, as a run does: it has been brought to rest
+    is_position_trusted : whether reported positions are those of the machine
+    is_homed : whether it calls its axes homed; None where it does not say (Grbl never does)
+    damaged_message_count : messages that made no sense on the way
+    is_taken_over : whether this host has taken it over, as a run does: it has been brought to rest
     """
 
     report: StatusReport
@@ -44,15 +44,15 @@ class MotionReading:
     settings: dict[int, str]
     parser_state: Sequence[str]
     offsets: Sequence[str]
-    position_trusted: bool
-    homed: bool | None
-    damaged: int
-    ours: bool = False
+    is_position_trusted: bool
+    is_homed: bool | None
+    damaged_message_count: int
+    is_taken_over: bool = False
 
     @property
     def offset_mm(self) -> tuple[float, ...] | None:
         """Work offset in force (work = machine - offset), or None where it is not reported."""
-        return read_offset(self.parser_state, self.offsets) if self.offsets else None
+        return parse_work_offset(self.parser_state, self.offsets) if self.offsets else None
 
     @property
     def position_mm(self) -> tuple[float, ...] | None:
@@ -81,10 +81,10 @@ async def inspect_controller(endpoint: str, *, baud: int, timeout_s: float = 5.0
             return MotionReading(report, None, {}, (), (), False, None, talk.damaged)
         identity = await query_identity(talk)
         talk.use_dialect(identity.dialect, identity.rx_bytes)
-        settings = read_settings(await _told(talk, "$$"))
+        settings = parse_settings(await _told(talk, "$$"))
         parser_state = await _told(talk, "$G")
         offsets = await _told(talk, "$#")
-        report, is_homed = await talk.fresh_report(timeout_s) or report, await query_homed(talk)
+        report, is_homed = await talk.query_report(timeout_s) or report, await query_homed(talk)
         trusted = report.state == "Idle" and bool(settings) and (
             is_homed is True or not is_homing_enabled(settings)
         )
@@ -106,16 +106,16 @@ async def read_motion(motion: MotionDriver) -> MotionReading:
     return MotionReading(
         report, motion.identity, motion.settings,
         await _told_to(motion, "$G"), await _told_to(motion, "$#"),
-        motion.position_trusted, None, motion.damaged_messages, ours=True,
+        motion.position_trusted, None, motion.damaged_message_count, is_taken_over=True,
     )
 
 
 async def _told_to(motion: MotionDriver, command: str) -> list[str]:
     """The same of a controller that is open."""
     try:
-        return await motion.command(command)
+        return await motion.send_command(command)
     except MachineError:
-        if not motion.all_answered:
+        if not motion.is_all_answered:
             raise
         return []
 
@@ -127,7 +127,7 @@ def _ignore(*_: object) -> None:
 async def _told(talk: GrblConnection, command: str) -> list[str]:
     """What a command is answered with, nothing where it is refused (as in some alarms)."""
     try:
-        return await talk.command(command, _COMMAND_S)
+        return await talk.send_command(command, _COMMAND_S)
     except MachineError:
         if talk.lost:
             raise

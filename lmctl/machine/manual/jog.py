@@ -94,10 +94,10 @@ async def jog_axes(jog: JogRequest, motion: MotionDriver, limits: MotionSettings
     words = "".join(f"{axis}{value:.3f}" for axis, value in target.items())
     mode = "G90" if motion.position_trusted else "G91"
     try:
-        await motion.command(f"$J=G21{mode}{words}F{jog.feed_mm_min:.1f}")
+        await motion.send_command(f"$J=G21{mode}{words}F{jog.feed_mm_min:.1f}")
         await _rest(motion, longest_s + _PATIENCE_S)
     except asyncio.CancelledError:
-        motion.realtime(RealtimeCommand.JOG_CANCEL)
+        motion.send_realtime(RealtimeCommand.JOG_CANCEL)
         await _rest(motion, _CANCELLED_S)
         raise
     at = motion.position_mm or ()
@@ -119,8 +119,8 @@ def _distances(target: Mapping[str, float], jog: JogRequest, motion: MotionDrive
 
 async def _beam_off(motion: MotionDriver) -> None:
     """A jog moves with the beam as the last program left it, so it is switched off first."""
-    await motion.command("M5 S0")
-    said = " ".join(await motion.command("$G"))
+    await motion.send_command("M5 S0")
+    said = " ".join(await motion.send_command("$G"))
     if "M5" not in said.replace("]", " ").split():
         raise MachineError("the controller did not switch the beam off", where=f"it says {said}",
                            hint="switch the laser off by hand; reset the controller")
@@ -154,7 +154,7 @@ async def _rest(motion: MotionDriver, timeout_s: float) -> None:
         async with asyncio.timeout(timeout_s):
             await ended
     except TimeoutError:
-        motion.realtime(RealtimeCommand.JOG_CANCEL)
+        motion.send_realtime(RealtimeCommand.JOG_CANCEL)
         raise MachineError(f"the machine still moves after {timeout_s:.0f} s",
                            hint="a stop was sent; look at the machine") from None
     finally:

@@ -20,7 +20,7 @@ _ANSWER_S = 0.3
 _REPORT = re.compile(rb"<[A-Z][A-Za-z]+(?::[0-9]+)?\|[ -~]*>")
 
 
-async def find_rate(where: MotionEndpoint, tried: int) -> int | None:
+async def find_baud_rate(where: MotionEndpoint, tried: int) -> int | None:
     """The rate at which a Grbl controller answers on a serial port, or None.
 
     The port stays open throughout, so that a board which resets with it does so once.

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from lmctl.errors import MachineError
-from lmctl.machine.manual.settings_file import same_value
+from lmctl.machine.manual.settings_file import is_same_value
 from lmctl.machine.motion.driver import MotionDriver
-from lmctl.machine.motion.identity import HOMING, read_settings
+from lmctl.machine.motion.identity import HOMING, parse_settings
 
 #: Directions, homing and steps per mm: what a position means is another one afterwards.
 _OF_POSITION = frozenset((3, HOMING, 23, 27, 100, 101, 102, 103, 104, 105))
@@ -44,9 +44,9 @@ async def apply_settings(motion: MotionDriver, wanted: Mapping[int, str]) -> Wri
         state = "unknown" if report is None else report.state
         raise MachineError(f"settings cannot be written in state {state}",
                            hint="wait until the machine stands")
-    before = read_settings(await motion.command("$$"))
+    before = parse_settings(await motion.send_command("$$"))
     left = {number: value for number, value in wanted.items()
-            if number not in before or not same_value(value, before[number])}
+            if number not in before or not is_same_value(value, before[number])}
     asked = dict(left)
     refused: dict[int, str] = {}
     messages: list[str] = []
@@ -55,11 +55,11 @@ async def apply_settings(motion: MotionDriver, wanted: Mapping[int, str]) -> Wri
         left = {number: left[number] for number in refused}
         if not left:
             break
-    after = read_settings(await motion.command("$$"))
+    after = parse_settings(await motion.send_command("$$"))
     for number, value in asked.items():
         if number not in after:
             refused[number] = "this controller has no such setting"
-        elif number not in refused and not same_value(value, after[number]):
+        elif number not in refused and not is_same_value(value, after[number]):
             refused[number] = f"it was taken, and reads back as {after[number]}"
     changed = {number: (before[number], after.get(number, "missing")) for number in before
                if before[number] != after.get(number, "missing")}
@@ -80,9 +80,9 @@ async def _write(
     refused = {}
     for number, value in settings.items():
         try:
-            said = await motion.command(f"${number}={value}")
+            said = await motion.send_command(f"${number}={value}")
         except MachineError as error:
-            if not motion.all_answered:  # it said nothing at all
+            if not motion.is_all_answered:  # it said nothing at all
                 raise
             refused[number] = error.what
         else:

@@ -19,7 +19,7 @@ _DESCRIBED = re.compile(r"([+-]?[0-9.]+)\s+\(.*\)")
 _REALTIME = frozenset("?!~")
 
 
-def settings_in(path: Path) -> dict[int, str]:
+def read_settings_file(path: Path) -> dict[int, str]:
     """The settings kept in a file; blank lines and those that begin with # ; or ( are passed over.
 
     Raises MissingFileError; ConfigError with every line that is no setting, or cannot be sent.
@@ -31,7 +31,7 @@ def settings_in(path: Path) -> dict[int, str]:
         if not text or text[0] in "#;(":
             continue
         try:
-            setting, value = read_setting(text)
+            setting, value = parse_setting(text)
         except UsageError as error:
             wrong.append(Finding(f"line {number}", error.what))
             continue
@@ -47,7 +47,7 @@ def settings_in(path: Path) -> dict[int, str]:
     return found
 
 
-def read_setting(text: str) -> tuple[int, str]:
+def parse_setting(text: str) -> tuple[int, str]:
     """Number and value of `32=1` or `$32=1`. Raises UsageError for text that is no setting."""
     matched = _LINE.fullmatch(text)
     if matched is None:
@@ -65,7 +65,7 @@ def read_setting(text: str) -> tuple[int, str]:
     return int(matched[1]), value
 
 
-def write_settings(path: Path, settings: Mapping[int, str], comments: list[str]) -> None:
+def write_settings_file(path: Path, settings: Mapping[int, str], comments: list[str]) -> None:
     """Keep settings in a new file. Raises UsageError where it is there already, or cannot be."""
     lines = [*(f"# {comment}" for comment in comments),
              *(f"${number}={value}" for number, value in settings.items())]
@@ -79,7 +79,7 @@ def write_settings(path: Path, settings: Mapping[int, str], comments: list[str])
         raise UsageError(f"cannot write {path}", where=str(error.strerror)) from None
 
 
-def same_value(kept: str, reported: str) -> bool:
+def is_same_value(kept: str, reported: str) -> bool:
     """Whether a controller that reports a setting so holds the value that was kept.
 
     Numbers are compared to the decimals the controller prints.

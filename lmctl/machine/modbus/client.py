@@ -23,7 +23,7 @@ from lmctl.machine.modbus.pdus import ClientExchangeRequest, ClientWriteRequest
 from lmctl.machine.modbus.wire import ModbusWire
 
 #: Most registers one exchange (FC 23) may write; it may read MOST_READ.
-MAX_EXCHANGED = 121
+MAX_EXCHANGE_WRITE_REGISTERS = 121
 
 ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE, FAILURE = 1, 2, 3, 4
 
@@ -140,12 +140,12 @@ class ModbusLink:
         return cls(wire, where, device, timeout_s, mirror)
 
     @property
-    def seen(self) -> WireObservation:
+    def wire_observation(self) -> WireObservation:
         """What has come since the last good answer."""
         return self._wire.seen
 
     @property
-    def age_s(self) -> float:
+    def answer_age_s(self) -> float:
         """Time since the last good answer (since opening, before the first)."""
         return self._loop.time() - self._answered_s
 
@@ -173,7 +173,7 @@ class ModbusLink:
 
         Two where the device does not know the function, more where it moves fewer registers.
         """
-        _check_count(len(words), min(MAX_EXCHANGED, self._most))
+        _check_count(len(words), min(MAX_EXCHANGE_WRITE_REGISTERS, self._most))
         _check_count(count, MAX_READ_REGISTERS)
         if not self._exchanges:
             await self.write(write_address, words)
@@ -226,19 +226,19 @@ class ModbusLink:
                 self._expect_late_answer(self._loop.time())
                 seen = self._wire.seen
                 raise NoReplyError(
-                    f"it does not answer: {seen.sentence}", where=self.endpoint, hint=seen.hint
+                    f"it does not answer: {seen.description}", where=self.endpoint, hint=seen.hint
                 ) from error
             if answer.isError():
                 raise self._exception(answer.exception_code)
             self._answered_s = self._loop.time()
-            self._wire.forget_seen()
+            self._wire.reset_observation()
             return answer
 
     def _exception(self, code: int) -> MachineError:
         if code not in _PASSING:
             return ModbusExceptionError(self.endpoint, code)
         seen, words = self._wire.seen, f"{_PASSING[code]} (Modbus exception {code:02d})"
-        seen.passing_exceptions[words] = seen.passing_exceptions.get(words, 0) + 1
+        seen.passing_exception_counts[words] = seen.passing_exception_counts.get(words, 0) + 1
         return PassingExceptionError(words, where=self.endpoint, hint=seen.hint)
 
     def _expect_late_answer(self, sent_s: float) -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from urllib.parse import urlsplit
 
 from lmctl.errors import ConfigError
-from lmctl.machine.endpoint_keys import endpoint_keys, refused_key
+from lmctl.machine.endpoint_keys import endpoint_key_error, endpoint_keys
 
 _TCP_PORT = 502
 _LEAST_BAUD, _MOST_BAUD = 300, 4_000_000
@@ -81,5 +81,5 @@ def _rtu(text: str, path: str, keys: Mapping[str, str]) -> RtuEndpoint:
     if stop_bits not in ("1", "2"):
         wrong.append(f"stop={stop_bits}")
     if wrong:
-        raise refused_key(text, f"{' and '.join(wrong)} will not do", RTU_KEYS)
+        raise endpoint_key_error(text, f"{' and '.join(wrong)} will not do", RTU_KEYS)
     return RtuEndpoint(text, path, int(baud), parity, int(stop_bits))

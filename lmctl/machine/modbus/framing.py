@@ -28,14 +28,14 @@ class SentRequest(NamedTuple):
     """A request that is open.
 
     frame : the bytes sent
-    number : transaction number, TCP only
+    transaction_number : transaction number, TCP only
     answer_bytes : length of its regular answer, function code included
     """
 
     frame: bytes
     device_id: int
     function_code: int
-    number: int
+    transaction_number: int
     answer_bytes: int
 
 
@@ -48,7 +48,8 @@ class Framing(Protocol):
     def find_answer(self, received: bytes, sent: SentRequest) -> bytes | None:
         """The PDU that answers the request, an exception included; None while there is none."""
 
-    def observe(self, received: bytes, sent: SentRequest, seen: WireObservation) -> None:
+    def count_unexpected_bytes(self, received: bytes, sent: SentRequest,
+                               seen: WireObservation) -> None:
         """Count what came instead of an answer."""
 
 
@@ -84,11 +85,12 @@ class RtuFraming:
             at += 1
         return None
 
-    def observe(self, received: bytes, sent: SentRequest, seen: WireObservation) -> None:
+    def count_unexpected_bytes(self, received: bytes, sent: SentRequest,
+                               seen: WireObservation) -> None:
         echo_end = self._end_of_echo(received, sent)
         self._line_echoes = echo_end > 0
         if echo_end:
-            seen.echoes += 1
+            seen.echo_count += 1
             received = received[echo_end:]
         at, stray = 0, 0
         while at < len(received):
@@ -97,11 +99,11 @@ class RtuFraming:
             if size:
                 self._count_intact(received[at : at + size], sent, seen)
             elif _begins_answer(received[at:], sent):
-                seen.damaged_frames += 1
+                seen.damaged_frame_count += 1
                 size = len(received) - at
             stray += not size
             at += size or 1
-        seen.stray_bytes += stray
+        seen.stray_byte_count += stray
 
     def _end_of_echo(self, received: bytes, sent: SentRequest) -> int:
         """Where the echo of the request ends, 0 where there is none."""
@@ -118,9 +120,9 @@ class RtuFraming:
         elif frame[1] & ~EXCEPTION_FLAG == sent.function_code and (
             len(frame) in (sent.answer_bytes + 3, 5)
         ):
-            seen.late_answers += 1
+            seen.late_answer_count += 1
         else:
-            seen.unexpected_answers += 1
+            seen.unexpected_answer_count += 1
 
 
 class TcpFraming:
@@ -131,7 +133,7 @@ class TcpFraming:
         return header + bytes((device_id,)) + pdu
 
     def find_answer(self, received: bytes, sent: SentRequest) -> bytes | None:
-        header = sent.number.to_bytes(2, "big") + b"\0\0"
+        header = sent.transaction_number.to_bytes(2, "big") + b"\0\0"
         at = -1
         while (at := received.find(header, at + 1)) >= 0:
             frame = _tcp_frame(received[at:])
@@ -139,23 +141,24 @@ class TcpFraming:
                 return frame[_MBAP + 1:]
         return None
 
-    def observe(self, received: bytes, sent: SentRequest, seen: WireObservation) -> None:
+    def count_unexpected_bytes(self, received: bytes, sent: SentRequest,
+                               seen: WireObservation) -> None:
         at = 0
         while at < len(received):
             frame = _tcp_frame(received[at:])
             if frame is None:
-                seen.stray_bytes += 1
+                seen.stray_byte_count += 1
                 at += 1
                 continue
             at += len(frame)
             if frame == sent.frame:
-                seen.echoes += 1
+                seen.echo_count += 1
             elif frame[_MBAP] != sent.device_id:
                 seen.other_ids.add(frame[_MBAP])
             elif _is_tcp_answer(frame, sent):
-                seen.late_answers += 1
+                seen.late_answer_count += 1
             else:
-                seen.unexpected_answers += 1
+                seen.unexpected_answer_count += 1
 
 
 def _begins_answer(data: bytes, sent: SentRequest) -> bool:

@@ -17,41 +17,43 @@ class WireObservation:
     """Counts since the last good answer.
 
     is_serial : the wire is a serial line (RTU), not a network connection (TCP)
-    requests : requests sent without a usable answer
-    not_connected : requests that found no connection
+    unanswered_request_count : requests sent without a usable answer
+    unconnected_request_count : requests that found no connection
     bytes_received : all of them
-    echoes : requests that came back as they were sent
+    echo_count : requests that came back as they were sent
     other_ids : device ids of intact frames that are not the one asked
-    damaged_frames : answers with a wrong checksum, or cut short
-    late_answers : answers that came after their time
-    unexpected_answers : intact frames of the device that answer another question
-    stray_bytes : bytes that belong to no frame
-    passing_exceptions : how often each came, by its words: a busy device, or a gateway that cannot
+    damaged_frame_count : answers with a wrong checksum, or cut short
+    late_answer_count : answers that came after their time
+    unexpected_answer_count : intact frames of the device that answer another question
+    stray_byte_count : bytes that belong to no frame
+    passing_exception_counts : how often each came, by its words: a busy device, or a gateway that
+    cannot
         reach it
     """
 
     device_id: int
     is_serial: bool
     timeout_s: float
-    requests: int = 0
-    not_connected: int = 0
+    unanswered_request_count: int = 0
+    unconnected_request_count: int = 0
     bytes_received: int = 0
-    echoes: int = 0
+    echo_count: int = 0
     other_ids: set[int] = field(default_factory=set)
-    damaged_frames: int = 0
-    late_answers: int = 0
-    unexpected_answers: int = 0
-    stray_bytes: int = 0
-    passing_exceptions: dict[str, int] = field(default_factory=dict)
+    damaged_frame_count: int = 0
+    late_answer_count: int = 0
+    unexpected_answer_count: int = 0
+    stray_byte_count: int = 0
+    passing_exception_counts: dict[str, int] = field(default_factory=dict)
 
     @property
-    def is_anything(self) -> bool:
+    def has_anomalies(self) -> bool:
         """Whether something has gone wrong at all."""
-        return bool(self.requests or self.not_connected or self.bytes_received
-                    or self.passing_exceptions or self.damaged_frames)
+        return bool(
+            self.unanswered_request_count or self.unconnected_request_count or self.bytes_received
+                    or self.passing_exception_counts or self.damaged_frame_count)
 
     @property
-    def sentence(self) -> str:
+    def description(self) -> str:
         """What was seen, in words, e.g. "no byte came back in 3 requests"."""
         return "; ".join(sentence for sentence, _ in self._findings())
 
@@ -69,51 +71,53 @@ class WireObservation:
                 yield sentence, hint
         if found:
             return
-        if self.not_connected and self.not_connected >= self.requests:
+        unconnected = self.unconnected_request_count
+        if unconnected and unconnected >= self.unanswered_request_count:
             yield ("there is no connection",
                    "check the port and its adapter" if self.is_serial else
                    "check power, network cable and address")
         elif self.is_serial:
-            yield (f"no byte came back in {_count(self.requests, 'request')}",
+            yield (f"no byte came back in {_count(self.unanswered_request_count, 'request')}",
                    "check power and cable, whether A and B are swapped, then device_id, baud rate "
                    "and parity: a device that does not understand a request stays silent")
         else:
-            yield (f"it is connected, but no byte came back in {_count(self.requests, 'request')}",
+            yield ("it is connected, but no byte came back in "
+                   f"{_count(self.unanswered_request_count, 'request')}",
                    "check device_id, that no other host is connected to it, and the gateway before "
                    "it")
 
     def _cases(self) -> Iterator[tuple[object, str, str]]:
         """Whether each case applies, in words, and what to do."""
         ids = " and ".join(map(str, sorted(self.other_ids)))
-        yield (self.passing_exceptions,
+        yield (self.passing_exception_counts,
                "; ".join(f"{words}, {_count(number, 'time')}"
-                         for words, number in self.passing_exceptions.items()),
+                         for words, number in self.passing_exception_counts.items()),
                "check the device behind the gateway, the line between them, and device_id")
         yield (self.other_ids,
                f"device id {ids} answers, and id {self.device_id} was asked",
                f"set device_id = {min(self.other_ids, default=0)} if that is the device")
-        yield (self.damaged_frames,
-               f"{_count(self.damaged_frames, 'answer')} came damaged (checksum or length)",
+        yield (self.damaged_frame_count,
+               f"{_count(self.damaged_frame_count, 'answer')} came damaged (checksum or length)",
                _CHECK_LINE)
-        yield (self.late_answers,
-               f"{_count(self.late_answers, 'answer')} came later than {self.timeout_s:g} s",
+        yield (self.late_answer_count,
+               f"{_count(self.late_answer_count, 'answer')} came later than {self.timeout_s:g} s",
                "raise timeout_s of the device, and what its cycle depends on")
-        yield (self.unexpected_answers,
-               f"{_count(self.unexpected_answers, 'answer')} came to other questions",
+        yield (self.unexpected_answer_count,
+               f"{_count(self.unexpected_answer_count, 'answer')} came to other questions",
                "is another host connected to the same line?")
-        yield (self.echoes and self.bytes_received and not self._is_more_than_echo,
-               f"only the echo of {_count(self.echoes, 'request')} came back",
+        yield (self.echo_count and self.bytes_received and not self._is_more_than_echo,
+               f"only the echo of {_count(self.echo_count, 'request')} came back",
                "the adapter and the cable to it work: check the device's power, its wires, "
                "device_id, baud rate and parity")
-        yield (self.stray_bytes,
-               f"{_count(self.stray_bytes, 'byte')} came that are no Modbus frame",
+        yield (self.stray_byte_count,
+               f"{_count(self.stray_byte_count, 'byte')} came that are no Modbus frame",
                "check baud rate, parity and stop bits, and that the device speaks Modbus RTU"
                if self.is_serial else "is this the port of a Modbus TCP server?")
 
     @property
     def _is_more_than_echo(self) -> bool:
-        return bool(self.stray_bytes or self.other_ids or self.damaged_frames
-                    or self.late_answers or self.unexpected_answers)
+        return bool(self.stray_byte_count or self.other_ids or self.damaged_frame_count
+                    or self.late_answer_count or self.unexpected_answer_count)
 
 
 def _count(number: int, what: str) -> str:

@@ -67,6 +67,6 @@ class ExchangeReply(ReadHoldingReply):
 
 
 #: To be registered with pymodbus's decoder.
-REPLIES: tuple[type[ModbusPDU], ...] = (
+REPLY_PDU_CLASSES: tuple[type[ModbusPDU], ...] = (
     ReadHoldingReply, ReadInputReply, WriteReply, ExchangeReply,
 )

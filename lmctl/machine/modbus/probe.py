@@ -35,7 +35,7 @@ class ProbeFinding(NamedTuple):
     hint: str
 
 
-async def ask_around(device: ModbusDevice) -> ProbeFinding | None:
+async def probe_other_settings(device: ModbusDevice) -> ProbeFinding | None:
     """Who answers at a device's endpoint, or at other settings of its line; None where nobody does.
 
     Takes five seconds at most. Raises ConfigError for a bad endpoint.

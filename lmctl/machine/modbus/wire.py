@@ -18,7 +18,7 @@ from pymodbus.transport import CommParams, CommType, ModbusProtocol
 from lmctl.machine.modbus.endpoint import RtuEndpoint, TcpEndpoint
 from lmctl.machine.modbus.framing import Framing, RtuFraming, SentRequest, TcpFraming
 from lmctl.machine.modbus.observation import WireObservation
-from lmctl.machine.modbus.pdus import REPLIES
+from lmctl.machine.modbus.pdus import REPLY_PDU_CLASSES
 
 #: Making a connection takes its own time, whatever a device's period or answer time is [s]: the
 #: first packet of a connection is sent again only after one second.
@@ -56,7 +56,7 @@ class ModbusWire(ModbusProtocol):
     ) -> None:
         super().__init__(_parameters(where), is_server=False)
         self._decoder = DecodePDU(False)
-        for answer in REPLIES:
+        for answer in REPLY_PDU_CLASSES:
             self._decoder.register(answer)
         self._is_tcp = isinstance(where, TcpEndpoint)
         self._framing: Framing = TcpFraming() if self._is_tcp else RtuFraming()
@@ -72,9 +72,9 @@ class ModbusWire(ModbusProtocol):
         self._connecting: asyncio.Event | None = None  # set as the attempt under way ends
         self.seen = self._fresh_observation()
 
-    def forget_seen(self) -> None:
+    def reset_observation(self) -> None:
         """The last answer was a good one: what came before it matters no longer."""
-        if self.seen.is_anything:
+        if self.seen.has_anomalies:
             self.seen = self._fresh_observation()
 
     async def send_request(self, request: ModbusPDU, answer_bytes: int) -> ModbusPDU:
@@ -88,7 +88,7 @@ class ModbusWire(ModbusProtocol):
         if not self.is_active() and self._connecting is not None:
             await self._connection(deadline_s)
         if not self.is_active():
-            self.seen.not_connected += 1
+            self.seen.unconnected_request_count += 1
             raise ConnectionError("not connected")
         self._number = self._number % 0xFFFF + 1
         pdu = request.function_code.to_bytes(1, "big") + request.encode()
@@ -105,7 +105,7 @@ class ModbusWire(ModbusProtocol):
             found = self._decoder.decode(await answer)
             self._unanswered, self._reopen_after, self._reconnect_s = 0, 1, 0.0
             if found is None:
-                self.seen.damaged_frames += 1
+                self.seen.damaged_frame_count += 1
                 raise TimeoutError("the answer makes no sense")
             return found
         finally:
@@ -171,7 +171,7 @@ class ModbusWire(ModbusProtocol):
         if answer.done():
             return
         answer.set_exception(TimeoutError("no answer in time"))
-        self.seen.requests += 1
+        self.seen.unanswered_request_count += 1
         self._look_at_unread()
         self._unanswered += 1
         if self._reopens and self._unanswered >= self._reopen_after:
@@ -198,7 +198,7 @@ class ModbusWire(ModbusProtocol):
         unread, self.recv_buffer = self.recv_buffer, b""
         if unread and self._last is not None:
             self.seen.bytes_received += len(unread)
-            self._framing.observe(unread, self._last, self.seen)
+            self._framing.count_unexpected_bytes(unread, self._last, self.seen)
 
     def _fresh_observation(self) -> WireObservation:
         return WireObservation(self._device_id, not self._is_tcp, self._timeout_s)

@@ -22,7 +22,7 @@ _EVERY_S = 0.1
 _MAX_STEP_S = 3
 
 
-async def counted_order(
+async def detect_word_order(
     link: ModbusLink, uptime: RegisterBlock, configured: WordOrder
 ) -> WordOrder | None:
     """The word order in which a device's uptime counts seconds.
@@ -40,7 +40,7 @@ async def counted_order(
         await asyncio.sleep(_EVERY_S)
         now = tuple(await link.read_input(uptime.address, uptime.count))
     for order in sorted(WordOrder, key=lambda order: order is not configured):
-        block = uptime.in_order(order)
+        block = uptime.with_word_order(order)
         (then_s,), (now_s,) = block.decode(before).values(), block.decode(now).values()
         if isinstance(then_s, int) and isinstance(now_s, int) and (
             1 <= now_s - then_s <= _MAX_STEP_S
@@ -49,7 +49,7 @@ async def counted_order(
     return None
 
 
-def wrong_base_hint(words: Sequence[int], device_code: int, device: ModbusDevice) -> str:
+def address_base_hint(words: Sequence[int], device_code: int, device: ModbusDevice) -> str:
     """What to write into the profile where the code that identifies a device stands one register
     later than asked for; "" where it does not."""
     if device.address_base == 0 and len(words) > 1 and words[1] == device_code:

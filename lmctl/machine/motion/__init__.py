@@ -17,9 +17,9 @@ if TYPE_CHECKING:
     from lmctl.machine.motion.handshake import query_identity as query_identity
     from lmctl.machine.motion.identity import ControllerIdentity as ControllerIdentity
     from lmctl.machine.motion.identity import is_homing_enabled as is_homing_enabled
-    from lmctl.machine.motion.identity import read_offset as read_offset
-    from lmctl.machine.motion.identity import read_settings as read_settings
-    from lmctl.machine.motion.identity import unfit_settings as unfit_settings
+    from lmctl.machine.motion.identity import parse_settings as parse_settings
+    from lmctl.machine.motion.identity import parse_work_offset as parse_work_offset
+    from lmctl.machine.motion.identity import unsuitable_settings as unsuitable_settings
 
 #: What others may use, and the module that holds it; loaded when it is asked for.
 _HOMES = {
@@ -31,11 +31,11 @@ _HOMES = {
     "first_report": "lmctl.machine.motion.handshake",
     "is_homing_enabled": "lmctl.machine.motion.identity",
     "parse_motion_endpoint": "lmctl.machine.motion.endpoint",
+    "parse_settings": "lmctl.machine.motion.identity",
+    "parse_work_offset": "lmctl.machine.motion.identity",
     "query_homed": "lmctl.machine.motion.handshake",
     "query_identity": "lmctl.machine.motion.handshake",
-    "read_offset": "lmctl.machine.motion.identity",
-    "read_settings": "lmctl.machine.motion.identity",
-    "unfit_settings": "lmctl.machine.motion.identity",
+    "unsuitable_settings": "lmctl.machine.motion.identity",
 }
 
 __all__ = list(_HOMES)

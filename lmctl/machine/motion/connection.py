@@ -30,9 +30,9 @@ from lmctl.machine.motion.endpoint import parse_motion_endpoint
 from lmctl.machine.motion.links import ByteLink, open_link
 from lmctl.machine.motion.observation import ControllerObservation
 from lmctl.machine.motion.pending_replies import PendingReplies
-from lmctl.machine.motion.report_screen import ReportScreen
-from lmctl.machine.motion.resets import Resets
+from lmctl.machine.motion.resets import ResetTracker
 from lmctl.machine.motion.status_polling import StatusPolling
+from lmctl.machine.motion.status_report_filter import StatusReportFilter
 
 _COMMAND_TAG = -1
 _LOST_HINT = "check cable and power of the controller, and that no other program talks to it"
@@ -61,13 +61,13 @@ class GrblConnection:
         self.rx_empty = 0
         self.sent_before_question: int | None = None
         self.watch = StatusPolling(status_period_s, self._ask, self._fell_silent)
-        self.screen = ReportScreen()
+        self.screen = StatusReportFilter()
         self._hearer = hearer
         self._loop = asyncio.get_running_loop()
         self._host = GrblHost(_MIN_RX_USABLE, GRBL.max_line_chars)
         self._link: ByteLink | None = None
         self._awaited = PendingReplies(self.device_error)
-        self._resets = Resets()
+        self._resets = ResetTracker()
         self._with_question: bytes | None = None  # lines to be sent in one write with a `?`
 
     async def open(self, baud: int, timeout_s: float) -> None:
@@ -98,7 +98,7 @@ class GrblConnection:
     @property
     def is_command_pending(self) -> bool:
         """Whether a command is unanswered."""
-        return self._awaited.command is not None or self._host.oldest_tag == _COMMAND_TAG
+        return self._awaited.command is not None or self._host.oldest_unanswered_tag == _COMMAND_TAG
 
     @property
     def is_all_sent(self) -> bool:
@@ -141,17 +141,17 @@ class GrblConnection:
         elif self._link is not None:
             self._link.write(data)
 
-    def realtime(self, byte: RealtimeCommand) -> None:
+    def send_realtime(self, byte: RealtimeCommand) -> None:
         """Send one byte before everything not yet on the wire. A reset drops all that waits."""
         if self._link is None:
             return
         if byte is RealtimeCommand.RESET:
-            self._resets.sent(self._loop.time(), self.watch.unanswered_s)
+            self._resets.on_reset_sent(self._loop.time(), self.watch.unanswered_s)
             self._link.discard_unsent()
-        self.screen.commanded(byte)
+        self.screen.on_realtime_sent(byte)
         self._link.write_realtime(byte.encoded)
 
-    async def command(self, line: str, timeout_s: float) -> list[str]:
+    async def send_command(self, line: str, timeout_s: float) -> list[str]:
         """Send one line alone; return what was said before its `ok`.
 
         raises : MachineError on error, alarm, restart, loss or no answer in time;
@@ -163,27 +163,27 @@ class GrblConnection:
         data = self._host.send_line(line.encode("ascii", "replace"), _COMMAND_TAG)
         return await self._awaited.command_reply(line, lambda: self.write(data), timeout_s)
 
-    async def fresh_report(self, timeout_s: float) -> StatusReport | None:
+    async def query_report(self, timeout_s: float) -> StatusReport | None:
         """Ask `?` and wait for the next report; None if none comes in time."""
         self._refuse_if_lost()
         report = await self._awaited.next_report(self.watch.query_now, timeout_s)
         if report is None:
-            self.watch.abandon_question()
+            self.watch.abandon_query()
         return report
 
     async def reset(self, timeout_s: float) -> None:
         """Send 0x18 and wait for the banner. Raises MachineError if none comes in time."""
         self._refuse_if_lost()
-        await self._awaited.wait_for_restart(lambda: self.realtime(RealtimeCommand.RESET),
+        await self._awaited.wait_for_restart(lambda: self.send_realtime(RealtimeCommand.RESET),
                                              timeout_s)
 
     def _ask(self) -> None:
         if self.observation is not None:
-            self.observation.questions += 1
-        if self.watch.is_repeated:
-            self.screen.missed()
+            self.observation.query_count += 1
+        if self.watch.is_query_repeated:
+            self.screen.on_missed_report()
         else:
-            self.sent_before_question = self._host.newest_tag
+            self.sent_before_question = self._host.newest_unanswered_tag
         self._with_question = b""
         try:
             self._hearer.on_query()
@@ -198,11 +198,11 @@ class GrblConnection:
             self._link.write(lines + question.encoded)
         else:
             self.write(lines)
-            self.realtime(question)
+            self.send_realtime(question)
 
     def _received(self, data: bytes) -> None:
         if self.observation is not None:
-            self.observation.add(data)
+            self.observation.on_data(data)
         accepted = 0
         for event in self._host.receive_data(data):
             if type(event) is int and event != _COMMAND_TAG:
@@ -218,9 +218,9 @@ class GrblConnection:
 
     def _hear(self, event: HostEvent) -> None:
         if self.observation is not None:
-            self.observation.restarts += isinstance(event, ControllerRestarted)
-            self.observation.messages += not isinstance(event,
-                                                        int | UnknownMessage | RemoteProtocolError)
+            self.observation.restart_count += isinstance(event, ControllerRestarted)
+            self.observation.message_count += not isinstance(
+                event, int | UnknownMessage | RemoteProtocolError)
         if isinstance(event, int):
             self._command_answered(0)
         elif isinstance(event, LineRejected):
@@ -241,17 +241,17 @@ class GrblConnection:
             self._hearer.on_surplus_reply()
         elif isinstance(event, UnknownMessage):
             self.damaged += 1
-            if self.watch.is_open:  # most of what a controller says while asked is the answer
-                self.screen.missed()
-                self.watch.ask_again()
+            if self.watch.is_query_open:  # most of what a controller says while asked is the answer
+                self.screen.on_missed_report()
+                self.watch.on_unreadable_report()
         elif self._awaited.command is not None:
             self._awaited.on_message(event.format())
 
     def _reported(self, said: StatusReport) -> None:
-        self._resets.reported()
-        report = self.screen.take(said, self._loop.time())
+        self._resets.on_report()
+        report = self.screen.believed_report(said, self._loop.time())
         if report is None:
-            self.watch.ask_again()
+            self.watch.on_unreadable_report()
             return
         self.watch.on_report()
         if not self._host.unanswered_lines:
@@ -260,23 +260,23 @@ class GrblConnection:
         if self._awaited.reports:
             self._awaited.on_report(report)
         if self.screen.is_unsure:
-            self.watch.ask_soon()
+            self.watch.query_soon()
 
     def _command_answered(self, code: int) -> None:
         if code:
             meaning = error_meaning(code, self.dialect)
-            how = "arrived damaged" if meaning.is_damage else "was refused"
+            how = "arrived damaged" if meaning.implies_damaged_line else "was refused"
             self._awaited.on_refused(f"error {code}: {meaning.description}", meaning.remedy, how)
         else:
             self._awaited.on_ok()
 
     def _restarted(self) -> None:
-        asked = self._resets.answered(self._loop.time())
+        asked = self._resets.banner_answers_reset(self._loop.time())
         self._awaited.on_refused("the controller restarted", "send it again")
-        self.screen.restarted()
+        self.screen.on_restart()
         self._hearer.on_restart(asked)
         self._awaited.on_restart()
-        self.watch.restarted()
+        self.watch.on_restart()
 
     def _fell_silent(self, reason: str) -> None:
         self.is_silent = True

@@ -8,15 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from firmware_protocol.codes import LOCKED_BY_ALARM, position_lost
+from firmware_protocol.codes import LOCKED_BY_ALARM, alarm_loses_position
 from firmware_protocol.realtime import RealtimeCommand
 from firmware_protocol.status import StatusReport
 from lmctl.machine.motion import feed_hold
 from lmctl.machine.motion.callbacks import ConnectionCallbacks
 from lmctl.machine.motion.connection import GrblConnection
 from lmctl.machine.motion.driver_callbacks import MotionCallbacks
-from lmctl.machine.motion.handshake import RESET_S, ControllerInfo, shake_hands
-from lmctl.machine.motion.identity import ControllerIdentity, unfit_settings
+from lmctl.machine.motion.handshake import MAX_RESET_TIME_S, ControllerInfo, perform_handshake
+from lmctl.machine.motion.identity import ControllerIdentity, unsuitable_settings
 from lmctl.machine.motion.line_stream import LineStream
 from lmctl.machine.motion.override_arithmetic import NO_OVERRIDE
 
@@ -79,14 +79,14 @@ class MotionDriver:
         driver = cls(endpoint, status_period_s)
         try:
             await driver._talk.open(baud, connect_timeout_s)
-            said = await shake_hands(driver._talk, connect_timeout_s)
+            said = await perform_handshake(driver._talk, connect_timeout_s)
         except BaseException:
             await driver.close()
             raise
         driver._introduction = said
-        driver._talk.screen.know(said.identity, said.settings)
+        driver._talk.screen.set_controller_info(said.identity, said.settings)
         driver._unfit = "; ".join(
-            setting.text for setting in unfit_settings(said.identity, said.settings)
+            setting.text for setting in unsuitable_settings(said.identity, said.settings)
         )
         if driver.offset_mm is None:
             driver.offset_mm = said.offset_mm
@@ -133,7 +133,7 @@ class MotionDriver:
         return self._stream.progress.executed
 
     @property
-    def all_answered(self) -> bool:
+    def is_all_answered(self) -> bool:
         """Whether the link is open and nothing that was sent is unanswered."""
         return self._talk.lost is None and not self._talk.unanswered_lines
 
@@ -153,17 +153,17 @@ class MotionDriver:
         return self._talk.watch.age_s
 
     @property
-    def damaged_messages(self) -> int:
+    def damaged_message_count(self) -> int:
         """Messages so far that were damaged or answered nothing: the quality of the line."""
         return self._talk.damaged
 
     @property
-    def unreadable_answers(self) -> int:
+    def unreadable_answer_count(self) -> int:
         """Answers since the last believed report that could not be read or believed."""
         return self._talk.watch.unreadable
 
     @property
-    def unanswered_questions(self) -> int:
+    def unanswered_query_count(self) -> int:
         """How often `?` was sent since the last believed report."""
         return self._talk.watch.times_put
 
@@ -173,13 +173,13 @@ class MotionDriver:
         return self._talk.is_silent
 
     @property
-    def overrides_known(self) -> bool:
+    def are_overrides_known(self) -> bool:
         """Whether every report since the last one with overrides has arrived and was believed."""
         return not (self._talk.screen.overrides_missed or self._talk.screen.is_unsure)
 
-    def confirm_report(self) -> None:
+    def request_confirming_report(self) -> None:
         """Ask for another report within 20 ms: the last one is doubted."""
-        self._talk.watch.ask_soon()
+        self._talk.watch.query_soon()
 
     def submit(self, lines: Iterable[bytes]) -> None:
         """Queue lines of the stream; they go out as the controller has room.
@@ -200,20 +200,20 @@ class MotionDriver:
         """The caller vouches that reported positions are those of the machine."""
         self.position_trusted = True
 
-    def realtime(self, byte: RealtimeCommand) -> None:
+    def send_realtime(self, byte: RealtimeCommand) -> None:
         """Send one real-time byte at once, before every line not yet on the wire."""
         if byte is RealtimeCommand.RESET:
             self._stream.discard_queue()
             self._stream.held = True
             self._at_rest_at_reset = self._at_rest()
-        self._talk.realtime(byte)
+        self._talk.send_realtime(byte)
 
-    async def command(self, line: str, timeout_s: float = 5.0) -> list[str]:
+    async def send_command(self, line: str, timeout_s: float = 5.0) -> list[str]:
         """Send one line outside any stream; return what was said before its `ok`.
 
         raises : MachineError with the code in words; LocalProtocolError while lines are unanswered
         """
-        return await self._talk.command(line, timeout_s)
+        return await self._talk.send_command(line, timeout_s)
 
     async def home(self, timeout_s: float = _HOMED_S) -> None:
         """Home the machine, which clears an alarm; afterwards its position is trusted.
@@ -222,7 +222,7 @@ class MotionDriver:
         """
         self._talk.watch.stop()  # Grbl answers no `?` while it homes
         try:
-            await self._talk.command("$H", timeout_s)
+            await self._talk.send_command("$H", timeout_s)
         finally:
             if self._talk.lost is None:
                 self._talk.watch.start()
@@ -244,7 +244,7 @@ class MotionDriver:
         self._stream.held = False
         self._stream.send_available()
 
-    async def reset(self, timeout_s: float = RESET_S) -> StatusReport:
+    async def reset(self, timeout_s: float = MAX_RESET_TIME_S) -> StatusReport:
         """Soft reset: ends stream and motion; returns the first report after the banner.
 
         The position stays trusted only where the machine stood still. Raises MachineError.
@@ -253,7 +253,7 @@ class MotionDriver:
         self._stream.held = True
         self._at_rest_at_reset = self._at_rest()
         await self._talk.reset(timeout_s)
-        report = await self._talk.fresh_report(timeout_s)
+        report = await self._talk.query_report(timeout_s)
         if report is None:
             raise self._talk.device_error(
                 "the controller restarted but answers no '?'", hint="switch it off and on"
@@ -285,7 +285,7 @@ class MotionDriver:
 
     def _alarmed(self, code: int) -> None:
         self._stream.halted = True
-        if position_lost(code, self._talk.dialect):
+        if alarm_loses_position(code, self._talk.dialect):
             self.position_trusted = False
         self.listener.on_alarm(code)
 

@@ -26,9 +26,9 @@ async def hold(talk: GrblConnection, seen_within_s: float, stopped_within_s: flo
     place: tuple[float, ...] | None = None
     moved_s = start_s
     idle_reports = 0
-    talk.realtime(RealtimeCommand.HOLD)
+    talk.send_realtime(RealtimeCommand.HOLD)
     while True:
-        report = await talk.fresh_report(_ANSWER_S)
+        report = await talk.query_report(_ANSWER_S)
         if report is not None:
             if report.is_held:
                 return
@@ -56,14 +56,14 @@ async def resume(talk: GrblConnection) -> None:
     raises : MachineError where the machine is not standing held, or stays so
     """
     loop = asyncio.get_running_loop()
-    report = await talk.fresh_report(1.0)
+    report = await talk.query_report(1.0)
     if report is None or not (report.is_held or report.state == "Idle"):
         raise talk.device_error(
             "resume refused: the machine is not held at standstill (state "
             f"{'unknown' if report is None else report.state})",
             hint="hold it first and wait until it stands; close the safety door",
         )
-    talk.realtime(RealtimeCommand.START)
+    talk.send_realtime(RealtimeCommand.START)
     start_s = loop.time()
     while report is None or report.state in ("Hold", "Door"):
         if loop.time() - start_s >= _RESUMED_S:
@@ -72,7 +72,7 @@ async def resume(talk: GrblConnection) -> None:
                 hint="look whether the safety door is closed",
             )
         await asyncio.sleep(_POLL_S)
-        report = await talk.fresh_report(_ANSWER_S)
+        report = await talk.query_report(_ANSWER_S)
 
 
 def _not_held(talk: GrblConnection, seen: bool, waited_s: float, still_s: float) -> MachineError:

@@ -20,13 +20,13 @@ from lmctl.machine.motion.connection import GrblConnection
 from lmctl.machine.motion.identity import (
     ControllerIdentity,
     is_homing_enabled,
-    read_identity,
-    read_offset,
-    read_settings,
-    reported_homed,
+    parse_identity,
+    parse_settings,
+    parse_work_offset,
+    reported_homed_state,
 )
 
-RESET_S = 5.0
+MAX_RESET_TIME_S = 5.0
 """Longest time from a reset to the banner, an AVR board's boot included."""
 
 _ASK_EVERY_S = 0.25
@@ -59,7 +59,7 @@ class ControllerInfo:
         return self.is_homed is True or not is_homing_enabled(self.settings)
 
 
-async def shake_hands(talk: GrblConnection, timeout_s: float) -> ControllerInfo:
+async def perform_handshake(talk: GrblConnection, timeout_s: float) -> ControllerInfo:
     """Meet the controller on an open link and bring it to Idle or Alarm.
 
     timeout_s : for the first answer (a board that resets when the port opens takes 2 s), and again
@@ -70,12 +70,12 @@ async def shake_hands(talk: GrblConnection, timeout_s: float) -> ControllerInfo:
     await _come_to_rest(talk, found, timeout_s)
     identity = await query_identity(talk)
     talk.use_dialect(identity.dialect, identity.rx_bytes)
-    settings = read_settings(await talk.command("$$", _COMMAND_S))
+    settings = parse_settings(await talk.send_command("$$", _COMMAND_S))
     offset_mm: tuple[float, ...] | None = None
     with suppress(MachineError):  # refused in some alarms; reports carry WCO: as well
-        parser_state = await talk.command("$G", _COMMAND_S)
-        offset_mm = read_offset(parser_state, await talk.command("$#", _COMMAND_S))
-        talk.screen.offset_is(offset_mm)
+        parser_state = await talk.send_command("$G", _COMMAND_S)
+        offset_mm = parse_work_offset(parser_state, await talk.send_command("$#", _COMMAND_S))
+        talk.screen.set_work_offset(offset_mm)
     return ControllerInfo(found, identity, settings, offset_mm, await query_homed(talk))
 
 
@@ -88,9 +88,9 @@ async def query_homed(talk: GrblConnection) -> bool | None:
         return None
     said: list[bool | None] = []
     for _ in range(_HOMED_TRIES):
-        talk.realtime(RealtimeCommand.STATUS_FULL)
-        report = await talk.fresh_report(_ASK_EVERY_S)
-        said.append(None if report is None else reported_homed(report))
+        talk.send_realtime(RealtimeCommand.STATUS_FULL)
+        report = await talk.query_report(_ASK_EVERY_S)
+        said.append(None if report is None else reported_homed_state(report))
         if said[-1] is not None and said.count(said[-1]) >= _HOMED_AGREEING:
             return said[-1]
     return None
@@ -101,12 +101,12 @@ async def first_report(talk: GrblConnection, timeout_s: float) -> StatusReport:
     loop = asyncio.get_running_loop()
     deadline_s = loop.time() + timeout_s
     while loop.time() < deadline_s:
-        if (report := await talk.fresh_report(_ASK_EVERY_S)) is not None:
+        if (report := await talk.query_report(_ASK_EVERY_S)) is not None:
             talk.observation = None
             return report
     seen = talk.observation
     assert seen is not None
-    what, hint = seen.without_report()
+    what, hint = seen.diagnose_missing_report()
     raise talk.device_error(what, hint=hint)
 
 
@@ -118,12 +118,12 @@ async def _come_to_rest(talk: GrblConnection, found: StatusReport, timeout_s: fl
     reset = False
     while report is None or report.state not in _READY:
         if report is not None and not reset and _stands_still(report):
-            await talk.reset(RESET_S)
+            await talk.reset(MAX_RESET_TIME_S)
             reset = True
         if loop.time() >= deadline_s:
             raise _restless(talk, report)
         await asyncio.sleep(min(_ASK_EVERY_S, max(0.0, deadline_s - loop.time())))
-        report = await talk.fresh_report(_ASK_EVERY_S)
+        report = await talk.query_report(_ASK_EVERY_S)
 
 
 def _stands_still(report: StatusReport) -> bool:
@@ -155,11 +155,11 @@ async def query_identity(talk: GrblConnection) -> ControllerIdentity:
     """
     for _ in range(_IDENTIFY_TRIES - 1):
         try:
-            answer = await talk.command("$I", _COMMAND_S)
+            answer = await talk.send_command("$I", _COMMAND_S)
         except MachineError:
             if talk.unanswered_lines or talk.lost:
                 raise
             continue
         if any(line.startswith("[VER:") for line in answer):
-            return read_identity(answer, talk.endpoint)
-    return read_identity(await talk.command("$I", _COMMAND_S), talk.endpoint)
+            return parse_identity(answer, talk.endpoint)
+    return parse_identity(await talk.send_command("$I", _COMMAND_S), talk.endpoint)

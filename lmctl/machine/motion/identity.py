@@ -27,7 +27,7 @@ _LEAST_RX, _MOST_RX = 64, 65_536
 
 
 @dataclass(frozen=True)
-class UnfitSetting:
+class UnsuitableSetting:
     """A setting with which no program may be streamed.
 
     text : what is wrong with it; number, value : the setting that mends it
@@ -58,7 +58,7 @@ class ControllerIdentity:
         return self.info == BENCH_INFO
 
 
-def read_identity(answer: Sequence[str], endpoint: str) -> ControllerIdentity:
+def parse_identity(answer: Sequence[str], endpoint: str) -> ControllerIdentity:
     """The identity in the lines that answered `$I`. Raises MachineError where it is no Grbl 1.1."""
     said = {m.kind: m.text for m in map(parse_message, answer) if isinstance(m, FeedbackMessage)}
     version, _, info = said.get("VER", "").partition(":")
@@ -86,12 +86,12 @@ def read_identity(answer: Sequence[str], endpoint: str) -> ControllerIdentity:
     return ControllerIdentity(GRBLHAL if hal else GRBL, version, info, rx_bytes, blocks)
 
 
-def read_settings(answer: Sequence[str]) -> dict[int, str]:
+def parse_settings(answer: Sequence[str]) -> dict[int, str]:
     """The settings in the lines that answered `$$`."""
     return {m.number: m.value for m in map(parse_message, answer) if isinstance(m, SettingMessage)}
 
 
-def read_offset(parser_state: Sequence[str], offsets: Sequence[str]) -> tuple[float, ...]:
+def parse_work_offset(parser_state: Sequence[str], offsets: Sequence[str]) -> tuple[float, ...]:
     """Work offset (work = machine - offset) from the answers to `$G` and `$#`, one value an axis.
 
     The active G54-G59.3 plus G92, plus the tool length offset: a single TLO value acts on Z.
@@ -119,13 +119,14 @@ def is_homing_enabled(settings: Mapping[int, str]) -> bool:
     return stated.isdecimal() and bool(int(stated) & 1)
 
 
-def reported_homed(report: StatusReport) -> bool | None:
+def reported_homed_state(report: StatusReport) -> bool | None:
     """grblHAL's `H:homed[,mask]` in a report: whether all axes to be homed are; None without it."""
     said = dict(report.unknown_fields).get("H")
     return None if said is None else said.partition(",")[0] == "1"
 
 
-def unfit_settings(identity: ControllerIdentity, settings: Mapping[int, str]) -> list[UnfitSetting]:
+def unsuitable_settings(identity: ControllerIdentity,
+                        settings: Mapping[int, str]) -> list[UnsuitableSetting]:
     """Settings with which a program must not be streamed, whatever the machine.
 
     $32 must be 1: otherwise M4 is an ordinary spindle and the beam stays on at standstill. $10
@@ -133,7 +134,7 @@ def unfit_settings(identity: ControllerIdentity, settings: Mapping[int, str]) ->
     """
     found = []
     if settings.get(LASER_MODE) != "1":
-        found.append(UnfitSetting(
+        found.append(UnsuitableSetting(
             f"laser mode is off (${LASER_MODE}={settings.get(LASER_MODE, 'missing')}): M4 would "
             "leave the beam on at standstill", LASER_MODE, 1,
         ))
@@ -144,7 +145,7 @@ def unfit_settings(identity: ControllerIdentity, settings: Mapping[int, str]) ->
     if not mask & wanted:
         fields = "neither Ln: nor Bf:" if hal else "no Bf:"
         overrides = REPORT_OVERRIDES if hal else 0  # asked for too, in one go
-        found.append(UnfitSetting(
+        found.append(UnsuitableSetting(
             f"status reports carry {fields} (${REPORT_MASK}={stated or 'missing'}), so executed "
             "lines could not be told from planned ones", REPORT_MASK, mask | wanted | overrides,
         ))

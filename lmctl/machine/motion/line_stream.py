@@ -105,7 +105,7 @@ class LineStream:
         self._owing_since_s = None
         if self.progress.count_rejected() and not self.halted:  # not by an alarm before it
             self.halted = True
-            self._talk.realtime(RealtimeCommand.HOLD)
+            self._talk.send_realtime(RealtimeCommand.HOLD)
             self._rejected(tag, error)
 
     def on_surplus_reply(self) -> None:
@@ -132,12 +132,12 @@ class LineStream:
     def _disown(self, reason: str) -> None:
         """Hold the machine and give it up: what was acknowledged cannot be told any more."""
         self.halted = True
-        self._talk.realtime(RealtimeCommand.HOLD)
+        self._talk.send_realtime(RealtimeCommand.HOLD)
         self._talk.declare_lost(reason)
 
     def _look_for_lost_answer(self, report: StatusReport) -> None:
         """A controller idle for seconds that owes answers lost a line, or we lost an answer."""
-        line = self.progress.oldest_unanswered()
+        line = self.progress.oldest_unanswered_line()
         now_s = self._loop.time()
         if report.state != "Idle" or line is None or b"G4" in line:  # idle is how Grbl dwells
             self._owing_since_s = None

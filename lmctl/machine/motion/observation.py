@@ -23,52 +23,53 @@ _TEXT = frozenset(b"\r\n\t") | frozenset(range(32, 127))
 class ControllerObservation:
     """Counts since the link was opened. is_serial, baud : of the link
 
-    questions : `?` sent; received : bytes
-    no_text : received bytes that are no printable ASCII, line end or tab
-    echoes : those that are `?`, which is all that has been sent
-    messages : whole messages of the firmware; restarts : those of them that are its banner
+    query_count : `?` sent; received : bytes
+    non_text_byte_count : received bytes that are no printable ASCII, line end or tab
+    echo_count : those that are `?`, which is all that has been sent
+    message_count : whole messages of the firmware; restarts : those of them that are its banner
     """
 
     is_serial: bool
     baud: int
-    questions: int = 0
-    received: int = 0
-    no_text: int = 0
-    echoes: int = 0
-    messages: int = 0
-    restarts: int = 0
+    query_count: int = 0
+    received_byte_count: int = 0
+    non_text_byte_count: int = 0
+    echo_count: int = 0
+    message_count: int = 0
+    restart_count: int = 0
     sample: bytes = b""
 
-    def add(self, data: bytes) -> None:
+    def on_data(self, data: bytes) -> None:
         """Bytes have arrived."""
         if len(self.sample) < _SAMPLE_BYTES:
             self.sample += data[:_SAMPLE_BYTES - len(self.sample)]
-        self.received += len(data)
-        self.no_text += sum(byte not in _TEXT for byte in data)
-        self.echoes += data.count(RealtimeCommand.STATUS.encoded)
+        self.received_byte_count += len(data)
+        self.non_text_byte_count += sum(byte not in _TEXT for byte in data)
+        self.echo_count += data.count(RealtimeCommand.STATUS.encoded)
 
-    def without_report(self) -> tuple[str, str]:
+    def diagnose_missing_report(self) -> tuple[str, str]:
         """What it means that no report came, in words, and what to do about it."""
-        if not self.received:
+        if not self.received_byte_count:
             return ("the motion controller is silent: no byte came back, and ? was sent "
-                    f"{self.questions} times", self._nothing_came())
-        if self.echoes == self.received:
+                    f"{self.query_count} times", self._nothing_came())
+        if self.echo_count == self.received_byte_count:
             return ("no motion controller answers: only the echo of what was sent (?) came back",
                     "look for a bridge between TX and RX, a loop-back plug, or an adapter that "
                     "echoes")
-        if self.restarts > 1:
-            return (f"the motion controller restarted {self.restarts} times, and sent no status "
+        if self.restart_count > 1:
+            return (
+                f"the motion controller restarted {self.restart_count} times, and sent no status "
                     "report", "check its power supply and its reset line")
-        if self.no_text >= _GARBAGE * self.received:
+        if self.non_text_byte_count >= _GARBAGE * self.received_byte_count:
             return ("what answers is not a Grbl controller, or speaks at another baud rate: "
-                    f"{self.received} bytes came, {self.no_text} of them no text, such as "
-                    f"{self._hex()}",
+                    f"{self.received_byte_count} bytes came, {self.non_text_byte_count} of them no "
+                    f"text, such as {self._hex()}",
                     f"set motion.baud in the machine profile to the controller's ({self.baud} was "
                     "tried; 115200 is usual); at the right one, look at cable and grounding"
                     if self.is_serial else
                     "compare motion.endpoint in the machine profile with the controller's port, "
                     "and a serial server's baud rate with the controller's")
-        if self.messages:
+        if self.message_count:
             return (f"the motion controller sends messages, and no status report: "
                     f"{self._text()} came",
                     "what sends them may be another version of the firmware: Grbl 1.1 and grblHAL "

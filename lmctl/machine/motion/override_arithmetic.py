@@ -24,7 +24,8 @@ _ADDS = {
 }
 
 
-def after_byte(byte: RealtimeCommand, overrides: tuple[int, int, int]) -> tuple[int, int, int]:
+def overrides_after_byte(byte: RealtimeCommand, overrides: tuple[int, int, int]) -> tuple[int, int,
+                                                                                          int]:
     """The overrides [%] after a real-time byte; unchanged by one that is no override."""
     values = list(overrides)
     if byte in _SETS:

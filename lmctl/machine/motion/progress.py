@@ -59,7 +59,7 @@ class StreamProgress:
         self._placed = (-1, -1)  # number and index of the line last looked for
 
     @property
-    def first_rejected(self) -> int | None:
+    def first_rejected_line(self) -> int | None:
         """Index of the first rejected line, or None."""
         return self._rejected
 
@@ -81,7 +81,7 @@ class StreamProgress:
     def count_sent(self, lines: Sequence[bytes]) -> None:
         """Count lines that are on their way."""
         for index, line in enumerate(lines, self.sent):
-            if not makes_block(line):
+            if not makes_planner_block(line):
                 self._blockless.append(index)
                 if _DWELL.search(line):
                     self._dwells.append(index)
@@ -121,12 +121,12 @@ class StreamProgress:
         waiting = islice(self._open, self._answered - self.executed, None)
         return self.lines_unanswered + sum(map(len, waiting))
 
-    def oldest_unanswered(self) -> bytes | None:
+    def oldest_unanswered_line(self) -> bytes | None:
         """The line whose answer is due next, or None."""
         at = self._answered - self.executed
         return self._open[at] if at < len(self._open) else None
 
-    def planned_at_least(self, head: int, blocks_free: int | None) -> int:
+    def min_planned_lines(self, head: int, blocks_free: int | None) -> int:
         """How many lines have been planned at least, with `N head` at the planner's head.
 
         Each block it holds is of another line; a line may have made none. How many it holds may
@@ -215,7 +215,7 @@ class StreamProgress:
         answered = list(islice(self._open, self._answered - self.executed))
         wanted = blocks + 1
         for at in range(len(answered) - 1, -1, -1):
-            if makes_block(answered[at]) and self.executed + at != self._rejected:
+            if makes_planner_block(answered[at]) and self.executed + at != self._rejected:
                 wanted -= 1
                 if wanted == 0:
                     return self.executed + at
@@ -226,6 +226,6 @@ def _numbered(line: bytes, word: bytes) -> bool:
     return line.startswith(word) and not line[len(word) : len(word) + 1].isdigit()
 
 
-def makes_block(line: bytes) -> bool:
+def makes_planner_block(line: bytes) -> bool:
     """Whether a G-code line has axis words, and so makes a planner block if it goes anywhere."""
     return b"X" in line or b"Y" in line or b"Z" in line

@@ -78,7 +78,7 @@ class ReplyAudit:
         if held <= 0:
             return None
         # Not what the codec counts: that has taken the answers behind this report, too.
-        oldest, most = progress.oldest_unanswered(), progress.unanswered_bytes()
+        oldest, most = progress.oldest_unanswered_line(), progress.unanswered_bytes()
         if report.state not in _READS_NO_LINES and oldest is not None:
             if not self.in_doubt and self._all_went_with_the_question(progress):
                 return None
@@ -109,7 +109,7 @@ def _sound(held: int, report: StatusReport, progress: StreamProgress) -> bool:
 def _planned_too_much(report: StatusReport, progress: StreamProgress) -> str | None:
     if report.state != "Run" or report.line_number is None:
         return None
-    missing = progress.planned_at_least(report.line_number, report.planner_blocks_free)
+    missing = progress.min_planned_lines(report.line_number, report.planner_blocks_free)
     missing -= progress.lines_answered
     if missing <= 0:
         return None

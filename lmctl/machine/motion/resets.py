@@ -11,24 +11,24 @@ _TAKES_S = 0.3
 _LONGEST_S = 5.0
 
 
-class Resets:
+class ResetTracker:
     """The resets sent to one controller. Times are the loop's [s]."""
 
     def __init__(self) -> None:
         self._sent_s: deque[float] = deque()  # whose banners have not come
         self._to_silent = False  # the first of them went to a controller that did not answer
 
-    def sent(self, now_s: float, unanswered_s: float) -> None:
+    def on_reset_sent(self, now_s: float, unanswered_s: float) -> None:
         """A reset was sent. unanswered_s : for how long the controller has not answered `?`"""
         if not self._sent_s:
             self._to_silent = unanswered_s > _TAKES_S
         self._sent_s.append(now_s)
 
-    def reported(self) -> None:
+    def on_report(self) -> None:
         """A report came: the controller has power."""
         self._to_silent = False
 
-    def answered(self, now_s: float) -> bool:
+    def banner_answers_reset(self, now_s: float) -> bool:
         """Whether the banner that has come answers a reset.
 
         One that comes late, from a controller that had been silent, is that of a start: the reset

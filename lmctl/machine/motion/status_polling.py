@@ -13,11 +13,11 @@ from collections.abc import Callable
 
 from lmctl.machine.timer_wheel import align_to_tick
 
-SILENT_S = 3.0
+SILENCE_TIMEOUT_S = 3.0
 
 #: From an answer that cannot be read or believed to the next question [s]; the first of a period
 #: is put at once.
-AGAIN_S = 0.005
+REPEAT_DELAY_S = 0.005
 
 #: An answer is late after twice the time that answers took lately and this, and not sooner than
 #: this; after a period in any case [s].
@@ -73,17 +73,17 @@ class StatusPolling:
         return 0.0 if opened_s is None else self._loop.time() - opened_s
 
     @property
-    def late_s(self) -> float:
+    def repeat_timeout_s(self) -> float:
         """How long an answer is waited for before the question is put again."""
         return min(self._period_s, 2.0 * self._takes_s + _LATE_S)
 
     @property
-    def is_open(self) -> bool:
+    def is_query_open(self) -> bool:
         """Whether a question waits for its answer."""
         return self._asked_s is not None
 
     @property
-    def is_repeated(self) -> bool:
+    def is_query_repeated(self) -> bool:
         """Whether the open question has been put more than once."""
         return self.times_put > 1
 
@@ -104,7 +104,7 @@ class StatusPolling:
         if self._asked_s is None:
             self._put_question()
 
-    def abandon_question(self) -> None:
+    def abandon_query(self) -> None:
         """The open question will not be waited for: the next may be put at once."""
         self._asked_s = None
         self._wait_no_more()
@@ -118,12 +118,12 @@ class StatusPolling:
         self.unreadable = 0
         self._close_question()
 
-    def ask_again(self) -> None:
+    def on_unreadable_report(self) -> None:
         """Something has arrived that cannot be read or believed: ask again within 20 ms."""
         self.unreadable += 1
-        self.ask_soon()
+        self.query_soon()
 
-    def ask_soon(self) -> None:
+    def query_soon(self) -> None:
         """A report is to be confirmed by another: ask within 20 ms.
 
         Not more often than `_QUICK_MOST` times a period; the next question then comes in its time.
@@ -132,10 +132,10 @@ class StatusPolling:
         if now_s - self._quick_since_s >= self._period_s:
             self._quick_since_s, self._quick_left = now_s, _QUICK_MOST
         if self._quick_left > 0:
-            self._put_in(0.0 if self._quick_left == _QUICK_MOST else AGAIN_S)
+            self._put_in(0.0 if self._quick_left == _QUICK_MOST else REPEAT_DELAY_S)
             self._quick_left -= 1
 
-    def restarted(self) -> None:
+    def on_restart(self) -> None:
         """The controller restarted, and an open question went down with what it had received."""
         if self._open_since_s is not None or self._timer is not None:
             self._close_question()
@@ -145,14 +145,14 @@ class StatusPolling:
         """Nothing is waited for, and silence counts anew from the next question."""
         self._open_since_s = None
         self.times_put = 0
-        self.abandon_question()
+        self.abandon_query()
 
     def _put_question(self) -> None:
         self._asked_s = self._loop.time()
         self.times_put += 1
         if self._open_since_s is None:
             self._open_since_s = self._asked_s
-            self._put_in(self.late_s)
+            self._put_in(self.repeat_timeout_s)
         else:
             self._put_in(min(self._period_s, _LATE_S))
         self._ask()
@@ -178,7 +178,7 @@ class StatusPolling:
         if self.times_put < _SILENT_QUESTIONS:
             return False
         silent_s = self._loop.time() - self._open_since_s
-        if silent_s < SILENT_S:
+        if silent_s < SILENCE_TIMEOUT_S:
             return False
         disturbed = self.unreadable
         self.stop()

@@ -8,7 +8,7 @@ from lmctl.lazy_exports import exports_of
 
 if TYPE_CHECKING:
     from lmctl.machine.safety.driver import SafetyDriver as SafetyDriver
-    from lmctl.machine.safety.identity import check_line as check_line
+    from lmctl.machine.safety.identity import check_serial_line as check_serial_line
     from lmctl.machine.safety.identity import describe_device as describe_device
     from lmctl.machine.safety.identity import identify_safety_device as identify_safety_device
     from lmctl.machine.safety.status import SafetyCallbacks as SafetyCallbacks
@@ -20,7 +20,7 @@ _HOMES = {
     "SafetyCallbacks": "lmctl.machine.safety.status",
     "SafetyDriver": "lmctl.machine.safety.driver",
     "SafetyStatus": "lmctl.machine.safety.status",
-    "check_line": "lmctl.machine.safety.identity",
+    "check_serial_line": "lmctl.machine.safety.identity",
     "describe_device": "lmctl.machine.safety.identity",
     "identify_safety_device": "lmctl.machine.safety.identity",
     "read_safety_status": "lmctl.machine.safety.status",

@@ -6,13 +6,13 @@ What the facts mean for a run is decided elsewhere; who talks to the device, and
 
 from __future__ import annotations
 
-from firmware_protocol.safety_io import RELAY_RESET_KEY, SIO_MAP, mirrored_at
+from firmware_protocol.safety_io import RELAY_RESET_KEY, SIO_MAP, mirror_address_of
 from lmctl.config.machine import SafetySettings
 from lmctl.errors import MachineError
 from lmctl.machine.modbus.client import ModbusExceptionError, ModbusLink, NoReplyError
 from lmctl.machine.safety.identity import (
     SafetyIdentity,
-    check_line,
+    check_serial_line,
     describe_device,
     identify_safety_device,
 )
@@ -49,10 +49,10 @@ class SafetyDriver:
         Raises MachineError where it cannot be reached, is something else, or gives no good
         answer; ConfigError for a bad endpoint, or a line too slow for the period.
         """
-        check_line(safety)
+        check_serial_line(safety)
         timeout_s = max(safety.period_s, _MIN_PATIENCE_S)
         try:
-            link = await ModbusLink.open(safety, timeout_s=timeout_s, mirror=mirrored_at)
+            link = await ModbusLink.open(safety, timeout_s=timeout_s, mirror=mirror_address_of)
         except MachineError as error:
             raise MachineError(
                 f"safety device: {error.what}", where=error.where, hint=error.hint

@@ -19,8 +19,8 @@ from lmctl.config.machine import SafetySettings
 from lmctl.errors import ConfigError, MachineError
 from lmctl.machine.modbus.client import ModbusExceptionError, ModbusLink, NoReplyError
 from lmctl.machine.modbus.endpoint import RtuEndpoint, parse_modbus_endpoint
-from lmctl.machine.modbus.patience import repeated
-from lmctl.machine.modbus.word_order import counted_order, wrong_base_hint
+from lmctl.machine.modbus.opening_retries import answer_with_retries
+from lmctl.machine.modbus.word_order import address_base_hint, detect_word_order
 
 #: Characters beside the registers in an FC 23 request and its answer on a serial line, with the
 #: silence after each; and those for which a line stays quiet after an answer that did not come.
@@ -28,8 +28,8 @@ _FRAME_CHARACTERS = 13 + 5 + 7
 _QUIET_CHARACTERS = 256
 #: What it takes more where the write is a request of its own: its answer, another head and silence.
 _SECOND_FRAME_CHARACTERS = 8 + 8 + 7
-_UPTIME = SIO_MAP.block(["UPTIME"])
-_WRITTEN_REGISTERS = SIO_MAP.block(["HEARTBEAT", "LASER_ENABLE"]).count
+_UPTIME = SIO_MAP.contiguous_block(["UPTIME"])
+_WRITTEN_REGISTERS = SIO_MAP.contiguous_block(["HEARTBEAT", "LASER_ENABLE"]).count
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ def describe_device(safety: SafetySettings) -> str:
     return f"safety device: {safety.endpoint}, device {safety.device_id}"
 
 
-def check_line(safety: SafetySettings) -> None:
+def check_serial_line(safety: SafetySettings) -> None:
     """Raises ConfigError for a bad endpoint, or a serial line too slow for the period.
 
     One lost answer, and the quiet after it, must fit in the periods after which a device is silent.
@@ -75,17 +75,17 @@ async def identify_safety_device(link: ModbusLink, safety: SafetySettings) -> Sa
     laser-enable output that the profile wants, or sends words in another order; NoAnswerError and
     RefusedError as readings do.
     """
-    words = await repeated(
+    words = await answer_with_retries(
         lambda: link.read_input(FULL_BLOCK.address, FULL_BLOCK.count), safety.period_s
     )
     order = WordOrder(safety.word_order)
-    values: dict[str, Any] = FULL_BLOCK.in_order(order).decode(words)
+    values: dict[str, Any] = FULL_BLOCK.with_word_order(order).decode(words)
     if values["DEVICE_ID"] != DEVICE_ID:
         raise MachineError(
             "the device for safety inputs is none",
             where=[describe_device(safety),
                    f"its DEVICE_ID is {values['DEVICE_ID']}, not {DEVICE_ID}"],
-            hint=wrong_base_hint(words, DEVICE_ID, safety)
+            hint=address_base_hint(words, DEVICE_ID, safety)
             or "check endpoint and device_id of [safety] in the machine profile",
         )
     version, firmware = divmod(values["MAP_VERSION"], 256), divmod(values["FW_VERSION"], 256)
@@ -111,7 +111,7 @@ async def identify_safety_device(link: ModbusLink, safety: SafetySettings) -> Sa
             hint="take laser_enable out of [safety], or fit the output",
         )
     try:
-        counted = await counted_order(link, _UPTIME, order)
+        counted = await detect_word_order(link, _UPTIME, order)
     except (NoReplyError, ModbusExceptionError):
         counted = None  # the first exchange tells
     if counted not in (None, order):

@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 
 #: A contact follows its word within this time [s]: a laser's safe-off takes less than 50 ms.
-SETTLE_S = 0.05
+CONTACT_SETTLE_S = 0.05
 
 _CHECK = "check the laser-enable output, its relay and the wiring of its read-back"
 
@@ -70,12 +70,12 @@ class LaserEnable:
         """A good answer to the last request; returns what is newly wrong."""
         if is_on == self._told:
             self._agrees, self.fault = True, None
-            self._answered_s = min(self._answered_s, now_s - SETTLE_S)
+            self._answered_s = min(self._answered_s, now_s - CONTACT_SETTLE_S)
             return None
         self._agrees = False
         self._answered_s = min(self._answered_s, now_s)
         known = self.fault is not None and self.fault.commanded == self._told
-        if known or now_s < self._answered_s + SETTLE_S:
+        if known or now_s < self._answered_s + CONTACT_SETTLE_S:
             return None
         seen, told = ("off", "on") if self._told else ("on", "off")
         reason = f"its laser-enable output is {seen} and was told to be {told}"

@@ -16,14 +16,14 @@ from firmware_protocol.safety_io import (
     MIRROR_ADDRESS,
     SIO_MAP,
     SafetyStatusBits,
-    first_out_code_of,
+    first_out_code_of_input,
 )
 from lmctl.config.machine import SafetySettings
 from lmctl.errors import MachineError
 from lmctl.machine.modbus.client import ModbusExceptionError, ModbusLink, NoReplyError
-from lmctl.machine.modbus.patience import Patience
+from lmctl.machine.modbus.opening_retries import OpeningRetries
 from lmctl.machine.safety.identity import describe_device
-from lmctl.machine.safety.laser_enable import SETTLE_S, LaserEnable
+from lmctl.machine.safety.laser_enable import CONTACT_SETTLE_S, LaserEnable
 from lmctl.machine.safety.status import (
     INPUT_BITS,
     SafetyCallbacks,
@@ -72,7 +72,8 @@ class SafetyPolling:
         self.laser = LaserEnable() if safety.laser_enable else None
         self._safety = safety
         self._unfitted = {
-            first_out_code_of(bit) for name, bit in INPUT_BITS.items() if name not in safety.fitted
+            first_out_code_of_input(bit) for name,
+            bit in INPUT_BITS.items() if name not in safety.fitted
         }
         self._link = link
         self._loop = asyncio.get_running_loop()
@@ -103,12 +104,12 @@ class SafetyPolling:
 
     async def read_first_status(self) -> None:
         """The first good answer. Raises MachineError where none comes."""
-        patience = Patience()
+        patience = OpeningRetries()
         while True:
             error = await self._turn()
             if self._good is not None:
                 return
-            if not patience.is_left(error):
+            if not patience.may_retry(error):
                 reason, hint = self._why
                 raise self.device_error(f"{reason}{self._seen}", hint)
             await asyncio.sleep(self._safety.period_s)
@@ -132,7 +133,7 @@ class SafetyPolling:
         while not laser.is_confirmed(False) and laser.fault is None and self._loop.time() < until_s:
             await self._turn()
             if not laser.is_confirmed(False):
-                await asyncio.sleep(SETTLE_S)
+                await asyncio.sleep(CONTACT_SETTLE_S)
 
     def send_now(self) -> None:
         """Something cannot wait for its period."""
@@ -145,7 +146,7 @@ class SafetyPolling:
         while True:
             due_s = align_to_tick(started_s + period_s, started_s)
             if self.laser is not None and self.laser.is_pending:
-                due_s = min(due_s, started_s + SETTLE_S)
+                due_s = min(due_s, started_s + CONTACT_SETTLE_S)
             if not self._urgent:
                 await self._until_due(due_s)
             self._urgent = False
@@ -170,8 +171,8 @@ class SafetyPolling:
                 MIRROR_ADDRESS + CYCLIC_BLOCK.address, CYCLIC_BLOCK.count,
             )
         except NoReplyError as error:
-            self._why = ("no answer", self._link.seen.hint)
-            self._seen = f": {self._link.seen.sentence}"
+            self._why = ("no answer", self._link.wire_observation.hint)
+            self._seen = f": {self._link.wire_observation.description}"
             return error
         except ModbusExceptionError as error:
             self._why, self._seen = (

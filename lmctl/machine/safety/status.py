@@ -15,7 +15,7 @@ from firmware_protocol.safety_io import (
     SafetyInputBits,
     SafetyStatusBits,
     describe_first_out,
-    first_out_code_of,
+    first_out_code_of_input,
 )
 from lmctl.config.machine import SafetyInput, SafetySettings
 from lmctl.config.modbus_device import WordOrderName
@@ -125,7 +125,7 @@ def read_safety_status(
 
 @cache
 def _cycle_block(word_order: WordOrderName) -> RegisterBlock:
-    return CYCLIC_BLOCK.in_order(WordOrder(word_order))
+    return CYCLIC_BLOCK.with_word_order(WordOrder(word_order))
 
 
 @lru_cache(maxsize=64)  # asked ten times a second for what hardly ever changes
@@ -137,7 +137,8 @@ def _inputs(
     facts = tuple(bit in good if name in fitted else None for name, bit in INPUT_BITS.items())
     return facts, tuple(
         describe_first_out(
-            first_out_code_of(INPUT_BITS[name])) for name in fitted if INPUT_BITS[name] not in good
+            first_out_code_of_input(
+                INPUT_BITS[name])) for name in fitted if INPUT_BITS[name] not in good
     )
 
 

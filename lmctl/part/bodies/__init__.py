@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from lmctl.part.bodies.surfaces import Surface as Surface
     from lmctl.part.bodies.surfaces import SurfaceSet as SurfaceSet
     from lmctl.part.bodies.surfaces import Vector as Vector
-    from lmctl.part.bodies.surfaces import group_by_number as group_by_number
+    from lmctl.part.bodies.surfaces import places_by_number as places_by_number
     from lmctl.part.bodies.transformed import SimilarityTransform as SimilarityTransform
     from lmctl.part.bodies.transformed import TransformedBody as TransformedBody
     from lmctl.part.bodies.transformed import similarity_transform as similarity_transform
@@ -59,9 +59,9 @@ _HOMES = {
     "Vector": "lmctl.part.bodies.surfaces",
     "close_polygon": "lmctl.part.bodies.prism",
     "empty_section": "lmctl.part.bodies.body",
-    "group_by_number": "lmctl.part.bodies.surfaces",
     "is_closed": "lmctl.part.bodies.measured",
     "maximum_in_box": "lmctl.part.bodies.depth",
+    "places_by_number": "lmctl.part.bodies.surfaces",
     "plane_points": "lmctl.part.bodies.body",
     "remove_specks": "lmctl.part.bodies.measured",
     "restore_corners": "lmctl.part.bodies.corners",

@@ -55,12 +55,12 @@ class AllowanceBody:
         return self.inner.surface_tolerance_mm
 
     @property
-    def descent_is_exact(self) -> bool:
-        return self.inner.descent_is_exact
+    def gradient_leads_to_closest_point(self) -> bool:
+        return self.inner.gradient_leads_to_closest_point
 
     @property
-    def bound_is_exact(self) -> bool:
-        return self.inner.bound_is_exact
+    def distance_bound_is_exact(self) -> bool:
+        return self.inner.distance_bound_is_exact
 
     @property
     def surfaces(self) -> tuple[tuple[Surface, int], ...]:

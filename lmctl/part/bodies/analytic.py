@@ -37,7 +37,7 @@ class AnalyticBody(BodyDefaults):
     def distance(self, window: Window) -> NDArray[np.float32]:
         values = np.empty(window.shape, dtype=np.float32)
         flat = values.reshape(-1)
-        for first, points in chunks(window):
+        for first, points in node_chunks(window):
             flat[first : first + len(points)] = self.distance_at(points)
         return values
 
@@ -49,7 +49,7 @@ class AnalyticBody(BodyDefaults):
         return restore_corners(loops, z_mm, self.distance_bound, self.inward_directions)
 
 
-def chunks(window: Window) -> Iterator[tuple[int, FloatArray]]:
+def node_chunks(window: Window) -> Iterator[tuple[int, FloatArray]]:
     """A window's nodes in the array's own order, a bounded number at a time.
 
     Yields the number of the first and the points (n, 3) float64 [mm].

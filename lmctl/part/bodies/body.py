@@ -45,12 +45,12 @@ class Body(Protocol):
         """How far from zero its distance may be at its surface [mm]; 0 where that is exact."""
 
     @property
-    def descent_is_exact(self) -> bool:
+    def gradient_leads_to_closest_point(self) -> bool:
         """Whether the way down the slope leads to its nearest point from everywhere, and it is
         smooth."""
 
     @property
-    def bound_is_exact(self) -> bool:
+    def distance_bound_is_exact(self) -> bool:
         """Whether `bound` is the distance already."""
 
     @property
@@ -123,11 +123,11 @@ class BodyDefaults(ABC):
         return self
 
     @property
-    def descent_is_exact(self) -> bool:
+    def gradient_leads_to_closest_point(self) -> bool:
         return False
 
     @property
-    def bound_is_exact(self) -> bool:
+    def distance_bound_is_exact(self) -> bool:
         return True
 
     @property

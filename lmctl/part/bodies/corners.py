@@ -16,16 +16,16 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 #: Cosine between directions at neighbouring points, above which there is no corner: 8°.
-STRAIGHT = 0.99
+STRAIGHT_MIN_COSINE = 0.99
 
 #: A corner is farther from its chord than the chord is long by this at most.
-FARTHEST_CHORDS = 3.0
+MAX_CORNER_DISTANCE_CHORDS = 3.0
 
 #: A direction whose part in the plane is shorter says nothing about the outline.
-FLATTEST = 0.1
+MIN_IN_PLANE_LENGTH = 0.1
 
 #: A corner is on the outline where it is off by so much less than the chord's middle.
-BETTER = 0.25
+MAX_CORNER_ERROR_RATIO = 0.25
 
 
 def restore_corners(
@@ -44,14 +44,15 @@ def restore_corners(
     following = np.arange(len(start)) + 1
     following[np.cumsum(sizes) - 1] -= sizes
     normal, size = _in_plane(inward, start, z_mm)
-    step = distance(_at_height(start, z_mm)) / np.maximum(size, FLATTEST)
+    step = distance(_at_height(start, z_mm)) / np.maximum(size, MIN_IN_PLANE_LENGTH)
     chord = np.linalg.norm(start[following] - start, axis=1)
-    start = start - (np.clip(step, -chord, chord) * (size > FLATTEST))[:, None] * normal
+    start = start - (np.clip(step, -chord, chord) * (size > MIN_IN_PLANE_LENGTH))[:, None] * normal
     normal, size = _in_plane(inward, start, z_mm)
     end = start[following]
     after = normal[following]
     turn = (normal * after).sum(axis=1)
-    sharp = np.flatnonzero((turn < STRAIGHT) & (np.minimum(size, size[following]) > FLATTEST))
+    sharp = np.flatnonzero(
+        (turn < STRAIGHT_MIN_COSINE) & (np.minimum(size, size[following]) > MIN_IN_PLANE_LENGTH))
     # Where the tangents at both ends meet: n · (x − p) = 0 and m · (x − q) = 0.
     n, m, p, q = normal[sharp], after[sharp], start[sharp], end[sharp]
     det = n[:, 0] * m[:, 1] - n[:, 1] * m[:, 0]
@@ -62,12 +63,12 @@ def restore_corners(
     corner = p + np.stack([-n[:, 1], n[:, 0]], axis=1) * (across / det)[:, None]
     chord = np.linalg.norm(q - p, axis=1)
     middle = 0.5 * (p + q)
-    near = np.linalg.norm(corner - middle, axis=1) <= FARTHEST_CHORDS * chord
+    near = np.linalg.norm(corner - middle, axis=1) <= MAX_CORNER_DISTANCE_CHORDS * chord
     sharp, corner, middle = sharp[near], corner[near], middle[near]
     if len(sharp) == 0:
         return _closed(start, sizes)
     off = np.abs(distance(_at_height(corner, z_mm)))
-    good = off <= BETTER * np.abs(distance(_at_height(middle, z_mm)))
+    good = off <= MAX_CORNER_ERROR_RATIO * np.abs(distance(_at_height(middle, z_mm)))
     sharp, corner = sharp[good], corner[good]
     points = np.insert(start, sharp + 1, corner, axis=0)
     own = np.repeat(np.arange(len(sizes)), sizes)

@@ -18,7 +18,7 @@ Distance = Callable[[FloatArray], FloatArray]
 SLOPE_STEP_MM = 1e-4
 
 #: Where a slope is not of length 1 (at the middle of a ball) it is taken this far beside.
-ASIDE_MM = np.array([0.57, 0.31, 0.76]) * 1e-3
+SIDESTEP_MM = np.array([0.57, 0.31, 0.76]) * 1e-3
 
 #: Cells looked into at a time while closing in on the deepest place.
 MAX_CELLS = 4096
@@ -33,7 +33,7 @@ def unit_gradient(at: Distance, points: FloatArray, step_mm: float = SLOPE_STEP_
     slope, size = _slope(at, points, step_mm)
     split = size < 0.9
     if split.any():
-        aside = ASIDE_MM * (step_mm / SLOPE_STEP_MM)
+        aside = SIDESTEP_MM * (step_mm / SLOPE_STEP_MM)
         slope[split], size[split] = _slope(at, points[split] + aside, step_mm)
     return slope / np.maximum(size, 1e-12)[:, None]
 

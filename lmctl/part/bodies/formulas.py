@@ -26,12 +26,12 @@ from lmctl.part.bodies.body import empty_section
 from lmctl.part.bodies.depth import unit_rows
 from lmctl.part.bodies.half_space import as_vector, half_space_behind
 from lmctl.part.bodies.measured import Bounds
-from lmctl.part.bodies.surfaces import LateralSurface, Surface, Vector, around_axis
+from lmctl.part.bodies.surfaces import LateralSurface, Surface, Vector, axis_coordinates
 
 FloatArray = NDArray[np.float64]
 
 #: Nearer to a surface than this, the way to its nearest point has no direction.
-ON_IT_MM = 1e-9
+ON_SURFACE_MM = 1e-9
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Sphere(AnalyticBody):
     centre_mm: Vector
     radius_mm: float
 
-    descent_is_exact = True
+    gradient_leads_to_closest_point = True
 
     @property
     def tight_bounds_mm(self) -> Bounds:
@@ -96,7 +96,7 @@ class Box(AnalyticBody):
         low, high = np.array(self.low_mm), np.array(self.high_mm)
         way = np.clip(points, low, high) - points
         size = np.sqrt(np.einsum("ij,ij->i", way, way))
-        inside = size <= ON_IT_MM
+        inside = size <= ON_SURFACE_MM
         way /= np.where(inside, 1.0, size)[:, None]
         offset = points[inside] - 0.5 * (low + high)
         nearest = (np.abs(offset) - 0.5 * (high - low)).argmax(axis=1)
@@ -161,7 +161,7 @@ class Cone(AnalyticBody):
     def inward_directions(self, points: FloatArray) -> FloatArray:
         """In the half-plane (radius, height): outside towards the nearest place of it, inside away
         from the nearest of mantle and lids."""
-        radial, axial, outward = around_axis(points, self.base_mm, self._axis)
+        radial, axial, outward = axis_coordinates(points, self.base_mm, self._axis)
         length, run = self._length_mm, self.top_radius_mm - self.base_radius_mm
         slant = np.hypot(length, run)
         low = axial < 0.5 * length
@@ -177,7 +177,7 @@ class Cone(AnalyticBody):
         size = np.hypot(way_r, way_z)
         depth_wall = (self.base_radius_mm + run * axial / length - radial) * length / slant
         depth_lid = np.minimum(axial, length - axial)
-        inside = (np.minimum(depth_wall, depth_lid) > 0) | (size <= ON_IT_MM)
+        inside = (np.minimum(depth_wall, depth_lid) > 0) | (size <= ON_SURFACE_MM)
         by_wall = depth_wall < depth_lid
         size = np.where(inside, 1.0, size)
         way_r = np.where(inside, np.where(by_wall, -length / slant, 0.0), way_r / size)
@@ -239,7 +239,7 @@ class Torus(AnalyticBody):
     radius_mm: float
     tube_radius_mm: float
 
-    descent_is_exact = True
+    gradient_leads_to_closest_point = True
 
     @property
     def tight_bounds_mm(self) -> Bounds:
@@ -265,7 +265,7 @@ class Torus(AnalyticBody):
     def inward_directions(self, points: FloatArray) -> FloatArray:
         """Towards the circle that its tube runs along."""
         axis = unit_vector(self.axis)
-        radial, axial, outward = around_axis(points, self.centre_mm, as_vector(axis))
+        radial, axial, outward = axis_coordinates(points, self.centre_mm, as_vector(axis))
         way = (self.radius_mm - radial)[:, None] * outward - axial[:, None] * axis
         lost = np.einsum("ij,ij->i", way, way) == 0.0
         way[lost] = outward[lost]

@@ -24,7 +24,7 @@ class HalfSpace(AnalyticBody):
     point_mm: Vector
     outward: Vector
 
-    descent_is_exact = True
+    gradient_leads_to_closest_point = True
 
     @property
     def tight_bounds_mm(self) -> Bounds:

@@ -11,16 +11,16 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 #: The longest step, in pitches, and below which steps along and back to the surfaces are done.
-LONGEST = 4.0
-ENOUGH_ALONG = 1e-4
-ENOUGH_BACK = 1e-6
+MAX_STEP_PITCHES = 4.0
+STEP_ALONG_TOLERANCE = 1e-4
+STEP_BACK_TOLERANCE = 1e-6
 
 #: Of the way to go at most this share is gone, and at least that.
-MAX_SHARE = 10.0
-MIN_SHARE = 0.01
+MAX_STEP_FRACTION = 10.0
+MIN_STEP_FRACTION = 0.01
 
 #: Surfaces that cross at less than this angle [rad] count as one.
-MIN_ANGLE = 1e-6
+MIN_CROSSING_ANGLE_RAD = 1e-6
 
 
 @kernel
@@ -56,7 +56,7 @@ def step_along(
                 for c in range(3):
                     base[k, c] -= shared * base[m, c]
             size = np.sqrt(base[k, 0] ** 2 + base[k, 1] ** 2 + base[k, 2] ** 2)
-            if size < MIN_ANGLE:
+            if size < MIN_CROSSING_ANGLE_RAD:
                 for c in range(3):
                     base[k, c] = 0.0
                 continue
@@ -74,7 +74,7 @@ def step_along(
                 taken += before[n, 0, c] ** 2
                 bent += before[n, 0, c] * (before[n, 1, c] - along[c])
             if bent > 1e-6 * taken:
-                share = min(max(taken / bent, MIN_SHARE), MAX_SHARE)
+                share = min(max(taken / bent, MIN_STEP_FRACTION), MAX_STEP_FRACTION)
         size, size_along, size_back = 0.0, 0.0, 0.0
         for c in range(3):
             before[n, 0, c] = share * along[c]
@@ -82,9 +82,10 @@ def step_along(
             size += (share * along[c] - back[c]) ** 2
             size_along += (share * along[c]) ** 2
             size_back += back[c] ** 2
-        limit = min(1.0, LONGEST * pitch / max(np.sqrt(size), 1e-300))
+        limit = min(1.0, MAX_STEP_PITCHES * pitch / max(np.sqrt(size), 1e-300))
         for c in range(3):
             at[n, c] += limit * (share * along[c] - back[c])
         going[r] = (
-            np.sqrt(size_along) > ENOUGH_ALONG * pitch or np.sqrt(size_back) > ENOUGH_BACK * pitch)
+            np.sqrt(size_along) > STEP_ALONG_TOLERANCE * pitch or np.sqrt(
+                size_back) > STEP_BACK_TOLERANCE * pitch)
     return going

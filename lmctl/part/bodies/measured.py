@@ -13,16 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.field.array_storage import allocate_array
-from lmctl.field.field import Field
+from lmctl.field.field import DistanceField
 
 FloatArray = NDArray[np.float64]
 Bounds = tuple[FloatArray, FloatArray]
 
 #: Islands and voids of fewer nodes than this (a cube of three) are taken for noise.
-MIN_NODES = 27
+MIN_COMPONENT_NODES = 27
 
 
-def remove_specks(field: Field) -> tuple[Field, int]:
+def remove_specks(field: DistanceField) -> tuple[DistanceField, int]:
     """The field with specks put on the side of what surrounds them, and how many there were.
 
     Only signs change: the distances around were measured to the same samples.
@@ -47,21 +47,21 @@ def _small(side: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], int]:
 
     labels, _ = label(side)
     sizes = np.bincount(labels.ravel())
-    sizes[0] = MIN_NODES
-    small = sizes < MIN_NODES
+    sizes[0] = MIN_COMPONENT_NODES
+    small = sizes < MIN_COMPONENT_NODES
     if len(sizes) > 1:
         small[1 + int(np.argmax(sizes[1:]))] = False
     return small[labels], int(np.count_nonzero(small))
 
 
-def is_closed(field: Field) -> bool:
+def is_closed(field: DistanceField) -> bool:
     """Whether the inside stays clear of the grid's faces, as that of a closed surface does."""
     v = field.values
     faces = (v[0], v[-1], v[:, 0], v[:, -1], v[:, :, 0], v[:, :, -1])
     return all(float(face.max()) < 0 for face in faces)
 
 
-def zero_bounds(field: Field, least_area_mm2: float = 0.0) -> Bounds:
+def zero_level_bounds(field: DistanceField, least_area_mm2: float = 0.0) -> Bounds:
     """Where a field's inside begins and ends along x, y, z.
 
     Each plane of nodes across an axis stands for the highest level at which a connected patch of

@@ -15,7 +15,7 @@ from lmctl.field.plane import PlaneGrid, loop_area_mm2, plane_distance
 from lmctl.part.bodies.analytic import AnalyticBody
 from lmctl.part.bodies.body import empty_section
 from lmctl.part.bodies.depth import unit_rows
-from lmctl.part.bodies.formulas import ON_IT_MM
+from lmctl.part.bodies.formulas import ON_SURFACE_MM
 from lmctl.part.bodies.half_space import half_space_behind
 from lmctl.part.bodies.measured import Bounds
 from lmctl.part.bodies.surfaces import Surface
@@ -98,7 +98,7 @@ class PolygonWall:
     loop_mm: FloatArray
 
     surface_tolerance_mm = 0.0
-    descent_is_exact = False
+    gradient_leads_to_closest_point = False
 
     def distance_at(self, points: FloatArray) -> FloatArray:
         return np.asarray(_polygon_kernel(np.ascontiguousarray(points), self.loop_mm)[:, 0])
@@ -155,7 +155,7 @@ def _polygon_kernel(points: FloatArray, loop: FloatArray) -> FloatArray:
         away = np.sqrt(least)
         sign = 1.0 if inside else -1.0
         ux, uy = loop[best + 1, 0] - loop[best, 0], loop[best + 1, 1] - loop[best, 1]
-        if (share == 0.0 or share == 1.0) and away > ON_IT_MM:
+        if (share == 0.0 or share == 1.0) and away > ON_SURFACE_MM:
             wx = sign * (x - loop[best, 0] - share * ux) / away
             wy = sign * (y - loop[best, 1] - share * uy) / away
         else:

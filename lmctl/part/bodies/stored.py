@@ -11,14 +11,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.field.field import Field, sample_distance, sample_gradient
+from lmctl.field.field import DistanceField, sample_distance, sample_gradient
 from lmctl.field.grid import Grid, Window
 from lmctl.field.maximum_depth import find_maximum_depth
 from lmctl.field.plane import PlaneGrid, loop_area_mm2, section_loops
 from lmctl.field.triangles import closest_points_on_rows
 from lmctl.part.bodies.body import BodyDefaults, plane_points
 from lmctl.part.bodies.depth import project_to_surface, unit_gradient, unit_rows
-from lmctl.part.bodies.measured import Bounds, zero_bounds
+from lmctl.part.bodies.measured import Bounds, zero_level_bounds
 
 FloatArray = NDArray[np.float64]
 
@@ -37,7 +37,7 @@ class FieldSolid(BodyDefaults):
     least_area_mm2 : a section smaller than this is no part of the body (a bead's own area)
     """
 
-    stored: Field
+    stored: DistanceField
     least_area_mm2: float = 0.0
 
     @property
@@ -78,7 +78,7 @@ class FieldSolid(BodyDefaults):
 
     @cached_property
     def tight_bounds_mm(self) -> Bounds:
-        return zero_bounds(self.stored, self.least_area_mm2)
+        return zero_level_bounds(self.stored, self.least_area_mm2)
 
     def support_mm(self, way: FloatArray) -> float:
         """Of balls about the nodes near its surface, each as large as the node is deep."""
@@ -96,7 +96,7 @@ class FieldSolid(BodyDefaults):
         return [loop for loop in loops if abs(loop_area_mm2(loop)) >= self.grid.pitch_mm**2]
 
 
-def closest_points(field: Field, points: FloatArray) -> FloatArray:
+def closest_points(field: DistanceField, points: FloatArray) -> FloatArray:
     """The nearest of the surface points that the corners of each point's cell know, (n, 3) [mm].
 
     Where they know none, down the slope to the surface.

@@ -26,13 +26,13 @@ MAX_ACTIVE = 3
 
 #: Steps of a search at most, and the last of them, which lead to the surfaces the shortest way.
 MAX_STEPS = 16
-LAST_STEPS = 2
+FINAL_STEPS = 2
 
 #: Steps after which a search that leads away is given up.
-PATIENCE = 1
+MAX_DIVERGING_STEPS = 1
 
 #: A point counts as on an exact surface within this share of the pitch.
-TOUCH_PITCHES = 1e-5
+ON_SURFACE_PITCHES = 1e-5
 
 
 class Surface(Protocol):
@@ -43,7 +43,7 @@ class Surface(Protocol):
         """How far from zero its distance may be on it [mm]; 0 where it is exact."""
 
     @property
-    def descent_is_exact(self) -> bool:
+    def gradient_leads_to_closest_point(self) -> bool:
         """Whether the way down the slope leads to its nearest point from everywhere."""
 
     def distance_at(self, points: FloatArray) -> FloatArray:
@@ -67,15 +67,15 @@ class LateralSurface:
     slope: float
 
     surface_tolerance_mm = 0.0
-    descent_is_exact = True
+    gradient_leads_to_closest_point = True
 
     def distance_at(self, points: FloatArray) -> FloatArray:
-        radial, axial, _ = around_axis(points, self.base_mm, self.axis)
+        radial, axial, _ = axis_coordinates(points, self.base_mm, self.axis)
         share = 1.0 / np.hypot(1.0, self.slope)
         return np.asarray(share * (self.base_radius_mm + self.slope * axial - radial))
 
     def inward_directions(self, points: FloatArray) -> FloatArray:
-        _, _, outward = around_axis(points, self.base_mm, self.axis)
+        _, _, outward = axis_coordinates(points, self.base_mm, self.axis)
         share = 1.0 / np.hypot(1.0, self.slope)
         return np.asarray(share * (self.slope * np.array(self.axis) - outward))
 
@@ -92,8 +92,8 @@ class OffsetSurface:
         return self.surface.surface_tolerance_mm
 
     @property
-    def descent_is_exact(self) -> bool:
-        return self.surface.descent_is_exact
+    def gradient_leads_to_closest_point(self) -> bool:
+        return self.surface.gradient_leads_to_closest_point
 
     def distance_at(self, points: FloatArray) -> FloatArray:
         return self.surface.distance_at(points) - self.level_mm
@@ -109,18 +109,19 @@ class SurfaceSet:
     pitch_mm : to which tolerances are related
     """
 
-    all: tuple[Surface, ...]
+    surfaces: tuple[Surface, ...]
     pitch_mm: float
 
     @cached_property
     def surface_tolerance_mm(self) -> FloatArray:
         """How near to zero each has to be at a point on it, (n,) [mm]."""
-        least = TOUCH_PITCHES * self.pitch_mm
-        return np.array([max(surface.surface_tolerance_mm, least) for surface in self.all])
+        least = ON_SURFACE_PITCHES * self.pitch_mm
+        return np.array([max(surface.surface_tolerance_mm, least) for surface in self.surfaces])
 
     @cached_property
-    def descent_is_exact(self) -> NDArray[np.bool_]:
-        return np.array([surface.descent_is_exact for surface in self.all], dtype=bool)
+    def gradient_leads_to_closest_point(self) -> NDArray[np.bool_]:
+        return np.array([surface.gradient_leads_to_closest_point for surface in self.surfaces],
+                        dtype=bool)
 
     def distances_to(self, points: FloatArray, which: IntArray) -> FloatArray:
         """From one surface each, unsigned; (n,) numbers, −1 for none, which is 0 away."""
@@ -136,7 +137,7 @@ class SurfaceSet:
         within_mm : (n,), how far away it may be
         returns : (n, 3) [mm] and whether each was found
         """
-        direct = (active[:, 1] < 0) & self.descent_is_exact[active[:, 0]]
+        direct = (active[:, 1] < 0) & self.gradient_leads_to_closest_point[active[:, 0]]
         at, found = start.copy(), np.zeros(len(points), dtype=bool)
         for rows, search in ((np.flatnonzero(direct), self._feet),
                              (np.flatnonzero(~direct), self._settle)):
@@ -170,10 +171,10 @@ class SurfaceSet:
         before = np.zeros((len(points), 2, 3))
         for number in range(MAX_STEPS):
             value, inward = self._active(at[rows], active[rows])
-            last = number >= MAX_STEPS - LAST_STEPS
+            last = number >= MAX_STEPS - FINAL_STEPS
             going = step_along(
                 rows, points, at, value, inward, before, self.pitch_mm, number == 0, last)
-            if number >= PATIENCE:
+            if number >= MAX_DIVERGING_STEPS:
                 going &= np.linalg.norm(at[rows] - points[rows], axis=1) < 2.0 * within_mm[rows]
             rows = rows[going]
             if len(rows) == 0:
@@ -188,16 +189,16 @@ class SurfaceSet:
         """Distances (n, m) and directions inwards (n, m, 3) of the active surfaces (n, m)."""
         value = np.zeros(active.shape)
         inward = np.zeros((*active.shape, 3))
-        for number, places in group_by_number(active.ravel()):
+        for number, places in places_by_number(active.ravel()):
             row, slot = np.divmod(places, active.shape[1])
             at = points[row]
-            value[row, slot] = self.all[number].distance_at(at)
+            value[row, slot] = self.surfaces[number].distance_at(at)
             if inwards:
-                inward[row, slot] = self.all[number].inward_directions(at)
+                inward[row, slot] = self.surfaces[number].inward_directions(at)
         return value, inward
 
 
-def group_by_number(numbers: IntArray) -> Iterator[tuple[int, IntArray]]:
+def places_by_number(numbers: IntArray) -> Iterator[tuple[int, IntArray]]:
     """Each number ≥ 0 of (n,) once, and the places where it is."""
     order = np.argsort(numbers, kind="stable")
     found, first = np.unique(numbers[order], return_index=True)
@@ -207,7 +208,7 @@ def group_by_number(numbers: IntArray) -> Iterator[tuple[int, IntArray]]:
             yield int(number), order[start:end]
 
 
-def around_axis(
+def axis_coordinates(
     points: FloatArray, base: Vector, axis: Vector
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Distance from an axis (n,), height along it (n,), and the way out from it (n, 3).

@@ -78,12 +78,12 @@ class TransformedBody(AnalyticBody):
         return self.transform.scale * self.body.surface_tolerance_mm
 
     @property
-    def descent_is_exact(self) -> bool:
-        return self.body.descent_is_exact
+    def gradient_leads_to_closest_point(self) -> bool:
+        return self.body.gradient_leads_to_closest_point
 
     @property
-    def bound_is_exact(self) -> bool:
-        return self.body.bound_is_exact
+    def distance_bound_is_exact(self) -> bool:
+        return self.body.distance_bound_is_exact
 
     @cached_property
     def surfaces(self) -> tuple[tuple[Surface, int], ...]:
@@ -173,8 +173,8 @@ class TransformedSurface:
         return self.transform.scale * self.surface.surface_tolerance_mm
 
     @property
-    def descent_is_exact(self) -> bool:
-        return self.surface.descent_is_exact
+    def gradient_leads_to_closest_point(self) -> bool:
+        return self.surface.gradient_leads_to_closest_point
 
     def distance_at(self, points: FloatArray) -> FloatArray:
         return self.transform.scale * self.surface.distance_at(self.transform.invert(points))

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.field.grid import Window
-from lmctl.part.booleans.expression import Expression
+from lmctl.part.booleans.expression import BooleanExpression
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -35,21 +35,22 @@ class NearbyLeaves:
     """What is near in some blocks of a window.
 
     points : (b, m, 3) float64 [mm]
-    rows : of each leaf its bound in them, (b, m) float64 [mm], or (b, 1) and infinite where it is
+    leaf_bounds_mm : of each leaf its bound in them, (b, m) float64 [mm], or (b, 1) and infinite
+    where it is
         far from all of these blocks
-    near : (k, b) bool, which leaves are near in which of them
+    is_leaf_near : (k, b) bool, which leaves are near in which of them
     """
 
     points: FloatArray
-    rows: list[FloatArray]
-    near: NDArray[np.bool_]
+    leaf_bounds_mm: list[FloatArray]
+    is_leaf_near: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
 class NodeBlocks:
     """A window's nodes as blocks. Those beyond the window's rim are there too, to be left out."""
 
-    expression: Expression
+    expression: BooleanExpression
     window: Window
 
     @cached_property
@@ -58,14 +59,14 @@ class NodeBlocks:
         return min(BLOCK_NODES, planes), min(BLOCK_NODES, ny), min(BLOCK_NODES, nx)
 
     @cached_property
-    def firsts(self) -> IntArray:
+    def first_node_indices(self) -> IntArray:
         """(n, 3) int64: x, y, z numbers of each block's first node, in the window."""
         counts = [-(-n // side) for n, side in zip(self.window.shape, self._side, strict=True)]
         numbers = np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), axis=-1)
         return (numbers.reshape(-1, 3) * self._side)[:, ::-1]
 
     @cached_property
-    def steps(self) -> IntArray:
+    def node_offsets(self) -> IntArray:
         """(m, 3) int64: from a block's first node to each of its nodes."""
         numbers = np.stack(np.meshgrid(*map(np.arange, self._side), indexing="ij"), axis=-1)
         return numbers.reshape(-1, 3)[:, ::-1]
@@ -73,11 +74,12 @@ class NodeBlocks:
     @property
     def radius_mm(self) -> float:
         """From a block's middle to its corners [mm]."""
-        return float(0.5 * self.window.grid.pitch_mm * np.linalg.norm(self.steps[-1]))
+        return float(0.5 * self.window.grid.pitch_mm * np.linalg.norm(self.node_offsets[-1]))
 
-    def bounds(self) -> FloatArray:
+    def leaf_bounds_at_centres_mm(self) -> FloatArray:
         """Each leaf's bound in the blocks' middles, (k, n) float64 [mm]."""
-        middles = self._origin + self.window.grid.pitch_mm * (self.firsts + 0.5 * self.steps[-1])
+        middles = self._origin + self.window.grid.pitch_mm * (
+            self.first_node_indices + 0.5 * self.node_offsets[-1])
         found = np.empty((len(self.expression.leaves), len(middles)))
         for row, leaf in zip(found, self.expression.leaves, strict=True):
             for first in range(0, len(middles), NODES_AT_ONCE):
@@ -93,13 +95,14 @@ class NodeBlocks:
         which : (n,) numbers of blocks; bounds, near : (k, n), of their middles
         Yields the numbers of blocks and what is near in them.
         """
-        each = len(self.steps) * max(1, int(near.sum(axis=0).max(initial=1)))
-        at_once = max(1, min(VALUES_AT_ONCE // each, NODES_AT_ONCE // len(self.steps)))
+        each = len(self.node_offsets) * max(1, int(near.sum(axis=0).max(initial=1)))
+        at_once = max(1, min(VALUES_AT_ONCE // each, NODES_AT_ONCE // len(self.node_offsets)))
         pitch = self.window.grid.pitch_mm
         for first in range(0, len(which), at_once):
             part = slice(first, first + at_once)
             some, their = which[part], near[:, part]
-            points = self._origin + pitch * (self.firsts[some, None] + self.steps)
+            points = self._origin + pitch * (self.first_node_indices[some,
+                                                                     None] + self.node_offsets)
             rows = []
             for leaf, close, middle in zip(
                 self.expression.leaves, their, bounds[:, part], strict=True

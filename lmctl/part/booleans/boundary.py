@@ -23,13 +23,13 @@ from lmctl.part.bodies.measured import Bounds
 from lmctl.part.bodies.surfaces import MAX_ACTIVE, Surface, SurfaceSet
 from lmctl.part.booleans.blocks import NearbyLeaves, NodeBlocks
 from lmctl.part.booleans.closest_candidates import (
-    MAX_NEAR,
+    MAX_NEAR_SURFACES,
     closest_surfaces,
     corner_candidates,
     seed_nodes,
-    take_closest,
+    select_closest_candidates,
 )
-from lmctl.part.booleans.expression import Expression
+from lmctl.part.booleans.expression import BooleanExpression
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
@@ -48,18 +48,18 @@ REACH_PITCHES = 2.0
 FAR_PITCHES = 16.0
 
 #: Nearer than so many pitches so many of the nearest feet are looked for among all there are.
-ASKED_PITCHES = 6.0
-FEET_ASKED = 4
+DIRECT_SEARCH_PITCHES = 6.0
+NEAREST_POINTS_ASKED = 4
 
 #: Of no more feet than this the nearest are found at once from everywhere.
-FEW_FEET = 20_000
+MAX_POINTS_FOR_DIRECT_SEARCH = 20_000
 
 #: A place looks again nearer to the foot it found, at these shares of the way back: nodes far away
 #: were told less precisely.
-LOOKS = (0.1, 0.05, 0.0)
+REFINEMENT_FRACTIONS = (0.1, 0.05, 0.0)
 
 #: What comes this near to where it must end, in pitches, ends there.
-END_PITCHES = 0.05
+CONVERGENCE_PITCHES = 0.05
 
 #: Points searched for at a time.
 POINTS_AT_ONCE = 100_000
@@ -77,7 +77,7 @@ class Boundary:
     grid : holds all of the surface, or all of it that matters
     """
 
-    expression: Expression
+    expression: BooleanExpression
     holds: Holds
     grid: Grid
 
@@ -92,7 +92,7 @@ class Boundary:
         Points lie beside an outermost one: what comes near to the box's end, ends there.
         """
         low, high = self.surface_points_mm.min(axis=0), self.surface_points_mm.max(axis=0)
-        near = END_PITCHES * self.grid.pitch_mm
+        near = CONVERGENCE_PITCHES * self.grid.pitch_mm
         return np.where(low - box[0] < near, box[0], low), np.where(
             box[1] - high < near, box[1], high)
 
@@ -135,27 +135,28 @@ class Boundary:
         feet_mm, active = self._found
         own = self._in_nodes(points)
         rows = np.full(len(points), -1, dtype=np.int64)
-        near = np.full((len(points), MAX_NEAR), -1, dtype=np.int64)
+        near = np.full((len(points), MAX_NEAR_SURFACES), -1, dtype=np.int64)
         known = corner_candidates(self._sources, own)
-        take_closest(known, feet_mm, active, points, rows, near.copy())
+        select_closest_candidates(known, feet_mm, active, points, rows, near.copy())
         last = np.asarray(self.grid.shape[::-1]) - 1
         away = np.linalg.norm(feet_mm[rows] - points, axis=1)
         asked = np.any((own < 0) | (own > last), axis=1)
-        asked |= away < ASKED_PITCHES * self.grid.pitch_mm
-        asked |= len(feet_mm) <= FEW_FEET
-        for share in LOOKS:
+        asked |= away < DIRECT_SEARCH_PITCHES * self.grid.pitch_mm
+        asked |= len(feet_mm) <= MAX_POINTS_FOR_DIRECT_SEARCH
+        for share in REFINEMENT_FRACTIONS:
             near[:] = -1
             there = feet_mm[rows] + share * (points - feet_mm[rows])
             found = corner_candidates(self._sources, self._in_nodes(there))
-            take_closest(found, feet_mm, active, points, rows, near)
+            select_closest_candidates(found, feet_mm, active, points, rows, near)
         if asked.any():
-            count = min(FEET_ASKED, len(feet_mm))
+            count = min(NEAREST_POINTS_ASKED, len(feet_mm))
             _, nearest = self._tree.query(points[asked], k=[*range(1, count + 1)])
-            own_rows, own_near = rows[asked], np.full((len(nearest), MAX_NEAR), -1)
-            take_closest(nearest.astype(np.int32), feet_mm, active, points[asked], own_rows,
-                         own_near)
+            own_rows, own_near = rows[asked], np.full((len(nearest), MAX_NEAR_SURFACES), -1)
+            select_closest_candidates(nearest.astype(np.int32), feet_mm, active, points[asked],
+                                      own_rows,
+                                      own_near)
             rows[asked], near[asked] = own_rows, own_near
-        take_closest(known, feet_mm, active, points, rows, near)
+        select_closest_candidates(known, feet_mm, active, points, rows, near)
         return rows, near
 
     def _in_nodes(self, points: FloatArray) -> FloatArray:
@@ -182,7 +183,7 @@ class Boundary:
             np.where(which < 0, np.inf, surfaces.distances_to(points, which)) for which in near.T
         ])
         for count in range(1, MAX_ACTIVE + 1):
-            for slots in combinations(range(MAX_NEAR), count):
+            for slots in combinations(range(MAX_NEAR_SURFACES), count):
                 # Where surfaces meet is no nearer than the farthest of them.
                 rows = np.flatnonzero(away[list(slots)].max(axis=0) < within_mm)
                 if len(rows) == 0:
@@ -238,13 +239,13 @@ class Boundary:
         band = BAND_PITCHES * self.grid.pitch_mm
         for window in self.grid.slabs(SLAB_PLANES):
             blocks = NodeBlocks(self.expression, window)
-            bounds = blocks.bounds()
+            bounds = blocks.leaf_bounds_at_centres_mm()
             which = np.flatnonzero(
                 np.abs(self.expression.evaluate(bounds)) <= blocks.radius_mm + band)
             bounds = bounds[:, which]
             near = np.abs(bounds) <= blocks.radius_mm + band
             for _, found in blocks.iterate_nearby(which, bounds, near):
-                kept = np.abs(self.expression.evaluate(found.rows)) <= band
+                kept = np.abs(self.expression.evaluate(found.leaf_bounds_mm)) <= band
                 kept = np.broadcast_to(kept, found.points.shape[:2])
                 points = found.points[kept]
                 if len(points):
@@ -257,15 +258,15 @@ class Boundary:
         rows, which, away = [], [], []
         surfaces, of_leaf, rests = self._numbered
         for leaf, (numbers, rest) in enumerate(zip(of_leaf, rests, strict=True)):
-            if not found.near[leaf].any():
+            if not found.is_leaf_near[leaf].any():
                 continue
-            depth = np.abs(found.rows[leaf][kept])
+            depth = np.abs(found.leaf_bounds_mm[leaf][kept])
             asked = np.flatnonzero(depth <= band)
             left = np.ones(len(points), dtype=bool)
             for number in [*numbers, rest] if rest >= 0 else numbers:
                 if number == rest:
                     asked = asked[left[asked]]
-                distance = np.abs(surfaces.all[number].distance_at(points[asked]))
+                distance = np.abs(surfaces.surfaces[number].distance_at(points[asked]))
                 left[asked[np.abs(
                     distance - depth[asked]) <= surfaces.surface_tolerance_mm[number]]] = False
                 own = distance <= band
@@ -273,7 +274,7 @@ class Boundary:
                 which.append(np.full(int(own.sum()), number))
                 away.append(distance[own])
         if not rows:
-            return np.full((len(points), MAX_NEAR), -1, dtype=np.int64)
+            return np.full((len(points), MAX_NEAR_SURFACES), -1, dtype=np.int64)
         return closest_surfaces(
             np.concatenate(rows), np.concatenate(which), np.concatenate(away), len(points)
         )

@@ -11,7 +11,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 #: Surfaces among which a place looks for its nearest point.
-MAX_NEAR = 6
+MAX_NEAR_SURFACES = 6
 
 
 @kernel
@@ -50,7 +50,7 @@ def corner_candidates(sources: NDArray[np.int32], nodes: FloatArray) -> NDArray[
 
 
 @kernel
-def take_closest(
+def select_closest_candidates(
     offered: NDArray[np.int32], feet: FloatArray, active: NDArray[np.int32], points: FloatArray,
     rows: IntArray, near: IntArray,
 ) -> None:
@@ -100,7 +100,7 @@ def closest_surfaces(
     new[1:] = (rows[1:] != rows[:-1]) | (which[1:] != which[:-1])
     rows, which = rows[new], which[new]
     slot = np.arange(len(rows)) - np.searchsorted(rows, rows)
-    kept = slot < MAX_NEAR
-    near = np.full((count, MAX_NEAR), -1, dtype=np.int64)
+    kept = slot < MAX_NEAR_SURFACES
+    near = np.full((count, MAX_NEAR_SURFACES), -1, dtype=np.int64)
     near[rows[kept], slot[kept]] = which[kept]
     return near

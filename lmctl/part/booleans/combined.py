@@ -25,12 +25,12 @@ from lmctl.field.plane import PlaneGrid, plane_distance
 from lmctl.part.bodies.analytic import AnalyticBody
 from lmctl.part.bodies.body import Body, empty_section
 from lmctl.part.bodies.measured import Bounds
-from lmctl.part.bodies.surfaces import Surface, group_by_number
+from lmctl.part.bodies.surfaces import Surface, places_by_number
 from lmctl.part.booleans.blocks import VALUES_AT_ONCE, NodeBlocks
 from lmctl.part.booleans.boundary import Boundary
 from lmctl.part.booleans.expression import (
-    BooleanOf,
-    Expression,
+    BooleanExpression,
+    BooleanFormula,
     Operation,
     SignedLeaf,
     combine,
@@ -61,7 +61,7 @@ class CombinedBody(AnalyticBody):
     grid: Grid
 
     @cached_property
-    def expression(self) -> Expression:
+    def expression(self) -> BooleanExpression:
         return combine(self.operation, [expression_of(body) for body in self.bodies])
 
     def transformed(self, carry: Callable[[Body], Body], grid: Grid) -> CombinedBody:
@@ -75,7 +75,7 @@ class CombinedBody(AnalyticBody):
     @cached_property
     def boundary(self) -> Boundary:
         """Raises InputError where nothing is left to have a boundary."""
-        boundary = Boundary(self.expression, self._cells.is_boundary, self.grid)
+        boundary = Boundary(self.expression, self._cells.is_on_boundary, self.grid)
         if len(boundary.surface_points_mm) == 0:
             raise InputError(
                 f"the {self.operation} of the bodies leaves nothing",
@@ -89,7 +89,7 @@ class CombinedBody(AnalyticBody):
         return LocalSides(self.expression, self.grid.pitch_mm)
 
     @property
-    def bound_is_exact(self) -> bool:
+    def distance_bound_is_exact(self) -> bool:
         return False
 
     @property
@@ -101,7 +101,8 @@ class CombinedBody(AnalyticBody):
         leaves = self.expression.leaves
         return tuple(dict.fromkeys(
             (surface, sign * side)
-            for leaf, side in self.expression.sides() for surface, sign in leaves[leaf].surfaces
+            for leaf, side in self.expression.signed_leaves() for surface,
+            sign in leaves[leaf].surfaces
         ))
 
     @property
@@ -112,8 +113,8 @@ class CombinedBody(AnalyticBody):
     def tight_bounds_mm(self) -> Bounds:
         """Of a union of leaves, exactly theirs; else of its boundary."""
         formula = self.expression.formula
-        if isinstance(formula, BooleanOf) and not formula.requires_all and all(
-            isinstance(part, SignedLeaf) and part.sign > 0 for part in formula.of
+        if isinstance(formula, BooleanFormula) and not formula.requires_all and all(
+            isinstance(part, SignedLeaf) and part.sign > 0 for part in formula.operands
         ):
             lows, highs = zip(*(leaf.tight_bounds_mm for leaf in self.expression.leaves),
                               strict=True)
@@ -155,7 +156,7 @@ class CombinedBody(AnalyticBody):
             size = np.linalg.norm(way, axis=1)
             by_leaf = (which >= 0) | (size < 1e-9)
             way /= np.where(by_leaf, 1.0, size)[:, None]
-            for number, own in group_by_number(np.where(by_leaf, which, -1)):
+            for number, own in places_by_number(np.where(by_leaf, which, -1)):
                 found = self.expression.leaves[number].inward_directions(asked[own])
                 way[own] = side[own, None] * found
             result[part] = way
@@ -177,13 +178,14 @@ class CombinedBody(AnalyticBody):
         return combined_outline(self.expression, z_mm, plane, self._cells.shared_face_tolerance_mm)
 
     def _fill(self, values: NDArray[np.float32], blocks: NodeBlocks) -> None:
-        bounds = blocks.bounds()
+        bounds = blocks.leaf_bounds_at_centres_mm()
         # No place in a block measures to what is farther from its middle than this.
         reach = np.abs(self.expression.evaluate(bounds)) + 2.0 * blocks.radius_mm
         near = np.abs(bounds) <= reach
-        found = np.empty((len(blocks.firsts), len(blocks.steps)), dtype=np.float32)
+        found = np.empty((len(blocks.first_node_indices), len(blocks.node_offsets)),
+                         dtype=np.float32)
         for some, what in blocks.iterate_nearby(np.arange(len(found)), bounds, near):
-            found[some] = self._depths(what.points, what.rows, what.near)
+            found[some] = self._depths(what.points, what.leaf_bounds_mm, what.is_leaf_near)
         values[:] = blocks.assemble(found)
 
     def _depths(
@@ -205,7 +207,7 @@ class CombinedBody(AnalyticBody):
         if len(b):
             asked, which = points[several[b], m], which[b, m]
             feet = self._leaf_feet(asked, which)
-            hidden = np.flatnonzero(~self._cells.is_boundary(feet, which, _at(sides, b, m)))
+            hidden = np.flatnonzero(~self._cells.is_on_boundary(feet, which, _at(sides, b, m)))
             if len(hidden):
                 nearest = self.boundary.closest_points(asked[hidden])
                 away = np.linalg.norm(asked[hidden] - nearest, axis=1)
@@ -221,7 +223,7 @@ class CombinedBody(AnalyticBody):
         """Ask leaves whose bound is no distance for theirs where the formula comes out at it."""
         inexact = [
             number for number, leaf in enumerate(self.expression.leaves)
-            if not leaf.bound_is_exact and near[number].any()
+            if not leaf.distance_bound_is_exact and near[number].any()
         ]
         asked = {number: np.zeros(points.shape[:2], dtype=bool) for number in inexact}
         while inexact:
@@ -239,7 +241,7 @@ class CombinedBody(AnalyticBody):
 
     def _leaf_feet(self, points: FloatArray, which: IntArray) -> FloatArray:
         feet = np.empty_like(points)
-        for number, own in group_by_number(which):
+        for number, own in places_by_number(which):
             feet[own] = self.expression.leaves[number].closest_points(points[own])
         return feet
 
@@ -259,7 +261,7 @@ class CombinedBody(AnalyticBody):
         hidden = np.flatnonzero(open_[0])
         if len(hidden):
             known = _at(sides, np.zeros_like(hidden), hidden)
-            hidden = hidden[~self._cells.is_boundary(feet[hidden], which[hidden], known)]
+            hidden = hidden[~self._cells.is_on_boundary(feet[hidden], which[hidden], known)]
         if len(hidden):
             feet[hidden] = self.boundary.closest_points(points[hidden])
             depth[hidden] = self._cells.depth_on_shared_faces(points[hidden], depth[hidden])

@@ -37,18 +37,18 @@ class SignedLeaf:
 
 
 @dataclass(frozen=True)
-class BooleanOf:
+class BooleanFormula:
     """What is in all of several formulas, or in any of them."""
 
     requires_all: bool
-    of: tuple[Formula, ...]
+    operands: tuple[Formula, ...]
 
 
-Formula = SignedLeaf | BooleanOf
+Formula = SignedLeaf | BooleanFormula
 
 
 @dataclass(frozen=True, eq=False)
-class Expression:
+class BooleanExpression:
     """A set of places by its leaves: bodies that are not booleans themselves."""
 
     leaves: tuple[Body, ...]
@@ -64,18 +64,19 @@ class Expression:
         boxes = [leaf.enclosing_box_mm for leaf in self.leaves]
         return _boxed(self.formula, boxes)
 
-    def sides(self) -> list[tuple[int, int]]:
+    def signed_leaves(self) -> list[tuple[int, int]]:
         """(leaf, sign) of every side that the formula asks for, each once."""
         return list(dict.fromkeys((side.leaf, side.sign) for side in _sides(self.formula)))
 
 
-def expression_of(body: Body) -> Expression:
+def expression_of(body: Body) -> BooleanExpression:
     """A body by its leaves: a boolean's own, or the body itself as the only one."""
     found = getattr(body, "expression", None)
-    return found if isinstance(found, Expression) else Expression((body,), SignedLeaf(0, 1))
+    return found if isinstance(found, BooleanExpression) else BooleanExpression((body,),
+                                                                                SignedLeaf(0, 1))
 
 
-def combine(operation: Operation, parts: Sequence[Expression]) -> Expression:
+def combine(operation: Operation, parts: Sequence[BooleanExpression]) -> BooleanExpression:
     """Several as one; a difference takes all others from the first."""
     numbers: dict[Hashable, int] = {}
     leaves: list[Body] = []
@@ -94,30 +95,32 @@ def combine(operation: Operation, parts: Sequence[Expression]) -> Expression:
     every = operation != "union"
     flat: list[Formula] = []
     for formula in formulas:
-        inner = isinstance(formula, BooleanOf) and formula.requires_all == every
-        flat += formula.of if isinstance(formula, BooleanOf) and inner else [formula]
-    return Expression(tuple(leaves), BooleanOf(every, tuple(dict.fromkeys(flat))))
+        inner = isinstance(formula, BooleanFormula) and formula.requires_all == every
+        flat += formula.operands if isinstance(formula, BooleanFormula) and inner else [formula]
+    return BooleanExpression(tuple(leaves), BooleanFormula(every, tuple(dict.fromkeys(flat))))
 
 
 def _evaluated(formula: Formula, rows: Rows) -> NDArray[Any]:
     if isinstance(formula, SignedLeaf):
         row: NDArray[Any] = rows[formula.leaf]
         return row if formula.sign > 0 else -row
-    found = [_evaluated(part, rows) for part in formula.of]
+    found = [_evaluated(part, rows) for part in formula.operands]
     return reduce(np.minimum if formula.requires_all else np.maximum, found)
 
 
 def _renumbered(formula: Formula, places: Sequence[int]) -> Formula:
     if isinstance(formula, SignedLeaf):
         return SignedLeaf(places[formula.leaf], formula.sign)
-    return BooleanOf(formula.requires_all, tuple(_renumbered(part, places) for part in formula.of))
+    return BooleanFormula(formula.requires_all,
+                          tuple(_renumbered(part, places) for part in formula.operands))
 
 
 def _inside_out(formula: Formula) -> Formula:
     """De Morgan's law, down to the leaves."""
     if isinstance(formula, SignedLeaf):
         return SignedLeaf(formula.leaf, -formula.sign)
-    return BooleanOf(not formula.requires_all, tuple(_inside_out(part) for part in formula.of))
+    return BooleanFormula(not formula.requires_all,
+                          tuple(_inside_out(part) for part in formula.operands))
 
 
 def _boxed(formula: Formula, boxes: Sequence[Bounds]) -> Bounds:
@@ -125,7 +128,7 @@ def _boxed(formula: Formula, boxes: Sequence[Bounds]) -> Bounds:
         if formula.sign > 0:
             return boxes[formula.leaf]
         return np.full(3, -np.inf), np.full(3, np.inf)
-    lows, highs = zip(*(_boxed(part, boxes) for part in formula.of), strict=True)
+    lows, highs = zip(*(_boxed(part, boxes) for part in formula.operands), strict=True)
     if formula.requires_all:
         return np.max(lows, axis=0), np.min(highs, axis=0)
     return np.min(lows, axis=0), np.max(highs, axis=0)
@@ -134,4 +137,4 @@ def _boxed(formula: Formula, boxes: Sequence[Bounds]) -> Bounds:
 def _sides(formula: Formula) -> list[SignedLeaf]:
     if isinstance(formula, SignedLeaf):
         return [formula]
-    return [side for part in formula.of for side in _sides(part)]
+    return [side for part in formula.operands for side in _sides(part)]

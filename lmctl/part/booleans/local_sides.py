@@ -16,8 +16,8 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.part.bodies.surfaces import TOUCH_PITCHES, Surface
-from lmctl.part.booleans.expression import Expression
+from lmctl.part.bodies.surfaces import ON_SURFACE_PITCHES, Surface
+from lmctl.part.booleans.expression import BooleanExpression
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -28,14 +28,14 @@ STEP_PITCHES = 1e-3
 STEP_SLACKS = 10.0
 
 #: Surfaces that cross at less than this angle [rad] have nothing to look for between them.
-MIN_ANGLE = 1e-3
+MIN_CROSSING_ANGLE_RAD = 1e-3
 
 #: Surfaces looked between at one point, and of these so many at a time.
-MAX_MET = 4
+MAX_MEETING_SURFACES = 4
 MAX_CROSSING = 3
 
 #: Directions besides those the surfaces themselves give; evenly spread, along no axis.
-DIRECTIONS = 18
+DIRECTION_COUNT = 18
 
 
 def _spread(count: int) -> FloatArray:
@@ -52,16 +52,16 @@ class LocalSides:
     pitch_mm : to which tolerances are related
     """
 
-    expression: Expression
+    expression: BooleanExpression
     pitch_mm: float
 
     @cached_property
     def surface_tolerance_mm(self) -> FloatArray:
         """How near to zero a leaf's distance is on its surface at most, (k,) [mm]."""
-        least = TOUCH_PITCHES * self.pitch_mm
+        least = ON_SURFACE_PITCHES * self.pitch_mm
         return np.array([max(leaf.surface_tolerance_mm, least) for leaf in self.expression.leaves])
 
-    def is_boundary(
+    def is_on_boundary(
         self, points: FloatArray, on: IntArray | None = None, sides: SignArray | None = None
     ) -> NDArray[np.bool_]:
         """Whether points (n, 3) lie where the expression changes, to the leaves' slack.
@@ -72,7 +72,7 @@ class LocalSides:
         inside, outside = self._around(points, on, sides)
         return inside & outside
 
-    def side_around(self, points: FloatArray) -> SignArray:
+    def side_all_around(self, points: FloatArray) -> SignArray:
         """The side of the expression that is all around points (n, 3): 1 or −1, 0 where both are.
 
         On faces that bodies share the formula comes out at 0, though nothing changes there.
@@ -90,7 +90,7 @@ class LocalSides:
         rows = np.flatnonzero(np.abs(depth) <= self.shared_face_tolerance_mm)
         if len(rows) == 0:
             return depth
-        side, own = self.side_around(points[rows]), depth[rows]
+        side, own = self.side_all_around(points[rows]), depth[rows]
         result = depth.copy()
         result[rows] = np.where(
             side == 0, own, side * np.maximum(np.abs(own), self.surface_tolerance_mm.min()))
@@ -145,7 +145,7 @@ class LocalSides:
         return seen.inside, seen.outside
 
     def is_on_boundary_piece(self, points: FloatArray, leaf: int,
-                             others: Expression) -> NDArray[np.bool_]:
+                             others: BooleanExpression) -> NDArray[np.bool_]:
         """Whether points lie on the piece of a leaf's surface inside others, or on its rim.
 
         others : a formula over the same leaves
@@ -180,7 +180,8 @@ class LocalSides:
         return signs, signs == 0
 
     def _look(
-        self, points: FloatArray, signs: SignArray, active: NDArray[np.bool_], of: Expression,
+        self, points: FloatArray, signs: SignArray, active: NDArray[np.bool_],
+        of: BooleanExpression,
         seen: _Seen, leaf: int | None = None,
     ) -> None:
         """Follow directions from points and note what the formula is in each of them.
@@ -219,18 +220,18 @@ class LocalSides:
                 if ways.any():
                     yield from ways
                     yield from -ways
-        yield from _spread(DIRECTIONS)
+        yield from _spread(DIRECTION_COUNT)
 
     def _inward(self, points: FloatArray, active: NDArray[np.bool_]) -> FloatArray:
         """Directions of the surfaces that points lie on, (MOST_MET, n, 3), all crossing; 0 where
         there are fewer. An edge of a leaf has two: its own direction there is that of one."""
-        inward = np.zeros((MAX_MET, len(points), 3))
+        inward = np.zeros((MAX_MEETING_SURFACES, len(points), 3))
         count = np.zeros(len(points), dtype=np.int64)
 
         def meet(surface: Surface, rows: IntArray) -> None:
             found = surface.inward_directions(points[rows])
             known = np.abs(np.einsum("mnc,nc->mn", inward[:, rows], found)).max(axis=0)
-            new = (known < np.cos(MIN_ANGLE)) & (count[rows] < MAX_MET)
+            new = (known < np.cos(MIN_CROSSING_ANGLE_RAD)) & (count[rows] < MAX_MEETING_SURFACES)
             inward[count[rows[new]], rows[new]] = found[new]
             count[rows[new]] += 1
 
@@ -264,10 +265,10 @@ def _between(inward: Sequence[FloatArray]) -> FloatArray:
         across = np.cross(b, c), np.cross(c, a), np.cross(a, b)
         ways = np.stack([
             across[0] + one * across[1] + two * across[2] for one in (1, -1) for two in (1, -1)])
-        ways[:, np.abs(np.einsum("nc,nc->n", a, across[0])) < MIN_ANGLE] = 0.0
+        ways[:, np.abs(np.einsum("nc,nc->n", a, across[0])) < MIN_CROSSING_ANGLE_RAD] = 0.0
     ways[:, ~np.all([way.any(axis=1) for way in inward], axis=0)] = 0.0
     size = np.linalg.norm(ways, axis=2, keepdims=True)
-    crossing = size > MIN_ANGLE
+    crossing = size > MIN_CROSSING_ANGLE_RAD
     return np.asarray(np.where(crossing, ways / np.where(crossing, size, 1.0), 0.0))
 
 

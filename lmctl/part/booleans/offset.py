@@ -47,7 +47,7 @@ class OffsetBody(AnalyticBody):
         return OffsetBody, self.body.identity_key, self.level_mm
 
     @property
-    def bound_is_exact(self) -> bool:
+    def distance_bound_is_exact(self) -> bool:
         return False
 
     @property

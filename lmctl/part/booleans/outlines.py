@@ -17,7 +17,7 @@ from lmctl.errors import InputError
 from lmctl.field.plane import PlaneGrid, loop_area_mm2, section_loops
 from lmctl.part.bodies.body import Body
 from lmctl.part.bodies.corners import restore_corners
-from lmctl.part.booleans.expression import Expression, Formula, SignedLeaf
+from lmctl.part.booleans.expression import BooleanExpression, Formula, SignedLeaf
 
 if TYPE_CHECKING:
     from manifold3d import CrossSection
@@ -30,7 +30,7 @@ SLIT_PITCHES = 0.01
 
 
 def combined_outline(
-    expression: Expression, z_mm: float, plane: PlaneGrid, slit_mm: float
+    expression: BooleanExpression, z_mm: float, plane: PlaneGrid, slit_mm: float
 ) -> list[FloatArray]:
     """The outline at height z: closed loops (k, 2) float64 [mm], the inside on the left.
 
@@ -74,7 +74,7 @@ def _region(
         return outlines[formula.leaf], formula.sign < 0
     from manifold3d import CrossSection, OpType
 
-    parts = [_region(part, outlines) for part in formula.of]
+    parts = [_region(part, outlines) for part in formula.operands]
     whole = [region for region, inverted in parts if not inverted]
     without = [region for region, inverted in parts if inverted]
     some, others = (whole, without) if formula.requires_all else (without, whole)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from lmctl.field.grid import Grid
 from lmctl.part.bodies.body import Body
 from lmctl.part.booleans.boundary import Boundary
-from lmctl.part.booleans.expression import BooleanOf, Expression, SignedLeaf
+from lmctl.part.booleans.expression import BooleanExpression, BooleanFormula, SignedLeaf
 from lmctl.part.booleans.local_sides import LocalSides
 
 FloatArray = NDArray[np.float64]
@@ -77,10 +77,11 @@ class OverlapWeights:
         count = len(self.bodies)
         for number in range(count):
             sides = tuple(SignedLeaf(other, 1) for other in range(count) if other != number)
-            others = BooleanOf(False, sides)
-            both = Expression(self.bodies, BooleanOf(True, (SignedLeaf(number, 1), others)))
+            others = BooleanFormula(False, sides)
+            both = BooleanExpression(self.bodies,
+                                     BooleanFormula(True, (SignedLeaf(number, 1), others)))
             cells = LocalSides(both, self.grid.pitch_mm)
-            within = Expression(self.bodies, others)
+            within = BooleanExpression(self.bodies, others)
             pieces.append(
                 Boundary(both, partial(cells.is_on_boundary_piece, leaf=number, others=within),
                          self.grid))

@@ -32,7 +32,7 @@ FloatArray = NDArray[np.float64]
 PIECES_PER_SPAN = 64
 
 #: Triangles are cut until none is longer than this share of the surface's size.
-MAX_SHARE = 0.02
+MAX_EDGE_FRACTION = 0.02
 MAX_PIECES = 2_000_000
 NEIGHBOURS = 12
 
@@ -45,7 +45,7 @@ class Feature(Protocol):
 
 
 @dataclass(frozen=True)
-class Point:
+class PointDistance:
     """Distance to a point."""
 
     at_mm: Vector
@@ -55,7 +55,7 @@ class Point:
 
 
 @dataclass(frozen=True)
-class Segment:
+class SegmentDistance:
     """Distance to a straight line between two points."""
 
     start_mm: Vector
@@ -66,7 +66,7 @@ class Segment:
 
 
 @dataclass(frozen=True)
-class Axis:
+class AxisDistance:
     """Distance to an infinite line; direction of any length but 0."""
 
     point_mm: Vector
@@ -77,7 +77,7 @@ class Axis:
 
 
 @dataclass(frozen=True, eq=False)
-class Polyline:
+class PolylineDistance:
     """Distance to straight lines through points; vertices_mm : (m, 3) float64, m ≥ 2"""
 
     vertices_mm: FloatArray
@@ -87,7 +87,7 @@ class Polyline:
 
 
 @dataclass(frozen=True)
-class Plane:
+class PlaneDistance:
     """Distance to a plane, on either side; normal of any length but 0."""
 
     point_mm: Vector
@@ -112,7 +112,7 @@ class DepthBelowSurface:
 
 
 @dataclass(frozen=True)
-class Coordinate:
+class CoordinateValue:
     """x (0), y (1) or z (2) itself, with its sign."""
 
     axis: int
@@ -122,7 +122,7 @@ class Coordinate:
 
 
 @dataclass(frozen=True, eq=False)
-class TriangleSheet:
+class TriangleSheetDistance:
     """Distance to triangles, which need not close or agree on a side.
 
     corners_mm : (m, 3, 3) float64, m ≥ 1
@@ -156,7 +156,7 @@ class TriangleSheet:
         size = float(np.ptp(pieces.reshape(-1, 3), axis=0).max())
         while len(pieces) < MAX_PIECES:
             edges = np.linalg.norm(pieces - np.roll(pieces, -1, axis=1), axis=2)
-            long = edges.max(axis=1) > MAX_SHARE * size
+            long = edges.max(axis=1) > MAX_EDGE_FRACTION * size
             if not long.any():
                 break
             cut, first = pieces[long], edges[long].argmax(axis=1)
@@ -180,17 +180,17 @@ class TriangleSheet:
         return cKDTree(self._pieces.mean(axis=1))
 
 
-def spline(points_mm: FloatArray) -> Polyline:
+def spline_polyline(points_mm: FloatArray) -> PolylineDistance:
     """The natural cubic spline through points (m, 3), by chord length, as fine straight pieces."""
     if len(points_mm) == 2:
-        return Polyline(points_mm)
+        return PolylineDistance(points_mm)
     chords = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points_mm, axis=0), axis=1))])
     from scipy.interpolate import CubicSpline  # late: few features need it
 
     curve = CubicSpline(chords, points_mm, bc_type="natural")
     shares = np.linspace(0.0, 1.0, PIECES_PER_SPAN, endpoint=False)
     at = (chords[:-1, None] + shares * np.diff(chords)[:, None]).ravel()
-    return Polyline(np.ascontiguousarray(curve(np.append(at, chords[-1]))))
+    return PolylineDistance(np.ascontiguousarray(curve(np.append(at, chords[-1]))))
 
 
 @kernel

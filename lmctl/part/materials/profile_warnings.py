@@ -22,16 +22,16 @@ from lmctl.part.materials.composition import (
 FloatArray = NDArray[np.float64]
 
 #: Places asked along each side of the part's box.
-PLACES = 24
+PLACES_PER_SIDE = 24
 
 
 def flat_profile_warnings(rule: CompositionField, body: Body) -> list[str]:
     """A line for each profile that is flat all over the part, with the distances it meets there."""
-    graded = [g for g in _graded(rule) if np.ptp(g.profile.span_mm) > 0]
+    graded = [g for g in _graded(rule) if np.ptp(g.profile.changing_range_mm) > 0]
     if not graded:
         return []
     low, high = body.tight_bounds_mm
-    shares = (np.arange(PLACES) + 0.5) / PLACES
+    shares = (np.arange(PLACES_PER_SIDE) + 0.5) / PLACES_PER_SIDE
     steps = np.stack(np.meshgrid(shares, shares, shares, indexing="ij"), axis=-1).reshape(-1, 3)
     points = low + steps * (high - low)
     points = points[body.distance_at(points) > 0]
@@ -41,7 +41,7 @@ def flat_profile_warnings(rule: CompositionField, body: Body) -> list[str]:
     for one in graded:
         distance = one.feature.distance(points)
         least, most = float(distance.min()), float(distance.max())
-        start, end = one.profile.span_mm
+        start, end = one.profile.changing_range_mm
         if least >= end or most <= start:
             kind = type(one.feature).__name__.lower()
             said.append(

@@ -21,7 +21,7 @@ class MixtureProfile(Protocol):
         """distance (n,) [mm] -> (n, n_materials) float64, each ≥ 0, rows summing to 1"""
 
     @property
-    def span_mm(self) -> tuple[float, float]:
+    def changing_range_mm(self) -> tuple[float, float]:
         """Between which distances the mixture changes; equal where it never does."""
 
 
@@ -47,7 +47,7 @@ class PowerLawProfile:
         return normalise_rows(self.near * (1.0 - f) + self.far * f)
 
     @property
-    def span_mm(self) -> tuple[float, float]:
+    def changing_range_mm(self) -> tuple[float, float]:
         return self.over_mm
 
 
@@ -66,7 +66,7 @@ class TabulatedProfile:
         return normalise_rows(np.stack(columns, axis=1))
 
     @property
-    def span_mm(self) -> tuple[float, float]:
+    def changing_range_mm(self) -> tuple[float, float]:
         return float(self.at_mm[0]), float(self.at_mm[-1])
 
 
@@ -85,7 +85,7 @@ class SteppedProfile:
         return normalise_rows(self.mixtures[np.searchsorted(self.ends_mm, distance, side="right")])
 
     @property
-    def span_mm(self) -> tuple[float, float]:
+    def changing_range_mm(self) -> tuple[float, float]:
         if len(self.ends_mm) == 0:
             return 0.0, 0.0
         return float(self.ends_mm[0]), float(self.ends_mm[-1])

@@ -14,16 +14,16 @@ from lmctl.errors import InputError
 from lmctl.part.bodies.body import Body
 from lmctl.part.materials.composition import BlendedComposition, CompositionField, GradedComposition
 from lmctl.part.materials.features import (
-    Axis,
-    Coordinate,
+    AxisDistance,
+    CoordinateValue,
     DepthBelowSurface,
     Feature,
-    Plane,
-    Point,
-    Polyline,
-    Segment,
-    TriangleSheet,
-    spline,
+    PlaneDistance,
+    PointDistance,
+    PolylineDistance,
+    SegmentDistance,
+    TriangleSheetDistance,
+    spline_polyline,
 )
 from lmctl.part.materials.profiles import (
     MixtureProfile,
@@ -71,24 +71,24 @@ def _graded(
 def _feature(feature: config.Feature, body: Body, around: CompositionContext) -> Feature:
     match feature:
         case config.PointFeature():
-            return Point(feature.at_mm)
+            return PointDistance(feature.at_mm)
         case config.SegmentFeature():
-            return Segment(feature.start_mm, feature.end_mm)
+            return SegmentDistance(feature.start_mm, feature.end_mm)
         case config.AxisFeature():
-            return Axis(feature.point_mm, feature.direction)
+            return AxisDistance(feature.point_mm, feature.direction)
         case config.PolylineFeature():
-            return Polyline(np.array(feature.points_mm, dtype=np.float64))
+            return PolylineDistance(np.array(feature.points_mm, dtype=np.float64))
         case config.SplineFeature():
-            return spline(np.array(feature.points_mm, dtype=np.float64))
+            return spline_polyline(np.array(feature.points_mm, dtype=np.float64))
         case config.PlaneFeature():
-            return Plane(feature.point_mm, feature.normal)
+            return PlaneDistance(feature.point_mm, feature.normal)
         case config.FaceFeature() | config.SheetFeature():
-            return TriangleSheet(around.triangles_of(feature))
+            return TriangleSheetDistance(around.triangles_of(feature))
         case config.SurfaceFeature():
             of = body if feature.of is None else around.body_named(feature.of)
             return DepthBelowSurface(of, feature.level_mm)
         case config.CoordinateFeature():
-            return Coordinate("xyz".index(feature.along))
+            return CoordinateValue("xyz".index(feature.along))
 
 
 def _profile(profile: config.Profile, feature: Feature, names: tuple[str, ...]) -> MixtureProfile:

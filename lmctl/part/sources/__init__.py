@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from lmctl.part.sources.cloud_files import PointCloud as PointCloud
     from lmctl.part.sources.cloud_files import read_cloud as read_cloud
     from lmctl.part.sources.files import DataFile as DataFile
-    from lmctl.part.sources.files import read_data as read_data
+    from lmctl.part.sources.files import read_data_file as read_data_file
     from lmctl.part.sources.mesh_files import Mesh as Mesh
     from lmctl.part.sources.mesh_files import read_mesh as read_mesh
     from lmctl.part.sources.mesh_repair import repair_mesh as repair_mesh
@@ -30,7 +30,7 @@ _HOMES = {
     "connected_components": "lmctl.part.sources.mesh_topology",
     "edge_numbers": "lmctl.part.sources.mesh_topology",
     "read_cloud": "lmctl.part.sources.cloud_files",
-    "read_data": "lmctl.part.sources.files",
+    "read_data_file": "lmctl.part.sources.files",
     "read_mesh": "lmctl.part.sources.mesh_files",
     "read_obj": "lmctl.part.sources.obj_files",
     "remove_slivers": "lmctl.part.sources.mesh_topology",

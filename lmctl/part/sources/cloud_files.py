@@ -24,7 +24,7 @@ MAX_POINTS = 20_000_000
 MIN_POINTS = 100
 
 #: At most this share of the points may be outliers that are dropped.
-OUTLIER_SHARE = 0.005
+MAX_OUTLIER_FRACTION = 0.005
 
 #: Points, normals or None, notes.
 Read = tuple[NDArray[np.float64], NDArray[np.float64] | None, list[str]]
@@ -115,7 +115,8 @@ def inlier_mask(points: FloatArray) -> NDArray[np.bool_]:
     kept = np.ones(len(points), dtype=bool)
     if not finite.any():
         return kept
-    low, high = np.quantile(points[finite], [OUTLIER_SHARE, 1.0 - OUTLIER_SHARE], axis=0)
+    low, high = np.quantile(points[finite], [MAX_OUTLIER_FRACTION, 1.0 - MAX_OUTLIER_FRACTION],
+                            axis=0)
     size = float((high - low).max())
     far = finite & ((points < low - size) | (points > high + size)).any(axis=1)
-    return kept if far.mean() > OUTLIER_SHARE else ~far
+    return kept if far.mean() > MAX_OUTLIER_FRACTION else ~far

@@ -36,7 +36,7 @@ class DataFile:
         return self.path.suffix.lower().removeprefix(".")
 
 
-def read_data(name: str, folder: Path) -> DataFile:
+def read_data_file(name: str, folder: Path) -> DataFile:
     """The bytes of a data file named in a part file that lies in `folder`.
 
     Raises InputError where it is missing, empty, huge, not a plain file, or outside the folder.
@@ -58,7 +58,7 @@ def read_data(name: str, folder: Path) -> DataFile:
             )
         data = path.read_bytes()
     except FileNotFoundError:
-        raise MissingFileError.of(
+        raise MissingFileError.for_path(
             path, "names in a part file are relative to its folder"
         ) from None
     except OSError as error:

@@ -16,14 +16,14 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 #: How far a face is moved into the other [mm].
-INTO_MM = 1e-5
+OVERLAP_MM = 1e-5
 
 #: Planes whose normals and offsets differ by less are one plane.
 SAME_NORMAL, SAME_MM = 1e-5, 1e-4
 
 
 @dataclass(frozen=True)
-class Gap:
+class ClosedGap:
     """A gap that was closed: how wide, and where."""
 
     width_mm: float
@@ -42,7 +42,7 @@ class _Faces:
 
 def close_gap(
     moved: FloatArray, triangles: IntArray, vertices: FloatArray, others: IntArray, gap_mm: float
-) -> list[Gap]:
+) -> list[ClosedGap]:
     """Move flat faces of one shell onto those of another that they face, in place.
 
     moved, triangles : corners (n, 3) and triangles (m, 3) of the one, facing out
@@ -60,7 +60,7 @@ def close_gap(
     size = max(1.0, float(np.ptp(own_box, axis=0).max()))
     ahead = np.column_stack([own.normals * size, own.offsets])
     behind = np.column_stack([-facing.normals * size, -facing.offsets])
-    gaps: list[Gap] = []
+    gaps: list[ClosedGap] = []
     left = np.ones(len(own.rows), dtype=bool)
     pairs = cKDTree(ahead).query_ball_tree(cKDTree(behind), gap_mm + SAME_MM)
     for number, found in enumerate(pairs):
@@ -78,8 +78,8 @@ def close_gap(
         gap = float(-facing.offsets[nearest] - offset)
         if _is_flush(normal, gap) or not _overlap(own.corners[patch], facing.corners[wall], normal):
             continue
-        moved[np.unique(triangles[own.rows[patch]])] += (max(gap, 0.0) + INTO_MM) * normal
-        gaps.append(Gap(gap, own.corners[patch].reshape(-1, 3).mean(axis=0)))
+        moved[np.unique(triangles[own.rows[patch]])] += (max(gap, 0.0) + OVERLAP_MM) * normal
+        gaps.append(ClosedGap(gap, own.corners[patch].reshape(-1, 3).mean(axis=0)))
     return gaps
 
 

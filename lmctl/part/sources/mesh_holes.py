@@ -17,11 +17,11 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 #: How far a rim may leave its plane: rounding of coordinates [mm].
-FLAT_MM = 1e-3
+FLATNESS_TOLERANCE_MM = 1e-3
 
 #: Cosine between a flat hole and a face beside it that goes on in its plane, about 25°: a facet of
 #: a round wall, too.
-GOES_ON = 0.9
+COPLANAR_MIN_COSINE = 0.9
 
 
 def close_holes(
@@ -142,7 +142,8 @@ def _flat_cap(vertices: FloatArray, edges: IntArray, beside: FloatArray) -> IntA
     if area <= 0.0:
         return None
     normal /= area
-    if np.abs(relative @ normal).max() > FLAT_MM or (beside @ normal).max() < GOES_ON:
+    if np.abs(relative @ normal).max(
+        ) > FLATNESS_TOLERANCE_MM or (beside @ normal).max() < COPLANAR_MIN_COSINE:
         return None
     if len(corners) == 3:
         return corners[None]

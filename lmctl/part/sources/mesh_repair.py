@@ -23,7 +23,7 @@ from lmctl.part.sources.mesh_topology import (
     connected_patches,
     edge_numbers,
     merge_equal_vertices,
-    odd_edges,
+    odd_count_edges,
 )
 
 IntArray = NDArray[np.int64]
@@ -109,14 +109,14 @@ def _without_copies(triangles: IntArray, remarks: list[str]) -> IntArray:
     remarks.append(f"{_count(~first, 'triangle')} there more than once left out")
     one_each: IntArray = triangles[first]
     united: IntArray = triangles[first & (balance != 0)[number]]
-    return united if len(united) and not len(odd_edges(united)) else one_each
+    return united if len(united) and not len(odd_count_edges(united)) else one_each
 
 
 def _seams_joined(
     vertices: FloatArray, triangles: IntArray, remarks: list[str]
 ) -> tuple[FloatArray, IntArray]:
     """Corners of open edges joined where they differ by rounding only."""
-    rim = np.unique(odd_edges(triangles))
+    rim = np.unique(odd_count_edges(triangles))
     if len(rim) == 0:
         return vertices, triangles
     from scipy.spatial import cKDTree  # late: only meshes with open edges need it

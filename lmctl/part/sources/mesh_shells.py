@@ -21,11 +21,11 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 #: Corners of a shell that are asked whether they lie in another.
-CORNERS_ASKED = 50
+MAX_CORNERS_TESTED = 50
 
 
 @dataclass(frozen=True, eq=False)
-class Shell:
+class MeshShell:
     """A closed surface by corners of its own: vertices (n, 3), triangles (m, 3).
 
     faces_one_way : whether its triangles faced one way, so that they say whether it is a cavity
@@ -49,42 +49,42 @@ class Shell:
         return np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)])
 
     @property
-    def place(self) -> str:
+    def location_text(self) -> str:
         """Where it is, for messages."""
         return "(" + ", ".join(f"{v:.2f}" for v in self.box_mm.mean(axis=0)) + ") mm"
 
-    def turned(self) -> Shell:
+    def flipped(self) -> MeshShell:
         return replace(self, triangles=self.triangles[:, ::-1])
 
-    def holds(self, other: Shell) -> bool:
+    def contains(self, other: MeshShell) -> bool:
         """Whether another lies in it, by the one of its corners that is clearest of it."""
         if (other.box_mm[0] < self.box_mm[0]).any() or (other.box_mm[1] > self.box_mm[1]).any():
             return False
-        step = -(-len(other.vertices) // CORNERS_ASKED)
+        step = -(-len(other.vertices) // MAX_CORNERS_TESTED)
         depth = self.tree.signed_distance(other.vertices[::step])
         return bool(depth[int(np.argmax(np.abs(depth)))] > 0.0)
 
 
 def split_into_shells(
     vertices: FloatArray, triangles: IntArray, turned: BoolArray
-) -> list[Shell]:
+) -> list[MeshShell]:
     """The shells of a mesh. turned : (m,) triangles that had to be turned to face as others do"""
     number = shell_numbers(vertices, triangles)
     order = np.argsort(number, kind="stable")
     found = []
     for rows in np.split(order, np.flatnonzero(np.diff(number[order])) + 1):
         used, own = np.unique(triangles[rows], return_inverse=True)
-        shell = Shell(vertices[used], own.reshape(-1, 3), not turned[rows].any())
+        shell = MeshShell(vertices[used], own.reshape(-1, 3), not turned[rows].any())
         if (edge_numbers(shell.triangles)[1] > 2).any():
             faces_in = shell.volume_mm3 < 0.0 and shell.faces_one_way
             shell = replace(
                 shell, triangles=orient_by_parity(shell.vertices, shell.triangles))
-            shell = shell.turned() if faces_in else shell
+            shell = shell.flipped() if faces_in else shell
         found.append(shell)
     return found
 
 
-def nearby_pairs(shells: list[Shell], gap_mm: float) -> IntArray:
+def nearby_pairs(shells: list[MeshShell], gap_mm: float) -> IntArray:
     """Pairs (k, 2) of numbers of shells whose boxes come nearer to each other than a gap."""
     if len(shells) < 2:
         return np.empty((0, 2), dtype=np.int64)
@@ -100,7 +100,7 @@ def nearby_pairs(shells: list[Shell], gap_mm: float) -> IntArray:
     return np.vstack(links)
 
 
-def containment_matrix(shells: list[Shell]) -> BoolArray:
+def containment_matrix(shells: list[MeshShell]) -> BoolArray:
     """(n, n): whether each shell holds each other one."""
     low = np.array([shell.box_mm[0] for shell in shells])
     high = np.array([shell.box_mm[1] for shell in shells])
@@ -108,5 +108,5 @@ def containment_matrix(shells: list[Shell]) -> BoolArray:
     holds &= np.all(high[:, None] >= high, axis=2)
     np.fill_diagonal(holds, False)
     for one, other in np.argwhere(holds).tolist():
-        holds[one, other] = shells[one].holds(shells[other])
+        holds[one, other] = shells[one].contains(shells[other])
     return holds

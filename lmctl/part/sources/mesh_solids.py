@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.errors import InputError
-from lmctl.part.sources.mesh_gaps import INTO_MM, Gap, close_gap
+from lmctl.part.sources.mesh_gaps import OVERLAP_MM, ClosedGap, close_gap
 from lmctl.part.sources.mesh_shells import (
-    Shell,
+    MeshShell,
     containment_matrix,
     nearby_pairs,
     split_into_shells,
@@ -31,22 +31,22 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 #: Solids nearer to each other than this were meant to be flush: no nozzle leaves such a gap [mm].
-GAP_MM = 0.01
+FLUSH_GAP_MM = 0.01
 
 #: A gap narrower than this share of a bead is most likely not meant.
-NARROW_BEADS = 0.1
+NARROW_GAP_BEADS = 0.1
 
 #: Volumes and areas that differ by no more than this share are the same.
-SAME_SHARE = 1e-9
+SAME_SIZE_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class _Union:
     """Shells that were made one; those of them that lay in another as solids; gaps closed."""
 
-    shells: tuple[Shell, ...]
-    nested: tuple[Shell, ...]
-    gaps: tuple[Gap, ...]
+    shells: tuple[MeshShell, ...]
+    nested: tuple[MeshShell, ...]
+    gaps: tuple[ClosedGap, ...]
 
 
 def unite_shells(
@@ -63,27 +63,27 @@ def unite_shells(
         faced both ways lies in another: a cavity or not would be a guess
     """
     shells = split_into_shells(vertices, triangles, turned)
-    done: list[Shell] = []
+    done: list[MeshShell] = []
     unions: list[_Union] = []
-    for group in _near_groups(shells, GAP_MM):
+    for group in _near_groups(shells, FLUSH_GAP_MM):
         some = _facing_by_nesting([shells[n] for n in group], name, remarks)
         found, union = (some, None) if len(some) == 1 else _united(some, name)
         done += found
         unions += [] if union is None else [union]
     remarks += _in_words(unions)
-    remarks += _narrow_gaps(done, NARROW_BEADS * bead_mm)
+    remarks += _narrow_gaps(done, NARROW_GAP_BEADS * bead_mm)
     starts = np.cumsum([0] + [len(shell.vertices) for shell in done])
     return np.vstack([shell.vertices for shell in done]), np.vstack(
         [shell.triangles + start for shell, start in zip(done, starts[:-1], strict=True)])
 
 
-def _near_groups(shells: list[Shell], gap_mm: float) -> list[list[int]]:
+def _near_groups(shells: list[MeshShell], gap_mm: float) -> list[list[int]]:
     """Numbers of shells whose boxes come nearer to each other than a gap, together."""
     group = connected_components(nearby_pairs(shells, gap_mm), len(shells))
     return [np.flatnonzero(group == which).tolist() for which in np.unique(group)]
 
 
-def _narrow_gaps(shells: list[Shell], narrow_mm: float) -> list[str]:
+def _narrow_gaps(shells: list[MeshShell], narrow_mm: float) -> list[str]:
     """What to say of the narrowest gap between solids that no bead can leave open."""
     solids = [shell for shell in shells if shell.volume_mm3 > 0.0]
     width, place = narrow_mm, None
@@ -92,7 +92,7 @@ def _narrow_gaps(shells: list[Shell], narrow_mm: float) -> list[str]:
             low, high = beside.box_mm[0] - narrow_mm, beside.box_mm[1] + narrow_mm
             near = np.all((shell.vertices >= low) & (shell.vertices <= high), axis=1)
             away = np.abs(beside.tree.signed_distance(shell.vertices[near]))
-            away[away <= GAP_MM] = np.inf  # they touch there: no gap
+            away[away <= FLUSH_GAP_MM] = np.inf  # they touch there: no gap
             if len(away) and away.min() < width:
                 width, place = float(away.min()), shell.vertices[near][int(np.argmin(away))]
     if place is None:
@@ -102,7 +102,7 @@ def _narrow_gaps(shells: list[Shell], narrow_mm: float) -> list[str]:
             "planned as two, and what is deposited will not keep them apart"]
 
 
-def _facing_by_nesting(shells: list[Shell], name: str, remarks: list[str]) -> list[Shell]:
+def _facing_by_nesting(shells: list[MeshShell], name: str, remarks: list[str]) -> list[MeshShell]:
     """Outermost shells facing out; what lies in one that was turned is turned with it."""
     holds = containment_matrix(shells)
     result = list(shells)
@@ -111,28 +111,28 @@ def _facing_by_nesting(shells: list[Shell], name: str, remarks: list[str]) -> li
             if not shell.faces_one_way:
                 raise InputError(
                     f"the mesh {name} has a shell inside another whose triangles face both ways",
-                    where=f"{len(shell.triangles):,} triangles around {shell.place}: a cavity or a "
-                    "solid?",
+                    where=f"{len(shell.triangles):,} triangles around {shell.location_text}: "
+                          "a cavity or a solid?",
                     hint="make its triangles face one way: inwards for a cavity",
                 )
         elif shell.volume_mm3 < 0.0:
             inner = np.flatnonzero(holds[number]).tolist()
             within = [number, *(n for n in inner if shells[n].faces_one_way)]
             for n in within:
-                result[n] = result[n].turned()
+                result[n] = result[n].flipped()
             if shell.faces_one_way:
                 count = sum(len(shells[n].triangles) for n in within)
                 remarks.append(f"a shell of {count:,} triangles is inside out; it was turned")
     return result
 
 
-def _united(shells: list[Shell], name: str) -> tuple[list[Shell], _Union | None]:
+def _united(shells: list[MeshShell], name: str) -> tuple[list[MeshShell], _Union | None]:
     """Shells that come near each other: as they are where they bound one solid, else united."""
     shells, gaps = _without_gaps(shells)
     solids = [shell for shell in shells if shell.volume_mm3 > 0.0]
     cavities = [shell for shell in shells if shell.volume_mm3 <= 0.0]
     made = [_manifold(shell) for shell in solids]
-    taken = [_manifold(shell.turned()) for shell in cavities]
+    taken = [_manifold(shell.flipped()) for shell in cavities]
     if any(one is None for one in (*made, *taken)):
         return shells, None  # edges of more than two triangles: what overlaps is looked for later
     from manifold3d import Manifold, OpType
@@ -145,17 +145,17 @@ def _united(shells: list[Shell], name: str) -> tuple[list[Shell], _Union | None]
     united = Manifold.batch_boolean(parts, OpType.Add)
     volume = sum(shell.volume_mm3 for shell in shells)
     area = sum(_area(shell) for shell in shells)
-    same = abs(united.volume() - volume) <= SAME_SHARE * volume and (
-        abs(united.surface_area() - area) <= SAME_SHARE * area)
+    same = abs(united.volume() - volume) <= SAME_SIZE_TOLERANCE * volume and (
+        abs(united.surface_area() - area) <= SAME_SIZE_TOLERANCE * area)
     if same and not gaps:
         return shells, None
     # Steps as deep as faces were moved into each other, and cuts across flat faces, are no shape.
-    mesh = united.as_original().simplify(2.0 * INTO_MM).to_mesh64()
-    found = Shell(np.array(mesh.vert_properties, dtype=np.float64)[:, :3],
-                  np.array(mesh.tri_verts, dtype=np.int64))
+    mesh = united.as_original().simplify(2.0 * OVERLAP_MM).to_mesh64()
+    found = MeshShell(np.array(mesh.vert_properties, dtype=np.float64)[:, :3],
+                      np.array(mesh.tri_verts, dtype=np.int64))
     if len(found.triangles) == 0:
         raise InputError(f"the solids of the mesh {name} cannot be united",
-                         where=f"{len(shells)} shells around {shells[0].place}",
+                         where=f"{len(shells)} shells around {shells[0].location_text}",
                          hint="unite them in the program they came from")
     nested = [solids[n] for n in np.flatnonzero(containment_matrix(solids).any(axis=0))]
     return [found], _Union(tuple(shells), tuple(nested), tuple(gaps))
@@ -176,20 +176,20 @@ def _in_words(unions: list[_Union]) -> list[str]:
         text += (f"with gaps up to {max(widest.width_mm, 0.0):.2g} mm between flat faces closed, "
                  f"near ({at}) mm")
     else:
-        text += f"as they overlap or touch around {unions[0].shells[0].place}"
+        text += f"as they overlap or touch around {unions[0].shells[0].location_text}"
     if nested:
         text += (f"; {len(nested)} of them lie in another and face out, which is no cavity: turn "
-                 f"the triangles around {nested[0].place} inwards if one is meant")
+                 f"the triangles around {nested[0].location_text} inwards if one is meant")
     return [text]
 
 
-def _without_gaps(shells: list[Shell]) -> tuple[list[Shell], list[Gap]]:
+def _without_gaps(shells: list[MeshShell]) -> tuple[list[MeshShell], list[ClosedGap]]:
     """Shells with flat faces moved onto those of others that they nearly touch, and the gaps."""
     moved = [shell.vertices.copy() for shell in shells]
-    gaps: list[Gap] = []
-    for one, other in np.sort(nearby_pairs(shells, GAP_MM), axis=1).tolist():
+    gaps: list[ClosedGap] = []
+    for one, other in np.sort(nearby_pairs(shells, FLUSH_GAP_MM), axis=1).tolist():
         gaps += close_gap(moved[other], shells[other].triangles, moved[one],
-                          shells[one].triangles, GAP_MM)
+                          shells[one].triangles, FLUSH_GAP_MM)
     if not gaps:
         return shells, []
     return [
@@ -197,13 +197,13 @@ def _without_gaps(shells: list[Shell]) -> tuple[list[Shell], list[Gap]]:
     ], gaps
 
 
-def _owner(cavity: Shell, solids: list[Shell]) -> int:
+def _owner(cavity: MeshShell, solids: list[MeshShell]) -> int:
     """The smallest solid that a cavity lies in; −1 where none holds all of it."""
-    holding = [n for n, solid in enumerate(solids) if solid.holds(cavity)]
+    holding = [n for n, solid in enumerate(solids) if solid.contains(cavity)]
     return min(holding, key=lambda n: solids[n].volume_mm3, default=-1)
 
 
-def _manifold(shell: Shell) -> Manifold | None:
+def _manifold(shell: MeshShell) -> Manifold | None:
     """None where its edges do not have two triangles each."""
     from manifold3d import Error, Manifold, Mesh64  # only few meshes need it
 
@@ -213,6 +213,6 @@ def _manifold(shell: Shell) -> Manifold | None:
     return made if made.status() == Error.NoError else None
 
 
-def _area(shell: Shell) -> float:
+def _area(shell: MeshShell) -> float:
     a, b, c = (shell.vertices[shell.triangles[:, k]] for k in range(3))
     return float(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())

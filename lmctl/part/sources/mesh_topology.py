@@ -52,7 +52,7 @@ def edge_numbers(triangles: IntArray) -> tuple[IntArray, IntArray]:
     return number, counts
 
 
-def odd_edges(triangles: IntArray) -> IntArray:
+def odd_count_edges(triangles: IntArray) -> IntArray:
     """(k, 2) directed edges that occur an odd number of times, one of each."""
     number, counts = edge_numbers(triangles)
     _, first = np.unique(number, return_index=True)

@@ -42,7 +42,7 @@ class PlyElement:
     """rows of the same properties."""
 
     name: str
-    rows: int
+    row_count: int
     properties: tuple[PlyProperty, ...]
 
 
@@ -65,7 +65,7 @@ def read_ply(file: DataFile) -> dict[str, PlyColumns]:
         lines = iter([w for line in body.decode("ascii", "replace").splitlines()
                       if (w := line.split())])
         for element in elements:
-            found[element.name] = _from_lines(file, element, list(islice(lines, element.rows)))
+            found[element.name] = _from_lines(file, element, list(islice(lines, element.row_count)))
     else:
         at = 0
         for element in elements:
@@ -96,10 +96,10 @@ def read_ply_head(file: DataFile) -> tuple[str, list[PlyElement], bytes]:
             if not elements or (stated := _property(words, order or "")) is None:
                 raise unreadable_file(file, f"its head says {line[:80]!r}")
             last = elements[-1]
-            elements[-1] = PlyElement(last.name, last.rows, (*last.properties, stated))
+            elements[-1] = PlyElement(last.name, last.row_count, (*last.properties, stated))
     if order is None:
         raise unreadable_file(file, "its head names no format that is known")
-    rows = sum(element.rows for element in elements)
+    rows = sum(element.row_count for element in elements)
     held = body.strip().count(b"\n") + 1 if order == "" else len(body)
     if held < rows:
         raise InputError(
@@ -133,7 +133,7 @@ def _from_lines(file: DataFile, element: PlyElement, lines: list[list[str]]) -> 
     except (ValueError, OverflowError):
         raise unreadable_file(file,
                               f"a {element.name} is not the numbers its head promises") from None
-    if len(lines) < element.rows:
+    if len(lines) < element.row_count:
         raise _short(file, element, len(lines))
     return columns
 
@@ -170,7 +170,7 @@ def _from_bytes(
     Rows with lists have no common length. Nearly always all lists are as long as the first row's:
     then the rows are one array. Else each row is walked to find the next.
     """
-    if element.rows == 0:
+    if element.row_count == 0:
         empty = np.empty(0)
         return PlyColumns(
             {p.name: empty for p in element.properties if p.count is None},
@@ -185,12 +185,12 @@ def _from_bytes(
             [("value", p.type)] if p.count is None else
             [("size", p.count), ("value", (p.type, int(places[n][0][1])))])
     ])
-    if start + row.itemsize * element.rows <= len(body):
-        table = np.frombuffer(body, dtype=row, count=element.rows, offset=start)
+    if start + row.itemsize * element.row_count <= len(body):
+        table = np.frombuffer(body, dtype=row, count=element.row_count, offset=start)
         listed = [n for n, p in enumerate(element.properties) if p.count is not None]
         if all((table[f"{n}size"] == places[n][0][1]).all() for n in listed):
-            return _from_table(element, table), start + row.itemsize * element.rows
-    places, end = _walk(file, element, body, start, element.rows)
+            return _from_table(element, table), start + row.itemsize * element.row_count
+    places, end = _walk(file, element, body, start, element.row_count)
     columns = PlyColumns({}, {})
     raw = np.frombuffer(body, dtype=np.uint8)
     for n, stated in enumerate(element.properties):
@@ -249,6 +249,6 @@ def _walk(
 def _short(file: DataFile, element: PlyElement, held: int) -> InputError:
     return InputError(
         f"{file.path} is damaged",
-        where=f"its head promises {element.rows:,} of element {element.name!r}, {held:,} can be "
-        "read", hint="export or copy it again",
+        where=f"its head promises {element.row_count:,} of element {element.name!r}, "
+              f"{held:,} can be read", hint="export or copy it again",
     )

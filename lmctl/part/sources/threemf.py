@@ -11,15 +11,22 @@ from numpy.typing import NDArray
 from lmctl.config.quantities import MM_PER_UNIT
 from lmctl.errors import InputError
 from lmctl.part.sources.files import DataFile
-from lmctl.part.sources.threemf_model import SOLID, UNITS, Model, Reference, Transform, read_model
-from lmctl.part.sources.threemf_package import Package
+from lmctl.part.sources.threemf_model import (
+    MM_PER_3MF_UNIT,
+    SOLID_OBJECT_TYPE,
+    PlacedObject,
+    ThreemfModel,
+    Transform,
+    read_model,
+)
+from lmctl.part.sources.threemf_package import ThreemfPackage
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 #: Meshes that a few lines of nested components may ask for.
-MAX_PLACED = 10_000
-DEEPEST = 16
+MAX_PLACED_MESHES = 10_000
+MAX_COMPONENT_DEPTH = 16
 
 
 def read_3mf(file: DataFile, units: str | None) -> tuple[FloatArray, IntArray, tuple[str, ...]]:
@@ -28,30 +35,30 @@ def read_3mf(file: DataFile, units: str | None) -> tuple[FloatArray, IntArray, t
     units : as the part file states them, None to take the file's own
     raises : InputError where it cannot be read, or states other units than the part file
     """
-    build = _Build(Package(file))
-    if units is not None and MM_PER_UNIT[units] != UNITS[build.unit]:
+    build = _Build(ThreemfPackage(file))
+    if units is not None and MM_PER_UNIT[units] != MM_PER_3MF_UNIT[build.unit]:
         raise InputError(
             f"{file.path} states its units itself: {build.unit}",
             where=f"the part file says {units}", hint="leave `units` out for this file",
         )
-    placed = list(itertools.islice(build.meshes(), MAX_PLACED + 1))
-    if len(placed) > MAX_PLACED:
-        raise build.package.damaged(f"it places more than {MAX_PLACED:,} meshes")
+    placed = list(itertools.islice(build.meshes(), MAX_PLACED_MESHES + 1))
+    if len(placed) > MAX_PLACED_MESHES:
+        raise build.package.damage_error(f"it places more than {MAX_PLACED_MESHES:,} meshes")
     if not placed:
         return np.empty((0, 3)), np.empty((0, 3), dtype=np.int64), build.notes()
     starts = np.cumsum([0] + [len(v) for v, _ in placed])
     vertices = np.concatenate([v for v, _ in placed])
     triangles = np.concatenate([t + n for (_, t), n in zip(placed, starts[:-1], strict=True)])
-    return vertices * UNITS[build.unit], triangles, build.notes()
+    return vertices * MM_PER_3MF_UNIT[build.unit], triangles, build.notes()
 
 
 class _Build:
     """The build of a package's start part; other model parts are read when it names them."""
 
-    def __init__(self, package: Package) -> None:
+    def __init__(self, package: ThreemfPackage) -> None:
         self.package = package
         self._start = package.start_part()
-        self._models: dict[str, Model] = {}
+        self._models: dict[str, ThreemfModel] = {}
         self._not_solid: set[str] = set()
         self.unit = self._model(self._start).unit
 
@@ -71,32 +78,32 @@ class _Build:
         return tuple(f"{self.package.file.path.name}: {note}" for note in notes)
 
     def _placed(
-        self, at: Reference, by: Transform, depth: int
+        self, at: PlacedObject, by: Transform, depth: int
     ) -> Iterator[tuple[FloatArray, IntArray]]:
-        if depth > DEEPEST:
-            raise self.package.damaged("objects of objects too deep, or in a circle")
+        if depth > MAX_COMPONENT_DEPTH:
+            raise self.package.damage_error("objects of objects too deep, or in a circle")
         found = self._model(at.part).objects.get(at.id)
         if found is None:
-            raise self.package.damaged(f"there is no object {at.id} in {at.part}")
-        if found.type != SOLID:
+            raise self.package.damage_error(f"there is no object {at.id} in {at.part}")
+        if found.type != SOLID_OBJECT_TYPE:
             self._not_solid.add(f"object {at.id} ({found.type})")
             return
         whole = np.vstack([at.transform[:3] @ by[:3], at.transform[3] @ by[:3] + by[3]])
         try:
             vertices, triangles = found.arrays()
         except (ValueError, OverflowError) as error:
-            raise self.package.damaged(f"object {at.id} in {at.part}: {error}") from None
+            raise self.package.damage_error(f"object {at.id} in {at.part}: {error}") from None
         if len(triangles):
             mirrored = np.linalg.det(whole[:3]) < 0.0  # which turns triangles inside out
             yield vertices @ whole[:3] + whole[3], triangles[:, ::-1] if mirrored else triangles
         for component in found.components:
             yield from self._placed(component, whole, depth + 1)
 
-    def _model(self, part: str) -> Model:
+    def _model(self, part: str) -> ThreemfModel:
         if part not in self._models:
             model = read_model(self.package, part)
             if self._models and model.unit != self.unit:
-                raise self.package.damaged(
+                raise self.package.damage_error(
                     f"{part} is in {model.unit}, the model that builds it in {self.unit}")
             self._models[part] = model
         return self._models[part]

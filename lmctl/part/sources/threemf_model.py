@@ -13,22 +13,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.errors import InputError
-from lmctl.part.sources.threemf_package import NAMESPACE_END, Package, part_name
+from lmctl.part.sources.threemf_package import NAMESPACE_END, ThreemfPackage, part_name
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 Transform = FloatArray
 
 #: Millimetres in each unit the format knows.
-UNITS = {
+MM_PER_3MF_UNIT = {
     "micron": 0.001, "millimeter": 1.0, "centimeter": 10.0, "inch": 25.4, "foot": 304.8,
     "meter": 1000.0,
 }
 
-PRODUCTION = "http://schemas.microsoft.com/3dmanufacturing/production/2015/06"
+PRODUCTION_NAMESPACE = "http://schemas.microsoft.com/3dmanufacturing/production/2015/06"
 
 #: What extensions are called that a model may require.
-EXTENSIONS = {
+EXTENSION_NAMES = {
     "http://schemas.microsoft.com/3dmanufacturing/beamlattice/2017/02": "beam lattice",
     "http://schemas.microsoft.com/3dmanufacturing/beamlattice/balls/2020/07": "beam lattice balls",
     "http://schemas.microsoft.com/3dmanufacturing/slice/2015/07": "slices",
@@ -42,11 +42,11 @@ EXTENSIONS = {
 }
 
 #: Objects of this type, and those that state none, are solid.
-SOLID = "model"
+SOLID_OBJECT_TYPE = "model"
 
 
 @dataclass(frozen=True)
-class Reference:
+class PlacedObject:
     """An object placed: the part it is in, its id there, and where it goes."""
 
     part: str
@@ -64,7 +64,7 @@ class ModelObject:
     type: str
     corners: list[tuple[float, float, float]] = field(default_factory=list)
     faces: list[tuple[int, int, int]] = field(default_factory=list)
-    components: list[Reference] = field(default_factory=list)
+    components: list[PlacedObject] = field(default_factory=list)
 
     def arrays(self) -> tuple[FloatArray, IntArray]:
         """vertices (n, 3), triangles (m, 3). Raises ValueError where they cannot be meant."""
@@ -78,18 +78,18 @@ class ModelObject:
 
 
 @dataclass(eq=False)
-class Model:
+class ThreemfModel:
     """What a model part holds. left_out : build items it says are not to be printed."""
 
     unit: str = "millimeter"
     objects: dict[str, ModelObject] = field(default_factory=dict)
-    items: list[Reference] = field(default_factory=list)
+    items: list[PlacedObject] = field(default_factory=list)
     left_out: int = 0
 
 
-def read_model(package: Package, part: str) -> Model:
+def read_model(package: ThreemfPackage, part: str) -> ThreemfModel:
     """The model in a part of a package. Raises InputError."""
-    model = Model()
+    model = ThreemfModel()
     prefixes: dict[str, str] = {}
     namespace: list[str] = []
     current: list[ModelObject] = []
@@ -98,7 +98,7 @@ def read_model(package: Package, part: str) -> Model:
         of, _, name = full_name.rpartition(NAMESPACE_END)
         if not namespace:
             if name != "model":
-                raise package.damaged(f"{part} begins with <{name}>, not <model>")
+                raise package.damage_error(f"{part} begins with <{name}>, not <model>")
             namespace.append(of)
             model.unit = attributes.get("unit", model.unit)
             _check_extensions(package, attributes.get("requiredextensions", ""), prefixes)
@@ -115,7 +115,7 @@ def read_model(package: Package, part: str) -> Model:
                 number = attributes["id"]
                 if number in model.objects:
                     raise ValueError(f"two objects have the id {number}")
-                current.append(ModelObject(attributes.get("type", SOLID)))
+                current.append(ModelObject(attributes.get("type", SOLID_OBJECT_TYPE)))
                 model.objects[number] = current[-1]
             case "component" if current:
                 current[-1].components.append(_reference(part, attributes))
@@ -131,19 +131,19 @@ def read_model(package: Package, part: str) -> Model:
     try:
         package.parse(part, start, StartNamespaceDeclHandler=start_namespace)
     except (KeyError, ValueError, TypeError, OverflowError) as error:
-        raise package.damaged(f"{part}: {_reason(error)}") from None
-    if model.unit not in UNITS:
-        raise package.damaged(f"unknown unit {model.unit!r}")
+        raise package.damage_error(f"{part}: {_reason(error)}") from None
+    if model.unit not in MM_PER_3MF_UNIT:
+        raise package.damage_error(f"unknown unit {model.unit!r}")
     return model
 
 
-def _check_extensions(package: Package, required: str, prefixes: dict[str, str]) -> None:
+def _check_extensions(package: ThreemfPackage, required: str, prefixes: dict[str, str]) -> None:
     """Raises InputError, with their names, where any is not known here."""
     unknown = []
     for prefix in required.split():
         uri = prefixes.get(prefix, "")
-        if uri != PRODUCTION:
-            known = EXTENSIONS.get(uri)
+        if uri != PRODUCTION_NAMESPACE:
+            known = EXTENSION_NAMES.get(uri)
             unknown.append(f"{known} ({uri})" if known else uri or f"{prefix!r}, not declared")
     if unknown:
         raise InputError(
@@ -152,9 +152,9 @@ def _check_extensions(package: Package, required: str, prefixes: dict[str, str])
         )
 
 
-def _reference(part: str, attributes: dict[str, str]) -> Reference:
-    path = attributes.get(PRODUCTION + NAMESPACE_END + "path")
-    return Reference(
+def _reference(part: str, attributes: dict[str, str]) -> PlacedObject:
+    path = attributes.get(PRODUCTION_NAMESPACE + NAMESPACE_END + "path")
+    return PlacedObject(
         part if path is None else part_name(path, part), attributes["objectid"],
         _transform(attributes.get("transform")),
     )

@@ -30,7 +30,7 @@ NAMESPACE_END = "|"
 Start = Callable[[str, dict[str, str]], None]
 
 
-class Package:
+class ThreemfPackage:
     """A 3MF file opened; its parts are known by names without the leading slash, in any case.
 
     Raises InputError where the file is no zip archive.
@@ -42,7 +42,7 @@ class Package:
         try:
             self._archive = zipfile.ZipFile(io.BytesIO(file.data))
         except (zipfile.BadZipFile, NotImplementedError, OSError, ValueError):
-            raise self.damaged("it is not a whole zip archive") from None
+            raise self.damage_error("it is not a whole zip archive") from None
         self._members = {i.filename.lower().lstrip("/"): i for i in self._archive.infolist()}
 
     def start_part(self) -> str:
@@ -63,10 +63,10 @@ class Package:
             models = [name for name in self._members if name.endswith(".model")]
             named = {"3d/3dmodel.model"} & set(models) or set(models)
         if not named:
-            raise self.damaged("it holds no 3D model")
+            raise self.damage_error("it holds no 3D model")
         if len(named) > 1:
-            raise self.damaged("several models could be the one to build: "
-                               + ", ".join(sorted(named))[:150])
+            raise self.damage_error("several models could be the one to build: "
+                                    + ", ".join(sorted(named))[:150])
         return named.pop()
 
     def parse(self, part: str, start: Start, **handlers: Any) -> None:
@@ -81,34 +81,35 @@ class Package:
             setattr(parser, name, handler)
 
         def refuse_document_type(*_: Any) -> None:
-            raise self.damaged(f"{part} defines entities")
+            raise self.damage_error(f"{part} defines entities")
 
         parser.StartDoctypeDeclHandler = refuse_document_type
         try:
             parser.Parse(self._bytes(part), True)
         except (expat.ExpatError, LookupError, ValueError) as error:
-            raise self.damaged(f"{part}: {str(error)[:100]}") from None
+            raise self.damage_error(f"{part}: {str(error)[:100]}") from None
 
-    def damaged(self, why: str) -> InputError:
+    def damage_error(self, why: str) -> InputError:
         """The error for a package that cannot be read."""
         return unreadable_file(self.file, why)
 
     def _bytes(self, part: str) -> bytes:
         member = self._members.get(part)
         if member is None:
-            raise self.damaged(f"there is no part {part} in it")
+            raise self.damage_error(f"there is no part {part} in it")
         self._unpacked += member.file_size
         if self._unpacked > MAX_DATA_BYTES:
-            raise self.damaged(f"{part} unpacks to {member.file_size:,} bytes; at most "
-                               f"{MAX_DATA_BYTES:,} in all")
+            raise self.damage_error(f"{part} unpacks to {member.file_size:,} bytes; at most "
+                                    f"{MAX_DATA_BYTES:,} in all")
         try:
             # no further than the stated size, true or not
             with self._archive.open(member) as opened:
                 return opened.read(member.file_size + 1)
         except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError,
                 OSError, ValueError):
-            raise self.damaged(f"{part} is damaged in the archive, or packed in a way that is not "
-                               "known") from None
+            raise self.damage_error(
+                f"{part} is damaged in the archive, or packed in a way that is not "
+                                    "known") from None
 
 
 def part_name(target: str, beside: str) -> str:

@@ -42,14 +42,14 @@ _MOST_ROUNDS = 200
 class BeadCount:
     """For each point of a medial axis.
 
-    count : (v,) int64, tracks across, 0 where the material is too narrow for one
+    track_count : (v,) int64, tracks across, 0 where the material is too narrow for one
     depth_mm : (v,) float64, half the width that those tracks divide among them
     owner : (v,) int64, the point of the axis that decided: itself, or one uphill
     is_point : (v,) bool, the middle is a point rather than a line: rings lie around it
     has_centreline : (v,) bool, a track may run along the axis here, if the count is odd
     """
 
-    count: IndexArray
+    track_count: IndexArray
     depth_mm: FloatArray
     owner: IndexArray
     is_point: BoolArray
@@ -84,7 +84,8 @@ def bead_count(
         count, owner, links[on_line[links].all(axis=1)], axis, on_line,
         SHORTEST_CENTRELINE_BEADS * bead_mm, pitch_mm)
     middle = _is_middle(axis.depth_mm, owner, count)
-    return BeadCount(count=count, depth_mm=axis.depth_mm[owner], owner=owner, is_point=is_point,
+    return BeadCount(track_count=count, depth_mm=axis.depth_mm[owner], owner=owner,
+                     is_point=is_point,
                      has_centreline=on_line & middle)
 
 

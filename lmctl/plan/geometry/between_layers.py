@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from lmctl.field.kernel import kernel
 from lmctl.plan.geometry.intended_slice import intended_loops
 from lmctl.plan.geometry.layer_geometry import LostFeature
-from lmctl.plan.geometry.losses import lost_piece
-from lmctl.plan.polyline import densified
+from lmctl.plan.geometry.losses import lost_feature_of_outline
+from lmctl.plan.polyline import densified_polyline
 from lmctl.preflight.placement import Placement
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ def flat_pieces(
 
     loops : the intended slice of the layer
     """
-    z_mm, height = placement.cut_mm(layer), placement.layer_height_mm
+    z_mm, height = placement.cut_height_mm(layer), placement.layer_height_mm
     planes = _planes_between(part.turning_heights_mm, z_mm, z_mm + height, height)
     if placement.skipped + layer == 0:
         planes = [*_planes_between(part.turning_heights_mm, z_mm - height, z_mm, height), *planes]
@@ -57,9 +57,9 @@ def flat_pieces(
         for piece in _outside_of(between, loops, away, part.process.bead_width_mm):
             if above is None:
                 above = intended_loops(
-                    part.section(placement.cut_mm(layer + 1)).loops, part.process)
+                    part.section(placement.cut_height_mm(layer + 1)).loops, part.process)
             rest = _outside_of([piece], above, away, part.process.bead_width_mm)
-            found += [lost_piece("flat", outline, part.process) for outline in rest
+            found += [lost_feature_of_outline("flat", outline, part.process) for outline in rest
                       if not _is_known(outline, found, part.process.bead_width_mm)]
     return found
 
@@ -89,7 +89,7 @@ def _outside_of(
     segments = np.vstack([np.hstack([loop[:-1], loop[1:]]) for loop in of])
     found = []
     for loop in loops:
-        fine = densified(loop, _SPACING_BEADS * bead_mm)
+        fine = densified_polyline(loop, _SPACING_BEADS * bead_mm)
         outside = np.asarray(_outside_kernel(fine, segments, away_mm))
         edges = np.flatnonzero(np.diff(np.concatenate([[0], outside.astype(np.int8), [0]])))
         found += [fine[begin:end] for begin, end in zip(edges[::2], edges[1::2], strict=True)

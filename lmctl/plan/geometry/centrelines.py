@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.plan.geometry.bead_count import BeadCount
-from lmctl.plan.geometry.level_field import SHIFTED_FROM, core_of
+from lmctl.plan.geometry.level_field import SHIFTED_FROM, core_track_count
 from lmctl.plan.geometry.medial_axis import MedialAxis
 from lmctl.plan.geometry.section_raster import SectionRaster
 from lmctl.plan.geometry.toolpath import Toolpath
-from lmctl.plan.geometry.track_ends import prolonged, resampled, trimmed
+from lmctl.plan.geometry.track_ends import prolonged_track, resampled_track, trimmed_track
 from lmctl.plan.polyline import arc_lengths
 
 FloatArray = NDArray[np.float64]
@@ -36,10 +36,10 @@ def centreline_tracks(
 
     limits_mm : least and widest strip
     """
-    chosen = beads.has_centreline & (beads.count % 2 == 1)
+    chosen = beads.has_centreline & (beads.track_count % 2 == 1)
     strip = strip_on_axis(axis, beads, pitch_mm, second_mm, limits_mm)
     links = axis.links[chosen[axis.links].all(axis=1)]
-    links = links[beads.count[links[:, 0]] == beads.count[links[:, 1]]]
+    links = links[beads.track_count[links[:, 0]] == beads.track_count[links[:, 1]]]
     degree = np.bincount(links.ravel(), minlength=len(chosen))
     larger = _has_neighbour(axis.links, beads, larger=True)
     smaller = _has_neighbour(axis.links, beads, larger=False)
@@ -56,12 +56,12 @@ def centreline_tracks(
             point = int(chain[-1])
             width = float(track.strip_width_mm[-1])
             if degree[point] > 2:
-                track = trimmed(track, width / 2)
+                track = trimmed_track(track, width / 2)
             elif larger[point]:  # the strip of those, n + 1 across, begins half of it before them
-                count = int(beads.count[point])
-                track = trimmed(track, width / 2 * count / (count + 1))
+                count = int(beads.track_count[point])
+                track = trimmed_track(track, width / 2 * count / (count + 1))
             elif tips[point]:
-                track = prolonged(track, min(
+                track = prolonged_track(track, min(
                     tip_area[point] / width, _LONGEST_TIP * pitch_mm), width, raster)
             elif not smaller[point]:
                 track = _extended(track, width, limits_mm[1], raster)
@@ -76,9 +76,9 @@ def strip_on_axis(
     limits_mm: tuple[float, float],
 ) -> FloatArray:
     """Width of the strip of a track along the axis, (v,) [mm]."""
-    count = np.maximum(beads.count, 1)
+    count = np.maximum(beads.track_count, 1)
     half = np.where(count == 1, axis.depth_mm, beads.depth_mm)
-    core = np.asarray(core_of(count, beads.is_point, half, pitch_mm))
+    core = np.asarray(core_track_count(count, beads.is_point, half, pitch_mm))
     outer = (count - core) // 2
     left = half - np.where(
         outer >= SHIFTED_FROM, (outer - 1) * pitch_mm + second_mm, outer * pitch_mm)
@@ -158,19 +158,19 @@ def _outward(chain: IndexArray, end: int, points_mm: FloatArray) -> FloatArray:
 
 def _has_neighbour(links: IndexArray, beads: BeadCount, *, larger: bool) -> NDArray[np.bool_]:
     """Whether the axis goes on, along the middle, with more or with fewer tracks. (v,)"""
-    found = np.zeros(len(beads.count), dtype=np.bool_)
+    found = np.zeros(len(beads.track_count), dtype=np.bool_)
     for a, b in (links.T, links.T[::-1]):
-        differs = (beads.count[b] > beads.count[a] if larger
-                   else (beads.count[b] < beads.count[a]) & (beads.count[b] > 0))
+        differs = (beads.track_count[b] > beads.track_count[a] if larger
+                   else (beads.track_count[b] < beads.track_count[a]) & (beads.track_count[b] > 0))
         found[a[differs & beads.has_centreline[b]]] = True
     return found
 
 
 def _ends_in_tip(axis: MedialAxis, beads: BeadCount) -> NDArray[np.bool_]:
     """Where the axis goes on, between opposite walls, too narrow for a track. (v,)"""
-    found = np.zeros(len(beads.count), dtype=np.bool_)
+    found = np.zeros(len(beads.track_count), dtype=np.bool_)
     for a, b in (axis.links.T, axis.links.T[::-1]):
-        found[a[(beads.count[b] == 0) & axis.is_central[b]]] = True
+        found[a[(beads.track_count[b] == 0) & axis.is_central[b]]] = True
     return found
 
 
@@ -188,10 +188,10 @@ def _extended(
     Half of that by being longer, half by a wider strip in its last stretch, if that may be wider.
     """
     wider = min(1.5 - _BEYOND, max(1.0, most_mm / width_mm))
-    track = prolonged(track, (1.5 - wider) * width_mm, width_mm, raster)
+    track = prolonged_track(track, (1.5 - wider) * width_mm, width_mm, raster)
     along = arc_lengths(track.points_mm)
     first = max(0.0, along[-1] - width_mm)
-    track = resampled(track, np.unique(np.append(along, first)))
+    track = resampled_track(track, np.unique(np.append(along, first)))
     along = arc_lengths(track.points_mm)
     end = along >= first - 1e-9
     strip = np.where(end, track.strip_width_mm * wider, track.strip_width_mm)

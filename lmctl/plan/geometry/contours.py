@@ -7,12 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.field.plane import PlaneGrid
-from lmctl.plan.geometry.corners import sharpened
+from lmctl.plan.geometry.corners import contour_with_sharp_corners
 from lmctl.plan.geometry.level_field import SHIFTED_FROM, LevelField
 from lmctl.plan.geometry.medial_axis import MedialAxis
 from lmctl.plan.geometry.section_raster import SectionRaster
 from lmctl.plan.geometry.toolpath import Toolpath
-from lmctl.plan.plane_values import plane_values
+from lmctl.plan.plane_values import interpolate_bilinear
 
 FloatArray = NDArray[np.float64]
 
@@ -34,9 +34,9 @@ def contour_tracks(
         points = _without_repeats(np.asarray(line))
         if len(points) < 4 or _length_mm(points) < _LEAST_ROUND * pitch_mm:
             continue
-        number = round(float(np.median(plane_values(field.level, grid, points))) - 0.5)
-        points = sharpened(points, raster, axis)
-        strip = strip_widths(points, number, field, grid, pitch_mm, second_mm)
+        number = round(float(np.median(interpolate_bilinear(field.level, grid, points))) - 0.5)
+        points = contour_with_sharp_corners(points, raster, axis)
+        strip = strip_widths_mm(points, number, field, grid, pitch_mm, second_mm)
         tracks.append((number, Toolpath(points, np.minimum(strip, most_strip_mm), True)))
     return [track for _, track in sorted(tracks, key=lambda numbered: numbered[0])]
 
@@ -52,7 +52,7 @@ def _zero_at_halves(level: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.where(whole % 2 == 0, rest, -rest)
 
 
-def strip_widths(
+def strip_widths_mm(
     points_mm: FloatArray, number: int, field: LevelField, grid: PlaneGrid, pitch_mm: float,
     second_mm: float,
 ) -> FloatArray:
@@ -64,7 +64,7 @@ def strip_widths(
     for dj, di, share in ((0, 0, (1 - u) * (1 - v)), (0, 1, u * (1 - v)), (1, 0, (1 - u) * v),
                           (1, 1, u * v)):
         inside = field.level[j + dj, i + di] > 0
-        outer = field.outer[j + dj, i + di]
+        outer = field.outer_track_count[j + dj, i + di]
         plain = np.where((number == 1) & (outer >= SHIFTED_FROM), second_mm, pitch_mm)
         strip = np.where(number < outer, plain, field.strip_mm[j + dj, i + di])
         total += np.where(inside, share * strip, 0.0)

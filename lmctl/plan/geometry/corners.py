@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.field.kernel import inner_kernel, kernel
-from lmctl.plan.geometry.medial_axis import MedialAxis, foot
+from lmctl.plan.geometry.medial_axis import MedialAxis, closest_point_on_segment
 from lmctl.plan.geometry.section_raster import SectionRaster
 
 FloatArray = NDArray[np.float64]
@@ -21,7 +21,8 @@ _STRAIGHT = np.cos(np.radians(20.0))
 _REACH_NODES = 4.0
 
 
-def sharpened(points_mm: FloatArray, raster: SectionRaster, axis: MedialAxis) -> FloatArray:
+def contour_with_sharp_corners(points_mm: FloatArray, raster: SectionRaster,
+                               axis: MedialAxis) -> FloatArray:
     """A closed contour (k, 2) [mm] of the raster, with its corners on the medial axis."""
     node = raster.grid.pitch_mm
     origin = np.array(raster.grid.origin_mm)
@@ -101,7 +102,7 @@ def _inward(
     """Direction from the outline to a point: from the edge nearest to the nearest node."""
     i, j = int(np.round(point[0] / node)), int(np.round(point[1] / node))
     i, j = min(max(i, 0), nearest.shape[1] - 1), min(max(j, 0), nearest.shape[0] - 1)
-    x, y, away = foot(segments, nearest[j, i], point[0], point[1])
+    x, y, away = closest_point_on_segment(segments, nearest[j, i], point[0], point[1])
     if away <= 1e-12:
         return 0.0, 0.0
     return (point[0] - x) / away, (point[1] - y) / away

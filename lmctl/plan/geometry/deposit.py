@@ -25,38 +25,40 @@ _TILE_BEADS = 2.0
 class Deposit:
     """(ny, nx) float32 each, of the cells around the nodes, in layer heights.
 
-    part : of the cell that lies inside the outline, 0 to 1
-    filled : deposited inside the outline over what there is of the slice, in the tile around
+    inside_cell_fraction : of the cell that lies inside the outline, 0 to 1
+    filled_fraction_by_cell : deposited inside the outline over what there is of the slice, in the
+    tile around
     outside_cells : deposited outside the outline, in cells
     """
 
-    part: NDArray[np.float32]
-    filled: NDArray[np.float32]
+    inside_cell_fraction: NDArray[np.float32]
+    filled_fraction_by_cell: NDArray[np.float32]
     outside_cells: float
 
-    def inside(self) -> float:
+    def filled_slice_fraction(self) -> float:
         """Part of the slice that is filled, none counted twice, 0 to 1."""
-        return self._over_slice(np.minimum(self.filled, 1))
+        return self._over_slice(np.minimum(self.filled_fraction_by_cell, 1))
 
-    def double(self) -> float:
+    def double_slice_fraction(self) -> float:
         """What is deposited inside beyond what fits, over the slice."""
-        return self._over_slice(np.maximum(self.filled - 1, 0))
+        return self._over_slice(np.maximum(self.filled_fraction_by_cell - 1, 0))
 
-    def outside(self) -> float:
+    def outside_slice_fraction(self) -> float:
         """What is deposited outside, over the slice."""
-        cells = float(self.part.sum())
+        cells = float(self.inside_cell_fraction.sum())
         return self.outside_cells / cells if cells else 0.0
 
-    def inside_of(self, label: NDArray[np.int32], count: int) -> FloatArray:
+    def filled_fraction_of_pieces(self, label: NDArray[np.int32], count: int) -> FloatArray:
         """`inside` of each of `count` pieces; label : (ny, nx), their numbers, −1 for none."""
-        filled = (np.minimum(self.filled, 1) * self.part)[label >= 0]
+        filled = (np.minimum(self.filled_fraction_by_cell,
+                             1) * self.inside_cell_fraction)[label >= 0]
         number = label[label >= 0]
-        room = np.bincount(number, self.part[label >= 0], minlength=count)
+        room = np.bincount(number, self.inside_cell_fraction[label >= 0], minlength=count)
         return np.asarray(np.bincount(number, filled, minlength=count) / np.maximum(room, 1e-9))
 
     def _over_slice(self, values: NDArray[np.float32]) -> float:
-        cells = float(self.part.sum())
-        return float((values * self.part).sum()) / cells if cells else 0.0
+        cells = float(self.inside_cell_fraction.sum())
+        return float((values * self.inside_cell_fraction).sum()) / cells if cells else 0.0
 
 
 def deposit_on(

@@ -20,7 +20,7 @@ from lmctl.plan.geometry.toolpath import Toolpath
 #: Strips are this wide at least and at most, in pitches.
 LEAST_STRIP, WIDEST_STRIP = 0.7, 1.5
 #: The second strip from the outline is so much wider than a pitch, and narrower in odd layers.
-SHIFT = 0.25
+SECOND_STRIP_SHIFT_PITCHES = 0.25
 
 
 @dataclass(frozen=True)
@@ -44,12 +44,14 @@ def in_plane_layout(
     """
     axis = medial_axis(raster)
     beads = bead_count(axis, raster, bead_mm, pitch_mm, least_width_mm, is_odd_layer=is_odd_layer)
-    second_mm = pitch_mm * (1 - SHIFT if is_odd_layer else 1 + SHIFT)
+    second_mm = pitch_mm * (
+        1 - SECOND_STRIP_SHIFT_PITCHES if is_odd_layer else 1 + SECOND_STRIP_SHIFT_PITCHES)
     field = level_field(raster, axis, beads, pitch_mm, second_mm)
     limits_mm = LEAST_STRIP * pitch_mm, WIDEST_STRIP * pitch_mm
     tracks = contour_tracks(field, raster, axis, pitch_mm, second_mm, limits_mm[1])
     tracks += centreline_tracks(axis, beads, raster, pitch_mm, second_mm, limits_mm)
     middles = np.array([t.points_mm[len(t.points_mm) // 2] for t in tracks]).reshape(-1, 2)
-    tracks, island = with_pins(tracks, islands.at(middles, raster), islands, axis, beads, raster,
+    tracks, island = with_pins(tracks, islands.island_at(middles, raster), islands, axis, beads,
+                               raster,
                                least_width_mm, limits_mm)
     return InPlaneLayout(tracks, island, axis, beads, field)

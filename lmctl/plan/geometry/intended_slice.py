@@ -31,5 +31,5 @@ def outline_offset_mm(process: ProcessSettings) -> float:
 
 
 def intended_loops(loops: Sequence[FloatArray], process: ProcessSettings) -> list[FloatArray]:
-    """The outline of the intended slice, from that of the drawing; loops as `Section` has them."""
+    """The outline of the intended slice, from that of the drawing; loops as in `PartSection`."""
     return offset_loops(loops, outline_offset_mm(process))

@@ -29,7 +29,7 @@ class Islands:
     def __len__(self) -> int:
         return len(self.outer)
 
-    def at(self, points_mm: FloatArray, raster: SectionRaster) -> NDArray[np.intp]:
+    def island_at(self, points_mm: FloatArray, raster: SectionRaster) -> NDArray[np.intp]:
         """The piece at points (n, 2) inside, by the nearest node; −1 where that lies outside."""
         index = np.round((points_mm - raster.grid.origin_mm) / raster.grid.pitch_mm)
         i = np.clip(index[:, 0].astype(np.intp), 0, raster.grid.shape[1] - 1)

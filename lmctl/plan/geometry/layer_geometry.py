@@ -27,14 +27,14 @@ class LostFeature:
     at_mm : (x, y) of its middle, in the part's own coordinates
     size_mm : (length, width), the width being its area over its length
     area_mm2 : of the piece
-    why, remedy : for a person: what made the planner leave it out, and what would keep it
+    reason, remedy : for a person: what made the planner leave it out, and what would keep it
     """
 
     kind: LostKind
     at_mm: tuple[float, float]
     size_mm: tuple[float, float]
     area_mm2: float
-    why: str
+    reason: str
     remedy: str
 
 

@@ -18,7 +18,7 @@ from scipy import ndimage
 
 from lmctl.field.kernel import inner_kernel, kernel
 from lmctl.plan.geometry.bead_count import BeadCount
-from lmctl.plan.geometry.medial_axis import MedialAxis, foot
+from lmctl.plan.geometry.medial_axis import MedialAxis, closest_point_on_segment
 from lmctl.plan.geometry.section_raster import SectionRaster
 
 FloatArray = NDArray[np.float64]
@@ -46,15 +46,16 @@ NO_CORE = 1_000_000
 @dataclass(frozen=True)
 class LevelField:
     """level : (ny, nx) float32, negative outside
-    strip_mm, outer : (ny, nx) float32 and int32, strip width of the core's tracks, and how many
+    strip_mm, outer_track_count : (ny, nx) float32 and int32, strip width of the core's tracks, and
+    how many
         tracks a pitch wide lie between the core and the outline
-    count : (ny, nx) int32, tracks across; 0 where there is none
+    track_count : (ny, nx) int32, tracks across; 0 where there is none
     """
 
     level: NDArray[np.float32]
     strip_mm: NDArray[np.float32]
-    outer: NDArray[np.int32]
-    count: NDArray[np.int32]
+    outer_track_count: NDArray[np.int32]
+    track_count: NDArray[np.int32]
 
 
 def level_field(
@@ -72,9 +73,10 @@ def level_field(
     _level_kernel(
         raster.depth_mm, raster.segments, raster.nearest, raster.grid.pitch_mm,
         axis.points_mm - np.array(raster.grid.origin_mm), axis.slope, axis.is_central,
-        axis.at_edge, beads.count, beads.depth_mm, beads.owner, beads.is_point, pitch_mm, second_mm,
+        axis.at_edge, beads.track_count, beads.depth_mm, beads.owner, beads.is_point, pitch_mm,
+        second_mm,
         float(raster.depth_mm.max()),
-        field.level, field.strip_mm, field.outer, field.count)
+        field.level, field.strip_mm, field.outer_track_count, field.track_count)
     _smooth(field, raster.depth_mm, pitch_mm)
     return field
 
@@ -86,17 +88,17 @@ def _smooth(field: LevelField, depth_mm: NDArray[np.float32], pitch_mm: float) -
     """
     inside = depth_mm > 0
     weight = ndimage.gaussian_filter(inside.astype(np.float32), _SMOOTHING_NODES, truncate=2.5)
-    near = _near_a_step(field.count, inside)
+    near = _near_a_step(field.track_count, inside)
     for values, plain in ((field.level, depth_mm / np.float32(pitch_mm)),
                           (field.strip_mm, np.float32(pitch_mm))):
         change = np.where(inside, values - plain, np.float32(0))
         smooth = ndimage.gaussian_filter(change, _SMOOTHING_NODES, truncate=2.5)
         smooth /= np.maximum(weight, np.float32(1e-6))
         np.copyto(values, plain + change + near * (smooth - change), where=inside)
-    odd = inside & (field.count % 2 == 1)
-    most = np.float32(0.5) * field.count - np.float32(_BELOW_CENTRELINE)
+    odd = inside & (field.track_count % 2 == 1)
+    most = np.float32(0.5) * field.track_count - np.float32(_BELOW_CENTRELINE)
     np.copyto(field.level, np.minimum(field.level, most), where=odd)
-    none = inside & (field.count == 0) & (field.outer < NO_CORE)
+    none = inside & (field.track_count == 0) & (field.outer_track_count < NO_CORE)
     np.copyto(field.level, np.minimum(field.level, np.float32(_BELOW_CENTRELINE)), where=none)
 
 
@@ -112,7 +114,7 @@ def _near_a_step(count: NDArray[np.int32], inside: NDArray[np.bool_]) -> NDArray
 
 
 @kernel
-def core_of(
+def core_track_count(
     count: NDArray[np.int64], is_point: NDArray[np.bool_], half_mm: FloatArray, pitch_mm: float
 ) -> NDArray[np.int64]:
     """How many of `count` tracks across share the width left over, (v,). half_mm : half of it"""
@@ -206,7 +208,7 @@ def _level_kernel(
             outer[j, i], across[j, i] = NO_CORE, 0
             if d <= 0:
                 continue
-            fx, fy, away = foot(segments, nearest[j, i], i * pitch, j * pitch)
+            fx, fy, away = closest_point_on_segment(segments, nearest[j, i], i * pitch, j * pitch)
             if away <= 1e-9:
                 continue
             ux, uy = (i * pitch - fx) / away, (j * pitch - fy) / away

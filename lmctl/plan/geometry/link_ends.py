@@ -6,24 +6,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.plan.geometry.link_lines import (
-    LEAST_LOOP,
-    Line,
+    MIN_LOOP_BRIDGE_LENGTHS,
+    LinkableTrack,
     LinkRules,
     arc_lengths_of,
-    stretch_of,
+    rows_between_arc_lengths,
 )
 from lmctl.plan.geometry.section_raster import SectionRaster
-from lmctl.plan.plane_values import plane_values
-from lmctl.plan.polyline import densified
+from lmctl.plan.plane_values import interpolate_bilinear
+from lmctl.plan.polyline import densified_polyline
 
 FloatArray = NDArray[np.float64]
 
 
 def joined_at_ends(
-    lines: list[Line], raster: SectionRaster, rules: LinkRules
-) -> list[Line]:
+    lines: list[LinkableTrack], raster: SectionRaster, rules: LinkRules
+) -> list[LinkableTrack]:
     """Open lines joined, end by end, to closed lines and to each other, the nearest first."""
-    joined: list[Line] = []
+    joined: list[LinkableTrack] = []
     for island in sorted({line.island for line in lines}):
         joined += _joined_in_island(
             [line for line in lines if line.island == island], raster, rules)
@@ -31,8 +31,8 @@ def joined_at_ends(
 
 
 def _joined_in_island(
-    lines: list[Line], raster: SectionRaster, rules: LinkRules
-) -> list[Line]:
+    lines: list[LinkableTrack], raster: SectionRaster, rules: LinkRules
+) -> list[LinkableTrack]:
     """`joined_at_ends` of one island."""
     known = dict(enumerate(lines))
     number = len(lines)
@@ -57,7 +57,7 @@ def _joined_in_island(
 
 
 def _nearest_line(
-    number: int, end: int, lines: dict[int, Line], raster: SectionRaster, rules: LinkRules
+    number: int, end: int, lines: dict[int, LinkableTrack], raster: SectionRaster, rules: LinkRules
 ) -> tuple[float, int, int] | None:
     """Distance, number and vertex of the line that an end of an open line may go on into."""
     here = lines[number].table[end]
@@ -72,7 +72,7 @@ def _nearest_line(
 
 
 def _nearest_on(
-    here: FloatArray, target: Line, raster: SectionRaster, rules: LinkRules
+    here: FloatArray, target: LinkableTrack, raster: SectionRaster, rules: LinkRules
 ) -> tuple[float, int] | None:
     """Distance to a line and its vertex, where a bridge may go; of open ones an end only."""
     table = target.table if target.is_closed else target.table[[0, -1]]
@@ -83,20 +83,24 @@ def _nearest_on(
     if np.abs(table[nearest, 3:] - here[3:]).max() > rules.mixture_step + 1e-9:
         return None
     way = here[:2] + np.linspace(0, 1, 5)[1:-1, None] * (table[nearest, :2] - here[:2])
-    depth = plane_values(raster.depth_mm, raster.grid, way)
+    depth = interpolate_bilinear(raster.depth_mm, raster.grid, way)
     if depth.min() < rules.least_depth_mm:
         return None
     return float(away[nearest]), nearest
 
 
-def _joined(line: Line, end: int, target: Line, vertex: int, rules: LinkRules) -> Line:
+def _joined(line: LinkableTrack, end: int, target: LinkableTrack, vertex: int,
+            rules: LinkRules) -> LinkableTrack:
     """An open line that goes on, from its end, into another one."""
     table = line.table if end == -1 else line.table[::-1]
     onward = target.table
     if target.is_closed:
         arc = arc_lengths_of(target)
-        gap = min(float(np.hypot(*(onward[vertex, :2] - table[-1, :2]))), arc[-1] / LEAST_LOOP)
-        onward = stretch_of(onward, arc, float(arc[vertex]), float(arc[vertex] + arc[-1] - gap))
+        gap = min(float(np.hypot(*(onward[vertex, :2] - table[-1, :2]))),
+                  arc[-1] / MIN_LOOP_BRIDGE_LENGTHS)
+        onward = rows_between_arc_lengths(onward, arc, float(arc[vertex]),
+                                          float(arc[vertex] + arc[-1] - gap))
     elif vertex == 1:
         onward = onward[::-1]
-    return Line(densified(np.vstack([table, onward]), rules.spacing_mm), False, line.island)
+    return LinkableTrack(densified_polyline(np.vstack([table, onward]), rules.spacing_mm), False,
+                         line.island)

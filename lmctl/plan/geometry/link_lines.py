@@ -12,11 +12,11 @@ FloatArray = NDArray[np.float64]
 #: The longest bridge, and how deep inside the outline it has to stay, in pitches.
 LONGEST_BRIDGE, LEAST_DEPTH = 1.5, 0.2
 #: A closed track is at least so many bridge lengths long to be cut.
-LEAST_LOOP = 2.6
+MIN_LOOP_BRIDGE_LENGTHS = 2.6
 
 
 @dataclass(frozen=True)
-class Line:
+class LinkableTrack:
     """A track while it is linked.
 
     table : (k, 3 + materials) float64: x, y, strip width [mm], volume fractions
@@ -50,18 +50,18 @@ class LinkRules:
         return LEAST_DEPTH * self.pitch_mm
 
 
-def arc_lengths_of(line: Line) -> FloatArray:
+def arc_lengths_of(line: LinkableTrack) -> FloatArray:
     steps = np.linalg.norm(np.diff(line.table[:, :2], axis=0), axis=1)
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
-def rows_at(table: FloatArray, arc_mm: FloatArray, at_mm: FloatArray) -> FloatArray:
+def rows_at_arc_lengths(table: FloatArray, arc_mm: FloatArray, at_mm: FloatArray) -> FloatArray:
     """Rows of a closed line at arc lengths, taken round."""
     at = at_mm % arc_mm[-1]
     return np.stack([np.interp(at, arc_mm, column) for column in table.T], axis=1)
 
 
-def stretch_of(
+def rows_between_arc_lengths(
     table: FloatArray, arc_mm: FloatArray, begin_mm: float, end_mm: float
 ) -> FloatArray:
     """Rows of a closed line from one arc length to another, forwards or backwards."""
@@ -71,5 +71,5 @@ def stretch_of(
     inner = (turns[:, None] * whole + arc_mm[:-1]).ravel()
     inner = inner[(inner > low + 1e-9) & (inner < high - 1e-9)]
     at = np.concatenate([[low], inner, [high]])
-    rows = rows_at(table, arc_mm, at)
+    rows = rows_at_arc_lengths(table, arc_mm, at)
     return rows if begin_mm <= end_mm else rows[::-1]

@@ -9,16 +9,16 @@ from numpy.typing import NDArray
 
 from lmctl.field.kernel import kernel
 from lmctl.plan.geometry.link_lines import (
-    LEAST_LOOP,
-    Line,
+    MIN_LOOP_BRIDGE_LENGTHS,
+    LinkableTrack,
     LinkRules,
     arc_lengths_of,
-    rows_at,
-    stretch_of,
+    rows_at_arc_lengths,
+    rows_between_arc_lengths,
 )
 from lmctl.plan.geometry.section_raster import SectionRaster
-from lmctl.plan.plane_values import plane_values
-from lmctl.plan.polyline import densified
+from lmctl.plan.plane_values import interpolate_bilinear
+from lmctl.plan.polyline import densified_polyline
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.int64]
@@ -43,8 +43,8 @@ class _Bridge:
 
 
 def merged_loops(
-    loops: list[Line], others: list[Line], raster: SectionRaster, rules: LinkRules
-) -> list[Line]:
+    loops: list[LinkableTrack], others: list[LinkableTrack], raster: SectionRaster, rules: LinkRules
+) -> list[LinkableTrack]:
     """All loops joined into as few as bridges allow, and the other lines after them."""
     if len(loops) < 2:
         return [*loops, *others]
@@ -62,7 +62,7 @@ def merged_loops(
     equal = np.abs(mixture[candidates] - mixture[near[candidates]]).max(axis=1) \
         <= rules.mixture_step + 1e-9
     middle = (points[candidates] + points[near[candidates]]) / 2
-    deep = plane_values(raster.depth_mm, raster.grid, middle) > rules.least_depth_mm
+    deep = interpolate_bilinear(raster.depth_mm, raster.grid, middle) > rules.least_depth_mm
     candidates = candidates[equal & deep]
     arcs = [arc_lengths_of(loop) for loop in loops]
     along = np.concatenate(arcs)
@@ -118,7 +118,7 @@ def _spanning_bridges(
 
     def is_free(loop: int, at_mm: float, size_mm: float) -> bool:
         whole = float(length_mm[loop])
-        if whole < LEAST_LOOP * size_mm:
+        if whole < MIN_LOOP_BRIDGE_LENGTHS * size_mm:
             return False
         return all(
             min(abs(at_mm - other), whole - abs(at_mm - other)) >= _APART * max(size_mm, size)
@@ -157,8 +157,8 @@ def _by_pair(candidates: IndexArray, near: IndexArray, owner: IndexArray) -> lis
 
 
 def _assembled(
-    loops: list[Line], arcs: list[FloatArray], bridges: list[_Bridge], rules: LinkRules
-) -> list[Line]:
+    loops: list[LinkableTrack], arcs: list[FloatArray], bridges: list[_Bridge], rules: LinkRules
+) -> list[LinkableTrack]:
     """The trees of loops, each walked as one closed line."""
     cuts: list[list[tuple[float, float, int, float]]] = [[] for _ in loops]
     for bridge in bridges:
@@ -174,12 +174,12 @@ def _assembled(
             continue
         pieces = _walk_of_tree(number, loops, arcs, cuts, done)
         table = np.vstack([*pieces, pieces[0][:1]])
-        merged.append(Line(densified(table, rules.spacing_mm), True, loop.island))
+        merged.append(LinkableTrack(densified_polyline(table, rules.spacing_mm), True, loop.island))
     return merged
 
 
 def _walk_of_tree(
-    first: int, loops: list[Line], arcs: list[FloatArray],
+    first: int, loops: list[LinkableTrack], arcs: list[FloatArray],
     cuts: list[list[tuple[float, float, int, float]]], done: list[bool],
 ) -> list[FloatArray]:
     """Stretches of a tree of loops in the order of one closed walk.
@@ -199,7 +199,7 @@ def _walk_of_tree(
             at_loop.pop()
             continue
         begin, end, child, entry = step
-        pieces.append(stretch_of(loops[loop].table, arcs[loop], begin, end))
+        pieces.append(rows_between_arc_lengths(loops[loop].table, arcs[loop], begin, end))
         if child < 0:
             continue
         done[child] = True
@@ -240,7 +240,7 @@ def _goes_forward(
 ) -> bool:
     """Whether a loop cut open is entered at the end of its gap, the way its arc lengths rise."""
     cut, gap = entry
-    ends = rows_at(table, arc_mm, np.array([cut - gap / 2, cut + gap / 2]))[:, :2]
+    ends = rows_at_arc_lengths(table, arc_mm, np.array([cut - gap / 2, cut + gap / 2]))[:, :2]
     away = np.linalg.norm(ends - here[:2], axis=1)
     return bool(away[1] < away[0])
 

@@ -12,12 +12,13 @@ Bridges are short, stay inside the material, join equal mixtures, and lie where 
 from __future__ import annotations
 
 from lmctl.plan.geometry.link_ends import joined_at_ends
-from lmctl.plan.geometry.link_lines import Line, LinkRules
+from lmctl.plan.geometry.link_lines import LinkableTrack, LinkRules
 from lmctl.plan.geometry.link_loops import merged_loops
 from lmctl.plan.geometry.section_raster import SectionRaster
 
 
-def linked(lines: list[Line], raster: SectionRaster, rules: LinkRules) -> list[Line]:
+def linked_tracks(lines: list[LinkableTrack], raster: SectionRaster,
+                  rules: LinkRules) -> list[LinkableTrack]:
     """The same deposit in fewer tracks."""
     if len(lines) < 2:
         return lines

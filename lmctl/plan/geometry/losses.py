@@ -19,7 +19,7 @@ from lmctl.plan.geometry.deposit import Deposit
 from lmctl.plan.geometry.islands import Islands
 from lmctl.plan.geometry.layer_geometry import LostFeature, LostKind
 from lmctl.plan.geometry.section_raster import SectionRaster
-from lmctl.plan.polyline import densified
+from lmctl.plan.polyline import densified_polyline
 
 FloatArray = NDArray[np.float64]
 
@@ -33,7 +33,7 @@ _BEYOND_BEADS = 0.4
 _EMPTY = 0.5
 
 
-def losses(
+def lost_features(
     loops: Sequence[FloatArray], islands: Islands, owner: NDArray[np.intp],
     points_mm: FloatArray, deposit: Deposit | None, raster: SectionRaster, process: ProcessSettings,
 ) -> tuple[LostFeature, ...]:
@@ -59,8 +59,8 @@ def losses(
     return tuple(sorted(found, key=lambda lost: -lost.area_mm2))
 
 
-def lost_layer(loops: Sequence[FloatArray], islands: Islands,
-               process: ProcessSettings) -> LostFeature:
+def lost_slice_feature(loops: Sequence[FloatArray], islands: Islands,
+                       process: ProcessSettings) -> LostFeature:
     """A whole slice without a track. loops : of the slice, one at least"""
     area = float(islands.area_mm2.sum())
     return _lost("layer", np.vstack(loops), area, process)
@@ -72,7 +72,7 @@ def _uncovered_stretches(
 ) -> list[LostFeature]:
     """Ribs of an outline that no track comes near."""
     bead = process.bead_width_mm
-    fine = densified(loop, raster.grid.pitch_mm)[:-1]
+    fine = densified_polyline(loop, raster.grid.pitch_mm)[:-1]
     gap, _ = tree.query(fine)
     far = gap > _REACH_BEADS * bead
     if not far.any() or far.all():  # far from all tracks: an island of its own, or its hole
@@ -96,7 +96,7 @@ def _empty_places(
 ) -> list[LostFeature]:
     """Places among the tracks where less than half of a tile is filled."""
     deep = raster.depth_mm > process.bead_width_mm / 2
-    label, count = ndimage.label(deep & (deposit.filled < _EMPTY))
+    label, count = ndimage.label(deep & (deposit.filled_fraction_by_cell < _EMPTY))
     found = []
     cell = raster.grid.pitch_mm**2
     for number in range(1, count + 1):
@@ -107,7 +107,8 @@ def _empty_places(
     return found
 
 
-def lost_piece(kind: LostKind, outline: FloatArray, process: ProcessSettings) -> LostFeature:
+def lost_feature_of_outline(kind: LostKind, outline: FloatArray,
+                            process: ProcessSettings) -> LostFeature:
     """A piece within an outline (k, 2) [mm], which need not be closed."""
     area = abs(loop_area_mm2(np.vstack([outline, outline[:1]])))
     return _lost(kind, outline, area, process)
@@ -138,7 +139,7 @@ def _lost(
                   "direction")
     return LostFeature(
         kind=kind, at_mm=(float(middle[0]), float(middle[1])), size_mm=(length, width),
-        area_mm2=area_mm2, why=why, remedy=remedy)
+        area_mm2=area_mm2, reason=why, remedy=remedy)
 
 
 def _size_mm(outline: FloatArray, area_mm2: float) -> tuple[float, float]:

@@ -66,7 +66,8 @@ def medial_axis(raster: SectionRaster) -> MedialAxis:
 
 
 @inner_kernel
-def foot(segments: FloatArray, s: int, px: float, py: float) -> tuple[float, float, float]:
+def closest_point_on_segment(segments: FloatArray, s: int, px: float,
+                             py: float) -> tuple[float, float, float]:
     """Nearest point of a segment (x, y), and its distance."""
     ax, ay = segments[s, 0], segments[s, 1]
     ux, uy = segments[s, 2] - ax, segments[s, 3] - ay
@@ -87,7 +88,8 @@ def _meeting(
     for _ in range(_BISECTIONS):
         t = 0.5 * (low + high)
         x, y = (i + t * (ib - i)) * pitch, (j + t * (jb - j)) * pitch
-        if foot(segments, a, x, y)[2] < foot(segments, b, x, y)[2]:
+        if closest_point_on_segment(segments, a, x, y)[2] < closest_point_on_segment(segments, b, x,
+                                                                                     y)[2]:
             low = t
         else:
             high = t
@@ -97,14 +99,14 @@ def _meeting(
 @inner_kernel
 def _along(segments: FloatArray, ends: IndexArray, s: int, px: float, py: float) -> int:
     """The edge of the same loop where the distance is least, walking from edge s."""
-    best, least = s, foot(segments, s, px, py)[2]
+    best, least = s, closest_point_on_segment(segments, s, px, py)[2]
     first, last = ends[s, 0], ends[s, 1]
     for step in (-1, 1):
         at = s
         while True:
             at += step
             at = last if at < first else (first if at > last else at)
-            away = foot(segments, at, px, py)[2]
+            away = closest_point_on_segment(segments, at, px, py)[2]
             if away >= (1 - _EQUALLY_FAR) * least:
                 break
             best, least = at, away
@@ -131,8 +133,8 @@ def _crossings_kernel(
                 a, b = nearest[j, i], nearest[jb, ib]
                 if a == b:
                     continue
-                ax, ay, _ = foot(segments, a, i * pitch, j * pitch)
-                bx, by, _ = foot(segments, b, ib * pitch, jb * pitch)
+                ax, ay, _ = closest_point_on_segment(segments, a, i * pitch, j * pitch)
+                bx, by, _ = closest_point_on_segment(segments, b, ib * pitch, jb * pitch)
                 least = min(depth[j, i], depth[jb, ib])
                 if (ax - bx) ** 2 + (ay - by) ** 2 < (0.5 * _LEAST_CHORD * least) ** 2:
                     continue
@@ -146,8 +148,8 @@ def _crossings_kernel(
                     a, b = at_a, at_b
                     t = _meeting(segments, a, b, i, j, ib, jb, pitch)
                     x, y = (i + t * (ib - i)) * pitch, (j + t * (jb - j)) * pitch
-                ax, ay, away = foot(segments, a, x, y)
-                bx, by, other = foot(segments, b, x, y)
+                ax, ay, away = closest_point_on_segment(segments, a, x, y)
+                bx, by, other = closest_point_on_segment(segments, b, x, y)
                 away = 0.5 * (away + other)
                 if away <= 0.0:
                     continue
@@ -207,7 +209,7 @@ def _links_kernel(
             away = np.inf
             for corner in range(4):
                 s = nearest[j + corner // 2, i + corner % 2]
-                away = min(away, foot(segments, s, row[0], row[1])[2])
+                away = min(away, closest_point_on_segment(segments, s, row[0], row[1])[2])
             row[2] = away
             for k in range(n):
                 links[n_links, 0], links[n_links, 1] = around[k], len(found) + n_joints

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from lmctl.field.kernel import kernel
 from lmctl.plan.geometry.bead_count import BeadCount
 from lmctl.plan.geometry.islands import Islands
-from lmctl.plan.geometry.medial_axis import MedialAxis, foot
+from lmctl.plan.geometry.medial_axis import MedialAxis, closest_point_on_segment
 from lmctl.plan.geometry.section_raster import SectionRaster
 from lmctl.plan.geometry.toolpath import Toolpath
-from lmctl.plan.geometry.track_ends import prolonged, trimmed
+from lmctl.plan.geometry.track_ends import prolonged_track, trimmed_track
 from lmctl.plan.polyline import arc_lengths
 
 FloatArray = NDArray[np.float64]
@@ -33,10 +33,10 @@ def with_pins(
 
     least_width_mm : what is narrower stays without
     """
-    home = islands.at(axis.points_mm, raster)
+    home = islands.island_at(axis.points_mm, raster)
     most = np.zeros(len(islands), dtype=np.int64)
     inside = home >= 0
-    np.maximum.at(most, home[inside], beads.count[inside])
+    np.maximum.at(most, home[inside], beads.track_count[inside])
     tracks, owners = list(tracks), owner.tolist()
     of_island: dict[int, list[int]] = defaultdict(list)
     for number, island in enumerate(owners):
@@ -93,7 +93,7 @@ def _climb_kernel(
     """Uphill over the depth from a place, by ever smaller steps: place and depth of the peak."""
     best = np.inf
     for s in range(len(segments)):
-        best = min(best, foot(segments, s, x, y)[2])
+        best = min(best, closest_point_on_segment(segments, s, x, y)[2])
     least_step = step / 2**_HALVINGS
     while step > least_step:
         before = best
@@ -102,7 +102,7 @@ def _climb_kernel(
             u, v = x + step * (way % 3 - 1), y + step * (way // 3 - 1)
             depth = np.inf
             for s in range(len(segments)):
-                depth = min(depth, foot(segments, s, u, v)[2])
+                depth = min(depth, closest_point_on_segment(segments, s, u, v)[2])
                 if depth <= best:
                     break
             if depth > best:
@@ -136,8 +136,8 @@ def _fitted(track: Toolpath, area_mm2: float, raster: SectionRaster) -> Toolpath
     track = Toolpath(track.points_mm, strip, False)
     for _ in range(2):  # at one end, then at the other
         if more < 0:
-            track = trimmed(track, min(-more, along[-1] / 3))
+            track = trimmed_track(track, min(-more, along[-1] / 3))
         else:
-            track = prolonged(track, more, core, raster)
+            track = prolonged_track(track, more, core, raster)
         track = track.reversed()
     return track

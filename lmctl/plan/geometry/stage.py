@@ -24,23 +24,23 @@ from lmctl.plan.geometry.layer_geometry import (
     LayerGeometry,
     OverhangPlace,
 )
-from lmctl.plan.geometry.link_lines import Line, LinkRules
-from lmctl.plan.geometry.links import linked
-from lmctl.plan.geometry.losses import losses, lost_layer
+from lmctl.plan.geometry.link_lines import LinkableTrack, LinkRules
+from lmctl.plan.geometry.links import linked_tracks
+from lmctl.plan.geometry.losses import lost_features, lost_slice_feature
 from lmctl.plan.geometry.overhang import overhang_places
 from lmctl.plan.geometry.section_raster import SectionRaster, raster_pitch_mm, section_raster
 from lmctl.plan.geometry.toolpath import Toolpath
 from lmctl.preflight.placement import Placement
 
 if TYPE_CHECKING:
-    from lmctl.part.part import Part, Section
+    from lmctl.part.part import Part, PartSection
 
 FloatArray = NDArray[np.float64]
 
 #: A track of less extent may, on the program's raster, hold no motion that a controller can make.
 _LEAST_EXTENT_MM = 0.042
 #: Points of tracks are at most so far apart, in beads: so finely is the material field sampled.
-SPACING_BEADS = 0.1
+MAX_POINT_SPACING_BEADS = 0.1
 #: Seams turn by so much from layer to layer, so that no ridge builds up [radians].
 GOLDEN_ANGLE = float(np.pi * (3 - np.sqrt(5)))
 
@@ -52,7 +52,7 @@ def layer_geometry(part: Part, placement: Placement, layer: int) -> LayerGeometr
         that it keeps
     """
     process = part.process
-    z_mm = placement.cut_mm(layer)
+    z_mm = placement.cut_height_mm(layer)
     section = part.section(z_mm)
     loops = intended_loops(section.loops, process)
     number = placement.skipped + layer
@@ -66,8 +66,8 @@ def layer_geometry(part: Part, placement: Placement, layer: int) -> LayerGeometr
         section, raster, islands, process, is_odd_layer=number % 2 == 1)
     lines = _with_mixtures(part, z_mm, tracks, owner)
     if process.strategy == "in-plane":
-        lines = linked(lines, raster, _link_rules(number, process))
-    below = intended_loops(part.section(placement.cut_mm(layer - 1)).loops, process) if (
+        lines = linked_tracks(lines, raster, _link_rules(number, process))
+    below = intended_loops(part.section(placement.cut_height_mm(layer - 1)).loops, process) if (
         number > 0) else None
     overhang = () if below is None else overhang_places(
         loops, below, raster, islands, placement.layer_height_mm, process.bead_width_mm,
@@ -80,7 +80,7 @@ def layer_geometry(part: Part, placement: Placement, layer: int) -> LayerGeometr
 
 
 def _tracks(
-    section: Section, raster: SectionRaster, islands: Islands, process: ProcessSettings, *,
+    section: PartSection, raster: SectionRaster, islands: Islands, process: ProcessSettings, *,
     is_odd_layer: bool,
 ) -> tuple[list[Toolpath], NDArray[np.intp], float]:
     """Tracks of a slice, the island of each, and the area of those in narrow places [mm²]."""
@@ -95,7 +95,7 @@ def _tracks(
     else:
         tracks = iso_3d_tracks(section, bead, pitch_mm(process))
         middles = np.array([track.points_mm[0] for track in tracks]).reshape(-1, 2)
-        owner = islands.at(middles, raster)
+        owner = islands.island_at(middles, raster)
     movable = np.array(
         [np.ptp(track.points_mm, axis=0).max() >= _LEAST_EXTENT_MM for track in tracks],
         dtype=np.bool_)
@@ -105,7 +105,7 @@ def _tracks(
 
 def _narrow_area_mm2(layout: InPlaneLayout, bead_mm: float) -> float:
     """Area that single tracks have to themselves where the material is narrower than a bead."""
-    single = layout.beads.has_centreline & (layout.beads.count == 1)
+    single = layout.beads.has_centreline & (layout.beads.track_count == 1)
     narrow = single & (2 * layout.axis.depth_mm < bead_mm * (1 - 1e-6))
     links = layout.axis.links[narrow[layout.axis.links].all(axis=1)]
     length = np.linalg.norm(np.diff(layout.axis.points_mm[links], axis=1)[:, 0], axis=1)
@@ -114,17 +114,18 @@ def _narrow_area_mm2(layout: InPlaneLayout, bead_mm: float) -> float:
 
 def _with_mixtures(
     part: Part, z_mm: float, tracks: list[Toolpath], owner: NDArray[np.intp]
-) -> list[Line]:
+) -> list[LinkableTrack]:
     """Tracks with the material field along them, sampled once."""
     if not tracks:
         return []
-    tracks = [track.dense(part.process.bead_width_mm * SPACING_BEADS) for track in tracks]
+    tracks = [
+        track.densified(part.process.bead_width_mm * MAX_POINT_SPACING_BEADS) for track in tracks]
     points = np.vstack([track.points_mm for track in tracks])
     fractions = part.composition(np.column_stack([points, np.full(len(points), z_mm)]))
     ends = np.cumsum([len(track.points_mm) for track in tracks])[:-1]
     return [
-        Line(np.column_stack([track.points_mm, track.strip_width_mm, mixture]),
-             track.is_closed, int(island))
+        LinkableTrack(np.column_stack([track.points_mm, track.strip_width_mm, mixture]),
+                      track.is_closed, int(island))
         for track, mixture, island in zip(tracks, np.split(fractions, ends), owner, strict=True)
     ]
 
@@ -133,20 +134,20 @@ def _link_rules(layer: int, process: ProcessSettings) -> LinkRules:
     seam = process.seam
     return LinkRules(
         pitch_mm=pitch_mm(process),
-        spacing_mm=process.bead_width_mm * SPACING_BEADS,
+        spacing_mm=process.bead_width_mm * MAX_POINT_SPACING_BEADS,
         mixture_step=process.fraction_step,
         seam_mm=seam if isinstance(seam, tuple) else None,
         seam_angle=layer * GOLDEN_ANGLE if seam == "spread" else 0.0)
 
 
 def _figures(
-    loops: list[FloatArray], raster: SectionRaster, islands: Islands, lines: list[Line],
+    loops: list[FloatArray], raster: SectionRaster, islands: Islands, lines: list[LinkableTrack],
     narrow_mm2: float, overhang: tuple[OverhangPlace, ...], process: ProcessSettings,
 ) -> LayerFigures:
     slice_mm2 = float(islands.area_mm2.sum())
     if not lines:
         return LayerFigures(slice_mm2, 0.0, 0.0, 0.0, 0.0, overhang=overhang,
-                            lost=(lost_layer(loops, islands, process),))
+                            lost=(lost_slice_feature(loops, islands, process),))
     table, starts = _flat(lines)
     points, strip = table[:, :2], table[:, 2]
     deposit = deposit_on(raster, points, starts, strip, process.bead_width_mm)
@@ -154,17 +155,19 @@ def _figures(
     step[starts[1:-1] - 1] = 0.0  # from one track to the next nothing is deposited
     owner = np.array([line.island for line in lines], dtype=np.intp)
     return LayerFigures(
-        slice_mm2=slice_mm2, inside_mm2=deposit.inside() * slice_mm2,
-        double_mm2=deposit.double() * slice_mm2, outside_mm2=deposit.outside() * slice_mm2,
+        slice_mm2=slice_mm2, inside_mm2=deposit.filled_slice_fraction() * slice_mm2,
+        double_mm2=deposit.double_slice_fraction() * slice_mm2,
+        outside_mm2=deposit.outside_slice_fraction() * slice_mm2,
         strip_mm2=float(step.sum()), narrow_mm2=narrow_mm2,
         islands=_islands(islands, owner, deposit),
-        lost=losses(loops, islands, owner, points, deposit, raster, process), overhang=overhang)
+        lost=lost_features(loops, islands, owner, points, deposit, raster, process),
+        overhang=overhang)
 
 
 def _islands(
     islands: Islands, owner: NDArray[np.intp], deposit: Deposit
 ) -> tuple[IslandFigures, ...]:
-    inside = deposit.inside_of(islands.label, len(islands))
+    inside = deposit.filled_fraction_of_pieces(islands.label, len(islands))
     found = []
     for number in np.unique(owner):
         outer, area = islands.outer[number], float(islands.area_mm2[number])
@@ -174,14 +177,14 @@ def _islands(
     return tuple(found)
 
 
-def _flat(lines: list[Line]) -> tuple[FloatArray, NDArray[np.intp]]:
+def _flat(lines: list[LinkableTrack]) -> tuple[FloatArray, NDArray[np.intp]]:
     """Tables of all lines one after the other, and where each begins."""
     return (np.vstack([line.table for line in lines]),
             np.cumsum([0, *(len(line.table) for line in lines)]))
 
 
 def _geometry(
-    layer: int, z_mm: float, lines: list[Line], materials: int, loops: list[FloatArray],
+    layer: int, z_mm: float, lines: list[LinkableTrack], materials: int, loops: list[FloatArray],
     figures: LayerFigures,
 ) -> LayerGeometry:
     table, starts = _flat(lines) if lines else (np.empty((0, 3 + materials)), np.zeros(1, np.intp))

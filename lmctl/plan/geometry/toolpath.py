@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.plan.polyline import densified
+from lmctl.plan.polyline import densified_polyline
 
 FloatArray = NDArray[np.float64]
 
@@ -24,19 +24,20 @@ class Toolpath:
 
     @property
     def length_mm(self) -> float:
-        return float(self.steps_mm().sum())
+        return float(self.segment_lengths_mm().sum())
 
-    def steps_mm(self) -> FloatArray:
+    def segment_lengths_mm(self) -> FloatArray:
         """(k − 1,) length from each point to the next."""
         return np.asarray(np.linalg.norm(np.diff(self.points_mm, axis=0), axis=1))
 
     def strip_area_mm2(self) -> float:
         """Length times strip width: the volume it deposits over the layer height."""
-        return float(self.steps_mm() @ (self.strip_width_mm[1:] + self.strip_width_mm[:-1]) / 2)
+        return float(
+            self.segment_lengths_mm() @ (self.strip_width_mm[1:] + self.strip_width_mm[:-1]) / 2)
 
-    def dense(self, spacing_mm: float) -> Toolpath:
+    def densified(self, spacing_mm: float) -> Toolpath:
         """The same with points at most `spacing_mm` apart."""
-        table = densified(
+        table = densified_polyline(
             np.column_stack([self.points_mm, self.strip_width_mm]), spacing_mm)
         return Toolpath(table[:, :2], table[:, 2], self.is_closed)
 

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from lmctl.plan.geometry.section_raster import SectionRaster
 from lmctl.plan.geometry.toolpath import Toolpath
-from lmctl.plan.plane_values import plane_values
-from lmctl.plan.polyline import arc_lengths, at_lengths
+from lmctl.plan.plane_values import interpolate_bilinear
+from lmctl.plan.polyline import arc_lengths, points_at_lengths
 
 FloatArray = NDArray[np.float64]
 
@@ -16,16 +16,16 @@ FloatArray = NDArray[np.float64]
 _STEPS_PER_NODE = 4
 
 
-def trimmed(track: Toolpath, by_mm: float) -> Toolpath:
+def trimmed_track(track: Toolpath, by_mm: float) -> Toolpath:
     """An open track without its last `by_mm`; a point where that is all of it."""
     along = arc_lengths(track.points_mm)
     left = along[-1] - by_mm
     if left <= 0:
         return Toolpath(track.points_mm[:1], track.strip_width_mm[:1], False)
-    return resampled(track, np.append(along[along < left - 1e-9], left))
+    return resampled_track(track, np.append(along[along < left - 1e-9], left))
 
 
-def prolonged(
+def prolonged_track(
     track: Toolpath, by_mm: float, over_mm: float, raster: SectionRaster
 ) -> Toolpath:
     """An open track straight on at its end by up to so much, not beyond the outline.
@@ -34,14 +34,14 @@ def prolonged(
     """
     points = track.points_mm
     along = arc_lengths(points)
-    behind = at_lengths(points, np.array([max(0.0, along[-1] - over_mm)]))[0]
+    behind = points_at_lengths(points, np.array([max(0.0, along[-1] - over_mm)]))[0]
     way = points[-1] - behind
     size = float(np.hypot(*way))
     if size <= 0 or by_mm <= 0:
         return track
     count = max(2, int(np.ceil(by_mm / raster.grid.pitch_mm * _STEPS_PER_NODE)) + 1)
     tried = points[-1] + np.linspace(0, by_mm, count)[:, None] * way / size
-    outside = np.flatnonzero(plane_values(raster.depth_mm, raster.grid, tried) < 0)
+    outside = np.flatnonzero(interpolate_bilinear(raster.depth_mm, raster.grid, tried) < 0)
     last = int(outside[0]) - 1 if len(outside) else count - 1
     if last <= 0:
         return track
@@ -49,8 +49,8 @@ def prolonged(
                     np.append(track.strip_width_mm, track.strip_width_mm[-1]), False)
 
 
-def resampled(track: Toolpath, at_mm: FloatArray) -> Toolpath:
+def resampled_track(track: Toolpath, at_mm: FloatArray) -> Toolpath:
     """An open track with these lengths along it as its points."""
     along = arc_lengths(track.points_mm)
-    return Toolpath(at_lengths(track.points_mm, at_mm),
+    return Toolpath(points_at_lengths(track.points_mm, at_mm),
                     np.interp(at_mm, along, track.strip_width_mm), False)

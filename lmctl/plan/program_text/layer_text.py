@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from lmctl.config.machine import LaserSettings
 from lmctl.errors import PlanError
-from lmctl.job.packed_layer import PackedLayer, pack
+from lmctl.job.packed_layer import PackedLayer, pack_layer_arrays
 from lmctl.job.schema import LineKind, line_dtype
 from lmctl.plan.program_text.line_bytes import (
     COORDINATE_DECIMALS,
@@ -24,8 +24,8 @@ from lmctl.preflight.s_word import s_word_decimals
 FloatArray = NDArray[np.float64]
 
 #: Millimetres, absolute, units per minute; then dynamic beam power with the beam at nothing.
-OPENING = ("G21 G90 G94", "M4 S0")
-CLOSING = ("M5",)
+OPENING_LINES = ("G21 G90 G94", "M4 S0")
+CLOSING_LINES = ("M5",)
 
 #: Most that an S word's rounding may make of a beam's power.
 _POWER_OFF = 0.01
@@ -67,7 +67,7 @@ def packed_layer(layer: LayerLines) -> PackedLayer:
     table["path"] = np.where(moves.path >= 0, moves.path + layer.first_path, -1)
     table["kind"] = moves.kind
     table["fractions"] = moves.fractions
-    return pack(
+    return pack_layer_arrays(
         index=layer.index, z_mm=layer.z_mm, first_line=layer.first_line,
         first_path=layer.first_path, program=program_bytes(layer), lines=table,
         flow_s=layer.flow.times_s, flow_g_s=layer.flow.g_s)
@@ -80,7 +80,7 @@ def program_bytes(layer: LayerLines) -> bytes:
     """
     moves = layer.moves
     decimals = s_word_decimals(layer.laser.s_max)
-    setup = (OPENING if layer.opens else ()) + (CLOSING if layer.closes else ())
+    setup = (OPENING_LINES if layer.opens else ()) + (CLOSING_LINES if layer.closes else ())
     return line_bytes(
         moves.kind, moves.path, _integers(moves.target_mm, COORDINATE_DECIMALS),
         _integers(moves.feed_mm_s * 60, FEED_DECIMALS),

@@ -21,7 +21,7 @@ from lmctl.plan.sequence.composition_runs import (
     composition_runs,
     run_ends_mm,
 )
-from lmctl.plan.sequence.flat_arrays import numbers_within
+from lmctl.plan.sequence.flat_arrays import indices_within_stretches
 from lmctl.plan.sequence.speed_factor import speed_factors
 from lmctl.plan.sequence.track_order import OrderedTracks
 
@@ -30,7 +30,7 @@ IndexArray = NDArray[np.intp]
 
 #: Speed differs from the recipe's by at most this factor, up or down, to follow the strip width;
 #: a strip beyond it is deposited too low or too high, which the built fraction tells.
-MOST_SPEED_CHANGE = 1.5
+MAX_SPEED_CHANGE_FACTOR = 1.5
 #: Segments are made to last this part of what a line may: corners take time.
 _FILL = 0.9
 
@@ -98,7 +98,7 @@ def make_beads(
     """
     fractions = _track_means(tracks) if uniform else tracks.fractions
     runs = composition_runs(fractions, tracks.starts, step)
-    levels = recipe.deliverable(runs.levels)
+    levels = recipe.deliverable_mixtures(runs.levels)
     recipe.check_deliverable(levels, where)
     off = np.abs(levels - runs.levels).max(axis=1)
     run_mm = np.diff(run_ends_mm(tracks.along_mm, tracks.starts, runs), axis=1)[:, 0]
@@ -130,7 +130,7 @@ def make_beads(
         return beads
     return _scaled(beads, speed_factors(
         _durations_s(beads), recipe.flow_g_s(beads.fractions), beads.starts, beads.speed_factor,
-        least_factors(beads, recipe), varies, recipe))
+        min_deliverable_speed_factors(beads, recipe), varies, recipe))
 
 
 def _track_means(tracks: OrderedTracks) -> FloatArray:
@@ -141,7 +141,8 @@ def _track_means(tracks: OrderedTracks) -> FloatArray:
 
 def _speed_change(strip_width_mm: FloatArray, recipe: Recipe) -> FloatArray:
     """Factor on the speed for a strip: nominal pitch over its width, within limits."""
-    return np.clip(recipe.pitch_mm / strip_width_mm, 1 / MOST_SPEED_CHANGE, MOST_SPEED_CHANGE)
+    return np.clip(recipe.pitch_mm / strip_width_mm, 1 / MAX_SPEED_CHANGE_FACTOR,
+                   MAX_SPEED_CHANGE_FACTOR)
 
 
 def _from_before(values: FloatArray) -> FloatArray:
@@ -161,7 +162,7 @@ def _densified(
     if pieces.max(initial=1) == 1:
         return at_mm, starts
     index = np.repeat(np.arange(len(pieces)), pieces)
-    share = numbers_within(pieces) / pieces[index]
+    share = indices_within_stretches(pieces) / pieces[index]
     dense = at_mm[index] + share * (at_mm[index + 1] - at_mm[index])
     moved = np.concatenate([[0], np.cumsum(pieces)])
     new_starts = np.append(moved[starts[:-1]], len(dense) + 1)
@@ -189,12 +190,12 @@ def _within_axis_speed(beads: Beads, recipe: Recipe, max_speed_mm_s: float) -> B
     factor = max_speed_mm_s / np.maximum.reduceat(fastest, beads.first)
     if (factor >= 1).all():
         return beads
-    least = least_factors(beads, recipe)
+    least = min_deliverable_speed_factors(beads, recipe)
     slower = _scaled(beads, np.where(factor < 1, np.maximum(factor, least), 1.0))
     return replace(slower, speed_mm_s=np.minimum(slower.speed_mm_s, max_speed_mm_s))
 
 
-def least_factors(beads: Beads, recipe: Recipe) -> FloatArray:
+def min_deliverable_speed_factors(beads: Beads, recipe: Recipe) -> FloatArray:
     """Below these speed factors (m,) a hopper would be asked for less than it can meter."""
     flow = recipe.flow_g_s(beads.fractions)
     metered = (flow >= recipe.min_flow_g_s * (1 - 1e-9)) & (flow > 0)

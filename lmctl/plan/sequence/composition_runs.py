@@ -43,7 +43,7 @@ class CompositionRuns:
     levels: FloatArray
 
 
-def quantised(fractions: FloatArray, step: float) -> FloatArray:
+def quantised_fractions(fractions: FloatArray, step: float) -> FloatArray:
     """Volume fractions as multiples of 1/round(1/step) that sum to 1, by largest remainder.
 
     fractions : (n, m) float64, ≥ 0, rows summing to 1; returns the same shape, each value within
@@ -71,9 +71,9 @@ def composition_runs(
     size = np.diff(starts)
     rounded = np.zeros_like(fractions)
     varying = ~np.repeat(steady, size)
-    rounded[varying] = quantised(fractions[varying], step)
+    rounded[varying] = quantised_fractions(fractions[varying], step)
     mean = np.add.reduceat(fractions, first) / size[:, None]
-    rounded[first[steady]] = quantised(mean[steady], step)
+    rounded[first[steady]] = quantised_fractions(mean[steady], step)
     quanta = max(1, round(1 / step))
     begins = np.asarray(_run_starts(
         fractions, rounded, starts, steady, _HYSTERESIS / quanta, _JUMP / quanta))

@@ -9,7 +9,7 @@ FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
 
 
-def numbers_within(sizes: IndexArray) -> IndexArray:
+def indices_within_stretches(sizes: IndexArray) -> IndexArray:
     """For stretches of so many items, the number of each item within its own, from 0."""
     total = int(sizes.sum())
     return np.asarray(np.arange(total) - np.repeat(np.cumsum(sizes) - sizes, sizes))

@@ -18,17 +18,22 @@ from lmctl.errors import PlanError
 from lmctl.job.schema import LineKind
 from lmctl.plan.geometry import LayerGeometry
 from lmctl.plan.plan_statistics import PlanStatistics
-from lmctl.plan.program_text.layer_text import CLOSING, OPENING, LayerLines
+from lmctl.plan.program_text.layer_text import CLOSING_LINES, OPENING_LINES, LayerLines
 from lmctl.plan.recipe import Recipe
 from lmctl.plan.sequence.beads import Beads, make_beads
 from lmctl.plan.sequence.hose_model import HoseModel
-from lmctl.plan.sequence.line_timing import bead_lines, in_short_lines, with_time_for_powder
+from lmctl.plan.sequence.line_timing import bead_line_ranges, split_long_lines, with_time_for_powder
 from lmctl.plan.sequence.mixture_prediction import predict_mixture
-from lmctl.plan.sequence.mixture_ramps import limits_of, needed_s
-from lmctl.plan.sequence.moves import Moves, join, lines, on_raster
+from lmctl.plan.sequence.mixture_ramps import min_ramp_duration_s, powder_limits_of
+from lmctl.plan.sequence.moves import Moves, join_moves, moves_of_kind, rounded_to_program_steps
 from lmctl.plan.sequence.powder_flow import PowderFlow, powder_flow
 from lmctl.plan.sequence.track_order import OrderedTracks, order_tracks
-from lmctl.plan.sequence.travel import LAYER_REST_S, TravelSettings, layer_moves, way_home
+from lmctl.plan.sequence.travel import (
+    LAYER_REST_S,
+    TravelSettings,
+    layer_moves,
+    moves_to_purge_position,
+)
 from lmctl.preflight.job_check import LINES_PER_HORIZON, travel_violations
 from lmctl.preflight.placement import Placement
 
@@ -62,7 +67,7 @@ class LayerSequencer:
         self._process = process
         self._profile = profile
         self._recipe = recipe
-        self._limits = limits_of(recipe)
+        self._limits = powder_limits_of(recipe)
         self._leads = process.powder == "lead"
         self._hoses = HoseModel(
             recipe.dead_time_s, recipe.lag_s, recipe.max_flow_g_s, leads=self._leads)
@@ -111,7 +116,7 @@ class LayerSequencer:
             self.statistics.add_mixture(predict_mixture(
                 tracks, moves, state.at_mm, state.time_s, end_s, flow, self._hoses, self._recipe))
         layer = LayerLines(
-            index=index, z_mm=placement.nozzle_mm(number), first_line=state.line,
+            index=index, z_mm=placement.nozzle_height_mm(number), first_line=state.line,
             first_path=state.path, moves=moves, end_s=end_s, flow=flow, laser=self._profile.laser,
             opens=index == 0, closes=is_last)
         self._state = SequenceState(
@@ -131,7 +136,7 @@ class LayerSequencer:
 
     def _change_s(self, start: FloatArray, end: FloatArray) -> float:
         flow = self._recipe.flow_g_s
-        return float(needed_s(
+        return float(min_ramp_duration_s(
             flow(start)[None], flow(end)[None], self._limits, self._process.fraction_step)[0])
 
     def _timed_moves(
@@ -144,32 +149,34 @@ class LayerSequencer:
             assert beads is not None, "the first layer of a job has tracks"
             mixture = beads.fractions[0]
         if beads is None:
-            moves = lines(start, feed_mm_s=0.0, kind=LineKind.DWELL, fractions=mixture,
-                          dwell_s=LAYER_REST_S)
+            moves = moves_of_kind(start, feed_mm_s=0.0, kind=LineKind.DWELL, fractions=mixture,
+                                  dwell_s=LAYER_REST_S)
         else:
-            moves = layer_moves(beads, placement.nozzle_mm(number), placement.offset_mm, start,
+            moves = layer_moves(beads, placement.nozzle_height_mm(number), placement.offset_mm,
+                                start,
                                 self._travel, mixture)
         if is_last:
-            moves = join([moves, way_home(
+            moves = join_moves([moves, moves_to_purge_position(
                 moves.target_mm[-1], self._home_mm, self._travel, moves.fractions[-1])])
-        moves = on_raster(moves, start)
+        moves = rounded_to_program_steps(moves, start)
         self._check_reach(number, moves)
         if self._leads and beads is not None:
             moves = with_time_for_powder(moves, start, motion, self._needed_s(beads))
-        moves, durations = in_short_lines(moves, start, motion, self._longest_s)
+        moves, durations = split_long_lines(moves, start, motion, self._longest_s)
         parts, lasting = [moves], [durations]
         if self._state.line == 0:
-            parts.insert(0, self._setup(len(OPENING), start, moves.fractions[0]))
-            lasting.insert(0, np.zeros(len(OPENING)))
+            parts.insert(0, self._setup(len(OPENING_LINES), start, moves.fractions[0]))
+            lasting.insert(0, np.zeros(len(OPENING_LINES)))
         if is_last:
-            parts.append(self._setup(len(CLOSING), moves.target_mm[-1], moves.fractions[-1]))
-            lasting.append(np.zeros(len(CLOSING)))
-        return join(parts), np.concatenate(lasting)
+            parts.append(self._setup(len(CLOSING_LINES), moves.target_mm[-1], moves.fractions[-1]))
+            lasting.append(np.zeros(len(CLOSING_LINES)))
+        return join_moves(parts), np.concatenate(lasting)
 
     @staticmethod
     def _setup(count: int, at_mm: FloatArray, mixture: FloatArray) -> Moves:
-        return lines(np.repeat(at_mm[None], count, axis=0), feed_mm_s=0.0, kind=LineKind.SETUP,
-                     fractions=mixture)
+        return moves_of_kind(np.repeat(at_mm[None], count, axis=0), feed_mm_s=0.0,
+                             kind=LineKind.SETUP,
+                             fractions=mixture)
 
     def _needed_s(self, beads: Beads) -> FloatArray:
         """Time the powder needs before each path of this layer, (m,)."""
@@ -177,7 +184,7 @@ class LayerSequencer:
             beads.fractions, np.repeat(beads.speed_factor, np.diff(beads.starts)))
         first, last = flow[beads.first], flow[beads.last]
         before = first[0] if self._state.flow_g_s is None else self._state.flow_g_s
-        return needed_s(
+        return min_ramp_duration_s(
             np.vstack([before, last[:-1]]), first, self._limits, self._process.fraction_step)
 
     def _flow(self, moves: Moves, beads: Beads | None, end_s: FloatArray) -> PowderFlow:
@@ -187,7 +194,7 @@ class LayerSequencer:
             assert state.flow_g_s is not None, "the first layer of a job has tracks"
             times = np.array([state.time_s, end_s[-1]])
             return PowderFlow(times, np.vstack([state.flow_g_s, state.flow_g_s]))
-        first, last = bead_lines(moves)
+        first, last = bead_line_ranges(moves)
         starts = np.concatenate([[0], np.cumsum(last - first + 2)]).astype(np.intp)
         # A bead's knots are the ends of its lines and of the line before them.
         line = np.repeat(first - 1 - starts[:-1], np.diff(starts)) + np.arange(starts[-1])

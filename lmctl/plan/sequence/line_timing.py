@@ -10,8 +10,13 @@ from numpy.typing import NDArray
 from lmctl.config.machine import MotionSettings
 from lmctl.errors import PlanError
 from lmctl.job.schema import LineKind
-from lmctl.plan.sequence.flat_arrays import numbers_within
-from lmctl.plan.sequence.moves import Moves, inserted, lines, on_raster
+from lmctl.plan.sequence.flat_arrays import indices_within_stretches
+from lmctl.plan.sequence.moves import (
+    Moves,
+    moves_of_kind,
+    rounded_to_program_steps,
+    with_inserted_moves,
+)
 from lmctl.plan.sequence.velocity_profile import line_durations
 
 FloatArray = NDArray[np.float64]
@@ -24,7 +29,7 @@ _NO_WAIT_S = 1e-3
 _SPLIT_ROUNDS = 8
 
 
-def bead_lines(moves: Moves) -> tuple[IndexArray, IndexArray]:
+def bead_line_ranges(moves: Moves) -> tuple[IndexArray, IndexArray]:
     """First and last bead line of each path, (m,) each; paths are numbered in order."""
     bead = np.flatnonzero(moves.kind == LineKind.BEAD)
     path = moves.path[bead]
@@ -32,12 +37,12 @@ def bead_lines(moves: Moves) -> tuple[IndexArray, IndexArray]:
     return bead[first], bead[np.roll(first, -1)]
 
 
-def gap_bounds(moves: Moves) -> IndexArray:
+def gap_line_ranges(moves: Moves) -> IndexArray:
     """Lines [a, b) between the bead before each path and its own, in this layer, (m, 2) intp.
 
     Empty where beads adjoin without lead-in and lead-out.
     """
-    first, last = bead_lines(moves)
+    first, last = bead_line_ranges(moves)
     return np.column_stack([np.concatenate([[0], last[:-1] + 1]), first])
 
 
@@ -51,7 +56,7 @@ def with_time_for_powder(
     motion, and an override scales the wait with the rest. Where there is no way to travel, dwell.
     """
     durations = line_durations(moves, start_mm, motion)
-    gaps = gap_bounds(moves)
+    gaps = gap_line_ranges(moves)
     travels = moves.kind == LineKind.TRAVEL
     short = needed_s - _sums(durations, gaps)
     travel_mm = _sums(np.where(travels, moves.lengths_mm(start_mm), 0.0), gaps)
@@ -61,7 +66,7 @@ def with_time_for_powder(
         return moves
     slow = np.where(late & (travel_mm > 0), travel_mm / (travel_s + np.maximum(short, 0.0)), 0.0)
     path = np.repeat(np.arange(len(gaps)), gaps[:, 1] - gaps[:, 0])
-    line = np.repeat(gaps[:, 0], gaps[:, 1] - gaps[:, 0]) + numbers_within(
+    line = np.repeat(gaps[:, 0], gaps[:, 1] - gaps[:, 0]) + indices_within_stretches(
         gaps[:, 1] - gaps[:, 0])
     slowed = travels[line] & late[path]
     feed = moves.feed_mm_s.copy()
@@ -72,10 +77,10 @@ def with_time_for_powder(
     result = replace(moves, feed_mm_s=feed)
     if len(waiting):
         before = _wait_before(moves, waiting, gaps)
-        result = inserted(result, before, lines(
+        result = with_inserted_moves(result, before, moves_of_kind(
             result.target_mm[np.maximum(before - 1, 0)], feed_mm_s=0.0, kind=LineKind.DWELL,
             fractions=result.fractions[before], dwell_s=wait_s))
-    return on_raster(result, start_mm)
+    return rounded_to_program_steps(result, start_mm)
 
 
 def _sums(values: FloatArray, bounds: IndexArray) -> FloatArray:
@@ -93,7 +98,7 @@ def _wait_before(moves: Moves, paths: IndexArray, gaps: IndexArray) -> IndexArra
     return np.asarray(np.where(lead_in, before, bead))
 
 
-def in_short_lines(
+def split_long_lines(
     moves: Moves, start_mm: FloatArray, motion: MotionSettings, longest_s: float
 ) -> tuple[Moves, FloatArray]:
     """Split every line that lasts longer than `longest_s`; returns lines and durations (n,)."""
@@ -102,7 +107,7 @@ def in_short_lines(
         pieces = np.maximum(1, np.ceil(durations / longest_s - 1e-9).astype(np.intp))
         if pieces.max(initial=1) == 1:
             return moves, durations
-        moves = on_raster(_split(moves, start_mm, pieces), start_mm)
+        moves = rounded_to_program_steps(_split(moves, start_mm, pieces), start_mm)
     raise PlanError(
         f"a move cannot be split into lines of {longest_s:g} s",
         where=f"the longest lasts {durations.max():.3g} s",
@@ -113,12 +118,12 @@ def in_short_lines(
 def _split(moves: Moves, start_mm: FloatArray, pieces: IndexArray) -> Moves:
     """Each line in so many equal pieces; places and fractions linear between its ends."""
     index = np.repeat(np.arange(len(moves)), pieces)
-    number = numbers_within(pieces)
+    number = indices_within_stretches(pieces)
     begin, share = number / pieces[index], (number + 1) / pieces[index]
     before_mm = np.vstack([start_mm, moves.target_mm[:-1]])
     mixture_before = np.vstack([moves.fractions[:1], moves.fractions[:-1]])
     along_mm = moves.along_mm[index]
-    result = moves.take(index)
+    result = moves.select(index)
     bead = result.kind == LineKind.BEAD
     part = share[:, None]
     return replace(

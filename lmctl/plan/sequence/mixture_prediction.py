@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from lmctl.job.schema import LineKind
 from lmctl.plan.recipe import Recipe
-from lmctl.plan.sequence.flat_arrays import numbers_within
+from lmctl.plan.sequence.flat_arrays import indices_within_stretches
 from lmctl.plan.sequence.hose_model import HoseModel
 from lmctl.plan.sequence.moves import Moves
 from lmctl.plan.sequence.powder_flow import PowderFlow
@@ -47,8 +47,8 @@ def predict_mixture(
     before = np.vstack([moves.fractions[:1], moves.fractions[:-1]])[bead]
     pieces = np.maximum(1, np.ceil(lasting_s / _EVERY_S).astype(np.intp))
     line = np.repeat(np.arange(len(bead)), pieces)
-    share = (numbers_within(pieces) + 0.5) / pieces[line]
-    predicted = recipe.laid_fractions(
+    share = (indices_within_stretches(pieces) + 0.5) / pieces[line]
+    predicted = recipe.deposited_fractions(
         hoses.advance(flow.times_s, flow.g_s, begin_s[line] + share * lasting_s[line]))
     along = moves.along_mm[bead]
     at = along[line, 0] + share * (along[:, 1] - along[:, 0])[line]

@@ -21,17 +21,17 @@ from lmctl.plan.recipe import Recipe
 FloatArray = NDArray[np.float64]
 
 #: Feeders take a new set-point about ten times a second: a faster course would be a step to them.
-LEAST_RAMP_S = 0.25
+MIN_RAMP_S = 0.25
 #: Volume fraction that may still be missing where the beam comes on; it goes on settling then.
-SETTLED = 0.01
+SETTLED_FRACTION = 0.01
 #: Where powder is behind, its flow has knots at most so far apart [s].
-PIECE_S = 0.05
+MAX_KNOT_SPACING_S = 0.05
 #: A lag below this is none [s].
 NO_LAG_S = 1e-6
 #: Courses take this much longer than the bounds demand, so that set-points stay off them.
 _MARGIN = 1.1
 #: λ at which the fastest course is given knots: it closes in on b exponentially.
-COURSE = np.append(1 - np.exp(-np.linspace(0, 4.8, 25)), 1.0)
+COURSE_KNOTS = np.append(1 - np.exp(-np.linspace(0, 4.8, 25)), 1.0)
 #: Powder has caught up when no more than this share of a hopper's greatest flow is missing.
 _CAUGHT_UP = 1e-4
 
@@ -45,13 +45,13 @@ class PowderLimits:
     volume_mm3_g: FloatArray
 
 
-def limits_of(recipe: Recipe) -> PowderLimits:
+def powder_limits_of(recipe: Recipe) -> PowderLimits:
     """The limits of the hoppers a recipe uses."""
     return PowderLimits(
         recipe.lag_s, recipe.max_flow_g_s, recipe.catch_efficiency / recipe.density_g_mm3)
 
 
-def needed_s(
+def min_ramp_duration_s(
     start: FloatArray, end: FloatArray, limits: PowderLimits, step: float
 ) -> FloatArray:
     """Shortest time for changes of mixture to have arrived, within `SETTLED`, at the nozzle.
@@ -77,21 +77,21 @@ def _needed(
             continue
         times = _fastest_course(a, b, lag, most)
         settled, before = times[-1], np.inf
-        for i in range(len(COURSE)):
-            missing = _fraction_change(a + COURSE[i] * (b - a), b, volume)
-            if missing <= SETTLED:
+        for i in range(len(COURSE_KNOTS)):
+            missing = _fraction_change(a + COURSE_KNOTS[i] * (b - a), b, volume)
+            if missing <= SETTLED_FRACTION:
                 settled = times[i]
                 if i > 0 and before > missing:
-                    into = (before - SETTLED) / (before - missing)
+                    into = (before - SETTLED_FRACTION) / (before - missing)
                     settled = times[i - 1] + into * (times[i] - times[i - 1])
                 break
             before = missing
-        result[k] = max(LEAST_RAMP_S, min(_linear_time(a, b, lag, most), settled))
+        result[k] = max(MIN_RAMP_S, min(_linear_time(a, b, lag, most), settled))
     return result
 
 
 @kernel
-def ramp(
+def ramp_knots(
     start: FloatArray, end: FloatArray, gap_s: float, lag: FloatArray, most: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Knots of the share λ of the change that has arrived: times from the gap's start, values.
@@ -104,13 +104,13 @@ def ramp(
     """
     straight = _linear_time(start, end, lag, most)
     if straight <= gap_s:
-        lasting = min(gap_s, max(straight, gap_s / 2, min(LEAST_RAMP_S, gap_s)))
+        lasting = min(gap_s, max(straight, gap_s / 2, min(MIN_RAMP_S, gap_s)))
         first = (gap_s - lasting) / 2
         return np.array([first, first + lasting]), np.array([0.0, 1.0])
     times = _fastest_course(start, end, lag, most)
     if times[-1] < gap_s:
         times *= gap_s / times[-1]
-    return times, COURSE.copy()
+    return times, COURSE_KNOTS.copy()
 
 
 @inner_kernel
@@ -121,13 +121,13 @@ def _fastest_course(
 
     Saturated, a flow w falls as dt = −τ dw / w and rises as dt = τ dw / (u_max − w).
     """
-    times = np.zeros(len(COURSE))
-    for i in range(1, len(COURSE)):
+    times = np.zeros(len(COURSE_KNOTS))
+    for i in range(1, len(COURSE_KNOTS)):
         slowest = 0.0
         for m in range(len(start)):
             change = end[m] - start[m]
             never = 1e-3 * max(abs(change), 1e-12)  # a bound is never quite reached
-            ends = (start[m] + COURSE[i - 1] * change, start[m] + COURSE[i] * change)
+            ends = (start[m] + COURSE_KNOTS[i - 1] * change, start[m] + COURSE_KNOTS[i] * change)
             room = max(most[m] - ends[0] if change > 0 else ends[0], never)
             left = max(most[m] - ends[1] if change > 0 else ends[1], never)
             slowest = max(slowest, lag[m] * abs(np.log(left / room)))
@@ -161,7 +161,7 @@ def _fraction_change(start: FloatArray, end: FloatArray, volume: FloatArray) -> 
 
 
 @inner_kernel
-def share_of_way(
+def deliverable_ramp_fraction(
     flow: FloatArray, goal: FloatArray, lasting: float, lag: FloatArray, most: FloatArray
 ) -> float:
     """Share of a straight change that keeps w + τ w′ within [0, u_max] for its whole time."""

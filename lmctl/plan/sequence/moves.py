@@ -19,7 +19,7 @@ FEED_STEP_MM_MIN = 0.1
 
 #: A motion shorter than a motor step makes no block in the firmware, so it would neither run nor
 #: be counted; the steps of common axes are 0.002 to 0.0125 mm long.
-LEAST_MOTION_MM = 0.02
+MIN_MOTION_MM = 0.02
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Moves:
     def __len__(self) -> int:
         return len(self.kind)
 
-    def take(self, keep: NDArray[np.bool_] | IndexArray) -> Moves:
+    def select(self, keep: NDArray[np.bool_] | IndexArray) -> Moves:
         """The lines a mask or an index selects."""
         return Moves(*(getattr(self, name)[keep] for name in self.__dataclass_fields__))
 
@@ -63,7 +63,7 @@ class Moves:
         return np.asarray(np.sqrt((steps**2).sum(axis=1)))
 
 
-def join(parts: list[Moves]) -> Moves:
+def join_moves(parts: list[Moves]) -> Moves:
     """Tables one after the other."""
     return Moves(*(
         np.concatenate([getattr(part, name) for part in parts])
@@ -71,7 +71,7 @@ def join(parts: list[Moves]) -> Moves:
     ))
 
 
-def lines(
+def moves_of_kind(
     target_mm: FloatArray, *, feed_mm_s: FloatArray | float, kind: LineKind,
     fractions: FloatArray, power_W: FloatArray | float = 0.0, path: int = -1,
     dwell_s: FloatArray | float = 0.0, bead_width_mm: FloatArray | float = 0.0,
@@ -92,7 +92,7 @@ def lines(
     )
 
 
-def inserted(moves: Moves, before: IndexArray, more: Moves) -> Moves:
+def with_inserted_moves(moves: Moves, before: IndexArray, more: Moves) -> Moves:
     """Each line of `more` put in before line `before[i]` of the table; before : (k,) rising."""
     return Moves(*(
         np.insert(getattr(moves, name), before, getattr(more, name), axis=0)
@@ -100,7 +100,7 @@ def inserted(moves: Moves, before: IndexArray, more: Moves) -> Moves:
     ))
 
 
-def on_raster(moves: Moves, start_mm: FloatArray) -> Moves:
+def rounded_to_program_steps(moves: Moves, start_mm: FloatArray) -> Moves:
     """Round to what the program text can say, and drop motions too short to be made.
 
     The firmware makes no block of a motion shorter than a motor step, so none may be counted on.
@@ -110,11 +110,11 @@ def on_raster(moves: Moves, start_mm: FloatArray) -> Moves:
     feed = np.maximum(np.round(moves.feed_mm_s * 60 / FEED_STEP_MM_MIN), 1) * FEED_STEP_MM_MIN / 60
     moving = moves.is_motion()
     rounded = replace(moves, target_mm=target, feed_mm_s=np.where(moving, feed, 0.0))
-    short = moving & (rounded.lengths_mm(start_mm) < LEAST_MOTION_MM)
+    short = moving & (rounded.lengths_mm(start_mm) < MIN_MOTION_MM)
     if not short.any():
         return rounded
-    return rounded.take(np.asarray(_long_enough(
-        target, moving, np.asarray(start_mm, dtype=np.float64), LEAST_MOTION_MM)))
+    return rounded.select(np.asarray(_long_enough(
+        target, moving, np.asarray(start_mm, dtype=np.float64), MIN_MOTION_MM)))
 
 
 @kernel

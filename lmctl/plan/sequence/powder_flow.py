@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 
 from lmctl.field.kernel import inner_kernel, kernel
 from lmctl.plan.sequence.mixture_ramps import (
-    COURSE,
+    COURSE_KNOTS,
+    MAX_KNOT_SPACING_S,
     NO_LAG_S,
-    PIECE_S,
     PowderLimits,
+    deliverable_ramp_fraction,
     has_caught_up,
-    ramp,
-    share_of_way,
+    ramp_knots,
 )
 
 FloatArray = NDArray[np.float64]
@@ -78,9 +78,9 @@ def _knots(
     lag: FloatArray, most: FloatArray, before: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
     """Gap by gap and bead by bead; a gap starts from the flow that the bead before it reached."""
-    count = (len(starts) - 1) * (len(COURSE) + 2)
+    count = (len(starts) - 1) * (len(COURSE_KNOTS) + 2)
     for k in range(1, len(bead_s)):
-        count += max(1, int(np.ceil((bead_s[k] - bead_s[k - 1]) / PIECE_S)))
+        count += max(1, int(np.ceil((bead_s[k] - bead_s[k - 1]) / MAX_KNOT_SPACING_S)))
     times = np.empty(count)
     flow = np.empty((count, wanted.shape[1]))
     now = before.copy()
@@ -90,7 +90,7 @@ def _knots(
         first = starts[bead]
         gap_s = bead_s[first] - now_s
         if leads and gap_s > 0.0:
-            course_s, share = ramp(now, wanted[first], gap_s, lag, most)
+            course_s, share = ramp_knots(now, wanted[first], gap_s, lag, most)
         else:
             course_s, share = np.array([0.0, min(_STEP_S, gap_s / 2)]), np.array([0.0, 1.0])
         times[n], flow[n] = now_s, now
@@ -122,16 +122,16 @@ def _follow_bead(
         lasting = bead_s[k] - bead_s[k - 1]
         if not leads or (
             has_caught_up(flow[n - 1], wanted[k - 1], most)
-            and share_of_way(flow[n - 1], wanted[k], lasting, lag, most) >= 1.0 - 1e-9
+            and deliverable_ramp_fraction(flow[n - 1], wanted[k], lasting, lag, most) >= 1.0 - 1e-9
         ):
             times[n], flow[n] = bead_s[k], wanted[k]
             n += 1
             continue
-        pieces = max(1, int(np.ceil(lasting / PIECE_S)))
+        pieces = max(1, int(np.ceil(lasting / MAX_KNOT_SPACING_S)))
         for piece in range(1, pieces + 1):
             times[n] = bead_s[k - 1] + lasting * piece / pieces if piece < pieces else bead_s[k]
             goal = wanted[k - 1] + (wanted[k] - wanted[k - 1]) * piece / pieces
-            share = share_of_way(flow[n - 1], goal, times[n] - times[n - 1], lag, most)
+            share = deliverable_ramp_fraction(flow[n - 1], goal, times[n] - times[n - 1], lag, most)
             flow[n] = flow[n - 1] + min(share, 1.0) * (goal - flow[n - 1])
             n += 1
     return n

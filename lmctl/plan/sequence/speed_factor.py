@@ -13,18 +13,18 @@ from numpy.typing import NDArray
 from lmctl.field.kernel import inner_kernel, kernel
 from lmctl.plan.recipe import Recipe
 from lmctl.plan.sequence.mixture_ramps import (
+    MAX_KNOT_SPACING_S,
     NO_LAG_S,
-    PIECE_S,
+    deliverable_ramp_fraction,
     has_caught_up,
-    limits_of,
-    share_of_way,
+    powder_limits_of,
 )
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
 
 #: Volume fraction within which a predicted mixture counts as right.
-TOLERANCE_FRACTION = 0.02
+MIXTURE_TOLERANCE_FRACTION = 0.02
 #: Where the mixture changes too fast along a path, the path is slowed down, but not below this.
 SPEED_FACTORS = (1.0, 0.85, 0.7, 0.6, 0.5)
 #: A slower speed has to leave no more than this part of the time for which the powder is off.
@@ -42,7 +42,7 @@ def speed_factors(
     so_far : (m,) speed factors the beads have already; least : (m,) not to go below in all
     varies : (m,) bool, whose mixture changes; the others keep their speed
     """
-    limits = limits_of(recipe)
+    limits = powder_limits_of(recipe)
     return np.asarray(_factors(
         durations_s, flow_g_s, starts, so_far, least, varies,
         np.maximum(limits.lag_s, NO_LAG_S), limits.max_flow_g_s, limits.volume_mm3_g,
@@ -73,12 +73,13 @@ def _factors(
                 goal[:] = flow[k - 1] * scale
                 follows = has_caught_up(now, goal, most)
                 goal[:] = flow[k] * scale
-                follows = follows and share_of_way(now, goal, lasting, lag, most) >= 1 - 1e-9
-                pieces = 1 if follows else max(1, int(np.ceil(lasting / PIECE_S)))
+                follows = follows and deliverable_ramp_fraction(now, goal, lasting, lag,
+                                                                most) >= 1 - 1e-9
+                pieces = 1 if follows else max(1, int(np.ceil(lasting / MAX_KNOT_SPACING_S)))
                 for piece in range(1, pieces + 1):
                     t = piece / pieces
                     goal[:] = (flow[k - 1] + t * (flow[k] - flow[k - 1])) * scale
-                    share = share_of_way(now, goal, lasting / pieces, lag, most)
+                    share = deliverable_ramp_fraction(now, goal, lasting / pieces, lag, most)
                     now += min(share, 1.0) * (goal - now)
                     if _is_off(now, goal, volume):
                         off += lasting / pieces
@@ -98,6 +99,7 @@ def _is_off(flow: FloatArray, wanted: FloatArray, volume: FloatArray) -> bool:
         total += flow[m] * volume[m]
         other += wanted[m] * volume[m]
     for m in range(len(flow)):
-        if abs(flow[m] * volume[m] / total - wanted[m] * volume[m] / other) > TOLERANCE_FRACTION:
+        if abs(flow[
+            m] * volume[m] / total - wanted[m] * volume[m] / other) > MIXTURE_TOLERANCE_FRACTION:
             return True
     return False

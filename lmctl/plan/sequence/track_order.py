@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from lmctl.field.kernel import inner_kernel, kernel
 from lmctl.plan.geometry.layer_geometry import LayerGeometry
-from lmctl.plan.sequence.flat_arrays import arc_lengths_mm, numbers_within
+from lmctl.plan.sequence.flat_arrays import arc_lengths_mm, indices_within_stretches
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
@@ -153,7 +153,7 @@ def _in_order(
     """Gather vertices: track order[k] from its vertex first[k], against its direction if told."""
     size = np.diff(geometry.starts)[order]
     starts = np.concatenate([[0], np.cumsum(size)]).astype(np.intp)
-    number = numbers_within(size)
+    number = indices_within_stretches(size)
     track = np.repeat(order, size)
     begin = geometry.starts[track]
     step = np.where(np.repeat(reverse, size) > 0, -1, 1)

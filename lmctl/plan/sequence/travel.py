@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from lmctl.job.schema import LineKind
 from lmctl.plan.sequence.beads import Beads
-from lmctl.plan.sequence.flat_arrays import numbers_within
-from lmctl.plan.sequence.moves import Moves, lines
+from lmctl.plan.sequence.flat_arrays import indices_within_stretches
+from lmctl.plan.sequence.moves import Moves, moves_of_kind
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
@@ -80,7 +80,7 @@ def layer_moves(
     moves.target_mm[dwell, :2], moves.feed_mm_s[dwell] = entry[waits], 0.0
     lead_in = begin + n_travel + waits
     _add_leads(moves, beads, points, lead_in, leave)
-    segment = np.repeat(lead_in + 1, n_segments) + numbers_within(n_segments)
+    segment = np.repeat(lead_in + 1, n_segments) + indices_within_stretches(n_segments)
     vertex = np.ones(len(points), dtype=np.bool_)
     vertex[beads.first] = False
     moves.target_mm[segment, :2] = points[vertex]
@@ -96,13 +96,14 @@ def layer_moves(
     return moves
 
 
-def way_home(
+def moves_to_purge_position(
     at_mm: FloatArray, home_mm: FloatArray, settings: TravelSettings, last: FloatArray
 ) -> Moves:
     """Up from the part, across, and to the purge position."""
     top = max(at_mm[2] + settings.clearance_mm, home_mm[2])
     stops = np.array([[at_mm[0], at_mm[1], top], [home_mm[0], home_mm[1], top], home_mm])
-    return lines(stops, feed_mm_s=settings.travel_mm_s, kind=LineKind.TRAVEL, fractions=last)
+    return moves_of_kind(stops, feed_mm_s=settings.travel_mm_s, kind=LineKind.TRAVEL,
+                         fractions=last)
 
 
 def _empty(n: int, n_materials: int, z_mm: float) -> Moves:

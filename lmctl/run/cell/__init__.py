@@ -11,11 +11,11 @@ if TYPE_CHECKING:
     from lmctl.run.cell.devices import Cell as Cell
     from lmctl.run.cell.doctor import CellInspection as CellInspection
     from lmctl.run.cell.doctor import check_inspection as check_inspection
-    from lmctl.run.cell.doctor import hoppers_on as hoppers_on
+    from lmctl.run.cell.doctor import hoppers_of_feeder as hoppers_of_feeder
     from lmctl.run.cell.doctor import inspect_cell as inspect_cell
     from lmctl.run.cell.ownership import lock_machine as lock_machine
-    from lmctl.run.cell.work_offset import offset_conditions as offset_conditions
     from lmctl.run.cell.work_offset import refuse_changed_offset as refuse_changed_offset
+    from lmctl.run.cell.work_offset import work_offset_conditions as work_offset_conditions
 
 #: What others may use, and the module that holds it; loaded when it is asked for.
 _HOMES = {
@@ -23,11 +23,11 @@ _HOMES = {
     "Cell": "lmctl.run.cell.devices",
     "CellInspection": "lmctl.run.cell.doctor",
     "check_inspection": "lmctl.run.cell.doctor",
-    "hoppers_on": "lmctl.run.cell.doctor",
+    "hoppers_of_feeder": "lmctl.run.cell.doctor",
     "inspect_cell": "lmctl.run.cell.doctor",
     "lock_machine": "lmctl.run.cell.ownership",
-    "offset_conditions": "lmctl.run.cell.work_offset",
     "refuse_changed_offset": "lmctl.run.cell.work_offset",
+    "work_offset_conditions": "lmctl.run.cell.work_offset",
 }
 
 __all__ = list(_HOMES)

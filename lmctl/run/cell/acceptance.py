@@ -11,15 +11,15 @@ from lmctl.job.reader import JobReader
 from lmctl.machine.feeder.driver import FeederDriver
 from lmctl.machine.manual.inspect_motion import read_motion
 from lmctl.machine.motion.driver import MotionDriver
-from lmctl.run.cell.condition import Condition, refuse_unmet
+from lmctl.run.cell.condition import StartCondition, refuse_unmet
 from lmctl.run.cell.devices import Cell
 from lmctl.run.cell.feeder_conditions import FeederSnapshot, feeder_conditions
-from lmctl.run.cell.motion_conditions import is_watched, motion_conditions
+from lmctl.run.cell.motion_conditions import can_read_door_and_estop, motion_conditions
 from lmctl.run.cell.safety_conditions import safety_conditions
 from lmctl.run.continuation import EarlierRun
 from lmctl.run.journal.last_known_position import LastKnownPosition
 from lmctl.run.journal.recorder import RunRecorder
-from lmctl.run.program.beam_off import without_beam
+from lmctl.run.program.beam_off import line_without_beam
 
 #: A machine that has not moved says the same place [mm].
 _SAME_MM = 0.01
@@ -39,7 +39,7 @@ async def accept_machine(
     motion, identity = cell.motion, cell.motion.identity
     whereabouts.trust_if_unmoved(motion)
     # A beam only where door and emergency stop are watched, or where nothing can burn.
-    beam_off = not (identity.is_bench or is_watched(profile))
+    beam_off = not (identity.is_bench or can_read_door_and_estop(profile))
     recorder.record_machine(
         dialect=identity.dialect.name, version=identity.version, info=identity.info,
         rx_bytes=identity.rx_bytes, planner_blocks=identity.planner_blocks,
@@ -48,7 +48,7 @@ async def accept_machine(
     )
     if continues is not None:
         _refuse_displaced(motion, continues)
-        if continues.trusted:
+        if continues.is_position_trusted:
             motion.trust_position()
         await reset_alarms(cell, [f for f in cell.feeders if f.status and f.status.alarm])
     reading = await read_motion(motion)
@@ -65,15 +65,15 @@ async def accept_machine(
     return beam_off
 
 
-async def _feeder_conditions(driver: FeederDriver, profile: MachineProfile) -> list[Condition]:
-    status = await driver.whole_status()
+async def _feeder_conditions(driver: FeederDriver, profile: MachineProfile) -> list[StartCondition]:
+    status = await driver.complete_status()
     (feeder,) = [one for one in profile.feeder if one.name == driver.name]
-    reading = FeederSnapshot(driver.identity, status, {}, ours=True)
+    reading = FeederSnapshot(driver.identity, status, {}, is_commanded_by_this_host=True)
     return list(feeder_conditions(reading, feeder, driver.hoppers,
                                   send_horizon_s=profile.motion.send_horizon_s))
 
 
-def _safety_conditions(cell: Cell, profile: MachineProfile) -> dict[str, list[Condition]]:
+def _safety_conditions(cell: Cell, profile: MachineProfile) -> dict[str, list[StartCondition]]:
     if cell.safety is None or cell.safety.status is None or profile.safety is None:
         return {}
     return {"safety device": list(safety_conditions(cell.safety.status, profile.safety))}
@@ -122,7 +122,7 @@ async def reset_alarms(cell: Cell, faulty: Sequence[FeederDriver]) -> None:
 
 async def _read_through(job: JobReader) -> None:
     """Have every line refused now that would be refused in the middle of the part."""
-    for layer in job.layers():
+    for layer in job.iterate_layers():
         for line in layer.program:
-            without_beam(line.encode("ascii"))
+            line_without_beam(line.encode("ascii"))
         await asyncio.sleep(0)

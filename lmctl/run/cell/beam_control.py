@@ -39,7 +39,7 @@ class BeamControl:
         """
         self._disable()
         stop = isinstance(error, EmergencyStopError)
-        self._motion.realtime(RealtimeCommand.RESET if stop else RealtimeCommand.HOLD)
+        self._motion.send_realtime(RealtimeCommand.RESET if stop else RealtimeCommand.HOLD)
 
     async def arm(self) -> None:
         """Laser enabled, spindle mode M4, power zero; the controller's own word counts.
@@ -50,9 +50,9 @@ class BeamControl:
         if safety is not None:
             safety.request_laser_enable(True)
             await safety.wait_for_laser_enable(True)
-        await self._motion.command("M4 S0")
+        await self._motion.send_command("M4 S0")
         for _ in range(_ARMED_TRIES):
-            said = await self._motion.command("$G")
+            said = await self._motion.send_command("$G")
             if any(_ARMED.fullmatch(line) for line in said):
                 return
             if any(_PARSER_STATE.fullmatch(line) for line in said):
@@ -73,7 +73,7 @@ class BeamControl:
         try:
             await self._motion.hold()
         except MachineError:
-            self._motion.realtime(RealtimeCommand.RESET)
+            self._motion.send_realtime(RealtimeCommand.RESET)
             raise
 
     async def stop(self, at_rest: Callable[[], object], failed: Callable[[str], object]) -> None:
@@ -102,8 +102,8 @@ class BeamControl:
         await self._cell.wait_until(
             lambda: is_idle(self._motion.status), _REST_PATIENCE_S, "standstill"
         )
-        await _answered(self._motion.command("M5"))
-        self._motion.realtime(RealtimeCommand.FEED_100)
+        await _answered(self._motion.send_command("M5"))
+        self._motion.send_realtime(RealtimeCommand.FEED_100)
 
     async def come_to_rest(self) -> None:
         """Idle, with the position known: a reset ends a door that has been closed since.
@@ -124,14 +124,14 @@ class BeamControl:
         travel = profile.travel_mm
         reach_mm = sum(high - low for low, high in (travel.x, travel.y, travel.z))
         longest_s = reach_mm / min(profile.max_speed_mm_s)
-        await self._motion.command("G21 G90 G94")
-        await self._motion.command("M5 S0")
+        await self._motion.send_command("G21 G90 G94")
+        await self._motion.send_command("M5 S0")
         at = self._motion.position_mm
         off_mm = z if at is None else max(z, at[2] + profile.clearance_mm)
-        await self._motion.command(f"G0 Z{min(off_mm, travel.z[1]):.3f}")
-        await self._motion.command(f"G0 X{x:.3f} Y{y:.3f}")
-        await self._motion.command(f"G0 Z{z:.3f}")
-        await self._cell.wait_at((x, y, z), longest_s + _REST_PATIENCE_S)
+        await self._motion.send_command(f"G0 Z{min(off_mm, travel.z[1]):.3f}")
+        await self._motion.send_command(f"G0 X{x:.3f} Y{y:.3f}")
+        await self._motion.send_command(f"G0 Z{z:.3f}")
+        await self._cell.wait_at_position((x, y, z), longest_s + _REST_PATIENCE_S)
 
     def _disable(self) -> None:
         if self._cell.safety is not None:

@@ -13,27 +13,27 @@ from lmctl.errors import MachineError
 
 
 @dataclass(frozen=True)
-class Condition:
+class StartCondition:
     """One thing looked at.
 
-    met : it is as it should be
+    is_met : it is as it should be
     text : what was found, in words; hint : what to do where it is not met
     refuses_run : no run starts while it is not met; otherwise it is only worse than planned
     """
 
-    met: bool
+    is_met: bool
     text: str
     hint: str = ""
     refuses_run: bool = False
 
 
-def refuse_unmet(conditions: Mapping[str, Iterable[Condition]]) -> None:
+def refuse_unmet(conditions: Mapping[str, Iterable[StartCondition]]) -> None:
     """Raise MachineError where a run must not start, with all reasons at once.
 
     conditions : by device, as it is to be named
     """
     wrong = [(device, condition) for device, of_device in conditions.items()
-             for condition in of_device if condition.refuses_run and not condition.met]
+             for condition in of_device if condition.refuses_run and not condition.is_met]
     if not wrong:
         return
     (device, first), *others = wrong

@@ -104,7 +104,7 @@ class Cell:
                 f"{what} did not come about within {timeout_s:.0f} s", hint=hint
             ) from None
 
-    async def wait_at(self, place_mm: Iterable[float | None], timeout_s: float) -> None:
+    async def wait_at_position(self, place_mm: Iterable[float | None], timeout_s: float) -> None:
         """Wait until the machine stands idle at a place (None: wherever in that axis)."""
         wanted = tuple(place_mm)
 
@@ -138,9 +138,9 @@ class Cell:
 
     def hopper_readings(self) -> tuple[HopperReading | None, ...]:
         """The last reading of each hopper, in the hoppers' order; None before the first."""
-        return tuple([self.reading(name) for name in self._feeder_of])
+        return tuple([self.hopper_reading(name) for name in self._feeder_of])
 
-    def reading(self, hopper: str) -> HopperReading | None:
+    def hopper_reading(self, hopper: str) -> HopperReading | None:
         """What a hopper's feeder last said of it; None before it has."""
         status = self._feeder_of[hopper].status
         return None if status is None else status.hoppers.get(hopper)

@@ -11,13 +11,13 @@ from typing import Any
 
 from lmctl.config.machine import FeederSettings, HopperSettings, MachineProfile
 from lmctl.errors import LmctlError, MachineError
-from lmctl.machine.manual.controller import open_motion
+from lmctl.machine.manual.controller import open_motion_controller
 from lmctl.machine.manual.inspect_modbus import FeederInspection, inspect_feeder, inspect_safety
 from lmctl.machine.manual.inspect_motion import MotionReading, inspect_controller, read_motion
-from lmctl.machine.manual.rate_search import find_rate
+from lmctl.machine.manual.rate_search import find_baud_rate
 from lmctl.machine.motion.endpoint import parse_motion_endpoint
 from lmctl.machine.safety.status import SafetyStatus
-from lmctl.run.cell.condition import Condition
+from lmctl.run.cell.condition import StartCondition
 from lmctl.run.cell.feeder_conditions import FeederSnapshot, feeder_conditions
 from lmctl.run.cell.motion_conditions import motion_conditions
 from lmctl.run.cell.safety_conditions import safety_conditions
@@ -52,7 +52,7 @@ async def inspect_cell(
             profile.motion.endpoint, baud=profile.motion.baud)),
         _or_error(inspect_safety(profile.safety)) if profile.safety and not close_relay
         else asyncio.sleep(0),
-        *(_or_error(inspect_feeder(f, hoppers_on(profile, f.name))) for f in profile.feeder),
+        *(_or_error(inspect_feeder(f, hoppers_of_feeder(profile, f.name))) for f in profile.feeder),
     )
     if close_relay and profile.safety:  # a device may serve one connection at a time
         safety = await _or_error(inspect_safety(profile.safety))
@@ -60,15 +60,17 @@ async def inspect_cell(
         motion = await _motion_searched(motion, profile)
     if isinstance(motion, MotionReading):
         left = LastKnownPosition(runs_dir, profile.name)
-        motion = replace(motion, position_trusted=motion.position_trusted or left.confirms(motion))
+        is_trusted = motion.is_position_trusted or left.would_trust_position(motion)
+        motion = replace(motion, is_position_trusted=is_trusted)
     return CellInspection(motion, dict(zip(names, feeders, strict=True)), safety)
 
 
-def hoppers_on(profile: MachineProfile, feeder: str) -> list[HopperSettings]:
+def hoppers_of_feeder(profile: MachineProfile, feeder: str) -> list[HopperSettings]:
     return [hopper for hopper in profile.hopper if hopper.feeder == feeder]
 
 
-def check_inspection(look: CellInspection, profile: MachineProfile) -> dict[str, list[Condition]]:
+def check_inspection(look: CellInspection, profile: MachineProfile) -> dict[str,
+                                                                            list[StartCondition]]:
     """Every condition of the cell, device by device."""
     found = {"motion": list(_motion(look.motion, profile))}
     for feeder in profile.feeder:
@@ -85,7 +87,7 @@ def check_inspection(look: CellInspection, profile: MachineProfile) -> dict[str,
 
 async def _motion_taken_over(profile: MachineProfile) -> MotionReading:
     async with AsyncExitStack() as opened:
-        return await read_motion(await opened.enter_async_context(open_motion(profile)))
+        return await read_motion(await opened.enter_async_context(open_motion_controller(profile)))
 
 
 async def _or_error(look: Coroutine[Any, Any, Any]) -> Any:
@@ -100,7 +102,7 @@ async def _motion_searched(look: Any, profile: MachineProfile) -> Any:
     where, baud = parse_motion_endpoint(profile.motion.endpoint), profile.motion.baud
     if not isinstance(look, MachineError) or where.kind != "serial":
         return look
-    rate = await find_rate(where, baud)
+    rate = await find_baud_rate(where, baud)
     if rate is None:
         return MachineError(f"{look.what}; nor does a Grbl answer at another usual rate",
                             where=look.where, hint=look.hint)
@@ -108,11 +110,12 @@ async def _motion_searched(look: Any, profile: MachineProfile) -> Any:
                         where=look.where, hint=f"set motion.baud = {rate} in the machine profile")
 
 
-def _unreachable(error: LmctlError) -> Condition:
-    return Condition(False, "; ".join([error.what, *error.where]), error.hint, refuses_run=True)
+def _unreachable(error: LmctlError) -> StartCondition:
+    return StartCondition(False, "; ".join([error.what, *error.where]), error.hint,
+                          refuses_run=True)
 
 
-def _motion(look: MotionReading | LmctlError, profile: MachineProfile) -> Iterator[Condition]:
+def _motion(look: MotionReading | LmctlError, profile: MachineProfile) -> Iterator[StartCondition]:
     if isinstance(look, LmctlError):
         yield _unreachable(look)
     else:
@@ -121,11 +124,11 @@ def _motion(look: MotionReading | LmctlError, profile: MachineProfile) -> Iterat
 
 def _feeder(
     look: FeederInspection | LmctlError, feeder: FeederSettings, profile: MachineProfile
-) -> Iterator[Condition]:
+) -> Iterator[StartCondition]:
     if isinstance(look, LmctlError):
         yield _unreachable(look)
         return
-    reading = FeederSnapshot(look.identity, look.status, look.limits,
-                            clock_ratio=look.clock_ratio, answer_s=look.reply_time_s)
-    yield from feeder_conditions(reading, feeder, hoppers_on(profile, feeder.name),
+    reading = FeederSnapshot(look.identity, look.status, look.hopper_limits,
+                            clock_ratio=look.clock_ratio, reply_time_s=look.reply_time_s)
+    yield from feeder_conditions(reading, feeder, hoppers_of_feeder(profile, feeder.name),
                                  send_horizon_s=profile.motion.send_horizon_s)

@@ -10,7 +10,7 @@ from firmware_protocol.pmx_alarms import EMPTY, ESTOP, hopper_alarm_code
 from lmctl.config.machine import FeederSettings, HopperSettings
 from lmctl.machine.feeder.identity import FeederIdentity
 from lmctl.machine.feeder.status import FeederStatus
-from lmctl.run.cell.condition import Condition
+from lmctl.run.cell.condition import StartCondition
 
 #: A heartbeat younger than this is another host's [s].
 _FOREIGN_S = 5.0
@@ -23,39 +23,41 @@ _MIXER, _CONFIGURATION, _LID_NUMBER = 103, 105, 6
 class FeederSnapshot:
     """What a feeder reports of itself: all that the conditions of a run look at.
 
-    limits : of each hopper by name: N_MIN, N_MAX [rpm], CARRIER_MIN, CARRIER_MAX [L/min]; empty
+    hopper_limits : of each hopper by name: N_MIN, N_MAX [rpm], CARRIER_MIN, CARRIER_MAX [L/min];
+    empty
         where they have not been read
-    ours : whether this host commands it already
-    clock_ratio, answer_s : as in `FeederInspection`; None where they have not been measured
+    is_commanded_by_this_host : whether this host commands it already
+    clock_ratio, reply_time_s : as in `FeederInspection`; None where they have not been measured
     """
 
     identity: FeederIdentity
     status: FeederStatus
-    limits: Mapping[str, Mapping[str, float]]
-    ours: bool = False
+    hopper_limits: Mapping[str, Mapping[str, float]]
+    is_commanded_by_this_host: bool = False
     clock_ratio: float | None = None
-    answer_s: float | None = None
+    reply_time_s: float | None = None
 
 
 def feeder_conditions(
     reading: FeederSnapshot, feeder: FeederSettings, hoppers: Sequence[HopperSettings], *,
     send_horizon_s: float
-) -> Iterator[Condition]:
+) -> Iterator[StartCondition]:
     """hoppers : those of the profile that are on it."""
     identity, status = reading.identity, reading.status
     major, minor = identity.map_version
-    took = "" if reading.answer_s is None else f"; answers in {1000 * reading.answer_s:.0f} ms"
-    yield Condition(True, f"PMX map {major}.{minor}, firmware {identity.firmware[0]}."
+    took = ("" if reading.reply_time_s is None
+            else f"; answers in {1000 * reading.reply_time_s:.0f} ms")
+    yield StartCondition(True, f"PMX map {major}.{minor}, firmware {identity.firmware[0]}."
                           f"{identity.firmware[1]}, serial {identity.serial}, hoppers: "
                           f"{identity.n_hoppers}{took}")
     if reading.clock_ratio is not None:
-        yield Condition(abs(reading.clock_ratio - 1.0) <= _CLOCK_SLACK,
-                        f"its clock runs {reading.clock_ratio:.2f} times as fast as ours",
-                        "data may be old: restart it, and any gateway before it")
-    if not reading.ours:
+        yield StartCondition(abs(reading.clock_ratio - 1.0) <= _CLOCK_SLACK,
+                             f"its clock runs {reading.clock_ratio:.2f} times as fast as ours",
+                             "data may be old: restart it, and any gateway before it")
+    if not reading.is_commanded_by_this_host:
         yield _alone(status)
-    yield Condition(status.mode is not FeederMode.LOCAL, f"switch at {status.mode.name}",
-                    "turn it to REMOTE", refuses_run=True)
+    yield StartCondition(status.mode is not FeederMode.LOCAL, f"switch at {status.mode.name}",
+                         "turn it to REMOTE", refuses_run=True)
     yield from _alarm(status)
     alarmed = None if status.alarm is None else status.alarm.code
     for flag, code, fine, bad, hint in (
@@ -68,16 +70,16 @@ def feeder_conditions(
     ):
         good = flag in status.flags
         if good or alarmed is None or alarmed != code:  # else its alarm says so
-            yield Condition(good, fine if good else bad, hint, refuses_run=True)
+            yield StartCondition(good, fine if good else bad, hint, refuses_run=True)
     if status.mixer_pressure_mbar is not None and alarmed != _MIXER:
         yield _mixer(status.mixer_pressure_mbar, feeder.mixer_pressure_max_mbar)
     for warning in status.warnings:
-        yield Condition(False, warning.text, warning.remedy)
+        yield StartCondition(False, warning.text, warning.remedy)
     allowed_s = feeder.watchdog_s + min((h.dead_time_s for h in hoppers), default=0.0)
-    yield Condition(send_horizon_s < allowed_s,
-                    f"send horizon {send_horizon_s:g} s, its watchdog and least dead time "
-                    f"{allowed_s:g} s",
-                    "lower motion.send_horizon_s: beam must not outlast powder")
+    yield StartCondition(send_horizon_s < allowed_s,
+                         f"send horizon {send_horizon_s:g} s, its watchdog and least dead time "
+                         f"{allowed_s:g} s",
+                         "lower motion.send_horizon_s: beam must not outlast powder")
     for hopper in hoppers:
         yield from _hopper(reading, hopper)
 
@@ -89,36 +91,38 @@ def _lid_alarm(code: int | None) -> int | None:
         else None
 
 
-def _alone(status: FeederStatus) -> Condition:
+def _alone(status: FeederStatus) -> StartCondition:
     alone = status.heartbeat_age_s >= _FOREIGN_S or FeederStatusBits.REMOTE not in status.flags
-    return Condition(alone, "no other host drives it" if alone else
-                     f"another host drives it: its heartbeat came {status.heartbeat_age_s:.1f} s "
-                     "ago", "end what it runs, then start this one")
+    return StartCondition(alone, "no other host drives it" if alone else
+                          "another host drives it: its heartbeat came "
+                          f"{status.heartbeat_age_s:.1f} s ago",
+                          "end what it runs, then start this one")
 
 
-def _alarm(status: FeederStatus) -> Iterator[Condition]:
+def _alarm(status: FeederStatus) -> Iterator[StartCondition]:
     """The latched alarm; a watchdog trip is named by itself where it is not that alarm."""
     alarm = status.alarm
     if alarm is not None:
-        yield Condition(False, alarm.text, f"{alarm.remedy}, then `lmctl machine unlock`",
-                        refuses_run=True)
+        yield StartCondition(False, alarm.text, f"{alarm.remedy}, then `lmctl machine unlock`",
+                             refuses_run=True)
         return
-    yield Condition(True, "no alarm")
+    yield StartCondition(True, "no alarm")
     tripped = FeederStatusBits.WATCHDOG_TRIPPED in status.flags
-    yield Condition(not tripped, "watchdog " + ("tripped" if tripped else "quiet"),
-                    "`lmctl machine unlock`", refuses_run=True)
+    yield StartCondition(not tripped, "watchdog " + ("tripped" if tripped else "quiet"),
+                         "`lmctl machine unlock`", refuses_run=True)
 
 
-def _mixer(mbar: float, most_mbar: float | None) -> Condition:
+def _mixer(mbar: float, most_mbar: float | None) -> StartCondition:
     if most_mbar is None:
-        return Condition(True, f"mixer pressure {mbar:g} mbar, and no mixer_pressure_max_mbar in "
+        return StartCondition(True,
+                              f"mixer pressure {mbar:g} mbar, and no mixer_pressure_max_mbar in "
                                "the profile: only its own alarm reports a clog")
-    return Condition(mbar <= most_mbar,
-                     f"mixer pressure {mbar:g} mbar, {most_mbar:g} mbar is allowed",
-                     "look for a clogged nozzle or kinked hose", refuses_run=True)
+    return StartCondition(mbar <= most_mbar,
+                          f"mixer pressure {mbar:g} mbar, {most_mbar:g} mbar is allowed",
+                          "look for a clogged nozzle or kinked hose", refuses_run=True)
 
 
-def _hopper(reading: FeederSnapshot, hopper: HopperSettings) -> Iterator[Condition]:
+def _hopper(reading: FeederSnapshot, hopper: HopperSettings) -> Iterator[StartCondition]:
     of_hopper = reading.status.hoppers.get(hopper.name)
     name = f"hopper {hopper.name} ({hopper.material})"
     if of_hopper is not None:
@@ -129,21 +133,22 @@ def _hopper(reading: FeederSnapshot, hopper: HopperSettings) -> Iterator[Conditi
         level = ("" if of_hopper.level_percent is None
                  else f", level {of_hopper.level_percent:.0f} %")
         if not (present and empty and alarmed):
-            yield Condition(present and not empty,
-                            f"{name}: " + ("not there" if not present else "empty" if empty
-                                           else "there") + level,
-                            "fill it" if present else "fit it, or take it out of the profile",
-                            refuses_run=True)
-    limits = reading.limits.get(hopper.name)
+            yield StartCondition(present and not empty,
+                                 f"{name}: " + ("not there" if not present else "empty" if empty
+                                                else "there") + level,
+                                 "fill it" if present else "fit it, or take it out of the profile",
+                                 refuses_run=True)
+    limits = reading.hopper_limits.get(hopper.name)
     if limits is None:
         return
     factor = reading.identity.feed_factor_g_rev[hopper.name]
     least, most = factor * limits["N_MIN"], factor * limits["N_MAX"]
     good = least <= hopper.min_flow_g_min and hopper.max_flow_g_min <= most
-    yield Condition(good, f"{name}: {factor:g} g/rev, {least:.2f} to {most:.1f} g/min; the profile "
+    yield StartCondition(good,
+                         f"{name}: {factor:g} g/rev, {least:.2f} to {most:.1f} g/min; the profile "
                           f"has {hopper.min_flow_g_min:g} to {hopper.max_flow_g_min:g}",
-                    "correct min_flow_g_min and max_flow_g_min in the profile")
+                         "correct min_flow_g_min and max_flow_g_min in the profile")
     low_gas, high_gas = limits["CARRIER_MIN"], limits["CARRIER_MAX"]
-    yield Condition(low_gas <= hopper.carrier_L_min <= high_gas,
-                    f"{name}: carrier gas {hopper.carrier_L_min:g} L/min of {low_gas:g} to "
-                    f"{high_gas:g}", "correct carrier_L_min in the profile")
+    yield StartCondition(low_gas <= hopper.carrier_L_min <= high_gas,
+                         f"{name}: carrier gas {hopper.carrier_L_min:g} L/min of {low_gas:g} to "
+                         f"{high_gas:g}", "correct carrier_L_min in the profile")

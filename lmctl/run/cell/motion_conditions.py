@@ -14,9 +14,9 @@ from firmware_protocol.codes import alarm_meaning
 from firmware_protocol.status import StatusReport
 from lmctl.config.machine import MachineProfile
 from lmctl.machine.manual.inspect_motion import MotionReading
-from lmctl.run.cell.condition import Condition
+from lmctl.run.cell.condition import StartCondition
 from lmctl.run.cell.setting_conditions import setting_conditions
-from lmctl.run.cell.work_offset import offset_conditions
+from lmctl.run.cell.work_offset import work_offset_conditions
 
 #: States in which a run waits a moment for the machine to stand, and then is refused.
 _MOVING = ("Run", "Jog", "Home")
@@ -24,67 +24,69 @@ _MOVING = ("Run", "Jog", "Home")
 _FIND_OUT = "find the reason, then `lmctl machine home` or `lmctl machine unlock`"
 
 
-def is_watched(profile: MachineProfile) -> bool:
+def can_read_door_and_estop(profile: MachineProfile) -> bool:
     """Whether the cell's door and emergency stop can be read: without that a beam stays off."""
     return profile.safety is not None and {"estop", "door"} <= set(profile.safety.fitted)
 
 
-def motion_conditions(reading: MotionReading, profile: MachineProfile) -> Iterator[Condition]:
+def motion_conditions(reading: MotionReading, profile: MachineProfile) -> Iterator[StartCondition]:
     """Every condition that can be judged in the state the controller is in."""
     identity = reading.identity
     if identity is None:
         yield _unasked(reading.report, profile)
         return
-    yield Condition(True, f"{identity.dialect.name} {identity.version} answers"
+    yield StartCondition(True, f"{identity.dialect.name} {identity.version} answers"
                           + (" (the bench)" if identity.is_bench else ""))
     if not identity.is_bench:
-        yield Condition(is_watched(profile), "door and emergency stop are read"
-                        if is_watched(profile) else
-                        "the profile reads no door and no emergency stop: the beam stays off in "
-                        "every run (S0)",
-                        'add [safety] with "door" and "estop" fitted to the machine profile')
-    yield Condition(not reading.damaged, f"link: {reading.damaged} damaged messages",
-                    "check cable, shielding and baud rate")
+        yield StartCondition(can_read_door_and_estop(profile), "door and emergency stop are read"
+                             if can_read_door_and_estop(profile) else
+                             "the profile reads no door and no emergency stop: the beam stays off "
+                             "in every run (S0)",
+                             'add [safety] with "door" and "estop" fitted to the machine profile')
+    yield StartCondition(not reading.damaged_message_count,
+                         f"link: {reading.damaged_message_count} damaged messages",
+                         "check cable, shielding and baud rate")
     yield _state(reading)
     if reading.report.state == "Idle":
-        trusted = reading.position_trusted
-        yield Condition(trusted, "position is known" if trusted else
-                        "the machine has not been homed: nobody knows where it is",
-                        "`lmctl machine home`", refuses_run=True)
+        trusted = reading.is_position_trusted
+        yield StartCondition(trusted, "position is known" if trusted else
+                             "the machine has not been homed: nobody knows where it is",
+                             "`lmctl machine home`", refuses_run=True)
     if not reading.settings:
-        yield Condition(False, "it does not report its settings", "clear its alarm, then try again",
-                        refuses_run=True)
+        yield StartCondition(False, "it does not report its settings",
+                             "clear its alarm, then try again",
+                             refuses_run=True)
         return
     yield from setting_conditions(identity, reading.settings, reading.offset_mm, profile)
-    yield from offset_conditions(reading.parser_state, reading.offsets)
+    yield from work_offset_conditions(reading.parser_state, reading.offsets)
 
 
-def _unasked(report: StatusReport, profile: MachineProfile) -> Condition:
+def _unasked(report: StatusReport, profile: MachineProfile) -> StartCondition:
     """A controller that answers nothing but `?` in the state it is in."""
     state = report.state
     text = f"it is in state {state}: its settings cannot be read"
     if state == "Door" and report.substate != 0:
         relay = profile.safety is not None and profile.safety.relay_timeout_s is not None
         if not relay:
-            return Condition(False, text, "close the door", refuses_run=True)
-        return Condition(
+            return StartCondition(False, text, "close the door", refuses_run=True)
+        return StartCondition(
             False, text, "close the door; with the door closed it is the watchdog relay, which is "
             "open while no host sends heartbeats: `lmctl machine doctor --close-relay` closes it "
             "as a run does, and checks the settings too",
         )
     if state in _MOVING:
-        return Condition(False, text, "wait until it stands, then try again", refuses_run=True)
-    return Condition(False, f"{text}; a run would reset it, which keeps the position",
-                     "end that state at its panel, then try again, to see the settings too")
+        return StartCondition(False, text, "wait until it stands, then try again", refuses_run=True)
+    return StartCondition(False, f"{text}; a run would reset it, which keeps the position",
+                          "end that state at its panel, then try again, to see the settings too")
 
 
-def _state(reading: MotionReading) -> Condition:
+def _state(reading: MotionReading) -> StartCondition:
     report, identity = reading.report, reading.identity
     if report.state != "Alarm" or identity is None:
-        return Condition(report.state == "Idle", f"state {report.state}", _FIND_OUT,
-                         refuses_run=reading.ours or report.state in _MOVING)
+        return StartCondition(report.state == "Idle", f"state {report.state}", _FIND_OUT,
+                              refuses_run=reading.is_taken_over or report.state in _MOVING)
     if report.substate is None:
-        return Condition(False, "it is locked by an alarm", _FIND_OUT, refuses_run=True)
+        return StartCondition(False, "it is locked by an alarm", _FIND_OUT, refuses_run=True)
     meaning = alarm_meaning(report.substate, identity.dialect)
-    return Condition(False, f"alarm {report.substate}: {meaning.description}", meaning.remedy,
-                     refuses_run=True)
+    return StartCondition(False, f"alarm {report.substate}: {meaning.description}", meaning.remedy,
+                          refuses_run=True)

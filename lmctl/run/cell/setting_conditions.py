@@ -18,9 +18,9 @@ from lmctl.machine.motion.identity import (
     REPORT_OVERRIDES,
     ControllerIdentity,
     is_homing_enabled,
-    unfit_settings,
+    unsuitable_settings,
 )
-from lmctl.run.cell.condition import Condition
+from lmctl.run.cell.condition import StartCondition
 
 _JUNCTION, _INCHES, _SOFT_LIMITS, _HOMING_TOWARDS, _LEAST_SPINDLE = 11, 13, 20, 23, 31
 _MOST_RATE, _ACCELERATION, _TRAVEL = 110, 120, 130
@@ -33,7 +33,7 @@ _AXES = "XYZ"
 def setting_conditions(
     identity: ControllerIdentity, settings: Mapping[int, str], offset_mm: tuple[float, ...] | None,
     profile: MachineProfile,
-) -> Iterator[Condition]:
+) -> Iterator[StartCondition]:
     """Every setting that matters, compared with the profile.
 
     offset_mm : work = machine - offset
@@ -60,28 +60,30 @@ def setting_conditions(
 
 
 def _fit_for_programs(identity: ControllerIdentity,
-                      settings: Mapping[int, str]) -> Iterator[Condition]:
+                      settings: Mapping[int, str]) -> Iterator[StartCondition]:
     """$32 and $10, without which no controller is sent a program."""
-    unfit = {setting.number: setting for setting in unfit_settings(identity, settings)}
+    unfit = {setting.number: setting for setting in unsuitable_settings(identity, settings)}
     for number, fine in (
         (LASER_MODE, f"laser mode is on (${LASER_MODE})"),
         (REPORT_MASK, f"status reports show which lines are executed (${REPORT_MASK})"),
     ):
         wrong = unfit.get(number)
-        yield Condition(wrong is None, fine if wrong is None else wrong.text,
-                        "" if wrong is None else _send(number, wrong.value, ""), refuses_run=True)
+        yield StartCondition(wrong is None, fine if wrong is None else wrong.text,
+                             "" if wrong is None else _send(number, wrong.value, ""),
+                             refuses_run=True)
     if identity.dialect is GRBLHAL and REPORT_MASK not in unfit:
         mask = int(number_of(settings, REPORT_MASK) or 0)
         if not mask & REPORT_OVERRIDES:
-            yield Condition(False, f"status reports carry no overrides (${REPORT_MASK}={mask}): "
+            yield StartCondition(False,
+                                 f"status reports carry no overrides (${REPORT_MASK}={mask}): "
                                    "those pressed at the panel stay unseen",
-                            _send(REPORT_MASK, mask | REPORT_OVERRIDES, ""))
+                                 _send(REPORT_MASK, mask | REPORT_OVERRIDES, ""))
 
 
 def _limits(
     identity: ControllerIdentity, settings: Mapping[int, str], offset_mm: tuple[float, ...] | None,
     profile: MachineProfile,
-) -> Iterator[Condition]:
+) -> Iterator[StartCondition]:
     """Travel, soft limits and homing, which belong together."""
     travel = profile.motion.travel_mm
     ranges = (travel.x, travel.y, travel.z)
@@ -92,18 +94,19 @@ def _limits(
         "or correct motion.travel_mm", refuses_run=homing,
     )
     if not homing:
-        yield Condition(True, f"no homing (${HOMING}=0): position is what the operator says, and "
+        yield StartCondition(True,
+                             f"no homing (${HOMING}=0): position is what the operator says, and "
                           "only lmctl keeps axes inside the travel")
         return
     on = settings.get(_SOFT_LIMITS) == "1"
-    yield Condition(on, f"soft limits {'on' if on else 'off'} (${_SOFT_LIMITS})",
+    yield StartCondition(on, f"soft limits {'on' if on else 'off'} (${_SOFT_LIMITS})",
                 _send(_SOFT_LIMITS, 1, ""), refuses_run=True)
     if offset_mm is None:
         return
     for axis, (low, high) in enumerate(ranges):
         least, most = _machine_range(identity, settings, axis)
         offset = offset_mm[axis] if axis < len(offset_mm) else 0.0
-        yield Condition(
+        yield StartCondition(
             low + offset >= least - _SLACK_MM and high + offset <= most + _SLACK_MM,
             f"{_AXES[axis]} of the profile, {low:g} to {high:g} mm, is {low + offset:g} to "
             f"{high + offset:g} on the controller, which has {least:g} to {most:g}",
@@ -132,26 +135,26 @@ def number_of(settings: Mapping[int, str], setting: int) -> float | None:
 
 def _equal(
     settings: Mapping[int, str], setting: int, wanted: float, name: str, otherwise: str,
-) -> Condition:
+) -> StartCondition:
     """A setting without which no run may begin."""
     stated = settings.get(setting, "missing")
     good = number_of(settings, setting) == wanted
     text = f"{name}: ${setting}={stated}"
-    return Condition(good, text if good else f"{text}, not {wanted:g}: {otherwise}",
+    return StartCondition(good, text if good else f"{text}, not {wanted:g}: {otherwise}",
                  _send(setting, wanted, ""), refuses_run=True)
 
 
-def _full_power(settings: Mapping[int, str], s_max: int) -> Condition:
+def _full_power(settings: Mapping[int, str], s_max: int) -> StartCondition:
     stated = settings.get(MOST_SPINDLE, "missing")
     good = number_of(settings, MOST_SPINDLE) == s_max
-    return Condition(
+    return StartCondition(
         good, f"full power is S{stated} on the controller (${MOST_SPINDLE})"
         + ("" if good else f", but S{s_max} in the profile: every power would be wrong"),
         _send(MOST_SPINDLE, s_max, "or correct laser.s_max"), refuses_run=True,
     )
 
 
-def _least_power(settings: Mapping[int, str]) -> Condition:
+def _least_power(settings: Mapping[int, str]) -> StartCondition:
     """$31 is what the beam has at least while it is on: M4 no longer takes it down with the speed.
 
     A hundredth of full power melts nothing and only makes thin beads a little hotter.
@@ -160,8 +163,8 @@ def _least_power(settings: Mapping[int, str]) -> Condition:
     stated = settings.get(_LEAST_SPINDLE, "missing")
     text = f"least power: ${_LEAST_SPINDLE}={stated}"
     if least == 0:
-        return Condition(True, text)
-    return Condition(
+        return StartCondition(True, text)
+    return StartCondition(
         False, f"{text}, not 0: low powers, and those of slow moves and corners, would be raised "
                "to it", _send(_LEAST_SPINDLE, 0.0, ""),
         refuses_run=least is None or not most or abs(least) > _ALIKE * most,
@@ -171,11 +174,11 @@ def _least_power(settings: Mapping[int, str]) -> Condition:
 def _near(
     settings: Mapping[int, str], setting: int, wanted: float, name: str, otherwise: str,
     or_else: str = "",
-) -> Condition:
+) -> StartCondition:
     stated = number_of(settings, setting)
     good = stated is not None and abs(stated - wanted) <= _ALIKE * wanted
     text = f"{name}: ${setting}={settings.get(setting, 'missing')}"
-    return Condition(good, text if good else f"{text}, not {wanted:g}: {otherwise}",
+    return StartCondition(good, text if good else f"{text}, not {wanted:g}: {otherwise}",
                  _send(setting, wanted, or_else))
 
 
@@ -183,7 +186,7 @@ def _per_axis(
     settings: Mapping[int, str], first: int, wanted: list[float] | tuple[float, ...], name: str,
     unit: str, good: Callable[[float, float], bool], otherwise: str, or_else: str, *,
     refuses_run: bool = False,
-) -> Iterator[Condition]:
+) -> Iterator[StartCondition]:
     """$first to $first+2, one check for all axes that are good and one for each that is not."""
     fine = []
     for axis, want in enumerate(wanted):
@@ -192,18 +195,18 @@ def _per_axis(
         if has is not None and good(has, want):
             fine.append(f"{_AXES[axis]} {has:g}")
             continue
-        yield Condition(
+        yield StartCondition(
             False, f"{name} of {_AXES[axis]}: ${first + axis}={stated}, the profile has "
                    f"{want:g} {unit}: {otherwise}",
             _send(first + axis, want, or_else), refuses_run,
         )
     if fine:
-        yield Condition(True, f"{name}: {', '.join(fine)} {unit}")
+        yield StartCondition(True, f"{name}: {', '.join(fine)} {unit}")
 
 
-def _blocks(identity: ControllerIdentity, wanted: int) -> Condition:
+def _blocks(identity: ControllerIdentity, wanted: int) -> StartCondition:
     has = identity.planner_blocks
-    return Condition(
+    return StartCondition(
         has >= wanted, f"planner: {has} blocks, receive buffer {identity.rx_bytes} bytes"
         + ("" if has >= wanted else f"; the profile has {wanted} blocks: look-ahead is shorter "
            "than planned"),

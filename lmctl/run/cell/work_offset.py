@@ -11,8 +11,8 @@ from collections.abc import Iterator, Sequence
 
 from lmctl.errors import MachineError
 from lmctl.machine.motion.driver import MotionDriver
-from lmctl.machine.motion.identity import read_offset
-from lmctl.run.cell.condition import Condition
+from lmctl.machine.motion.identity import parse_work_offset
+from lmctl.run.cell.condition import StartCondition
 
 _MAX_OFF_MM = 0.002  # values are reported to 0.001
 
@@ -24,20 +24,20 @@ _HINT = ("`lmctl machine offset --clear`, then see that the work offset is the o
          "`lmctl machine offset`")
 
 
-def offset_conditions(
+def work_offset_conditions(
     parser_state: Sequence[str], offsets: Sequence[str]
-) -> Iterator[Condition]:
+) -> Iterator[StartCondition]:
     """What the work offset must not rest on. parser_state, offsets : lines of `$G` and `$#`."""
     active = _SYSTEM.search(" ".join(parser_state))
     if active is not None and active[0] != "G54":
-        yield Condition(False, f"work coordinates are those of {active[0]}{_LOST}", _HINT,
-                        refuses_run=True)
+        yield StartCondition(False, f"work coordinates are those of {active[0]}{_LOST}", _HINT,
+                             refuses_run=True)
     for name, what in _FORGOTTEN.items():
         for line in offsets:
             stated = re.fullmatch(rf"\[{name}:(.*)\]", line)
             if stated is not None and re.search("[1-9]", stated[1]):
-                yield Condition(False, f"{what} ({stated[1]} mm){_LOST}", _HINT,
-                                refuses_run=True)
+                yield StartCondition(False, f"{what} ({stated[1]} mm){_LOST}", _HINT,
+                                     refuses_run=True)
 
 
 async def persistent_work_offset(motion: MotionDriver) -> tuple[float, ...]:
@@ -45,12 +45,12 @@ async def persistent_work_offset(motion: MotionDriver) -> tuple[float, ...]:
 
     Raises MachineError, all reasons at once, where a reset would change it.
     """
-    state, offsets = await motion.command("$G"), await motion.command("$#")
-    wrong = list(offset_conditions(state, offsets))
+    state, offsets = await motion.send_command("$G"), await motion.send_command("$#")
+    wrong = list(work_offset_conditions(state, offsets))
     if wrong:
         raise MachineError(wrong[0].text, where=[condition.text for condition in wrong[1:]],
                            hint=_HINT)
-    return read_offset(state, offsets)
+    return parse_work_offset(state, offsets)
 
 
 async def refuse_changed_offset(motion: MotionDriver, offset_mm: tuple[float, ...]) -> None:

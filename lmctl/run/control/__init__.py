@@ -10,14 +10,14 @@ if TYPE_CHECKING:
     from lmctl.run.control.server import ControlCallbacks as ControlCallbacks
     from lmctl.run.control.server import ControlClient as ControlClient
     from lmctl.run.control.server import ControlSocket as ControlSocket
-    from lmctl.run.control.server import listening as listening
+    from lmctl.run.control.server import listening_socket as listening_socket
 
 #: What others may use, and the module that holds it; loaded when it is asked for.
 _HOMES = {
     "ControlCallbacks": "lmctl.run.control.server",
     "ControlClient": "lmctl.run.control.server",
     "ControlSocket": "lmctl.run.control.server",
-    "listening": "lmctl.run.control.server",
+    "listening_socket": "lmctl.run.control.server",
 }
 
 __all__ = list(_HOMES)

@@ -23,7 +23,7 @@ def runs_in_progress(runs_dir: Path) -> list[Path]:
     read.
     """
     folders = sorted(
-        (path.parent for path in runs_dir.glob(f"run-*/{control_path.SOCKET}")),
+        (path.parent for path in runs_dir.glob(f"run-*/{control_path.SOCKET_NAME}")),
         key=lambda folder: (len(folder.name), folder.name),
     )
     return [folder for folder in folders if _answers(folder)]
@@ -66,7 +66,7 @@ def watch_status(folder: Path, every_s: float) -> Iterator[dict[str, Any]]:
 
 def _answers(folder: Path) -> bool:
     try:
-        connection = control_path.connect(folder)
+        connection = control_path.connect_to_run(folder)
     except JournalError:  # another user's: it is under way, whoever may drive it
         return True
     if connection is not None:
@@ -75,7 +75,7 @@ def _answers(folder: Path) -> bool:
 
 
 def _connected(folder: Path) -> socket.socket:
-    connection = control_path.connect(folder)
+    connection = control_path.connect_to_run(folder)
     if connection is None:
         raise run_not_in_progress(folder)
     connection.settimeout(_ANSWER_S)

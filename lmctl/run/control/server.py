@@ -73,14 +73,14 @@ class ControlCallbacks:
     """What the socket lets its clients do.
 
     status : how the run stands, as JSON values
-    act : carries out one of ACTIONS, with the values of its request. Raises UsageError
-    came : told of every act: what, by whom (the name given, ""), and why it was refused ("" where
+    perform_act : carries out one of ACTIONS, with the values of its request. Raises UsageError
+    on_act : told of every act: what, by whom (the name given, ""), and why it was refused ("" where
         it was not). Must not raise
     """
 
     status: Callable[[], dict[str, Any]]
-    act: Callable[[str, Mapping[str, Any]], None]
-    came: Callable[[str, str, ControlClient, str], None]
+    perform_act: Callable[[str, Mapping[str, Any]], None]
+    on_act: Callable[[str, str, ControlClient, str], None]
 
 
 class ControlSocket:
@@ -152,7 +152,7 @@ class ControlSocket:
         """Do what a line asks for; returns whether to go on listening to this client."""
         self._clients[client] = self._clients.pop(client)  # now the last one heard
         try:
-            request = read_request(line)
+            request = parse_request(line)
         except UsageError as error:
             await self._send(client, _refusal(error))
             return False
@@ -163,11 +163,11 @@ class ControlSocket:
         refused: UsageError | None = None
         if do in ACTIONS:
             try:
-                self._controls.act(do, request)
+                self._controls.perform_act(do, request)
             except UsageError as error:
                 refused = error
             reason = refused.what if refused else ""
-            self._controls.came(_in_words(request), request.get("operator", ""), peer, reason)
+            self._controls.on_act(_in_words(request), request.get("operator", ""), peer, reason)
         await self._send(
             client, _refusal(refused) if refused else {"ok": True, **self._controls.status()}
         )
@@ -186,20 +186,20 @@ class ControlSocket:
 
 
 @contextmanager
-def listening(folder: Path) -> Iterator[socket.socket]:
+def listening_socket(folder: Path) -> Iterator[socket.socket]:
     """The control socket of the run in `folder`, to be served; removed afterwards.
 
     Raises JournalError where a living process already has one there.
     """
-    made = control_path.listen(folder)
+    made = control_path.open_listening_socket(folder)
     try:
         yield made
     finally:
         made.close()
-        control_path.remove(folder)
+        control_path.remove_socket(folder)
 
 
-def read_request(line: bytes) -> dict[str, Any]:
+def parse_request(line: bytes) -> dict[str, Any]:
     """What a line asks for. Raises UsageError where it is no request."""
     if len(line) > MAX_REQUEST_BYTES:
         raise UsageError(f"a request is at most {MAX_REQUEST_BYTES} bytes long")

@@ -19,21 +19,21 @@ from pathlib import Path
 from lmctl.errors import JournalError
 from lmctl.run.journal.run_folders import RunFolder
 
-SOCKET = "control.sock"
+SOCKET_NAME = "control.sock"
 _MAX_PATH = 103
 _NO_SOCKETS_HERE = (errno.EPERM, errno.EOPNOTSUPP, errno.ENOTSUP, errno.EINVAL)
 _BACKLOG = 8
 _ANSWER_S = 5.0
 
 
-def listen(folder: Path) -> socket.socket:
+def open_listening_socket(folder: Path) -> socket.socket:
     """A listening socket for the run in `folder`, which only its owner can connect to.
 
     One left there by a dead process is removed first. Raises JournalError where a living process
     listens there, or no socket can be made.
     """
-    path = folder.absolute() / SOCKET
-    if (living := connect(folder)) is not None:
+    path = folder.absolute() / SOCKET_NAME
+    if (living := connect_to_run(folder)) is not None:
         living.close()
         raise JournalError(f"another process already drives {folder.name}", where=str(path),
                            hint=f"`{RunFolder(folder).command('status')}` shows how far it is")
@@ -54,12 +54,12 @@ def listen(folder: Path) -> socket.socket:
                            where=f"{path}: {error.strerror or error}") from None
 
 
-def connect(folder: Path) -> socket.socket | None:
+def connect_to_run(folder: Path) -> socket.socket | None:
     """A connection to the run in `folder`, or None where nobody drives it.
 
     A socket whose process has died is removed. Raises JournalError where it is another user's.
     """
-    path = folder / SOCKET
+    path = folder / SOCKET_NAME
     if not os.path.lexists(path):
         return None
     client = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -69,7 +69,7 @@ def connect(folder: Path) -> socket.socket | None:
         return client
     except (ConnectionRefusedError, FileNotFoundError):
         client.close()
-        remove(folder)
+        remove_socket(folder)
         return None
     except OSError as error:
         client.close()
@@ -79,9 +79,9 @@ def connect(folder: Path) -> socket.socket | None:
         ) from None
 
 
-def remove(folder: Path) -> None:
+def remove_socket(folder: Path) -> None:
     """Remove the socket of a run that has ended, and the link to it."""
-    path = folder / SOCKET
+    path = folder / SOCKET_NAME
     for place in (Path(os.path.realpath(path)), path):
         try:
             if stat.S_ISSOCK(place.lstat().st_mode) or place.is_symlink():

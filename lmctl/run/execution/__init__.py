@@ -13,7 +13,12 @@ if TYPE_CHECKING:
     from lmctl.run.execution.layer_accounts import LayerAccounts as LayerAccounts
     from lmctl.run.execution.run_header import local_header as local_header
     from lmctl.run.execution.run_segment import RunSegmentFactory as RunSegmentFactory
-    from lmctl.run.execution.unreported_motion import unreported as unreported
+    from lmctl.run.execution.unreported_motion import (
+        find_unreported_motion as find_unreported_motion,
+    )
+    from lmctl.run.execution.unreported_motion import (
+        journal_unreported_motion as journal_unreported_motion,
+    )
 
 #: What others may use, and the module that holds it; loaded when it is asked for.
 _HOMES = {
@@ -22,8 +27,9 @@ _HOMES = {
     "LayerAccounts": "lmctl.run.execution.layer_accounts",
     "Progress": "lmctl.run.execution.deposition",
     "RunSegmentFactory": "lmctl.run.execution.run_segment",
+    "find_unreported_motion": "lmctl.run.execution.unreported_motion",
+    "journal_unreported_motion": "lmctl.run.execution.unreported_motion",
     "local_header": "lmctl.run.execution.run_header",
-    "unreported": "lmctl.run.execution.unreported_motion",
 }
 
 __all__ = list(_HOMES)

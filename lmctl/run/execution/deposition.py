@@ -73,7 +73,7 @@ class Deposition:
         self._motion = ExecutedMotion(window, feed.fed, accounts, lead_s)
         self._streamer = LineReleaser(window, motion.send_horizon_s)
         self._override = FeedOverride(
-            clock, window, feed.plan.lead_s, motion.status_period_s, cell.motion.realtime)
+            clock, window, feed.plan.lead_s, motion.status_period_s, cell.motion.send_realtime)
         self._done = done
         self._failed = failed
         self._progress = progress
@@ -107,11 +107,12 @@ class Deposition:
         """Whether the program is under way, and not in a wait of its own."""
         if not self._streaming or self.lines_executed >= self._window.n_lines:
             return False
-        start_mm, end_mm, _, _ = self._window.span_at(self._clock.program_time_s(self._loop.time()))
+        start_mm, end_mm, _, _ = self._window.line_span_at_program_time(
+            self._clock.program_time_s(self._loop.time()))
         return start_mm != end_mm
 
     @property
-    def deviation(self) -> ProgramDeviation:
+    def program_deviation(self) -> ProgramDeviation:
         """How the last report differs from the program; not at all once motion is at rest."""
         if not self._tracking:
             return ProgramDeviation()
@@ -138,7 +139,7 @@ class Deposition:
             self._streaming = False
             self._beam_off_s = beam_off_s(self._cell.safety, self._clock, self._loop.time())
             if self._beam_off_s < math.inf:
-                self._motion.beam_off_from(self._beam_off_s)
+                self._motion.on_beam_off(self._beam_off_s)
             self._override.cancel()
             self._next_lines.clear()
             self._cell.motion.discard_queue()
@@ -156,7 +157,7 @@ class Deposition:
         motion = self._cell.motion
         return motion.position_mm if is_at_rest(motion) and motion.position_trusted else None
 
-    def reached_place(self) -> PlaceReached:
+    def place_at_rest(self) -> PlaceReached:
         """Motion has been stopped: how far the job has been executed, and how that is known.
 
         What is reported later is no longer this job's.
@@ -164,7 +165,7 @@ class Deposition:
         if self._tracking:
             self.stop()
             self._tracking = False
-            self._motion.come_to_rest()
+            self._motion.on_motion_end()
             clock, age_s = self._clock, self._loop.time() - self._clock.reported_t
             ended = ended_at(
                 self._cell.motion, clock, self._window,
@@ -186,13 +187,14 @@ class Deposition:
     def _begin_accounts(self) -> None:
         """Motion is about to begin: what was fed until now was for the hose, not for the part."""
         t, entry = self._loop.time(), self._entry
-        self._recorder.record_purge(self._feed.fed.take_rest_g(t))
-        self._accounts.follow(lambda: (self._motion.reached, self._motion.left_mm))
+        self._recorder.record_purge(self._feed.fed.take_remaining_fed_g(t))
+        self._accounts.follow_place(lambda: (self._motion.reached_place,
+                                             self._motion.remaining_bead_mm))
         if entry is not None:
             self._accounts.close_before(entry.layer.index)
-            self._accounts.enter_again(entry.layer.index, entry.repeated_mm)
+            self._accounts.record_reentry(entry.layer.index, entry.repeated_mm)
         self._feed.fed.on_readings(t, self._cell.hopper_readings())
-        self._motion.start(t)
+        self._motion.on_motion_start(t)
 
     # --- feed override ------------------------------------------------------------------------
 
@@ -270,10 +272,11 @@ class Deposition:
         clock.on_report(t, self._counted, position_mm, speed_mm_s)
         if not clock.is_in_doubt and clock.off_mm <= OFF_PATH_MM:
             energy.on_report(
-                report, clock.program_time_s(t), clock.rate, overrides_known=motion.overrides_known
+                report, clock.program_time_s(t), clock.rate,
+                overrides_known=motion.are_overrides_known
             )
         if clock.is_in_doubt or energy.is_in_doubt:
-            motion.confirm_report()
+            motion.request_confirming_report()
 
     def _controller_override(self, t: float, overrides: tuple[int, int, int]) -> None:
         """What the controller reports counts: its panel may have been used."""
@@ -299,7 +302,7 @@ class Deposition:
         self._seen = executed
         if completed := self._streamer.completed_paths(executed):
             self._recorder.record_paths_executed(completed)
-        self._motion.executed(self._loop.time(), executed, self._clock.rate)
+        self._motion.on_lines_executed(self._loop.time(), executed, self._clock.rate)
         # A layer of a few short lines may be executed before a report has counted it.
         window.drop_layers_before(min(executed, self._motion.first_line_needed))
         if executed >= window.n_lines:
@@ -312,7 +315,7 @@ class Deposition:
                                        self._clock.rate)
         if batch.begun:
             for layer in dict.fromkeys(path.layer for path in batch.begun):
-                self._accounts.open(layer)
+                self._accounts.open_layer(layer)
             self._recorder.record_paths_started(batch.begun)
         return batch.lines
 

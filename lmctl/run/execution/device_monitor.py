@@ -16,11 +16,11 @@ from lmctl.machine.motion.driver import MotionCallbacks
 from lmctl.machine.safety.status import SafetyCallbacks, SafetyStatus
 from lmctl.run.cell.devices import Cell
 from lmctl.run.execution.deposition import Deposition
-from lmctl.run.interlocks.alarms import InterlockError, RunAlarms, Trip
+from lmctl.run.interlocks.alarms import InterlockError, RunAlarms, RunTripError
 from lmctl.run.interlocks.inputs import (
     STALE_PERIODS,
     STALE_QUESTIONS,
-    FeederAge,
+    FeederAnswerAge,
     FeederReading,
     InterlockInputs,
     feeder_reading,
@@ -141,7 +141,7 @@ class DeviceMonitor:
         """The text was checked before the run: what the controller got is not what was sent."""
         meaning = error_meaning(code, self._cell.motion.identity.dialect)
         line = self._deposition().job_line(tag)
-        self._raise(Trip(
+        self._raise(RunTripError(
             "program line rejected",
             f"program line {line} was damaged on its way or is wrong: {meaning.description}",
             where=f"error {code} of the motion controller",
@@ -151,12 +151,12 @@ class DeviceMonitor:
 
     def _motion_alarm(self, code: int) -> None:
         meaning = alarm_meaning(code, self._cell.motion.identity.dialect)
-        self._raise(Trip(f"motion alarm {code}",
-                         f"the motion controller is in alarm: {meaning.description}",
-                         where=f"alarm {code}", hint=meaning.remedy))
+        self._raise(RunTripError(f"motion alarm {code}",
+                                 f"the motion controller is in alarm: {meaning.description}",
+                                 where=f"alarm {code}", hint=meaning.remedy))
 
     def _motion_restarted(self) -> None:
-        self._raise(Trip(
+        self._raise(RunTripError(
             "motion restarted", "the motion controller restarted in the middle of the run",
             where="its position is lost",
             hint="look for a loose power or reset line, then home the machine",
@@ -164,7 +164,7 @@ class DeviceMonitor:
         ))
 
     def _motion_lost(self, reason: str) -> None:
-        self._raise(Trip(
+        self._raise(RunTripError(
             "motion lost", f"the motion controller is lost: {reason}",
             where="it runs dry and the beam goes out within the send horizon",
             hint="check cable and power of the controller",
@@ -233,7 +233,7 @@ class DeviceMonitor:
     def _clear(self, name: str, how: str) -> None:
         alarm = self._alarms.clear(name, self._recorder.now_s())
         if alarm is not None:
-            self._recorder.alarm_cleared(alarm, how)
+            self._recorder.record_alarm_cleared(alarm, how)
 
     def _raise(self, error: MachineError) -> None:
         alarm = self._alarms.add(error, self._recorder.now_s())
@@ -246,20 +246,21 @@ class DeviceMonitor:
         return InterlockInputs(
             motion=cell.motion.status,
             standstill_s=self._reported_t - self._moved_t,
-            deviation=self._deposition().deviation,
+            deviation=self._deposition().program_deviation,
             motion_age_s=cell.motion.status_age_s,
             motion_period_s=self._profile.motion.status_period_s,
             feeders=[
-                FeederAge(feeder.name, feeder.status_age_s, feeder.period_s, feeder.seen)
+                FeederAnswerAge(feeder.name, feeder.status_age_s, feeder.period_s,
+                                feeder.wire_symptoms)
                 for feeder in cell.feeders
             ],
             feeder_readings=self._answers,
             safety=None if safety is None else safety.status,
             safety_age_s=0.0 if safety is None else safety.status_age_s,
             limits=self._profile.safety if safety is not None else None,
-            motion_unreadable=cell.motion.unreadable_answers,
+            motion_unreadable=cell.motion.unreadable_answer_count,
             motion_unanswered=(
-                cell.motion.unanswered_questions >= STALE_QUESTIONS
+                cell.motion.unanswered_query_count >= STALE_QUESTIONS
                 or cell.motion.status_age_s >= self._profile.motion.send_horizon_s
             ),
         )

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 
 from firmware_protocol.status import StatusReport
 from lmctl.run.execution.layer_accounts import LayerAccounts
-from lmctl.run.journal.figures import Figures
+from lmctl.run.journal.figures import ExecutionFigures
 from lmctl.run.powder.fed import FedPowder
 from lmctl.run.program.job_window import JobWindow
 from lmctl.run.program.layer_program import LayerProgram
 from lmctl.run.program.place import ProgramPlace
-from lmctl.run.program.reported_power import energy_ratio
+from lmctl.run.program.reported_power import reported_energy_ratio
 
 #: Reports further apart than this leave what lies between them inferred [s].
 _REPORTED_WITHIN_S = 1.0
@@ -45,10 +45,10 @@ class _Span:
 
     def time_at(self, s: float, window: JobWindow, rate: float) -> float:
         """Machine time at a program time in it."""
-        whole = window.machine_s(self.end_s, rate) - window.machine_s(self.begin_s, rate)
+        whole = window.machine_time_s(self.end_s, rate) - window.machine_time_s(self.begin_s, rate)
         if whole <= 0.0:
             return self.end_t
-        passed = window.machine_s(s, rate) - window.machine_s(self.begin_s, rate)
+        passed = window.machine_time_s(s, rate) - window.machine_time_s(self.begin_s, rate)
         return self.begin_t + (self.end_t - self.begin_t) * passed / whole
 
 
@@ -85,12 +85,12 @@ class ExecutedMotion:
         """The first line of the layer that is counted: nothing before it is asked for again."""
         return self._stretch.first_line
 
-    def start(self, t: float) -> None:
+    def on_motion_start(self, t: float) -> None:
         """The first lines are sent at t."""
         self._t = self._end_t = t
-        self._accounts.open(self._stretch.index)
+        self._accounts.open_layer(self._stretch.index)
 
-    def beam_off_from(self, s: float) -> None:
+    def on_beam_off(self, s: float) -> None:
         """The laser was disabled at program time s: what moves on has no beam."""
         self._beam_off_s = min(self._beam_off_s, s)
 
@@ -101,7 +101,7 @@ class ExecutedMotion:
         """A status report. s : program time of its place; off_mm : how far off the path that is."""
         if self._is_over:
             return
-        ratio = energy_ratio(self._window, report, s, rate, overrides[2], self._lead_s)
+        ratio = reported_energy_ratio(self._window, report, s, rate, overrides[2], self._lead_s)
         if s > self._s:
             at_rest = _is_at_rest(report) or s >= self._window.end_s - _END_S
             self._moved(t, s, rate, ratio, at_rest=at_rest)
@@ -114,34 +114,34 @@ class ExecutedMotion:
         self._ratio = ratio
         self._last_ratio = self._last_ratio if ratio is None else ratio
         self._position_mm = position_mm
-        self._accounts.observe(self._stretch.index, off_mm, overrides)
+        self._accounts.on_report(self._stretch.index, off_mm, overrides)
 
-    def executed(self, t: float, lines: int, rate: float) -> None:
+    def on_lines_executed(self, t: float, lines: int, rate: float) -> None:
         """So many lines of the job are known to be executed: layers that they end are over."""
         if lines < self._window.n_lines:
             self._accounts.close_before(self._stretch.index, lines)
             return
         if self._s < self._window.end_s:
             self._moved(t, self._window.end_s, rate, None, at_rest=True)
-        self.come_to_rest()
-        self._accounts.close_all(self.reached, self.left_mm)
+        self.on_motion_end()
+        self._accounts.close_all(self.reached_place, self.remaining_bead_mm)
 
-    def come_to_rest(self) -> None:
+    def on_motion_end(self) -> None:
         """Motion has ended, here or at a hold: what is reported later is not counted."""
         self._is_over = True
-        self._accounts.leave(self._stretch.index, self._fed.weight_g(self._end_t))
+        self._accounts.leave_layer(self._stretch.index, self._fed.weight_g(self._end_t))
 
     @property
-    def left_mm(self) -> float:
+    def remaining_bead_mm(self) -> float:
         """Beam-on path of this layer that is left to run."""
         planned = self._stretch.planned
-        return planned.whole.path_mm - planned.at(self._s).path_mm
+        return planned.all_lines.path_mm - planned.up_to_program_time(self._s).path_mm
 
     @property
-    def reached(self) -> ProgramPlace:
+    def reached_place(self) -> ProgramPlace:
         """The place up to which motion is counted."""
         window, s = self._window, self._s
-        line = window.line_at(s)
+        line = window.line_at_program_time(s)
         start_s, end_s = window.line_start_s(line), window.line_start_s(line + 1)
         share = (s - start_s) / (end_s - start_s) if end_s > start_s else 0.0
         return ProgramPlace(line, min(max(share, 0.0), 1.0))
@@ -157,7 +157,7 @@ class ExecutedMotion:
     ) -> None:
         """Motion has come from the last place counted to s."""
         begin_t, end_t = self._t, t
-        by_plan = self._window.machine_s(s, rate) - self._window.machine_s(self._s, rate)
+        by_plan = self._window.machine_time_s(s, rate) - self._window.machine_time_s(self._s, rate)
         if not self._has_moved:
             begin_t = max(begin_t, t - by_plan)  # it stood until then
         elif at_rest:
@@ -178,19 +178,20 @@ class ExecutedMotion:
             border_s = self._stretch.ends_s[-1]
             border_t = span.time_at(border_s, self._window, rate)
             self._count(_Span(begin_s, border_s, begin_t, border_t), rate, ratio, inferred)
-            self._accounts.leave(self._stretch.index, self._fed.weight_g(border_t))
+            self._accounts.leave_layer(self._stretch.index, self._fed.weight_g(border_t))
             self._stretch = self._window.layer_program(self._stretch.index + 1)
-            self._accounts.open(self._stretch.index)
+            self._accounts.open_layer(self._stretch.index)
             begin_s, begin_t = border_s, border_t
         self._count(_Span(begin_s, span.end_s, begin_t, span.end_t), rate, ratio, inferred)
 
     def _count(self, span: _Span, rate: float, ratio: float, inferred: bool) -> None:
         """Count a span within the layer that runs."""
         totals = self._stretch.totals
-        before = totals.at(min(span.begin_s, self._beam_off_s))
-        after = totals.at(min(span.end_s, self._beam_off_s))
+        before = totals.up_to_program_time(min(span.begin_s, self._beam_off_s))
+        after = totals.up_to_program_time(min(span.end_s, self._beam_off_s))
         by_plan = (
-            self._window.machine_s(span.end_s, rate) - self._window.machine_s(span.begin_s, rate))
+            self._window.machine_time_s(span.end_s,
+                                        rate) - self._window.machine_time_s(span.begin_s, rate))
         lasted_s = span.end_t - span.begin_t
         pace = lasted_s / by_plan if by_plan > 0.0 else 0.0
         self._end_t = span.end_t
@@ -199,11 +200,11 @@ class ExecutedMotion:
         if powder_s < span.end_s or span.begin_s == span.end_s > powder_s:
             powder_t = span.time_at(powder_s, self._window, rate)
             if not self._accounts.is_weighed(self._stretch.index):
-                self._accounts.weigh_from(self._stretch.index, self._fed.weight_g(powder_t))
-        self._accounts.add(self._stretch.index, Figures(
+                self._accounts.start_weighing(self._stretch.index, self._fed.weight_g(powder_t))
+        self._accounts.add_figures(self._stretch.index, ExecutionFigures(
             after.path_mm - before.path_mm, (after.beam_s - before.beam_s) / rate * pace,
             (after.energy_J - before.energy_J) * ratio, lasted_s,
-            self._fed.take_g(powder_t, span.end_t),
+            self._fed.take_fed_g(powder_t, span.end_t),
         ), inferred=inferred)
 
 

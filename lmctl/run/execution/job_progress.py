@@ -104,7 +104,7 @@ class JobProgress:
 
     def record_place(self) -> PlaceReached:
         """How far the job has been executed, now that motion has been stopped; journaled."""
-        reached = self.segment.deposition.reached_place()
+        reached = self.segment.deposition.place_at_rest()
         self._recorder.record_place(reached, self.segment.deposition.stands_mm)
         return reached
 
@@ -115,7 +115,7 @@ class JobProgress:
         if self._work is not None:
             self._work.deposition.schedule_override(percent)
 
-    async def override_at_once(self, cell: Cell) -> None:
+    async def restore_requested_override(self, cell: Cell) -> None:
         """The feed override asked for, and no other: what somebody left at the panel is undone.
 
         Sent whatever was told of them, which may be some reports old. Raises MachineError.
@@ -123,7 +123,7 @@ class JobProgress:
         motion, percent = cell.motion, self.override_percent
         wanted = (percent, 100, 100)
         for byte in NO_OTHER_OVERRIDE:
-            motion.realtime(byte)
+            motion.send_realtime(byte)
         self.segment.deposition.set_override_now(percent)
         await cell.wait_until(
             lambda: motion.overrides == wanted, _OVERRIDE_PATIENCE_S,

@@ -12,12 +12,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from lmctl.run.execution.layer_plan import LayerPlan
-from lmctl.run.journal.figures import NOTHING, Figures
+from lmctl.run.journal.figures import NO_FIGURES, ExecutionFigures
 from lmctl.run.journal.recorder import RunRecorder, place_fields
 from lmctl.run.program.place import ProgramPlace
 
 #: Less bead than this is no bead left: nothing shorter is entered again (see `reentry`) [mm].
-NO_BEAD_MM = 0.02
+MIN_BEAD_MM = 0.02
 
 
 @dataclass
@@ -28,8 +28,8 @@ class _Account:
     """
 
     plan: LayerPlan
-    reported: Figures = NOTHING
-    inferred: Figures = NOTHING
+    reported: ExecutionFigures = NO_FIGURES
+    inferred: ExecutionFigures = NO_FIGURES
     weighed_g: dict[str, float] = field(default_factory=dict)
     weight_g: Mapping[str, float] | None = None  # where powder began to count, None before
     unweighed: set[str] = field(default_factory=set)  # did not weigh throughout
@@ -49,7 +49,7 @@ class _Account:
         return {
             "layer": self.plan.layer, "reached": place_fields(reached),
             "reported": self.reported.as_json(),
-            **({} if self.inferred is NOTHING else {"inferred": self.inferred.as_json()}),
+            **({} if self.inferred is NO_FIGURES else {"inferred": self.inferred.as_json()}),
             **({"weighed_g": weighed_g} if weighed_g else {}),
             "place_error_mm": round(self.place_error_mm, 3),
             "feed_percent": self.feed_percent, "power_percent": self.power_percent,
@@ -75,24 +75,24 @@ class LayerAccounts:
         self._reached: Callable[[], tuple[ProgramPlace, float]] = lambda: (ProgramPlace(), 0.0)
         recorder.layer_so_far = self._so_far
 
-    def follow(self, reached: Callable[[], tuple[ProgramPlace, float]]) -> None:
+    def follow_place(self, reached: Callable[[], tuple[ProgramPlace, float]]) -> None:
         """Motion begins; from now on this says what place it has reached, and the bead left there.
 
         The bead left is that of the layer which holds the place [mm].
         """
         self._reached = reached
 
-    def open(self, layer: int) -> None:
+    def open_layer(self, layer: int) -> None:
         """Lines of a layer are about to be sent."""
         if layer not in self._open:
             plan = self.plan_of(layer)
             self._open[layer] = _Account(plan)
-            self._recorder.layer_opened(
+            self._recorder.record_layer_opened(
                 layer=layer, z_mm=round(plan.z_mm, 6), lines=list(plan.lines), paths=plan.paths,
                 planned=plan.figures.as_json(),
             )
 
-    def weigh_from(self, layer: int, weight_g: Mapping[str, float]) -> None:
+    def start_weighing(self, layer: int, weight_g: Mapping[str, float]) -> None:
         """Powder counts from here on; later calls before `leave` change nothing.
 
         weight_g : of the hoppers that weigh
@@ -100,7 +100,7 @@ class LayerAccounts:
         if self._open[layer].weight_g is None:
             self._open[layer].weight_g = weight_g
 
-    def leave(self, layer: int, weight_g: Mapping[str, float]) -> None:
+    def leave_layer(self, layer: int, weight_g: Mapping[str, float]) -> None:
         """Motion in a layer ends, or rests."""
         account = self._open.get(layer)
         if account is None or account.weight_g is None:
@@ -117,20 +117,20 @@ class LayerAccounts:
         """Whether `weigh_from` has been called for a layer, and not `leave` since."""
         return self._open[layer].weight_g is not None
 
-    def enter_again(self, layer: int, repeated_mm: float) -> None:
+    def record_reentry(self, layer: int, repeated_mm: float) -> None:
         """A layer is entered in its middle, with so much bead deposited twice."""
-        self.open(layer)
+        self.open_layer(layer)
         self._open[layer].entered_again += 1
         self._open[layer].repeated_mm += repeated_mm
 
-    def add(self, layer: int, figures: Figures, *, inferred: bool) -> None:
+    def add_figures(self, layer: int, figures: ExecutionFigures, *, inferred: bool) -> None:
         """Motion in a layer. inferred : no report shows its power"""
         account = self._open[layer]
         account.reported += figures
         if inferred:
             account.inferred += figures
 
-    def observe(self, layer: int, off_mm: float, overrides: tuple[int, int, int]) -> None:
+    def on_report(self, layer: int, off_mm: float, overrides: tuple[int, int, int]) -> None:
         """A report: how far off the path the nozzle is; feed, rapid and power override [%]."""
         if (account := self._open.get(layer)) is not None:
             account.place_error_mm = max(account.place_error_mm, off_mm)
@@ -155,7 +155,7 @@ class LayerAccounts:
             else:
                 self._close(index, reached, left_mm)
 
-    def end(self) -> None:
+    def close_at_reached_place(self) -> None:
         """The run is over, wherever it is."""
         if self._open:
             self.close_all(*self._reached())
@@ -163,7 +163,7 @@ class LayerAccounts:
     def _close(self, layer: int, reached: ProgramPlace, left_mm: float) -> None:
         account = self._open.pop(layer)
         self._recorder.record_layer(
-            **account.as_json(reached), complete=left_mm < NO_BEAD_MM,
+            **account.as_json(reached), complete=left_mm < MIN_BEAD_MM,
         )
 
     def _so_far(self) -> list[dict[str, Any]]:
@@ -173,5 +173,5 @@ class LayerAccounts:
         reached, _ = self._reached()
         return [
             account.as_json(reached)
-            for account in self._open.values() if account.reported is not NOTHING
+            for account in self._open.values() if account.reported is not NO_FIGURES
         ]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lmctl.run.journal.figures import Figures
+from lmctl.run.journal.figures import ExecutionFigures
 from lmctl.run.program.layer_program import LayerProgram
 
 
@@ -19,7 +19,7 @@ class LayerPlan:
     z_mm: float
     lines: tuple[int, int]
     paths: int
-    figures: Figures
+    figures: ExecutionFigures
 
 
 def layer_plan(
@@ -29,22 +29,22 @@ def layer_plan(
 
     leads_s : {hopper: how long before the nozzle needs it its disc feeds}, in the job's order
     """
-    totals = whole.planned.whole
+    totals = whole.planned.all_lines
     start_s, end_s = whole.starts_s[0], whole.ends_s[-1]
     beam_s = whole.planned.beam_from_s
     return LayerPlan(
         whole.index, whole.z_mm, (whole.first_line, whole.last_line), len(whole.paths),
-        Figures(
+        ExecutionFigures(
             totals.path_mm, totals.beam_s, totals.energy_J, end_s - start_s,
             {
-                name: mass_g(whole, following, hopper, beam_s + lead_s, end_s + lead_s)
+                name: hopper_mass_g(whole, following, hopper, beam_s + lead_s, end_s + lead_s)
                 for hopper, (name, lead_s) in enumerate(leads_s.items())
             },
         ),
     )
 
 
-def mass_g(
+def hopper_mass_g(
     layer: LayerProgram, following: LayerProgram | None, hopper: int, from_s: float, to_s: float
 ) -> float:
     """Integral of a hopper's flow at the nozzle between two program times.

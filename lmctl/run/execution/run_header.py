@@ -47,7 +47,7 @@ def local_header(run: str, profile: MachineProfile) -> dict[str, Any]:
 def _going_on(continues: EarlierRun) -> dict[str, Any]:
     """Whoever goes on with a run that fails before it enters the part needs all of it again."""
     place, stands_mm = continues.reached.place, continues.stands_mm
-    return {"continues": continues.run, "position_kept": continues.trusted,
+    return {"continues": continues.run, "position_kept": continues.is_position_trusted,
             "begins_at": {"line": place.line, "share": round(place.line_fraction, 6),
                           "known": continues.reached.known},
             "stands_mm": stands_mm and [round(axis, 3) for axis in stands_mm]}

@@ -70,12 +70,12 @@ class RunSegmentFactory:
                 hint="stop the run; `lmctl recover` asks what is on the part, and goes on")
         if reached.place != JOB_START:
             entry = plan_reentry(
-                self.job.manifest, self.job.layer, reached.place, self.profile.motion)
+                self.job.manifest, self.job.read_layer, reached.place, self.profile.motion)
             if entry is None:
                 return None
             self.recorder.record_entry(entry)
         if before is not None:
-            self.recorder.record_purge(before.feed.fed.take_rest_g(asyncio.get_running_loop().time()))
+            self.recorder.record_purge(before.feed.fed.take_remaining_fed_g(asyncio.get_running_loop().time()))
         window = self._window(entry)
         self._announce(window, override_percent)
         clock = ProgramClock(window)
@@ -103,7 +103,7 @@ class RunSegmentFactory:
     def _window(self, entry: Reentry | None) -> JobWindow:
         def layer(index: int) -> JobLayer:
             entered = entry is not None and index == entry.layer.index
-            return entry.layer if entry is not None and entered else self.job.layer(index)
+            return entry.layer if entry is not None and entered else self.job.read_layer(index)
 
         first = 0 if entry is None else entry.layer.index
         return JobWindow(self.job.manifest, layer, self.profile.motion.purge_mm,
@@ -123,8 +123,9 @@ class RunSegmentFactory:
         })
 
     def _whole_layer(self, index: int) -> LayerProgram:
-        behind = self.job.layer(index - 1).lines[-1] if index else None
+        behind = self.job.read_layer(index - 1).lines[-1] if index else None
         behind_mm = self.profile.motion.purge_mm if behind is None else (
             behind["x_mm"], behind["y_mm"], behind["z_mm"])
-        return layer_program_of(self.job.layer(index), np.array(behind_mm, dtype=np.float64), 0.0,
+        return layer_program_of(self.job.read_layer(index), np.array(behind_mm, dtype=np.float64),
+                                0.0,
                                 beam_off=self.beam_off)

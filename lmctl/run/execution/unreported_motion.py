@@ -16,10 +16,10 @@ import numpy as np
 
 from lmctl.errors import JournalError, MissingFileError
 from lmctl.job.reader import JobReader
-from lmctl.run.execution.layer_accounts import NO_BEAD_MM
-from lmctl.run.journal.figures import Figures
+from lmctl.run.execution.layer_accounts import MIN_BEAD_MM
+from lmctl.run.journal.figures import ExecutionFigures
 from lmctl.run.journal.format import read_records
-from lmctl.run.journal.notes import notes_of
+from lmctl.run.journal.notes import notes_path
 from lmctl.run.journal.recorder import place_fields
 from lmctl.run.journal.run_folders import RunFolder
 from lmctl.run.program.layer_program import LayerProgram, layer_program_of
@@ -28,7 +28,7 @@ from lmctl.run.program.reentry import layer_of
 
 
 @dataclass(frozen=True)
-class Unreported:
+class UnreportedMotion:
     """Motion in one layer that no report showed, by the plan of its lines.
 
     complete : no bead of the layer is left after it
@@ -37,7 +37,7 @@ class Unreported:
     layer: int
     begin: ProgramPlace
     end: ProgramPlace
-    figures: Figures
+    figures: ExecutionFigures
     complete: bool
 
     def as_json(self) -> dict[str, Any]:
@@ -62,7 +62,8 @@ class _LastReport:
     setpoints: tuple[tuple[float, Mapping[str, float]], ...] = ()
 
 
-def unreported(job: JobReader, earlier: Path, reached: PlaceReached) -> list[Unreported]:
+def find_unreported_motion(job: JobReader, earlier: Path,
+                           reached: PlaceReached) -> list[UnreportedMotion]:
     """What an earlier run of the same job executed between its last report and where it ended.
 
     earlier : its journal. Where that cannot be read, nothing is inferred.
@@ -80,13 +81,13 @@ def unreported(job: JobReader, earlier: Path, reached: PlaceReached) -> list[Unr
     return [span for span in spans if span.figures.duration_s > 0.0]
 
 
-def keep_unreported(job: JobReader, made: RunFolder, reached: PlaceReached) -> None:
+def journal_unreported_motion(job: JobReader, made: RunFolder, reached: PlaceReached) -> None:
     """Write down what a run executed without a report where no later run will: nothing is left.
 
     It goes beside the journal, which may be sealed. Raises JournalError.
     """
-    beside = notes_of(made)
-    for span in unreported(job, made.journal, reached):
+    beside = notes_path(made)
+    for span in find_unreported_motion(job, made.journal, reached):
         beside.append("unreported", **span.as_json())
 
 
@@ -139,27 +140,28 @@ def _fed_g(last: _LastReport, from_s: float, to_s: float) -> dict[str, float]:
 
 def _in_layer(
     job: JobReader, index: int, last: _LastReport, last_s: float, reached: PlaceReached
-) -> Unreported:
+) -> UnreportedMotion:
     layer, found = _layer(job, index), reached.place
     begin = max(last.place, ProgramPlace(layer.first_line))
     end = min(found, ProgramPlace(layer.last_line + 1))
     begin_s, end_s = _time_of(layer, begin), _time_of(layer, end)
-    before, after = layer.totals.at(begin_s), layer.totals.at(end_s)
+    before, after = layer.totals.up_to_program_time(begin_s), layer.totals.up_to_program_time(end_s)
     burns = 0.0 if last.beam_off else 1.0
     rest_s = end_s + (reached.beam_off_motion_s * last.rate if end == found else 0.0)
     fed_from_s = max(begin_s, layer.planned.beam_from_s)
     grams = _fed_g(last, (fed_from_s - last_s) / last.rate, (rest_s - last_s) / last.rate)
-    return Unreported(index, begin, end, Figures(
+    return UnreportedMotion(index, begin, end, ExecutionFigures(
         burns * (after.path_mm - before.path_mm),
         burns * (after.beam_s - before.beam_s) / last.rate,
         burns * (after.energy_J - before.energy_J), (rest_s - begin_s) / last.rate, grams,
-    ), complete=layer.totals.whole.path_mm - layer.totals.at(end_s).path_mm < NO_BEAD_MM)
+    ), complete=layer.totals.all_lines.path_mm - layer.totals.up_to_program_time(
+        end_s).path_mm < MIN_BEAD_MM)
 
 
 def _layer(job: JobReader, index: int) -> LayerProgram:
-    behind = job.layer(index - 1).lines[-1] if index else job.layer(index).lines[0]
+    behind = job.read_layer(index - 1).lines[-1] if index else job.read_layer(index).lines[0]
     behind_mm = np.array([behind["x_mm"], behind["y_mm"], behind["z_mm"]], dtype=np.float64)
-    return layer_program_of(job.layer(index), behind_mm, 0.0, beam_off=False)
+    return layer_program_of(job.read_layer(index), behind_mm, 0.0, beam_off=False)
 
 
 def _time_of(layer: LayerProgram, place: ProgramPlace) -> float:

@@ -11,9 +11,9 @@ if TYPE_CHECKING:
     from lmctl.run.interlocks.alarms import InterlockError as InterlockError
     from lmctl.run.interlocks.alarms import RunAlarm as RunAlarm
     from lmctl.run.interlocks.alarms import RunAlarms as RunAlarms
-    from lmctl.run.interlocks.alarms import Trip as Trip
-    from lmctl.run.interlocks.alarms import name_of as name_of
-    from lmctl.run.interlocks.inputs import FeederAge as FeederAge
+    from lmctl.run.interlocks.alarms import RunTripError as RunTripError
+    from lmctl.run.interlocks.alarms import alarm_name_of as alarm_name_of
+    from lmctl.run.interlocks.inputs import FeederAnswerAge as FeederAnswerAge
     from lmctl.run.interlocks.inputs import FeederReading as FeederReading
     from lmctl.run.interlocks.inputs import InterlockInputs as InterlockInputs
     from lmctl.run.interlocks.inputs import ProgramDeviation as ProgramDeviation
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 #: What others may use, and the module that holds it; loaded when it is asked for.
 _HOMES = {
     "EmergencyStopError": "lmctl.run.interlocks.alarms",
-    "FeederAge": "lmctl.run.interlocks.inputs",
+    "FeederAnswerAge": "lmctl.run.interlocks.inputs",
     "FeederReading": "lmctl.run.interlocks.inputs",
     "InterlockError": "lmctl.run.interlocks.alarms",
     "InterlockFinding": "lmctl.run.interlocks.rule",
@@ -35,11 +35,11 @@ _HOMES = {
     "ProgramDeviation": "lmctl.run.interlocks.inputs",
     "RunAlarm": "lmctl.run.interlocks.alarms",
     "RunAlarms": "lmctl.run.interlocks.alarms",
-    "Trip": "lmctl.run.interlocks.alarms",
+    "RunTripError": "lmctl.run.interlocks.alarms",
     "UncommandedOutput": "lmctl.run.interlocks.inputs",
     "WarningDebounce": "lmctl.run.interlocks.warnings",
+    "alarm_name_of": "lmctl.run.interlocks.alarms",
     "feeder_reading": "lmctl.run.interlocks.inputs",
-    "name_of": "lmctl.run.interlocks.alarms",
 }
 
 __all__ = list(_HOMES)

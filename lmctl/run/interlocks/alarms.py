@@ -18,7 +18,7 @@ from lmctl.errors import LmctlError, MachineError
 from lmctl.machine.feeder.warnings import FeederWarning
 
 
-class Trip(MachineError):  # noqa: N818 (it is the cell's own word)
+class RunTripError(MachineError):
     """A reason to end the run, or to hold it.
 
     name : of the trip, one alarm a name
@@ -35,7 +35,7 @@ class Trip(MachineError):  # noqa: N818 (it is the cell's own word)
         self.explains = frozenset(explains)
 
 
-class InterlockError(Trip):
+class InterlockError(RunTripError):
     """A reason to hold."""
 
     @classmethod
@@ -46,7 +46,7 @@ class InterlockError(Trip):
         )
 
 
-class EmergencyStopError(Trip):
+class EmergencyStopError(RunTripError):
     """The safety chain is open: the controller is reset at once, and its position is lost."""
 
 
@@ -104,10 +104,10 @@ class RunAlarms:
 
     def add(self, error: LmctlError, at_s: float) -> RunAlarm | None:
         """Add an alarm; None where it stands already."""
-        name = name_of(error)
+        name = alarm_name_of(error)
         if name in self._alarms or any(one.what == error.what for one in self._alarms.values()):
             return None
-        explains = error.explains if isinstance(error, Trip) else frozenset()
+        explains = error.explains if isinstance(error, RunTripError) else frozenset()
         before = self.cause
         alarm = RunAlarm(name, error.what, error.where, error.hint, at_s, explains)
         self._alarms[name] = alarm
@@ -142,6 +142,6 @@ class RunAlarms:
         self._alarms.clear()
 
 
-def name_of(error: LmctlError) -> str:
+def alarm_name_of(error: LmctlError) -> str:
     """The name of the alarm that an error is."""
-    return error.name if isinstance(error, Trip) else error.what
+    return error.name if isinstance(error, RunTripError) else error.what

@@ -7,22 +7,22 @@ from collections.abc import Iterator
 from lmctl.run.interlocks.inputs import STALE_PERIODS, InterlockInputs
 from lmctl.run.interlocks.rule import InterlockFinding
 
-CLOSE_IT = "close it; look at the part, then resume"
+CLOSE_AND_RESUME_HINT = "close it; look at the part, then resume"
 
 
-def estop(facts: InterlockInputs) -> Iterator[InterlockFinding]:
+def estop_findings(facts: InterlockInputs) -> Iterator[InterlockFinding]:
     if facts.safety is not None and facts.safety.estop_closed is False:
         yield InterlockFinding(
             "the emergency stop chain is open",
             "release the emergency stop, reset the safety circuit, home the machine")
 
 
-def door(facts: InterlockInputs) -> Iterator[InterlockFinding]:
+def door_findings(facts: InterlockInputs) -> Iterator[InterlockFinding]:
     if facts.safety is not None and facts.safety.door_closed is False:
-        yield InterlockFinding("the safety door is open", CLOSE_IT)
+        yield InterlockFinding("the safety door is open", CLOSE_AND_RESUME_HINT)
 
 
-def laser(facts: InterlockInputs) -> Iterator[InterlockFinding]:
+def laser_findings(facts: InterlockInputs) -> Iterator[InterlockFinding]:
     safety = facts.safety
     if safety is None:
         return
@@ -37,7 +37,7 @@ def laser(facts: InterlockInputs) -> Iterator[InterlockFinding]:
             yield InterlockFinding(what, hint, what)
 
 
-def chiller(facts: InterlockInputs) -> Iterator[InterlockFinding]:
+def chiller_findings(facts: InterlockInputs) -> Iterator[InterlockFinding]:
     safety, limits = facts.safety, facts.limits
     if safety is None or limits is None:
         return
@@ -51,7 +51,7 @@ def chiller(facts: InterlockInputs) -> Iterator[InterlockFinding]:
                            most=limits.chiller_max_C)
 
 
-def shield_gas(facts: InterlockInputs) -> Iterator[InterlockFinding]:
+def shield_gas_findings(facts: InterlockInputs) -> Iterator[InterlockFinding]:
     safety, limits = facts.safety, facts.limits
     if safety is None or limits is None:
         return
@@ -63,7 +63,7 @@ def shield_gas(facts: InterlockInputs) -> Iterator[InterlockFinding]:
                            least=limits.shield_gas_min_L_min)
 
 
-def oxygen(facts: InterlockInputs) -> Iterator[InterlockFinding]:
+def oxygen_findings(facts: InterlockInputs) -> Iterator[InterlockFinding]:
     safety, limits = facts.safety, facts.limits
     if safety is None or limits is None:
         return
@@ -87,17 +87,17 @@ def _beyond(
         yield InterlockFinding(f"{what} {said}, {most:g} {unit} is allowed", hint)
 
 
-def relay(facts: InterlockInputs) -> Iterator[InterlockFinding]:
+def watchdog_relay_findings(facts: InterlockInputs) -> Iterator[InterlockFinding]:
     if facts.safety is not None and facts.safety.relay_closed is False:
         yield InterlockFinding("the watchdog relay is open", "find out why heartbeats stopped")
 
 
-def extraction(facts: InterlockInputs) -> Iterator[InterlockFinding]:
+def extraction_findings(facts: InterlockInputs) -> Iterator[InterlockFinding]:
     if facts.safety is not None and facts.safety.extraction_ok is False:
         yield InterlockFinding("extraction has failed", "check fan and filter")
 
 
-def silent(facts: InterlockInputs) -> Iterator[InterlockFinding]:
+def safety_silence_findings(facts: InterlockInputs) -> Iterator[InterlockFinding]:
     if facts.limits is not None and facts.safety_age_s > STALE_PERIODS * facts.limits.period_s:
         yield InterlockFinding(
             f"the safety inputs have not been read for {facts.safety_age_s:.1f} s",

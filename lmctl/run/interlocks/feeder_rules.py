@@ -12,17 +12,17 @@ _DISC_SHARE, _DISC_LEAST_G_MIN = 0.02, 0.05
 _WEIGHED_SHARE, _WEIGHED_LEAST_G_MIN = 0.15, 0.5
 
 
-def silent(facts: InterlockInputs) -> Iterator[InterlockFinding]:
+def feeder_silence_findings(facts: InterlockInputs) -> Iterator[InterlockFinding]:
     for feeder in facts.feeders:
         if feeder.age_s > STALE_PERIODS * feeder.period_s:
-            seen = f": {feeder.seen}" if feeder.seen else ""
+            seen = f": {feeder.wire_symptoms}" if feeder.wire_symptoms else ""
             yield InterlockFinding(
                 f"feeder {feeder.name}: no answer for {feeder.age_s:.1f} s{seen}",
                 "check its power and cable", feeder.name,
             )
 
 
-def mixer_pressure(facts: InterlockInputs) -> Iterator[InterlockFinding]:
+def mixer_pressure_findings(facts: InterlockInputs) -> Iterator[InterlockFinding]:
     """Its own alarm is the second line: it comes when the nozzle is shut already."""
     for feeder in facts.feeder_readings:
         mbar, most_mbar = feeder.mixer_mbar, feeder.mixer_max_mbar
@@ -34,7 +34,7 @@ def mixer_pressure(facts: InterlockInputs) -> Iterator[InterlockFinding]:
             )
 
 
-def clipped_setpoint(facts: InterlockInputs) -> Iterator[InterlockFinding]:
+def clipped_setpoint_findings(facts: InterlockInputs) -> Iterator[InterlockFinding]:
     """A clipped set-point is another mixture. Disc and weight agree with it, so only this tells."""
     for feeder in facts.feeder_readings:
         if feeder.clipped is not None:
@@ -47,7 +47,7 @@ def clipped_setpoint(facts: InterlockInputs) -> Iterator[InterlockFinding]:
             )
 
 
-def carrier_gas(facts: InterlockInputs) -> Iterator[InterlockFinding]:
+def carrier_gas_findings(facts: InterlockInputs) -> Iterator[InterlockFinding]:
     for feeder in facts.feeder_readings:
         for hopper, reading in feeder.hoppers:
             flow, wanted = reading.carrier_L_min, hopper.carrier_L_min
@@ -60,7 +60,7 @@ def carrier_gas(facts: InterlockInputs) -> Iterator[InterlockFinding]:
                 )
 
 
-def disc_speed(facts: InterlockInputs) -> Iterator[InterlockFinding]:
+def disc_speed_findings(facts: InterlockInputs) -> Iterator[InterlockFinding]:
     for feeder in facts.feeder_readings:
         for hopper, reading in feeder.hoppers:
             flow, wanted = reading.flow_estimated_g_min, reading.setpoint_g_min
@@ -75,7 +75,7 @@ def disc_speed(facts: InterlockInputs) -> Iterator[InterlockFinding]:
                 )
 
 
-def weighed_flow(facts: InterlockInputs) -> Iterator[InterlockFinding]:
+def weighed_flow_findings(facts: InterlockInputs) -> Iterator[InterlockFinding]:
     for feeder in facts.feeder_readings:
         for hopper, reading in feeder.hoppers:
             weighed, wanted = reading.flow_weighed_g_min, reading.setpoint_g_min

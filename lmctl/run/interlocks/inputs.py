@@ -36,13 +36,13 @@ class FeederReading(NamedTuple):
     mixer_max_mbar: float | None = None
 
 
-class FeederAge(NamedTuple):
-    """How old a feeder's last good answer is. seen : what came instead, in words"""
+class FeederAnswerAge(NamedTuple):
+    """How old a feeder's last good answer is. wire_symptoms : what came instead, in words"""
 
     name: str
     age_s: float
     period_s: float
-    seen: str = ""
+    wire_symptoms: str = ""
 
 
 class UncommandedOutput(NamedTuple):
@@ -50,26 +50,27 @@ class UncommandedOutput(NamedTuple):
 
     speed_mm_s, power_W : as reported
     max_speed_mm_s : the highest speed of the lines that may be running
-    commanded_W : the powers they ask for at the speed reported, rising; none where none of them
+    commanded_powers_W : the powers they ask for at the speed reported, rising; none where none of
+    them
     moves
     """
 
     speed_mm_s: float
     max_speed_mm_s: float
     power_W: float
-    commanded_W: tuple[float, ...]
+    commanded_powers_W: tuple[float, ...]
 
 
 class ProgramDeviation(NamedTuple):
     """How the machine differs from its program, by the last report.
 
     path_error_mm : how far the nozzle is from the lines that may be running
-    early_s : by how much it was there sooner than the program would have it
+    ahead_of_program_s : by how much it was there sooner than the program would have it
     uncommanded : feed or power that none of those lines asks for
     """
 
     path_error_mm: float = 0.0
-    early_s: float = 0.0
+    ahead_of_program_s: float = 0.0
     uncommanded: UncommandedOutput | None = None
 
 
@@ -91,7 +92,7 @@ class InterlockInputs(NamedTuple):
     deviation: ProgramDeviation
     motion_age_s: float
     motion_period_s: float
-    feeders: Sequence[FeederAge]
+    feeders: Sequence[FeederAnswerAge]
     feeder_readings: Sequence[FeederReading]
     safety: SafetyStatus | None
     safety_age_s: float

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from lmctl.run.interlocks.cell_rules import CLOSE_IT
+from lmctl.run.interlocks.cell_rules import CLOSE_AND_RESUME_HINT
 from lmctl.run.interlocks.inputs import STALE_PERIODS, InterlockInputs
 from lmctl.run.interlocks.rule import InterlockFinding
 
@@ -31,16 +31,17 @@ _DAMAGED = (
 )
 
 
-def controller_door(facts: InterlockInputs) -> Iterator[InterlockFinding]:
+def controller_door_findings(facts: InterlockInputs) -> Iterator[InterlockFinding]:
     """The controller's own door input, where it is not the watchdog relay that opens it."""
     safety, report = facts.safety, facts.motion
     by_relay = safety is not None and safety.relay_closed is False
     # Door:0 is what a controller says once it is closed again, until it is told to go on.
     if report is not None and report.state == "Door" and report.substate != 0 and not by_relay:
-        yield InterlockFinding("the safety door is open, says the motion controller", CLOSE_IT)
+        yield InterlockFinding("the safety door is open, says the motion controller",
+                               CLOSE_AND_RESUME_HINT)
 
 
-def silent(facts: InterlockInputs) -> Iterator[InterlockFinding]:
+def motion_silence_findings(facts: InterlockInputs) -> Iterator[InterlockFinding]:
     """No believable report for three periods, in which a question is put ten times and more."""
     stale = facts.motion_age_s >= STALE_PERIODS * facts.motion_period_s - _ROUNDING_S
     if not (stale and facts.motion_unanswered):
@@ -57,7 +58,7 @@ def silent(facts: InterlockInputs) -> Iterator[InterlockFinding]:
             "check its cable; if the beam is still on, use the emergency stop")
 
 
-def not_following(facts: InterlockInputs) -> Iterator[InterlockFinding]:
+def standstill_findings(facts: InterlockInputs) -> Iterator[InterlockFinding]:
     if facts.standstill_s > _STILL_S:
         yield InterlockFinding(
             f"the motion controller says it runs, but its position has not changed for "
@@ -66,7 +67,7 @@ def not_following(facts: InterlockInputs) -> Iterator[InterlockFinding]:
         )
 
 
-def off_path(facts: InterlockInputs) -> Iterator[InterlockFinding]:
+def off_path_findings(facts: InterlockInputs) -> Iterator[InterlockFinding]:
     off_mm = facts.deviation.path_error_mm
     if off_mm > OFF_PATH_MM and facts.standstill_s > _FROZEN_S:
         yield InterlockFinding(
@@ -80,21 +81,22 @@ def off_path(facts: InterlockInputs) -> Iterator[InterlockFinding]:
         )
 
 
-def ahead_of_program(facts: InterlockInputs) -> Iterator[InterlockFinding]:
-    if facts.deviation.early_s > _EARLY_S + _UNTOLD_PERIODS * facts.motion_period_s:
+def ahead_of_program_findings(facts: InterlockInputs) -> Iterator[InterlockFinding]:
+    if facts.deviation.ahead_of_program_s > _EARLY_S + _UNTOLD_PERIODS * facts.motion_period_s:
         yield InterlockFinding(
-            f"the nozzle is {facts.deviation.early_s:.1f} s ahead of the program: a wait was cut "
-            "short", _DAMAGED,
+            f"the nozzle is {facts.deviation.ahead_of_program_s:.1f} s ahead of the program: "
+            "a wait was cut short", _DAMAGED,
         )
 
 
-def uncommanded_output(facts: InterlockInputs) -> Iterator[InterlockFinding]:
+def uncommanded_output_findings(facts: InterlockInputs) -> Iterator[InterlockFinding]:
     said = facts.deviation.uncommanded
     if said is None:
         return
     asked = "no beam here"
-    if any(said.commanded_W):
-        asked = " or ".join(f"{power_W:.0f}" for power_W in said.commanded_W) + " W at that speed"
+    if any(said.commanded_powers_W):
+        asked = " or ".join(
+            f"{power_W:.0f}" for power_W in said.commanded_powers_W) + " W at that speed"
     if said.max_speed_mm_s > 0.0:
         asked += f", and {said.max_speed_mm_s:.1f} mm/s at most"
     yield InterlockFinding(

@@ -21,21 +21,23 @@ class Reaction(Enum):
 class InterlockFinding:
     """What a rule has found.
 
-    subject : which of several like things, or ""
-    read_s : loop time of the reading that shows it, where it is looked at more often than read
+    source_name : which of several like things, or ""
+    reading_time_s : loop time of the reading that shows it, where it is looked at more often than
+    read
     """
 
     text: str
     remedy: str
-    subject: str = ""
-    read_s: float | None = None
+    source_name: str = ""
+    reading_time_s: float | None = None
 
 
 @dataclass(frozen=True)
 class InterlockRule:
     """One row of the table.
 
-    for_s : how long it must be so before anything is done; of readings, how far the first and the
+    min_duration_s : how long it must be so before anything is done; of readings, how far the first
+    and the
         last that show it must be apart
     is_latched : it stands until an operator acknowledges it, and so does not keep one from that
     needs_safety_device : only the safety-input device says so; without one there is nothing to
@@ -46,7 +48,7 @@ class InterlockRule:
     name: str
     find: Callable[[InterlockInputs], Iterator[InterlockFinding]]
     reaction: Reaction = Reaction.HOLD
-    for_s: float = 0.0
+    min_duration_s: float = 0.0
     is_latched: bool = False
     needs_safety_device: bool = False
     uses_feeder_readings: bool = False

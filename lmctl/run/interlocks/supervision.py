@@ -53,18 +53,18 @@ class InterlockSupervision:
             for finding in rule.find(facts):
                 if rule.uses_feeder_readings:
                     self._sound = None
-                key = rule.name, finding.subject
+                key = rule.name, finding.source_name
                 holding.add(key)
-                at_s, due_s = t, rule.for_s
-                if finding.read_s is not None:
-                    at_s, due_s = finding.read_s, due_s - _PUNCTUAL_S
+                at_s, due_s = t, rule.min_duration_s
+                if finding.reading_time_s is not None:
+                    at_s, due_s = finding.reading_time_s, due_s - _PUNCTUAL_S
                     self.doubts = True
                 lasted_s = at_s - self._since.setdefault(key, at_s)
                 if rule.reaction is Reaction.PATH_END and not dark:
                     due_s = _PATH_END_S
                 if lasted_s >= due_s and key not in self._told:
                     self._told.add(key)
-                    self._raised(alarm_of(rule, finding))
+                    self._raised(alarm_error_of(rule, finding))
         for key in self._since.keys() - holding:
             del self._since[key]
             if key in self._told:
@@ -78,7 +78,7 @@ class InterlockSupervision:
     def active_alarms(self, facts: InterlockInputs) -> list[MachineError]:
         """What holds at this moment, however short, and would not end by being acknowledged."""
         return [
-            alarm_of(rule, finding)
+            alarm_error_of(rule, finding)
             for rule in self._rules if not rule.is_latched
             for finding in rule.find(facts)
         ]
@@ -88,8 +88,8 @@ def _alarm_name(rule: str, subject: str) -> str:
     return f"{rule} {subject}".strip()
 
 
-def alarm_of(rule: InterlockRule, finding: InterlockFinding) -> MachineError:
+def alarm_error_of(rule: InterlockRule, finding: InterlockFinding) -> MachineError:
     """A finding in the form that the run acts on."""
     kind = EmergencyStopError if rule.reaction is Reaction.RESET else InterlockError
-    name = _alarm_name(rule.name, finding.subject)
+    name = _alarm_name(rule.name, finding.source_name)
     return kind(name, finding.text, where=f"interlock: {rule.name}", hint=finding.remedy)

@@ -13,7 +13,7 @@ from firmware_protocol.pmx_alarms import CLIPPED
 from lmctl.machine.feeder.warnings import FeederWarning
 
 #: How long a warning must stay away to be over [s].
-GONE_S = 60.0
+WARNING_CLEAR_S = 60.0
 
 _Key = tuple[int, str]
 
@@ -40,7 +40,7 @@ class WarningDebounce:
         now = {(one.number, one.hopper): one for one in warnings if one.number != CLIPPED}
         for key in self._standing:
             if key not in now and key not in self._leaving:
-                self._leaving[key] = self._loop.call_later(GONE_S, self._gone, key)
+                self._leaving[key] = self._loop.call_later(WARNING_CLEAR_S, self._gone, key)
         for key, one in now.items():
             if key in self._leaving:
                 self._leaving.pop(key).cancel()

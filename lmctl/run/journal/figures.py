@@ -1,6 +1,6 @@
 """What went into a layer or a part. Planned, reported and inferred figures have one form.
 
-They are never mixed: each `Figures` object says where it stands what its numbers are.
+They are never mixed: each `ExecutionFigures` object says where it stands what its numbers are.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ _PATH_DECIMALS, _TIME_DECIMALS, _ENERGY_DECIMALS, _POWDER_DECIMALS = 3, 3, 1, 4
 
 
 @dataclass(frozen=True)
-class Figures:
+class ExecutionFigures:
     """Sums over the lines of a layer, or over any part of one.
 
     path_mm : length of the toolpath with the beam on
@@ -30,9 +30,9 @@ class Figures:
     duration_s: float = 0.0
     powder_g: Mapping[str, float] = field(default_factory=dict)
 
-    def __add__(self, other: Figures) -> Figures:
+    def __add__(self, other: ExecutionFigures) -> ExecutionFigures:
         names = [*self.powder_g, *(name for name in other.powder_g if name not in self.powder_g)]
-        return Figures(
+        return ExecutionFigures(
             self.path_mm + other.path_mm, self.beam_s + other.beam_s,
             self.energy_J + other.energy_J, self.duration_s + other.duration_s,
             {n: self.powder_g.get(n, 0.0) + other.powder_g.get(n, 0.0) for n in names},
@@ -49,7 +49,7 @@ class Figures:
         }
 
     @classmethod
-    def from_json(cls, values: Mapping[str, Any]) -> Figures:
+    def from_json(cls, values: Mapping[str, Any]) -> ExecutionFigures:
         """From a journal record. Raises KeyError, TypeError, ValueError for anything else."""
         return cls(
             float(values["path_mm"]), float(values["beam_s"]), float(values["energy_J"]),
@@ -58,4 +58,4 @@ class Figures:
         )
 
 
-NOTHING = Figures()
+NO_FIGURES = ExecutionFigures()

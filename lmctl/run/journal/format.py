@@ -25,9 +25,9 @@ from lmctl.errors import JournalError, MissingFileError
 
 #: What a journal calls itself, in its first record; a reader refuses any other version.
 FORMAT_VERSION = 2
-FORMAT = f"lmctl-journal-{FORMAT_VERSION}"
+FORMAT_NAME = f"lmctl-journal-{FORMAT_VERSION}"
 
-FIRST_PREV = "0" * 64
+FIRST_PREVIOUS_HASH = "0" * 64
 
 #: A longer line is none of ours: reading it would only take memory.
 MAX_LINE_BYTES = 1_000_000
@@ -99,7 +99,7 @@ def verify_journal(path: Path) -> JournalVerification:
     A line that was altered shows in the line after it, which is the one reported. Raises
     JournalError where the file is missing, cannot be read, or is of another version.
     """
-    prev, seq, sealed, dropped = FIRST_PREV, 0, False, 0
+    prev, seq, sealed, dropped = FIRST_PREVIOUS_HASH, 0, False, 0
     for line, finished in _lines(path):
         if not finished:
             dropped = len(line)
@@ -131,7 +131,7 @@ def read_records(path: Path) -> Iterator[dict[str, Any]]:
         record = _parse(line)
         if number == 1:
             _check_version(path, record)
-        if record is None or (number == 1 and record.get("format") != FORMAT):
+        if record is None or (number == 1 and record.get("format") != FORMAT_NAME):
             raise JournalError(f"{path} is not a run journal", where=f"line {number}")
         yield record
 
@@ -161,14 +161,14 @@ def last_record(path: Path) -> dict[str, Any] | None:
             file.seek(max(0, size - MAX_LINE_BYTES))
             tail = file.read()
     except FileNotFoundError:
-        raise MissingFileError.of(path, _LISTS) from None
+        raise MissingFileError.for_path(path, _LISTS) from None
     except OSError as error:
         raise JournalError(f"cannot read {path}", where=str(error.strerror)) from None
     end = tail.rfind(b"\n")
     return _parse(tail[tail.rfind(b"\n", 0, end) + 1 : end]) if end >= 0 else None
 
 
-def fingerprint(path: Path) -> str:
+def run_fingerprint(path: Path) -> str:
     """SHA-256 of what the run did: equal for two runs that did the same at the same times.
 
     Leaves out the chain and every record's `local` part (wall clock, run id, process id, ports).
@@ -198,7 +198,7 @@ def _check_line(line: bytes, prev: str, seq: int) -> tuple[str, bool]:
         return ("it is not a record", False)
     if record.get("seq") != seq:
         return (f"it is record {record.get('seq')} where {seq} is due", False)
-    if seq == 0 and record.get("format") != FORMAT:
+    if seq == 0 and record.get("format") != FORMAT_NAME:
         return ("it is not the header of a run journal", False)
     if record.get("kind") != "seal":
         return ("", False)
@@ -226,7 +226,7 @@ def _lines(path: Path) -> Iterator[tuple[bytes, bool]]:
         with path.open("rb") as file:
             yield from _lines_of(file, path)
     except FileNotFoundError:
-        raise MissingFileError.of(path, _LISTS) from None
+        raise MissingFileError.for_path(path, _LISTS) from None
     except OSError as error:
         raise JournalError(f"cannot read {path}", where=str(error.strerror)) from None
 

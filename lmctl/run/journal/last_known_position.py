@@ -34,7 +34,7 @@ class LastKnownPosition:
 
     def __init__(self, runs_dir: Path, name: str) -> None:
         self.journal = MachineJournal(runs_dir, name)
-        last = self.journal.last() or {}
+        last = self.journal.last_record() or {}
         ended = last.get("kind") == "ended"
         self.left: dict[str, Any] = {
             "machine_mm": last.get("machine_mm") if ended else None,
@@ -49,7 +49,7 @@ class LastKnownPosition:
         ):
             motion.trust_position()
 
-    def confirms(self, reading: MotionReading) -> bool:
+    def would_trust_position(self, reading: MotionReading) -> bool:
         """Whether `vouch` would trust the position of a controller that was only looked at."""
         identity = reading.identity
         return (identity is not None and _silent(identity, reading.settings)

@@ -17,7 +17,7 @@ from lmctl.run.journal.format import JournalVerification, line_hashes, read_reco
 from lmctl.run.journal.run_folders import RunFolder
 from lmctl.run.journal.shared_journal import SharedJournal
 
-NOTES = "notes.jsonl"
+NOTES_FILE_NAME = "notes.jsonl"
 
 
 class Disposition(StrEnum):
@@ -46,9 +46,9 @@ class Note:
     records: int
 
 
-def notes_of(made: RunFolder) -> SharedJournal:
+def notes_path(made: RunFolder) -> SharedJournal:
     """The file of a run's notes; it need not exist yet."""
-    return SharedJournal(made.path / NOTES, {"notes_of": made.run})
+    return SharedJournal(made.path / NOTES_FILE_NAME, {"notes_of": made.run})
 
 
 def add_note(
@@ -65,7 +65,7 @@ def add_note(
         raise JournalError(f"{made.run} has no record {about}",
                            where=f"its records are 0 to {records - 1}",
                            hint=f"`{made.command('log')}` shows the numbers of its deviations")
-    notes_of(made).append(
+    notes_path(made).append(
         "note", text=text, about=about, disposition=disposition, operator=operator,
         journal={"records": records, "sha256": last_hash},
     )
@@ -73,7 +73,7 @@ def add_note(
 
 def read_notes(made: RunFolder) -> list[Note]:
     """Every note on a run, in order. Raises JournalError where the file is not what was written."""
-    path = made.path / NOTES
+    path = made.path / NOTES_FILE_NAME
     if not path.exists():
         return []
     return [_note(made.run, record) for record in read_records(path) if record["kind"] == "note"]
@@ -84,7 +84,7 @@ def verify_notes(journal: Path) -> JournalVerification | None:
 
     None where there are no notes. Raises JournalError where a file cannot be read.
     """
-    path = journal.parent / NOTES
+    path = journal.parent / NOTES_FILE_NAME
     if not path.exists():
         return None
     found = verify_journal(path)

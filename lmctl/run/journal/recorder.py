@@ -50,7 +50,7 @@ from lmctl.run.program.reentry import Reentry
 from lmctl.run.state.transitions import Effect, RunEvent, RunState
 
 #: Samples wait so long before they are written [s]: after a crash no more than that is in doubt.
-BATCH_S = 0.5
+SAMPLE_BATCH_S = 0.5
 
 _COLUMNS = ("t", "line", "x_mm", "y_mm", "z_mm", "feed_mm_min", "s_word")
 
@@ -165,7 +165,7 @@ class RunRecorder:
         self._event("alarm", name=alarm.name, what=alarm.what, hint=alarm.hint, **explains,
                      local={"where": list(alarm.where)})
 
-    def alarm_cleared(self, alarm: RunAlarm, how: str) -> None:
+    def record_alarm_cleared(self, alarm: RunAlarm, how: str) -> None:
         """An alarm is over. how : its cause is gone, or it was acknowledged"""
         self._event("alarm_cleared", name=alarm.name, what=alarm.what, how=how)
 
@@ -176,7 +176,7 @@ class RunRecorder:
             stands=stands, what=warning.text, hint=warning.remedy,
         )
 
-    def refill(self, refill: Refill) -> None:
+    def record_refill(self, refill: Refill) -> None:
         """A hopper was refilled; durable."""
         self._event("refill", **{
             name: round(value, 1) if isinstance(value, float) else value
@@ -188,11 +188,11 @@ class RunRecorder:
         """Powder that has gone into no layer."""
         self._append("purge", fed_g={name: round(fed, 4) for name, fed in fed_g.items()})
 
-    def unreported(self, **fields: Any) -> None:
+    def record_unreported_motion(self, **fields: Any) -> None:
         """What an earlier run executed without a report of it."""
         self._event("unreported", **fields)
 
-    def layer_opened(self, **fields: Any) -> None:
+    def record_layer_opened(self, **fields: Any) -> None:
         """Lines of a layer are about to be sent."""
         self._event("layer_opened", **fields)
 
@@ -234,7 +234,7 @@ class RunRecorder:
         self.latest = LatestReport(position_mm, feed_mm_min, s_word, set_g_min, measured_g_min)
         now_s = self.now_s()
         if not self._samples:
-            self._batch_due_s = now_s + BATCH_S
+            self._batch_due_s = now_s + SAMPLE_BATCH_S
         self._samples.append((
             round(now_s, 6), line, *(round(axis, 3) for axis in position_mm[:3]), feed_mm_min,
             s_word, *set_g_min, *measured_g_min,

@@ -12,10 +12,10 @@ from firmware_protocol.dialect import Dialect
 from lmctl.config.machine import MachineProfile, MotionSettings
 from lmctl.errors import JournalError
 from lmctl.job.reader import JobReader
-from lmctl.run.ended_at import LASER_OFF_S
+from lmctl.run.ended_at import LASER_OFF_DELAY_S
 from lmctl.run.journal.replay import RunReplay
 from lmctl.run.journal.standing import ON_LINE_MM, Standing, standing
-from lmctl.run.program.approach import along
+from lmctl.run.program.approach import axis_limit_along
 from lmctl.run.program.job_lines import (
     after_bead_mm,
     bead_between_mm,
@@ -73,7 +73,7 @@ class RecoveryPlace:
     lost: str
 
 
-def find_place(
+def find_recovery_place(
     job: JobReader, after: RunReplay, seen: MachineSeen, profile: MachineProfile
 ) -> RecoveryPlace:
     """The place up to which a run was executed, and whether the machine's position is proven.
@@ -106,7 +106,7 @@ def stated_by_operator(job: JobReader, reached: PlaceReached, deposited_mm: floa
 def refuse_finished(job: JobReader, after: RunReplay, place: ProgramPlace,
                     motion: MotionSettings) -> None:
     """Raise JournalError where no bead is left to lay from a place on."""
-    if place != JOB_START and plan_reentry(job.manifest, job.layer, place, motion) is None:
+    if place != JOB_START and plan_reentry(job.manifest, job.read_layer, place, motion) is None:
         raise JournalError(f"{after.run.run} has laid every bead of its job: nothing is left",
                            hint=f"`{after.run.command('log')}` prints its log")
 
@@ -208,8 +208,8 @@ def _beam_off_tail(
     away_mm, speed_mm_s = rows.end_mm[0] - rows.start_mm[0], float(rows.speed_mm_s[0])
     if not away_mm.any():
         return 0.0, 0.0
-    prepared_s = max(0.0, dialect.segment_buffer_s - LASER_OFF_S)
-    braking_s = speed_mm_s / along(motion.acceleration_mm_s2, away_mm)
+    prepared_s = max(0.0, dialect.segment_buffer_s - LASER_OFF_DELAY_S)
+    braking_s = speed_mm_s / axis_limit_along(motion.acceleration_mm_s2, away_mm)
     return speed_mm_s * (prepared_s + braking_s / 2.0), prepared_s + braking_s
 
 

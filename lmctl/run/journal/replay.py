@@ -95,7 +95,7 @@ def replay_run(made: RunFolder) -> RunReplay:
     )
 
 
-def continued_by(made: RunFolder) -> tuple[str, list[str]]:
+def continuing_runs(made: RunFolder) -> tuple[str, list[str]]:
     """The run that has gone on with this one, or ""; and later runs that do not say whether."""
     names, unread = run_folders.run_names(made.path.parent), []
     for name in names[names.index(made.run) + 1:]:

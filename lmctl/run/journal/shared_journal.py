@@ -15,8 +15,8 @@ from typing import Any
 
 from lmctl.errors import JournalError
 from lmctl.run.journal.format import (
-    FIRST_PREV,
-    FORMAT,
+    FIRST_PREVIOUS_HASH,
+    FORMAT_NAME,
     encode_record,
     last_record,
     line_hash,
@@ -49,7 +49,7 @@ class SharedJournal:
                 prev, seq = self._end(fd)
                 if seq == 0:
                     line = encode_record(prev, 0, 0.0, "header",
-                                         {"format": FORMAT, **self._header, "local": local})
+                                         {"format": FORMAT_NAME, **self._header, "local": local})
                     _write(fd, line + b"\n")
                     prev, seq = line_hash(line), 1
                 t_s = max(0.0, (wall - self._began()).total_seconds())
@@ -62,7 +62,7 @@ class SharedJournal:
             raise JournalError(f"cannot write {self.path}", where=str(error.strerror),
                                hint="nothing was done: acts are written down first") from None
 
-    def last(self) -> dict[str, Any] | None:
+    def last_record(self) -> dict[str, Any] | None:
         """The last record, or None where there is none. Raises JournalError."""
         return last_record(self.path) if self.path.exists() else None
 
@@ -78,7 +78,7 @@ class SharedJournal:
         if found.dropped_bytes:
             os.ftruncate(fd, os.fstat(fd).st_size - found.dropped_bytes)
         if not found.records:
-            return FIRST_PREV, 0
+            return FIRST_PREVIOUS_HASH, 0
         with self.path.open("rb") as file:
             last = file.read().rstrip(b"\n").rpartition(b"\n")[2]
         return line_hash(last), found.records

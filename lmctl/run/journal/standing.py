@@ -99,7 +99,7 @@ def _before_the_job(job: JobReader, after: RunReplay, motion: MotionSettings) ->
             height = min(max(purge[2], at[2] + motion.clearance_mm), motion.travel_mm.z[1])
             lines.append(np.array([at, [*at[:2], height], [*purge[:2], height]]))
     if after.moving and after.entered_at is not None:
-        entry = plan_reentry(job.manifest, job.layer, after.entered_at, motion)
+        entry = plan_reentry(job.manifest, job.read_layer, after.entered_at, motion)
         if entry is not None:
             way = entry.layer.lines[: entry.beam_on_line - entry.layer.first_line]
             lines.append(np.column_stack([way["x_mm"], way["y_mm"], way["z_mm"]]))
@@ -132,7 +132,7 @@ def _last_before_next_path(job: JobReader, line: int) -> int:
     """The last line that can have been sent when no path after this line's had been begun."""
     manifest = job.manifest
     for entry in manifest.layers[layer_of(manifest, line):]:
-        paths = job.layer(entry.index).lines["path"]
+        paths = job.read_layer(entry.index).lines["path"]
         rows = np.arange(len(paths)) + entry.first_line
         later = rows[(rows > line) & (paths >= 0)]
         if len(later):

@@ -9,7 +9,13 @@ from types import TracebackType
 from typing import Any, Self
 
 from lmctl.errors import JournalError
-from lmctl.run.journal.format import FIRST_PREV, FORMAT, encode_record, encode_seal, line_hash
+from lmctl.run.journal.format import (
+    FIRST_PREVIOUS_HASH,
+    FORMAT_NAME,
+    encode_record,
+    encode_seal,
+    line_hash,
+)
 
 
 class JournalWriter:
@@ -28,7 +34,7 @@ class JournalWriter:
         """
         self.path = path
         self.sealed = False
-        self._prev = FIRST_PREV
+        self._prev = FIRST_PREVIOUS_HASH
         self._seq = 0
         self._waiting: list[bytes] = []
         try:
@@ -40,7 +46,7 @@ class JournalWriter:
         # Others may read a journal while it grows; who would write it must hold this lock. Only
         # `is_owned` elsewhere can hold it now, for an instant, so waiting is right.
         fcntl.flock(self._fd, fcntl.LOCK_EX)
-        self.append(0.0, "header", format=FORMAT, **header, local=local)
+        self.append(0.0, "header", format=FORMAT_NAME, **header, local=local)
         self.sync()
         _sync_folder(path.parent)
 

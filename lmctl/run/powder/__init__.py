@@ -10,14 +10,18 @@ if TYPE_CHECKING:
     from lmctl.run.powder.fed import FedPowder as FedPowder
     from lmctl.run.powder.lead import HoseDynamics as HoseDynamics
     from lmctl.run.powder.lead import PowderPlan as PowderPlan
+    from lmctl.run.powder.refill import RefillProcedure as RefillProcedure
     from lmctl.run.powder.setpoint_sender import SetpointSender as SetpointSender
+    from lmctl.run.powder.supply import SupplyWatch as SupplyWatch
 
 #: What others may use, and the module that holds it; loaded when it is asked for.
 _HOMES = {
     "FedPowder": "lmctl.run.powder.fed",
     "HoseDynamics": "lmctl.run.powder.lead",
     "PowderPlan": "lmctl.run.powder.lead",
+    "RefillProcedure": "lmctl.run.powder.refill",
     "SetpointSender": "lmctl.run.powder.setpoint_sender",
+    "SupplyWatch": "lmctl.run.powder.supply",
 }
 
 __all__ = list(_HOMES)

@@ -55,7 +55,7 @@ class FedPowder:
                 self._add_knot(t)
                 self._scales[hopper] = scale
 
-    def take_g(self, from_t: float, to_t: float) -> dict[str, float]:
+    def take_fed_g(self, from_t: float, to_t: float) -> dict[str, float]:
         """What was fed between two times; it counts as taken."""
         amounts = [
             after - before
@@ -64,7 +64,7 @@ class FedPowder:
         self._counted = [c + g for c, g in zip(self._counted, amounts, strict=True)]
         return dict(zip(self._names, amounts, strict=True))
 
-    def take_rest_g(self, t: float) -> dict[str, float]:
+    def take_remaining_fed_g(self, t: float) -> dict[str, float]:
         """What was fed until t and has not been taken."""
         rest = [g - c for g, c in zip(self.fed_g(t), self._counted, strict=True)]
         self._counted = list(self.fed_g(t))

@@ -27,7 +27,7 @@ from lmctl.run.program.job_window import JobWindow
 from lmctl.run.program.program_clock import ProgramClock
 
 #: How often set-points are sent, and so how long each holds [s].
-TICK_S = 0.1
+SETPOINT_PERIOD_S = 0.1
 
 #: Feeders take set-points in steps of 0.01 g/min (docs/explanation/powder-delivery.md, Feeders).
 _FLOW_DECIMALS = 2
@@ -36,8 +36,8 @@ _FLOW_DECIMALS = 2
 #: of it, but not less than [g/min]. A hopper 1.5 % off moves a fraction by less than 0.004, where
 #: compositions are planned in steps of 0.02. At a third of it the scanned gear takes 1.7 times as
 #: many telegrams, and its composition is no nearer where it counts (99 % within 0.006).
-SLACK = 0.015
-MIN_SLACK_G_MIN = 0.04
+OUTFLOW_TOLERANCE_FRACTION = 0.015
+MIN_OUTFLOW_TOLERANCE_G_MIN = 0.04
 
 #: Share of the slack that a new set-point is to use: rounding, and a clock corrected by a few
 #: milliseconds, take the rest.
@@ -71,18 +71,19 @@ class HoseDynamics:
         return self.dead_time_s + 4.0 * self.lag_s
 
 
-def remaining_fraction(lag_s: float, tick_s: float = TICK_S) -> float:
+def remaining_fraction(lag_s: float, tick_s: float = SETPOINT_PERIOD_S) -> float:
     """Share of a change that has not come through a lag after one tick: exp(-tick/τ)."""
     return math.exp(-tick_s / lag_s) if lag_s > 0.0 else 0.0
 
 
-def slack_g_min(wanted: float) -> float:
+def outflow_tolerance_g_min(wanted: float) -> float:
     """How far an outflow may be from `wanted` [g/min]."""
-    return max(MIN_SLACK_G_MIN, SLACK * wanted)
+    return max(MIN_OUTFLOW_TOLERANCE_G_MIN, OUTFLOW_TOLERANCE_FRACTION * wanted)
 
 
 def lead_setpoint(
-    outflow: float, wanted: Iterable[float], lag_s: float, limit: float, tick_s: float = TICK_S,
+    outflow: float, wanted: Iterable[float], lag_s: float, limit: float,
+    tick_s: float = SETPOINT_PERIOD_S,
     least: float = 0.0,
 ) -> tuple[float, int]:
     """Set-point that keeps a lag's outflow at what is wanted for as many ticks as one can.
@@ -105,7 +106,7 @@ def lead_setpoint(
     setpoint, lasts = 0.0, 0
     for goal in wanted:
         left *= rest
-        slack = _CHOSEN_WITHIN * slack_g_min(goal)
+        slack = _CHOSEN_WITHIN * outflow_tolerance_g_min(goal)
         came, from_before = 1.0 - left, outflow * left
         lowest = max(least_yet, (goal - slack - from_before) / came)
         highest = min(most_yet, (goal + slack - from_before) / came)
@@ -167,9 +168,9 @@ class PowderPlan:
         for hopper, (hose, rest) in enumerate(zip(self._hoses, self._rests, strict=True)):
             held, outflow = self._setpoints[hopper], self._outflow[hopper]
             outflow = held + (outflow - held) * rest**ticks
-            wanted = self._arriving(hopper, t, TICK_S)
+            wanted = self._arriving(hopper, t, SETPOINT_PERIOD_S)
             self._lasts[hopper] = max(self._lasts[hopper] - ticks, 1)
-            if abs(held + (outflow - held) * rest - wanted) > slack_g_min(wanted):
+            if abs(held + (outflow - held) * rest - wanted) > outflow_tolerance_g_min(wanted):
                 held, self._lasts[hopper] = lead_setpoint(
                     outflow, self._coming(hopper, t), hose.lag_s, hose.max_g_min,
                     least=hose.min_g_min)
@@ -181,7 +182,7 @@ class PowderPlan:
     def valid_for_s(self, t: float) -> float:
         """How long from t the set-points just found surely do, unless the clock turns."""
         return min(
-            max(self._lasts[hopper] * TICK_S, self._steady_s(hopper, t))
+            max(self._lasts[hopper] * SETPOINT_PERIOD_S, self._steady_s(hopper, t))
             for hopper in range(len(self._hoses))
         )
 
@@ -195,14 +196,14 @@ class PowderPlan:
         if self._outflow is not None:
             wanted = self._wanted_g_min(hopper, at_s)
             off = max(abs(self._outflow[hopper] - wanted), abs(self._setpoints[hopper] - wanted))
-            if off > slack_g_min(wanted):
+            if off > outflow_tolerance_g_min(wanted):
                 return 0.0
         until_s = self._window.flow_steady_until_s(hopper, at_s)
         return (until_s - at_s) / max(self._clock.rate, 1.0) - _CLOCK_MARGIN_S
 
     def _coming(self, hopper: int, t: float) -> Iterator[float]:
         """What is wanted of a hopper at the end of each coming tick."""
-        return (self._arriving(hopper, t, n * TICK_S) for n in range(1, _MAX_HOLD + 1))
+        return (self._arriving(hopper, t, n * SETPOINT_PERIOD_S) for n in range(1, _MAX_HOLD + 1))
 
     def _arriving(self, hopper: int, t: float, later_s: float) -> float:
         """The flow wanted at the nozzle when what is sent `later_s` after t comes out there."""

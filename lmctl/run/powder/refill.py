@@ -32,7 +32,7 @@ class _Filled:
     mass_g: float
 
 
-class Refilling:
+class RefillProcedure:
     """The refills of one run, one hopper after the other.
 
     hopper : the one asked for, from the request until it is weighed; None otherwise
@@ -49,19 +49,19 @@ class Refilling:
 
     # --- the operator
 
-    def ask(self, name: str) -> None:
+    def request_refill(self, name: str) -> None:
         """A hopper is to be opened when the run is held. Raises UsageError."""
         if self.hopper is not None and self.hopper.name != name:
             raise UsageError(f"hopper {self.hopper.name} is being refilled",
                              hint="finish that first: one hopper after the other")
         self.hopper, self._is_due = self._named(name), True
 
-    def take_due(self) -> bool:
+    def take_due_request(self) -> bool:
         """Whether a hopper asked for is still to be opened; asked once."""
         is_due, self._is_due = self._is_due, False
         return is_due
 
-    def fill(self, name: str, lot: str, mass_g: float) -> None:
+    def confirm_filled(self, name: str, lot: str, mass_g: float) -> None:
         """A hopper has been filled and closed. Raises UsageError where another one is open."""
         if self.hopper is None or self.hopper.name != name:
             raise UsageError(
@@ -79,7 +79,7 @@ class Refilling:
 
     # --- the cell
 
-    async def open(self, cell: Cell) -> None:
+    async def open_hopper(self, cell: Cell) -> None:
         """Powder and gas of its feeder off; the hopper may be opened. Raises MachineError."""
         hopper = self._asked
         try:
@@ -88,7 +88,7 @@ class Refilling:
             self.hopper = None
             raise
 
-    async def close(self, cell: Cell) -> str:
+    async def weigh_and_record(self, cell: Cell) -> str:
         """Weigh what was filled in and journal it; returns a sentence for people.
 
         Raises MachineError where the weight does not settle.
@@ -101,7 +101,7 @@ class Refilling:
         weighed_g = None
         if before_g is not None and after.weight_g is not None:
             weighed_g = after.weight_g - before_g
-        self._recorder.refill(Refill(
+        self._recorder.record_refill(Refill(
             hopper.name, hopper.material, filled.lot, filled.mass_g, weighed_g, before_g,
             after.weight_g,
         ))

@@ -9,7 +9,7 @@ from lmctl.machine.timer_wheel import align_to_tick
 from lmctl.run.cell.devices import Cell
 from lmctl.run.journal.recorder import RunRecorder
 from lmctl.run.powder.fed import FedPowder
-from lmctl.run.powder.lead import TICK_S, PowderPlan
+from lmctl.run.powder.lead import SETPOINT_PERIOD_S, PowderPlan
 from lmctl.run.program.program_clock import ProgramClock
 
 #: However steady the flow, set-points are looked at once in so many ticks.
@@ -65,7 +65,7 @@ class SetpointSender:
             if flows != self.flows_g_min:
                 self._change(flows)
                 self._cell.set_flows(dict(zip(self._names, flows, strict=True)))
-            rest = round(self.plan.valid_for_s(self._ticked_t) / TICK_S, 6)
+            rest = round(self.plan.valid_for_s(self._ticked_t) / SETPOINT_PERIOD_S, 6)
         except Exception as error:
             self._is_on = False
             self._failed(error)
@@ -76,13 +76,13 @@ class SetpointSender:
         self._timer = self._loop.call_at(self._after(ticks), self._tick, ticks)
 
     def _after(self, ticks: int) -> float:
-        return align_to_tick(self._ticked_t + ticks * TICK_S, -1.0)
+        return align_to_tick(self._ticked_t + ticks * SETPOINT_PERIOD_S, -1.0)
 
     def _look_again(self) -> None:
         """What lies ahead has changed: the very next tick is due."""
         if self._is_on and self._timer is not None:
             self._timer.cancel()
-            self._tick_after(int((self._loop.time() - self._ticked_t) / TICK_S) + 1)
+            self._tick_after(int((self._loop.time() - self._ticked_t) / SETPOINT_PERIOD_S) + 1)
 
     def _change(self, flows_g_min: tuple[float, ...]) -> None:
         self.flows_g_min = flows_g_min

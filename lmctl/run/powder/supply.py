@@ -29,11 +29,11 @@ FloatArray = NDArray[np.float64]
 
 #: A refill is announced so long before a hopper is used up [s]; the announcement is over when it
 #: lasts for so much longer.
-ANNOUNCED_S = 900.0
+REFILL_NOTICE_S = 900.0
 _OVER = 1.2
 
 #: Share of a full hopper that its disc does not feed evenly: it is not counted on.
-RESERVE_SHARE = 0.05
+RESERVE_FRACTION = 0.05
 
 #: Longest time between two knots of what is used up [s]: between them it is taken as even.
 _KNOTS_S = 1.0
@@ -42,7 +42,7 @@ _KNOTS_S = 1.0
 _EVERY_S = 2.0
 
 #: Number of this warning: below those that feeders have (process values 51 to 55).
-REFILL_DUE = 50
+REFILL_DUE_WARNING_NUMBER = 50
 
 
 class _LayerNeed(NamedTuple):
@@ -74,12 +74,13 @@ class SupplyForecast:
         """Program time at the end of the job."""
         return self._manifest.layers[-1].end_s
 
-    def look_ahead(self, s: float) -> None:
+    def read_ahead(self, s: float) -> None:
         """Read one layer more, up to ANNOUNCED_S ahead of program time s."""
         layer = max(bisect_right(self._starts_s, s) - 1, 0)
         self._needs = [need for need in self._needs if need.layer >= layer]
         following = self._needs[-1].layer + 1 if self._needs else layer
-        if following < len(self._starts_s) and self._starts_s[following] < s + _OVER * ANNOUNCED_S:
+        if following < len(
+            self._starts_s) and self._starts_s[following] < s + _OVER * REFILL_NOTICE_S:
             self._needs.append(_need_of(self._read_layer(following)))
 
     def lasts_until_s(self, hopper: int, s: float, left_g: float) -> float | None:
@@ -112,13 +113,13 @@ def _need_of(layer: JobLayer) -> _LayerNeed:
     return _LayerNeed(layer.index, time_s, np.array(used_g))
 
 
-def usable_g(reading: HopperReading) -> float | None:
+def usable_powder_g(reading: HopperReading) -> float | None:
     """Powder that can be counted on, by weight and level; None without a load cell."""
     weight_g, percent = reading.weight_g, reading.level_percent
     if weight_g is None:
         return None
     full_g = 100.0 * weight_g / percent if percent else weight_g
-    return max(0.0, weight_g - RESERVE_SHARE * full_g)
+    return max(0.0, weight_g - RESERVE_FRACTION * full_g)
 
 
 class SupplyWatch:
@@ -128,7 +129,7 @@ class SupplyWatch:
         self, job: JobReader, hoppers: Sequence[HopperSettings], cell: Cell,
         clock: Callable[[], ProgramClock], alarms: RunAlarms, recorder: RunRecorder,
     ) -> None:
-        self._forecast = SupplyForecast(job.manifest, job.layer, hoppers)
+        self._forecast = SupplyForecast(job.manifest, job.read_layer, hoppers)
         self._cell = cell
         self._clock = clock
         self._alarms = alarms
@@ -148,7 +149,7 @@ class SupplyWatch:
         clock = self._clock()
         s = clock.program_time_s(self._loop.time())
         try:
-            self._forecast.look_ahead(s)
+            self._forecast.read_ahead(s)
         except LmctlError:  # a layer that cannot be read ends the run when it is its turn
             return
         for index, hopper in enumerate(self._forecast.hoppers):
@@ -156,18 +157,18 @@ class SupplyWatch:
         self.start()
 
     def _look_at(self, index: int, hopper: HopperSettings, s: float, rate: float) -> None:
-        reading = self._cell.reading(hopper.name)
-        left_g = None if reading is None else usable_g(reading)
+        reading = self._cell.hopper_reading(hopper.name)
+        left_g = None if reading is None else usable_powder_g(reading)
         if reading is None or left_g is None:
             return
         until_s = self._forecast.lasts_until_s(index, s, left_g)
         lasts_s = None if until_s is None else (until_s - s) / max(rate, 0.01)
         standing = self._standing.get(hopper.name)
         if standing is None and until_s is not None and lasts_s is not None and (
-            lasts_s <= ANNOUNCED_S
+            lasts_s <= REFILL_NOTICE_S
         ):
             self._announce(hopper, reading, left_g, until_s, lasts_s)
-        elif standing is not None and (lasts_s is None or lasts_s > _OVER * ANNOUNCED_S):
+        elif standing is not None and (lasts_s is None or lasts_s > _OVER * REFILL_NOTICE_S):
             del self._standing[hopper.name]
             self._tell(standing, stands=False)
 
@@ -177,7 +178,7 @@ class SupplyWatch:
     ) -> None:
         more_min = (self._forecast.end_s - until_s) / 60.0
         warning = FeederWarning(
-            REFILL_DUE, hopper.feeder, hopper.name,
+            REFILL_DUE_WARNING_NUMBER, hopper.feeder, hopper.name,
             f"hopper {hopper.name} of feeder {hopper.feeder}: of {reading.weight_g:.0f} g left "
             f"{left_g:.0f} g can be counted on, enough for {lasts_s / 60.0:.0f} min, until layer "
             f"{self._forecast.layer_at(until_s)}; the job lasts {more_min:.0f} min longer",

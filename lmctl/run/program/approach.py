@@ -20,7 +20,7 @@ from lmctl.config.machine import MotionSettings
 FloatArray = NDArray[np.float64]
 
 #: Between two travel moves [s]. Grbl counts dwells in steps of 50 ms.
-DWELL_S = 0.05
+TRAVEL_DWELL_S = 0.05
 
 #: A line that lasts no longer is gone through evenly enough, also where the nozzle speeds up [s].
 _EVEN_S = 0.05
@@ -44,7 +44,7 @@ class ApproachMove:
         return self.speed_mm_s == 0.0
 
 
-def travel_legs(
+def travel_moves(
     start_mm: FloatArray, corners_mm: Sequence[FloatArray], motion: MotionSettings, least_mm: float
 ) -> list[ApproachMove]:
     """Straight moves from a start through corners at full speed, with a dwell at the end of each.
@@ -58,15 +58,16 @@ def travel_legs(
         length_mm = float(np.linalg.norm(away_mm))
         if length_mm < least_mm:
             continue
-        speed_mm_s = along(motion.max_speed_mm_s, away_mm)
-        move = _RestToRest(length_mm, speed_mm_s, along(motion.acceleration_mm_s2, away_mm))
+        speed_mm_s = axis_limit_along(motion.max_speed_mm_s, away_mm)
+        move = _RestToRest(length_mm, speed_mm_s,
+                           axis_limit_along(motion.acceleration_mm_s2, away_mm))
         before_mm, before_s = at_mm, 0.0
         for until_s in _line_ends_s(move, motion):
             gone = move.gone_mm(until_s) / length_mm if until_s < move.lasting_s else 1.0
             end_mm = np.round(at_mm + gone * away_mm, 3)
             made.append(ApproachMove(before_mm, end_mm, speed_mm_s, until_s - before_s))
             before_mm, before_s = end_mm, until_s
-        made.append(ApproachMove(before_mm, before_mm, 0.0, DWELL_S))
+        made.append(ApproachMove(before_mm, before_mm, 0.0, TRAVEL_DWELL_S))
         at_mm = corner_mm
     return made
 
@@ -87,7 +88,7 @@ def _line_ends_s(move: _RestToRest, motion: MotionSettings) -> list[float]:
     return [*ramp, *cruise, *(move.lasting_s - ramp_s + t for t in ramp[:-1]), move.lasting_s]
 
 
-def along(axis_limits: Sequence[float], direction: FloatArray) -> float:
+def axis_limit_along(axis_limits: Sequence[float], direction: FloatArray) -> float:
     """A limit of each axis as it is for a straight move: the least of limit over |component|."""
     unit = np.abs(direction) / np.linalg.norm(direction)
     return float(min(limit / part for limit, part in zip(axis_limits, unit, strict=True) if part))
@@ -123,7 +124,8 @@ class _RestToRest:
                 + self.speed_mm_s * (t_s - self.ramp_s))
 
 
-def speeding_up_s(distance_mm: float, speed_mm_s: float, acceleration_mm_s2: float) -> float:
+def acceleration_time_loss_s(distance_mm: float, speed_mm_s: float,
+                             acceleration_mm_s2: float) -> float:
     """By how much longer it takes to go so far from rest than at speed."""
     ramp_mm = speed_mm_s**2 / (2.0 * acceleration_mm_s2)
     if distance_mm >= ramp_mm:

@@ -10,7 +10,7 @@ _POWER = re.compile(rb"S[0-9.]+")
 _OTHER_M = re.compile(rb"M(?!0*[45](?:\.0*)?(?:[^0-9.]|$))[0-9.]*")
 
 
-def without_beam(line: bytes) -> bytes:
+def line_without_beam(line: bytes) -> bytes:
     """The line with its power set to zero.
 
     Raises JobError where it holds an M word other than M4 and M5: M3 would leave the beam to the

@@ -45,7 +45,7 @@ def rows_between(job: JobReader, first: int, last: int) -> Iterator[LineRows]:
     for entry in job.manifest.layers[layer_of(job.manifest, first):]:
         if entry.first_line > last:
             return
-        table = job.layer(entry.index).lines
+        table = job.read_layer(entry.index).lines
         end_mm = np.column_stack([table["x_mm"], table["y_mm"], table["z_mm"]])
         start_mm = np.concatenate([_start_mm(job, entry.index, end_mm), end_mm[:-1]])
         line = np.arange(len(table)) + entry.first_line
@@ -108,5 +108,5 @@ def _start_mm(job: JobReader, layer: int, end_mm: FloatArray) -> FloatArray:
     """(1, 3) where a layer's first line starts; the job's first line is begun where it ends."""
     if layer == 0:
         return end_mm[:1]
-    last = job.layer(layer - 1).lines[-1]
+    last = job.read_layer(layer - 1).lines[-1]
     return np.array([[last["x_mm"], last["y_mm"], last["z_mm"]]], dtype=np.float64)

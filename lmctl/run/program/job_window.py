@@ -77,7 +77,7 @@ class JobWindow:
         stretch = self.layer_program_of_line(line)
         return stretch.starts_s[line - stretch.first_line]
 
-    def motion_from_s(self, line: int) -> float:
+    def next_motion_start_s(self, line: int) -> float:
         """Program time at which the first line from this one on that moves starts."""
         while line < self.n_lines:
             stretch = self.layer_program_of_line(line)
@@ -86,12 +86,12 @@ class JobWindow:
             line += 1
         return self.line_start_s(line)
 
-    def line_at(self, s: float) -> int:
+    def line_at_program_time(self, s: float) -> int:
         """The line that runs at program time s; the job's last one at its end."""
         stretch = self._at(s)
         return min(stretch.first_line + bisect_right(stretch.ends_s, s), stretch.last_line)
 
-    def span_at(self, s: float) -> tuple[list[float], list[float], float, float]:
+    def line_span_at_program_time(self, s: float) -> tuple[list[float], list[float], float, float]:
         """Where the line that runs at program time s starts and ends, and when."""
         stretch = self._at(s)
         row = min(bisect_left(stretch.ends_s, s), len(stretch.program) - 1)
@@ -133,12 +133,12 @@ class JobWindow:
             reached_s = s + machine_s if machine_s > 0.0 else s
             return reached_s if reached_s < self.end_s else self.end_s
         stretch = self._at(s)
-        target = self.machine_s(s, rate) + machine_s
+        target = self.machine_time_s(s, rate) + machine_s
         while True:
-            ends = stretch.end_s - stretch.fed_end_s * (1.0 - 1.0 / rate)
+            ends = stretch.end_s - stretch.feed_time_end_s * (1.0 - 1.0 / rate)
             row = int(ends.searchsorted(target))
             if row < len(ends):
-                slope = rate if stretch.fed[row] else 1.0
+                slope = rate if stretch.is_feed_move[row] else 1.0
                 return float(stretch.end_s[row] - (ends[row] - target) * slope)
             if stretch.index == len(self.manifest.layers) - 1:
                 return self.end_s
@@ -196,14 +196,14 @@ class JobWindow:
         layer = max(bisect_right(self._starts_s, s) - 1, 0)
         return self.layer_program(max(layer, self._first_loaded))
 
-    def machine_s(self, s: float, rate: float) -> float:
+    def machine_time_s(self, s: float, rate: float) -> float:
         """Machine time from the job's start to program time s, at one override throughout."""
         if rate == 1.0:
             return s
         stretch = self._at(s)
         row = min(int(stretch.end_s.searchsorted(s)), len(stretch.end_s) - 1)
         left_s = stretch.end_s[row] - s
-        fed_s = stretch.fed_end_s[row] - (left_s if stretch.fed[row] else 0.0)
+        fed_s = stretch.feed_time_end_s[row] - (left_s if stretch.is_feed_move[row] else 0.0)
         return float(s - fed_s * (1.0 - 1.0 / rate))
 
     def _load(self, index: int) -> None:
@@ -212,4 +212,4 @@ class JobWindow:
         )
         self._loaded.append(stretch)
         self._behind_mm = stretch.end_mm[-1]
-        self._behind_fed_s = float(stretch.fed_end_s[-1])
+        self._behind_fed_s = float(stretch.feed_time_end_s[-1])

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.job.schema import JobLayer, LineKind
-from lmctl.run.program.beam_off import without_beam
+from lmctl.run.program.beam_off import line_without_beam
 from lmctl.run.program.layer_totals import LayerTotals
 
 FloatArray = NDArray[np.float64]
@@ -31,10 +31,11 @@ class LayerProgram:
 
     start_s, end_s : (n,) program time at which each line starts and ends
     start_mm, end_mm : (n, 3) where it starts and ends
-    fed : (n,) whether a feed override scales the line (G1); beam_off_spans : (n,) whether the beam
+    is_feed_move : (n,) whether a feed override scales the line (G1); beam_off_spans : (n,) whether
+    the beam
     is off
     speeds_mm_s, energies_J_mm : programmed speed and beam power over it, 0 where there is none
-    fed_end_s : (n,) program time spent in G1 since the job began, up to each line's end
+    feed_time_end_s : (n,) program time spent in G1 since the job began, up to each line's end
     starts_s, ends_s, corners_mm : the same as plain lists, for what is asked for one value at a
         time, many times a second; corners are the start of the first line and the end of each
     program : the text of each line, without its end
@@ -53,9 +54,9 @@ class LayerProgram:
     end_s: FloatArray
     start_mm: FloatArray
     end_mm: FloatArray
-    fed: NDArray[np.bool_]
+    is_feed_move: NDArray[np.bool_]
     beam_off_spans: NDArray[np.bool_]
-    fed_end_s: FloatArray
+    feed_time_end_s: FloatArray
     speeds_mm_s: list[float]
     energies_J_mm: list[float]
     starts_s: list[float]
@@ -99,7 +100,7 @@ def layer_program_of(
     energy_J_mm = np.divide(power_W, speed_mm_s, out=power_W.copy(), where=speed_mm_s > 0.0)
     planned = totals = LayerTotals(start_s, end_s, length_mm, energy_J_mm)
     if beam_off:
-        program = [without_beam(line) for line in program]
+        program = [line_without_beam(line) for line in program]
         energy_J_mm = np.zeros_like(energy_J_mm)
         totals = LayerTotals(start_s, end_s, length_mm, energy_J_mm)
     paths = _paths(layer.index, layer.first_line, lines["path"])

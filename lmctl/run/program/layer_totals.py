@@ -52,11 +52,11 @@ class LayerTotals:
         self._energy_J = _sums(np.where(is_on, energy_J_mm * length_mm, 0.0))
 
     @property
-    def whole(self) -> Totals:
+    def all_lines(self) -> Totals:
         """Of all lines."""
         return Totals(self._path_mm[-1], self._beam_s[-1], self._energy_J[-1])
 
-    def at(self, s: float) -> Totals:
+    def up_to_program_time(self, s: float) -> Totals:
         """Up to program time s. Within a line all sums grow in proportion to its length."""
         row = min(bisect_left(self._ends_s, s), len(self._ends_s) - 1)
         start_s, end_s = self._starts_s[row], self._ends_s[row]

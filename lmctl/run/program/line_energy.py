@@ -82,12 +82,12 @@ class LineEnergyCheck:
             self._good_s, self.bead_short_from_s = s, math.inf
             self._doubted.clear()
             return
-        beam_unasked = said.power_W > 0.0 and not any(said.commanded_W)
+        beam_unasked = said.power_W > 0.0 and not any(said.commanded_powers_W)
         if overridden and not beam_unasked:
             return
         agreeing = 1 + sum(self._agree(one, said) for one in self._doubted)
         self._doubted = [*self._doubted[-_KEPT:], said]
-        if said.power_W < max(said.commanded_W, default=0.0):
+        if said.power_W < max(said.commanded_powers_W, default=0.0):
             self.bead_short_from_s = self._good_s
         if agreeing >= _AGREEING and (overrides_known or beam_unasked):
             self.unasked = said

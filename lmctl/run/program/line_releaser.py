@@ -49,7 +49,7 @@ class LineReleaser:
         """
         window = self._window
         limit_s = window.advance(s, self._horizon_s, rate)
-        least = window.line_at(s) + _MIN_LINES
+        least = window.line_at_program_time(s) + _MIN_LINES
         lines: list[bytes] = []
         begun: list[PathSpan] = []
         while self.released < self._end_line:

@@ -108,7 +108,7 @@ class ProgramClock:
         """
         if lines != self._acknowledged:
             self._acknowledged = lines
-            self._limit_s = self._window.motion_from_s(lines)
+            self._limit_s = self._window.next_motion_start_s(lines)
 
     def start_at(self, t: float) -> None:
         """Motion starts, or is to start, at machine time t."""
@@ -169,7 +169,7 @@ class ProgramClock:
         if change is None or s >= change.from_s:
             return 0.0
         window = self._window
-        return window.machine_s(change.from_s, self.rate) - window.machine_s(s, self.rate)
+        return window.machine_time_s(change.from_s, self.rate) - window.machine_time_s(s, self.rate)
 
     def override_at(self, s: float) -> float:
         """The feed override there will be at program time s, as powder is to follow it."""
@@ -248,7 +248,8 @@ class ProgramClock:
 
     def _as_expected(self, position_mm: tuple[float, ...], expected_s: float) -> float | None:
         """Program time of a position that lies where it is expected, found without a search."""
-        (x0, y0, z0), (x1, y1, z1), start_s, end_s = self._window.span_at(expected_s)
+        (x0, y0, z0), (x1, y1,
+                       z1), start_s, end_s = self._window.line_span_at_program_time(expected_s)
         x, y, z = position_mm[:3]
         dx, dy, dz = x1 - x0, y1 - y0, z1 - z0
         length2 = dx * dx + dy * dy + dz * dz

@@ -24,7 +24,12 @@ from numpy.typing import NDArray
 
 from lmctl.config.machine import MotionSettings
 from lmctl.job.schema import JobLayer, JobManifest, LineKind
-from lmctl.run.program.approach import ApproachMove, along, speeding_up_s, travel_legs
+from lmctl.run.program.approach import (
+    ApproachMove,
+    acceleration_time_loss_s,
+    axis_limit_along,
+    travel_moves,
+)
 from lmctl.run.program.place import ProgramPlace
 
 FloatArray = NDArray[np.float64]
@@ -88,7 +93,7 @@ class _Track:
         away_mm = self.end_mm[row] - self.start_mm[row]
         if not away_mm.any():
             return min(motion.acceleration_mm_s2)
-        return along(motion.acceleration_mm_s2, away_mm)
+        return axis_limit_along(motion.acceleration_mm_s2, away_mm)
 
     def next_bead(self, row: int, share: float) -> int | None:
         """The first row from here on with bead left to lay."""
@@ -175,7 +180,7 @@ def _entry(track: _Track, reached: _Point, place: ProgramPlace, motion: MotionSe
     run_up, program_s = _run_up(track, start, lit, motion)
     purge = np.array(motion.purge_mm, dtype=np.float64)
     way = [
-        *travel_legs(purge, _across(purge, track.at_mm(start), motion), motion, _MIN_MM), *run_up
+        *travel_moves(purge, _across(purge, track.at_mm(start), motion), motion, _MIN_MM), *run_up
     ]
     texts, table = _lines(way, purge, lit_s, layer.lines.dtype)
     rest = layer.lines[lit.row :].copy()
@@ -229,7 +234,7 @@ def _run_up(
         for k in range(1, parts + 1):
             end = _Point(row, from_share + share * k / parts)
             gone_mm += length_mm / parts
-            before_s, extra_s = extra_s, speeding_up_s(gone_mm, first_mm_s, acceleration)
+            before_s, extra_s = extra_s, acceleration_time_loss_s(gone_mm, first_mm_s, acceleration)
             end_mm = np.round(track.at_mm(end), 3)
             legs.append(ApproachMove(at_mm, end_mm, speed_mm_s,
                                      planned_s / parts + extra_s - before_s,

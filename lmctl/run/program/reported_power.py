@@ -17,7 +17,7 @@ _KNOWN_WITHIN_S = 0.05
 _MIN_SHARE = 0.5
 
 
-def energy_ratio(
+def reported_energy_ratio(
     window: JobWindow, report: StatusReport, s: float, rate: float, power_percent: int,
     lead_s: float,
 ) -> float | None:

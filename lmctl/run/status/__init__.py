@@ -7,25 +7,25 @@ from typing import TYPE_CHECKING
 from lmctl.lazy_exports import exports_of
 
 if TYPE_CHECKING:
-    from lmctl.run.status.outcomes import first_out as first_out
+    from lmctl.run.status.outcomes import first_out_fields as first_out_fields
     from lmctl.run.status.outcomes import is_recoverable as is_recoverable
     from lmctl.run.status.outcomes import outcome_error as outcome_error
     from lmctl.run.status.phase import PhaseClock as PhaseClock
     from lmctl.run.status.snapshot import RunView as RunView
-    from lmctl.run.status.stop_messages import stop_words as stop_words
+    from lmctl.run.status.stop_messages import stop_message as stop_message
     from lmctl.run.status.watcher import Watcher as Watcher
-    from lmctl.run.status.watcher import watched as watched
+    from lmctl.run.status.watcher import periodic_watcher_updates as periodic_watcher_updates
 
 #: What others may use, and the module that holds it; loaded when it is asked for.
 _HOMES = {
     "PhaseClock": "lmctl.run.status.phase",
     "RunView": "lmctl.run.status.snapshot",
     "Watcher": "lmctl.run.status.watcher",
-    "first_out": "lmctl.run.status.outcomes",
+    "first_out_fields": "lmctl.run.status.outcomes",
     "is_recoverable": "lmctl.run.status.outcomes",
     "outcome_error": "lmctl.run.status.outcomes",
-    "stop_words": "lmctl.run.status.stop_messages",
-    "watched": "lmctl.run.status.watcher",
+    "periodic_watcher_updates": "lmctl.run.status.watcher",
+    "stop_message": "lmctl.run.status.stop_messages",
 }
 
 __all__ = list(_HOMES)

@@ -29,7 +29,7 @@ def is_recoverable(machine: RunStateMachine, course: JobProgress) -> bool:
     return course.has_begun and not machine.finished and not wrong_job
 
 
-def first_out(alarms: RunAlarms) -> dict[str, Any]:
+def first_out_fields(alarms: RunAlarms) -> dict[str, Any]:
     """Fields of a journal's seal: the cause of the alarms that stand at the end, and the others."""
     if not len(alarms):
         return {}

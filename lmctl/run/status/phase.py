@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from lmctl.config.machine import HopperSettings, MachineProfile
-from lmctl.machine.feeder.recipe import post_flow_s, settling_time_s
+from lmctl.machine.feeder.recipe import post_flow_duration_s, settling_time_s
 from lmctl.run.state.transitions import Effect, RunState
 
 _WORDS = {
@@ -39,10 +39,13 @@ _WORDS = {
 
 
 class Phase(NamedTuple):
-    """words : what is done; left_s : machine time until it is over, None where that is not known"""
+    """What a run does now.
 
-    words: str
-    left_s: float | None
+    remaining_s : machine time until it is over, None where that is not known
+    """
+
+    description: str
+    remaining_s: float | None
 
 
 class PhaseClock:
@@ -57,7 +60,7 @@ class PhaseClock:
             if (of_it := [h for h in hoppers if h.feeder == feeder.name])
         ]
         leads_s = (h.dead_time_s for h in hoppers if powder_mode == "lead")
-        self.postflow_s = max((post_flow_s(*used) for used in of_feeder), default=0.0)
+        self.postflow_s = max((post_flow_duration_s(*used) for used in of_feeder), default=0.0)
         self._lasts_s = {
             Effect.GAS_ON: max((feeder.gas_preflow_s for feeder, _ in of_feeder), default=0.0),
             Effect.AWAIT_STABLE: max(
@@ -70,11 +73,11 @@ class PhaseClock:
         self._do: Effect | None = None
         self._since_t = 0.0
 
-    def begin(self, do: Effect, t: float) -> None:
+    def begin_effect(self, do: Effect, t: float) -> None:
         """An effect begins at t [s, of the loop's clock]."""
         self._do, self._since_t = do, t
 
-    def now(self, state: RunState, t: float) -> Phase:
+    def current_phase(self, state: RunState, t: float) -> Phase:
         """What is done at t."""
         if self._do is None or state is RunState.DEPOSITING:
             return Phase(state.value, None)

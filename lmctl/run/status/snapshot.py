@@ -74,10 +74,10 @@ class RunView:
         done_s, total_s, layer, remaining_s = self._told or whole
         t, alarms = asyncio.get_running_loop().time(), sequence.alarms
         remaining_s += self._preparation.remaining_s(state, t)
-        doing = sequence.phase.now(state, t)
+        doing = sequence.phase.current_phase(state, t)
         return {
-            **self._fixed, "state": state.value, "doing": doing.words,
-            "doing_left_s": None if doing.left_s is None else round(doing.left_s, 1),
+            **self._fixed, "state": state.value, "doing": doing.description,
+            "doing_left_s": None if doing.remaining_s is None else round(doing.remaining_s, 1),
             "held_by": self._held_by(state, alarms), "next": self._next(state),
             "levels": sequence.hopper_levels(), "line": course.lines_executed, "layer": layer + 1,
             "place": course.place_text, "override_percent": course.override_percent,

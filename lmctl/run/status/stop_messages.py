@@ -8,7 +8,7 @@ from lmctl.run.status.phase import PhaseClock
 _UNTOUCHED = (RunState.READY, RunState.CONNECTING, RunState.CHECKING)
 
 
-def stop_words(before: RunState, phase: PhaseClock, *, is_taken: bool) -> str:
+def stop_message(before: RunState, phase: PhaseClock, *, is_taken: bool) -> str:
     """before : the state in which the stop came; is_taken : whether that state takes one"""
     postflow = f"{phase.postflow_s:.0f} s"
     if before in FINAL_STATES or not is_taken:

@@ -17,7 +17,8 @@ _EVERY_S = 1.0
 
 
 @contextmanager
-def watched(snapshot: Callable[[], Snapshot], watcher: Watcher | None) -> Iterator[None]:
+def periodic_watcher_updates(snapshot: Callable[[], Snapshot],
+                             watcher: Watcher | None) -> Iterator[None]:
     """Call a watcher once a second of the loop's time, and at the end; None: nobody watches."""
     if watcher is None:
         yield

@@ -61,8 +61,9 @@ def distances(seed: int) -> tuple[float, int]:
     near = on_it + rng.normal(size=(PLACES, 3)) * rng.choice([0.01, 0.2, 1.0], (PLACES, 1))
     far = rng.uniform(low - 2 * (high - low), high + 2 * (high - low), (PLACES, 3))
     window = part.grid.window(first := int(rng.integers(part.grid.shape[0])), first + 1)
-    nodes = rng.integers(len(window.points()), size=PLACES)
-    points = np.vstack([near, far, rng.uniform(low, high, (PLACES, 3)), window.points()[nodes]])
+    nodes = rng.integers(len(window.node_points()), size=PLACES)
+    points = np.vstack([near, far, rng.uniform(low, high, (PLACES, 3)),
+                        window.node_points()[nodes]])
     got = part.body.distance_at(points)
     stored = part.distance(window).reshape(-1)[nodes].astype(np.float64)
     got[-PLACES:] = np.where(np.abs(stored - got[-PLACES:]) > 1e-3, stored, got[-PLACES:])

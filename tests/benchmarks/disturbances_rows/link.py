@@ -111,7 +111,7 @@ class Trial:
         self, meanwhile: Callable[[Bench, FaultInjector, RunExecutor], Awaitable[None]]
     ) -> tuple[Bench, str]:
         """Run the job to its end, whatever that is; the bench afterwards, and the end."""
-        return virtual_time.run(self._main(meanwhile))
+        return virtual_time.run_in_virtual_time(self._main(meanwhile))
 
     async def _main(
         self, meanwhile: Callable[[Bench, FaultInjector, RunExecutor], Awaitable[None]]
@@ -257,7 +257,7 @@ def _timed(trial: Trial, since_s: float | None) -> Trial:
 def path_of(job: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Kinds, starts and ends of all lines of a job; places are (lines, 3) [mm]."""
     with JobReader(job) as reader:
-        lines = np.concatenate([layer.lines for layer in reader.layers()])
+        lines = np.concatenate([layer.lines for layer in reader.iterate_layers()])
     end_mm = np.column_stack([lines["x_mm"], lines["y_mm"], lines["z_mm"]]).astype(float)
     return lines["kind"], np.vstack([end_mm[:1], end_mm[:-1]]), end_mm
 

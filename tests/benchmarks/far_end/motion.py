@@ -150,7 +150,7 @@ async def serve(firmware: str, line_s: float) -> dict[str, Any]:
         os.write(near, piece)
 
     to_host = Wire(answer)
-    controller.attach(to_host.put)
+    controller.attach_client(to_host.put)
     loop = asyncio.get_running_loop()
     loop.add_reader(near, lambda: to_device.put(os.read(near, 65_536)))
     over = asyncio.Event()

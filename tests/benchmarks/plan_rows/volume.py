@@ -183,7 +183,7 @@ def _all_named(seed: int) -> int:
     layers, placement = _layers(part)
     found = Completeness(part.process, placement.layer_height_mm)
     for geometry in layers:
-        found.add(geometry)
+        found.add_layer(geometry)
     return int(all(_is_named(thing, layers, found, plate if thing[1] < height else None)
                    for thing in things))
 
@@ -212,7 +212,7 @@ def _is_named(
             continue  # less than half of this layer
         covered = geometry.n_tracks > 0 and _covered(shape, geometry.points_mm) >= 0.5
         if not covered and not any(
-                piece.from_layer <= geometry.layer <= piece.to_layer for piece in listed):
+                piece.first_layer <= geometry.layer <= piece.last_layer for piece in listed):
             return False
     seen = any(low <= geometry.z_mm < high for geometry in layers)
     hidden = plate is None  # a cap too flat for a layer of its own lies in the plate's top layer

@@ -276,7 +276,7 @@ def controller() -> type[ScriptedController]:
 @pytest.fixture
 def in_virtual_time() -> Callable[[Coroutine[Any, Any, Any]], Any]:
     """Runs a coroutine to its end on a clock that jumps."""
-    return virtual_time.run
+    return virtual_time.run_in_virtual_time
 
 
 @pytest.fixture(params=[GRBL, GRBLHAL], ids=lambda dialect: dialect.name)

@@ -7,7 +7,7 @@ import termios
 from importlib.resources import files
 
 from lmctl.config.machine import load_profile
-from lmctl.machine.manual.rate_search import find_rate
+from lmctl.machine.manual.rate_search import find_baud_rate
 from lmctl.machine.motion.endpoint import parse_motion_endpoint
 from lmctl.run.cell.doctor import check_inspection, inspect_cell
 from simulators import virtual_time
@@ -41,13 +41,14 @@ def test_the_rate_of_a_controller_is_found():
     async def main(rate):
         controller = Controller(rate)
         controller.line = PtyTransport(controller)
-        found = await find_rate(parse_motion_endpoint(f"serial://{controller.line.path}"), 9600)
+        found = await find_baud_rate(parse_motion_endpoint(f"serial://{controller.line.path}"),
+                                     9600)
         controller.line.close()
         return found
 
-    assert virtual_time.run(main(115_200)) == 115_200
-    assert virtual_time.run(main(38_400)) == 38_400
-    assert virtual_time.run(main(None)) is None
+    assert virtual_time.run_in_virtual_time(main(115_200)) == 115_200
+    assert virtual_time.run_in_virtual_time(main(38_400)) == 38_400
+    assert virtual_time.run_in_virtual_time(main(None)) is None
 
 
 def test_doctor_says_at_which_rate_a_silent_controller_answers(tmp_path):
@@ -62,8 +63,8 @@ def test_doctor_says_at_which_rate_a_silent_controller_answers(tmp_path):
         controller.line.close()
         return found["motion"]
 
-    (found,) = virtual_time.run(main(115_200))
+    (found,) = virtual_time.run_in_virtual_time(main(115_200))
     assert "a Grbl answers there at 115200 baud, and 9600 is set" in found.text
     assert found.hint == "set motion.baud = 115200 in the machine profile"
-    (none,) = virtual_time.run(main(None))
+    (none,) = virtual_time.run_in_virtual_time(main(None))
     assert "nor does a Grbl answer at another usual rate" in none.text

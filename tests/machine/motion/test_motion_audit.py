@@ -191,11 +191,11 @@ def test_a_sound_link_is_never_doubted_for_long_and_never_given_up(
                     await driver.hold()
                     await driver.resume()
                 elif act == "ask":
-                    driver.realtime(RealtimeCommand.STATUS)
+                    driver.send_realtime(RealtimeCommand.STATUS)
                 elif act == "few":
                     submit()
                 else:
-                    driver.realtime(act)
+                    driver.send_realtime(act)
             async with asyncio.timeout(600.0):
                 while rest or driver.lines_executed < len(lines):
                     assert machine.told == []

@@ -49,18 +49,18 @@ def test_commands_answer_in_words(controller, in_virtual_time, dialect):
     async def main() -> None:
         async with device.on_tcp() as endpoint:
             driver = await opened(endpoint)
-            assert await driver.command("$G") == ["[GC:G0 G55 G17 G21 G90 G94 M5 M9 T0 F0 S0]"]
+            assert await driver.send_command("$G") == ["[GC:G0 G55 G17 G21 G90 G94 M5 M9 T0 F0 S0]"]
             with pytest.raises(MachineError, match=r"'G99' was refused: error 20: .*supported"):
-                await driver.command("G99")
-            assert await driver.command("$X") == []
-            assert await driver.command("M5") == []
+                await driver.send_command("G99")
+            assert await driver.send_command("$X") == []
+            assert await driver.send_command("M5") == []
             driver.submit([b"G1 X1"])
             with pytest.raises(LocalProtocolError, match="sent alone"):
-                await driver.command("$G")
+                await driver.send_command("$G")
             await until(lambda: driver.lines_executed == 1)
             device._system = lambda line: None
             with pytest.raises(MachineError, match=r"no answer to .* within 5 s"):
-                await driver.command("$G")
+                await driver.send_command("$G")
             await driver.close()
 
     in_virtual_time(main())
@@ -74,7 +74,7 @@ def test_a_command_cut_short_says_why(controller, in_virtual_time, event):
         async with device.on_tcp() as endpoint:
             driver = await opened(endpoint)
             device._system = lambda line: None
-            command = asyncio.create_task(driver.command("$H", 60.0))
+            command = asyncio.create_task(driver.send_command("$H", 60.0))
             await asyncio.sleep(0.1)
             if event == "alarm":
                 device.say(AlarmMessage(9))
@@ -139,7 +139,7 @@ def test_push_messages_overrides_and_offsets_are_followed(controller, in_virtual
             await asyncio.sleep(0.001)
             assert driver.overrides == (60, 100, 100)
             assert driver.position_mm == (4.0, 4.0, 4.0)
-            assert driver.damaged_messages == 2
+            assert driver.damaged_message_count == 2
             await asyncio.sleep(0.2)
             assert driver.overrides == (60, 100, 100)  # kept: not every report carries them
             await driver.reset()

@@ -90,7 +90,7 @@ def streamed(in_virtual_time, device, acts: dict[int, tuple]) -> dict:
             progressed()
             await driver.close()
             return {"told": told, "executed": driver.lines_executed, "ahead": max(ahead),
-                    "damaged": driver.damaged_messages}
+                    "damaged": driver.damaged_message_count}
 
     ended = in_virtual_time(main())
     assert complaints == []

@@ -99,7 +99,7 @@ def test_resume_is_refused_while_it_still_decelerates(controller, in_virtual_tim
             driver = await opened(endpoint)
             driver.submit(PROGRAM)
             await until(lambda: driver.lines_executed > 3)
-            driver.realtime(RealtimeCommand.HOLD)
+            driver.send_realtime(RealtimeCommand.HOLD)
             with pytest.raises(MachineError, match="not held at standstill"):
                 await driver.resume()
             assert RealtimeCommand.START not in device.realtime_seen
@@ -143,7 +143,7 @@ def test_a_bare_reset_byte_is_no_surprise_and_ends_the_stream(controller, in_vir
             events = heard(driver)
             driver.submit(PROGRAM)
             await until(lambda: driver.lines_executed > 3)
-            driver.realtime(RealtimeCommand.RESET)
+            driver.send_realtime(RealtimeCommand.RESET)
             await asyncio.sleep(1.0)
             assert events == []
             assert driver.lines_queued == 0

@@ -99,7 +99,7 @@ def test_a_link_that_vanishes_and_returns_is_a_loss_until_it_is_opened_again(
             await asyncio.sleep(20.0)  # the controller runs dry
             sent = driver.lines_sent
             with pytest.raises(MachineError, match=r"was lost|no answer"):
-                await driver.command("$G")
+                await driver.send_command("$G")
             assert (len(told), driver.lines_sent) == (1, sent)  # it does not come back by itself
             await driver.close()
             heir = await opened(endpoint)
@@ -120,7 +120,7 @@ def test_a_link_that_stalls_is_silence_and_no_line_is_claimed(in_virtual_time, n
 
     async def main() -> None:
         async with streaming(name, wire) as (sim, edge, driver, told, _):
-            edge.set_reading(False)
+            edge.set_reading_enabled(False)
             await told_within(told, 4.0)
             ((kind, reason),) = told
             assert kind == "lost"
@@ -135,9 +135,9 @@ def test_a_link_that_stalls_is_silence_and_no_line_is_claimed(in_virtual_time, n
 def test_a_short_stall_is_none(in_virtual_time, name, wire):
     async def main() -> None:
         async with streaming(name, wire) as (sim, edge, driver, told, _):
-            edge.set_reading(False)
+            edge.set_reading_enabled(False)
             await asyncio.sleep(1.5)
-            edge.set_reading(True)
+            edge.set_reading_enabled(True)
             while driver.lines_executed < len(LINES):  # noqa: ASYNC110
                 await asyncio.sleep(0.1)
             assert told == []
@@ -168,7 +168,7 @@ def test_a_garbled_echo_of_what_is_sent_is_no_answer_and_is_counted(in_virtual_t
         async with streaming(name, wire) as (sim, edge, driver, told, _):
             edge.add_filter("to_device", GarbledEcho(edge.send_to_host))
             await asyncio.sleep(20.0)
-            assert driver.damaged_messages > 0
+            assert driver.damaged_message_count > 0
             assert driver.lines_executed <= driver.lines_acknowledged
             assert driver.lines_executed <= truly_done(sim)
             assert all(kind in ("lost", "error") for kind, *_ in told)
@@ -270,7 +270,7 @@ def test_a_hold_reaches_a_controller_whose_answers_are_lost(in_virtual_time, nam
             at = sim.position_mm
             await asyncio.sleep(1.0)
             assert sim.position_mm == at
-            driver.realtime(RealtimeCommand.RESET)
+            driver.send_realtime(RealtimeCommand.RESET)
             await asyncio.sleep(1.0)
             assert sim.position_mm == at
 

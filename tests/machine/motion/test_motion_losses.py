@@ -8,7 +8,7 @@ import pytest
 
 from firmware_protocol.dialect import GRBL
 from lmctl.errors import MachineError
-from lmctl.machine.motion.status_polling import SILENT_S
+from lmctl.machine.motion.status_polling import SILENCE_TIMEOUT_S
 from tests.machine.motion.driving import PROGRAM, heard, opened, until
 
 
@@ -96,9 +96,9 @@ def test_silence_is_a_loss(controller, in_virtual_time, wire):
             loop = asyncio.get_running_loop()
             start_s = loop.time()
             await until(lambda: events)
-            assert SILENT_S - 0.2 <= loop.time() - start_s <= SILENT_S + 0.2
+            assert SILENCE_TIMEOUT_S - 0.2 <= loop.time() - start_s <= SILENCE_TIMEOUT_S + 0.2
             assert events == [("lost", "no answer to '?' for 3.0 s")]
-            assert driver.status_age_s >= SILENT_S - 0.1
+            assert driver.status_age_s >= SILENCE_TIMEOUT_S - 0.1
             asked = len(device.asked_at_s)
             await asyncio.sleep(30.0)
             assert len(events) == 1
@@ -106,7 +106,7 @@ def test_silence_is_a_loss(controller, in_virtual_time, wire):
             with pytest.raises(MachineError, match="no answer to"):
                 await driver.hold()
             with pytest.raises(MachineError, match="no answer to"):
-                await driver.command("$G")
+                await driver.send_command("$G")
             await driver.close()
 
     in_virtual_time(main())
@@ -120,7 +120,7 @@ def test_a_closed_link_is_a_loss_and_fails_whoever_waits(controller, in_virtual_
             driver = await opened(endpoint)
             events = heard(driver)
             device._system = lambda line: None
-            command = asyncio.create_task(driver.command("$G", 60.0))
+            command = asyncio.create_task(driver.send_command("$G", 60.0))
             await asyncio.sleep(0.5)
             device.hang_up()
             with pytest.raises(MachineError, match="was lost"):

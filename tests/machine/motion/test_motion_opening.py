@@ -10,7 +10,7 @@ from firmware_protocol.dialect import GRBL, GRBLHAL
 from firmware_protocol.realtime import RealtimeCommand
 from lmctl.errors import ConfigError, MachineError
 from lmctl.machine.motion.driver import MotionDriver
-from lmctl.machine.motion.identity import ControllerIdentity, read_offset, unfit_settings
+from lmctl.machine.motion.identity import ControllerIdentity, parse_work_offset, unsuitable_settings
 
 
 async def opened(endpoint: str, timeout_s: float = 5.0) -> MotionDriver:
@@ -147,7 +147,7 @@ def test_with_reports_that_show_no_progress_no_line_is_sent(
     error = refused_program(in_virtual_time, device)
     assert "executed lines could not be told from planned ones" in error.what
     identity = ControllerIdentity(firmware, "1.1f", "", 128, 15)
-    (unfit,) = unfit_settings(identity, {10: mask, 32: "1"})
+    (unfit,) = unsuitable_settings(identity, {10: mask, 32: "1"})
     assert (unfit.number, unfit.value) == (10, mend)
 
 
@@ -287,7 +287,7 @@ def test_a_homing_machine_is_trusted_only_after_homing_or_on_the_callers_word(
     ],
 )
 def test_the_work_offset_is_the_sum_of_what_acts(parser_state, offsets, total):
-    assert read_offset([parser_state], offsets) == pytest.approx(total)
+    assert parse_work_offset([parser_state], offsets) == pytest.approx(total)
 
 
 def test_the_same_driver_runs_on_an_ordinary_loop_in_real_time(controller):

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_protocol.status import StatusReport, parse_status
-from lmctl.machine.motion.progress import StreamProgress, makes_block
+from lmctl.machine.motion.progress import StreamProgress, makes_planner_block
 
 
 def stream(
@@ -130,7 +130,7 @@ def test_idle_with_all_answered_and_the_planner_empty_is_all():
 def test_idle_with_an_answer_due_is_not_all():
     progress = stream(NUMBERED, 19)
     assert not progress.on_status_report(run("Bf:15,128", state="Idle"), 0.0)
-    assert progress.oldest_unanswered() == NUMBERED[19]
+    assert progress.oldest_unanswered_line() == NUMBERED[19]
 
 
 def test_without_blocks_idle_must_be_seen_twice_with_no_answer_between():
@@ -154,7 +154,8 @@ def test_nothing_at_or_behind_a_rejected_line_is_acknowledged_or_executed():
     assert progress.count_rejected()
     assert not progress.count_rejected()
     progress.count_ok(1)
-    assert (progress.acknowledged, progress.first_rejected, progress.lines_unanswered) == (4, 4, 13)
+    assert (progress.acknowledged, progress.first_rejected_line,
+            progress.lines_unanswered) == (4, 4, 13)
     progress.on_status_report(run("Ln:106"), 0.0)
     assert progress.executed == 4
     for _ in range(13):
@@ -228,7 +229,7 @@ def test_what_the_planner_holds_has_been_planned(kinds, data):
     free = data.draw(st.integers(0, 15))
     makers = [n for n in range(head, len(lines)) if kinds[n]][: 15 - free]
     planned = len(lines) if len(makers) < 15 - free else makers[-1] + 1 if makers else 0
-    assert progress.planned_at_least(head, free) == planned
+    assert progress.min_planned_lines(head, free) == planned
 
 
 @given(st.data())
@@ -245,7 +246,7 @@ def test_counts_never_run_ahead_of_a_random_machine(data):
         progress.count_sent([line])
     for step in data.draw(st.lists(st.sampled_from(["plan", "move", "ask"]), max_size=150)):
         if step == "plan" and planned < len(lines) and len(planner) < blocks:
-            if makes_block(lines[planned]):
+            if makes_planner_block(lines[planned]):
                 planner.append(planned)
             planned += 1
             progress.count_ok(1)

@@ -32,7 +32,7 @@ def test_it_is_refused_in_words_and_nothing_of_the_batch_is_sent(
                 driver.submit([b"G1 X1 F60", line, b"G1 X2"])
             assert repr(line)[2:-1] in str(refused.value)
             assert (driver.lines_sent, driver.lines_queued) == (0, 0)
-            await driver.command("$G")
+            await driver.send_command("$G")
             assert device.received[before:] == [b"$G"]
             assert bytes(device.realtime_seen).replace(b"?", b"") == acted
             await driver.close()
@@ -91,8 +91,8 @@ def test_a_command_cannot_smuggle_either(controller, in_virtual_time, dialect, l
             driver = await MotionDriver.open(endpoint, baud=115_200, status_period_s=0.1)
             before = len(device.received)
             with pytest.raises(LocalProtocolError, match="act or break"):
-                await driver.command(line)
-            await driver.command("$G")
+                await driver.send_command(line)
+            await driver.send_command("$G")
             assert device.received[before:] == [b"$G"]
             await driver.close()
 

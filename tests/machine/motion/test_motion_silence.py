@@ -74,5 +74,5 @@ def test_each_kind_of_silence_reads_differently(
 
 def test_a_damaged_byte_on_a_good_line_is_no_wrong_baud_rate():
     seen = ControllerObservation(is_serial=True, baud=115_200)
-    seen.add(b"<Idle|WPos:0.000,0.000,0.000|Bf:1\xff,1023")
-    assert "another baud rate" not in seen.without_report()[0]
+    seen.on_data(b"<Idle|WPos:0.000,0.000,0.000|Bf:1\xff,1023")
+    assert "another baud rate" not in seen.diagnose_missing_report()[0]

@@ -90,7 +90,7 @@ def test_a_program_is_executed_once_whole_and_followed(in_virtual_time, name, wi
             assert driver.lines_sent == driver.lines_executed == len(lines)
             assert sim.executed_line_numbers == list(range(2, len(lines) - 1))
             assert sim.rx_overrun_bytes == 0
-            assert driver.damaged_messages == 0
+            assert driver.damaged_message_count == 0
             assert sim.position_mm[:2] == pytest.approx((5.0, 5.0))
             assert driver.position_mm[:2] == pytest.approx((5.0, 5.0))
             assert max(leads) <= 0  # never called executed before it was
@@ -159,7 +159,7 @@ def test_a_reset_in_motion_loses_the_position(in_virtual_time, wire):
             assert alarms == [3]
             assert not driver.position_trusted
             with pytest.raises(MachineError, match="error 9: the controller is locked"):
-                await driver.command("G0 X0")
+                await driver.send_command("G0 X0")
 
     in_virtual_time(main())
 
@@ -191,7 +191,7 @@ def test_a_feed_override_is_followed(in_virtual_time, name, wire):
         async with machine(name, wire) as (_, driver):
             driver.submit(rings(3))
             await asyncio.sleep(1.0)
-            driver.realtime(RealtimeCommand.FEED_MINUS_10)
+            driver.send_realtime(RealtimeCommand.FEED_MINUS_10)
             await asyncio.sleep(0.5)
             assert driver.overrides == (90, 100, 100)
             await executed_all(driver)

@@ -12,28 +12,28 @@ from firmware_protocol.dialect import GRBL, GRBLHAL
 from firmware_protocol.realtime import RealtimeCommand
 from firmware_protocol.status import parse_status
 from lmctl.machine.motion.identity import ControllerIdentity
-from lmctl.machine.motion.override_arithmetic import NO_OVERRIDE, after_byte
-from lmctl.machine.motion.report_screen import ReportScreen
+from lmctl.machine.motion.override_arithmetic import NO_OVERRIDE, overrides_after_byte
+from lmctl.machine.motion.status_report_filter import StatusReportFilter
 from tests.machine.motion.driving import opened, until
 
 SETTINGS = {110: "6000", 111: "6000", 112: "600"}
 
 
 @pytest.fixture
-def screen() -> ReportScreen:
+def screen() -> StatusReportFilter:
     """Of a controller with 15 blocks and 128 bytes, that moves 100 mm/s, and 10 mm/s in Z."""
-    made = ReportScreen()
-    made.know(ControllerIdentity(GRBL, "1.1h.20190830", "", 128, 15), SETTINGS)
+    made = StatusReportFilter()
+    made.set_controller_info(ControllerIdentity(GRBL, "1.1h.20190830", "", 128, 15), SETTINGS)
     return made
 
 
-def taken(screen: ReportScreen, *texts: str, period_s: float = 0.2) -> list[bool]:
+def taken(screen: StatusReportFilter, *texts: str, period_s: float = 0.2) -> list[bool]:
     """Whether each report is believed, one a period."""
     believed = []
     for at, text in enumerate(texts):
         report = parse_status(f"<{text}>")
         assert report is not None
-        believed.append(screen.take(report, 10.0 + at * period_s) is not None)
+        believed.append(screen.believed_report(report, 10.0 + at * period_s) is not None)
     return believed
 
 
@@ -69,24 +69,24 @@ def test_what_looks_impossible_is_believed_when_another_report_agrees(screen):
                                  RealtimeCommand.STATUS])))
 @settings(max_examples=30)
 def test_overrides_that_were_commanded_are_believed_at_once(sent):
-    screen, expected = ReportScreen(), NO_OVERRIDE
+    screen, expected = StatusReportFilter(), NO_OVERRIDE
     for byte in sent:
-        screen.commanded(byte)
-        expected = after_byte(byte, expected)
+        screen.on_realtime_sent(byte)
+        expected = overrides_after_byte(byte, expected)
     taken(screen, *2 * ["Idle|MPos:0.000,0.000,0.000|Ov:{},{},{}".format(*expected)])
     assert screen.overrides == expected
     assert not screen.is_unsure
 
 
 def test_overrides_and_offsets_that_nobody_commanded_are_believed_when_said_twice(screen):
-    screen.offset_is((0.0, 0.0, 0.0))
+    screen.set_work_offset((0.0, 0.0, 0.0))
     taken(screen, "Run|MPos:0.000,0.000,0.000|Ov:180,100,100|WCO:0.000,9.000,0.000")
     assert screen.is_unsure
     taken(screen, "Run|MPos:0.000,0.000,0.000|Ov:100,100,100|WCO:0.000,0.000,0.000")
     assert not screen.is_unsure  # a changed digit
     assert screen.overrides == NO_OVERRIDE
     at = "Run|MPos:0.000,0.000,0.000|Ov:180,100,100|WCO:0.000,9.000,0.000"
-    reports = [screen.take(parse_status(f"<{at}>"), 20.0 + n) for n in range(2)]
+    reports = [screen.believed_report(parse_status(f"<{at}>"), 20.0 + n) for n in range(2)]
     assert reports[0].override_percents is reports[0].offset_mm is None
     assert reports[1].override_percents == (180, 100, 100)
     assert reports[1].offset_mm == (0.0, 9.0, 0.0)

@@ -7,13 +7,13 @@ import asyncio
 import pytest
 
 from lmctl.errors import ConfigError, MachineError, UsageError
-from lmctl.machine.manual.homing import run_clear_offsets
+from lmctl.machine.manual.homing import clear_work_offsets
 from lmctl.machine.manual.settings import apply_settings
 from lmctl.machine.manual.settings_file import (
-    read_setting,
-    same_value,
-    settings_in,
-    write_settings,
+    is_same_value,
+    parse_setting,
+    read_settings_file,
+    write_settings_file,
 )
 from tests.machine.motion.test_motion_with_simulator import both_dialects, every_wire, machine
 
@@ -73,7 +73,7 @@ def test_what_the_controller_changes_by_itself_is_said(in_virtual_time, name):
 def test_nothing_is_written_while_the_machine_moves(in_virtual_time, name):
     async def main():
         async with machine(name, "tcp") as (sim, driver):
-            await driver.command("$J=G91X50F600")
+            await driver.send_command("$J=G91X50F600")
             await asyncio.sleep(0.5)
             with pytest.raises(MachineError, match="cannot be written in state Jog"):
                 await apply_settings(driver, {110: "4000"})
@@ -88,9 +88,9 @@ def test_offsets_that_a_reset_forgets_are_cleared(in_virtual_time, name, wire):
     async def main():
         async with machine(name, wire) as (_, driver):
             for line in ("G10 L2 P1 X1 Y2 Z3", "G55", "G92 X-5 Y7", "G43.1 Z2"):
-                await driver.command(line)
-            assert await run_clear_offsets(driver) == (1.0, 2.0, 3.0)
-            assert "G54" in " ".join(await driver.command("$G"))
+                await driver.send_command(line)
+            assert await clear_work_offsets(driver) == (1.0, 2.0, 3.0)
+            assert "G54" in " ".join(await driver.send_command("$G"))
 
     in_virtual_time(main())
 
@@ -100,16 +100,16 @@ def test_offsets_that_a_reset_forgets_are_cleared(in_virtual_time, name, wire):
 
 def test_settings_kept_come_back_as_they_were(tmp_path):
     kept = {0: "5.0", 10: "511", 74: "a name", 110: "6000.000"}
-    write_settings(tmp_path / "kept.txt", kept, ["bench cell"])
-    assert settings_in(tmp_path / "kept.txt") == kept
+    write_settings_file(tmp_path / "kept.txt", kept, ["bench cell"])
+    assert read_settings_file(tmp_path / "kept.txt") == kept
     with pytest.raises(UsageError, match="there already"):
-        write_settings(tmp_path / "kept.txt", {}, [])
+        write_settings_file(tmp_path / "kept.txt", {}, [])
 
 
 def test_files_of_other_senders_are_read(tmp_path):
     (tmp_path / "old.txt").write_text(
         "; a comment\r\n\r\n(another)\n$0=10 (step pulse, usec)\n32=1\n")
-    assert settings_in(tmp_path / "old.txt") == {0: "10", 32: "1"}
+    assert read_settings_file(tmp_path / "old.txt") == {0: "10", 32: "1"}
 
 
 @pytest.mark.parametrize(("text", "what"), [
@@ -124,15 +124,15 @@ def test_files_of_other_senders_are_read(tmp_path):
 def test_a_file_that_holds_anything_else_is_refused_whole(tmp_path, text, what):
     (tmp_path / "wrong.txt").write_text("$110=6000\n" * bool(text) + text, encoding="utf-8")
     with pytest.raises(ConfigError) as refused:
-        settings_in(tmp_path / "wrong.txt")
+        read_settings_file(tmp_path / "wrong.txt")
     assert what.replace("line 1", "line 2").replace("line 2: $32", "line 3: $32") in (
         refused.value.render())
 
 
 def test_values_are_compared_as_the_controller_prints_them():
-    assert same_value("0.0125", "0.013")
-    assert same_value("6000", "6000.000")
-    assert not same_value("0.0115", "0.013")
-    assert not same_value("1.5", "1")
-    assert not same_value("yes", "1")
-    assert read_setting("$32=1") == read_setting("32=1") == (32, "1")
+    assert is_same_value("0.0125", "0.013")
+    assert is_same_value("6000", "6000.000")
+    assert not is_same_value("0.0115", "0.013")
+    assert not is_same_value("1.5", "1")
+    assert not is_same_value("yes", "1")
+    assert parse_setting("$32=1") == parse_setting("32=1") == (32, "1")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 
 from firmware_protocol.dialect import GRBLHAL
-from lmctl.run.journal.format import FIRST_PREV, encode_record, line_hash, read_records
+from lmctl.run.journal.format import FIRST_PREVIOUS_HASH, encode_record, line_hash, read_records
 from lmctl.run.journal.recovery import MachineSeen
 from lmctl.run.journal.run_folders import RunFolder
 
@@ -23,7 +23,7 @@ def broken_off(folder, whole, records):
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     shutil.copyfile(whole.job, folder / "job.lmj")
-    lines, prev = [], FIRST_PREV
+    lines, prev = [], FIRST_PREVIOUS_HASH
     for seq, record in enumerate(list(read_records(whole.journal))[:records]):
         fields = {k: v for k, v in record.items() if k not in ("prev", "seq", "t", "kind")}
         line = encode_record(prev, seq, record["t"], record["kind"], fields)
@@ -37,7 +37,7 @@ def broken_off(folder, whole, records):
 def changed_header(folder, whole, records, **fields):
     """The same, with other fields in its header; None takes one away."""
     made = broken_off(folder, whole, records)
-    lines, prev = [], FIRST_PREV
+    lines, prev = [], FIRST_PREVIOUS_HASH
     for seq, record in enumerate(read_records(made.journal)):
         kept = {k: v for k, v in record.items() if k not in ("prev", "seq", "t", "kind")}
         if seq == 0:

@@ -90,7 +90,8 @@ class BenchRun:
         self.notices = []
         self.refused = []
         self._before = before
-        virtual_time.run(self._main(BenchConfig.parse(text), folder, profile, acts, override))
+        virtual_time.run_in_virtual_time(self._main(BenchConfig.parse(text), folder, profile, acts,
+                                                    override))
         self.journal = journal_of_only_run(folder / "runs", self.error)
 
     async def _main(self, config, folder, profile, acts, override):
@@ -179,7 +180,7 @@ class BenchRun:
     def flow_error(self, rate=1.0):
         """(n,) error of the hoppers' flow along the beam's path, worst of both over the mean."""
         with JobReader(self.job) as job:
-            layers = list(job.layers())
+            layers = list(job.iterate_layers())
         flow_s = np.concatenate([layer.flow_s for layer in layers])
         flow = np.concatenate([layer.flow_g_s for layer in layers])
         end_s = np.concatenate([layer.lines["end_s"] for layer in layers])

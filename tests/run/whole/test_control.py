@@ -7,8 +7,8 @@ import json
 
 import pytest
 
-from lmctl.run.control.socket_path import SOCKET
-from lmctl.run.journal.format import fingerprint
+from lmctl.run.control.socket_path import SOCKET_NAME
+from lmctl.run.journal.format import run_fingerprint
 from lmctl.run.state.transitions import RunState
 from tests.run.whole.conftest import BenchRun
 
@@ -25,7 +25,7 @@ class Terminal:
         """An act for `run(acts=...)`."""
 
         def act(_):
-            (path,) = self.folder.glob(f"*/runs/run-0001/{SOCKET}")
+            (path,) = self.folder.glob(f"*/runs/run-0001/{SOCKET_NAME}")
             self.talks.append(asyncio.create_task(self.talk(path, {"do": do, **values})))
 
         return act
@@ -80,7 +80,7 @@ def test_a_stop_ends_it_in_the_safe_order_and_is_seen_by_who_watches(run, square
     assert states[0] == "depositing"
     assert states[-1] == "stopped"
     assert acts_of(ran) == [("stop", True)]
-    assert not (ran.journal.parent / SOCKET).exists()
+    assert not (ran.journal.parent / SOCKET_NAME).exists()
 
 
 def test_looking_on_changes_nothing_in_the_journal(run, square_job, tmp_path):
@@ -89,7 +89,7 @@ def test_looking_on_changes_nothing_in_the_journal(run, square_job, tmp_path):
     watched = run(square_job, acts=[(0.5, terminal.asks("watch", every_s=0.1)),
                                     (2.0, terminal.asks("status"))])
     assert len(terminal.said) > 20
-    assert fingerprint(watched.journal) == fingerprint(alone.journal)
+    assert run_fingerprint(watched.journal) == run_fingerprint(alone.journal)
 
 
 @pytest.mark.parametrize("override", [100, 60])

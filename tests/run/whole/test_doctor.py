@@ -101,11 +101,11 @@ def doctor(folder, profile, changes, act, *, bench="bench.toml", close_relay=Fal
             return check_inspection(await inspect_cell(here, folder / "runs",
                                                        close_relay=close_relay), here)
 
-    return virtual_time.run(main())
+    return virtual_time.run_in_virtual_time(main())
 
 
 def unmet(found):
-    return [one for of_device in found.values() for one in of_device if not one.met]
+    return [one for of_device in found.values() for one in of_device if not one.is_met]
 
 
 @pytest.mark.parametrize(("changes", "act", "words"), [cell[1:] for cell in CELLS], ids=NAMES)
@@ -177,7 +177,7 @@ def test_doctor_prints_what_it_saw_on_a_silent_wire(tmp_path, profile):
     assert silent.refuses_run
     assert "no byte came back" in silent.text
     assert "device_id" in silent.hint
-    assert all(one.met for one in [*found["motion"], *found["feeder F2"]])
+    assert all(one.is_met for one in [*found["motion"], *found["feeder F2"]])
 
 
 def test_a_line_too_slow_for_the_safety_device_is_among_its_conditions():

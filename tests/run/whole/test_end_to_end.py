@@ -9,7 +9,7 @@ import pytest
 
 from lmctl.errors import UsageError
 from lmctl.job.reader import JobReader
-from lmctl.run.journal.format import fingerprint
+from lmctl.run.journal.format import run_fingerprint
 from lmctl.run.journal.run_folders import list_runs
 from tests.run.whole.conftest import BenchRun
 
@@ -17,7 +17,7 @@ from tests.run.whole.conftest import BenchRun
 def planned(job_path):
     """N words of the lines that move, all lines, and the end position."""
     with JobReader(job_path) as job:
-        layers = list(job.layers())
+        layers = list(job.iterate_layers())
     at, moving = (10.0, 10.0, 20.0), []
     for layer in layers:
         for number, row in enumerate(layer.lines, start=layer.first_line):
@@ -113,7 +113,7 @@ def test_both_dialects_small_buffers_and_sparse_reports(run, square_job, bench):
 
 def test_the_same_job_gives_the_same_journal(run, square_job):
     runs = [run(square_job) for _ in range(5)]
-    assert len({fingerprint(one.journal) for one in runs}) == 1
+    assert len({run_fingerprint(one.journal) for one in runs}) == 1
     assert len({one.journal.read_bytes() for one in runs}) == 5  # wall clock and ports differ
 
 
@@ -173,7 +173,7 @@ def test_an_override_in_the_run_waits_for_a_travel_and_for_powder(run, large_squ
     assert (asked["source"], reported["source"]) == ("operator", "controller")
     assert reported["t"] - asked["t"] >= 3.0
     with JobReader(large_square_job) as job:
-        path_of = np.concatenate([layer.lines["path"] for layer in job.layers()])
+        path_of = np.concatenate([layer.lines["path"] for layer in job.iterate_layers()])
     speed = one.path.length_mm / one.path.duration_s
     changed_s = one.began_s + reported["t"]
     for path in range(6):  # none is drawn at two speeds, and powder comes at each one's rate

@@ -50,7 +50,7 @@ def deafen(one):
 
 
 def silence(one):
-    one.bench.motion.detach()
+    one.bench.motion.detach_client()
 
 
 def estop_chain(one):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from lmctl.report.job_log_text import as_text
-from lmctl.report.part_record import part_of
+from lmctl.report.job_log_text import part_record_as_text
+from lmctl.report.part_record import part_record_of
 from lmctl.run.journal.format import read_records
 from simulators.faults.fault_injector import FaultInjector
 from simulators.faults.kinds import Fault
@@ -55,7 +55,7 @@ def test_the_cause_is_the_headline_everywhere(run, large_square_job, kind, value
     assert seal["cause"]["what"].startswith(cause)
     assert not any(text.startswith(cause) for text in seal["followed"])
     # in the log
-    text = as_text(part_of(one.journal))
+    text = part_record_as_text(part_record_of(one.journal))
     rows = [line.split(maxsplit=1) for line in text.splitlines()]
     assert next(row[1] for row in rows if row[:1] == ["cause"]).startswith(cause[:40])
 

@@ -9,9 +9,9 @@ import pytest
 from lmctl.errors import LmctlError
 from lmctl.job.reader import JobReader
 from lmctl.job.schema import LineKind
-from lmctl.report.part_record import part_of
+from lmctl.report.part_record import part_record_of
 from lmctl.run.executor import EarlierRun, RunExecutor
-from lmctl.run.journal.recovery import find_place
+from lmctl.run.journal.recovery import find_recovery_place
 from lmctl.run.journal.replay import replay_run
 from lmctl.run.journal.run_folders import RunFolder
 from lmctl.run.state.transitions import RunState
@@ -30,7 +30,7 @@ async def until(condition):
 def after_last_bead(job, layer):
     """The first line after the last bead of a layer."""
     with JobReader(job) as reader:
-        lines = reader.layer(layer).lines
+        lines = reader.read_layer(layer).lines
         first_line = reader.manifest.layers[layer].first_line
     return first_line + int((lines["kind"] == LineKind.BEAD).nonzero()[0][-1]) + 1
 
@@ -56,15 +56,15 @@ def test_a_layer_held_after_its_last_bead_is_in_the_log(whole, profile, tmp_path
                 await task
             made = RunFolder(runs / "run-0001")
             with JobReader(made.job) as job:
-                found = find_place(
+                found = find_recovery_place(
                     job, replay_run(made), seen(bench.motion.position_mm), profile)
             await RunExecutor(made.job, cell, runs, continues=EarlierRun(
-                "run-0001", found.reached, trusted=not found.lost)).run()
+                "run-0001", found.reached, is_position_trusted=not found.lost)).run()
 
-    virtual_time.run(main())
-    alone = part_of(runs / "run-0001/journal.jsonl", run_only=True)
+    virtual_time.run_in_virtual_time(main())
+    alone = part_record_of(runs / "run-0001/journal.jsonl", run_only=True)
     assert [row.number for row in alone.layers] == [1]
-    part = part_of(runs / "run-0001/journal.jsonl")
+    part = part_record_of(runs / "run-0001/journal.jsonl")
     assert [run.run for run in part.runs] == ["run-0001", "run-0002"]
     assert [(row.number, row.complete) for row in part.layers] == [
         (1, True), (2, True), (3, True)]
@@ -77,7 +77,7 @@ def test_a_stopped_layer_is_partial_and_its_figures_are_those_of_what_was_execut
     run, large_square_job
 ):
     one = run(large_square_job, acts=[(4.0, lambda r: r.executor.stop())])
-    (row,) = part_of(one.journal).layers
+    (row,) = part_record_of(one.journal).layers
     assert not row.complete
     assert row.remark.startswith("partial: line ")
     assert row.executed.path_mm == pytest.approx(one.path.length_mm.sum(), abs=0.1)
@@ -93,6 +93,6 @@ def test_alarms_say_when_they_were_over(run, large_square_job):
     assert cleared["name"] == alarm["name"] == "panel hold"
     assert cleared["how"] == "acknowledged"
     assert cleared["t"] - alarm["t"] == pytest.approx(9.0, abs=0.5)
-    events = part_of(one.journal).runs[0].events
+    events = part_record_of(one.journal).runs[0].events
     assert all(event.wall.endswith("Z") for event in events)
     assert any(event.text.startswith("alarm over (acknowledged)") for event in events)

@@ -11,7 +11,7 @@ import pytest
 from lmctl.config.machine import SafetySettings
 from lmctl.job.reader import JobReader
 from lmctl.run.journal.format import read_records
-from lmctl.run.journal.recovery import doubt_in_words, find_place, stated_by_operator
+from lmctl.run.journal.recovery import doubt_in_words, find_recovery_place, stated_by_operator
 from lmctl.run.journal.replay import replay_run
 from lmctl.run.program.job_lines import bead_between_mm
 from lmctl.run.program.place import (
@@ -41,16 +41,16 @@ def job(killed):
 
 
 def end_mm(job, line):
-    (rows,) = [layer.lines for layer in job.layers() if layer.first_line <= line
+    (rows,) = [layer.lines for layer in job.iterate_layers() if layer.first_line <= line
                < layer.first_line + len(layer.lines)]
-    (first,) = [layer.first_line for layer in job.layers() if layer.first_line <= line
+    (first,) = [layer.first_line for layer in job.iterate_layers() if layer.first_line <= line
                 < layer.first_line + len(layer.lines)]
     row = rows[line - first]
     return np.array([row["x_mm"], row["y_mm"], row["z_mm"]])
 
 
 def test_a_machine_that_has_run_dry_stands_at_the_end_of_what_was_sent(killed, job, profile):
-    found = find_place(job, killed, seen(end_mm(job, killed.sent_line)), profile)
+    found = find_recovery_place(job, killed, seen(end_mm(job, killed.sent_line)), profile)
     assert found.lost == ""
     assert found.reached.known is Known.REPORTED
     assert bead_between_mm(job, ProgramPlace(killed.sent_line, 1.0), found.reached.place) == 0.0
@@ -66,7 +66,7 @@ def test_a_controller_that_may_have_restarted_proves_nothing_wherever_it_stands(
     killed, job, profile, evidence, words
 ):
     after = replace(killed, ended_wall=datetime.now(UTC) - timedelta(hours=2))
-    found = find_place(job, after, seen(end_mm(job, after.sent_line), **evidence), profile)
+    found = find_recovery_place(job, after, seen(end_mm(job, after.sent_line), **evidence), profile)
     assert words in found.lost
     assert found.reached.is_doubtful
     assert found.reached.place == after.proven_place
@@ -75,7 +75,7 @@ def test_a_controller_that_may_have_restarted_proves_nothing_wherever_it_stands(
 
 @pytest.mark.parametrize("off_mm", [(0, 0, 0.1), (0, 0, -0.1), (-148, 0, 0)])
 def test_a_machine_that_stands_off_every_line_sent_proves_nothing(killed, job, profile, off_mm):
-    found = find_place(job, killed, seen(end_mm(job, killed.sent_line) + off_mm), profile)
+    found = find_recovery_place(job, killed, seen(end_mm(job, killed.sent_line) + off_mm), profile)
     assert "nothing that run-0001 sent has brought it" in found.lost
     assert found.reached.is_doubtful
 
@@ -86,11 +86,11 @@ def test_a_place_reported_at_rest_is_kept_through_whatever_restarted_in_the_cell
     reached = known_place(killed.proven_place, Known.REPORTED, 12.0)
     after = replace(killed, reached=reached, stands_mm=AT_REST_MM, moving=False, to_purge=False,
                     ended_wall=datetime.now(UTC) - timedelta(days=1))
-    stays = find_place(job, after, seen(AT_REST_MM, uptimes_s={"F1": 5.0}), profile)
+    stays = find_recovery_place(job, after, seen(AT_REST_MM, uptimes_s={"F1": 5.0}), profile)
     assert (stays.lost, stays.reached) == ("", reached)
     # It was sent away since, so standing there again is no proof any more.
-    left = find_place(job, replace(after, to_purge=True),
-                      seen(AT_REST_MM, uptimes_s={"F1": 5.0}), profile)
+    left = find_recovery_place(job, replace(after, to_purge=True),
+                               seen(AT_REST_MM, uptimes_s={"F1": 5.0}), profile)
     assert left.lost
     assert left.reached == reached  # which was reported, and stays so
 
@@ -100,20 +100,20 @@ def test_on_its_way_to_the_purge_position_a_machine_has_lost_nothing(killed, job
     after = replace(killed, reached=reached, stands_mm=AT_REST_MM, moving=False, to_purge=True)
     x, y, z = profile.motion.purge_mm
     for at_mm in ((30.0, 33.0, 11.0), (20.0, (33.0 + y) / 2, z), (x, y, z), (x, y, z + 3.0)):
-        found = find_place(job, after, seen(at_mm), profile)
+        found = find_recovery_place(job, after, seen(at_mm), profile)
         assert (found.lost, found.reached) == ("", reached), at_mm
 
 
 def test_where_a_path_comes_by_the_same_point_again_the_operator_is_asked(killed, job, profile):
     """A square smaller than the send horizon, whose end is its beginning."""
-    mine = np.flatnonzero(next(job.layers()).lines["path"] == 1)
+    mine = np.flatnonzero(next(job.iterate_layers()).lines["path"] == 1)
     lead, last = int(mine[0]), int(mine[-2])
     corner_mm = end_mm(job, lead)
     after = replace(
         killed, proven_place=ProgramPlace(lead - 1), sent_line=last, last_line=last, beam_on_line=0,
         reached=PlaceReached(ProgramPlace(lead - 1), Known.UNKNOWN, ProgramPlace(lead - 1),
                              ProgramPlace(last + 1)))
-    found = find_place(job, after, seen(corner_mm), profile)
+    found = find_recovery_place(job, after, seen(corner_mm), profile)
     assert found.lost == ""
     assert found.reached.is_doubtful
     assert bead_between_mm(job, found.reached.place, found.reached.until) == pytest.approx(
@@ -131,12 +131,12 @@ def test_what_was_inferred_from_motion_going_on_needs_a_machine_that_shows_it(
     inferred = ProgramPlace(killed.sent_line, 0.5)
     reached = PlaceReached(inferred, Known.INFERRED, killed.proven_place, inferred)
     after = replace(killed, reached=reached)
-    beyond = find_place(job, after, seen(end_mm(job, killed.sent_line)), profile)
+    beyond = find_recovery_place(job, after, seen(end_mm(job, killed.sent_line)), profile)
     assert beyond.reached.place == inferred
-    stopped = find_place(job, after, seen(end_mm(job, killed.proven_place.line)), profile)
+    stopped = find_recovery_place(job, after, seen(end_mm(job, killed.proven_place.line)), profile)
     assert stopped.reached.known is Known.REPORTED
     assert stopped.reached.place < inferred
-    restarted = find_place(job, after, seen((0, 0, 0), at_zero=True), profile)
+    restarted = find_recovery_place(job, after, seen((0, 0, 0), at_zero=True), profile)
     assert restarted.reached.known is Known.UNKNOWN
     assert (restarted.reached.place, restarted.reached.until) == (killed.proven_place, inferred)
 
@@ -146,12 +146,13 @@ def test_with_a_laser_enable_output_the_bead_ends_before_the_machine_stands(kill
         endpoint="modbus-tcp://127.0.0.1:1", relay_timeout_s=0.3, laser_enable=True)})
     line = killed.sent_line
     middle_mm = (end_mm(job, line - 1) + end_mm(job, line)) / 2
-    (plain, early) = (find_place(job, killed, seen(middle_mm), one) for one in (profile, safe))
+    (plain,
+     early) = (find_recovery_place(job, killed, seen(middle_mm), one) for one in (profile, safe))
     assert plain.reached.known is Known.REPORTED
     assert early.reached.known is Known.INFERRED
     # 90 ms of prepared motion less 20 ms of the laser, and 0.1 mm of braking, at 10 mm/s.
     assert bead_between_mm(job, early.reached.place, plain.reached.place) == pytest.approx(0.8)
-    dry = find_place(job, killed, seen(end_mm(job, line)), safe)
+    dry = find_recovery_place(job, killed, seen(end_mm(job, line)), safe)
     assert dry.reached.known is Known.REPORTED
 
 
@@ -161,10 +162,10 @@ def test_a_machine_that_stands_beyond_the_end_of_a_bead_has_deposited_all_of_it(
     """With a laser-enable output motion ends later than the beam: here on the way out."""
     safe = profile.model_copy(update={"safety": SafetySettings(
         endpoint="modbus-tcp://127.0.0.1:1", relay_timeout_s=0.3, laser_enable=True)})
-    mine = np.flatnonzero(next(job.layers()).lines["path"] == 0)
+    mine = np.flatnonzero(next(job.iterate_layers()).lines["path"] == 0)
     last_bead, way_out = int(mine[-2]), int(mine[-1])
     after = replace(killed, proven_place=ProgramPlace(last_bead), sent_line=way_out + 2,
                     reached=unknown_place(ProgramPlace(last_bead), ProgramPlace(way_out + 3)))
     at_mm = end_mm(job, last_bead) + 0.9 * (end_mm(job, way_out) - end_mm(job, last_bead))
-    found = find_place(job, after, seen(at_mm), safe)
+    found = find_recovery_place(job, after, seen(at_mm), safe)
     assert bead_between_mm(job, found.reached.place, ProgramPlace(way_out)) == pytest.approx(0.0)

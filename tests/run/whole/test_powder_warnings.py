@@ -6,7 +6,7 @@ import pytest
 
 from lmctl.errors import RunStoppedError
 from lmctl.report.run_record import read_run
-from lmctl.run.journal.format import fingerprint, read_records
+from lmctl.run.journal.format import read_records, run_fingerprint
 from lmctl.run.journal.replay import replay_run
 from lmctl.run.journal.run_folders import RunFolder, list_runs
 from lmctl.run.program.place import Known
@@ -51,7 +51,7 @@ def test_a_clog_is_held_before_powder_minds_and_gone_on_with_when_it_has_cleared
         judge = SafetyChecks(one.bench)
         seen["state"] = one.executor.state
         seen["powder"] = [name for name in one.bench.feeders if judge.is_powder_on(name)]
-        seen["gas"] = [d.gas_flows(one.loop.time()) for d in one.bench.feeders.values()]
+        seen["gas"] = [d.is_gas_flowing(one.loop.time()) for d in one.bench.feeders.values()]
 
     one = run(large_square_job, acts=[
         (3.0, strike("hose_clogs", "F1", **CLOG)), (14.0, look),
@@ -221,4 +221,4 @@ def test_equal_runs_with_warnings_have_equal_fingerprints(run, large_square_job)
 
     first, second = story(), story()
     assert [r["stands"] for r in first.records("warning")] == [True, True]
-    assert fingerprint(first.journal) == fingerprint(second.journal)
+    assert run_fingerprint(first.journal) == run_fingerprint(second.journal)

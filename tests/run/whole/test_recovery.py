@@ -12,8 +12,8 @@ from lmctl.errors import JournalError, LmctlError
 from lmctl.job.reader import JobReader
 from lmctl.run.executor import EarlierRun, RunExecutor
 from lmctl.run.journal.format import read_records
-from lmctl.run.journal.recovery import find_place
-from lmctl.run.journal.replay import continued_by, replay_run
+from lmctl.run.journal.recovery import find_recovery_place
+from lmctl.run.journal.replay import continuing_runs, replay_run
 from lmctl.run.journal.run_folders import RunFolder
 from lmctl.run.program.place import JOB_START, Known
 from lmctl.run.state.transitions import RunState
@@ -31,7 +31,7 @@ def bead_between_mm(whole, place, time_s):
     """Bead drawn by the undisturbed run between a place and a moment; negative: place is later."""
     path = whole.path
     with JobReader(whole.job) as job:
-        lines = np.concatenate([layer.lines for layer in job.layers()])
+        lines = np.concatenate([layer.lines for layer in job.iterate_layers()])
     done = 0.0
     for n in range(place.line):
         done += path.length_mm[path.line == n].sum()
@@ -58,8 +58,8 @@ def test_wherever_a_journal_breaks_off_the_machine_s_place_counts_or_all_that_wa
             continue
         at = int(rng.choice(ends))
         with JobReader(made.job) as job:
-            known = find_place(job, after, seen(whole.path.position_mm[at]), profile)
-            blind = find_place(job, after, seen(None), profile)
+            known = find_recovery_place(job, after, seen(whole.path.position_mm[at]), profile)
+            blind = find_recovery_place(job, after, seen(None), profile)
         time_s = whole.path.time_s[at]
         assert known.lost == ""
         assert known.reached.known is Known.REPORTED
@@ -75,7 +75,7 @@ def test_before_anything_was_begun_it_starts_from_the_beginning(whole, profile, 
     for records in (0, 1, 6):
         made = broken_off(tmp_path / "run-0001", whole, records)
         with JobReader(made.job) as job:
-            found = find_place(job, replay_run(made), seen((1.0, 2.0, 3.0)), profile)
+            found = find_recovery_place(job, replay_run(made), seen((1.0, 2.0, 3.0)), profile)
             assert found.reached.place == JOB_START
 
 
@@ -96,7 +96,7 @@ class TwoRuns:
     def __init__(self, folder, profile, job, disturb):
         self.error = self.second_error = self.result = None
         self.told = []  # progress of the second
-        virtual_time.run(self._main(folder, profile, job, disturb))
+        virtual_time.run_in_virtual_time(self._main(folder, profile, job, disturb))
 
     async def _main(self, folder, profile, job, disturb):
         config = BenchConfig.parse((EXAMPLES / "bench.toml").read_text())
@@ -116,9 +116,11 @@ class TwoRuns:
             self.made = RunFolder(folder / "runs" / "run-0001")
             position = bench.motion.position_mm
             with JobReader(self.made.job) as reader:
-                self.found = find_place(reader, replay_run(self.made), seen(position), profile)
+                self.found = find_recovery_place(reader, replay_run(self.made), seen(position),
+                                                 profile)
             going_on = EarlierRun(
-                "run-0001", self.found.reached, trusted=not self.found.lost, stands_mm=position)
+                "run-0001", self.found.reached, is_position_trusted=not self.found.lost,
+                stands_mm=position)
             try:
                 self.result = await RunExecutor(
                     self.made.job, cell, folder / "runs", continues=going_on,
@@ -141,7 +143,7 @@ def test_a_stopped_run_is_recovered_where_it_stood(whole, profile, tmp_path):
     assert two.path.length_mm.sum() == pytest.approx(
         whole.path.length_mm.sum() + OVERLAP_MM, abs=0.2)
     assert set(two.path.line) == set(whole.path.line)
-    assert continued_by(two.made) == ("run-0002", [])
+    assert continuing_runs(two.made) == ("run-0002", [])
     header = next(read_records(two.result.journal))
     assert header["continues"] == "run-0001"
     (first_s, end_s, _, left_s), *_ = two.told  # before it has done anything

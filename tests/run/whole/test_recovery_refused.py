@@ -10,8 +10,8 @@ from lmctl.errors import JournalError, MachineError, RunFailedError, RunInterrup
 from lmctl.job.reader import JobReader
 from lmctl.run.executor import EarlierRun, RunExecutor
 from lmctl.run.journal.format import read_records
-from lmctl.run.journal.recovery import find_place, refuse_finished
-from lmctl.run.journal.replay import continued_by, replay_run
+from lmctl.run.journal.recovery import find_recovery_place, refuse_finished
+from lmctl.run.journal.replay import continuing_runs, replay_run
 from lmctl.run.journal.run_folders import RunFolder
 from lmctl.run.program.place import JOB_START, Known, ProgramPlace, known_place
 from lmctl.run.state.transitions import RunState
@@ -29,14 +29,15 @@ def unentered(request, whole, profile, tmp_path):
     dead = wired(profile, {"motion": "tcp://127.0.0.1:9"} | {
         feeder.name: "modbus-tcp://127.0.0.1:9" for feeder in profile.feeder})
     reached = known_place(PLACE, Known.REPORTED)
-    going_on = EarlierRun("run-0001", reached, trusted=request.param, stands_mm=STOOD_MM)
+    going_on = EarlierRun("run-0001", reached, is_position_trusted=request.param,
+                          stands_mm=STOOD_MM)
 
     async def main():
         await RunExecutor(whole.job, dead, tmp_path / "runs", continues=going_on).run()
 
     (tmp_path / "runs" / "run-0001").mkdir(parents=True)
     with pytest.raises(MachineError, match="devices of the cell failed"):
-        virtual_time.run(main())
+        virtual_time.run_in_virtual_time(main())
     return RunFolder(tmp_path / "runs" / "run-0002"), request.param
 
 
@@ -51,9 +52,9 @@ def test_a_recovery_that_never_entered_the_part_is_recovered_from_where_it_was_t
     after = replay_run(made)
     assert after.has_begun
     with JobReader(made.job) as job:
-        found = find_place(job, after, seen(STOOD_MM), profile)
-        elsewhere = find_place(job, after, seen((40.0, 30.0, 0.5)), profile)
-        blind = find_place(job, after, seen(None), profile)
+        found = find_recovery_place(job, after, seen(STOOD_MM), profile)
+        elsewhere = find_recovery_place(job, after, seen((40.0, 30.0, 0.5)), profile)
+        blind = find_recovery_place(job, after, seen(None), profile)
     assert {one.reached.place for one in (found, elsewhere, blind)} == {PLACE}
     assert (found.lost == "") is kept
     assert elsewhere.lost
@@ -99,7 +100,7 @@ def test_a_run_that_has_executed_every_line_leaves_nothing_to_recover(
         replay_run(broken_off(tmp_path / "run-0001", whole, finishing + 1))
     after = replay_run(broken_off(tmp_path / "run-0001", whole, finishing))
     with JobReader(after.run.job) as job:
-        place = find_place(job, after, seen(None), profile).reached.place
+        place = find_recovery_place(job, after, seen(None), profile).reached.place
         with pytest.raises(JournalError, match="nothing is left"):
             refuse_finished(job, after, place, profile.motion)
         refuse_finished(job, after, JOB_START, profile.motion)
@@ -121,6 +122,6 @@ def test_a_journal_nobody_can_read_keeps_no_other_run_from_being_recovered(whole
                        ("run-0004", b'{"format":"lmctl-journal-9"}\n')):
         (tmp_path / name).mkdir()
         (tmp_path / name / "journal.jsonl").write_bytes(data)
-    assert continued_by(first) == ("", ["run-0003", "run-0004"])
+    assert continuing_runs(first) == ("", ["run-0003", "run-0004"])
     changed_header(tmp_path / "run-0005", whole, 4, continues="run-0002")
-    assert continued_by(first) == ("run-0005", ["run-0003", "run-0004"])
+    assert continuing_runs(first) == ("run-0005", ["run-0003", "run-0004"])

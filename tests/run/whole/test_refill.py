@@ -20,7 +20,7 @@ def refill(name, lot="", mass_g=0.0):
 
 
 def note_gas(one):
-    one.gas_while_open = one.bench.feeders["F1"].gas_flows(one.loop.time())
+    one.gas_while_open = one.bench.feeders["F1"].is_gas_flowing(one.loop.time())
     one.state_while_open = one.executor.state
 
 

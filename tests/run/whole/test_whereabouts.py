@@ -64,7 +64,7 @@ def on_grbl(tmp_path, profile, square_job, bench_text):
                     lambda act: with_motion(act, journaled=False),
                 )
 
-        virtual_time.run(main())
+        virtual_time.run_in_virtual_time(main())
 
     return tell
 
@@ -88,9 +88,9 @@ def test_after_homing_one_run_follows_another(on_grbl):
 def test_what_another_hand_has_moved_or_only_unlocked_is_not_known(on_grbl):
     async def story(home, run, others):
         async def nudge(motion):
-            await motion.command("G91")
-            await motion.command("G0 X-0.1")
-            await motion.command("G90")
+            await motion.send_command("G91")
+            await motion.send_command("G0 X-0.1")
+            await motion.send_command("G90")
 
         await others(unlock_controller)
         with pytest.raises(MachineError, match="not been homed"):

@@ -203,7 +203,7 @@ def play() -> Callable[..., object]:
                     await cell.drop()
                     await asyncio.sleep(0.01)
 
-        return virtual_time.run(main())
+        return virtual_time.run_in_virtual_time(main())
 
     return run
 

@@ -14,7 +14,7 @@ RELAY = [("watchdog_relay = false", "watchdog_relay = true")]
 def word(cell, name):
     """The last word of a register."""
     register, at = SIO_MAP[name], SIO_MAP.wire_address(name)
-    return cell.bench.safety.read_input(at, register.words)[-1]
+    return cell.bench.safety.read_input(at, register.word_count)[-1]
 
 
 async def under_way(cell):

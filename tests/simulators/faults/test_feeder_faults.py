@@ -128,7 +128,7 @@ def test_an_ignored_recipe_is_taken_and_not_run(play):
         cell.recipe("F1", 5.0)
         await asyncio.sleep(15.0)
         ignored = before == told(cell, 0)["SEQ_APPLIED"], nozzle_g_min(cell)
-        wanted = 60 * float(cell.bench.feeders["F1"].hoppers[1].told.nozzle_flow_g_s(
+        wanted = 60 * float(cell.bench.feeders["F1"].hoppers[1].fault_free_process.nozzle_flow_g_s(
             np.array([cell.now_s]))[0])
         cell.board.clear(number)
         cell.recipe("F1", 5.0)
@@ -266,7 +266,7 @@ def test_a_limited_disc_clips_the_set_point_that_runs_tells_so_and_is_judged(pla
         clipped, warned = told(cell), told(cell, 0)["WARNING"]
         await asyncio.sleep(20.0)
         fed, hopper = nozzle_g_min(cell), cell.bench.feeders["F1"].hoppers[1]
-        wanted_rpm = hopper.told.disc_rpm(cell.now_s)
+        wanted_rpm = hopper.fault_free_process.disc_rpm(cell.now_s)
         cell.board.clear(number)
         await asyncio.sleep(20.0)
         return clipped, warned, fed, wanted_rpm, nozzle_g_min(cell), told(cell, 0)["WARNING"]

@@ -19,7 +19,7 @@ from collections.abc import Mapping
 from firmware_protocol.realtime import RealtimeCommand
 from firmware_protocol.status import StatusReport
 from lmctl.machine.motion.identity import ControllerIdentity
-from lmctl.machine.motion.override_arithmetic import NO_OVERRIDE, after_byte
+from lmctl.machine.motion.override_arithmetic import NO_OVERRIDE, overrides_after_byte
 
 #: Reports of one axis position that differ by less say the same [mm].
 _SAME_MM = 0.01
@@ -39,7 +39,7 @@ _KEPT = 8
 _MOVING = ("Run", "Jog", "Home")
 
 
-class ReportScreen:
+class StatusReportFilter:
     """Looks at the reports of one controller, in the order they arrive.
 
     overrides : feed, rapid, spindle [%], as far as they are known
@@ -65,7 +65,8 @@ class ReportScreen:
         """Whether another report is needed to believe an offset or override, or disprove it."""
         return self._claimed_overrides is not None or self._claimed_offset_mm is not None
 
-    def know(self, identity: ControllerIdentity, settings: Mapping[int, str]) -> None:
+    def set_controller_info(self, identity: ControllerIdentity,
+                            settings: Mapping[int, str]) -> None:
         """Use what the controller has stated of its buffers and axes."""
         self._blocks_most, self._rx_most = identity.planner_blocks, identity.rx_bytes
         stated = [settings.get(_HIGHEST_SPEED + axis, "") for axis in range(3)]
@@ -74,15 +75,15 @@ class ReportScreen:
         except ValueError:
             self._highest_mm_s = ()
 
-    def offset_is(self, offset_mm: tuple[float, ...]) -> None:
+    def set_work_offset(self, offset_mm: tuple[float, ...]) -> None:
         """The work offset as the controller lists it; counts more than that of one report."""
         self._offset_mm, self._claimed_offset_mm = offset_mm, None
 
-    def commanded(self, byte: RealtimeCommand) -> None:
+    def on_realtime_sent(self, byte: RealtimeCommand) -> None:
         """A real-time byte was sent: an override reported as commanded is believed at once."""
-        self._commanded = after_byte(byte, self._commanded)
+        self._commanded = overrides_after_byte(byte, self._commanded)
 
-    def restarted(self) -> None:
+    def on_restart(self) -> None:
         """The controller restarted: overrides are back at 100 %, and it may be anywhere."""
         self.overrides = self._commanded = NO_OVERRIDE
         self.overrides_missed = False
@@ -90,11 +91,11 @@ class ReportScreen:
         self._believed = None
         self._doubtful.clear()
 
-    def missed(self) -> None:
+    def on_missed_report(self) -> None:
         """A report was lost or could not be read."""
         self.overrides_missed = True
 
-    def take(self, report: StatusReport, t: float) -> StatusReport | None:
+    def believed_report(self, report: StatusReport, t: float) -> StatusReport | None:
         """The report as far as it is believed, or None where others must agree with it first.
 
         t : loop time [s]. Offset and overrides are left out of it while they are not believed,

@@ -14,7 +14,7 @@ from simulators.modbus_errors import (
 )
 
 
-class Registers(Protocol):
+class ModbusRegisters(Protocol):
     """A device as its wire sees it.
 
     Each of its methods may raise RefusedError for an exception, SilentError for no answer.
@@ -28,7 +28,7 @@ class Registers(Protocol):
 
 
 @dataclass(frozen=True)
-class ModbusHabits:
+class ModbusQuirks:
     """address_base : what the first register is called on the wire
     max_registers : most that it moves in one request
     function_codes : those it carries out
@@ -38,16 +38,16 @@ class ModbusHabits:
     max_registers: int = 125
     function_codes: tuple[int, ...] = (3, 4, 6, 16, 22, 23)
 
-    def check_function(self, code: int) -> None:
+    def check_function_code(self, code: int) -> None:
         """Raises RefusedError for a function it does not know."""
         if code not in self.function_codes:
             raise ExceptionReplyError(ILLEGAL_FUNCTION)
 
 
-class PeculiarRegisters:
+class RegistersWithQuirks:
     """The registers of a device behind its habits."""
 
-    def __init__(self, device: Registers, habits: ModbusHabits) -> None:
+    def __init__(self, device: ModbusRegisters, habits: ModbusQuirks) -> None:
         self._device = device
         self._habits = habits
 

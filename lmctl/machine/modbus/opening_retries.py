@@ -13,7 +13,7 @@ _OPENING_TRIES = 3
 _BUSY_PATIENCE_S = 15.0
 
 
-class Patience:
+class OpeningRetries:
     """How long a device that is being opened may stay without an answer: see `is_left`.
 
     Lost answers are few where a device is alive; one that is starting up is busy for longer.
@@ -24,7 +24,7 @@ class Patience:
         self._until_s = self._loop.time() + _BUSY_PATIENCE_S
         self._tries = _OPENING_TRIES
 
-    def is_left(self, error: MachineError | None) -> bool:
+    def may_retry(self, error: MachineError | None) -> bool:
         """Whether to ask again after an error; None : an answer that was not good."""
         if isinstance(error, PassingExceptionError):
             return self._loop.time() < self._until_s
@@ -32,19 +32,19 @@ class Patience:
         return self._tries > 0
 
 
-async def repeated(
+async def answer_with_retries(
     request: Callable[[], Awaitable[Sequence[int]]], every_s: float
 ) -> Sequence[int]:
     """The answer to a request that may be repeated, such as a reading, while a device is opened.
 
     Raises NoAnswerError where patience ends, RefusedError at once.
     """
-    patience = Patience()
+    patience = OpeningRetries()
     while True:
         try:
             return await request()
         except NoReplyError as error:
-            if not patience.is_left(error):
+            if not patience.may_retry(error):
                 raise
             if isinstance(error, PassingExceptionError):
                 await asyncio.sleep(every_s)
