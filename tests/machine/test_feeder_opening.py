@@ -57,7 +57,8 @@ def test_a_profile_that_does_not_fit_the_device(changes, words):
 def test_a_device_of_another_kind_or_map_is_refused(monkeypatch):
     async def main():
         async with simulated(ONE) as (_, server):
-            for name, words in (("DEVICE_ID", "no PMX feeder"), ("MAP_MAJOR_VERSION", "register map")):
+            for name, words in (("DEVICE_ID", "no PMX feeder"),
+                                ("MAP_MAJOR_VERSION", "register map")):
                 monkeypatch.setattr(f"simulators.feeder.readings.{name}", 7)
                 with pytest.raises(MachineError, match=words):
                     await FeederDriver.open(
