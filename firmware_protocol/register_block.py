@@ -46,7 +46,7 @@ class RegisterType(Enum):
 class WordOrder(Enum):
     """Byte order of a 32-bit value, A its most significant byte.
 
-    Source: docs/explanation/motion-protocol.md, Word order of 32-bit registers.
+    Source: docs/explanation/motion-link.md, Word order of 32-bit registers.
     """
 
     ABCD = "ABCD"

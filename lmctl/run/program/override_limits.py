@@ -1,7 +1,7 @@
 """Feed override: how far it may go, and the real-time bytes for it.
 
 The bytes set 100 %, then steps of ten and of one.
-Source: docs/explanation/motion-protocol.md, Real-time bytes.
+Source: docs/explanation/motion-link.md, Real-time bytes.
 """
 
 from __future__ import annotations
