@@ -10,6 +10,7 @@ from firmware_protocol.pmx import FeederMode, FeederStatusBits, HopperStatusBits
 from firmware_protocol.pmx import FeederStateCode as FeederState
 from firmware_protocol.status import parse_status
 from lmctl.config.machine import HopperSettings, SafetySettings
+from lmctl.errors import MachineError
 from lmctl.machine.feeder.readings import HopperReading
 from lmctl.machine.feeder.status import FeederStatus
 from lmctl.machine.feeder.warnings import FeederWarning
@@ -351,6 +352,14 @@ def test_the_first_alarm_stays_first_until_all_are_acknowledged():
     alarms.acknowledge()
     assert alarms.cause is None
     assert len(alarms) == 0
+
+
+def test_what_the_headline_ends_with_is_not_told_again_as_its_consequence():
+    alarms = RunAlarms()
+    alarms.add(MachineError("the motion controller is lost: the link was closed"), 1.0)
+    assert alarms.add(MachineError("the link was closed"), 1.1) is None
+    assert alarms.add(MachineError("the gate of the link was closed"), 1.2) is not None
+    assert len(alarms) == 2
 
 
 def test_a_host_that_stood_still_has_not_asked_so_nobody_is_silent():

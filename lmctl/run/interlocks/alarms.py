@@ -103,9 +103,12 @@ class RunAlarms:
         return cause
 
     def add(self, error: LmctlError, at_s: float) -> RunAlarm | None:
-        """Add an alarm; None where it stands already."""
+        """Add an alarm; None where it stands already, or ends one that stands ("… is lost: …")."""
         name = alarm_name_of(error)
-        if name in self._alarms or any(one.what == error.what for one in self._alarms.values()):
+        if name in self._alarms or any(
+            one.what == error.what or one.what.endswith(f": {error.what}")
+            for one in self._alarms.values()
+        ):
             return None
         explains = error.explains if isinstance(error, RunTripError) else frozenset()
         before = self.cause
