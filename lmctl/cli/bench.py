@@ -1,4 +1,4 @@
-"""The one door to the simulated machine: an embedded bench on a loop of virtual time."""
+"""The only access to the simulated machine: an embedded bench on a loop of virtual time."""
 
 from __future__ import annotations
 

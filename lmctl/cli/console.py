@@ -1,4 +1,4 @@
-"""How commands speak: data on standard output, talk and progress on standard error."""
+"""Output of commands: data on standard output, messages and progress on standard error."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lmctl.errors import UsageError
 
 
 def print_message(text: str = "") -> None:
-    """A line of talk, on standard error."""
+    """A line of message text, on standard error."""
     click.echo(text, err=True)
 
 
@@ -37,7 +37,7 @@ def print_json(data: Any) -> None:
 
 
 def ask_confirmation(question: str, yes: bool) -> bool:
-    """Whether somebody says yes, or has said so before. Raises UsageError where nobody is there."""
+    """Whether the operator confirms, or `yes` is set. Raises UsageError without a terminal."""
     if yes:
         return True
     if not sys.stdin.isatty():
@@ -69,7 +69,7 @@ class ProgressBar:
 
 
 def print_notice(line: str) -> None:
-    """A line of talk from a machine at work, which goes on where nobody hears it any more."""
+    """A message from a machine at work, which goes on even if standard error is closed."""
     with suppress(OSError, ValueError):
         print_message(line)
 

@@ -212,7 +212,7 @@ def _put_alarms(now: dict[str, Any]) -> None:
             print_data(f"             {place}")
         if alarm["hint"]:
             print_data(f"             what to do: {alarm['hint']}")
-    for warning in now.get("warnings", ()):  # a run of an older version tells of none
+    for warning in now.get("warnings", ()):  # a run of an older version reports none
         print_data(f"  warning    {warning['what']}")
         print_data(f"             what to do: {warning['hint']}")
 

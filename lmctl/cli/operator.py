@@ -20,7 +20,7 @@ def operator_option(command: _Command) -> _Command:
 
 
 def operator_name(given: str | None) -> str:
-    """The name given, or asked for where somebody sits at a terminal; "" where nobody does."""
+    """The name given, or asked for at a terminal; "" without a terminal."""
     if given is not None:
         return given.strip()
     if not (sys.stdin.isatty() and sys.stderr.isatty()):

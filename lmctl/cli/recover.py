@@ -105,7 +105,7 @@ async def prepare(
     restored : the operator has restored the machine's position
     stated_mm : how much of the bead in doubt is on the part, as the operator has stated it
     ask : asked for that otherwise
-    Raises MachineError where the position is lost; UsageError where nobody can be asked.
+    Raises MachineError where the position is lost; UsageError where no operator can be asked.
     """
     from lmctl.cli.machine_actions import run_journaled, run_with_motion
     from lmctl.job.reader import JobReader
@@ -245,7 +245,7 @@ def _settled(
 def _ask_operator(
     job: JobReader, reached: PlaceReached, doubt_mm: float, words: list[str]
 ) -> float:
-    """What an operator who looks at the part says. Raises UsageError where nobody is there."""
+    """The operator's answer after a look at the part. Raises UsageError where none is there."""
     if not sys.stdin.isatty():
         return _refuse_to_guess(job, reached, doubt_mm, words)
     print_message("\n".join([
@@ -268,7 +268,7 @@ def _refuse_to_guess(
 
 
 def _length(text: str) -> float:
-    """A length as somebody states it; inf for all. Raises UsageError."""
+    """A length as the operator states it; inf for all. Raises UsageError."""
     if text.strip().lower() == _ALL:
         return float("inf")
     try:

@@ -17,7 +17,7 @@ FloatArray = NDArray[np.float64]
 
 #: Two materials read best on one perceptually even scale.
 TWO_MATERIAL_COLOURMAP = "viridis"
-#: From dark to light; four are far enough from one plane of colour for mixtures to be told apart.
+#: From dark to light; four are far enough from one plane of colour to distinguish mixtures.
 ANCHOR_COLOURS = ("#20205a", "#c8321e", "#2fa8d8", "#f5e642", "#7a4fa0", "#8fd19e")
 #: Light enough for what is drawn over it.
 _ONE_MATERIAL = "#8fa9c4"

@@ -1,4 +1,4 @@
-"""What a run goes on with."""
+"""The state of an earlier run that a new run continues from."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ class EarlierRun:
     """What an earlier run has made of the part.
 
     reached : how far the job has been executed; not doubtful
-    is_position_trusted : somebody has seen to it that the machine's position is true
+    is_position_trusted : the machine position has been verified or restored
     stands_mm : where the machine stood then, in program coordinates; None where that is not known
     """
 

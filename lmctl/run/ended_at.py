@@ -1,9 +1,9 @@
-"""Where deposition ended when motion was stopped: what is reported, and what only follows from it.
+"""Where deposition ended when motion was stopped: what is reported, and what is inferred.
 
 Without a laser-enable output the beam is on until motion ends (M4), so the bead ends where the
 nozzle stands. With one the beam goes off first, and motion runs on: then the bead ends where the
-nozzle was at that moment, which the clock tells. Where the controller is not heard at standstill,
-it may have executed all that it had been sent.
+nozzle was at that moment, which the program clock gives. Where no report at standstill arrives,
+the controller may have executed every line that it was sent.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from lmctl.run.program.job_window import JobWindow
 from lmctl.run.program.place import Known, PlaceReached, ProgramPlace, known_place, unknown_place
 from lmctl.run.program.program_clock import ProgramClock
 
-#: From the word at the laser-enable output, or an opened circuit, to a beam that is off [s]: the
+#: Delay from the command at the laser-enable output, or an opened circuit, to beam off [s]: the
 #: safe-off of a laser takes less than 50 ms.
 LASER_OFF_DELAY_S = 0.02
 
@@ -27,11 +27,11 @@ _SAME_S = 1e-3
 
 
 def beam_off_s(safety: SafetyDriver | None, clock: ProgramClock, t: float) -> float:
-    """Program time at which the beam goes off, when motion is told to stop at machine time t.
+    """Program time at which the beam goes off, when motion is commanded to stop at machine time t.
 
     inf where it stays on until motion ends. Where the safety circuit is open already, the beam was
     taken away at an unknown moment since the answer before: the earliest one counts, so that
-    nothing is left out, and what is deposited in a period of the safety device may lie twice.
+    nothing is left out; up to one period of the safety device may be deposited twice.
     """
     status = None if safety is None else safety.status
     if safety is None or status is None:

@@ -55,7 +55,7 @@ _BEAM_STAYED_OFF = (
     "stayed off"
 )
 
-#: States in which a hold is somebody else's: pressed at the machine's own panel.
+#: States in which a hold was not commanded by the host: it was pressed at the machine's panel.
 _MUST_NOT_BE_HELD = (
     RunState.GAS, RunState.POWDER, RunState.ARMED, RunState.DEPOSITING, RunState.PURGING,
     RunState.RESUMING,
@@ -106,10 +106,10 @@ async def run_job(
 class RunExecutor:
     """One run of one job. `hold`, `resume`, `stop` and `set_override` act while `run` runs.
 
-    progress : told (program time done, in all, layer, machine time left) about once a second
-    notice : told of each alarm and warning as it comes, in a line
+    progress : called with (program time done, in all, layer, machine time left) about once a second
+    notice : called with one line of text for each alarm and warning as it appears
     continues : the run that has made the part so far, or None
-    watcher : shown a snapshot once a second of machine time
+    watcher : called with a snapshot once a second of machine time
     """
 
     def __init__(
@@ -180,9 +180,9 @@ class RunExecutor:
     def set_override(self, percent: int) -> None:
         """Scale speed, beam and powder together; before the run, for all of it.
 
-        In the run it comes with the next travel that powder can be made to follow.
+        During the run it takes effect in the next travel that powder can follow.
         percent : 50 to 200, and what beam and powder of this job can follow
-        Raises UsageError for another value, and where nothing is laid any more.
+        Raises UsageError for another value, and once the run deposits nothing more.
         """
         self._override_range.check(percent)
         if self.state in {*FINAL_STATES, RunState.FINISHING, RunState.STOPPING, RunState.TRIPPED}:

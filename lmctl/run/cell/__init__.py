@@ -1,4 +1,4 @@
-"""The devices of a cell together: opened, checked, owned, dark or lit."""
+"""The devices of a cell together: opened, checked, owned, beam off or on."""
 
 from __future__ import annotations
 

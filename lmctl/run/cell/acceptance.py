@@ -38,7 +38,7 @@ async def accept_machine(
     """
     motion, identity = cell.motion, cell.motion.identity
     whereabouts.trust_if_unmoved(motion)
-    # A beam only where door and emergency stop are watched, or where nothing can burn.
+    # Beam on only where door and emergency stop are monitored, or on a bench, which has no beam.
     beam_off = not (identity.is_bench or can_read_door_and_estop(profile))
     recorder.record_machine(
         dialect=identity.dialect.name, version=identity.version, info=identity.info,

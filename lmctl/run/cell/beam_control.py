@@ -1,8 +1,8 @@
-"""Beam and motion of a cell, which go down together and come back in order.
+"""Beam and motion of a cell, which stop together and return in order.
 
-Under M4 no motion means no beam. Where the cell has a laser-enable output it goes first: it does
-not wait for what the controller has prepared (110 ms with grblHAL at 10 mm/s, measured), nor for a
-controller that no longer listens.
+Under M4 no motion means no beam. Where the cell has a laser-enable output, it is switched off
+first: it does not wait for motion the controller has prepared (110 ms with grblHAL at 10 mm/s,
+measured), nor for a controller that no longer responds.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ class BeamControl:
         """Hold, and reset once it stands; without a hold in 250 ms reset at once (0x18).
 
         at_rest : called when motion has come to rest, before what was planned is dropped
-        failed : told why it had to be reset in motion
+        failed : called with the reason why it had to be reset in motion
         """
         self._disable()
         try:

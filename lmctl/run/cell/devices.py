@@ -83,7 +83,7 @@ class Cell:
         await asyncio.gather(*map(_close, devices), return_exceptions=True)
 
     def notify_report(self) -> None:
-        """A device has reported: let whoever waits look again."""
+        """A device has reported: wake the waiting callers to check again."""
         waiting, self._waiting = self._waiting, []
         for future in waiting:
             if not future.done():

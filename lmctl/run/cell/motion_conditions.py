@@ -1,9 +1,9 @@
-"""What a run asks of the motion controller before anything moves.
+"""What a run requires of the motion controller before anything moves.
 
-Where the machine is, counts as known when somebody has said so. With homing enabled ($22) that is
-the homing cycle: this session's own, or one that grblHAL still vouches for (`H:1`). Without homing
-it is the operator, who has put the axes to zero or set the work offset; an alarm or a reset in
-motion takes it back until the controller is unlocked, which is the operator's word again.
+The machine position must have been confirmed. With homing enabled ($22) the homing cycle confirms
+it: this session's own, or one that grblHAL still reports (`H:1`). Without homing the operator
+confirms it by zeroing the axes or setting the work offset. An alarm or a reset in motion revokes
+that until the controller is unlocked, by which the operator confirms the position again.
 """
 
 from __future__ import annotations

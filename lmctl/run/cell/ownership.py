@@ -102,7 +102,7 @@ def _folder() -> Path:
     folder = next(filter(_is_everybodys, FOLDERS), FOLDERS[-1]) / "lmctl-locks"
     try:
         folder.mkdir()
-        folder.chmod(0o1777)  # whoever drives the cell; only a file's owner may remove it
+        folder.chmod(0o1777)  # any user may drive the cell; only a file's owner may remove it
     except FileExistsError:
         pass
     except OSError as error:
@@ -167,7 +167,7 @@ def _release(path: Path, fd: int) -> None:
     try:
         path.unlink(missing_ok=True)
     except OSError:
-        pass  # another user's file: an unlocked one keeps nobody out
+        pass  # another user's file: unlocked, it blocks no one
     finally:
         os.close(fd)
 

@@ -48,10 +48,10 @@ def find_run(runs_dir: Path, run: str | None) -> Path:
 
 
 def send_request(folder: Path, do: str, **values: Any) -> dict[str, Any]:
-    """What the run in a folder answers to one request; values : as in `lmctl.run.control.server`.
+    """The answer of the run in a folder to one request; values : as in `lmctl.run.control.server`.
 
-    Raises JournalError where nobody drives the run or it does not answer, UsageError with its
-    words where it refuses.
+    Raises JournalError where no process drives the run or it does not answer, UsageError with
+    its reason where it refuses.
     """
     with _connected(folder) as connection:
         return next(_answers_to(folder, connection, do, values))
@@ -67,7 +67,7 @@ def watch_status(folder: Path, every_s: float) -> Iterator[dict[str, Any]]:
 def _answers(folder: Path) -> bool:
     try:
         connection = control_path.connect_to_run(folder)
-    except JournalError:  # another user's: it is under way, whoever may drive it
+    except JournalError:  # another user's run: it is under way
         return True
     if connection is not None:
         connection.close()
@@ -83,7 +83,7 @@ def _connected(folder: Path) -> socket.socket:
 
 
 def run_not_in_progress(folder: Path) -> JournalError:
-    """That nobody drives the run in a folder, and how it ended."""
+    """The error that no process drives the run in a folder, and how the run ended."""
     made = run_folders.RunFolder(folder)
     state = run_folders.run_summary(made).state
     ended = "it was broken off" if state == "broken off" else f"it is {state}"

@@ -74,8 +74,8 @@ class ControlCallbacks:
 
     status : how the run stands, as JSON values
     perform_act : carries out one of ACTIONS, with the values of its request. Raises UsageError
-    on_act : told of every act: what, by whom (the name given, ""), and why it was refused ("" where
-        it was not). Must not raise
+    on_act : called for every act: what, by whom (the name given, ""), and why it was refused (""
+        where it was not). Must not raise
     """
 
     status: Callable[[], dict[str, Any]]

@@ -55,7 +55,7 @@ def open_listening_socket(folder: Path) -> socket.socket:
 
 
 def connect_to_run(folder: Path) -> socket.socket | None:
-    """A connection to the run in `folder`, or None where nobody drives it.
+    """A connection to the run in `folder`, or None where no process drives it.
 
     A socket whose process has died is removed. Raises JournalError where it is another user's.
     """
@@ -116,7 +116,7 @@ def _bound(path: Path) -> socket.socket:
 
 
 def _run_time_folder() -> Path:
-    """A folder of the user's own. Raises OSError, also where it is somebody else's."""
+    """A folder of the user's own. Raises OSError, also where another user owns it."""
     base = Path(os.environ.get("XDG_RUNTIME_DIR", ""))
     if base.is_absolute() and base.is_dir():
         folder = base / "lmctl"

@@ -1,7 +1,7 @@
-"""Depositing: lines to the controller as the machine gets on, and the journal of it.
+"""Deposition: sends lines to the controller as the machine progresses, and journals it.
 
-Driven by the motion driver: a report says how far the machine is and so which lines may go, and
-those go out with the next question. Between them it does nothing.
+Driven by the motion driver: a report shows how far the machine is and so which lines may be sent;
+they go out with the next status query. Between reports it does nothing.
 """
 
 from __future__ import annotations

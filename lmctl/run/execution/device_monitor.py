@@ -1,4 +1,4 @@
-"""What the devices report, handed on: progress to the deposition, trouble in words to the run."""
+"""Forwards device reports: progress to the deposition, errors in words to the run."""
 
 from __future__ import annotations
 
@@ -66,8 +66,8 @@ class DeviceMonitor:
         self._loop = asyncio.get_running_loop()
         rules = INTERLOCK_RULES if cell.safety is not None else INTERLOCK_RULES_WITHOUT_SAFETY
         self._supervision = InterlockSupervision(self._raise, rules, self._cleared)
-        # When the place reported last changed, or had not to; and when it was last reported: while
-        # the host sleeps nobody knows whether it changes.
+        # When the reported place last changed or did not have to, and when it was last reported:
+        # while the host sleeps, it is unknown whether it changes.
         self._moved_t = self._reported_t = self._loop.time()
         self._last_mm: tuple[float, ...] | None = None
         cell.motion.listener = MotionCallbacks(
@@ -106,7 +106,7 @@ class DeviceMonitor:
         return self._supervision.active_alarms(self._facts())
 
     def acknowledge(self) -> None:
-        """An operator has seen the alarms: what still holds is told anew."""
+        """The operator has acknowledged the alarms: report again what still holds."""
         for alarm in self._alarms:
             self._clear(alarm.name, "acknowledged")
         self._alarms.acknowledge()
@@ -126,9 +126,9 @@ class DeviceMonitor:
         self._cell.notify_report()
 
     def _stands_held(self, report: StatusReport) -> None:
-        """Somebody at the machine has held it, for however short a time: it would wait for ever.
+        """A feed hold was pressed at the machine, however briefly: it would wait for ever.
 
-        Not before it stands: a controller that runs into a limit slows down first, too.
+        Raised only at rest: a controller that runs into a limit slows down first, too.
         """
         if report.state == "Hold" and report.is_held:
             self._raise(InterlockError("panel hold", "feed hold was pressed at the machine",

@@ -116,9 +116,9 @@ class JobProgress:
             self._work.deposition.schedule_override(percent)
 
     async def restore_requested_override(self, cell: Cell) -> None:
-        """The feed override asked for, and no other: what somebody left at the panel is undone.
+        """Restore the requested feed override: any override left set at the panel is undone.
 
-        Sent whatever was told of them, which may be some reports old. Raises MachineError.
+        Sent whatever was reported, which may be some reports old. Raises MachineError.
         """
         motion, percent = cell.motion, self.override_percent
         wanted = (percent, 100, 100)

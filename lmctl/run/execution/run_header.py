@@ -45,7 +45,7 @@ def local_header(run: str, profile: MachineProfile) -> dict[str, Any]:
 
 
 def _going_on(continues: EarlierRun) -> dict[str, Any]:
-    """Whoever goes on with a run that fails before it enters the part needs all of it again."""
+    """Fields that a later run needs again if this run fails before it enters the part."""
     place, stands_mm = continues.reached.place, continues.stands_mm
     return {"continues": continues.run, "position_kept": continues.is_position_trusted,
             "begins_at": {"line": place.line, "share": round(place.line_fraction, 6),

@@ -1,8 +1,8 @@
 """What a run executed after its last report: inferred once the machine's place is found again.
 
-A killed host, or a lost link, leaves the controller running on the lines it holds. No report shows
-that. The run that goes on with the part knows from where (the machine's place when it was
-recovered), and journals the difference as what it is: inferred.
+After a killed host or a lost link the controller still runs the lines it holds. No report shows
+that. The run that continues the part knows where it starts (the machine position at recovery), and
+journals the difference as inferred.
 """
 
 from __future__ import annotations

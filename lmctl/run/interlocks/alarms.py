@@ -1,12 +1,10 @@
-"""What is not as it must be, in plain words: first-out, latched until an operator goes on.
+"""Alarms of a run in plain words: first-out, latched until the operator resumes.
 
-An `InterlockError` is what a hold answers: beam and motion down, then powder, and the run waits
-for its
-operator. Everything else that goes wrong ends the run. All of it stands in one list, `RunAlarms`,
-in
-the order in which it was found: the first is the cause, what came after may follow from it. Some
-causes show later than what they do, as a controller that loses power is silent before it says that
-it has restarted: they name what they explain.
+An `InterlockError` holds the run: beam and motion stop first, then powder, and the run waits for
+its operator. Every other error ends the run. `RunAlarms` lists all of them in the order in which
+they were found: the first is the cause, later ones may follow from it. Some causes are reported
+after their effects: a controller that loses power is silent before it reports its restart. Such a
+cause names the alarms that it explains.
 """
 
 from __future__ import annotations
@@ -75,7 +73,7 @@ class RunAlarms:
     """The alarms of a run since it last went on, and the warnings that stand.
 
     Iterating gives the cause, then what came with it in the order in which it was found.
-    told : called with a line for people as an alarm or warning comes, and as a warning is over
+    told : called with a line of text when an alarm or warning appears, and when a warning is over
     warnings : oldest first
     """
 

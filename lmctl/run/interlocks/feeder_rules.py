@@ -1,4 +1,4 @@
-"""Rules about powder: what feeders say of gas, discs and weight."""
+"""Rules about powder: what feeders report about gas, discs and weight."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def mixer_pressure_findings(facts: InterlockInputs) -> Iterator[InterlockFinding
 
 
 def clipped_setpoint_findings(facts: InterlockInputs) -> Iterator[InterlockFinding]:
-    """A clipped set-point is another mixture. Disc and weight agree with it, so only this tells."""
+    """A clipped set-point changes the mixture. Disc and weight match it; only this shows it."""
     for feeder in facts.feeder_readings:
         if feeder.clipped is not None:
             of = " and ".join(f"hopper {name}" for name in feeder.clipped) or "a hopper"
@@ -64,7 +64,7 @@ def disc_speed_findings(facts: InterlockInputs) -> Iterator[InterlockFinding]:
     for feeder in facts.feeder_readings:
         for hopper, reading in feeder.hoppers:
             flow, wanted = reading.flow_estimated_g_min, reading.setpoint_g_min
-            # Recipe and reading are one request: the disc may still be where it was told before.
+            # Recipe and reading are one request: the disc may still follow the set-point before it.
             meant = (wanted, *reading.previous_setpoints_g_min)
             if _is_off(flow, meant, _DISC_LEAST_G_MIN, _DISC_SHARE):
                 yield InterlockFinding(

@@ -1,4 +1,4 @@
-"""What interlocks look at: the last word of every device, each with its age."""
+"""Inputs of the interlocks: the last report of every device, each with its age."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from lmctl.machine.safety.status import SafetyStatus
 #: duties).
 STALE_PERIODS = 3
 
-#: So often the motion controller must have been asked in vain by then. A host that stood still for
-#: a while has not asked; but by the end of the send horizon motion has run dry, asked or not.
+#: Queries that the motion controller must have left unanswered by then. A host that was suspended
+#: has sent none; but by the end of the send horizon motion has run dry, queried or not.
 STALE_QUESTIONS = 3
 
 
@@ -26,7 +26,7 @@ class FeederReading(NamedTuple):
 
     hoppers : those in use, once powder runs and has settled, with what was read of each
     clipped : it feeds, and has clipped a set-point; the names of the hoppers, as far as known
-    mixer_mbar, mixer_max_mbar : what it tells and what the profile allows; None: not known
+    mixer_mbar, mixer_max_mbar : pressure reported and limit in the profile; None: not known
     """
 
     name: str
@@ -46,7 +46,7 @@ class FeederAnswerAge(NamedTuple):
 
 
 class UncommandedOutput(NamedTuple):
-    """What a controller reports and its program does not ask for.
+    """What a controller reports although its program does not command it.
 
     speed_mm_s, power_W : as reported
     max_speed_mm_s : the highest speed of the lines that may be running

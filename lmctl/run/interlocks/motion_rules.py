@@ -1,4 +1,4 @@
-"""Rules about what the motion controller says of itself and of the nozzle."""
+"""Rules about what the motion controller reports about itself and the nozzle position."""
 
 from __future__ import annotations
 
@@ -8,20 +8,21 @@ from lmctl.run.interlocks.cell_rules import CLOSE_AND_RESUME_HINT
 from lmctl.run.interlocks.inputs import STALE_PERIODS, InterlockInputs
 from lmctl.run.interlocks.rule import InterlockFinding
 
-#: A machine that says it runs must move within so much [s]: at the slowest bead it does.
+#: A machine that reports Run must move within this time [s]: at the slowest bead it does.
 _STILL_S = 1.0
 
 #: A controller follows its lines to a step, and rounding of reports leaves 0.005 mm. Farther off
 #: than this, what it runs is not what was sent: G-code has no checksum.
 OFF_PATH_MM = 0.1
 
-#: Planned and real motion differ by 0.1 s at most from one report to the next; what is reached so
-#: much sooner was not waited for. An override of 200 % may be told a report late, and gains that.
+#: Planned and real motion differ by 0.1 s at most from one report to the next. A place reached this
+#: much too soon means a wait was skipped. A 200 % override may be reported one report late, and
+#: gains that time.
 _EARLY_S, _UNTOLD_PERIODS = 1.0, 2
 
 _ROUNDING_S = 1e-6
 
-#: A nozzle leaves its path in motion; one that is off it and stands is not where it says [s].
+#: A nozzle leaves its path only in motion; off the path and at rest, its report is wrong [s].
 _FROZEN_S = 0.15
 _FROZEN = "its reports cannot be relied on: reset it, home the machine"
 
@@ -35,14 +36,14 @@ def controller_door_findings(facts: InterlockInputs) -> Iterator[InterlockFindin
     """The controller's own door input, where it is not the watchdog relay that opens it."""
     safety, report = facts.safety, facts.motion
     by_relay = safety is not None and safety.relay_closed is False
-    # Door:0 is what a controller says once it is closed again, until it is told to go on.
+    # A controller reports Door:0 once the door is closed again, until it is commanded to resume.
     if report is not None and report.state == "Door" and report.substate != 0 and not by_relay:
         yield InterlockFinding("the safety door is open, says the motion controller",
                                CLOSE_AND_RESUME_HINT)
 
 
 def motion_silence_findings(facts: InterlockInputs) -> Iterator[InterlockFinding]:
-    """No believable report for three periods, in which a question is put ten times and more."""
+    """No plausible report for three periods, in which the host queries ten times or more."""
     stale = facts.motion_age_s >= STALE_PERIODS * facts.motion_period_s - _ROUNDING_S
     if not (stale and facts.motion_unanswered):
         return

@@ -1,4 +1,4 @@
-"""The interlock table applied: which rules hold just now, and for how long they have."""
+"""Evaluation of the interlock table: which rules hold now, and for how long they have."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from lmctl.run.interlocks.alarms import EmergencyStopError, InterlockError
 from lmctl.run.interlocks.inputs import FeederReading, InterlockInputs
 from lmctl.run.interlocks.rule import InterlockFinding, InterlockRule, Reaction
 
-#: Readings so much nearer together than asked for are as far apart: answers are not that punctual.
+#: Readings may be this much closer together than requested: answers are not exactly periodic [s].
 _PUNCTUAL_S = 0.05
 
 #: An interlock that waits for the end of a path waits no longer than this [s].
@@ -21,12 +21,12 @@ def _ignore(name: str) -> None:
 
 
 class InterlockSupervision:
-    """Rules looked at again and again. Pure: it is told facts and the time.
+    """Evaluates the rules repeatedly. Pure: the caller passes facts and the time.
 
     raised : called once for each rule and subject, when it has held for long enough; again only
         after it has not held in between, or after `forget`
     cleared : called with the name of an alarm that was raised, once its rule no longer holds
-    doubts : something is found in a reading that another is to confirm
+    doubts : a reading has a finding that the next reading must confirm
     """
 
     def __init__(
@@ -43,7 +43,7 @@ class InterlockSupervision:
         self._told: set[tuple[str, str]] = set()
 
     def evaluate(self, facts: InterlockInputs, t: float, *, dark: bool) -> None:
-        """dark : whether the program has the beam off just now."""
+        """Evaluate all rules at t [s]. dark : whether the program has the beam off now."""
         holding: set[tuple[str, str]] = set()
         self.doubts = False
         # Most looks come between two answers of a feeder.
@@ -72,11 +72,11 @@ class InterlockSupervision:
                 self._cleared(_alarm_name(*key))
 
     def acknowledge(self) -> None:
-        """Alarms have been acknowledged: what still holds is told again."""
+        """Alarms have been acknowledged: report again what still holds."""
         self._told.clear()
 
     def active_alarms(self, facts: InterlockInputs) -> list[MachineError]:
-        """What holds at this moment, however short, and would not end by being acknowledged."""
+        """Rules that hold now, for however short a time, and that acknowledging would not clear."""
         return [
             alarm_error_of(rule, finding)
             for rule in self._rules if not rule.is_latched

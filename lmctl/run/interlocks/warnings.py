@@ -1,7 +1,7 @@
-"""What feeders warn of in a run: told when it appears, and when it has gone for good.
+"""Feeder warnings of a run: reported when they appear and when they are over.
 
-A warning stops nothing. One that comes and goes is told once: it is over only after it has stayed
-away for a while, so that a flickering bit does not fill the journal.
+A warning stops nothing. An intermittent warning is reported once: it is over only after it has
+stayed away for `WARNING_CLEAR_S`, so that a flickering bit does not fill the journal.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _Key = tuple[int, str]
 class WarningDebounce:
     """The warnings of one feeder in one run.
 
-    told : called with each one as it appears (True) and when it is over (False)
+    told : called with each warning when it appears (True) and when it is over (False)
     """
 
     def __init__(self, told: Callable[[FeederWarning, bool], None]) -> None:
@@ -32,11 +32,11 @@ class WarningDebounce:
         self._leaving: dict[_Key, asyncio.TimerHandle] = {}
 
     def update(self, warnings: Sequence[FeederWarning]) -> None:
-        """What it warns of now; the same object as long as that is the same."""
+        """Take the feeder's present warnings; the same object means that they are unchanged."""
         if warnings is self._heard:
             return
         self._heard = warnings
-        # A clipped set-point holds the run: that is an alarm, and not told twice.
+        # A clipped set-point holds the run: that is an alarm, and not reported twice.
         now = {(one.number, one.hopper): one for one in warnings if one.number != CLIPPED}
         for key in self._standing:
             if key not in now and key not in self._leaving:
@@ -49,7 +49,7 @@ class WarningDebounce:
                 self._told(one, True)
 
     def stop(self) -> None:
-        """The run is over: nothing more is told."""
+        """The run is over: report nothing more."""
         for timer in self._leaving.values():
             timer.cancel()
 

@@ -121,7 +121,7 @@ def verify_journal(path: Path) -> JournalVerification:
 def read_records(path: Path) -> Iterator[dict[str, Any]]:
     """Every record of a journal in order, one in memory at a time.
 
-    A half-written last line is left out; `verify` tells of it, and of broken hashes, which
+    A half-written last line is left out; `verify` reports it, and broken hashes, which
     reading does not check. Raises JournalError where the file is missing, no journal, or one of
     another version.
     """

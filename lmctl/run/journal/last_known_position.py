@@ -1,11 +1,11 @@
-"""Knowing where a homed machine is from one command to the next, where its controller cannot tell.
+"""Keeps the position of a homed machine between commands, where its controller does not report it.
 
-Grbl homes and then says nothing of it: Idle with homing enabled ($22) may be homed, or only
-unlocked. So whoever leaves such a machine writes into its journal where it stands (machine
-coordinates) and whether that was to be trusted; whoever comes next believes it if nothing else
-was begun since and the machine still stands there to the micrometre the controller reports. A
-power cycle sets the position to zero, a move by another hand changes it, a killed host leaves no
-such record: each has to be followed by homing. grblHAL vouches for its axes itself (`H:1`).
+Grbl does not report that it has homed: Idle with homing enabled ($22) may mean homed, or only
+unlocked. So a command that leaves such a machine journals where it stands (machine coordinates)
+and whether that position was trusted. The next command trusts it if nothing else was begun since
+and the machine still stands there to the micrometre the controller reports. A power cycle sets the
+position to zero, a move from elsewhere changes it, a killed host leaves no such record: after each
+of these the machine must be homed. grblHAL reports homed axes itself (`H:1`).
 """
 
 from __future__ import annotations

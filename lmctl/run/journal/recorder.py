@@ -81,15 +81,15 @@ class Refill(NamedTuple):
 
 
 class RunRecorder:
-    """The run's hand in its journal.
+    """Writes a run's journal.
 
     now_s : machine time since the run began, as records carry it
     hoppers : names, in the order flows are given
-    latest : the last sample, for whoever asks how things stand
-    layer_so_far : how the accounts of the layers under way stand
+    latest : the last sample, for status requests
+    layer_so_far : the present accounts of the layers under way
 
-    When the journal cannot be written (a full disk) the first write says so by JournalError, which
-    ends the run; the writes of the safe stop that follows are dropped, so that nothing keeps it.
+    When the journal cannot be written (a full disk) the first write raises JournalError, which
+    ends the run; writes of the safe stop that follows are dropped, so that nothing delays it.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""From what a journal tells and where the machine stands to the place where a job goes on."""
+"""Finds where a job resumes, from its journal and the machine position."""
 
 from __future__ import annotations
 

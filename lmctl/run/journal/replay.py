@@ -1,4 +1,4 @@
-"""What the journal of a run proves of how far the part has been made."""
+"""What the journal of a run proves about how far the part has been made."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ class RunReplay:
     """A run that did not get done.
 
     ended : its last state, or "broken off" where its process died
-    reached : where deposition ended, as far as the journal tells
-    is_position_kept : nothing is known by which the machine would have lost its position
+    reached : where deposition ended, as far as the journal shows
+    is_position_kept : no event is known that would have lost the machine position
     last_line : no line after this one can have been sent
     sent_line : the last line journaled as sent; a power cut may have lost a later one
-    beam_on_line : the line with which the part was entered last; what lies before was not run then
-    stands_mm : where the machine was last reported at rest, program coordinates, or None
+    beam_on_line : the line with which the part was entered last; earlier lines were not run then
+    stands_mm : place where the machine was last reported at rest, program coordinates, or None
     to_purge : whether it has been sent to the purge position since
-    moving : whether the program has been started since, so that it may stand on any line sent
+    moving : whether the program has been started since; the machine may stand on any line sent
     proven_place : deposition has not ended before this place: it was reported, or reached before
     entered_at : the place from which it was then entered, None for its first line
     ended_wall : when the journal's last record was made, by the wall clock

@@ -18,7 +18,7 @@ from lmctl.run.state.transitions import RunState
 JOURNAL, JOB = "journal.jsonl", "job.lmj"
 _NAME = re.compile(r"run-[0-9]{4,9}")
 
-#: Where runs are when a command is not told otherwise.
+#: Default folder of the runs.
 _USUAL = Path("runs")
 
 

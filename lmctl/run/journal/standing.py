@@ -1,8 +1,8 @@
-"""Where a machine may stand that has done no more than it was sent, and what that says of the job.
+"""Places where a machine may stand that has run only the lines sent, and what they prove.
 
-A controller that was switched off and on says 0, 0, 0; one that somebody has moved says another
-place. Only where the machine stands on a move that the journal says was sent, its position is
-proven, and with it how far the job has been executed.
+A controller that was power-cycled reports 0, 0, 0; a machine moved by hand reports another place.
+The position is proven only where the machine stands on a move that was sent according to the
+journal. That also proves how far the job has been executed.
 """
 
 from __future__ import annotations

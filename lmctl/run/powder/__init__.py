@@ -1,4 +1,4 @@
-"""Powder on time: what the hoppers are told now for what the path needs later."""
+"""Powder on time: hopper set-points sent now for the flow that the path needs later."""
 
 from __future__ import annotations
 

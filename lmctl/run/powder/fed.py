@@ -1,8 +1,8 @@
-"""How much powder the discs have fed, by what was ordered and what the feeders report of it.
+"""How much powder the discs have fed, from the set-points and the feeder reports.
 
 The set-points give the shape: they change ten times a second, and a feeder reports a hopper once in
-a few seconds. Each report then says whether the disc does what it was told; what it says otherwise
-scales the flow from there on. On a healthy cell the scale is 1.
+a few seconds. Each report shows whether the disc follows its set-point; any deviation scales the
+flow from there on. On a healthy cell the scale is 1.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from lmctl.machine.feeder.readings import HopperReading
 #: Amounts can be asked for so far back [s]: a status report or two.
 _KEPT_S = 10.0
 
-#: A disc may be so long on its way to a new set-point, and an order so long on its way to it [s].
+#: Longest time for a disc to reach a new set-point, and for a set-point to reach the disc [s].
 _FOLLOWS_WITHIN_S, _ORDERED_WITHIN_S = 1.0, 0.1
 
 

@@ -214,6 +214,6 @@ class PowderPlan:
     def _wanted_g_min(self, hopper: int, s: float) -> float:
         """The flow the nozzle must deliver at program time s.
 
-        It is scaled by the override as beam and speed are, so the mass laid per millimetre stays.
+        The override scales it like beam and speed, so the deposited mass per millimetre stays.
         """
         return self._window.flow_g_s(hopper, s) * 60.0 * self._clock.override_at(s)

@@ -1,4 +1,4 @@
-"""Programs for a machine whose interlocks nobody watches yet: every S word becomes S0."""
+"""Programs for a machine whose interlocks are not monitored yet: every S word becomes S0."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
-"""When a feed override comes into force: where powder can follow it, the last word counting.
+"""When a feed override takes effect: where powder can follow it; the last request counts.
 
-What is in the hoses was sent for the override that was to be. So a new one is set in a travel that
-powder sent from now on can still reach; where none comes soon, in the bead, when that powder is
-there. Until powder has begun to follow, another word takes its place; from then on it comes first,
-and what was asked for since comes after it.
+The powder in the hoses was sent for the override planned before. So a new one is set in a travel
+that powder sent from now on can still reach; where none comes soon, it is set in the bead, when
+that powder arrives. Until powder has begun to follow, a later request replaces it; from then on it
+is completed first, and the later request follows.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
-"""Whether the machine goes as fast, and burns as strongly, as the lines that may be running ask.
+"""Checks reported feed and beam power against the lines that may be running.
 
-G-code has no checksum: a feed or power damaged on its way and still a number is answered `ok`, and
-stays in force until the next one. But a status report says how fast the nozzle goes and how strong
-the beam is (`FS:`). In M4 both firmwares scale power with speed, while they accelerate as under an
-override, so watts over millimetres a second stay what the program asks of a line: its energy per
-millimetre. Nothing but that has to be known of a line to judge a report made anywhere on it.
+G-code has no checksum: a feed or power damaged in transmission that is still a number is answered
+`ok`, and stays in force until the next one. But a status report gives feed and beam power (`FS:`).
+In M4 both firmwares scale power with speed, during acceleration as under an override, so watts over
+millimetres a second stay what the program commands for a line: its energy per millimetre. That
+value alone is enough to check a report made anywhere on the line.
 
-A line that is over between two reports is not seen, nor a difference below the slack.
+A line that ends between two reports is not checked, and a difference below the slack is not found.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class LineEnergyCheck:
         self._full_W = window.manifest.max_power_W
         self._per_S = window.manifest.max_power_W / window.manifest.s_max
         self._least_W = max(_OF_FULL * self._full_W, self._per_S)
-        self._overrides: tuple[int, ...] = (100, 100, 100)  # feed, rapid, power, as last told
+        self._overrides: tuple[int, ...] = (100, 100, 100)  # feed, rapid, power, as last reported
         self._rate = 1.0
         self.is_in_doubt = False
         # since the last report that agreed with the program
@@ -107,7 +107,7 @@ class LineEnergyCheck:
         return same_energy or (same_speed and same_power)
 
     def _unasked(self, report: StatusReport, s: float, rate: float) -> UncommandedOutput | None:
-        """What a report says that no line asks for; None too where it tells of no motion."""
+        """What is reported but commanded by no line; None too where no motion is reported."""
         if report.state != "Run" or report.feed_mm_min is None or report.spindle_speed is None:
             return None
         speed_mm_s, power_W = report.feed_mm_min / 60.0, report.spindle_speed * self._per_S

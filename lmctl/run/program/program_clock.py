@@ -1,8 +1,8 @@
 """Where in program time the machine is: planned time driven by reported progress.
 
-A status report says which line runs and where on it the nozzle is; between reports time runs on
+A status report gives the line that runs and the nozzle position on it; between reports time runs on
 by the planned law times the feed override, and never past what the controller has acknowledged.
-Pure: it is told the time (loop clock, seconds) with every call.
+Pure: the caller passes the time (loop clock, seconds) with every call.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _TIME_WEIGHT_MM_S = 0.02
 
 
 def _ignore() -> None:
-    """What happens when nobody listens."""
+    """Default callback: does nothing."""
 
 
 @dataclass(frozen=True)
@@ -278,7 +278,7 @@ class ProgramClock:
         moves = length2 > 0.0
         share = np.einsum("ij,ij->i", from_start_mm, along_mm)
         np.divide(share, length2, out=share, where=moves)
-        # On a line that does not move (a dwell), only the expected time tells how far it is.
+        # On a line that does not move (a dwell), only the expected time shows the progress.
         waits = ~moves & (lasting_s > 0.0)
         share[~moves] = 0.0
         share[waits] = (expected_s - start_s[waits]) / lasting_s[waits]

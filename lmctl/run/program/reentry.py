@@ -1,13 +1,13 @@
-"""Where a job goes on after a hold or a crash, and how the nozzle gets back to it.
+"""Where a job resumes after a hold or a crash, and how the nozzle returns to the path.
 
 The part is entered a little before the place where deposition ended, so that the new bead meets
-the old one without a gap and without a hump (`overlap_mm`). What lies before is not run again. In
-front of that is a run-up with the beam off along the path itself, so that the beam comes on at
-speed and with the powder that the program has there: on the run-up the flow follows the program,
-before it the flow stands still. The way in starts at the purge position: up, across at clearance
+the old one without a gap and without a hump (`overlap_mm`). Earlier lines are not run again. In
+front of that place is a run-up along the path itself with the beam off, so that the beam comes on
+at full speed and with the programmed powder flow: on the run-up the flow follows the program,
+before it the flow is constant. The approach starts at the purge position: up, across at clearance
 height, down.
 
-Lines keep their numbers in the job. The lines of the way in, which the job does not have, take
+Lines keep their numbers in the job. The lines of the approach, which the job does not have, take
 the numbers just below that of the first line with beam, so that counting stays the same everywhere.
 """
 

@@ -1,11 +1,11 @@
-"""How much longer: the pace of the run so far, put to what is left of the program."""
+"""Remaining machine time: the pace of the run so far, applied to the rest of the program."""
 
 from __future__ import annotations
 
-#: Progress is told at most this often [s].
+#: Shortest time between two progress reports [s].
 _EVERY_S = 1.0
 
-#: The pace is measured over at least so much program time; before that the plan is believed.
+#: The pace is measured over at least this program time; before that the plan counts [s].
 _MIN_S = 5.0
 
 
@@ -22,7 +22,7 @@ class RemainingTime:
         self._told_t = -_EVERY_S
 
     def remaining_s(self, t: float, s: float, rate: float) -> float | None:
-        """Machine time left at t, when program time is s; None where it was told a moment ago."""
+        """Machine time left at t, when program time is s; None where it was just reported."""
         if rate != self._rate:
             self._rate = rate
             self._since = (t, s)

@@ -46,11 +46,11 @@ class RunStateMachine:
     """One run's state.
 
     carry_out : achieves one effect, or raises why it cannot
-    halt : beam and motion down, at once; called with what went wrong before anything else
+    halt : stops beam and motion at once; called first, with what went wrong
 
     fault : the first reason the run went wrong, or None
     touched : whether anything may have been switched on or moved
-    finished : whether the program was done, so that nothing is left to lay
+    finished : whether the program was done, so that nothing is left to deposit
     undone : effects that were not achieved when last tried
     """
 
@@ -71,13 +71,13 @@ class RunStateMachine:
         self._under_way: set[asyncio.Task[None]] = set()  # also those broken off, until they end
 
     def post_event(self, event: RunEvent) -> None:
-        """Something has happened. Where the state does not know it, that is a fault."""
+        """Report an event that has happened. It is a fault if the state does not accept it."""
         self._events.put_nowait(_Said(event))
 
     def request_event(self, event: RunEvent) -> bool:
-        """Somebody would like something to happen. Returns whether the present state knows it.
+        """Request an event. Returns whether the present state accepts it.
 
-        Where the state no longer does when its turn comes (asked twice, say), it is dropped.
+        It is dropped if the state no longer accepts it when its turn comes (requested twice, say).
         """
         if not self._knows(event):
             return False
@@ -88,7 +88,7 @@ class RunStateMachine:
         return (self.state, event) in TRANSITIONS
 
     def trip(self, error: Exception) -> None:
-        """Something is wrong: hold at once, then go by the table.
+        """Take an error: hold at once, then follow the table.
 
         An `InterlockError` holds the run; anything else ends it.
         """
@@ -96,7 +96,7 @@ class RunStateMachine:
                    RunEvent.INTERLOCK if isinstance(error, InterlockError) else RunEvent.FAULT)
 
     def _effect_failed(self, error: Exception) -> None:
-        """What had to be done was not: where no transition answers that, it is a fault."""
+        """An effect has failed: it is a fault where no transition handles that."""
         answered = next_transition(self.state, RunEvent.INTERLOCK) != (self.state, ())
         held = isinstance(error, InterlockError) and answered
         self._trip(error, RunEvent.INTERLOCK if held else RunEvent.FAULT)
@@ -173,7 +173,7 @@ class RunStateMachine:
             self._activity.add_done_callback(self._under_way.discard)
 
     def _break_off(self) -> None:
-        """From this very moment no further effect begins, and what has been achieved is nobody's.
+        """From now on no further effect begins, and a completed effect no longer counts.
 
         Effects may end in the same turn of the loop in which others are to begin.
         """

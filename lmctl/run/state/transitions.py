@@ -123,7 +123,7 @@ TRANSITIONS: dict[tuple[RunState, RunEvent], Transition] = {
          Effect.AWAIT_STABLE),
     ),
     (RunState.HELD, RunEvent.REFILL): Transition(RunState.OPENING, (Effect.OPEN_HOPPER,)),
-    # Nobody has come: gas is not kept for ever, and the run can be recovered later.
+    # No operator has come: gas is not kept on for ever, and the run can be recovered later.
     (RunState.HELD, RunEvent.ACHIEVED): Transition(RunState.STOPPING, _STOP),
     (RunState.HELD, RunEvent.INTERLOCK): Transition(RunState.HELD, ()),
     (RunState.HELD, RunEvent.PROGRAM_DONE): Transition(RunState.FINISHING, _FINISH),
@@ -167,7 +167,7 @@ TRANSITIONS: dict[tuple[RunState, RunEvent], Transition] = {
         for untouched in (RunState.READY, RunState.CONNECTING, RunState.CHECKING)
         for event in (RunEvent.INTERLOCK, RunEvent.FAULT)
     },
-    # Nothing has been laid yet: there is nothing to hold for.
+    # Nothing has been deposited yet: there is nothing to hold for.
     **{
         (starting, RunEvent.INTERLOCK): Transition(RunState.TRIPPED, _STOP)
         for starting in (RunState.GAS, RunState.POWDER, RunState.ARMED)

@@ -1,4 +1,4 @@
-"""What is said of a run that did not get done, and whether it can go on later."""
+"""How an unfinished run is reported, and whether it can be resumed later."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _NOT_SEEN = {
 def is_recoverable(machine: RunStateMachine, course: JobProgress) -> bool:
     """Whether `lmctl recover` can go on with the part.
 
-    Not where all of it is laid, nor where the job itself went wrong: it would go wrong again.
+    Not where all of it is deposited, nor where the job itself failed: it would fail again.
     """
     wrong_job = isinstance(machine.fault, JobError)
     return course.has_begun and not machine.finished and not wrong_job

@@ -1,7 +1,7 @@
 """What a run does at this moment, in words, and how long that still takes.
 
-A state may have several effects, one after the other; a person wants to know which one is under
-way.
+A state may have several effects, one after the other; the operator needs to see which one is
+under way.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""How a run stands, for whoever asks from outside, as JSON values."""
+"""The status of a run for outside clients, as JSON values."""
 
 from __future__ import annotations
 

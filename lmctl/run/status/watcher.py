@@ -1,4 +1,4 @@
-"""Showing how a run stands to whoever watches it, again and again."""
+"""Sends status snapshots of a run to its watcher periodically."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _EVERY_S = 1.0
 @contextmanager
 def periodic_watcher_updates(snapshot: Callable[[], Snapshot],
                              watcher: Watcher | None) -> Iterator[None]:
-    """Call a watcher once a second of the loop's time, and at the end; None: nobody watches."""
+    """Call a watcher once a second of the loop's time, and at the end; None: no watcher."""
     if watcher is None:
         yield
         return
