@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from lmctl.report.part_record import PartRecord as PartRecord
     from lmctl.report.part_record import part_record_of as part_record_of
 
-#: What others may use, and the module that holds it; loaded when it is asked for.
+#: Public names and the module that holds each; a module is imported on first use.
 _HOMES = {
     "LayerView": "lmctl.report.layer_picture",
     "PartRecord": "lmctl.report.part_record",

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from lmctl.run.executor import run_job as run_job
     from lmctl.run.signals import catchable_signals as catchable_signals
 
-#: What others may use, and the module that holds it; loaded when it is asked for.
+#: Public names and the module that holds each; a module is imported on first use.
 _HOMES = {
     "Notice": "lmctl.run.executor",
     "RunExecutor": "lmctl.run.executor",

@@ -45,7 +45,7 @@ def beam_off_s(safety: SafetyDriver | None, clock: ProgramClock, t: float) -> fl
 
 
 def _is_open(status: SafetyStatus) -> bool:
-    """Whether something stands open that takes the beam away at the laser itself."""
+    """Whether an open circuit switches the beam off at the laser itself."""
     return False in (
         status.estop_closed, status.door_closed, status.laser_ready, status.key_on,
         status.relay_closed, status.laser_enabled,
@@ -80,7 +80,7 @@ def ended_at(
 
 
 def is_at_rest(motion: MotionDriver) -> bool:
-    """Whether the controller is heard, and has reported that the machine stands."""
+    """Whether the controller reports, and has reported that the machine is at rest."""
     report = motion.status
     return motion.lost is None and report is not None and (
         report.is_held or report.state in ("Idle", "Alarm")
@@ -96,7 +96,7 @@ def place_at(window: JobWindow, s: float) -> ProgramPlace:
 
 
 def _at_zero(motion: MotionDriver) -> bool:
-    """Whether the controller stands where every controller stands after it was switched on."""
+    """Whether the controller reports the position that every controller has after power-on."""
     report = motion.status
     where = None if report is None else report.machine_mm
     return where is None or not any(where)

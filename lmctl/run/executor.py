@@ -143,7 +143,7 @@ class RunExecutor:
     def resume(self) -> None:
         """End a hold; the beam returns once the hose is purged.
 
-        Raises UsageError where nothing is held, or what it was held for still is so.
+        Raises UsageError where nothing is held, or the cause of the hold persists.
         """
         standing = [] if self._live is None else self._live.sequence.active_alarms()
         if standing and self.state is RunState.HELD:
@@ -154,11 +154,11 @@ class RunExecutor:
         self._request(RunEvent.RESUME)
 
     def refill(self, hopper: str, lot: str = "", mass_g: float = 0.0) -> None:
-        """Refill a hopper: asked for without a lot, done with one.
+        """Refill a hopper: without a lot, request it; with a lot, report it done.
 
         A run that deposits is held at the end of its path; then powder and gas of the hopper's
         feeder go off, and it may be opened. With a lot it is weighed, and the run can be resumed.
-        lot, mass_g : of what was filled in, as the operator says
+        lot, mass_g : of the powder filled in, as the operator states
         Raises UsageError where the run has no such hopper or cannot be held for it.
         """
         live = self._live
@@ -199,7 +199,7 @@ class RunExecutor:
             self.state, live.course, live.recorder.latest, live.sequence)
 
     def _came(self, act: str, operator: str, peer: ControlClient, refused: str) -> None:
-        """Journal what an operator asks for; a journal that cannot be written ends the run."""
+        """Journal an operator command; a journal that cannot be written ends the run."""
         live = self._live
         assert live is not None
         try:

@@ -1,4 +1,4 @@
-"""What an operator asks of a run, where it takes more than an event; and why it cannot be."""
+"""Operator commands that need more than one event, and the reasons for refusing them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _HINTS = {
 
 
 def request_event(machine: RunStateMachine | None, event: RunEvent) -> None:
-    """Ask a run for an event. Raises UsageError where its state does not know it."""
+    """Request an event of a run. Raises UsageError where its state does not accept it."""
     state = RunState.READY if machine is None else machine.state
     if machine is None or not machine.request_event(event):
         raise UsageError(f"cannot {event} now: the run is {state}", hint=_HINTS.get(state, _HINT))

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from lmctl.run.cell.work_offset import refuse_changed_offset as refuse_changed_offset
     from lmctl.run.cell.work_offset import work_offset_conditions as work_offset_conditions
 
-#: What others may use, and the module that holds it; loaded when it is asked for.
+#: Public names and the module that holds each; a module is imported on first use.
 _HOMES = {
     "BeamControl": "lmctl.run.cell.beam_control",
     "Cell": "lmctl.run.cell.devices",

@@ -21,7 +21,7 @@ from lmctl.run.journal.last_known_position import LastKnownPosition
 from lmctl.run.journal.recorder import RunRecorder
 from lmctl.run.program.beam_off import line_without_beam
 
-#: A machine that has not moved says the same place [mm].
+#: A machine that has not moved reports the same place [mm].
 _SAME_MM = 0.01
 
 
@@ -82,7 +82,7 @@ def _safety_conditions(cell: Cell, profile: MachineProfile) -> dict[str, list[St
 def _refuse_displaced(motion: MotionDriver, continues: EarlierRun) -> None:
     """Raise MachineError where the machine is not where it was when the recovery was decided on.
 
-    Some boards restart when their port is opened, and then believe that they stand at zero.
+    Some boards restart when their port is opened, and then report position zero.
     """
     at_mm, seen_mm = motion.position_mm, continues.stands_mm
     if seen_mm is None or at_mm is None:

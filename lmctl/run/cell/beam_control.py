@@ -26,7 +26,7 @@ _ARMED = re.compile(r"\[GC:(?=.*\bM4\b)(?=.*\bS0(?:\.0*)?[\] ]).*\]")
 
 
 class BeamControl:
-    """What is done to beam and motion, each act whole."""
+    """Actions on beam and motion, each carried out completely."""
 
     def __init__(self, cell: Cell) -> None:
         self._cell = cell
@@ -42,7 +42,7 @@ class BeamControl:
         self._motion.send_realtime(RealtimeCommand.RESET if stop else RealtimeCommand.HOLD)
 
     async def arm(self) -> None:
-        """Laser enabled, spindle mode M4, power zero; the controller's own word counts.
+        """Laser enabled, spindle mode M4, power zero, as the controller itself reports.
 
         Raises MachineError.
         """
@@ -139,7 +139,7 @@ class BeamControl:
 
 
 async def _answered(command: Coroutine[Any, Any, object]) -> None:
-    """A command's answer is waited for even by who breaks it off: until then none can follow."""
+    """Wait for a command's answer even when cancelled: until then no command can follow."""
     asked = asyncio.ensure_future(command)
     try:
         await asyncio.shield(asked)

@@ -141,7 +141,7 @@ class Cell:
         return tuple([self.hopper_reading(name) for name in self._feeder_of])
 
     def hopper_reading(self, hopper: str) -> HopperReading | None:
-        """What a hopper's feeder last said of it; None before it has."""
+        """The last feeder report of a hopper; None before the first."""
         status = self._feeder_of[hopper].status
         return None if status is None else status.hoppers.get(hopper)
 

@@ -41,7 +41,7 @@ async def inspect_cell(
 ) -> CellInspection:
     """Look at all devices at once; one that fails keeps no other from being looked at.
 
-    runs_dir : where the machine's journal is, which says where the last session left it
+    runs_dir : where the machine's journal is, which records where the last session left it
     close_relay : close the watchdog relay first and bring the controller to rest, as a run does,
         so that one behind its door input can be asked too
     search : look for a silent motion controller on a serial port at other rates

@@ -1,4 +1,4 @@
-"""What a run asks of a powder feeder before its gas comes on."""
+"""What a run requires of a powder feeder before its gas comes on."""
 
 from __future__ import annotations
 
@@ -21,11 +21,10 @@ _MIXER, _CONFIGURATION, _LID_NUMBER = 103, 105, 6
 
 @dataclass(frozen=True)
 class FeederSnapshot:
-    """What a feeder reports of itself: all that the conditions of a run look at.
+    """What a feeder reports about itself: all inputs of the run conditions.
 
     hopper_limits : of each hopper by name: N_MIN, N_MAX [rpm], CARRIER_MIN, CARRIER_MAX [L/min];
-    empty
-        where they have not been read
+        empty where they have not been read
     is_commanded_by_this_host : whether this host commands it already
     clock_ratio, reply_time_s : as in `FeederInspection`; None where they have not been measured
     """

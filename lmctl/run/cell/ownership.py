@@ -24,7 +24,7 @@ from lmctl.machine.modbus.endpoint import RtuEndpoint, parse_modbus_endpoint
 from lmctl.machine.motion.endpoint import MotionEndpoint, parse_motion_endpoint
 from lmctl.run.journal.run_folders import command_line
 
-#: Where lock files are, the first that everybody may write to: one place for all users and
+#: Where lock files are, the first that all users may write to: one place for all users and
 #: processes of a host, and so nothing that a user's environment names (TMPDIR).
 FOLDERS = (Path("/run/lock"), Path("/tmp"))
 
@@ -114,7 +114,7 @@ def _folder() -> Path:
 
 
 def _is_everybodys(folder: Path) -> bool:
-    """By its mode, not by who asks: all have to come to the same answer."""
+    """By its mode, not by the calling user: all users must get the same answer."""
     try:
         return bool(folder.stat().st_mode & stat.S_IWOTH)
     except OSError:

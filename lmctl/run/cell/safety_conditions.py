@@ -1,4 +1,4 @@
-"""What a run asks of the safety-input device before anything moves: its interlocks, as they are."""
+"""What a run requires of the safety-input device before anything moves: its interlocks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an operator asks of a run from another terminal."""
+"""Operator commands to a run from another terminal."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from lmctl.run.control.server import ControlSocket as ControlSocket
     from lmctl.run.control.server import listening_socket as listening_socket
 
-#: What others may use, and the module that holds it; loaded when it is asked for.
+#: Public names and the module that holds each; a module is imported on first use.
 _HOMES = {
     "ControlCallbacks": "lmctl.run.control.server",
     "ControlClient": "lmctl.run.control.server",

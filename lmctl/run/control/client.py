@@ -1,4 +1,4 @@
-"""The near end of a run's control socket: finding runs under way, asking them, watching them."""
+"""The client side of a run's control socket: finds, queries and watches runs under way."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def runs_in_progress(runs_dir: Path) -> list[Path]:
 
 
 def find_run(runs_dir: Path, run: str | None) -> Path:
-    """The folder of the run that is meant: the named one, or the only one under way.
+    """The folder of the selected run: the named one, or the only one under way.
 
     Raises JournalError where there is none, UsageError where there are several.
     """
@@ -58,7 +58,7 @@ def send_request(folder: Path, do: str, **values: Any) -> dict[str, Any]:
 
 
 def watch_status(folder: Path, every_s: float) -> Iterator[dict[str, Any]]:
-    """The run's status every so often, until it ends. Raises as `ask` does."""
+    """The run's status every `every_s` seconds, until it ends. Raises as `send_request` does."""
     with _connected(folder) as connection:
         connection.settimeout(every_s + _ANSWER_S)
         yield from _answers_to(folder, connection, "watch", {"every_s": every_s})

@@ -1,4 +1,4 @@
-"""The control socket of a run: what an operator asks for from another terminal.
+"""The control socket of a run: takes operator commands from another terminal.
 
 A Unix stream socket, `control.sock` in the run's folder, which only the user who runs it can open
 (mode 0600, and the peer's user is looked at too). Requests are JSON objects, one a line of at most
@@ -11,20 +11,20 @@ A Unix stream socket, `control.sock` in the run's folder, which only the user wh
     {"do": "refill", "hopper": "A"}         end the path, then make a hopper ready to be opened
     {"do": "refill", "hopper": "A", "lot": "L7", "mass_g": 2000}    it is filled and closed
     {"do": "override", "percent": 80}       scale speed, beam and powder together
-    {"do": "hold", "operator": "Ada"}       any of these may say who asks
-    {"do": "watch", "every_s": 1.0}         status again and again until the run ends; the last
+    {"do": "hold", "operator": "Ada"}       any request may name the operator
+    {"do": "watch", "every_s": 1.0}         status repeatedly until the run ends; the last
                                             line shows how it ended. Nothing more is read then
 
     -> {"ok": true, "run": "run-0001", "state": "depositing", ...}
     -> {"ok": false, "error": "cannot resume now: ...", "where": [...], "hint": "..."}
 
 An act (hold, resume, stop, override, refill) is accepted when it is possible in the present state;
-that it has come about shows in `state`. Each one that arrives is journaled: from whom, and why it
+`state` shows when it has taken effect. Each one that arrives is journaled: from whom, and why it
 was refused if it was. The keys of a status are those of `RunExecutor.snapshot`.
 
-Nothing a client does may hurt the run: what it sends is read a few kilobytes at a time and no
-faster than 50 requests a second; after a request that makes no sense it is dropped, and so is one
-that does not take its answers. Of too many clients the one silent for longest goes.
+No client may disturb the run: its requests are read a few kilobytes at a time and no faster than
+50 requests a second. A client is dropped after an invalid request, or when it does not read its
+answers. With too many clients, the one silent for longest is dropped.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ _LONGEST_NAME, _MOST_MASS_G = 200, 1_000_000.0
 
 @dataclass(frozen=True)
 class ControlClient:
-    """Who is at the far end, by user and process number; None where the system does not say."""
+    """The connected client, by user and process number; None where the system gives none."""
 
     uid: int | None
     pid: int | None
@@ -98,7 +98,7 @@ class ControlSocket:
         self._accepting = asyncio.create_task(self._accept(), name="control socket")
 
     async def close(self) -> None:
-        """Tell those who watch how it ended, and let everybody go."""
+        """Send the final status to the watching clients, and close all connections."""
         tasks = [*self._clients.values(), *([self._accepting] if self._accepting else [])]
         for watcher in self._watchers:
             with suppress(OSError):  # it is gone, or was not reading
@@ -149,7 +149,7 @@ class ControlSocket:
                 return
 
     async def _answer(self, client: socket.socket, peer: ControlClient, line: bytes) -> bool:
-        """Do what a line asks for; returns whether to go on listening to this client."""
+        """Carry out one request line; returns whether to keep reading from this client."""
         self._clients[client] = self._clients.pop(client)  # now the last one heard
         try:
             request = parse_request(line)
@@ -200,7 +200,7 @@ def listening_socket(folder: Path) -> Iterator[socket.socket]:
 
 
 def parse_request(line: bytes) -> dict[str, Any]:
-    """What a line asks for. Raises UsageError where it is no request."""
+    """Parse one request line. Raises UsageError where it is no request."""
     if len(line) > MAX_REQUEST_BYTES:
         raise UsageError(f"a request is at most {MAX_REQUEST_BYTES} bytes long")
     try:

@@ -1,4 +1,4 @@
-"""Where a run's control socket is, and whether anybody is behind it.
+"""Where a run's control socket is, and whether a process listens on it.
 
 It lies in the run's folder as `control.sock`. A path of a Unix socket takes 107 bytes (103 on
 macOS): where the folder's is longer, or its file system holds no sockets, `control.sock` is a link

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
         journal_unreported_motion as journal_unreported_motion,
     )
 
-#: What others may use, and the module that holds it; loaded when it is asked for.
+#: Public names and the module that holds each; a module is imported on first use.
 _HOMES = {
     "DeviceMonitor": "lmctl.run.execution.device_monitor",
     "JobProgress": "lmctl.run.execution.job_progress",

@@ -30,8 +30,8 @@ from lmctl.run.program.program_clock import ProgramClock
 from lmctl.run.program.reentry import Reentry
 from lmctl.run.program.remaining_time import RemainingTime
 
-#: Lines wait for the next question only where the horizon holds so many status periods: one has
-#: gone by when they are sent, another until the next are, and motion must see its end in time.
+#: Lines wait for the next query only where the horizon holds so many status periods: one passes
+#: before they are sent, another before the next are sent, and motion must see its end in time.
 _PERIODS_AHEAD = 4
 
 #: (program time done, program time in all, layer, remaining machine time) [s]
@@ -43,7 +43,7 @@ class Deposition:
 
     motion : the machine's limits and its link
     entry : how it is entered, None at its first line; reached : what has been executed before
-    accounts : of the layers, which what is executed goes into
+    accounts : of the layers; executed motion is added to them
     started : whether a line of the job has been sent
     done : called once, when the last line has been executed
     failed : called with what goes wrong in a report
@@ -92,7 +92,7 @@ class Deposition:
 
     @property
     def _counted(self) -> int:
-        """The same, but that lines run again count only once they are."""
+        """The same, but lines to be run again count only once they have been run again."""
         return self._first_line + (self._cell.motion.lines_executed if self.started else 0)
 
     @property
@@ -177,7 +177,7 @@ class Deposition:
         return self._reached
 
     def _beyond_way_in(self, ended: PlaceReached) -> PlaceReached:
-        """What `ended` adds to what had been executed before; the way in adds nothing."""
+        """What `ended` adds to what had been executed before; the approach adds nothing."""
         before = self._reached
         if max(ended.place, ended.until) <= max(before.place, ProgramPlace(self._lit_line)):
             return before
@@ -218,7 +218,7 @@ class Deposition:
             self._failed(error)
 
     def on_query(self) -> None:
-        """A report is about to be asked for: the lines that the last one let go go with it."""
+        """A status query is due: send with it the lines that the last report released."""
         try:
             self._send()
         except Exception as error:
@@ -265,7 +265,7 @@ class Deposition:
     def _judge(
         self, t: float, report: StatusReport, position_mm: tuple[float, ...]
     ) -> None:
-        """Compare a report with the program; one that is doubted is asked again at once."""
+        """Compare a report with the program; after a doubtful one, query again at once."""
         motion, clock, energy = self._cell.motion, self._clock, self._energy
         feed = report.feed_mm_min
         speed_mm_s = math.inf if feed is None else feed / 60.0
@@ -279,7 +279,7 @@ class Deposition:
             motion.request_confirming_report()
 
     def _controller_override(self, t: float, overrides: tuple[int, int, int]) -> None:
-        """What the controller reports counts: its panel may have been used."""
+        """Take the overrides the controller reports: its panel may have been used."""
         feed, _, power = overrides
         if (feed, power) != self._percent:
             self._percent = feed, power

@@ -92,7 +92,7 @@ class DeviceMonitor:
         self._timer = self._loop.call_later(0.0, self._look_where_stale)
 
     def stop(self) -> None:
-        """Look and listen no more."""
+        """Stop monitoring."""
         self._timer.cancel()
         self._cell.motion.listener = MotionCallbacks()
         for feeder, warnings in zip(self._cell.feeders, self._warnings, strict=True):
@@ -138,7 +138,7 @@ class DeviceMonitor:
                                        hint="look at the part, then resume"))
 
     def _line_rejected(self, tag: int, code: int) -> None:
-        """The text was checked before the run: what the controller got is not what was sent."""
+        """The text was checked before the run: the controller received something else."""
         meaning = error_meaning(code, self._cell.motion.identity.dialect)
         line = self._deposition().job_line(tag)
         self._raise(RunTripError(
@@ -216,7 +216,7 @@ class DeviceMonitor:
                 feeder.request_hopper_readings()
 
     def _look_where_stale(self) -> None:
-        """Look at the moment at which the last word of motion or safety device becomes stale."""
+        """Check when the last report of motion controller or safety device becomes stale."""
         left_s = self._stale_s - self._cell.motion.status_age_s
         if self._cell.safety is not None and self._profile.safety is not None:
             safety_stale_s = STALE_PERIODS * self._profile.safety.period_s
@@ -227,7 +227,7 @@ class DeviceMonitor:
         self._timer = self._loop.call_later(max(left_s, _MIN_WAIT_S), self._look_where_stale)
 
     def _cleared(self, name: str) -> None:
-        """What an alarm was raised for is no longer found."""
+        """The cause of an alarm is no longer found."""
         self._clear(name, "its cause is gone")
 
     def _clear(self, name: str, how: str) -> None:

@@ -82,7 +82,7 @@ class ExecutedMotion:
 
     @property
     def first_line_needed(self) -> int:
-        """The first line of the layer that is counted: nothing before it is asked for again."""
+        """The first line of the layer that is counted: no earlier line is read again."""
         return self._stretch.first_line
 
     def on_motion_start(self, t: float) -> None:

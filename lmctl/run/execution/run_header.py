@@ -1,4 +1,4 @@
-"""The first record of a run's journal: what the run is, and what it goes on with."""
+"""The first record of a run's journal: what the run is, and which run it continues."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What must hold while a run is under way, and what is said where it does not."""
+"""Interlocks: conditions that must hold during a run, and the alarms raised otherwise."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from lmctl.run.interlocks.supervision import InterlockSupervision as InterlockSupervision
     from lmctl.run.interlocks.warnings import WarningDebounce as WarningDebounce
 
-#: What others may use, and the module that holds it; loaded when it is asked for.
+#: Public names and the module that holds each; a module is imported on first use.
 _HOMES = {
     "EmergencyStopError": "lmctl.run.interlocks.alarms",
     "FeederAnswerAge": "lmctl.run.interlocks.inputs",

@@ -70,7 +70,7 @@ def _tell_nobody(line: str) -> None:
 
 
 class RunAlarms:
-    """The alarms of a run since it last went on, and the warnings that stand.
+    """The alarms of a run since it was last resumed, and the active warnings.
 
     Iterating gives the cause, then what came with it in the order in which it was found.
     told : called with a line of text when an alarm or warning appears, and when a warning is over
@@ -131,7 +131,7 @@ class RunAlarms:
             self.told(f"no longer: {warning.text}")
 
     def clear(self, name: str, at_s: float) -> RunAlarm | None:
-        """An alarm is no longer so; it stays in the list. None where none of that name stands."""
+        """An alarm has cleared; it stays in the list. None where none of that name is active."""
         alarm = self._alarms.get(name)
         if alarm is None or alarm.cleared_s is not None:
             return None
@@ -139,7 +139,7 @@ class RunAlarms:
         return self._alarms[name]
 
     def acknowledge(self) -> None:
-        """The operator has seen them and the run goes on."""
+        """The operator has acknowledged the alarms and the run resumes."""
         self._alarms.clear()
 
 

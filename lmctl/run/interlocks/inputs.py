@@ -50,9 +50,8 @@ class UncommandedOutput(NamedTuple):
 
     speed_mm_s, power_W : as reported
     max_speed_mm_s : the highest speed of the lines that may be running
-    commanded_powers_W : the powers they ask for at the speed reported, rising; none where none of
-    them
-    moves
+    commanded_powers_W : the powers they command at the speed reported, rising; none where none of
+        them moves
     """
 
     speed_mm_s: float
@@ -65,8 +64,8 @@ class ProgramDeviation(NamedTuple):
     """How the machine differs from its program, by the last report.
 
     path_error_mm : how far the nozzle is from the lines that may be running
-    ahead_of_program_s : by how much it was there sooner than the program would have it
-    uncommanded : feed or power that none of those lines asks for
+    ahead_of_program_s : by how much it was there sooner than programmed
+    uncommanded : feed or power that none of those lines commands
     """
 
     path_error_mm: float = 0.0
@@ -77,14 +76,14 @@ class ProgramDeviation(NamedTuple):
 class InterlockInputs(NamedTuple):
     """All a rule may look at.
 
-    standstill_s : for how long the controller has said that it runs the program without moving, the
-        program's own waits left out
+    standstill_s : for how long the controller has reported Run without moving, the program's own
+        waits left out
     deviation : none where no program runs
     feeder_readings : the same object until a feeder answers again
     safety, limits : None where the cell has no safety-input device
-    motion_age_s : since the last report of the motion controller that was believed
-    motion_unreadable : answers since then that could not be read or believed
-    motion_unanswered : it has been asked several times since then, or has run dry
+    motion_age_s : since the last plausible report of the motion controller
+    motion_unreadable : answers since then that were unreadable or implausible
+    motion_unanswered : it has been queried several times since then, or has run dry
     """
 
     motion: StatusReport | None

@@ -1,4 +1,4 @@
-"""One row of the interlock table: what is looked at, for how long, and the answer."""
+"""One row of the interlock table: the condition, its duration, and the reaction."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ class InterlockFinding:
     """What a rule has found.
 
     source_name : which of several like things, or ""
-    reading_time_s : loop time of the reading that shows it, where it is looked at more often than
-    read
+    reading_time_s : loop time of the reading that shows it, where it is checked more often than
+        read
     """
 
     text: str
@@ -36,13 +36,11 @@ class InterlockFinding:
 class InterlockRule:
     """One row of the table.
 
-    min_duration_s : how long it must be so before anything is done; of readings, how far the first
-    and the
-        last that show it must be apart
-    is_latched : it stands until an operator acknowledges it, and so does not keep one from that
-    needs_safety_device : only the safety-input device says so; without one there is nothing to
-    look at
-    uses_feeder_readings : it looks at `InterlockInputs.answers` and at nothing else
+    min_duration_s : how long it must hold before the run reacts; of readings, the time between the
+        first and the last that show it
+    is_latched : it stands until an operator acknowledges it, and so does not prevent acknowledging
+    needs_safety_device : only the safety-input device reports it; without one the rule is left out
+    uses_feeder_readings : it uses `InterlockInputs.feeder_readings` and nothing else
     """
 
     name: str

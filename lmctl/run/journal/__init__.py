@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from lmctl.run.journal.writer import JournalWriter as JournalWriter
     from lmctl.run.journal.writer import is_owned as is_owned
 
-#: What others may use, and the module that holds it; loaded when it is asked for.
+#: Public names and the module that holds each; a module is imported on first use.
 _HOMES = {
     "Disposition": "lmctl.run.journal.notes",
     "ExecutionFigures": "lmctl.run.journal.figures",

@@ -61,9 +61,9 @@ class MachineSeen:
 
 @dataclass(frozen=True)
 class RecoveryPlace:
-    """Where to go on, and how that is known.
+    """Where to resume, and how that is known.
 
-    reached : where deposition ended; an operator has to say it where that is doubtful
+    reached : where deposition ended; the operator must state it where that is doubtful
     reason : how it is known, in words
     lost : why the machine's position is not proven, in words; "" where it is
     """
@@ -78,8 +78,8 @@ def find_recovery_place(
 ) -> RecoveryPlace:
     """The place up to which a run was executed, and whether the machine's position is proven.
 
-    The machine's own place counts where it stands on a line that was sent and nothing says that
-    its controller has restarted. Else all that was sent may have been executed, and that is asked.
+    The reported position counts where it lies on a line that was sent and nothing shows that the
+    controller has restarted. Else all lines sent may have been executed, and the operator is asked.
     """
     if not after.has_begun:
         return RecoveryPlace(NOTHING_REACHED, "nothing of the part had been begun", "")
@@ -105,7 +105,7 @@ def stated_by_operator(job: JobReader, reached: PlaceReached, deposited_mm: floa
 
 def refuse_finished(job: JobReader, after: RunReplay, place: ProgramPlace,
                     motion: MotionSettings) -> None:
-    """Raise JournalError where no bead is left to lay from a place on."""
+    """Raise JournalError where no bead is left to deposit from a place on."""
     if place != JOB_START and plan_reentry(job.manifest, job.read_layer, place, motion) is None:
         raise JournalError(f"{after.run.run} has laid every bead of its job: nothing is left",
                            hint=f"`{after.run.command('log')}` prints its log")
@@ -133,7 +133,7 @@ def doubt_in_words(job: JobReader, reached: PlaceReached) -> list[str]:
 
 
 def _why_lost(after: RunReplay, seen: MachineSeen, stands: Standing) -> str:
-    """Why nothing proves that the machine is where its controller says; "" where it is proven."""
+    """Why the position the controller reports is not proven; "" where it is."""
     if seen.position_mm is None:
         return "the controller does not say where it is"
     if seen.restarted:

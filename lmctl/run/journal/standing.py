@@ -25,7 +25,7 @@ FloatArray = NDArray[np.float64]
 #: A machine this near to a move that was sent stands on it [mm]: steps and rounding are finer.
 ON_LINE_MM = 0.05
 
-#: A machine that has not moved since it was reported at rest says the same place [mm].
+#: A machine that has not moved since it was reported at rest reports the same place [mm].
 SAME_MM = 0.002
 
 

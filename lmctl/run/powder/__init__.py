@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from lmctl.run.powder.setpoint_sender import SetpointSender as SetpointSender
     from lmctl.run.powder.supply import SupplyWatch as SupplyWatch
 
-#: What others may use, and the module that holds it; loaded when it is asked for.
+#: Public names and the module that holds each; a module is imported on first use.
 _HOMES = {
     "FedPowder": "lmctl.run.powder.fed",
     "HoseDynamics": "lmctl.run.powder.lead",

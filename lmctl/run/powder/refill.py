@@ -1,4 +1,4 @@
-"""Refilling a hopper in the middle of a run: asked for, weighed, and proven by its flow."""
+"""Refilling a hopper in the middle of a run: requested, weighed, and verified by its flow."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _MASS_SHARE, _MASS_G = 0.05, 20.0
 
 @dataclass(frozen=True)
 class _Filled:
-    """What the operator says was filled in."""
+    """The powder filled in, as the operator states it."""
 
     lot: str
     mass_g: float
@@ -112,7 +112,7 @@ class RefillProcedure:
     async def prove_flow(self, cell: Cell) -> None:
         """Return when the refilled hoppers feed by weight what is set, steadily.
 
-        Hoppers without a load cell have only their device's own word. Raises Interlock.
+        Hoppers without a load cell have only their feeder's own report. Raises Interlock.
         """
         if not self._unproven:
             return

@@ -1,7 +1,7 @@
 """How long the powder in each hopper lasts, by its weight and by what the program still needs.
 
-A refill takes an operator and some minutes, so it is announced well before a hopper is empty. What
-the device itself says of a low level comes on top (warning 51).
+A refill takes an operator and some minutes, so it is announced well before a hopper is empty. The
+feeder's own low-level warning comes on top (warning 51).
 """
 
 from __future__ import annotations

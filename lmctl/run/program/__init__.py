@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from lmctl.run.program.remaining_time import RemainingTime as RemainingTime
     from lmctl.run.program.reported_power import reported_energy_ratio as reported_energy_ratio
 
-#: What others may use, and the module that holds it; loaded when it is asked for.
+#: Public names and the module that holds each; a module is imported on first use.
 _HOMES = {
     "FeedOverride": "lmctl.run.program.feed_override",
     "JobWindow": "lmctl.run.program.job_window",

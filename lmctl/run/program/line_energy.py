@@ -20,7 +20,7 @@ from lmctl.run.program.job_window import JobWindow
 #: How exactly the place reported is known in program time [s].
 _KNOWN_WITHIN_S = 0.05
 
-#: So many reports in a row must say the same of what no line asks for: one digit may be damaged.
+#: So many reports in a row must show the same uncommanded output: one digit may be damaged.
 _AGREEING = 3
 
 #: Reports doubted in a row that are compared with the newest.
@@ -36,8 +36,8 @@ class LineEnergyCheck:
     """Looks at the reports of one run.
 
     lead_s : feed and power are those of the motion prepared last, ahead of the place by so much
-    unasked : what reports have said that none of the lines which may be running asks for, or None
-    is_in_doubt : the last report said so, and too few others agree yet
+    unasked : reported output that none of the lines which may be running commands, or None
+    is_in_doubt : the last report showed it, and too few others agree yet
     bead_short_from_s : program time from which the bead had too little power, inf where it had not
 
     An override turned at the panel is reported with the feed that shows it, or with the next one,
@@ -95,7 +95,7 @@ class LineEnergyCheck:
             self.is_in_doubt = True
 
     def _agree(self, one: UncommandedOutput, other: UncommandedOutput) -> bool:
-        """Whether two reports say the same of feed and power, wherever on a ramp they were made."""
+        """Whether two reports agree on feed and power, wherever on a ramp they were made."""
         slack_W = self._least_W + 2.0 * _SHARE * other.power_W
         expected_W = other.power_W
         if one.speed_mm_s > 0.0:

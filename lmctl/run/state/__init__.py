@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from lmctl.run.state.transitions import RunEvent as RunEvent
     from lmctl.run.state.transitions import RunState as RunState
 
-#: What others may use, and the module that holds it; loaded when it is asked for.
+#: Public names and the module that holds each; a module is imported on first use.
 _HOMES = {
     "Effect": "lmctl.run.state.transitions",
     "RunEvent": "lmctl.run.state.transitions",

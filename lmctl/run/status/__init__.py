@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from lmctl.run.status.watcher import Watcher as Watcher
     from lmctl.run.status.watcher import periodic_watcher_updates as periodic_watcher_updates
 
-#: What others may use, and the module that holds it; loaded when it is asked for.
+#: Public names and the module that holds each; a module is imported on first use.
 _HOMES = {
     "PhaseClock": "lmctl.run.status.phase",
     "RunView": "lmctl.run.status.snapshot",
