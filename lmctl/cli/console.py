@@ -58,7 +58,7 @@ def format_duration(seconds: float) -> str:
 class ProgressBar:
     """A progress bar, or none. Call it with (done, total, note): that costs nothing without one.
 
-    notice : says a line, above the bar where there is one; see the function of that name
+    notice : prints a line, above the bar where there is one; see the function of that name
     """
 
     update: Callable[[float, float, str], None]

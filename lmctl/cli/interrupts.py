@@ -1,4 +1,4 @@
-"""Ctrl-C while something long is worked out: it ends the command, wherever it arrives.
+"""Ctrl-C during a long computation: it ends the command, wherever it arrives.
 
 Compiled libraries call Python back: numpy to compare rows, the kernels' compiler to keep what it
 has compiled. A KeyboardInterrupt raised in such a place is dropped there, or comes out as another

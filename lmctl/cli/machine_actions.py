@@ -228,7 +228,7 @@ async def run_journaled(
     profile: MachineProfile, runs_dir: Path, what: dict[str, Any],
     act: Callable[[LastKnownPosition], Awaitable[T]],
 ) -> T:
-    """Have the machine to oneself; write the act down before it begins and when it has ended."""
+    """Lock the machine; journal the act before it begins and when it has ended."""
     from lmctl.run.cell.ownership import lock_machine
     from lmctl.run.journal.last_known_position import LastKnownPosition
 

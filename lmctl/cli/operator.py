@@ -1,4 +1,4 @@
-"""Who runs: the operator's name, for the journal."""
+"""The operator's name, for the journal."""
 
 from __future__ import annotations
 

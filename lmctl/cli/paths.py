@@ -23,5 +23,5 @@ class InputFile(click.ParamType):
         except (FileNotFoundError, NotADirectoryError):
             raise MissingFileError.for_path(path) from None
         except OSError:
-            pass  # it is there, or its name is too long: its reader says what is wrong
+            pass  # it is there, or its name is too long: its reader reports what is wrong
         return path

@@ -34,7 +34,7 @@ def check_units(path: Path, units: str | None) -> None:
 
 @interruptible()
 def open_part(path: Path, units: str | None = None) -> Part:
-    """A part file, or a bare mesh or cloud; says what was taken by default."""
+    """A part file, or a bare mesh or cloud; reports what was taken by default."""
     from lmctl.part.load import load_part, part_from_model
 
     check_units(path, units)

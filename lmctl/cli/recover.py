@@ -104,7 +104,7 @@ async def prepare(
 
     restored : the operator has restored the machine's position
     stated_mm : how much of the bead in doubt is on the part, as the operator has stated it
-    ask : asked for that otherwise
+    ask : called to get that length otherwise
     Raises MachineError where the position is lost; UsageError where no operator can be asked.
     """
     from lmctl.cli.machine_actions import run_journaled, run_with_motion

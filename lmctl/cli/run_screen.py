@@ -59,7 +59,7 @@ def level_text(level: Snapshot) -> str:
 
 @dataclass(frozen=True)
 class RunScreen:
-    """watcher : takes snapshots, None where there is no terminal; notice : says a line above"""
+    """watcher : takes snapshots, None where there is no terminal; notice : prints a line above"""
 
     watcher: Callable[[Snapshot], None] | None
     notice: Callable[[str], None]

@@ -39,13 +39,13 @@ _RIM, _TRAVEL, _LEAD, _MARK = "#1a1a1a", "#c2185b", "#777777", "#ffffff"
 _RIM_POINTS, _RIM_SHARE = 0.6, 0.05
 #: Paths are numbered up to so many; more would cover the picture.
 _MOST_NUMBERED = 60
-#: One arrow for so many bead widths of way.
+#: One arrow for so many bead widths of path.
 _ARROW_BEADS = 25.0
 
 
 @dataclass(frozen=True)
 class LayerView:
-    """What the picture says of its layer beside the layer itself.
+    """What the picture shows in addition to the layer itself.
 
     start_mm : (x, y) before the layer's first line, in program coordinates
     origin_mm : (x, y), subtracted from program coordinates; zero for those of the machine

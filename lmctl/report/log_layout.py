@@ -43,7 +43,7 @@ def time_of(wall: str) -> str:
 
 
 def wrapped(head: str, text: str, width: int = LINE_WIDTH) -> str:
-    """A head and a text that goes on under itself on later lines; no word is broken."""
+    """A head and a text, later lines indented to the start of the text; no word is broken."""
     return textwrap.fill(
         text, width, initial_indent=head, subsequent_indent=" " * len(head),
         break_long_words=False, break_on_hyphens=False,

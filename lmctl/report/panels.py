@@ -1,7 +1,7 @@
-"""Pictures in rows and columns, each of a size of its own, as far apart as their labels need.
+"""Pictures in rows and columns, each of its own size, as far apart as their labels need.
 
 The layout engines that come with the drawing library share a figure out: pictures of one scale on
-both axes then stand in it like islands, or lie on each other's labels. Here the figure follows.
+both axes then have large gaps, or overlap each other's labels. Here the figure fits the pictures.
 """
 
 from __future__ import annotations

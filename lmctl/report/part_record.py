@@ -1,6 +1,6 @@
 """The record of a part over all the runs that made it: the one model that logs and reports print.
 
-A part may take several runs: each goes on with the one before. Its record has every layer once,
+A part may take several runs: each continues the one before. Its record has every layer once,
 with what each run put into it added up, every event of every run in order, and the notes that
 people have made.
 """
@@ -95,7 +95,7 @@ class LayerRecord:
 
     @property
     def remark(self) -> str:
-        """What is not as it is in a layer made in one go, in a few words; "" where nothing is."""
+        """How the layer differs from one made without interruption, in a few words; or ""."""
         words = []
         if not self.complete:
             first, last = self.lines
@@ -244,7 +244,7 @@ def _all_runs(this: RunFolder) -> list[RunFolder]:
         except LmctlError:  # no journal, or another program's: it is none of this part's
             continue
         before_of[name] = str(header.get("continues", ""))
-    # A run is younger than the one it goes on with; an altered header may say otherwise.
+    # A run is newer than the one it continues; an altered header may claim otherwise.
     order = {name: at for at, name in enumerate(before_of)}
     first = this.run
     while order.get(before_of.get(first, ""), len(order)) < order.get(first, 0):

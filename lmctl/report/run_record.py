@@ -30,7 +30,7 @@ class LayerAccount:
         be deposited twice there
     began_s : machine time of the run; began, ended : wall clock (UTC), "" where not known
     reached_line, reached_share : place reached in the layer, by the last report
-    complete : no bead of it is left; seq : of the journal record that says so, None before one does
+    complete : no bead of it is left; seq : of the journal record that states it, or None
     """
 
     layer: int
@@ -72,8 +72,8 @@ class RunRecord:
     planned : of each layer of which lines were about to be sent, by index from 0
     accounts : what became of them, in order
     purged_g : {hopper: powder fed into no layer}
-    last_t_s : machine time of the last record; last_sent_line : last line of the paths sent, -1
-    for none
+    last_t_s : machine time of the last record; last_sent_line : last line of the paths sent,
+        -1 for none
     is_running : a living process writes the journal
     notes_verification : of the notes beside the journal, None where there are none
     """
@@ -105,7 +105,7 @@ class RunRecord:
 
     @property
     def continues(self) -> str:
-        """The run whose part it went on with, or ""."""
+        """The run whose part it continued, or ""."""
         return str(self.header.get("continues", ""))
 
 
@@ -179,7 +179,7 @@ class _Gathered:
                 self.end = record
 
     def take_unreported(self, record: dict[str, Any]) -> None:
-        """Motion after the last report of a run, journaled by who found the machine."""
+        """Motion after the last report of a run, journaled by the run that found the machine."""
         self._unreported.append(LayerAccount(
             int(record["layer"]), unreported=ExecutionFigures.from_json(record["figures"]),
             reached_line=int(record["end"]["line"]), reached_share=float(record["end"]["share"]),

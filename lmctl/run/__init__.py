@@ -1,4 +1,4 @@
-"""Running a job: stream, lead the powder, watch, journal. Knows no geometry."""
+"""Running a job: streams lines, leads the powder, monitors, journals. Knows no geometry."""
 
 from __future__ import annotations
 

@@ -137,7 +137,7 @@ class CellSequence:
             self._beam.switch_off_now(error)
 
     def active_alarms(self) -> list[MachineError]:
-        """What keeps a held run from going on just now."""
+        """What prevents a held run from resuming now."""
         return [] if self._watch is None else self._watch.active_alarms()
 
     def hopper_levels(self) -> list[dict[str, Any]]:
@@ -145,7 +145,7 @@ class CellSequence:
         return [] if self._cell is None else self._cell.hopper_levels()
 
     def stop_listening(self) -> None:
-        """The run is over: nothing more is sent, and nothing that is said is heard."""
+        """The run is over: send nothing more, and ignore further reports."""
         for watch in (self._watch, self._supply):
             if watch is not None:
                 watch.stop()
@@ -156,7 +156,7 @@ class CellSequence:
             self._recorder.record_purge(feed.fed.take_remaining_fed_g(self._loop.time()))
 
     async def close(self) -> None:
-        """Let go of the cell, whatever became of the run."""
+        """Release the cell, however the run ended."""
         if self._cell is not None:
             with suppress(JournalError):  # unwritten, the position is not trusted the next time
                 self._whereabouts.record_run_end(self._cell.motion)
@@ -164,7 +164,7 @@ class CellSequence:
 
     @property
     def position_trusted(self) -> bool:
-        """Whether the machine is where it says it is; until it is asked, as an earlier run knew."""
+        """Whether the reported position is trusted; before the first query, by the earlier run."""
         if self._cell is None:
             return self._continues is not None and self._continues.is_position_trusted
         return self._cell.motion.position_trusted
@@ -247,7 +247,7 @@ class CellSequence:
         self.alarms.told(await self.refilling.weigh_and_record(self._connected))
 
     async def _acknowledge(self) -> None:
-        """The operator has asked to go on: latched alarms are reset, where their cause is gone."""
+        """The operator has commanded resume: reset latched alarms whose cause is gone."""
         faulty = [
             feeder for feeder in self._connected.feeders
             if feeder.fault is not None or (feeder.status is not None and feeder.status.alarm)
@@ -256,7 +256,7 @@ class CellSequence:
         await acceptance.reset_alarms(self._connected, faulty)
 
     async def _leave_part(self) -> None:
-        """To the purge position; from there the job goes on at the place reached."""
+        """Move to the purge position; from there the job resumes at the place reached."""
         await self._beam.come_to_rest()
         await refuse_changed_offset(self._connected.motion, self._connected.offset_mm)
         await self._move_to_purge()

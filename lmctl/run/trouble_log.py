@@ -1,4 +1,4 @@
-"""Where a run writes down what goes wrong: the list of alarms and the journal, cause first."""
+"""Records the faults of a run in the list of alarms and in the journal, cause first."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from lmctl.run.state.transitions import RunEvent, RunState
 class TroubleLog:
     """The logbook of a run's state machine.
 
-    alarms : gets every trouble, also those that no interlock has found
+    alarms : receives every fault, also those that no interlock has found
     """
 
     def __init__(self, alarms: RunAlarms, recorder: RunRecorder) -> None:

@@ -169,7 +169,7 @@ class Cell:
 
 
 def is_idle(report: StatusReport | None) -> bool:
-    """Whether a report says that nothing moves and nothing is held."""
+    """Whether a report shows that nothing moves and nothing is held."""
     return report is not None and report.state == "Idle"
 
 

@@ -68,7 +68,7 @@ def feeder_conditions(
          "stored configuration not valid", "calibrate it at its own display"),
     ):
         good = flag in status.flags
-        if good or alarmed is None or alarmed != code:  # else its alarm says so
+        if good or alarmed is None or alarmed != code:  # else its alarm shows it
             yield StartCondition(good, fine if good else bad, hint, refuses_run=True)
     if status.mixer_pressure_mbar is not None and alarmed != _MIXER:
         yield _mixer(status.mixer_pressure_mbar, feeder.mixer_pressure_max_mbar)

@@ -106,7 +106,7 @@ def _bound(path: Path) -> socket.socket:
         new.rename(path)
     except BaseException:
         listening.close()
-        with suppress(OSError):  # there is none, and what went wrong says more
+        with suppress(OSError):  # there is none, and the first error is more useful
             new.unlink(missing_ok=True)
         raise
     finally:

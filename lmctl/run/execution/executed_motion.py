@@ -1,6 +1,6 @@
 """What the machine has executed, from the places, speeds and powers that its controller reports.
 
-A report says where the nozzle is on the program's lines. What lies between two reported places has
+A report gives the nozzle position on the program's lines. What lies between two reported places has
 been executed, its length is known to the micrometre, and it took the time between the reports. How
 that time divides over lines with the beam on and others is taken from the plan of those few lines.
 Beam energy is the energy per millimetre reported (power over speed) times that length. Where no

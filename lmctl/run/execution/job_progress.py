@@ -1,8 +1,7 @@
 """How far a run is with its job: from the place it begins at, through each hold, to the last line.
 
-Between one hold and the next there is one `RunSegment`; the place that a hold leaves is where the
-next
-one enters. What is asked for the whole of it, the feed override, is kept here and given to each.
+Between one hold and the next there is one `RunSegment`; the next one enters at the place where the
+hold left off. The feed override, requested for the whole run, is kept here and passed to each.
 """
 
 from __future__ import annotations
@@ -21,10 +20,10 @@ _OVERRIDE_PATIENCE_S = 5.0
 
 
 class JobProgress:
-    """One run's way through its job.
+    """The progress of one run through its job.
 
     begins_at : how far an earlier run has come with it
-    override_percent : the feed override asked for
+    override_percent : the requested feed override
     """
 
     def __init__(self, recorder: RunRecorder, begins_at: PlaceReached = NOTHING_REACHED) -> None:
@@ -65,7 +64,7 @@ class JobProgress:
 
     @property
     def segment(self) -> RunSegment:
-        """What is worked with since the last hold."""
+        """The run segment since the last hold."""
         if self._work is None:
             raise AttributeError("the machine has not been accepted")
         return self._work
@@ -75,7 +74,7 @@ class JobProgress:
     def begin(self, workshop: RunSegmentFactory) -> None:
         """A machine has been accepted: make ready for the first line to be run on it.
 
-        Raises JobError where no bead is left to lay.
+        Raises JobError where no bead is left to deposit.
         """
         self._workshop = workshop
         self._work = workshop.create(self._begins_at, None, self.override_percent)
@@ -84,7 +83,7 @@ class JobProgress:
                            where=f"from {self._begins_at.place}")
 
     def continue_after_hold(self) -> bool:
-        """A hold ends: make ready to go on from the place reached; False where no bead is left."""
+        """A hold ends: prepare to resume from the place reached; False where no bead is left."""
         if self._workshop is None:
             raise AttributeError("the machine has not been accepted")
         work = self._workshop.create(self.record_place(), self.segment, self.override_percent)

@@ -2,7 +2,7 @@
 
 An account lasts over holds. It is opened when the first line of its layer is about to be sent, and
 closed when the layer is over or the run ends, whichever comes first: every layer of which anything
-was executed has one. Both are journaled; between them the samples carry how the account stands.
+was executed has one. Both are journaled; between them the samples carry the present account.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ class LayerAccounts:
         recorder.layer_so_far = self._so_far
 
     def follow_place(self, reached: Callable[[], tuple[ProgramPlace, float]]) -> None:
-        """Motion begins; from now on this says what place it has reached, and the bead left there.
+        """Motion begins; from now on this gives the place it has reached, and the bead left there.
 
         The bead left is that of the layer which holds the place [mm].
         """

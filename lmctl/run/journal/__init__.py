@@ -1,4 +1,4 @@
-"""What is kept of runs and of machines, and what it proves afterwards."""
+"""The journals of runs and machines, and what they prove afterwards."""
 
 from __future__ import annotations
 

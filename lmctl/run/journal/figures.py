@@ -1,6 +1,6 @@
 """What went into a layer or a part. Planned, reported and inferred figures have one form.
 
-They are never mixed: each `ExecutionFigures` object says where it stands what its numbers are.
+They are never mixed: the place of each `ExecutionFigures` object states which kind its numbers are.
 """
 
 from __future__ import annotations

@@ -7,8 +7,8 @@ last field, `sha256`, is the hash of its own text before that field, so that it 
 What may differ between two equal runs (wall clock, run id, process id, port names) stands under
 the key `local` of a record and nowhere else: a fingerprint leaves it out.
 
-The chain finds damage and careless editing. It carries no secret: who rewrites the whole file
-can also compute new hashes.
+The chain finds damage and careless editing. It carries no secret: anyone who rewrites the whole
+file can also compute new hashes.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def encode_seal(prev: str, seq: int, t_s: float, fields: dict[str, Any]) -> byte
 
 @dataclass(frozen=True)
 class JournalVerification:
-    """What a journal's own hashes say of it.
+    """What a journal's own hashes prove about it.
 
     sealed : it ends with its seal, so nothing can be missing
     broken_line : number (from 1) of the first line that cannot be what was written, or None

@@ -86,7 +86,7 @@ class LastKnownPosition:
 
 
 def _silent(identity: ControllerIdentity, settings: Mapping[int, str]) -> bool:
-    """Whether the controller homes, and does not say afterwards that it has."""
+    """Whether the controller homes, but does not report afterwards that it has."""
     return identity.dialect is GRBL and is_homing_enabled(settings)
 
 

@@ -12,20 +12,20 @@ place     where deposition ended: a line, the share of its length, and how that 
           by the controller at standstill (and when), "inferred" from what was sent and the clock
           (then perhaps only `at_least` another), "stated" by the operator, or "unknown": then
           anywhere up to `until`; and where the machine stands, if it has reported that
-entry     how the job goes on after that: first line with beam, and bead deposited again [mm]
+entry     how the job resumes after that: first line with beam, and bead deposited again [mm]
 alarm     something is not as it must be: its name, the words the operator reads, and the names of
           alarms that it is the cause of, though they may stand before it
 alarm_cleared  what an alarm was raised for is gone, or an operator has acknowledged it
 warning   a feeder warns of something that holds nothing: which, and whether it stands or is over
 setpoint  flows sent to the hoppers [g/min]
-override  a feed override asked for, or reported by the controller [%]
+override  a feed override requested, or reported by the controller [%]
 operator  an act that came by the control socket: from whom, and why it was refused if it was
 unreported  what the run that is continued executed after its last report, in one layer: inferred
           from the place in which the machine was found
 samples   columns of equal length, one value a status report; and how the accounts of the layers
           under way stand, so that a killed host loses half a second of them
-refill    a hopper was refilled: material, lot, mass as the operator says and as weighed [g]
-purge     powder fed over the purge position or in a hold, before motion goes on [g]
+refill    a hopper was refilled: material, lot, mass as the operator states and as weighed [g]
+purge     powder fed over the purge position or in a hold, before motion resumes [g]
 layer_opened  lines of a layer are about to be sent for the first time in this run: what is
           planned for the whole of it
 layer     a layer is over, or the run is: what was reported and inferred of it in this run, up to
@@ -68,7 +68,7 @@ class LatestReport(NamedTuple):
 class Refill(NamedTuple):
     """What was filled into a hopper. Masses in g; None where the hopper has no load cell.
 
-    mass_g : as the operator says; weighed_g : the difference of the weights before and after
+    mass_g : as the operator states; weighed_g : the difference of the weights before and after
     """
 
     hopper: str
@@ -105,7 +105,7 @@ class RunRecorder:
         self.layer_so_far: Callable[[], list[dict[str, Any]]] = list
 
     def record_machine(self, **fields: Any) -> None:
-        """Who answered on the motion link."""
+        """The controller that answered on the motion link."""
         self._append("machine", **fields)
 
     def record_state(self, event: RunEvent, before: RunState, after: RunState) -> None:
@@ -152,7 +152,7 @@ class RunRecorder:
         self._sync()
 
     def record_entry(self, entry: Reentry) -> None:
-        """How the job goes on from a place."""
+        """How the job resumes from a place."""
         self._event(
             "entry", **place_fields(entry.place),
             lit_line=entry.beam_on_line, layer=entry.layer.index,
@@ -207,7 +207,7 @@ class RunRecorder:
         self._flush()
 
     def record_override(self, feed_percent: int, source: str, power_percent: int = 100) -> None:
-        """Overrides. source : "operator" as asked for, "controller" as reported."""
+        """Overrides. source : "operator" as requested, "controller" as reported."""
         self._event("override", feed_percent=feed_percent, power_percent=power_percent,
                      source=source)
 

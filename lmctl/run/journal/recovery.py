@@ -42,12 +42,12 @@ _UPTIME_SLACK_S = 5.0
 
 @dataclass(frozen=True)
 class MachineSeen:
-    """What a controller said before anything was sent to it.
+    """What a controller reported before anything was sent to it.
 
     position_mm : program coordinates, or None
     at_zero : whether its machine coordinates are 0, 0, 0
     restarted : whether it has sent its welcome message unasked
-    homed : whether its homing, or the record of it, vouches for its position
+    homed : whether its homing, or the record of it, proves its position
     uptimes_s : for how long the other devices of the cell have run, by name
     """
 

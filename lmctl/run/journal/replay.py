@@ -112,7 +112,7 @@ def continuing_runs(made: RunFolder) -> tuple[str, list[str]]:
 
 
 def _refuse_unrecoverable(made: RunFolder, found: _Reading) -> None:
-    """Raises JournalError where nothing is left to lay, or it is not known from where."""
+    """Raises JournalError where nothing is left to deposit, or the place is not known."""
     log = f"`{made.command('log')}` prints its log"
     if found.state == RunState.DONE:
         raise JournalError(f"{made.run} is done: there is nothing to recover", hint=log)
@@ -152,7 +152,7 @@ class _Reading:
         self.lit_line = 0
         self.stands_mm: tuple[float, ...] | None = None
         self.to_purge = self.moving = False
-        self._is_open = False  # motion was started, and no record says where it ended
+        self._is_open = False  # motion was started, and no record shows where it ended
         self.entered_at: ProgramPlace | None = None
         self._at_rest = NOTHING_REACHED  # at the last standstill
         self.proven = JOB_START  # by reports, since then too

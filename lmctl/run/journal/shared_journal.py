@@ -89,7 +89,7 @@ class SharedJournal:
 
 
 def _write(fd: int, data: bytes) -> None:
-    """All of it: a disk that is nearly full takes a part first, and says so only at the next."""
+    """Write all of it: a nearly full disk takes a part first, and fails only at the next write."""
     while data:
         data = data[os.write(fd, data):]
 

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from firmware_protocol.pmx import HopperStatusBits
 from lmctl.machine.feeder.readings import HopperReading
 
-#: Amounts can be asked for so far back [s]: a status report or two.
+#: Amounts are available this far back [s]: a status report or two.
 _KEPT_S = 10.0
 
 #: Longest time for a disc to reach a new set-point, and for a set-point to reach the disc [s].

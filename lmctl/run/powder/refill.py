@@ -35,7 +35,7 @@ class _Filled:
 class RefillProcedure:
     """The refills of one run, one hopper after the other.
 
-    hopper : the one asked for, from the request until it is weighed; None otherwise
+    hopper : the requested one, from the request until it is weighed; None otherwise
     """
 
     def __init__(self, hoppers: Sequence[HopperSettings], recorder: RunRecorder) -> None:

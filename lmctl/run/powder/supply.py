@@ -54,7 +54,7 @@ class _LayerNeed(NamedTuple):
 
 
 class SupplyForecast:
-    """What the rest of a job needs of each hopper, layer by layer as it is asked for.
+    """What the rest of a job needs of each hopper, layer by layer as it is requested.
 
     hoppers : in the job's order, as flows are
     """

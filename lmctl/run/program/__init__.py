@@ -1,4 +1,4 @@
-"""Where in its program a run is: which lines may go, and how the nozzle gets back to its path."""
+"""Where in its program a run is: which lines may be sent, and how the nozzle returns."""
 
 from __future__ import annotations
 

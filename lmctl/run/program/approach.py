@@ -1,9 +1,9 @@
 """The way back to a path, beam off, as program lines that fit the send horizon, each with its time.
 
-Powder leaves its hopper some seconds before it reaches the nozzle, so the time of every move of the
-way has to be known before it is made. Travel moves therefore begin and end at rest: a short dwell
+Powder leaves its hopper some seconds before it reaches the nozzle, so the time of every approach
+move must be known before it is made. Travel moves therefore begin and end at rest: a short dwell
 stands between them, and both firmwares come to rest before a dwell. A straight move from rest to
-rest lasts exactly what its speed and acceleration say, whatever junction deviation is set.
+rest lasts exactly as its speed and acceleration give, whatever junction deviation is set.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ FloatArray = NDArray[np.float64]
 #: Between two travel moves [s]. Grbl counts dwells in steps of 50 ms.
 TRAVEL_DWELL_S = 0.05
 
-#: A line that lasts no longer is gone through evenly enough, also where the nozzle speeds up [s].
+#: A line no longer than this counts as constant speed, also where the nozzle accelerates [s].
 _EVEN_S = 0.05
 
 
@@ -30,7 +30,7 @@ _EVEN_S = 0.05
 class ApproachMove:
     """One line to be sent, a move or, where it ends where it starts, a dwell.
 
-    is_run_up : it is passed at the path's own speed, not begun and ended at rest
+    is_run_up : run at the path's own speed, not from rest to rest
     """
 
     start_mm: FloatArray
@@ -73,9 +73,9 @@ def travel_moves(
 
 
 def _line_ends_s(move: _RestToRest, motion: MotionSettings) -> list[float]:
-    """When the lines of a move end: short ones where it speeds up and brakes.
+    """When the lines of a move end: short ones where it accelerates and brakes.
 
-    A line counts as gone through evenly, so a report from a long one that speeds up would set the
+    A line counts as run at constant speed, so a report from a long accelerating line would set the
     clock wrong, and powder with it. But the controller must see far enough ahead to brake in time.
     At cruising speed a line lasts a quarter of the send horizon at most.
     """
@@ -89,7 +89,7 @@ def _line_ends_s(move: _RestToRest, motion: MotionSettings) -> list[float]:
 
 
 def axis_limit_along(axis_limits: Sequence[float], direction: FloatArray) -> float:
-    """A limit of each axis as it is for a straight move: the least of limit over |component|."""
+    """An axis limit applied to a straight move: the least of limit over |component|."""
     unit = np.abs(direction) / np.linalg.norm(direction)
     return float(min(limit / part for limit, part in zip(axis_limits, unit, strict=True) if part))
 
@@ -104,7 +104,7 @@ class _RestToRest:
 
     @property
     def ramp_s(self) -> float:
-        """For how long it speeds up, and for how long it brakes."""
+        """Acceleration time and braking time."""
         return min(self.speed_mm_s / self.acceleration_mm_s2,
                    math.sqrt(self.length_mm / self.acceleration_mm_s2))
 
@@ -126,7 +126,7 @@ class _RestToRest:
 
 def acceleration_time_loss_s(distance_mm: float, speed_mm_s: float,
                              acceleration_mm_s2: float) -> float:
-    """By how much longer it takes to go so far from rest than at speed."""
+    """Extra time for a distance from rest, compared with the same distance at speed."""
     ramp_mm = speed_mm_s**2 / (2.0 * acceleration_mm_s2)
     if distance_mm >= ramp_mm:
         return speed_mm_s / (2.0 * acceleration_mm_s2)

@@ -13,8 +13,8 @@ _OTHER_M = re.compile(rb"M(?!0*[45](?:\.0*)?(?:[^0-9.]|$))[0-9.]*")
 def line_without_beam(line: bytes) -> bytes:
     """The line with its power set to zero.
 
-    Raises JobError where it holds an M word other than M4 and M5: M3 would leave the beam to the
-    controller's last power, and what any other does to a beam is unknown here.
+    Raises JobError where it holds an M word other than M4 and M5: M3 would leave the beam at the
+    controller's last power, and the effect of any other on the beam is unknown here.
     """
     if b"M" in line and (other := _OTHER_M.search(line)):
         raise JobError(

@@ -25,14 +25,14 @@ _NOTICE_S = 0.3
 #: In a bead, powder changes over so much program time [s].
 _IN_BEAD_S = 0.3
 
-#: So long after its program time it surely is due [s].
+#: At the latest this long after its program time it is due [s].
 _DUE_S = 1e-3
 
 
 class FeedOverride:
     """The feed override of one run, from where it is entered to the next hold.
 
-    lead_s : how long powder is on its way
+    lead_s : transport time of the powder
     status_period_s : how often `look` is called while one is planned
     realtime : sends a byte to the controller at once
     """
@@ -61,7 +61,7 @@ class FeedOverride:
         self._set(t, percent)
 
     def schedule(self, t: float) -> None:
-        """Find the place at which to set what was asked for."""
+        """Find the place at which to set the requested override."""
         clock, rate = self._clock, self._asked / 100.0
         powder_s = clock.program_time_ahead_s(t, self._lead_s + _NOTICE_S)
         if clock.is_override_pending_before(powder_s):
@@ -73,7 +73,7 @@ class FeedOverride:
         clock.schedule_override(*(dark or (powder_s, powder_s + _IN_BEAD_S)), rate)
 
     def cancel(self) -> None:
-        """What is planned does not come any more."""
+        """Cancel the planned override."""
         if self._timer is not None:
             self._timer.cancel()
 

@@ -1,4 +1,4 @@
-"""The lines of a job as lengths and points, across its layers: what is asked to find a place."""
+"""The lines of a job as lengths and points, across its layers, for finding a place."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def bead_between_mm(job: JobReader, place: ProgramPlace, until: ProgramPlace) ->
 
 def after_bead_mm(job: JobReader, place: ProgramPlace, until: ProgramPlace,
                   bead_mm: float) -> ProgramPlace:
-    """The place so much bead after another, but not after `until`."""
+    """The place that lies a bead length after another, but not after `until`."""
     for rows, lengths in _bead_lengths(job, place, until):
         done = np.cumsum(lengths)
         if bead_mm <= done[-1]:

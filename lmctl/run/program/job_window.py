@@ -1,8 +1,7 @@
-"""The stretch of a job that a run needs just now, layer by layer, in constant memory.
+"""The part of a job that a run needs now, layer by layer, in constant memory.
 
-Layers are read when something first asks for a line or a program time in them (the streamer runs
-ahead by the send horizon, the powder by the longest dead time) and dropped when `forget` says
-that they lie behind.
+Layers are read when a line or a program time in them is first requested (the streamer runs ahead by
+the send horizon, the powder by the longest dead time). `forget` drops the layers that lie behind.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ class JobWindow:
     read_layer : JobReader.layer
     start_mm : where the nozzle is before the first line
     beam_off : every power is sent as zero
-    first_layer : where running begins; no layer before it is ever asked for
+    first_layer : where running begins; no earlier layer is ever read
 
     Lines are counted from 0 through the whole job; program times before the job give its first
     flow, times after it its last.

@@ -1,4 +1,4 @@
-"""One layer of a job as running uses it: its lines, times, places and flows at hand."""
+"""One layer of a job in the form a run uses: lines, times, places and flows."""
 
 from __future__ import annotations
 
@@ -31,13 +31,12 @@ class LayerProgram:
 
     start_s, end_s : (n,) program time at which each line starts and ends
     start_mm, end_mm : (n, 3) where it starts and ends
-    is_feed_move : (n,) whether a feed override scales the line (G1); beam_off_spans : (n,) whether
-    the beam
-    is off
+    is_feed_move : (n,) whether a feed override scales the line (G1)
+    beam_off_spans : (n,) whether the beam is off
     speeds_mm_s, energies_J_mm : programmed speed and beam power over it, 0 where there is none
     feed_time_end_s : (n,) program time spent in G1 since the job began, up to each line's end
-    starts_s, ends_s, corners_mm : the same as plain lists, for what is asked for one value at a
-        time, many times a second; corners are the start of the first line and the end of each
+    starts_s, ends_s, corners_mm : the same as plain lists, for single values read many times a
+        second; corners are the start of the first line and the end of each
     program : the text of each line, without its end
     path_starts : the first line of each path
     flow_s, flow_g_s : knots of the flow at the nozzle: times, and of each hopper its values there;

@@ -1,6 +1,6 @@
-"""Which lines may go to the controller now: never more unexecuted motion than the send horizon.
+"""Which lines may be sent now: never more unexecuted motion than the send horizon.
 
-If the host dies, the controller runs dry and the beam goes out within the horizon; and no more
+If the host dies, the controller runs dry and the beam goes off within the horizon; and no more
 than the horizon has to be repeated after a crash.
 """
 

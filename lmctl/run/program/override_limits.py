@@ -25,7 +25,7 @@ _SLACK = 1e-6  # of peaks, which may be rounded up to what the machine has
 
 @dataclass(frozen=True)
 class OverrideRange:
-    """What a feed override may be. limit : what allows no more than most_percent, in words"""
+    """Range of a feed override. limit : what allows no more than most_percent, in words"""
 
     most_percent: int = MOST_PERCENT
     limit: str = ""

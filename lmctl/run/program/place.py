@@ -30,12 +30,12 @@ class Known(StrEnum):
 class PlaceReached:
     """Where deposition ended, as far as it is known.
 
-    place : where it ended; where that is unknown, up to where it has come for certain
+    place : where it ended; where that is unknown, the place it has certainly reached
     known : how that is known
-    at_least : up to here it has come for certain, though motion may have ended before `place`
-    until : no more than up to here can have been deposited; the place itself unless it is unknown
+    at_least : place certainly reached, though motion may have ended before `place`
+    until : nothing can have been deposited after it; the place itself unless it is unknown
     reported_s : machine time of the last report on the path that this rests on, None for none
-    beam_off_motion_s : for so much longer the nozzle moved on with the beam off, unseen
+    beam_off_motion_s : how much longer the nozzle moved with the beam off, unreported
     """
 
     place: ProgramPlace = JOB_START

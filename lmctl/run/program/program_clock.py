@@ -25,7 +25,7 @@ _LOOK_BACK_S, _LOOK_AHEAD_S = 0.15, 0.55
 #: A position so near to where it is expected needs no search for the line it lies on.
 _EXPECTED_S, _EXPECTED_MM = 0.05, 0.01
 
-#: A place so much sooner or later on the path than expected is believed when another report agrees
+#: A place so much sooner or later on the path than expected is accepted when another report agrees
 #: [s]. Planned and real motion differ by less from one report to the next; one changed digit does.
 _JUMP_S = 0.2
 
@@ -35,8 +35,8 @@ _AGREE_ON_PATH, _AGREE_OFF_PATH = 2, 3
 #: Places doubted in a row that are compared with the newest.
 _DOUBTED_KEPT = 8
 
-#: What lies between two reports that agree: the way at the speed reported, in so much more time,
-#: and a rounding [mm].
+#: Distance allowed between two reports that agree: the travel at the reported speed in so much more
+#: time [s], and a rounding [mm].
 _AGREE_S, _AGREE_MM = 0.02, 0.05
 
 #: Distance that a deviation of one second from the expected time counts as [mm/s]: it only
@@ -76,11 +76,11 @@ class ProgramClock:
     reported_s : program time of the last place reported on the path, nothing added for what came
         after
     reported_t : machine time of that report, -inf before the first
-    off_mm : how far the last place believed is from the path of the lines that may be running
+    off_mm : distance of the last accepted place from the path of the lines that may be running
     early_s : by how much that place was reached sooner than expected; below 0 where later
     is_in_doubt : the last place reported is not the expected one, and too few others agree yet; it
         counts for nothing so far
-    turned : called when something other than the passing of time changes what lies ahead
+    turned : called when anything but the passing of time changes the motion ahead
     The clock stands until `run_from`, and again after `stand`.
     """
 
@@ -102,9 +102,9 @@ class ProgramClock:
         self._runs_from_t = math.inf
 
     def acknowledge(self, lines: int) -> None:
-        """The controller has taken so many lines; time never runs past their end.
+        """The controller has acknowledged so many lines; time never runs past their end.
 
-        But a dwell is answered when it is over: time runs through one that is next.
+        But a dwell is acknowledged when it is over: time runs through one that is next.
         """
         if lines != self._acknowledged:
             self._acknowledged = lines
@@ -135,7 +135,7 @@ class ProgramClock:
     def schedule_override(self, from_s: float, to_s: float, rate: float) -> None:
         """The feed override will be set to `rate` when program time is from_s.
 
-        It takes `set_rate` then to tell that it has been; until then it is due.
+        `set_override` then confirms that it has been set; until then it is due.
         """
         self._change = OverrideChange(from_s, to_s, self.rate, rate)
         self.turned()
@@ -237,7 +237,7 @@ class ProgramClock:
         return self._window.advance(self._known_s, running_s, self.rate)
 
     def program_time_ahead_s(self, t: float, machine_s: float) -> float:
-        """Program time that will have been reached `machine_s` after t, if all goes on as it is."""
+        """Program time reached `machine_s` after t, if nothing changes."""
         s, running_s = self.program_time_s(t), t + machine_s - max(t, self._runs_from_t)
         reached_s = self._window.advance(s, running_s, self.rate)
         change = self._change

@@ -43,10 +43,10 @@ OVERLAP_MM = 0.2
 RUN_UP_MM = 2.0
 _OF_RAMP = 1.5
 
-#: What is shorter is not worth a line: the firmware makes no block of less than a motor step [mm].
+#: A shorter move gets no line: the firmware makes no block of less than a motor step [mm].
 _MIN_MM = 0.02
 
-#: N words of the way in; a job of fewer lines than this has none of them.
+#: N words of the approach; a job of fewer lines than this has none of them.
 _FIRST_N = 9_990_000
 
 _WORD = re.compile(r"([FS])([0-9.]+)")
@@ -54,9 +54,9 @@ _WORD = re.compile(r"([FS])([0-9.]+)")
 
 @dataclass(frozen=True)
 class Reentry:
-    """How a job goes on from a place.
+    """How a job resumes from a place.
 
-    layer : the layer entered, its head replaced by the way in; its program time begins with that
+    layer : the layer entered, the approach replaces its beginning; its program time begins with it
     beam_on_line : line of the job with which the beam comes on again
     repeated_mm : bead that is deposited again
     """
@@ -96,7 +96,7 @@ class _Track:
         return axis_limit_along(motion.acceleration_mm_s2, away_mm)
 
     def next_bead(self, row: int, share: float) -> int | None:
-        """The first row from here on with bead left to lay."""
+        """The first row from here on with bead left to deposit."""
         if row < len(self.kind) and self.length_mm[row] * (1.0 - share) < _MIN_MM:
             row += 1
         beads = np.flatnonzero(self.kind[row:] == LineKind.BEAD)
@@ -128,7 +128,7 @@ class _Track:
         return start_s + point.share * (float(self.end_s[point.row]) - start_s)
 
     def between_mm(self, before: _Point, after: _Point) -> float:
-        """Length of way from one point to a later one."""
+        """Path length from one point to a later one."""
         whole = float(self.length_mm[before.row : after.row].sum())
         return (whole - before.share * float(self.length_mm[before.row])
                 + after.share * float(self.length_mm[after.row]))
@@ -138,10 +138,10 @@ def plan_reentry(
     manifest: JobManifest, read_layer: Callable[[int], JobLayer], place: ProgramPlace,
     motion: MotionSettings
 ) -> Reentry | None:
-    """How to go on from a place; None where no bead is left to lay.
+    """How to resume from a place; None where no bead is left to deposit.
 
     A place on a bead is entered `overlap_mm` before it, but not before its path's first bead. One
-    in a travel, or on a path's run-up or run-out, goes on with the next bead's path from its
+    in a travel, or on a path's run-up or run-out, resumes with the next bead's path from its
     beginning.
     """
     index = layer_of(manifest, place.line)
@@ -248,7 +248,7 @@ def _run_up(
 def _lines(
     way: list[ApproachMove], start_mm: FloatArray, end_s: float, dtype: np.dtype[np.void]
 ) -> tuple[list[str], NDArray[np.void]]:
-    """The way in as program text and lines of a job, timed to end at end_s."""
+    """The approach as program text and lines of a job, timed to end at end_s."""
     table = np.zeros(len(way) + 1, dtype)
     table["path"], table["kind"] = -1, LineKind.TRAVEL
     table["kind"][0] = LineKind.SETUP
@@ -276,7 +276,7 @@ def _flow(
     """Flow at the nozzle: steady on the travel, on the run-up and after it the program's own.
 
     program_s : the program's times at the start of the run-up and at the end of each of its legs;
-    way_s : the times of the way in there; start_s : when the way in begins
+    way_s : the times of the approach there; start_s : when the approach begins
     """
     inside = (layer.flow_s > program_s[0]) & (layer.flow_s < program_s[-1])
     knots_s = np.concatenate([program_s[:1], layer.flow_s[inside], program_s[-1:]])

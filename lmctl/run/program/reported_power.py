@@ -1,4 +1,4 @@
-"""The beam energy per millimetre that a status report shows, against what its line asks for.
+"""The beam energy per millimetre that a status report shows, against the value of its line.
 
 A report carries speed and power of the motion prepared last (`FS:`). Their quotient is a line's
 energy per millimetre, whatever accelerations and feed overrides do under M4 (see `line_energy`).
@@ -13,7 +13,7 @@ from lmctl.run.program.job_window import JobWindow
 _KNOWN_WITHIN_S = 0.05
 
 #: Speeds are reported in whole mm/min: at less than this share of the programmed speed the quotient
-#: says too little.
+#: is too inaccurate.
 _MIN_SHARE = 0.5
 
 

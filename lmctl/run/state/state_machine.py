@@ -26,7 +26,7 @@ _UNTOUCHED = (RunState.READY, RunState.CONNECTING, RunState.CHECKING)
 class _Said(NamedTuple):
     """An event on its way to the table.
 
-    wished : dropped where the state does not know it when its turn comes, instead of a fault
+    wished : dropped, instead of a fault, if the state does not accept it when its turn comes
     by : whose effects have been achieved; it counts only for as long as none have begun since
     """
 
@@ -140,13 +140,13 @@ class RunStateMachine:
             return _Said(RunEvent.STOP, wished=True)
 
     def _counts(self, said: _Said) -> bool:
-        """Whether an event still means something, now that its turn has come."""
+        """Whether an event is still valid, now that its turn has come."""
         if said.by is not None:
             return said.by is self._activity
         return not said.wished or self._knows(said.event)
 
     async def _all_ended(self) -> None:
-        """Return when every effect has ended, and let go of what it had opened."""
+        """Return when every effect has ended and released its resources."""
         while self._under_way:
             try:
                 await asyncio.wait(self._under_way)
@@ -154,7 +154,7 @@ class RunStateMachine:
                 _stay()
 
     def _take(self, event: RunEvent) -> None:
-        """One transition: written down, then its effects begin; those still under way break off."""
+        """One transition: journal it, then begin its effects; cancel those still under way."""
         before = self.state
         if not self._knows(event):
             self._note(RuntimeError(f"{event!r} came while the run was {before}"), final=True)
@@ -215,7 +215,7 @@ class RunStateMachine:
         try:
             self._logbook.record_fault(error)
         except LmctlError as unwritten:
-            # The journal itself is what fails: there is nothing to write that into.
+            # The journal itself has failed: the error cannot be journaled.
             self.fault = self.fault or unwritten
 
 

@@ -1,6 +1,6 @@
 """The states of a run and what happens between them, as a table.
 
-The order of start and stop stands here and nowhere else: gas, then powder until it is stable,
+The order of start and stop is defined here only: gas, then powder until it is stable,
 then the beam armed at zero, then motion; and back in reverse (beam and motion first).
 """
 
@@ -127,8 +127,8 @@ TRANSITIONS: dict[tuple[RunState, RunEvent], Transition] = {
     (RunState.HELD, RunEvent.ACHIEVED): Transition(RunState.STOPPING, _STOP),
     (RunState.HELD, RunEvent.INTERLOCK): Transition(RunState.HELD, ()),
     (RunState.HELD, RunEvent.PROGRAM_DONE): Transition(RunState.FINISHING, _FINISH),
-    # A hopper that could not be made ready, or weighed, is asked for again. An open one is no
-    # hindrance to a stop; going on needs it closed first, since only HELD can be resumed.
+    # A hopper that could not be made ready, or weighed, is requested again. An open one does not
+    # prevent a stop; resuming needs it closed first, since only HELD can be resumed.
     (RunState.OPENING, RunEvent.ACHIEVED): Transition(RunState.REFILLING, (Effect.AWAIT_OPERATOR,)),
     (RunState.OPENING, RunEvent.INTERLOCK): Transition(RunState.HELD, (Effect.AWAIT_OPERATOR,)),
     (RunState.REFILLING, RunEvent.REFILLED): Transition(RunState.WEIGHING, (Effect.CLOSE_HOPPER,)),
@@ -152,7 +152,7 @@ TRANSITIONS: dict[tuple[RunState, RunEvent], Transition] = {
     (RunState.RESUMING, RunEvent.INTERLOCK): _HOLD,
     (RunState.RESUMING, RunEvent.PROGRAM_DONE): Transition(RunState.FINISHING, _FINISH),
     (RunState.FINISHING, RunEvent.ACHIEVED): Transition(RunState.DONE, ()),
-    # The part is made: what interlocks say now is written down, a stop only cuts the post-flow.
+    # The part is made: interlocks are only journaled now, a stop only cuts the post-flow.
     (RunState.FINISHING, RunEvent.INTERLOCK): Transition(RunState.FINISHING, ()),
     (RunState.FINISHING, RunEvent.STOP): Transition(
         RunState.FINISHING, (Effect.REST_BEAM, Effect.POWDER_OFF, Effect.GAS_OFF_NOW)
@@ -181,14 +181,14 @@ TRANSITIONS: dict[tuple[RunState, RunEvent], Transition] = {
     (RunState.STOPPING, RunEvent.PROGRAM_DONE): Transition(RunState.STOPPING, ()),
     (RunState.TRIPPED, RunEvent.ACHIEVED): Transition(RunState.FAULTED, ()),
     (RunState.TRIPPED, RunEvent.STOP): Transition(RunState.TRIPPED, _STOP_NOW),
-    # One fault brings others (a lost link, then silence): the first one's stop goes on.
+    # One fault brings others (a lost link, then silence): the stop for the first one continues.
     (RunState.TRIPPED, RunEvent.INTERLOCK): Transition(RunState.TRIPPED, ()),
     (RunState.TRIPPED, RunEvent.FAULT): Transition(RunState.TRIPPED, ()),
     (RunState.TRIPPED, RunEvent.PROGRAM_DONE): Transition(RunState.TRIPPED, ()),
 }
 
-#: States whose effects go on when one of them fails: each takes something off the machine, and a
-#: dead device must not keep the others from it. In HOLDING that is so for feeders only.
+#: States whose effects continue when one of them fails: each switches something off, and a dead
+#: device must not prevent that for the others. In HOLDING this applies to feeders only.
 RESUMABLE_STATES = frozenset({RunState.TRIPPED})
 GOES_ON_AFTER_INTERLOCK = frozenset({RunState.TRIPPED, RunState.HOLDING})
 

@@ -27,7 +27,7 @@ _AHEAD: dict[str, tuple[tuple[int, ...], tuple[int, ...]]] = {
 
 
 class StartupTime:
-    """What the profile asks a run to wait for. Moves, and devices' own delays, come on top."""
+    """The waits that the profile sets for a run. Moves and device delays come on top."""
 
     def __init__(
         self, profile: MachineProfile, hoppers: Sequence[HopperSettings], powder_mode: str
@@ -48,7 +48,7 @@ class StartupTime:
     def remaining_s(self, state: str, t: float) -> float:
         """Machine time until lines run; 0 where they run, or never will.
 
-        A state's own wait counts down from when it was first asked for.
+        A state's own wait counts down from the first call in that state.
         """
         if state != self._seen[0]:
             self._seen = (state, t)

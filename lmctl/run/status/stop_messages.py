@@ -1,4 +1,4 @@
-"""What Ctrl-C answers: what happens now, how long it takes, and what another one does."""
+"""Messages after Ctrl-C: what happens now, how long it takes, and what another one does."""
 
 from __future__ import annotations
 
