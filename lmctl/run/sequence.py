@@ -205,7 +205,7 @@ class CellSequence:
         await self._connected.for_each_feeder(FeederDriver.start_powder)
 
     async def _await_stable(self) -> None:
-        """θ + 4τ until what comes out of the hoses is what goes in, and the feeders agree."""
+        """Wait θ + 4τ, until hose outflow equals inflow, and until the feeders report stable."""
         cell = self._connected
         await asyncio.sleep(self._course.segment.feed.plan.settling_s)
         await cell.wait_until(

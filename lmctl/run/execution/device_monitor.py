@@ -30,13 +30,13 @@ from lmctl.run.interlocks.supervision import InterlockSupervision
 from lmctl.run.interlocks.warnings import WarningDebounce
 from lmctl.run.journal.recorder import RunRecorder
 
-#: Alarms that a controller which restarts, or is lost, raises before that is known.
+#: Alarms that a restarting or lost controller causes before that is known.
 _SYMPTOMS = ("motion silent", "position", "path", "wait", "feed and power")
 
-#: Alarms that a safety device raises which restarts or is silent, before that is known.
+#: Alarms that a restarting or silent safety device causes before that is known.
 _SYMPTOMS_OF_SAFETY = ("safety inputs silent", "watchdog relay", "controller's door")
 
-#: While a device stays silent, it is looked at so often [s].
+#: Check period while a device stays silent [s].
 _STALE_LOOKS_S = 0.02
 
 #: Timers may come early by the resolution of the clock [s].
@@ -44,7 +44,7 @@ _MIN_WAIT_S = 1e-3
 
 
 class DeviceMonitor:
-    """Listens to every device of a cell from now on, and looks at the interlocks with each report.
+    """Monitors every device of a cell from now on, and checks the interlocks with each report.
 
     deposition : the one under way
     tripped : called with each reason to hold (Interlock) or to end the run

@@ -23,7 +23,7 @@ def feeder_silence_findings(facts: InterlockInputs) -> Iterator[InterlockFinding
 
 
 def mixer_pressure_findings(facts: InterlockInputs) -> Iterator[InterlockFinding]:
-    """Its own alarm is the second line: it comes when the nozzle is shut already."""
+    """Mixer pressure too high. The feeder's own alarm comes later: with the nozzle already shut."""
     for feeder in facts.feeder_readings:
         mbar, most_mbar = feeder.mixer_mbar, feeder.mixer_max_mbar
         if mbar is not None and most_mbar is not None and mbar > most_mbar:

@@ -1,6 +1,6 @@
 """What was done to a machine by hand: homed, jogged, unlocked. One file a machine, never sealed.
 
-An act is written down before it begins, and again when it has ended.
+An act is journaled before it begins, and again when it has ended.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """A journal that many commands add to over time, and that is never sealed.
 
 The form is that of a run journal (`lmctl.run.journal.format`): JSON lines, each with the hash of
-the
-one before. `t` counts from the first record by the wall clock.
+the one before. `t` counts from the first record by the wall clock.
 """
 
 from __future__ import annotations

@@ -57,7 +57,7 @@ class RefillProcedure:
         self.hopper, self._is_due = self._named(name), True
 
     def take_due_request(self) -> bool:
-        """Whether a hopper asked for is still to be opened; asked once."""
+        """Whether a requested hopper is still to be opened; reading it clears the request."""
         is_due, self._is_due = self._is_due, False
         return is_due
 

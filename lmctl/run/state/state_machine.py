@@ -209,7 +209,7 @@ class RunStateMachine:
             self._events.put_nowait(_Said(RunEvent.ACHIEVED, by=me))
 
     def _note(self, error: Exception, *, final: bool) -> None:
-        """Write down what went wrong; the first that ends the run is its fault."""
+        """Journal an error; the first that ends the run is its fault."""
         if final and self.fault is None:
             self.fault = error
         try:
@@ -220,7 +220,7 @@ class RunStateMachine:
 
 
 def _stay() -> None:
-    """Being cancelled does not end a run at once: take note of it, and go on."""
+    """Being cancelled does not end a run at once: clear the cancellation and continue."""
     task = asyncio.current_task()
     if task is not None:
         task.uncancel()
