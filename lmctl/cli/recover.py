@@ -60,7 +60,7 @@ def recover(
     powder; a new run is journaled, which names the one it continues.
 
     A controller that has lost its place is never believed: without homing its position has to be
-    restored first. Where nobody saw how much of what was sent was deposited, you are asked. (The
+    restored first. Where no report shows how much was deposited, you are asked. (The
     simulated cell is a new one with every command, so its controller has lost its place.)
     """
     from lmctl.run.journal import run_folders
