@@ -1,4 +1,4 @@
-"""One powder feeder: what a run asks of it, done when the device's own status says so."""
+"""One powder feeder: an order is complete when the device's own status confirms it."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class FeederDriver:
 
     @classmethod
     async def open(cls, feeder: FeederSettings, hoppers: Sequence[HopperSettings]) -> FeederDriver:
-        """Connect, see what it is, set its watchdog and take command; discs stay still.
+        """Connect, identify it, set its watchdog and take remote control; discs stand still.
 
         A latched alarm does not keep it from opening: `status` shows it, `start_gas` refuses.
         Raises MachineError where it cannot be reached, is no PMX feeder, lacks a hopper, or
@@ -94,7 +94,7 @@ class FeederDriver:
 
     @property
     def callbacks(self) -> FeederCallbacks:
-        """Who hears of answers and of the first fault."""
+        """Callables that receive the answers and the first fault."""
         return self._cycle.listener
 
     @callbacks.setter
@@ -102,11 +102,11 @@ class FeederDriver:
         self._cycle.listener = listener
 
     def set_flows(self, flows_g_min: Mapping[str, float]) -> None:
-        """From now on feed so much from each hopper, by its name: the latest call counts.
+        """Set the flow of each hopper, by its name; the latest call counts.
 
         Returns at once; all hoppers change together, as one recipe. Flows equal at the device's
         resolution (0.01 g/min) are not sent again.
-        Raises ValueError for a flow that is no number, beyond its hopper's range, or nobody's.
+        Raises ValueError for a flow that is no number, out of range, or of an unknown hopper.
         """
         self._cycle.set_flows(flows_g_min)
 

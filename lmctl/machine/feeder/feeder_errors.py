@@ -35,7 +35,7 @@ class FeederErrors:
         self, failure: str, waited_s: float, status: FeederStatus | None,
         error: MachineError | None = None,
     ) -> MachineError:
-        """That a status was waited for in vain. error : of the order that should bring it about"""
+        """The expected status did not come in time. error : of the order that should cause it"""
         state = "unknown" if status is None else status.state.name
         why, hint = ("", "") if error is None else (f": {error.what}", error.hint)
         return self.error(f"{failure} within {waited_s:.0f} s{why}",
@@ -54,7 +54,7 @@ class FeederErrors:
             raise self.error(f"it refuses to {what}: {reason}", REFUSED_HINT) from error
 
     async def refusal_reason(self, refused: ModbusExceptionError) -> str:
-        """Why it refused, in its own words where it says."""
+        """Why the feeder refused, in its own words where it gives any."""
         if refused.code == FAILURE:
             try:
                 given = (await self._link.read_input(_LAST_REFUSAL, 1))[0]

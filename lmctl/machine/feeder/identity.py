@@ -1,4 +1,4 @@
-"""Is this a PMX feeder, and the one the profile means? Asked before anything is written."""
+"""Check that this is the PMX feeder of the profile, before anything is written."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ async def identify_feeder(
     """Read what the device is.
 
     Raises MachineError where it is no PMX feeder of a known map, sends its words in another order,
-    lacks a hopper of the profile, or cannot feed as much as the profile says.
+    lacks a hopper of the profile, or cannot feed as much as the profile states.
     """
     place = [f"feeder {feeder.name}: {feeder.endpoint}, device {feeder.device_id}"]
     order = WordOrder(feeder.word_order)

@@ -36,10 +36,10 @@ from lmctl.machine.feeder.warnings import WarningReader
 from lmctl.machine.modbus.client import ModbusExceptionError, ModbusLink, NoReplyError
 from lmctl.machine.timer_wheel import align_to_tick
 
-#: Who waits for something has the status read at least so often [s], however long the cycle is.
+#: Longest interval between status reads while a caller waits [s], however long the cycle is.
 _IMPATIENT_S = 2.0
 
-#: Hoppers are read once in so many cycles.
+#: Hoppers are read once in this many cycles.
 _HOPPER_CYCLES = 4
 
 _COMMAND = PMX_MAP.wire_address("COMMAND")
@@ -50,8 +50,8 @@ class FeederPolling:
 
     errors : in words, of this feeder
     status, fault, listener : as FeederDriver has them
-    command : what the device was last told to do; an order that takes something away is given
-        again with each status that shows it has not worked
+    command : the last command to the device; an order that switches something off is repeated
+        with each status that shows it has not worked
     watching : whether what is wrong is a fault; feeding : whether discs were asked to turn
     """
 
@@ -172,7 +172,7 @@ class FeederPolling:
                 raise ended
 
     def read_status_now(self) -> None:
-        """Read the status at once: someone waits for it."""
+        """Read the status at once, because a caller is waiting for it."""
         self._ask_status = True
         self._wake()
 
@@ -181,7 +181,7 @@ class FeederPolling:
         self._hoppers_due_s = self._loop.time()
 
     def reset_fault(self) -> None:
-        """Forget the fault and what the device was told: the recipe goes out again."""
+        """Clear the fault and the last command: the recipe goes out again."""
         self.watching = self.feeding = False
         self.fault = None
         self._watch = FeederMonitor(self.period_s)
@@ -230,7 +230,7 @@ class FeederPolling:
                 if self._does_more_than_ordered():
                     await self._link.write(_COMMAND, [int(self.command)])
             except (NoReplyError, RegisterError):
-                pass  # the age of the last good answer tells
+                pass  # the age of the last good answer shows it
             except ModbusExceptionError as error:
                 await self._refused(error)
             if complaint := self._watch.silence_fault(self.status_age_s,
@@ -238,7 +238,7 @@ class FeederPolling:
                 self._complain(complaint)
 
     async def _refused(self, error: ModbusExceptionError) -> None:
-        """A device that refuses answers all the same: its status says why, and how it is."""
+        """Read the status after a refusal: it gives the reason, since the device still answers."""
         reason = await self.errors.refusal_reason(error)
         with suppress(MachineError, RegisterError):
             self._answered(self._understood(
@@ -246,7 +246,7 @@ class FeederPolling:
         self._complain(FeederFault(f"it refuses a request: {reason}", REFUSED_HINT))
 
     def _does_more_than_ordered(self) -> bool:
-        """Whether it feeds, or lets gas flow, and was told not to: an order has got lost."""
+        """Whether it feeds, or gas flows, although commanded off: an order was lost."""
         status = self.status
         if status is None or status.mode is not FeederMode.REMOTE:
             return False
@@ -255,7 +255,7 @@ class FeederPolling:
         )
 
     async def _pause(self) -> None:
-        """Until the next cycle, or until there are news for the device."""
+        """Wait until the next cycle, or until there is something new to send."""
         if self._news:
             return
         self._woken = self._loop.create_future()
@@ -271,7 +271,7 @@ class FeederPolling:
             self._woken.set_result(None)
 
     def _heard(self, words: Mapping[str, Sequence[int]]) -> None:
-        """Take what each hopper says, by its name."""
+        """Take the reading of each hopper, by its name."""
         now_s = self._loop.time()
         self._hoppers_due_s = now_s + _HOPPER_CYCLES * self.period_s
         self._readings = {

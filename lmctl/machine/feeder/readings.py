@@ -1,4 +1,4 @@
-"""What a feeder says of one hopper, in the terms of the cell: flows in g/min."""
+"""A feeder's reading of one hopper, in the units of the cell: flows in g/min."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from lmctl.config.machine import HopperSettings
 
 @dataclass(frozen=True)
 class HopperReading:
-    """One hopper as last read; None where the device says "not available".
+    """One hopper as last read; None where the device reports "not available".
 
     time_s : loop time of the reply; hoppers are read less often than the device itself
     setpoint_g_min : what the disc is asked to feed now, after the device's ramp
-    previous_setpoints_g_min : what it was told just before, and may still be coming from
+    previous_setpoints_g_min : earlier set-points, from which the disc may still be ramping
     flow_estimated_g_min : disc speed times feed factor
     flow_weighed_g_min : from the load cell
     """
@@ -46,7 +46,7 @@ _READ = 11
 class HopperReader:
     """Reads one hopper. address, count : of its input registers; mirrored : which of the mirror's.
 
-    feed_factor_g_rev : what the device believes, to tell set-points in g/min
+    feed_factor_g_rev : as stored in the device, to convert set-points to g/min
     """
 
     def __init__(

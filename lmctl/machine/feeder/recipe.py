@@ -21,7 +21,7 @@ from lmctl.config.machine import FeederSettings, HopperSettings
 
 _COUNTS_PER_G_MIN = 100
 
-#: A disc may be so long on its way to a new set-point [s].
+#: Longest time a disc takes to reach a new set-point [s].
 _FOLLOWS_WITHIN_S = 1.0
 
 
@@ -51,7 +51,7 @@ class RecipeWriter:
     def flow_counts(self, flows_g_min: Mapping[str, float]) -> tuple[int, ...]:
         """Flows as the device resolves them, 0.01 g/min each, in the hoppers' order.
 
-        Raises ValueError for a flow that is no number, beyond its hopper's range, or nobody's.
+        Raises ValueError for a flow that is no number, out of range, or of an unknown hopper.
         """
         if len(flows_g_min) != len(self._hoppers):
             raise ValueError(f"flows for {sorted(flows_g_min)}, not for every hopper")
@@ -78,17 +78,17 @@ class RecipeWriter:
 
 
 class PreviousFlows:
-    """What hoppers were told before, and their discs may still be coming from."""
+    """Earlier set-points, from which the hoppers' discs may still be ramping."""
 
     def __init__(self) -> None:
         self._until: deque[tuple[float, tuple[int, ...]]] = deque()
 
     def record_replaced(self, counts: tuple[int, ...], t_s: float) -> None:
-        """These were the recipe until now."""
+        """Record the recipe that has just been replaced."""
         self._until.append((t_s, counts))
 
     def recent_setpoints_g_min(self, hopper: int, t_s: float) -> tuple[float, ...]:
-        """What a hopper, by its place among them, was told not long before t_s."""
+        """Set-points commanded to a hopper, by its index, shortly before t_s."""
         while self._until and self._until[0][0] < t_s - _FOLLOWS_WITHIN_S:
             self._until.popleft()
         return tuple(counts[hopper] / _COUNTS_PER_G_MIN for _, counts in self._until)

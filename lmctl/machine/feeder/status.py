@@ -1,4 +1,4 @@
-"""What a feeder says about itself, in the terms of the cell: hoppers by name, flows in g/min."""
+"""A feeder's status in the terms of the cell: hoppers by name, flows in g/min."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def read_feeder_status(
 ) -> FeederStatus:
     """The system block's words as a status. warnings : of this feeder, and who its hoppers are.
 
-    Raises RegisterError where their number is wrong; ValueError for a state nobody knows.
+    Raises RegisterError where their number is wrong; ValueError for an unknown state.
     """
     values: dict[str, Any] = _STATUS_ROWS[word_order].decode(words)
     flags, state = FeederStatusBits(values["STATUS"]), FeederStateCode(values["STATE"])
@@ -100,7 +100,7 @@ def _ignore_fault(reason: str) -> None:
 
 @dataclass
 class FeederCallbacks:
-    """Who hears of a feeder: callables that return at once.
+    """Callables that receive a feeder's events; each returns at once.
 
     on_status : every good status reply
     on_fault : once, the first reason why the feeder can no longer be relied on

@@ -1,7 +1,7 @@
-"""What a feeder warns of while it goes on: which hopper, in words, and what to do about it.
+"""Warnings of a feeder that keeps running: which hopper, in words, with a remedy.
 
-WARNING has one bit a warning, whichever hopper it is of. Low levels and clipped set-points are told
-by each hopper's own flags; the others are named after a hopper only where there is but one.
+WARNING has one bit per warning, shared by all hoppers. Each hopper's own flags report low levels
+and clipped set-points; other warnings name a hopper only where there is just one.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ class FeederWarning(NamedTuple):
 
     Source: docs/explanation/powder-delivery.md, Feeders.
 
-    hopper : by name, "" where the feeder does not tell which
-    text, remedy : as operators read it; figures are those with which it appeared
+    hopper : by name, "" where the feeder does not report which
+    text, remedy : for operators; figures are those at the time the warning appeared
     """
 
     number: int
@@ -35,7 +35,7 @@ class FeederWarning(NamedTuple):
 class WarningReader:
     """Puts one feeder's word WARNING into words. names : of the hoppers in use, by channel.
 
-    n_hoppers : what the device has; a level or set-point of one that is not in use is not told
+    n_hoppers : of the device; a level or set-point of a hopper not in use is not reported
     """
 
     def __init__(self, feeder: str, names: Mapping[int, str], n_hoppers: int) -> None:
@@ -52,7 +52,7 @@ class WarningReader:
         """What stands now; the same object as before where nothing has come or gone.
 
         hoppers : as last read, the same object until they are read again; before they have been
-            read for the first time, nothing is told
+            read for the first time, nothing is reported
         """
         if (word == self._word and (not word or hoppers is self._hoppers)) or not hoppers:
             return self._standing

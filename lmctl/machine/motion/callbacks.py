@@ -1,4 +1,4 @@
-"""What a conversation with a controller calls with what it receives."""
+"""The callbacks through which a controller connection reports what it receives."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from firmware_protocol.status import StatusReport
 
 @dataclass
 class ConnectionCallbacks:
-    """Who is told what the controller says, as callables.
+    """Callables that receive what the controller reports.
 
     accepted(count) for `ok`s in a row, rejected(tag, error), report(report) for each that is
     believed, alarm(code), restarted(asked) in stream order;
-    surplus_answer() where an answer answers nothing; batch_done() after each arrival of bytes;
-    asking() before each `?`: what is written then goes with it; lost(reason) once.
+    surplus_answer() for an answer that belongs to no line; batch_done() after each arrival of
+    bytes; asking() before each `?`: what is written then goes with it; lost(reason) once.
     """
 
     on_ok: Callable[[int], None]

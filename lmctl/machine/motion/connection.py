@@ -1,8 +1,8 @@
-"""A conversation with a Grbl controller: link, codec and status questions put together.
+"""A connection to a Grbl controller: link, codec and status queries combined.
 
 Lower half of the motion driver. It knows lines, answers, reports and resets; streams, holds and
-positions are above it. Events are handed on in the order they stood in the byte stream; those who
-wait for one of them are in `awaited`.
+positions are above it. Events are handed on in the order of the byte stream; `pending_replies`
+holds the replies that a caller is waiting for.
 """
 
 from __future__ import annotations
@@ -36,15 +36,15 @@ from lmctl.machine.motion.status_report_filter import StatusReportFilter
 
 _COMMAND_TAG = -1
 _LOST_HINT = "check cable and power of the controller, and that no other program talks to it"
-_MIN_RX_USABLE = 127  # before the controller has said how much it has
+_MIN_RX_USABLE = 127  # until the controller has reported its size
 
 
 class GrblConnection:
     """One open link to a controller.
 
-    dialect : Grbl's until `settle_on` is told better
-    damaged : messages so far that were no message or answered nothing
-    lost, is_silent : why nothing more will come, and whether because nothing did
+    dialect : Grbl's until `use_dialect` sets another
+    damaged : messages so far that were unreadable or answered nothing
+    lost, is_silent : why the link is lost, and whether because the controller was silent
     observation : what arrives, from connecting to the first report; None otherwise
     rx_empty : most free receive bytes reported with nothing unanswered
     screen : which reports are believed
@@ -79,14 +79,14 @@ class GrblConnection:
         )
 
     def close(self) -> None:
-        """Stop asking and close the link; whoever still waits gets MachineError."""
+        """Stop polling and close the link; every pending reply ends with MachineError."""
         self.watch.stop()
         if self._link is not None:
             self._link.close()
         self._awaited.on_lost(self.device_error("the link was closed"))
 
     def use_dialect(self, dialect: Dialect, rx_bytes: int) -> None:
-        """Use what the controller has said of itself, with nothing unanswered."""
+        """Use what the controller has reported about itself, with nothing unanswered."""
         self.dialect = dialect
         self._host = GrblHost(rx_bytes - 1, dialect.max_line_chars)
 
@@ -107,9 +107,9 @@ class GrblConnection:
 
     @property
     def is_worth_writing(self) -> bool:
-        """Whether so much room is free, or so little under way, that lines should go out now.
+        """Whether enough room is free, or little enough under way, that lines should go out now.
 
-        A wire without a pace is spared a write for every answer. Half full, and with the planner
+        An unpaced link then needs no write for every answer. Half full, and with the planner
         behind it, the buffer does not run dry, and a dry run of short lines takes a quarter less
         time.
         """
@@ -152,7 +152,7 @@ class GrblConnection:
         self._link.write_realtime(byte.encoded)
 
     async def send_command(self, line: str, timeout_s: float) -> list[str]:
-        """Send one line alone; return what was said before its `ok`.
+        """Send one line alone; return the messages received before its `ok`.
 
         raises : MachineError on error, alarm, restart, loss or no answer in time;
             LocalProtocolError while other lines are unanswered
@@ -241,7 +241,7 @@ class GrblConnection:
             self._hearer.on_surplus_reply()
         elif isinstance(event, UnknownMessage):
             self.damaged += 1
-            if self.watch.is_query_open:  # most of what a controller says while asked is the answer
+            if self.watch.is_query_open:  # while a query is open, most messages are its answer
                 self.screen.on_missed_report()
                 self.watch.on_unreadable_report()
         elif self._awaited.command is not None:
@@ -283,7 +283,7 @@ class GrblConnection:
         self.declare_lost(reason)
 
     def declare_lost(self, reason: str) -> None:
-        """Count the controller as lost; told once."""
+        """Count the controller as lost; reported once."""
         if self.lost is not None:
             return
         self.lost = reason

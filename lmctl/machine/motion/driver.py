@@ -28,7 +28,7 @@ _HOMED_S = 180.0
 class MotionDriver:
     """One motion controller, opened by `open`.
 
-    listener : who is told; replace its members or the whole
+    listener : receives the events; replace its members or the whole
     status : the last believed report, or None
     overrides : feed, rapid, spindle [%] as last reported
     offset_mm : work offset as last reported, or None (work = machine - offset)
@@ -104,7 +104,7 @@ class MotionDriver:
 
     @property
     def identity(self) -> ControllerIdentity:
-        """What the controller says it is."""
+        """The controller's identity as reported."""
         return self._said().identity
 
     @property
@@ -209,7 +209,7 @@ class MotionDriver:
         self._talk.send_realtime(byte)
 
     async def send_command(self, line: str, timeout_s: float = 5.0) -> list[str]:
-        """Send one line outside any stream; return what was said before its `ok`.
+        """Send one line outside any stream; return the messages received before its `ok`.
 
         raises : MachineError with the code in words; LocalProtocolError while lines are unanswered
         """
@@ -310,7 +310,7 @@ class MotionDriver:
         self.listener.on_lost(reason)
 
     def _at_rest(self) -> bool:
-        """Whether the last report, and nothing sent since, says that the machine stands."""
+        """Whether the last report shows standstill, and nothing has been sent since."""
         report = self.status
         if report is None:
             return False

@@ -1,4 +1,4 @@
-"""What a motion driver calls with what its controller reports."""
+"""The callbacks through which a motion driver passes on what its controller reports."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from firmware_protocol.status import StatusReport
 
 
 def _ignore(*_: object) -> None:
-    """What happens to an event nobody listens to."""
+    """Ignore an event that has no listener."""
 
 
 @dataclass
@@ -22,7 +22,7 @@ class MotionCallbacks:
     on_status(report)
     on_error(tag, code) : line `tag` of the stream is the first that was rejected; `!` is on its way
     on_alarm(code)
-    on_restart() : the controller restarted and nobody here asked for it
+    on_restart() : the controller restarted without a reset from this host
     on_lost(reason) : the link is gone or the controller silent; nothing follows
     """
 

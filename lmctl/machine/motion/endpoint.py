@@ -28,7 +28,7 @@ def parse_motion_endpoint(text: str) -> MotionEndpoint:
     try:
         parts = urlsplit(text)
         port = parts.port
-        if "#" in text or "@" in parts.netloc:  # nobody would obey them
+        if "#" in text or "@" in parts.netloc:  # they would have no effect
             raise ValueError
     except ValueError:  # a port that is no number, or out of range
         raise _no_endpoint(text) from None

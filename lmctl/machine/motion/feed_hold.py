@@ -1,4 +1,4 @@
-"""Feed hold and resume as procedures: a byte goes out, and only reports say that it worked."""
+"""Feed hold and resume as procedures: a byte goes out, and only reports confirm its effect."""
 
 from __future__ import annotations
 

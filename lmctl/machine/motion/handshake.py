@@ -1,4 +1,4 @@
-"""The first minute with a controller: is anyone there, is it at rest, what does it say it is.
+"""The first minute with a controller: does it answer, is it at rest, what does it identify as.
 
 A port may have been used a moment ago by a host that died. So nothing is sent that could act until
 the controller has answered `?`; no bare newline is ever sent, since it would execute whatever part
@@ -39,11 +39,11 @@ _MOVING = ("Run", "Jog", "Home")
 
 @dataclass(frozen=True)
 class ControllerInfo:
-    """What a controller said when it was met.
+    """What a controller reported during the handshake.
 
     first_report : its first report, before anything was sent that could change its state
-    offset_mm : work offset, or None where it would not tell
-    is_homed : whether it calls its axes homed; None where it does not say (Grbl never does)
+    offset_mm : work offset, or None where it did not report one
+    is_homed : whether it reports its axes homed; None where it does not (Grbl never does)
     """
 
     first_report: StatusReport
@@ -54,8 +54,8 @@ class ControllerInfo:
 
     @property
     def is_position_stated(self) -> bool:
-        """Whether somebody has said where the machine is: its homing, or without one ($22) its
-        operator, since nobody else can have."""
+        """Whether the machine position is established: by homing, or, without a homing cycle ($22),
+        by the operator."""
         return self.is_homed is True or not is_homing_enabled(self.settings)
 
 
@@ -80,7 +80,7 @@ async def perform_handshake(talk: GrblConnection, timeout_s: float) -> Controlle
 
 
 async def query_homed(talk: GrblConnection) -> bool | None:
-    """Whether the controller calls its axes homed; None where it does not say.
+    """Whether the controller reports its axes homed; None where it does not report it.
 
     One changed digit would home a machine: two reports must agree.
     """

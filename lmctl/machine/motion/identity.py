@@ -1,7 +1,7 @@
 """Who answers on a motion link, and how it is set.
 
-Everything here is read from what the controller says of itself (`$I`, `$$`, `$G`, `$#`); nothing
-is assumed from the port it hangs on.
+Everything here is read from the controller's own answers (`$I`, `$$`, `$G`, `$#`); nothing is
+assumed from the port it is connected to.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _LEAST_RX, _MOST_RX = 64, 65_536
 class UnsuitableSetting:
     """A setting with which no program may be streamed.
 
-    text : what is wrong with it; number, value : the setting that mends it
+    text : what is wrong with it; number, value : the setting that corrects it
     """
 
     text: str
@@ -40,7 +40,7 @@ class UnsuitableSetting:
 
 @dataclass(frozen=True)
 class ControllerIdentity:
-    """What a controller says it is.
+    """A controller's identity as reported.
 
     version : text of `[VER:]` before the user info; info : the user info
     rx_bytes : stated size of its receive buffer; planner_blocks : blocks of its planner
@@ -127,10 +127,10 @@ def reported_homed_state(report: StatusReport) -> bool | None:
 
 def unsuitable_settings(identity: ControllerIdentity,
                         settings: Mapping[int, str]) -> list[UnsuitableSetting]:
-    """Settings with which a program must not be streamed, whatever the machine.
+    """Settings with which a program must not be streamed, on any machine.
 
     $32 must be 1: otherwise M4 is an ordinary spindle and the beam stays on at standstill. $10
-    must ask for `Bf:` or `Ln:`: otherwise nobody could tell what has been executed.
+    must enable `Bf:` or `Ln:`: otherwise the host cannot determine what has been executed.
     """
     found = []
     if settings.get(LASER_MODE) != "1":

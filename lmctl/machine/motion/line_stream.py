@@ -44,7 +44,7 @@ class LineStream:
         self._loop = asyncio.get_running_loop()
         self._audit = ReplyAudit(talk)
         self._identity: ControllerIdentity | None = None
-        self._owing_since_s: float | None = None  # Idle, and an answer is due
+        self._owing_since_s: float | None = None  # since when Idle with an answer due
 
     @property
     def lines_queued(self) -> int:
@@ -109,9 +109,9 @@ class LineStream:
             self._rejected(tag, error)
 
     def on_surplus_reply(self) -> None:
-        """An answer came with no line due: an earlier one came twice, and credited a line.
+        """An answer came with no line due: an earlier answer came twice and credited a line.
 
-        Which one cannot be told, so neither can what was acknowledged and executed.
+        The host cannot determine which one, nor what was acknowledged and executed.
         """
         if self.running and not self.halted:
             self._disown(
@@ -130,7 +130,7 @@ class LineStream:
         return grown
 
     def _disown(self, reason: str) -> None:
-        """Hold the machine and give it up: what was acknowledged cannot be told any more."""
+        """Hold the machine and give it up: the acknowledged count is no longer known."""
         self.halted = True
         self._talk.send_realtime(RealtimeCommand.HOLD)
         self._talk.declare_lost(reason)

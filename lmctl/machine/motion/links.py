@@ -161,7 +161,7 @@ class ByteLink:
     def _lose(self, error: OSError | None) -> None:
         why = "the far end closed it" if error is None else (error.strerror or str(error)).lower()
         self.close()
-        # Not from inside a write: whoever is writing need not expect to be called.
+        # Not from inside a write: a caller that is writing need not expect a callback.
         self._loop.call_soon(self._on_lost, f"the link {self.endpoint} was lost: {why}")
 
 

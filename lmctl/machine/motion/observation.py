@@ -1,7 +1,7 @@
 """What a host sees on a motion link while no status report comes, and what that points to.
 
-A dead cable, a wrong baud rate, an echo and another device all look the same to whoever waits for a
-report. The bytes that come instead tell them apart.
+A dead cable, a wrong baud rate, an echo and another device all look the same to a host waiting for
+a report. The bytes that come instead distinguish them.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""What somebody waits for from a controller: a command's answer, its next report, its restart.
+"""Replies the host is still waiting for: a command's answer, the next report, a restart.
 
-Each wait begins before its question is put, since that may already be met with a lost link, and
-ends with what was asked for, with its deadline, or with the reason why nothing will come. What
-comes is told by the conversation, in the order of the byte stream.
+Each wait begins before its query is sent, since sending may already find the link lost. It ends
+with the reply, at its deadline, or with the reason why no reply will come. The connection reports
+what arrives, in the order of the byte stream.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ T = TypeVar("T")
 
 
 class PendingReplies:
-    """The waits of one conversation.
+    """The pending replies of one connection.
 
-    error : makes what is raised of what went wrong and a hint
-    command : the command that waits for its answer, or None; one at a time
-    reports : who wait for the next report
+    error : makes the exception from a reason and a hint
+    command : the command still unanswered, or None; one at a time
+    reports : waits for the next report
     """
 
     def __init__(self, error: Callable[[str, str], MachineError]) -> None:
@@ -38,7 +38,7 @@ class PendingReplies:
 
     async def command_reply(self, line: str, ask: Callable[[], None],
                             timeout_s: float) -> list[str]:
-        """What is said before a command's `ok`; `ask` sends it. Raises MachineError."""
+        """The messages before a command's `ok`; `ask` sends it. Raises MachineError."""
         self._text, self._said = line, []
         self.command = self._loop.create_future()
         try:

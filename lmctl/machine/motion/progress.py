@@ -8,7 +8,7 @@
 - Idle, everything answered and the planner empty: all is done.
 
 A dwell (G4) alone needs no report: both firmwares wait for the axes to come to rest before it, and
-answer when it is over, so its `ok` says that it and all before it are done.
+answer when it is over, so its `ok` confirms that it and all before it are done.
 
 A block leaves the planner while up to `segment_buffer_s` of motion is still to be made. So what
 has left it counts as executed that much later, by the next report, or at once where the machine
@@ -129,8 +129,8 @@ class StreamProgress:
     def min_planned_lines(self, head: int, blocks_free: int | None) -> int:
         """How many lines have been planned at least, with `N head` at the planner's head.
 
-        Each block it holds is of another line; a line may have made none. How many it holds may
-        not be told, but it holds that one.
+        Each block in the planner is of another line; a line may have made none. The number of
+        blocks may not be reported, but the planner holds at least that one.
         """
         blocks = 1 if blocks_free is None else self._planner_blocks - blocks_free
         at = self._place_of(head)

@@ -1,4 +1,4 @@
-"""Whether what a controller says it holds agrees with which of its answers were heard.
+"""Check the buffer levels a controller reports against the answers received from it.
 
 Answers carry no number: one that comes twice credits a line too early, one that is lost credits it
 never, and both go on for as long as the stream does. A status report gives them away:
@@ -9,11 +9,11 @@ never, and both go on for as long as the stream does. A status report gives them
   holds bytes, those are of the unanswered lines but the oldest. Held or asleep it reads none.
 - `Ln:`, the line at the planner's head, and `Bf:`, how many blocks stand from there on. A line
   makes one block at most, so as many lines have been planned, and answered (grblHAL; stock Grbl
-  tells no `Ln:`: there a missing answer shows when all is done).
+  reports no `Ln:`: there a missing answer shows when all is done).
 
 One report proves nothing: bytes may arrive between reading and reporting, and a digit may be
-damaged. It casts doubt; then nothing is sent, and what the next reports say of a controller to
-which nothing is on its way proves it, or disproves it.
+damaged. It only casts doubt. Then nothing is sent, and the next reports, with nothing on its way to
+the controller, confirm the doubt or clear it.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ _PROOFS = 3  # the first may have been on its way when the last bytes were
 
 
 class ReplyAudit:
-    """Of one conversation with a controller.
+    """The audit of one connection to a controller.
 
-    in_doubt : nothing may be sent until the next reports have told
+    in_doubt : nothing may be sent until the next reports have decided
     """
 
     def __init__(self, talk: GrblConnection) -> None:

@@ -79,7 +79,7 @@ class StatusPolling:
 
     @property
     def is_query_open(self) -> bool:
-        """Whether a question waits for its answer."""
+        """Whether a query is unanswered."""
         return self._asked_s is not None
 
     @property
@@ -93,7 +93,7 @@ class StatusPolling:
         self._tick()
 
     def stop(self) -> None:
-        """Ask no more, and call nobody silent."""
+        """Stop asking, and no longer report the controller as silent."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None

@@ -1,15 +1,15 @@
 """Which status reports are believed: a report has no checksum, and a changed digit still parses.
 
 A report that a machine cannot have sent is held back until others agree with it; the next one is
-asked for within 20 ms (`status_watch`). What the program asks of the machine is not known here;
-`lmctl.run.program` looks at that.
+asked for within 20 ms (`status_polling`). This module does not know what the program commands;
+`lmctl.run.program` checks that.
 
-- A machine at rest says the same thing twice. So a report of a machine at rest counts when another
-  one says the same, or when it says what the last one did.
+- A machine at rest reports the same thing twice. So a report of a machine at rest counts when a
+  second report agrees with it, or when it agrees with the last one.
 - A moving machine gets no farther than its highest speed allows.
 - Buffers are no larger than the controller has stated.
 - Work offset and overrides come in few reports, and stay in force until the next one. A change
-  counts when it was commanded here, or when a second report says the same.
+  counts when it was commanded here, or when a second report agrees.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from firmware_protocol.status import StatusReport
 from lmctl.machine.motion.identity import ControllerIdentity
 from lmctl.machine.motion.override_arithmetic import NO_OVERRIDE, overrides_after_byte
 
-#: Reports of one axis position that differ by less say the same [mm].
+#: Reports of one axis position that differ by less count as equal [mm].
 _SAME_MM = 0.01
 
 #: What delays of the link may add to the time between two reports [s], and rounding to a way [mm].

@@ -1,7 +1,6 @@
 """The safety-input device: facts about the cell's safety circuits, each with its age.
 
-What the facts mean for a run is decided elsewhere; who talks to the device, and how, is
-`safety_cycle`.
+Other modules decide what the facts mean for a run. `polling` does the talking to the device.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from lmctl.machine.safety.status import SafetyCallbacks, SafetyStatus
 #: A device on a network may take this long to answer, however short the period [s].
 _MIN_PATIENCE_S = 0.05
 _RESET_PATIENCE_S = 1.0
-#: More than an output takes to follow its word, and to be found not to [s].
+#: Longer than an output takes to follow a command, and a failure to follow takes to show [s].
 _OUTPUT_PATIENCE_S = 0.2
 
 _RELAY_RESET = SIO_MAP.wire_address("RELAY_RESET")
@@ -31,8 +30,8 @@ _RELAY_RESET = SIO_MAP.wire_address("RELAY_RESET")
 class SafetyDriver:
     """One safety-input device, opened by `open`.
 
-    status : the last answer, made worse by what proves nothing better (see SafetyCycle)
-    fault : why it cannot be relied on, or None; callbacks : who is told
+    status : the last good answer, with inputs that opened since (see SafetyPolling)
+    fault : why it cannot be relied on, or None; callbacks : called with each event
     """
 
     def __init__(self, link: ModbusLink, safety: SafetySettings, identity: SafetyIdentity) -> None:
@@ -121,11 +120,11 @@ class SafetyDriver:
         )
 
     def request_laser_enable(self, on: bool) -> None:
-        """Drop the laser-enable output, or have it come on. Returns at once; nothing without one.
+        """Switch the laser-enable output off or on. Returns at once; no effect without an output.
 
-        The word goes out in a request of its own, straight after one that is under way, and again
-        in every request. Off comes first: on goes out only when off has been read back, and is
-        not taken up while the output cannot be relied on.
+        The command goes out in a request of its own, straight after any request under way, and
+        again in every later request. Off comes first: on is sent only after off has been read
+        back, and is ignored while the output cannot be relied on.
         """
         laser = self._cycle.laser
         if laser is not None and laser.wanted != on:
@@ -133,9 +132,10 @@ class SafetyDriver:
             self._cycle.send_now()
 
     async def wait_for_laser_enable(self, on: bool) -> None:
-        """Wait until the output, told so by `enable_laser`, reads back on or off; without one, not.
+        """Wait until the output reads back as commanded by `request_laser_enable`.
 
-        Raises MachineError where it does not, within a few periods; it is off then, or told to be.
+        Returns at once where there is no output. Raises MachineError where it does not follow
+        within a few periods; it is then off, or commanded off.
         """
         if (laser := self._cycle.laser) is None:
             return

@@ -1,4 +1,4 @@
-"""Is this a safety-input device, the one the profile means? Asked before anything is written."""
+"""Check that this is the safety-input device of the profile, before anything is written."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from lmctl.machine.modbus.word_order import address_base_hint, detect_word_order
 #: silence after each; and those for which a line stays quiet after an answer that did not come.
 _FRAME_CHARACTERS = 13 + 5 + 7
 _QUIET_CHARACTERS = 256
-#: What it takes more where the write is a request of its own: its answer, another head and silence.
+#: Additional characters where the write is a request of its own: answer, second head and silence.
 _SECOND_FRAME_CHARACTERS = 8 + 8 + 7
 _UPTIME = SIO_MAP.contiguous_block(["UPTIME"])
 _WRITTEN_REGISTERS = SIO_MAP.contiguous_block(["HEARTBEAT", "LASER_ENABLE"]).count
@@ -113,7 +113,7 @@ async def identify_safety_device(link: ModbusLink, safety: SafetySettings) -> Sa
     try:
         counted = await detect_word_order(link, _UPTIME, order)
     except (NoReplyError, ModbusExceptionError):
-        counted = None  # the first exchange tells
+        counted = None  # the first exchange decides
     if counted not in (None, order):
         raise MachineError(
             "the safety device sends its 32-bit values in another word order",

@@ -1,7 +1,8 @@
-"""The laser-enable output as the host knows it: what it shall be, was told, and was read back.
+"""The laser-enable output as the host knows it: wanted, commanded and read back.
 
-No wire is here. The output goes on only by an edge from 0 to 1, so that a 1 follows no word but a
-0 that was read back; and once it is off against its word, only a new demand brings it on again.
+This module does no communication. The output goes on only by an edge from 0 to 1, so a 1 is sent
+only after a 0 that was read back. Once the output is off although commanded on, only a new request
+switches it on again.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-#: A contact follows its word within this time [s]: a laser's safe-off takes less than 50 ms.
+#: A contact follows its command within this time [s]: a laser's safe-off takes less than 50 ms.
 CONTACT_SETTLE_S = 0.05
 
 _CHECK = "check the laser-enable output, its relay and the wiring of its read-back"
@@ -17,7 +18,7 @@ _CHECK = "check the laser-enable output, its relay and the wiring of its read-ba
 
 @dataclass(frozen=True)
 class LaserEnableFault:
-    """Words and what to do. commanded : on or off, which it did not do"""
+    """A fault in words, and its remedy. commanded : on or off, which the output did not follow"""
 
     commanded: bool
     reason: str
@@ -25,43 +26,43 @@ class LaserEnableFault:
 
 
 class LaserEnable:
-    """One output, off so far.
+    """One output, initially off.
 
-    wanted : on or off, as demanded last; off from when it is found otherwise than told
+    wanted : on or off, as last requested; off once it reads back other than commanded
     fault : why it cannot be relied on, while that is so
     """
 
     def __init__(self) -> None:
         self.wanted = False
         self.fault: LaserEnableFault | None = None
-        self._told = False  # the word of the last request
-        self._agrees = False  # it was read back as told
-        self._answered_s = math.inf  # when a request with that word was first answered
+        self._told = False  # the command in the last request
+        self._agrees = False  # it was read back as commanded
+        self._answered_s = math.inf  # when a request with that command was first answered
 
     def request(self, on: bool) -> None:
-        """On is no demand while it cannot be relied on."""
+        """Request on or off; on is ignored while the output cannot be relied on."""
         self.wanted = on and self.fault is None
 
     @property
     def is_pending(self) -> bool:
-        """Whether something is yet to be shown, and no fault."""
+        """Whether a command is still to be confirmed, and there is no fault."""
         return self.fault is None and not self.is_confirmed(self.wanted)
 
     def is_confirmed(self, on: bool) -> bool:
-        """Whether it is wanted, told and read back so."""
+        """Whether the output is wanted, commanded and read back in this state."""
         return self.wanted == self._told == on and self._agrees
 
     @property
     def has_unsent_change(self) -> bool:
-        """Whether the next word is another than the last."""
+        """Whether the next command differs from the last."""
         return self.wanted != self._told and (self._told or self._agrees)
 
     def fault_against(self, on: bool) -> LaserEnableFault | None:
-        """The fault for which it will not be shown on, or off."""
+        """The fault that keeps the output from being confirmed on, or off."""
         return self.fault if self.fault is not None and (on or not self.fault.commanded) else None
 
     def output_word(self) -> int:
-        """What the next request tells it."""
+        """The command word of the next request."""
         if self.has_unsent_change:
             self._told, self._agrees, self._answered_s = self.wanted, False, math.inf
         return int(self._told)
@@ -84,6 +85,6 @@ class LaserEnable:
         return self.fault
 
     def on_restart(self) -> None:
-        """The device has forgotten what it was told."""
+        """The device has restarted and lost its last command."""
         self.wanted = self._told = self._agrees = False
         self.fault = None

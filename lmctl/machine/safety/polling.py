@@ -1,8 +1,8 @@
 """The one task that talks to the safety-input device: heartbeats, answers, and their age.
 
 Every period one request (FC 23) writes the heartbeat, which keeps the watchdog relay closed, and
-reads all inputs back. A word to the laser-enable output waits for no period: it goes out straight
-after a request that is under way.
+reads all inputs back. A command to the laser-enable output does not wait for the next period: it
+goes out straight after any request under way.
 """
 
 from __future__ import annotations
@@ -41,12 +41,12 @@ _DROP_PATIENCE_S = 0.5
 
 _HEARTBEAT = SIO_MAP.wire_address("HEARTBEAT")
 
-#: Words of the cycle block that are bits of good things: INPUTS and STATUS. That the laser is
-#: enabled is not one of them.
+#: Words of the cycle block whose set bits mean "good": INPUTS and STATUS. LASER_ENABLED is not one
+#: of them.
 _BIT_WORDS = 2
 _NEVER_WORSE = (0, SafetyStatusBits.LASER_ENABLED.value)
 
-#: What TRIP_COUNT counts the openings of, in the same two words; and where it begins anew.
+#: The bits, in the same two words, whose openings TRIP_COUNT counts; and where it restarts.
 _COUNTED = (ALL_INPUTS_OK.value, SafetyStatusBits.RELAY_CLOSED.value)
 _COUNTS = 65_536
 
@@ -60,9 +60,9 @@ class SafetyPolling:
         since a device counts only a change as a heartbeat
 
     An answer is *good* when it echoes the heartbeat just written, its time stamp has moved and the
-    device's self-test has passed: one that is frozen, or comes from some buffer on the way, is no
-    answer. Such an answer may still make things worse (an input it shows open is open in
-    `status`), never better.
+    device's self-test has passed. A frozen answer, or one from a buffer on the way, is not good.
+    Such an answer can only make `status` worse, never better: an input that it shows open is open
+    in `status`.
     """
 
     def __init__(self, link: ModbusLink, safety: SafetySettings, heartbeat: int) -> None:
@@ -94,7 +94,7 @@ class SafetyPolling:
 
     @property
     def now_s(self) -> float:
-        """The clock that the statuses' times are of."""
+        """The current time on the clock of `time_s` in a status."""
         return self._loop.time()
 
     @property
@@ -120,7 +120,7 @@ class SafetyPolling:
         self._watch()
 
     async def stop(self) -> None:
-        """Talk no more, but to drop the output, again and again until it reads back as off."""
+        """Stop polling; first command the output off until it reads back as off."""
         if self._timer is not None:
             self._timer.cancel()
         if self._task is not None:
@@ -136,7 +136,7 @@ class SafetyPolling:
                 await asyncio.sleep(CONTACT_SETTLE_S)
 
     def send_now(self) -> None:
-        """Something cannot wait for its period."""
+        """Send the next request without waiting for its period."""
         self._urgent = True
         if self._rest is not None:
             _wake(self._rest)
@@ -154,7 +154,7 @@ class SafetyPolling:
             await self._turn()
 
     async def _until_due(self, due_s: float) -> None:
-        """Rest, unless something cannot wait."""
+        """Wait until due_s, or until an urgent request."""
         self._rest = self._loop.create_future()
         timer = self._loop.call_at(due_s, _wake, self._rest)
         try:
@@ -163,7 +163,7 @@ class SafetyPolling:
             timer.cancel()
 
     async def _turn(self) -> MachineError | None:
-        """One heartbeat and what comes back; the error where that is no answer."""
+        """Send one heartbeat and read the answer; returns the error where there is none."""
         self._heartbeat = self._heartbeat % 0xFFFF + 1  # never 0, which a dead device would echo
         try:
             words = await self._link.exchange(
@@ -220,9 +220,9 @@ class SafetyPolling:
     def _look_for_missed(
         self, last: SafetyStatus, before: Sequence[int], status: SafetyStatus, words: Sequence[int]
     ) -> None:
-        """Tell of what opened and closed again since the last good answer: only counted, not seen.
+        """Report inputs that opened and closed again since the last good answer.
 
-        What opened first since the last reset is all that the device says of it.
+        The device only counts them, and names the one that opened first since the last reset.
         """
         opened = (status.trip_count - last.trip_count) % _COUNTS
         seen = sum(
@@ -246,7 +246,7 @@ class SafetyPolling:
             self._urgent = True
 
     def _worse(self, words: Sequence[int]) -> None:
-        """Take from an answer that proves nothing only what has opened."""
+        """Take only newly opened inputs from an answer that is not good."""
         known = self._words
         if not known:
             return
@@ -263,7 +263,7 @@ class SafetyPolling:
         return read_safety_status(words, self._loop.time(), self._safety)
 
     def _watch(self) -> None:
-        """Give the device up when its last good answer is too old; look again until it is."""
+        """Give the device up when its last good answer is too old; check again until then."""
         limit_s = SILENT_PERIODS * self._safety.period_s
         age_s = self.status_age_s
         if age_s >= limit_s - _ROUNDING_S:
@@ -303,7 +303,7 @@ class SafetyPolling:
                             hint=hint)
 
     def _ended(self, task: asyncio.Task[None]) -> None:
-        """A task that dies of a bug leaves no run without its facts unnoticed."""
+        """Report a task that ended with a bug, so that no run goes on without safety status."""
         if not task.cancelled() and task.exception() is not None:
             self._why = ("its driver failed", "this is a bug: please report it")
 

@@ -1,4 +1,4 @@
-"""What the safety-input device says of the cell, in people's terms."""
+"""The cell's safety status as the safety-input device reports it, in plain words."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ INPUT_BITS: dict[SafetyInput, SafetyInputBits] = {
 
 @dataclass(frozen=True)
 class SafetyStatus:
-    """One answer. True is good; None: not fitted, or the device says "not available".
+    """One answer. True is good; None: not fitted, or the device reports "not available".
 
     time_s : loop time it arrived
     relay_closed, laser_enabled : watchdog relay, and laser-enable output as read back; None where
         the profile has none
-    oxygen_ppm : None too while the analyser calls itself invalid
+    oxygen_ppm : also None while the analyser reports itself invalid
     open_inputs : every fitted input that is not good, in words and with advice
     first_out : what opened first since the last reset, None where nothing did
     trip_count : modulo 65536, of inputs that opened: one that opened and closed between two
@@ -128,7 +128,7 @@ def _cycle_block(word_order: WordOrderName) -> RegisterBlock:
     return CYCLIC_BLOCK.with_word_order(WordOrder(word_order))
 
 
-@lru_cache(maxsize=64)  # asked ten times a second for what hardly ever changes
+@lru_cache(maxsize=64)  # called ten times a second, and the result rarely changes
 def _inputs(
     word: int, fitted: tuple[SafetyInput, ...]
 ) -> tuple[tuple[bool | None, ...], tuple[FirstOutCause, ...]]:
@@ -152,7 +152,7 @@ def _ignore_fault(reason: str, hint: str) -> None:
 
 @dataclass
 class SafetyCallbacks:
-    """Who hears of the device: callables that return at once.
+    """Callables that receive the device's events; each returns at once.
 
     on_status : every answer; see SafetyDriver for which of them count as good
     on_fault : why the device, or its laser-enable output, cannot be relied on, once at the
