@@ -3,7 +3,7 @@
 Sources: Grbl 1.1 `doc/csv/error_codes_en_US.csv`, `alarm_codes_en_US.csv`; grblHAL core
 `errors.h`, `errors.c`, `alarms.h`, `alarms.c` and grblHAL plugin SD card `sdcard.c`, as of 2025.
 Codes 1-38 and alarms 1-9 mean the same in both. grblHAL numbers that these sources do not name
-are told as what group they are of: a controller lists its own texts as answer to `$EE` and `$EA`.
+are reported by their group: a controller lists its own texts in answer to `$EE` and `$EA`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from firmware_protocol.dialect import GRBLHAL, Dialect
 
 @dataclass(frozen=True)
 class CodeMeaning:
-    """What a code says, and what to do (it is never empty)."""
+    """The meaning of a code, and its remedy (never empty)."""
 
     description: str
     remedy: str

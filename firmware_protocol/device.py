@@ -71,7 +71,7 @@ class GrblDevice:
     def pop_line(self) -> bytes | None:
         """The oldest whole line without its end, whose bytes leave the buffer now; else None.
 
-        Asking in vain tells the device that the controller is idle and reads as bytes come.
+        A call that finds no line marks the controller as idle: it then reads bytes as they come.
         """
         if not self._lines:
             self._reading = True

@@ -48,7 +48,7 @@ class LineRejected(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class RemoteProtocolError:
-    """The controller said what it may not, such as an answer to no line. It credits nothing."""
+    """An invalid message from the controller, such as an answer to no line. It credits nothing."""
 
     text: str
     reason: str

@@ -1,4 +1,4 @@
-"""What the controller says, one message a line: parsed from text, and written back as text.
+"""The controller's messages, one a line: parsed from text, and written back as text.
 
     line = "ok" | "error:" N | "ALARM:" N | "<" status ">" | "[" kind ":" text "]"
          | "$" N "=" value | "$N" N "=" block | ">" block ":" answer | banner

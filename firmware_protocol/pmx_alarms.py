@@ -1,4 +1,4 @@
-"""What PMX feeders complain about, in plain words: alarms, warnings and refused writes."""
+"""Messages of PMX feeders in plain words: alarms, warnings and refused writes."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ SYSTEM_CODES = tuple(_SYSTEM_ALARMS)
 ESTOP, WATCHDOG = 101, 104
 #: Numbers of a hopper's own codes, see `hopper_code`.
 EMPTY, LEVEL_LOW, DRIFT, UNSTEADY, OLD_CALIBRATION, CLIPPED = 7, 51, 52, 53, 54, 55
-#: The bit of WARNING that says that some hopper's set-point was clipped.
+#: The bit of WARNING for a clipped set-point of any hopper.
 SETPOINT_CLIPPED_BIT = 1 << CLIPPED - LEVEL_LOW
 
 _HOPPER_BITS_FROM = 8  # of ALARM: bit 8 is channel 1

@@ -1,6 +1,6 @@
-"""Rows of a register map, and how a stretch of them becomes words and values again.
+"""Rows of a register map, and the conversion of consecutive rows to words and back to values.
 
-A `Register` says where a value stands and how it is read; a `Block` is what one request moves.
+A `Register` defines the address and format of a value; a `Block` is what one request transfers.
 """
 
 from __future__ import annotations

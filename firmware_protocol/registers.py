@@ -1,4 +1,4 @@
-"""Register maps as data: what stands at which Modbus address, and how its words are read.
+"""Register maps as data: which value is at which Modbus address, and how its words are read.
 
 A map is a table of `Register` rows with the device's habits (word order, address base) beside it.
 It turns engineering values into 16-bit words and back; it sends nothing.
@@ -83,7 +83,7 @@ class RegisterMap:
         return tuple(self.contiguous_block([name]).encode({name: value}))
 
     def decode(self, name: str, words: Sequence[int]) -> RegisterValue:
-        """The value of one row's words; None where the device says "not available"."""
+        """The value of one row's words; None where the device reports "not available"."""
         return self.contiguous_block([name]).decode(words)[name]
 
     def contiguous_block(self, names: Iterable[str]) -> RegisterBlock:

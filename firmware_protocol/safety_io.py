@@ -1,13 +1,12 @@
 """The SIO register map of safety-input devices, as a table.
 
 It covers what the host may read of a cell's safety circuits, the watchdog relay that its heartbeat
-keeps
-closed, and the laser-enable output.
+keeps closed, and the laser-enable output.
 
-The circuits themselves are hardware; this device only tells how they stand. Its laser-enable
-output is one contact more in the laser's circuit, for a host that wants the beam dark before
-motion has come to rest. A bit that is 1 is good, so an answer of zeros, as a broken device gives
-it, reads as everything open. Every input register a can also be read as holding register
+The circuits themselves are hardware; this device only reports their state. Its laser-enable
+output is an additional contact in the laser's circuit, for a host that wants the beam off before
+motion has come to rest. A bit that is 1 is good, so an answer of zeros from a broken device reads
+as everything open. Every input register a can also be read as holding register
 `MIRROR + a`, so that one FC 23 request writes the heartbeat and reads all inputs back.
 """
 
@@ -55,7 +54,7 @@ class SafetyStatusBits(IntFlag):
     RELAY_CLOSED = 1 << 2
     HEARTBEAT_FRESH = 1 << 3
     LASER_ENABLE_FITTED = 1 << 4
-    LASER_ENABLED = 1 << 5  # the output itself, read back: not what it was told
+    LASER_ENABLED = 1 << 5  # the output itself, read back: not its command
 
 
 _I, _H = RegisterSpace.INPUT, RegisterSpace.HOLDING
@@ -101,7 +100,7 @@ _CONTROL = (
 
 SIO_MAP = RegisterMap(_READINGS + _CONTROL)
 
-#: Everything the device tells; and of it, what changes: read at every cycle.
+#: Everything the device reports; and the part of it that changes, read at every cycle.
 FULL_BLOCK = SIO_MAP.contiguous_block(row.name for row in _READINGS)
 CYCLIC_BLOCK = SIO_MAP.contiguous_block(
     row.name for row in _READINGS if row.address >= SIO_MAP["INPUTS"].address)

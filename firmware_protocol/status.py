@@ -83,7 +83,7 @@ class StatusReport(NamedTuple):
         return None
 
     def work_position_mm(self, offset_mm: tuple[float, ...] | None) -> tuple[float, ...] | None:
-        """The position in program (work) coordinates; None where it is not to be told.
+        """The position in program (work) coordinates; None where it cannot be determined.
 
         offset_mm : work offset as last reported
         """

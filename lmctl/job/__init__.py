@@ -1,4 +1,4 @@
-"""The job file, the waist of the hourglass: planning ends by writing one, running reads it."""
+"""The job file, the interface between planning, which writes it, and running, which reads it."""
 
 from __future__ import annotations
 

@@ -1,14 +1,14 @@
-"""The outside of a job file: a zip archive whose last bytes are the digest of all before them.
+"""The container of a job file: a zip archive whose last bytes are the digest of all before them.
 
-A zip, so that anyone can look inside with common tools; *stored*, never compressed, so that
-a size is what it says, and equal jobs are equal bytes whatever zlib is installed. The archive
+It is a zip, so that common tools can open it. Members are *stored*, never compressed, so that
+stated sizes are real, and equal jobs are equal bytes with any version of zlib. The archive
 comment is the trailer::
 
     lmctl-job 1 sha256 <64 hexadecimal digits>
 
 and the digest covers every byte of the file before those digits, zip structures included, so
 a change anywhere shows. (It guards against damage, not against forgery: what is read is still
-checked as if a stranger had written it.)
+checked as untrusted input.)
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What every layer of a job must satisfy; asked of it when it is written and when it is read.
+"""Rules for every layer of a job, checked when it is written and when it is read.
 
 A job's text goes to the machine as it stands, so a reader trusts nothing: only the words that a
 plan is made of pass. Never a `$` command, a real-time character or a byte above 0x7F; nor inches,

@@ -1,4 +1,4 @@
-"""The manifest as JSON and back, checked as if a stranger had written it."""
+"""The manifest as JSON and back, checked as untrusted input."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Job against machine profile: hoppers, limits, travel. Planning and running both ask it."""
+"""Check a job against a machine profile: hoppers, limits, travel. Planning and running use it."""
 
 from __future__ import annotations
 

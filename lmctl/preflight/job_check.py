@@ -1,7 +1,7 @@
 """Was this job planned for this machine, and does it stay within what the machine can do?
 
-Planning asks at its end; running asks again before anything moves, since a profile may have
-changed in between.
+Planning checks this at its end. Running checks it again before anything moves, since a profile may
+have changed in between.
 """
 
 from __future__ import annotations

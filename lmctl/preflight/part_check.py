@@ -1,4 +1,4 @@
-"""Can this part be made on this machine? What can be said before it is planned."""
+"""Check, before planning, whether this part can be made on this machine."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def check_part(part: Part, profile: MachineProfile) -> Placement:
-    """Where the part will stand; all that is in the way at once.
+    """Where the part will stand. Reports all problems at once.
 
     Raises PlanError: a material without a hopper, a part outside the machine's travel, a recipe
     beyond the laser's power or the axes' speed, a part without layers.

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-#: A layer may be so much higher or lower than the process says, so that whole layers fill a part.
+#: Largest deviation from the layer height of the process, so that whole layers fill a part.
 MAX_LAYER_HEIGHT_CHANGE = 0.1
 #: Heights that differ by less, as a ratio, are the same.
 _EQUAL = 1e-6
@@ -25,13 +25,13 @@ _EQUAL = 1e-6
 
 @dataclass(frozen=True)
 class Placement:
-    """Where the layers of a part are cut and laid.
+    """Where the layers of a part are cut and deposited.
 
     offset_mm : (3,) float64, program coordinates of the part's own origin
     low_mm, high_mm : (3,) float64, bounds of the part in its own coordinates
     layer_height_mm : fitted to the part's height, if that takes no more than a tenth
     n_layers : layers to deposit
-    skipped : layers at the bottom that have nothing to lay
+    skipped : layers at the bottom that have nothing to deposit
     """
 
     offset_mm: FloatArray
@@ -46,7 +46,7 @@ class Placement:
         return float(self.low_mm[2] + (self.skipped + layer + 0.5) * self.layer_height_mm)
 
     def nozzle_height_mm(self, layer: int) -> float:
-        """Height of the nozzle reference while a layer is laid: its top, in program coordinates."""
+        """Nozzle height while a layer is deposited: the layer's top, in program coordinates."""
         top_mm = self.low_mm[2] + (self.skipped + layer + 1) * self.layer_height_mm
         return float(self.offset_mm[2] + top_mm)
 

@@ -1,11 +1,11 @@
-"""Does the program of a job do what its line table says?
+"""Check that the program of a job does what its line table states.
 
 Digests prove that nothing was altered since the job was written. They do not prove that its writer
-was right, or honest: the controller executes the text, while everything that watches it reads the
-table. So before anything moves the two are compared line by line, a layer in memory at a time.
+was right, or honest: the controller executes the text, while all monitoring reads the table. So
+before anything moves the two are compared line by line, with one layer in memory at a time.
 
-Positions of three decimals, feeds of one, powers of as many as `power_word` says: what rounding
-makes of a number is no difference.
+Positions have three decimals, feeds one, powers as many as `power_word` gives them: differences by
+rounding are accepted.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ _POSITION_MM, _DWELL_S, _FEED_MM_MIN, _OF_LAST_DECIMAL = 6e-4, 6e-4, 0.06, 0.6
 # The same of the manifest's totals.
 _LASTING_S, _POWER_W = 1e-6, 0.06
 _OF_FLOAT32 = 1e-6
-# A line may be executed slower than its feed says, but not faster.
+# A line may be executed slower than its programmed feed, but not faster.
 _FASTER, _FASTER_S = 1e-3, 1e-4
 
 Floats = NDArray[np.float64]
 
 
 def check_program(job: JobReader, profile: MachineProfile) -> None:
-    """Refuse a job whose text is not what its table says, naming the first line that differs.
+    """Refuse a job whose text does not match its table, naming the first line that differs.
 
     Compared are kind, end position, feed, power, waiting time and the least time a line can take;
     and the table itself with what the manifest promises. Raises JobError.
@@ -161,7 +161,7 @@ class _Check:
                       "has a beam of {:g} W")
 
     def _promises(self, layer: JobLayer, lasting_s: Floats) -> None:
-        """What the manifest says of all lines, by which the job is judged for a machine."""
+        """Check the manifest's totals over all lines, by which a machine accepts the job."""
         lines, totals = layer.lines, self._manifest.totals
         low, high = self._manifest.bounds_mm
         moves = ~np.isin(lines["kind"], (int(LineKind.SETUP), int(LineKind.DWELL)))

@@ -1,4 +1,4 @@
-"""How finely S words tell the controller a beam's power."""
+"""Resolution of the beam power in S words."""
 
 from __future__ import annotations
 

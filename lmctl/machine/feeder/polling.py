@@ -115,7 +115,7 @@ class FeederPolling:
 
         That is one request; with a status, two on an old map. The next status shows whether the
         device has taken the recipe over.
-        Raises NoAnswerError, RefusedError; RegisterError for an answer without meaning.
+        Raises NoReplyError, ModbusExceptionError; RegisterError for an answer without meaning.
         """
         self._news = False
         now_s = self._loop.time()

@@ -1,4 +1,4 @@
-"""What is done to a machine outside a run: looked at, homed, jogged."""
+"""Operations on a machine outside a run: inspection, homing, jogging."""
 
 from __future__ import annotations
 

@@ -14,9 +14,9 @@ from lmctl.machine.safety.driver import SafetyDriver
 async def open_motion_controller(profile: MachineProfile) -> AsyncIterator[MotionDriver]:
     """The controller, opened; closed again afterwards.
 
-    Where a watchdog relay is wired to its door input it would stand behind an open door for ever:
-    so the safety device gets its heartbeat first, and an open relay is closed, to act on the
-    machine being the deliberate act for that. Raises MachineError, ConfigError.
+    With a watchdog relay wired to its door input, the controller would report an open door for
+    ever. So the safety device gets its heartbeat first, and an open relay is closed: the operator's
+    command to the machine counts as the deliberate act for that. Raises MachineError, ConfigError.
     """
     async with AsyncExitStack() as opened:
         if profile.safety is not None:

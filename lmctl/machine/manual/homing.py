@@ -1,4 +1,4 @@
-"""Homing and unlocking: what will move, said before it does, and doing it."""
+"""Homing and unlocking: describe what will move, then do it."""
 
 from __future__ import annotations
 

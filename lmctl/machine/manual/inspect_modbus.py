@@ -37,7 +37,7 @@ _LIMITS = ("N_MIN", "N_MAX", "CARRIER_MIN", "CARRIER_MAX", "LEVEL_WARN", "LEVEL_
 
 @dataclass(frozen=True)
 class FeederInspection:
-    """What a feeder says of itself.
+    """What a feeder reports about itself.
 
     clock_ratio : how far its clock moved while ours moved by 1; 0 for data that stand still
     hopper_limits : of each hopper of the profile, by name: N_MIN, N_MAX [rpm], CARRIER_MIN,
@@ -56,7 +56,7 @@ async def inspect_feeder(feeder: FeederSettings,
                          hoppers: Sequence[HopperSettings]) -> FeederInspection:
     """Ask a feeder what it is and how it stands.
 
-    Raises MachineError where it is unreachable, no PMX, or lacks what the profile says of it;
+    Raises MachineError where it is unreachable, no PMX, or lacks what the profile states;
     ConfigError for a bad endpoint.
     """
     try:
@@ -146,7 +146,7 @@ async def inspect_safety(safety: SafetySettings) -> SafetyStatus:
 async def _with_neighbours(
     name: str, error: NoReplyError, place: str, device: ModbusDevice
 ) -> MachineError:
-    """A silence, with who answers instead: other ids and other settings of the line are tried."""
+    """The error for a silent device, with what answers at other ids or other line settings."""
     found = None if isinstance(error, PassingExceptionError) else await probe_other_settings(device)
     if found is None:
         return MachineError(f"{name}: {error.what}", where=place, hint=error.hint)

@@ -34,7 +34,7 @@ class MotionReading:
     identity, settings, parser_state, offsets : None or empty where it does not answer in its state;
         parser_state and offsets are the lines of `$G` and `$#`
     is_position_trusted : whether reported positions are those of the machine
-    is_homed : whether it calls its axes homed; None where it does not say (Grbl never does)
+    is_homed : whether it reports its axes homed; None where it does not (Grbl never does)
     damaged_message_count : messages that made no sense on the way
     is_taken_over : whether this host has taken it over, as a run does: it has been brought to rest
     """
@@ -121,11 +121,11 @@ async def _told_to(motion: MotionDriver, command: str) -> list[str]:
 
 
 def _ignore(*_: object) -> None:
-    """What becomes of an event that nobody waits for."""
+    """Ignore an event that has no listener."""
 
 
 async def _told(talk: GrblConnection, command: str) -> list[str]:
-    """What a command is answered with, nothing where it is refused (as in some alarms)."""
+    """The answer to a command; empty where the command is refused (as in some alarms)."""
     try:
         return await talk.send_command(command, _COMMAND_S)
     except MachineError:

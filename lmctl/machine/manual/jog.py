@@ -16,7 +16,7 @@ from lmctl.config.machine import MotionSettings
 from lmctl.errors import MachineError, UsageError
 from lmctl.machine.motion.driver import MotionCallbacks, MotionDriver
 
-#: Longest relative jog of an axis while nobody knows where the machine is [mm].
+#: Longest relative jog of an axis while the machine position is unknown [mm].
 MAX_JOG_FROM_UNKNOWN_MM = 10.0
 
 _AXES = "XYZ"
@@ -38,7 +38,7 @@ def check_jog(jog: JogRequest, motion: MotionDriver, limits: MotionSettings) -> 
     """Where each axis will end, in program coordinates; how far it will go, where that is unknown.
 
     Raises UsageError for a jog out of the travel or too fast; MachineError where the machine is
-    not ready, or where a place is named and nobody knows where the machine is.
+    not ready, or for an absolute jog while the machine position is unknown.
     """
     fastest = 60.0 * min(limits.max_speed_mm_s[_AXES.index(axis)] for axis in jog.to_mm)
     if jog.feed_mm_min > fastest:

@@ -1,7 +1,7 @@
-"""The rate of a silent motion controller looked for on its serial port.
+"""Search for the baud rate of a silent motion controller on its serial port.
 
-Only `?` is sent. At another rate a controller receives it as garbage, so this is done when somebody
-asks for it, and not with a machine at work.
+Only `?` is sent. At another rate a controller receives it as garbage, so the search runs only at
+the operator's request, and not with a machine at work.
 """
 
 from __future__ import annotations

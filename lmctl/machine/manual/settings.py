@@ -20,8 +20,8 @@ class WrittenSettings:
 
     written : those that the controller reports as wanted, and did not before
     refused : why the others were not: the controller's own words, or what it reports instead
-    also_changed : settings nobody asked to change, with the value they had and the one they have
-    messages : what the controller said beside its answers
+    also_changed : settings that changed without being written, with their old and new values
+    messages : what the controller reported beside its answers
     position_lost : the machine has to be homed, or its place set, before it is moved
     """
 
@@ -82,7 +82,7 @@ async def _write(
         try:
             said = await motion.send_command(f"${number}={value}")
         except MachineError as error:
-            if not motion.is_all_answered:  # it said nothing at all
+            if not motion.is_all_answered:  # there was no answer at all
                 raise
             refused[number] = error.what
         else:

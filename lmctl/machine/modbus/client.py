@@ -1,9 +1,9 @@
-"""Modbus TCP and RTU, over a `modbus_wire`.
+"""Modbus TCP and RTU, over the connection in `wire`.
 
-It asks once and never repeats by itself: a time-out leaves the outcome of a write unknown, so
-the caller has to read before it writes again. A lost TCP connection is made again in the
-background. A request waits for an attempt that is under way, within its own time-out; between two
-attempts it fails at once.
+A request is sent once and never repeated here: a time-out leaves the outcome of a write unknown, so
+the caller has to read before it writes again. A lost TCP connection is reopened in the background.
+A request waits for a connection attempt under way, within its own time-out; between two attempts it
+fails at once.
 """
 
 from __future__ import annotations
@@ -66,9 +66,9 @@ def _no_mirror(address: int) -> int:
 
 
 class NoReplyError(MachineError):
-    """The device did not answer, or said that it could not just now; whether it acted is not known.
+    """The device did not answer, or reported that it is busy; whether it acted is not known.
 
-    Its text says what was seen on the wire instead (see `observation`).
+    Its text describes what was received instead (see `observation`).
     """
 
 
@@ -90,8 +90,8 @@ class ModbusExceptionError(MachineError):
 class ModbusLink:
     """One device at the far end of its own connection or serial line; one request at a time.
 
-    Requests raise NoAnswerError where nothing (or nonsense) comes back, or an exception that
-    passes; RefusedError where the device answers with another exception.
+    Requests raise NoReplyError where nothing (or nonsense) comes back, or an exception that
+    passes; ModbusExceptionError where the device answers with another exception.
     """
 
     def __init__(
@@ -201,7 +201,7 @@ class ModbusLink:
 
     async def close(self) -> None:
         self._wire.close()
-        await asyncio.sleep(0)  # let the transport say goodbye
+        await asyncio.sleep(0)  # let the transport close
 
     async def _read(self, request: ModbusPDU, count: int) -> Sequence[int]:
         answer = await self._ask(request, 2 + 2 * count)

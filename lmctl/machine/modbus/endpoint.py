@@ -48,7 +48,7 @@ def parse_modbus_endpoint(text: str) -> TcpEndpoint | RtuEndpoint:
     try:
         parts = urlsplit(text)
         port = parts.port
-        if "#" in text or "@" in parts.netloc:  # nobody would obey them
+        if "#" in text or "@" in parts.netloc:  # they would have no effect
             raise ValueError
     except ValueError:
         raise _no_endpoint(text) from None

@@ -1,7 +1,7 @@
 """What a host sees on a Modbus wire while a device does not answer, and what that points to.
 
-A dead cable, a wrong baud rate, a wrong device id and a noisy line all look the same to whoever
-waits for an answer. The bytes that come instead tell them apart.
+A dead cable, a wrong baud rate, a wrong device id and a noisy line all look the same to a host
+waiting for an answer. The bytes that come instead distinguish them.
 """
 
 from __future__ import annotations

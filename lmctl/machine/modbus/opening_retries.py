@@ -1,4 +1,4 @@
-"""Patience with a device that is being opened: it may be starting up, and answers get lost."""
+"""Retries while a device is being opened: it may be starting up, and answers get lost."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _BUSY_PATIENCE_S = 15.0
 
 
 class OpeningRetries:
-    """How long a device that is being opened may stay without an answer: see `is_left`.
+    """How long a device that is being opened may stay without an answer: see `may_retry`.
 
     Lost answers are few where a device is alive; one that is starting up is busy for longer.
     """
@@ -37,7 +37,7 @@ async def answer_with_retries(
 ) -> Sequence[int]:
     """The answer to a request that may be repeated, such as a reading, while a device is opened.
 
-    Raises NoAnswerError where patience ends, RefusedError at once.
+    Raises NoReplyError when no retry is left, ModbusExceptionError at once.
     """
     patience = OpeningRetries()
     while True:

@@ -1,7 +1,8 @@
 """Messages of pymodbus, with all their registers packed and unpacked at once.
 
-pymodbus takes them one by one, and spells every message out for a log nobody reads; together
-that is a quarter of a round trip. Its own extension point (`register`) takes these in place.
+pymodbus handles registers one by one, and formats every message for a log that is not used;
+together that is a quarter of a round trip. Its own extension point (`register`) accepts these
+classes instead.
 """
 
 from __future__ import annotations

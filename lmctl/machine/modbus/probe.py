@@ -1,4 +1,4 @@
-"""Asking around for a device that does not answer: other device ids, other settings of the line.
+"""Search for a device that does not answer: other device ids, other line settings.
 
 A device that does not understand a request, or is not meant by it, stays silent, so that a wrong
 id, a wrong baud rate and a dead cable look the same until something else is asked. One register is
@@ -29,14 +29,14 @@ _REQUEST_CHARACTERS = 8 + 7 + 7  # with its answer, and the silences around them
 
 
 class ProbeFinding(NamedTuple):
-    """Who answered instead, and the key of the profile that mends it."""
+    """What answered instead, and the key of the profile to correct."""
 
     sentence: str
     hint: str
 
 
 async def probe_other_settings(device: ModbusDevice) -> ProbeFinding | None:
-    """Who answers at a device's endpoint, or at other settings of its line; None where nobody does.
+    """What answers at a device's endpoint, or at other settings of its line; None without answer.
 
     Takes five seconds at most. Raises ConfigError for a bad endpoint.
     """

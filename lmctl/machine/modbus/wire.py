@@ -120,7 +120,7 @@ class ModbusWire(ModbusProtocol):
             async with asyncio.timeout_at(deadline_s):
                 await connecting.wait()
         except TimeoutError:
-            pass  # it is not connected: that is what is said
+            pass  # still not connected: the caller gets that error
 
     def data_received(self, data: bytes) -> None:
         """Bytes have come: the answer to the open request, or something else."""
@@ -133,18 +133,18 @@ class ModbusWire(ModbusProtocol):
             self._open.answer.set_result(pdu)
 
     def callback_data(self, data: bytes, addr: tuple[str, int] | None = None) -> int:
-        """pymodbus asks this of those who keep its own `data_received`."""
+        """Required by pymodbus; called only by its own `data_received`."""
         return len(data)
 
     def callback_new_connection(self) -> ModbusProtocol:
-        """pymodbus asks this of those who listen; a host does not."""
+        """Required by pymodbus for servers; a host does not listen."""
         raise RuntimeError("a host takes no connections")
 
     def callback_connected(self) -> None:
         """The device is there (again)."""
 
     def callback_disconnected(self, exc: Exception | None) -> None:
-        """It is gone: nobody need wait for it."""
+        """The connection is gone: end the open request."""
         if self._open is not None and not self._open.answer.done():
             self._open.answer.set_exception(ConnectionError("the connection was lost"))
 

@@ -1,6 +1,6 @@
 """Register numbering and word order of a Modbus device, recognised from its answers.
 
-What the profile says is checked, and the key that mends it is named.
+The setting in the profile is checked, and an error names the key to correct.
 
 Swapped words give values that may well be possible, so no single reading proves an order. A counter
 of seconds does: only in the right order does it go forward by one.

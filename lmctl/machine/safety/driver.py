@@ -44,7 +44,7 @@ class SafetyDriver:
     async def open(cls, safety: SafetySettings) -> SafetyDriver:
         """Connect, see what it is, and begin its heartbeat; returns with a first status.
 
-        An open relay stays open: see `reset_relay`.
+        An open relay stays open: see `reset_watchdog_relay`.
         Raises MachineError where it cannot be reached, is something else, or gives no good
         answer; ConfigError for a bad endpoint, or a line too slow for the period.
         """

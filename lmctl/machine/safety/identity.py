@@ -72,8 +72,8 @@ async def identify_safety_device(link: ModbusLink, safety: SafetySettings) -> Sa
     """Read what the device is.
 
     Raises MachineError where it is no safety-input device of a known map, lacks the relay or the
-    laser-enable output that the profile wants, or sends words in another order; NoAnswerError and
-    RefusedError as readings do.
+    laser-enable output that the profile requires, or sends words in another order; NoReplyError
+    and ModbusExceptionError as readings do.
     """
     words = await answer_with_retries(
         lambda: link.read_input(FULL_BLOCK.address, FULL_BLOCK.count), safety.period_s
