@@ -53,7 +53,7 @@ class GrblDevice:
     def receive_data(self, data: bytes) -> bytes:
         """Take bytes off the wire; return the real-time bytes among them, in order.
 
-        A reset byte empties the buffer of what stood before it. Lines wait for `take_line`.
+        A reset byte empties the buffer of everything before it. `pop_line` takes whole lines.
         """
         text = data.translate(None, self._not_text)
         if len(text) == len(data):
@@ -111,7 +111,7 @@ class GrblDevice:
         if b"\r" in text:
             text = text.replace(b"\r", b"\n")
         if self._reading:
-            read = text.find(b"\n") + 1 or len(text)  # taken as it comes
+            read = text.find(b"\n") + 1 or len(text)  # up to the next line end
             self._reading = read == len(text) and not text.endswith(b"\n")
             self._head_read += read
         else:

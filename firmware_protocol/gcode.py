@@ -1,7 +1,7 @@
 """One block of G-code as text: comments and spaces taken off, words split, or an error number.
 
-What the words *mean* is the interpreter's business; this answers only what both firmwares decide
-before any meaning: letters (`error:1`) and numbers (`error:2`).
+The interpreter decides what the words *mean*. This module makes only the checks that both firmwares
+make before that: letters (`error:1`) and numbers (`error:2`).
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def strip_comments_and_spaces(line: bytes) -> bytes:
 
     A comment runs from '(' to ')' or to the end of the line, or from ';' to the end.
 
-    >>> significant(b"N5 g1 x10.5 (there) F600 ; slow")
+    >>> strip_comments_and_spaces(b"N5 g1 x10.5 (there) F600 ; slow")
     b'N5G1X10.5F600'
     """
     if b"(" in line or b";" in line:
@@ -44,10 +44,10 @@ def strip_comments_and_spaces(line: bytes) -> bytes:
 def tokenise_block(line: bytes) -> list[tuple[str, float]]:
     """The words of a block in order, as (letter, value); an empty block gives no words.
 
-    line : raw or already `significant` text, without its line end
+    line : raw or already stripped text, without its line end
     raises : GcodeError 1 where a letter should stand, 2 where a number should
 
-    >>> tokenise(b"N120 G1 X-10.5 F600")
+    >>> tokenise_block(b"N120 G1 X-10.5 F600")
     [('N', 120.0), ('G', 1.0), ('X', -10.5), ('F', 600.0)]
     """
     letters = line.translate(None, _NUMERIC)

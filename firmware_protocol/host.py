@@ -36,7 +36,7 @@ _FORBIDDEN_IN_TEXT = _FORBIDDEN.replace(b"\n", b"")
 
 
 class LocalProtocolError(Exception):
-    """We were about to send what must not be sent: a bug on this side."""
+    """The host tried to send what must not be sent: a bug on the host side."""
 
 
 class LineRejected(NamedTuple):
@@ -62,7 +62,7 @@ class ControllerRestarted:
     unanswered_tags: tuple[int, ...]
 
 
-# An int is the tag of a line that was answered `ok`: by far most events, and no more to be said.
+# An int is the tag of a line that was answered `ok`: by far the most frequent event.
 HostEvent = (
     int | LineRejected | RemoteProtocolError | ControllerRestarted | AlarmMessage | StatusMessage
     | FeedbackMessage | SettingMessage | StartupBlockSetting | StartupBlockReply | UnknownMessage
@@ -70,7 +70,7 @@ HostEvent = (
 
 
 class GrblHost:
-    """One conversation with a controller.
+    """The host's side of one connection to a controller.
 
     rx_usable : bytes of the controller's receive buffer that may be filled
     line_chars : most characters of one line
@@ -82,7 +82,7 @@ class GrblHost:
         self._free = rx_usable
         self._unanswered: deque[tuple[int, int]] = deque()  # (tag, size), oldest first
         self._partial = b""
-        self._skipping = False  # inside a line too long to be one
+        self._skipping = False  # inside a line that is too long to be valid
 
     @property
     def free_rx_bytes(self) -> int:

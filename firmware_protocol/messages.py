@@ -123,7 +123,7 @@ Message = (
 )
 
 _CODE = re.compile(r"(error|ALARM):([0-9]{1,3})")
-_FEEDBACK = re.compile(r"\[([^\[\]:]{1,64}):(.*)\]")  # of whatever kind: firmware adds kinds
+_FEEDBACK = re.compile(r"\[([^\[\]:]{1,64}):(.*)\]")  # of any kind: firmware adds kinds
 _SETTING = re.compile(r"\$([0-9]{1,4})=(.*)")
 _STORED = re.compile(r"\$N([0-9])=(.*)")
 _STARTUP = re.compile(r">(.*):(ok|error:[0-9]{1,3})")

@@ -232,7 +232,7 @@ _CONFIG = (
 
 @cache
 def hopper_register_name(channel: int, name: str) -> str:
-    """Name of a hopper's row in the map: hopper_row(2, "FLOW_SP") is "H2.FLOW_SP"."""
+    """Name of a hopper's row in the map: channel 2, "FLOW_SP" gives "H2.FLOW_SP"."""
     return f"H{channel}.{name}"
 
 
@@ -258,7 +258,7 @@ def _hopper_rows(channel: int) -> list[Register]:
 
 
 def register_map(n_hoppers: int = MAX_HOPPERS) -> RegisterMap:
-    """The map of a device with so many hoppers (1 to 4)."""
+    """The map of a device with n_hoppers hoppers (1 to 4)."""
     rows = list(_SYSTEM + _CONTROL)
     for channel in range(1, n_hoppers + 1):
         rows += _hopper_rows(channel)

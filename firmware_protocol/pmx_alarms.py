@@ -50,7 +50,7 @@ _HOPPER_ALARMS = {
 #: Codes of the system alarms, in the order of their bits in ALARM.
 SYSTEM_CODES = tuple(_SYSTEM_ALARMS)
 ESTOP, WATCHDOG = 101, 104
-#: Numbers of a hopper's own codes, see `hopper_code`.
+#: Numbers of a hopper's own codes, see `hopper_alarm_code`.
 EMPTY, LEVEL_LOW, DRIFT, UNSTEADY, OLD_CALIBRATION, CLIPPED = 7, 51, 52, 53, 54, 55
 #: The bit of WARNING for a clipped set-point of any hopper.
 SETPOINT_CLIPPED_BIT = 1 << CLIPPED - LEVEL_LOW
@@ -68,7 +68,7 @@ def describe_alarm(code: int, hoppers: Mapping[int, str] | None = None) -> Feede
 
     hoppers : what to call each channel's hopper; its number otherwise
 
-    >>> alarm(307).text
+    >>> describe_alarm(307).text
     'hopper 2: it is empty'
     """
     if code in _SYSTEM_ALARMS:
@@ -85,7 +85,7 @@ def describe_first_out_alarm(code: int, bits: int,
                              hoppers: Mapping[int, str] | None = None) -> FeederAlarm:
     """The first-out alarm in words, and which others stand. bits : the word ALARM
 
-    >>> first_out(103, 0b10_0000_0110).text
+    >>> describe_first_out_alarm(103, 0b10_0000_0110).text
     'the mixer pressure is too high (and 2 more: the gas supply pressure is low; hopper 2 has one)'
     """
     first = describe_alarm(code, hoppers)
@@ -105,9 +105,9 @@ def describe_first_out_alarm(code: int, bits: int,
 
 
 def describe_warnings(word: int) -> list[FeederAlarm]:
-    """The warnings of the word WARNING, each by its number, of whichever hopper.
+    """The warnings of the word WARNING, each by its number, of any hopper.
 
-    >>> [(one.code, one.text) for one in warnings_in(1)]
+    >>> [(one.code, one.text) for one in describe_warnings(1)]
     [(51, 'the level is low')]
     """
     found = []

@@ -9,7 +9,7 @@ from enum import IntEnum
 
 
 class RealtimeCommand(IntEnum):
-    """One byte the controller acts on the moment it arrives, whatever stands in its buffer."""
+    """One byte the controller acts on as soon as it arrives, before all lines in its buffer."""
 
     RESET = 0x18
     STOP = 0x19  # grblHAL: stop without losing position or offsets

@@ -86,7 +86,7 @@ class Register:
 
 
 class PlacedRegister(NamedTuple):
-    """A row within a block, with what is needed at every reading and writing of it at hand.
+    """A row within a block, with precomputed values for decoding and encoding.
 
     min_counts, max_counts : limits of its counts
     """
@@ -141,7 +141,7 @@ class RegisterBlock:
         return RegisterBlock(self.kind, self.address, self.count, self._placed, word_order)
 
     def restricted_to(self, names: Iterable[str]) -> RegisterBlock:
-        """The same stretch of registers, of which only these rows are looked at."""
+        """The same stretch of registers, with only these rows decoded."""
         wanted = set(names)
         placed = [place for place in self._placed if place.name in wanted]
         return RegisterBlock(self.kind, self.address, self.count, placed, self._word_order)
@@ -202,7 +202,7 @@ def _encode_other(place: PlacedRegister, value: RegisterValue, order: WordOrder)
 
 
 def _rare_counts(row: Register, value: RegisterValue) -> int:
-    """Counts of what is neither a plain int nor a finite float."""
+    """Counts of a value that is neither a plain int nor a finite float."""
     if value is None and row.may_be_unavailable:
         return row.type.not_available
     if value is None:

@@ -87,7 +87,7 @@ class RegisterMap:
         return self.contiguous_block([name]).decode(words)[name]
 
     def contiguous_block(self, names: Iterable[str]) -> RegisterBlock:
-        """The rows as one contiguous stretch, whatever their order; gaps stay inside it.
+        """The rows, in any order, as one contiguous stretch; gaps stay inside it.
 
         Raises RegisterError for rows of both kinds, or none.
         """

@@ -163,7 +163,7 @@ _FIRST_OUTS = {
 def describe_first_out(code: int) -> FirstOutCause:
     """A FIRST_OUT code in words; one the map does not list is named as such.
 
-    >>> first_out(102).text
+    >>> describe_first_out(102).text
     'the door is open'
     """
     unknown = f"safety code {code}, which its register map does not list"

@@ -1,7 +1,7 @@
-"""What the numbered settings (`$n=value`) of both firmwares are, in a few words each.
+"""Short descriptions of the numbered settings (`$n=value`) of both firmwares.
 
 Sources: Grbl 1.1 `doc/markdown/settings.md`; grblHAL wiki, "Additional or extended settings".
-Numbers that mean the same in both stand once.
+Numbers with the same meaning in both are listed once.
 """
 
 from __future__ import annotations

@@ -43,8 +43,7 @@ class StatusReport(NamedTuple):
     override_percents : Ov, feed, rapid, spindle [%]
     active_pins, accessories : Pn, A, the letters as they came ("" is not None)
     unknown_fields : fields not known here, (key, value), in the order they came; the value is None
-    where
-        the key stands alone, without a colon
+        where the key stands alone, without a colon
     """
 
     state: str

@@ -1,4 +1,4 @@
-"""What people write: part files, machine profiles, materials; TOML in, checked models out."""
+"""Configuration files: parts, machine profiles, materials; TOML in, checked models out."""
 
 from __future__ import annotations
 

@@ -1,6 +1,7 @@
-"""The bodies of a part as a part file says them: data files, formulas, and what is made of others.
+"""The bodies of a part as a part file states them: data files, formulas, combinations of bodies.
 
-A body that others are made of has a name, and they name it. Bodies nobody names are the part.
+A body that other bodies use has a name, and they refer to it by that name. Bodies that no other
+body names make up the part.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from lmctl.config.quantities import (
 )
 from lmctl.config.toml_file import ConfigModel
 
-#: Bodies of bodies of bodies: deeper than anyone builds, shallow enough to walk.
+#: Deepest nesting of bodies: deeper than any real part, shallow enough to walk.
 MAX_TREE_DEPTH = 50
 
 #: Bodies of a tree, each counted as often as it is named: a few lines can ask for 2^50 of them.
@@ -33,7 +34,7 @@ class _Body(ConfigModel):
     """What all bodies share.
 
     name : by which others refer to it
-    composition : of what it is; None where the part says so, or where it only cuts
+    composition : its materials; None where the part states them, or where the body only cuts
     allowance_mm : how far its outline in every layer is moved outwards, for machining; negative:
         inwards, as for what is cut away with material left on its walls
     """
@@ -44,7 +45,7 @@ class _Body(ConfigModel):
 
 
 class MeshBody(_Body):
-    """A closed surface of triangles from a file. STL, PLY, OBJ and OFF state no units: say them.
+    """A closed surface of triangles from a file. STL, PLY, OBJ and OFF need `units`.
 
     units : may be left out for 3MF files only, which state theirs (part_rules)
     group : of an OBJ file, the `g` or `o` group that is this body; None takes all of the file
@@ -170,7 +171,7 @@ class PrismBody(_Body):
 
 
 class ShellBody(_Body):
-    """What of a body lies between two depths: 0 is its surface, negative ones lie outside it.
+    """The part of a body between two depths: 0 is its surface, negative ones lie outside it.
 
     to_mm : None is everything deeper than from_mm
     """

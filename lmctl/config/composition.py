@@ -1,4 +1,4 @@
-"""Of what a part or one of its bodies is, as a part file says it: features, profiles, blends."""
+"""The composition of a part or body, as a part file states it: features, profiles, blends."""
 
 from __future__ import annotations
 
@@ -263,7 +263,7 @@ class BlendPart(ConfigModel):
 
 
 class Composition(ConfigModel):
-    """Of what something is: a mixture at each distance to a feature, or several of them blended.
+    """Material of a part or body: a mixture at each distance to a feature, or a blend of several.
 
     blend, weights : (6)-(8): Σ wᵢ f(rᵢ) with constant weights that sum to 1, or with weights
         by inverse distance to the power `power`

@@ -1,6 +1,6 @@
-"""What may be wrong within a composition across its keys: mixtures, ranges, weights, names.
+"""Checks across the keys of a composition: mixtures, ranges, weights, names.
 
-On plain data of whatever shape: the models check the keys themselves.
+They run on plain data of any shape; the models check each key by itself.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Any
 from lmctl.config import materials
 from lmctl.errors import Finding
 
-#: How far fractions or weights may be from 1 in sum; what is left is normalised away.
+#: How far the sum of fractions or weights may be from 1; the rest is removed by normalising.
 SUM_TOLERANCE = 1e-6
 
 
@@ -89,7 +89,7 @@ def _weight_findings(
 
 
 def unknown_body(path: str, name: str, bodies: Collection[str]) -> Iterator[Finding]:
-    """The finding that no body has a name, where none has."""
+    """A finding where no body has this name."""
     if name not in bodies:
         guess = materials.suggest_name(name, sorted(bodies))
         listed = guess or f"names are {', '.join(sorted(bodies)) or 'given to none'}"
@@ -109,7 +109,7 @@ def _mixtures(profile: dict[str, Any]) -> Iterator[tuple[str, Any]]:
 
 def _mixture_findings(path: str, mixture: Any, names: list[str]) -> Iterator[Finding]:
     if not isinstance(mixture, dict) or not mixture:
-        return  # the model says so
+        return  # the model reports this
     for name in mixture:
         if name not in names:
             guess = materials.suggest_name(name, names)

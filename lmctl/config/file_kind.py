@@ -1,4 +1,4 @@
-"""Which of the project's TOML files a file is, told by the tables in it."""
+"""Recognise which of the project's TOML files a file is by the tables in it."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ _USES = {
 
 
 def file_kind_of(tables: Mapping[str, Any]) -> FileKind | None:
-    """The kind of a file, or None where its tables do not say.
+    """The kind of a file, or None where its tables do not show it.
 
-    >>> kind_of({"material": [], "body": []})
+    >>> file_kind_of({"material": [], "body": []})
     <FileKind.PART: 'a part file'>
     """
     if "body" in tables:

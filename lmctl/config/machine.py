@@ -1,6 +1,6 @@
 """The machine profile: endpoints, travel, dynamics, laser, hoppers, as written in TOML.
 
-Everything that differs between a real cell and the bench stands here; the code is the same.
+The profile holds everything that differs between a real cell and the bench; the code is the same.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def _plain(value: str) -> str:
 #: What the cell's things are called: on one line, in messages and journals.
 PlainName = Annotated[Name, AfterValidator(_plain)]
 
-#: Wider than any machine; beyond them a figure is in other units, or a slip of the hand.
+#: Wider than any machine; a figure beyond these limits is in other units, or a typing error.
 Speed = Annotated[float, Field(ge=0.01, le=100_000)]
 Acceleration = Annotated[float, Field(ge=0.1, le=1_000_000)]
 Power = Annotated[float, Field(gt=0, le=1_000_000)]
@@ -38,13 +38,13 @@ Flow = Annotated[float, Field(ge=0, le=655)]
 GasTime = Annotated[float, Field(ge=0, le=600)]
 Pressure = Annotated[float, Field(gt=0, le=30_000)]
 
-#: Reports that must come within the send horizon: lines are sent by them, and with fewer motion
-#: runs dry between two.
+#: Reports that must come within the send horizon: each report releases lines, and with fewer
+#: reports motion runs dry between two of them.
 _REPORTS_PER_HORIZON = 2
 
 _ROUNDING_S = 1e-9
 
-#: A feeder is asked so often in the time after which its watchdog stops it.
+#: How often a feeder is polled within its watchdog time.
 _CYCLES_PER_WATCHDOG = 4
 
 
@@ -71,7 +71,7 @@ class MotionSettings(ConfigModel):
     clearance_mm : lift above the layer for travel
     purge_mm : where the nozzle waits while powder settles; every program starts there
     send_horizon_s : most unexecuted motion the controller may hold
-    status_period_s : how often it is asked where it is; half the horizon at most
+    status_period_s : interval of its status reports; half the horizon at most
     """
 
     endpoint: str
@@ -106,12 +106,12 @@ class LaserSettings(ConfigModel):
 class FeederSettings(ModbusDevice):
     """One Modbus feeder device, see `ModbusDevice` too.
 
-    watchdog_s : it stops its discs when heartbeats stop so long
-    stabilise_s : powder is called stable no sooner than this after its start
-    (docs/explanation/safety-and-sequences.md, Sequences)
+    watchdog_s : the feeder stops its discs when no heartbeat comes for this time
+    stabilise_s : powder counts as stable no sooner than this after its start
+        (docs/explanation/safety-and-sequences.md, Sequences)
     mixer_pressure_max_mbar : more than this for a second is a clog, and holds a run; None: only the
-        feeder's own alarm tells of one. What is usual depends on hose, nozzle and gas: there is no
-        default that would neither hold a sound cell nor overlook a clog
+        feeder's own alarm reports a clog. The usual pressure depends on hose, nozzle and gas, so no
+        default would both spare a sound cell and detect a clog
     """
 
     name: PlainName
@@ -159,12 +159,12 @@ _RELAY_PERIODS = 3
 
 
 class SafetySettings(ModbusDevice):
-    """The safety-input device: how the cell's safety circuits stand, as the host may read it.
+    """The safety-input device: the state of the cell's safety circuits, as the host may read it.
 
-    period_s : of its heartbeat, with which it is read
-    relay_timeout_s : its watchdog relay opens when heartbeats stop so long; None: no relay wired
-    laser_enable : its laser-enable output stands in the laser's circuit; it drops with the relay
-    fitted : the inputs that the cell has; the others are not looked at
+    period_s : of its heartbeat; each heartbeat also reads the inputs
+    relay_timeout_s : its watchdog relay opens after this time without heartbeat; None: not wired
+    laser_enable : its laser-enable output is in the laser's circuit; it drops with the relay
+    fitted : the inputs that the cell has; the others are ignored
     shield_gas_min_L_min .. oxygen_trip_ppm : limits of the values it reads; None: not watched
     """
 

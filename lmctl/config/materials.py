@@ -1,10 +1,9 @@
 """The material library: handbook values, each a default that a part file may replace.
 
-Densities are docs/explanation/process-defaults.md, Powders (handbook). Catch efficiencies, powers
-and speeds are *starting values*
-for the medium DED class (2 mm bead, docs/explanation/process-defaults.md, Process window), by kind
-of powder: they get a first bead onto
-the bench and are no substitute for a trial track. Whoever uses one is told which it was.
+Densities are from docs/explanation/process-defaults.md, Powders (handbook). Catch efficiencies,
+powers and speeds are *starting values* for the medium DED class (2 mm bead,
+docs/explanation/process-defaults.md, Process window), by kind of powder: they get a first bead onto
+the bench and are no substitute for a trial track. lmctl reports which ones it used.
 """
 
 from __future__ import annotations
@@ -108,7 +107,7 @@ def find_material(name: str) -> LibraryMaterial | None:
 
 
 def suggest_name(name: str, known: list[str]) -> str:
-    """ "did you mean …" for a name that is not among `known`, or "" where nothing is like it."""
+    """ "did you mean …" for a name that is not among `known`, or "" where none is similar."""
     matches = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
     if not matches:
         folded = {candidate.casefold(): candidate for candidate in known}

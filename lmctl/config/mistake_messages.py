@@ -1,4 +1,4 @@
-"""A configuration's mistakes in plain words, in place of those of the library that finds them."""
+"""Plain messages for mistakes in a configuration, in place of the validation library's own."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pydantic_core import ErrorDetails
 
 from lmctl.config.materials import suggest_name
 
-#: By the library's own name of the mistake; {…} is what it says of the limit that was broken.
+#: By the library's own name of the mistake; {…} is the limit that was broken, as it reports it.
 _WORDS = {
     "missing": "is missing",
     "greater_than": "must be above {gt}",
@@ -52,7 +52,7 @@ def describe_mistake(mistake: ErrorDetails, model: type[BaseModel]) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """A limit without the digits and the exponent that a computer would give it."""
+    """A limit without superfluous digits and exponent."""
     return f"{value:.10g}" if isinstance(value, float) else value
 
 
@@ -69,7 +69,7 @@ def _below(kinds: list[Any], step: int | str) -> list[Any]:
     if isinstance(step, int):  # into a list, whose items are all of a kind where they are tables
         return [of for kind in kinds for of in _kinds(next(iter(get_args(kind)), None))]
     models = _models(kinds)
-    if len(models) > 1:  # the step says which of them, as the value's own `kind` does
+    if len(models) > 1:  # the step selects one of them, as the value's own `kind` does
         return [m for m in models if step in get_args(m.model_fields["kind"].annotation)]
     return [of for m in models if step in m.model_fields
             for of in _kinds(m.model_fields[step].annotation)]

@@ -1,4 +1,4 @@
-"""Where a Modbus device is and what is particular about it, as a machine profile says it."""
+"""The address and the particulars of a Modbus device, as a machine profile states them."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ class ModbusDevice(ConfigModel):
     endpoint : "modbus-tcp://HOST[:PORT]" or "modbus-rtu:///dev/ttyUSB0?baud=19200&parity=E&stop=1"
     device_id : unit id, 1 to 247
     word_order : of 32-bit values, A being the most significant byte
-    address_base : what its first register is called on the wire: 0, or 1 for devices that count
-        from 1 there too
+    address_base : address of its first register on the wire: 0, or 1 for devices that count from 1
+        there too
     max_registers : most registers that it moves in one request
     function_codes : those it, and a gateway before it, carry out. Without 23 a write and a reading
         are two requests; without 4 readings go through the holding registers

@@ -1,8 +1,8 @@
 """The part file: bodies, materials, process, as written in TOML; data only, no geometry.
 
-`lmctl.part` turns it into something that answers; `lmctl.plan` reads `process` and `placement`.
-Lengths in it are millimetres; only data files have units of their own. `part_rules` checks what
-concerns several keys at once, so that one reading names every mistake.
+`lmctl.part` builds geometry from it; `lmctl.plan` reads `process` and `placement`. Lengths are in
+millimetres; only data files have units of their own. `part_rules` makes the checks that concern
+several keys at once, so that one reading names every mistake.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ class ProcessSettings(ConfigModel):
     outer_track : how far the outermost track lies inside the outline: half a pitch, which fills the
         slice to its outline, or half a bead, which leaves no bead outside it
     allowance_mm : how far the outline is moved outwards, for machining; negative: inwards
-    narrow_features : what happens to what is narrower than a bead and at least half of one: one
-        track is deposited, or it is left out, or the part is refused
+    narrow_features : for features narrower than a bead and at least half a bead wide: one track is
+        deposited, or the feature is left out, or the part is refused
     min_built_fraction : least volume deposited inside the intended surface, over its volume
     max_overhang_deg : steepest lean of a wall, from the vertical, over the layer below
     seam : where closed tracks begin: at a place that turns from layer to layer, at one that stays,
@@ -85,7 +85,7 @@ class PartFile(ConfigModel):
     tolerance_mm : how far the surface may be from the data of a cloud; the pitch follows from it
     combine : how the bodies that no other names make one solid; a difference takes all others
         from the first
-    composition : of all of the part, whatever its bodies are of; None where they say it themselves
+    composition : of the whole part; None where the bodies state their own
     placement : None centres the part on the platform, its lowest point at z = 0
     """
 

@@ -1,8 +1,8 @@
-"""Reading a part file with every mistake at once, also those that concern several keys.
+"""Read a part file and report every mistake at once, also those that concern several keys.
 
 The cross-checks run on the plain data, before and regardless of the models' own checks: a file with
-a misspelt key *and* an unknown material is told of both. What concerns the bodies among themselves
-is in `tree_rules`, what concerns mixtures and blends in `composition_rules`.
+a misspelt key *and* an unknown material gets both reported. Checks between bodies are in
+`tree_rules`, checks of mixtures and blends in `composition_rules`.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def parse_part_file(text: str, *, name: str) -> PartFile:
 
 
 def cross_key_findings(data: dict[str, Any]) -> list[Finding]:
-    """What is wrong between the keys of a part file as plain data, of whatever shape it is."""
+    """Mistakes that concern several keys of a part file, as plain data of any shape."""
     tables = [item for item in _list(data.get("material")) if isinstance(item, dict)]
     names = [item["name"] for item in tables if isinstance(item.get("name"), str)]
     findings = list(_material_findings(tables))

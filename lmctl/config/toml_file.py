@@ -16,7 +16,7 @@ from lmctl.errors import ConfigError, Finding, MissingFileError
 #: A configuration a person wrote is small; more than this is some other file given by mistake.
 MAX_FILE_BYTES = 1_000_000
 
-#: Tables of an array ([[hopper]], [[body]]) in one file, and mistakes told of it.
+#: Most tables of an array ([[hopper]], [[body]]) in one file, and most mistakes reported.
 _MOST_TABLES, _MOST_TOLD = 2_000, 100
 
 #: A key of thirty parts and more: the time that TOML takes for those grows with their square.
@@ -119,7 +119,7 @@ def _frozen(data: object) -> object:
 
 
 def _first_causes(mistakes: list[ErrorDetails]) -> list[ErrorDetails]:
-    """Without lists called too short only because their items are wrong, each told already."""
+    """Drop "list too short" mistakes caused by wrong items, which are reported themselves."""
     return [
         item for item in mistakes
         if item["type"] != "too_short"

@@ -1,6 +1,6 @@
-"""What may be wrong between the bodies of a part file: names, circles, what is left without a rule.
+"""Checks between the bodies of a part file: names, circles, bodies without a composition.
 
-On plain data of whatever shape: the models check the keys themselves.
+They run on plain data of any shape; the models check each key by itself.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ _BOOLEANS = ("union", "difference", "intersection")
 
 
 def body_tree_findings(data: dict[str, Any], *, several_materials: bool) -> list[Finding]:
-    """All that is wrong with the bodies of a part file among themselves."""
+    """All mistakes between the bodies of a part file."""
     found = data.get("body")
     bodies = [b if isinstance(b, dict) else {} for b in found] if isinstance(found, list) else []
     names = [b.get("name") for b in bodies]
@@ -144,7 +144,7 @@ def _root_findings(
 def _rule_findings(
     data: dict[str, Any], bodies: list[dict[str, Any]], below: list[list[int]], roots: list[int]
 ) -> Iterator[Finding]:
-    """Where it is not said which of several materials goes where, and where it is said in vain."""
+    """Bodies that lack a composition for several materials, and compositions without effect."""
     ruled = ["composition" in body for body in bodies]
     if "composition" in data:
         for number in [n for n, own in enumerate(ruled) if own]:
@@ -163,7 +163,7 @@ def _rule_findings(
 def bodies_without_composition(
     bodies: list[dict[str, Any]], below: list[list[int]], roots: list[int], combine: Any
 ) -> list[int]:
-    """The bodies of which something is made though nobody says of what.
+    """The bodies that are deposited although no composition is given for them.
 
     A union needs a composition for each of its bodies, a difference for its first, an intersection
     for one at least: the others only cut.

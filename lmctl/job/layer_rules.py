@@ -1,9 +1,9 @@
 """Rules for every layer of a job, checked when it is written and when it is read.
 
-A job's text goes to the machine as it stands, so a reader trusts nothing: only the words that a
-plan is made of pass. Never a `$` command, a real-time character or a byte above 0x7F; nor inches,
-offsets, other frames, what is stored in the controller (G10, G28.1), or M3, whose beam stays on
-where the machine stands.
+A job's text goes to the machine unchanged, so a reader trusts nothing: it accepts only the words
+that a plan consists of. It refuses `$` commands, real-time characters and bytes above 0x7F. It also
+refuses inches, offsets, other frames, words that store values in the controller (G10, G28.1), and
+M3, whose beam stays on at standstill.
 """
 
 from __future__ import annotations

@@ -1,5 +1,4 @@
-"""One layer of a job as bytes, checked, so that it can be made elsewhere than where it is written.
-"""
+"""One layer of a job as checked bytes, so that it can be made apart from the writer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read a job a layer at a time, in constant memory; refuse whatever is not wholly a job."""
+"""Read a job a layer at a time, in constant memory; refuse any file that is not a complete job."""
 
 from __future__ import annotations
 

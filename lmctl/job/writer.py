@@ -1,4 +1,4 @@
-"""Write a job a layer at a time, in constant memory; it appears whole or not at all."""
+"""Write a job a layer at a time, in constant memory; the file appears complete or not at all."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ class JobWriter:
     """Writes one job file. Use as a context manager; `finish` makes the file appear.
 
     The bytes go to a hidden file in the same folder, which takes the job's name only after they
-    are durable. On any exception, KeyboardInterrupt included, it is removed and whatever bore
-    the job's name before is left as it was.
+    are durable. On any exception, KeyboardInterrupt included, the hidden file is removed, and an
+    earlier file of the job's name stays unchanged.
 
     Raises JobError where the file cannot be written, ValueError where a layer breaks a rule of
     the format (a planner's mistake, not a user's).

@@ -4,7 +4,7 @@ Digests prove that nothing was altered since the job was written. They do not pr
 was right, or honest: the controller executes the text, while all monitoring reads the table. So
 before anything moves the two are compared line by line, with one layer in memory at a time.
 
-Positions have three decimals, feeds one, powers as many as `power_word` gives them: differences by
+Positions have three decimals, feeds one, powers as many as `s_word_decimals` gives: differences by
 rounding are accepted.
 """
 

@@ -26,9 +26,8 @@ class WireObservation:
     late_answer_count : answers that came after their time
     unexpected_answer_count : intact frames of the device that answer another question
     stray_byte_count : bytes that belong to no frame
-    passing_exception_counts : how often each came, by its words: a busy device, or a gateway that
-    cannot
-        reach it
+    passing_exception_counts : how often each came, by its text: a busy device, or a gateway that
+        cannot reach it
     """
 
     device_id: int
@@ -87,7 +86,7 @@ class WireObservation:
                    "it")
 
     def _cases(self) -> Iterator[tuple[object, str, str]]:
-        """Whether each case applies, in words, and what to do."""
+        """For each case: whether it applies, its description, and what to do."""
         ids = " and ".join(map(str, sorted(self.other_ids)))
         yield (self.passing_exception_counts,
                "; ".join(f"{words}, {_count(number, 'time')}"

@@ -3,7 +3,7 @@
 A port may have been used a moment ago by a host that died. So nothing is sent that could act until
 the controller has answered `?`; no bare newline is ever sent, since it would execute whatever part
 of a line the old host left behind; and a controller found holding is reset only once it stands
-still, which keeps its position.
+still, so that it keeps its position.
 """
 
 from __future__ import annotations
