@@ -125,7 +125,7 @@ class GrblHost:
     def check_lines(self, lines: Sequence[bytes]) -> None:
         """Raise LocalProtocolError if one of the lines could never be sent.
 
-        They are looked at as one text, and one by one only where something is wrong with that.
+        They are checked as one text, and one by one only where that check fails.
         """
         text = b"\n".join(lines)
         if (

@@ -83,7 +83,7 @@ def describe_alarm(code: int, hoppers: Mapping[int, str] | None = None) -> Feede
 
 def describe_first_out_alarm(code: int, bits: int,
                              hoppers: Mapping[int, str] | None = None) -> FeederAlarm:
-    """The first-out alarm in words, and which others stand. bits : the word ALARM
+    """The first-out alarm in words, and which others are active. bits : the word ALARM
 
     >>> describe_first_out_alarm(103, 0b10_0000_0110).text
     'the mixer pressure is too high (and 2 more: the gas supply pressure is low; hopper 2 has one)'

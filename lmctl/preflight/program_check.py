@@ -54,7 +54,7 @@ def check_program(job: JobReader, profile: MachineProfile) -> None:
 
 
 class _Check:
-    """Layers in order. at_mm : where the program stands at the start of the next."""
+    """Checks layers in order. at_mm : program position at the start of the next layer."""
 
     def __init__(self, manifest: JobManifest, start_mm: Sequence[float]) -> None:
         self._manifest = manifest

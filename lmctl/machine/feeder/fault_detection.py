@@ -8,7 +8,7 @@ from firmware_protocol.pmx import FeederMode, FeederStatusBits
 from lmctl.machine.feeder.status import FeederStatus
 from lmctl.machine.modbus.observation import WireObservation
 
-#: Cycles without a good answer, and with a clock that stands still, before a feeder is given up.
+#: Cycles without a good answer, and with a stopped device clock, before a feeder is given up.
 _SILENT_CYCLES = 3
 _ROUNDING = 1e-6  # of loop times, in cycles
 #: Cycles in which a device may take over a recipe it has accepted.
@@ -24,17 +24,17 @@ class FeederFault:
 
 
 class FeederMonitor:
-    """Looks at one feeder's answers, each with what was asked of it. period_s : of its cycle."""
+    """Checks one feeder's answers against its orders. period_s : of its cycle."""
 
     def __init__(self, period_s: float) -> None:
         self._period_s = period_s
         self._last: FeederStatus | None = None
-        self._restarted = False  # while it was looked at, also before it was relied on
+        self._restarted = False  # while monitored, also before a run relied on it
         self._moved_s = 0.0  # when the device's clock was last seen to move
         self._behind_since_s: float | None = None  # it has not taken over the recipe since
 
     def silence_fault(self, age_s: float, seen: WireObservation) -> FeederFault | None:
-        """What to say of the time since the last good answer. seen : on the wire meanwhile"""
+        """The fault for the time since the last good answer. seen : on the wire since then"""
         if age_s < (_SILENT_CYCLES - _ROUNDING) * self._period_s:
             return None
         if not seen.has_anomalies:  # it answers, but nothing that has a meaning

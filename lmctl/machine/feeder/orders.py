@@ -1,6 +1,6 @@
-"""Orders to a feeder, given once or until they are seen to work.
+"""Orders to a feeder, given once or repeated until they take effect.
 
-An order that adds something is given once; one that only takes something away is repeated.
+An order that switches something on is given once; one that only switches something off is repeated.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from lmctl.machine.feeder.polling import FeederPolling
 from lmctl.machine.feeder.status import FeederStatus
 from lmctl.machine.modbus.client import ModbusExceptionError, ModbusLink, NoReplyError
 
-#: An order that takes something away is given again after this, for so long [s].
+#: An order that switches something off is repeated after this interval, for at most this time [s].
 _AGAIN_S = 0.1
 ORDER_TIMEOUT_S = 5.0
 _CLOSE_PATIENCE_S = 1.0
@@ -29,7 +29,7 @@ class FeederOrders:
     def __init__(self, link: ModbusLink, cycle: FeederPolling, feeder: FeederSettings) -> None:
         self._link = link
         self._cycle = cycle
-        #: A device that has been silent for so long has been stopped by its own watchdog.
+        #: After this silence the device's own watchdog has stopped it.
         self._silent_s = feeder.watchdog_s + cycle.period_s
         self._loop = asyncio.get_running_loop()
 
@@ -55,7 +55,7 @@ class FeederOrders:
         self, order: Callable[[], Awaitable[None]], is_done: Callable[[FeederStatus], bool],
         failure: str,
     ) -> None:
-        """Give an order that only takes something away until it is seen to have worked.
+        """Repeat an order that only switches something off until it has taken effect.
 
         A lost answer leaves open whether the device acted, and a device that refuses may act by
         itself: its status decides. A device that has been silent for longer than its watchdog has

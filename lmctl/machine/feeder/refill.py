@@ -17,7 +17,7 @@ from lmctl.machine.feeder.polling import FeederPolling
 from lmctl.machine.feeder.readings import HopperReading
 from lmctl.machine.feeder.status import FeederStatus
 
-#: A weight is steady when it stays for so long within so much, or within a share of itself.
+#: A weight is steady when it stays for this time within this range, or this share of itself.
 STEADY_WEIGHT_DURATION_S = 3.0
 _STEADY_G, _STEADY_SHARE = 1.0, 0.0005
 _WEIGHT_PATIENCE_S = 60.0

@@ -20,7 +20,7 @@ GAS_ORDERED_STATES = (FeederStateCode.GAS_PREFLOW, *_TURNING)
 class FeederStatus(NamedTuple):
     """One good status reply. time_s : loop time it arrived.
 
-    alarm : the first-out alarm in words, with the others that stand; None without one
+    alarm : the first-out alarm in words, with the others still active; None without one
     warnings : what it warns of; the same object for as long as that is the same
     clipped : it has clipped a set-point: what it feeds is not the recipe
     seq_applied : number of the recipe that is really running

@@ -49,7 +49,7 @@ class WarningReader:
     def read(
         self, word: int, hoppers: Mapping[str, HopperReading]
     ) -> tuple[FeederWarning, ...]:
-        """What stands now; the same object as before where nothing has come or gone.
+        """The warnings active now; the same object as before where nothing has changed.
 
         hoppers : as last read, the same object until they are read again; before they have been
             read for the first time, nothing is reported

@@ -54,7 +54,7 @@ class FeederInspection:
 
 async def inspect_feeder(feeder: FeederSettings,
                          hoppers: Sequence[HopperSettings]) -> FeederInspection:
-    """Ask a feeder what it is and how it stands.
+    """Read a feeder's identity and state.
 
     Raises MachineError where it is unreachable, no PMX, or lacks what the profile states;
     ConfigError for a bad endpoint.
@@ -121,7 +121,7 @@ async def _status(
 
 
 async def inspect_safety(safety: SafetySettings) -> SafetyStatus:
-    """Ask the safety device how the cell's safety circuits stand.
+    """Read the state of the cell's safety circuits from the safety device.
 
     Raises MachineError where it is unreachable or not what the profile means; ConfigError for a
     bad endpoint.

@@ -66,7 +66,7 @@ class MotionReading:
 
 
 async def inspect_controller(endpoint: str, *, baud: int, timeout_s: float = 5.0) -> MotionReading:
-    """Ask a controller what it is and how it stands.
+    """Read a controller's identity and state.
 
     Raises MachineError where it is unreachable, silent or no Grbl; ConfigError for a bad endpoint.
     """

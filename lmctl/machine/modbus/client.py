@@ -34,7 +34,7 @@ _MEANINGS = {
     FAILURE: "it cannot do this in its present state",
 }
 
-#: Keys of the machine profile that may mend an exception.
+#: Keys of the machine profile to correct after an exception.
 _REMEDIES = {
     ILLEGAL_FUNCTION: "if it or a gateway before it lacks the function, write function_codes = "
                       "[3, 4, 16] for it into the machine profile",

@@ -22,7 +22,7 @@ _IDS = (*range(1, 33), 247)
 _TCP_IDS = (*range(1, 17), 255)
 _BAUDS = (9_600, 19_200, 38_400, 57_600, 115_200)
 
-#: A device takes so long to answer at most, beside what its bytes take [s].
+#: Longest time a device takes to answer, without the time of its bytes on the wire [s].
 _TURNAROUND_S = 0.05
 _NETWORK_S = 0.2
 _REQUEST_CHARACTERS = 8 + 7 + 7  # with its answer, and the silences around them

@@ -180,9 +180,9 @@ class ModbusWire(ModbusProtocol):
     def _reopen(self) -> None:
         """The connection may be half open: the far end has forgotten it. Make it anew.
 
-        A device is silent after three periods, and its time-out is one period at most: to be heard
-        before that it is asked over a new connection after the first answer that did not come. A
-        device that is merely slow is not made to connect each time.
+        A device counts as silent after three periods, and its time-out is one period at most. So
+        the first missing answer already makes the next request use a new connection. A device that
+        is merely slow does not have to reconnect each time.
         """
         self._unanswered, self._reopen_after = 0, 2 * self._reopen_after
         transport = cast(asyncio.Transport, self.transport)

@@ -15,10 +15,10 @@ from firmware_protocol.registers import RegisterBlock, WordOrder
 from lmctl.config.modbus_device import ModbusDevice
 from lmctl.machine.modbus.client import ModbusLink
 
-#: A counter of seconds is watched for so long, and read so often [s].
+#: How long a counter of seconds is watched, and the interval between its readings [s].
 _WATCHED_S = 1.5
 _EVERY_S = 0.1
-#: By so much it may go forward between two readings [s].
+#: How far it may advance between two readings [s].
 _MAX_STEP_S = 3
 
 

@@ -1,7 +1,7 @@
-"""A stream of lines: what waits, what may be sent now, what stops it.
+"""A stream of lines: which are queued, which may be sent now, and what stops it.
 
-A stream is what is submitted from one reset to the next. Its counts stand after its end until the
-next line submitted begins another stream at zero.
+A stream consists of the lines submitted from one reset to the next. Its counts remain after its end
+until the next line submitted begins another stream at zero.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _STORES = re.compile(rb"G\s*0*(?:10|28\.10*|30\.10*)(?![0-9.])")
 
 
 class LineStream:
-    """Feeds lines to a conversation as the controller has room.
+    """Feeds lines to a connection as the controller has room.
 
     rejected(tag, error) : called at the first line answered with an error
     held : nothing more is sent while set

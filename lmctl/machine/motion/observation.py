@@ -12,7 +12,7 @@ from firmware_protocol.realtime import RealtimeCommand
 
 #: Bytes kept as an example.
 _SAMPLE_BYTES = 60
-#: So much of what arrives is no text where the baud rate is wrong; a damaged byte of a hundred is
+#: Least share of non-text bytes that points to a wrong baud rate; one damaged byte in a hundred is
 #: noise on a good line.
 _GARBAGE = 0.2
 

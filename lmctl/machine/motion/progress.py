@@ -10,12 +10,12 @@
 A dwell (G4) alone needs no report: both firmwares wait for the axes to come to rest before it, and
 answer when it is over, so its `ok` confirms that it and all before it are done.
 
-A block leaves the planner while up to `segment_buffer_s` of motion is still to be made. So what
-has left it counts as executed that much later, by the next report, or at once where the machine
-stands held, which it does only with the segment buffer empty.
+A block leaves the planner while up to `segment_buffer_s` of motion is still to be made. So a line
+that has left the planner counts as executed that much later, at the next report. In a hold at
+standstill it counts at once, since the segment buffer is then empty.
 
-A digit of `Ln:` or `Bf:` may be changed on the way, and what once counts as executed always does.
-So as many lines count as both reports say: what has left the planner does not come back.
+A digit of `Ln:` or `Bf:` may be damaged on the way, and a line once counted as executed stays so.
+So only lines count that both reports show as done: a block that left the planner does not return.
 
 Nothing is ever called executed before it is acknowledged, and nothing at or after a rejected line.
 A line that makes no block (M4, G21) counts as executed once the motion before it does.

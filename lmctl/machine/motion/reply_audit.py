@@ -3,7 +3,7 @@
 Answers carry no number: one that comes twice credits a line too early, one that is lost credits it
 never, and both go on for as long as the stream does. A status report gives them away:
 
-- `Bf:`, free receive bytes. What stands in the receive buffer is unanswered. And a controller that
+- `Bf:`, free receive bytes. Lines in the receive buffer are unanswered. And a controller that
   moves reads that buffer: both firmwares look at real-time requests with it drained, or with one
   line wholly taken out of it and not answered yet (`protocol.c`, `protocol_main_loop`). So while it
   holds bytes, those are of the unanswered lines but the oldest. Held or asleep it reads none.

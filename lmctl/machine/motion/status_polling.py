@@ -26,16 +26,16 @@ _LATE_S = 0.04
 #: How fast an answer that took long is forgotten, an answer.
 _FORGETS = 0.8
 
-#: Quick questions in one period: a line that garbles everything must not be asked without end.
+#: Most quick queries in one period: on a line that garbles everything they must not go on for ever.
 _QUICK_MOST = 12
 
-#: So many questions must have stayed unanswered before a controller counts as silent: a computer
-#: that slept for a while has put one.
+#: How many queries must stay unanswered before a controller counts as silent: a computer that slept
+#: for a while has sent only one.
 _SILENT_QUESTIONS = 3
 
 
 class StatusPolling:
-    """Asks for a status report every period, on the beat, and again where none comes.
+    """Asks for a status report every period, on the tick, and again where none comes.
 
     ask : writes the `?`
     silent : called once when nothing believable has come for `SILENT_S`
@@ -136,7 +136,7 @@ class StatusPolling:
             self._quick_left -= 1
 
     def on_restart(self) -> None:
-        """The controller restarted, and an open question went down with what it had received."""
+        """The controller restarted, and an open query was lost with its receive buffer."""
         if self._open_since_s is not None or self._timer is not None:
             self._close_question()
             self._put_question()

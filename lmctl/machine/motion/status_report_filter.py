@@ -30,7 +30,7 @@ _JITTER_S, _SLACK_MM = 0.15, 0.5
 #: $110 and up: highest speed of each axis [mm/min].
 _HIGHEST_SPEED = 110
 
-#: So many doubtful reports must agree before they are believed.
+#: How many doubtful reports must agree before they are believed.
 _AGREEING = 2
 
 #: Doubtful reports kept for comparison.
