@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-#: A step of the S word is at most this fraction (1/n) of full power.
+#: Least number of S-word steps to full power.
 _STEPS = 10_000
 
 

@@ -118,7 +118,7 @@ def _distances(target: Mapping[str, float], jog: JogRequest, motion: MotionDrive
 
 
 async def _beam_off(motion: MotionDriver) -> None:
-    """A jog moves with the beam as the last program left it, so it is switched off first."""
+    """Switch the beam off first: a jog would move with the beam as the last program left it."""
     await motion.send_command("M5 S0")
     said = " ".join(await motion.send_command("$G"))
     if "M5" not in said.replace("]", " ").split():

@@ -16,7 +16,7 @@ _OF_POSITION = frozenset((3, HOMING, 23, 27, 100, 101, 102, 103, 104, 105))
 
 @dataclass(frozen=True)
 class WrittenSettings:
-    """What became of settings that were to be written.
+    """The result of writing settings.
 
     written : those that the controller reports as wanted, and did not before
     refused : why the others were not: the controller's own words, or what it reports instead

@@ -1,4 +1,4 @@
-"""Where a Modbus device is, as the machine profile writes it."""
+"""The endpoint of a Modbus device, as the machine profile states it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a motion controller is, as the machine profile writes it."""
+"""The endpoint of a motion controller, as the machine profile states it."""
 
 from __future__ import annotations
 

@@ -27,14 +27,14 @@ _REFILL_AT = 0.7  # of it: what is left outlasts a late timer, and the loop wake
 _RATE_TRUSTED = 0.995  # of the nominal rate: two clocks differ, and what is ahead must not pile up
 _MIN_AHEAD = 16  # bytes, so that a slow line does not wake the loop for every byte
 _BITS_PER_BYTE = 10  # 8N1
-_USB_NATIVE = ("ttyACM", "cu.usbmodem", "tty.usbmodem")  # its baud rate is a fiction
+_USB_NATIVE = ("ttyACM", "cu.usbmodem", "tty.usbmodem")  # its baud rate has no effect
 _READ_BYTES = 65_536
 
 
 class ByteLink:
     """An open descriptor, watched by the running loop.
 
-    rate_bytes_s : bytes a second to hand over; None where there is nothing to pace
+    rate_bytes_s : bytes a second to hand over; None on an unpaced link
     on_data : called with the bytes of each arrival
     on_lost : called once with the reason when the far end is gone; never after `close`
     """
@@ -80,7 +80,7 @@ class ByteLink:
             self._pump()
 
     def write_realtime(self, data: bytes) -> None:
-        """Send before everything still held here, whatever pace is kept."""
+        """Send before everything still held here, regardless of pacing."""
         if self._open:
             self._urgent += data
             self._pump()

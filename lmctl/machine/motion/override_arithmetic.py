@@ -1,4 +1,4 @@
-"""What real-time bytes make of the overrides (Grbl 1.1 `doc/markdown/commands.md`)."""
+"""The effect of real-time bytes on the overrides (Grbl 1.1 `doc/markdown/commands.md`)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether a banner answers a reset that was sent, or the controller started by itself."""
+"""Decide whether a banner answers a reset that was sent, or the controller started by itself."""
 
 from __future__ import annotations
 
