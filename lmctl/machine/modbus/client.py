@@ -66,7 +66,7 @@ def _no_mirror(address: int) -> int:
 
 
 class NoReplyError(MachineError):
-    """The device did not answer, or reported that it is busy; whether it acted is not known.
+    """The device did not answer, or reported that it cannot now; whether it acted is not known.
 
     Its text describes what was received instead (see `observation`).
     """
