@@ -1,8 +1,8 @@
 """Where a field's arrays are kept: small ones in memory, large ones in a file mapped into it.
 
-A field holds eight bytes at every node for as long as its part is in use. Mapped, these are the
-system's to write out and read back as memory gets short; unmapped they would have to stay. The
-file has no name from its first moment, so nothing is left behind, however the program ends.
+A field holds eight bytes at every node while its part is in use. The operating system can write
+mapped arrays out and read them back when memory gets short; unmapped arrays stay in memory. The
+file is unnamed from the start, so nothing is left behind, however the program ends.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ MAX_BYTES_IN_MEMORY = 256_000_000
 
 
 def allocate_array(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
-    """An array for what stays of a field, its values yet to be set; like any other to its users.
+    """Allocate an uninitialised array for a field's kept values; use it like any other array.
 
     raises : InputError where the folder for temporary files has no room for it
     """
@@ -49,7 +49,7 @@ def mapped_storage_space() -> tuple[str, float]:
 
 
 def storage_full_message(size: float, why: str = "") -> InputError:
-    """What to tell a person whose folder for temporary files cannot take so many bytes."""
+    """The error for a folder for temporary files that has no room for so many bytes."""
     folder, free = mapped_storage_space()
     gigabytes = f"{size / 1e9:.3g} GB"
     if not folder:
@@ -66,7 +66,7 @@ def storage_full_message(size: float, why: str = "") -> InputError:
 
 
 def _mapped(size: int) -> mmap.mmap:
-    """Every byte of it has its place on the disk: none is missed when it is written to."""
+    """Map a file with all its disk space reserved, so that no later write runs out of space."""
     try:
         with tempfile.TemporaryFile(prefix="lmctl-field-") as file:
             if hasattr(os, "posix_fallocate"):

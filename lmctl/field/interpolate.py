@@ -214,7 +214,7 @@ def _joined(
     c: FloatArray, n: FloatArray, sheet: NDArray[np.int64], lead: NDArray[np.int64],
     height: FloatArray, meets: NDArray[np.int64],
 ) -> float:
-    """The distance the sheets make together; nan where how they meet cannot be told.
+    """The distance the sheets give together; nan where it is unknown how they meet.
 
     meets (8, 8) : scratch; 1 where a pair meets in a ridge, −1 in a groove, 0 where the points
         of either lie on the other too, as those of an edge do

@@ -4,7 +4,7 @@ Python's way of dividing puts a branch that can raise behind every division; no 
 divides by what may be zero without looking.
 
 Half the time it takes to compile a small function goes into the doors by which others call it:
-nobody calls these from C, and what only kernels call, an `inner` function, not from Python either.
+no caller uses these from C, and only kernels call an `inner` function, not Python either.
 """
 
 from __future__ import annotations

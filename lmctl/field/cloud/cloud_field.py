@@ -24,8 +24,8 @@ from lmctl.field.sweep import propagate_closest_points
 
 FloatArray = NDArray[np.float64]
 
-REACH_SPACINGS = 2.2  # a patch speaks for the surface this far from its sample
-SURE_PITCHES = 0.5  # nearer to the surface than this a node's own fit knows its side best
+REACH_SPACINGS = 2.2  # a patch describes the surface this far from its sample
+SURE_PITCHES = 0.5  # nearer to the surface than this, a node's own fit gives its side best
 LEVELS_PER_PITCH = 8
 PROBE_PITCHES = 2.0
 BETWEEN_SPACINGS = 1.1  # with normals there is surface this far around every sample
@@ -38,15 +38,15 @@ def cloud_field(
     """Signed distance to the surface a cloud samples, at the nodes of a grid that holds it.
 
     Nodes near the cloud measure to a locally fitted surface, not to the nearest sample; closest
-    points are swept from there. The outside is let in from the box's faces
-    (docs/explanation/multi-colour-distance-field.md, Geometry field): first
-    between samples, which tells the air from the depth of the body, then from both of these
-    towards the fitted surface. The wider way decides, so neither leaks through a gap.
+    points are swept from there. The outside advances from the box's faces
+    (docs/explanation/multi-colour-distance-field.md, Geometry field): first between samples, which
+    separates the air from the depth of the body, then from both of these towards the fitted
+    surface. The wider way decides, so neither leaks through a gap.
 
     points : (n, 3) float64 [mm], in no order
-    normals : (n, 3) float64, where the outside is, as the file says; those it does not say 0 or
-        nan. They tell walls apart that are thinner than the samples' spacing. They are checked:
-        where all point inwards they are turned, where they make no sense not used, and said so
+    normals : (n, 3) float64, pointing outwards as given in the file; 0 or nan where not given.
+        They separate walls thinner than the samples' spacing. They are checked: if all point
+        inwards they are turned, if they are inconsistent they are not used; a remark reports both
     returns : Field with sources; its remarks say what was dropped
     raises : InputError for a cloud that is broken, too sparse for the pitch, open, or flat
     """
@@ -57,14 +57,14 @@ def cloud_field(
     seeds = seed_cloud(owner, samples, sheets, grid)
     if not seeds.is_supported.any():
         raise _nothing_inside(len(samples.points_mm), grid)
-    standing = seeds.is_supported  # what may be in the air must not stand in the way
+    standing = seeds.is_supported  # seeds that may be in the air must not block the way
     if samples.normals is not None:
         rows = owner.reshape(-1)[seeds.nodes]
         off = np.linalg.norm(seeds.surface_mm - samples.points_mm[rows], axis=1)
         standing = standing | (off < BETWEEN_SPACINGS * samples.spacing_mm[rows])
     tags = _tags(orientation, seeds, grid, standing)
     good = _on_the_surface(tags, seeds, grid)
-    sources = owner  # its memory serves again
+    sources = owner  # reuse its memory
     sources.fill(-1)
     sources.reshape(-1)[seeds.nodes[good]] = np.flatnonzero(good)
     values = propagate_closest_points(sources, seeds.surface_mm, grid)
@@ -140,8 +140,8 @@ def _tags(
 def _spread_kernel(level: NDArray[np.uint8]) -> None:
     """How far each node is from those with a low level, in levels, along the grid's axes.
 
-    In place, there and back again along each axis in turn, which is all it takes for such
-    distances.
+    Works in place, forwards and backwards along each axis in turn; that is enough for distances
+    along the axes.
     """
     nz, ny, nx = level.shape
     for k in range(nz):
@@ -176,9 +176,9 @@ def _on_the_surface(
 ) -> NDArray[np.bool_]:
     """Which seeds measure to the surface, now that the sides of nodes are known.
 
-    A patch may have reached out into the air, or into the body. Seeds whose patch may have, for
-    no sample supports them, or their side or that of a neighbour is not the flood's, must have
-    the inside on one side of their surface point, the outside on the other.
+    A patch may extend into the air or into the body. This is possible where no sample supports
+    the seed, or where its side or a neighbour's differs from the flood's. Such a seed must have
+    the inside on one side of its surface point and the outside on the other.
     """
     side = tags.reshape(-1)[seeds.nodes]
     wrong = seeds.is_supported & (side * seeds.distance_mm < 0.0) & (

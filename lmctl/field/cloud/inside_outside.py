@@ -1,10 +1,10 @@
-"""Which side of every sample is outside: let the outside in from the box's faces.
+"""Find the outer side of every sample by advancing the outside from the box's faces.
 
 After the tagging of Zhao, Osher & Fedkiw ("Fast surface reconstruction using the level set
 method", VLSM 2001): the exterior advances over descending distance to the samples. Here every
-node learns the *narrowest place* on its widest way out, in units of the local sample spacing.
-The air outside has wide ways; the inside of a closed cloud is reached through the gaps between
-samples only. So no threshold is needed to tell them apart, and the widest gap is known.
+node stores the *narrowest place* on its widest way out, in units of the local sample spacing.
+The air outside has wide ways; the inside of a closed cloud is reached only through the gaps
+between samples. So no threshold is needed to separate them, and the widest gap is known.
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ FloatArray = NDArray[np.float64]
 Sources = NDArray[np.int32]
 
 LEVELS_PER_SPACING = 8
-# levels: nearer to a sample than this a node's side is for its own fit to tell
+# levels: nearer to a sample than this, a node's own fit decides its side
 OFF_SURFACE_LEVELS = 2
 FACING_CANDIDATES = 8  # samples next to one that a place lies behind
 FACING_MIN_COSINE = 0.5  # cosine of the angle to its normal within which a sample faces a place
-# Samples strewn at random leave empty circles of up to 2.2 spacings among 10⁵ of them: what is
-# wider is an opening.
+# 10⁵ randomly placed samples leave empty circles of up to 2.2 spacings: anything wider is an
+# opening.
 MAX_GAP_SPACINGS = 3.0
 MAX_GAP_LEVELS = MAX_GAP_SPACINGS * LEVELS_PER_SPACING
-WELL_CLEAR_SPACINGS = 5.0  # no place of the way out is told from another that is wider than this
+WELL_CLEAR_SPACINGS = 5.0  # places on the way out wider than this count as equally wide
 
 
 @dataclass(frozen=True)
@@ -47,8 +47,8 @@ class SampleOrientation:
 
     inward_sign : (n,) int8, ±1: the patch's normal, times this, points inwards; 0: sample dropped
     side_tags : (nz, ny, nx) int8 on `deep_grid`, −1 at nodes the outside reaches by ways wider than
-        any gap, +1 at nodes well away from all samples that it does not, 0 elsewhere; with
-        normals also what lies right above or below a sample, on the side its normal says
+        any gap, +1 at nodes well away from all samples that it does not reach, 0 elsewhere; with
+        normals also the nodes right above or below a sample, by the side its normal points to
     gap_mm : diameter of the widest gap the inside is reached through
     remarks : what was dropped
     """
@@ -62,10 +62,10 @@ class SampleOrientation:
 
 def orient_samples(samples: CloudSamples, patches: FittedPatches,
                    pitch_mm: float) -> SampleOrientation:
-    """Tell inside from outside at every sample.
+    """Separate inside from outside at every sample.
 
     raises : InputError where the cloud is open: air reaches both sides of it, or its walls are
-        thinner than what normals tell; NormalsUnfitError
+        too thin to be resolved by normals; NormalsUnfitError
     """
     typical = samples.typical_spacing_mm
     grid = _tagging_grid(samples, pitch_mm)
@@ -185,7 +185,7 @@ def _clear_kernel(
 def _widen_kernel(
     clear: NDArray[np.uint8], way: NDArray[np.uint8], nz: int, ny: int, nx: int
 ) -> bool:
-    """Carry the way in from node to node, there and back again in array order; whether it widened.
+    """Carry the way in from node to node, forwards and back in array order; whether it widened.
 
     way : how wide the narrowest place is on the widest way found so far; at most `clear`
     """
@@ -196,7 +196,7 @@ def _widen_kernel(
         for k in range(nz):
             for j in range(ny):
                 for i in range(nx):
-                    # i, j, k count from the end on the way back, so what is behind is behind.
+                    # On the backward pass i, j, k count from the end.
                     n += step
                     if way[n] == clear[n]:
                         continue
@@ -221,9 +221,9 @@ def _by_normals_kernel(
 ) -> None:
     """The side of nodes right above or below a sample, in `told`.
 
-    By its patch's normal and by its own: at a sharp edge a patch is fitted around it. And off a
-    sharp edge a place in the open may lie behind one of its faces: what is inside has no sample
-    near there facing it.
+    Uses the patch's normal and the sample's own: at a sharp edge the patch is fitted around the
+    edge. Near a sharp edge a place in the air may lie behind one of the faces, so a place counts
+    as inside only if no nearby sample faces it.
     """
     nz, ny, nx = clear.shape
     for k in range(nz):

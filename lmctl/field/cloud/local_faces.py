@@ -1,8 +1,8 @@
-"""The faces that meet around every sample of a cloud, told apart so that edges stay sharp.
+"""The faces that meet around every sample of a cloud, separated so that edges stay sharp.
 
 The patches around a sample fall into at most three sheets (faces that meet there). Each pair of
-sheets meets in a ridge or in a groove, told by whether the samples of one lie inside or outside
-of the other; that makes the body, locally, an intersection or a union of half-spaces.
+sheets meets in a ridge or in a groove: the samples of one lie inside or outside of the other.
+Locally, that makes the body an intersection or a union of half-spaces.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ class LocalFaces:
     face_count : (n,) uint8, number of sheets, 0 to 3
     face_members : (n, 3, 8) int32, the samples of each sheet, nearest first, −1 where there are no
     more
-    solid_bits : (n,) uint8, bit m tells whether a point is inside that is on the inner side of the
-        sheets whose bits are set in m
+    solid_bits : (n,) uint8, bit m is set if a point on the inner side of exactly the sheets whose
+        bits are set in m is inside
     """
 
     patch: FloatArray
@@ -83,7 +83,7 @@ def height_over_patch(
 ) -> tuple[float, float, float, float]:
     """Signed distance of a point from patch n, positive on its inner side; its gradient.
 
-    Beyond its reach a patch goes on straight: a quadric far out is a guess.
+    Beyond its reach a patch is extended straight: a quadric far out is a guess.
     """
     dx, dy, dz = x - patch[n, 0], y - patch[n, 1], z - patch[n, 2]
     nx, ny, nz = patch[n, 3], patch[n, 4], patch[n, 5]
@@ -141,7 +141,7 @@ def _sharing(
     patch: FloatArray, smooth: NDArray[np.bool_], around: NDArray[np.int64],
     sheet: NDArray[np.int64], lead: int, reach: float, tolerance: float,
 ) -> tuple[int, int]:
-    """How many samples, of those in none, share the sheet of sample `lead`, and a bit for each."""
+    """How many samples not yet in a sheet share that of sample `lead`, and a bit for each."""
     count, bits = 0, 0
     for m in range(len(around)):
         if sheet[m] != -1:
@@ -175,7 +175,7 @@ def _sort_kernel(
             around[m] = n if m == 0 else np.int64(neighbours[n, m - 1])
             sheet[m] = -1 if usable[around[m]] else -2
         while sheets < 3:
-            # The one of the next few samples whose patch most others share speaks for the sheet.
+            # Of the next few samples, the one whose patch most others share defines the sheet.
             lead, most, shared, tried = -1, 0, 0, 0
             for m in range(many):
                 if sheet[m] != -1 or tried == MAX_LEADS_TRIED:

@@ -128,7 +128,7 @@ def fit_shared_planes(
                 miss = (_dot(around[m], best) - offset) / tolerance
                 weights[m] = near[m] * max(0.0, 1.0 - miss * miss) ** 2 + 1e-12
             now = least_squares_plane(around, weights, tried)
-            # A refinement that turns away, or leaves its own sample, has been caught by an edge.
+            # A refinement that turns away or leaves its own sample has crossed an edge.
             if abs(_dot(tried, best)) > 0.9 and abs(now) < tolerance:
                 offset = now
                 for c in range(3):
@@ -231,7 +231,7 @@ def _solve(matrix: FloatArray, right: FloatArray) -> None:
     """By Cholesky on the lower triangle, in place; `right` becomes the answer."""
     size = len(right)
     for a in range(size):
-        matrix[a, a] += 1e-9  # neighbours on a line leave some terms without a say
+        matrix[a, a] += 1e-9  # neighbours on a line leave some terms undetermined
         for b in range(a + 1):
             total = matrix[a, b]
             for c in range(b):

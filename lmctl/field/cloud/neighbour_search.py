@@ -1,9 +1,9 @@
-"""The nearest neighbours of every point of a cloud, found cell by cell; and of every node.
+"""Find the nearest neighbours of every point of a cloud, and of every node, cell by cell.
 
 Scans are surfaces: with cells that each hold a dozen points, the neighbours of a point
-are in the few occupied cells around its own, and all points of a cell look at the same ones. That
-is a third of the work of a search tree. Where a cloud is so uneven that this does not hold, a tree
-is asked for the points that are left.
+are in the few occupied cells around its own, and all points of a cell search the same cells. That
+is a third of the work of a search tree. Where a cloud is too uneven for this, a tree finds the
+neighbours of the remaining points.
 """
 
 from __future__ import annotations

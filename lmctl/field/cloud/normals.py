@@ -1,4 +1,4 @@
-"""Normals that a file gives with its points: whether they are to be believed, and which way."""
+"""Check the normals of a point file: whether they are usable, and which way they point."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ MIN_AGREEING_FRACTION = 0.75
 
 
 class UnusableNormalsError(Exception):
-    """Normals that are not to be used, and why."""
+    """The file's normals are not usable; the message gives the reason."""
 
 
 def outward_signs(
     normals: FloatArray, patch_normals: FloatArray, sides: NDArray[np.uint8], gap: int
 ) -> tuple[NDArray[np.int8], tuple[str, ...]]:
-    """On which side of each patch the outside is, by normals that were checked.
+    """Check the normals and return on which side of each patch the outside is.
 
-    A file's normals may all point inwards, or any way at all, as fitted ones do that were never
-    oriented. The air that comes in from the box's faces tells: on nearly all samples where one
-    side lies wider open than any gap in the surface, that must be the side the normals point to.
-    (Right at the surface all nodes are near a sample: there both sides lie as narrow as a gap, and
-    which is the wider is chance.)
+    A file's normals may all point inwards. Fitted normals that were never oriented point either
+    way. The check uses the air that enters from the box's faces: at nearly all samples where one
+    side is wider open than any gap in the surface, the normals must point to that side.
+    (Right at the surface all nodes are near a sample. There both sides are as narrow as a gap, and
+    which one is wider is chance.)
 
     normals : (n, 3) float64 of length 1 or 0; patch_normals : (n, 3)
     sides : (n, 2) uint8, how open it is where the patch's normal points, and where it does not
@@ -63,14 +63,14 @@ def outward_signs(
             f"the normals of the cloud point outwards at {100.0 * share:.0f} % of its points "
             "only: they were not used"
         )
-    facing[told & ~right] = 0  # what the others say there is better
+    facing[told & ~right] = 0  # the neighbours' vote is better there
     return facing, remarks
 
 
 def oriented_normals(
     normals: FloatArray, patch_normals: FloatArray, facing: NDArray[np.int8]
 ) -> FloatArray:
-    """The file's normals where they are believed, turned outwards; 0 elsewhere.
+    """The file's normals where they are usable, turned outwards; 0 elsewhere.
 
     facing : (n,) int8, on which side of each patch the outside is; returns : (n, 3) float64
     """

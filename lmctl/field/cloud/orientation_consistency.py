@@ -1,4 +1,4 @@
-"""Samples near each other agree on which side of them is outside."""
+"""Propagate orientation: neighbouring samples agree on which side is outside."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def propagate_orientation(
 def neighbour_votes(
     samples: CloudSamples, patches: FittedPatches, facing: NDArray[np.int8]
 ) -> FloatArray:
-    """What the samples near each, and like it, say of the side its patch faces, (n,) float64."""
+    """Vote of each sample's similar neighbours on the side its patch faces, (n,) float64."""
     near = samples.alike
     agreement = np.empty(near.shape)
     rows = np.arange(len(near))

@@ -1,6 +1,6 @@
 """The surface around every sample of a cloud: a small fitted patch.
 
-Where a quadric explains the neighbourhood the patch is that quadric. Where none does an edge
+Where a quadric explains the neighbourhood, the patch is that quadric. Where none does, an edge
 runs through it, and the patch is the plane that most of the neighbours share with the sample:
 a least-squares fit across an edge would round it off by the size of the neighbourhood.
 """

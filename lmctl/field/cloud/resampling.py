@@ -17,10 +17,10 @@ COARSEST_PITCHES = 2.0
 
 def fit_resampled_patches(samples: CloudSamples, pitch_mm: float) -> tuple[CloudSamples,
                                                                            FittedPatches]:
-    """Fit patches; where the samples do not bear it, average them in growing cells first.
+    """Fit patches; where the samples are unsuitable, average them in growing cells first.
 
     A line scanner samples densely along its lines and sparsely across: all neighbours of a
-    sample then lie on its own line and say nothing of the surface. Noise as large as the spacing
+    sample then lie on its own line and do not define the surface. Noise as large as the spacing
     does the same in all directions.
     """
     patches = fit_patches(samples)

@@ -1,6 +1,6 @@
-"""A point cloud made fit to be measured: checked, cleaned, and each sample's neighbourhood known.
+"""Prepare a point cloud for measuring: check it, clean it, find each sample's neighbours.
 
-What the data cannot bear is refused here, in the reader's terms, before any field is made.
+Unsuitable data is refused here, in the user's terms, before any field is computed.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ MIN_SAMPLES = 64  # below this a closed surface is a guess
 ISOLATED_SPACING_RATIO = 4.0
 MAX_DROPPED_FRACTION = 0.02
 SPACING_OF_SIXTH = float(np.sqrt(np.pi / 6.0))  # within that distance d lie six: π d² / 6 for each
-DENSE_PITCHES = 0.35  # samples nearer to each other than this tell the grid nothing more
+DENSE_PITCHES = 0.35  # samples nearer to each other than this add nothing on the grid
 BLOCK_PITCHES = 8.0
 # two places are hardly ever as far along this
 OBLIQUE_DIRECTION = np.array([0.5773, 0.6131, 0.5392])

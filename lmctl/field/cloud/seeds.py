@@ -99,7 +99,7 @@ def _seed_kernel(
                         weight = 1.0 / (1.0 + sharpness * max(away - first, 0.0)) ** 2
                         here, gx, gy, gz = height_over_patch(patch, r, reach, x, y, z)
                         if sheets == 1 and abs(here) > FAR_PITCHES:
-                            # One sheet only, and its nearest patch tells the node to be off it.
+                            # One sheet only, and its nearest patch shows that the node is off it.
                             off = True
                             break
                         total += weight
@@ -123,7 +123,7 @@ def _seed_kernel(
                     x + step[0], y + step[1], z + step[2], patch, neighbours, nearest,
                     spacing[nearest],
                 )
-                # On the surface itself all sheets there have a say in what is inwards.
+                # On the surface itself, all sheets there define the inward direction.
                 for c in range(3):
                     inwards[count, c] = -step[c] / near
                     if abs(near) < 0.1:
@@ -206,8 +206,8 @@ def _supported(
     """Whether samples lie around a surface point, or at least one is quite near.
 
     Within a gap samples lie on all sides. Beyond the last samples of a sheet they all lie on
-    one: there the patch only goes on straight, and may already be in the air. Samples that the
-    point lies above or below of are of another sheet, and say nothing.
+    one side: there the patch is only extrapolated straight and may already be in the air. Samples
+    directly above or below the point belong to another sheet and do not count.
     """
     sx, sy, sz, found = 0.0, 0.0, 0.0, 0
     for m in range(neighbours.shape[1] + 1):
