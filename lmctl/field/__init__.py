@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from lmctl.field.sweep import propagate_closest_points as propagate_closest_points
     from lmctl.field.triangles import closest_points_on_rows as closest_points_on_rows
 
-#: What others may use, and the module that holds it; loaded when it is asked for.
+#: Public names, and the module that holds each; loaded on first use.
 _HOMES = {
     "DistanceField": "lmctl.field.field",
     "Grid": "lmctl.field.grid",

@@ -29,7 +29,7 @@ class DistanceField:
         −1 where none is known; None where a field was made without
     surface_mm : what the surface is made of, float64 [mm]: points (n, 3), or triangles (n, 3, 3);
         (0, 3) without `sources`
-    remarks : what a person should know about the data it was made from
+    remarks : what the user should know about the data it was made from
     inwards : (n, 3) float64, unit directions inwards at points of `surface_mm`, or (0, 3)
     exact : the closest points are those of the surface itself, not of a fit, so that distances
         between nodes may be made from them
@@ -69,8 +69,8 @@ def sample_distance(field: DistanceField, points: FloatArray) -> FloatArray:
     Trilinear between nodes; near the surface of an exact field of third order where that is
     smooth, and sharp at its edges and corners (`interpolate`).
 
-    Outside the grid (where the body is not) the distance to the surface that nodes of the grid's
-    faces know; a field without sources adds the distance to the grid's box instead.
+    Outside the grid (where the body is not) it is the distance to the surface points stored at the
+    grid's faces; a field without sources adds the distance to the grid's box instead.
 
     points : (n, 3) float64 [mm]; returns : (n,) float64 [mm]
     """
@@ -133,7 +133,7 @@ def _beyond(field: DistanceField, points: FloatArray, border: FloatArray) -> Flo
     for _ in range(ENTRIES_TRIED):
         x, y, z = np.rint(enter).astype(np.int64).T
         rows = field.sources[z, y, x]
-        # A node may know no surface point of its own (-1): then the box has to do.
+        # A node may have no surface point of its own (-1): then the box is used.
         closest = closest_points_on_rows(field.surface_mm, np.maximum(rows, 0), points)
         away = np.where(rows >= 0, np.minimum(away, length(points - closest)), away)
         # The straight way from each point to there enters the grid at its last face.

@@ -2,7 +2,7 @@
 
 Source: docs/explanation/multi-colour-distance-field.md, Geometry field.
 
-Every node of a cell knows a point of the surface and the direction inwards there. Nodes whose
+Every node of a cell stores a point of the surface and the direction inwards there. Nodes whose
 points lie on one smooth sheet measure a place q by
 
     d = Σ w ½ (n + n̂) · (q − c) / Σ w,    n̂ the mean normal at q,
@@ -108,8 +108,8 @@ def refine_distances(
             sheets += 1
         joined = _joined(c, n, sheet, lead, height, meets)
         if joined == joined:
-            # A distance changes no faster than the way: no node may be contradicted, least of all
-            # the nearest.
+            # A distance changes no faster than the place moves: the result must agree with every
+            # node, the nearest above all.
             for turn in range(9):
                 m = turn if turn < 8 else (x - i > 0.5) + 2 * (y - j > 0.5) + 4 * (z - k > 0.5)
                 im, jm, km = i + (m & 1), j + ((m >> 1) & 1), k + (m >> 2)

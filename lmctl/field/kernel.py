@@ -1,10 +1,10 @@
 """How the kernels of this package are compiled: once, cached on disk, dividing as numpy does.
 
-Python's way of dividing puts a branch that can raise behind every division; no kernel here
-divides by what may be zero without looking.
+Python-style division adds a branch that can raise to every division; the kernels here check for
+zero themselves.
 
-Half the time it takes to compile a small function goes into the doors by which others call it:
-no caller uses these from C, and only kernels call an `inner` function, not Python either.
+Half the compile time of a small function goes into its entry points for callers. C never calls
+these functions, and only kernels, not Python, call an `inner` function.
 """
 
 from __future__ import annotations

@@ -22,8 +22,8 @@ STRAIGHT_MIN_COSINE = 0.99
 def find_maximum_depth(field: DistanceField) -> tuple[float, FloatArray]:
     """The greatest distance from the surface inside, and a place where it is reached.
 
-    About a node that is a local maximum every neighbour knows a point of the surface and the
-    plane across the way there. The deepest place is the one farthest inside all these planes,
+    Around a node that is a local maximum, every neighbour stores a surface point and the plane
+    perpendicular to the way there. The deepest place is the one farthest inside all these planes,
     which linear programming finds: exactly between flat faces and within spheres, to second order
     in the pitch elsewhere.
 
@@ -95,7 +95,7 @@ def _between_planes(
     if not solved.success:
         return None
     place = middle + solved.x[:3]
-    # No plane is farther than what it belongs to: the surface itself has the last word.
+    # No plane is farther than its surface: the distance to the surface itself decides.
     there = length(place - closest_points_on_rows(field.surface_mm, rows,
                                                   np.tile(place, (len(rows), 1))))
     return min(float(solved.x[3]), float(there.min())), place

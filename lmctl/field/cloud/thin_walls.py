@@ -1,4 +1,4 @@
-"""Walls thinner than the samples are apart, which normals alone cannot tell: refused, or said."""
+"""Refuse or report walls thinner than the sample spacing, which normals alone cannot resolve."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def outward_signs_of_thick_walls(
 def _refuse_thin(
     samples: CloudSamples, fitted: FloatArray, given: FloatArray, *, checked: bool = True
 ) -> tuple[str, ...]:
-    """Look for samples with another face right behind them, or right before.
+    """Look for samples with another face right behind or right in front of them.
 
     fitted, given : (n, 3) float64 of length 1, outwards, of patches and of the file; 0 where not
         known. Patches at an edge are fitted around it, and a file's may be tilted any way: an
@@ -103,7 +103,7 @@ def _behind_kernel(
     points: FloatArray, fitted: FloatArray, given: FloatArray, near: NDArray[np.int32],
     spacing: FloatArray,
 ) -> FloatArray:
-    """How far behind each sample the nearest opposite one is; negative before it; inf for none."""
+    """Distance behind each sample to the nearest opposite one; negative in front; inf for none."""
     behind = np.full(len(points), np.inf)
     for n in range(len(points)):
         x, y, z = fitted[n, 0], fitted[n, 1], fitted[n, 2]

@@ -9,7 +9,7 @@ from lmctl.lazy_exports import exports_of
 if TYPE_CHECKING:
     from lmctl.field.mesh.triangle_tree import TriangleTree as TriangleTree
 
-#: What others may use, and the module that holds it; loaded when it is asked for.
+#: Public names, and the module that holds each; loaded on first use.
 _HOMES = {
     "TriangleTree": "lmctl.field.mesh.triangle_tree",
 }

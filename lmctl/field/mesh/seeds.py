@@ -1,6 +1,6 @@
 """Triangles rasterised into their own neighbourhood: exact closest points next to the surface.
 
-Seeding dominates a distance field when every seed asks a search tree (3.2–3.7 of 4.7–6.0 s at
+Seeding dominates a distance field when every seed queries a search tree (3.2–3.7 of 4.7–6.0 s at
 256³); here each triangle visits the few nodes around it instead.
 """
 

@@ -1,11 +1,11 @@
-"""Inside or outside of a mesh: crossings of its surface, counted along three axes, put to the vote.
+"""Decide inside or outside of a mesh by a vote of surface crossings along three axes.
 
 Rays run along the grid's own lines, so a triangle meets few of them and each crossing is found
 once for a whole line of nodes. A crossing counts +1 or −1 by the way its triangle faces: the sum on
 the way to a node is the ray's own winding number, and whether it is odd is parity.
 
 - Where triangles face consistently (all one way or the other) a node is inside where the sum is not
-  0: so solids that overlap are one. Where they do not, parity decides, which does not ask.
+  0: so solids that overlap are one. Where they do not, parity decides, whatever the facing.
 - A ray that does not end outside again has passed through a hole: it abstains.
 - Where the rays that are left disagree, the side is that of the undisputed nodes from which the
   widest way leads there (`flood`).
@@ -61,8 +61,8 @@ def negate_outside(
 
 @kernel
 def _crossings_kernel(triangles: FloatArray, sums: Sums) -> None:
-    """Digit a (0 = x) of a node's number in base 32 says how a ray along axis a was crossed just
-    before it, each digit from −16 to 15.
+    """Count crossings: digit a (0 = x) of a node's number in base 32 is the sum of the crossings
+    just before it on a ray along axis a, each digit from −16 to 15.
 
     A ray meets a triangle when it lies inside the triangle's shadow by the even-odd rule, half
     open in v and with each edge computed from its lower end: two triangles that share an edge
@@ -171,7 +171,7 @@ def _vote_kernel(
 ) -> int:
     """Sums become sides, in place: 1 inside, −1 outside, 0 in dispute. Returns how many of these.
 
-    held : the grid holds the mesh, so that a ray which does not end outside is not to be believed
+    held : the grid holds the mesh, so a ray that does not end outside is not valid
     """
     nz, ny, nx = sums.shape
     disputed = 0

@@ -1,8 +1,8 @@
 """Exact signed distance to a closed mesh at any places, from a tree of boxes around its triangles.
 
 The tree is complete and balanced: each box is halved at the median of its triangles' middles along
-its longest side, so a node's number says which triangles are in it. What was found for one place
-bounds what is looked for at the next, which is usually near.
+its longest side, so a node's number gives the triangles in it. The result for one place bounds the
+search at the next, which is usually near.
 """
 
 from __future__ import annotations
