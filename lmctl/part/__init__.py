@@ -1,4 +1,4 @@
-"""A part answers two questions: what is solid and how deep, and of what."""
+"""A part gives the depth inside the solid and the material at every place."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from lmctl.part.part import PartSection as PartSection
     from lmctl.part.resolution import finest_pitch as finest_pitch
 
-#: What others may use, and the module that holds it; loaded when it is asked for.
+#: Public names, and the module that holds each; loaded on first use.
 _HOMES = {
     "MaterialSpec": "lmctl.part.materials.powders",
     "MeshSolid": "lmctl.part.bodies.mesh_solid",

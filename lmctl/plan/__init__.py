@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from lmctl.plan.planner import PlanOptions as PlanOptions
     from lmctl.plan.planner import plan_job as plan_job
 
-#: What others may use, and the module that holds it; loaded when it is asked for.
+#: Public names, and the module that holds each; loaded on first use.
 _HOMES = {
     "PlanOptions": "lmctl.plan.planner",
     "cluster_workers": "lmctl.plan.execution.dask_cluster",

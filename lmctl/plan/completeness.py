@@ -1,4 +1,4 @@
-"""Is the plan the part? What of it is deposited, lost, overbuilt or hangs in the air, over layers.
+"""Check that the plan builds the part: sum up what is deposited, lost, overbuilt or unsupported.
 
 Volumes are layer heights times the areas that each `LayerGeometry` gives. Every layer of the part
 counts, also those that have no tracks and are left out of the job.
@@ -20,8 +20,8 @@ from lmctl.plan.part_pieces import BuiltFeature, LostPiece, Overhang
 _MOST_NAMED = 5
 #: Lost features and overhangs that a job lists; the others are counted.
 _MOST_LISTED = 1000
-#: Lost pieces that are kept while planning; of a part of a million crumbs the others are counted,
-#: those of every layer anew.
+#: Lost pieces that are kept while planning; the others are only counted, anew in every layer (a
+#: part may consist of a million crumbs).
 _MOST_KEPT = 20_000
 
 
@@ -113,7 +113,7 @@ class Completeness:
         }
 
     def check(self, *, allow_incomplete: bool = False, allow_overhang: bool = False) -> None:
-        """Refuse what is not the part. Raises PlanError, with places and remedies."""
+        """Refuse a plan that is not the part. Raises PlanError, with places and remedies."""
         if not allow_incomplete:
             self._check_lost()
             self._check_narrow()

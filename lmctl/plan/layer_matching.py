@@ -1,4 +1,4 @@
-"""Which piece of a layer goes on one of the layer below: the nearest of its kind, within reach."""
+"""Match each piece of a layer to the nearest piece of its kind in the layer below, within reach."""
 
 from __future__ import annotations
 

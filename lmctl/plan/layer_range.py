@@ -1,6 +1,6 @@
-"""Which layers of a part can be deposited, and where the part stands for it.
+"""Find which layers of a part can be deposited, and the placement of the part for that.
 
-`lmctl check` asks this without the rest of planning, so nothing else of it is imported here.
+`lmctl check` needs this without the rest of planning, so this module imports nothing else of it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Pieces of a part through all the layers they go on over: built, lost, or leaning out."""
+"""Pieces of a part tracked through successive layers: built, lost, or overhanging."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What planning found out that only geometry and the powder model can tell, in words."""
+"""Report, as text, the findings that only geometry and the powder model can give."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def plan_report(plan: PlanStatistics, placement: Placement, mode: str) -> list[F
 
 
 def report_finding(fine: bool, text: str) -> Finding:
-    """One finding: whether it is fine, and what it says."""
+    """One finding: whether it is fine, and its text."""
     return {"level": "ok" if fine else "warning", "text": text}
 
 

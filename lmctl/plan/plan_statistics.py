@@ -1,4 +1,4 @@
-"""What planning adds up, layer by layer, and what it then has to say about it."""
+"""Sum up statistics of the plan, layer by layer, and report findings from them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ FloatArray = NDArray[np.float64]
 
 #: The part of the path that should have its mixture.
 MIN_CORRECT_MIXTURE_FRACTION = 0.99
-#: What decimals make of a difference of exactly the tolerance.
+#: Rounding allowance for a difference of exactly the tolerance.
 _ROUNDING = 1e-9
 
 

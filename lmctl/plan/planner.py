@@ -41,7 +41,7 @@ class PlanOptions:
     jobs : processes for the stages that can run in parallel
     cluster : opens workers elsewhere for these stages, instead of processes
     layers : plan only these layers of the job, from the first number to the last, from 1; for
-        looking: no machine takes such a job
+        inspection only: no machine accepts such a job
     allow_incomplete : also where a part of the part is not deposited
     allow_overhang : also where walls lean out too far, or material starts in the air
     """

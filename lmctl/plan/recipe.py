@@ -1,4 +1,4 @@
-"""From volume fractions to speed, power and powder: what each mixture needs of the machine."""
+"""Compute the speed, beam power and powder flow of each mixture from its volume fractions."""
 
 from __future__ import annotations
 
@@ -87,16 +87,16 @@ class Recipe:
         return flows / 60
 
     def deposited_fractions(self, flow_g_s: FloatArray) -> FloatArray:
-        """Volume fractions that flows (..., m) lay: V_i = m_i η_i / ρ_i, normalised."""
+        """Volume fractions that flows (..., m) deposit: V_i = m_i η_i / ρ_i, normalised."""
         volume = flow_g_s * self.catch_efficiency / self.density_g_mm3
         total = volume.sum(axis=-1, keepdims=True)
         return np.asarray(np.divide(volume, total, out=np.zeros_like(volume), where=total > 0))
 
     def deliverable_mixtures(self, fractions: FloatArray) -> FloatArray:
-        """Mixtures (n, m) with every flow between a hopper's least and nothing set to the nearer.
+        """Mixtures (n, m) with each flow between 0 and a hopper's least set to the nearer one.
 
-        What that adds or takes is shared by the other materials in proportion. A powder left alone
-        may still be too little.
+        The other materials share the difference in proportion. The flow of a single remaining
+        powder may still be too low.
         """
         result = np.array(fractions, dtype=np.float64)
         result /= result.sum(axis=1, keepdims=True)
@@ -131,7 +131,7 @@ class Recipe:
             least[todo[raised], weakest[raised]] = True
             dropped = ~alone & ~raised
             none[todo[dropped], weakest[dropped]] = True
-            # Others at their least leave too little for the last: the scarcest of all goes.
+            # Others at their least leave too little for the last: drop the scarcest of all.
             short = todo[alone]
             scarcest = np.where(none[short], np.inf, wanted[short]).argmin(axis=1)
             none[short, scarcest], least[short, scarcest] = True, False
@@ -165,7 +165,7 @@ class Recipe:
         return np.asarray(mixture / mixture.sum(axis=1, keepdims=True))
 
     def check_deliverable(self, fractions: FloatArray, where: str) -> None:
-        """Raise PlanError where a mixture (n, m) asks a hopper for more or less than it can do."""
+        """Raise PlanError where a mixture (n, m) needs a flow outside a hopper's range."""
         if len(fractions) == 0:
             return
         flow = self.flow_g_s(fractions)
@@ -186,7 +186,7 @@ class Recipe:
             self.check_deliverable(self.deliverable_mixtures(only[None]), "all of the part")
             return
         per_speed = self.flow_g_s(np.eye(len(self.hoppers))).diagonal() / self.speed_mm_s
-        most = float((self.max_flow_g_s / per_speed).sum())  # speed at which all give their most
+        most = float((self.max_flow_g_s / per_speed).sum())  # speed at which all deliver their most
         if most < self.speed_mm_s.min():
             raise PlanError(
                 f"all hoppers together deliver enough for {most:.3g} mm/s; no material of the part "

@@ -1,4 +1,4 @@
-"""What a part is made of: bodies that know how deep a place is in them."""
+"""The bodies a part is made of; each computes how deep a place lies inside it."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from lmctl.part.bodies.transformed import TransformedBody as TransformedBody
     from lmctl.part.bodies.transformed import similarity_transform as similarity_transform
 
-#: What others may use, and the module that holds it; loaded when it is asked for.
+#: Public names, and the module that holds each; loaded on first use.
 _HOMES = {
     "AllowanceBody": "lmctl.part.bodies.allowance",
     "AnalyticBody": "lmctl.part.bodies.analytic",

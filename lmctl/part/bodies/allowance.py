@@ -1,7 +1,7 @@
-"""A body with more, or less, around its outline than drawn: what machining takes off afterwards.
+"""A body with its outline moved from the drawing by a machining allowance.
 
-The allowance lies in the plane of the layers. Depths, and materials by them, stay those of the
-drawing.
+The allowance lies in the plane of the layers. Depths, and the materials that depend on them, stay
+those of the drawing.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What bodies computed where and when they are asked for share: `at` gives all the rest."""
+"""Shared base of bodies that are computed on demand: everything else derives from `at`."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """The nodes of a part's tree: each answers how deep a place is, and where its outline runs.
 
-What a body must answer is here, and what most answer alike. Those with a stored field are in
-`stored`, those with a formula in `formulas` and `prism`, those made of others in `combined`,
-`offset` and `moved`.
+This module holds the interface of a body and the defaults that most bodies share. Bodies with a
+stored field are in `stored`, those with a formula in `formulas` and `prism`, those made of others
+in `combined`, `offset` and `moved`.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Body(Protocol):
 
     @property
     def enclosing_box_mm(self) -> Bounds:
-        """A box that holds it, told without looking for its surface; may be infinite."""
+        """A box that holds it, found without a search for its surface; may be infinite."""
 
     @property
     def identity_key(self) -> Hashable:
@@ -60,7 +60,7 @@ class Body(Protocol):
 
     @property
     def remaining_surface(self) -> Surface | None:
-        """What stands for its surface where none of these does, if they leave anything."""
+        """The surface that covers what `surfaces` leaves out; None if that is nothing."""
 
     @property
     def maximum_depth_mm(self) -> float:
@@ -70,8 +70,8 @@ class Body(Protocol):
         """Distance at points (n, 3) float64 -> (n,) float64 [mm]."""
 
     def distance_bound(self, points: FloatArray) -> FloatArray:
-        """A distance of the right sign and at most the true size, cheap to ask; zero on the same
-        surface, and changing by at most 1 mm per mm."""
+        """A cheap distance of the right sign and at most the true size; zero on the same surface,
+        and changing by at most 1 mm per mm."""
 
     def closest_points(self, points: FloatArray) -> FloatArray:
         """The surface point nearest to each of points (n, 3) -> (n, 3) float64 [mm]."""
@@ -90,7 +90,7 @@ class Body(Protocol):
 
 
 class BodyDefaults(ABC):
-    """What most bodies say of themselves alike."""
+    """Defaults that most bodies share."""
 
     @property
     @abstractmethod

@@ -1,4 +1,4 @@
-"""Outlines that were read off a raster, put where the surface is: points onto it, corners back.
+"""Correct outlines read off a raster: move points onto the surface and restore corners.
 
 Along an edge of the raster a distance is not quite linear, so points lie a little beside the
 surface. Between two neighbouring points the raster draws a chord. Where the surface turns
@@ -21,7 +21,7 @@ STRAIGHT_MIN_COSINE = 0.99
 #: A corner is farther from its chord than the chord is long by this at most.
 MAX_CORNER_DISTANCE_CHORDS = 3.0
 
-#: A direction whose part in the plane is shorter says nothing about the outline.
+#: A direction whose part in the plane is shorter does not define the outline.
 MIN_IN_PLANE_LENGTH = 0.1
 
 #: A corner is on the outline where it is off by so much less than the chord's middle.

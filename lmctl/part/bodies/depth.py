@@ -1,7 +1,7 @@
-"""Slopes and greatest values of distances that are known by asking only.
+"""Slopes and greatest values of distances that are known only by evaluation.
 
-A signed distance changes by at most 1 mm per mm. So what is asked at the middle of a cell bounds
-the whole cell, and the greatest depth can be closed in on.
+A signed distance changes by at most 1 mm per mm. So the value at the middle of a cell bounds the
+whole cell, and the search can close in on the greatest depth.
 """
 
 from __future__ import annotations
@@ -71,8 +71,8 @@ def maximum_in_box(
     """The greatest value of a distance in a box, by halving cells that may still hold it.
 
     at : changes by at most 1 mm per mm
-    enough_mm : to learn only whether there is a greater value than this: then what is returned is
-        the greatest that was met on the way
+    enough_mm : stop once a value greater than this is found, and return the greatest value found
+        so far
     returns : at most `tolerance_mm` below the greatest; where thousands of cells are as good (the
         middle plane of a plate) the best of them are followed
     """

@@ -124,7 +124,7 @@ class Box(AnalyticBody):
         return plane_distance(loops, plane) if loops else empty_section(plane)
 
     def outline_loops(self, z_mm: float, plane: PlaneGrid) -> list[FloatArray]:
-        """The rectangle itself; at its lower face already, at its upper one no more."""
+        """The rectangle itself; its lower face is included, its upper face is not."""
         if not self.low_mm[2] <= z_mm < self.high_mm[2]:
             return []
         (x0, y0, _), (x1, y1, _) = self.low_mm, self.high_mm

@@ -1,8 +1,8 @@
-"""What a field made from measurements needs before it is a body: closed, no specks, true bounds.
+"""Turn a measured field into a body: check that it is closed, remove specks, find its bounds.
 
 Near a sharp edge or in a gap of a noisy scan single nodes can be off by a pitch or end on the wrong
-side. They are far smaller than a bead, but each would become an outline of its own and stretch the
-part's bounds.
+side. These specks are far smaller than a bead, but each would become an outline of its own and
+stretch the part's bounds.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ def _first_crossing(planes: NDArray[np.float32], places: FloatArray, least_nodes
 
 
 def _patch_level(plane: NDArray[np.float32], least_nodes: int) -> float:
-    """The highest level (to a thousandth) above which so many nodes hang together."""
+    """The highest level (to a thousandth) above which so many nodes are connected."""
     if least_nodes == 1:
         return float(plane.max())
     from scipy.ndimage import label  # late: only measured clouds need it

@@ -24,11 +24,11 @@ from lmctl.part.sources.slicing import MeshSlicer
 
 FloatArray = NDArray[np.float64]
 
-#: Coordinates of single precision differ by so much where two bodies were meant to be flush, as a
-#: share of the largest.
+#: Single-precision coordinates of two bodies meant to be flush differ by so much, as a share of
+#: the largest coordinate.
 ROUNDING_SHARE = 2e-7
 
-#: Nearer to the surface than this the way to it says no direction.
+#: Nearer to the surface than this, the way to it gives no direction.
 ON_SURFACE_MM = 1e-6
 
 

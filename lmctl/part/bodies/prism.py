@@ -87,7 +87,7 @@ class Prism(AnalyticBody):
         return plane_distance(loops, plane) if loops else empty_section(plane)
 
     def outline_loops(self, z_mm: float, plane: PlaneGrid) -> list[FloatArray]:
-        """The polygon; at its lower face already, at its upper one no more."""
+        """The polygon; its lower face is included, its upper face is not."""
         return [self.loop_mm] if self.low_mm <= z_mm < self.high_mm else []
 
 
@@ -137,7 +137,7 @@ def close_polygon(corners: FloatArray, name: str) -> FloatArray:
 @kernel
 def _polygon_kernel(points: FloatArray, loop: FloatArray) -> FloatArray:
     """(n, 3): signed distance in the plane, positive inside by parity, and the unit direction
-    inwards in x and y; z is not looked at."""
+    inwards in x and y; z is ignored."""
     result = np.empty((len(points), 3))
     for n in range(len(points)):
         x, y = points[n, 0], points[n, 1]

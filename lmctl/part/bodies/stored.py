@@ -1,4 +1,4 @@
-"""Bodies that are known by a field stored on a grid alone, such as measured clouds.
+"""Bodies defined only by a field stored on a grid, such as measured clouds.
 
 A field is kept on the body's own grid, and is interpolated on any other.
 """
@@ -32,7 +32,7 @@ SLACK_PITCHES = 0.01
 
 @dataclass(frozen=True, eq=False)
 class FieldSolid(BodyDefaults):
-    """A body that is known by its field alone, such as a measured cloud.
+    """A body defined only by its field, such as a measured cloud.
 
     least_area_mm2 : a section smaller than this is no part of the body (a bead's own area)
     """
@@ -97,9 +97,9 @@ class FieldSolid(BodyDefaults):
 
 
 def closest_points(field: DistanceField, points: FloatArray) -> FloatArray:
-    """The nearest of the surface points that the corners of each point's cell know, (n, 3) [mm].
+    """The nearest surface point stored at the corners of each point's cell, (n, 3) [mm].
 
-    Where they know none, down the slope to the surface.
+    Where none is stored, down the slope to the surface.
 
     points : (n, 3) float64 [mm], those outside the grid taken to its rim
     """

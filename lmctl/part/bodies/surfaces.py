@@ -1,7 +1,7 @@
 """Smooth surfaces that bodies are bounded by: planes, balls, mantles, and these shifted or carried.
 
-A body's edges and corners are where several of its surfaces meet. So the nearest place on an edge
-is looked for on two surfaces at once, each with its own exact direction.
+A body's edges and corners are where several of its surfaces meet. So the search for the nearest
+place on an edge uses two surfaces at once, each with its own exact direction.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ ON_SURFACE_PITCHES = 1e-5
 
 
 class Surface(Protocol):
-    """Something smooth that distance is measured to, signed, true near it."""
+    """A smooth surface with a signed distance that is exact near it."""
 
     @property
     def surface_tolerance_mm(self) -> float:
@@ -104,7 +104,7 @@ class OffsetSurface:
 
 @dataclass(frozen=True, eq=False)
 class SurfaceSet:
-    """All the surfaces among which something is looked for.
+    """All the surfaces that a search runs over.
 
     pitch_mm : to which tolerances are related
     """
@@ -163,9 +163,9 @@ class SurfaceSet:
     ) -> tuple[FloatArray, NDArray[np.bool_]]:
         """Along the surfaces towards each point, and straight back onto them, in turns.
 
-        How far along is learned from how the way to go changed at the step before (Barzilai and
-        Borwein, doi:10.1093/imanum/8.1.141): surfaces that bend away from a far point want short
-        steps. What leads far away is given up.
+        The step length follows from how the remaining way changed in the step before (Barzilai
+        and Borwein, doi:10.1093/imanum/8.1.141): surfaces that bend away from a far point need
+        short steps. A search that leads far away is given up.
         """
         at, rows = start.copy(), np.arange(len(points))
         before = np.zeros((len(points), 2, 3))

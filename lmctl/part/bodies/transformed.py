@@ -1,4 +1,4 @@
-"""A body scaled, turned and moved: asked in its own coordinates, answered in the part's."""
+"""A body scaled, turned and moved: computed in its own coordinates, returned in the part's."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def _rotation(axis: FloatArray, angle: float) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class TransformedBody(AnalyticBody):
-    """A body carried elsewhere. Distances scale with it, so they stay true."""
+    """A body scaled, turned and moved. Distances scale with it, so they stay true."""
 
     body: Body
     transform: SimilarityTransform
@@ -163,7 +163,7 @@ class TransformedBody(AnalyticBody):
 
 @dataclass(frozen=True, eq=False)
 class TransformedSurface:
-    """A surface carried elsewhere."""
+    """A surface scaled, turned and moved."""
 
     surface: Surface
     transform: SimilarityTransform

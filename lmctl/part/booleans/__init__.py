@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from lmctl.part.booleans.offset import OffsetBody as OffsetBody
     from lmctl.part.booleans.overlap import OverlapWeights as OverlapWeights
 
-#: What others may use, and the module that holds it; loaded when it is asked for.
+#: Public names, and the module that holds each; loaded on first use.
 _HOMES = {
     "CombinedBody": "lmctl.part.booleans.combined",
     "OffsetBody": "lmctl.part.booleans.offset",

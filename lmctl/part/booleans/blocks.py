@@ -1,8 +1,8 @@
-"""Nodes in small blocks, each of which knows from its middle which leaves matter in it.
+"""Group nodes into small blocks and find, from each block's middle, which leaves matter in it.
 
-Distances change by at most 1 mm per mm, so what a leaf says in the middle of a block bounds what it
-says all over it. Most blocks have one or two leaves near; the others count as endlessly far, on
-their own side, which changes no least and no greatest of those that are near.
+Distances change by at most 1 mm per mm, so a leaf's distance in the middle of a block bounds its
+distance all over the block. Most blocks have one or two leaves near. The others count as infinitely
+far, on their own side, which changes neither the minimum nor the maximum of the near ones.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class NearbyLeaves:
 
 @dataclass(frozen=True, eq=False)
 class NodeBlocks:
-    """A window's nodes as blocks. Those beyond the window's rim are there too, to be left out."""
+    """A window's nodes as blocks; nodes beyond the window's rim are included, and dropped later."""
 
     expression: BooleanExpression
     window: Window

@@ -1,9 +1,9 @@
 """A surface as points on it, and the way from any place to its nearest point.
 
 Every node of a grid near the surface looks for its nearest points on it, exactly: on one smooth
-surface, on the crease of two, at the corner of three. These points are swept over the grid; a place
-asks the nodes around it for theirs, and searches on among the surfaces they lie on. Memory goes
-with the grid (four bytes a node) and with the surface, never with how finely places are asked for.
+surface, on the crease of two, at the corner of three. These points are swept over the grid. A query
+reads the points of the nodes around it and searches on among the surfaces they lie on. Memory grows
+with the grid (four bytes a node) and with the surface, never with the number of queries.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ NEAREST_POINTS_ASKED = 4
 MAX_POINTS_FOR_DIRECT_SEARCH = 20_000
 
 #: A place looks again nearer to the foot it found, at these shares of the way back: nodes far away
-#: were told less precisely.
+#: hold less precise points.
 REFINEMENT_FRACTIONS = (0.1, 0.05, 0.0)
 
 #: What comes this near to where it must end, in pitches, ends there.
@@ -70,7 +70,7 @@ SLAB_PLANES = 32
 
 @dataclass(frozen=True, eq=False)
 class Boundary:
-    """A surface that is known by asking.
+    """A surface that is known only by evaluating distances.
 
     expression : of the body it bounds, or is a piece of the boundary of
     holds : whether points on the leaves' surfaces lie on this one, (n, 3) -> (n,)

@@ -1,8 +1,8 @@
 """The pure stages of planning on a Dask cluster (package `distributed`, extra `scale`).
 
-Every worker is given the part once, by a plugin, as bytes whose digest it checks; a worker that
-joins later, or in the place of one that died, is given it too. Dask runs the work of a dead worker
-again on others. Workers run best with one thread each: geometry holds Python's lock.
+A plugin sends the part to every worker once, as bytes whose digest the worker checks. A worker that
+joins later, or replaces one that died, receives it too. Dask reruns the work of a dead worker on
+others. Workers run best with one thread each: geometry holds Python's lock.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _INSTALL = "pip install 'lmctl[scale]'"
 
 
 def cluster_workers(address: str) -> Callable[[Part], StageWorkers]:
-    """What opens workers on the cluster of a scheduler, such as "tcp://host:8786".
+    """Return a function that opens workers on a scheduler's cluster, such as "tcp://host:8786".
 
     Raises PlanError where `distributed` is not installed; opening does where the scheduler does not
     answer, has no workers, or they run other versions.
@@ -46,7 +46,7 @@ def cluster_workers(address: str) -> Callable[[Part], StageWorkers]:
 
 
 def versions() -> dict[str, str]:
-    """What has to be equal in planner and workers, for a job to be the same bytes."""
+    """Versions that must be equal in planner and workers, for a job to be the same bytes."""
     packages = ("numpy", "scipy", "numba", "contourpy")
     return {"lmctl": lmctl.__version__, "python": platform.python_version()} | {
         package: importlib.metadata.version(package) for package in packages}

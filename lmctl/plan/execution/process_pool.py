@@ -2,7 +2,7 @@
 
 `concurrent.futures.ProcessPoolExecutor` shares one result pipe and its lock among all workers: one
 that is killed while it writes a large result leaves the others waiting for ever. Here a worker's
-death is the end of its own pipe, whatever it was doing, and the planner's death that of all.
+death closes only its own pipe, whatever it was doing, and the planner's death closes all pipes.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from concurrent.futures import BrokenExecutor, Executor, Future
 from multiprocessing.connection import Connection
 from typing import Any, NamedTuple
 
-#: Signals whose handlers in the planner are no business of its workers.
+#: Signals whose planner handlers must not run in its workers.
 _SIGNALS = ("SIGTERM", "SIGHUP", "SIGQUIT")
 _BROKEN = "a worker process ended before its work was done"
 
@@ -68,7 +68,7 @@ class ProcessPool(Executor):
         return future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Let the processes end. cancel_futures : end them now, whatever they are at."""
+        """Let the processes end. cancel_futures : end them now, even while they work."""
         self._closed = True
         if cancel_futures:
             for process in self._processes:
@@ -104,7 +104,7 @@ def _work(
     pipe: Connection, others: tuple[Connection, ...], initializer: Callable[..., None],
     initargs: tuple[Any, ...],
 ) -> None:
-    """The life of one process: calls from its pipe until that ends."""
+    """The main loop of one process: run calls from its pipe until the pipe closes."""
     for other in others:  # copies of the planner's ends, which would hide its death
         other.close()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the planner ends its workers itself

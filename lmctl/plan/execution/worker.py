@@ -1,4 +1,4 @@
-"""What runs where the pure stages run. A process keeps each part it works on."""
+"""Entry points of the pure stages in a worker. A process keeps each part it works on."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _parts: dict[str, Part] = {}
 
 
 def part_key(part: Part) -> str:
-    """What a part is known by: a digest of its file's text and of its data files."""
+    """Key of a part: a digest of its file's text and of its data files."""
     said = [part.text, *(f"{name} {digest}" for name, digest in sorted(dict(part.sources).items()))]
     return hashlib.sha256("\n".join(said).encode()).hexdigest()
 

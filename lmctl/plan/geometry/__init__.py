@@ -1,7 +1,7 @@
 """Geometry stage: one layer of a part to flat arrays of tracks; pure, so layers run in parallel.
 
-`layer_geometry` makes a `LayerGeometry` of (part, placement, layer) alone. Nothing here knows the
-machine, time or order.
+`layer_geometry` makes a `LayerGeometry` from (part, placement, layer) alone. Nothing here depends
+on the machine, time or order.
 """
 
 from lmctl.plan.geometry.layer_geometry import (

@@ -222,7 +222,7 @@ def _owners_kernel(
     is_central: BoolArray, at: FloatArray, depth: NDArray[np.float32],
     at_edge: NDArray[np.int32], level_mm: float,
 ) -> tuple[IndexArray, IndexArray]:
-    """Who decides for each point, and the next point uphill, −1 at a peak.
+    """The deciding point of each point, and the next point uphill, −1 at a peak.
 
     A branch that ends though the depth still grows goes on over the raster to the next point. A
     peak beside a central point of the same depth, within `level_mm`, ends a line: that decides.

@@ -1,4 +1,4 @@
-"""Pieces of the part between the planes at which layers are cut, so that no layer has them.
+"""Find pieces of the part that lie between the section planes, so that no layer has them.
 
 Where something of the part begins and ends between the middles of a layer and the next, the part is
 cut there too. What then lies outside both layers, by more than a wall could lean, is a piece too

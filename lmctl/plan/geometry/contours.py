@@ -16,7 +16,7 @@ from lmctl.plan.plane_values import interpolate_bilinear
 
 FloatArray = NDArray[np.float64]
 
-#: The least round of a closed track, in pitches: less is left to its neighbours.
+#: The shortest closed track, in pitches: its neighbours fill anything shorter.
 _LEAST_ROUND = 2.0
 
 

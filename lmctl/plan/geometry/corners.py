@@ -1,4 +1,4 @@
-"""Corners of contours made sharp again, where the raster has cut them off.
+"""Restore sharp corners of contours where the raster has cut them off.
 
 Between nodes on either side of a ridge of the depth a contour is interpolated across the kink, so
 that it cuts the corner by about a node. There its two sides are drawn on until they meet.
@@ -15,7 +15,7 @@ from lmctl.plan.geometry.section_raster import SectionRaster
 
 FloatArray = NDArray[np.float64]
 
-#: Sides that differ by less than 20° in direction make no corner to speak of.
+#: Sides that differ by less than 20° in direction count as no corner.
 _STRAIGHT = np.cos(np.radians(20.0))
 #: How far a corner may lie from what it replaces, in nodes.
 _REACH_NODES = 4.0

@@ -1,4 +1,4 @@
-"""What the geometry stage hands to the sequence stage: one layer as flat arrays, and its figures.
+"""Output of the geometry stage for the sequence stage: one layer as flat arrays, with figures.
 
 Everything here pickles to little more than its arrays, so that a layer can be made in another
 process or on another machine.
@@ -27,7 +27,7 @@ class LostFeature:
     at_mm : (x, y) of its middle, in the part's own coordinates
     size_mm : (length, width), the width being its area over its length
     area_mm2 : of the piece
-    reason, remedy : for a person: what made the planner leave it out, and what would keep it
+    reason, remedy : for the user: why the planner left it out, and how to keep it
     """
 
     kind: LostKind

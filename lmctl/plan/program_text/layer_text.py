@@ -23,7 +23,7 @@ from lmctl.preflight.s_word import s_word_decimals
 
 FloatArray = NDArray[np.float64]
 
-#: Millimetres, absolute, units per minute; then dynamic beam power with the beam at nothing.
+#: Millimetres, absolute, units per minute; then dynamic beam power at zero.
 OPENING_LINES = ("G21 G90 G94", "M4 S0")
 CLOSING_LINES = ("M5",)
 

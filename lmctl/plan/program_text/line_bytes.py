@@ -31,7 +31,7 @@ def line_bytes(
     target : (n, 3) x, y, z; feed, power, dwell : (n,); all in their last decimal's units
     setup : text of the SETUP lines, in order
     A layer states z, feed and power at its first motion and each path at its lead-in; in between
-    they are repeated only where they change. Motion with the beam off always says S0.
+    they are repeated only where they change. Motion with the beam off always has S0.
     """
     words = "".join(setup).encode("ascii")
     ends = np.cumsum([0, *(len(text) for text in setup)])
@@ -50,7 +50,7 @@ def _write_lines(
 ) -> int:
     n = 0
     said_setup = 0
-    z = said_feed = said_power = np.int64(-(2**62))  # nothing is said yet
+    z = said_feed = said_power = np.int64(-(2**62))  # no word written yet
     on_path = -1
     for i in range(len(kind)):
         n = _word(out, n, _N, np.int64((first_line + i) % N_WORD_MODULUS), 0)

@@ -1,10 +1,10 @@
 """From ordered tracks to beads: vertices, mixtures that hoppers can meter, speed and power between.
 
-The volume a millimetre takes is strip width · layer height. Powder per second and beam power are
-kept at the recipe's, and what a strip differs from the nominal pitch is made up by speed, which
-follows at once where powder comes seconds late. So the energy per deposited volume is the
-recipe's at every strip width. A bead that axes or powder cannot follow is slowed as a whole, with
-powder and beam in proportion, which keeps it too.
+The volume per millimetre is strip width · layer height. Powder per second and beam power stay at
+the recipe's values. Speed compensates the strip's difference from the nominal pitch, because speed
+follows at once and powder only seconds later. So the energy per deposited volume is the recipe's
+at every strip width. A bead that axes or powder cannot follow is slowed as a whole, with powder
+and beam power in proportion, which keeps that energy too.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
 
 #: Speed differs from the recipe's by at most this factor, up or down, to follow the strip width;
-#: a strip beyond it is deposited too low or too high, which the built fraction tells.
+#: a strip beyond it is deposited too low or too high, which the built fraction reports.
 MAX_SPEED_CHANGE_FACTOR = 1.5
 #: Segments are made to last this part of what a line may: corners take time.
 _FILL = 0.9
@@ -181,9 +181,9 @@ def _scaled(beads: Beads, factor: FloatArray) -> Beads:
 
 
 def _within_axis_speed(beads: Beads, recipe: Recipe, max_speed_mm_s: float) -> Beads:
-    """Beads no faster than the axes: narrow strips ask for more than the recipe's speed.
+    """Beads no faster than the axes: narrow strips need more than the recipe's speed.
 
-    Where a hopper's least flow does not allow all of that, what is missing is deposited too much.
+    Where a hopper's least flow limits the slowing, the bead gets that much too much powder.
     """
     fastest = beads.speed_mm_s.copy()
     fastest[beads.first] = 0.0

@@ -2,7 +2,7 @@
 
 A length of track whose quantised composition stays the same is a *run*. The composition deposited
 is exactly a quantum in the middle of each run and linear in between, so that the feeders follow
-slopes where a staircase would ask them for jumps; where the field itself jumps, it changes between
+slopes where a staircase would command jumps; where the field itself jumps, it changes between
 the two points of the track on either side. So it stays within 1.1 quanta of the field: 0.6 by
 which a run lets the field leave its value, half of one where the change to the next has begun. On
 even slopes it is no more than 0.6.

@@ -99,7 +99,7 @@ class LayerSequencer:
             is decides its height, the turn of its seam and its direction, so that layers planned
             alone look as they do among all
         Raises PlanError: a flow no hopper can deliver, motion outside the machine's travel, a
-        power that S words cannot say.
+        power that S words cannot express.
         """
         number = geometry.layer - placement.skipped
         tracks = order_tracks(
@@ -213,7 +213,7 @@ class LayerSequencer:
             self._process.powder, state.flow_g_s)
 
     def _check_reach(self, number: int, moves: Moves) -> None:
-        """Refuse, at the first layer, what `check_job` would refuse after the last."""
+        """Refuse, at the first layer, motion that `check_job` would refuse after the last."""
         ends_mm = moves.target_mm[moves.is_motion()]
         if len(ends_mm) == 0:
             return
