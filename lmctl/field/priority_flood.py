@@ -29,7 +29,7 @@ def flood_tags(
         narrowest place is on the widest way there from a tagged node
     tags : (nz, ny, nx) int8, 0 where a tag is wanted
     late : (m,) int64, flat indices of nodes, widest first, that take their own tag, `late_tags`
-        (m,) int8, unless a wider way has brought another by the time their width is come to
+        (m,) int8, unless a wider way has brought another before the flood reaches their width
     """
     following = np.full(level.size, -2, dtype=np.int32)
     head = np.full(LEVEL_COUNT, -1, dtype=np.int32)
@@ -115,7 +115,7 @@ def _spread_widest(
         for k in range(nz):
             for j in range(ny):
                 for i in range(nx):
-                    # i, j, k count from the end on the way back, so what is behind is behind.
+                    # On the backward pass i, j, k count from the end.
                     n += step
                     if tags[n] != 0 or level[n] != widest:
                         continue

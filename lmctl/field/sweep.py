@@ -1,4 +1,4 @@
-"""Carry surface points outward: every node learns the point of the surface nearest to it.
+"""Carry surface points outward: every node receives the surface point nearest to it.
 
 Sweeping points instead of distances keeps the error from growing with distance: at 256³ first
 order scalar sweeping errs by 0.107 RMS, carried points by 0.005 (Zhou et al. 2009, Eq. (2)).
@@ -37,8 +37,8 @@ def propagate_closest_points(
 
     The eight Gauss–Seidel orderings of fast sweeping, each node trying its upwind neighbours'
     points; the four orderings that share a direction in z run plane by plane, so that a plane is
-    done with while it is in the cache. What has been tried in vain is not tried again: a run of
-    nodes asks its neighbours only where these, or it, have changed since.
+    done with while it is in the cache. Failed tries are not repeated: a run of nodes tries its
+    neighbours only where these, or it, have changed since.
     """
     relative = np.ascontiguousarray((surface_mm - np.asarray(grid.origin_mm)) / grid.pitch_mm)
     distance = allocate_array(grid.shape, np.float32)
@@ -120,7 +120,7 @@ def _sweep_kernel(
     for direction in range(2):
         step, down = 1 - 2 * direction, 1 + 2 * direction
         up = down + 1
-        # Of a row's neighbours in the plane, what changed since they were last asked.
+        # Of a row's neighbours in the plane, what changed since they were last tried.
         below, above, own = (NEVER_CHANGED_STAMP, NEVER_CHANGED_STAMP,
                              NEVER_CHANGED_STAMP) if direction == 0 else (2, 3, down)
         for n in range(nz):

@@ -1,4 +1,4 @@
-"""What a part will take before it is made: memory, disk, time; said early and refused in time."""
+"""Estimate memory, disk and time of a part before it is built; refuse it if too large."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from lmctl.part.resolution import (
     memory_limit_bytes,
 )
 
-#: Seconds a node, measured on a 2020s desktop core: they tell minutes from hours, no more.
+#: Seconds per node, measured on a 2020s desktop core: enough to separate minutes from hours.
 CLOUD_S, OPERAND_S = 700e-9, 80e-9
 
-#: Less than this is not worth a line.
+#: Less than this is not reported.
 SHORT_S, SMALL_BYTES = 5.0, 300e6
 
 
@@ -41,7 +41,7 @@ class CostItem:
 
 @dataclass(frozen=True)
 class PartCost:
-    """Everything a part has to make before it can answer."""
+    """Everything a part has to compute before it is ready."""
 
     items: tuple[CostItem, ...]
 
@@ -63,7 +63,7 @@ class PartCost:
         return sum(item.nodes * item.seconds_per_node for item in self.items)
 
     def summary(self) -> str:
-        """A line for a person, "" where there is little to wait for."""
+        """A line for the user, "" where the cost is small."""
         if self.seconds < SHORT_S and self.memory_bytes < SMALL_BYTES:
             return ""
         disk = ""

@@ -79,7 +79,7 @@ class BodyExtents:
                 return analytic_body(body, self.display_names([number])).tight_bounds_mm
 
     def display_names(self, numbers: Sequence[int]) -> str:
-        """Bodies as people know them: by name, else by their number in the file."""
+        """Bodies as shown to the user: by name, else by their number in the file."""
         named = [self._part.body[n].name for n in numbers]
         return ", ".join(
             repr(name) if name else f"body[{n + 1}]" for n, name in zip(numbers, named, strict=True)

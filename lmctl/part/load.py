@@ -30,7 +30,7 @@ Tell = Callable[[str], None]
 def load_part(path: Path, tell: Tell | None = None) -> Part:
     """The part a part file describes.
 
-    tell : is given what the part will take of memory and time, before that begins
+    tell : receives the memory and time that the part will need, before loading begins
 
     Raises ConfigError (the file; all mistakes at once) and InputError (its data).
     """
@@ -43,7 +43,7 @@ def part_from_model(
 ) -> Part:
     """A mesh or cloud file alone as a part, with defaults that its warnings and notes name.
 
-    units : "mm", "cm", "m" or "inch"; None takes mm, and says so
+    units : "mm", "cm", "m" or "inch"; None takes mm, and reports that
     Raises InputError.
     """
     suffix = path.suffix.lower().removeprefix(".")
@@ -128,7 +128,7 @@ def _coarse(body: Body, grid: Grid) -> list[str]:
 
 
 def _has_faces(path: Path) -> bool:
-    """Whether a PLY's head promises faces; whatever else is wrong with it is told on reading."""
+    """Whether a PLY's head declares faces; the reader reports any other error in it."""
     try:
         with path.open("rb") as file:
             head = file.read(100_000).partition(b"end_header")[0]

@@ -1,4 +1,4 @@
-"""A part: what is solid and how deep, and of what. Everything planning asks of it is here."""
+"""A part: depth inside its solid, and composition; the whole interface to planning."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class Part:
     sources : {data file as the part file names it: sha256}
     placement_mm : where the part's origin lies in program coordinates; None: centred on the
         platform, its lowest point at z = 0
-    warnings : what is doubtful; notes : what was taken by default; each for a person
+    warnings : what is doubtful; notes : what was taken by default; each for the user
     grid : around the solid; `plane` : of every section
     surface_error_mm : of surfaces fitted to clouds, estimated from their samples; None where no
         tolerance is stated or nothing is fitted

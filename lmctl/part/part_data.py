@@ -1,4 +1,4 @@
-"""The data files a part file names, each read once, and what there is to say about them."""
+"""The data files a part file names, each read once, with warnings and notes about them."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ FloatArray = NDArray[np.float64]
 class PartData:
     """Files below a part file's folder, by name.
 
-    sources : {name: sha256} of what was read; warnings, notes : for a person
+    sources : {name: sha256} of what was read; warnings, notes : for the user
     """
 
     def __init__(self, folder: Path, bead_mm: float) -> None:

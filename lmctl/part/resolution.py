@@ -1,4 +1,4 @@
-"""How finely a part is resolved, and the refusal of what no memory would hold."""
+"""Choose how finely a part is resolved, and refuse what does not fit into memory."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ BYTES_PER_NODE = 20
 ARRAYS_KEPT_PER_NODE = 2
 BYTES_KEPT_PER_NODE = 4 * ARRAYS_KEPT_PER_NODE
 
-#: What parts may take of the memory, unless the user says otherwise: in megabytes, in this
-#: variable of the environment. No file can say it, as a file may come from someone else.
+#: Memory that parts may take, unless the user sets another limit: in megabytes, in this
+#: environment variable. No file can set it, as a file may come from another user.
 MEMORY_LIMIT_VARIABLE = "LMCTL_MEMORY_MB"
 DEFAULT_MEMORY_LIMIT_MB = 2000
 

@@ -1,4 +1,4 @@
-"""A cloud's surface within a wanted tolerance: its field made finer until the data say it is.
+"""Refine the field of a cloud until its estimated surface error is within the tolerance.
 
 The error is estimated from the samples: how far the surface lies from the middle of each sample's
 neighbours, along its slope. Noise evens out in that middle; what does not is the surface's error,

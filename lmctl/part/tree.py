@@ -1,4 +1,4 @@
-"""From the bodies a part file lists to a tree that answers, and to the rule that goes with it.
+"""Build the tree of bodies that a part file lists, and its composition field.
 
 Data is read first, then the pitch is settled, then bodies are built from the part downwards; a body
 that several others name is built once.
@@ -49,7 +49,7 @@ FloatArray = NDArray[np.float64]
 class BodyTree:
     """The bodies of a checked part file with their data.
 
-    data : what their files hold; it also collects what there is to say
+    data : what their files hold; it also collects warnings and notes
     surface_error_mm : of the surfaces fitted to clouds, where a tolerance is stated
     """
 
@@ -77,7 +77,7 @@ class BodyTree:
         return self._joined(self._part.combine, self._roots, in_place=True)
 
     def cost(self) -> PartCost:
-        """What has to be made before the part can answer. Raises InputError as building would."""
+        """What has to be computed before the part is ready. Raises InputError as building would."""
         items = []
         if self._part.combine is not None:
             grid = self._boundary_grid(self._part.combine, self._roots)
@@ -99,8 +99,8 @@ class BodyTree:
         return PartCost(tuple(items))
 
     def _asked(self) -> set[int]:
-        """Bodies that are asked for their distance, so that booleans among them need a boundary of
-        their own: those that only are part of other booleans do not."""
+        """Bodies whose distance is evaluated, so that booleans among them need a boundary of their
+        own. Booleans that are only part of other booleans do not."""
         if self._part.composition is None and len(self._part.material) > 1:
             return set(range(len(self._part.body)))  # materials are mixed by their bodies' depths
         names = {body.of for body in self._part.body if isinstance(body, config.ShellBody)}
@@ -117,7 +117,7 @@ class BodyTree:
         return asked
 
     def _leaves(self, number: int) -> int:
-        """How many bodies a boundary of this one asks."""
+        """Number of bodies that a boundary of this one evaluates."""
         body = self._part.body[number]
         if isinstance(body, config.BooleanBody):
             return sum(self._leaves(self._number[name]) for name in body.of)
@@ -125,7 +125,7 @@ class BodyTree:
 
     @cached_property
     def composition_field(self) -> CompositionField:
-        """Of what it is."""
+        """The composition of the part."""
         if self._part.composition is not None:
             return composition_field_of(self._part.composition, self.body, self._around)
         if len(self._part.material) == 1:
@@ -210,7 +210,7 @@ class BodyTree:
                 return analytic_body(body, self._extents.display_names([number]))
 
     def _carried(self, body: Body, by: SimilarityTransform, box: Bounds) -> Body:
-        """A body moved elsewhere; of a boolean each of its bodies is, so that it stays one."""
+        """A transformed body; a boolean stays one, as each of its bodies is transformed."""
         if not isinstance(body, CombinedBody):
             return TransformedBody(body, by)
         return body.transformed(lambda inner: TransformedBody(inner, by),
@@ -276,7 +276,7 @@ class BodyTree:
     def _joint_rule(
         self, operation: Operation | None, numbers: Sequence[int], *, in_place: bool
     ) -> CompositionField:
-        """What becomes of the bodies' materials when they are combined.
+        """The composition field of the bodies when they are combined.
 
         Source: docs/explanation/multi-colour-distance-field.md, Booleans.
         """

@@ -130,7 +130,7 @@ class Boundary:
         return feet
 
     def _looked(self, points: FloatArray) -> tuple[IntArray, IntArray]:
-        """The nearest foot there is, by what nodes know if it is far; and the surfaces that are met
+        """The nearest foot, from the points stored at nodes if it is far; and the surfaces met
         around it and around the point."""
         feet_mm, active = self._found
         own = self._in_nodes(points)
@@ -165,7 +165,7 @@ class Boundary:
 
     @cached_property
     def _tree(self) -> cKDTree:
-        """For places beside the surface, which nodes know too coarsely, or outside the grid."""
+        """For places beside the surface, where nodes are too coarse, or outside the grid."""
         from scipy.spatial import cKDTree  # late: few bodies need it
 
         return cKDTree(self.surface_points_mm)
@@ -175,7 +175,7 @@ class Boundary:
     ) -> Iterator[tuple[IntArray, FloatArray]]:
         """Points of the surface among near surfaces (n, MOST_NEAR), −1 for none.
 
-        within_mm : (n,), how far away they may be; it may shrink while they are asked for
+        within_mm : (n,), how far away they may be; the caller may shrink it between results
         Yields rows and the points found for them: on one surface each, then on two, on three.
         """
         surfaces = self._surfaces
@@ -294,7 +294,7 @@ class Boundary:
 def _gathered(
     found: Iterator[tuple[FloatArray, IntArray]]
 ) -> Iterator[tuple[FloatArray, IntArray]]:
-    """The same in pieces that are worth the while."""
+    """The same, joined into larger pieces of at least `POINTS_AT_ONCE` points."""
     points: list[FloatArray] = []
     near: list[IntArray] = []
     for some, their in found:

@@ -1,4 +1,4 @@
-"""From places to the surface points that the nodes around them know."""
+"""Find, for each place, the surface points stored at the nodes around it."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def seed_nodes(
 
 
 def corner_candidates(sources: NDArray[np.int32], nodes: FloatArray) -> NDArray[np.int32]:
-    """The feet that the corners of cells know, (n, 8).
+    """The feet stored at the corners of cells, (n, 8).
 
     nodes : (n, 3), a place in each cell, in node units; taken to the grid's rim if it lies outside
     """

@@ -4,10 +4,10 @@ Source: docs/explanation/multi-colour-distance-field.md, Booleans.
 
 Least and greatest of distances have the right zero level but are not distances (a union of two
 10 mm discs 12 mm apart gives 4 mm where 8 is right). They are right wherever the surface point they
-measure to is on the result's own boundary, which logic tells at most places, and the boundary's
-shape at most others; what is left asks the boundary. So no body is brought to another's grid: each
-answers at its own pitch, and only the boundary's whereabouts are stored. A boolean of booleans is
-one boolean of their leaves.
+measure to is on the result's own boundary. Logic decides that at most places, and the boundary's
+shape at most others; the remaining places query the boundary. So no body is resampled to another's
+grid: each is evaluated at its own pitch, and only the boundary's location is stored. A boolean of
+booleans is one boolean of their leaves.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class CombinedBody(AnalyticBody):
         return combine(self.operation, [expression_of(body) for body in self.bodies])
 
     def transformed(self, carry: Callable[[Body], Body], grid: Grid) -> CombinedBody:
-        """The same of bodies that are carried elsewhere, each as `carry` does it."""
+        """The same boolean of the bodies transformed, each by `carry`."""
         bodies = tuple(
             body.transformed(carry, grid) if isinstance(body, CombinedBody) else carry(body)
             for body in self.bodies
@@ -130,7 +130,7 @@ class CombinedBody(AnalyticBody):
         return depth
 
     def distance_bound(self, points: FloatArray) -> FloatArray:
-        """What least and greatest of the leaves' distances say, but on faces that they share."""
+        """Least and greatest of the leaves' distances, corrected on faces that they share."""
         points = np.asarray(points, dtype=np.float64)
         depth = np.empty(len(points))
         for part in self._parts(len(points)):
@@ -220,7 +220,7 @@ class CombinedBody(AnalyticBody):
     def _exactly(
         self, points: FloatArray, rows: list[FloatArray], near: NDArray[np.bool_]
     ) -> None:
-        """Ask leaves whose bound is no distance for theirs where the formula comes out at it."""
+        """Compute exact distances of leaves with inexact bounds where the formula selects these."""
         inexact = [
             number for number, leaf in enumerate(self.expression.leaves)
             if not leaf.distance_bound_is_exact and near[number].any()

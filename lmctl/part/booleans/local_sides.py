@@ -1,4 +1,4 @@
-"""Whether a point on some leaves' surfaces lies on the surface of what they make together.
+"""Decide whether a point on some leaves' surfaces lies on the surface of the combined body.
 
 It does when the result changes among the sides of its leaves that can be met right around the
 point. With one surface there both its sides can; with several, those that directions from the point

@@ -1,8 +1,8 @@
 """The outline of bodies made one, from the outlines of its leaves.
 
 What lies between two outlines may be thinner than any raster: a shell, a wall that a difference
-leaves. So outlines are not read off the values of the result at nodes, but are cut with each other
-as polygons (manifold3d, to 1e-8 mm), each as exact as its own body knows it.
+leaves. So outlines are not read off the values of the result at nodes. They are cut with each other
+as polygons (manifold3d, to 1e-8 mm), each as exact as its own body gives it.
 """
 
 from __future__ import annotations

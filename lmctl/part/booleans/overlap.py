@@ -1,4 +1,4 @@
-"""How much each of several bodies has to say at a place where they overlap.
+"""Weights of several bodies at a place where they overlap.
 
 Source: docs/explanation/multi-colour-distance-field.md, Booleans.
 """

@@ -1,4 +1,4 @@
-"""Of what a part is."""
+"""Material composition of a part."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from lmctl.part.materials.rules import CompositionContext as CompositionContext
     from lmctl.part.materials.rules import composition_field_of as composition_field_of
 
-#: What others may use, and the module that holds it; loaded when it is asked for.
+#: Public names, and the module that holds each; loaded on first use.
 _HOMES = {
     "CompositionContext": "lmctl.part.materials.rules",
     "CompositionField": "lmctl.part.materials.composition",

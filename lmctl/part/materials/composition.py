@@ -1,4 +1,4 @@
-"""Of what a part is: rules of bodies, blends of features, and what becomes of rules in a boolean.
+"""Composition of a part: rules of bodies, blends of features, and rules in a boolean.
 
 Fractions are volume fractions in the order of the part's materials; every mixture that a rule
 gives is non-negative and sums to 1.

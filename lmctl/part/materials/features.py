@@ -1,4 +1,4 @@
-"""What a material is graded from: things distance is measured to.
+"""Features a material is graded from: geometry that distance is measured to.
 
 Source: docs/explanation/multi-colour-distance-field.md, Material field.
 """
@@ -38,7 +38,7 @@ NEIGHBOURS = 12
 
 
 class Feature(Protocol):
-    """Something distance is measured to."""
+    """Geometry that distance is measured to."""
 
     def distance(self, points: FloatArray) -> FloatArray:
         """points (n, 3) [mm] -> (n,) float64 [mm]"""
@@ -131,7 +131,7 @@ class TriangleSheetDistance:
     corners_mm: FloatArray
 
     def distance(self, points: FloatArray) -> FloatArray:
-        """Exact: more of the pieces with the nearest middles are asked until none is nearer."""
+        """Exact: pieces are searched in order of their middles until none can be nearer."""
         points = np.ascontiguousarray(points)
         distance = np.empty(len(points))
         rows, count = np.arange(len(points)), min(NEIGHBOURS, len(self._pieces))
@@ -151,7 +151,7 @@ class TriangleSheetDistance:
 
     @cached_property
     def _pieces(self) -> FloatArray:
-        """The triangles, long ones halved until their middles tell where they are."""
+        """The triangles, long ones halved until their middles represent their location."""
         pieces = self.corners_mm
         size = float(np.ptp(pieces.reshape(-1, 3), axis=0).max())
         while len(pieces) < MAX_PIECES:

@@ -19,7 +19,7 @@ class MaterialSpec:
     density_g_mm3 : of the solid; apparent_g_mm3 : of the loose powder, None where unknown
     catch_efficiency : share of the fed powder that ends in the bead, (0, 1]
     power_W, speed_mm_s : recipe of the pure material
-    defaults : what of it nobody wrote in the part file, each in words with the value
+    defaults : values that the part file does not state, each as text with the value
     """
 
     name: str
@@ -38,8 +38,9 @@ class MaterialSpec:
 def resolve_materials(part: PartFile) -> tuple[MaterialSpec, ...]:
     """Every material of a checked part file with all values settled.
 
-    Power and speed: the material's own, else what `[process]` says in writing, else the library's,
-    else the process's default. A material without density is one the library has (part_rules).
+    Power and speed: the material's own, else what `[process]` states explicitly, else the
+    library's, else the process's default. A material without density is one the library has
+    (part_rules).
     """
     return tuple(_resolve(material, part) for material in part.material)
 

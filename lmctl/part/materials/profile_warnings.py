@@ -1,4 +1,4 @@
-"""What is doubtful about a composition: features far outside the part, profiles that never change.
+"""Warn of doubtful compositions: features far outside the part, profiles that never change.
 
 Neither is wrong in itself; both are nearly always a slip of units or of coordinates.
 """
@@ -21,7 +21,7 @@ from lmctl.part.materials.composition import (
 
 FloatArray = NDArray[np.float64]
 
-#: Places asked along each side of the part's box.
+#: Places sampled along each side of the part's box.
 PLACES_PER_SIDE = 24
 
 

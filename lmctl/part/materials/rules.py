@@ -1,4 +1,4 @@
-"""From the compositions a part file states to rules that answer."""
+"""Build composition fields from the compositions that a part file states."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from lmctl.part.sources.obj_files import triangle_rows_of_group as triangle_rows_of_group
     from lmctl.part.sources.slicing import MeshSlicer as MeshSlicer
 
-#: What others may use, and the module that holds it; loaded when it is asked for.
+#: Public names, and the module that holds each; loaded on first use.
 _HOMES = {
     "DataFile": "lmctl.part.sources.files",
     "Mesh": "lmctl.part.sources.mesh_files",

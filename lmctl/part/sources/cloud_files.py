@@ -34,7 +34,7 @@ Read = tuple[NDArray[np.float64], NDArray[np.float64] | None, list[str]]
 class PointCloud:
     """points: (n, 3) float64 [mm], in no order; notes: what of the file was left out.
 
-    normals: (n, 3) float64, where the outside is at each point, if the file says; else None
+    normals: (n, 3) float64, outwards at each point, if the file gives them; else None
     warnings: what is doubtful about its points
     """
 

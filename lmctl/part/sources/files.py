@@ -1,7 +1,7 @@
 """Data files of a part: where they may lie, how large they may be, and their bytes and digest.
 
-A part file may come from someone else. It may name files below its own folder, or give an absolute
-path that its reader can see; it may not walk out of its folder with `..` or a link.
+A part file may come from another user. It may name files below its own folder, or give an absolute
+path, which is visible to its reader; it may not leave its folder with `..` or a link.
 """
 
 from __future__ import annotations

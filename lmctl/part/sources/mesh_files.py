@@ -1,7 +1,7 @@
 """Triangles from STL, PLY, OBJ, OFF and 3MF files, as they stand there.
 
-Each form has a reader of its own, which says what is wrong with a file in the words of its form.
-What all have in common is checked here.
+Each format has a reader of its own, which reports errors in the terms of that format. This module
+makes the checks that all formats share.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ SMALLEST_PART_MM, LARGEST_PART_MM = 1.0, 2000.0
 class Mesh:
     """Triangles and their corners. vertices: (n, 3) float64 [mm]; triangles: (m, 3) int64.
 
-    notes : what of its file was left out, for a person
+    notes : what of its file was left out, for the user
     """
 
     vertices: FloatArray

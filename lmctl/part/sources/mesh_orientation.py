@@ -1,6 +1,6 @@
-"""Which way triangles face: made the same all over each patch, then out of the solid.
+"""Make triangles face the same way all over each patch, then out of the solid.
 
-What a file says of it is kept where its triangles agree: a shell that faces inwards inside another
+The file's own facing is kept where its triangles agree: a shell that faces inwards inside another
 is a cavity. Where they do not agree, each patch is turned as far as neighbours decide it.
 """
 
@@ -75,8 +75,8 @@ def signed_tetrahedron_volumes(vertices: FloatArray, triangles: IntArray) -> Flo
 def orient_by_parity(vertices: FloatArray, triangles: IntArray) -> IntArray:
     """Patches turned so that what is inside by parity is behind them.
 
-    For a shell whose patches meet in edges of more than two triangles, where no neighbour says how
-    the next patch faces.
+    For a shell whose patches meet in edges of more than two triangles, where no neighbour decides
+    how the next patch faces.
     """
     pairs, _ = _neighbours(triangles)
     patch = connected_components(pairs, len(triangles))

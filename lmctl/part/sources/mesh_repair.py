@@ -1,4 +1,4 @@
-"""What is wrong with a mesh, what of it can be mended without guessing, and what cannot.
+"""Find what is wrong with a mesh, repair what needs no guess, and refuse the rest.
 
 Order matters: corners are joined first (an STL repeats every corner in every triangle), copies go,
 edges are cut where they pass corners, fins go, and holes are closed where the mesh shows how. What

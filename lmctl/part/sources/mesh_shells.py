@@ -1,4 +1,4 @@
-"""The shells of a closed mesh: surfaces that hang together, and how they lie to each other."""
+"""The shells of a closed mesh: connected surfaces, and how they are nested."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
-#: Corners of a shell that are asked whether they lie in another.
+#: Corners of a shell that are tested for lying in another.
 MAX_CORNERS_TESTED = 50
 
 
@@ -28,7 +28,7 @@ MAX_CORNERS_TESTED = 50
 class MeshShell:
     """A closed surface by corners of its own: vertices (n, 3), triangles (m, 3).
 
-    faces_one_way : whether its triangles faced one way, so that they say whether it is a cavity
+    faces_one_way : whether its triangles faced one way, so that they show whether it is a cavity
     """
 
     vertices: FloatArray

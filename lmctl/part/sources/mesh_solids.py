@@ -84,7 +84,7 @@ def _near_groups(shells: list[MeshShell], gap_mm: float) -> list[list[int]]:
 
 
 def _narrow_gaps(shells: list[MeshShell], narrow_mm: float) -> list[str]:
-    """What to say of the narrowest gap between solids that no bead can leave open."""
+    """Remark on the narrowest gap between solids that no bead can leave open."""
     solids = [shell for shell in shells if shell.volume_mm3 > 0.0]
     width, place = narrow_mm, None
     for one, other in nearby_pairs(solids, narrow_mm).tolist():
@@ -162,7 +162,7 @@ def _united(shells: list[MeshShell], name: str) -> tuple[list[MeshShell], _Union
 
 
 def _in_words(unions: list[_Union]) -> list[str]:
-    """What to say of shells that were united, in one line however many there are."""
+    """Remark on shells that were united, in one line however many there are."""
     if not unions:
         return []
     gaps = [gap for union in unions for gap in union.gaps]

@@ -1,6 +1,6 @@
 """Which corners, edges and triangles of a mesh belong together, and which triangles are none.
 
-Array code that judges nothing. triangles : (m, 3) int64, numbers of corners
+Array code without checks. triangles : (m, 3) int64, numbers of corners
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """PLY files, as text or binary: elements that are rows of numbers and lists of numbers.
 
-What the head promises is compared with the file's length *before* anything is read, so that a
+What the head declares is compared with the file's length *before* anything is read, so that a
 truncated file is called truncated and a hostile count allocates nothing.
 """
 
@@ -77,7 +77,7 @@ def read_ply(file: DataFile) -> dict[str, PlyColumns]:
 def read_ply_head(file: DataFile) -> tuple[str, list[PlyElement], bytes]:
     """The byte order ("" for text), the elements and the bytes that follow the head.
 
-    Raises InputError where there is none, or it promises more than the file can hold.
+    Raises InputError where there is none, or it declares more than the file can hold.
     """
     head, found, body = file.data.partition(b"end_header")
     if not head.startswith(b"ply") or not found or len(head) > _MAX_HEAD:

@@ -1,4 +1,4 @@
-"""Tables of points as text: one line a point, in whatever manner a scanner writes them.
+"""Tables of points as text: one line per point, in the various styles of scanners.
 
 Columns stand between blanks, tabs, commas or semicolons; numbers have decimal points or decimal
 commas; a line may name the columns, as a comment or not; a PTS file begins with how many lines
@@ -55,7 +55,7 @@ class _Style:
 
 @dataclass(frozen=True)
 class PointTable:
-    """points : (n, 3) float64; normals : (n, 3) or None; notes : for a person"""
+    """points : (n, 3) float64; normals : (n, 3) or None; notes : for the user"""
 
     points: FloatArray
     normals: FloatArray | None
@@ -306,7 +306,7 @@ def _listed(columns: tuple[int, ...]) -> str:
 def _bad_line(
     file: DataFile, lines: list[str], data: list[int], style: _Style, columns: tuple[int, ...]
 ) -> InputError:
-    """Find the line that numpy stumbled over; it counts rows, people count lines."""
+    """Find the line that numpy stumbled over; it counts rows, users count lines."""
     for number in data:
         bare = _bare(lines[number]).strip()
         cells = style.cells(bare)

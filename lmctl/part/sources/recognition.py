@@ -1,4 +1,4 @@
-"""What kind of file some bytes are, by how they begin: for the hint where their name is wrong."""
+"""Recognise a kind of file by its first bytes, for the hint where its name is wrong."""
 
 from __future__ import annotations
 

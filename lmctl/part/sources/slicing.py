@@ -1,7 +1,7 @@
 """The outline of a mesh in a plane, cut straight from its triangles.
 
 Exact to rounding, corners included, where the zero level of a stored field rounds them; and
-quicker than asking a library for one plane at a time (tests/benchmarks/slicing.py).
+quicker than calling a library for one plane at a time (tests/benchmarks/slicing.py).
 """
 
 from __future__ import annotations

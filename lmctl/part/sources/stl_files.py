@@ -1,7 +1,7 @@
 """STL files of both forms. Their length distinguishes them; how they begin does not.
 
-A binary STL is 84 bytes and 50 a triangle, whatever its head holds, the word `solid` included. A
-text of just the length that four of its letters would promise cannot be: it would be gigabytes.
+A binary STL has 84 bytes plus 50 per triangle, whatever its head holds, even the word `solid`. No
+text file has just the length that its bytes would declare as a count: it would be gigabytes.
 """
 
 from __future__ import annotations

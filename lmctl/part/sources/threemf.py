@@ -24,7 +24,7 @@ from lmctl.part.sources.threemf_package import ThreemfPackage
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-#: Meshes that a few lines of nested components may ask for.
+#: Most meshes that nested components may place.
 MAX_PLACED_MESHES = 10_000
 MAX_COMPONENT_DEPTH = 16
 
@@ -68,7 +68,7 @@ class _Build:
             yield from self._placed(item, _identity(), 0)
 
     def notes(self) -> tuple[str, ...]:
-        """What was left out, for a person."""
+        """What was left out, for the user."""
         notes = []
         if self._not_solid:
             notes.append("objects that are no solids are left out: "

@@ -2,7 +2,7 @@
 
 The core of the format is read (meshes, components, build items and their transforms), and the
 references to other model files of its production extension. A model that requires any other
-extension is refused, as the format asks of those who do not know it.
+extension is refused, as the format demands of readers without that extension.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ class ModelObject:
 
 @dataclass(eq=False)
 class ThreemfModel:
-    """What a model part holds. left_out : build items it says are not to be printed."""
+    """What a model part holds. left_out : build items it marks as not to be printed."""
 
     unit: str = "millimeter"
     objects: dict[str, ModelObject] = field(default_factory=dict)

@@ -1,7 +1,7 @@
-"""The zip package a 3MF file is: which of its parts is the model to build, and the parts' bytes.
+"""Read the zip package of a 3MF file: find the model to build, and give the parts' bytes.
 
 The relationships of the package name the start part (Open Packaging Conventions, ISO/IEC 29500-2);
-where a model lies in the archive, and how it is called, says nothing. Sizes are bounded before
+where a model lies in the archive, and its name, do not matter. Sizes are bounded before
 anything is unpacked, and XML that declares a document type, and so could define entities, is
 refused.
 """

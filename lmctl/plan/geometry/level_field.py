@@ -1,11 +1,10 @@
-"""The section numbered across: a field whose levels ½, 1½, 2½ … are where the tracks run.
+"""A field over the section whose levels ½, 1½, 2½ … are where the tracks run.
 
-Outside the core tracks lie a pitch apart, exactly, but for the strip of the second one: it is wider
-in every other layer, and narrower in those between, so that tracks farther in do not lie upon each
-other. In the core, the innermost few of them, they
-share what width is left, so that strips fill it: `count` strips of `strip` each. Which width and
-count hold at a node is found where the ray from the nearest point of the outline through the node
-meets the medial axis.
+Outside the core, tracks lie exactly a pitch apart, except for the strip of the second one. That is
+wider in every other layer and narrower in those between, so that tracks farther in do not lie upon
+each other. The core is the innermost few tracks. They share the remaining width, so that strips
+fill it: `count` strips of `strip` each. Width and count at a node are those found where the ray
+from the nearest point of the outline through the node meets the medial axis.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Neighbouring closed tracks made one: a spanning tree of pairs of bridges, walked round."""
+"""Join neighbouring closed tracks: walk once around a spanning tree of pairs of bridges."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Fewer starts: neighbouring closed tracks become one, and open ones are joined to them.
+"""Reduce starts: join neighbouring closed tracks into one, and open tracks to them.
 
 Two closed tracks side by side become one where a stretch of each is replaced by two bridges: the
 nozzle leaves the first, goes all round the second and comes back. The stretches are as long as the

@@ -1,7 +1,7 @@
-"""What of a slice its tracks leave out: places, sizes, why, and what would keep them.
+"""Find the pieces of a slice that its tracks leave out: place, size, reason, remedy.
 
 Islands are judged by their own outlines, and ribs by how far their outline lies from the tracks, so
-that nothing is too thin to be seen.
+that nothing is too thin to be found.
 """
 
 from __future__ import annotations

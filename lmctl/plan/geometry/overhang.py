@@ -1,4 +1,4 @@
-"""Where a slice lies out over the slice below it, and how steeply."""
+"""Find where a slice overhangs the slice below it, and how steeply."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from lmctl.plan.geometry.section_raster import SectionRaster
 
 FloatArray = NDArray[np.float64]
 
-#: From this lean on, from the vertical, overhang is worth a word [degrees].
+#: From this lean on, from the vertical, overhang is reported [degrees].
 WARNED_OVERHANG_DEG = 30.0
 #: Smaller places are left out: a square of this part of a bead.
 _LEAST_BEADS = 0.25

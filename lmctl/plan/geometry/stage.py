@@ -46,7 +46,7 @@ GOLDEN_ANGLE = float(np.pi * (3 - np.sqrt(5)))
 
 
 def layer_geometry(part: Part, placement: Placement, layer: int) -> LayerGeometry:
-    """The tracks of one layer and what they leave undone.
+    """The tracks of one layer and what they leave unfilled.
 
     layer : of `placement`, so that a placement without its lowest layers counts from the first
         that it keeps

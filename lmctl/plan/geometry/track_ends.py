@@ -1,4 +1,4 @@
-"""Ends of open tracks, taken on straight or cut back."""
+"""Extend the ends of open tracks straight, or trim them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the nozzle will deposit: the planner's own prediction of powder through hose and mixer.
+"""Predict what the nozzle deposits: the planner's own model of powder in hose and mixer.
 
 Each hopper: dead time θ, then a first-order lag τ. With lead, the set-point is
 u(t) = clip(w(t + θ) + τ w′(t + θ), 0, u_max), so θ cancels and the flow at the nozzle is w itself

@@ -1,4 +1,4 @@
-"""Moves made ready for the controller: no line too long in time, gaps long enough for powder."""
+"""Prepare moves for the controller: no line lasts too long, gaps are long enough for powder."""
 
 from __future__ import annotations
 
@@ -52,8 +52,8 @@ def with_time_for_powder(
     """Slow the travel before each path so that the powder's change of mixture has time.
 
     needed_s : (m,) time from the bead before to each path's, by path of this layer
-    Slower travel rather than a dwell: powder does not fall on one place, the planner keeps its
-    motion, and an override scales the wait with the rest. Where there is no way to travel, dwell.
+    Slower travel is better than a dwell: powder does not fall on one place, the planner keeps its
+    motion, and an override scales the wait with the rest. A gap without travel gets a dwell.
     """
     durations = line_durations(moves, start_mm, motion)
     gaps = gap_line_ranges(moves)
@@ -90,7 +90,7 @@ def _sums(values: FloatArray, bounds: IndexArray) -> FloatArray:
 
 
 def _wait_before(moves: Moves, paths: IndexArray, gaps: IndexArray) -> IndexArray:
-    """The lines before which powder is waited for: lead-ins, or beads where there are none."""
+    """The lines before which the nozzle waits for powder: lead-ins, or else beads."""
     bead = gaps[paths, 1]
     before = np.maximum(bead - 1, 0)
     lead_in = (moves.kind[before] == LineKind.LEAD) & (moves.path[before] == paths) & (

@@ -1,4 +1,4 @@
-"""What the nozzle is predicted to deposit along a layer's beads, against the plan and the part."""
+"""Predict the deposited mixture along a layer's beads, and compare it with plan and part."""
 
 from __future__ import annotations
 

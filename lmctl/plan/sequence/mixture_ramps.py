@@ -1,11 +1,11 @@
-"""Changing the mixture while the beam is off: how long it must take, and along which course.
+"""Change the mixture while the beam is off: find the time it takes and the course.
 
 All hoppers go from flows a to flows b along one course λ(t) from 0 to 1, w = a + λ(b − a), so the
 total volume changes evenly too. A set-point u = w + τ w′ must stay within [0, u_max], which bounds
 how fast each hopper may rise (towards u_max) or fall (towards nothing), τ being the hopper's lag.
 
-With the beam on the same bounds hold; a mixture that changes faster is followed as well as they
-allow, behind what is wanted.
+With the beam on the same bounds hold. The flow follows a faster change of mixture as well as they
+allow, and lags behind the wanted flow.
 """
 
 from __future__ import annotations
@@ -177,5 +177,5 @@ def deliverable_ramp_fraction(
 
 @inner_kernel
 def has_caught_up(flow: FloatArray, wanted: FloatArray, most: FloatArray) -> bool:
-    """Whether a flow is what was wanted, or as good as."""
+    """Whether a flow equals the wanted flow, within the share `_CAUGHT_UP`."""
     return bool((np.abs(flow - wanted) <= _CAUGHT_UP * most).all())

@@ -101,10 +101,10 @@ def with_inserted_moves(moves: Moves, before: IndexArray, more: Moves) -> Moves:
 
 
 def rounded_to_program_steps(moves: Moves, start_mm: FloatArray) -> Moves:
-    """Round to what the program text can say, and drop motions too short to be made.
+    """Round to the decimals of the program text, and drop motions too short to be made.
 
-    The firmware makes no block of a motion shorter than a motor step, so none may be counted on.
-    What is dropped ends within LEAST_MOTION_MM of the last motion kept; the next starts there.
+    The firmware makes no block of a motion shorter than a motor step, so the plan omits them.
+    A dropped motion ends within LEAST_MOTION_MM of the last motion kept; the next starts there.
     """
     target = np.round(moves.target_mm / POSITION_STEP_MM) * POSITION_STEP_MM + 0.0
     feed = np.maximum(np.round(moves.feed_mm_s * 60 / FEED_STEP_MM_MIN), 1) * FEED_STEP_MM_MIN / 60

@@ -1,4 +1,4 @@
-"""What the nozzle must deliver against program time: knots of every hopper's flow.
+"""Powder flow the nozzle must deliver over program time: knots of every hopper's flow.
 
 Along beads the flow follows the mixture, linear from vertex to vertex; in mode "lead" as nearly as
 hoppers can. From bead to bead it changes while the beam is off: along a ramp that the feeders can
@@ -58,9 +58,9 @@ def powder_flow(
 def followed_flow(
     times_s: FloatArray, wanted_g_s: FloatArray, start_g_s: FloatArray, limits: PowderLimits
 ) -> PowderFlow:
-    """What the nozzle can be brought to deliver, from `start_g_s` (hoppers,) on, of a flow wanted.
+    """The flow the nozzle can deliver, from `start_g_s` (hoppers,) on, to follow a wanted flow.
 
-    Where set-points within their bounds can follow, it is what is wanted. Else all hoppers go
+    It is the wanted flow where set-points within their bounds can follow. Else all hoppers go
     straight towards it, as fast as the slowest of them can, until they have caught up.
 
     times_s, wanted_g_s : (k,) rising, (k, hoppers) knots of the flow wanted

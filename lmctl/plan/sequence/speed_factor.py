@@ -1,8 +1,9 @@
 """How much slower a bead must be for powder to follow its mixture.
 
-Slower, the mixture changes more slowly in time, and less flow is asked for: half the speed halves
-what the lag demands. Where no speed is slow enough, the one at which the powder is off for the
-least time. A jump takes the hoses the same time at any speed: it slows nothing.
+On a slower bead the mixture changes more slowly in time, and less flow is needed: half the speed
+halves what the lag demands. Where no speed is slow enough, the result is the speed at which the
+mixture is wrong for the least time. A jump takes the hoses the same time at any speed, so it does
+not slow the bead.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ IndexArray = NDArray[np.intp]
 MIXTURE_TOLERANCE_FRACTION = 0.02
 #: Where the mixture changes too fast along a path, the path is slowed down, but not below this.
 SPEED_FACTORS = (1.0, 0.85, 0.7, 0.6, 0.5)
-#: A slower speed has to leave no more than this part of the time for which the powder is off.
+#: A slower speed has to leave no more than this part of the time with a wrong mixture.
 _WORTH = 0.9
 
 

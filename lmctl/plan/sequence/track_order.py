@@ -1,8 +1,8 @@
-"""In which order, from where and which way round the tracks of a layer are deposited.
+"""Choose the order, start point and direction in which the tracks of a layer are deposited.
 
-Tracks go by composition, in one sweep from one end of the layer's range to the other, and the next
-layer sweeps back: the least change of mixture there can be. Tracks of equal
-mixture go by nearness. The start of a closed track (its seam) follows `process.seam`; where the
+Tracks are sorted by composition, in one sweep from one end of the layer's range to the other. The
+next layer sweeps back, so the mixture changes as little as possible. Tracks of equal mixture are
+sorted by nearness. The start of a closed track (its seam) follows `process.seam`; where the
 mixture varies along the track, it is near to what the nozzle already delivers. The direction
 alternates from layer to layer.
 """
@@ -150,7 +150,7 @@ def _seam_vertices(
 def _in_order(
     geometry: LayerGeometry, order: IndexArray, first: IndexArray, reverse: IndexArray
 ) -> OrderedTracks:
-    """Gather vertices: track order[k] from its vertex first[k], against its direction if told."""
+    """Gather vertices: track order[k] from its vertex first[k], backwards where reversed."""
     size = np.diff(geometry.starts)[order]
     starts = np.concatenate([[0], np.cumsum(size)]).astype(np.intp)
     number = indices_within_stretches(size)
