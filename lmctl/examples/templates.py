@@ -1,4 +1,4 @@
-"""The examples as files a person can start from."""
+"""The examples as template files that the user can start from."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ TEMPLATES: dict[str, str] = {
     "fig9-intersection": "what two bodies of different materials share",
 }
 
-#: The simulated cell: what every template is accompanied by.
+#: The simulated cell, whose files accompany every template.
 CELL_FILES = ("cell.toml", "bench.toml")
 
 

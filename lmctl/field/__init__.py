@@ -1,4 +1,4 @@
-"""Signed distance on grids: kernels are array functions that know no tree and no material."""
+"""Signed distance on grids: kernels are array functions without a tree or a material."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Distance to the features a material is graded from: point, segment, axis, polyline, plane.
 
-Exact, vectorised, unsigned unless said otherwise. points : (n, 3) float64 [mm] x, y, z;
+Exact, vectorised, unsigned unless stated otherwise. points : (n, 3) float64 [mm] x, y, z;
 results : (n,) float64 [mm].
 """
 

@@ -15,7 +15,7 @@ FloatArray = NDArray[np.float64]
 Triangles = NDArray[np.int64]
 
 PROJECTION_ROUNDS = 2  # of moving vertices onto the level
-MAX_MOVE_PITCHES = 0.5  # pitches; where more is asked for, an edge is near and the slope no guide
+MAX_MOVE_PITCHES = 0.5  # pitches; a larger move means an edge is near and the slope is no guide
 
 
 def iso_surface(field: DistanceField, level_mm: float = 0.0) -> tuple[FloatArray, Triangles]:

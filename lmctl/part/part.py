@@ -41,7 +41,7 @@ class PartSection:
     def in_plane_distance(self) -> NDArray[np.float32]:
         """(ny, nx) float32 [mm]: in-plane signed distance to the outline, positive inside.
 
-        Measured in the plane anew when asked for; −inf everywhere where there is no outline.
+        Computed anew in the plane at each call; −inf everywhere where there is no outline.
         """
         return plane_distance(self.loops, self.grid)
 

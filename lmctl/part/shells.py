@@ -18,7 +18,7 @@ TOLERANCE_MM = 1e-3
 
 
 def make_shell(of: Body, box: Bounds, shell: ShellBody, pitch_mm: float) -> Body:
-    """The shell of a body that a part file asks for.
+    """The shell of a body that a part file specifies.
 
     box : holds the body
     raises : InputError where the body has no end, or nothing of it lies as deep as the shell
@@ -41,8 +41,8 @@ def make_shell(of: Body, box: Bounds, shell: ShellBody, pitch_mm: float) -> Body
 def _check_depth(of: Body, box: Bounds, name: str, key: str, level_mm: float) -> None:
     """Raises InputError where no place in a body lies deeper than a shell of it begins or ends.
 
-    Bounds are never too large, so a place that is deeper by its bound will do. Only where there is
-    none distances are asked.
+    Bounds are never too large, so a place that is deeper by its bound is enough. Distances are
+    evaluated only where there is none.
     """
     deepest = maximum_in_box(of.distance_bound, *box, TOLERANCE_MM, level_mm)
     if deepest <= level_mm and not of.distance_bound_is_exact:

@@ -65,7 +65,7 @@ def plan_job(
 
     progress : called with (layers done, layers in all)
     The job is the same, byte for byte, wherever its layers are made.
-    Raises PlanError where the part cannot be planned as asked, or the plan is not the part;
+    Raises PlanError where the part cannot be planned so, or the plan is not the part;
     JobError where the file cannot be written.
     """
     options = options or PlanOptions()

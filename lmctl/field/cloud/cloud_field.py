@@ -47,7 +47,7 @@ def cloud_field(
     normals : (n, 3) float64, pointing outwards as given in the file; 0 or nan where not given.
         They separate walls thinner than the samples' spacing. They are checked: if all point
         inwards they are turned, if they are inconsistent they are not used; a remark reports both
-    returns : Field with sources; its remarks say what was dropped
+    returns : Field with sources; its remarks list what was dropped
     raises : InputError for a cloud that is broken, too sparse for the pitch, open, or flat
     """
     samples, patches, orientation = _oriented(points, grid, normals)

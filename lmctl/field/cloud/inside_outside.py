@@ -219,7 +219,7 @@ def _by_normals_kernel(
     clear: NDArray[np.uint8], sources: Sources, points: FloatArray, normal: FloatArray,
     out: FloatArray, facing: NDArray[np.int8], near: NDArray[np.int32], told: NDArray[np.int8],
 ) -> None:
-    """The side of nodes right above or below a sample, in `told`.
+    """Write the side of nodes right above or below a sample to `told`.
 
     Uses the patch's normal and the sample's own: at a sharp edge the patch is fitted around the
     edge. Near a sharp edge a place in the air may lie behind one of the faces, so a place counts

@@ -75,7 +75,7 @@ def nearest_neighbours(
 ) -> tuple[FloatArray, NDArray[np.int32]]:
     """The nearest other points of each point, nearest first; deterministic.
 
-    cells : of distinct points, more than `count` of them; of : rows of those asked about, all
+    cells : of distinct points, more than `count` of them; of : rows of the queried points, all
     returns : distances (m, count) float64; rows (m, count) int32
     """
     points = cells.points

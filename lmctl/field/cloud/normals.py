@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
-# cosine of the angle between a normal and its patch's; less says nothing of a side
+# cosine of the angle between a normal and its patch's; less does not decide a side
 MIN_FIT_COSINE = 0.5
 MIN_FITTING_FRACTION = 0.7  # share of the samples
 TOLD_LEVELS = 2  # by which the way out is wider than through any gap where the outside is known

@@ -45,7 +45,7 @@ class CloudSamples:
     neighbours : (n, NEIGHBOURS) int32, the nearest other samples, nearest first
     alike : (n, ≥ 16) int32, those whose normals are not turned away from its own; the same as
         `neighbours` without normals
-    spacing_mm : (n,) float64, side of the square of surface each sample stands for
+    spacing_mm : (n,) float64, side of the square of surface each sample represents
     remarks : what was dropped
     normals : (n, 3) float64, of length 1, 0 where not known, pointing outwards if the file is
         right; or None

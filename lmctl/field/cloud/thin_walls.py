@@ -26,7 +26,7 @@ MIN_WALL_SPACINGS = 1.1  # thinner than this, patches of one face reach past the
 MAX_SIDEWAYS_SPACINGS = 1.5  # farther aside than this a sample does not face another
 SAME_FACE_SPACINGS = 0.2  # by noise and bend samples of one face are this far off each other's
 MAX_THIN_FRACTION = 0.05  # of thin samples; where two faces run out in a sharp edge some always are
-# share of normals unlike those around them; more say nothing of what is thin
+# share of normals unlike those around them; with more, thinness cannot be judged
 MAX_STRAY_NORMAL_FRACTION = 0.2
 
 

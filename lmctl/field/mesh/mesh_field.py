@@ -28,7 +28,7 @@ def mesh_field(
     there twice, overlap, and leave holes: a ray through a hole has no vote.
 
     vertices : (n, 3) float64 [mm]; triangles : (m, 3) int, rows of `vertices`
-    returns : Field with sources; its remarks say what was wrong with the mesh
+    returns : Field with sources; its remarks report what was wrong with the mesh
     raises : InputError for no triangles, indices out of range, coordinates that are not
         numbers, and a mesh outside the grid
     """

@@ -64,8 +64,8 @@ def is_closed(field: DistanceField) -> bool:
 def zero_level_bounds(field: DistanceField, least_area_mm2: float = 0.0) -> Bounds:
     """Where a field's inside begins and ends along x, y, z.
 
-    Each plane of nodes across an axis stands for the highest level at which a connected patch of
-    the least area remains; the outermost crossing of zero between planes is the bound. For a
+    Each plane of nodes across an axis is given the highest level at which a connected patch of the
+    least area remains; the outermost crossing of zero between planes is the bound. For a
     measured cloud this is the fitted surface: not its farthest stray point, nor a burr too small
     to be deposited.
     """

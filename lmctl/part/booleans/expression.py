@@ -65,7 +65,7 @@ class BooleanExpression:
         return _boxed(self.formula, boxes)
 
     def signed_leaves(self) -> list[tuple[int, int]]:
-        """(leaf, sign) of every side that the formula asks for, each once."""
+        """(leaf, sign) of every side that the formula uses, each once."""
         return list(dict.fromkeys((side.leaf, side.sign) for side in _sides(self.formula)))
 
 

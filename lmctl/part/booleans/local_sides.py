@@ -260,7 +260,7 @@ def _between(inward: Sequence[FloatArray]) -> FloatArray:
         a, b = inward
         ways = np.stack([a + b, a - b])
     else:
-        # To the same sides of all three as their inverse says, however flat the corner is.
+        # The inverse gives the same sides of all three, however flat the corner is.
         a, b, c = inward
         across = np.cross(b, c), np.cross(c, a), np.cross(a, b)
         ways = np.stack([

@@ -53,7 +53,7 @@ def flat_profile_warnings(rule: CompositionField, body: Body) -> list[str]:
 
 
 def _graded(rule: CompositionField) -> Iterator[GradedComposition]:
-    """The profiles of a rule that are asked in the part's own coordinates."""
+    """The profiles of a rule that are evaluated in the part's own coordinates."""
     match rule:
         case GradedComposition():
             yield rule

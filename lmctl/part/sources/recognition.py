@@ -44,7 +44,7 @@ def recognise_content(data: bytes) -> tuple[str, str]:
 
 
 def unreadable_file(file: DataFile, where: str, hint: str = "") -> InputError:
-    """The error for a file that is damaged, or whose content is not what its ending says."""
+    """The error for a file that is damaged, or whose content does not match its ending."""
     suffix, name = recognise_content(file.data)
     article = "an" if file.suffix[:1] in "aeo" or file.suffix.startswith(("x", "st")) else "a"
     message = f"{file.path} is not {article} {file.suffix.upper()} file that can be read"

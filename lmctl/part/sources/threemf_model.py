@@ -19,7 +19,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 Transform = FloatArray
 
-#: Millimetres in each unit the format knows.
+#: Millimetres in each unit of the format.
 MM_PER_3MF_UNIT = {
     "micron": 0.001, "millimeter": 1.0, "centimeter": 10.0, "inch": 25.4, "foot": 304.8,
     "meter": 1000.0,

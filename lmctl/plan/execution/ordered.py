@@ -16,7 +16,7 @@ def ordered_results(
 ) -> Iterator[Result]:
     """Results of `submit` for each item, in the items' order.
 
-    window : at least 1, submissions whose result is not taken yet, at most; asked each time
+    window : at least 1, submissions whose result is not taken yet, at most; read each time
     Items are taken as the window has room, so that they may come from a generator that depends on
     results already given. Where the caller stops early, or a result is an exception, what has not
     begun is cancelled.

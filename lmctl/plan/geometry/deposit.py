@@ -26,8 +26,7 @@ class Deposit:
     """(ny, nx) float32 each, of the cells around the nodes, in layer heights.
 
     inside_cell_fraction : of the cell that lies inside the outline, 0 to 1
-    filled_fraction_by_cell : deposited inside the outline over what there is of the slice, in the
-    tile around
+    filled_fraction_by_cell : deposited inside the outline over the slice present in the tile around
     outside_cells : deposited outside the outline, in cells
     """
 

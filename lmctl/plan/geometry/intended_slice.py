@@ -1,4 +1,4 @@
-"""The slice that tracks are to fill: the drawing, moved as the process says."""
+"""The slice that tracks are to fill: the drawing, offset as the process specifies."""
 
 from __future__ import annotations
 

@@ -3,7 +3,7 @@
 Between two neighbouring nodes whose nearest edges of the outline lie apart, the ridge crosses the
 line that joins them where both edges are equally far. The crossings of a cell of the raster are
 joined. Where the outline is seen under less than 20° from a crossing it is no ridge but the
-polygon that stands for a curve.
+polygon that approximates a curve.
 """
 
 from __future__ import annotations

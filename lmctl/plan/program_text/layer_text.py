@@ -55,7 +55,7 @@ class LayerLines:
 def packed_layer(layer: LayerLines) -> PackedLayer:
     """The bytes of a layer, checked against the rules of the job format.
 
-    Raises PlanError where S words cannot say a beam's power.
+    Raises PlanError where S words cannot express a beam's power.
     """
     moves = layer.moves
     table = np.zeros(len(moves), line_dtype(moves.fractions.shape[1]))
@@ -76,7 +76,7 @@ def packed_layer(layer: LayerLines) -> PackedLayer:
 def program_bytes(layer: LayerLines) -> bytes:
     """The program text of a layer, a line end after each line.
 
-    Raises PlanError where S words cannot say a beam's power.
+    Raises PlanError where S words cannot express a beam's power.
     """
     moves = layer.moves
     decimals = s_word_decimals(layer.laser.s_max)

@@ -1,4 +1,4 @@
-"""From ordered tracks to beads: vertices, mixtures that hoppers can meter, speed and power between.
+"""Turn ordered tracks into beads: vertices, mixtures that hoppers can meter, speed and power.
 
 The volume per millimetre is strip width · layer height. Powder per second and beam power stay at
 the recipe's values. Speed compensates the strip's difference from the nominal pitch, because speed
@@ -196,7 +196,7 @@ def _within_axis_speed(beads: Beads, recipe: Recipe, max_speed_mm_s: float) -> B
 
 
 def min_deliverable_speed_factors(beads: Beads, recipe: Recipe) -> FloatArray:
-    """Below these speed factors (m,) a hopper would be asked for less than it can meter."""
+    """Speed factors (m,) below which a hopper would have to meter less than it can."""
     flow = recipe.flow_g_s(beads.fractions)
     metered = (flow >= recipe.min_flow_g_s * (1 - 1e-9)) & (flow > 0)
     ratio = np.where(metered, recipe.min_flow_g_s / np.maximum(flow, 1e-12), 0.0).max(axis=1)
