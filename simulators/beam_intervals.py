@@ -1,7 +1,8 @@
-"""When the beam was lit, to the instant, by a controller's trace.
+"""Exact intervals with the beam on, from a controller's motion trace.
 
-A phase has one acceleration, so when a speed is crossed is computed, not looked for in steps.
-Between phases the axes stand; what burns then is another table of the trace. Times are the loop's.
+A phase has constant acceleration, so the instant at which a speed is crossed is computed, not
+searched in steps. Between phases the axes stand; a separate table of the trace holds the beam power
+then. Times are on the loop's clock.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from simulators.motion.trace import MotionTrace
 
 FloatArray = NDArray[np.float64]
 
-#: Times so near to each other are the same [s].
+#: Times closer together than this count as equal [s].
 SAME_TIME_TOLERANCE_S = 1e-9
 
 
@@ -35,13 +36,13 @@ class TimeInterval:
 
 def beam_on_below_speed(speed_mm_s: float, trace: MotionTrace, now_s: float) -> tuple[TimeInterval,
                                                                                       ...]:
-    """When the beam was lit by now with the axes slower than that, or standing; in order."""
+    """Return the intervals until now with the beam on and the axes below this speed or standing."""
     return merge_intervals(np.concatenate([_moving(trace, now_s, speed_mm_s),
                                            _standing(trace, now_s)]))
 
 
 def merge_intervals(stretches: FloatArray) -> tuple[TimeInterval, ...]:
-    """Stretches (k, 2) [s] in order, those that touch joined."""
+    """Sort intervals (k, 2) [s] and join those that touch."""
     together: list[list[float]] = []
     for begin_s, end_s in sorted(map(tuple, stretches.tolist())):
         if together and begin_s <= together[-1][1] + SAME_TIME_TOLERANCE_S:
@@ -52,7 +53,7 @@ def merge_intervals(stretches: FloatArray) -> tuple[TimeInterval, ...]:
 
 
 def _moving(trace: MotionTrace, now_s: float, below_mm_s: float) -> FloatArray:
-    """(k, 2) stretches of motion with the beam lit, as far as slower than that."""
+    """(k, 2) intervals of motion with the beam on and the speed below below_mm_s."""
     phases = trace.phases()
     begin, end = phases.start_s, np.minimum(phases.end_s, now_s)
     speed, acceleration = phases.speed_mm_s, phases.acceleration_mm_s2
@@ -72,7 +73,7 @@ def _moving(trace: MotionTrace, now_s: float, below_mm_s: float) -> FloatArray:
 
 
 def _standing(trace: MotionTrace, now_s: float) -> FloatArray:
-    """(k, 2) stretches without motion with the beam lit."""
+    """(k, 2) intervals with the beam on and no motion."""
     phases = trace.phases()
     since, power = trace.standing_power()
     lit: list[tuple[float, float]] = []

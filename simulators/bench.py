@@ -1,4 +1,4 @@
-"""The simulated cell, assembled: a motion controller and its feeders, each on its own wire."""
+"""The assembled simulated cell: a motion controller and its feeders, each on its own link."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from simulators.safety.device import SimulatedSafetyDevice
 from simulators.safety.wiring import SafetyWiring
 
 _ANY_PORT = Address("127.0.0.1", 0)
-_SAFETY_BAUD = 115_200  # it is asked ten times a second and more
+_SAFETY_BAUD = 115_200  # the host polls it ten times a second or more
 
 
 class Bench:
@@ -27,8 +27,8 @@ class Bench:
 
     ephemeral_ports : take free ports of 127.0.0.1 in place of those configured
     endpoints : by "motion", "safety" and the feeders' names, in the spelling of a machine profile
-    motion, feeders, safety : the devices themselves, for whoever plays the operator's hands
-    edges : by the names of the endpoints, where faults befall a device's bytes
+    motion, feeders, safety : the devices themselves, for a caller that acts as the operator
+    edges : by the names of the endpoints, where faults apply to a device's bytes
     Entering raises OSError, naming the device, where a port is taken.
 
     >>> async def cell(config):
@@ -61,7 +61,7 @@ class Bench:
 
     @property
     def record(self) -> BenchRecord:
-        """What has been done so far, for judging; also after leaving."""
+        """The record of the run so far; also available after leaving."""
         return BenchRecord(self.motion.trace, list(self.feeders.values()))
 
     async def _start(self) -> None:
@@ -121,7 +121,7 @@ class Bench:
 
 
 def with_motion_on_pty(config: BenchConfig) -> BenchConfig:
-    """The same cell, its motion controller on a new pty."""
+    """Return the same cell with its motion controller on a new pty."""
     return replace(config, addresses={**config.addresses, "motion": Address(pty=True)})
 
 

@@ -1,8 +1,6 @@
 """The record of a bench: what came out of the nozzle along the path with the beam on.
 
-It is read from the simulators' own record of motion and powder, and knows nothing of how the job
-was
-planned.
+It uses only the simulators' own record of motion and powder, not the planning of the job.
 """
 
 from __future__ import annotations
@@ -21,10 +19,10 @@ from simulators.motion.trace import MotionTrace
 
 FloatArray = NDArray[np.float64]
 
-#: The beam's path is looked at once in so much path, and at least once in so much time.
+#: The beam path is sampled at least once per this length and once per this time.
 MAX_PIECE_MM = 0.1
 MAX_PIECE_S = 0.02
-#: While the machine stands, the beam is looked at this often.
+#: Sampling step of the beam while the machine stands.
 _STANDING_STEP_S = 0.005
 _CHUNK = 500_000
 
@@ -68,9 +66,9 @@ class BeamOnPath:
         )
 
     def designed_fractions(self, lines: NDArray[np.integer], fractions: FloatArray) -> FloatArray:
-        """What was wanted along the path: (n, n_materials), by each piece's N word.
+        """Return the designed fractions along the path: (n, n_materials), by each piece's N word.
 
-        lines : (m,) N words; fractions : (m, n_materials) wanted on each, in `materials`' order.
+        lines : (m,) N words; fractions : (m, n_materials) designed for each, in `materials`' order.
         Raises ValueError where a piece was drawn by a line that is not among them.
         """
         order = np.argsort(lines, kind="stable")
@@ -93,7 +91,7 @@ class BeamOnPath:
 
 
 class BenchRecord:
-    """What a bench did: trace of its motion, and its feeders. Times are the loop's."""
+    """Record of a bench: its motion trace and its feeders. Times are on the loop's clock."""
 
     def __init__(self, trace: MotionTrace, feeders: Sequence[PmxFeederDevice]) -> None:
         self._trace = trace
@@ -122,7 +120,7 @@ class BenchRecord:
         )
 
     def beam_on_without_motion(self, longer_than_s: float = 0.0) -> FloatArray:
-        """(k, 2) begin and end of the times the beam burned while the machine stood [s]."""
+        """(k, 2) begin and end of the times the beam was on while the machine stood [s]."""
         phases = self._trace.phases()
         ends = np.concatenate([[0.0], phases.end_s])
         begins = np.concatenate([phases.start_s, [self._now_s()]])
@@ -140,7 +138,7 @@ class BenchRecord:
     def beam_on_without_stable_powder(self) -> FloatArray:
         """(k, 2) begin and end of the times the beam moved while powder was not stable [s].
 
-        Powder is stable while every feeder that was used at all calls it so.
+        Powder is stable while every feeder that was used reports it as stable.
         """
         path = self.beam_on_path()
         used = [feeder.spans for feeder in self._feeders if feeder.spans]

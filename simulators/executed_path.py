@@ -1,4 +1,4 @@
-"""What has become of each program line: how far it was moved, lit or dark, and drawn how often."""
+"""Per program line: the length moved, the length with the beam on, and the length repeated."""
 
 from __future__ import annotations
 
@@ -13,15 +13,16 @@ from simulators.motion.trace import MotionTrace
 
 FloatArray = NDArray[np.float64]
 
-#: Less than this is not counted as drawn again [mm].
+#: A shorter repeated length counts as zero [mm].
 _SAME_MM = 0.01
 
 
 @dataclass(frozen=True)
 class ExecutedLine:
-    """One move that was begun. line : N word, 0 without; executed_fraction : of it that was moved
+    """One move that has begun.
 
-    beam_on_mm : length moved with the beam lit; start_mm, end_mm : where the axes really were
+    line : N word, 0 without one; executed_fraction : share of the move that was executed
+    beam_on_mm : length moved with the beam on; start_mm, end_mm : actual axis positions
     """
 
     line: int
@@ -35,9 +36,9 @@ class ExecutedLine:
 
 @dataclass(frozen=True)
 class BeamOnLine:
-    """What the beam drew of one N word, however often. beam_on_mm : covered at least once
+    """Length of one N word moved with the beam on, over all its moves.
 
-    repeated_mm : drawn again
+    beam_on_mm : length covered at least once; repeated_mm : length covered again
     """
 
     line: int
@@ -46,7 +47,7 @@ class BeamOnLine:
 
 
 def executed_lines(trace: MotionTrace, now_s: float) -> tuple[ExecutedLine, ...]:
-    """Every move begun by now, in order."""
+    """Return every move that has begun by now, in order."""
     blocks = trace.blocks()
     lit_mm = _lit_mm(trace, now_s, len(blocks.line))
     return tuple(
@@ -60,7 +61,7 @@ def executed_lines(trace: MotionTrace, now_s: float) -> tuple[ExecutedLine, ...]
 
 
 def beam_on_length_by_line(executed: Sequence[ExecutedLine]) -> tuple[BeamOnLine, ...]:
-    """What the beam drew, by N word; moves without one are left out."""
+    """Return the beam-on length by N word; moves without an N word are left out."""
     pieces: dict[int, list[ExecutedLine]] = {}
     for one in executed:
         if one.line and one.beam_on_mm > 0:
@@ -69,7 +70,7 @@ def beam_on_length_by_line(executed: Sequence[ExecutedLine]) -> tuple[BeamOnLine
 
 
 def _lit_mm(trace: MotionTrace, now_s: float, n_blocks: int) -> FloatArray:
-    """(n,) length moved with the beam lit, of each block."""
+    """(n,) length of each block moved with the beam on."""
     phases = trace.phases()
     until_s = np.minimum(phases.end_s, now_s)
     dt = np.maximum(0.0, until_s - phases.start_s)
@@ -80,9 +81,9 @@ def _lit_mm(trace: MotionTrace, now_s: float, n_blocks: int) -> FloatArray:
 
 
 def _drawn(line: int, pieces: Sequence[ExecutedLine]) -> BeamOnLine:
-    """Lit lengths along the direction of the longest piece, covered once and covered again.
+    """Beam-on lengths along the direction of the longest piece: covered once and covered again.
 
-    A piece counts as lit from its start: the beam of a line goes on with it.
+    The beam counts as on from the start of a piece, because it comes on with the line.
     """
     longest = max(pieces, key=lambda one: one.beam_on_mm)
     origin = np.array(longest.start_mm)

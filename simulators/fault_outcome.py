@@ -1,4 +1,4 @@
-"""What a fault came to: the judge's answers at a glance, for people and as JSON."""
+"""Outcome of a fault: the results of the safety checks, as a summary and as JSON."""
 
 from __future__ import annotations
 
@@ -15,17 +15,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class FaultOutcome:
-    """What the machine did from since_s on, the time a fault became real.
+    """What the machine did from since_s on, the time at which the fault took effect.
 
-    beam_off_after_s : from then until the beam was dark, 0 where it was already
-    beam_on_again_at_s : when it was lit next, on the loop's clock; None: not again
-    axes_stopped_after_s : from then until the axes stood
-    beam_on_without_motion : the beam lit, and no motion (whole run)
-    powder_deficits : the beam lit, and the powder not as told (whole run)
-    powder_stops : of the feeders that stopped since; powder_on : names of those that feed now
-    gas_off_s : by feeder, when its carrier gas went off since
+    beam_off_after_s : from since_s until the beam was off, 0 if it already was
+    beam_on_again_at_s : when the beam next came on, on the loop's clock; None: not again
+    axes_stopped_after_s : from since_s until the axes stood
+    beam_on_without_motion : beam on without motion (whole run)
+    powder_deficits : beam on and powder not as commanded (whole run)
+    powder_stops : feeders that stopped since then; powder_on : names of feeders that feed now
+    gas_off_s : by feeder, when its carrier gas went off after since_s
     gas_off_before_powder : feeders whose gas was off when their powder stopped
-    repeated_mm : drawn more than once with the beam lit (whole run); rx_overrun_bytes : bytes lost
+    repeated_mm : length repeated with the beam on (whole run)
+    rx_overrun_bytes : bytes lost because the controller's receive buffer was full
     """
 
     since_s: float
@@ -42,10 +43,10 @@ class FaultOutcome:
     rx_overrun_bytes: int
 
     def safety_shortfalls(self, dark_within_s: float, grace_s: float = 0.0) -> list[str]:
-        """What is wrong with it, in words; empty for a safe end.
+        """Return a message for each shortfall; an empty list means a safe end.
 
-        dark_within_s : the time allowed from since_s to a dark beam
-        grace_s : lacks of powder that the fault itself caused may last so long after since_s
+        dark_within_s : time allowed from since_s until the beam is off
+        grace_s : time after since_s in which the fault itself may cause powder deficits
         """
         found = []
         if self.beam_off_after_s > dark_within_s:
@@ -67,9 +68,10 @@ class FaultOutcome:
 
 
 def judge_fault(bench: Bench, since_s: float = 0.0, off_by: float = 0.2) -> FaultOutcome:
-    """Ask a bench everything. since_s : when the fault became real (`InjectedFault.at_s`)
+    """Run all safety checks on a bench.
 
-    off_by : see `SafetyChecks.powder_lacks`
+    since_s : when the fault took effect (`InjectedFault.at_s`)
+    off_by : see `SafetyChecks.powder_deficits`
     """
     judge = SafetyChecks(bench)
     stops = [judge.powder_stop(feeder, since_s) for feeder in bench.feeders]
@@ -94,9 +96,10 @@ def judge_fault(bench: Bench, since_s: float = 0.0, off_by: float = 0.2) -> Faul
 
 
 def record_as_json(bench: Bench, happened: tuple[InjectedFault, ...] = ()) -> dict[str, Any]:
-    """The whole record, for a bench that is a process of its own.
+    """Return the whole record, for a bench that runs in its own process.
 
-    Times are seconds of the bench's clock; "host" has when hosts came and went, by device.
+    Times are seconds of the bench's clock. "host" lists when hosts connected and disconnected, by
+    device.
     """
     judge = SafetyChecks(bench)
     since_s = happened[-1].at_s if happened else 0.0

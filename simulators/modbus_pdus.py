@@ -1,7 +1,7 @@
-"""Messages of pymodbus, with all their registers packed and unpacked at once.
+"""Messages of pymodbus that pack and unpack all registers at once.
 
-pymodbus takes them one by one, and spells every message out for a log nobody reads; together
-that is a quarter of a round trip. Its own extension point (`register`) takes these in place.
+pymodbus packs registers one by one, and formats every message for a log that is not used; this
+takes a quarter of a round trip. Its extension point (`register`) accepts these instead.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class ServerWriteRequest(WriteMultipleRegistersRequest):
 
 
 class ServerExchangeRequest(ReadWriteMultipleRegistersRequest):
-    """FC 23. is_valid : as of a write; what is to be read counts too."""
+    """FC 23. is_valid : as for a write; the read count is checked too."""
 
     def decode(self, data: bytes) -> None:
         (
@@ -80,7 +80,7 @@ class RegistersReply(ModbusPDU):
         return struct.pack(f">B{count}H", 2 * count, *self.registers)
 
 
-#: To be registered with pymodbus's decoder.
+#: Classes to register with pymodbus's decoder.
 REQUEST_PDU_CLASSES: tuple[type[ModbusPDU], ...] = (
     ReadHoldingRequest, ReadInputRequest, ServerWriteRequest, ServerExchangeRequest,
 )

@@ -190,9 +190,9 @@ async def serve_tcp(
     registers: ModbusRegisters, host: str = "127.0.0.1", port: int = 0, edge: LinkTap | None = None,
     habits: ModbusQuirks | None = None,
 ) -> ModbusServer:
-    """Answer Modbus TCP; port 0 takes a free one. Raises OSError where it cannot listen.
+    """Serve Modbus TCP; port 0 takes a free port. Raises OSError where it cannot listen.
 
-    edge : where faults befall its bytes
+    edge : where faults apply to its bytes
     """
     server = ModbusServer(registers, edge, habits)
     server.listening = await asyncio.get_running_loop().create_server(
@@ -207,9 +207,9 @@ async def serve_pty(
 ) -> ModbusServer:
     """Answer Modbus RTU on a new pty, without parity: Linux ptys carry none.
 
-    edge : where faults befall its bytes
-    baud : what the endpoint says; a pty itself takes no time
-    checks_baud : whether a host at another rate is not understood
+    edge : where faults apply to its bytes
+    baud : rate given in the endpoint; a pty itself has no transmission time
+    checks_baud : whether the server rejects bytes from a host at another rate
     """
     server = ModbusServer(registers, edge, habits)
     server.edge.is_rtu = True

@@ -1,7 +1,8 @@
-"""What a bench did, asked in the words of safety: beam, motion, powder and gas, in machine time.
+"""Safety checks on a bench run: beam, motion, powder and gas, in machine time.
 
-Everything comes from the simulators' own record, which is exact in time (`lit`, `drawn`); only
-powder against what was told is looked at in steps (`record.STEP_S`). Times are the loop's.
+All results come from the simulators' own record, which is exact in time. Only the comparison of
+actual with commanded powder flow works in steps (`bench_record.MAX_PIECE_S`). Times are on the
+loop's clock.
 """
 
 from __future__ import annotations
@@ -33,20 +34,20 @@ from simulators.motion.simulator import MotionSimulator
 if TYPE_CHECKING:
     from simulators.bench import Bench
 
-#: The beam may be lit so long while the machine stands, or nearly
+#: The beam may stay on for SLOW_S while the axes move slower than SLOW_MM_S or stand
 #: (docs/explanation/safety-and-sequences.md, Sequences).
 SLOW_MM_S, SLOW_S = 1.0, 0.05
-#: Flows are compared to at least so much [g/s]; less cannot be told from nothing.
+#: Lower bound of the reference flow [g/s]; a smaller flow cannot be distinguished from zero.
 _MIN_G_S = 0.005
-#: Discs count as standing at so small a share of their speed.
+#: A disc counts as stopped at this share of its speed.
 _STANDS = 0.01
 
 
 @dataclass(frozen=True)
 class PowderDeficit:
-    """The beam was lit from begin_s to end_s while a feeder's powder was not as it should be.
+    """The beam was on from begin_s to end_s while a feeder's powder flow was wrong.
 
-    reason : "not stable", or "flow off": the nozzle's flow differs from what was told θ before
+    reason : "not stable", or "flow off": the nozzle's flow differs from the flow commanded θ before
     """
 
     feeder: str
@@ -57,7 +58,7 @@ class PowderDeficit:
 
 @dataclass(frozen=True)
 class PowderStop:
-    """A feeder's discs were switched off at told_s, and stood at stood_s."""
+    """A feeder's discs were switched off at commanded_s and had stopped at stopped_s."""
 
     feeder: str
     commanded_s: float
@@ -65,7 +66,7 @@ class PowderStop:
 
 
 class SafetyChecks:
-    """Asks one bench what it did so far; also after it has been left."""
+    """Checks what one bench did so far; also works after the bench has closed."""
 
     def __init__(self, bench: Bench) -> None:
         self._motion: MotionSimulator = bench.motion
@@ -76,18 +77,18 @@ class SafetyChecks:
     # --- beam and motion
 
     def beam_on_intervals(self) -> tuple[TimeInterval, ...]:
-        """When the beam was lit."""
+        """Return the intervals with the beam on."""
         return beam_on_below_speed(math.inf, self._motion.trace, self._now_s())
 
     def beam_on_without_motion(
         self, below_mm_s: float = SLOW_MM_S, longer_than_s: float = SLOW_S
     ) -> tuple[TimeInterval, ...]:
-        """When the beam was lit below this speed for longer than that; should be never."""
+        """Return beam-on intervals below this speed and longer than that; there should be none."""
         slow = beam_on_below_speed(below_mm_s, self._motion.trace, self._now_s())
         return tuple(one for one in slow if one.duration_s > longer_than_s)
 
     def beam_off_at_s(self, after_s: float) -> float:
-        """The first instant from after_s on at which the beam is dark."""
+        """Return the first instant from after_s on at which the beam is off."""
         at_s = after_s
         for lit in self.beam_on_intervals():
             if lit.begin_s <= at_s < lit.end_s:
@@ -95,18 +96,18 @@ class SafetyChecks:
         return at_s
 
     def beam_on_again_at_s(self, after_s: float) -> float | None:
-        """When the beam is lit next after having been dark from after_s on; None: not so far."""
+        """Return when the beam next comes on after going off from after_s on; None: not so far."""
         dark_s = self.beam_off_at_s(after_s)
         return next((lit.begin_s for lit in self.beam_on_intervals() if lit.begin_s >= dark_s),
                     None)
 
     def beam_last_on_s(self) -> float | None:
-        """When the beam went dark for the last time so far, or now if it is lit; None: never lit"""
+        """Return when the beam last went off, or now if it is on; None if it never was on."""
         lit = self.beam_on_intervals()
         return lit[-1].end_s if lit else None
 
     def axes_stopped_at_s(self, after_s: float) -> float:
-        """The first instant from after_s on at which the axes stand."""
+        """Return the first instant from after_s on at which the axes stand."""
         phases = self._motion.trace.phases()
         at_s = after_s
         for begin_s, end_s in zip(phases.start_s, phases.end_s, strict=True):
@@ -117,10 +118,10 @@ class SafetyChecks:
     # --- powder and gas
 
     def powder_deficits(self, off_by: float = 0.2) -> tuple[PowderDeficit, ...]:
-        """When the beam was lit and moving without the powder it should have had.
+        """Return the intervals in which the beam was on and moving without the correct powder flow.
 
-        off_by : share of the flow told by which a nozzle's flow may differ. Feeders that never
-        fed are not looked at, unless none did.
+        off_by : share of the commanded flow by which a nozzle's flow may differ. Feeders that
+        never fed are not checked, unless no feeder fed.
         """
         path = self.record.beam_on_path()
         found: list[PowderDeficit] = []
@@ -135,7 +136,7 @@ class SafetyChecks:
         return tuple(sorted(found, key=lambda lack: lack.begin_s))
 
     def powder_stop(self, feeder: str, after_s: float = -math.inf) -> PowderStop | None:
-        """The first stop of a feeder's discs from after_s on; None where they still turn."""
+        """Return the first stop of a feeder's discs from after_s on; None while they still turn."""
         device = self._feeders[feeder]
         device.advance_to_now()
         for span in device.spans:
@@ -145,19 +146,19 @@ class SafetyChecks:
         return None
 
     def is_powder_on(self, feeder: str) -> bool:
-        """Whether its discs are on now."""
+        """Whether the feeder's discs are on now."""
         device = self._feeders[feeder]
         device.advance_to_now()
         return device.discs_on
 
     def gas_off_at_s(self, feeder: str, after_s: float = -math.inf) -> float | None:
-        """When its carrier gas went off first from after_s on; None where it has not."""
+        """Return when the carrier gas first went off from after_s on; None if it has not."""
         device = self._feeders[feeder]
         device.advance_to_now()
         return next((at_s for at_s, on in device.gas if not on and at_s >= after_s), None)
 
     def is_gas_on(self, feeder: str, at_s: float) -> bool:
-        """Whether its carrier gas was on until at_s."""
+        """Whether the feeder's carrier gas was on until at_s."""
         device = self._feeders[feeder]
         device.advance_to_now()
         return next((on for since_s, on in reversed(device.gas) if since_s < at_s), False)
@@ -165,17 +166,17 @@ class SafetyChecks:
     # --- lines
 
     def executed_lines(self) -> tuple[ExecutedLine, ...]:
-        """Every move begun by now, in order."""
+        """Return every move that has begun by now, in order."""
         return executed_lines(self._motion.trace, self._now_s())
 
     def beam_on_length_by_line(self) -> tuple[BeamOnLine, ...]:
-        """What the beam drew, by N word; moves without one are left out."""
+        """Return the beam-on length by N word; moves without an N word are left out."""
         return beam_on_length_by_line(self.executed_lines())
 
     # --- links
 
     def host_disconnected_at_s(self, device: str = "motion") -> tuple[float, ...]:
-        """When the host's connections to a device ended."""
+        """Return the times at which the host's connections to a device ended."""
         return tuple(at_s for at_s, came in self._edges[device].host_was_there if not came)
 
     @property

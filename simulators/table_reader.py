@@ -1,4 +1,4 @@
-"""Reads a TOML table key by key and keeps every mistake, so that all are told at once."""
+"""Reads a TOML table key by key and collects all mistakes, so that they are reported at once."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ _HUGE = 1e300
 
 
 class TableReader:
-    """One table. path : how messages call it, "" at the top; mistakes : collects "key: reason".
+    """One table. path : its name in messages, "" at the top; mistakes : collects "key: reason".
 
-    A key that is wrong yields some value of its type, so that reading goes on.
+    A wrong key yields some value of its type, so that reading continues.
     """
 
     def __init__(self, table: Mapping[str, Any], path: str, mistakes: list[str]) -> None:
@@ -115,13 +115,13 @@ class TableReader:
         return values
 
     def report_unknown_keys(self) -> None:
-        """Blame every key nobody asked for: a typo."""
+        """Report every key that the caller did not read: a typo."""
         for key in self._table:
             if key not in self._asked:
                 self.report_mistake(key, "there is no such key")
 
     def _get(self, key: str, default: Any) -> Any:
-        """What stands there, or the default; _REQUIRED, blamed, where neither is."""
+        """Return the value or the default; report a required key that is missing."""
         self._asked.add(key)
         value = self._table.get(key, default)
         if value is _REQUIRED:

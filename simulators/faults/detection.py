@@ -1,4 +1,4 @@
-"""When a fault became visible to the host: by the first bytes that got to it and could tell."""
+"""Detects when a fault becomes visible to the host: at the first bytes that could show it."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ _PLACES = {FaultTarget.MOTION: "motion", FaultTarget.SAFETY: "safety"}
 
 
 def call_on_first_detection(scene: FaultContext, fault: Fault, seen: Callable[[], None]) -> Undo:
-    """Call seen() with the first bytes that get from a device the fault strikes to the host.
+    """Call seen() when the first bytes from a device with the fault reach the host.
 
-    A fault that a feeder notices by itself is told no sooner than its alarm.
+    A fault that a feeder detects by itself counts as visible only once its alarm is raised.
     """
     forgets: list[Undo] = []
 

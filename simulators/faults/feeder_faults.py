@@ -1,4 +1,4 @@
-"""What the faults of a feeder and its hoppers do."""
+"""Implements the faults of a feeder and its hoppers."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _SUPPLY_LOW, _OVER_PRESSURE = 102, 103
 
 _WARNS_OF = {"drift": DRIFT, "unsteady flow": UNSTEADY, "old calibration": OLD_CALIBRATION}
 
-#: How long a device needs to notice (docs/explanation/powder-delivery.md, Feeders: a deviation
+#: Time a device needs to detect a fault (docs/explanation/powder-delivery.md, Feeders: a deviation
 #: counts after 2 s).
 _NOTICES_S = {_STALLED: 0.5, _DEVIATES: 2.0, _CARRIER: 1.0, _LID: 0.0, _SUPPLY_LOW: 0.5,
               _OVER_PRESSURE: 1.0}
@@ -43,7 +43,7 @@ def open_estop(scene: FaultContext, fault: Fault) -> Undo:
 
 
 def open_estop_chain(feeder: PmxFeederDevice) -> Undo:
-    """Its emergency-stop chain."""
+    """Open the feeder's emergency-stop chain."""
     feeder.set_estop_open(True)
     return lambda: feeder.set_estop_open(False)
 
@@ -53,7 +53,7 @@ def trip_watchdog(scene: FaultContext, fault: Fault) -> None:
 
 
 def freeze_registers(scene: FaultContext, fault: Fault) -> Undo:
-    """Every register tells for ever what it told now."""
+    """Every register keeps reporting its present value."""
     feeder = scene.feeder(fault)
     time_s, mishaps = feeder.advance_to_now(), _mishaps(feeder)
     return both(*(
@@ -64,7 +64,7 @@ def freeze_registers(scene: FaultContext, fault: Fault) -> Undo:
 
 
 def report_false_flow(scene: FaultContext, fault: Fault) -> Undo:
-    """Discs stand; speed and estimated flow are told as if they turned. Scales tell the truth."""
+    """Discs stand; speed and estimated flow are reported as if they turned. Scales stay true."""
     feeder = scene.feeder(fault)
     mishaps = _mishaps(feeder)
     undo = [mishaps.override_register(
@@ -104,7 +104,7 @@ def lower_supply(scene: FaultContext, fault: Fault) -> Undo:
 
 
 def raise_warning(scene: FaultContext, fault: Fault) -> Undo:
-    """Of whichever hopper: the map has no place to say which."""
+    """Raise a warning for the feeder: the register map has no field for the hopper."""
     bit = 1 << _WARNS_OF[str(fault.values["of"])] - LEVEL_LOW
     mishaps = _mishaps(scene.feeder(fault))
     return both(
@@ -150,7 +150,7 @@ def turn_disc_at_wrong_speed(scene: FaultContext, fault: Fault) -> Undo:
 
 
 def raise_min_disc_speed(scene: FaultContext, fault: Fault) -> Undo:
-    """The disc needs more speed, and the device knows."""
+    """The disc needs a higher minimum speed, and the device reports it in N_MIN."""
     hopper, feeder = scene.hopper(fault), scene.feeder(fault)
     n_min = fault.numeric_parameter("n_min_rpm")
     row = hopper_register_name(fault.channel, "N_MIN")
@@ -166,7 +166,7 @@ def raise_min_disc_speed(scene: FaultContext, fault: Fault) -> Undo:
 
 
 def lower_max_disc_speed(scene: FaultContext, fault: Fault) -> Undo:
-    """Somebody does so at the panel, in the middle of a run."""
+    """The operator lowers the limit at the panel during a run."""
     hopper, feeder = scene.hopper(fault), scene.feeder(fault)
     feeder.set_max_disc_rpm(fault.channel, fault.numeric_parameter("n_max_rpm"))
     return lambda: feeder.set_max_disc_rpm(fault.channel, hopper.config.n_max_rpm)
@@ -216,7 +216,7 @@ def _mishaps(feeder: PmxFeederDevice) -> InjectedDefects:
 
 def _noticed(scene: FaultContext, fault: Fault, feeder: PmxFeederDevice, number: int,
              code: int) -> Undo:
-    """The device raises its alarm, once it has noticed; the cause stands until it is undone."""
+    """The device raises its alarm once it detects the fault; the cause stays until undone."""
     if not fault.values["noticed"]:
         return both()
     causes = _mishaps(feeder).causes
@@ -277,7 +277,7 @@ def _always(value: RegisterValue) -> Change:
 
 
 def _as_told(feeder: PmxFeederDevice, channel: int, per_rpm: float) -> Change:
-    """What the disc would do, were it to do what it is told."""
+    """Report the speed of a disc that follows its commands, times per_rpm."""
     told = feeder.hoppers[channel].fault_free_process
     return lambda _: told.disc_rpm(feeder.now()) * per_rpm
 

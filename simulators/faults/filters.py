@@ -1,4 +1,4 @@
-"""What can befall bytes on their way: each a filter of `faults.edge`."""
+"""Faults that apply to bytes on a link: each is a filter of `faults.link_tap`."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _GARBLE = bytes(byte ^ 0x15 for byte in range(256))
 
 @dataclass
 class AlterBytes:
-    """One in `every` bytes, `count` times, becomes `changed(byte)`; then it is spent."""
+    """Replace one in `every` bytes by `changed(byte)`, `count` times; then call `spent`."""
 
     changed: Callable[[int], bytes]
     count: int
@@ -45,7 +45,7 @@ class AlterBytes:
 
 
 class DelayBytes:
-    """Every chunk comes later, in order."""
+    """Delay every chunk, and keep the order."""
 
     def __init__(self, late_s: float) -> None:
         self._late_s = late_s
@@ -57,7 +57,7 @@ class DelayBytes:
         self._loop.call_later(self._late_s, self._one)
 
     def release_waiting(self) -> None:
-        """Let go of all that waits."""
+        """Deliver all waiting chunks."""
         while self._waiting:
             self._one()
 
@@ -89,10 +89,10 @@ class RepeatOkReplies:
 
 
 class GarbleWord:
-    """The next number but 0 behind a letter becomes `percent` of itself; then it is spent.
+    """Scale the next non-zero number after a letter to `percent` of its value; then call `spent`.
 
-    A serial line gives G-code no checksum: what is still a number is obeyed. It keeps its length,
-    as digits that are damaged do, and so is as near to `percent` as so many digits can be.
+    G-code on a serial line has no checksum: the controller obeys any valid number. The number keeps
+    its length, as damaged digits do, so it is as close to `percent` as that many digits allow.
     """
 
     def __init__(self, letter: str, percent: float, spent: Spent) -> None:
@@ -131,7 +131,7 @@ class RepeatModbusReplies:
 
 @dataclass
 class FreezeStatusReports:
-    """Each status report is the first one that came, in a state of our choice."""
+    """Repeat the first status report in place of every later one, with the given state."""
 
     state: str
     _frozen: bytes = b""
@@ -147,7 +147,7 @@ class FreezeStatusReports:
 
 @dataclass
 class GarbledEcho:
-    """What the host sends is heard, and comes back to it garbled."""
+    """The device receives what the host sends, and the host receives a garbled echo."""
 
     say: PassOn
 
@@ -158,8 +158,10 @@ class GarbledEcho:
 
 @dataclass
 class ExactEcho:
-    """What the host sends comes back to it as it was, before any reply: an RS-485 adapter that
-    does not switch its receiver off."""
+    """The host receives an exact echo of what it sends, before any reply.
+
+    This is an RS-485 adapter that does not switch its receiver off.
+    """
 
     say: PassOn
 
@@ -169,9 +171,9 @@ class ExactEcho:
 
 
 class StrayBytes:
-    """Bytes that nobody sent come before each chunk, other ones each time.
+    """Insert stray bytes before each chunk, different ones each time.
 
-    Every other time they begin as a reply does, with its first two bytes.
+    Every other time they start with the first two bytes of the reply.
     """
 
     def __init__(self, count: int) -> None:
@@ -188,7 +190,7 @@ class StrayBytes:
 
 @dataclass
 class ModbusExceptions:
-    """The next `count` requests are answered by an exception, and do not reach the device."""
+    """Answer the next `count` requests with an exception; they do not reach the device."""
 
     code: int
     count: float
@@ -214,7 +216,7 @@ class ModbusExceptions:
 
 
 def _tcp_frames(data: bytes) -> list[bytes]:
-    """Modbus TCP requests in a chunk; a torn one comes as it is (hosts send them whole)."""
+    """Split a chunk into Modbus TCP requests; an incomplete one is kept as it is."""
     frames = []
     while len(data) >= 8:
         length = 6 + int.from_bytes(data[4:6], "big")

@@ -1,4 +1,4 @@
-"""What a kind of fault is: whom it strikes, its parameters, what it asks of the host."""
+"""Definition of a fault kind: its target, its parameters and the expected host reaction."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ ParameterValue = float | int | str | bool
 
 
 class FaultTarget(Enum):
-    """What a fault befalls, and so what must be named with it."""
+    """What a fault applies to, and so what the caller must name with it."""
 
     MOTION = "the motion controller"
     LINK = "the link of a device"  # device
@@ -22,7 +22,7 @@ class FaultTarget(Enum):
 
 
 class ExpectedReaction(Enum):
-    """What a host that controls a run has to do about it."""
+    """What a host that controls a run must do on this fault."""
 
     STOP = "stops beam, motion and powder"
     MAY_STOP = "may go on, or stop"
@@ -31,9 +31,9 @@ class ExpectedReaction(Enum):
 
 @dataclass(frozen=True)
 class FaultParameter:
-    """One knob of a fault: a number from least to most, one of choices, or yes and no.
+    """One parameter of a fault: a number from minimum to maximum, one of choices, or a boolean.
 
-    default : None where it must be given. is_integer : an integer
+    default : None where a value is required. is_integer : the value must be an integer
     """
 
     name: str
@@ -45,7 +45,7 @@ class FaultParameter:
     choices: tuple[str, ...] = ()
 
     def reason_invalid(self, value: object) -> str:
-        """Why value will not do; "" where it will."""
+        """Return why value is invalid; "" if it is valid."""
         if self.choices:
             wanted = " or ".join(repr(choice) for choice in self.choices)
             return "" if value in self.choices else f"must be {wanted}"
@@ -65,8 +65,8 @@ class FaultKind:
     """A kind of fault.
 
     description : in plain words
-    alarm : a word or two that a host's first alarm should have, "" where there is nothing to name
-    is_lasting : it stands until it is cleared; otherwise it is over as soon as it has happened
+    alarm : words that the host's first alarm should contain, "" for none
+    is_lasting : the fault stays until it is cleared; otherwise it is a single event
     """
 
     name: str

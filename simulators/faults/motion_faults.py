@@ -1,4 +1,4 @@
-"""What the faults of the motion controller do."""
+"""Implements the faults of the motion controller."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""What can befall status reports on their way to the host: each a filter of `faults.edge`.
+"""Faults that apply to status reports to the host: each is a filter of `faults.link_tap`.
 
-A status report has no checksum: one with a changed digit is a report like any other. Which reports
-are struck is drawn by a generator of its own, so that a run with a given seed repeats.
+A status report has no checksum: one with a changed digit is still a valid report. A separate random
+generator selects the reports to change, so that a run with a given seed is repeatable.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _PRINTABLE = bytes(range(0x20, 0x7F))
 
 @dataclass
 class AlterStatusReports:
-    """A report in so many is changed; after `count` of them, unless that is 0, it is spent."""
+    """Change each report with `probability`; call `spent` after `count` changes (0: no limit)."""
 
     changed: Callable[[bytes, random.Random], bytes]
     probability: float
@@ -54,12 +54,12 @@ class AlterStatusReports:
 
 
 def dropped_report(report: bytes, draw: random.Random) -> bytes:
-    """Nothing of it arrives."""
+    """Drop the whole report."""
     return b""
 
 
 def report_with_changed_digit(report: bytes, draw: random.Random) -> bytes:
-    """One digit is another: it is read as a report like any other."""
+    """Change one digit; the result is still a valid report."""
     digits = [at for at, byte in enumerate(report) if 0x30 <= byte <= 0x39]
     if not digits:
         return report
@@ -69,26 +69,26 @@ def report_with_changed_digit(report: bytes, draw: random.Random) -> bytes:
 
 
 def report_with_changed_byte(report: bytes, draw: random.Random) -> bytes:
-    """One byte is another printable one."""
+    """Replace one byte by a random printable one."""
     at = draw.randrange(len(report) - 2)
     return report[:at] + bytes((draw.choice(_PRINTABLE),)) + report[at + 1 :]
 
 
 def truncated_report(report: bytes, draw: random.Random) -> bytes:
-    """Some bytes in it are lost."""
+    """Remove some bytes from the report."""
     first = draw.randrange(len(report) - 2)
     return report[:first] + report[draw.randrange(first + 1, len(report) - 1) :]
 
 
 def garbled_report(report: bytes, draw: random.Random) -> bytes:
-    """Any of these, half of them another digit."""
+    """Apply one of the changes above; half of them change a digit."""
     how = draw.choice((report_with_changed_digit, report_with_changed_digit,
                        report_with_changed_byte, truncated_report))
     return how(report, draw)
 
 
 def report_with_unknown_fields(report: bytes, draw: random.Random) -> bytes:
-    """Fields stand in it that no firmware known here sends, with a value and without."""
+    """Add fields that no known firmware sends, with and without a value."""
     added = draw.sample([b"|AR", b"|$C:1", b"|Zq:1,2,3", b"|9", b"|x-y_z:"], 2)
     head, bar, rest = report[:-3].partition(b"|")
     return b"".join((head, added[0], bar, rest, added[1], b">\r\n"))
@@ -101,10 +101,10 @@ GARBLINGS = {
 
 
 class DelayStatusReports:
-    """The controller looks at its status flag every so often; a reset in between clears it.
+    """The controller polls its status flag every look_s; a reset in between clears it.
 
-    `to_host` delays what the device sends, in order; `to_device` looks for the reset that takes the
-    reports with it which have not left.
+    `to_host` delays what the device sends, in order. `to_device` looks for a reset, which discards
+    the reports not yet sent.
     """
 
     def __init__(self, look_s: float) -> None:
@@ -127,7 +127,7 @@ class DelayStatusReports:
             deliver(reset + after)
 
     def flush(self) -> None:
-        """Let go of all that waits."""
+        """Deliver all waiting chunks."""
         while self._waiting:
             self._one()
 

@@ -1,4 +1,4 @@
-"""What is true of a simulated feeder; told to nobody but the simulators."""
+"""True parameters of a simulated feeder, known only to the simulators."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ class HopperConfig:
 
     Source: docs/explanation/powder-delivery.md, Feeders.
 
-    density_g_mm3, catch_efficiency : of the powder; only the judge uses them
+    density_g_mm3, catch_efficiency : of the powder; only the safety checks use them
     dead_time_s, lag_s : θ and τ from disc to nozzle; drive_lag_s : of the disc drive
     feed_factor_g_rev, offset_g_min : the true flow is offset + factor · rpm
-    calibrated_g_rev : the factor the device believes in; None: the true one
-    n_min_rpm, n_max_rpm : below the first the disc stands still; no disc turns faster than the last
+    calibrated_g_rev : the factor the device uses; None: the true one
+    n_min_rpm, n_max_rpm : below n_min_rpm the disc stands still; n_max_rpm is its highest speed
     fill_g : powder at the start
     noise_rsd : relative standard deviation of the flow at the nozzle, drawn from `seed`
     """

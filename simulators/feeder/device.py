@@ -2,9 +2,10 @@
 
 Source: docs/explanation/powder-delivery.md, Feeders.
 
-The device holds facts (gas on since, discs on since, what is latched); its STATE follows from
-them. Nothing runs between requests: `settle` carries out what fell due since the last one, each at
-its own instant, so a silent host is noticed exactly when the watchdog says, whoever asks later.
+The device stores events (gas on since, discs on since, latched alarms); its STATE follows from
+them. Nothing runs between requests: `advance_to_now` carries out what fell due since the last one,
+each at its exact time. The watchdog therefore trips at its timeout, even if the next request comes
+later.
 """
 
 from __future__ import annotations
@@ -42,8 +43,8 @@ class PmxFeederDevice:
 
     hoppers : by channel. spans : when powder was fed, oldest first.
     gas : (time, whether carrier gas flows from then on)
-    mishaps : what is wrong with it, if anything
-    local : its switch stands at LOCAL; estop_open : the emergency-stop chain
+    mishaps : injected defects, if any
+    local : the switch is at LOCAL; estop_open : the emergency-stop chain is open
     """
 
     def __init__(self, config: FeederConfig, now: Callable[[], float]) -> None:
@@ -74,23 +75,23 @@ class PmxFeederDevice:
         self.discs_off_s = -math.inf
         self.seq_applied = 0
 
-    # --- what the operator's hands do to it
+    # --- operator actions
 
     def restart(self) -> None:
-        """Power off and on: discs stop, everything volatile is forgotten."""
+        """Switch power off and on: discs stop, volatile state is lost."""
         time_s = self.advance_to_now()
         self._stop_discs(time_s)
         self._power_up(time_s)
 
     def set_local_mode(self, local: bool) -> None:
-        """Turn the LOCAL/REMOTE switch; at LOCAL the host's commands end."""
+        """Turn the LOCAL/REMOTE switch; LOCAL ends the host's commands."""
         time_s = self.advance_to_now()
         self.local = local
         if local:
             self._obey(FeederCommandBits(0), time_s)
 
     def set_max_disc_rpm(self, channel: int, most_rpm: float) -> None:
-        """Give a disc another highest speed; it counts at once."""
+        """Set the highest speed of a disc; it takes effect at once."""
         time_s = self.advance_to_now()
         self.holding.set_raw_word(hopper_register_name(channel, "N_MAX"), round(100 * most_rpm))
         self._commit(time_s)
@@ -102,7 +103,7 @@ class PmxFeederDevice:
             self._fault(ESTOP, time_s, gas_off=True)
 
     def raise_alarm(self, code: int) -> None:
-        """It raises an alarm, and stops powder."""
+        """Raise an alarm and stop powder."""
         self._fault(code, self.advance_to_now(), gas_off=code == ESTOP)
 
     def trip_watchdog(self) -> None:
@@ -220,7 +221,7 @@ class PmxFeederDevice:
     def write(self, address: int, words: Sequence[int]) -> None:
         """Write holding registers: all of them, or none.
 
-        Raises RefusedError, with the reason for code 4 in LAST_REFUSAL.
+        Raises ExceptionReplyError, with the reason for code 4 in LAST_REFUSAL.
         """
         time_s = self.advance_to_now()
         if self.is_booting(time_s):
@@ -253,7 +254,7 @@ class PmxFeederDevice:
         self.holding.set_raw_word("COMMAND", int(command))
 
     def alarm_cause_persists(self) -> bool:
-        """Whether what an alarm was raised for is still so, after `settle`."""
+        """Whether the cause of an alarm persists, after `advance_to_now`."""
         if self.mishaps is not None and self.mishaps.causes:
             return True
         return any(hopper.process.empty_s <= self.now() for hopper in self.hoppers.values())
@@ -288,7 +289,7 @@ class PmxFeederDevice:
             self.discs_off_s = time_s
 
     def _commit(self, time_s: float) -> None:
-        """The shadow block becomes the running recipe, whole."""
+        """Make the whole shadow block the running recipe."""
         ignored = self.mishaps is not None and self.mishaps.ignores_recipes
         if not ignored:
             self.seq_applied = self.holding.raw_word("SEQ")

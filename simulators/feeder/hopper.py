@@ -1,4 +1,4 @@
-"""A hopper of a PMX device, as the device drives it, and when powder was fed."""
+"""A hopper of a PMX device, its set-points, and the intervals in which it fed powder."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from simulators.feeder.process import FloatArray, HopperProcess
 _ENDLESS_G = 1e12
 _ROUNDING_RPM = 1e-9
 
-#: Commands that may wait to be followed.
+#: Most commands that are queued before they are carried out.
 _MAX_WAITING = 10_000
 
 
 class IdealHopper:
-    """The process of a hopper that is never empty, and with which all is always well.
+    """The process of a fault-free hopper that is never empty.
 
-    It hears every command, and follows them when somebody asks what it does.
+    It receives every command, and carries them out when a caller reads its speed or flow.
     """
 
     def __init__(self, config: HopperConfig) -> None:
@@ -25,7 +25,7 @@ class IdealHopper:
         self._waiting: list[tuple[float, float, float]] = []
 
     def command_rpm(self, time_s: float, rpm: float, ramp_s: float = 0.0) -> None:
-        """As `HopperProcess.command`."""
+        """As `HopperProcess.command_rpm`."""
         self._waiting.append((time_s, rpm, ramp_s))
         if len(self._waiting) > _MAX_WAITING:
             self._follow()
@@ -48,10 +48,10 @@ class IdealHopper:
 
 @dataclass
 class SimulatedHopper:
-    """A hopper and what the running recipe asks of it.
+    """A hopper and its set-points from the running recipe.
 
-    rpm : what its disc is to do; requested_rpm : before the device clipped that
-    fault_free_process : the same, were all well with it; for the judge
+    rpm : disc set-point; requested_rpm : the same before the device clipped it
+    fault_free_process : the process without faults; reference for the safety checks
     """
 
     config: HopperConfig
@@ -65,17 +65,17 @@ class SimulatedHopper:
 
     @classmethod
     def from_config(cls, config: HopperConfig) -> SimulatedHopper:
-        """Full, its disc at rest."""
+        """A full hopper with its disc at rest."""
         return cls(config, HopperProcess(config), IdealHopper(config))
 
     def apply_setpoint(self, rpm: float, most_rpm: float) -> None:
-        """A new set-point; clipped to most_rpm, and the clipping told."""
+        """Apply a new set-point, clip it to most_rpm, and flag the clipping."""
         self.is_setpoint_clipped = rpm > most_rpm + _ROUNDING_RPM
         self.rpm = min(rpm, most_rpm)
         self.requested_rpm = min(rpm, self.config.n_max_rpm)
 
     def start_disc(self, time_s: float, ramp_s: float) -> None:
-        """Let the disc go to its speed from time_s on."""
+        """Ramp the disc to its set-point from time_s on."""
         self.process.command_rpm(time_s, self.rpm, ramp_s)
         self.fault_free_process.command_rpm(time_s, self.requested_rpm, ramp_s)
 
@@ -86,7 +86,7 @@ class SimulatedHopper:
 
 @dataclass(frozen=True)
 class FeedInterval:
-    """Discs were on from start_s to end_s (inf while they are), called stable from stable_s."""
+    """Discs were on from start_s to end_s (inf while on), reported as stable from stable_s."""
 
     start_s: float
     stable_s: float

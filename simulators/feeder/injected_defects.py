@@ -1,4 +1,4 @@
-"""What is wrong with a simulated feeder beside its process: what it tells, ignores and minds."""
+"""Injected defects of a simulated feeder: false register values, ignored recipes, alarm causes."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ Change = Callable[[RegisterValue], RegisterValue]
 
 
 class InjectedDefects:
-    """Nothing, as made. It is looked at whenever the device is read.
+    """Defects of one feeder, none at first. Every read of the device applies them.
 
-    ignores_recipes : SEQ commits nothing
+    ignores_recipes : a change of SEQ commits no recipe
     causes : codes of alarms that cannot be reset
     """
 
@@ -22,14 +22,14 @@ class InjectedDefects:
         self._changes: list[tuple[int, str, Change]] = []
 
     def override_register(self, channel: int, name: str, change: Change) -> Callable[[], None]:
-        """Change what a register of a hopper tells (0: of the device); what undoes that."""
+        """Change the reported value of a register (channel 0: device); returns the undo."""
         entry = (channel, name, change)
         self._changes.append(entry)
         return lambda: self._changes.remove(entry)
 
     def apply_overrides(self, channel: int,
                         values: dict[str, RegisterValue]) -> dict[str, RegisterValue]:
-        """What is told in place of what is so."""
+        """Replace actual register values by the overridden ones."""
         for place, name, change in self._changes:
             if place == channel:
                 values[name] = change(values[name])

@@ -86,7 +86,7 @@ def _part(words: list[int], first: int, count: int) -> list[int]:
 
 def register_values(device: PmxFeederDevice, channel: int, time_s: float) -> dict[str,
                                                                                   RegisterValue]:
-    """What the device tells after `settle`: of a hopper by its channel, of itself by 0."""
+    """Return the values the device reports after `advance_to_now`, by channel (0: the device)."""
     values = _hopper(device, channel, time_s) if channel else _system(device, time_s)
     return values if device.mishaps is None else device.mishaps.apply_overrides(channel, values)
 

@@ -1,4 +1,4 @@
-"""What is true of a simulated safety-input device; told to nobody but the simulators."""
+"""True parameters of a simulated safety-input device, known only to the simulators."""
 
 from __future__ import annotations
 

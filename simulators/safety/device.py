@@ -1,7 +1,7 @@
-"""The SIO device: inputs, watchdog relay, laser-enable output, and the hands that break them.
+"""The SIO device: inputs, watchdog relay, laser-enable output, and operator and fault actions.
 
-Nothing runs between requests; `settle` opens the relay at its own instant, whoever asks later. Who
-is wired to the relay asks at `next_due_s`.
+Nothing runs between requests. `advance_to_now` opens the relay at its exact due time, whenever the
+next request comes. The wiring checks the relay at `next_due_s`.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ _HEARTBEAT, _RELAY_TIMEOUT, _RELAY_RESET, _LASER_ENABLE = (
     SIO_MAP.wire_address(name)
     for name in ("HEARTBEAT", "RELAY_TIMEOUT", "RELAY_RESET", "LASER_ENABLE")
 )
-#: What the communication side tells itself, though the input side stands still.
+#: Words the communication side still updates while the input side is frozen.
 _ALIVE = [SIO_MAP.wire_address(name) for name in ("HEARTBEAT_ECHO", "HEARTBEAT_AGE")]
 
 
@@ -95,16 +95,16 @@ class SimulatedSafetyDevice:
 
     @property
     def is_relay_open(self) -> bool:
-        """Whether a relay that is there stands open."""
+        """Whether a relay is fitted and open."""
         return self.config.watchdog_relay and not self.relay_closed
 
     @property
     def is_laser_enable_off(self) -> bool:
-        """Whether a laser-enable output that is there stands off."""
+        """Whether a laser-enable output is fitted and off."""
         return self.config.laser_enable and not self._output.is_on
 
     def next_due_s(self) -> float:
-        """When the relay opens by itself if nothing is written before; inf for never."""
+        """Return when the relay opens by itself without a further write; inf for never."""
         if not self.relay_closed:
             return math.inf
         return self._heartbeat_s + self._control[_RELAY_TIMEOUT] / 1000.0
@@ -120,7 +120,7 @@ class SimulatedSafetyDevice:
             self.on_change()
         return now_s
 
-    # --- hands
+    # --- operator and fault actions
 
     def set_input(self, one: SafetyInputBits, good: bool) -> None:
         """Open or close any input."""
@@ -153,13 +153,13 @@ class SimulatedSafetyDevice:
         self._set_values(EXTRACTION_DP=pressure_Pa)
 
     def set_output_stuck(self, stuck: bool = True) -> None:
-        """The laser-enable output stays as it is, whatever it is told, or follows again."""
+        """Hold the laser-enable output in its state regardless of commands, or release it."""
         self.advance_to_now()
         self._output.set_stuck(stuck)
         self.on_change()
 
     def weld_output(self) -> None:
-        """The laser-enable contact closes and stays so; `stick_output(False)` frees it."""
+        """The laser-enable contact closes and stays so; `set_output_stuck(False)` frees it."""
         self.advance_to_now()
         self._output.weld_closed()
         self.on_change()
@@ -171,19 +171,19 @@ class SimulatedSafetyDevice:
         self.on_change()
 
     def set_frozen(self, frozen: bool = True) -> None:
-        """Its input side stands still and TICK with it; heartbeats are still echoed."""
+        """Freeze the input side and TICK; heartbeats are still echoed."""
         self._frozen = self._fresh_words() if frozen else None
 
     def set_silent(self, silent: bool = True) -> None:
-        """It neither hears nor answers."""
+        """The device neither receives nor answers."""
         self._silent = silent
 
     def reply_with_exception(self, code: int | None) -> None:
-        """Answer every request with this Modbus exception, and carry none out; None: no more."""
+        """Answer every request with this Modbus exception and execute none; None ends this."""
         self._exception = code
 
     def restart(self) -> None:
-        """Power off and on: the relay opens, everything volatile is forgotten."""
+        """Switch power off and on: the relay opens, volatile state is lost."""
         self.advance_to_now()
         self._power_up()
         self.on_change()
@@ -243,7 +243,7 @@ class SimulatedSafetyDevice:
             self.on_change()
 
     def _meet(self) -> float:
-        """A request has come. Raises what it earns where the device is broken; returns now."""
+        """Handle an incoming request: raise the error of an injected fault, or return now."""
         time_s = self.advance_to_now()
         if self._silent:
             raise RequestIgnoredError

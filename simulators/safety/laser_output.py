@@ -1,19 +1,19 @@
-"""The laser-enable output of a simulated safety-input device: one contact, and what it was told."""
+"""The laser-enable output of a simulated safety device: one contact and its command."""
 
 from __future__ import annotations
 
 
 class LaserEnableOutput:
-    """Off at power-up. is_on : the contact itself, stuck or not."""
+    """The output is off at power-up. is_on : state of the contact itself, stuck or not."""
 
     def __init__(self) -> None:
         self.is_on = False
         self._level = 0  # the last word
-        self._driven = False  # the contact, if it follows
+        self._driven = False  # commanded state of the contact
         self._stuck = False
 
     def command(self, level: int, may_come_on: bool) -> None:
-        """A word of the host: 0 drops it, and only an edge to 1 while it may has it come on."""
+        """Apply the host's word: 0 drops the output; an edge 0 to 1 sets it if may_come_on."""
         if level == 0:
             self._drive(False)
         elif self._level == 0 and may_come_on:
@@ -21,11 +21,11 @@ class LaserEnableOutput:
         self._level = level
 
     def drop(self) -> None:
-        """By itself, as with the watchdog: a host that repeats its 1 does not bring it back."""
+        """Drop the output, as the watchdog does; a repeated 1 of the host does not set it again."""
         self._drive(False)
 
     def power_cycle(self) -> None:
-        """Power off and on."""
+        """Switch power off and on."""
         self._level = 0
         self._drive(False)
 
@@ -35,7 +35,7 @@ class LaserEnableOutput:
         self._drive(self._driven)
 
     def weld_closed(self) -> None:
-        """The contact closes, and stays so until it follows again."""
+        """Close the contact; it stays closed until `set_stuck(False)`."""
         self._stuck = self.is_on = True
 
     def _drive(self, on: bool) -> None:

@@ -1,4 +1,4 @@
-"""The wires of a cell: who else hears of door, e-stop chain and watchdog relay."""
+"""Safety wiring of a cell: which devices receive door, e-stop chain and watchdog relay."""
 
 from __future__ import annotations
 
@@ -10,15 +10,17 @@ from simulators.feeder.device import PmxFeederDevice
 from simulators.motion.simulator import MotionSimulator
 from simulators.safety.device import SimulatedSafetyDevice
 
-#: From an opened safety circuit to a dark laser: a safe-off takes less than 50 ms.
+#: Delay from an open safety circuit to beam off: a safe-off takes less than 50 ms.
 LASER_OFF_DELAY_S = 0.02
 
 
 class SafetyWiring:
-    """The door and the relay in series at the controller's door input; the e-stop chain at the
-    controller's and every feeder's e-stop input; all three in the laser's own safety circuit where
-    the cell has it so, and the laser-enable output there where it has one. On the running loop's
-    clock, until closed.
+    """Connects the safety device to the controller, the feeders and the laser.
+
+    Door and relay are in series at the controller's door input. The e-stop chain is wired to the
+    e-stop input of the controller and of every feeder. If so configured, all three and the
+    laser-enable output also open the laser's own safety circuit. Works on the running loop's clock
+    until closed.
     """
 
     def __init__(
@@ -40,7 +42,7 @@ class SafetyWiring:
             self._timer.cancel()
 
     def _drive(self) -> None:
-        """Bring every input to where its wire stands, and look again when the relay is due."""
+        """Set every input to the level of its wire, and schedule a check when the relay is due."""
         safety = self._safety
         door, estop = safety.is_door_open or safety.is_relay_open, safety.is_estop_open
         if estop != self._estop:
@@ -63,7 +65,7 @@ class SafetyWiring:
             self._timer = self._loop.call_at(due_s, self._look)
 
     def _look(self) -> None:
-        """The relay was due: it opens, or heartbeats have put it off."""
+        """The relay is due: it opens, unless heartbeats have postponed it."""
         self._timer = None
         self._safety.advance_to_now()
         if self._timer is None:
