@@ -1,4 +1,4 @@
-"""The simulated machine, at the far end of the same wires."""
+"""The simulated machine at the device end of the links."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from simulators.faults.plan import FaultPlanError as FaultPlanError
     from simulators.virtual_time import run_in_virtual_time as run_in_virtual_time
 
-#: What others may use, and the module that holds it; loaded when it is asked for.
+#: Public names and the modules that define them; a module is loaded on first use.
 _HOMES = {
     "Bench": "simulators.bench",
     "BenchConfig": "simulators.bench_config",

@@ -23,8 +23,8 @@ CONFIGURATION_WRONG, CANNOT_SERVE = 3, 4
 def main(arguments: list[str] | None = None) -> int:
     """Serve until interrupted. The first line of JSON on stdout names the endpoints.
 
-    Each fault of a plan is one more line of JSON, as it happens. The record is written at the end,
-    and whenever SIGUSR1 asks for it.
+    Each fault of a plan adds one line of JSON when it happens. The record is written at the end and
+    on SIGUSR1.
     """
     parser = argparse.ArgumentParser(prog="python -m simulators", description=__doc__)
     parser.add_argument("bench", type=Path, help="the cell, as in lmctl/examples/bench.toml")
@@ -89,7 +89,7 @@ def _tell(happened: InjectedFault) -> None:
 
 
 def _write(path: Path, text: str) -> None:
-    """Whole, or not at all."""
+    """Write the file completely or not at all."""
     unfinished = path.with_name(path.name + ".part")
     unfinished.write_text(text, encoding="utf-8")
     os.replace(unfinished, path)

@@ -20,12 +20,12 @@ _DIALECTS = {"grbl": GRBL, "grblhal": GRBLHAL}
 _SETTING_ERRORS = {
     3: "the firmware has no such setting", 10: "soft limits ($20) need homing ($22)",
 }
-#: Most a feeder's flow registers can say [g/min].
+#: Largest value of a feeder's flow registers [g/min].
 _MAX_FLOW = 655.0
 
 
 class BenchConfigError(ValueError):
-    """The text does not describe a bench; one line a mistake."""
+    """The text does not describe a bench; one line per mistake."""
 
     def __init__(self, mistakes: list[str]) -> None:
         super().__init__("\n".join(mistakes))
@@ -188,7 +188,7 @@ def _hopper(table: TableReader) -> HopperConfig:
 
 
 def _address(table: TableReader, scheme: str, default: str) -> Address:
-    """Of "SCHEME://HOST:PORT", or "pty"."""
+    """Parse "SCHEME://HOST:PORT" or "pty"."""
     known = len(table.mistakes)
     text = table.text("endpoint", default)
     if text == "pty" or len(table.mistakes) > known:

@@ -1,4 +1,4 @@
-"""How a simulated Modbus device does not do what it was asked."""
+"""Errors with which a simulated Modbus device rejects or ignores a request."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE, REFUSED, BUSY = 1, 2, 3, 4, 6
 
 
 class ExceptionReplyError(Exception):
-    """A request is answered by a Modbus exception."""
+    """The device answers a request with a Modbus exception."""
 
     def __init__(self, code: int) -> None:
         super().__init__(f"Modbus exception {code}")
@@ -15,4 +15,4 @@ class ExceptionReplyError(Exception):
 
 
 class RequestIgnoredError(Exception):
-    """A request is not answered at all."""
+    """The device does not answer a request."""

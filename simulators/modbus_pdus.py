@@ -1,7 +1,7 @@
 """Messages of pymodbus that pack and unpack all registers at once.
 
-pymodbus packs registers one by one, and formats every message for a log that is not used; this
-takes a quarter of a round trip. Its extension point (`register`) accepts these instead.
+pymodbus packs registers one by one, and formats every message for a log that is not used. Both
+together take a quarter of a round trip. Its extension point (`register`) accepts these instead.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What is particular about a simulated Modbus device: how it numbers registers, what it refuses."""
+"""Quirks of a simulated Modbus device: register numbering, and requests that it refuses."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from simulators.modbus_errors import (
 
 
 class ModbusRegisters(Protocol):
-    """A device as its wire sees it.
+    """The registers of a device as seen from the link.
 
-    Each of its methods may raise RefusedError for an exception, SilentError for no answer.
+    Each method may raise ExceptionReplyError for an exception, RequestIgnoredError for no answer.
     """
 
     @property
@@ -29,9 +29,9 @@ class ModbusRegisters(Protocol):
 
 @dataclass(frozen=True)
 class ModbusQuirks:
-    """address_base : what the first register is called on the wire
-    max_registers : most that it moves in one request
-    function_codes : those it carries out
+    """address_base : address of the first register on the link
+    max_registers : most registers in one request
+    function_codes : supported function codes
     """
 
     address_base: int = 0
@@ -39,13 +39,13 @@ class ModbusQuirks:
     function_codes: tuple[int, ...] = (3, 4, 6, 16, 22, 23)
 
     def check_function_code(self, code: int) -> None:
-        """Raises RefusedError for a function it does not know."""
+        """Raises ExceptionReplyError for a function it does not know."""
         if code not in self.function_codes:
             raise ExceptionReplyError(ILLEGAL_FUNCTION)
 
 
 class RegistersWithQuirks:
-    """The registers of a device behind its habits."""
+    """The registers of a device with its quirks applied."""
 
     def __init__(self, device: ModbusRegisters, habits: ModbusQuirks) -> None:
         self._device = device
@@ -65,7 +65,7 @@ class RegistersWithQuirks:
         self._device.write(self._own(address, len(words)), words)
 
     def _own(self, address: int, count: int) -> int:
-        """The device's own number of a register. Raises RefusedError."""
+        """The device's own number of a register. Raises ExceptionReplyError."""
         if count > self._habits.max_registers:
             raise ExceptionReplyError(ILLEGAL_VALUE)
         if address < self._habits.address_base:

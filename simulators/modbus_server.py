@@ -1,10 +1,10 @@
-"""The wire of a simulated device: Modbus TCP, or Modbus RTU over a pty.
+"""Modbus link of a simulated device: Modbus TCP, or Modbus RTU over a pty.
 
-pymodbus frames; registers are computed by the device when they are read, and a write is the
-device's own act. All of pymodbus that the simulators use stands here and in its messages.
+pymodbus does the framing. The device computes registers when the host reads them, and carries out
+each write itself. The simulators use pymodbus only here and in `modbus_pdus`.
 
-Its server is left out: a request would go through a task, a thread-safe call into its own loop
-and a table of registers, and that was half of a whole round trip.
+The pymodbus server is not used: it passes a request through a task, a thread-safe call into its own
+loop and a table of registers, which took half of a round trip.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ from simulators.pty_transport import PtyTransport
 # What pymodbus would otherwise print on stderr; a program that wants it sets up logging.
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())
 
-#: More than the longest request (Modbus TCP): bytes that are none are not kept for ever.
+#: More than the longest request (Modbus TCP): limits how many invalid bytes are kept.
 _MAX_UNREAD = 264
 
 
@@ -64,23 +64,23 @@ class ModbusServer:
         self.listening: asyncio.Server | None = None
 
     def disconnect_hosts(self) -> None:
-        """Cut the connections of the hosts, who may come again."""
+        """Close the connections of all hosts; they may reconnect."""
         for connection in list(self.open):
             connection.close()
 
     def go_offline(self) -> None:
-        """Go dead: cut the connections, and take no more."""
+        """Go offline: close all connections and accept no more."""
         if self.listening is not None:
             self.listening.close()
         self.disconnect_hosts()
 
     async def close(self) -> None:
         self.go_offline()
-        await asyncio.sleep(0)  # let the transports say goodbye
+        await asyncio.sleep(0)  # let the transports close
 
 
 class _Connection(asyncio.Protocol):
-    """One host, answered at once: registers never wait."""
+    """Connection of one host; every request is answered at once."""
 
     def __init__(self, server: ModbusServer, framer: type[FramerBase]) -> None:
         requests = DecodePDU(True)
@@ -111,7 +111,7 @@ class _Connection(asyncio.Protocol):
             self._transport.close()
 
     def _out(self, data: bytes) -> None:
-        """Bytes that a fault has held back may find the host gone."""
+        """Send bytes; a host may have disconnected while a fault delayed them."""
         if self._transport is not None:
             self._transport.write(data)
 
@@ -157,7 +157,7 @@ def _answer(server: ModbusServer, request: ModbusPDU) -> ModbusPDU | None:
 
 
 def _carried_out(registers: ModbusRegisters, request: ModbusPDU) -> ModbusPDU:
-    """Do what a request asks, and say so. Raises RefusedError, SilentError."""
+    """Carry out a request and return the reply. Raises ExceptionReplyError, RequestIgnoredError."""
     match request:
         case ServerExchangeRequest() if request.is_valid:
             registers.write(request.write_address, request.write_registers)

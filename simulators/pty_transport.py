@@ -14,10 +14,10 @@ class DataReceiver(Protocol):
 
 
 class PtyTransport(asyncio.Transport):
-    """path : what the host opens. Both ends stay open until `close`, so hosts may come and go.
+    """path : what the host opens. Both ends stay open until `close`, so hosts may reconnect.
 
     baud : of the device; bytes of a host that has set another rate are framing errors, which it
-        drops. None: any rate will do. (A pty itself takes no time, and carries no parity.)
+        drops. None: any rate is accepted. (A pty has no transmission time and no parity.)
     """
 
     def __init__(self, receiver: DataReceiver, baud: int | None = None) -> None:

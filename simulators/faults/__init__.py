@@ -1,4 +1,4 @@
-"""Faults on demand: what can go wrong with a cell, as data, and what makes it go wrong."""
+"""Fault injection: the faults of a cell as data, and the code that injects them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from simulators.faults.plan import FaultPlan as FaultPlan
     from simulators.faults.plan import FaultPlanError as FaultPlanError
 
-#: What others may use, and the module that holds it; loaded when it is asked for.
+#: Public names and the modules that define them; a module is loaded on first use.
 _HOMES = {
     "FaultInjector": "simulators.faults.fault_injector",
     "FaultPlan": "simulators.faults.plan",

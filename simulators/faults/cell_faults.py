@@ -1,4 +1,4 @@
-"""What the faults of the safety device, and of the cell as a whole, do."""
+"""Implements the faults of the safety device and of the whole cell."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def drop_laser_enable(scene: FaultContext, fault: Fault) -> None:
 
 
 def press_estop(scene: FaultContext, fault: Fault) -> Undo:
-    """The chain opens for everyone; where there is a safety device, its wires carry that on."""
+    """Open every e-stop chain; if there is a safety device, its wiring passes this on."""
     if scene.bench.safety is not None:
         safety = scene.bench.safety
         safety.set_estop_open(True)
@@ -74,7 +74,7 @@ def press_estop(scene: FaultContext, fault: Fault) -> Undo:
 
 
 def open_door(scene: FaultContext, fault: Fault) -> Undo:
-    """The door of the cell; where there is a safety device, its wires carry that on."""
+    """Open the cell door; if there is a safety device, its wiring passes this on."""
     if scene.bench.safety is not None:
         safety = scene.bench.safety
         safety.set_door_open(True)

@@ -1,4 +1,4 @@
-"""What a fault acts on: the bench, its clock, and the edges of its devices."""
+"""What a fault acts on: the bench, its clock, and the link taps of its devices."""
 
 from __future__ import annotations
 
@@ -28,27 +28,27 @@ class FaultContext:
     on_host_killed: Callable[[], None] | None = None
 
     def link_tap(self, device: str) -> LinkTap:
-        """Raises ValueError for a device the bench has not."""
+        """Return the tap of a device. Raises ValueError if the bench has no such device."""
         try:
             return self.bench.edges[device]
         except KeyError:
             raise ValueError(f"the bench has no device {device!r}") from None
 
     def feeder(self, fault: Fault) -> PmxFeederDevice:
-        """Raises ValueError for a feeder the bench has not."""
+        """Return the feeder of a fault. Raises ValueError if the bench has no such feeder."""
         try:
             return self.bench.feeders[fault.device]
         except KeyError:
             raise ValueError(f"the bench has no feeder {fault.device!r}") from None
 
     def safety(self) -> SimulatedSafetyDevice:
-        """Raises ValueError where the bench has none."""
+        """Return the safety device. Raises ValueError if the bench has none."""
         if self.bench.safety is None:
             raise ValueError("the bench has no safety device")
         return self.bench.safety
 
     def hopper(self, fault: Fault) -> SimulatedHopper:
-        """Raises ValueError for a hopper the bench has not."""
+        """Return the hopper of a fault. Raises ValueError if the bench has no such hopper."""
         try:
             return self.feeder(fault).hoppers[fault.channel]
         except KeyError:
@@ -57,7 +57,7 @@ class FaultContext:
             ) from None
 
     def apply_filters(self, device: str, *filters: tuple[str, ByteFilter]) -> Undo:
-        """Put filters on a device's edge, each with its direction; what takes them away."""
+        """Add filters to a device's link, each with its direction; returns the undo."""
         edge = self.link_tap(device)
         for direction, one in filters:
             edge.add_filter(direction, one)
@@ -69,12 +69,12 @@ class FaultContext:
         return undo
 
     def call_later(self, seconds: float, act: Callable[[], None]) -> Undo:
-        """Do something after a while, unless it is undone before."""
+        """Call act after a delay; the returned undo cancels it."""
         return self.loop.call_later(seconds, act).cancel
 
 
 def both(*undo: Undo) -> Undo:
-    """Undo all of them, in this order."""
+    """Return one undo that calls all of them in this order."""
 
     def whole() -> None:
         for one in undo:

@@ -1,4 +1,4 @@
-"""Makes faults happen to a bench: now by `inject`, or when a plan says so by `arm`."""
+"""Injects faults into a bench: at once by `inject`, or by a plan with `schedule`."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class InjectedFault:
-    """A fault that became real at at_s. Times are the loop's.
+    """A fault that took effect at at_s. Times are on the loop's clock.
 
-    detectable_s : when the first bytes that could tell got to the host; None: none did so far, as
-        with a device that is silent
-    cleared_s : None while it stands, and for a fault over as soon as it has happened
+    detectable_s : when the first bytes that could show it reached the host; None: none so far, as
+        with a silent device
+    cleared_s : None while the fault is active, and for a single event
     """
 
     fault: Fault
@@ -36,15 +36,15 @@ class InjectedFault:
 
 
 class FaultInjector:
-    """Everything that goes wrong with one bench, for as long as the bench runs.
+    """Injects and clears the faults of one bench, for as long as the bench runs.
 
-    on_host_killed : what to do where the host is to be killed; its kind is a mark without it
-    on_happened : called with each fault as it has become real
-    injected : what became real so far, in order
+    on_host_killed : called to kill the host; without it, that fault is only recorded
+    on_happened : called with each fault when it takes effect
+    injected : faults that took effect so far, in order
 
     >>> def stall(bench):
-    ...     board = FaultBoard(bench)
-    ...     board.inject(Fault.of("disc_stalls", "F1"))
+    ...     injector = FaultInjector(bench)
+    ...     injector.inject(Fault.create("disc_stalls", "F1"))
     """
 
     def __init__(
@@ -64,9 +64,9 @@ class FaultInjector:
         return tuple(self._happened)
 
     def inject(self, fault: Fault, for_s: float | None = None) -> int:
-        """Make a fault real at this instant; its number in `happened`.
+        """Inject a fault now; returns its number in `injected`.
 
-        for_s : clear it after so long. Raises ValueError where the bench lacks the device.
+        for_s : clear it after this time. Raises ValueError if the bench lacks the device.
         """
         number = len(self._happened)
         happens = InjectedFault(fault, self._loop.time())
@@ -87,18 +87,18 @@ class FaultInjector:
         return number
 
     def clear(self, fault: Fault | int) -> None:
-        """End a fault that stands, by its number or as injected; without effect on one over."""
+        """Clear an active fault, by its number or value; no effect if it is already over."""
         for number in [fault] if isinstance(fault, int) else list(self._undo):
             if isinstance(fault, int) or self._happened[number].fault == fault:
                 self._clear(number)
 
     def clear_all(self) -> None:
-        """End every fault that stands, the last one first."""
+        """Clear all active faults, the latest first."""
         for number in sorted(self._undo, reverse=True):
             self._clear(number)
 
     def schedule(self, plan: FaultPlan) -> None:
-        """Let each fault of a plan happen in its time; times count from now."""
+        """Schedule each fault of a plan; times count from now."""
         for planned in plan.faults:
             if isinstance(planned.trigger, AtTime):
                 self._timers.append(
@@ -108,7 +108,7 @@ class FaultInjector:
                 self._watchers.append(self._loop.create_task(self._watch(planned)))
 
     def close(self) -> None:
-        """Disarm whatever has not happened. Faults that stand are left standing."""
+        """Cancel all scheduled faults. Active faults stay active."""
         for timer in self._timers:
             timer.cancel()
         for watcher in self._watchers:

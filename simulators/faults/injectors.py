@@ -1,6 +1,6 @@
-"""Which act each kind of fault is: the table between `kinds` and the modules that carry them out.
+"""Maps each fault kind in `kinds` to the function that injects it.
 
-An act makes a fault real at once, and returns what ends it where it lasts.
+The function injects the fault at once, and returns its undo if the fault is lasting.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Every fault a simulated cell can have, as data: what it does, with which parameters.
 
-`KINDS` is the table; `Fault.of` makes one fault of it, with its parameters checked and completed.
-Nothing here acts: `faults.board` does.
+`FAULT_KINDS` is the table; `Fault.create` makes one fault of it, with its parameters checked and
+completed. This module only holds data: `faults.injectors` injects the faults.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from simulators.faults.kind import (
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault. device : where the kind strikes a link or feeder; channel : of a hopper.
+    """One fault. device : name of the link's device or feeder; channel : of a hopper.
 
     parameters : all of the kind's, each with its value
     """
@@ -68,7 +68,7 @@ class Fault:
 def find_mistakes(
     kind: str, device: str, channel: int, values: Mapping[str, object]
 ) -> list[str]:
-    """Why these do not make a fault, each with the key it is about; empty where they do."""
+    """Return each mistake in these arguments with its key; empty if they are valid."""
     if kind not in FAULT_KINDS:
         alike = difflib.get_close_matches(kind, FAULT_KINDS, n=1)
         return [f"kind: there is no fault {kind!r}" + "".join(f"; {a!r}?" for a in alike)]

@@ -1,4 +1,4 @@
-"""What the faults of a link do: filters on the edge of a device."""
+"""Implements the faults of a link as filters on the link of a device."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def echo_garbage(scene: FaultContext, fault: Fault) -> Undo:
 
 
 def silence_link(scene: FaultContext, fault: Fault) -> Undo:
-    """Neither heard nor answered."""
+    """The device neither receives nor answers."""
     return scene.apply_filters(
         fault.device, (TO_DEVICE, drop_chunk), (TO_HOST, drop_chunk)
     )
@@ -149,4 +149,4 @@ def echo_requests(scene: FaultContext, fault: Fault) -> Undo:
 
 
 def _never() -> None:
-    """What lasts is never spent."""
+    """Ignore the end of a filter: a lasting fault is never spent."""

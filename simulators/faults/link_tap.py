@@ -1,7 +1,7 @@
-"""The edge of a simulated device, where its bytes meet its link: the one place of byte faults.
+"""Tap between a simulated device and its link: the only place where byte faults apply.
 
-A server hands every chunk through its device's edge. As long as nothing is wrong there, that is
-one look at an attribute.
+A server passes every chunk through the tap of its device. Without a fault, this costs one attribute
+lookup.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ PassOn = Callable[[bytes], None]
 
 
 class ByteFilter(Protocol):
-    """Takes each chunk of one direction, and passes on what gets through, when it does."""
+    """Receives each chunk of one direction, and delivers what passes, at once or later."""
 
     def __call__(self, data: bytes, deliver: PassOn) -> None: ...
 
@@ -28,16 +28,16 @@ class HostTransport(Protocol):
 
 
 def drop_chunk(data: bytes, deliver: PassOn) -> None:
-    """Every chunk is lost."""
+    """Drop every chunk."""
 
 
 class LinkTap:
-    """What passes between one device and its host.
+    """The traffic between one device and its host.
 
-    to_device, to_host : what chunks go through, None while all is well
+    to_device, to_host : filter of that direction, None without a fault
     is_open : links are accepted; is_rtu : frames on it are Modbus RTU
-    host_came : set as the first host comes
-    host_was_there : (time on the loop's clock, True as it came, False as it went)
+    host_came : set when the first host connects
+    host_was_there : (time on the loop's clock, True on connect, False on disconnect)
     """
 
     def __init__(self) -> None:
@@ -56,7 +56,7 @@ class LinkTap:
     # --- for servers
 
     def host_connected(self, link: HostTransport, write: PassOn) -> PassOn:
-        """A host has come; what the device sends goes to what is returned here."""
+        """Register a host connection; returns the function that sends bytes of the device."""
         self._links[link] = write
         self.host_was_there.append((self._loop.time(), True))
         self.host_came.set()
@@ -72,25 +72,25 @@ class LinkTap:
         return send
 
     def host_disconnected(self, link: HostTransport) -> None:
-        """A host has gone."""
+        """Register that a host disconnected."""
         if self._links.pop(link, None) is not None:
             self.host_was_there.append((self._loop.time(), False))
 
     # --- for faults
 
     def add_filter(self, direction: str, one: ByteFilter) -> None:
-        """Let chunks of a direction go through one more filter, behind those that are there."""
+        """Add a filter to a direction, after the existing ones."""
         self._filters[direction].append(one)
         self._set(direction)
 
     def remove_filter(self, direction: str, one: ByteFilter) -> None:
-        """Take a filter away again; without effect where it is gone."""
+        """Remove a filter; no effect if it is already removed."""
         if one in self._filters[direction]:
             self._filters[direction].remove(one)
             self._set(direction)
 
     def add_observer(self, one: ByteFilter) -> Callable[[], None]:
-        """Let what really gets to the host pass one more filter; what takes it away again."""
+        """Add an observer of the bytes that reach the host; returns the function to remove it."""
         self._witnesses.append(one)
         self._set("to_host")
 
@@ -102,7 +102,7 @@ class LinkTap:
         return forget
 
     def send_to_host(self, data: bytes) -> None:
-        """Bytes to the host that the device did not send."""
+        """Send bytes to the host that the device did not send."""
         for write in list(self._links.values()):
             if self._witnesses:
                 _chain(tuple(self._witnesses))(data, write)
@@ -110,7 +110,7 @@ class LinkTap:
                 write(data)
 
     def set_open(self, is_open: bool) -> None:
-        """Closed, hosts are thrown out, and turned away; on a serial line nothing passes."""
+        """Closed: hosts are disconnected and refused; on a serial line no bytes pass."""
         if is_open == self.is_open:
             return
         self.is_open = is_open
@@ -124,8 +124,10 @@ class LinkTap:
                 link.abort()
 
     def make_connections_half_open(self) -> Callable[[], None]:
-        """Links that are open are half open from now on: what comes over them is lost, and a new
-        link works. What is returned closes them."""
+        """Make open connections half open: their bytes are lost, and a new connection works.
+
+        The returned function closes them.
+        """
         forgotten = list(self._links)
         for link in forgotten:
             link.pause_reading()
@@ -137,7 +139,7 @@ class LinkTap:
         return close
 
     def set_reading_enabled(self, reading: bool) -> None:
-        """Whether bytes are taken off the link; else they pile up on the host's side."""
+        """Set whether bytes are read from the link; otherwise they queue at the host."""
         self._reading = reading
         for link in self._links:
             if reading:

@@ -1,12 +1,12 @@
 """A fault file: which faults happen to the simulated cell, and when.
 
     [[fault]]
-    kind = "disc_stalls"        # a name of `kinds.KINDS`, its parameters beside it
+    kind = "disc_stalls"        # a name of `kinds.FAULT_KINDS`, its parameters beside it
     device = "F1"
     channel = 1
     at_s = 30.0                 # or at_line = 120
                                 # or at_level_g = { feeder = "F1", channel = 1, grams = 50 }
-    for_s = 5.0                 # kinds that last only; for ever without
+    for_s = 5.0                 # lasting kinds only; without it no limit
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _OWN_KEYS = ("kind", "device", "channel", "for_s", *_WHEN)
 
 
 class FaultPlanError(ValueError):
-    """The text is no fault file for this bench; one line a mistake."""
+    """The text is no fault file for this bench; one line per mistake."""
 
     def __init__(self, mistakes: list[str]) -> None:
         super().__init__("\n".join(mistakes))
@@ -40,21 +40,21 @@ class FaultPlanError(ValueError):
 
 @dataclass(frozen=True)
 class AtTime:
-    """Seconds after the plan was armed."""
+    """Seconds after the plan was scheduled."""
 
     at_s: float
 
 
 @dataclass(frozen=True)
 class AtLine:
-    """As the axes begin the first move whose N word is at least `line`."""
+    """When the axes begin the first move whose N word is at least `line`."""
 
     line: int
 
 
 @dataclass(frozen=True)
 class AtLevel:
-    """As so much powder is left in a hopper."""
+    """When at most this mass of powder is left in a hopper."""
 
     feeder: str
     channel: int
@@ -63,7 +63,7 @@ class AtLevel:
 
 @dataclass(frozen=True)
 class PlannedFault:
-    """A fault and when it is to happen. for_s : how long it stands, None for ever"""
+    """A fault and its trigger. for_s : how long it stays, None without limit"""
 
     fault: Fault
     trigger: AtTime | AtLine | AtLevel
@@ -72,7 +72,7 @@ class PlannedFault:
 
 @dataclass(frozen=True)
 class FaultPlan:
-    """What is to go wrong."""
+    """The faults to inject, with their triggers."""
 
     faults: tuple[PlannedFault, ...] = ()
 
@@ -119,7 +119,7 @@ class FaultPlan:
 
 @dataclass(frozen=True)
 class _Cell:
-    """What a bench has. channels : of its hoppers, by feeder"""
+    """Devices of a bench. channels : hopper channels by feeder"""
 
     channels: Mapping[str, set[int]]
     safety: bool

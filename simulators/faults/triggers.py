@@ -1,4 +1,4 @@
-"""Waiting for what a planned fault waits for."""
+"""Wait for the trigger of a planned fault: a program line or a hopper level."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ import asyncio
 from simulators.feeder.device import PmxFeederDevice
 from simulators.motion.simulator import MotionSimulator
 
-#: Motion is looked at this often. Under way it is known before it happens; from rest it is not.
+#: Polling period of motion. While axes move, the next start is known ahead; from rest it is not.
 _LOOK_S = 0.01
-#: Levels are looked at this often, and whenever they are foreseen to be reached.
+#: Longest polling period of levels; they are also checked when predicted to be reached.
 _LEVEL_LOOK_S = 1.0
 
 
 async def wait_for_line(motion: MotionSimulator, line: int) -> None:
-    """Returns as the axes begin the first move whose N word is at least `line`.
+    """Return when the axes begin the first move whose N word is at least `line`.
 
-    Exactly then where they are under way before; up to 0.01 s later where they begin from rest.
+    Exact if the axes are already moving; up to 0.01 s late if they start from rest.
     """
     loop = asyncio.get_running_loop()
     while True:
@@ -30,7 +30,7 @@ async def wait_for_line(motion: MotionSimulator, line: int) -> None:
 
 
 async def _loaded(motion: MotionSimulator, line: int) -> int:
-    """Row of the move, as soon as it is the next to begin."""
+    """Return the row of the move as soon as it is the next to begin."""
     loop = asyncio.get_running_loop()
     row: asyncio.Future[int] = loop.create_future()
     timer: asyncio.TimerHandle
@@ -50,7 +50,7 @@ async def _loaded(motion: MotionSimulator, line: int) -> int:
 
 
 async def wait_for_level(feeder: PmxFeederDevice, channel: int, grams: float) -> None:
-    """Returns as so much powder is left in a hopper."""
+    """Return when at most `grams` of powder are left in a hopper."""
     process = feeder.hoppers[channel].process
     while True:
         now_s = feeder.advance_to_now()

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from simulators.feeder.readings import register_values as register_values
     from simulators.feeder.server import FeederRegisters as FeederRegisters
 
-#: What others may use, and the module that holds it; loaded when it is asked for.
+#: Public names and the modules that define them; a module is loaded on first use.
 _HOMES = {
     "Change": "simulators.feeder.injected_defects",
     "FeedInterval": "simulators.feeder.hopper",

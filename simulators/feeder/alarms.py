@@ -1,4 +1,4 @@
-"""Latched alarms of a PMX device, the first one kept apart from what it drew after it."""
+"""Latched alarms of a PMX device; the first alarm is kept apart from those that follow."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class AlarmLatch:
         self.first = 0
 
     def system_bits(self) -> int:
-        """ALARM: bits 0..5 are the system alarms, 8..11 say that a hopper has one."""
+        """ALARM: bits 0..5 are the system alarms, 8..11 are set if a hopper has one."""
         if not self._latched:
             return 0
         bits = sum(1 << i for i, code in enumerate(SYSTEM_CODES) if code in self._latched)

@@ -107,7 +107,7 @@ class PmxFeederDevice:
         self._fault(code, self.advance_to_now(), gas_off=code == ESTOP)
 
     def trip_watchdog(self) -> None:
-        """Its watchdog trips, whatever the host does."""
+        """Trip the watchdog, regardless of the host."""
         self._trip(self.advance_to_now())
 
     # --- state
@@ -125,7 +125,7 @@ class PmxFeederDevice:
         return time_s < self.powered_s + self.config.boot_s
 
     def state(self, time_s: float) -> FeederStateCode:
-        """STATE after `settle`."""
+        """STATE after `advance_to_now`."""
         if self.is_booting(time_s):
             return FeederStateCode.BOOT
         if self.estop_open or ESTOP in self.alarms:

@@ -1,4 +1,4 @@
-"""The holding registers of a PMX device: what may be written where, and what stands there now."""
+"""The holding registers of a PMX device: permitted writes and present values."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class HoldingRegisters:
         self.reset_volatile()
 
     def reset_volatile(self) -> None:
-        """Power was lost: everything but the stored configuration is back at its defaults."""
+        """Reset everything but the stored configuration to defaults, as after a power loss."""
         for address in self._words:
             if address < FIRST_CONFIGURATION_REGISTER:
                 self._words[address] = 0
@@ -44,14 +44,14 @@ class HoldingRegisters:
             self._put(name, value)
 
     def read(self, address: int, count: int) -> list[int]:
-        """Raises RefusedError(ILLEGAL_ADDRESS) where a register is not there."""
+        """Raises ExceptionReplyError(ILLEGAL_ADDRESS) if a register does not exist."""
         try:
             return [self._words[a] for a in range(address, address + count)]
         except KeyError:
             raise ExceptionReplyError(ILLEGAL_ADDRESS) from None
 
     def check_write(self, new: Mapping[int, int]) -> None:
-        """Raises RefusedError for {address: word} that may not be written; nothing is changed."""
+        """Raises ExceptionReplyError for {address: word} that may not be written; stores none."""
         words = self._words
         if not new.keys() <= words.keys():
             raise ExceptionReplyError(ILLEGAL_ADDRESS)

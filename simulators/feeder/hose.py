@@ -1,11 +1,11 @@
-"""The hose: what goes in at the disc comes out at the nozzle, late and smoothed.
+"""The hose: powder that enters at the disc leaves at the nozzle, delayed and smoothed.
 
 Source: docs/explanation/powder-delivery.md, Transport delay and lag.
 
 Flow into the hose is recorded as pieces s(x) = c0 + c1·x + c2·exp(−x/τ_d), x the time since the
 piece began: what a disc with a first-order drive (τ_d) makes of a stepwise or ramped set-point.
-The nozzle sees τ·y′ = s(t − θ) − y, whose answer to each piece is closed: nothing is stepped in
-time, however long the history, and any instant may be asked for afterwards.
+The nozzle sees τ·y′ = s(t − θ) − y, which has a closed solution for each piece. Nothing is stepped
+in time, however long the history, and the flow at any past instant can be computed.
 """
 
 from __future__ import annotations

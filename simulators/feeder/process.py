@@ -2,8 +2,7 @@
 
 set-point → ramp → disc (dead band below n_min, ceiling n_max, offset and g/rev) → drive lag →
 dead time θ → first-order lag τ (docs/explanation/powder-delivery.md, Feeders). A command costs the
-same whatever came
-before; flows are exact at any instant.
+same whatever the history; flows are exact at any instant.
 """
 
 from __future__ import annotations
@@ -53,7 +52,7 @@ class HopperProcess:
         self._pieces = [_Piece(-math.inf, 0.0, 0.0, 0.0, 0.0)]
 
     def command_rpm(self, time_s: float, rpm: float, ramp_s: float = 0.0) -> None:
-        """From time_s on, go evenly to `rpm` within ramp_s.
+        """From time_s on, ramp linearly to `rpm` within ramp_s.
 
         Raises ValueError for a time before the last command, and a speed that is no number ≥ 0.
         """
@@ -71,7 +70,7 @@ class HopperProcess:
         self, time_s: float, *, speed: float | None = None, share: float | None = None,
         n_min_rpm: float | None = None,
     ) -> None:
-        """From time_s on, the process is other than it should be, until it is disturbed again.
+        """From time_s on, the process is disturbed, until it is disturbed again.
 
         speed : of the disc over its set-point, 0 stalls it
         share : of the powder fed that gets through the hose
@@ -82,7 +81,7 @@ class HopperProcess:
         self._command_again(time_s)
 
     def set_remaining_g(self, time_s: float, left_g: float) -> None:
-        """From time_s on, so much powder is left."""
+        """Set the powder left in the hopper from time_s on."""
         fed_g = self.fed_g(time_s)
         if time_s >= self.empty_s:
             self._pieces = [_Piece(time_s, 0.0, 0.0, 0.0, fed_g)]
@@ -91,7 +90,7 @@ class HopperProcess:
         self._command_again(time_s)
 
     def _command_again(self, time_s: float) -> None:
-        """What was commanded last goes on."""
+        """Repeat the last command."""
         _, _, end_s, end_rpm = self._ramp
         self.command_rpm(time_s, end_rpm, max(0.0, end_s - time_s))
 
@@ -122,7 +121,7 @@ class HopperProcess:
         return self._fill_g - self.fed_g(time_s)
 
     def time_when_remaining_s(self, left_g: float) -> float:
-        """When so much is left, as commanded now; at the latest now where it is less already."""
+        """When this mass is left, as commanded now; at the latest now if less is left already."""
         return self._time_fed(self._fill_g - left_g)
 
     def nozzle_flow_g_s(self, time_s: FloatArray) -> FloatArray:

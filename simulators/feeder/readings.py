@@ -35,7 +35,7 @@ _SUPPLY_BAR = 6.0
 _HOPPER_MBAR = 200
 _MIXER_MBAR_PER_L_MIN = 10
 _MAX_AGE_MS = 0xFFFF
-#: Most that a flow register in 0.01 g/min or L/min can say; it stays there beyond.
+#: Largest value of a flow register in 0.01 g/min or L/min; larger flows are clipped to it.
 _MOST = 655.34
 _FIRST_WARNING = LEVEL_LOW
 
@@ -50,7 +50,7 @@ _HOPPER_BLOCKS = {
 
 
 def read_input(device: PmxFeederDevice, address: int, count: int) -> list[int]:
-    """Words of input registers. Raises RefusedError(ILLEGAL_ADDRESS) where one is not there."""
+    """Return input registers. Raises ExceptionReplyError(ILLEGAL_ADDRESS) if one is missing."""
     time_s = device.advance_to_now()
     channel, first = divmod(address, 100)
     if channel and channel not in device.hoppers:
@@ -70,7 +70,7 @@ def _mirrored(device: PmxFeederDevice, first: int, count: int) -> list[int]:
 
 
 def _words(device: PmxFeederDevice, channel: int, time_s: float) -> list[int]:
-    """Every input register of a hopper, or of the device (0), after `settle`."""
+    """Every input register of a hopper, or of the device (0), after `advance_to_now`."""
     values, order = register_values(device, channel, time_s), device.config.word_order
     if channel == 0:
         return _SYSTEM_BLOCKS[order].encode(values)
@@ -160,7 +160,7 @@ def _status(
     device: PmxFeederDevice, time_s: float, state: FeederStateCode, seen: Sequence[_Seen],
     warnings: int
 ) -> int:
-    """STATUS; conditions in the order of the bits of `pmx.Status`."""
+    """STATUS; conditions in the order of the bits of `pmx.FeederStatusBits`."""
     command = device.command
     return _bits(
         not device.alarms and state is not FeederStateCode.BOOT,
@@ -225,7 +225,7 @@ def _hopper(device: PmxFeederDevice, channel: int, time_s: float) -> dict[str, R
         "PRESSURE": _HOPPER_MBAR if gas else 0,
         "TOTALISER": process.fed_g(time_s),
         "FEED_FACTOR_ACT": device.holding[hopper_register_name(channel, "FEED_FACTOR")],
-        # not simulated, and said so:
+        # not simulated, and reported so:
         "MOTOR_CURRENT": None, "TORQUE": None, "TEMP": None, "FLOW_RSD_60S": None,
         "RUN_HOURS": None,
     }

@@ -1,4 +1,4 @@
-"""A simulated feeder on its wire: Modbus TCP, or Modbus RTU over a pty."""
+"""A simulated feeder on its link: Modbus TCP, or Modbus RTU over a pty."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from simulators.modbus_server import ModbusServer
 
 
 class FeederRegisters:
-    """The device as its wire sees it."""
+    """The registers of the device as seen from the link."""
 
     def __init__(self, device: PmxFeederDevice) -> None:
         self._device = device

@@ -26,7 +26,7 @@ _MIN_WATCHDOG_MS = 100
 
 
 class FeederCondition(Protocol):
-    """What decides: the LOCAL switch, turning discs, latched trip and alarms, and their causes."""
+    """State checked: LOCAL switch, turning discs, latched trip and alarms, and their causes."""
 
     local: bool
     discs_on: bool
@@ -38,9 +38,9 @@ class FeederCondition(Protocol):
 
 
 def reason_refused(feeder: FeederCondition, new: Mapping[int, int]) -> WriteRefusalCode:
-    """Why a write of {address: word} is refused; Refusal.NONE where it is not.
+    """Why a write of {address: word} is refused; WriteRefusalCode.NONE if allowed.
 
-    Raises RefusedError(ILLEGAL_VALUE) for words without meaning.
+    Raises ExceptionReplyError(ILLEGAL_VALUE) for words without meaning.
     """
     if feeder.local:
         return WriteRefusalCode.NOT_REMOTE

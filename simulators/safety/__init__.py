@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from simulators.safety.device import SimulatedSafetyDevice as SimulatedSafetyDevice
     from simulators.safety.wiring import SafetyWiring as SafetyWiring
 
-#: What others may use, and the module that holds it; loaded when it is asked for.
+#: Public names and the modules that define them; a module is loaded on first use.
 _HOMES = {
     "SafetyConfig": "simulators.safety.config",
     "SafetyWiring": "simulators.safety.wiring",

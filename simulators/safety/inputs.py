@@ -1,4 +1,4 @@
-"""What a simulated safety-input device sees: inputs, analog values, and what opened first."""
+"""Inputs of a simulated safety device: digital inputs, analog values, first-out code."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from firmware_protocol.safety_io import (
 )
 from simulators.safety.config import SafetyConfig
 
-#: Where its switches stand (least, greatest): a value beyond opens the input.
+#: Switch limits (least, greatest): a value outside opens the input.
 _SWITCHES = {
     "SHIELD_GAS": (SafetyInputBits.SHIELD_GAS_OK, 5.0, 1e9),
     "CHILLER_TEMP": (SafetyInputBits.CHILLER_OK, 5.0, 35.0),
@@ -23,9 +23,9 @@ _SWITCHES = {
 
 
 class InputCard:
-    """Values by their row of the map; inputs opened by hand, and those that values open.
+    """Analog values by register; inputs opened by the operator, and inputs that values open.
 
-    first_out, trips : as FIRST_OUT and TRIP_COUNT tell
+    first_out, trips : as FIRST_OUT and TRIP_COUNT report
     """
 
     def __init__(self, config: SafetyConfig) -> None:
@@ -41,7 +41,7 @@ class InputCard:
         self.power_cycle()
 
     def power_cycle(self) -> None:
-        """Nothing has opened so far, but what is open."""
+        """Clear the record of opened inputs, except those open now."""
         self.trips = 0
         self.reset_first_out()
 
@@ -57,7 +57,7 @@ class InputCard:
         self._look()
 
     def set_values(self, values: Mapping[str, RegisterValue]) -> None:
-        """Raises RegisterError for a value that its register cannot say."""
+        """Raises RegisterError for a value that its register cannot hold."""
         for name, value in values.items():
             SIO_MAP.encode(name, value)
         self.values.update(values)
