@@ -29,7 +29,7 @@ class Bench:
     endpoints : by "motion", "safety" and the feeders' names, in the spelling of a machine profile
     motion, feeders, safety : the devices themselves, for a caller that acts as the operator
     edges : by the names of the endpoints, where faults apply to a device's bytes
-    Entering raises OSError, naming the device, where a port is taken.
+    Entering raises OSError, which names the device, if a port is in use.
 
     >>> async def cell(config):
     ...     async with Bench(config, ephemeral_ports=True) as bench:

@@ -29,7 +29,7 @@ _CHUNK = 500_000
 
 @dataclass(frozen=True)
 class BeamOnPath:
-    """The path drawn with the beam on, in n pieces so short that nothing changes within one.
+    """The path moved with the beam on, in n pieces so short that values are constant within one.
 
     materials : in the order of the columns below
     time_s, duration_s : (n,) middle and length of each piece in time
@@ -69,7 +69,7 @@ class BeamOnPath:
         """Return the designed fractions along the path: (n, n_materials), by each piece's N word.
 
         lines : (m,) N words; fractions : (m, n_materials) designed for each, in `materials`' order.
-        Raises ValueError where a piece was drawn by a line that is not among them.
+        Raises ValueError if the N word of a piece is not in lines.
         """
         order = np.argsort(lines, kind="stable")
         found = np.searchsorted(lines, self.line, sorter=order)
@@ -98,7 +98,7 @@ class BenchRecord:
         self._feeders = tuple(feeders)
 
     def beam_on_path(self, step_mm: float = MAX_PIECE_MM) -> BeamOnPath:
-        """The path drawn with the beam on, cut into pieces of at most step_mm."""
+        """Return the path moved with the beam on, cut into pieces of at most step_mm."""
         for feeder in self._feeders:
             feeder.advance_to_now()
         time_s, duration_s = self._pieces(step_mm)

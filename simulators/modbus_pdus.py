@@ -69,7 +69,7 @@ class ServerExchangeRequest(ReadWriteMultipleRegistersRequest):
 
 
 class RegistersReply(ModbusPDU):
-    """Registers that were read, by whichever function."""
+    """Registers that were read, by any function code."""
 
     def __init__(self, function_code: int, registers: Sequence[int]) -> None:
         super().__init__(registers=registers)

@@ -50,7 +50,7 @@ _MAX_UNREAD = 264
 
 
 class ModbusServer:
-    """A device on its wire. `endpoint` is where a host finds it, in the driver's own spelling."""
+    """A device on its link. `endpoint` is its address, in the spelling of the driver."""
 
     def __init__(
         self, registers: ModbusRegisters, edge: LinkTap | None = None,

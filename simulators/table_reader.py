@@ -92,7 +92,7 @@ class TableReader:
         return TableReader(value, f"{self._path}.{key}" if self._path else key, self.mistakes)
 
     def tables(self, key: str) -> list[TableReader]:
-        """An array of tables, counted from one in messages; none where the key is missing."""
+        """An array of tables, counted from one in messages; empty if the key is missing."""
         value = self._get(key, [])
         if not isinstance(value, list) or not all(isinstance(item, dict) for item in value):
             self.report_mistake(key, "must be an array of tables")

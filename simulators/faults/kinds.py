@@ -35,7 +35,7 @@ class Fault:
     @classmethod
     def create(cls, kind: str, device: str = "", channel: int = 0,
                **values: ParameterValue) -> Fault:
-        """A fault by the name of its kind. Raises ValueError with every mistake, one a line."""
+        """A fault by the name of its kind. Raises ValueError with every mistake, one per line."""
         mistakes = find_mistakes(kind, device, channel, values)
         if mistakes:
             raise ValueError("\n".join(mistakes))

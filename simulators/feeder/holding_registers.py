@@ -71,7 +71,7 @@ class HoldingRegisters:
         return self._words[address] / per_unit
 
     def raw_word(self, name: str) -> int:
-        """A one-word register as it stands."""
+        """Return the raw word of a one-word register."""
         return self._words[self._places[name][0]]
 
     def set_raw_word(self, name: str, word: int) -> None:

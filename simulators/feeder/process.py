@@ -164,7 +164,7 @@ class HopperProcess:
     def _wanted(
         self, start_rpm: float, end_rpm: float, ramp_s: float
     ) -> list[tuple[float, float, float]]:
-        """The wanted flow as lines: (begin after the command [s], value [g/s], slope [g/s²])."""
+        """The commanded flow as lines: (begin after the command [s], value [g/s], slope [g/s²])."""
         lines: list[tuple[float, float, float]] = []
         if start_rpm == end_rpm:
             ramp_s = 0.0
@@ -186,7 +186,7 @@ class HopperProcess:
         return (self.config.offset_g_min + self.config.feed_factor_g_rev * rpm) / 60.0
 
     def _feed_hose(self, time_s: float) -> None:
-        """Hand the pieces to the hose, up to where the powder runs out."""
+        """Pass the pieces to the hose, until the powder runs out."""
         if self.empty_s <= time_s:
             return
         self._hose.discard_from(time_s)

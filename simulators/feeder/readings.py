@@ -92,7 +92,7 @@ def register_values(device: PmxFeederDevice, channel: int, time_s: float) -> dic
 
 
 def read_holding(device: PmxFeederDevice, address: int, count: int) -> list[int]:
-    """Words of holding registers, or of the input registers' mirror where the map has it."""
+    """Words of holding registers, or of the input registers' mirror if the map has it."""
     has_mirror = device.config.map_minor >= FIRST_MINOR_VERSION_WITH_MIRROR
     if has_mirror and MIRROR_ADDRESS <= address < FIRST_CONFIGURATION_REGISTER:
         return _mirrored(device, address - MIRROR_ADDRESS, count)

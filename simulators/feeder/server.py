@@ -32,7 +32,7 @@ class FeederRegisters:
 
 async def serve_tcp(device: PmxFeederDevice, host: str = "127.0.0.1",
                     port: int = 0) -> ModbusServer:
-    """Answer Modbus TCP; port 0 takes a free one. Raises OSError where it cannot listen."""
+    """Serve Modbus TCP; port 0 takes a free port. Raises OSError if it cannot listen."""
     return await modbus_server.serve_tcp(FeederRegisters(device), host, port)
 
 

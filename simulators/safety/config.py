@@ -10,8 +10,8 @@ from firmware_protocol.registers import WordOrder
 @dataclass(frozen=True)
 class SafetyConfig:
     """watchdog_relay : it has one, wired to the motion controller's door input
-    laser_circuit : e-stop chain, door and relay stand in the laser's own safety circuit as well
-    laser_enable : it has a laser-enable output, which stands in the laser's own circuit
+    laser_circuit : e-stop chain, door and relay are in the laser's own safety circuit as well
+    laser_enable : it has a laser-enable output, which is in the laser's own circuit
     boot_s : time from power-up until it answers writes
     word_order : of 32-bit values
     """

@@ -64,7 +64,7 @@ class InputCard:
         self._look()
 
     def record_first_out(self, code: int) -> None:
-        """Something opened, in this device's own count."""
+        """Count a trip, and store its code if it is the first."""
         self.trips += 1
         self.first_out = self.first_out or code
 

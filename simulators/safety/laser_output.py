@@ -30,7 +30,7 @@ class LaserEnableOutput:
         self._drive(False)
 
     def set_stuck(self, stuck: bool) -> None:
-        """The contact stays where it is, or follows again."""
+        """Hold the contact in its state, or let it follow commands again."""
         self._stuck = stuck
         self._drive(self._driven)
 
