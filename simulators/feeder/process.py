@@ -144,7 +144,7 @@ class HopperProcess:
         self, time_s: float, start_rpm: float, end_rpm: float, ramp_s: float, flow_g_s: float,
         fed_g: float,
     ) -> list[_Piece]:
-        """Flow off the disc: the wanted flow, line by line, through the drive's lag.
+        """Flow off the disc: the target flow, line by line, through the drive's lag.
 
         A line p + q·x is followed as p − q·τ_d + q·x + (s0 − p + q·τ_d)·exp(−x/τ_d).
         """
@@ -164,7 +164,7 @@ class HopperProcess:
     def _wanted(
         self, start_rpm: float, end_rpm: float, ramp_s: float
     ) -> list[tuple[float, float, float]]:
-        """The commanded flow as lines: (begin after the command [s], value [g/s], slope [g/s²])."""
+        """The target flow as lines: (begin after the command [s], value [g/s], slope [g/s²])."""
         lines: list[tuple[float, float, float]] = []
         if start_rpm == end_rpm:
             ramp_s = 0.0
