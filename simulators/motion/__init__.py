@@ -1,8 +1,8 @@
 """A simulated motion controller that speaks, plans and moves as Grbl 1.1h and grblHAL do.
 
-`sim.MotionSimulator(config.MotionConfig(...))` is the controller on the running loop's clock;
-`server.serve_tcp(sim, host, port)` and `server.open_pty(sim)` put it behind a wire;
-`sim.trace` is the judge's exact record of what was executed.
+`sim = MotionSimulator(MotionConfig(...))` is the controller on the running loop's clock;
+`server.serve_tcp(sim, host, port)` and `server.open_pty(sim)` put it on a port;
+`sim.trace` is the exact record of what was executed.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from simulators.motion.simulator import MotionSimulator as MotionSimulator
     from simulators.motion.trace import MotionTrace as MotionTrace
 
-#: What others may use, and the module that holds it; loaded when it is asked for.
+#: Public names and the modules that hold them; a module is loaded on first use.
 _HOMES = {
     "FirmwareSettings": "simulators.motion.settings",
     "MotionConfig": "simulators.motion.config",

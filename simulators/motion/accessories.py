@@ -1,4 +1,4 @@
-"""Beam, spindle and coolant: what is switched on, and what a hold or a door has switched off."""
+"""Beam, spindle and coolant: what is on, and what a hold or the safety door has switched off."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _DOOR_COOLANT_DELAY_S, _DOOR_SPINDLE_DELAY_S = 1.0, 4.0  # Grbl 1.1 `config.h`
 
 
 class Accessories:
-    """What the controller drives beside its axes. Changes are noted for the next report."""
+    """The outputs beside the axes. The next status report includes every change."""
 
     def __init__(
         self, settings: FirmwareSettings, stepper: Stepper, reporter: StatusReporter, hal: bool
@@ -41,13 +41,13 @@ class Accessories:
             self._reporter.on_accessories_changed()
 
     def switch_all_off(self, now_s: float) -> None:
-        """Off, with nothing to restore."""
+        """Switch all outputs off, with nothing to restore."""
         self.spindle_stopped = self._coolant_stopped = False
         self.set_spindle(OFF, 0.0, now_s)
         self.set_coolant(False, False)
 
     def stop_spindle(self) -> None:
-        """Off until it is restored, from the end of the motion under way."""
+        """Switch off at the end of the current motion, until `restore_spindle`."""
         if self.spindle_mode != OFF and not self.spindle_stopped:
             self.spindle_stopped = True
             self._power_before = self._stepper.standing
@@ -63,12 +63,12 @@ class Accessories:
         if self.spindle_stopped:
             self.spindle_stopped = False
             self._stepper.set_standing_power(self._power_before, now_s)
-            # Grbl's laser only waits for the next step
+            # In laser mode Grbl only waits for the next step and reports no change
             if self._hal or not self._settings.is_laser_mode:
                 self._reporter.on_accessories_changed()
 
     def restore(self, now_s: float) -> None:
-        """On again, what a hold or the door switched off."""
+        """Switch on again what a hold or the door switched off."""
         self.restore_spindle(now_s)
         if self._coolant_stopped:
             self._coolant_stopped = False
@@ -90,7 +90,7 @@ class Accessories:
         on = self.spindle_mode != OFF and not self.spindle_stopped
         if not self._hal and self._settings.is_laser_mode:
             _, power = self._stepper.reported_speed_and_power()
-            on = on and power > 0.0  # its spindle reads as off while the PWM is at zero
+            on = on and power > 0.0  # it reports the spindle off while the PWM is zero
         letters = ("C" if self.spindle_mode == COUNTERCLOCKWISE else "S") if on else ""
         if self._coolant_stopped:
             return letters

@@ -1,4 +1,4 @@
-"""Carries out the actions of a line on the machine, one after the other, waiting where it must."""
+"""Executes the actions of a line on the machine in order, waiting where an action requires it."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ PROBE_FAILURE_ALARM_CODE = 5
 
 
 def perform_actions(machine: MotionMachine, actions: Iterable[Action]) -> Steps:
-    """Every action in order. In check mode only targets are checked."""
+    """Perform every action in order. In check mode only targets are checked."""
     for action in actions:
         if isinstance(action, StraightMove):
             yield from _move(machine, action)
@@ -39,7 +39,7 @@ def perform_actions(machine: MotionMachine, actions: Iterable[Action]) -> Steps:
 
 
 def is_out_of_travel(machine: MotionMachine, target_mm: Vector) -> bool:
-    """Soft limits ($20) are on and the target is beyond them; grblHAL only minds homed axes."""
+    """Soft limits ($20) are on and the target exceeds them; grblHAL checks only homed axes."""
     if not machine.settings[20] or (machine.hal and not machine.homed):
         return False
     travels = machine.settings.travel_mm
@@ -55,7 +55,7 @@ def _move(machine: MotionMachine, motion: StraightMove) -> Steps:
     yield WaitReason.PLANNER_ROOM
     planned = machine.planner.add(motion)
     if planned is None and motion.beam == BEAM_CONSTANT:
-        # M3 burns at standstill: a move of no length still sets the power
+        # With M3 the beam is on at standstill: a zero-length move still sets the power
         yield WaitReason.STANDSTILL
         machine.stepper.set_standing_power(motion.power, machine.now_s)
     return 0

@@ -1,4 +1,4 @@
-"""What a line of G-code asks the machine to do, in the order in which it is to be done."""
+"""The actions that a line of G-code asks for, in the order of execution."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ class StraightMove(NamedTuple):
     """One straight move.
 
     target_mm : machine coordinates
-    rate_mm_s : programmed feed; without meaning for a rapid
+    rate_mm_s : programmed feed; ignored for a rapid
     line : N word, 0 without one
     power : S over its maximum, before any override, when `beam` is not BEAM_OFF
-    floor : least power of a lit beam, as a fraction ($31 over $30)
+    floor : least power while the beam is on, as a fraction ($31 over $30)
     outputs : (kind, port, value) switched at the moment the move starts (M62, M63, M67)
     """
 
@@ -48,7 +48,7 @@ class SetCoolant(NamedTuple):
 
 
 class Dwell(NamedTuple):
-    """Wait for all motion; then so much longer (G4)."""
+    """Wait for all motion, then for the dwell time (G4)."""
 
     seconds: float
 
@@ -64,8 +64,8 @@ class SetOutput(NamedTuple):
 class ReadInput(NamedTuple):
     """Wait for all motion and then for an input, which stays low (M66).
 
-    seconds : to wait in vain for
-    result : 0 as read, -1 when waited in vain
+    seconds : how long to wait before the read times out
+    result : 0 as read, -1 after a timeout
     """
 
     seconds: float
@@ -73,7 +73,7 @@ class ReadInput(NamedTuple):
 
 
 class ProbeFailure(NamedTuple):
-    """The moves before this one looked for a contact that never comes (G38.x)."""
+    """The probing move before this action ended without contact (G38.x)."""
 
     alarm: bool
 

@@ -1,4 +1,4 @@
-"""Arcs as the firmware makes them: chords that stay within $12 of the circle."""
+"""Arcs as the firmware generates them: chords that stay within $12 of the circle."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def arc_chords(
     clockwise: bool,
     tolerance_mm: float,
 ) -> list[Vector]:
-    """Ends of the chords from start to end, the last one exactly there.
+    """End points of the chords from start to end; the last one is exactly the end.
 
     offset : of the centre from the start, along the plane's first two axes
     plane : indices of its two axes and of the third, along which the arc is a helix

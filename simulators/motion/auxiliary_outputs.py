@@ -11,18 +11,18 @@ NO_VALUE, OUT_OF_RANGE, BAD_ANALOG = 28, 39, 44
 
 DIGITAL_IN, DIGITAL_OUT, ANALOG_IN, ANALOG_OUT = 4, 8, 0, 4
 
-_WAITS_IN_VAIN = frozenset((1, 3))  # for a rise or a high level, where inputs stay low
+_WAITS_IN_VAIN = frozenset((1, 3))  # rise or high level: inputs stay low, so the wait times out
 
 
 class PortActions(NamedTuple):
-    """queued : to be switched when the next move starts; actions : done at once."""
+    """queued : switched when the next move starts; actions : performed at once."""
 
     queued: tuple[tuple[str, int, float], ...]
     actions: tuple[Action, ...]
 
 
 def port_actions(code: int | None, values: dict[str, float], used: set[str]) -> PortActions | None:
-    """What M62 to M68 of a block ask for; None without one. raises: GcodeError"""
+    """Actions of M62 to M68 in a block; None without one. raises: GcodeError"""
     if code is None:
         return None
     if code in (67, 68):
@@ -32,7 +32,7 @@ def port_actions(code: int | None, values: dict[str, float], used: set[str]) -> 
         port = int(values["E"])
         if not 0 <= port < ANALOG_OUT:
             raise GcodeError(BAD_ANALOG)
-        # An integer: core 20260817 drops the fraction.
+        # An integer: core 20260817 truncates the value.
         switch = ("A", port, float(int(values.get("Q", 0.0))))
     elif code == 66:
         return _read_input(values, used)

@@ -1,7 +1,7 @@
-"""One simulated controller, put together: bytes and the time they come in, bytes out.
+"""One complete simulated controller: it takes bytes with their arrival time and returns bytes.
 
-Real-time bytes act at once, before the lines that stand in the receive buffer; lines are the main
-loop's. Nothing here owns a port or a clock: `sim` does.
+Real-time bytes act at once, before the lines in the receive buffer. The main loop executes lines.
+Nothing here owns a port or a clock: `simulator` does.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _FLAGS = frozenset((RealtimeCommand.STATUS, RealtimeCommand.HOLD, RealtimeComman
 
 
 class SimulatedController:
-    """One simulated controller, without a wire: bytes and the time they come in, bytes out."""
+    """One simulated controller without a link: bytes and their arrival time in, bytes out."""
 
     def __init__(self, config: MotionConfig) -> None:
         """raises: ValueError for an unknown dialect, SettingError for a refused setting"""
@@ -50,10 +50,10 @@ class SimulatedController:
         )
         self._lock_unless_homed()
         self._banner()
-        self._out.clear()  # nobody was there to read it
+        self._out.clear()  # no client was connected to read it
 
     def receive(self, data: bytes, now_s: float) -> bytes:
-        """Bytes have arrived; what the controller sends at once."""
+        """Process received bytes. Returns what the controller sends at once."""
         if now_s > self.machine.now_s:
             self.machine.advance_to(now_s)
         realtime = self.device.receive_data(data)
@@ -63,12 +63,12 @@ class SimulatedController:
         return self._sent()
 
     def advance(self, now_s: float) -> bytes:
-        """Time has passed; what the controller sends now. Needed at `next_wake_s`."""
+        """Let time pass to now_s. Returns what the controller sends. Call it at `next_wake_s`."""
         self.machine.advance_to(now_s)
         return self._sent()
 
     def set_door(self, is_open: bool, now_s: float) -> bytes:
-        """The door input changes, as a wired interlock or watchdog relay makes it."""
+        """Set the door input, as a wired interlock or watchdog relay does."""
         machine = self.machine
         machine.advance_to(now_s)
         if is_open and not machine.door_open:
@@ -78,7 +78,7 @@ class SimulatedController:
         return self._sent()
 
     def set_estop(self, is_open: bool, now_s: float) -> bytes:
-        """The e-stop input changes; to Grbl, which has none, it is its reset input."""
+        """Set the e-stop input. Grbl has none; there it is the reset input."""
         machine = self.machine
         machine.advance_to(now_s)
         opens = is_open and not machine.estop_open
@@ -104,13 +104,13 @@ class SimulatedController:
         return self._sent()
 
     def set_overrides(self, feed: int, rapid: int, beam: int, now_s: float) -> bytes:
-        """Percent, turned at the panel."""
+        """Set the overrides [percent] at the operator panel."""
         self.machine.advance_to(now_s)
         self.machine.set_overrides(feed, rapid, beam)
         return self._sent()
 
     def lose_power(self, now_s: float) -> bytes:
-        """Off and on; what it says when it is up again."""
+        """Switch power off and on. Returns what the controller sends after power-up."""
         self.machine.advance_to(now_s)
         self._drop_lines()
         self.machine.lose_power()
@@ -121,7 +121,7 @@ class SimulatedController:
         return self._sent()
 
     def next_wake_s(self) -> float | None:
-        """When to call `wake`, if nothing is received before."""
+        """When to call `advance` next, unless bytes arrive earlier."""
         machine = self.machine
         if machine.restore_s is not None:
             return machine.restore_s
@@ -133,7 +133,7 @@ class SimulatedController:
         self._out.append(self.device.encode_message(message))
 
     def _sent(self) -> bytes:
-        """Let the main loop go on; everything there is to send."""
+        """Run the main loop. Returns all pending output."""
         self._loop.process_lines()
         while self._loop.reset_wanted:
             self._reset()
@@ -146,7 +146,7 @@ class SimulatedController:
         return data
 
     def _lock_unless_homed(self) -> None:
-        """After power-up, where the settings want it."""
+        """Enter Alarm after power-up if the settings require homing."""
         if self.settings.is_homing_enabled and (not self.machine.hal or int(self.settings[22]) & 4):
             self.machine.state = ControllerState.ALARM
 
@@ -159,7 +159,7 @@ class SimulatedController:
         if byte == RealtimeCommand.RESET:
             self._reset()
         elif machine.critical and not machine.hal:
-            pass  # Grbl is deaf until it is reset
+            pass  # Grbl ignores all other bytes until it is reset
         elif byte in (RealtimeCommand.STATUS, RealtimeCommand.STATUS_TOP):
             self._report()
         elif byte == RealtimeCommand.STATUS_FULL:
@@ -191,7 +191,7 @@ class SimulatedController:
         if alarm:
             self.send(AlarmMessage(alarm))
         if owed:
-            self._out.append(OK_REPLY)  # the line it was in the middle of ends, and is answered
+            self._out.append(OK_REPLY)  # the interrupted line ends and still gets its reply
         self.interpreter.reset()
         self._banner()
 
@@ -212,5 +212,5 @@ class SimulatedController:
         self.send(machine.reporter.next_report(now, int(self.settings[10]), everything))
 
     def _displaced(self, position_mm: Vector) -> None:
-        """The axes stand elsewhere than where the last line was to bring them."""
+        """Take position_mm as the position: the axes are not at the last line's target."""
         self.interpreter.position_mm = position_mm

@@ -1,7 +1,7 @@
-"""The homing cycle: to the switches, Z first, and off them again.
+"""The homing cycle: seek the limit switches, Z first, then pull off.
 
-The switches are where the travel ends: at 0, or at -travel where `$23` says so. The seek for each
-switch is one move, without the firmware's second, slower approach.
+The switches are at the end of travel: at 0, or at -travel where `$23` selects it. The seek for
+each switch is one move, without the firmware's second, slower approach.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ _CLEARANCE_S = 0.5  # debounce and settling after each leg
 
 
 def home_machine(machine: MotionMachine) -> Steps:
-    """Homes all axes and leaves the machine Idle."""
+    """Home all axes and leave the machine Idle."""
     machine.state = ControllerState.HOME
     settings = machine.settings
     seek, leave = settings[25] / 60.0, settings[24] / 60.0
@@ -41,7 +41,7 @@ def home_machine(machine: MotionMachine) -> Steps:
 
 
 def _as_believed(machine: MotionMachine, place_mm: Vector) -> Vector:
-    """A place as the controller has it before it is homed."""
+    """Convert a true position to the controller's coordinates before homing."""
     (x, y, z), (dx, dy, dz) = place_mm, machine.trace.position_error_mm
     return (x - dx, y - dy, z - dz)
 

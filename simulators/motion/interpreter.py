@@ -1,8 +1,8 @@
-"""G-code interpreter: a line and the modal state give actions, or the firmware's error number.
+"""G-code interpreter: turns a line into actions, or into the firmware's error number.
 
-Nothing moves or waits here. The state is that *behind* the line, as the firmware's parser state
-is; the order of a line's actions is the firmware's (Grbl 1.1 `gcode.c` step 4; NIST RS274/NGC
-section 3.8). The ordinary line, one straight move, takes a short way through: see `ordinary`.
+Nothing moves or waits here. The modal state is the state *after* the line, like the firmware's
+parser state. The order of a line's actions is the firmware's (Grbl 1.1 `gcode.c` step 4; NIST
+RS274/NGC section 3.8). A line with one straight move takes a fast path: see `_ordinary`.
 """
 
 from __future__ import annotations
@@ -72,21 +72,21 @@ class GcodeInterpreter:
         self.on_settings_changed()
 
     def on_settings_changed(self) -> None:
-        """Settings or offsets have changed."""
+        """Update after a change of settings or offsets."""
         self._laser = self.settings.is_laser_mode
         self._full = self.settings[30]
         self._floor = min(1.0, self.settings[31] / self._full)
         self.work_offset_mm = self.offsets.total(self.modal.wcs)
 
     def reset(self) -> None:
-        """Back to the state after power-up; stored offsets stay."""
+        """Restore the state after power-up; stored offsets stay."""
         self.modal = ModalState(tool=self.modal.tool)
         self.offsets.reset()
         self._outputs = ()
         self.on_settings_changed()
 
     def interpret(self, line: bytes) -> tuple[Action, ...] | list[Action]:
-        """raises: GcodeError; the state is then as before"""
+        """raises: GcodeError; the state is then unchanged"""
         pick = word_value_extractor(line.translate(DIGITS_TO_ZERO_TABLE))
         if pick is not None:
             motion = self._ordinary(
@@ -106,7 +106,7 @@ class GcodeInterpreter:
         feed: float | None,
         speed: float | None,
     ) -> StraightMove | None:
-        """The one straight move that these words ask for; None where it takes a longer look."""
+        """The single straight move of these words; None where the full interpreter is needed."""
         modal = self.modal
         rapid = False
         if code != 1.0 and (code is not None or modal.motion != 10):
@@ -148,7 +148,7 @@ class GcodeInterpreter:
                             outputs)
 
     def interpret_jog(self, line: bytes) -> StraightMove:
-        """A `$J=` line: its own feed, units and distance mode; the modal state stays."""
+        """A `$J=` line has its own feed, units and distance mode; the modal state stays."""
         words = self._grammar.classify_words(tokenise_block(line))
         if words.m or not _JOG_CODES.issuperset(words.g.values()):
             raise GcodeError(ERROR_INVALID_JOG)
@@ -241,7 +241,7 @@ class GcodeInterpreter:
         modal = self.modal
         speed = words.values.get("S", modal.speed)
         burning = (10, 20, 30)
-        # With M3 the beam burns at standstill, so entering or leaving G1 without a move shows.
+        # With M3 the beam is on at standstill, so entering or leaving G1 without a move matters.
         switches = (
             self._laser
             and modal.spindle == 3
@@ -262,7 +262,7 @@ class GcodeInterpreter:
             actions.append(ToolChange())
 
     def confirm_tool_change(self) -> None:
-        """grblHAL: the tool selected by T has been put in and acknowledged."""
+        """grblHAL: the operator has loaded and acknowledged the tool selected by T."""
         self.modal.tool = self._next_tool
 
     def _set_coolant(self, code: int | None, actions: list[Action]) -> None:

@@ -1,7 +1,7 @@
-"""The laser's own safety circuit: it takes the beam away whatever the controller asks for.
+"""The laser's own safety circuit: it forces the beam off whatever the controller commands.
 
-That is hardware beside the controller, which notices nothing: the source goes dark (stop category
-0), the axes go on.
+The circuit is hardware beside the controller, which does not detect it: the beam goes off (stop
+category 0), the axes keep moving.
 """
 
 from __future__ import annotations
@@ -17,24 +17,24 @@ _T0, _T1, _DISTANCE, _SPEED, _ACCELERATION, _POWER = range(6)
 
 
 class LaserSafetyCircuit:
-    """When it was open, and what that makes of the beam in the record of motion."""
+    """The times when the circuit was open, and its effect on the recorded beam power."""
 
     def __init__(self) -> None:
         self._open: list[list[float]] = []  # from, to
 
     def open_at(self, when_s: float) -> None:
-        """Dark from when_s on, until it is closed."""
+        """Beam off from when_s on, until the circuit is closed."""
         if not self._open or self._open[-1][1] < inf:
             self._open.append([when_s, inf])
 
     def close_at(self, when_s: float) -> None:
         if self._open and self._open[-1][1] == inf:
             self._open[-1][1] = when_s
-            if when_s <= self._open[-1][0]:  # closed again before the source had noticed
+            if when_s <= self._open[-1][0]:  # closed again before the source reacted
                 self._open.pop()
 
     def is_open(self, times_s: FloatArray) -> NDArray[np.bool_]:
-        """(n,) at instants."""
+        """Whether the circuit is open at each time, (n,)."""
         dark = np.zeros(len(times_s), dtype=bool)
         for from_s, to_s in self._open:
             dark |= (times_s >= from_s) & (times_s < to_s)
@@ -56,7 +56,7 @@ class LaserSafetyCircuit:
         return phases
 
     def split_standing(self, stands: FloatArray) -> FloatArray:
-        """Standing power (n, 2), from when and how much, with what the circuit takes away."""
+        """Standing power (n, 2): start time and power, zero while the circuit is open."""
         for edge_s in (edge_s for span in self._open for edge_s in span if edge_s < inf):
             at = int(np.searchsorted(stands[:, 0], edge_s, side="right"))
             power = stands[at - 1, 1] if at else 0.0

@@ -1,8 +1,8 @@
-"""The machine behind the interpreter: motion, beam, coolant and doors, and the states they are in.
+"""The machine behind the interpreter: motion, beam, coolant, doors and their states.
 
-Real-time commands act here. Time passes by `settle`: whatever has ended by then (a motion, a hold,
-a jog's cancellation) changes the state as the firmware's cycle-stop flag does. What the firmware
-would say meanwhile goes to `say`.
+Real-time commands act here. `advance_to` lets time pass: when a motion, a hold or a
+jog cancel has ended, the state changes as with the firmware's cycle-stop flag. Messages that the
+firmware would send go to `say`.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class MotionMachine:
         self.alarm = 0
         self.critical = False
         self.stopping: StopReason | None = None
-        self.restore_s: float | None = None  # when a closed door lets motion go on
+        self.restore_s: float | None = None  # when motion resumes after the door was closed
         self.homed = False
         self.door_open = False
         self.estop_open = False
@@ -104,7 +104,7 @@ class MotionMachine:
         return self.state in (ControllerState.HOLD, ControllerState.DOOR) and self.stopping is None
 
     def next_event_s(self) -> float:
-        """When planned motion next changes something without further input."""
+        """When planned motion next causes a change without further input."""
         return self.stepper.next_event_s()
 
     def position_mm(self) -> Vector:
@@ -147,7 +147,7 @@ class MotionMachine:
             self._brake(StopReason.JOG_CANCEL)
 
     def stop_for_soft_limit(self) -> None:
-        """A target outside the travel: come to rest, then lock."""
+        """A target is outside the travel: decelerate to rest, then enter Alarm."""
         if self.state is ControllerState.RUN:
             self.state = ControllerState.HOLD
         self._brake(StopReason.SOFT_LIMIT)
@@ -194,7 +194,7 @@ class MotionMachine:
         self.reporter.on_overrides_changed()
 
     def reset(self) -> int:
-        """Everything off and forgotten; position kept. Returns the alarm it earns, or 0."""
+        """Switch all off and drop the plan; keep the position. Returns the alarm to raise, or 0."""
         moving = self.state in MOVING_STATES or self.stopping is not None
         homing = self.state is ControllerState.HOME
         locked = self.state is ControllerState.ALARM or (self.state is ControllerState.SLEEP)
@@ -218,7 +218,7 @@ class MotionMachine:
         return alarm
 
     def stop_keeping_state(self) -> None:
-        """grblHAL's 0x19: stop dead, forget the plan, keep position and offsets."""
+        """grblHAL's 0x19: stop at once, drop the plan, keep position and offsets."""
         self._stop_dead()
         self.accessories.switch_all_off(self.now_s)
         if self.state is not ControllerState.ALARM:
@@ -233,7 +233,7 @@ class MotionMachine:
         self.raise_alarm(code)
 
     def lose_power(self) -> None:
-        """Everything is forgotten but the settings; axes stand where they are, at 0, 0, 0."""
+        """Lose all but the settings. The axes stay in place; that position becomes 0, 0, 0."""
         self._stop_dead()
         self.critical = self.homed = self._door_after_jog = False
         self.accessories.switch_all_off(self.now_s)
@@ -245,13 +245,13 @@ class MotionMachine:
         self.set_position(_ORIGIN, (x + dx, y + dy, z + dz))
 
     def set_position(self, believed_mm: Vector, shift_mm: Vector) -> None:
-        """Standing still, take the axes to be elsewhere. shift_mm : truth less belief"""
+        """At standstill, set the controller's position. shift_mm : true less believed position"""
         self.trace.record_position_shift(self.now_s, believed_mm, shift_mm)
         self.planner.clear(believed_mm)
         self._displaced(believed_mm)
 
     def raise_alarm(self, code: int) -> None:
-        """Lock. Limits and e-stop stay locked until a reset."""
+        """Enter Alarm. After a limit switch or e-stop only a reset unlocks."""
         self.alarm = code
         self.state = ControllerState.ALARM
         self.say(AlarmMessage(code))

@@ -1,8 +1,8 @@
-"""The controller's main loop: lines from the receive buffer to answers.
+"""The controller's main loop: takes lines from the receive buffer and sends the replies.
 
 A line that has to wait (for room in the planner, for the axes to come to rest, for a dwell) is a
-generator that yields what it waits for; meanwhile no other line leaves the receive buffer, as in
-the firmware. The ordinary move for which there is room never becomes a generator.
+generator that yields its wait reason. Meanwhile no other line leaves the receive buffer, as in
+the firmware. An ordinary move that finds room in the planner never becomes a generator.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ _SLACK_S = 1e-9  # a timer may come early by the clock's resolution
 class MainLoop:
     """Executes lines on the machine.
 
-    say : a message is to be sent
-    out : what is to be sent; "ok" goes there without becoming a message first
+    say : called with each message to send
+    out : bytes to send; "ok" goes there directly, without a message
     reset_wanted : a line has asked for a reset (leaving check mode); nothing is read until then
     """
 
@@ -58,11 +58,11 @@ class MainLoop:
         self._latched = 0
         self._line: Steps | None = None
         self._held: StraightMove | None = None  # an ordinary move that waits for room
-        self._answered = False  # the line under way earns an answer
+        self._answered = False  # the current line gets a reply
         self._waiting: Waiting = WaitReason.NEVER
 
     def next_wake_s(self) -> float | None:
-        """When a line that waits may go on, if nothing else happens."""
+        """When a waiting line may continue, if nothing else happens."""
         machine = self._machine
         if machine.state in SUSPENDED_STATES:
             return None
@@ -74,7 +74,7 @@ class MainLoop:
         return machine.next_event_s()
 
     def restart(self) -> bool:
-        """A reset: forget the line under way; True if it would have earned an answer."""
+        """Reset: drop the current line. True if its reply is still outstanding."""
         owed = self._held is not None or (self._line is not None and self._answered)
         self.discard_line()
         self._latched = 0
@@ -98,7 +98,7 @@ class MainLoop:
                 return
 
     def _barred(self) -> bool:
-        """No line may be taken or go on."""
+        """No line may start or continue."""
         machine = self._machine
         return (
             machine.state in SUSPENDED_STATES
@@ -117,7 +117,7 @@ class MainLoop:
             if self._barred():
                 return False
             usual = machine.state in _EXECUTING and not self._latched
-            plain = usual and not machine.settings[20]  # without soft limits no target needs a look
+            plain = usual and not machine.settings[20]  # without soft limits no target check
             while True:
                 text = take()
                 if text is None:
@@ -240,7 +240,7 @@ class MainLoop:
         self.reset_wanted = True
 
     def discard_line(self) -> None:
-        """Forget the line under way."""
+        """Drop the current line."""
         if self._line is not None:
             self._line.close()
             self._line = None

@@ -1,4 +1,4 @@
-"""The modal state, and what a block asks for once it has been checked against it.
+"""The modal state, and the request of a block once it is checked against that state.
 
 This is the firmware's third step: everything that can be refused is refused here, before anything
 changes. Sources: Grbl 1.1 `gcode.c` step 3; NIST RS274/NGC sections 3.5 and 3.6.
@@ -27,7 +27,7 @@ MM_PER_INCH = 25.4
 AXIS_LETTERS = "XYZ"
 
 _PLANES = {170: (0, 1, 2), 180: (2, 0, 1), 190: (1, 2, 0)}
-_FREE = frozenset("NFST")  # words that are never left over
+_FREE = frozenset("NFST")  # words that never count as unused
 _ZERO: Vector = (0.0, 0.0, 0.0)
 
 
@@ -53,12 +53,12 @@ class ModalState:
 
 @dataclass(frozen=True, slots=True)
 class CheckedBlock:
-    """What a block asks for. Nothing in it can be refused any more.
+    """The request of a checked block. Nothing in it can be refused any more.
 
     points : ends of the straight moves to make, machine coordinates
     rate_mm_min : programmed speed along them
-    moves : it is a motion with axis words, and neither G28 nor G30
-    change_offsets : to be called when the offsets are to change
+    moves : the block is a motion with axis words, and neither G28 nor G30
+    change_offsets : call it to apply the change of offsets
     """
 
     line: int
@@ -74,7 +74,7 @@ class CheckedBlock:
 
 
 def target_position(words: BlockWords, scale: float, base: Vector, position_mm: Vector) -> Vector:
-    """Machine coordinates a block names. base : what its axis words count from"""
+    """Machine coordinates of a block's target. base : origin of its axis words"""
     values = words.values
     x, y, z = (
         values[axis] * scale + base[index] if axis in values else position_mm[index]

@@ -29,16 +29,16 @@ class WorkOffsets:
     tool: Vector = _ZERO
 
     def total(self, wcs: int) -> Vector:
-        """Work coordinates 0,0,0 in machine coordinates."""
+        """The work zero in machine coordinates."""
         (ax, ay, az), (bx, by, bz), (cx, cy, cz) = self.systems[wcs], self.g92, self.tool
         return (ax + bx + cx, ay + by + cy, az + bz + cz)
 
     def reset(self) -> None:
-        """What a reset clears; the stored ones stay."""
+        """Clear the volatile offsets at a reset; the stored ones stay."""
         self.g92 = self.tool = _ZERO
 
     def restore(self) -> None:
-        """`$RST=#`: everything back to zero."""
+        """`$RST=#`: set all offsets to zero."""
         self.systems = dict.fromkeys(GRBLHAL_WORK_OFFSET_CODES, _ZERO)
         self.stored = {280: _ZERO, 300: _ZERO}
         self.reset()
@@ -52,7 +52,7 @@ class WorkOffsets:
         many_systems: bool,
         used: set[str],
     ) -> Callable[[], None] | None:
-        """The change a block asks for (G10, G28.1, G30.1, G43.1, G49, G92), checked, not yet made.
+        """The checked change for a block (G10, G28.1, G30.1, G43.1, G49, G92), not yet applied.
 
         raises : GcodeError
         """
@@ -128,7 +128,7 @@ def _chosen(given: list[float | None], otherwise: Vector) -> Vector:
 def _replaced(
     offset: Vector, given: list[float | None], position: Vector, *others: Vector
 ) -> Vector:
-    """The offset that makes the given work coordinates those of the position."""
+    """The offset that gives the position the commanded work coordinates."""
     x, y, z = (
         offset[axis] if value is None else position[axis] - value - sum(o[axis] for o in others)
         for axis, value in enumerate(given)

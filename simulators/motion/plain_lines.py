@@ -1,9 +1,9 @@
-"""Ordinary lines of a program, and the numbers in them, without taking every letter in hand.
+"""Fast parsing of ordinary program lines: analyse each line shape once, then read only numbers.
 
-A program is thousands of lines alike: the same few letters in the same order, and as many digits.
-So what a line's shape says is worked out once a shape, and of the next line like it only the
-numbers are read. A line that is not ordinary goes the firmware's way, through `words`; nothing is
-refused here.
+A program has thousands of similar lines: the same few letters in the same order, with the same
+number of digits. The module analyses each such shape once. For later lines of that shape it reads
+only the numbers. Any other line takes the firmware's way, through `words`; nothing is refused
+here.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ LETTERS_TO_SPACES_TABLE = bytes.maketrans(_LETTERS.encode(), b" " * len(_LETTERS
 @lru_cache(maxsize=4096)
 def word_value_extractor(alike: bytes) -> Callable[[Sequence[float | None]],
                                                    tuple[Any, ...]] | None:
-    """What picks the values of N, G, X, Y, Z, F and S out of an ordinary line's numbers.
+    """Getter for the values of N, G, X, Y, Z, F and S in an ordinary line's numbers.
 
     alike : the line translated by `ALIKE`
-    returns : to be called with the numbers in their order and None behind them, which is what a
-        letter gets that is not there; or None where the line is not words of these letters, none
-        of them twice, with spaces between
+    returns : a callable; call it with the numbers in order, followed by None, the value of a
+        missing letter. None where the line is not made of words with these letters, each at most
+        once, separated by spaces
     """
     words = alike.decode("latin-1").split(" ")
     letters = "".join(word[:1] for word in words)

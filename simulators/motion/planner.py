@@ -3,8 +3,8 @@
 The method is the firmware's (Grbl 1.1 `planner.c`; S. Jeon, "Improving Grbl: Cornering
 Algorithm", 2011): junction deviation bounds the speed in a corner, a backward pass bounds every
 entry speed by what can still be braked before the last block ends at rest, a forward pass by what
-can be reached. Everything before `planned` is optimal and is never looked at again, which makes
-the work per line constant in practice.
+can be reached. Everything before `planned` is optimal and is never recalculated, which
+makes the work per line constant in practice.
 
 Speeds in mm/s, their squares in mm²/s², accelerations in mm/s². Targets are rounded to whole
 steps, as on the machine: the direction of a very short block is that of its steps.
@@ -24,7 +24,7 @@ _STRAIGHT = 0.999999  # cosine beyond which a junction is straight on, or a reve
 
 @dataclass(frozen=True)
 class Kinematics:
-    """What the machine can do, one value an axis. Rates and accelerations above 0."""
+    """Limits of the machine, one value per axis. Rates and accelerations above 0."""
 
     steps_per_mm: Vector
     max_rate_mm_s: Vector
@@ -99,7 +99,7 @@ class LookAheadPlanner:
 
     @property
     def position_mm(self) -> Vector:
-        """Where the last block ends, in whole steps."""
+        """End position of the last block, in whole steps."""
         return self._at
 
     def clear(self, position_mm: Vector) -> None:
@@ -114,7 +114,7 @@ class LookAheadPlanner:
         self._at = (nx / sx, ny / sy, nz / sz)
 
     def add(self, motion: StraightMove) -> PlannerBlock | None:
-        """Append a move and plan it in; None where it is shorter than a step. Needs room."""
+        """Append a move and plan it; None where it is shorter than a step. Needs room."""
         x, y, z = motion.target_mm
         sx, sy, sz = self._per_mm
         was_x, was_y, was_z = self._steps
@@ -167,7 +167,7 @@ class LookAheadPlanner:
         return block
 
     def discard_first(self) -> None:
-        """The first block has been executed."""
+        """Remove the first block after its execution."""
         block = self.first
         assert block is not None
         following = block.next_block
@@ -231,7 +231,7 @@ class LookAheadPlanner:
         block, planned = self._last, self.planned
         if block is None or planned is None or block is planned:
             return
-        # Backwards: how fast may each block begin, so that the last one can end at rest?
+        # Backward pass: limit each entry speed so that the last block can end at rest.
         reachable_sqr = block.ramp_sqr
         if reachable_sqr > block.max_entry_sqr:
             reachable_sqr = block.max_entry_sqr
@@ -246,7 +246,7 @@ class LookAheadPlanner:
                 break  # nothing further back can change
             before.entry_speed_sqr = reachable_sqr
             before = before.previous_block
-        # Forwards: what can be reached by accelerating?
+        # Forward pass: limit each entry speed to what acceleration can reach.
         assert before is not None
         current, following = before, before.next_block
         while following is not None:

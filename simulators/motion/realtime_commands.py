@@ -28,7 +28,7 @@ _OVERRIDES = frozenset(
 
 
 def apply_realtime_command(machine: MotionMachine, byte: int) -> None:
-    """What the byte does, as far as the machine's state lets it; unknown ones do nothing."""
+    """Perform the byte's command if the machine's state allows it. Unknown bytes do nothing."""
     if byte in (RealtimeCommand.HOLD, RealtimeCommand.HOLD_TOP):
         machine.enter_hold()
     elif byte in (RealtimeCommand.START, RealtimeCommand.START_TOP):

@@ -1,9 +1,9 @@
-"""What a simulated machine did, written down as it is executed: exact at any instant, and compact.
+"""Compact record of a simulated machine's motion and beam, exact at any instant.
 
 Two tables grow. A *block* is one straight move: its N word, its ends and how its beam is driven. A
 *phase* is a stretch of one block at constant acceleration, so position and speed are polynomials of
-time within it. Between phases the machine stands still; a third table says how the beam burns then.
-A block and its phases take about 200 bytes. They are read by `trace`.
+time within it. Between phases the machine stands still; a third table holds the beam power
+during standstill. A block and its phases take about 200 bytes. They are read by `trace`.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ before any scaling with speed, row of the block."""
 
 
 class MotionRecording:
-    """Of one controller. Grows by `begin`, `moved` and `stood`, which the stepper calls.
+    """Record of one controller. The stepper adds to it by `begin`, `moved` and `stood`.
 
-    moved : to be called with each phase as it is committed
+    moved : called with each phase as it is committed
     outputs : (time, kind, port, value) of every digital ("D") or analog ("A") output switched
-    laser : its safety circuit; while that is open there is no beam, here as at the nozzle
+    laser : the laser's safety circuit; while it is open the recorded beam is off
     """
 
     def __init__(self, position_mm: Vector) -> None:
@@ -55,14 +55,14 @@ class MotionRecording:
     def call_at_line(self, line: int, begun: Callable[[int], None]) -> Callable[[], None]:
         """Call begun(row) as the first block whose N word is at least `line` is about to move.
 
-        What is returned stops the waiting.
+        Call the returned function to cancel.
         """
         waiting = (line, begun)
         self._awaited.append(waiting)
         return lambda: self._awaited.remove(waiting) if waiting in self._awaited else None
 
     def block_start_s(self, row: int) -> float | None:
-        """When a block among the last ones began to move; None where it has not."""
+        """When one of the last blocks began to move; None if it has not started."""
         phases = self._phases
         began_s = None
         for at in range(len(phases) - PHASE_COLUMN_COUNT, -1, -PHASE_COLUMN_COUNT):
@@ -73,16 +73,16 @@ class MotionRecording:
 
     @property
     def position_error_mm(self) -> Vector:
-        """Where the machine really is, less where its controller takes it to be."""
+        """True position less the position that the controller assumes."""
         return self._shifts[-1][1]
 
     def record_position_shift(self, when_s: float, believed_mm: Vector, shift_mm: Vector) -> None:
-        """Standing still, the controller takes the machine to be elsewhere from now on."""
+        """At standstill, record that the controller assumes another position from now on."""
         self._rebased_s, self._rebased_mm = when_s, believed_mm
         self._shifts.append((when_s, shift_mm))
 
     def record_block(self, block: PlannerBlock) -> int:
-        """A block is about to move; its row."""
+        """Add a block that is about to move. Returns its row."""
         motion = block.motion
         self._blocks.frombytes(
             _BLOCK_ROW(
@@ -107,7 +107,7 @@ class MotionRecording:
             waiting[1](row)
 
     def record_standing_power(self, when_s: float, power: float) -> None:
-        """From when_s on, the beam burns with this power whenever the machine stands still."""
+        """Record the beam power at standstill from when_s on."""
         stands = self._stands
         while stands[-2] > when_s:  # committed ahead of a reset
             del stands[-STANDING_COLUMN_COUNT:]
@@ -115,7 +115,7 @@ class MotionRecording:
             stands.extend((when_s, power))
 
     def truncate_at(self, when_s: float) -> None:
-        """Motion stopped dead at when_s: forget what was committed beyond."""
+        """Motion stopped at once at when_s: drop what was committed after it."""
         phases, blocks = self._phases, self._blocks
         while phases and phases[-PHASE_COLUMN_COUNT] >= when_s:
             del phases[-PHASE_COLUMN_COUNT:]
@@ -126,7 +126,7 @@ class MotionRecording:
         self.outputs = [switched for switched in self.outputs if switched[0] <= when_s]
 
     def position_at(self, when_s: float) -> Vector:
-        """Where the controller took the machine to be, shortly before the end of the record.
+        """Position that the controller assumed, at a time shortly before the end of the record.
 
         No arrays are built.
         """
@@ -148,7 +148,7 @@ class MotionRecording:
 
     @property
     def size_bytes(self) -> int:
-        """Memory the tables take."""
+        """Memory used by the tables."""
         return sum(
             table.itemsize * len(table) for table in (self._blocks, self._phases, self._stands)
         )

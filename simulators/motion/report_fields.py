@@ -1,4 +1,4 @@
-"""The machine at one instant, as its status report tells it."""
+"""The state of the machine at one instant, as its status report gives it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from simulators.motion.states import MOVING_STATES, ControllerState
 
 def report_fields(machine: MotionMachine, offset_mm: Vector, tool: int,
                   rx_free: int) -> ReportFields:
-    """offset_mm, tool, rx_free : what the machine itself does not know"""
+    """offset_mm, tool, rx_free : values that the machine itself does not hold"""
     feed_mm_min, speed = _feed_and_speed(machine)
     return ReportFields(
         state=machine.state,
@@ -40,7 +40,7 @@ def _pins(machine: MotionMachine) -> str:
 
 
 def _substate(machine: MotionMachine) -> int | None:
-    """The number behind Hold and Door."""
+    """The substate number of Hold and Door."""
     if machine.state is ControllerState.HOLD:
         return 0 if machine.stopping is None else 1
     if machine.state is ControllerState.DOOR:
@@ -51,11 +51,11 @@ def _substate(machine: MotionMachine) -> int | None:
 
 
 def _feed_and_speed(machine: MotionMachine) -> tuple[float, float]:
-    """Actual feed [mm/min] and S, at the head of what is committed, as the firmware tells."""
+    """Actual feed [mm/min] and S at the head of the committed motion, as the firmware reports."""
     speed, power = machine.stepper.reported_speed_and_power()
     block = machine.stepper.block
     if machine.hal and machine.is_held() and block is not None:
-        speed = block.nominal_speed  # it shows what it will go on with
+        speed = block.nominal_speed  # grblHAL reports the speed it will resume with
     elif machine.state not in MOVING_STATES and machine.stopping is None:
         speed = 0.0
     return speed * 60.0, power * machine.settings[30]

@@ -1,4 +1,4 @@
-"""What the controller reports: which fields, in which form, and how often.
+"""Reports of the controller: their fields, format and frequency.
 
 Grbl 1.1 `report.c`: the work offset comes with every 10th report (30th while busy), overrides with
 every 10th (20th), both one report after the other at the start and at once when they change.
@@ -34,7 +34,7 @@ _MPOS, _BUFFERS, _LINE, _FEED, _PINS, _OFFSET, _OVERRIDES = (1 << bit for bit in
 
 
 class ReportFields(NamedTuple):
-    """What a status report is made of."""
+    """The contents of a status report."""
 
     state: ControllerState
     substate: int | None
@@ -63,7 +63,7 @@ class StatusReporter:
         self.on_restart()
 
     def on_restart(self) -> None:
-        """After power-up and every reset."""
+        """Restart the field counters after power-up and every reset."""
         self._offset_in = 1 if self._hal else 0
         self._overrides_in = 0
         self._show_accessories = self._hal
@@ -75,7 +75,7 @@ class StatusReporter:
         self._overrides_in = 0
 
     def on_accessories_changed(self) -> None:
-        """grblHAL shows them alone, Grbl only together with the overrides."""
+        """grblHAL reports accessories alone, Grbl only together with the overrides."""
         if self._hal:
             self._show_accessories = True
         else:
@@ -91,7 +91,7 @@ class StatusReporter:
         self._show_input = True
 
     def next_report(self, now: ReportFields, mask: int, everything: bool = False) -> StatusMessage:
-        """The next report under the `$10` mask; everything: with all that is known (0x87)."""
+        """The next report under the `$10` mask; everything: with all fields (0x87)."""
         if not self._hal:
             mask = (mask & (_MPOS | _BUFFERS)) | _FEED | _PINS | _OFFSET | _OVERRIDES
         if now.offset_mm != self._offset_mm:

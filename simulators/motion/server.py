@@ -1,7 +1,7 @@
-"""Puts a simulated controller behind a wire: a TCP port, as a serial device server, or a pty.
+"""Serves a simulated controller on a TCP port, as a serial device server, or on a pty.
 
-One client at a time; a second one is turned away. Coming and going resets nothing, as on a
-controller whose port does not toggle DTR.
+One client at a time; a second one is refused. Connecting and disconnecting reset nothing, as on
+a controller whose port does not toggle DTR.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ async def serve_tcp(
 ) -> TcpServer:
     """Serve sim on host:port; port 0 takes a free one. raises: OSError when it is taken
 
-    edge : where faults befall its bytes
+    edge : where link faults apply to its bytes
     """
     clients: set[asyncio.Transport] = set()
     loop = asyncio.get_running_loop()
@@ -82,7 +82,7 @@ class _Client(asyncio.Protocol):
 
 class Pty:
     """A pseudo-terminal whose other end is at `path`. Its slave side is kept open here, so that a
-    client may come and go.
+    client may connect and disconnect.
     """
 
     def __init__(self, sim: MotionSimulator, loop: asyncio.AbstractEventLoop,
@@ -106,10 +106,10 @@ class Pty:
         self._loop.add_reader(self._master, self._readable)
 
     def abort(self) -> None:
-        """A cable was pulled: a serial line has nothing to hang up."""
+        """The cable was unplugged: a serial line has no connection to close."""
 
     def close(self) -> None:
-        """Hang up."""
+        """Close the pseudo-terminal."""
         self._edge.host_disconnected(self)
         self._sim.detach_client()
         self._loop.remove_reader(self._master)
@@ -139,7 +139,7 @@ class Pty:
             self._loop.remove_writer(self._master)
 
     def _try(self, data: bytes) -> bytes:
-        """Write what goes; the rest."""
+        """Write as much as possible. Returns the rest."""
         try:
             return data[os.write(self._master, data) :]
         except BlockingIOError:
@@ -147,5 +147,5 @@ class Pty:
 
 
 def open_pty(sim: MotionSimulator, edge: LinkTap | None = None) -> Pty:
-    """Put sim behind a pseudo-terminal, until it is closed. edge : where faults befall its bytes"""
+    """Serve sim on a pseudo-terminal until closed. edge : where link faults apply to its bytes"""
     return Pty(sim, asyncio.get_running_loop(), edge or LinkTap())

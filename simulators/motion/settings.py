@@ -1,4 +1,4 @@
-"""The `$` settings of both firmwares: defaults, formats and what a value may be.
+"""The `$` settings of both firmwares: defaults, formats and permitted values.
 
 Defaults are those of the transcripts' builds before their `$30`, `$32`, `$110`-`$122` were set.
 Sources: Grbl 1.1 `doc/markdown/settings.md`, `settings.c`; grblHAL core `settings.h`.
@@ -34,7 +34,7 @@ class _Row:
 
 
 def _rows(text: str) -> dict[int, _Row]:
-    """`number=default` with as many decimals as the firmware shows; `<=` gives a greatest value."""
+    """`number=default` with as many decimals as the firmware prints; `<=` gives a maximum."""
     rows = {}
     for entry in text.split():
         assignment, _, most = entry.partition("<=")
@@ -68,7 +68,7 @@ _ABOVE_ZERO = frozenset((11, 12, 30, 100, 101, 102, 110, 111, 112, 120, 121, 122
 
 
 class FirmwareSettings:
-    """The table of one controller."""
+    """The settings table of one controller."""
 
     def __init__(self, dialect: Dialect, overrides: Mapping[int, float]) -> None:
         """raises: SettingError for an override the firmware would refuse"""
@@ -79,7 +79,7 @@ class FirmwareSettings:
         self.restore_defaults()
 
     def restore_defaults(self) -> None:
-        """Back to the defaults and what the configuration lays over them (`$RST=$`)."""
+        """Restore the defaults with the configuration's overrides on top (`$RST=$`)."""
         self._values = {number: row.default for number, row in self._rows.items()}
         # homing before soft limits, which need it
         for number in sorted(self._overrides, key=lambda number: (number != 22, number)):

@@ -1,4 +1,4 @@
-"""A simulated controller on the running loop's clock, with at most one client on its wire."""
+"""A simulated controller on the running loop's clock, with at most one client."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from simulators.motion.trace import MotionTrace
 
 
 class MotionSimulator:
-    """One controller, powered up. To be made inside the loop on whose clock it lives.
+    """One controller, powered up. Create it inside the event loop whose clock it uses.
 
     raises : ValueError for an unknown dialect, SettingError for a setting the firmware refuses
     """
@@ -43,7 +43,7 @@ class MotionSimulator:
 
     @property
     def now_s(self) -> float:
-        """The clock it lives on."""
+        """Time on the loop's clock."""
         return self._loop.time()
 
     @property
@@ -66,11 +66,11 @@ class MotionSimulator:
         self._send(self._controller.set_estop(is_open, self._loop.time()))
 
     def press_button(self, button: RealtimeCommand) -> None:
-        """Feed hold, cycle start or reset, at the panel."""
+        """Press feed hold, cycle start or reset at the operator panel."""
         self._send(self._controller.receive(bytes((button,)), self._loop.time()))
 
     def set_overrides(self, feed: int, rapid: int, beam: int) -> None:
-        """Percent, turned at the panel."""
+        """Set the overrides [percent] at the operator panel."""
         self._send(self._controller.set_overrides(feed, rapid, beam, self._loop.time()))
 
     def trip_limit_switch(self) -> None:
@@ -82,13 +82,13 @@ class MotionSimulator:
         self._send(self._controller.exceed_soft_limit(self._loop.time()))
 
     def lose_power(self) -> bytes:
-        """Off and on again: all ends at once; what it says when it is up, for who waits for it."""
+        """Switch power off and on: all motion ends at once. Returns the power-up output."""
         banner = self._controller.lose_power(self._loop.time())
         self._send(b"")
         return banner
 
     def set_laser_circuit_open(self, is_cut: bool, delay_s: float) -> None:
-        """The laser's own safety circuit opens or closes; the source is dark after delay_s."""
+        """Open or close the laser's own safety circuit; the beam is off after delay_s."""
         laser, now_s = self._controller.machine.trace.laser, self._loop.time()
         if is_cut:
             laser.open_at(now_s + delay_s)
@@ -96,23 +96,23 @@ class MotionSimulator:
             laser.close_at(now_s)
 
     def advance_motion(self) -> None:
-        """Let the controller work out what is certain of the motion to come."""
+        """Let the controller commit the motion that can no longer change."""
         self._advance()
 
     def attach_client(self, write: Callable[[bytes], None]) -> None:
-        """A client has come: what the controller sends goes to `write` from now on."""
+        """A client has connected: controller output goes to `write` from now on."""
         self._write = write
 
     def detach_client(self) -> None:
-        """The client has gone; the controller notices nothing."""
+        """The client has disconnected; the controller does not detect it."""
         self._write = None
 
     def receive(self, data: bytes) -> None:
-        """Bytes from the client."""
+        """Receive bytes from the client."""
         self._send(self._controller.receive(data, self._loop.time()))
 
     def close(self) -> None:
-        """Switch off. What is under way stays unfinished."""
+        """Switch off. Current motion stays unfinished."""
         self._write = None
         if self._timer is not None:
             self._timer.cancel()

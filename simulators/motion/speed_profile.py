@@ -1,4 +1,4 @@
-"""Speed over one block: at most an acceleration, a cruise and a braking, in closed form."""
+"""Speed over one block in closed form: at most one acceleration, cruise and braking phase."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 
 class SpeedRamp(NamedTuple):
-    """A stretch of constant acceleration [mm/s², s, mm, mm/s at its end]."""
+    """A phase of constant acceleration [mm/s², s, mm, mm/s at its end]."""
 
     acceleration: float
     duration: float
@@ -16,17 +16,17 @@ class SpeedRamp(NamedTuple):
 
 
 _TINY_MM = 1e-12
-_ALIKE = 1e-9  # relative difference of squared speeds that is rounding
+_ALIKE = 1e-9  # relative difference of squared speeds that counts as rounding
 
 
 def fastest_profile(
     speed: float, left_mm: float, acceleration: float, nominal: float, exit_sqr: float
 ) -> list[SpeedRamp]:
-    """The quickest way over left_mm from `speed`, no faster than `nominal`, to exit_sqr [mm²/s²].
+    """Fastest profile over left_mm from `speed`, at most `nominal`, to exit_sqr [mm²/s²].
 
     Where `speed` is above `nominal` (an override was lowered) it brakes to it first; where the
-    exit speed cannot be met any more, the block ends as near to it as braking or accelerating all
-    the way brings it.
+    exit speed cannot be reached, the block brakes or accelerates over its whole length to end as
+    near to it as possible.
 
     returns : ramps, the *last* to be executed first, so that they can be popped
     """

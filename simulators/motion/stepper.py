@@ -1,4 +1,4 @@
-"""Executes planned blocks in time: accelerations, holds and overrides, computed and never stepped.
+"""Executes planned blocks in time; accelerations, holds and overrides are computed, not stepped.
 
 Like the firmware's step segment buffer, the stepper works a little ahead of the motion: at time t
 it has committed what happens until t + `lead_s` (but no more than `lead_blocks` blocks). A block
@@ -18,7 +18,7 @@ from simulators.motion.recording import MotionRecording
 from simulators.motion.speed_profile import SpeedRamp, braking_profile, fastest_profile
 
 _TINY_MM = 1e-9
-_ALIKE = 1e-9  # relative difference of squared speeds that is rounding
+_ALIKE = 1e-9  # relative difference of squared speeds that counts as rounding
 _SLACK_S = 1e-9  # a timer may come early by the clock's resolution
 
 
@@ -26,10 +26,10 @@ class Stepper:
     """The executing end of a planner.
 
     running : blocks are taken from the planner
-    holding : braking to rest along the path; when that is done `running` ends with it
+    holding : braking to rest along the path; at rest, `running` ends too
     end_s : when what is committed ends; the machine stands still after it unless more follows
     block : the one being executed at the head, or in which a hold has stopped
-    standing : power, before the override, with which the beam burns at standstill
+    standing : beam power at standstill, before the override
     """
 
     def __init__(self, planner: LookAheadPlanner, trace: MotionRecording, lead_s: float,
@@ -46,7 +46,7 @@ class Stepper:
         self._lead_s = lead_s
         self._lead_blocks = lead_blocks
         self._head_s = 0.0
-        self._ends: deque[float] = deque()  # of blocks committed whole and not yet over
+        self._ends: deque[float] = deque()  # of blocks fully committed and not yet finished
         self._motion: StraightMove | None = None  # of the block loaded last
         self._row = 0
         self._done_mm = 0.0  # of the block, at the start of the phase
@@ -62,11 +62,11 @@ class Stepper:
             self.end_s = now_s
         first = self._planner.first
         if first is not None and self._speed == 0.0:
-            if self.block is not None:  # left in the middle by a hold
+            if self.block is not None:  # a hold stopped within this block
                 self._place(self.block)
                 self._planner.replan()
                 self._plan(self.block)
-            elif first.entry_speed_sqr > 0.0:  # stopped by a hold just at its start
+            elif first.entry_speed_sqr > 0.0:  # a hold stopped exactly at its start
                 first.entry_speed_sqr = 0.0
                 self._planner.replan()
         self._head_s = self.end_s
@@ -76,7 +76,7 @@ class Stepper:
         self.advance(now_s)
         self._cut()
         if self._speed == 0.0:
-            self.running = False  # at rest at the head, or to be when what is committed ends
+            self.running = False  # at rest at the head, or when the committed motion ends
         else:
             self.holding = True
             if self.block is not None:
@@ -94,7 +94,7 @@ class Stepper:
             self._plan(self.block)
 
     def stop_immediately(self, now_s: float) -> None:
-        """A reset: motion ends at once, wherever it is, and the plan is forgotten."""
+        """Reset: motion ends at once at the current position; the plan is dropped."""
         self.advance(now_s)
         self._head_s = now_s
         self._cut()
@@ -103,7 +103,7 @@ class Stepper:
         self.discard_plan(now_s)
 
     def discard_plan(self, now_s: float) -> None:
-        """Drop all that is planned and not committed; the machine is where it stands."""
+        """Drop all planned motion that is not committed; the machine keeps its position."""
         self.block = None
         self._ramps.clear()
         self._ends.clear()
@@ -124,13 +124,13 @@ class Stepper:
         if block is not None and self.running:
             crowded = len(self._ends) >= self._lead_blocks
             loads_s = max(self.end_s - self._lead_s, self._ends[0] if crowded else 0.0)
-            # That it is loaded changes nothing yet: it leaves when its last piece is committed.
+            # Loading changes nothing yet: a block leaves when its last piece is committed.
             rest_s = sum(ramp.duration for ramp in self._profile(block, block.length))
             return max(loads_s, self.end_s + rest_s - self._lead_s)
         return self.end_s
 
     def advance(self, now_s: float) -> None:
-        """Commit what is certain at now_s."""
+        """Commit the motion that is certain at now_s."""
         planner, moved = self._planner, self._trace.moved
         block = self.block
         if block is not None and self.running and not self.holding:
@@ -154,7 +154,7 @@ class Stepper:
                     break
                 self._load(block)
                 over_s = self._cruised_s(block)
-                if over_s <= until_s:  # most blocks: one phase, nothing to be planned
+                if over_s <= until_s:  # most blocks: one phase, no planning needed
                     power = block.motion.power * self.spindle_factor
                     moved((end_s, over_s, 0.0, self._speed, 0.0, power, self._row))
                     self.end_s = end_s = over_s
@@ -203,7 +203,7 @@ class Stepper:
         self._ramps[-1] = SpeedRamp(acceleration, duration, distance, exit_speed)
 
     def position_mm(self, now_s: float) -> Vector:
-        """Where the machine is."""
+        """Position of the machine at now_s."""
         block = self.block
         if block is None or now_s <= self.end_s or not self.running:
             return self._trace.position_at(now_s)
@@ -217,7 +217,7 @@ class Stepper:
         motion = self._motion
         if motion is None or not self.running or (self.block is None and self._speed == 0.0):
             return self._speed, min(1.0, self.standing * self.spindle_factor)
-        # Between two blocks it is what the one before ended with.
+        # Between two blocks: the values at the end of the previous one.
         speed = self._speed if self.block is None else self._within_ramp(self._head_s)[0]
         power = motion.power * self.spindle_factor
         if motion.beam == BEAM_DYNAMIC:
@@ -225,7 +225,7 @@ class Stepper:
         return speed, min(power, 1.0)
 
     def set_standing_power(self, power: float, when_s: float) -> None:
-        """The beam burns with this power whenever the machine stands still, from when_s on."""
+        """Set the beam power at standstill from when_s on."""
         self.standing = power
         self._trace.record_standing_power(when_s, min(1.0, power * self.spindle_factor))
 
@@ -234,7 +234,7 @@ class Stepper:
         self._row = self._trace.record_block(block)
         self._done_mm = 0.0
         if abs(self._speed * self._speed - block.entry_speed_sqr) < _ALIKE * block.entry_speed_sqr:
-            self._speed = sqrt(block.entry_speed_sqr)  # else rounding would pile up
+            self._speed = sqrt(block.entry_speed_sqr)  # else rounding errors would accumulate
         self._motion = motion = block.motion
         self.last_line = motion.line
         standing = motion.power if motion.beam == BEAM_CONSTANT else 0.0
@@ -277,12 +277,12 @@ class Stepper:
         self._place(block)
 
     def _place(self, block: PlannerBlock) -> None:
-        """Tell the planner from where the look-ahead starts."""
+        """Pass the planner the point where the look-ahead starts."""
         block.entry_speed_sqr = self._speed * self._speed
         block.ramp_sqr = 2.0 * block.acceleration * (block.length - self._done_mm)
 
     def _plan(self, block: PlannerBlock) -> None:
-        """What is left of the block at the head."""
+        """Plan the rest of the block at the head."""
         left_mm = block.length - self._done_mm
         if self.holding:
             self._ramps[:] = braking_profile(self._speed, left_mm, block.acceleration)

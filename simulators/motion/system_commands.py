@@ -30,7 +30,7 @@ class SystemCommands:
     """Executes `$` lines for one controller.
 
     startup : the stored lines, by number
-    leave_check_mode : called when `$C` ends check mode, after the answer
+    leave_check_mode : called when `$C` ends check mode, after the reply
     """
 
     def __init__(
@@ -90,7 +90,7 @@ class SystemCommands:
         return self._assign(text)
 
     def run_startup_blocks(self) -> Steps:
-        """The stored lines, after a reset or homing."""
+        """Run the stored lines after a reset or homing."""
         for number in sorted(self.startup):
             block = self.startup[number]
             if block:
@@ -143,7 +143,7 @@ class SystemCommands:
 
     def _sleep(self) -> int:
         if self._hal:
-            return UNKNOWN  # not built into the firmware whose transcripts these are
+            return UNKNOWN  # not built into the firmware that was transcribed
         machine = self._machine
         machine.accessories.switch_all_off(machine.now_s)
         machine.state = ControllerState.SLEEP
@@ -182,7 +182,7 @@ class SystemCommands:
             return UNKNOWN
         if len(block) >= self._dialect.max_line_chars:
             return STORED_TOO_LONG
-        if block:  # the firmware runs it before it keeps it
+        if block:  # the firmware executes the line before it stores it
             code = yield from self._gcode(block.encode("latin-1"))
             if code:
                 return code

@@ -1,7 +1,7 @@
-"""The judge's record of motion, read: the simulated machine at any instant, and block by block.
+"""Reads the record of motion: the simulated machine at any instant, and block by block.
 
-What the stepper writes is in `recording`. Read, it says where the axes really were, whatever their
-controller took them to be, and what the beam did with its safety circuit open.
+`recording` holds what the stepper writes. This module gives the true axis positions, whatever the
+controller assumed, and the beam power including the effect of an open safety circuit.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ class ConstantAccelerationPhases:
 
 
 class MotionTrace(MotionRecording):
-    """A recording that can be read, as far as it has grown; every reading builds arrays anew."""
+    """A recording that can be read while it grows; every read builds new arrays."""
 
     def sample(self, times_s: ArrayLike) -> TraceSample:
         """The machine at any instants, in any order, (n,) seconds on the loop's clock."""
@@ -121,7 +121,7 @@ class MotionTrace(MotionRecording):
         index = np.arange(len(blocks))
         first = np.searchsorted(row, index, side="left")
         last = np.searchsorted(row, index, side="right") - 1
-        begun = last >= first  # a block just loaded has no phase yet
+        begun = last >= first  # a newly loaded block has no phase yet
         blocks, first, last = blocks[begun], first[begun], last[begun]
         t0, t1, distance, speed, acceleration = phases[last, :5].T
         dt = t1 - t0
@@ -149,12 +149,12 @@ class MotionTrace(MotionRecording):
                                           distance, power)
 
     def standing_power(self) -> tuple[FloatArray, FloatArray]:
-        """From when on the beam burns with which power whenever the machine stands still."""
+        """Beam power at standstill: start times and powers."""
         stands = self._stand_rows()
         return stands[:, 0], stands[:, 1]
 
     def _shift(self, time_s: FloatArray) -> FloatArray:
-        """(n, 3) what to add to the controller's positions at each time."""
+        """Offset (n, 3) to add to the controller's positions at each time."""
         since_s, shift = zip(*self._shifts, strict=True)
         return np.asarray(shift)[np.searchsorted(since_s, time_s, side="right") - 1]
 

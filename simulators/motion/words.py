@@ -1,7 +1,7 @@
 """Sorts the words of a block into modal groups and values, or refuses it as the firmware does.
 
-This is the first half of the firmware's interpreter: everything that can be wrong with a block
-before anything is known of the machine. Sources: Grbl 1.1 `gcode.c` steps 1 and 2; NIST RS274/NGC
+This is the first half of the firmware's interpreter: it finds every error in a block that does
+not depend on the machine's state. Sources: Grbl 1.1 `gcode.c` steps 1 and 2; NIST RS274/NGC
 section 3.4 (modal groups).
 """
 
@@ -30,7 +30,7 @@ class AxisWordUse(Enum):
 class BlockWords:
     """One block. Codes are ten times the number: 382 is G38.2.
 
-    g, m : modal group -> code, of the groups that stand in the block
+    g, m : modal group -> code, of the groups present in the block
     values : letter -> value
     """
 
