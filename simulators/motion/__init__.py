@@ -1,4 +1,4 @@
-"""A simulated motion controller that speaks, plans and moves as Grbl 1.1h and grblHAL do.
+"""A simulated motion controller with the protocol, planner and motion of Grbl 1.1h and grblHAL.
 
 `sim = MotionSimulator(MotionConfig(...))` is the controller on the running loop's clock;
 `server.serve_tcp(sim, host, port)` and `server.open_pty(sim)` put it on a port;

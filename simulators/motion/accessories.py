@@ -29,7 +29,7 @@ class Accessories:
         self._power_before = 0.0  # standing power to restore
 
     def set_spindle(self, mode: int, standing: float, now_s: float) -> None:
-        """M3, M4 or M5 with the axes at rest. standing : beam power from now on, as a fraction"""
+        """Set M3, M4 or M5 with the axes at rest. standing : beam power from now on, a fraction"""
         if mode != self.spindle_mode or standing != self._stepper.standing:
             self._reporter.on_accessories_changed()
         self.spindle_mode = mode

@@ -15,7 +15,7 @@ _SAME_ANGLE = 5e-7  # ARC_ANGULAR_TRAVEL_EPSILON: less is a full circle
 def centre_from_radius(du: float, dv: float, radius: float, clockwise: bool) -> tuple[float, float]:
     """Offset of the centre from the start, for a chord (du, dv) and the R word.
 
-    A negative radius asks for the longer way round. NIST RS274/NGC 3.5.3.1.
+    A negative radius selects the longer arc. NIST RS274/NGC 3.5.3.1.
     raises : GcodeError 33 without a chord, 34 where the radius cannot span it
     """
     chord = hypot(du, dv)

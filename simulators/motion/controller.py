@@ -98,7 +98,7 @@ class SimulatedController:
         return self._sent()
 
     def exceed_soft_limit(self, now_s: float) -> bytes:
-        """A target turns out to be outside the travel."""
+        """Act as if a target exceeded the travel."""
         self.machine.advance_to(now_s)
         self.machine.stop_for_soft_limit()
         return self._sent()

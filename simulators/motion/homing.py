@@ -47,7 +47,7 @@ def _as_believed(machine: MotionMachine, place_mm: Vector) -> Vector:
 
 
 def _ends(machine: MotionMachine) -> tuple[Vector, Vector]:
-    """Where the switches are, and where the axes stand after pulling off."""
+    """Positions of the switches, and of the axes after pull-off."""
     settings = machine.settings
     switch, clear = [], []
     for axis, travel in enumerate(settings.travel_mm):

@@ -41,7 +41,7 @@ class LaserSafetyCircuit:
         return dark
 
     def split_phases(self, phases: FloatArray) -> FloatArray:
-        """Phases (n, 7) as the recording keeps them, split where the circuit opens or closes."""
+        """Phases (n, 7) of the recording, split where the circuit opens or closes."""
         for edge_s in (edge_s for span in self._open for edge_s in span):
             within = np.flatnonzero((phases[:, _T0] < edge_s) & (edge_s < phases[:, _T1]))
             for at in within[::-1]:

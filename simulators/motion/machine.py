@@ -1,8 +1,8 @@
 """The machine behind the interpreter: motion, beam, coolant, doors and their states.
 
-Real-time commands act here. `advance_to` lets time pass: when a motion, a hold or a
-jog cancel has ended, the state changes as with the firmware's cycle-stop flag. Messages that the
-firmware would send go to `say`.
+Real-time commands act here. `advance_to` lets time pass: when a motion, a hold or a jog cancel has
+ended, the state changes as with the firmware's cycle-stop flag. Messages that the firmware would
+send go to `say`.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ HARD_LIMIT_ALARM, SOFT_LIMIT_ALARM, ABORTED_ALARM, HOMING_ALARM, ESTOP_ALARM = 1
 _CRITICAL = frozenset((HARD_LIMIT_ALARM, SOFT_LIMIT_ALARM, ESTOP_ALARM))
 
 _ORIGIN: Vector = (0.0, 0.0, 0.0)
-# How far the step segment buffer runs ahead: of 10 ms each, Grbl keeps 5 ready and grblHAL 9.
+# Lead of the step segment buffer: Grbl keeps 5 segments of 10 ms ready, grblHAL 9.
 _SEGMENT_S = 0.01
 _SEGMENTS = {False: 5, True: 9}
 
@@ -90,7 +90,7 @@ class MotionMachine:
             self._go_on()
 
     def start_planned_motion(self) -> None:
-        """Execute what is planned, if the state allows it (the firmware's auto cycle start)."""
+        """Execute the planned motion if the state allows it (the firmware's auto cycle start)."""
         if self.state is ControllerState.IDLE and self.planner.first is not None:
             self.state = ControllerState.RUN
             self.stepper.start(self.now_s)
@@ -108,7 +108,7 @@ class MotionMachine:
         return self.stepper.next_event_s()
 
     def position_mm(self) -> Vector:
-        """Where the axes are, in whole steps."""
+        """Position of the axes, in whole steps."""
         x, y, z = self.stepper.position_mm(self.now_s)
         sx, sy, sz = self.planner.kinematics.steps_per_mm
         return (round(x * sx) / sx, round(y * sy) / sy, round(z * sz) / sz)
@@ -183,7 +183,7 @@ class MotionMachine:
             on.set_coolant(on.flood != (not mist), on.mist != mist)
 
     def set_overrides(self, feed: int, rapid: int, spindle: int) -> None:
-        """Percent; clipped to what the firmware allows."""
+        """Set the overrides [percent], clipped to the firmware's limits."""
         wanted = (min(200, max(10, feed)), rapid, min(200, max(10, spindle)))
         if wanted == self.overrides:
             return

@@ -33,7 +33,7 @@ class MainLoop:
 
     say : called with each message to send
     out : bytes to send; "ok" goes there directly, without a message
-    reset_wanted : a line has asked for a reset (leaving check mode); nothing is read until then
+    reset_wanted : a line requires a reset (leaving check mode); no line is read until then
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class MainLoop:
         self._latches = device.dialect.error_policy is ErrorPolicy.LATCH
         self._latched = 0
         self._line: Steps | None = None
-        self._held: StraightMove | None = None  # an ordinary move that waits for room
+        self._held: StraightMove | None = None  # an ordinary move that waits for planner room
         self._answered = False  # the current line gets a reply
         self._waiting: Waiting = WaitReason.NEVER
 
@@ -86,7 +86,7 @@ class MainLoop:
         self._begin(self._commands.run_startup_blocks(), answered=False)
 
     def process_lines(self) -> None:
-        """Do all that can be done at this instant."""
+        """Execute all lines that can run at this instant."""
         machine = self._machine
         while not self._barred():
             if self._held is not None and not self._plan_held():
@@ -108,7 +108,7 @@ class MainLoop:
         )
 
     def _read_lines(self) -> bool:
-        """Take lines until one has to wait (True) or none is left or may be taken (False)."""
+        """Take lines until one must wait (True), or none is left or allowed (False)."""
         take, send, machine = self._device.pop_line, self._send, self._machine
         interpret, planner = self._interpreter.interpret, machine.planner
         add, capacity = planner.add, planner.capacity
@@ -146,7 +146,7 @@ class MainLoop:
                 return True
 
     def _plan_held(self) -> bool:
-        """Try the move that found the planner full again; True when it is planned."""
+        """Retry the move that found the planner full. True when it is planned."""
         machine, motion = self._machine, self._held
         assert motion is not None
         planner = machine.planner
@@ -163,7 +163,7 @@ class MainLoop:
         return True
 
     def _unusual(self, text: bytes) -> bool:
-        """Any other line; True where it has to wait."""
+        """Execute any other line. True where it has to wait."""
         block = strip_comments_and_spaces(text)
         if self._device.is_line_too_long(text):
             self._answer(TOO_LONG)
@@ -187,13 +187,13 @@ class MainLoop:
         return (yield from perform_actions(self._machine, actions))
 
     def _begin(self, steps: Steps, answered: bool = True) -> bool:
-        """Execute as far as possible; True where it has to wait."""
+        """Execute as far as possible. True where the line has to wait."""
         self._line = steps
         self._answered = answered
         return not self._advance_line()
 
     def _resume_line(self) -> bool:
-        """Try the waiting line again; True when it is done."""
+        """Retry the waiting line. True when it is done."""
         return self._ready() and self._advance_line()
 
     def _advance_line(self) -> bool:

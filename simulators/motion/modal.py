@@ -1,6 +1,6 @@
 """The modal state, and the request of a block once it is checked against that state.
 
-This is the firmware's third step: everything that can be refused is refused here, before anything
+This is the firmware's third step: it makes all remaining checks before anything
 changes. Sources: Grbl 1.1 `gcode.c` step 3; NIST RS274/NGC sections 3.5 and 3.6.
 """
 

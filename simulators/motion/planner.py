@@ -1,10 +1,10 @@
 """Look-ahead planner: a bounded queue of straight blocks and the speeds at their junctions.
 
 The method is the firmware's (Grbl 1.1 `planner.c`; S. Jeon, "Improving Grbl: Cornering
-Algorithm", 2011): junction deviation bounds the speed in a corner, a backward pass bounds every
-entry speed by what can still be braked before the last block ends at rest, a forward pass by what
-can be reached. Everything before `planned` is optimal and is never recalculated, which
-makes the work per line constant in practice.
+Algorithm", 2011): junction deviation limits the speed in a corner. A backward pass limits
+every entry speed so that the last block can end at rest; a forward pass limits it to what
+acceleration can reach. Everything before `planned` is optimal and is not recalculated, which makes
+the work per line constant in practice.
 
 Speeds in mm/s, their squares in mm²/s², accelerations in mm/s². Targets are rounded to whole
 steps, as on the machine: the direction of a very short block is that of its steps.
@@ -60,7 +60,7 @@ class PlannerBlock:
     motion: StraightMove
     nominal_speed: float
     previous_block: PlannerBlock | None
-    ramp_sqr: float  # speed² gained or lost over what is left of the block
+    ramp_sqr: float  # speed² gained or lost over the rest of the block
     rapid_rate: float
     start: Vector
     target: Vector
@@ -132,7 +132,7 @@ class LookAheadPlanner:
         block.length = length
         block.start = self._at
         block.target = self._at = (now_x / sx, now_y / sy, now_z / sz)
-        if self._alike:  # the usual machine, in half the time
+        if self._alike:  # equal axes, the usual machine: half the time
             steepest = max(ux, -ux, uy, -uy, uz, -uz)
             acceleration = self._accelerations[0] / steepest
             block.rapid_rate = self._rates[0] / steepest

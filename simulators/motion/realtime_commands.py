@@ -48,7 +48,7 @@ def apply_realtime_command(machine: MotionMachine, byte: int) -> None:
 
 
 def _overridden(byte: int, percent: Percent) -> Percent:
-    """The overrides after one of _OVERRIDES; not yet clipped to 10..200."""
+    """The overrides after one byte of _OVERRIDES; not yet clipped to 10..200."""
     feed, rapid, spindle = percent
     if byte == RealtimeCommand.FEED_100:
         feed = 100

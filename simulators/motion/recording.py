@@ -2,8 +2,8 @@
 
 Two tables grow. A *block* is one straight move: its N word, its ends and how its beam is driven. A
 *phase* is a stretch of one block at constant acceleration, so position and speed are polynomials of
-time within it. Between phases the machine stands still; a third table holds the beam power
-during standstill. A block and its phases take about 200 bytes. They are read by `trace`.
+time within it. Between phases the machine stands still; a third table holds the beam power during
+standstill. A block and its phases take about 200 bytes. `trace` reads the tables.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ _READ_BYTES = 65536
 
 
 class TcpServer:
-    """Listens until closed. port : the one it listens on."""
+    """Listens until closed. port : the listening port."""
 
     def __init__(self, server: asyncio.Server, clients: set[asyncio.Transport]) -> None:
         self._server = server
@@ -36,7 +36,7 @@ class TcpServer:
 async def serve_tcp(
     sim: MotionSimulator, host: str = "127.0.0.1", port: int = 0, edge: LinkTap | None = None
 ) -> TcpServer:
-    """Serve sim on host:port; port 0 takes a free one. raises: OSError when it is taken
+    """Serve sim on host:port; port 0 takes a free one. raises: OSError when the port is in use
 
     edge : where link faults apply to its bytes
     """
@@ -81,8 +81,8 @@ class _Client(asyncio.Protocol):
 
 
 class Pty:
-    """A pseudo-terminal whose other end is at `path`. Its slave side is kept open here, so that a
-    client may connect and disconnect.
+    """A pseudo-terminal whose other end is at `path`. This object keeps the slave side open, so
+    that a client may connect and disconnect.
     """
 
     def __init__(self, sim: MotionSimulator, loop: asyncio.AbstractEventLoop,

@@ -1,6 +1,6 @@
 """The `$` settings of both firmwares: defaults, formats and permitted values.
 
-Defaults are those of the transcripts' builds before their `$30`, `$32`, `$110`-`$122` were set.
+Defaults are those of the transcribed builds before `$30`, `$32`, `$110`-`$122` were set.
 Sources: Grbl 1.1 `doc/markdown/settings.md`, `settings.c`; grblHAL core `settings.h`.
 """
 
@@ -19,7 +19,7 @@ UNKNOWN, NEGATIVE, SHORT_PULSE, NEEDS_HOMING, OUT_OF_RANGE = 3, 4, 6, 10, 52
 
 
 class SettingError(Exception):
-    """A setting is refused with `error:code`."""
+    """The firmware refuses a setting with `error:code`."""
 
     def __init__(self, code: int, number: int) -> None:
         super().__init__(f"${number}: error:{code}")
@@ -81,7 +81,7 @@ class FirmwareSettings:
     def restore_defaults(self) -> None:
         """Restore the defaults with the configuration's overrides on top (`$RST=$`)."""
         self._values = {number: row.default for number, row in self._rows.items()}
-        # homing before soft limits, which need it
+        # homing before soft limits, which require homing
         for number in sorted(self._overrides, key=lambda number: (number != 22, number)):
             self.store(number, self._overrides[number])
 

@@ -35,7 +35,7 @@ class MotionSimulator:
 
     @property
     def executed_line_numbers(self) -> list[int]:
-        """N words of the moves executed to their end by now, in order; 0 for a move without."""
+        """N words of the moves completed by now, in order; 0 for a move without one."""
         blocks = self.trace.blocks()
         done = blocks.is_complete & (blocks.end_s <= self._loop.time())
         lines: list[int] = blocks.line[done].tolist()
@@ -48,7 +48,7 @@ class MotionSimulator:
 
     @property
     def position_mm(self) -> Vector:
-        """Where the axes are now, machine coordinates."""
+        """Current position of the axes, machine coordinates."""
         self._advance()
         return self._controller.machine.position_mm()
 
@@ -58,11 +58,11 @@ class MotionSimulator:
         return self._controller.device.overruns
 
     def set_door(self, is_open: bool) -> None:
-        """Drive the door input, as an interlock or a watchdog relay wired to it does."""
+        """Set the door input, as a wired interlock or watchdog relay does."""
         self._send(self._controller.set_door(is_open, self._loop.time()))
 
     def set_estop(self, is_open: bool) -> None:
-        """Drive the e-stop input."""
+        """Set the e-stop input."""
         self._send(self._controller.set_estop(is_open, self._loop.time()))
 
     def press_button(self, button: RealtimeCommand) -> None:
@@ -78,7 +78,7 @@ class MotionSimulator:
         self._send(self._controller.trip_limit_switch(self._loop.time()))
 
     def exceed_soft_limit(self) -> None:
-        """A target turns out to be outside the travel, as with soft limits on."""
+        """Act as if a target exceeded the travel with soft limits on."""
         self._send(self._controller.exceed_soft_limit(self._loop.time()))
 
     def lose_power(self) -> bytes:

@@ -6,7 +6,7 @@ from enum import Enum
 
 
 class ControllerState(Enum):
-    __hash__ = object.__hash__  # Enum's own runs in Python, and states are looked up all the time
+    __hash__ = object.__hash__  # Enum's own hash runs in Python, and states are looked up often
 
     IDLE = "Idle"
     RUN = "Run"

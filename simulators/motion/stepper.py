@@ -1,10 +1,11 @@
 """Executes planned blocks in time; accelerations, holds and overrides are computed, not stepped.
 
-Like the firmware's step segment buffer, the stepper works a little ahead of the motion: at time t
-it has committed what happens until t + `lead_s` (but no more than `lead_blocks` blocks). A block
-leaves the planner when its last piece is committed, and a hold or an override takes effect at that
-*head*, not at t. What is committed goes to the trace; the rest of the block at the head is a plan
-of at most three phases, and is planned again when its exit speed, a hold or an override change it.
+Like the firmware's step segment buffer, the stepper works a little ahead of the motion. At time t
+it has committed the motion until t + `lead_s` (but no more than `lead_blocks` blocks). The end of
+the committed motion is the *head*; a hold or an override takes effect there, not at t. A block
+leaves the planner when its last piece is committed. Committed motion goes to the trace. The rest
+of the block at the head is a plan of at most three phases; a new exit speed, a hold or an override
+causes a new plan.
 """
 
 from __future__ import annotations
@@ -23,12 +24,12 @@ _SLACK_S = 1e-9  # a timer may come early by the clock's resolution
 
 
 class Stepper:
-    """The executing end of a planner.
+    """Executes the blocks of a planner.
 
     running : blocks are taken from the planner
     holding : braking to rest along the path; at rest, `running` ends too
-    end_s : when what is committed ends; the machine stands still after it unless more follows
-    block : the one being executed at the head, or in which a hold has stopped
+    end_s : end of the committed motion; the machine then stands still unless more follows
+    block : the block being executed at the head, or in which a hold has stopped
     standing : beam power at standstill, before the override
     """
 
@@ -50,12 +51,12 @@ class Stepper:
         self._motion: StraightMove | None = None  # of the block loaded last
         self._row = 0
         self._done_mm = 0.0  # of the block, at the start of the phase
-        self._speed = 0.0  # there
+        self._speed = 0.0  # at the start of the phase
         self._ramps: list[SpeedRamp] = []  # the block's phases, the next one last
-        self._exit_sqr = 0.0  # for which they were planned
+        self._exit_sqr = 0.0  # exit speed² for which they were planned
 
     def start(self, now_s: float) -> None:
-        """Take blocks from the planner, from rest or on with the motion under way."""
+        """Take blocks from the planner, from rest or continuing the current motion."""
         self.running = True
         self.holding = False
         if self.end_s < now_s:
@@ -186,7 +187,7 @@ class Stepper:
             self._head_s = end_s
         else:
             self._head_s = until_s
-            if planner.planned is block:  # the look-ahead starts from what the block does now
+            if planner.planned is block:  # the look-ahead starts from the block's present speed
                 speed, done_mm = self._within_ramp(until_s)
                 block.entry_speed_sqr = speed * speed
                 block.ramp_sqr = 2.0 * block.acceleration * (block.length - done_mm)
@@ -262,7 +263,7 @@ class Stepper:
         return speed, self._done_mm + 0.5 * (self._speed + speed) * dt
 
     def _cut(self) -> None:
-        """Commit the phase under way up to the head, so that the rest can be planned anew."""
+        """Commit the current phase up to the head, so that the rest can be planned again."""
         block, head_s = self.block, self._head_s
         if block is None or not self.running:
             return

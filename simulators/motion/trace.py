@@ -115,7 +115,7 @@ class MotionTrace(MotionRecording):
         )
 
     def blocks(self) -> ExecutedBlocks:
-        """Every block that has begun, up to what is committed."""
+        """Every block that has begun, up to the head of the committed motion."""
         phases, blocks = self._phase_rows(), self._block_rows()
         row = phases[:, 6]
         index = np.arange(len(blocks))
@@ -143,7 +143,7 @@ class MotionTrace(MotionRecording):
         )
 
     def phases(self) -> ConstantAccelerationPhases:
-        """Every phase committed."""
+        """Every committed phase."""
         t0, t1, distance, speed, acceleration, power, row = self._phase_rows().T
         return ConstantAccelerationPhases(t0, t1, speed, acceleration, row.astype(np.int64),
                                           distance, power)

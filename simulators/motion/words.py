@@ -18,7 +18,7 @@ AXIS_CLASH, REPEATED = 24, 25
 
 
 class AxisWordUse(Enum):
-    """What the axis words of a block are for."""
+    """The purpose of the axis words in a block."""
 
     NONE = 0
     NON_MODAL = 1
@@ -74,7 +74,7 @@ _NON_MODAL_WITH_AXES = frozenset((100, 280, 300, 920))
 
 
 class GcodeGrammar:
-    """The codes and letters one firmware knows."""
+    """The codes and letters that one firmware supports."""
 
     def __init__(self, dialect: Dialect) -> None:
         hal = dialect is GRBLHAL
