@@ -50,7 +50,7 @@ class LastKnownPosition:
             motion.trust_position()
 
     def would_trust_position(self, reading: MotionReading) -> bool:
-        """Whether `trust_if_unmoved` would trust the position of a controller that was only looked at."""
+        """Whether `trust_if_unmoved` would trust the position that an inspection has read."""
         identity = reading.identity
         return (identity is not None and _silent(identity, reading.settings)
                 and self._unmoved(reading.report, reading.offset_mm))
