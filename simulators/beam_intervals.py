@@ -11,12 +11,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simulators.array_types import FloatArray
 from simulators.motion.actions import BEAM_DYNAMIC
 from simulators.motion.trace import MotionTrace
-
-FloatArray = NDArray[np.float64]
 
 #: Times closer together than this count as equal [s].
 SAME_TIME_TOLERANCE_S = 1e-9

@@ -12,12 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from simulators.array_types import FloatArray
 from simulators.feeder.device import PmxFeederDevice
 from simulators.feeder.hopper import FeedInterval
 from simulators.feeder.process import HopperProcess
 from simulators.motion.trace import MotionTrace
-
-FloatArray = NDArray[np.float64]
 
 #: The beam path is sampled at least once per this length and once per this time.
 MAX_PIECE_MM = 0.1

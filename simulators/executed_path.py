@@ -7,11 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simulators.array_types import FloatArray
 from simulators.motion.trace import MotionTrace
-
-FloatArray = NDArray[np.float64]
 
 #: A shorter repeated length counts as zero [mm].
 _SAME_MM = 0.01

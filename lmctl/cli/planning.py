@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from lmctl.part.part import Part
     from lmctl.plan.planner import PlanOptions
 
-
 #: Of the commands that open a part.
 units_option = click.option(
     "--units", type=click.Choice(["mm", "cm", "m", "inch"]), help="Units of a bare mesh or cloud."

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from lmctl.array_types import FloatArray
 
 TEETH = 20
 OUTER_RADIUS_MM = 30.0

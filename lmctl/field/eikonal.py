@@ -15,8 +15,6 @@ from numpy.typing import NDArray
 from lmctl.errors import InputError
 from lmctl.field.kernel import kernel
 
-FloatArray = NDArray[np.float64]
-
 ASLEEP, WAKE, FROZEN = 0, 1, 2
 MAX_SWEEP_ROUNDS = 50  # of eight orderings; bodies need two or three, mazes a few more
 

@@ -8,14 +8,12 @@ from dataclasses import field as field_of
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.field.features import length
 from lmctl.field.grid import Grid, Window
 from lmctl.field.interpolate import refine_distances
 from lmctl.field.kernel import kernel
 from lmctl.field.triangles import closest_points_on_rows
-
-FloatArray = NDArray[np.float64]
-
 
 ENTRIES_TRIED = 4
 

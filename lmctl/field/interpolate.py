@@ -17,10 +17,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.field.kernel import inner_kernel, kernel
 from lmctl.field.triangles import closest_on_triangle
-
-FloatArray = NDArray[np.float64]
 
 NEAR_PITCHES = 2.0  # farther from the surface than this trilinear values do
 EDGE_PITCHES = 1.0  # so do they, where an edge or the medial axis is, farther than this

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.field.features import length
 from lmctl.field.field import DistanceField
 from lmctl.field.sweep import propagate_closest_points
 from lmctl.field.triangles import closest_points_on_rows
-
-FloatArray = NDArray[np.float64]
 
 MAX_MAXIMA_TRIED = 16  # local maxima looked into, deepest first
 AROUND_NODES = 2  # to each side of one: their surface points bound how deep it can be there

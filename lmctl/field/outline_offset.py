@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from lmctl.array_types import FloatArray
 
 #: Sides of a full turn around a corner that is rounded: 0.1 % of the offset at most is missing.
 _SEGMENTS = 96

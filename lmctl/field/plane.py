@@ -13,10 +13,9 @@ import contourpy
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.errors import InputError
 from lmctl.field.kernel import inner_kernel, kernel
-
-FloatArray = NDArray[np.float64]
 
 SEED_PITCHES = 1.5  # nodes this near a segment are given their distance to it directly
 SWEEP_ROUNDS = 2  # of the four orderings; the second corrects what the first decided too early

@@ -9,11 +9,9 @@ inside and outside, so iso-contours of it are evenly spaced. Nodes of a grid com
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.field.features import Vector, plane_offset, point_distance, unit_vector
-
-FloatArray = NDArray[np.float64]
 
 
 def sphere_distance(points: FloatArray, centre: Vector, radius: float) -> FloatArray:

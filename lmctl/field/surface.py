@@ -8,10 +8,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.errors import InputError
 from lmctl.field.field import DistanceField, sample_distance, sample_gradient
 
-FloatArray = NDArray[np.float64]
 Triangles = NDArray[np.int64]
 
 PROJECTION_ROUNDS = 2  # of moving vertices onto the level

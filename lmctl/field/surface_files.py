@@ -9,7 +9,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from lmctl.array_types import FloatArray
+
 Kind = Literal["stl", "ply", "3mf"]
 
 ZIP_TIMESTAMP = (1980, 1, 1, 0, 0, 0)  # equal surfaces are equal bytes

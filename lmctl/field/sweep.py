@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.field.array_storage import allocate_array
 from lmctl.field.grid import Grid
 from lmctl.field.kernel import inner_kernel, kernel
 
-FloatArray = NDArray[np.float64]
 Sources = NDArray[np.int32]
 Stamps = NDArray[np.uint8]
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.field.grid import Grid
 from lmctl.field.kernel import inner_kernel, kernel
-
-FloatArray = NDArray[np.float64]
 
 # over edges; more are needed only where triangles are far smaller than the pitch
 MAX_WALK_STEPS = 64

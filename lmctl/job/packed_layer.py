@@ -9,12 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.errors import JobError
 from lmctl.job import container
 from lmctl.job.layer_rules import first_broken_rule
 from lmctl.job.schema import JobLayer, LayerEntry
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.config import bodies as config
 from lmctl.config.part_file import PartFile
 from lmctl.errors import InputError
@@ -18,8 +18,6 @@ from lmctl.part.bodies.prism import Prism, close_polygon
 from lmctl.part.bodies.transformed import SimilarityTransform, TransformedBody, similarity_transform
 from lmctl.part.booleans.expression import Operation
 from lmctl.part.part_data import PartData
-
-FloatArray = NDArray[np.float64]
 
 
 class BodyExtents:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.config.quantities import MM_PER_UNIT
 from lmctl.errors import InputError
 from lmctl.field.triangles import closest_points_on_rows
@@ -14,8 +14,6 @@ from lmctl.part.sources.files import DataFile
 from lmctl.part.sources.mesh_files import Mesh
 from lmctl.part.sources.mesh_topology import connected_components, edge_numbers, remove_slivers
 from lmctl.part.sources.obj_files import read_obj, triangle_rows_of_group
-
-FloatArray = NDArray[np.float64]
 
 #: A place farther from the mesh than this names no face of it.
 MAX_DISTANCE_FRACTION = 0.05

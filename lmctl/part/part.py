@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.config.part_file import ProcessSettings
 from lmctl.field.grid import Grid, Window
 from lmctl.field.plane import PlaneGrid, plane_distance
@@ -17,8 +18,6 @@ from lmctl.part.bodies.measured import Bounds
 from lmctl.part.materials.composition import CompositionField, UniformComposition
 from lmctl.part.materials.powders import MaterialSpec
 from lmctl.part.turning_heights import turning_heights_mm
-
-FloatArray = NDArray[np.float64]
 
 #: Points of a composition evaluated at a time: keeps temporaries in tens of megabytes.
 POINTS_AT_ONCE = 500_000

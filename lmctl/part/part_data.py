@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
+from lmctl.array_types import FloatArray
 from lmctl.config.bodies import CloudBody, MeshBody
 from lmctl.config.composition import FaceFeature, SheetFeature, features_of
 from lmctl.config.part_file import PartFile
@@ -18,8 +16,6 @@ from lmctl.part.sources.files import DataFile, read_data_file
 from lmctl.part.sources.mesh_files import Mesh, read_mesh
 from lmctl.part.sources.mesh_repair import repair_mesh
 from lmctl.part.sources.mesh_topology import remove_slivers
-
-FloatArray = NDArray[np.float64]
 
 
 class PartData:

@@ -6,14 +6,12 @@ import math
 import os
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.errors import InputError, UsageError
 from lmctl.field.array_storage import is_stored_on_disk
 from lmctl.field.grid import Grid
 from lmctl.field.plane import PlaneGrid
-
-FloatArray = NDArray[np.float64]
 
 #: Memory of a stored field while it is made: values, sources, squares, crossings, surface points.
 BYTES_PER_NODE = 20

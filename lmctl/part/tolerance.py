@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.errors import InputError
 from lmctl.field.field import DistanceField, sample_distance
 from lmctl.part.resolution import (
@@ -20,8 +20,6 @@ from lmctl.part.resolution import (
     finest_pitch,
     max_stored_nodes,
 )
-
-FloatArray = NDArray[np.float64]
 
 #: Samples whose residuals are averaged, and the most places at which that is done.
 _NEIGHBOURS = 12

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.config import bodies as config
 from lmctl.config.composition import FaceFeature, SheetFeature, measured_bodies
 from lmctl.config.part_file import PartFile
@@ -42,8 +42,6 @@ from lmctl.part.resolution import boundary_grid, checked_grid, choose_pitch
 from lmctl.part.shells import make_shell
 from lmctl.part.sources.cloud_files import PointCloud
 from lmctl.part.sources.mesh_files import Mesh
-
-FloatArray = NDArray[np.float64]
 
 
 class BodyTree:

@@ -6,15 +6,12 @@ Between two of them a piece may lie that no section elsewhere meets.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray, IntArray
 from lmctl.part.bodies.allowance import AllowanceBody
 from lmctl.part.bodies.body import Body
 from lmctl.part.bodies.mesh_solid import MeshSolid
 from lmctl.part.booleans.combined import CombinedBody
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 def turning_heights_mm(body: Body) -> FloatArray:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.config.machine import MachineProfile
 from lmctl.config.part_file import ProcessSettings
 from lmctl.errors import PlanError
@@ -19,8 +20,6 @@ from lmctl.preflight.placement import Placement
 
 if TYPE_CHECKING:
     from lmctl.part.part import Part, PartSection
-
-FloatArray = NDArray[np.float64]
 
 #: Points across each way of the outline's box; and most edges that all of them are measured to.
 _RASTER, _MOST_EDGES = 15, 2_000

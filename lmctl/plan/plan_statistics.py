@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.job.schema import LineKind
 from lmctl.plan.geometry import LayerGeometry
 from lmctl.plan.recipe import Recipe
@@ -16,8 +17,6 @@ from lmctl.plan.sequence.mixture_prediction import MixturePrediction
 from lmctl.plan.sequence.moves import Moves
 from lmctl.plan.sequence.powder_flow import PowderFlow
 from lmctl.plan.sequence.speed_factor import MIXTURE_TOLERANCE_FRACTION
-
-FloatArray = NDArray[np.float64]
 
 #: The part of the path that should have its mixture.
 MIN_CORRECT_MIXTURE_FRACTION = 0.99

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.field.plane import PlaneGrid
-
-FloatArray = NDArray[np.float64]
 
 
 def interpolate_bilinear(values: NDArray[np.float32], grid: PlaneGrid,

@@ -6,8 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
+from lmctl.array_types import FloatArray, IndexArray
 
 
 def arc_lengths(points: FloatArray) -> FloatArray:
@@ -36,7 +35,9 @@ def densified_polyline(points: FloatArray, spacing_mm: float) -> FloatArray:
     return np.vstack([inner, points[-1:]])
 
 
-def simplified_vertex_indices(points: FloatArray, tolerance_mm: float, fixed: IntArray) -> IntArray:
+def simplified_vertex_indices(
+    points: FloatArray, tolerance_mm: float, fixed: IndexArray
+) -> IndexArray:
     """Which vertices to keep so that the polyline moves by no more than `tolerance_mm`.
 
     Douglas–Peucker between the vertices `fixed`, which always stay, as do both ends.

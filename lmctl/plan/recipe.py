@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.config.machine import HopperSettings, MachineProfile
 from lmctl.config.part_file import ProcessSettings
 from lmctl.errors import PlanError
@@ -17,8 +18,6 @@ from lmctl.preflight.hoppers import hopper_for_material
 if TYPE_CHECKING:
     from lmctl.part.materials.powders import MaterialSpec
     from lmctl.part.part import Part
-
-FloatArray = NDArray[np.float64]
 
 #: A flow below this is none [g/s].
 _NO_FLOW_G_S = 1e-12

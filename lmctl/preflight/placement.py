@@ -6,16 +6,14 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.config.machine import MachineProfile
 from lmctl.errors import PlanError
 from lmctl.job.container import MAX_LAYERS
 
 if TYPE_CHECKING:
     from lmctl.part.part import Part
-
-FloatArray = NDArray[np.float64]
 
 #: Largest deviation from the layer height of the process, so that whole layers fill a part.
 MAX_LAYER_HEIGHT_CHANGE = 0.1

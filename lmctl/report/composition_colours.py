@@ -13,7 +13,7 @@ from matplotlib import colormaps
 from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from lmctl.array_types import FloatArray
 
 #: Two materials read best on one perceptually even scale.
 TWO_MATERIAL_COLOURMAP = "viridis"

@@ -21,6 +21,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.job.schema import JobLayer, LineKind
 from lmctl.report.composition_colours import (
     MAX_MIXED_MATERIALS,
@@ -28,8 +29,6 @@ from lmctl.report.composition_colours import (
     composition_colours,
     material_colours,
 )
-
-FloatArray = NDArray[np.float64]
 
 _PICTURE_IN = (9.6, 7.6)
 _AXES = (0.08, 0.08, 0.68, 0.83)

@@ -10,9 +10,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from lmctl.array_types import FloatArray
 
 #: Between what belongs to neighbours, and around all [inches].
 GAP_IN, EDGE_IN = 0.2, 0.1

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.errors import InputError
 from lmctl.field.field import DistanceField
 from lmctl.field.grid import Grid
@@ -20,7 +21,6 @@ from lmctl.part.part import Part
 from lmctl.part.resolution import PADDING_NODES, finest_pitch
 from lmctl.report.composition_colours import composition_colours
 
-FloatArray = NDArray[np.float64]
 Progress = Callable[[int, int], None]
 
 #: Planes of a field written at a time.

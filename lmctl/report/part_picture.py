@@ -11,13 +11,11 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.part.part import Part
 from lmctl.report.composition_colours import TWO_MATERIAL_COLOURMAP, composition_colours
 from lmctl.report.panels import arrange_panels
-
-FloatArray = NDArray[np.float64]
 
 DISTANCE_MAP = "RdBu"
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from simulators.array_types import FloatArray
 from simulators.feeder.config import HopperConfig
-from simulators.feeder.process import FloatArray, HopperProcess
+from simulators.feeder.process import HopperProcess
 
 _ENDLESS_G = 1e12
 _ROUNDING_RPM = 1e-9

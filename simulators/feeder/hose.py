@@ -13,9 +13,8 @@ from __future__ import annotations
 from array import array
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from simulators.array_types import FloatArray
 
 #: Pieces kept, 32 bytes each: 14 h of a recipe every 0.1 s with ramps. Then the older half goes.
 MAX_PIECES = 1 << 20

@@ -12,12 +12,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simulators.array_types import FloatArray
 from simulators.feeder.config import HopperConfig
 from simulators.feeder.hose import SimulatedHose
-
-FloatArray = NDArray[np.float64]
 
 #: Sines that make up the noise, and the band they lie in (docs/explanation/powder-delivery.md,
 #: Feeders: pulsation, 0.1–1 Hz).

@@ -11,7 +11,7 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from simulators.array_types import FloatArray
 
 _T0, _T1, _DISTANCE, _SPEED, _ACCELERATION, _POWER = range(6)
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from simulators.array_types import FloatArray
 from simulators.motion.actions import BEAM_DYNAMIC
 from simulators.motion.recording import (
     BLOCK_COLUMN_COUNT,
@@ -18,8 +19,6 @@ from simulators.motion.recording import (
     STANDING_COLUMN_COUNT,
     MotionRecording,
 )
-
-FloatArray = NDArray[np.float64]
 
 _ROUNDING = 1e-6
 

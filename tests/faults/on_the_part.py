@@ -12,12 +12,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.job.reader import JobReader
 from lmctl.run.program.job_lines import rows_between
 from lmctl.run.program.place import ProgramPlace
 from simulators.bench import Bench
-
-FloatArray = NDArray[np.float64]
 
 #: The beam's path is looked at in pieces so long [mm].
 STEP_MM = 0.05

@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.field.features import length
 from lmctl.field.field import DistanceField
 from lmctl.field.grid import Grid
-
-FloatArray = NDArray[np.float64]
 
 SLAB_PLANES = 8
 BAND_PITCHES = 4.0  # nodes this near the surface hold their closest point

@@ -6,12 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from lmctl.array_types import FloatArray
 from lmctl.field.cloud.neighbour_search import nearest_neighbours, sort_into_cells
-
-FloatArray = NDArray[np.float64]
 
 
 def sphere(n: int, rng: np.random.Generator) -> FloatArray:

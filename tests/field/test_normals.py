@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.errors import InputError
 from lmctl.field.cloud.cloud_field import cloud_field
 from lmctl.field.field import DistanceField
 from lmctl.field.grid import Grid
 from lmctl.field.primitives import box_distance, cone_distance
-
-FloatArray = NDArray[np.float64]
 
 ACROSS = (20.0, 16.0)
 SPACING_MM = 0.53

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from lmctl.array_types import FloatArray
 from lmctl.errors import InputError
 from lmctl.field.grid import Grid
 from lmctl.part.bodies.body import Body
@@ -23,7 +24,6 @@ from lmctl.part.bodies.transformed import TransformedBody, similarity_transform
 from lmctl.part.booleans.combined import CombinedBody, Operation
 from tests.field.stored_field import stored_field
 
-FloatArray = NDArray[np.float64]
 OPERATIONS: tuple[Operation, ...] = ("union", "intersection", "difference")
 A, B = Cylinder((0, 0, -40), (0, 0, 40), 10), Cylinder((12, 0, -40), (12, 0, 40), 10)
 

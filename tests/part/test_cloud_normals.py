@@ -7,13 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.errors import InputError
 from lmctl.field.plane import loop_area_mm2
 from lmctl.part.load import load_part
 
-FloatArray = NDArray[np.float64]
 Folder = Callable[..., Path]
 
 COUNT = 2500

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from lmctl.array_types import FloatArray
 from lmctl.config.part_rules import parse_part_file
 from lmctl.errors import ConfigError, InputError
 from lmctl.part.materials.composition import CompositionField, inverse_distance_weights
@@ -16,7 +16,6 @@ from lmctl.part.materials.features import TriangleSheetDistance, spline_polyline
 from lmctl.part.part_data import PartData
 from lmctl.part.tree import BodyTree
 
-FloatArray = NDArray[np.float64]
 HEAD = 'name = "p"\n[[material]]\nname = "316L"\n[[material]]\nname = "WC-12Co"\n'
 BOX = '[[body]]\nkind = "box"\nlow_mm = [-50, -50, -50]\nhigh_mm = [50, 50, 50]\n'
 TENTH = ('profile = { kind = "linear", near = {"WC-12Co" = 1}, far = {"316L" = 1}, '

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.field.grid import Grid
 from lmctl.field.plane import PlaneGrid, loop_area_mm2
 from lmctl.part.bodies.body import Body
@@ -23,7 +23,6 @@ from lmctl.part.booleans.combined import CombinedBody
 from lmctl.part.booleans.offset import OffsetBody
 from lmctl.part.sources.mesh_files import Mesh
 
-FloatArray = NDArray[np.float64]
 Corner = tuple[float, float, float]
 WHOLE = Box((0.0, 0.0, 0.0), (6.0, 4.0, 3.0))
 PLANE = PlaneGrid((-2.0, -2.0), 0.25, (56, 56))

@@ -7,14 +7,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from lmctl.field.grid import Grid
 from lmctl.part.bodies.body import Body
 from lmctl.part.bodies.formulas import Box, Sphere
 from lmctl.part.booleans.overlap import OverlapWeights
 
-FloatArray = NDArray[np.float64]
 BALLS = (Sphere((0, 0, 0), 5), Sphere((6, 0, 0), 5), Sphere((3, 5, 0), 5))
 
 

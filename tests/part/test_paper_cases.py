@@ -9,14 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.examples.templates import TEMPLATES, write_template
 from lmctl.field.plane import loop_area_mm2
 from lmctl.part.load import load_part
 from lmctl.part.part import Part
-
-FloatArray = NDArray[np.float64]
 
 
 def template(name: str, folder: Path) -> Part:

@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.part.load import load_part
 from lmctl.part.part import Part
 
-FloatArray = NDArray[np.float64]
 Folder = Callable[..., Path]
 TWO = 'name = "p"\npitch_mm = 1.0\n[[material]]\nname = "316L"\n[[material]]\nname = "WC-12Co"\n'
 ONE = 'name = "p"\npitch_mm = 1.0\n[[material]]\nname = "316L"\n'

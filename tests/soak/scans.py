@@ -7,11 +7,9 @@ from pathlib import Path
 import igl
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from tests.soak.solids import MATERIALS, Bound, random_composition, random_process
-
-FloatArray = NDArray[np.float64]
 
 _NOISE_MM = (0.0, 0.01, 0.03)
 #: Fewer samples than this far apart are another question [share of the pitch].

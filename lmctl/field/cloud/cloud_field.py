@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.errors import InputError
 from lmctl.field.cloud.inside_outside import SampleOrientation, orient_samples
 from lmctl.field.cloud.local_faces import group_into_faces
@@ -21,8 +22,6 @@ from lmctl.field.grid import Grid
 from lmctl.field.kernel import inner_kernel, kernel
 from lmctl.field.priority_flood import LEVEL_COUNT, flood_tags
 from lmctl.field.sweep import propagate_closest_points
-
-FloatArray = NDArray[np.float64]
 
 REACH_SPACINGS = 2.2  # a patch describes the surface this far from its sample
 SURE_PITCHES = 0.5  # nearer to the surface than this, a node's own fit gives its side best

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.errors import InputError
 from lmctl.field.cloud.neighbour_search import nearest_samples
 from lmctl.field.cloud.normals import oriented_normals
@@ -26,7 +27,6 @@ from lmctl.field.kernel import kernel
 from lmctl.field.priority_flood import LEVEL_COUNT
 from lmctl.field.sweep import propagate_closest_points
 
-FloatArray = NDArray[np.float64]
 Sources = NDArray[np.int32]
 
 LEVELS_PER_SPACING = 8

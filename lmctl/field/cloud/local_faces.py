@@ -12,12 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.field.cloud.patches import FittedPatches
 from lmctl.field.cloud.samples import CloudSamples
 from lmctl.field.grid import Grid
 from lmctl.field.kernel import inner_kernel, kernel
-
-FloatArray = NDArray[np.float64]
 
 # patches that are averaged to a sheet: enough to smooth noise, few enough to be local
 MAX_FACE_MEMBERS = 8

@@ -8,9 +8,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.field.kernel import inner_kernel, kernel
-
-FloatArray = NDArray[np.float64]
 
 # a quadric has six unknowns; 16 neighbours leave noise something to average over
 FIT_NEIGHBOURS = 16

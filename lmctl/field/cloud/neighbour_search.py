@@ -14,12 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from lmctl.array_types import FloatArray, IntArray
 from lmctl.field.array_storage import allocate_array
 from lmctl.field.grid import Grid
 from lmctl.field.kernel import inner_kernel, kernel
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 # of the neighbours wanted, in a cell: a disc as wide as the cells around it
 CELL_NEIGHBOUR_FRACTION = 0.54

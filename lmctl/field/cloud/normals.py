@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from lmctl.array_types import FloatArray
 
 # cosine of the angle between a normal and its patch's; less does not decide a side
 MIN_FIT_COSINE = 0.5

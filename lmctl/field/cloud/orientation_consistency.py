@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.field.cloud.patches import FittedPatches
 from lmctl.field.cloud.samples import CloudSamples
 from lmctl.field.kernel import kernel
-
-FloatArray = NDArray[np.float64]
 
 
 def propagate_orientation(

@@ -12,10 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.field.cloud.local_fits import FIT_NEIGHBOURS, fit_quadrics, fit_shared_planes
 from lmctl.field.cloud.samples import CloudSamples
-
-FloatArray = NDArray[np.float64]
 
 MIN_SHARING = 6  # of 17 samples on a plane: fewer happen by chance where edges crowd
 

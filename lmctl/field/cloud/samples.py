@@ -10,13 +10,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray, IntArray
 from lmctl.errors import InputError
 from lmctl.field.cloud.neighbour_search import nearest_neighbours, sort_into_cells
 from lmctl.field.grid import Grid
 from lmctl.field.kernel import kernel
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 NEIGHBOURS = 24
 SPACING_NEIGHBOUR_RANK = 6

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.field.cloud.local_faces import MAX_FACE_MEMBERS, LocalFaces, height_over_patch
 from lmctl.field.cloud.samples import CloudSamples
 from lmctl.field.grid import Grid
 from lmctl.field.kernel import inner_kernel, kernel
 
-FloatArray = NDArray[np.float64]
 Sources = NDArray[np.int32]
 
 BAND_PITCHES = 1.25  # nodes this near the fitted surface are seeds
@@ -195,7 +195,6 @@ def _nearest_boundary(
             best = length
             step[0], step[1], step[2] = x / det, y / det, z / det
     return float(best if inside else -best)
-
 
 
 @inner_kernel

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.errors import InputError
 from lmctl.field.cloud.normals import (
     MIN_FIT_COSINE,
@@ -16,8 +17,6 @@ from lmctl.field.cloud.orientation_consistency import neighbour_votes
 from lmctl.field.cloud.patches import FittedPatches
 from lmctl.field.cloud.samples import CloudSamples
 from lmctl.field.kernel import kernel
-
-FloatArray = NDArray[np.float64]
 
 # cosine of the angle between normals; more is an edge (of 37° and blunter), which
 OPPOSITE_FACING_MAX_COSINE = -0.8

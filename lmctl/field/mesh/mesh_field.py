@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.errors import InputError
 from lmctl.field.field import DistanceField
 from lmctl.field.grid import Grid
@@ -12,8 +13,6 @@ from lmctl.field.mesh.seeds import seed_triangles
 from lmctl.field.mesh.sign import negate_outside
 from lmctl.field.sweep import propagate_closest_points
 from lmctl.field.triangles import refine_to_closest, unique_triangles
-
-FloatArray = NDArray[np.float64]
 
 
 def mesh_field(

@@ -9,13 +9,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.field.array_storage import allocate_array
 from lmctl.field.grid import Grid
 from lmctl.field.kernel import kernel
 from lmctl.field.triangles import closest_on_triangle
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 BAND_PITCHES = 1.25  # nodes this near a triangle are seeds
 

@@ -16,11 +16,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.field.grid import Grid
 from lmctl.field.kernel import inner_kernel, kernel
 from lmctl.field.priority_flood import LEVEL_COUNT, flood_tags
 
-FloatArray = NDArray[np.float64]
 Sums = NDArray[np.int16]
 
 ON_SURFACE_PITCHES = 1e-4

@@ -12,10 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.field.kernel import inner_kernel, kernel
 from lmctl.field.triangles import closest_on_triangle
-
-FloatArray = NDArray[np.float64]
 
 LEAF_TRIANGLES = 4  # a leaf holds at most so many
 MAX_TREE_DEPTH = 40  # levels a walk can remember

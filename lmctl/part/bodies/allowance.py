@@ -12,14 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.field.grid import Window
 from lmctl.field.outline_offset import offset_loops
 from lmctl.field.plane import PlaneGrid, plane_distance
 from lmctl.part.bodies.body import Body
 from lmctl.part.bodies.measured import Bounds
 from lmctl.part.bodies.surfaces import Surface
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,13 +8,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.field.grid import Window
 from lmctl.field.plane import PlaneGrid, section_loops
 from lmctl.part.bodies.body import BodyDefaults, plane_points
 from lmctl.part.bodies.corners import restore_corners
 from lmctl.part.bodies.depth import maximum_in_box
-
-FloatArray = NDArray[np.float64]
 
 #: Nodes evaluated at a time: keeps temporaries in tens of megabytes.
 NODES_AT_ONCE = 250_000

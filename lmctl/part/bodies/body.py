@@ -14,12 +14,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.field.grid import Window
 from lmctl.field.plane import PlaneGrid
 from lmctl.part.bodies.measured import Bounds
 from lmctl.part.bodies.surfaces import Surface
-
-FloatArray = NDArray[np.float64]
 
 
 class Body(Protocol):

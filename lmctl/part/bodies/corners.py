@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from lmctl.array_types import FloatArray
 
 #: Cosine between directions at neighbouring points, above which there is no corner: 8°.
 STRAIGHT_MIN_COSINE = 0.99

@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from lmctl.array_types import FloatArray
+
 Distance = Callable[[FloatArray], FloatArray]
 
 #: Half the span that slopes are taken over; far above rounding, far below any detail.

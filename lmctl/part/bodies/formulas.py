@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.field.features import unit_vector
 from lmctl.field.plane import PlaneGrid, plane_distance
 from lmctl.field.primitives import (
@@ -27,8 +28,6 @@ from lmctl.part.bodies.depth import unit_rows
 from lmctl.part.bodies.half_space import as_vector, half_space_behind
 from lmctl.part.bodies.measured import Bounds
 from lmctl.part.bodies.surfaces import LateralSurface, Surface, Vector, axis_coordinates
-
-FloatArray = NDArray[np.float64]
 
 #: Nearer to a surface than this, the way to its nearest point has no direction.
 ON_SURFACE_MM = 1e-9

@@ -6,15 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.field.features import unit_vector
 from lmctl.field.primitives import half_space_distance
 from lmctl.part.bodies.analytic import AnalyticBody
 from lmctl.part.bodies.measured import Bounds
 from lmctl.part.bodies.surfaces import Vector
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

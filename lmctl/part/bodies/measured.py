@@ -12,10 +12,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.field.array_storage import allocate_array
 from lmctl.field.field import DistanceField
 
-FloatArray = NDArray[np.float64]
 Bounds = tuple[FloatArray, FloatArray]
 
 #: Islands and voids of fewer nodes than this (a cube of three) are taken for noise.

@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.field.grid import Grid
 from lmctl.field.mesh.triangle_tree import TriangleTree
 from lmctl.field.plane import PlaneGrid, plane_distance
@@ -21,8 +22,6 @@ from lmctl.part.bodies.depth import unit_gradient
 from lmctl.part.bodies.measured import Bounds
 from lmctl.part.sources.mesh_files import Mesh
 from lmctl.part.sources.slicing import MeshSlicer
-
-FloatArray = NDArray[np.float64]
 
 #: Single-precision coordinates of two bodies meant to be flush differ by so much, as a share of
 #: the largest coordinate.

@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.errors import InputError
 from lmctl.field.kernel import kernel
 from lmctl.field.plane import PlaneGrid, loop_area_mm2, plane_distance
@@ -19,8 +20,6 @@ from lmctl.part.bodies.formulas import ON_SURFACE_MM
 from lmctl.part.bodies.half_space import half_space_behind
 from lmctl.part.bodies.measured import Bounds
 from lmctl.part.bodies.surfaces import Surface
-
-FloatArray = NDArray[np.float64]
 
 #: Polygons of more sides are taken for one surface, not for as many planes.
 MAX_WALLS = 100

@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.field.field import DistanceField, sample_distance, sample_gradient
 from lmctl.field.grid import Grid, Window
 from lmctl.field.maximum_depth import find_maximum_depth
@@ -19,8 +20,6 @@ from lmctl.field.triangles import closest_points_on_rows
 from lmctl.part.bodies.body import BodyDefaults, plane_points
 from lmctl.part.bodies.depth import project_to_surface, unit_gradient, unit_rows
 from lmctl.part.bodies.measured import Bounds, zero_level_bounds
-
-FloatArray = NDArray[np.float64]
 
 #: Half the span of slopes of stored fields, and how near a place is taken to lie on their surface.
 STEP_PITCHES = 0.01

@@ -14,11 +14,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray, IntArray
 from lmctl.field.features import unit_vector
 from lmctl.part.bodies.intersection_steps import step_along
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Vector = tuple[float, float, float]
 
 #: Surfaces that may meet at one point: a crease has two, a corner three.

@@ -9,14 +9,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.field.features import unit_vector
 from lmctl.field.plane import PlaneGrid, plane_distance
 from lmctl.part.bodies.analytic import AnalyticBody
 from lmctl.part.bodies.body import Body, empty_section
 from lmctl.part.bodies.measured import Bounds
 from lmctl.part.bodies.surfaces import Surface
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,11 +14,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray, IntArray
 from lmctl.field.grid import Window
 from lmctl.part.booleans.expression import BooleanExpression
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 #: Nodes along each side of a block.
 BLOCK_NODES = 8

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray, IntArray
 from lmctl.field.grid import Grid
 from lmctl.field.sweep import propagate_closest_points
 from lmctl.part.bodies.measured import Bounds
@@ -34,8 +35,6 @@ from lmctl.part.booleans.expression import BooleanExpression
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Holds = Callable[[FloatArray], NDArray[np.bool_]]
 
 #: Nodes this near a surface, in pitches, look for points on it: no surface passes all of them by.

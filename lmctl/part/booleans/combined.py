@@ -19,6 +19,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray, IntArray, SignArray
 from lmctl.errors import InputError
 from lmctl.field.grid import Grid, Window
 from lmctl.field.plane import PlaneGrid, plane_distance
@@ -38,10 +39,6 @@ from lmctl.part.booleans.expression import (
 )
 from lmctl.part.booleans.local_sides import LocalSides
 from lmctl.part.booleans.outlines import combined_outline
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-SignArray = NDArray[np.int8]
 
 __all__ = ["CombinedBody", "Operation"]
 

@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from lmctl.part.bodies.body import Body
 from lmctl.part.bodies.measured import Bounds
 
-FloatArray = NDArray[np.float64]
 #: What is known of each leaf, one row each: distances, or sides (int8).
 Rows = Sequence[NDArray[Any]] | NDArray[Any]
 Operation = Literal["union", "difference", "intersection"]

@@ -16,12 +16,9 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray, IntArray, SignArray
 from lmctl.part.bodies.surfaces import ON_SURFACE_PITCHES, Surface
 from lmctl.part.booleans.expression import BooleanExpression
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-SignArray = NDArray[np.int8]
 
 #: How far from a point its directions are followed: of the pitch, or of what a leaf is off by.
 STEP_PITCHES = 1e-3

@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray, IntArray
 from lmctl.errors import InputError
 from lmctl.field.grid import Grid
 from lmctl.field.plane import PlaneGrid
@@ -23,9 +24,6 @@ from lmctl.part.bodies.measured import Bounds
 from lmctl.part.bodies.surfaces import OffsetSurface, Surface
 from lmctl.part.booleans.boundary import Boundary
 from lmctl.part.booleans.expression import expression_of
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 #: How far off the contour's own level a point on it may be, in pitches.
 SLACK_PITCHES = 1e-3

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.errors import InputError
 from lmctl.field.plane import PlaneGrid, loop_area_mm2, section_loops
 from lmctl.part.bodies.body import Body
@@ -21,8 +21,6 @@ from lmctl.part.booleans.expression import BooleanExpression, Formula, SignedLea
 
 if TYPE_CHECKING:
     from manifold3d import CrossSection
-
-FloatArray = NDArray[np.float64]
 
 #: Slits up to this wide between outlines that follow one surface are closed, in pitches: outlines
 #: of curved bodies are chords between the nodes of a plane.

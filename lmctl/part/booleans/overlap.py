@@ -9,16 +9,13 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.field.grid import Grid
 from lmctl.part.bodies.body import Body
 from lmctl.part.booleans.boundary import Boundary
 from lmctl.part.booleans.expression import BooleanExpression, BooleanFormula, SignedLeaf
 from lmctl.part.booleans.local_sides import LocalSides
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,15 +10,13 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.part.bodies.body import Body
 from lmctl.part.bodies.transformed import SimilarityTransform
 from lmctl.part.booleans.overlap import OverlapWeights
 from lmctl.part.materials.features import Feature
 from lmctl.part.materials.profiles import MixtureProfile, normalise_rows
-
-FloatArray = NDArray[np.float64]
 
 
 class CompositionField(Protocol):

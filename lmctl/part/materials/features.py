@@ -10,8 +10,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.field.features import (
     axis_distance,
     plane_offset,
@@ -25,8 +25,6 @@ from lmctl.part.bodies.surfaces import Vector
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
-
-FloatArray = NDArray[np.float64]
 
 #: Straight pieces that stand for each span of a spline; off by less than 1e-4 of its length.
 PIECES_PER_SPAN = 64

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lmctl.part.bodies.body import Body
 from lmctl.part.materials.composition import (
@@ -18,8 +17,6 @@ from lmctl.part.materials.composition import (
     OverlapComposition,
     TransformedComposition,
 )
-
-FloatArray = NDArray[np.float64]
 
 #: Places sampled along each side of the part's box.
 PLACES_PER_SIDE = 24

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.config import composition as config
 from lmctl.errors import InputError
 from lmctl.part.bodies.body import Body
@@ -31,8 +31,6 @@ from lmctl.part.materials.profiles import (
     SteppedProfile,
     TabulatedProfile,
 )
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

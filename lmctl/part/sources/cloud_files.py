@@ -7,13 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.errors import InputError
 from lmctl.part.sources.files import DataFile
 from lmctl.part.sources.mesh_files import checked_points
 from lmctl.part.sources.ply_files import read_ply
 from lmctl.part.sources.point_tables import NORMAL_NAMES, read_point_table
-
-FloatArray = NDArray[np.float64]
 
 CLOUD_SUFFIXES = ("xyz", "csv", "txt", "asc", "pts", "ply")
 

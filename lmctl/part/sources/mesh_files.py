@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray, IntArray
 from lmctl.config.quantities import MAX_COORDINATE_MM, MM_PER_UNIT
 from lmctl.errors import InputError
 from lmctl.part.sources.files import DataFile
@@ -21,9 +22,6 @@ from lmctl.part.sources.polygons import triangulate_polygons
 from lmctl.part.sources.recognition import unreadable_file
 from lmctl.part.sources.stl_files import read_stl
 from lmctl.part.sources.threemf import read_3mf
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 MESH_SUFFIXES = ("stl", "ply", "obj", "off", "3mf")
 

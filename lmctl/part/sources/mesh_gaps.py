@@ -12,8 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from lmctl.array_types import FloatArray, IntArray
 
 #: How far a face is moved into the other [mm].
 OVERLAP_MM = 1e-5

@@ -8,13 +8,10 @@ missing. Anything else may be an opening that is meant: closing it would be a gu
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray, IntArray
 from lmctl.errors import InputError
 from lmctl.part.sources.mesh_topology import connected_components, directed_edges, edge_numbers
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 #: How far a rim may leave its plane: rounding of coordinates [mm].
 FLATNESS_TOLERANCE_MM = 1e-3

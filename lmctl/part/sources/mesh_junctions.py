@@ -8,12 +8,9 @@ shape.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray, IntArray
 from lmctl.part.sources.mesh_topology import directed_edges, edge_numbers
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 #: Rounds of cutting; each leaves at most half of an edge uncut, so few are ever needed.
 MAX_ROUNDS = 30

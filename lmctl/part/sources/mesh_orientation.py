@@ -7,14 +7,10 @@ is a cavity. Where they do not agree, each patch is turned as far as neighbours 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmctl.array_types import BoolArray, FloatArray, IntArray
 from lmctl.errors import InputError
 from lmctl.part.sources.mesh_topology import connected_components, directed_edges, edge_numbers
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 
 def orient_consistently(

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray, IntArray
 from lmctl.errors import InputError
 from lmctl.field.mesh.triangle_tree import TriangleTree
 from lmctl.part.sources.mesh_files import Mesh
@@ -25,9 +26,6 @@ from lmctl.part.sources.mesh_topology import (
     merge_equal_vertices,
     odd_count_edges,
 )
-
-IntArray = NDArray[np.int64]
-FloatArray = NDArray[np.float64]
 
 #: Corners this near each other on open edges are one corner: seams of rounded exports.
 SEAM_MM = 1e-3

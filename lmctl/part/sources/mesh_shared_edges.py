@@ -8,12 +8,9 @@ each solid a surface of its own.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray, IntArray
 from lmctl.part.sources.mesh_topology import connected_components, directed_edges, edge_numbers
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 def split_at_shared_edges(

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmctl.array_types import BoolArray, FloatArray, IntArray
 from lmctl.field.mesh.triangle_tree import TriangleTree
 from lmctl.part.sources.mesh_orientation import (
     orient_by_parity,
@@ -15,10 +15,6 @@ from lmctl.part.sources.mesh_orientation import (
     signed_tetrahedron_volumes,
 )
 from lmctl.part.sources.mesh_topology import edge_numbers
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 #: Corners of a shell that are tested for lying in another.
 MAX_CORNERS_TESTED = 50

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmctl.array_types import BoolArray, FloatArray, IntArray
 from lmctl.errors import InputError
 from lmctl.part.sources.mesh_gaps import OVERLAP_MM, ClosedGap, close_gap
 from lmctl.part.sources.mesh_shells import (
@@ -25,10 +25,6 @@ from lmctl.part.sources.mesh_topology import connected_components
 
 if TYPE_CHECKING:
     from manifold3d import Manifold
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 #: Solids nearer to each other than this were meant to be flush: no nozzle leaves such a gap [mm].
 FLUSH_GAP_MM = 0.01

@@ -6,12 +6,9 @@ Array code without checks. triangles : (m, 3) int64, numbers of corners
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray, IntArray
 from lmctl.field.kernel import kernel
-
-IntArray = NDArray[np.int64]
-FloatArray = NDArray[np.float64]
 
 
 def merge_equal_vertices(vertices: FloatArray, triangles: IntArray) -> tuple[FloatArray, IntArray]:

@@ -11,16 +11,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray, IntArray
 from lmctl.config.materials import suggest_name
 from lmctl.errors import InputError
 from lmctl.part.sources.files import DataFile
 from lmctl.part.sources.polygons import triangulate_polygons
 from lmctl.part.sources.recognition import unreadable_file
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Names = frozenset[str]
 
 

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray, IntArray
 from lmctl.part.sources.files import DataFile
 from lmctl.part.sources.polygons import triangulate_polygons
 from lmctl.part.sources.recognition import unreadable_file
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 #: What may come before the counts. What `C`, `N` and `ST` add to a corner stands behind x, y, z.
 _KEYWORDS = ("OFF", "COFF", "NOFF", "STOFF", "CNOFF", "NCOFF", "STCOFF", "STNOFF", "STCNOFF")

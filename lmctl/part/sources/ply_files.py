@@ -12,12 +12,10 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray, IntArray
 from lmctl.errors import InputError
 from lmctl.part.sources.files import DataFile
 from lmctl.part.sources.recognition import unreadable_file
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2",

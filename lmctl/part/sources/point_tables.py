@@ -13,13 +13,11 @@ import re
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.errors import InputError
 from lmctl.part.sources.files import DataFile
 from lmctl.part.sources.recognition import unreadable_file
-
-FloatArray = NDArray[np.float64]
 
 #: What the parts of a normal are called.
 NORMAL_NAMES = (

@@ -9,11 +9,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray, IntArray
 from lmctl.errors import InputError
 from lmctl.part.sources.files import DataFile
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 #: Corners may turn the wrong way by this share of the polygon's area: rounding of a straight side.
 STRAIGHT_SHARE = 1e-9

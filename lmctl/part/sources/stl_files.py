@@ -12,11 +12,10 @@ import struct
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.errors import InputError
 from lmctl.part.sources.files import DataFile
 from lmctl.part.sources.recognition import unreadable_file
-
-FloatArray = NDArray[np.float64]
 
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _HEAD_BYTES = 84

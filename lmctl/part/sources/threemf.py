@@ -6,8 +6,8 @@ import itertools
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray, IntArray
 from lmctl.config.quantities import MM_PER_UNIT
 from lmctl.errors import InputError
 from lmctl.part.sources.files import DataFile
@@ -20,9 +20,6 @@ from lmctl.part.sources.threemf_model import (
     read_model,
 )
 from lmctl.part.sources.threemf_package import ThreemfPackage
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 #: Most meshes that nested components may place.
 MAX_PLACED_MESHES = 10_000

@@ -10,13 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray, IntArray
 from lmctl.errors import InputError
 from lmctl.part.sources.threemf_package import NAMESPACE_END, ThreemfPackage, part_name
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Transform = FloatArray
 
 #: Millimetres in each unit of the format.

@@ -16,13 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import BoolArray, FloatArray, IntArray
 from lmctl.field.kernel import kernel
 from lmctl.plan.geometry.medial_axis import MedialAxis
 from lmctl.plan.geometry.section_raster import SectionRaster
-
-FloatArray = NDArray[np.float64]
-IndexArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 #: A stretch with a track on the axis is at least so long, in beads.
 SHORTEST_CENTRELINE_BEADS = 2.0
@@ -49,9 +46,9 @@ class BeadCount:
     has_centreline : (v,) bool, a track may run along the axis here, if the count is odd
     """
 
-    track_count: IndexArray
+    track_count: IntArray
     depth_mm: FloatArray
-    owner: IndexArray
+    owner: IntArray
     is_point: BoolArray
     has_centreline: BoolArray
 
@@ -89,27 +86,27 @@ def bead_count(
                      has_centreline=on_line & middle)
 
 
-def _is_middle(depth_mm: FloatArray, owner: IndexArray, count: IndexArray) -> BoolArray:
+def _is_middle(depth_mm: FloatArray, owner: IntArray, count: IntArray) -> BoolArray:
     """Where the innermost tracks lie beside the axis: downhill of what decides, they cross it."""
     return np.asarray(depth_mm > depth_mm[owner] * (1 - 1 / np.maximum(count, 1)))
 
 
-def _nearest_count(width_mm: FloatArray, least_width_mm: float, pitch_mm: float) -> IndexArray:
+def _nearest_count(width_mm: FloatArray, least_width_mm: float, pitch_mm: float) -> IntArray:
     count = np.floor(width_mm / pitch_mm + 0.5).astype(np.int64)
     wide = width_mm >= least_width_mm * (1 - 1e-6)
     return np.where(wide, np.maximum(count, 1), 0)
 
 
-def _even_count(width_mm: FloatArray, count: IndexArray, pitch_mm: float) -> IndexArray:
+def _even_count(width_mm: FloatArray, count: IntArray, pitch_mm: float) -> IntArray:
     """The even number nearest to the width in pitches; one track stays one."""
     even = 2 * np.floor(width_mm / pitch_mm / 2 + 0.5).astype(np.int64)
     return np.where(count <= 1, count, np.maximum(even, 2))
 
 
 def _without_stubs(
-    count: IndexArray, owner: IndexArray, links: IndexArray, axis: MedialAxis,
+    count: IntArray, owner: IntArray, links: IntArray, axis: MedialAxis,
     on_line: BoolArray, shortest_mm: float, pitch_mm: float,
-) -> tuple[IndexArray, BoolArray]:
+) -> tuple[IntArray, BoolArray]:
     """The counts without short stretches, and which points lie in a short stretch of their own."""
     width_mm = 2 * axis.depth_mm[owner]
     for _ in range(_MOST_ROUNDS):
@@ -132,7 +129,7 @@ def _without_stubs(
 
 
 def _even_run_beside_odd(
-    count: IndexArray, runs: IndexArray, run_mm: FloatArray, links: IndexArray,
+    count: IntArray, runs: IntArray, run_mm: FloatArray, links: IntArray,
     shortest_mm: float, across: FloatArray,
 ) -> tuple[int, int] | None:
     """A short even stretch at the end of, or between, stretches of one odd number; that number.
@@ -161,8 +158,8 @@ def _even_run_beside_odd(
 
 
 def _runs(
-    count: IndexArray, links: IndexArray, owner: IndexArray, axis: MedialAxis
-) -> tuple[IndexArray, FloatArray]:
+    count: IntArray, links: IntArray, owner: IntArray, axis: MedialAxis
+) -> tuple[IntArray, FloatArray]:
     """Which stretch of one number each point is in, (v,), and the extent of each, by number.
 
     The extent is from corner to corner of its box, but for where tracks cross the axis.
@@ -177,7 +174,7 @@ def _runs(
     return label, np.hypot(extent[:, 0], extent[:, 1])
 
 
-def _mark_uphill(uphill: IndexArray, is_central: BoolArray, on_line: BoolArray) -> None:
+def _mark_uphill(uphill: IntArray, is_central: BoolArray, on_line: BoolArray) -> None:
     """Mark the ways uphill from central points: stretches between them that widen quickly."""
     for start in np.flatnonzero(is_central):
         point = int(uphill[start])
@@ -186,7 +183,7 @@ def _mark_uphill(uphill: IndexArray, is_central: BoolArray, on_line: BoolArray) 
             point = int(uphill[point])
 
 
-def _neighbours(links: IndexArray, count: int) -> tuple[IndexArray, IndexArray]:
+def _neighbours(links: IntArray, count: int) -> tuple[IntArray, IntArray]:
     """(v + 1,) where each point's neighbours begin, and these one after the other."""
     ends = np.concatenate([links[:, 0], links[:, 1]])
     others = np.concatenate([links[:, 1], links[:, 0]])
@@ -195,7 +192,7 @@ def _neighbours(links: IndexArray, count: int) -> tuple[IndexArray, IndexArray]:
 
 
 @kernel
-def _components_kernel(count: int, links: IndexArray) -> IndexArray:
+def _components_kernel(count: int, links: IntArray) -> IntArray:
     """The smallest point of each point's connected piece."""
     root = np.arange(count)
     for e in range(len(links)):
@@ -218,10 +215,10 @@ def _components_kernel(count: int, links: IndexArray) -> IndexArray:
 
 @kernel
 def _owners_kernel(
-    order: IndexArray, first: IndexArray, neighbours: IndexArray, depth_mm: FloatArray,
+    order: IntArray, first: IntArray, neighbours: IntArray, depth_mm: FloatArray,
     is_central: BoolArray, at: FloatArray, depth: NDArray[np.float32],
     at_edge: NDArray[np.int32], level_mm: float,
-) -> tuple[IndexArray, IndexArray]:
+) -> tuple[IntArray, IntArray]:
     """The deciding point of each point, and the next point uphill, −1 at a peak.
 
     A branch that ends though the depth still grows goes on over the raster to the next point. A

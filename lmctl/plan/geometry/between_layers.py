@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.field.kernel import kernel
 from lmctl.plan.geometry.intended_slice import intended_loops
 from lmctl.plan.geometry.layer_geometry import LostFeature
@@ -22,8 +23,6 @@ from lmctl.preflight.placement import Placement
 
 if TYPE_CHECKING:
     from lmctl.part.part import Part
-
-FloatArray = NDArray[np.float64]
 
 #: The most planes at which the part is cut between two layers.
 _MOST_PLANES = 4

@@ -7,6 +7,7 @@ from collections import defaultdict
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray, IntArray
 from lmctl.plan.geometry.bead_count import BeadCount
 from lmctl.plan.geometry.level_field import SHIFTED_FROM, core_track_count
 from lmctl.plan.geometry.medial_axis import MedialAxis
@@ -14,9 +15,6 @@ from lmctl.plan.geometry.section_raster import SectionRaster
 from lmctl.plan.geometry.toolpath import Toolpath
 from lmctl.plan.geometry.track_ends import prolonged_track, resampled_track, trimmed_track
 from lmctl.plan.polyline import arc_lengths
-
-FloatArray = NDArray[np.float64]
-IndexArray = NDArray[np.int64]
 
 #: A track that ends before a wall goes on by this part of its strip; what lies beyond its end,
 #: half a strip in all, its last stretch of one strip carries by a wider strip.
@@ -85,7 +83,7 @@ def strip_on_axis(
     return np.asarray(np.clip(2 * left / core, *limits_mm))
 
 
-def chains(links: IndexArray) -> list[IndexArray]:
+def chains(links: IntArray) -> list[IntArray]:
     """Links joined into chains of points between ends and junctions; each link is used once.
 
     A ring repeats its first point last.
@@ -113,7 +111,7 @@ def chains(links: IndexArray) -> list[IndexArray]:
     return found
 
 
-def through_junctions(found: list[IndexArray], points_mm: FloatArray) -> list[IndexArray]:
+def through_junctions(found: list[IntArray], points_mm: FloatArray) -> list[IntArray]:
     """Chains joined two by two where they meet, the straightest first."""
     at_point: dict[int, list[tuple[int, int]]] = defaultdict(list)
     for number, chain in enumerate(found):
@@ -149,14 +147,14 @@ def through_junctions(found: list[IndexArray], points_mm: FloatArray) -> list[In
     return joined
 
 
-def _outward(chain: IndexArray, end: int, points_mm: FloatArray) -> FloatArray:
+def _outward(chain: IntArray, end: int, points_mm: FloatArray) -> FloatArray:
     """Direction in which a chain leaves the point it ends at, (2,)."""
     line = points_mm[chain if end == 0 else chain[::-1]]
     way = line[min(8, len(line) - 1)] - line[0]
     return np.asarray(way / max(float(np.hypot(*way)), 1e-12))
 
 
-def _has_neighbour(links: IndexArray, beads: BeadCount, *, larger: bool) -> NDArray[np.bool_]:
+def _has_neighbour(links: IntArray, beads: BeadCount, *, larger: bool) -> NDArray[np.bool_]:
     """Whether the axis goes on, along the middle, with more or with fewer tracks. (v,)"""
     found = np.zeros(len(beads.track_count), dtype=np.bool_)
     for a, b in (links.T, links.T[::-1]):

@@ -6,6 +6,7 @@ import contourpy
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.field.plane import PlaneGrid
 from lmctl.plan.geometry.corners import contour_with_sharp_corners
 from lmctl.plan.geometry.level_field import SHIFTED_FROM, LevelField
@@ -13,8 +14,6 @@ from lmctl.plan.geometry.medial_axis import MedialAxis
 from lmctl.plan.geometry.section_raster import SectionRaster
 from lmctl.plan.geometry.toolpath import Toolpath
 from lmctl.plan.plane_values import interpolate_bilinear
-
-FloatArray = NDArray[np.float64]
 
 #: The shortest closed track, in pitches: its neighbours fill anything shorter.
 _LEAST_ROUND = 2.0

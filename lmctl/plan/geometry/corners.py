@@ -9,11 +9,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.field.kernel import inner_kernel, kernel
 from lmctl.plan.geometry.medial_axis import MedialAxis, closest_point_on_segment
 from lmctl.plan.geometry.section_raster import SectionRaster
-
-FloatArray = NDArray[np.float64]
 
 #: Sides that differ by less than 20° in direction count as no corner.
 _STRAIGHT = np.cos(np.radians(20.0))

@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from lmctl.array_types import FloatArray
 from lmctl.field.kernel import kernel
 from lmctl.plan.geometry.section_raster import SectionRaster
-
-FloatArray = NDArray[np.float64]
 
 #: Side of the squares over which deposit and slice are compared, in beads.
 _TILE_BEADS = 2.0

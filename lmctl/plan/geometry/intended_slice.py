@@ -4,13 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
+from lmctl.array_types import FloatArray
 from lmctl.config.part_file import ProcessSettings
 from lmctl.field.outline_offset import offset_loops
-
-FloatArray = NDArray[np.float64]
 
 
 def pitch_mm(process: ProcessSettings) -> float:

@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from lmctl.array_types import FloatArray
 from lmctl.field.plane import loop_area_mm2
 from lmctl.plan.geometry.section_raster import SectionRaster
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

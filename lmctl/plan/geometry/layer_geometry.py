@@ -12,8 +12,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-IndexArray = NDArray[np.intp]
+from lmctl.array_types import FloatArray, IndexArray
 
 #: What a lost piece of a slice is: all of a layer, a whole island, a part of an island thinner
 #: than the beads that fill the rest, a closed void between tracks, or what is flatter than a layer.

@@ -15,12 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from lmctl.array_types import FloatArray
 from lmctl.field.kernel import inner_kernel, kernel
 from lmctl.plan.geometry.bead_count import BeadCount
 from lmctl.plan.geometry.medial_axis import MedialAxis, closest_point_on_segment
 from lmctl.plan.geometry.section_raster import SectionRaster
-
-FloatArray = NDArray[np.float64]
 
 #: Tracks that share what width is left over: the innermost of an odd and of an even number, and of
 #: rings around a point.

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.plan.geometry.link_lines import (
     MIN_LOOP_BRIDGE_LENGTHS,
     LinkableTrack,
@@ -15,8 +15,6 @@ from lmctl.plan.geometry.link_lines import (
 from lmctl.plan.geometry.section_raster import SectionRaster
 from lmctl.plan.plane_values import interpolate_bilinear
 from lmctl.plan.polyline import densified_polyline
-
-FloatArray = NDArray[np.float64]
 
 
 def joined_at_ends(

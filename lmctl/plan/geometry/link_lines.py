@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from lmctl.array_types import FloatArray
 
 #: The longest bridge, and how deep inside the outline it has to stay, in pitches.
 LONGEST_BRIDGE, LEAST_DEPTH = 1.5, 0.2

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray, IntArray
 from lmctl.field.kernel import kernel
 from lmctl.plan.geometry.link_lines import (
     MIN_LOOP_BRIDGE_LENGTHS,
@@ -19,9 +19,6 @@ from lmctl.plan.geometry.link_lines import (
 from lmctl.plan.geometry.section_raster import SectionRaster
 from lmctl.plan.plane_values import interpolate_bilinear
 from lmctl.plan.polyline import densified_polyline
-
-FloatArray = NDArray[np.float64]
-IndexArray = NDArray[np.int64]
 
 #: Two bridges on one track keep so many bridge lengths between their middles.
 _APART = 2.5
@@ -78,8 +75,8 @@ def merged_loops(
 
 
 def _skew(
-    points: FloatArray, along_mm: FloatArray, starts: IndexArray, owner: IndexArray,
-    candidates: IndexArray, near: IndexArray, gap: FloatArray,
+    points: FloatArray, along_mm: FloatArray, starts: IntArray, owner: IntArray,
+    candidates: IntArray, near: IntArray, gap: FloatArray,
 ) -> FloatArray:
     """By how much the two bridges at each candidate are longer than the gap they are to span."""
     whole = along_mm[starts[1:] - 1]
@@ -87,7 +84,7 @@ def _skew(
     every = along_mm + np.repeat(offset, np.diff(starts))
     half = gap[candidates] / 2
 
-    def beside(vertices: IndexArray, by_mm: FloatArray) -> FloatArray:
+    def beside(vertices: IntArray, by_mm: FloatArray) -> FloatArray:
         loop = owner[vertices]
         at = offset[loop] + (along_mm[vertices] + by_mm) % whole[loop]
         return np.stack([np.interp(at, every, points[:, k]) for k in (0, 1)], axis=1)
@@ -103,7 +100,7 @@ def _skew(
 
 
 def _spanning_bridges(
-    candidates: IndexArray, near: IndexArray, gap: FloatArray, owner: IndexArray,
+    candidates: IntArray, near: IntArray, gap: FloatArray, owner: IntArray,
     along_mm: FloatArray, length_mm: FloatArray,
 ) -> list[_Bridge]:
     """Bridges that join all loops that can be, none to a loop twice; the first candidates first."""
@@ -143,7 +140,7 @@ def _spanning_bridges(
     return bridges
 
 
-def _by_pair(candidates: IndexArray, near: IndexArray, owner: IndexArray) -> list[IndexArray]:
+def _by_pair(candidates: IntArray, near: IntArray, owner: IntArray) -> list[IntArray]:
     """The candidates of each two loops, in their order; those with the foremost one first."""
     if len(candidates) == 0:
         return []
@@ -256,8 +253,8 @@ def _seam_distance(points_mm: FloatArray, rules: LinkRules) -> FloatArray:
 
 @kernel
 def _nearest_kernel(
-    points: FloatArray, owner: IndexArray, reach: float
-) -> tuple[IndexArray, FloatArray]:
+    points: FloatArray, owner: IntArray, reach: float
+) -> tuple[IntArray, FloatArray]:
     """For each point the nearest one of another owner within reach, −1 for none; and how far."""
     n = len(points)
     low_x, low_y = points[:, 0].min(), points[:, 1].min()

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
+from lmctl.array_types import FloatArray
 from lmctl.config.part_file import ProcessSettings
 from lmctl.field.plane import loop_area_mm2
 from lmctl.plan.geometry.deposit import Deposit
@@ -20,8 +21,6 @@ from lmctl.plan.geometry.islands import Islands
 from lmctl.plan.geometry.layer_geometry import LostFeature, LostKind
 from lmctl.plan.geometry.section_raster import SectionRaster
 from lmctl.plan.polyline import densified_polyline
-
-FloatArray = NDArray[np.float64]
 
 #: Smaller pieces are crumbs of the geometry, not features: a square of this part of a bead.
 _CRUMB_BEADS = 0.02

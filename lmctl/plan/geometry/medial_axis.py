@@ -13,11 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray, IntArray
 from lmctl.field.kernel import inner_kernel, kernel
 from lmctl.plan.geometry.section_raster import SectionRaster
-
-FloatArray = NDArray[np.float64]
-IndexArray = NDArray[np.int64]
 
 #: Chord between the two nearest points of the outline over the depth: the least of a ridge, 20°
 #: between the directions to both.
@@ -45,7 +43,7 @@ class MedialAxis:
     depth_mm: FloatArray
     slope: FloatArray
     is_central: NDArray[np.bool_]
-    links: IndexArray
+    links: IntArray
     at_edge: NDArray[np.int32]
 
 
@@ -97,7 +95,7 @@ def _meeting(
 
 
 @inner_kernel
-def _along(segments: FloatArray, ends: IndexArray, s: int, px: float, py: float) -> int:
+def _along(segments: FloatArray, ends: IntArray, s: int, px: float, py: float) -> int:
     """The edge of the same loop where the distance is least, walking from edge s."""
     best, least = s, closest_point_on_segment(segments, s, px, py)[2]
     first, last = ends[s, 0], ends[s, 1]
@@ -115,7 +113,7 @@ def _along(segments: FloatArray, ends: IndexArray, s: int, px: float, py: float)
 
 @kernel
 def _crossings_kernel(
-    depth: NDArray[np.float32], segments: FloatArray, ends: IndexArray, nearest: IndexArray,
+    depth: NDArray[np.float32], segments: FloatArray, ends: IntArray, nearest: IntArray,
     pitch: float, at_edge: NDArray[np.int32],
 ) -> FloatArray:
     """(v, 5): x, y, depth, gradient of the depth (x, y); fills `at_edge`."""
@@ -170,9 +168,9 @@ def _crossings_kernel(
 
 @kernel
 def _links_kernel(
-    found: FloatArray, at_edge: NDArray[np.int32], segments: FloatArray, nearest: IndexArray,
+    found: FloatArray, at_edge: NDArray[np.int32], segments: FloatArray, nearest: IntArray,
     depth: NDArray[np.float32], pitch: float,
-) -> tuple[FloatArray, IndexArray]:
+) -> tuple[FloatArray, IntArray]:
     """Joints of cells that the ridge crosses more than twice, as rows of `found`; and links."""
     ny, nx = depth.shape
     joints, n_joints = np.empty((64, 5)), 0

@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
+from lmctl.array_types import FloatArray
 from lmctl.field.plane import plane_distance
 from lmctl.plan.geometry.islands import Islands
 from lmctl.plan.geometry.layer_geometry import OverhangPlace
 from lmctl.plan.geometry.section_raster import SectionRaster
-
-FloatArray = NDArray[np.float64]
 
 #: From this lean on, from the vertical, overhang is reported [degrees].
 WARNED_OVERHANG_DEG = 30.0

@@ -7,6 +7,7 @@ from collections import defaultdict
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.field.kernel import kernel
 from lmctl.plan.geometry.bead_count import BeadCount
 from lmctl.plan.geometry.islands import Islands
@@ -15,8 +16,6 @@ from lmctl.plan.geometry.section_raster import SectionRaster
 from lmctl.plan.geometry.toolpath import Toolpath
 from lmctl.plan.geometry.track_ends import prolonged_track, trimmed_track
 from lmctl.plan.polyline import arc_lengths
-
-FloatArray = NDArray[np.float64]
 
 _POINTS = 9
 _HALVINGS = 6

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.field.plane import PlaneGrid, nearest_segments
-
-FloatArray = NDArray[np.float64]
 
 #: Nodes a bead and a pitch: two tracks 0.7 pitches apart are then more than three nodes apart.
 NODES_PER_BEAD = 8

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.config.part_file import ProcessSettings
 from lmctl.plan.geometry.between_layers import flat_pieces
 from lmctl.plan.geometry.deposit import Deposit, deposit_on
@@ -34,8 +35,6 @@ from lmctl.preflight.placement import Placement
 
 if TYPE_CHECKING:
     from lmctl.part.part import Part, PartSection
-
-FloatArray = NDArray[np.float64]
 
 #: A track of less extent may, on the program's raster, hold no motion that a controller can make.
 _LEAST_EXTENT_MM = 0.042

@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.plan.polyline import densified_polyline
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.plan.geometry.section_raster import SectionRaster
 from lmctl.plan.geometry.toolpath import Toolpath
 from lmctl.plan.plane_values import interpolate_bilinear
 from lmctl.plan.polyline import arc_lengths, points_at_lengths
-
-FloatArray = NDArray[np.float64]
 
 #: The outline is looked for so many times a node.
 _STEPS_PER_NODE = 4

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.config.machine import LaserSettings
 from lmctl.errors import PlanError
 from lmctl.job.packed_layer import PackedLayer, pack_layer_arrays
@@ -20,8 +21,6 @@ from lmctl.plan.program_text.line_bytes import (
 from lmctl.plan.sequence.moves import Moves
 from lmctl.plan.sequence.powder_flow import PowderFlow
 from lmctl.preflight.s_word import s_word_decimals
-
-FloatArray = NDArray[np.float64]
 
 #: Millimetres, absolute, units per minute; then dynamic beam power at zero.
 OPENING_LINES = ("G21 G90 G94", "M4 S0")

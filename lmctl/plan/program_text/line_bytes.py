@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import IntArray
 from lmctl.field.kernel import inner_kernel, kernel
 from lmctl.job.layer_rules import MAX_LINE
 from lmctl.job.schema import N_WORD_MODULUS, LineKind
 
 ByteArray = NDArray[np.uint8]
-IntArray = NDArray[np.int64]
 
 #: Decimals of coordinates [mm], feeds [mm/min] and dwell times [s] in a program.
 COORDINATE_DECIMALS, FEED_DECIMALS, DWELL_DECIMALS = 3, 1, 3

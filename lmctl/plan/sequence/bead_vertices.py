@@ -5,11 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray, IndexArray
 from lmctl.field.kernel import inner_kernel, kernel
 from lmctl.plan.sequence.track_order import OrderedTracks
-
-FloatArray = NDArray[np.float64]
-IndexArray = NDArray[np.intp]
 
 #: Simplifying a path moves it by no more than this part of the bead width,
 _TOLERANCE = 0.01

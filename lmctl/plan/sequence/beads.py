@@ -12,8 +12,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray, IndexArray
 from lmctl.plan.recipe import Recipe
 from lmctl.plan.sequence.bead_vertices import bead_vertices
 from lmctl.plan.sequence.composition_runs import (
@@ -24,9 +24,6 @@ from lmctl.plan.sequence.composition_runs import (
 from lmctl.plan.sequence.flat_arrays import indices_within_stretches
 from lmctl.plan.sequence.speed_factor import speed_factors
 from lmctl.plan.sequence.track_order import OrderedTracks
-
-FloatArray = NDArray[np.float64]
-IndexArray = NDArray[np.intp]
 
 #: Speed differs from the recipe's by at most this factor, up or down, to follow the strip width;
 #: a strip beyond it is deposited too low or too high, which the built fraction reports.

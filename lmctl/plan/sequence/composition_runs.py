@@ -18,10 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray, IndexArray
 from lmctl.field.kernel import kernel
-
-FloatArray = NDArray[np.float64]
-IndexArray = NDArray[np.intp]
 
 #: In quanta: how far the field must leave a run's value to end it (½ would flicker with noise).
 _HYSTERESIS = 0.6

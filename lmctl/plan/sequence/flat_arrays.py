@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-IndexArray = NDArray[np.intp]
+from lmctl.array_types import FloatArray, IndexArray
 
 
 def indices_within_stretches(sizes: IndexArray) -> IndexArray:

@@ -10,11 +10,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.field.kernel import inner_kernel, kernel
-
-FloatArray = NDArray[np.float64]
 
 #: A lag below this is none [s].
 _NO_LAG_S = 1e-6

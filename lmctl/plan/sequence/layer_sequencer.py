@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.config.machine import MachineProfile
 from lmctl.config.part_file import ProcessSettings
 from lmctl.errors import PlanError
@@ -36,8 +36,6 @@ from lmctl.plan.sequence.travel import (
 )
 from lmctl.preflight.job_check import LINES_PER_HORIZON, travel_violations
 from lmctl.preflight.placement import Placement
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

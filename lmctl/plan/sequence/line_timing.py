@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray, IndexArray
 from lmctl.config.machine import MotionSettings
 from lmctl.errors import PlanError
 from lmctl.job.schema import LineKind
@@ -18,9 +18,6 @@ from lmctl.plan.sequence.moves import (
     with_inserted_moves,
 )
 from lmctl.plan.sequence.velocity_profile import line_durations
-
-FloatArray = NDArray[np.float64]
-IndexArray = NDArray[np.intp]
 
 #: Travel is not slowed below this to win time; a dwell takes the rest.
 _SLOWEST_TRAVEL_MM_S = 0.5

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.job.schema import LineKind
 from lmctl.plan.recipe import Recipe
 from lmctl.plan.sequence.flat_arrays import indices_within_stretches
@@ -14,8 +14,6 @@ from lmctl.plan.sequence.hose_model import HoseModel
 from lmctl.plan.sequence.moves import Moves
 from lmctl.plan.sequence.powder_flow import PowderFlow
 from lmctl.plan.sequence.track_order import OrderedTracks
-
-FloatArray = NDArray[np.float64]
 
 #: Predictions are made at points at most so far apart in time [s].
 _EVERY_S = 0.05

@@ -13,12 +13,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.field.kernel import inner_kernel, kernel
 from lmctl.plan.recipe import Recipe
-
-FloatArray = NDArray[np.float64]
 
 #: Feeders take a new set-point about ten times a second: a faster course would be a step to them.
 MIN_RAMP_S = 0.25

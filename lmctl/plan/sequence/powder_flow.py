@@ -11,8 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray, IndexArray
 from lmctl.field.kernel import inner_kernel, kernel
 from lmctl.plan.sequence.mixture_ramps import (
     COURSE_KNOTS,
@@ -23,9 +23,6 @@ from lmctl.plan.sequence.mixture_ramps import (
     has_caught_up,
     ramp_knots,
 )
-
-FloatArray = NDArray[np.float64]
-IndexArray = NDArray[np.intp]
 
 #: A set-point step, as knots of a piecewise-linear flow need one [s].
 _STEP_S = 1e-3

@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray, IndexArray
 from lmctl.field.kernel import inner_kernel, kernel
 from lmctl.plan.recipe import Recipe
 from lmctl.plan.sequence.mixture_ramps import (
@@ -20,9 +21,6 @@ from lmctl.plan.sequence.mixture_ramps import (
     has_caught_up,
     powder_limits_of,
 )
-
-FloatArray = NDArray[np.float64]
-IndexArray = NDArray[np.intp]
 
 #: Volume fraction within which a predicted mixture counts as right.
 MIXTURE_TOLERANCE_FRACTION = 0.02

@@ -17,12 +17,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray, IndexArray
 from lmctl.field.kernel import inner_kernel, kernel
 from lmctl.plan.geometry.layer_geometry import LayerGeometry
 from lmctl.plan.sequence.flat_arrays import arc_lengths_mm, indices_within_stretches
-
-FloatArray = NDArray[np.float64]
-IndexArray = NDArray[np.intp]
 
 #: "spread" turns the seam by the golden angle from layer to layer, so that no ridge builds up;
 #: "aligned" keeps it at one angle; a point (x, y) [mm, part coordinates] draws it near.

@@ -12,13 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray, IndexArray
 from lmctl.job.schema import LineKind
 from lmctl.plan.sequence.beads import Beads
 from lmctl.plan.sequence.flat_arrays import indices_within_stretches
 from lmctl.plan.sequence.moves import Moves, moves_of_kind
-
-FloatArray = NDArray[np.float64]
-IndexArray = NDArray[np.intp]
 
 #: Travel up to this many bead widths stays at the layer's height.
 STRAIGHT_TRAVEL_BEADS = 3.0

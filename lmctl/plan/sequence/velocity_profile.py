@@ -18,11 +18,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.config.machine import MotionSettings
 from lmctl.field.kernel import kernel
 from lmctl.plan.sequence.moves import Moves
-
-FloatArray = NDArray[np.float64]
 
 #: cos of the angle between two blocks beyond which they count as reversing or as one line.
 _STRAIGHT = 0.999999

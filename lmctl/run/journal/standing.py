@@ -11,16 +11,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.config.machine import MotionSettings
 from lmctl.job.reader import JobReader
 from lmctl.run.journal.replay import RunReplay
 from lmctl.run.program.job_lines import rows_between
 from lmctl.run.program.place import ProgramPlace
 from lmctl.run.program.reentry import layer_of, plan_reentry
-
-FloatArray = NDArray[np.float64]
 
 #: A machine this near to a move that was sent stands on it [mm]: steps and rounding are finer.
 ON_LINE_MM = 0.05

@@ -12,8 +12,8 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.config.machine import HopperSettings
 from lmctl.errors import LmctlError
 from lmctl.job.reader import JobReader
@@ -24,8 +24,6 @@ from lmctl.run.cell.devices import Cell
 from lmctl.run.interlocks.alarms import RunAlarms
 from lmctl.run.journal.recorder import RunRecorder
 from lmctl.run.program.program_clock import ProgramClock
-
-FloatArray = NDArray[np.float64]
 
 #: A refill is announced so long before a hopper is used up [s]; the announcement is over when it
 #: lasts for so much longer.

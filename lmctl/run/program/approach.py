@@ -13,11 +13,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.config.machine import MotionSettings
-
-FloatArray = NDArray[np.float64]
 
 #: Between two travel moves [s]. Grbl counts dwells in steps of 50 ms.
 TRAVEL_DWELL_S = 0.05

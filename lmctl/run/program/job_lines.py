@@ -8,12 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.job.reader import JobReader
 from lmctl.job.schema import LineKind
 from lmctl.run.program.place import ProgramPlace
 from lmctl.run.program.reentry import layer_of
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.job.schema import JobLayer, LineKind
 from lmctl.run.program.beam_off import line_without_beam
 from lmctl.run.program.layer_totals import LayerTotals
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

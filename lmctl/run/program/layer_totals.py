@@ -10,9 +10,8 @@ from bisect import bisect_left
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from lmctl.array_types import FloatArray
 
 
 class Totals(NamedTuple):

@@ -14,9 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from lmctl.array_types import FloatArray
 from lmctl.run.interlocks.motion_rules import OFF_PATH_MM
 from lmctl.run.program.job_window import JobWindow
-from lmctl.run.program.layer_program import FloatArray, LayerProgram
+from lmctl.run.program.layer_program import LayerProgram
 
 #: How far the nozzle may be from the start of the line that runs by the count of executed ones.
 #: Where the count comes from planner blocks (Bf), it is only known to a line or two.

@@ -22,6 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.config.machine import MotionSettings
 from lmctl.job.schema import JobLayer, JobManifest, LineKind
 from lmctl.run.program.approach import (
@@ -31,8 +32,6 @@ from lmctl.run.program.approach import (
     travel_moves,
 )
 from lmctl.run.program.place import ProgramPlace
-
-FloatArray = NDArray[np.float64]
 
 #: Bead deposited twice where a path is entered in the middle [mm]: more than the place where it
 #: ended is uncertain, and far less than a melt pool.

@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from shapely.affinity import rotate
 from shapely.geometry import Point, Polygon, box
 from shapely.ops import unary_union
 
 import lmctl.examples
+from lmctl.array_types import FloatArray
 from lmctl.config.machine import load_profile
 from lmctl.config.part_file import ProcessSettings
 from lmctl.part.sources.slicing import MeshSlicer
@@ -29,7 +29,6 @@ from lmctl.plan.geometry import LayerGeometry, layer_geometry
 from lmctl.plan.geometry.section_raster import section_raster
 from lmctl.preflight.placement import Placement, place_part
 
-FloatArray = NDArray[np.float64]
 Outline = Callable[[float], list[FloatArray]]
 
 BEAD_MM = 2.0
