@@ -160,8 +160,10 @@ def _feeder(table: TableReader, addresses: dict[str, Address]) -> FeederConfig:
 
 
 def _hopper(table: TableReader) -> HopperConfig:
+    known = len(table.mistakes)
     n_min = table.number("n_min_rpm", 0.3, least=0, most=1000)
     factor = table.number("feed_factor_g_rev", above=0, most=65)
+    slope = table.number("slope_factor", 1.0, least=0.2, most=5)
     calibrated = table.number("calibrated_g_rev", factor, above=0, most=65)
     hopper = HopperConfig(
         channel=table.integer("channel", 1, least=1, most=MAX_HOPPERS),
@@ -172,15 +174,28 @@ def _hopper(table: TableReader) -> HopperConfig:
         lag_s=table.number("lag_s", 1.0, least=0, most=60),
         drive_lag_s=table.number("drive_lag_s", 0.0, least=0, most=60),
         feed_factor_g_rev=factor,
-        offset_g_min=table.number("offset_g_min", 0.0, least=-factor * n_min, most=100),
+        offset_g_min=table.number("offset_g_min", 0.0, least=-factor * slope * n_min, most=100),
         calibrated_g_rev=calibrated,
         n_min_rpm=n_min,
         n_max_rpm=table.number("n_max_rpm", above=n_min, most=600),
         fill_g=table.number("fill_g", above=0, most=1e6),
         noise_rsd=table.number("noise_rsd", 0.0, least=0, most=0.2),
         seed=table.integer("seed", 0, least=0, most=2**31),
+        noise_time_s=table.number("noise_time_s", 1.0, least=0.05, most=60),
+        pulsation_rsd=table.number("pulsation_rsd", 0.0, least=0, most=0.5),
+        pulses_per_rev=table.number("pulses_per_rev", 10.0, above=0, most=1000),
+        slope_factor=slope,
+        slope_drift_per_h=table.number("slope_drift_per_h", 0.0, least=-0.5, most=0.5),
+        slope_change_to_empty=table.number("slope_change_to_empty", 0.0, least=-0.5, most=0.5),
+        carrier_L_min=table.number("carrier_L_min", 4.0, above=0, most=100),
+        carrier_share=table.number("carrier_share", 0.0, least=0, most=1),
+        catch_in_mixture=table.number("catch_in_mixture", 0.0, least=-0.9, most=0.9),
+        catch_falloff_mm=table.number("catch_falloff_mm", 0.0, least=0, most=100),
     )
-    if max(factor, calibrated) * hopper.n_max_rpm > _MAX_FLOW:
+    most_caught = hopper.catch_efficiency * (1 + hopper.catch_in_mixture)
+    if most_caught > 1 and len(table.mistakes) == known:
+        table.report_mistake("catch_in_mixture", "more powder would be caught than arrives")
+    if max(factor * slope, calibrated) * hopper.n_max_rpm > _MAX_FLOW:
         table.report_mistake("n_max_rpm",
                              f"makes more than {_MAX_FLOW:g} g/min with the feed factor")
     table.report_unknown_keys()

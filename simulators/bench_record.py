@@ -37,7 +37,7 @@ class BeamOnPath:
     line : (n,) int, N word of the program line, 0 without one
     power_fraction : (n,) beam power over its maximum
     flow_g_s : (n, n_materials) mass flow at the nozzle
-    deposit_mm3_s : (n, n_materials) volume that stays on the part, m·η/ρ
+    deposit_mm3_s : (n, n_materials) volume that stays on the part at the best standoff, m·η/ρ
     """
 
     materials: tuple[str, ...]
@@ -182,14 +182,19 @@ class BenchRecord:
             hopper.process for feeder in self._feeders for hopper in feeder.hoppers.values()
         ]
         materials = tuple(dict.fromkeys(process.config.material for process in processes))
+        by_hopper = [process.nozzle_flow_g_s(time_s) for process in processes]
+        total = np.sum(by_hopper, axis=0) if by_hopper else np.zeros(len(time_s))
         flow = np.zeros((len(time_s), len(materials)))
         deposit = np.zeros_like(flow)
-        for process in processes:
+        for process, g_s in zip(processes, by_hopper, strict=True):
             column = materials.index(process.config.material)
-            g_s = process.nozzle_flow_g_s(time_s)
             flow[:, column] += g_s
             config = process.config
-            deposit[:, column] += g_s * config.catch_efficiency / config.density_g_mm3
+            caught = config.catch_efficiency * g_s
+            if config.catch_in_mixture:
+                others = 1.0 - np.divide(g_s, total, out=np.ones_like(total), where=total > 0)
+                caught *= 1.0 + config.catch_in_mixture * others
+            deposit[:, column] += caught / config.density_g_mm3
         return materials, flow, deposit
 
 

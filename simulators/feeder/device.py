@@ -37,6 +37,9 @@ from simulators.feeder.write_permissions import (
 )
 from simulators.modbus_errors import BUSY, REFUSED, ExceptionReplyError
 
+#: How often a slope that drifts is brought up to date while discs turn.
+_DRIFT_STEP_S = 10.0
+
 
 class PmxFeederDevice:
     """One device. now : the simulation's clock.
@@ -71,6 +74,7 @@ class PmxFeederDevice:
         self.watchdog_tripped = False
         self._gas_off(time_s)
         self._starting_s = math.inf  # discs are to start: powder waits for the gas pre-flow
+        self._drift_due_s = math.inf
         self.discs_on = False
         self.discs_off_s = -math.inf
         self.seq_applied = 0
@@ -159,7 +163,7 @@ class PmxFeederDevice:
 
     def _next_due_s(self) -> float:
         """When something happens by itself: discs start, the watchdog trips, a hopper is empty."""
-        due_s = min(self._starting_s, self._watchdog_s())
+        due_s = min(self._starting_s, self._watchdog_s(), self._drift_due_s)
         for hopper in self.hoppers.values():
             if hopper.process.empty_s < due_s and self._empty_code(hopper) not in self.alarms:
                 due_s = hopper.process.empty_s
@@ -168,6 +172,12 @@ class PmxFeederDevice:
     def _do_due(self, due_s: float) -> None:
         if self._starting_s == due_s:
             self._start_discs(due_s)
+            return
+        if self._drift_due_s == due_s:
+            self._drift_due_s += _DRIFT_STEP_S
+            for hopper in self.hoppers.values():
+                if hopper.config.slope_drifts:
+                    hopper.process.follow_drift(due_s)
             return
         for hopper in self.hoppers.values():
             code = self._empty_code(hopper)
@@ -276,11 +286,13 @@ class PmxFeederDevice:
         self._starting_s = math.inf
         self.discs_on = True
         self.spans.append(FeedInterval(time_s, time_s + self.holding["STABILISE"], math.inf))
+        if any(hopper.config.slope_drifts for hopper in self.hoppers.values()):
+            self._drift_due_s = time_s + _DRIFT_STEP_S
         for hopper in self.hoppers.values():
             hopper.start_disc(time_s, self.holding["RAMP"])
 
     def _stop_discs(self, time_s: float) -> None:
-        self._starting_s = math.inf
+        self._starting_s = self._drift_due_s = math.inf
         if self.discs_on:
             self.discs_on = False
             for hopper in self.hoppers.values():
@@ -307,7 +319,8 @@ class PmxFeederDevice:
                     hopper.fault_free_process.command_rpm(time_s, min(rpm, most_rpm), ramp_s)
                 continue
             hopper.apply_setpoint(rpm, most_rpm)
-            hopper.carrier_L_min = self.holding[hopper_register_name(channel, "CARRIER_SP")]
+            hopper.set_carrier(
+                time_s, self.holding[hopper_register_name(channel, "CARRIER_SP")])
             hopper.stirrer_rpm = self.holding[hopper_register_name(channel, "STIRRER_SP")]
             if self.discs_on:
                 hopper.start_disc(time_s, ramp_s)

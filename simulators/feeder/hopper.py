@@ -22,7 +22,9 @@ class IdealHopper:
     """
 
     def __init__(self, config: HopperConfig) -> None:
-        self._process = HopperProcess(replace(config, fill_g=_ENDLESS_G, noise_rsd=0.0))
+        self._process = HopperProcess(replace(
+            config, fill_g=_ENDLESS_G, noise_rsd=0.0, pulsation_rsd=0.0, slope_drift_per_h=0.0,
+            slope_change_to_empty=0.0))
         self._waiting: list[tuple[float, float, float]] = []
 
     def command_rpm(self, time_s: float, rpm: float, ramp_s: float = 0.0) -> None:
@@ -30,6 +32,11 @@ class IdealHopper:
         self._waiting.append((time_s, rpm, ramp_s))
         if len(self._waiting) > _MAX_WAITING:
             self._follow()
+
+    def set_carrier_L_min(self, time_s: float, carrier_L_min: float) -> None:
+        """As `HopperProcess.set_carrier_L_min`."""
+        self._follow()
+        self._process.set_carrier_L_min(time_s, carrier_L_min)
 
     def disc_rpm(self, time_s: float) -> float:
         """As `HopperProcess.disc_rpm`."""
@@ -74,6 +81,15 @@ class SimulatedHopper:
         self.is_setpoint_clipped = rpm > most_rpm + _ROUNDING_RPM
         self.rpm = min(rpm, most_rpm)
         self.requested_rpm = min(rpm, self.config.n_max_rpm)
+
+    def set_carrier(self, time_s: float, carrier_L_min: float) -> None:
+        """Set the carrier gas; what is fed from time_s on travels with it."""
+        if carrier_L_min == self.carrier_L_min:
+            return
+        self.carrier_L_min = carrier_L_min
+        if self.config.carrier_share:
+            self.process.set_carrier_L_min(time_s, carrier_L_min)
+            self.fault_free_process.set_carrier_L_min(time_s, carrier_L_min)
 
     def start_disc(self, time_s: float, ramp_s: float) -> None:
         """Ramp the disc to its set-point from time_s on."""

@@ -13,11 +13,14 @@ from __future__ import annotations
 from array import array
 
 import numpy as np
+from numpy.typing import NDArray
 
 from simulators.array_types import FloatArray
 
-#: Pieces kept, 32 bytes each: 14 h of a recipe every 0.1 s with ramps. Then the older half goes.
+#: Pieces kept, 48 bytes each: 14 h of a recipe every 0.1 s with ramps. Then the older half goes.
 MAX_PIECES = 1 << 20
+
+_COLUMNS = 6  # start, arrival, lag, c0, c1, c2
 
 
 class SimulatedHose:
@@ -27,51 +30,71 @@ class SimulatedHose:
         self._dead_time_s = dead_time_s
         self._lag_s = lag_s
         self._drive_lag_s = drive_lag_s
-        self._pieces = array("d")  # start, c0, c1, c2; start, c0, ...
+        self._pieces = array("d")  # rows of _COLUMNS
         self._first_y = 0.0  # what left the nozzle as the first kept piece reached it
+        self._first_g = 0.0  # what had entered before the first kept piece
         self._forgotten = False
+
+    def set_transport(self, dead_time_s: float, lag_s: float) -> None:
+        """Set θ and τ of the pieces added from now on; no powder overtakes what went before it."""
+        self._dead_time_s, self._lag_s = dead_time_s, lag_s
 
     def add_inflow(self, start_s: float, c0: float, c1: float, c2: float) -> None:
         """From start_s on the hose is fed by this piece. Starts never fall."""
-        self._pieces.extend((start_s, c0, c1, c2))
-        if len(self._pieces) > 4 * MAX_PIECES:
+        arrival_s = start_s + self._dead_time_s
+        if self._pieces:
+            arrival_s = max(arrival_s, self._pieces[1 - _COLUMNS])
+        self._pieces.extend((start_s, arrival_s, self._lag_s, c0, c1, c2))
+        if len(self._pieces) > _COLUMNS * MAX_PIECES:
             self._forget(MAX_PIECES // 2)
 
     def discard_from(self, time_s: float) -> None:
         """Drop pieces that have not begun before time_s: something else was commanded."""
         pieces = self._pieces
-        while pieces and pieces[-4] >= time_s:
-            del pieces[-4:]
+        while pieces and pieces[-_COLUMNS] >= time_s:
+            del pieces[-_COLUMNS:]
 
     def outflow_g_s(self, time_s: FloatArray) -> FloatArray:
         """Flow out of the nozzle at each time, in any order and shape; 0 before the first piece.
 
         Raises ValueError for times so long ago that the pieces are no longer kept.
         """
-        starts, c0, c1, c2 = self._columns()
-        if not len(starts):
+        if not self._pieces:
             return np.zeros_like(time_s, dtype=np.float64)
-        entered_s = np.asarray(time_s, dtype=np.float64) - self._dead_time_s
-        if self._forgotten and entered_s.size and entered_s.min() < starts[0]:
-            raise ValueError(f"the flow before {starts[0] + self._dead_time_s:.1f} s is forgotten")
-        first_y = self._first_outflows(starts, c0, c1, c2)
-        piece = np.searchsorted(starts, entered_s, side="right") - 1
-        known = np.maximum(piece, 0)
-        x = entered_s - starts[known]
-        y = self._fed(x, c0[known], c1[known], c2[known])
-        if self._lag_s > 0:
-            y += first_y[known] * np.exp(-np.maximum(x, 0.0) / self._lag_s)
-        return np.where(piece >= 0, y, 0.0)
+        _, arrival, lag, c0, c1, c2 = self._columns()
+        piece, x = self._piece_at(np.asarray(time_s, dtype=np.float64), arrival)
+        y = self._fed(x, lag[piece], c0[piece], c1[piece], c2[piece])
+        first_y = self._first_outflows(arrival, lag, c0, c1, c2)[piece]
+        y += first_y * _decay(np.maximum(x, 0.0), lag[piece])
+        return np.where(x >= 0, y, 0.0)
+
+    def arrived_g(self, time_s: FloatArray) -> FloatArray:
+        """Powder that has come through the dead time by each time, before the lag; any shape."""
+        if not self._pieces:
+            return np.zeros_like(time_s, dtype=np.float64)
+        _, arrival, _, c0, c1, c2 = self._columns()
+        whole = self._mass(np.diff(arrival), c0[:-1], c1[:-1], c2[:-1])
+        before = self._first_g + np.concatenate([[0.0], np.cumsum(whole)])
+        piece, x = self._piece_at(np.asarray(time_s, dtype=np.float64), arrival)
+        x = np.maximum(x, 0.0)
+        return np.asarray(before[piece] + self._mass(x, c0[piece], c1[piece], c2[piece]))
+
+    def _piece_at(
+        self, time_s: FloatArray, arrival: FloatArray
+    ) -> tuple[NDArray[np.intp], FloatArray]:
+        """The piece that arrives at each time and since when; below 0 before the first."""
+        if self._forgotten and time_s.size and time_s.min() < arrival[0]:
+            raise ValueError(f"the flow before {arrival[0]:.1f} s is forgotten")
+        piece = np.maximum(np.searchsorted(arrival, time_s, side="right") - 1, 0)
+        return piece, time_s - arrival[piece]
 
     def _first_outflows(
-        self, starts: FloatArray, c0: FloatArray, c1: FloatArray, c2: FloatArray
+        self, arrival: FloatArray, lag: FloatArray, c0: FloatArray, c1: FloatArray, c2: FloatArray
     ) -> FloatArray:
         """Outflow as each piece reaches the nozzle: y ← y·exp(−Δ/τ) + answer to the piece."""
-        if self._lag_s <= 0:
-            return np.zeros_like(starts)
-        length = np.diff(starts)
-        decay = np.exp(-length / self._lag_s).tolist()
-        gain = self._fed(length, c0[:-1], c1[:-1], c2[:-1]).tolist()
+        length = np.diff(arrival)
+        decay = _decay(length, lag[:-1]).tolist()
+        gain = self._fed(length, lag[:-1], c0[:-1], c1[:-1], c2[:-1]).tolist()
         y = self._first_y
         first_y = [y]
         for kept, gained in zip(decay, gain, strict=True):
@@ -79,13 +102,17 @@ class SimulatedHose:
             first_y.append(y)
         return np.array(first_y)
 
-    def _fed(self, x: FloatArray, c0: FloatArray, c1: FloatArray, c2: FloatArray) -> FloatArray:
+    def _fed(
+        self, x: FloatArray, lag: FloatArray, c0: FloatArray, c1: FloatArray, c2: FloatArray
+    ) -> FloatArray:
         """Outflow x seconds into a piece, from an empty lag."""
         x = np.maximum(x, 0.0)
-        lag, drive = self._lag_s, self._drive_lag_s
+        drive = self._drive_lag_s
         drive_decay = np.exp(-x / drive) if drive > 0 else np.zeros_like(x)
-        if lag <= 0:
-            return c0 + c1 * x + c2 * drive_decay
+        lagged = lag > 0
+        if not lagged.any():
+            return np.asarray(c0 + c1 * x + c2 * drive_decay)
+        lag = np.where(lagged, lag, 1.0)
         rise = -np.expm1(-x / lag)
         y = c0 * rise + c1 * (x - lag * rise)
         if drive > 0:
@@ -96,16 +123,31 @@ class SimulatedHose:
             both = np.where(
                 near,
                 x * (1.0 - rise) * (1.0 + exponent / 2),
-                (drive_decay - (1.0 - rise)) / (difference if difference else 1.0),
+                (drive_decay - (1.0 - rise)) / np.where(difference == 0, 1.0, difference),
             )
             y = y + c2 * both / lag
-        return y
+        return np.where(lagged, y, c0 + c1 * x + c2 * drive_decay)
+
+    def _mass(self, x: FloatArray, c0: FloatArray, c1: FloatArray, c2: FloatArray) -> FloatArray:
+        """Powder that a piece brings in its first x seconds."""
+        mass = c0 * x + c1 * x * x / 2
+        if self._drive_lag_s > 0:
+            mass = mass - c2 * self._drive_lag_s * np.expm1(-x / self._drive_lag_s)
+        return np.asarray(mass)
 
     def _forget(self, n: int) -> None:
-        self._first_y = float(self._first_outflows(*self._columns())[n])
-        del self._pieces[: 4 * n]
+        _, arrival, lag, c0, c1, c2 = self._columns()
+        self._first_y = float(self._first_outflows(arrival, lag, c0, c1, c2)[n])
+        self._first_g += float(
+            self._mass(np.diff(arrival)[:n], c0[:n], c1[:n], c2[:n]).sum())
+        del self._pieces[: _COLUMNS * n]
         self._forgotten = True
 
     def _columns(self) -> tuple[FloatArray, ...]:
-        """Starts, c0, c1 and c2 of the pieces."""
-        return tuple(np.array(self._pieces).reshape(-1, 4).T)
+        """Starts, arrivals, lags, c0, c1 and c2 of the pieces."""
+        return tuple(np.array(self._pieces).reshape(-1, _COLUMNS).T)
+
+
+def _decay(x: FloatArray, lag: FloatArray) -> FloatArray:
+    """What is left of an outflow after x seconds; nothing where there is no lag."""
+    return np.where(lag > 0, np.exp(-x / np.where(lag > 0, lag, 1.0)), 0.0)

@@ -1,8 +1,9 @@
 """One hopper: disc, drive, powder and hose, driven by events and never stepped in time.
 
 set-point → ramp → disc (dead band below n_min, ceiling n_max, offset and g/rev) → drive lag →
-dead time θ → first-order lag τ (docs/explanation/powder-delivery.md, Feeders). A command costs the
-same whatever the history; flows are exact at any instant.
+dead time θ → lag τ (docs/explanation/powder-delivery.md, Feeders) → noise and pulsation.
+A command costs the same whatever the history; flows are exact at any instant. A slope that drifts
+is constant between commands; its device calls `follow_drift` often enough.
 """
 
 from __future__ import annotations
@@ -15,12 +16,10 @@ import numpy as np
 
 from simulators.array_types import FloatArray
 from simulators.feeder.config import HopperConfig
+from simulators.feeder.flow_noise import CorrelatedNoise
 from simulators.feeder.hose import SimulatedHose
 
-#: Sines that make up the noise, and the band they lie in (docs/explanation/powder-delivery.md,
-#: Feeders: pulsation, 0.1–1 Hz).
-_NOISE_TONES = 7
-_NOISE_BAND_HZ = (0.1, 1.0)
+_SECONDS_PER_H = 3600.0
 
 
 class _Piece(NamedTuple):
@@ -46,6 +45,9 @@ class HopperProcess:
         self._speed = self._share = 1.0
         self._n_min_rpm = config.n_min_rpm
         self._hose = SimulatedHose(config.dead_time_s, config.lag_s, config.drive_lag_s)
+        self._noise = CorrelatedNoise(config.noise_time_s, config.seed, config.channel)
+        self._first_turn_s = math.inf
+        self._slope = config.slope_factor
         self._ramp = (-math.inf, 0.0, -math.inf, 0.0)  # from time, rpm; to time, rpm
         self._pieces = [_Piece(-math.inf, 0.0, 0.0, 0.0, 0.0)]
 
@@ -60,6 +62,9 @@ class HopperProcess:
             raise ValueError(f"a command at {time_s} s comes after one at {self._ramp[0]} s")
         flow_g_s, fed_g = self.disc_flow_g_s(time_s), self.fed_g(time_s)
         start_rpm, end_rpm = self.setpoint_rpm(time_s), min(rpm, self.config.n_max_rpm)
+        if rpm > 0:
+            self._first_turn_s = min(self._first_turn_s, time_s)
+        self._slope = self._slope_at(time_s, fed_g)
         self._ramp = (time_s, start_rpm, time_s + ramp_s, end_rpm)
         self._pieces = self._disc_pieces(time_s, start_rpm, end_rpm, ramp_s, flow_g_s, fed_g)
         self._feed_hose(time_s)
@@ -87,6 +92,30 @@ class HopperProcess:
         self.empty_s = math.inf
         self._command_again(time_s)
 
+    def set_carrier_L_min(self, time_s: float, carrier_L_min: float) -> None:
+        """The carrier gas from time_s on; powder that is in the hose then arrives as before."""
+        config = self.config
+        factor = 1.0
+        if carrier_L_min > 0:
+            own = 1.0 - config.carrier_share
+            factor = own + config.carrier_share * config.carrier_L_min / carrier_L_min
+        self._hose.set_transport(config.dead_time_s * factor, config.lag_s * factor)
+        if self._ramp[0] > -math.inf:
+            self._command_again(time_s)
+
+    def follow_drift(self, time_s: float) -> None:
+        """Let the slope be from time_s on what drift and level have made of it."""
+        self._command_again(time_s)
+
+    def _slope_at(self, time_s: float, fed_g: float) -> float:
+        """True slope over the feed factor, by time since the first turn and by level."""
+        config = self.config
+        hours = max(0.0, time_s - self._first_turn_s) / _SECONDS_PER_H
+        drift = config.slope_drift_per_h * hours
+        emptied = max(0.0, 1.0 - (self._fill_g - fed_g) / config.fill_g)
+        level = config.slope_change_to_empty * emptied
+        return config.slope_factor * max(0.0, 1.0 + drift + level)
+
     def _command_again(self, time_s: float) -> None:
         """Repeat the last command."""
         _, _, end_s, end_rpm = self._ramp
@@ -105,7 +134,7 @@ class HopperProcess:
     def disc_rpm(self, time_s: float) -> float:
         """The disc's own speed, behind ramp, dead band and drive."""
         over_g_min = 60.0 * self.disc_flow_g_s(time_s) - self.config.offset_g_min
-        return max(0.0, over_g_min / self.config.feed_factor_g_rev)
+        return max(0.0, over_g_min / self._factor_g_rev) if self._factor_g_rev else 0.0
 
     def fed_g(self, time_s: float) -> float:
         """Powder that left the hopper so far."""
@@ -125,18 +154,23 @@ class HopperProcess:
     def nozzle_flow_g_s(self, time_s: FloatArray) -> FloatArray:
         """Flow out of the nozzle at each time, of any shape; exact but for the noise added."""
         time_s = np.asarray(time_s, dtype=np.float64)
-        flow = self._hose.outflow_g_s(time_s)
-        return flow * self._noise(time_s) if self.config.noise_rsd else flow
+        return self._hose.outflow_g_s(time_s) * self._unsteadiness(time_s)
 
-    def _noise(self, time_s: FloatArray) -> FloatArray:
-        """1 + a sum of sines of random pitch and phase: unsteady, repeatable, 1 on average."""
-        random = np.random.default_rng([self.config.seed, self.config.channel])
-        height = self.config.noise_rsd * math.sqrt(2.0 / _NOISE_TONES)
-        noise = np.ones_like(time_s)
-        for _ in range(_NOISE_TONES):
-            pitch_hz, phase = random.uniform(*_NOISE_BAND_HZ), random.uniform(0.0, 2 * np.pi)
-            noise += height * np.sin(2 * np.pi * pitch_hz * time_s + phase)
-        return noise
+    def _unsteadiness(self, time_s: FloatArray) -> FloatArray:
+        """Factor on the flow, never negative, 1 on average: noise, and a pulse a groove."""
+        config, factor = self.config, np.ones_like(time_s)
+        if config.noise_rsd:
+            since_s = time_s - self._first_turn_s
+            factor += config.noise_rsd * self._noise.values(since_s)
+        if config.pulsation_rsd:
+            revolutions = self._hose.arrived_g(time_s) / config.feed_factor_g_rev
+            pulse = np.sin(2 * np.pi * config.pulses_per_rev * revolutions)
+            factor += config.pulsation_rsd * math.sqrt(2.0) * pulse
+        return np.maximum(factor, 0.0)
+
+    @property
+    def _factor_g_rev(self) -> float:
+        return self.config.feed_factor_g_rev * self._slope
 
     def _disc_pieces(
         self, time_s: float, start_rpm: float, end_rpm: float, ramp_s: float, flow_g_s: float,
@@ -173,7 +207,7 @@ class HopperProcess:
             for begin_s, end_s in itertools.pairwise(edges):
                 if start_rpm + climb * (begin_s + end_s) / 2 >= self._n_min_rpm:
                     value = self._law_g_s(start_rpm + climb * begin_s)
-                    lines.append((begin_s, value, self.config.feed_factor_g_rev * climb / 60.0))
+                    lines.append((begin_s, value, self._factor_g_rev * climb / 60.0))
                 else:
                     lines.append((begin_s, 0.0, 0.0))
         turns = end_rpm >= self._n_min_rpm and end_rpm > 0
@@ -181,7 +215,7 @@ class HopperProcess:
         return lines
 
     def _law_g_s(self, rpm: float) -> float:
-        return (self.config.offset_g_min + self.config.feed_factor_g_rev * rpm) / 60.0
+        return (self.config.offset_g_min + self._factor_g_rev * rpm) / 60.0
 
     def _feed_hose(self, time_s: float) -> None:
         """Pass the pieces to the hose, until the powder runs out."""

@@ -219,3 +219,76 @@ def test_a_long_history_keeps_its_answers_and_its_size(monkeypatch):
     assert long.nozzle_flow_g_s(times) == pytest.approx(short.nozzle_flow_g_s(times), rel=1e-12)
     with pytest.raises(ValueError, match="forgotten"):
         long.nozzle_flow_g_s(np.array([1.0]))
+
+
+@pytest.mark.parametrize("time_s", [0.3, 1.0, 4.0])
+def test_noise_is_correlated_over_its_time(time_s):
+    hopper = HopperProcess(replace(PLAIN, noise_rsd=0.03, noise_time_s=time_s, seed=5, fill_g=1e6))
+    hopper.command_rpm(0.0, 20.0)
+    step_s = time_s / 4
+    noise = hopper.nozzle_flow_g_s(20.0 + step_s * np.arange(40_000)) - 1.0
+    assert noise.std() == pytest.approx(0.03, rel=0.03)
+    for lag in (1, 4, 8):
+        found = (noise[:-lag] * noise[lag:]).mean() / noise.var()
+        assert found == pytest.approx(math.exp(-lag / 4), abs=0.04)
+
+
+def test_noise_does_not_depend_on_when_it_is_asked_for():
+    times = np.linspace(10.0, 900.0, 500)
+    at_once, late_first = (
+        HopperProcess(replace(PLAIN, noise_rsd=0.03, noise_time_s=0.5)) for _ in range(2))
+    for hopper in (at_once, late_first):
+        hopper.command_rpm(0.0, 20.0)
+    late_first.nozzle_flow_g_s(times[::-1][:3])
+    one_by_one = [late_first.nozzle_flow_g_s(times[i : i + 1])[0] for i in range(500)]
+    assert at_once.nozzle_flow_g_s(times) == pytest.approx(one_by_one, rel=1e-12)
+
+
+def test_the_slope_factor_is_of_the_turning_part_only():
+    hopper = HopperProcess(replace(PLAIN, offset_g_min=0.6, slope_factor=1.05))
+    hopper.command_rpm(0.0, 4.0)
+    assert 60 * flow(hopper, 100.0)[0] == pytest.approx(0.6 + 1.05 * 3.0 * 4.0)
+    assert hopper.disc_rpm(100.0) == pytest.approx(4.0)
+
+
+def test_pulses_come_with_the_grooves_of_the_disc():
+    hopper = HopperProcess(replace(PLAIN, pulsation_rsd=0.1, pulses_per_rev=6.0, lag_s=0.0))
+    hopper.command_rpm(0.0, 5.0)  # half a pulse a second
+    t = np.arange(10.0, 50.0, 1e-3)
+    wave = hopper.nozzle_flow_g_s(t) / 0.25 - 1.0
+    assert np.sqrt((wave**2).mean()) == pytest.approx(0.1, rel=1e-3)
+    rising = t[1:][(wave[:-1] < 0) & (wave[1:] >= 0)]
+    assert np.diff(rising) == pytest.approx(np.full(len(rising) - 1, 2.0), abs=2e-3)
+
+
+def test_the_slope_drifts_with_time_and_level():
+    """Against dm/dt = f (1 + k m/M), which grows by an exponential, and a straight drift."""
+    level = HopperProcess(replace(PLAIN, fill_g=10_000.0, slope_change_to_empty=-0.2))
+    hourly = HopperProcess(replace(PLAIN, slope_drift_per_h=0.02))
+    for hopper in (level, hourly):
+        hopper.command_rpm(0.0, 20.0)  # 1 g/s
+        for t in np.arange(10.0, 3600.0, 10.0):
+            hopper.follow_drift(float(t))
+    rate = -0.2 / 10_000.0
+    assert level.fed_g(3600.0) == pytest.approx(math.expm1(rate * 3600) / rate, rel=1e-3)
+    assert hourly.disc_flow_g_s(3600.0) == pytest.approx(1.02, abs=1e-4)
+    assert hourly.fed_g(3600.0) == pytest.approx(3600.0 * 1.01, rel=1e-4)
+
+
+def test_more_carrier_gas_brings_powder_sooner():
+    half = replace(PLAIN, carrier_L_min=4.0, carrier_share=0.5, lag_s=0.0)
+    for carrier, late_s in ((4.0, 3.0), (8.0, 2.25), (2.0, 4.5), (0.0, 3.0)):
+        hopper = HopperProcess(half)
+        hopper.set_carrier_L_min(0.0, carrier)
+        hopper.command_rpm(10.0, 20.0)
+        assert flow(hopper, 10.0 + late_s - 1e-6, 10.0 + late_s) == [0.0, pytest.approx(1.0)]
+
+
+def test_powder_does_not_overtake_what_went_before():
+    hopper = HopperProcess(replace(PLAIN, carrier_share=1.0))
+    hopper.command_rpm(0.0, 20.0)
+    hopper.set_carrier_L_min(100.0, 400.0)
+    hopper.command_rpm(100.5, 0.0)
+    t = np.linspace(0.0, 150.0, 150_001)
+    assert hopper.nozzle_flow_g_s(t).min() >= 0.0
+    assert hopper.nozzle_flow_g_s(t)[t > 110.0].max() == pytest.approx(0.0, abs=1e-3)

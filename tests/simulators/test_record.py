@@ -247,3 +247,14 @@ def test_powder_fed():
     bench.feed(6.0, 12.0)
     bench.t = 50.0
     assert bench.record.fed_g() == pytest.approx({"316L": 5.0, "WC-12Co": 10.0})
+
+
+def test_a_powder_is_caught_otherwise_in_a_mixture():
+    """A third and two thirds by mass; steel loses 30 % of its catch per share of another powder."""
+    bench = Bench(replace(STEEL, catch_in_mixture=-0.3), CARBIDE)
+    bench.feed(6.0, 12.0)
+    bench.t = 50.0
+    bench.move(1, 1.0, 10.0)
+    path = bench.record.beam_on_path()
+    wanted = [0.1 * 0.75 * (1 - 0.3 * 2 / 3) / 0.00785, 0.2 * 0.55 / 0.0143]
+    assert path.deposit_mm3_s == pytest.approx(np.tile(wanted, (len(path.time_s), 1)))
