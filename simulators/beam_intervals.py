@@ -36,7 +36,7 @@ def beam_on_below_speed(speed_mm_s: float, trace: MotionTrace, now_s: float) -> 
                                                                                       ...]:
     """Return the intervals until now with the beam on and the axes below this speed or standing."""
     return merge_intervals(np.concatenate([_moving(trace, now_s, speed_mm_s),
-                                           _standing(trace, now_s)]))
+                                           _at_standstill(trace, now_s)]))
 
 
 def merge_intervals(stretches: FloatArray) -> tuple[TimeInterval, ...]:
@@ -58,31 +58,32 @@ def _moving(trace: MotionTrace, now_s: float, below_mm_s: float) -> FloatArray:
     last = speed + acceleration * (end - begin)
     dynamic = trace.blocks().beam[phases.block] == BEAM_DYNAMIC if len(begin) else begin > 0
     moves = (speed > 0) | (last > 0)
-    lit = (phases.power > 0) & (begin < end) & (moves | ~dynamic)
+    beam_on = (phases.power > 0) & (begin < end) & (moves | ~dynamic)
     if below_mm_s < math.inf:
         crossing = begin + np.divide(
             below_mm_s - speed, acceleration, out=np.zeros_like(speed),
             where=acceleration != 0,
         )
-        lit &= np.minimum(speed, last) < below_mm_s
+        beam_on &= np.minimum(speed, last) < below_mm_s
         end = np.where((speed < below_mm_s) & (last > below_mm_s), crossing, end)
         begin = np.where((speed >= below_mm_s) & (last < below_mm_s), crossing, begin)
-    return np.column_stack([begin, end])[lit]
+    return np.column_stack([begin, end])[beam_on]
 
 
-def _standing(trace: MotionTrace, now_s: float) -> FloatArray:
+def _at_standstill(trace: MotionTrace, now_s: float) -> FloatArray:
     """(k, 2) intervals with the beam on and no motion."""
     phases = trace.phases()
-    since, power = trace.standing_power()
-    lit: list[tuple[float, float]] = []
+    since, power = trace.standstill_power()
+    beam_on: list[tuple[float, float]] = []
     ends = np.concatenate([[-math.inf], phases.end_s])
     begins = np.concatenate([phases.start_s, [math.inf]])
     for from_s, to_s, burning in zip(since, [*since[1:], now_s], power, strict=True):
         if burning > 0:
             first = int(np.searchsorted(begins, from_s))
             last = int(np.searchsorted(ends, to_s))
-            lit += [
+            beam_on += [
                 (max(from_s, ends[i]), min(to_s, begins[i], now_s))
                 for i in range(first, min(last, len(begins)))
             ]
-    return np.array([one for one in lit if one[1] - one[0] > SAME_TIME_TOLERANCE_S]).reshape(-1, 2)
+    return np.array(
+        [one for one in beam_on if one[1] - one[0] > SAME_TIME_TOLERANCE_S]).reshape(-1, 2)

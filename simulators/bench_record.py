@@ -73,9 +73,9 @@ class BeamOnPath:
         order = np.argsort(lines, kind="stable")
         found = np.searchsorted(lines, self.line, sorter=order)
         row = order[np.minimum(found, len(order) - 1)] if len(order) else found
-        strangers = self.line[lines[row] != self.line] if len(order) else self.line
-        if len(strangers):
-            raise ValueError(f"the beam drew line {strangers[0]}, which the design does not have")
+        undesigned = self.line[lines[row] != self.line] if len(order) else self.line
+        if len(undesigned):
+            raise ValueError(f"the beam drew line {undesigned[0]}, which the design does not have")
         return np.asarray(fractions, dtype=np.float64)[row]
 
     def length_fraction_within_tolerance(self, designed: FloatArray, tolerance: float) -> float:
@@ -105,9 +105,9 @@ class BenchRecord:
         for at in range(0, len(time_s), _CHUNK):
             t, dt = time_s[at : at + _CHUNK], duration_s[at : at + _CHUNK]
             sample = self._trace.sample(t)
-            lit = (sample.power_fraction > 0) & (sample.block >= 0)
-            kept.append((t[lit], dt[lit], (sample.speed_mm_s * dt)[lit], sample.position_mm[lit],
-                         sample.block[lit], sample.power_fraction[lit]))
+            on = (sample.power_fraction > 0) & (sample.block >= 0)
+            kept.append((t[on], dt[on], (sample.speed_mm_s * dt)[on], sample.position_mm[on],
+                         sample.block[on], sample.power_fraction[on]))
         if not kept:
             kept = [(np.zeros(0), np.zeros(0), np.zeros(0), np.zeros((0, 3)),
                      np.zeros(0, dtype=np.int64), np.zeros(0))]
@@ -124,12 +124,12 @@ class BenchRecord:
         ends = np.concatenate([[0.0], phases.end_s])
         begins = np.concatenate([phases.start_s, [self._now_s()]])
         found = [
-            _stretches(t[lit], np.full(int(lit.sum()), _STANDING_STEP_S))
+            _stretches(t[beam_on], np.full(int(beam_on.sum()), _STANDING_STEP_S))
             for begin_s, end_s in zip(ends, begins, strict=True)
             if end_s - begin_s > _STANDING_STEP_S
             for t in [np.arange(begin_s + _STANDING_STEP_S / 2, end_s, _STANDING_STEP_S)]
-            for lit in [self._trace.sample(t).power_fraction > 0]
-            if lit.any()
+            for beam_on in [self._trace.sample(t).power_fraction > 0]
+            if beam_on.any()
         ]
         stretches = np.concatenate(found) if found else np.zeros((0, 2))
         return stretches[stretches[:, 1] - stretches[:, 0] > longer_than_s]
@@ -165,15 +165,15 @@ class BenchRecord:
         Speed is linear within a phase, so its value at the middle times the length is exact.
         """
         phases = self._trace.phases()
-        whole_s = phases.end_s - phases.start_s
+        phase_s = phases.end_s - phases.start_s
         beam = self._trace.blocks().beam[phases.block] > 0
-        start_s, whole_s = phases.start_s[beam], whole_s[beam]
-        speed = phases.speed_mm_s[beam] + 0.5 * phases.acceleration_mm_s2[beam] * whole_s
-        parts = np.maximum(np.ceil(speed * whole_s / step_mm), np.ceil(whole_s / MAX_PIECE_S))
+        start_s, phase_s = phases.start_s[beam], phase_s[beam]
+        speed = phases.speed_mm_s[beam] + 0.5 * phases.acceleration_mm_s2[beam] * phase_s
+        parts = np.maximum(np.ceil(speed * phase_s / step_mm), np.ceil(phase_s / MAX_PIECE_S))
         count = np.maximum(parts, 1).astype(np.int64)
         first = np.repeat(np.cumsum(count) - count, count)
         number = np.arange(count.sum()) - first
-        part_s = np.repeat(whole_s / count, count)
+        part_s = np.repeat(phase_s / count, count)
         return np.repeat(start_s, count) + (number + 0.5) * part_s, part_s
 
     def _powder(self, time_s: FloatArray) -> tuple[tuple[str, ...], FloatArray, FloatArray]:

@@ -47,7 +47,7 @@ class BeamOnLine:
 def executed_lines(trace: MotionTrace, now_s: float) -> tuple[ExecutedLine, ...]:
     """Return every move that has begun by now, in order."""
     blocks = trace.blocks()
-    lit_mm = _lit_mm(trace, now_s, len(blocks.line))
+    lit_mm = _beam_on_mm(trace, now_s, len(blocks.line))
     return tuple(
         ExecutedLine(
             int(blocks.line[i]), float(blocks.start_s[i]), float(blocks.end_s[i]),
@@ -64,21 +64,21 @@ def beam_on_length_by_line(executed: Sequence[ExecutedLine]) -> tuple[BeamOnLine
     for one in executed:
         if one.line and one.beam_on_mm > 0:
             pieces.setdefault(one.line, []).append(one)
-    return tuple(_drawn(line, same) for line, same in sorted(pieces.items()))
+    return tuple(_beam_on_line(line, same) for line, same in sorted(pieces.items()))
 
 
-def _lit_mm(trace: MotionTrace, now_s: float, n_blocks: int) -> FloatArray:
+def _beam_on_mm(trace: MotionTrace, now_s: float, n_blocks: int) -> FloatArray:
     """(n,) length of each block moved with the beam on."""
     phases = trace.phases()
     until_s = np.minimum(phases.end_s, now_s)
     dt = np.maximum(0.0, until_s - phases.start_s)
     moved = (phases.speed_mm_s + 0.5 * phases.acceleration_mm_s2 * dt) * dt
-    lit = phases.power > 0
-    total = np.bincount(phases.block[lit], moved[lit], minlength=n_blocks)
+    beam_on = phases.power > 0
+    total = np.bincount(phases.block[beam_on], moved[beam_on], minlength=n_blocks)
     return total.astype(np.float64)
 
 
-def _drawn(line: int, pieces: Sequence[ExecutedLine]) -> BeamOnLine:
+def _beam_on_line(line: int, pieces: Sequence[ExecutedLine]) -> BeamOnLine:
     """Beam-on lengths along the direction of the longest piece: covered once and covered again.
 
     The beam counts as on from the start of a piece, because it comes on with the line.

@@ -42,21 +42,21 @@ class FaultOutcome:
     repeated_mm: float
     rx_overrun_bytes: int
 
-    def safety_shortfalls(self, dark_within_s: float, grace_s: float = 0.0) -> list[str]:
+    def safety_shortfalls(self, beam_off_within_s: float, grace_s: float = 0.0) -> list[str]:
         """Return a message for each shortfall; an empty list means a safe end.
 
-        dark_within_s : time allowed from since_s until the beam is off
+        beam_off_within_s : time allowed from since_s until the beam is off
         grace_s : time after since_s in which the fault itself may cause powder deficits
         """
         found = []
-        if self.beam_off_after_s > dark_within_s:
-            found.append(f"the beam stayed lit for {self.beam_off_after_s:.3f} s")
+        if self.beam_off_after_s > beam_off_within_s:
+            found.append(f"the beam stayed on for {self.beam_off_after_s:.3f} s")
         found += [
-            f"the beam was lit without motion from {one.begin_s:.3f} to {one.end_s:.3f} s"
+            f"the beam was on without motion from {one.begin_s:.3f} to {one.end_s:.3f} s"
             for one in self.beam_on_without_motion
         ]
         found += [
-            f"the beam was lit from {lack.begin_s:.3f} to {lack.end_s:.3f} s with powder of "
+            f"the beam was on from {lack.begin_s:.3f} to {lack.end_s:.3f} s with powder of "
             f"{lack.feeder} {lack.reason}"
             for lack in self.powder_deficits
             if not self.since_s <= lack.end_s <= self.since_s + grace_s
@@ -73,25 +73,25 @@ def judge_fault(bench: Bench, since_s: float = 0.0, off_by: float = 0.2) -> Faul
     since_s : when the fault took effect (`InjectedFault.at_s`)
     off_by : see `SafetyChecks.powder_deficits`
     """
-    judge = SafetyChecks(bench)
-    stops = [judge.powder_stop(feeder, since_s) for feeder in bench.feeders]
-    gas_off = {feeder: judge.gas_off_at_s(feeder, since_s) for feeder in bench.feeders}
+    checks = SafetyChecks(bench)
+    stops = [checks.powder_stop(feeder, since_s) for feeder in bench.feeders]
+    gas_off = {feeder: checks.gas_off_at_s(feeder, since_s) for feeder in bench.feeders}
     return FaultOutcome(
         since_s=since_s,
-        beam_off_after_s=judge.beam_off_at_s(since_s) - since_s,
-        beam_on_again_at_s=judge.beam_on_again_at_s(since_s),
-        axes_stopped_after_s=judge.axes_stopped_at_s(since_s) - since_s,
-        beam_on_without_motion=judge.beam_on_without_motion(),
-        powder_deficits=judge.powder_deficits(off_by),
+        beam_off_after_s=checks.beam_off_at_s(since_s) - since_s,
+        beam_on_again_at_s=checks.beam_on_again_at_s(since_s),
+        axes_stopped_after_s=checks.axes_stopped_at_s(since_s) - since_s,
+        beam_on_without_motion=checks.beam_on_without_motion(),
+        powder_deficits=checks.powder_deficits(off_by),
         powder_stops=tuple(stop for stop in stops if stop is not None),
-        powder_on=tuple(feeder for feeder in bench.feeders if judge.is_powder_on(feeder)),
+        powder_on=tuple(feeder for feeder in bench.feeders if checks.is_powder_on(feeder)),
         gas_off_before_powder=tuple(
             stop.feeder for stop in stops
-            if stop is not None and not judge.is_gas_on(stop.feeder, stop.commanded_s)
+            if stop is not None and not checks.is_gas_on(stop.feeder, stop.commanded_s)
         ),
         gas_off_s={feeder: at_s for feeder, at_s in gas_off.items() if at_s is not None},
-        repeated_mm=sum(line.repeated_mm for line in judge.beam_on_length_by_line()),
-        rx_overrun_bytes=judge.rx_overrun_bytes,
+        repeated_mm=sum(line.repeated_mm for line in checks.beam_on_length_by_line()),
+        rx_overrun_bytes=checks.rx_overrun_bytes,
     )
 
 
@@ -101,7 +101,7 @@ def record_as_json(bench: Bench, happened: tuple[InjectedFault, ...] = ()) -> di
     Times are seconds of the bench's clock. "host" lists when hosts connected and disconnected, by
     device.
     """
-    judge = SafetyChecks(bench)
+    checks = SafetyChecks(bench)
     since_s = happened[-1].at_s if happened else 0.0
     return {
         "faults": [
@@ -110,8 +110,8 @@ def record_as_json(bench: Bench, happened: tuple[InjectedFault, ...] = ()) -> di
             for one in happened
         ],
         "verdict": asdict(judge_fault(bench, since_s)),
-        "beam": [[lit.begin_s, lit.end_s] for lit in judge.beam_on_intervals()],
-        "lines": [asdict(line) for line in judge.executed_lines()],
-        "drawn": [asdict(line) for line in judge.beam_on_length_by_line()],
+        "beam": [[span.begin_s, span.end_s] for span in checks.beam_on_intervals()],
+        "lines": [asdict(line) for line in checks.executed_lines()],
+        "drawn": [asdict(line) for line in checks.beam_on_length_by_line()],
         "host": {name: list(edge.host_was_there) for name, edge in bench.edges.items()},
     }

@@ -47,9 +47,9 @@ class ModbusQuirks:
 class RegistersWithQuirks:
     """The registers of a device with its quirks applied."""
 
-    def __init__(self, device: ModbusRegisters, habits: ModbusQuirks) -> None:
+    def __init__(self, device: ModbusRegisters, quirks: ModbusQuirks) -> None:
         self._device = device
-        self._habits = habits
+        self._quirks = quirks
 
     @property
     def device_id(self) -> int:
@@ -66,8 +66,8 @@ class RegistersWithQuirks:
 
     def _own(self, address: int, count: int) -> int:
         """The device's own number of a register. Raises ExceptionReplyError."""
-        if count > self._habits.max_registers:
+        if count > self._quirks.max_registers:
             raise ExceptionReplyError(ILLEGAL_VALUE)
-        if address < self._habits.address_base:
+        if address < self._quirks.address_base:
             raise ExceptionReplyError(ILLEGAL_ADDRESS)
-        return address - self._habits.address_base
+        return address - self._quirks.address_base

@@ -54,11 +54,11 @@ class ModbusServer:
 
     def __init__(
         self, registers: ModbusRegisters, edge: LinkTap | None = None,
-        habits: ModbusQuirks | None = None
+        quirks: ModbusQuirks | None = None
     ) -> None:
         self.endpoint = ""
-        self.habits = habits or ModbusQuirks()
-        self.registers = registers if habits is None else RegistersWithQuirks(registers, habits)
+        self.quirks = quirks or ModbusQuirks()
+        self.registers = registers if quirks is None else RegistersWithQuirks(registers, quirks)
         self.edge = edge or LinkTap()
         self.open: set[_Connection] = set()
         self.listening: asyncio.Server | None = None
@@ -148,7 +148,7 @@ class _Connection(asyncio.Protocol):
 
 def _answer(server: ModbusServer, request: ModbusPDU) -> ModbusPDU | None:
     try:
-        server.habits.check_function_code(request.function_code)
+        server.quirks.check_function_code(request.function_code)
         return _carried_out(server.registers, request)
     except ExceptionReplyError as refused:
         return ExceptionResponse(request.function_code, refused.code)
@@ -188,13 +188,13 @@ def _carried_out(registers: ModbusRegisters, request: ModbusPDU) -> ModbusPDU:
 
 async def serve_tcp(
     registers: ModbusRegisters, host: str = "127.0.0.1", port: int = 0, edge: LinkTap | None = None,
-    habits: ModbusQuirks | None = None,
+    quirks: ModbusQuirks | None = None,
 ) -> ModbusServer:
     """Serve Modbus TCP; port 0 takes a free port. Raises OSError where it cannot listen.
 
     edge : where faults apply to its bytes
     """
-    server = ModbusServer(registers, edge, habits)
+    server = ModbusServer(registers, edge, quirks)
     server.listening = await asyncio.get_running_loop().create_server(
         lambda: _Connection(server, FramerSocket), host, port)
     server.endpoint = f"modbus-tcp://{host}:{server.listening.sockets[0].getsockname()[1]}"
@@ -203,7 +203,7 @@ async def serve_tcp(
 
 async def serve_pty(
     registers: ModbusRegisters, edge: LinkTap | None = None, baud: int = 19_200,
-    habits: ModbusQuirks | None = None, checks_baud: bool = False,
+    quirks: ModbusQuirks | None = None, checks_baud: bool = False,
 ) -> ModbusServer:
     """Answer Modbus RTU on a new pty, without parity: Linux ptys carry none.
 
@@ -211,7 +211,7 @@ async def serve_pty(
     baud : rate given in the endpoint; a pty itself has no transmission time
     checks_baud : whether the server rejects bytes from a host at another rate
     """
-    server = ModbusServer(registers, edge, habits)
+    server = ModbusServer(registers, edge, quirks)
     server.edge.is_rtu = True
     connection = _Connection(server, FramerRTU)
     transport = PtyTransport(connection, baud if checks_baud else None)

@@ -40,7 +40,7 @@ SLOW_MM_S, SLOW_S = 1.0, 0.05
 #: Lower bound of the reference flow [g/s]; a smaller flow cannot be distinguished from zero.
 _MIN_G_S = 0.005
 #: A disc counts as stopped at this share of its speed.
-_STANDS = 0.01
+_STOPPED_FRACTION = 0.01
 
 
 @dataclass(frozen=True)
@@ -90,21 +90,21 @@ class SafetyChecks:
     def beam_off_at_s(self, after_s: float) -> float:
         """Return the first instant from after_s on at which the beam is off."""
         at_s = after_s
-        for lit in self.beam_on_intervals():
-            if lit.begin_s <= at_s < lit.end_s:
-                at_s = lit.end_s
+        for beam_on in self.beam_on_intervals():
+            if beam_on.begin_s <= at_s < beam_on.end_s:
+                at_s = beam_on.end_s
         return at_s
 
     def beam_on_again_at_s(self, after_s: float) -> float | None:
         """Return when the beam next comes on after going off from after_s on; None: not so far."""
-        dark_s = self.beam_off_at_s(after_s)
-        return next((lit.begin_s for lit in self.beam_on_intervals() if lit.begin_s >= dark_s),
-                    None)
+        beam_off_s = self.beam_off_at_s(after_s)
+        return next((span.begin_s for span in self.beam_on_intervals()
+                     if span.begin_s >= beam_off_s), None)
 
     def beam_last_on_s(self) -> float | None:
         """Return when the beam last went off, or now if it is on; None if it never was on."""
-        lit = self.beam_on_intervals()
-        return lit[-1].end_s if lit else None
+        beam_on = self.beam_on_intervals()
+        return beam_on[-1].end_s if beam_on else None
 
     def axes_stopped_at_s(self, after_s: float) -> float:
         """Return the first instant from after_s on at which the axes stand."""
@@ -142,7 +142,8 @@ class SafetyChecks:
         for span in device.spans:
             if after_s <= span.end_s < math.inf:
                 slowest_s = max(h.config.drive_lag_s for h in device.hoppers.values())
-                return PowderStop(feeder, span.end_s, span.end_s - slowest_s * math.log(_STANDS))
+                return PowderStop(
+                    feeder, span.end_s, span.end_s - slowest_s * math.log(_STOPPED_FRACTION))
         return None
 
     def is_powder_on(self, feeder: str) -> bool:
@@ -191,9 +192,9 @@ class SafetyChecks:
                   off_by: float) -> NDArray[np.bool_]:
         off = np.zeros(len(path.time_s), dtype=bool)
         for hopper in feeder.hoppers.values():
-            told = hopper.fault_free_process.nozzle_flow_g_s(path.time_s)
+            expected = hopper.fault_free_process.nozzle_flow_g_s(path.time_s)
             flow = hopper.process.nozzle_flow_g_s(path.time_s)
-            off |= np.abs(flow - told) > off_by * np.maximum(told, _MIN_G_S)
+            off |= np.abs(flow - expected) > off_by * np.maximum(expected, _MIN_G_S)
         return off
 
 

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import pytest
 from hypothesis import settings
 
-#: A red run tells of the change that made it, not of an example that nobody has met before.
+#: A failing run is caused by the change under test, not by an example that is new to this run.
 #: `pytest --hypothesis-profile random` searches at random and prints how to repeat what it finds.
 settings.register_profile("same examples", derandomize=True)
 settings.register_profile("random", print_blob=True)
@@ -30,7 +30,7 @@ def pytest_collection() -> Iterator[None]:
 
 @pytest.fixture(autouse=True, scope="session")
 def _no_power_cuts() -> Iterator[None]:
-    """Files are written as ever, but nobody waits until the disk has them.
+    """Files are written as usual, but without waiting for the disk.
 
     A process that is killed loses nothing of what it has written; only a machine that loses power
     does, and no test can show that.

@@ -41,7 +41,7 @@ def ask_confirmation(question: str, yes: bool) -> bool:
     if yes:
         return True
     if not sys.stdin.isatty():
-        raise UsageError("nobody is there to be asked", hint="--yes, if you are sure")
+        raise UsageError("there is no terminal to ask at", hint="--yes, if you are sure")
     return click.confirm(question, err=True)
 
 

@@ -42,9 +42,9 @@ def open_part(path: Path, units: str | None = None) -> Part:
         raise UsageError(f"{path} is a folder, not a part",
                          hint=f"did you mean {inside[0]}?" if inside else "name a file in it")
     if path.suffix.lower() != ".toml":
-        part = part_from_model(path, units=units, tell=print_message)
+        part = part_from_model(path, units=units, report=print_message)
     else:
-        part = load_part(path, tell=print_message)
+        part = load_part(path, report=print_message)
     for text in part.notes:
         print_message(wrapped(f"note: {text}"))
     return part

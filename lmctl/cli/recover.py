@@ -147,14 +147,14 @@ async def prepare(
         ]))
     if not ask_confirmation("go on?", yes):
         raise UsageError("not recovered: nothing has been sent that moves the machine")
-    stands_mm = seen.position_mm
+    standstill_mm = seen.position_mm
     await asyncio.sleep(_LET_GO_S)
     if home:
-        stands_mm = await run_journaled(
+        standstill_mm = await run_journaled(
             profile, runs_dir, {"do": "home"},
             lambda whereabouts: run_with_motion(profile, whereabouts, home_axes))
         await asyncio.sleep(_LET_GO_S)
-    return EarlierRun(after.run.run, reached, is_position_trusted=True, stands_mm=stands_mm)
+    return EarlierRun(after.run.run, reached, is_position_trusted=True, standstill_mm=standstill_mm)
 
 
 async def _uptimes_s(profile: MachineProfile) -> dict[str, float]:
@@ -249,7 +249,7 @@ def _ask_operator(
     if not sys.stdin.isatty():
         return _refuse_to_guess(job, reached, doubt_mm, words)
     print_message("\n".join([
-        f"  in doubt: {doubt_mm:.1f} mm of bead that were sent, and that nobody saw executed:",
+        f"  in doubt: {doubt_mm:.1f} mm of bead that were sent, with no report of their execution:",
         *(f"    {line}" for line in words),
         "  look at the part. What is there is not deposited again; what is missing is.",
     ]))
@@ -261,7 +261,8 @@ def _refuse_to_guess(
     _: JobReader, __: PlaceReached, doubt_mm: float, words: list[str]
 ) -> float:
     raise UsageError(
-        f"{doubt_mm:.1f} mm of bead may be on the part or not, and nobody is asked", where=words,
+        f"{doubt_mm:.1f} mm of bead may be on the part or not, and no operator can be asked",
+        where=words,
         hint="look at the part, then give the same command with `--deposited MM`: how much of that "
              f"is there, from 0 to {doubt_mm:.1f}, or all",
     )

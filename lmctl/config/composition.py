@@ -85,7 +85,7 @@ class FaceFeature(ConfigModel):
     group: Name | None = None
 
     @model_validator(mode="after")
-    def _one_way(self) -> FaceFeature:
+    def _one_face_choice(self) -> FaceFeature:
         if (self.at_mm is None) == (self.group is None):
             raise ValueError("say which face: either at_mm, a place on it, or group, its name")
         return self

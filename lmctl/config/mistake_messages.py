@@ -37,17 +37,17 @@ _WORDS = {
 
 def describe_mistake(mistake: ErrorDetails, model: type[BaseModel]) -> str:
     """One mistake that was found when data was checked against `model`."""
-    kind, told = mistake["type"], mistake.get("ctx", {})
+    kind, context = mistake["type"], mistake.get("ctx", {})
     if kind == "extra_forbidden":
         *table, key = mistake["loc"]
         guess = suggest_name(str(key), _keys_at(model, table))
         return "there is no such key" + (f"; {guess}" if guess else "")
     if kind == "too_short":
-        least = told["min_length"]
+        least = context["min_length"]
         return "at least one is needed" if least == 1 else (
-            f"takes at least {least}, there are {told['actual_length']}")
+            f"takes at least {least}, there are {context['actual_length']}")
     if kind in _WORDS:
-        return _WORDS[kind].format_map({name: _plain(value) for name, value in told.items()})
+        return _WORDS[kind].format_map({name: _plain(value) for name, value in context.items()})
     return mistake["msg"].removeprefix("Value error, ")
 
 

@@ -36,7 +36,7 @@ def _has_a_direction(value: Vector) -> Vector:
 Direction = Annotated[Vector, AfterValidator(_has_a_direction)]
 
 
-def _a_way(value: tuple[Vector, ...]) -> tuple[Vector, ...]:
+def _a_polyline(value: tuple[Vector, ...]) -> tuple[Vector, ...]:
     for index in range(1, len(value)):
         if value[index] == value[index - 1]:
             raise ValueError(f"points {index} and {index + 1} are the same")
@@ -45,5 +45,5 @@ def _a_way(value: tuple[Vector, ...]) -> tuple[Vector, ...]:
 
 #: Places in a row, no two neighbours the same.
 AxisDirection = Annotated[
-    tuple[Vector, ...], Field(min_length=2, max_length=10_000), AfterValidator(_a_way)
+    tuple[Vector, ...], Field(min_length=2, max_length=10_000), AfterValidator(_a_polyline)
 ]

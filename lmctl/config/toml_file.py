@@ -17,7 +17,7 @@ from lmctl.errors import ConfigError, Finding, MissingFileError
 MAX_FILE_BYTES = 1_000_000
 
 #: Most tables of an array ([[hopper]], [[body]]) in one file, and most mistakes reported.
-_MOST_TABLES, _MOST_TOLD = 2_000, 100
+_MOST_TABLES, _MOST_REPORTED = 2_000, 100
 
 #: A key of thirty parts and more: the time that TOML takes for those grows with their square.
 _DEEP_KEY = re.compile(r"(?:\.[ \t]*[\w\"'-]{1,200}[ \t]*){30}")
@@ -97,7 +97,7 @@ def validated_model(data: object, model: type[M], *, name: str) -> M:
         mistakes = _first_causes(error.errors(include_url=False))
         findings = [
             Finding(_dotted(item["loc"]), describe_mistake(item, model))
-            for item in mistakes[:_MOST_TOLD]
+            for item in mistakes[:_MOST_REPORTED]
         ]
         number = len(mistakes)
         count = "1 mistake" if number == 1 else f"{number:,} mistakes"

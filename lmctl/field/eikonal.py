@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from lmctl.errors import InputError
 from lmctl.field.kernel import kernel
 
-ASLEEP, WAKE, FROZEN = 0, 1, 2
+INACTIVE, ACTIVE, FROZEN = 0, 1, 2
 MAX_SWEEP_ROUNDS = 50  # of eight orderings; bodies need two or three, mazes a few more
 
 
@@ -33,7 +33,7 @@ def solve_eikonal(
     if not frozen.any():
         raise InputError("no node of the grid has a distance to start from")
     np.copyto(distance, np.float32(np.inf), where=~frozen)
-    state = np.where(_beside(frozen), WAKE, ASLEEP).astype(np.uint8)
+    state = np.where(_beside(frozen), ACTIVE, INACTIVE).astype(np.uint8)
     state[frozen] = FROZEN
     rounds, change = 0, np.inf
     while change > tolerance_mm and rounds < MAX_SWEEP_ROUNDS:
@@ -115,9 +115,9 @@ def _round_kernel(
                 j = jj if order & 2 == 0 else ny - 1 - jj
                 for ii in range(nx):
                     i = ii if order & 1 == 0 else nx - 1 - ii
-                    if state[k, j, i] != WAKE:
+                    if state[k, j, i] != ACTIVE:
                         continue
-                    state[k, j, i] = ASLEEP
+                    state[k, j, i] = INACTIVE
                     # The smaller neighbour along each axis, sorted a ≤ b ≤ c.
                     a = min(distance[k, j, max(i - 1, 0)], distance[k, j, min(i + 1, nx - 1)])
                     b = min(distance[k, max(j - 1, 0), i], distance[k, min(j + 1, ny - 1), i])
@@ -148,7 +148,7 @@ def _round_kernel(
                         im = i + 1 if side == 4 else (i - 1 if side == 5 else i)
                         if (
                             0 <= kn < nz and 0 <= jn < ny and 0 <= im < nx
-                            and state[kn, jn, im] == ASLEEP and distance[kn, jn, im] > new
+                            and state[kn, jn, im] == INACTIVE and distance[kn, jn, im] > new
                         ):
-                            state[kn, jn, im] = WAKE
+                            state[kn, jn, im] = ACTIVE
     return largest

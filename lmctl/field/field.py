@@ -135,11 +135,11 @@ def _beyond(field: DistanceField, points: FloatArray, border: FloatArray) -> Flo
         closest = closest_points_on_rows(field.surface_mm, np.maximum(rows, 0), points)
         away = np.where(rows >= 0, np.minimum(away, length(points - closest)), away)
         # The straight way from each point to there enters the grid at its last face.
-        way = (closest - origin) / field.grid.pitch_mm - nodes
+        direction = (closest - origin) / field.grid.pitch_mm - nodes
         with np.errstate(divide="ignore", invalid="ignore"):
-            faces = (np.clip(nodes, 0, last) - nodes) / way
+            faces = (np.clip(nodes, 0, last) - nodes) / direction
         part = np.nanmax(np.where(np.isfinite(faces), faces, 0.0), axis=1)
-        enter = np.clip(nodes + part[:, None] * way, 0, last)
+        enter = np.clip(nodes + part[:, None] * direction, 0, last)
     return np.where(np.isfinite(away), -away, to_the_box)
 
 

@@ -112,9 +112,9 @@ def refine_distances(
             for turn in range(9):
                 m = turn if turn < 8 else (x - i > 0.5) + 2 * (y - j > 0.5) + 4 * (z - k > 0.5)
                 im, jm, km = i + (m & 1), j + ((m >> 1) & 1), k + (m >> 2)
-                way = np.sqrt((x - im) ** 2 + (y - jm) ** 2 + (z - km) ** 2)
+                offset = np.sqrt((x - im) ** 2 + (y - jm) ** 2 + (z - km) ** 2)
                 value = values[km, jm, im] / pitch
-                joined = min(max(joined, value - way), value + way)
+                joined = min(max(joined, value - offset), value + offset)
             distance[q] = joined
 
 

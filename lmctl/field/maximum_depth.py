@@ -72,11 +72,11 @@ def _between_planes(
     nodes = np.asarray(grid.origin_mm) + grid.pitch_mm * np.stack([i, j, k], axis=1)
     inside = field.values[k, j, i] > 0.0
     nodes, rows = nodes[inside], sources[k, j, i][inside]
-    feet = closest_points_on_rows(field.surface_mm, rows, nodes)
-    away = length(nodes - feet)
+    closest = closest_points_on_rows(field.surface_mm, rows, nodes)
+    away = length(nodes - closest)
     off = away > 0.0
-    nodes, rows, feet = nodes[off], rows[off], feet[off]
-    inwards = (nodes - feet) / away[off, None]
+    nodes, rows, closest = nodes[off], rows[off], closest[off]
+    inwards = (nodes - closest) / away[off, None]
     if len(field.inwards):
         # Feet carried over from other nodes are a little beside; the direction there is not.
         own = field.inwards[rows]
@@ -88,7 +88,7 @@ def _between_planes(
     solved = linprog(
         [0.0, 0.0, 0.0, -1.0],
         A_ub=np.hstack([-inwards, np.ones((len(inwards), 1))]),
-        b_ub=np.einsum("ij,ij->i", inwards, middle - feet),
+        b_ub=np.einsum("ij,ij->i", inwards, middle - closest),
         bounds=[(-room, room)] * 3 + [(None, None)],
     )
     if not solved.success:

@@ -63,8 +63,8 @@ def _table_rule(layer: JobLayer) -> str | None:
         return "program time runs backwards"
     if not np.isin(lines["kind"], [int(kind) for kind in LineKind]).all():
         return "a line is of no known kind"
-    dark = lines["kind"] != LineKind.BEAD
-    if (lines["power_W"] < 0).any() or (lines["power_W"][dark] != 0).any():
+    beam_off = lines["kind"] != LineKind.BEAD
+    if (lines["power_W"] < 0).any() or (lines["power_W"][beam_off] != 0).any():
         return "the beam is on in a line that is no bead"
     if (np.abs(lines["fractions"].sum(axis=1) - 1) > 1e-4).any():
         return "volume fractions do not sum to 1"

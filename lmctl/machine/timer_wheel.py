@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import math
 
-_BEATS_PER_S = 10
+_TICKS_PER_S = 10
 _EARLY = 1e-6  # of a beat, that rounding may have taken
 
 
 def align_to_tick(at_s: float, after_s: float) -> float:
     """The last tick up to at_s [s, of the loop's clock]; at_s itself where that is not after_s."""
-    beat_s = math.floor(at_s * _BEATS_PER_S + _EARLY) / _BEATS_PER_S
-    return beat_s if beat_s > after_s else at_s
+    tick_s = math.floor(at_s * _TICKS_PER_S + _EARLY) / _TICKS_PER_S
+    return tick_s if tick_s > after_s else at_s

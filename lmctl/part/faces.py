@@ -46,8 +46,9 @@ def smooth_patch_around(mesh: Mesh, at_mm: Sequence[float], angle_deg: float) ->
     number, counts = edge_numbers(mesh.triangles)
     order = np.argsort(number, kind="stable")
     pairs = order[(counts == 2)[number[order]]].reshape(-1, 2) // 3
-    blunt = (normal[pairs[:, 0]] * normal[pairs[:, 1]]).sum(axis=1) >= np.cos(np.deg2rad(angle_deg))
-    patch = connected_components(pairs[blunt], len(corners))
+    cosine = (normal[pairs[:, 0]] * normal[pairs[:, 1]]).sum(axis=1)
+    is_smooth = cosine >= np.cos(np.deg2rad(angle_deg))
+    patch = connected_components(pairs[is_smooth], len(corners))
     return remove_slivers(corners[patch == patch[nearest]])
 
 

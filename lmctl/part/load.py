@@ -24,22 +24,22 @@ from lmctl.part.tree import BodyTree
 #: What a bare mesh or cloud is made of.
 DEFAULT_MATERIAL = "316L"
 
-Tell = Callable[[str], None]
+Report = Callable[[str], None]
 
 
-def load_part(path: Path, tell: Tell | None = None) -> Part:
+def load_part(path: Path, report: Report | None = None) -> Part:
     """The part a part file describes.
 
-    tell : receives the memory and time that the part will need, before loading begins
+    report : receives the memory and time that the part will need, before loading begins
 
     Raises ConfigError (the file; all mistakes at once) and InputError (its data).
     """
     checked, text = load_part_file(path)
-    return _build(checked, text, path.parent, tell=tell)
+    return _build(checked, text, path.parent, report=report)
 
 
 def part_from_model(
-    path: Path, units: str | None = None, tell: Tell | None = None
+    path: Path, units: str | None = None, report: Report | None = None
 ) -> Part:
     """A mesh or cloud file alone as a part, with defaults that its warnings and notes name.
 
@@ -65,12 +65,12 @@ def part_from_model(
         f"[[body]]\nkind = {_quoted(kind)}\nfile = {_quoted(path.name)}\n"
         + (f"units = {_quoted(units or 'mm')}\n" if units or suffix != "3mf" else "")
     )
-    return _build(parse_part_file(text, name=str(path)), text, path.parent, said, tell)
+    return _build(parse_part_file(text, name=str(path)), text, path.parent, said, report)
 
 
 def _build(
     part: config.PartFile, text: str, folder: Path, said: Sequence[str] = (),
-    tell: Tell | None = None,
+    report: Report | None = None,
 ) -> Part:
     materials = resolve_materials(part)
     data = PartData(folder, part.process.bead_width_mm)
@@ -78,13 +78,13 @@ def _build(
     data.read(part)
     for number in part.reference_body_indices():
         of = part.body[number]
-        told = data.notes if of.composition is None else data.warnings
-        told.append(f"{of.name!r} is only measured from: it is no part of the solid")
+        findings = data.notes if of.composition is None else data.warnings
+        findings.append(f"{of.name!r} is only measured from: it is no part of the solid")
     tree = BodyTree(part, data)
     cost = tree.cost()
     cost.refuse_if_too_large()
-    if tell is not None and cost.summary():
-        tell(cost.summary())
+    if report is not None and cost.summary():
+        report(cost.summary())
     body = tree.body
     if isinstance(body, MeshSolid | FieldSolid):
         grid = body.grid

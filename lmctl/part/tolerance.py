@@ -27,7 +27,7 @@ _MOST_PLACES = 20_000
 #: The part of the places at which the error is no more than the estimate.
 _QUANTILE = 0.95
 #: Each pitch tried is so much finer; a finer one has to lower the error by this part to go on.
-_FINER, _WORTH = 0.5, 0.1
+_FINER, _LEAST_GAIN = 0.5, 0.1
 _MOST_TRIES = 5
 
 
@@ -79,9 +79,9 @@ def cloud_within_tolerance(
         found = CloudSurface(stored, surface_error_mm(stored, points_mm))
         if found.error_mm <= tolerance_mm:
             return found
-        worth = best is None or found.error_mm < (1 - _WORTH) * best.error_mm
+        is_better = best is None or found.error_mm < (1 - _LEAST_GAIN) * best.error_mm
         best = found if best is None or found.error_mm < best.error_mm else best
-        if not worth:
+        if not is_better:
             break
         if pitch_mm <= finest:
             limit = f"the memory allowed ({MEMORY_LIMIT_VARIABLE})"

@@ -73,16 +73,16 @@ class Completeness:
     def built_fraction(self) -> float:
         """Volume deposited inside the intended surface over its volume, 0 to 1."""
         height = self.layer_height_mm
-        whole = self.slice_mm2 * height + max(self.height_left_mm, 0.0) * self.top_mm2
-        return self.inside_mm2 * height / whole if whole > 0 else 0.0
+        planned_mm3 = self.slice_mm2 * height + max(self.height_left_mm, 0.0) * self.top_mm2
+        return self.inside_mm2 * height / planned_mm3 if planned_mm3 > 0 else 0.0
 
     @property
     def surplus_fraction(self) -> float:
         """Volume deposited outside the intended surface, over its volume."""
         height = self.layer_height_mm
         above = max(-self.height_left_mm, 0.0) * self.top_mm2
-        whole = self.slice_mm2 * height
-        return (self.outside_mm2 * height + above) / whole if whole > 0 else 0.0
+        planned_mm3 = self.slice_mm2 * height
+        return (self.outside_mm2 * height + above) / planned_mm3 if planned_mm3 > 0 else 0.0
 
     def steep_overhangs(self) -> list[Overhang]:
         """Overhangs beyond the limit, and what starts in the air."""
@@ -95,12 +95,12 @@ class Completeness:
 
     def totals(self) -> dict[str, Any]:
         """What the job's totals hold of it."""
-        whole = self.slice_mm2 or 1.0
+        planned_mm3 = self.slice_mm2 or 1.0
         return {
             "built_fraction": round(self.built_fraction, 5),
             "surplus_fraction": round(self.surplus_fraction, 5),
-            "double_fraction": round(self.double_mm2 / whole, 5),
-            "narrow_fraction": round(self.narrow_mm2 / whole, 5),
+            "double_fraction": round(self.double_mm2 / planned_mm3, 5),
+            "narrow_fraction": round(self.narrow_mm2 / planned_mm3, 5),
             "intended_volume_mm3": round(self.slice_mm2 * self.layer_height_mm, 3),
             "layer_height_mm": round(self.layer_height_mm, 6),
             "complete": self.is_complete(),

@@ -63,9 +63,10 @@ def _is_wide(section: PartSection, process: ProcessSettings) -> bool:
     end = np.vstack([loop[1:] for loop in section.loops])
     low, high = start.min(axis=0), start.max(axis=0)
     at = low + (high - low) * (np.indices((_RASTER, _RASTER)).reshape(2, -1).T + 0.5) / _RASTER
-    way, offset = end - start, at[:, None] - start
-    share = (offset * way).sum(axis=2) / np.maximum((way * way).sum(axis=1), 1e-300)
-    apart = offset - np.clip(share, 0.0, 1.0)[:, :, None] * way
+    direction, offset = end - start, at[:, None] - start
+    length_sq = np.maximum((direction * direction).sum(axis=1), 1e-300)
+    share = (offset * direction).sum(axis=2) / length_sq
+    apart = offset - np.clip(share, 0.0, 1.0)[:, :, None] * direction
     distance = np.hypot(apart[:, :, 0], apart[:, :, 1]).min(axis=1)
     needed_mm = 2 * process.bead_width_mm + max(0.0, -process.allowance_mm)
     return bool((_is_inside(at, start, end) & (distance >= needed_mm)).any())

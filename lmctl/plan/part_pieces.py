@@ -53,10 +53,10 @@ class Overhang:
 
     def location_text(self) -> str:
         x, y = self.at_mm
-        lean = "nothing below it" if self.is_in_air else f"up to {self.angle_deg:.0f}°"
+        angle_text = "nothing below it" if self.is_in_air else f"up to {self.angle_deg:.0f}°"
         return (
-            f"at x {x:.1f}, y {y:.1f}, z {_span(self.lowest_z_mm, self.highest_z_mm)} mm: {lean}, "
-                f"{self.area_mm2:.3g} mm²")
+            f"at x {x:.1f}, y {y:.1f}, z {_span(self.lowest_z_mm, self.highest_z_mm)} mm: "
+            f"{angle_text}, {self.area_mm2:.3g} mm²")
 
     def as_dict(self) -> dict[str, Any]:
         return {

@@ -14,7 +14,7 @@ def plan_report(plan: PlanStatistics, placement: Placement, mode: str) -> list[F
     """Findings for the job: each {"level": "ok" | "warning", "text": …}."""
     return [
         *_left_out(plan, placement), *_mixture(plan, mode), *_hoppers(plan), *_idle(plan),
-        *_waste(plan),
+        *_powder_findings(plan),
     ]
 
 
@@ -53,12 +53,12 @@ def _mixture(plan: PlanStatistics, mode: str) -> list[Finding]:
 
 
 def _why_off(plan: PlanStatistics, mode: str) -> Iterator[str]:
-    worth_telling_mm = plan.asked_mm * (1 - MIN_CORRECT_MIXTURE_FRACTION) / 2
-    if plan.unfollowed_mm > worth_telling_mm:
+    least_reported_mm = plan.asked_mm * (1 - MIN_CORRECT_MIXTURE_FRACTION) / 2
+    if plan.unfollowed_mm > least_reported_mm:
         what = ("the mixture changes faster than powder can follow" if mode == "lead"
                 else "powder comes too late")
         yield f"; along {plan.unfollowed_mm:.0f} mm {what}"
-    if plan.unplanned_mm > worth_telling_mm:
+    if plan.unplanned_mm > least_reported_mm:
         yield (f"; along {plan.unplanned_mm:.0f} mm the plan differs from the part file by its "
                "steps (process.fraction_step, strategy, least flows of hoppers)")
 
@@ -81,7 +81,7 @@ def _idle(plan: PlanStatistics) -> list[Finding]:
     ]
 
 
-def _waste(plan: PlanStatistics) -> list[Finding]:
+def _powder_findings(plan: PlanStatistics) -> list[Finding]:
     fed, wasted = float(plan.fed_g.sum()), float(plan.wasted_g.sum())
     if fed <= 0:
         return []

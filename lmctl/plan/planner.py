@@ -84,16 +84,17 @@ class _Planning:
     """One part on its way through geometry and sequence."""
 
     def __init__(self, part: Part, profile: MachineProfile, options: PlanOptions) -> None:
-        self._whole = self._placement = check_part(part, profile)
+        self._whole_placement = self._placement = check_part(part, profile)
         self._lowest = self._first = 0
-        self._last = self._whole.n_layers - 1
+        self._last = self._whole_placement.n_layers - 1
         self._part = part
         self._profile = profile
         self._options = options
-        self._recipe = recipe_of(part, profile, self._whole.layer_height_mm)
+        self._recipe = recipe_of(part, profile, self._whole_placement.layer_height_mm)
         self._sequencer = LayerSequencer(part.name, part.process, self._recipe, profile)
         self._completeness = Completeness(
-            part.process, self._whole.layer_height_mm, self._whole.uncovered_height_mm())
+            part.process, self._whole_placement.layer_height_mm,
+            self._whole_placement.uncovered_height_mm())
 
     def count(self) -> int:
         """Layers of the job, as far as is known: those above the last with tracks come off last."""
@@ -109,13 +110,13 @@ class _Planning:
             if is_last:
                 self._last = geometry.layer
             index += 1
-            self._placement = self._whole.restricted_to_layers(
-                self._lowest, self._whole.n_layers - 1, set_down=set_down)
+            self._placement = self._whole_placement.restricted_to_layers(
+                self._lowest, self._whole_placement.n_layers - 1, set_down=set_down)
             yield self._sequencer.sequence(index, geometry, self._placement, is_last=is_last)
         if index < 0:
             raise nothing_to_deposit(self._part)
         if self._options.layers is None:
-            self._placement = self._whole.restricted_to_layers(self._first, self._last,
+            self._placement = self._whole_placement.restricted_to_layers(self._first, self._last,
                                                                set_down=set_down)
 
     def _geometries(self, workers: StageWorkers) -> Iterator[LayerGeometry]:
@@ -123,7 +124,7 @@ class _Planning:
         if self._options.layers is not None:
             self._choose_layers(workers, *self._options.layers)
         for geometry in ordered_results(
-            lambda layer: workers.geometry(self._whole, layer),
+            lambda layer: workers.geometry(self._whole_placement, layer),
             range(self._first, self._last + 1), workers.window,
         ):
             self._completeness.add_layer(geometry)
@@ -131,15 +132,16 @@ class _Planning:
 
     def _choose_layers(self, workers: StageWorkers, first: int, last: int) -> None:
         """The layers numbered from the first with tracks, which is 1."""
-        for layer in range(self._whole.n_layers):
+        for layer in range(self._whole_placement.n_layers):
             self._lowest = layer
-            if workers.geometry(self._whole, layer).result().n_tracks:
+            if workers.geometry(self._whole_placement, layer).result().n_tracks:
                 break
         self._first = self._lowest + first - 1
-        self._last = min(self._lowest + last, self._whole.n_layers) - 1
+        self._last = min(self._lowest + last, self._whole_placement.n_layers) - 1
         if self._first > self._last:
+            count = self._whole_placement.n_layers - self._lowest
             raise PlanError(f"{self._part.name} has no layer {first}",
-                            hint=f"layers go from 1 to {self._whole.n_layers - self._lowest}")
+                            hint=f"layers go from 1 to {count}")
 
     def _completeness_findings(self) -> Iterator[Finding]:
         """Whether the plan is the part. Raises PlanError where it is not, and may not be."""

@@ -150,8 +150,8 @@ class _Check:
         if first is not None and not text[_S][first]:
             self._refuse(layer, first, "the layer's first move does not say with which power")
         said = _held(_numbers(text[_S]), 0.0)
-        dark = moves & (layer.lines["kind"] != LineKind.BEAD)
-        if (at := _first(dark & (said != 0))) is not None:
+        beam_off = moves & (layer.lines["kind"] != LineKind.BEAD)
+        if (at := _first(beam_off & (said != 0))) is not None:
             kind = LineKind(int(layer.lines["kind"][at])).name.lower()
             self._refuse(layer, at, f"the program has the beam on, at S{said[at]:g}; the table "
                                     f"has it off ({kind})")

@@ -83,7 +83,7 @@ def _alarm_cleared(record: Record) -> _Said:
 
 
 def _warning(record: Record) -> _Said:
-    if record["stands"]:
+    if record["active"]:
         return f"WARNING: {record['what']}; what to do: {record['hint']}", False
     return f"warning over: {record['what']}", False
 
@@ -94,8 +94,8 @@ def _place(record: Record) -> _Said:
 
 
 def _entry(record: Record) -> _Said:
-    return (f"enters the part again at line {record['lit_line']}, {record['repeated_mm']:.1f} mm "
-            "deposited twice"), False
+    return (f"enters the part again at line {record['beam_on_line']}, "
+            f"{record['repeated_mm']:.1f} mm deposited twice"), False
 
 
 def _unreported(record: Record) -> _Said:

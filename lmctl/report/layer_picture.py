@@ -129,9 +129,9 @@ def _draw_order(
     step = _ARROW_BEADS * widest_mm
     marks = np.flatnonzero(np.floor((since + step * 0.75) / step)
                            > np.floor((since - length + step * 0.75) / step))
-    way = (ends - begins)[marks] / np.maximum(length[marks], 1e-9)[:, None]
+    direction = (ends - begins)[marks] / np.maximum(length[marks], 1e-9)[:, None]
     middle = (ends + begins)[marks] / 2
-    axes.quiver(*middle.T, *way.T, color=_MARK, edgecolor=_RIM, linewidth=0.4, angles="xy",
+    axes.quiver(*middle.T, *direction.T, color=_MARK, edgecolor=_RIM, linewidth=0.4, angles="xy",
                 scale_units="xy", scale=1 / (0.9 * widest_mm), units="xy",
                 width=0.12 * widest_mm, headwidth=3.5, headlength=3.5, headaxislength=3.2,
                 pivot="middle", zorder=5)

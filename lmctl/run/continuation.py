@@ -13,10 +13,10 @@ class EarlierRun:
 
     reached : how far the job has been executed; not doubtful
     is_position_trusted : the machine position has been verified or restored
-    stands_mm : where the machine stood then, in program coordinates; None where that is not known
+    standstill_mm : machine position at rest, in program coordinates; None where it is not known
     """
 
     run: str
     reached: PlaceReached
     is_position_trusted: bool
-    stands_mm: tuple[float, ...] | None = None
+    standstill_mm: tuple[float, ...] | None = None

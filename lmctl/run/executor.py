@@ -145,11 +145,11 @@ class RunExecutor:
 
         Raises UsageError where nothing is held, or the cause of the hold persists.
         """
-        standing = [] if self._live is None else self._live.sequence.active_alarms()
-        if standing and self.state is RunState.HELD:
+        active = [] if self._live is None else self._live.sequence.active_alarms()
+        if active and self.state is RunState.HELD:
             raise UsageError(
-                f"cannot resume: {standing[0].what}",
-                where=[error.what for error in standing[1:]], hint=standing[0].hint,
+                f"cannot resume: {active[0].what}",
+                where=[error.what for error in active[1:]], hint=active[0].hint,
             )
         self._request(RunEvent.RESUME)
 
@@ -284,7 +284,7 @@ class RunExecutor:
             continues=self._continues,
         )
         if self._notice is not None:
-            sequence.alarms.told = self._notice
+            sequence.alarms.notify = self._notice
         trouble = TroubleLog(sequence.alarms, recorder)
         machine = RunStateMachine(sequence.carry_out_effect, sequence.halt, trouble)
         self._live = _Live(machine, sequence, course, recorder, view)

@@ -244,7 +244,7 @@ class CellSequence:
         await asyncio.sleep(HELD_AT_MOST_S)
 
     async def _close_hopper(self) -> None:
-        self.alarms.told(await self.refilling.weigh_and_record(self._connected))
+        self.alarms.notify(await self.refilling.weigh_and_record(self._connected))
 
     async def _acknowledge(self) -> None:
         """The operator has commanded resume: reset latched alarms whose cause is gone."""

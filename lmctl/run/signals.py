@@ -33,7 +33,7 @@ def catchable_signals() -> dict[signal.Signals, Any]:
 
 @contextmanager
 def call_on_signal(act: Callable[[], object], loop: AbstractEventLoop) -> Iterator[None]:
-    """Call `act` on a loop at each signal that is heeded, as long as the context lasts."""
+    """Call `act` on a loop at each signal that is caught, as long as the context lasts."""
     before = catchable_signals()
     for number in before:
         loop.add_signal_handler(number, act)

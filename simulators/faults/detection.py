@@ -18,18 +18,18 @@ def call_on_first_detection(scene: FaultContext, fault: Fault, seen: Callable[[]
     """
     forgets: list[Undo] = []
 
-    def whole() -> None:
+    def restore() -> None:
         for forget in forgets:
             forget()
 
-    def told(data: bytes, deliver: PassOn) -> None:
+    def observe(data: bytes, deliver: PassOn) -> None:
         deliver(data)
         if _shows(scene, fault):
-            whole()
+            restore()
             seen()
 
-    forgets += [scene.bench.edges[place].add_observer(told) for place in _places(scene, fault)]
-    return whole
+    forgets += [scene.bench.edges[place].add_observer(observe) for place in _places(scene, fault)]
+    return restore
 
 
 def _places(scene: FaultContext, fault: Fault) -> list[str]:

@@ -76,8 +76,8 @@ class FaultContext:
 def both(*undo: Undo) -> Undo:
     """Return one undo that calls all of them in this order."""
 
-    def whole() -> None:
+    def restore() -> None:
         for one in undo:
             one()
 
-    return whole
+    return restore

@@ -55,9 +55,9 @@ def trip_watchdog(scene: FaultContext, fault: Fault) -> None:
 def freeze_registers(scene: FaultContext, fault: Fault) -> Undo:
     """Every register keeps reporting its present value."""
     feeder = scene.feeder(fault)
-    time_s, mishaps = feeder.advance_to_now(), _mishaps(feeder)
+    time_s, defects = feeder.advance_to_now(), _defects(feeder)
     return both(*(
-        mishaps.override_register(channel, name, _always(value))
+        defects.override_register(channel, name, _always(value))
         for channel in (0, *feeder.hoppers)
         for name, value in register_values(feeder, channel, time_s).items()
     ))
@@ -66,19 +66,19 @@ def freeze_registers(scene: FaultContext, fault: Fault) -> Undo:
 def report_false_flow(scene: FaultContext, fault: Fault) -> Undo:
     """Discs stand; speed and estimated flow are reported as if they turned. Scales stay true."""
     feeder = scene.feeder(fault)
-    mishaps = _mishaps(feeder)
-    undo = [mishaps.override_register(
+    defects = _defects(feeder)
+    undo = [defects.override_register(
         0, "STATUS",
         _with(FeederStatusBits.FEEDING | FeederStatusBits.AT_SETPOINT | FeederStatusBits.STABLE)
     )]
     for channel in feeder.hoppers:
         undo += [
             _disturb(feeder, channel, speed=0.0),
-            mishaps.override_register(channel, "DISC_ACT", _as_told(feeder, channel, 1.0)),
-            mishaps.override_register(channel, "FLOW_EST", _as_told(
+            defects.override_register(channel, "DISC_ACT", _commanded_value(feeder, channel, 1.0)),
+            defects.override_register(channel, "FLOW_EST", _commanded_value(
                 feeder, channel, feeder.holding[hopper_register_name(channel, "FEED_FACTOR")]
             )),
-            mishaps.override_register(channel, "STATUS", _with(
+            defects.override_register(channel, "STATUS", _with(
                 HopperStatusBits.RUNNING | HopperStatusBits.AT_SETPOINT | HopperStatusBits.STABLE
             )),
         ]
@@ -86,11 +86,11 @@ def report_false_flow(scene: FaultContext, fault: Fault) -> Undo:
 
 
 def ignore_recipes(scene: FaultContext, fault: Fault) -> Undo:
-    mishaps = _mishaps(scene.feeder(fault))
-    mishaps.ignores_recipes = True
+    defects = _defects(scene.feeder(fault))
+    defects.ignores_recipes = True
 
     def undo() -> None:
-        mishaps.ignores_recipes = False
+        defects.ignores_recipes = False
 
     return undo
 
@@ -98,7 +98,7 @@ def ignore_recipes(scene: FaultContext, fault: Fault) -> Undo:
 def lower_supply(scene: FaultContext, fault: Fault) -> Undo:
     feeder, bar = scene.feeder(fault), fault.numeric_parameter("bar")
     return both(
-        _mishaps(feeder).override_register(0, "SUPPLY_PRESSURE", lambda _: bar),
+        _defects(feeder).override_register(0, "SUPPLY_PRESSURE", lambda _: bar),
         _noticed(scene, fault, feeder, _SUPPLY_LOW, _SUPPLY_LOW),
     )
 
@@ -106,10 +106,10 @@ def lower_supply(scene: FaultContext, fault: Fault) -> Undo:
 def raise_warning(scene: FaultContext, fault: Fault) -> Undo:
     """Raise a warning for the feeder: the register map has no field for the hopper."""
     bit = 1 << _WARNS_OF[str(fault.values["of"])] - LEVEL_LOW
-    mishaps = _mishaps(scene.feeder(fault))
+    defects = _defects(scene.feeder(fault))
     return both(
-        mishaps.override_register(0, "WARNING", _with(bit)),
-        mishaps.override_register(0, "STATUS", _with(FeederStatusBits.WARNING))
+        defects.override_register(0, "WARNING", _with(bit)),
+        defects.override_register(0, "STATUS", _with(FeederStatusBits.WARNING))
     )
 
 
@@ -174,7 +174,7 @@ def lower_max_disc_speed(scene: FaultContext, fault: Fault) -> Undo:
 
 def read_flow_wrong(scene: FaultContext, fault: Fault) -> Undo:
     scene.hopper(fault)
-    return _told_times(
+    return _scaled_register(
         scene.feeder(fault), fault.channel, "FLOW_EST",
         1.0 + fault.numeric_parameter("percent") / 100.0
     )
@@ -192,7 +192,7 @@ def lower_carrier_gas(scene: FaultContext, fault: Fault) -> Undo:
     scene.hopper(fault)
     feeder = scene.feeder(fault)
     return both(
-        _told_times(feeder, fault.channel, "CARRIER_ACT", fault.numeric_parameter("share")),
+        _scaled_register(feeder, fault.channel, "CARRIER_ACT", fault.numeric_parameter("share")),
         _noticed(scene, fault, feeder, _CARRIER, hopper_alarm_code(fault.channel, _CARRIER)),
     )
 
@@ -200,18 +200,18 @@ def lower_carrier_gas(scene: FaultContext, fault: Fault) -> Undo:
 def open_lid(scene: FaultContext, fault: Fault) -> Undo:
     scene.hopper(fault)
     feeder = scene.feeder(fault)
-    mishaps = _mishaps(feeder)
+    defects = _defects(feeder)
     return both(
-        mishaps.override_register(0, "STATUS", _without(FeederStatusBits.LID_CLOSED)),
-        mishaps.override_register(fault.channel, "STATUS", _without(HopperStatusBits.LID_CLOSED)),
+        defects.override_register(0, "STATUS", _without(FeederStatusBits.LID_CLOSED)),
+        defects.override_register(fault.channel, "STATUS", _without(HopperStatusBits.LID_CLOSED)),
         _noticed(scene, fault, feeder, _LID, hopper_alarm_code(fault.channel, _LID)),
     )
 
 
-def _mishaps(feeder: PmxFeederDevice) -> InjectedDefects:
-    if feeder.mishaps is None:
-        feeder.mishaps = InjectedDefects()
-    return feeder.mishaps
+def _defects(feeder: PmxFeederDevice) -> InjectedDefects:
+    if feeder.defects is None:
+        feeder.defects = InjectedDefects()
+    return feeder.defects
 
 
 def _noticed(scene: FaultContext, fault: Fault, feeder: PmxFeederDevice, number: int,
@@ -219,7 +219,7 @@ def _noticed(scene: FaultContext, fault: Fault, feeder: PmxFeederDevice, number:
     """The device raises its alarm once it detects the fault; the cause stays until undone."""
     if not fault.values["noticed"]:
         return both()
-    causes = _mishaps(feeder).causes
+    causes = _defects(feeder).causes
     causes.append(code)
     if _NOTICES_S[number] == 0.0:
         feeder.raise_alarm(code)
@@ -261,25 +261,25 @@ def _pressure(feeder: PmxFeederDevice, fault: Fault) -> Undo:
         share = min(1.0, (feeder.now() - began_s) / rise_s) if rise_s else 1.0
         return round(usual + share * (mbar - usual))
 
-    return _mishaps(feeder).override_register(0, "MIXER_PRESSURE", risen)
+    return _defects(feeder).override_register(0, "MIXER_PRESSURE", risen)
 
 
-def _told_times(feeder: PmxFeederDevice, channel: int, name: str, factor: float) -> Undo:
+def _scaled_register(feeder: PmxFeederDevice, channel: int, name: str, factor: float) -> Undo:
     def change(value: RegisterValue) -> RegisterValue:
         assert isinstance(value, int | float)
         return value * factor
 
-    return _mishaps(feeder).override_register(channel, name, change)
+    return _defects(feeder).override_register(channel, name, change)
 
 
 def _always(value: RegisterValue) -> Change:
     return lambda _: value
 
 
-def _as_told(feeder: PmxFeederDevice, channel: int, per_rpm: float) -> Change:
+def _commanded_value(feeder: PmxFeederDevice, channel: int, per_rpm: float) -> Change:
     """Report the speed of a disc that follows its commands, times per_rpm."""
-    told = feeder.hoppers[channel].fault_free_process
-    return lambda _: told.disc_rpm(feeder.now()) * per_rpm
+    fault_free = feeder.hoppers[channel].fault_free_process
+    return lambda _: fault_free.disc_rpm(feeder.now()) * per_rpm
 
 
 def _with(flags: int) -> Change:

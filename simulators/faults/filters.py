@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from simulators.faults.link_tap import PassOn
 
-Spent = Callable[[], None]
+OnFinished = Callable[[], None]
 
 _OK = b"ok\r\n"
 _REPORT = re.compile(rb"<[^<>\r\n]*>")
@@ -21,12 +21,12 @@ _GARBLE = bytes(byte ^ 0x15 for byte in range(256))
 
 @dataclass
 class AlterBytes:
-    """Replace one in `every` bytes by `changed(byte)`, `count` times; then call `spent`."""
+    """Replace one in `every` bytes by `changed(byte)`, `count` times; then call `on_finished`."""
 
     changed: Callable[[int], bytes]
     count: int
     every: int
-    spent: Spent
+    on_finished: OnFinished
     _passed: int = 0
 
     def __call__(self, data: bytes, deliver: PassOn) -> None:
@@ -39,7 +39,7 @@ class AlterBytes:
             else:
                 out.append(byte)
         if not self.count:
-            self.spent()
+            self.on_finished()
         if out:
             deliver(bytes(out))
 
@@ -73,7 +73,7 @@ class RepeatOkReplies:
 
     times: int
     count: int
-    spent: Spent
+    on_finished: OnFinished
 
     def __call__(self, data: bytes, deliver: PassOn) -> None:
         out = b""
@@ -83,27 +83,27 @@ class RepeatOkReplies:
                 line *= self.times
             out += line
         if not self.count:
-            self.spent()
+            self.on_finished()
         if out:
             deliver(out)
 
 
 class GarbleWord:
-    """Scale the next non-zero number after a letter to `percent` of its value; then call `spent`.
+    """Scale the next non-zero number after a letter to `percent` of its value, once.
 
     G-code on a serial line has no checksum: the controller obeys any valid number. The number keeps
     its length, as damaged digits do, so it is as close to `percent` as that many digits allow.
     """
 
-    def __init__(self, letter: str, percent: float, spent: Spent) -> None:
+    def __init__(self, letter: str, percent: float, on_finished: OnFinished) -> None:
         self._number = re.compile(rb"(?<=%b)-?[0-9.]*[1-9][0-9.]*" % letter.encode())
         self._percent = percent
-        self._spent = spent
+        self._on_finished = on_finished
 
     def __call__(self, data: bytes, deliver: PassOn) -> None:
         garbled, struck = self._number.subn(self._other, data, count=1)
         if struck:
-            self._spent()
+            self._on_finished()
         deliver(garbled)
 
     def _other(self, number: re.Match[bytes]) -> bytes:
@@ -119,12 +119,12 @@ class RepeatModbusReplies:
 
     times: int
     count: int
-    spent: Spent
+    on_finished: OnFinished
 
     def __call__(self, data: bytes, deliver: PassOn) -> None:
         self.count -= 1
         if not self.count:
-            self.spent()
+            self.on_finished()
         if self.times:
             deliver(data * self.times)
 
@@ -137,9 +137,9 @@ class FreezeStatusReports:
     _frozen: bytes = b""
 
     def __call__(self, data: bytes, deliver: PassOn) -> None:
-        deliver(_REPORT.sub(self._lie, data))
+        deliver(_REPORT.sub(self._altered, data))
 
-    def _lie(self, report: re.Match[bytes]) -> bytes:
+    def _altered(self, report: re.Match[bytes]) -> bytes:
         if not self._frozen:
             self._frozen = _STATE.sub(b"<" + self.state.encode(), report[0], count=1)
         return self._frozen
@@ -196,7 +196,7 @@ class ModbusExceptions:
     count: float
     is_rtu: bool
     say: PassOn
-    spent: Spent
+    on_finished: OnFinished
 
     def __call__(self, data: bytes, deliver: PassOn) -> None:
         for request in [data] if self.is_rtu else _tcp_frames(data):
@@ -206,7 +206,7 @@ class ModbusExceptions:
             self.count -= 1
             self.say(self._refusal(request))
         if not self.count:
-            self.spent()
+            self.on_finished()
 
     def _refusal(self, request: bytes) -> bytes:
         if self.is_rtu:

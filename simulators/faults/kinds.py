@@ -44,8 +44,8 @@ class Fault:
             device = device or "motion"
         elif known.target is FaultTarget.HOPPER:
             channel = channel or 1
-        whole = {p.name: p.default for p in known.parameters if p.default is not None} | values
-        return cls(known, device, channel, tuple((p.name, whole[p.name]) for p in known.parameters))
+        given = {p.name: p.default for p in known.parameters if p.default is not None} | values
+        return cls(known, device, channel, tuple((p.name, given[p.name]) for p in known.parameters))
 
     @property
     def values(self) -> dict[str, ParameterValue]:
@@ -149,7 +149,7 @@ _MOTION_KINDS = (
     FaultKind("ok_lost", "answers of the controller get lost", _M, _MAY,
               "an answer is missing", (_REPLIES,)),
     FaultKind("ok_doubled", "answers of the controller come twice", _M, _MAY,
-              "an answer nobody waits for", (_REPLIES,)),
+              "a reply to no command", (_REPLIES,)),
     FaultKind("reports_garbled", "status reports are damaged on their way; with another digit they "
               "are still reports", _M, _ON, "",
               (_PROBABILITY, _REPORTS, _SEED,
@@ -195,7 +195,7 @@ _MODBUS_KINDS = (
                               "gateway", choices=("5", "6", "10", "11")),), is_lasting=True),
     FaultKind("half_open", "the device has forgotten the connection: what comes over it is lost, "
               "and a new one works (Modbus TCP)", _B, _ON, "", is_lasting=True),
-    FaultKind("stray_bytes", "a few bytes that nobody sent come before each reply", _B, _ON, "",
+    FaultKind("stray_bytes", "stray bytes come before each reply", _B, _ON, "",
               (_n("count", 3, "how many", 64),), is_lasting=True),
     FaultKind("requests_echoed", "each request comes back as it was sent, before its reply", _B,
               _ON, "", is_lasting=True),
@@ -211,7 +211,7 @@ _MODBUS_KINDS = (
 _FEEDER_KINDS = (
     FaultKind("feeder_restarts", "power off and on: discs stop, everything volatile is forgotten",
               _F, _STOP, "restarted"),
-    FaultKind("feeder_local", "somebody turns its switch to LOCAL", _F, _STOP,
+    FaultKind("feeder_local", "an operator turns its switch to LOCAL", _F, _STOP,
               "LOCAL", is_lasting=True),
     FaultKind("feeder_estop", "the feeder's emergency-stop chain opens", _F, _STOP,
               "emergency", is_lasting=True),
@@ -290,10 +290,10 @@ _SAFETY_KINDS = (
 )
 
 _CELL_KINDS = (
-    FaultKind("estop", "somebody presses emergency stop: every device's chain opens",
+    FaultKind("estop", "emergency stop is pressed: every device's chain opens",
               FaultTarget.CELL,
               _STOP, "emergency", is_lasting=True),
-    FaultKind("door", "somebody opens the door: every input that knows of it", FaultTarget.CELL,
+    FaultKind("door", "the door is opened: every input that senses it", FaultTarget.CELL,
               _STOP,
               "door", is_lasting=True),
     FaultKind("host_killed", "the host's process is killed (SIGKILL), by whoever owns it",

@@ -48,7 +48,7 @@ class LinkTap:
         self.host_came = asyncio.Event()
         self.host_was_there: list[tuple[float, bool]] = []
         self._filters: dict[str, list[ByteFilter]] = {"to_device": [], "to_host": []}
-        self._witnesses: list[ByteFilter] = []
+        self._observers: list[ByteFilter] = []
         self._links: dict[HostTransport, PassOn] = {}
         self._reading = True
         self._loop = asyncio.get_running_loop()
@@ -91,12 +91,12 @@ class LinkTap:
 
     def add_observer(self, one: ByteFilter) -> Callable[[], None]:
         """Add an observer of the bytes that reach the host; returns the function to remove it."""
-        self._witnesses.append(one)
+        self._observers.append(one)
         self._set("to_host")
 
         def forget() -> None:
-            if one in self._witnesses:
-                self._witnesses.remove(one)
+            if one in self._observers:
+                self._observers.remove(one)
                 self._set("to_host")
 
         return forget
@@ -104,8 +104,8 @@ class LinkTap:
     def send_to_host(self, data: bytes) -> None:
         """Send bytes to the host that the device did not send."""
         for write in list(self._links.values()):
-            if self._witnesses:
-                _chain(tuple(self._witnesses))(data, write)
+            if self._observers:
+                _chain(tuple(self._observers))(data, write)
             else:
                 write(data)
 
@@ -150,7 +150,7 @@ class LinkTap:
     def _set(self, direction: str) -> None:
         filters = tuple(self._filters[direction])
         if direction == "to_host":
-            filters += tuple(self._witnesses)
+            filters += tuple(self._observers)
         setattr(self, direction, _chain(filters) if filters else None)
 
 

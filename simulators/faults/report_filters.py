@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from firmware_protocol.realtime import RealtimeCommand
 from simulators.faults.link_tap import PassOn
 
-Spent = Callable[[], None]
+OnFinished = Callable[[], None]
 
 _REPORT = re.compile(rb"<[^<>\r\n]*>\r\n")
 _PRINTABLE = bytes(range(0x20, 0x7F))
@@ -24,14 +24,17 @@ _PRINTABLE = bytes(range(0x20, 0x7F))
 
 @dataclass
 class AlterStatusReports:
-    """Change each report with `probability`; call `spent` after `count` changes (0: no limit)."""
+    """Change each report with `probability`.
+
+    Calls `on_finished` after `count` changes (0: no limit).
+    """
 
     changed: Callable[[bytes, random.Random], bytes]
     probability: float
     count: int
     seed: int
-    spent: Spent
-    _struck: int = 0
+    on_finished: OnFinished
+    _altered_count: int = 0
     _random: random.Random = field(init=False)
 
     def __post_init__(self) -> None:
@@ -39,17 +42,17 @@ class AlterStatusReports:
 
     def __call__(self, data: bytes, deliver: PassOn) -> None:
         out = _REPORT.sub(self._one, data) if b"<" in data else data
-        if self.count and self._struck >= self.count:
-            self.spent()
+        if self.count and self._altered_count >= self.count:
+            self.on_finished()
         if out:
             deliver(out)
 
     def _one(self, found: re.Match[bytes]) -> bytes:
         report = found[0]
-        is_over = self.count and self._struck >= self.count
+        is_over = self.count and self._altered_count >= self.count
         if is_over or self._random.random() >= self.probability:
             return report
-        self._struck += 1
+        self._altered_count += 1
         return self.changed(report, self._random)
 
 

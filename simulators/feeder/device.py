@@ -46,7 +46,7 @@ class PmxFeederDevice:
 
     hoppers : by channel. spans : when powder was fed, oldest first.
     gas : (time, whether carrier gas flows from then on)
-    mishaps : injected defects, if any
+    defects : injected defects, if any
     local : the switch is at LOCAL; estop_open : the emergency-stop chain is open
     """
 
@@ -55,7 +55,7 @@ class PmxFeederDevice:
         self.now = now
         self.holding = HoldingRegisters(config)
         self.hoppers = {h.channel: SimulatedHopper.from_config(h) for h in config.hoppers}
-        self.mishaps: InjectedDefects | None = None
+        self.defects: InjectedDefects | None = None
         self.gas: list[tuple[float, bool]] = []
         self.gas_since_s = math.inf
         self.alarms = AlarmLatch()
@@ -265,7 +265,7 @@ class PmxFeederDevice:
 
     def alarm_cause_persists(self) -> bool:
         """Whether the cause of an alarm persists, after `advance_to_now`."""
-        if self.mishaps is not None and self.mishaps.causes:
+        if self.defects is not None and self.defects.causes:
             return True
         return any(hopper.process.empty_s <= self.now() for hopper in self.hoppers.values())
 
@@ -302,7 +302,7 @@ class PmxFeederDevice:
 
     def _commit(self, time_s: float) -> None:
         """Make the whole shadow block the running recipe."""
-        ignored = self.mishaps is not None and self.mishaps.ignores_recipes
+        ignored = self.defects is not None and self.defects.ignores_recipes
         if not ignored:
             self.seq_applied = self.holding.raw_word("SEQ")
         by_flow = self.holding.raw_word("SETPOINT_MODE") == SetpointMode.G_MIN

@@ -88,7 +88,7 @@ def register_values(device: PmxFeederDevice, channel: int, time_s: float) -> dic
                                                                                   RegisterValue]:
     """Return the values the device reports after `advance_to_now`, by channel (0: the device)."""
     values = _hopper(device, channel, time_s) if channel else _system(device, time_s)
-    return values if device.mishaps is None else device.mishaps.apply_overrides(channel, values)
+    return values if device.defects is None else device.defects.apply_overrides(channel, values)
 
 
 def read_holding(device: PmxFeederDevice, address: int, count: int) -> list[int]:

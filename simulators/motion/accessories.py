@@ -28,12 +28,12 @@ class Accessories:
         self._coolant_stopped = False  # by the door
         self._power_before = 0.0  # standing power to restore
 
-    def set_spindle(self, mode: int, standing: float, now_s: float) -> None:
+    def set_spindle(self, mode: int, standstill: float, now_s: float) -> None:
         """Set M3, M4 or M5 with the axes at rest. standing : beam power from now on, a fraction"""
-        if mode != self.spindle_mode or standing != self._stepper.standing:
+        if mode != self.spindle_mode or standstill != self._stepper.standstill:
             self._reporter.on_accessories_changed()
         self.spindle_mode = mode
-        self._stepper.set_standing_power(standing, now_s)
+        self._stepper.set_standstill_power(standstill, now_s)
 
     def set_coolant(self, flood: bool, mist: bool) -> None:
         if (flood, mist) != (self.flood, self.mist):
@@ -50,8 +50,8 @@ class Accessories:
         """Switch off at the end of the current motion, until `restore_spindle`."""
         if self.spindle_mode != OFF and not self.spindle_stopped:
             self.spindle_stopped = True
-            self._power_before = self._stepper.standing
-            self._stepper.set_standing_power(0.0, self._stepper.end_s)
+            self._power_before = self._stepper.standstill
+            self._stepper.set_standstill_power(0.0, self._stepper.end_s)
             self._reporter.on_accessories_changed()
 
     def stop_for_door(self) -> None:
@@ -62,7 +62,7 @@ class Accessories:
     def restore_spindle(self, now_s: float) -> None:
         if self.spindle_stopped:
             self.spindle_stopped = False
-            self._stepper.set_standing_power(self._power_before, now_s)
+            self._stepper.set_standstill_power(self._power_before, now_s)
             # In laser mode Grbl only waits for the next step and reports no change
             if self._hal or not self._settings.is_laser_mode:
                 self._reporter.on_accessories_changed()

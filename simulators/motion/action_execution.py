@@ -57,14 +57,14 @@ def _move(machine: MotionMachine, motion: StraightMove) -> Steps:
     if planned is None and motion.beam == BEAM_CONSTANT:
         # With M3 the beam is on at standstill: a zero-length move still sets the power
         yield WaitReason.STANDSTILL
-        machine.stepper.set_standing_power(motion.power, machine.now_s)
+        machine.stepper.set_standstill_power(motion.power, machine.now_s)
     return 0
 
 
 def _at_rest(machine: MotionMachine, action: Action) -> Steps:
     match action:
-        case SetSpindle(mode, standing):
-            machine.accessories.set_spindle(mode, standing, machine.now_s)
+        case SetSpindle(mode, standstill):
+            machine.accessories.set_spindle(mode, standstill, machine.now_s)
         case SetCoolant(flood, mist):
             machine.accessories.set_coolant(flood, mist)
         case Dwell(seconds):

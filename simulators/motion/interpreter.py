@@ -177,7 +177,7 @@ class GcodeInterpreter:
             power = 1.0
         return (BEAM_DYNAMIC if mode == 4 and self._laser else BEAM_CONSTANT), power
 
-    def _standing(self, motion: int) -> float:
+    def _standstill_power(self, motion: int) -> float:
         """Beam power at standstill, by the spindle state and the motion mode."""
         mode = self.modal.spindle
         if mode == 5 or (self._laser and (mode == 4 or motion not in (10, 20, 30))):
@@ -194,7 +194,7 @@ class GcodeInterpreter:
         self._set_tool(words, actions)
         if m.get("spindle", modal.spindle) != modal.spindle:
             modal.spindle = m["spindle"]
-            actions.append(SetSpindle(modal.spindle, self._standing(motion)))
+            actions.append(SetSpindle(modal.spindle, self._standstill_power(motion)))
         self._set_coolant(m.get("coolant"), actions)
         if block.ports is not None:
             self._outputs += block.ports.queued
@@ -240,18 +240,18 @@ class GcodeInterpreter:
                    actions: list[Action]) -> None:
         modal = self.modal
         speed = words.values.get("S", modal.speed)
-        burning = (10, 20, 30)
+        beam_on_motions = (10, 20, 30)
         # With M3 the beam is on at standstill, so entering or leaving G1 without a move matters.
         switches = (
             self._laser
             and modal.spindle == 3
             and not moves
-            and (modal.motion in burning) != (motion in burning)
+            and (modal.motion in beam_on_motions) != (motion in beam_on_motions)
         )
         changed = speed != modal.speed
         modal.speed = speed
         if modal.spindle != 5 and (changed or switches) and not (moves and self._laser):
-            actions.append(SetSpindle(modal.spindle, self._standing(motion)))
+            actions.append(SetSpindle(modal.spindle, self._standstill_power(motion)))
 
     def _set_tool(self, words: BlockWords, actions: list[Action]) -> None:
         if "T" in words.values:

@@ -35,10 +35,10 @@ class LaserSafetyCircuit:
 
     def is_open(self, times_s: FloatArray) -> NDArray[np.bool_]:
         """Whether the circuit is open at each time, (n,)."""
-        dark = np.zeros(len(times_s), dtype=bool)
+        off = np.zeros(len(times_s), dtype=bool)
         for from_s, to_s in self._open:
-            dark |= (times_s >= from_s) & (times_s < to_s)
-        return dark
+            off |= (times_s >= from_s) & (times_s < to_s)
+        return off
 
     def split_phases(self, phases: FloatArray) -> FloatArray:
         """Phases (n, 7) of the recording, split where the circuit opens or closes."""
@@ -55,12 +55,12 @@ class LaserSafetyCircuit:
             phases[self.is_open(phases[:, _T0]), _POWER] = 0.0
         return phases
 
-    def split_standing(self, stands: FloatArray) -> FloatArray:
+    def split_standstill(self, standstill: FloatArray) -> FloatArray:
         """Standing power (n, 2): start time and power, zero while the circuit is open."""
         for edge_s in (edge_s for span in self._open for edge_s in span if edge_s < inf):
-            at = int(np.searchsorted(stands[:, 0], edge_s, side="right"))
-            power = stands[at - 1, 1] if at else 0.0
-            stands = np.insert(stands, at, (edge_s, power), axis=0)
+            at = int(np.searchsorted(standstill[:, 0], edge_s, side="right"))
+            power = standstill[at - 1, 1] if at else 0.0
+            standstill = np.insert(standstill, at, (edge_s, power), axis=0)
         if self._open:
-            stands[self.is_open(stands[:, 0]), 1] = 0.0
-        return stands
+            standstill[self.is_open(standstill[:, 0]), 1] = 0.0
+        return standstill

@@ -88,7 +88,7 @@ class MainLoop:
     def process_lines(self) -> None:
         """Execute all lines that can run at this instant."""
         machine = self._machine
-        while not self._barred():
+        while not self._is_blocked():
             if self._held is not None and not self._plan_held():
                 return
             if self._line is not None and not self._resume_line():
@@ -97,7 +97,7 @@ class MainLoop:
                 machine.start_planned_motion()
                 return
 
-    def _barred(self) -> bool:
+    def _is_blocked(self) -> bool:
         """No line may start or continue."""
         machine = self._machine
         return (
@@ -114,7 +114,7 @@ class MainLoop:
         add, capacity = planner.add, planner.capacity
         most_chars = self._device.dialect.max_line_chars
         while True:
-            if self._barred():
+            if self._is_blocked():
                 return False
             usual = machine.state in _EXECUTING and not self._latched
             plain = usual and not machine.settings[20]  # without soft limits no target check
@@ -212,7 +212,7 @@ class MainLoop:
 
     def _ready(self) -> bool:
         machine, waiting = self._machine, self._waiting
-        if waiting is WaitReason.NEVER or self._barred():
+        if waiting is WaitReason.NEVER or self._is_blocked():
             return False
         if not isinstance(waiting, WaitReason):
             return machine.now_s >= waiting - _SLACK_S

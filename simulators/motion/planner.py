@@ -95,7 +95,7 @@ class LookAheadPlanner:
         self._accelerations = kinematics.acceleration_mm_s2
         self._deviation = kinematics.junction_deviation_mm
         self._alike = len({*self._rates}) == 1 and len({*self._accelerations}) == 1
-        self._stand_at(self._at)
+        self._set_standstill(self._at)
 
     @property
     def position_mm(self) -> Vector:
@@ -106,9 +106,9 @@ class LookAheadPlanner:
         """Drop every block; the next one starts at position_mm."""
         self.first = self._last = self.planned = None
         self.count = 0
-        self._stand_at(position_mm)
+        self._set_standstill(position_mm)
 
-    def _stand_at(self, position_mm: Vector) -> None:
+    def _set_standstill(self, position_mm: Vector) -> None:
         (x, y, z), (sx, sy, sz) = position_mm, self._per_mm
         self._steps = nx, ny, nz = round(x * sx), round(y * sy), round(z * sz)
         self._at = (nx / sx, ny / sy, nz / sz)

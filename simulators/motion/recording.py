@@ -20,7 +20,7 @@ from simulators.motion.planner import PlannerBlock
 #: Columns of the tables, numbers in a row.
 BLOCK_COLUMN_COUNT = 11  # line, start xyz, end xyz, length, rate, beam, floor
 PHASE_COLUMN_COUNT = 7  # as `Phase`
-STANDING_COLUMN_COUNT = 2  # from when, power
+STANDSTILL_COLUMN_COUNT = 2  # from when, power
 
 # in half the time that an array takes for so many numbers
 _BLOCK_ROW = Struct(f"{BLOCK_COLUMN_COUNT}d").pack
@@ -44,7 +44,7 @@ class MotionRecording:
         self._origin = position_mm
         self._blocks = array("d")
         self._phases = array("d")
-        self._stands = array("d", (0.0, 0.0))
+        self._standstill = array("d", (0.0, 0.0))
         self.moved: Callable[[Phase], None] = self._phases.extend
         self.rows = 0
         self._awaited: list[tuple[int, Callable[[int], None]]] = []
@@ -106,13 +106,13 @@ class MotionRecording:
             self._awaited.remove(waiting)
             waiting[1](row)
 
-    def record_standing_power(self, when_s: float, power: float) -> None:
+    def record_standstill_power(self, when_s: float, power: float) -> None:
         """Record the beam power at standstill from when_s on."""
-        stands = self._stands
-        while stands[-2] > when_s:  # committed ahead of a reset
-            del stands[-STANDING_COLUMN_COUNT:]
-        if stands[-1] != power:
-            stands.extend((when_s, power))
+        standstill = self._standstill
+        while standstill[-2] > when_s:  # committed ahead of a reset
+            del standstill[-STANDSTILL_COLUMN_COUNT:]
+        if standstill[-1] != power:
+            standstill.extend((when_s, power))
 
     def truncate_at(self, when_s: float) -> None:
         """Motion stopped at once at when_s: drop what was committed after it."""
@@ -150,5 +150,5 @@ class MotionRecording:
     def size_bytes(self) -> int:
         """Memory used by the tables."""
         return sum(
-            table.itemsize * len(table) for table in (self._blocks, self._phases, self._stands)
+            table.itemsize * len(table) for table in (self._blocks, self._phases, self._standstill)
         )

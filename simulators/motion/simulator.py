@@ -121,7 +121,7 @@ class MotionSimulator:
     def _advance(self) -> None:
         self._controller.machine.advance_to(self._loop.time())
 
-    def _woken(self) -> None:
+    def _on_timer(self) -> None:
         self._timer = None
         self._send(self._controller.advance(self._loop.time()))
 
@@ -137,4 +137,4 @@ class MotionSimulator:
             self._timer = None
         if due_s is not None:
             self._timer_s = due_s
-            self._timer = self._loop.call_at(due_s, self._woken)
+            self._timer = self._loop.call_at(due_s, self._on_timer)

@@ -38,7 +38,7 @@ def fastest_profile(
     if speed_sqr > nominal_sqr * (1.0 + _ALIKE):
         brake_mm = (speed_sqr - nominal_sqr) / twice
         if brake_mm >= left_mm:
-            return [_all_the_way(speed, speed_sqr - twice * left_mm, exit_sqr, left_mm)]
+            return [_single_ramp(speed, speed_sqr - twice * left_mm, exit_sqr, left_mm)]
         ramps = fastest_profile(nominal, left_mm - brake_mm, acceleration, nominal, exit_sqr)
         ramps.append(_ramp(speed, nominal, brake_mm))
         return ramps
@@ -46,9 +46,9 @@ def fastest_profile(
     if peak_sqr >= nominal_sqr:
         peak, peak_sqr = nominal, nominal_sqr
     elif peak_sqr <= speed_sqr:
-        return [_all_the_way(speed, speed_sqr - twice * left_mm, exit_sqr, left_mm)]
+        return [_single_ramp(speed, speed_sqr - twice * left_mm, exit_sqr, left_mm)]
     elif peak_sqr <= exit_sqr:
-        return [_all_the_way(speed, speed_sqr + twice * left_mm, exit_sqr, left_mm)]
+        return [_single_ramp(speed, speed_sqr + twice * left_mm, exit_sqr, left_mm)]
     else:
         peak = sqrt(peak_sqr)
     up_mm = (peak_sqr - speed_sqr) / twice
@@ -69,11 +69,11 @@ def braking_profile(speed: float, left_mm: float, acceleration: float) -> list[S
     rest_mm = speed * speed / (2.0 * acceleration)
     if rest_mm > left_mm:
         end_sqr = speed * speed - 2.0 * acceleration * left_mm
-        return [_all_the_way(speed, end_sqr, 0.0, left_mm)]
+        return [_single_ramp(speed, end_sqr, 0.0, left_mm)]
     return [_ramp(speed, 0.0, rest_mm)]
 
 
-def _all_the_way(speed: float, end_sqr: float, wanted_sqr: float, left_mm: float) -> SpeedRamp:
+def _single_ramp(speed: float, end_sqr: float, wanted_sqr: float, left_mm: float) -> SpeedRamp:
     if abs(end_sqr - wanted_sqr) <= _ALIKE * (speed * speed + wanted_sqr):
         end_sqr = wanted_sqr
     return _ramp(speed, sqrt(max(end_sqr, 0.0)), left_mm)

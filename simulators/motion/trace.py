@@ -16,7 +16,7 @@ from simulators.motion.actions import BEAM_DYNAMIC
 from simulators.motion.recording import (
     BLOCK_COLUMN_COUNT,
     PHASE_COLUMN_COUNT,
-    STANDING_COLUMN_COUNT,
+    STANDSTILL_COLUMN_COUNT,
     MotionRecording,
 )
 
@@ -88,12 +88,12 @@ class MotionTrace(MotionRecording):
         """The machine at any instants, in any order, (n,) seconds on the loop's clock."""
         t = np.atleast_1d(np.asarray(times_s, dtype=np.float64))
         phases, blocks = self._phase_rows(), self._block_rows()
-        stands = self._stand_rows()
-        standing_power = stands[np.searchsorted(stands[:, 0], t, side="right") - 1, 1]
+        standstill = self._standstill_rows()
+        standstill_power = standstill[np.searchsorted(standstill[:, 0], t, side="right") - 1, 1]
         if not len(phases):
             still = np.zeros(len(t))
             where = np.tile(np.asarray(self._origin), (len(t), 1))
-            return TraceSample(where, still, standing_power, np.full(len(t), -1))
+            return TraceSample(where, still, standstill_power, np.full(len(t), -1))
         at = np.searchsorted(phases[:, 0], t, side="right") - 1
         begun = at >= 0
         t0, t1, distance0, speed0, acceleration, power, row = phases[np.maximum(at, 0)].T
@@ -105,11 +105,11 @@ class MotionTrace(MotionRecording):
         part = np.where(begun, np.minimum(1.0, distance / block[:, 7]), 0.0)[:, None]
         position = block[:, 1:4] + (block[:, 4:7] - block[:, 1:4]) * part
         position += self._shift(t0)
-        lit = _beam(power, speed, block)
+        power_on = _beam(power, speed, block)
         return TraceSample(
             position,
             speed,
-            np.where(moving, lit, standing_power),
+            np.where(moving, power_on, standstill_power),
             np.where(moving, row, -1).astype(np.int64),
         )
 
@@ -147,10 +147,10 @@ class MotionTrace(MotionRecording):
         return ConstantAccelerationPhases(t0, t1, speed, acceleration, row.astype(np.int64),
                                           distance, power)
 
-    def standing_power(self) -> tuple[FloatArray, FloatArray]:
+    def standstill_power(self) -> tuple[FloatArray, FloatArray]:
         """Beam power at standstill: start times and powers."""
-        stands = self._stand_rows()
-        return stands[:, 0], stands[:, 1]
+        standstill = self._standstill_rows()
+        return standstill[:, 0], standstill[:, 1]
 
     def _shift(self, time_s: FloatArray) -> FloatArray:
         """Offset (n, 3) to add to the controller's positions at each time."""
@@ -161,9 +161,10 @@ class MotionTrace(MotionRecording):
         return self.laser.split_phases(np.array(self._phases,
                                                 dtype=np.float64).reshape(-1, PHASE_COLUMN_COUNT))
 
-    def _stand_rows(self) -> FloatArray:
-        stands = np.array(self._stands, dtype=np.float64).reshape(-1, STANDING_COLUMN_COUNT)
-        return self.laser.split_standing(stands)
+    def _standstill_rows(self) -> FloatArray:
+        standstill = np.array(self._standstill, dtype=np.float64)
+        standstill = standstill.reshape(-1, STANDSTILL_COLUMN_COUNT)
+        return self.laser.split_standstill(standstill)
 
     def _block_rows(self) -> FloatArray:
         return np.array(self._blocks, dtype=np.float64).reshape(-1, BLOCK_COLUMN_COUNT)

@@ -64,7 +64,7 @@ class SimulatedSafetyDevice:
         self.now = now
         self.card = InputCard(config)
         self._output = LaserEnableOutput()
-        self.on_change: Callable[[], None] = _nobody
+        self.on_change: Callable[[], None] = _no_listener
         self.relay_opened_s: list[float] = []
         self._frozen: list[int] | None = None
         self._silent = False
@@ -223,9 +223,10 @@ class SimulatedSafetyDevice:
         if new.get(_LASER_ENABLE, 0) > 1:
             raise ExceptionReplyError(ILLEGAL_VALUE)
         reset = new.pop(_RELAY_RESET, 0) == RELAY_RESET_KEY
-        heard = new.get(_HEARTBEAT, self._control[_HEARTBEAT]) != self._control[_HEARTBEAT]
+        heartbeat = self._control[_HEARTBEAT]
+        is_new_heartbeat = new.get(_HEARTBEAT, heartbeat) != heartbeat
         timeout_s = new.get(_RELAY_TIMEOUT, self._control[_RELAY_TIMEOUT]) / 1000.0
-        fresh = heard or time_s < self._heartbeat_s + timeout_s
+        fresh = is_new_heartbeat or time_s < self._heartbeat_s + timeout_s
         if reset and self.config.watchdog_relay and not fresh:
             raise ExceptionReplyError(REFUSED)
         sooner = timeout_s * 1000.0 < self._control[_RELAY_TIMEOUT]
@@ -234,7 +235,7 @@ class SimulatedSafetyDevice:
             self._control[at] = word
         if _LASER_ENABLE in new:
             self._output.command(new[_LASER_ENABLE], self.relay_closed)
-        if heard:
+        if is_new_heartbeat:
             self._heartbeat_s = time_s
         if reset:
             self.relay_closed = self.config.watchdog_relay
@@ -291,5 +292,5 @@ class SimulatedSafetyDevice:
         })
 
 
-def _nobody() -> None:
+def _no_listener() -> None:
     pass

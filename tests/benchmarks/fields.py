@@ -310,8 +310,8 @@ def errors_against_libigl(mesh: Mesh, field: DistanceField) -> tuple[float, int]
         points, mesh[0], mesh[1], sign_type=igl.SIGNED_DISTANCE_TYPE_PSEUDONORMAL
     )[0]
     got = field.values[nodes[:, 2], nodes[:, 1], nodes[:, 0]]
-    told = np.abs(exact) > 1e-6  # on the surface itself both signs are right
-    return rms(got - exact) / field.grid.pitch_mm, int(((got > 0) != (exact > 0))[told].sum())
+    reported = np.abs(exact) > 1e-6  # on the surface itself both signs are right
+    return rms(got - exact) / field.grid.pitch_mm, int(((got > 0) != (exact > 0))[reported].sum())
 
 
 def peak_of_one_field(grid: Grid) -> float:

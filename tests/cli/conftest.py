@@ -96,7 +96,7 @@ def bench(tmp_path) -> Callable[..., Path]:
 
 
 @pytest.fixture
-def standing(bench, tmp_path) -> Iterator[Callable[..., Path]]:
+def active(bench, tmp_path) -> Iterator[Callable[..., Path]]:
     """Starts a bench as a process of its own; returns the profile of the cell it is."""
     running = []
 

@@ -83,7 +83,7 @@ def test_hints_can_be_typed_where_folders_have_spaces(lmctl, tmp_path):
 def test_nobody_recovers_without_being_asked(journal, refused, monkeypatch):
     monkeypatch.setattr("sys.stdin.isatty", lambda: False)
     talk = refused("recover", "run-0001", "--sim", "--position-restored", code=2)
-    assert "nobody is there to be asked" in talk
+    assert "there is no terminal to ask at" in talk
 
 
 def test_a_controller_without_homing_that_was_switched_off_and_on_is_never_believed(

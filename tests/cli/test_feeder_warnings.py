@@ -21,10 +21,10 @@ def feeders_tell(monkeypatch):
     """Every simulated feeder tells other values of itself."""
     honest = readings._system
 
-    def tell(**values):
+    def report_values(**values):
         monkeypatch.setattr(readings, "_system", lambda *device: honest(*device) | values)
 
-    return tell
+    return report_values
 
 
 def test_status_shows_pressure_and_warnings_with_what_to_do(lmctl, feeders_tell):
@@ -75,8 +75,8 @@ def test_a_run_tells_of_a_low_level_and_goes_on_and_its_log_tells_it_too(lmctl, 
     done = lmctl("run", box, "--sim", "--faults", "faults.toml")
     assert done.code == 0, done.talk
     line = "hopper A of feeder F1: the level is low (8 %, 1500 g left); what to do: fill it soon"
-    (told,) = [one for one in done.talk.splitlines() if one.startswith("warning: ")]
-    assert told.startswith(f"warning: {line}")
+    (reported,) = [one for one in done.talk.splitlines() if one.startswith("warning: ")]
+    assert reported.startswith(f"warning: {line}")
     assert "warning" not in done.data
     log = " ".join(lmctl("log", "run-0001").data.split())
     assert f"WARNING: {line}" in log

@@ -78,7 +78,7 @@ def test_doctor_finds_the_shipped_cell_well(lmctl) -> None:
     (("n_min_rpm = 0.3", "n_min_rpm = 1.0"), "2.59 to 64.8 g/min; the profile has 0.8 to 60",
      "correct min_flow_g_min", 1),
     (("n_max_rpm = 25.0", "n_max_rpm = 10.0"), "cannot feed 60 g/min", "lower its max_flow", 4),
-    (HOMING, "nobody knows where it is", "lmctl machine home", 4),
+    (HOMING, "its position is unknown", "lmctl machine home", 4),
     (HOMING, "Z of the profile, 0 to 200 mm, is 0 to 200 on the controller, which has -200 to 0",
      "lmctl machine offset Z-200", 4),
     (("32 = 1", "32 = 1\n22 = 1"), "soft limits off ($20)", "settings 20=1", 4),
@@ -123,8 +123,8 @@ def test_one_dead_device_keeps_no_other_from_being_looked_at(lmctl, tmp_path) ->
     assert "feeder F2" in outcome.data
 
 
-def test_looking_changes_nothing(lmctl, standing, tmp_path) -> None:
-    cell = standing()
+def test_looking_changes_nothing(lmctl, active, tmp_path) -> None:
+    cell = active()
     before = lmctl("machine", "status", "-m", cell, "--json").json
     for _ in range(2):
         assert lmctl("machine", "doctor", "-m", cell).code == 0
@@ -135,10 +135,10 @@ def test_looking_changes_nothing(lmctl, standing, tmp_path) -> None:
 # --- acting -----------------------------------------------------------------------------------
 
 
-def test_a_machine_is_homed_offset_jogged_and_stays_known(lmctl, refused, standing, tmp_path):
+def test_a_machine_is_homed_offset_jogged_and_stays_known(lmctl, refused, active, tmp_path):
     """From one command to the next, and so for a run."""
-    cell = standing(HOMING)
-    assert "nobody knows where the machine is" in refused(
+    cell = active(HOMING)
+    assert "the machine position is unknown" in refused(
         "machine", "jog", "X10", "-m", cell, code=4)
     assert "limited to 10 mm" in refused("machine", "jog", "X-20", "--relative", "-m", cell, code=2)
     assert lmctl("machine", "jog", "X-5", "--relative", "-m", cell).code == 0
@@ -158,13 +158,13 @@ def test_a_machine_is_homed_offset_jogged_and_stays_known(lmctl, refused, standi
         "jog", "jog", "jog", "home", "offset", "jog", "jog"]
     assert [record["trusted"] for record in seen if record["kind"] == "ended"] == [
         False, False, False, True, True, True, True]
-    assert "nobody knows" in str(seen[1]["why"])
+    assert "unknown" in str(seen[1]["why"])
 
 
 def test_a_homed_grbl_which_says_nothing_of_it_is_known_while_it_stands_where_it_was_left(
-    lmctl, standing
+    lmctl, active
 ) -> None:
-    cell = standing(HOMING, ('dialect = "grblhal"', 'dialect = "grbl"'), ("10 = 511", "10 = 3"),
+    cell = active(HOMING, ('dialect = "grblhal"', 'dialect = "grbl"'), ("10 = 511", "10 = 3"),
                     ("rx_bytes = 1024", "rx_bytes = 128"),
                     ("planner_blocks = 100", "planner_blocks = 15"))
     unlocked = lmctl("machine", "unlock", "-m", cell, "--yes")
@@ -176,8 +176,8 @@ def test_a_homed_grbl_which_says_nothing_of_it_is_known_while_it_stands_where_it
     assert lmctl("machine", "jog", "X285", "--runs", "elsewhere", "-m", cell).code == 4
 
 
-def test_ctrl_c_ends_a_jog_at_once(standing, tmp_path, lmctl) -> None:
-    cell = standing()
+def test_ctrl_c_ends_a_jog_at_once(active, tmp_path, lmctl) -> None:
+    cell = active()
     process = subprocess.Popen(
         [sys.executable, "-m", "lmctl.cli", "machine", "jog", "X250", "--feed", "600",
          "-m", str(cell)], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
@@ -200,8 +200,8 @@ def test_ctrl_c_ends_a_jog_at_once(standing, tmp_path, lmctl) -> None:
     assert acts(tmp_path)[-1]["why"] == "stopped by the operator"
 
 
-def test_a_machine_at_work_is_left_alone(lmctl, refused, standing, tmp_path) -> None:
-    cell = standing()
+def test_a_machine_at_work_is_left_alone(lmctl, refused, active, tmp_path) -> None:
+    cell = active()
     holder = subprocess.Popen(
         [sys.executable, "-m", "lmctl.cli", "machine", "jog", "X250", "--feed", "600",
          "-m", str(cell)], cwd=tmp_path, stderr=subprocess.PIPE,
@@ -234,7 +234,7 @@ def test_jogs_that_cannot_be_meant(lmctl, words, said) -> None:
 def test_nobody_is_homed_without_being_asked(refused, lmctl, bench, monkeypatch) -> None:
     monkeypatch.setattr("sys.stdin.isatty", lambda: False)
     path = bench(HOMING)
-    assert "nobody is there to be asked" in refused("machine", "home", "--sim", "--bench", path,
+    assert "there is no terminal to ask at" in refused("machine", "home", "--sim", "--bench", path,
                                                     code=2)
     assert "no homing cycle ($22=0)" in refused("machine", "home", "--sim", code=4)
     assert lmctl("machine", "unlock", "--sim").data == "nothing is locked\n"

@@ -21,9 +21,9 @@ def test_settings_are_shown_with_what_doctor_would_mend(lmctl, bench):
     assert found["firmware"].startswith("grblhal 1.1")
 
 
-def test_what_doctor_advises_can_be_typed_until_all_is_well(lmctl, standing, tmp_path):
+def test_what_doctor_advises_can_be_typed_until_all_is_well(lmctl, active, tmp_path):
     """Wrong settings of all sorts, mended with nothing but the commands in the hints."""
-    cell = standing(("32 = 1", "32 = 0\n13 = 1\n31 = 50"), ("10 = 511", "10 = 1"),
+    cell = active(("32 = 1", "32 = 0\n13 = 1\n31 = 50"), ("10 = 511", "10 = 1"),
                     ("111 = 6000", "111 = 3000"))
     assert lmctl("machine", "doctor", "-m", cell).code == 4
     for _ in range(10):
@@ -43,8 +43,8 @@ def test_what_doctor_advises_can_be_typed_until_all_is_well(lmctl, standing, tmp
     assert acts[0]["before"] == {"32": "0"}
 
 
-def test_settings_are_kept_compared_and_put_back(lmctl, refused, standing, tmp_path):
-    cell = standing()
+def test_settings_are_kept_compared_and_put_back(lmctl, refused, active, tmp_path):
+    cell = active()
     assert lmctl("machine", "settings", "-m", cell, "--backup", "kept.txt").code == 0
     assert "there already" in refused("machine", "settings", "-m", cell, "--backup", "kept.txt",
                                       code=2)
@@ -64,8 +64,8 @@ def test_settings_are_kept_compared_and_put_back(lmctl, refused, standing, tmp_p
     assert again.data == "nothing to write: the controller has these values already\n"
 
 
-def test_what_cannot_be_written_is_said_with_exit_code_4(lmctl, standing):
-    cell = standing()
+def test_what_cannot_be_written_is_said_with_exit_code_4(lmctl, active):
+    cell = active()
     done = lmctl("machine", "settings", "-m", cell, "999=1", "112=3000", "--yes")
     assert done.code == 4
     assert "1 of 2 settings could not be written" in done.talk
@@ -74,10 +74,10 @@ def test_what_cannot_be_written_is_said_with_exit_code_4(lmctl, standing):
     assert lmctl("machine", "settings", "-m", cell, "--json").json["settings"]["112"] == "3000.000"
 
 
-def test_nothing_is_written_unasked(lmctl, refused, standing, monkeypatch, tmp_path):
-    cell = standing(("32 = 1", "32 = 0"))
+def test_nothing_is_written_unasked(lmctl, refused, active, monkeypatch, tmp_path):
+    cell = active(("32 = 1", "32 = 0"))
     monkeypatch.setattr("sys.stdin.isatty", lambda: False)
-    assert "nobody is there to be asked" in lmctl("machine", "settings", "-m", cell, "32=1").talk
+    assert "there is no terminal to ask at" in lmctl("machine", "settings", "-m", cell, "32=1").talk
     monkeypatch.setattr("sys.stdin.isatty", lambda: True)
     monkeypatch.setattr("click.confirm", lambda *_, **__: False)
     assert lmctl("machine", "settings", "-m", cell, "32=1").code == 130
@@ -97,19 +97,19 @@ def test_what_cannot_be_meant_is_refused_before_the_machine_is_asked(refused, tm
     assert not Path("x.txt").exists()
 
 
-def test_changed_homing_takes_the_trust_in_the_position(lmctl, standing):
-    cell = standing(HOMING, ('dialect = "grblhal"', 'dialect = "grbl"'), ("10 = 511", "10 = 3"),
+def test_changed_homing_takes_the_trust_in_the_position(lmctl, active):
+    cell = active(HOMING, ('dialect = "grblhal"', 'dialect = "grbl"'), ("10 = 511", "10 = 3"),
                     ("rx_bytes = 1024", "rx_bytes = 128"),
                     ("planner_blocks = 100", "planner_blocks = 15"))
     assert lmctl("machine", "home", "-m", cell, "--yes").code == 0
     assert "position is known" in lmctl("machine", "doctor", "-m", cell).data
     done = lmctl("machine", "settings", "-m", cell, "100=200", "--yes")
     assert "what a position means has changed" in done.data
-    assert "nobody knows where it is" in lmctl("machine", "doctor", "-m", cell).data
+    assert "its position is unknown" in lmctl("machine", "doctor", "-m", cell).data
 
 
-def test_offsets_are_shown_and_cleared(lmctl, refused, standing):
-    cell = standing()
+def test_offsets_are_shown_and_cleared(lmctl, refused, active):
+    cell = active()
     assert lmctl("machine", "offset", "X5", "Y6", "-m", cell).code == 0
     shown = lmctl("machine", "offset", "-m", cell)
     assert shown.data.startswith("program zero lies at X 5.000  Y 6.000  Z 0.000 mm")

@@ -166,7 +166,7 @@ def test_a_hopper_is_refilled_from_another_terminal(start, lmctl, refused, tmp_p
                (tmp_path / "runs/run-0001/journal.jsonl").read_text().splitlines()]
     (refill,) = (record for record in records if record["kind"] == "refill")
     assert (refill["hopper"], refill["lot"], refill["mass_g"]) == ("A", "HEAT-7", 250.0)
-    assert refill["weighed_g"] == 0.0  # nobody poured anything: the two differ, and that is kept
+    assert refill["weighed_g"] == 0.0  # no powder was poured in: the two differ
     acts = [record["act"] for record in records if record["kind"] == "operator"]
     assert acts[:2] == ["refill Z", "refill A"]
     assert "refill A with lot HEAT-7, 250 g" in acts

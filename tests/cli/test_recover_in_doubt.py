@@ -38,7 +38,7 @@ def test_its_journal_says_unknown_and_from_where_to_where(lmctl):
     (place,) = [record for record in records if record["kind"] == "place"]
     assert place["known"] == "unknown"
     assert (place["line"], place["share"]) < tuple(place["until"])
-    assert "stands_mm" not in place
+    assert "standstill_mm" not in place
     assert 0.0 < place["t"] - place["reported_at"] < 0.25
 
 

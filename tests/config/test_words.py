@@ -52,15 +52,15 @@ def reasons(data: Any, model: type[ConfigModel]) -> list[tuple[str, str]]:
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_whatever_is_written_anywhere_is_refused_in_our_own_words(name: str) -> None:
     data, model = of(name)
-    told = set()
+    reported = set()
     for holder, key in list(places(data)):
         kept = holder[key]
         for odd in ODD:
             holder[key] = odd
-            told |= set(reasons(data, model))
+            reported |= set(reasons(data, model))
         holder[key] = kept
-    assert len(told) > 20
-    assert [found for found in sorted(told) if FOREIGN.search(found[1])] == []
+    assert len(reported) > 20
+    assert [found for found in sorted(reported) if FOREIGN.search(found[1])] == []
 
 
 @pytest.mark.parametrize("name", EXAMPLES)

@@ -162,7 +162,7 @@ def _judge_record(job: Path, record: dict, folder: Path, outcome: Outcome) -> No
     if outcome.repeated_mm > MOST_REPEATED_MM:
         short.append("more was deposited twice than the overlap")
     if record["verdict"]["beam_on_without_motion"]:
-        short.append("the beam was lit without motion")
+        short.append("the beam was on without motion")
     if record["verdict"]["rx_overrun_bytes"]:
         short.append("bytes were lost")
     for journal in sorted(folder.glob("runs/*/journal.jsonl")):

@@ -56,7 +56,7 @@ HOMING = "[motion.settings]\n20 = 1\n22 = 1\n24 = 600\n25 = 6000\n"
 HOMED_ZERO_MM = (-300.0, -300.0, -200.0)
 
 #: What may happen to a run. "restart" is a controller that loses power in it; "kill, restart" and
-#: "cut, restart" one that does so before anybody recovers; "stop" and "hold" are harmless.
+#: "cut, restart" one that does so before the operator recovers; "stop" and "hold" are harmless.
 DISTURBANCES = (
     "kill", "cut", "mute", "restart", "kill, restart", "cut, restart", "stop", "hold",
 )
@@ -116,7 +116,7 @@ def scenario(seed: int) -> Scenario:
 
 
 @dataclass
-class Told:
+class ScenarioResult:
     """What became of a scenario. refused : in words, what kept it from being recovered at all;
     asked : how often the operator had to look; lost : how often a position had to be restored;
     needless : of these, how often after a harmless stop
@@ -130,22 +130,22 @@ class Told:
     part: OnThePart | None = None
 
 
-def run_scenario(one: Scenario, folder: Path) -> Told:
+def run_scenario(one: Scenario, folder: Path) -> ScenarioResult:
     """One part, disturbed and recovered."""
     folder.mkdir(parents=True, exist_ok=True)
     profile, config = _cell(one)
     plan_job(load_part(_part_file(folder)), profile, folder / "job.lmj")
-    told = Told(one)
+    results = ScenarioResult(one)
     with contextlib.redirect_stderr(io.StringIO()):
-        virtual_time.run_in_virtual_time(_story(one, folder, profile, config, told))
-    return told
+        virtual_time.run_in_virtual_time(_story(one, folder, profile, config, results))
+    return results
 
 
 def undisturbed(dialect: str, *, has_laser_enable: bool, folder: Path) -> Deposit:
     """What lies on the part when nothing happens to it."""
-    told = run_scenario(Scenario(-1, dialect, has_laser_enable, False, ()), folder)
-    assert told.part is not None, told.refused
-    return told.part.deposit
+    results = run_scenario(Scenario(-1, dialect, has_laser_enable, False, ()), folder)
+    assert results.part is not None, results.refused
+    return results.part.deposit
 
 
 def _part_file(folder: Path) -> Path:
@@ -166,22 +166,23 @@ def _cell(one: Scenario) -> tuple[MachineProfile, BenchConfig]:
 
 
 async def _story(
-    one: Scenario, folder: Path, profile: MachineProfile, config: BenchConfig, told: Told
+    one: Scenario, folder: Path, profile: MachineProfile, config: BenchConfig,
+    results: ScenarioResult
 ) -> None:
     async with Bench(config, ephemeral_ports=True) as bench:
         from lmctl.cli.bench import replace_endpoints
 
         cell = replace_endpoints(profile, bench.endpoints)
-        operator = _Operator(bench, cell, folder / "job.lmj", told)
+        operator = _Operator(bench, cell, folder / "job.lmj", results)
         if one.has_homing:
             await operator.home(folder / "runs")
         try:
             await _runs(one, folder, bench, cell, operator)
         except LmctlError as error:
-            told.refused = error.render()
+            results.refused = error.render()
         except _NothingLeft:
             pass
-        told.part = measured(bench, folder / "job.lmj", _entered(folder), operator.zero_mm)
+        results.part = measured(bench, folder / "job.lmj", _entered(folder), operator.zero_mm)
 
 
 def _entered(folder: Path) -> list[ProgramPlace]:
@@ -273,7 +274,7 @@ def _cut(bench: Bench):
 
 
 def _mute(bench: Bench):
-    """A cable that is broken without anybody being told."""
+    """A cable that breaks without an error at either end."""
     edge = bench.edges["motion"]
     return _nothing_passes(edge)
 
@@ -306,12 +307,14 @@ def _nothing_passes(edge: LinkTap):
 class _Operator:
     """Recovers runs, looks at the part when asked, and touches off where a position is lost."""
 
-    def __init__(self, bench: Bench, cell: MachineProfile, job: Path, told: Told) -> None:
+    def __init__(
+        self, bench: Bench, cell: MachineProfile, job: Path, results: ScenarioResult
+    ) -> None:
         self._bench = bench
         self._cell = cell
         self._job = job
-        self._told = told
-        self.zero_mm = HOMED_ZERO_MM if told.scenario.has_homing else (0.0, 0.0, 0.0)
+        self._results = results
+        self.zero_mm = HOMED_ZERO_MM if results.scenario.has_homing else (0.0, 0.0, 0.0)
 
     async def home(self, runs: Path) -> None:
         """Before the first run: out of the alarm, homed, and program zero set."""
@@ -344,8 +347,8 @@ class _Operator:
             except MachineError as error:
                 if restored or "has lost its place" not in error.what:
                     raise
-                self._told.lost += 1
-                self._told.needless += harmless
+                self._results.lost += 1
+                self._results.needless += harmless
                 await self._touch_off()
                 restored = True
         return continuation
@@ -355,7 +358,7 @@ class _Operator:
         return _NothingLeft() if "nothing is left" in error.what else error
 
     def _look(self, job: JobReader, reached: PlaceReached, _: float, __: list[str]) -> float:
-        self._told.asked += 1
+        self._results.asked += 1
         part = measured(self._bench, self._job, [], self.zero_mm)
         return round(part.deposited_mm(job, reached.place, reached.until), 1)
 
@@ -380,11 +383,11 @@ def _is_done(made: RunFolder) -> bool:
     return run_summary(made).state == "done"
 
 
-def shortfalls(told: Told, whole: Deposit) -> Iterator[str]:
+def shortfalls(results: ScenarioResult, whole: Deposit) -> Iterator[str]:
     """What is wrong with a part, in words."""
-    part = told.part
-    if told.refused or part is None:
-        yield f"not recovered: {told.refused}"
+    part = results.part
+    if results.refused or part is None:
+        yield f"not recovered: {results.refused}"
         return
     if part.off_path_mm > 0.1:
         yield f"deposited {part.off_path_mm:.2f} mm off the path"
@@ -392,7 +395,7 @@ def shortfalls(told: Told, whole: Deposit) -> Iterator[str]:
         yield f"{part.missing_mm:.2f} mm missing"
     if part.repeated_mm > 0:
         yield f"{part.repeated_mm:.2f} mm deposited twice beyond the overlap"
-    if told.needless:
+    if results.needless:
         yield "a harmless stop was taken for a lost position"
     least, most = part.entry_deposit(whole)
     if not 0.9 <= least <= most <= 1.3:
@@ -405,13 +408,13 @@ def main() -> int:
     wrong = 0
     with tempfile.TemporaryDirectory() as name:
         for seed in map(int, sys.argv[1:]):
-            told = run_scenario(scenario(seed), Path(name) / str(seed))
+            results = run_scenario(scenario(seed), Path(name) / str(seed))
             whole = undisturbed(
-                told.scenario.dialect, has_laser_enable=told.scenario.has_laser_enable,
+                results.scenario.dialect, has_laser_enable=results.scenario.has_laser_enable,
                 folder=Path(name) / f"{seed}-whole")
-            found = list(shortfalls(told, whole))
+            found = list(shortfalls(results, whole))
             wrong += bool(found)
-            print(told.scenario, "->", "; ".join(found) or "well")
+            print(results.scenario, "->", "; ".join(found) or "well")
     return 1 if wrong else 0
 
 

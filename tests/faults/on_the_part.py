@@ -81,7 +81,7 @@ class OnThePart:
     designed: dict[int, tuple[FloatArray, FloatArray]]  # of each path: ends of its lines, mixtures
 
     def deposited_mm(self, job: JobReader, place: ProgramPlace, until: ProgramPlace) -> float:
-        """How far the bead goes from one place on, as somebody sees who looks at the part."""
+        """How far the bead goes from one place on, as an operator sees it who looks at the part."""
         total_mm = 0.0
         for rows in rows_between(job, place.line, until.line):
             for row in np.flatnonzero(rows.is_bead).tolist():

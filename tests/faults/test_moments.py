@@ -28,7 +28,7 @@ def test_after_any_cut_kill_or_restart_every_millimetre_lies_once_and_in_its_pla
     wrong = []
     for seed in range(first, first + SEEDS):
         one = scenario(seed)
-        told = run_scenario(one, tmp_path / str(seed))
-        found = list(shortfalls(told, whole[one.dialect, one.has_laser_enable]))
+        reported = run_scenario(one, tmp_path / str(seed))
+        found = list(shortfalls(reported, whole[one.dialect, one.has_laser_enable]))
         wrong += [f"python -m tests.faults.moments {seed}: {one}: {what}" for what in found]
     assert wrong == []

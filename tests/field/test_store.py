@@ -1,4 +1,4 @@
-"""Large fields are kept in files that nobody sees, and are the same there."""
+"""Large fields are kept in unnamed files, and are the same there."""
 
 from __future__ import annotations
 

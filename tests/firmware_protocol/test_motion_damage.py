@@ -41,10 +41,10 @@ def followed(parts: list[bytes]) -> list:
         e if isinstance(e, int) else e.tag for e in events if isinstance(e, int | LineRejected)]
     given_up = [tag for event in events if isinstance(
         event, ControllerRestarted) for tag in event.unanswered_tags]
-    told = [*answered, *given_up]
-    assert sorted(told) == list(range(len(told)))  # each line ends once, the oldest first
+    reported = [*answered, *given_up]
+    assert sorted(reported) == list(range(len(reported)))  # each line ends once, the oldest first
     assert answered == sorted(answered)
-    assert host.unanswered_lines == LINES - len(told)
+    assert host.unanswered_lines == LINES - len(reported)
     return events
 
 

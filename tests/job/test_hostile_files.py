@@ -235,7 +235,7 @@ def test_a_data_file_beside_the_part_is_read(part_naming):
 def test_a_runs_folder_of_links_is_listed_and_nothing_is_written_through_them(
     tmp_path, job_path
 ):
-    """Links called run-0001 and run-0002 to a file and a folder of somebody else."""
+    """Links called run-0001 and run-0002 to a file and a folder of another user."""
     elsewhere, runs = tmp_path / "elsewhere", tmp_path / "runs"
     elsewhere.mkdir()
     runs.mkdir()

@@ -67,9 +67,9 @@ def test_a_feeder_with_a_patient_watchdog_is_asked_more_often_while_someone_wait
                 began_s = now()
                 await act
                 assert now() - began_s < within_s
-            heard = len(ears.statuses)
+            received = len(ears.statuses)
             await asyncio.sleep(60.0)
-            assert len(ears.statuses) - heard <= 5
+            assert len(ears.statuses) - received <= 5
             assert ears.faults == []
 
     virtual_time.run_in_virtual_time(main())

@@ -134,8 +134,8 @@ def test_a_driver_tells_what_has_no_cause_in_the_process_and_that_it_has_gone():
     async def main():
         async with driven(ONE) as (driver, device, _, _ears):
             await feeding(driver)
-            device.mishaps = InjectedDefects()
-            undo = device.mishaps.override_register(0, "WARNING", lambda word: word | OLD)
+            device.defects = InjectedDefects()
+            undo = device.defects.override_register(0, "WARNING", lambda word: word | OLD)
             await asyncio.sleep(1.1)
             assert [w.number for w in driver.status.warnings] == [54]
             undo()

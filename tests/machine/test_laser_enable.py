@@ -120,7 +120,7 @@ def test_it_drops_with_the_watchdog_relay_and_heartbeats_do_not_bring_it_back(wi
         await asyncio.sleep(2.0)
         assert not cell.is_on
         (fault,) = cell.faults
-        assert fault[0] == "its laser-enable output is off and was told to be on"
+        assert fault[0] == "its laser-enable output is off and was commanded to be on"
         assert "drops with the watchdog relay, which is open" in fault[1]
         await cell.driver.reset_watchdog_relay()
         await asyncio.sleep(1.0)

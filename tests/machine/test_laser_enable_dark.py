@@ -20,11 +20,11 @@ TABLE = "\n[safety]\nwatchdog_relay = true\nlaser_enable = true\n"
 STEP_S = 0.00025
 
 
-def dark_after_s(
+def beam_off_after_s(
     dialect: str, speed_mm_s: float, stop: str, wire: str = "tcp", wait_s: float = 1.05,
     answer_s: float = 0.0,
 ) -> float:
-    """From the stop to darkness, on a bead that nobody else stops.
+    """From the stop until the beam is off, on a bead that nothing else stops.
 
     stop : "enable" for the output, "hold" for a feed hold alone
     wait_s : from the start to the stop; the beat is every 0.1 s
@@ -61,10 +61,10 @@ def dark_after_s(
                 bench.motion.receive(b"!")
             await asyncio.sleep(1.0)
             times = np.arange(stopped_s - 0.1, stopped_s + 0.9, STEP_S)
-            lit = times[bench.motion.trace.sample(times).power_fraction > 0.0]
-            assert lit[0] == times[0]
+            beam_on = times[bench.motion.trace.sample(times).power_fraction > 0.0]
+            assert beam_on[0] == times[0]
             await driver.close()
-            return float(lit[-1] - stopped_s) + STEP_S
+            return float(beam_on[-1] - stopped_s) + STEP_S
 
     return virtual_time.run_in_virtual_time(main())
 
@@ -78,7 +78,7 @@ speeds = pytest.mark.parametrize("speed_mm_s", [10.0, 100.0])
 @pytest.mark.parametrize("wire", ["tcp", "rtu"])
 def test_the_beam_is_dark_as_soon_as_the_source_can_be(dialect, speed_mm_s, wire):
     for wait_s in (1.0, 1.05, 1.0999):
-        dark_s = dark_after_s(dialect, speed_mm_s, "enable", wire, wait_s)
+        dark_s = beam_off_after_s(dialect, speed_mm_s, "enable", wire, wait_s)
         assert dark_s == pytest.approx(LASER_OFF_DELAY_S, abs=2 * STEP_S)
 
 
@@ -86,13 +86,13 @@ def test_the_beam_is_dark_as_soon_as_the_source_can_be(dialect, speed_mm_s, wire
 def test_a_request_under_way_is_waited_for_and_no_more(wire):
     # the beat has asked at 1.0 s, and its answer takes 30 ms
     for into_s in (0.001, 0.015, 0.029):
-        dark_s = dark_after_s("grblhal", 10.0, "enable", wire, 1.0 + into_s, answer_s=0.03)
+        dark_s = beam_off_after_s("grblhal", 10.0, "enable", wire, 1.0 + into_s, answer_s=0.03)
         assert dark_s == pytest.approx(0.03 - into_s + LASER_OFF_DELAY_S, abs=2 * STEP_S)
-    dark_s = dark_after_s("grblhal", 10.0, "enable", wire, 1.04, answer_s=0.03)
+    dark_s = beam_off_after_s("grblhal", 10.0, "enable", wire, 1.04, answer_s=0.03)
     assert dark_s == pytest.approx(LASER_OFF_DELAY_S, abs=2 * STEP_S)
 
 
 @dialects
 @speeds
 def test_a_feed_hold_alone_takes_longer(dialect, speed_mm_s):
-    assert dark_after_s(dialect, speed_mm_s, "hold") > 2 * LASER_OFF_DELAY_S
+    assert beam_off_after_s(dialect, speed_mm_s, "hold") > 2 * LASER_OFF_DELAY_S

@@ -29,11 +29,11 @@ def test_a_contact_has_its_time_and_then_is_at_fault(on):
     assert output.on_read_back(not on, 1.0 + 0.9 * CONTACT_SETTLE_S) is None
     assert output.fault_against(on) is None
     fault = output.on_read_back(not on, 1.0 + CONTACT_SETTLE_S)
-    seen, told = ("off", "on") if on else ("on", "off")
-    assert fault.reason == f"its laser-enable output is {seen} and was told to be {told}"
+    seen, commanded = ("off", "on") if on else ("on", "off")
+    assert fault.reason == f"its laser-enable output is {seen} and was commanded to be {commanded}"
     assert fault.hint
     assert output.fault_against(on) is fault
-    assert output.on_read_back(not on, 9.0) is None  # told once
+    assert output.on_read_back(not on, 9.0) is None  # commanded once
     assert (output.wanted, output.is_pending) == (False, False)
     output.request(True)  # no demand while it is at fault
     assert not output.wanted
@@ -100,16 +100,17 @@ def test_one_that_does_not_drop_is_told_and_does_not_count_as_dropped(wire):
         cell.device.set_output_stuck()
         began_s = now()
         cell.driver.request_laser_enable(False)
-        with pytest.raises(MachineError, match="output is on and was told to be off") as caught:
+        match = "output is on and was commanded to be off"
+        with pytest.raises(MachineError, match=match) as caught:
             await cell.driver.wait_for_laser_enable(False)
         assert now() - began_s <= 2 * CONTACT_SETTLE_S + 1e-9
         assert "check the laser-enable output" in caught.value.hint
         assert [reason for reason, _ in cell.faults] == [
-            "its laser-enable output is on and was told to be off"
+            "its laser-enable output is on and was commanded to be off"
         ]
         assert cell.driver.status.laser_enabled is True
         cell.driver.request_laser_enable(True)
-        with pytest.raises(MachineError, match="is on and was told to be off"):
+        with pytest.raises(MachineError, match="is on and was commanded to be off"):
             await cell.driver.wait_for_laser_enable(True)
         await asyncio.sleep(1.0)
         assert len(cell.faults) == 1
@@ -126,7 +127,7 @@ def test_one_that_does_not_come_is_told_and_not_awaited(wire):
     async def act(cell):
         cell.device.set_output_stuck()
         cell.driver.request_laser_enable(True)
-        with pytest.raises(MachineError, match="output is off and was told to be on"):
+        with pytest.raises(MachineError, match="output is off and was commanded to be on"):
             await cell.driver.wait_for_laser_enable(True)
         assert len(cell.faults) == 1
         cell.device.set_output_stuck(False)
@@ -144,7 +145,7 @@ def test_one_that_drops_by_itself_is_told_at_the_next_beat():
         cell.device.drop_output()
         await asyncio.sleep(PERIOD_S + 0.001)
         assert [reason for reason, _ in cell.faults] == [
-            "its laser-enable output is off and was told to be on"
+            "its laser-enable output is off and was commanded to be on"
         ]
         await cell.driver.wait_for_laser_enable(False)
         await cell.on()

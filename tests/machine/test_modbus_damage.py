@@ -115,7 +115,7 @@ def test_every_bit_of_an_answer_flipped(wire):
             found = await asked(link)
             if wire == "rtu":
                 assert found is None
-            else:  # beyond the header it is a value, and nobody could tell
+            else:  # beyond the header it is a value, which no check covers
                 assert found is None or len(found) == len(WORDS)
                 assert found is None or found == WORDS or at >= 2
             await recovers(link)

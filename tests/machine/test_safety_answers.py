@@ -25,10 +25,10 @@ def test_silence_ages_the_facts_and_is_told_after_three_periods_once(wire):
             device.set_silent()
             last_s = now() - driver.status_age_s
             await asyncio.sleep(2.0)
-            ((told_s, reason),) = ears.faults
+            ((reported_s, reason),) = ears.faults
             assert reason.startswith("no answer for 0.3 s: ")
             assert "no byte came back" in reason
-            assert told_s - last_s == pytest.approx(0.3)
+            assert reported_s - last_s == pytest.approx(0.3)
             assert driver.status_age_s == pytest.approx(now() - last_s)
             assert "safety device: no answer" in driver.fault.what
             device.set_silent(False)
@@ -71,10 +71,10 @@ def test_a_frozen_answer_is_no_answer():
             await asyncio.sleep(0.55)
             device.set_frozen()
             await asyncio.sleep(1.0)
-            ((told_s, reason),) = ears.faults
+            ((reported_s, reason),) = ears.faults
             assert reason == "it answers, but with the same data for 0.3 s"
             # the answer just before it froze, and the first frozen one tells what it told
-            assert 0.75 <= told_s - opened_s <= 0.95
+            assert 0.75 <= reported_s - opened_s <= 0.95
             assert driver.status_age_s > 0.9
             device.set_frozen(False)
             await asyncio.sleep(0.11)

@@ -17,8 +17,8 @@ GRBL = {'"grblhal"': '"grbl"', "10 = 511": "10 = 3", "rx_bytes = 1024": "rx_byte
         "planner_blocks = 100": "planner_blocks = 15"}
 
 
-def dark_after_s(dialect: str, laser_circuit: bool, died_s: float) -> float:
-    """From the host's death to darkness, on a bead of 10 mm/s that nobody else stops."""
+def beam_off_after_s(dialect: str, laser_circuit: bool, died_s: float) -> float:
+    """From the host's death until the beam is off, on a bead of 10 mm/s that nothing else stops."""
     text = TEXT
     for old, new in GRBL.items() if dialect == "grbl" else ():
         text = text.replace(old, new)
@@ -38,8 +38,8 @@ def dark_after_s(dialect: str, laser_circuit: bool, died_s: float) -> float:
             dead_s = asyncio.get_running_loop().time()
             await asyncio.sleep(1.0)
             times = np.arange(dead_s, dead_s + 1.0, 0.0005)
-            lit = times[bench.motion.trace.sample(times).power_fraction > 0.0]
-            return float(lit[-1] - dead_s)
+            beam_on = times[bench.motion.trace.sample(times).power_fraction > 0.0]
+            return float(beam_on[-1] - dead_s)
 
     return virtual_time.run_in_virtual_time(main())
 
@@ -50,10 +50,10 @@ DEATHS_S = [0.5, 0.5071, 0.513, 0.5199]
 @pytest.mark.parametrize("dialect", ["grblhal", "grbl"])
 def test_within_100_ms_where_the_relay_stands_in_the_lasers_circuit(dialect):
     for died_s in DEATHS_S:
-        assert 0.05 <= dark_after_s(dialect, True, died_s) <= 0.1
+        assert 0.05 <= beam_off_after_s(dialect, True, died_s) <= 0.1
 
 
 @pytest.mark.parametrize(("dialect", "most_s"), [("grblhal", 0.18), ("grbl", 0.14)])
 def test_at_the_door_input_alone_the_controller_first_ends_what_it_has_prepared(dialect, most_s):
     for died_s in DEATHS_S:
-        assert 0.1 < dark_after_s(dialect, False, died_s) <= most_s
+        assert 0.1 < beam_off_after_s(dialect, False, died_s) <= most_s

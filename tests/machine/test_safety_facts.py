@@ -63,8 +63,8 @@ def test_each_input_has_its_fact_and_one_that_is_not_fitted_has_none(name):
         async with driven(SafetyConfig(), device=device) as (driver, _, _):
             device.set_input(INPUT_BITS[name], False)
             await asyncio.sleep(0.11)
-            told = {other: getattr(driver.status, fact) for other, fact in FACTS.items()}
-            assert told == {other: other != name for other in FACTS}
+            reported = {other: getattr(driver.status, fact) for other, fact in FACTS.items()}
+            assert reported == {other: other != name for other in FACTS}
         others = tuple(other for other in FACTS if other != name)
         async with driven(SafetyConfig(), device=device, fitted=others) as (driver, _, _):
             assert getattr(driver.status, FACTS[name]) is None
@@ -156,8 +156,8 @@ def test_every_period(period_s):
             device.set_silent()
             last_s = now() - driver.status_age_s
             await asyncio.sleep(10 * period_s)
-            ((told_s, _),) = ears.faults
-            assert told_s - last_s == pytest.approx(3 * period_s)
+            ((reported_s, _),) = ears.faults
+            assert reported_s - last_s == pytest.approx(3 * period_s)
             device.set_silent(False)
             device.advance_to_now()
             assert len(device.relay_opened_s) == 1

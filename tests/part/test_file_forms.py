@@ -201,7 +201,7 @@ def test_pieces_of_a_long_text_stl_fit_together(monkeypatch: pytest.MonkeyPatch)
      (angle.text_stl(), "3mf", "text STL"), (angle.binary_stl(), "ply", "begin with")],
 )
 def test_what_a_file_really_is_is_said(data: bytes | str, suffix: str, looks: str) -> None:
-    """A text of 537,555,055 triangles, says nobody."""
+    """A text of 537,555,055 triangles is not claimed."""
     error = refused(data, suffix)
     assert looks in str(error.where) or "holds no triangles" in error.what
     assert "triangles, its" not in str(error.where)

@@ -23,7 +23,7 @@ from lmctl.part.sources.mesh_repair import repair_mesh
 from tests.part import angle_solid as angle
 
 FILES_A_SEED = 60
-#: Words of numpy, zlib, zipfile and Python that nobody but a programmer understands.
+#: Words of numpy, zlib, zipfile and Python that only a programmer understands.
 FOREIGN = re.compile(
     r"ndarray|dtype|array\(|numpy|Traceback|manifold|broadcast|invalid literal|could not convert|"
     r"operands|out of bounds|NoneType|object has|reshape|KeyError|codec|struct\b|Error -3|magic")
@@ -113,11 +113,12 @@ def try_files(seed: int) -> None:
             continue
         file = angle.data_file(data, suffix)
         try:
-            told = repair_mesh(read_mesh(file, None if suffix == "3mf" else "mm"), "part", 2.0)[1]
+            mesh = read_mesh(file, None if suffix == "3mf" else "mm")
+            reported = repair_mesh(mesh, "part", 2.0)[1]
         except InputError as error:
-            told = (error.render(),)
-        found = FOREIGN.search(" ".join(told))
-        assert found is None, f"seed {seed}, file {number}: {told}"
+            reported = (error.render(),)
+        found = FOREIGN.search(" ".join(reported))
+        assert found is None, f"seed {seed}, file {number}: {reported}"
 
 
 if __name__ == "__main__":

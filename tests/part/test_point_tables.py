@@ -152,6 +152,6 @@ def test_whatever_else_is_written_is_read_or_refused_in_words(text: str, suffix:
     if not text.strip():
         return
     error = refused(text, suffix)
-    told = " ".join([error.what, *error.where, error.hint])
+    reported = " ".join([error.what, *error.where, error.hint])
     for word in ("dtype", "usecols", "ndarray", "array(", "loadtxt", "could not convert"):
-        assert word not in told
+        assert word not in reported

@@ -319,8 +319,8 @@ def test_what_no_geometry_can_change_is_found_before_any(
     with pytest.raises(PlanError, match=message) as caught:
         plan_job(part, profile, tmp_path / "a.lmj")
     said = re.search(r"speed_mm_s to at (?:most|least) ([\d.]+),", caught.value.hint)
-    told = tuple(replace(m, speed_mm_s=float(said[1])) for m in part.materials)
-    recipe_of(replace(part, materials=told), profile, process.layer_height_mm)
+    reported = tuple(replace(m, speed_mm_s=float(said[1])) for m in part.materials)
+    recipe_of(replace(part, materials=reported), profile, process.layer_height_mm)
 
 
 def test_less_powder_than_a_hopper_meters_is_warned_of(tmp_path, make_part, shapes, profile):
@@ -420,8 +420,8 @@ def test_a_second_hopper_of_a_material_is_said_to_be_idle(tmp_path, make_part, s
     second = profile.hopper[0].model_copy(update={"name": "C", "channel": 2})
     cell = profile.model_copy(update={"hopper": (*profile.hopper, second)})
     part = make_part(shapes["small disc"], lambda p: 0.0)
-    told = [finding["text"] for finding in plan_job(part, cell, tmp_path / "a.lmj").verdict]
-    assert any("hopper C holds 316L too, and is not used" in text for text in told)
+    reported = [finding["text"] for finding in plan_job(part, cell, tmp_path / "a.lmj").verdict]
+    assert any("hopper C holds 316L too, and is not used" in text for text in reported)
     thick = make_part(shapes["annulus"], lambda p: 0.0, height_mm=16.0,
                       process=ProcessSettings(layer_height_mm=8.0))
     with pytest.raises(PlanError, match="at most 60") as caught:

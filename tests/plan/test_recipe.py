@@ -123,8 +123,8 @@ def test_the_speed_a_hint_gives_is_one_the_hopper_can_follow(materials, profile)
             make_recipe(materials, process, profile).check_deliverable(mixes(share), "layer 1")
         said = re.search(r"speed_mm_s to at (?:most|least) ([\d.]+),", caught.value.hint)
         assert said, caught.value.hint
-        told = tuple(replace(m, speed_mm_s=float(said[1])) for m in materials)
-        make_recipe(told, process, profile).check_deliverable(mixes(share), "layer 1")
+        reported = tuple(replace(m, speed_mm_s=float(said[1])) for m in materials)
+        make_recipe(reported, process, profile).check_deliverable(mixes(share), "layer 1")
 
 
 def test_too_little_of_a_pure_powder_says_what_to_do(materials, profile):

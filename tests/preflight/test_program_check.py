@@ -127,11 +127,11 @@ def test_a_text_that_lies_is_named_with_both_values(check, at, text, said):
     rows[at] = (text, *rows[at][1:])
     with pytest.raises(JobError) as caught:
         check(layer_of(rows))
-    told = caught.value.render()
-    assert f"line {at} of the job" in told
-    assert said in told
-    assert f"N{at} {text}" in told
-    assert "plan the part again" in told
+    reported = caught.value.render()
+    assert f"line {at} of the job" in reported
+    assert said in reported
+    assert f"N{at} {text}" in reported
+    assert "plan the part again" in reported
 
 
 @pytest.mark.parametrize(("column", "value", "said"), [

@@ -13,7 +13,7 @@ from matplotlib.transforms import Bbox
 from lmctl.part.load import load_part
 from lmctl.report.part_picture import part_figure
 
-LONG = "a part whose name goes on and on, far beyond what anybody would read, and on to its end"
+LONG = "a part whose name goes on and on, far beyond what fits a line, and on to its end"
 
 
 def figure_of(folder: Path, size: tuple[float, float, float], materials: list[str], name: str

@@ -1,4 +1,4 @@
-"""Which runs make a part, by what their headers say, also where somebody has altered one."""
+"""Which runs make a part, by what their headers say, also where one was altered."""
 
 from __future__ import annotations
 

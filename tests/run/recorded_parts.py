@@ -257,7 +257,7 @@ class _Making:
             found = find_recovery_place(
                 job, after, seen(self._bench.motion.position_mm, dialect=dialect), self._profile)
             reached = found.reached
-            if reached.is_doubtful:  # a controller that nobody stops runs dry
+            if reached.is_doubtful:  # a controller that is not stopped executes all it has buffered
                 reached = known_place(reached.until, Known.STATED)
             try:
                 refuse_finished(job, after, reached.place, self._profile.motion)

@@ -18,7 +18,7 @@ from simulators import virtual_time
 
 
 @pytest.fixture
-def nobody():
+def absent():
     """The example cell, its endpoints being ports on which nothing listens."""
     profile = load_profile(files("lmctl.examples") / "cell.toml")
     sockets = [socket.socket() for _ in range(3)]
@@ -35,13 +35,13 @@ def nobody():
     return profile.model_copy(update={"motion": motion, "feeder": feeders})
 
 
-def test_all_that_is_absent_is_told_in_one_report(tmp_path, nobody, job_file):
-    job_file(tmp_path / "job.lmj", nobody)
+def test_all_that_is_absent_is_told_in_one_report(tmp_path, absent, job_file):
+    job_file(tmp_path / "job.lmj", absent)
     with pytest.raises(MachineError) as error:
-        virtual_time.run_in_virtual_time(run_job(tmp_path / "job.lmj", nobody, tmp_path / "runs"))
+        virtual_time.run_in_virtual_time(run_job(tmp_path / "job.lmj", absent, tmp_path / "runs"))
     text = error.value.render()
     assert "3 devices of the cell failed" in text
-    assert nobody.motion.endpoint in text
+    assert absent.motion.endpoint in text
     assert "F1" in text
     assert "F2" in text
     assert "run-0001" in text
@@ -49,10 +49,10 @@ def test_all_that_is_absent_is_told_in_one_report(tmp_path, nobody, job_file):
     assert len(text.splitlines()) < 12
 
 
-def test_a_run_that_could_not_begin_leaves_a_sealed_journal(tmp_path, nobody, job_file):
-    job_file(tmp_path / "job.lmj", nobody)
+def test_a_run_that_could_not_begin_leaves_a_sealed_journal(tmp_path, absent, job_file):
+    job_file(tmp_path / "job.lmj", absent)
     with pytest.raises(MachineError):
-        virtual_time.run_in_virtual_time(run_job(tmp_path / "job.lmj", nobody, tmp_path / "runs"))
+        virtual_time.run_in_virtual_time(run_job(tmp_path / "job.lmj", absent, tmp_path / "runs"))
     (run,) = list_runs(tmp_path / "runs")
     assert run.state == "faulted"
     journal = tmp_path / "runs" / run.run / "journal.jsonl"
@@ -66,18 +66,18 @@ def test_a_run_that_could_not_begin_leaves_a_sealed_journal(tmp_path, nobody, jo
         gc.collect()  # a link left open would warn
 
 
-def test_a_job_for_another_machine_is_refused_before_a_run_is_made(tmp_path, nobody, job_file):
-    job_file(tmp_path / "job.lmj", nobody)
-    other = nobody.model_copy(update={"name": "other cell"})
+def test_a_job_for_another_machine_is_refused_before_a_run_is_made(tmp_path, absent, job_file):
+    job_file(tmp_path / "job.lmj", absent)
+    other = absent.model_copy(update={"name": "other cell"})
     with pytest.raises(JobError, match="planned for 'bench cell'"):
         virtual_time.run_in_virtual_time(run_job(tmp_path / "job.lmj", other, tmp_path / "runs"))
     assert not (tmp_path / "runs").exists()
 
 
 @pytest.mark.parametrize("content", [None, b"", b"PK\x03\x04 garbage", b"not a job"])
-def test_what_is_no_job_is_refused_before_a_run_is_made(tmp_path, nobody, content):
+def test_what_is_no_job_is_refused_before_a_run_is_made(tmp_path, absent, content):
     if content is not None:
         (tmp_path / "job.lmj").write_bytes(content)
     with pytest.raises(LmctlError):
-        virtual_time.run_in_virtual_time(run_job(tmp_path / "job.lmj", nobody, tmp_path / "runs"))
+        virtual_time.run_in_virtual_time(run_job(tmp_path / "job.lmj", absent, tmp_path / "runs"))
     assert not (tmp_path / "runs").exists()

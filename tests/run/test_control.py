@@ -51,7 +51,7 @@ class Run:
         else:
             raise UsageError(f"cannot {act} now", hint="wait")
 
-    def heard(self, act, operator, peer, refused):
+    def on_act(self, act, operator, peer, refused):
         self.came.append((act, peer, refused))
 
 
@@ -61,7 +61,7 @@ def serve(folder, talk, run=None):
 
     async def main():
         with listening_socket(folder) as made:
-            control = ControlSocket(made, ControlCallbacks(run.status, run.act, run.heard))
+            control = ControlSocket(made, ControlCallbacks(run.status, run.act, run.on_act))
             control.start()
             await talk(run)
             await control.close()
@@ -257,7 +257,7 @@ def test_who_watches_sees_how_it_ended(tmp_path):
 
         async def body():
             with listening_socket(tmp_path) as made:
-                control = ControlSocket(made, ControlCallbacks(run.status, run.act, run.heard))
+                control = ControlSocket(made, ControlCallbacks(run.status, run.act, run.on_act))
                 control.start()
                 await main(run)
                 await control.close()
@@ -323,7 +323,7 @@ def test_two_runs_that_begin_at_once_in_deep_folders_get_a_socket_each(
         sockets.insert(0, open_sockets.enter_context(listening_socket(ours)))
         for folder, listens in zip((ours, theirs), sockets, strict=True):
             with control_path.connect_to_run(folder):
-                accepted, _ = listens.accept()  # it does not block: raises where nobody came
+                accepted, _ = listens.accept()  # raises where no client connected
                 accepted.close()
 
 

@@ -201,17 +201,17 @@ def test_a_rule_with_a_time_waits_for_it_and_starts_anew_after_a_gap():
     supervision, raised = watched()
     low = with_safety(shield_gas_L_min=5.0)
     for t in (0.0, 0.2, 0.4):
-        supervision.evaluate(low, t, dark=False)
-    supervision.evaluate(FINE, 0.45, dark=False)
-    supervision.evaluate(low, 0.5, dark=False)
-    supervision.evaluate(low, 0.9, dark=False)
+        supervision.evaluate(low, t, beam_off=False)
+    supervision.evaluate(FINE, 0.45, beam_off=False)
+    supervision.evaluate(low, 0.5, beam_off=False)
+    supervision.evaluate(low, 0.9, beam_off=False)
     assert raised == []
-    supervision.evaluate(low, 1.0, dark=False)
+    supervision.evaluate(low, 1.0, beam_off=False)
     assert [type(error) for error in raised] == [InterlockError]
-    supervision.evaluate(low, 2.0, dark=False)
+    supervision.evaluate(low, 2.0, beam_off=False)
     assert len(raised) == 1  # told once
     supervision.acknowledge()
-    supervision.evaluate(low, 2.1, dark=False)
+    supervision.evaluate(low, 2.1, beam_off=False)
     assert len(raised) == 2
 
 
@@ -224,26 +224,26 @@ def test_one_reading_trips_nothing_however_often_it_is_looked_at(changes, name, 
     supervision, raised = watched()
     bad = with_feeder(**changes)
     for t in (0.0, 0.2, for_s, 2 * for_s):
-        supervision.evaluate(bad, t, dark=False)
-        assert supervision.doubts
-    supervision.evaluate(with_feeder(time_s=for_s / 2, **changes), for_s, dark=False)
+        supervision.evaluate(bad, t, beam_off=False)
+        assert supervision.has_unconfirmed_findings
+    supervision.evaluate(with_feeder(time_s=for_s / 2, **changes), for_s, beam_off=False)
     assert raised == []
-    supervision.evaluate(with_feeder(time_s=for_s - 0.01, **changes), for_s, dark=False)
+    supervision.evaluate(with_feeder(time_s=for_s - 0.01, **changes), for_s, beam_off=False)
     assert [error.name for error in raised] == [name]
-    supervision.evaluate(FINE, 3 * for_s, dark=False)
-    assert not supervision.doubts
+    supervision.evaluate(FINE, 3 * for_s, beam_off=False)
+    assert not supervision.has_unconfirmed_findings
 
 
 def test_a_mixer_pressure_trips_when_it_has_been_too_high_for_a_second():
     supervision, raised = watched()
     clogged = with_feeder(mixer_mbar=201.0)
     for t in (0.0, 0.5, 0.9):
-        supervision.evaluate(clogged, t, dark=False)
-    supervision.evaluate(FINE, 0.95, dark=False)  # a puff
+        supervision.evaluate(clogged, t, beam_off=False)
+    supervision.evaluate(FINE, 0.95, beam_off=False)  # a puff
     for t in (1.0, 1.5, 1.9):
-        supervision.evaluate(clogged, t, dark=False)
+        supervision.evaluate(clogged, t, beam_off=False)
     assert raised == []
-    supervision.evaluate(clogged, 2.0, dark=False)
+    supervision.evaluate(clogged, 2.0, beam_off=False)
     assert [(type(error), error.name) for error in raised] == [(InterlockError,
                                                                 "mixer pressure F1")]
 
@@ -283,7 +283,7 @@ def test_answers_in_which_nothing_is_found_are_looked_at_once_and_trouble_until_
 
     def asked(facts, t):
         looks.clear()
-        supervision.evaluate(facts, t, dark=False)
+        supervision.evaluate(facts, t, beam_off=False)
         return [name for name in looks if name in of_answers]
 
     clogged = with_feeder(mixer_mbar=900.0)
@@ -299,21 +299,21 @@ def test_answers_in_which_nothing_is_found_are_looked_at_once_and_trouble_until_
 
 def test_an_open_safety_chain_is_no_mere_hold():
     supervision, raised = watched()
-    supervision.evaluate(with_safety(estop_closed=False), 0.0, dark=False)
+    supervision.evaluate(with_safety(estop_closed=False), 0.0, beam_off=False)
     assert [type(error) for error in raised] == [EmergencyStopError]
 
 
 def test_extraction_waits_for_the_end_of_the_path_but_not_for_ever():
     supervision, raised = watched()
     bad = with_safety(extraction_ok=False)
-    supervision.evaluate(bad, 0.0, dark=False)
-    supervision.evaluate(bad, 30.0, dark=False)
+    supervision.evaluate(bad, 0.0, beam_off=False)
+    supervision.evaluate(bad, 30.0, beam_off=False)
     assert raised == []
-    supervision.evaluate(bad, 31.0, dark=True)
+    supervision.evaluate(bad, 31.0, beam_off=True)
     assert len(raised) == 1
     supervision, raised = watched()
-    supervision.evaluate(bad, 0.0, dark=False)
-    supervision.evaluate(bad, 60.0, dark=False)
+    supervision.evaluate(bad, 0.0, beam_off=False)
+    supervision.evaluate(bad, 60.0, beam_off=False)
     assert len(raised) == 1
 
 
@@ -326,14 +326,14 @@ def test_what_stands_keeps_from_resuming_but_not_what_acknowledging_ends():
 
 def test_alarms_and_warnings_are_told_as_they_come_and_warnings_as_they_go():
     alarms, lines = RunAlarms(), []
-    alarms.told = lines.append
+    alarms.notify = lines.append
     low = FeederWarning(51, "F1", "A", "hopper A: the level is low", "fill it")
-    alarms.set_warning(low, stands=True)
+    alarms.set_warning(low, is_active=True)
     alarms.add(InterlockError("gas", "gas is low", hint="check the bottle"), 1.0)
     alarms.add(InterlockError("gas", "gas is low"), 2.0)
     alarms.acknowledge()
-    assert alarms.warnings == [low]  # nobody has filled it by that
-    alarms.set_warning(low, stands=False)
+    assert alarms.warnings == [low]  # that does not fill it
+    alarms.set_warning(low, is_active=False)
     assert alarms.warnings == []
     assert lines == [
         "warning: hopper A: the level is low; what to do: fill it",
@@ -365,22 +365,22 @@ def test_what_the_headline_ends_with_is_not_told_again_as_its_consequence():
 def test_a_host_that_stood_still_has_not_asked_so_nobody_is_silent():
     stale = FINE._replace(motion_age_s=0.9, motion_unanswered=False)
     supervision, raised = watched()
-    supervision.evaluate(stale, 0.0, dark=False)
+    supervision.evaluate(stale, 0.0, beam_off=False)
     assert raised == []
-    supervision.evaluate(stale._replace(motion_unanswered=True), 0.1, dark=False)
+    supervision.evaluate(stale._replace(motion_unanswered=True), 0.1, beam_off=False)
     assert len(raised) == 1
 
 
 def test_reports_that_cannot_be_read_are_called_that():
     supervision, raised = watched()
-    supervision.evaluate(FINE._replace(motion_age_s=0.7, motion_unreadable=5), 0.0, dark=False)
+    supervision.evaluate(FINE._replace(motion_age_s=0.7, motion_unreadable=5), 0.0, beam_off=False)
     assert "unreadable for 0.7 s" in raised[0].what
 
 
 def test_a_cause_that_shows_later_than_what_it_does_is_the_first_alarm():
     """A controller that loses power is silent before it says that it has restarted."""
     alarms, lines = RunAlarms(), []
-    alarms.told = lines.append
+    alarms.notify = lines.append
     alarms.add(InterlockError("motion silent", "it has not reported for 0.6 s"), 0.6)
     alarms.add(InterlockError("feeder silent F1", "feeder F1: no answer"), 0.9)
     alarms.add(RunTripError("motion restarted", "it restarted", explains=("motion silent",)), 1.5)

@@ -50,7 +50,7 @@ def go(whole, place):
 
 
 def spoken(program, start):
-    """What a controller makes of a program: (lit, from, to, feed) of each motion."""
+    """What a controller makes of a program: (beam on, from, to, feed) of each motion."""
     at, feed, power, made = np.array(start, dtype=float), None, None, []
     for line in program:
         words = dict(re.findall(r"([FSXYZ])(-?[0-9.]+)", line))
@@ -63,7 +63,7 @@ def spoken(program, start):
 
 
 def lit_mm(motions):
-    return sum(float(np.linalg.norm(to - at)) for lit, at, to, _ in motions if lit)
+    return sum(float(np.linalg.norm(to - at)) for beam_on, at, to, _ in motions if beam_on)
 
 
 def beads_mm(whole, since=JOB_START):
@@ -107,9 +107,9 @@ def test_the_way_in_is_dark_continuous_and_never_longer_than_a_quarter_horizon(w
     n = entry.beam_on_line - entry.layer.first_line
     layer = entry.layer
     motions = spoken(layer.program, PROFILE.motion.purge_mm)
-    dark = next(i for i, (lit, *_) in enumerate(motions) if lit)
+    beam_off = next(i for i, (beam_on, *_) in enumerate(motions) if beam_on)
     dwells = [line for line in layer.program[:n] if " G4 " in line]
-    assert dark == n - 1 - len(dwells)
+    assert beam_off == n - 1 - len(dwells)
     for (_, _, before, _), (_, after, _, _) in pairwise(motions):
         assert np.array_equal(before, after)
     start_s = np.concatenate([layer.flow_s[:1], layer.lines["end_s"][:-1]])
@@ -118,7 +118,7 @@ def test_the_way_in_is_dark_continuous_and_never_longer_than_a_quarter_horizon(w
     assert (lasting_s >= 0).all()
     assert np.all(np.diff(layer.flow_s) > 0)
     # Across only at clearance height: never beside the part at its own height.
-    for _, at, to, _ in motions[:dark]:
+    for _, at, to, _ in motions[:beam_off]:
         if np.hypot(*(to - at)[:2]) > RUN_UP_MM + 0.01:
             assert at[2] >= layer.z_mm + PROFILE.motion.clearance_mm - 1e-9
 

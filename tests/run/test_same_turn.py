@@ -41,7 +41,7 @@ TO = {
     RunState.TRIPPED: (*LAYING, RunEvent.FAULT),
 }
 HAPPENS = [event for event in RunEvent if event not in (RunEvent.START, RunEvent.ACHIEVED)]
-WISHES = (RunEvent.HOLD, RunEvent.RESUME, RunEvent.STOP)
+REQUESTS = (RunEvent.HOLD, RunEvent.RESUME, RunEvent.STOP)
 #: Done without letting go of the loop, as they are on the cell.
 AT_ONCE = (Effect.START_MOTION,)
 
@@ -85,7 +85,7 @@ class Rig:
             self.ending.set_result(None)
 
     def happen(self, event: RunEvent) -> None:
-        if event in WISHES:
+        if event in REQUESTS:
             self.machine.request_event(event)
         elif event is RunEvent.FAULT:
             self.machine.trip(MachineError("broken"))
@@ -128,7 +128,7 @@ class Reference:
         self.log: list[RunState | Effect | str] = []
 
     def take(self, event: RunEvent) -> None:
-        if event in WISHES and (self.state, event) not in TRANSITIONS:
+        if event in REQUESTS and (self.state, event) not in TRANSITIONS:
             return
         if self.state in FINAL_STATES:
             return

@@ -146,11 +146,13 @@ def test_as_a_process(tmp_path, interruption):
 
 def test_a_process_with_nothing_to_serve(tmp_path, capsys):
     (tmp_path / "bad.toml").write_text("[motion]\nspeed = 1\n", encoding="utf-8")
-    for name, told in (("bad.toml", "motion.speed: there is no such key"), ("none", "cannot read")):
+    for name, message in (
+        ("bad.toml", "motion.speed: there is no such key"), ("none", "cannot read")
+    ):
         assert serve([str(tmp_path / name)]) == 3
         out, complaint = capsys.readouterr()
         assert out == ""
-        assert told in complaint
+        assert message in complaint
 
 
 def test_a_process_whose_port_is_taken(tmp_path, capsys):

@@ -73,7 +73,7 @@ def test_every_key_of_the_shipped_bench_is_checked():
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "told"),
+    ("old", "new", "reported"),
     [
         ("fill_g = 1000", "fill_g = 1000\nfil_g = 1", "feeder[1].hopper[1].fil_g: there is no"),
         ("fill_g = 1000", "", "feeder[1].hopper[1].fill_g: is missing"),
@@ -109,8 +109,8 @@ def test_every_key_of_the_shipped_bench_is_checked():
         ("[[feeder]]", "[feeder]", "feeder: must be an array of tables"),
     ],
 )
-def test_mistakes_say_where_and_what(old, new, told):
-    assert any(told in mistake for mistake in mistakes(LEAST.replace(old, new)))
+def test_mistakes_say_where_and_what(old, new, reported):
+    assert any(reported in mistake for mistake in mistakes(LEAST.replace(old, new)))
 
 
 def test_all_mistakes_come_at_once():

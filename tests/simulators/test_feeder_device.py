@@ -75,7 +75,7 @@ def test_powder_waits_for_the_gas():
     assert (cell.state, cell.disc_rpm()) == (FeederStateCode.GAS_PREFLOW, 0.0)
     cell.wait(0.2)
     assert (cell.state, cell.disc_rpm()) == (FeederStateCode.STABILISING, 3.0)
-    # the discs started at 3 s exactly, though nobody looked then
+    # the discs started at 3 s exactly, though they were not read then
     span = cell.device.spans[-1]
     assert (span.start_s, span.stable_s) == (103.0, 111.0)
 

@@ -100,7 +100,7 @@ def test_rtu_on_a_pty_whole_in_parts_and_with_a_wrong_checksum():
         host = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         tty.setraw(host)
 
-        async def told(*parts: bytes) -> bytes:
+        async def reply_to(*parts: bytes) -> bytes:
             for part in parts:
                 os.write(host, part)
                 await asyncio.sleep(0.1)
@@ -110,10 +110,11 @@ def test_rtu_on_a_pty_whole_in_parts_and_with_a_wrong_checksum():
                 return b""
 
         whole = request + crc(request)
-        assert await told(whole) == answer + crc(answer)
-        assert await told(*(whole[i : i + 1] for i in range(len(whole)))) == answer + crc(answer)
-        assert await told(request + b"\0\0") == b""
-        assert await told(whole) == answer + crc(answer)
+        assert await reply_to(whole) == answer + crc(answer)
+        single_bytes = (whole[i : i + 1] for i in range(len(whole)))
+        assert await reply_to(*single_bytes) == answer + crc(answer)
+        assert await reply_to(request + b"\0\0") == b""
+        assert await reply_to(whole) == answer + crc(answer)
         os.close(host)
         await server.close()
 

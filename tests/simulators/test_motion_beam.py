@@ -73,10 +73,10 @@ def test_the_beam_burns_only_in_motion_under_m4(rig, dialect):
     controller.ask(START[dialect] + "G1 X5 F1200\nG0 Y5\nG4 P0.3\nG1 X0\n", 10.0)
     t = np.linspace(0.0, 5.0, 20001)
     sample = controller.trace.sample(t)
-    lit = sample.power_fraction > 0.0
-    assert lit.any()
-    assert (sample.speed_mm_s[lit] > 0.0).all()
-    assert (controller.trace.blocks().beam[sample.block[lit]] > 0).all()
+    beam_on = sample.power_fraction > 0.0
+    assert beam_on.any()
+    assert (sample.speed_mm_s[beam_on] > 0.0).all()
+    assert (controller.trace.blocks().beam[sample.block[beam_on]] > 0).all()
 
 
 @BOTH

@@ -40,7 +40,7 @@ def test_the_shipped_bench_with_it():
 
 
 @pytest.mark.parametrize(
-    ("table", "told"),
+    ("table", "reported"),
     [
         ("watchdog_relay = 1", "safety.watchdog_relay: must be true or false"),
         ("device_id = 248", "safety.device_id: must be a whole number from 1 to 247"),
@@ -52,11 +52,11 @@ def test_the_shipped_bench_with_it():
         ('endpoint = "modbus-tcp://127.0.0.1:5021"', "two devices answer at port 5021"),
     ],
 )
-def test_mistakes(table, told):
+def test_mistakes(table, reported):
     with pytest.raises(BenchConfigError) as caught:
         config(table=table)
     (mistake,) = caught.value.mistakes
-    assert mistake.startswith(told)
+    assert mistake.startswith(reported)
 
 
 def test_a_table_that_is_none_and_a_feeder_of_its_name():
@@ -127,11 +127,11 @@ class Cell:
     def stop_beating(self) -> None:
         self._beating.cancel()
 
-    def dark_after_s(self, time_s: float) -> float:
+    def beam_off_after_s(self, time_s: float) -> float:
         """How long after time_s the beam was last seen; 0 where it was dark at once."""
         times = np.arange(time_s, time_s + 1.0, 0.0005)
-        lit = times[self.bench.motion.trace.sample(times).power_fraction > 0.0]
-        return float(lit[-1] - time_s) if len(lit) else 0.0
+        beam_on = times[self.bench.motion.trace.sample(times).power_fraction > 0.0]
+        return float(beam_on[-1] - time_s) if len(beam_on) else 0.0
 
 
 def played(dialect: str, act, table: str = "watchdog_relay = true"):
@@ -146,7 +146,7 @@ dialects = pytest.mark.parametrize("dialect", ["grblhal", "grbl"])
 
 #: From a hold or an open door to darkness at 10 mm/s: what stands in the controller's step
 #: segment buffer is still executed (90 ms in grblHAL, 50 ms in Grbl), then it brakes (20 ms).
-DARK_S = {"grblhal": 0.115, "grbl": 0.075}
+BEAM_OFF_S = {"grblhal": 0.115, "grbl": 0.075}
 
 
 @dialects
@@ -164,7 +164,7 @@ def test_without_heartbeats_the_relay_stops_the_controller_and_darkens_the_beam(
         await asyncio.sleep(1.5)
         (opened_s,) = cell.bench.safety.relay_opened_s
         assert 1.25 < opened_s < 1.32
-        assert 0.0 < cell.dark_after_s(opened_s) <= DARK_S[dialect]
+        assert 0.0 < cell.beam_off_after_s(opened_s) <= BEAM_OFF_S[dialect]
         assert cell.status().state == "Door"
         assert "D" in cell.status().active_pins
 
@@ -179,7 +179,7 @@ def test_the_door_opens_the_controllers_door_input_and_closing_it_lets_it_go_on(
         cell.bench.safety.set_door_open()
         opened_s = asyncio.get_running_loop().time()
         await asyncio.sleep(1.0)
-        assert 0.0 < cell.dark_after_s(opened_s) <= DARK_S[dialect]
+        assert 0.0 < cell.beam_off_after_s(opened_s) <= BEAM_OFF_S[dialect]
         assert (cell.status().state, cell.status().substate) == ("Door", 1)
         cell.bench.safety.set_door_open(False)
         assert cell.status().substate == 0
@@ -199,7 +199,7 @@ def test_the_estop_chain_cuts_controller_and_feeders_at_once(dialect):
         opened_s = asyncio.get_running_loop().time()
         assert cell.status().state == "Alarm"
         await asyncio.sleep(1.0)
-        assert cell.dark_after_s(opened_s) == 0.0
+        assert cell.beam_off_after_s(opened_s) == 0.0
         assert all(feeder.estop_open for feeder in cell.bench.feeders.values())
         cell.bench.safety.set_estop_open(False)
         assert not any(feeder.estop_open for feeder in cell.bench.feeders.values())
@@ -218,7 +218,7 @@ def test_while_the_relay_is_open_a_closed_door_changes_nothing():
         cell.beat()
         await asyncio.sleep(0.01)
         assert not cell.status().active_pins
-        cell.bench.safety.set_input(SafetyInputBits.KEY_ON, False)  # wired to nobody
+        cell.bench.safety.set_input(SafetyInputBits.KEY_ON, False)  # wired to no other device
         assert not cell.status().active_pins
 
     played("grblhal", act)
@@ -257,8 +257,8 @@ def test_in_the_lasers_own_circuit_every_contact_takes_the_beam_away_at_the_sour
             (safety.set_door_open if contact == "door" else safety.set_estop_open)()
             opened_s = asyncio.get_running_loop().time()
         await asyncio.sleep(1.0)
-        assert cell.dark_after_s(opened_s) <= 0.02
-        assert cell.dark_after_s(opened_s - 0.05) >= 0.049
+        assert cell.beam_off_after_s(opened_s) <= 0.02
+        assert cell.beam_off_after_s(opened_s - 0.05) >= 0.049
 
     played(dialect, act, CIRCUIT)
 
@@ -269,7 +269,7 @@ ENABLE = "watchdog_relay = true\nlaser_enable = true"
 @dialects
 def test_there_is_a_beam_only_while_the_laser_enable_output_is_on(dialect):
     async def act(cell):
-        safety, lit = cell.bench.safety, []
+        safety, beam_on = cell.bench.safety, []
         cell.beat()
         await asyncio.sleep(0.01)
         cell.bench.motion.receive(b"~")
@@ -279,9 +279,9 @@ def test_there_is_a_beam_only_while_the_laser_enable_output_is_on(dialect):
             await asyncio.sleep(0.4)
             now_s = asyncio.get_running_loop().time()
             times = np.arange(now_s - 0.3, now_s, 0.001)
-            lit.append(cell.bench.motion.trace.sample(times).power_fraction > 0.0)
-        assert [bool(one.any()) for one in lit] == [False, True, False, True]
-        assert all(one.all() for one in lit[1::2])
+            beam_on.append(cell.bench.motion.trace.sample(times).power_fraction > 0.0)
+        assert [bool(one.any()) for one in beam_on] == [False, True, False, True]
+        assert all(one.all() for one in beam_on[1::2])
         assert cell.status().state == "Run"  # it notices nothing
 
     played(dialect, act, ENABLE)
@@ -303,13 +303,13 @@ def test_either_of_enable_output_and_laser_circuit_keeps_the_beam_away():
         await asyncio.sleep(0.1)
         safety.write(3, [1])
         await asyncio.sleep(0.1)
-        assert cell.dark_after_s(opened_s) <= 0.02
+        assert cell.beam_off_after_s(opened_s) <= 0.02
         safety.write(3, [0])
         safety.set_door_open(False)
         cell.bench.motion.receive(b"~")
         await asyncio.sleep(1.0)
         assert cell.status().state == "Run"
-        assert cell.dark_after_s(opened_s + 0.02) == 0.0
+        assert cell.beam_off_after_s(opened_s + 0.02) == 0.0
 
     played("grblhal", act, f"{ENABLE}\nlaser_circuit = true")
 
@@ -329,10 +329,10 @@ def test_a_circuit_that_closes_lets_the_controllers_beam_through_again():
         motion.set_laser_circuit_open(False, 0.02)  # before the source had noticed
         await asyncio.sleep(0.3)
         times = np.arange(0.4, 1.25, 0.001)
-        lit = motion.trace.sample(times).power_fraction > 0.0
-        dark = (times >= 0.52) & (times < 0.8)
+        beam_on = motion.trace.sample(times).power_fraction > 0.0
+        beam_off = (times >= 0.52) & (times < 0.8)
         settled = (np.abs(times - 0.52) > 0.0015) & (np.abs(times - 0.8) > 0.0015)
-        np.testing.assert_array_equal(lit[settled], ~dark[settled])
+        np.testing.assert_array_equal(beam_on[settled], ~beam_off[settled])
         # nothing but the beam has changed
         moving = motion.trace.sample(times).speed_mm_s
         assert moving.min() == pytest.approx(10.0, rel=1e-6)
@@ -359,16 +359,16 @@ def test_the_record_of_phases_and_standing_tells_the_same_as_its_samples():
             phases.speed_mm_s + phases.acceleration_mm_s2 * (middle - phases.start_s),
             sample.speed_mm_s,
         )
-        since, power = trace.standing_power()
+        since, power = trace.standstill_power()
         assert (np.diff(since) >= 0).all()
         still = np.arange(0.0, 1.0, 0.0007)
-        told = trace.sample(still)
+        reported = trace.sample(still)
         at = np.searchsorted(since, still, side="right") - 1
         np.testing.assert_array_equal(
-            told.power_fraction[told.block < 0], power[at][told.block < 0]
+            reported.power_fraction[reported.block < 0], power[at][reported.block < 0]
         )
-        assert {0.0, 0.5} == set(told.power_fraction[told.block < 0])
-        assert {0.0, 0.5} == set(told.power_fraction[told.block >= 0])
+        assert {0.0, 0.5} == set(reported.power_fraction[reported.block < 0])
+        assert {0.0, 0.5} == set(reported.power_fraction[reported.block >= 0])
         assert len(trace.blocks().line) == 2
         assert trace.blocks().is_complete.all()
 

@@ -55,14 +55,14 @@ class Rig:
 
 def test_at_power_up_all_is_good_and_the_relay_is_open():
     rig = Rig(watchdog_relay=True)
-    told = rig.read()
-    assert told["DEVICE_ID"] == DEVICE_ID
-    assert told["MAP_VERSION"] == 0x0101
-    assert SafetyInputBits(told["INPUTS"]) == ALL_INPUTS_OK
+    reported = rig.read()
+    assert reported["DEVICE_ID"] == DEVICE_ID
+    assert reported["MAP_VERSION"] == 0x0101
+    assert SafetyInputBits(reported["INPUTS"]) == ALL_INPUTS_OK
     assert SafetyStatusBits(
-        told["STATUS"]) == SafetyStatusBits.SELF_TEST_OK | SafetyStatusBits.RELAY_FITTED
-    assert told["HEARTBEAT_AGE"] == 0xFFFF
-    assert (told["FIRST_OUT"], told["TRIP_COUNT"], told["UPTIME"]) == (0, 0, 0)
+        reported["STATUS"]) == SafetyStatusBits.SELF_TEST_OK | SafetyStatusBits.RELAY_FITTED
+    assert reported["HEARTBEAT_AGE"] == 0xFFFF
+    assert (reported["FIRST_OUT"], reported["TRIP_COUNT"], reported["UPTIME"]) == (0, 0, 0)
     assert rig.device.is_relay_open
     assert not Rig().device.is_relay_open  # there is none
 
@@ -72,8 +72,8 @@ def test_every_input_opens_and_closes_and_is_first_out(one):
     rig = Rig()
     rig.device.set_input(one, False)
     assert rig.inputs() == ALL_INPUTS_OK & ~one
-    told = rig.read()
-    assert (told["FIRST_OUT"], told["TRIP_COUNT"]) == (first_out_code_of_input(one), 1)
+    reported = rig.read()
+    assert (reported["FIRST_OUT"], reported["TRIP_COUNT"]) == (first_out_code_of_input(one), 1)
     rig.device.set_input(one, True)
     assert rig.inputs() == ALL_INPUTS_OK
     assert rig.read()["FIRST_OUT"] == first_out_code_of_input(one)  # until it is reset
@@ -88,8 +88,8 @@ def test_the_first_stays_the_first_and_every_opening_counts():
     rig.device.set_estop_open()
     rig.device.set_door_open(False)
     rig.device.set_door_open()
-    told = rig.read()
-    assert (told["FIRST_OUT"], told["TRIP_COUNT"]) == (102, 3)
+    reported = rig.read()
+    assert (reported["FIRST_OUT"], reported["TRIP_COUNT"]) == (102, 3)
     rig.device.write(2, [RELAY_RESET_KEY])
     assert rig.read()["FIRST_OUT"] == 101  # still open, the first of them
     assert rig.device.is_door_open
@@ -121,9 +121,10 @@ def test_values_are_told_as_set():
     device.set_chiller(24.5, 8.0)
     device.set_oxygen(209_000.0)
     device.set_extraction(350)
-    told = rig.read()
-    assert (told["SHIELD_GAS"], told["CHILLER_TEMP"], told["CHILLER_FLOW"]) == (12.34, 24.5, 8.0)
-    assert (told["OXYGEN"], told["EXTRACTION_DP"]) == (209_000.0, 350)
+    reported = rig.read()
+    assert (reported["SHIELD_GAS"], reported["CHILLER_TEMP"]) == (12.34, 24.5)
+    assert reported["CHILLER_FLOW"] == 8.0
+    assert (reported["OXYGEN"], reported["EXTRACTION_DP"]) == (209_000.0, 350)
     device.set_oxygen(None)
     assert rig.read()["OXYGEN"] is None
     with pytest.raises(RegisterError, match="SHIELD_GAS must be between"):
@@ -149,9 +150,9 @@ def test_the_relay_closes_by_its_key_and_opens_when_heartbeats_stop():
     assert rig.device.advance_to_now() == 0.5
     assert rig.device.is_relay_open
     assert rig.device.relay_opened_s == [pytest.approx(0.35)]
-    told = rig.read()
-    assert (told["FIRST_OUT"], told["TRIP_COUNT"]) == (RELAY_FIRST_OUT_CODE, 1)
-    assert told["HEARTBEAT_AGE"] == 350
+    reported = rig.read()
+    assert (reported["FIRST_OUT"], reported["TRIP_COUNT"]) == (RELAY_FIRST_OUT_CODE, 1)
+    assert reported["HEARTBEAT_AGE"] == 350
     rig.device.write(0, [3])
     assert rig.device.is_relay_open  # latched, until
     rig.device.write(2, [RELAY_RESET_KEY])
@@ -265,10 +266,10 @@ def test_frozen_its_inputs_and_tick_stand_still_while_heartbeats_are_echoed():
     rig.device.set_door_open()
     rig.now_s = 2.0
     rig.beat()
-    told = rig.read()
-    assert SafetyInputBits(told["INPUTS"]) == ALL_INPUTS_OK
-    assert (told["TICK"], told["UPTIME"]) == (1000, 1)
-    assert (told["HEARTBEAT_ECHO"], told["HEARTBEAT_AGE"]) == (2, 0)
+    reported = rig.read()
+    assert SafetyInputBits(reported["INPUTS"]) == ALL_INPUTS_OK
+    assert (reported["TICK"], reported["UPTIME"]) == (1000, 1)
+    assert (reported["HEARTBEAT_ECHO"], reported["HEARTBEAT_AGE"]) == (2, 0)
     rig.device.set_frozen(False)
     assert rig.read()["TICK"] == 2000
     assert SafetyInputBits.DOOR_CLOSED not in rig.inputs()
@@ -305,9 +306,9 @@ def test_a_restart_opens_the_relay_and_forgets():
     rig.device.set_door_open()
     rig.device.restart()
     assert rig.device.is_relay_open
-    told = rig.read()
-    assert (told["UPTIME"], told["HEARTBEAT_ECHO"], told["TRIP_COUNT"]) == (0, 0, 0)
-    assert told["FIRST_OUT"] == 102  # it is still open
+    reported = rig.read()
+    assert (reported["UPTIME"], reported["HEARTBEAT_ECHO"], reported["TRIP_COUNT"]) == (0, 0, 0)
+    assert reported["FIRST_OUT"] == 102  # it is still open
     assert rig.device.next_due_s() == math.inf
     with pytest.raises(ExceptionReplyError) as refused:
         rig.device.write(0, [8])

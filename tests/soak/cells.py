@@ -120,8 +120,8 @@ class _Cell:
 
     def _random_fault(self) -> Fault:
         rng = self._rng
-        strikes = [FaultTarget.HOST] if self._safe else [FaultTarget.HOST, FaultTarget.SAFETY]
-        kinds = [kind for kind in FAULT_KINDS.values() if kind.target not in strikes]
+        unwanted = [FaultTarget.HOST] if self._safe else [FaultTarget.HOST, FaultTarget.SAFETY]
+        kinds = [kind for kind in FAULT_KINDS.values() if kind.target not in unwanted]
         kind = kinds[rng.integers(len(kinds))]
         values = {one.name: self._random_value(one) for one in kind.parameters
                   if one.default is None or rng.random() < 0.4}
@@ -187,13 +187,13 @@ class _Cell:
         if RunState(self._outcome.ended) not in FINAL_STATES:
             short.append(f"it was left {self._outcome.ended}")
         if found.beam_on_without_motion:
-            short.append("the beam was lit without motion")
+            short.append("the beam was on without motion")
         if found.powder_on:
             short.append(f"powder was left on: {', '.join(found.powder_on)}")
         # A controller that has lost its host runs dry within the send horizon.
-        dark_by_s = ended_s + self._profile.motion.send_horizon_s + 0.2
-        if any(lit.end_s > dark_by_s for lit in judge.beam_on_intervals()):
-            short.append("the beam was lit after the end")
+        beam_off_by_s = ended_s + self._profile.motion.send_horizon_s + 0.2
+        if any(beam_on.end_s > beam_off_by_s for beam_on in judge.beam_on_intervals()):
+            short.append("the beam was on after the end")
         journal = journal_of_only_run(self._folder / "runs", self._error)
         check = verify_journal(journal)
         if not (check.intact and check.sealed):

@@ -56,12 +56,12 @@ def cloud_field(
     seeds = seed_cloud(owner, samples, sheets, grid)
     if not seeds.is_supported.any():
         raise _nothing_inside(len(samples.points_mm), grid)
-    standing = seeds.is_supported  # seeds that may be in the air must not block the way
+    supported = seeds.is_supported  # seeds that may be in the air must not block the way
     if samples.normals is not None:
         rows = owner.reshape(-1)[seeds.nodes]
         off = np.linalg.norm(seeds.surface_mm - samples.points_mm[rows], axis=1)
-        standing = standing | (off < BETWEEN_SPACINGS * samples.spacing_mm[rows])
-    tags = _tags(orientation, seeds, grid, standing)
+        supported = supported | (off < BETWEEN_SPACINGS * samples.spacing_mm[rows])
+    tags = _tags(orientation, seeds, grid, supported)
     good = _on_the_surface(tags, seeds, grid)
     sources = owner  # reuse its memory
     sources.fill(-1)
@@ -98,11 +98,11 @@ def _nothing_inside(count: int, grid: Grid) -> InputError:
 
 
 def _tags(
-    orientation: SampleOrientation, seeds: CloudSeeds, grid: Grid, standing: NDArray[np.bool_]
+    orientation: SampleOrientation, seeds: CloudSeeds, grid: Grid, supported: NDArray[np.bool_]
 ) -> NDArray[np.int8]:
     """(nz, ny, nx) int8, −1 outside, +1 inside: from what is surely deep, towards the seeds.
 
-    standing : (m,) bool, seeds by a surface that is surely there
+    supported : (m,) bool, seeds by a surface that is surely there
     """
     coarse = orientation.side_tag_grid
     nearest = [
@@ -121,8 +121,8 @@ def _tags(
             face[face == 0] = -1
     away = np.abs(seeds.distance_mm)
     level = np.full(grid.shape, LEVEL_COUNT - 1, dtype=np.uint8)
-    level.reshape(-1)[seeds.nodes[standing]] = (
-        away[standing] * (LEVELS_PER_PITCH / grid.pitch_mm)
+    level.reshape(-1)[seeds.nodes[supported]] = (
+        away[supported] * (LEVELS_PER_PITCH / grid.pitch_mm)
     ).astype(np.uint8)
     # To a 512th of a level, as short numbers are sorted many times faster.
     narrowness = np.iinfo(np.uint16).max - np.minimum(
@@ -197,8 +197,8 @@ def _on_the_surface(
     good = seeds.is_supported & ~near_wrong[seeds.nodes]
     rest = np.flatnonzero(~good)
     inside, outside = (
-        _tags_at(tags, seeds.surface_mm[rest] + way * grid.pitch_mm * seeds.inwards[rest], grid)
-        for way in (PROBE_PITCHES, -PROBE_PITCHES)
+        _tags_at(tags, seeds.surface_mm[rest] + probe * grid.pitch_mm * seeds.inwards[rest], grid)
+        for probe in (PROBE_PITCHES, -PROBE_PITCHES)
     )
     good[rest] = (inside > 0) & (outside < 0)
     return good

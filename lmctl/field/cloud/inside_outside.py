@@ -80,17 +80,17 @@ def orient_samples(samples: CloudSamples, patches: FittedPatches,
     clear = np.empty(grid.shape, dtype=np.uint8)
     _clear_kernel(distance, sources, LEVELS_PER_SPACING / spacing, clear)
     del distance
-    way = np.zeros(grid.shape, dtype=np.uint8)
+    widest_opening = np.zeros(grid.shape, dtype=np.uint8)
     for axis in range(3):
         for end in (0, -1):
-            np.moveaxis(way, axis, 0)[end] = np.moveaxis(clear, axis, 0)[end]
-    while _widen_kernel(clear.reshape(-1), way.reshape(-1), *grid.shape):
+            np.moveaxis(widest_opening, axis, 0)[end] = np.moveaxis(clear, axis, 0)[end]
+    while _widen_kernel(clear.reshape(-1), widest_opening.reshape(-1), *grid.shape):
         pass
     relative = np.ascontiguousarray(
         (samples.points_mm - np.asarray(grid.origin_mm)) / grid.pitch_mm
     )
     sides = np.zeros((len(relative), 2), dtype=np.uint8)
-    _sides_kernel(way, sources, relative, patches.normal, sides)
+    _sides_kernel(widest_opening, sources, relative, patches.normal, sides)
     narrow, wide = sides.min(axis=1), sides.max(axis=1)
     floating = narrow > MAX_GAP_LEVELS
     facing = np.zeros(len(sides), dtype=np.int8)
@@ -127,17 +127,17 @@ def orient_samples(samples: CloudSamples, patches: FittedPatches,
         )
     if lost.any():
         remarks.append(f"{int(lost.sum())} points whose side could not be told were dropped")
-    told: NDArray[np.int8] | None = None
+    known_side: NDArray[np.int8] | None = None
     if samples.normals is not None:
-        told = np.zeros(grid.shape, dtype=np.int8)
+        known_side = np.zeros(grid.shape, dtype=np.int8)
         out = oriented_normals(samples.normals, patches.normal, facing)
         _by_normals_kernel(
-            clear, sources, relative, patches.normal, out, facing, samples.neighbours, told)
+            clear, sources, relative, patches.normal, out, facing, samples.neighbours, known_side)
         # The inside between two samples may be reached by a wider way than that right below one.
-        gap = max(gap, int(way[told > 0].max(initial=0)))
-    deep = np.where(way > gap, -1, np.where(clear > 1.5 * gap, 1, 0)).astype(np.int8)
-    if told is not None:
-        deep = np.where(told != 0, told, deep)
+        gap = max(gap, int(widest_opening[known_side > 0].max(initial=0)))
+    deep = np.where(widest_opening > gap, -1, np.where(clear > 1.5 * gap, 1, 0)).astype(np.int8)
+    if known_side is not None:
+        deep = np.where(known_side != 0, known_side, deep)
     return SampleOrientation(
         inward, deep, grid, 2.0 * gap / LEVELS_PER_SPACING * typical, tuple(remarks)
     )
@@ -183,33 +183,33 @@ def _clear_kernel(
 
 @kernel
 def _widen_kernel(
-    clear: NDArray[np.uint8], way: NDArray[np.uint8], nz: int, ny: int, nx: int
+    clear: NDArray[np.uint8], widest_opening: NDArray[np.uint8], nz: int, ny: int, nx: int
 ) -> bool:
     """Carry the way in from node to node, forwards and back in array order; whether it widened.
 
-    way : how wide the narrowest place is on the widest way found so far; at most `clear`
+    widest_opening : how wide the narrowest place is on the widest way found so far; at most `clear`
     """
     plane, widened = ny * nx, False
     for direction in range(2):
         step = 1 - 2 * direction
-        n = -1 if step > 0 else way.size
+        n = -1 if step > 0 else widest_opening.size
         for k in range(nz):
             for j in range(ny):
                 for i in range(nx):
                     # On the backward pass i, j, k count from the end.
                     n += step
-                    if way[n] == clear[n]:
+                    if widest_opening[n] == clear[n]:
                         continue
-                    widest = way[n]
+                    widest = widest_opening[n]
                     if i > 0:
-                        widest = max(widest, way[n - step])
+                        widest = max(widest, widest_opening[n - step])
                     if j > 0:
-                        widest = max(widest, way[n - step * nx])
+                        widest = max(widest, widest_opening[n - step * nx])
                     if k > 0:
-                        widest = max(widest, way[n - step * plane])
+                        widest = max(widest, widest_opening[n - step * plane])
                     widest = min(widest, clear[n])
-                    if widest > way[n]:
-                        way[n] = widest
+                    if widest > widest_opening[n]:
+                        widest_opening[n] = widest
                         widened = True
     return widened
 
@@ -217,9 +217,10 @@ def _widen_kernel(
 @kernel
 def _by_normals_kernel(
     clear: NDArray[np.uint8], sources: Sources, points: FloatArray, normal: FloatArray,
-    out: FloatArray, facing: NDArray[np.int8], near: NDArray[np.int32], told: NDArray[np.int8],
+    out: FloatArray, facing: NDArray[np.int8], near: NDArray[np.int32],
+    known_side: NDArray[np.int8],
 ) -> None:
-    """Write the side of nodes right above or below a sample to `told`.
+    """Write the side of nodes right above or below a sample to `known_side`.
 
     Uses the patch's normal and the sample's own: at a sharp edge the patch is fitted around the
     edge. Near a sharp edge a place in the air may lie behind one of the faces, so a place counts
@@ -239,13 +240,13 @@ def _by_normals_kernel(
                 beyond = x * out[n, 0] + y * out[n, 1] + z * out[n, 2]
                 if along * along <= 0.64 * off2 or along * beyond <= 0.4 * off2:
                     continue
-                told[k, j, i] = -1 if along > 0.0 else 1
+                known_side[k, j, i] = -1 if along > 0.0 else 1
                 for m in range(FACING_CANDIDATES if along < 0.0 else 0):
                     r = near[n, m]
                     x, y, z = i - points[r, 0], j - points[r, 1], k - points[r, 2]
                     front = x * out[r, 0] + y * out[r, 1] + z * out[r, 2]
                     if front > FACING_MIN_COSINE * np.sqrt(x * x + y * y + z * z):
-                        told[k, j, i] = 0
+                        known_side[k, j, i] = 0
                         break
 
 

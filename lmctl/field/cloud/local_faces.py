@@ -192,21 +192,21 @@ def _sort_kernel(
                 if shared >> m & 1 != 0:
                     sheet[m] = sheets
             # A sheet that meets another in neither way is not part of the body here.
-            told = sheets == 0 or most >= MIN_FACE_MEMBERS
+            decided = sheets == 0 or most >= MIN_FACE_MEMBERS
             for s in range(sheets):
-                ours, theirs = 0.0, 0.0
+                own_offset, other_offset = 0.0, 0.0
                 for m in range(many):
-                    mine = sheet[m] == sheets
-                    if mine or sheet[m] == s:
-                        r, other = around[m], leads[s] if mine else lead
+                    in_sheet = sheet[m] == sheets
+                    if in_sheet or sheet[m] == s:
+                        r, other = around[m], leads[s] if in_sheet else lead
                         x, y, z = patch[r, 0], patch[r, 1], patch[r, 2]
                         off = height_over_patch(patch, other, reach, x, y, z)[0]
-                        ours += off if mine else 0.0
-                        theirs += 0.0 if mine else off
+                        own_offset += off if in_sheet else 0.0
+                        other_offset += 0.0 if in_sheet else off
                 pair = 0 if sheets == 1 else (2 if s == 0 else 1)
-                meets[pair] = 1 if ours > 0.0 else -1
-                told = told and ours * theirs > 0.0
-            if told:
+                meets[pair] = 1 if own_offset > 0.0 else -1
+                decided = decided and own_offset * other_offset > 0.0
+            if decided:
                 leads[sheets] = lead
                 count = 0
                 for m in range(many):

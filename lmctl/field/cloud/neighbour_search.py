@@ -43,7 +43,7 @@ class PointCells:
     cell: IntArray
     start: IntArray
     size: IntArray
-    side: float
+    side_length: float
     each: float
 
 
@@ -52,20 +52,20 @@ def sort_into_cells(points: FloatArray, wanted: int) -> PointCells:
     each = CELL_NEIGHBOUR_FRACTION * wanted
     low = points.min(axis=0)
     x, y, z = np.ptp(points, axis=0)
-    side = float(np.sqrt(2.0 * (x * y + y * z + z * x) * each / len(points)))
-    place, size = _places(points, low, side)
+    side_length = float(np.sqrt(2.0 * (x * y + y * z + z * x) * each / len(points)))
+    place, size = _places(points, low, side_length)
     occupied = len(np.unique(_numbers(place, size)))
-    side *= float(np.sqrt(each * occupied / len(points)))
-    place, size = _places(points, low, side)
+    side_length *= float(np.sqrt(each * occupied / len(points)))
+    place, size = _places(points, low, side_length)
     many = float(np.prod(size.astype(np.float64)))
     if many > MAX_CELLS_PER_POINT * len(points) + 1e6:
         nothing = np.zeros(0, dtype=np.int64)
-        return PointCells(points, nothing, nothing, nothing, size, side, each)
+        return PointCells(points, nothing, nothing, nothing, size, side_length, each)
     cell = _numbers(place, size)
     order = np.argsort(cell, kind="stable")
     start = np.zeros(int(many) + 1, dtype=np.int64)
     np.cumsum(np.bincount(cell, minlength=int(many)), out=start[1:])
-    return PointCells(points, order, cell[order], start, size, side, each)
+    return PointCells(points, order, cell[order], start, size, side_length, each)
 
 
 def nearest_neighbours(
@@ -83,7 +83,7 @@ def nearest_neighbours(
     answer[of] = np.arange(len(of))
     unknown = np.ones(len(of), dtype=np.bool_)
     _search_kernel(
-        points[cells.order], cells.order, cells.cell, cells.start, cells.size, cells.side,
+        points[cells.order], cells.order, cells.cell, cells.start, cells.size, cells.side_length,
         int(CROWDED_CELL_FACTOR * cells.each), answer, distance, rows, unknown,
     )
     if unknown.any():
@@ -93,8 +93,8 @@ def nearest_neighbours(
     return distance, rows
 
 
-def _places(points: FloatArray, low: FloatArray, side: float) -> tuple[IntArray, IntArray]:
-    place = ((points - low) / side).astype(np.int64) + 1
+def _places(points: FloatArray, low: FloatArray, side_length: float) -> tuple[IntArray, IntArray]:
+    place = ((points - low) / side_length).astype(np.int64) + 1
     return place, place.max(axis=0) + 2
 
 
@@ -106,23 +106,25 @@ def _numbers(place: IntArray, size: IntArray) -> IntArray:
 @kernel
 def _search_kernel(
     points: FloatArray, order: IntArray, cells: IntArray, start: IntArray, size: IntArray,
-    side: float, crowd: int, answer: IntArray, distance: FloatArray, rows: NDArray[np.int32],
+    side_length: float, most_neighbours: int, answer: IntArray, distance: FloatArray,
+    rows: NDArray[np.int32],
     unknown: NDArray[np.bool_],
 ) -> None:
-    """points, order, cells, start, size, side : as in `Cells`, the points in order, too
+    """points, order, cells, start, size, side_length : as in `Cells`, the points in order, too
 
     answer : (n,), where to write what is found of each point, −1 for nowhere
     unknown : on return, which points' neighbours may lie farther away than the cells around
     """
     count = distance.shape[1]
-    around, spot = np.empty((3, crowd)), np.empty(crowd, dtype=np.int64)
-    away, near, row = np.empty(crowd), np.empty(crowd + 1), np.empty(crowd + 1, dtype=np.int64)
+    around, spot = np.empty((3, most_neighbours)), np.empty(most_neighbours, dtype=np.int64)
+    away, near = np.empty(most_neighbours), np.empty(most_neighbours + 1)
+    row = np.empty(most_neighbours + 1, dtype=np.int64)
     width, layer = size[0], size[0] * size[1]
-    first, guess = 0, side * side
+    first, guess = 0, side_length * side_length
     while first < len(points):
         last = start[cells[first] + 1]
         many = _gather(points, cells[first], start, width, layer, around, spot)
-        for n in range(first, last if count < many <= crowd else first):
+        for n in range(first, last if count < many <= most_neighbours else first):
             own = answer[order[n]]
             if own < 0:
                 continue
@@ -131,10 +133,10 @@ def _search_kernel(
                 dx, dy, dz = around[0, m] - x, around[1, m] - y, around[2, m] - z
                 away[m] = dx * dx + dy * dy + dz * dz
             # As far away as the neighbours of the point before, and a little more; else all.
-            within = min(1.3 * guess, side * side)
+            within = min(1.3 * guess, side_length * side_length)
             held = _select(away[:many], spot, within, near, row)
-            if held <= count and within < side * side:
-                within = side * side
+            if held <= count and within < side_length * side_length:
+                within = side_length * side_length
                 held = _select(away[:many], spot, within, near, row)
             guess = within
             if held <= count:

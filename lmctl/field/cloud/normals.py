@@ -10,7 +10,8 @@ from lmctl.array_types import FloatArray
 # cosine of the angle between a normal and its patch's; less does not decide a side
 MIN_FIT_COSINE = 0.5
 MIN_FITTING_FRACTION = 0.7  # share of the samples
-TOLD_LEVELS = 2  # by which the way out is wider than through any gap where the outside is known
+#: By so many levels the way out is wider than through any gap where the outside is known.
+KNOWN_SIDE_LEVELS = 2
 MIN_KNOWN_SIDE_FRACTION = 0.05  # share of the samples
 # share, of those where the outside is known, that have to point there; air comes
 MIN_AGREEING_FRACTION = 0.75
@@ -48,12 +49,12 @@ def outward_signs(
         )
     facing = np.where(fitting, np.sign(along), 0.0).astype(np.int8)
     opener = sides[:, 0].astype(np.int16) - sides[:, 1]
-    told = fitting & (sides.max(axis=1) >= gap + TOLD_LEVELS) & (opener != 0)
-    if told.mean() < MIN_KNOWN_SIDE_FRACTION:
+    is_known = fitting & (sides.max(axis=1) >= gap + KNOWN_SIDE_LEVELS) & (opener != 0)
+    if is_known.mean() < MIN_KNOWN_SIDE_FRACTION:
         raise UnusableNormalsError(
             "the normals of the cloud could not be checked: they were not used")
     right = facing * opener > 0
-    share = float(right[told].mean())
+    share = float(right[is_known].mean())
     remarks: tuple[str, ...] = ()
     if share < 1.0 - MIN_AGREEING_FRACTION:
         facing, right = -facing, ~right
@@ -63,7 +64,7 @@ def outward_signs(
             f"the normals of the cloud point outwards at {100.0 * share:.0f} % of its points "
             "only: they were not used"
         )
-    facing[told & ~right] = 0  # the neighbours' vote is better there
+    facing[is_known & ~right] = 0  # the neighbours' vote is better there
     return facing, remarks
 
 
@@ -74,6 +75,6 @@ def oriented_normals(
 
     facing : (n,) int8, on which side of each patch the outside is; returns : (n, 3) float64
     """
-    way = facing * np.sign(np.einsum("nc,nc->n", normals, patch_normals))
-    turned: FloatArray = normals * way[:, None]
+    flip = facing * np.sign(np.einsum("nc,nc->n", normals, patch_normals))
+    turned: FloatArray = normals * flip[:, None]
     return turned

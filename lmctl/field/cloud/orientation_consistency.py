@@ -29,10 +29,10 @@ def propagate_orientation(
     needed = 2.0
     while len(rows) and needed > 1e-3:
         vote = np.einsum("nm,nm->n", agreement, inward[near[rows]])
-        told = np.abs(vote) >= needed
-        if told.any():
-            inward[rows[told]] = np.sign(vote[told]).astype(np.int8)
-            rows, agreement = rows[~told], agreement[~told]
+        decided = np.abs(vote) >= needed
+        if decided.any():
+            inward[rows[decided]] = np.sign(vote[decided]).astype(np.int8)
+            rows, agreement = rows[~decided], agreement[~decided]
         else:
             needed *= 0.5
 
@@ -56,11 +56,12 @@ def _agreement_kernel(
 ) -> None:
     for n in range(len(rows)):
         for m in range(near.shape[1]):
-            one, two, same, own, theirs, apart = rows[n], near[rows[n], m], 0.0, 0.0, 0.0, 0.0
+            one, two, same, apart = rows[n], near[rows[n], m], 0.0, 0.0
+            own_slope, other_slope = 0.0, 0.0
             for c in range(3):
                 offset = points[two, c] - points[one, c]
                 same += normal[one, c] * normal[two, c]
-                own += normal[one, c] * offset
-                theirs += normal[two, c] * offset
+                own_slope += normal[one, c] * offset
+                other_slope += normal[two, c] * offset
                 apart += offset * offset
-            agreement[n, m] = same - 2.0 * own * theirs / apart
+            agreement[n, m] = same - 2.0 * own_slope * other_slope / apart

@@ -137,10 +137,10 @@ def _by_blocks(points: FloatArray, side_mm: float) -> IntArray:
 
 
 def _isolated(spacing: FloatArray, neighbours: NDArray[np.int32]) -> NDArray[np.bool_]:
-    theirs = spacing[neighbours]
-    isolated: NDArray[np.bool_] = spacing > ISOLATED_SPACING_RATIO * theirs.min(axis=1)
-    isolated[isolated] = spacing[isolated] > ISOLATED_SPACING_RATIO * np.median(theirs[isolated],
-                                                                                axis=1)
+    neighbour_spacing = spacing[neighbours]
+    isolated: NDArray[np.bool_] = spacing > ISOLATED_SPACING_RATIO * neighbour_spacing.min(axis=1)
+    isolated[isolated] = spacing[isolated] > ISOLATED_SPACING_RATIO * np.median(
+        neighbour_spacing[isolated], axis=1)
     return isolated
 
 

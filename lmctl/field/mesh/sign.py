@@ -82,7 +82,7 @@ def _crossings_kernel(triangles: FloatArray, sums: Sums) -> None:
             )
             if area == 0.0:
                 continue
-            way = np.int16(1 << (5 * a)) if area < 0.0 else np.int16(-(1 << (5 * a)))
+            vote = np.int16(1 << (5 * a)) if area < 0.0 else np.int16(-(1 << (5 * a)))
             da, ea = t[1, a] - t[0, a], t[2, a] - t[0, a]
             # Height of the triangle's plane over its shadow: a = a0 + gb (b - b0) + gc (c - c0).
             gb = (da * (t[2, c] - t[0, c]) - ea * (t[1, c] - t[0, c])) / area
@@ -109,7 +109,7 @@ def _crossings_kernel(triangles: FloatArray, sums: Sums) -> None:
                     first = max(0, int(np.floor(height)) + 1)
                     if first < count[a]:
                         node[a], node[b], node[c] = first, u, v
-                        sums[node[2], node[1], node[0]] += way
+                        sums[node[2], node[1], node[0]] += vote
 
 
 @inner_kernel

@@ -135,11 +135,12 @@ def _distance_kernel(
         x, y, z = points[row, 0], points[row, 1], points[row, 2]
         nearest, qx, qy, qz = _nearest(triangles, boxes, levels, x, y, z, nearest, nodes, far)
         away = np.sqrt((qx - x) ** 2 + (qy - y) ** 2 + (qz - z) ** 2)
-        way = np.inf
+        step_mm = np.inf
         if row > 0:
-            way = np.sqrt((x - points[row - 1, 0]) ** 2 + (y - points[row - 1, 1]) ** 2
+            step_mm = np.sqrt((x - points[row - 1, 0]) ** 2 + (y - points[row - 1, 1]) ** 2
                           + (z - points[row - 1, 2]) ** 2)
-        if not way < (1.0 - 1e-9) * max(before, away):  # else no surface is between the two places
+        # Else no surface is between the two places.
+        if not step_mm < (1.0 - 1e-9) * max(before, away):
             side = 1.0 if _winding(triangles, boxes, levels, x, y, z, nodes) != 0 else -1.0
         before = away
         distance[row] = side * away

@@ -72,7 +72,7 @@ async def identify_feeder(
             where=[*place, f"map {major}.{minor}; map {MAP_MAJOR_VERSION} is known here"],
             hint="this feeder needs another version of lmctl, or other firmware",
         )
-    n_hoppers = _whole(values["N_HOPPERS"])
+    n_hoppers = _integer(values["N_HOPPERS"])
     missing = [h for h in hoppers if h.channel > n_hoppers]
     if missing or not 1 <= n_hoppers <= MAX_HOPPERS:
         raise MachineError(
@@ -99,9 +99,9 @@ async def identify_feeder(
     return FeederIdentity(
         map_version=(major, minor),
         firmware=_pair(values["FW_VERSION"]),
-        serial=_whole(values["SERIAL"]),
+        serial=_integer(values["SERIAL"]),
         n_hoppers=n_hoppers,
-        heartbeat=_whole(values["HEARTBEAT_ECHO"]),
+        heartbeat=_integer(values["HEARTBEAT_ECHO"]),
         has_mirror=minor >= FIRST_MINOR_VERSION_WITH_MIRROR,
         feed_factor_g_rev=factors,
     )
@@ -127,9 +127,9 @@ async def _feed_factor(link: ModbusLink, hopper: HopperSettings, place: list[str
     return factor
 
 
-def _whole(value: RegisterValue) -> int:
+def _integer(value: RegisterValue) -> int:
     return value if isinstance(value, int) else 0
 
 
 def _pair(value: RegisterValue) -> tuple[int, int]:
-    return _whole(value) >> 8, _whole(value) & 0xFF
+    return _integer(value) >> 8, _integer(value) & 0xFF

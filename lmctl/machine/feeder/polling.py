@@ -89,7 +89,7 @@ class FeederPolling:
         )
         self._due_s = self._status_due_s = self._hoppers_due_s = self._loop.time()
         self._news = self._ask_status = False
-        self._woken: asyncio.Future[None] | None = None
+        self._wake_up: asyncio.Future[None] | None = None
         self._waiting: list[asyncio.Future[None]] = []
         self._task: asyncio.Task[None] | None = None
 
@@ -101,7 +101,7 @@ class FeederPolling:
         wanted = self._recipe.flow_counts(flows_g_min)
         if wanted != self._wanted:
             self._wanted = wanted
-            self._wake()
+            self._end_sleep()
 
     async def read_first_status(self) -> FeederStatus:
         """A status without heartbeat; recipes are then numbered on from the one that runs."""
@@ -147,14 +147,14 @@ class FeederPolling:
             count = self._mirrored if hoppers_due else SYSTEM_BLOCK.count
             answer = await self._link.exchange(self._recipe.address, words, MIRROR_ADDRESS, count)
             if hoppers_due:
-                self._heard({n: answer[r.mirrored] for n, r in self._readers.items()})
+                self._on_words({n: answer[r.mirrored] for n, r in self._readers.items()})
         else:
             await self._link.write(self._recipe.address, words)
             answer = await self._link.read_input(SYSTEM_BLOCK.address, SYSTEM_BLOCK.count)
         self._sent = wanted
         self._answered(self._understood(answer[: SYSTEM_BLOCK.count]))
         if hoppers_due and not self._has_mirror:
-            self._heard({
+            self._on_words({
                 name: await self._link.read_input(reader.address, reader.count)
                 for name, reader in self._readers.items()
             })
@@ -174,7 +174,7 @@ class FeederPolling:
     def read_status_now(self) -> None:
         """Read the status at once, because a caller is waiting for it."""
         self._ask_status = True
-        self._wake()
+        self._end_sleep()
 
     def request_hopper_readings(self) -> None:
         """Read the hoppers with the next status."""
@@ -235,7 +235,7 @@ class FeederPolling:
                 await self._refused(error)
             if complaint := self._watch.silence_fault(self.status_age_s,
                                                       self._link.wire_observation):
-                self._complain(complaint)
+                self._set_fault(complaint)
 
     async def _refused(self, error: ModbusExceptionError) -> None:
         """Read the status after a refusal: it gives the reason, since the device still answers."""
@@ -243,7 +243,7 @@ class FeederPolling:
         with suppress(MachineError, RegisterError):
             self._answered(self._understood(
                 await self._link.read_input(SYSTEM_BLOCK.address, SYSTEM_BLOCK.count)))
-        self._complain(FeederFault(f"it refuses a request: {reason}", REFUSED_HINT))
+        self._set_fault(FeederFault(f"it refuses a request: {reason}", REFUSED_HINT))
 
     def _does_more_than_ordered(self) -> bool:
         """Whether it feeds, or gas flows, although commanded off: an order was lost."""
@@ -258,19 +258,19 @@ class FeederPolling:
         """Wait until the next cycle, or until there is something new to send."""
         if self._news:
             return
-        self._woken = self._loop.create_future()
-        timer = self._loop.call_at(self._due_s, self._wake)
+        self._wake_up = self._loop.create_future()
+        timer = self._loop.call_at(self._due_s, self._end_sleep)
         try:
-            await self._woken
+            await self._wake_up
         finally:
             timer.cancel()
 
-    def _wake(self) -> None:
+    def _end_sleep(self) -> None:
         self._news = True
-        if self._woken is not None and not self._woken.done():
-            self._woken.set_result(None)
+        if self._wake_up is not None and not self._wake_up.done():
+            self._wake_up.set_result(None)
 
-    def _heard(self, words: Mapping[str, Sequence[int]]) -> None:
+    def _on_words(self, words: Mapping[str, Sequence[int]]) -> None:
         """Take the reading of each hopper, by its name."""
         now_s = self._loop.time()
         self._hoppers_due_s = now_s + _HOPPER_CYCLES * self.period_s
@@ -293,17 +293,17 @@ class FeederPolling:
         self.listener.on_status(status)
         complaint = self._watch.find_fault(status, sequence=self._sequence, feeding=self.feeding)
         if complaint is not None:
-            self._complain(complaint)
-        self._tell_waiting()
+            self._set_fault(complaint)
+        self._notify_waiting()
 
-    def _complain(self, complaint: FeederFault) -> None:
+    def _set_fault(self, complaint: FeederFault) -> None:
         if not self.watching or self.fault is not None:
             return
         self.fault = self.errors.error(complaint.reason, complaint.hint)
         self.listener.on_fault(complaint.reason)
-        self._tell_waiting()
+        self._notify_waiting()
 
-    def _tell_waiting(self) -> None:
+    def _notify_waiting(self) -> None:
         waiting, self._waiting = self._waiting, []
         for news in waiting:
             if not news.done():
@@ -313,4 +313,4 @@ class FeederPolling:
         """A task that dies of a bug must not leave the run waiting for it."""
         if not task.cancelled() and task.exception() is not None:
             self.watching = True
-            self._complain(FeederFault("its driver failed", "this is a bug: please report it"))
+            self._set_fault(FeederFault("its driver failed", "this is a bug: please report it"))

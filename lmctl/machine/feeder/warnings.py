@@ -44,7 +44,7 @@ class WarningReader:
         self._only = next(iter(names.values()), "") if n_hoppers == 1 else ""
         self._word = 0
         self._hoppers: Mapping[str, HopperReading] = {}
-        self._standing: tuple[FeederWarning, ...] = ()
+        self._active: tuple[FeederWarning, ...] = ()
 
     def read(
         self, word: int, hoppers: Mapping[str, HopperReading]
@@ -55,19 +55,19 @@ class WarningReader:
             read for the first time, nothing is reported
         """
         if (word == self._word and (not word or hoppers is self._hoppers)) or not hoppers:
-            return self._standing
+            return self._active
         self._word, self._hoppers = word, hoppers
-        known = {(one.number, one.hopper): one for one in self._standing}
-        standing = tuple(
+        known = {(one.number, one.hopper): one for one in self._active}
+        active = tuple(
             known.get((one.code, hopper))
             or FeederWarning(one.code, self._feeder, hopper, self._place(hopper) + one.text
                              + _figures(one.code, hopper, hoppers), one.remedy)
             for one in describe_warnings(word)
             for hopper in self._of(one.code, hoppers)
         )
-        if standing != self._standing:
-            self._standing = standing
-        return self._standing
+        if active != self._active:
+            self._active = active
+        return self._active
 
     def _of(self, number: int, hoppers: Mapping[str, HopperReading]) -> Iterable[str]:
         flag = _OWN_FLAG.get(number)

@@ -62,7 +62,7 @@ async def inspect_feeder(feeder: FeederSettings,
     try:
         link = await ModbusLink.open(feeder, timeout_s=_TIMEOUT_S, mirror=mirror_register)
         try:
-            return await _feeder_told(link, feeder, hoppers)
+            return await _read_feeder(link, feeder, hoppers)
         finally:
             await link.close()
     except NoReplyError as error:
@@ -78,7 +78,7 @@ async def inspect_feeder(feeder: FeederSettings,
                            hint="is it a PMX?") from error
 
 
-async def _feeder_told(
+async def _read_feeder(
     link: ModbusLink, feeder: FeederSettings, hoppers: Sequence[HopperSettings]
 ) -> FeederInspection:
     loop = asyncio.get_running_loop()

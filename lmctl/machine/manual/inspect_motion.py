@@ -70,28 +70,29 @@ async def inspect_controller(endpoint: str, *, baud: int, timeout_s: float = 5.0
 
     Raises MachineError where it is unreachable, silent or no Grbl; ConfigError for a bad endpoint.
     """
-    talk = GrblConnection(endpoint, _PERIOD_S, ConnectionCallbacks(
+    connection = GrblConnection(endpoint, _PERIOD_S, ConnectionCallbacks(
         on_ok=_ignore, on_rejected=_ignore, on_report=_ignore, on_alarm=_ignore, on_restart=_ignore,
         on_batch_done=_ignore, on_lost=_ignore,
     ))
     try:
-        await talk.open(baud, timeout_s)
-        report = await first_report(talk, timeout_s)
+        await connection.open(baud, timeout_s)
+        report = await first_report(connection, timeout_s)
         if report.state not in _ANSWERING:
-            return MotionReading(report, None, {}, (), (), False, None, talk.damaged)
-        identity = await query_identity(talk)
-        talk.use_dialect(identity.dialect, identity.rx_bytes)
-        settings = parse_settings(await _told(talk, "$$"))
-        parser_state = await _told(talk, "$G")
-        offsets = await _told(talk, "$#")
-        report, is_homed = await talk.query_report(timeout_s) or report, await query_homed(talk)
+            return MotionReading(report, None, {}, (), (), False, None, connection.damaged)
+        identity = await query_identity(connection)
+        connection.use_dialect(identity.dialect, identity.rx_bytes)
+        settings = parse_settings(await _lines_of(connection, "$$"))
+        parser_state = await _lines_of(connection, "$G")
+        offsets = await _lines_of(connection, "$#")
+        report = await connection.query_report(timeout_s) or report
+        is_homed = await query_homed(connection)
         trusted = report.state == "Idle" and bool(settings) and (
             is_homed is True or not is_homing_enabled(settings)
         )
         return MotionReading(report, identity, settings, parser_state, offsets, trusted, is_homed,
-                             talk.damaged)
+                             connection.damaged)
     finally:
-        talk.close()
+        connection.close()
 
 
 async def read_motion(motion: MotionDriver) -> MotionReading:
@@ -105,12 +106,12 @@ async def read_motion(motion: MotionDriver) -> MotionReading:
                            hint="check its cable, then try again")
     return MotionReading(
         report, motion.identity, motion.settings,
-        await _told_to(motion, "$G"), await _told_to(motion, "$#"),
+        await _lines_of_driver(motion, "$G"), await _lines_of_driver(motion, "$#"),
         motion.position_trusted, None, motion.damaged_message_count, is_taken_over=True,
     )
 
 
-async def _told_to(motion: MotionDriver, command: str) -> list[str]:
+async def _lines_of_driver(motion: MotionDriver, command: str) -> list[str]:
     """The same of a controller that is open."""
     try:
         return await motion.send_command(command)
@@ -124,11 +125,11 @@ def _ignore(*_: object) -> None:
     """Ignore an event that has no listener."""
 
 
-async def _told(talk: GrblConnection, command: str) -> list[str]:
+async def _lines_of(connection: GrblConnection, command: str) -> list[str]:
     """The answer to a command; empty where the command is refused (as in some alarms)."""
     try:
-        return await talk.send_command(command, _COMMAND_S)
+        return await connection.send_command(command, _COMMAND_S)
     except MachineError:
-        if talk.lost:
+        if connection.lost:
             raise
         return []

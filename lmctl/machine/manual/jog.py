@@ -72,10 +72,10 @@ def check_jog(jog: JogRequest, motion: MotionDriver, limits: MotionSettings) -> 
 
 def _blind(jog: JogRequest) -> dict[str, float]:
     if not jog.relative:
-        raise MachineError("nobody knows where the machine is, so it cannot be sent to a place",
+        raise MachineError("the machine position is unknown, so it cannot be sent to a place",
                            hint="`lmctl machine home`, or jog by a distance with --relative")
     if max(map(abs, jog.to_mm.values())) > MAX_JOG_FROM_UNKNOWN_MM:
-        raise UsageError("nobody knows where the machine is: a jog is limited to "
+        raise UsageError("the machine position is unknown: a jog is limited to "
                          f"{MAX_JOG_FROM_UNKNOWN_MM:g} mm", hint="`lmctl machine home`")
     return dict(jog.to_mm)
 
@@ -104,8 +104,8 @@ async def jog_axes(jog: JogRequest, motion: MotionDriver, limits: MotionSettings
     if motion.position_trusted and any(
         abs(at[_AXES.index(axis)] - value) > _THERE_MM for axis, value in target.items()
     ):
-        stands = " ".join(f"{axis}{value:.2f}" for axis, value in zip(_AXES, at, strict=False))
-        raise MachineError(f"the jog ended before it arrived: the machine stands at {stands}",
+        position = " ".join(f"{axis}{value:.2f}" for axis, value in zip(_AXES, at, strict=False))
+        raise MachineError(f"the jog ended before it arrived: the machine is at {position}",
                            hint="was it stopped at its panel?")
     return at
 

@@ -51,7 +51,9 @@ class GrblConnection:
     sent_before_question : tag of the newest line unanswered when `?` was sent, or None
     """
 
-    def __init__(self, endpoint: str, status_period_s: float, hearer: ConnectionCallbacks) -> None:
+    def __init__(
+        self, endpoint: str, status_period_s: float, callbacks: ConnectionCallbacks
+    ) -> None:
         self.endpoint = endpoint
         self.dialect: Dialect = GRBL
         self.damaged = 0
@@ -62,7 +64,7 @@ class GrblConnection:
         self.sent_before_question: int | None = None
         self.watch = StatusPolling(status_period_s, self._ask, self._fell_silent)
         self.screen = StatusReportFilter()
-        self._hearer = hearer
+        self._callbacks = callbacks
         self._loop = asyncio.get_running_loop()
         self._host = GrblHost(_MIN_RX_USABLE, GRBL.max_line_chars)
         self._link: ByteLink | None = None
@@ -106,7 +108,7 @@ class GrblConnection:
         return self._link is not None and not self._link.unsent_bytes
 
     @property
-    def is_worth_writing(self) -> bool:
+    def may_write(self) -> bool:
         """Whether enough room is free, or little enough under way, that lines should go out now.
 
         An unpaced link then needs no write for every answer. Half full, and with the planner
@@ -186,7 +188,7 @@ class GrblConnection:
             self.sent_before_question = self._host.newest_unanswered_tag
         self._with_question = b""
         try:
-            self._hearer.on_query()
+            self._callbacks.on_query()
         finally:
             lines, self._with_question = self._with_question, None
         question = RealtimeCommand.STATUS
@@ -209,14 +211,14 @@ class GrblConnection:
                 accepted += 1
                 continue
             if accepted:
-                self._hearer.on_ok(accepted)
+                self._callbacks.on_ok(accepted)
                 accepted = 0
-            self._hear(event)
+            self._on_event(event)
         if accepted:
-            self._hearer.on_ok(accepted)
-        self._hearer.on_batch_done()
+            self._callbacks.on_ok(accepted)
+        self._callbacks.on_batch_done()
 
-    def _hear(self, event: HostEvent) -> None:
+    def _on_event(self, event: HostEvent) -> None:
         if self.observation is not None:
             self.observation.restart_count += isinstance(event, ControllerRestarted)
             self.observation.message_count += not isinstance(
@@ -227,7 +229,7 @@ class GrblConnection:
             if event.tag == _COMMAND_TAG:
                 self._command_answered(event.code)
             else:
-                self._hearer.on_rejected(event.tag, event.code)
+                self._callbacks.on_rejected(event.tag, event.code)
         elif isinstance(event, StatusMessage):
             self._reported(event.report)
         elif isinstance(event, ControllerRestarted):
@@ -235,10 +237,10 @@ class GrblConnection:
         elif isinstance(event, AlarmMessage):
             meaning = alarm_meaning(event.code, self.dialect)
             self._awaited.on_refused(f"alarm {event.code}: {meaning.description}", meaning.remedy)
-            self._hearer.on_alarm(event.code)
+            self._callbacks.on_alarm(event.code)
         elif isinstance(event, RemoteProtocolError):
             self.damaged += 1
-            self._hearer.on_surplus_reply()
+            self._callbacks.on_surplus_reply()
         elif isinstance(event, UnknownMessage):
             self.damaged += 1
             if self.watch.is_query_open:  # while a query is open, most messages are its answer
@@ -256,11 +258,11 @@ class GrblConnection:
         self.watch.on_report()
         if not self._host.unanswered_lines:
             self.rx_empty = max(self.rx_empty, report.rx_bytes_free or 0)
-        self._hearer.on_report(report)
+        self._callbacks.on_report(report)
         if self._awaited.reports:
             self._awaited.on_report(report)
         if self.screen.is_unsure:
-            self.watch.query_soon()
+            self.watch.query_next_tick()
 
     def _command_answered(self, code: int) -> None:
         if code:
@@ -274,7 +276,7 @@ class GrblConnection:
         asked = self._resets.banner_answers_reset(self._loop.time())
         self._awaited.on_refused("the controller restarted", "send it again")
         self.screen.on_restart()
-        self._hearer.on_restart(asked)
+        self._callbacks.on_restart(asked)
         self._awaited.on_restart()
         self.watch.on_restart()
 
@@ -289,7 +291,7 @@ class GrblConnection:
         self.lost = reason
         self.watch.stop()
         self._awaited.on_lost(self.device_error(reason, hint=_LOST_HINT))
-        self._hearer.on_lost(reason)
+        self._callbacks.on_lost(reason)
 
     def _refuse_if_lost(self) -> None:
         if self.lost is not None:

@@ -45,7 +45,7 @@ class MotionDriver:
         self.position_mm: tuple[float, ...] | None = None
         self.position_trusted = False
         self.restarted = False
-        self._talk = GrblConnection(
+        self._connection = GrblConnection(
             endpoint,
             status_period_s,
             ConnectionCallbacks(
@@ -60,9 +60,10 @@ class MotionDriver:
                 on_lost=self._lost,
             ),
         )
-        self._stream = LineStream(self._talk, lambda tag, code: self.listener.on_error(tag, code))
+        self._stream = LineStream(
+            self._connection, lambda tag, code: self.listener.on_error(tag, code))
         self._introduction: ControllerInfo | None = None
-        self._unfit = ""  # what keeps programs from being sent
+        self._unsuitable = ""  # what keeps programs from being sent
         self._at_rest_at_reset = False
         self._grown = False  # counts have grown since on_progress was called
 
@@ -78,14 +79,14 @@ class MotionDriver:
         """
         driver = cls(endpoint, status_period_s)
         try:
-            await driver._talk.open(baud, connect_timeout_s)
-            said = await perform_handshake(driver._talk, connect_timeout_s)
+            await driver._connection.open(baud, connect_timeout_s)
+            said = await perform_handshake(driver._connection, connect_timeout_s)
         except BaseException:
             await driver.close()
             raise
         driver._introduction = said
-        driver._talk.screen.set_controller_info(said.identity, said.settings)
-        driver._unfit = "; ".join(
+        driver._connection.screen.set_controller_info(said.identity, said.settings)
+        driver._unsuitable = "; ".join(
             setting.text for setting in unsuitable_settings(said.identity, said.settings)
         )
         if driver.offset_mm is None:
@@ -94,13 +95,13 @@ class MotionDriver:
                 driver.position_mm = driver.status.work_position_mm(driver.offset_mm)
         idle = driver.status is not None and driver.status.state == "Idle"
         driver.position_trusted = idle and said.is_position_stated
-        driver._talk.watch.start()
+        driver._connection.watch.start()
         return driver
 
     async def close(self) -> None:
         """Close the link. The machine is left as it is."""
         self._stream.discard_queue()
-        self._talk.close()
+        self._connection.close()
 
     @property
     def identity(self) -> ControllerIdentity:
@@ -135,12 +136,12 @@ class MotionDriver:
     @property
     def is_all_answered(self) -> bool:
         """Whether the link is open and nothing that was sent is unanswered."""
-        return self._talk.lost is None and not self._talk.unanswered_lines
+        return self._connection.lost is None and not self._connection.unanswered_lines
 
     @property
     def lost(self) -> str | None:
         """Why the link is lost, None while it is not."""
-        return self._talk.lost
+        return self._connection.lost
 
     @property
     def lines_queued(self) -> int:
@@ -150,36 +151,36 @@ class MotionDriver:
     @property
     def status_age_s(self) -> float:
         """Seconds since the last believed status report."""
-        return self._talk.watch.age_s
+        return self._connection.watch.age_s
 
     @property
     def damaged_message_count(self) -> int:
         """Messages so far that were damaged or answered nothing: the quality of the line."""
-        return self._talk.damaged
+        return self._connection.damaged
 
     @property
     def unreadable_answer_count(self) -> int:
         """Answers since the last believed report that could not be read or believed."""
-        return self._talk.watch.unreadable
+        return self._connection.watch.unreadable
 
     @property
     def unanswered_query_count(self) -> int:
         """How often `?` was sent since the last believed report."""
-        return self._talk.watch.times_put
+        return self._connection.watch.times_put
 
     @property
     def is_silent(self) -> bool:
         """Whether the controller was given up because it does not answer."""
-        return self._talk.is_silent
+        return self._connection.is_silent
 
     @property
     def are_overrides_known(self) -> bool:
         """Whether every report since the last one with overrides has arrived and was believed."""
-        return not (self._talk.screen.overrides_missed or self._talk.screen.is_unsure)
+        return not (self._connection.screen.overrides_missed or self._connection.screen.is_unsure)
 
     def request_confirming_report(self) -> None:
         """Ask for another report within 20 ms: the last one is doubted."""
-        self._talk.watch.query_soon()
+        self._connection.watch.query_next_tick()
 
     def submit(self, lines: Iterable[bytes]) -> None:
         """Queue lines of the stream; they go out as the controller has room.
@@ -188,8 +189,8 @@ class MotionDriver:
         raises : LocalProtocolError for a line that could never be sent; MachineError where the
             controller's settings ($32, $10) allow no program
         """
-        if self._unfit:
-            raise self._talk.device_error(self._unfit, hint="see `lmctl machine doctor`")
+        if self._unsuitable:
+            raise self._connection.device_error(self._unsuitable, hint="see `lmctl machine doctor`")
         self._stream.submit(lines, self.identity)
 
     def discard_queue(self) -> int:
@@ -197,7 +198,7 @@ class MotionDriver:
         return self._stream.discard_queue()
 
     def trust_position(self) -> None:
-        """The caller vouches that reported positions are those of the machine."""
+        """The caller confirms that reported positions are those of the machine."""
         self.position_trusted = True
 
     def send_realtime(self, byte: RealtimeCommand) -> None:
@@ -206,26 +207,26 @@ class MotionDriver:
             self._stream.discard_queue()
             self._stream.held = True
             self._at_rest_at_reset = self._at_rest()
-        self._talk.send_realtime(byte)
+        self._connection.send_realtime(byte)
 
     async def send_command(self, line: str, timeout_s: float = 5.0) -> list[str]:
         """Send one line outside any stream; return the messages received before its `ok`.
 
         raises : MachineError with the code in words; LocalProtocolError while lines are unanswered
         """
-        return await self._talk.send_command(line, timeout_s)
+        return await self._connection.send_command(line, timeout_s)
 
     async def home(self, timeout_s: float = _HOMED_S) -> None:
         """Home the machine, which clears an alarm; afterwards its position is trusted.
 
         raises : MachineError
         """
-        self._talk.watch.stop()  # Grbl answers no `?` while it homes
+        self._connection.watch.stop()  # Grbl answers no `?` while it homes
         try:
-            await self._talk.send_command("$H", timeout_s)
+            await self._connection.send_command("$H", timeout_s)
         finally:
-            if self._talk.lost is None:
-                self._talk.watch.start()
+            if self._connection.lost is None:
+                self._connection.watch.start()
         self._stream.on_restart(halted=False)
         self.position_trusted = True
 
@@ -236,11 +237,11 @@ class MotionDriver:
             after stopped_within_s, or an alarm stops it instead
         """
         self._stream.held = True
-        await feed_hold.hold(self._talk, seen_within_s, stopped_within_s)
+        await feed_hold.hold(self._connection, seen_within_s, stopped_within_s)
 
     async def resume(self) -> None:
         """End a hold. Raises MachineError where the machine is not standing held, or stays so."""
-        await feed_hold.resume(self._talk)
+        await feed_hold.resume(self._connection)
         self._stream.held = False
         self._stream.send_available()
 
@@ -252,10 +253,10 @@ class MotionDriver:
         self._stream.discard_queue()
         self._stream.held = True
         self._at_rest_at_reset = self._at_rest()
-        await self._talk.reset(timeout_s)
-        report = await self._talk.query_report(timeout_s)
+        await self._connection.reset(timeout_s)
+        report = await self._connection.query_report(timeout_s)
         if report is None:
-            raise self._talk.device_error(
+            raise self._connection.device_error(
                 "the controller restarted but answers no '?'", hint="switch it off and on"
             )
         return report
@@ -285,18 +286,18 @@ class MotionDriver:
 
     def _alarmed(self, code: int) -> None:
         self._stream.halted = True
-        if alarm_loses_position(code, self._talk.dialect):
+        if alarm_loses_position(code, self._connection.dialect):
             self.position_trusted = False
         self.listener.on_alarm(code)
 
     def _restarted(self, asked: bool) -> None:
-        surprise = not asked and self._introduction is not None
+        unrequested = not asked and self._introduction is not None
         self.restarted = self.restarted or not asked
-        self._stream.on_restart(halted=surprise)
+        self._stream.on_restart(halted=unrequested)
         self.overrides = NO_OVERRIDE
         if not (asked and self._at_rest_at_reset):
             self.position_trusted = False
-        if surprise:
+        if unrequested:
             self.listener.on_restart()
 
     def _batch_done(self) -> None:
@@ -315,7 +316,7 @@ class MotionDriver:
         if report is None:
             return False
         if report.state == "Idle":
-            return self._talk.unanswered_lines == 0 and self._stream.progress.is_all_executed
+            return self._connection.unanswered_lines == 0 and self._stream.progress.is_all_executed
         return report.is_held or report.state in ("Alarm", "Check", "Sleep")
 
     def _said(self) -> ControllerInfo:

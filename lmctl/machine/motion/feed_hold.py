@@ -14,7 +14,7 @@ _FROZEN_S = 1.0  # a machine that slows down moves
 _RESUMED_S = 10.0  # restoring the spindle behind a door takes some seconds
 
 
-async def hold(talk: GrblConnection, seen_within_s: float, stopped_within_s: float) -> None:
+async def hold(connection: GrblConnection, seen_within_s: float, stopped_within_s: float) -> None:
     """Send `!` and return when the machine stands still.
 
     raises : MachineError where no hold shows within seen_within_s, or the machine still moves
@@ -26,56 +26,58 @@ async def hold(talk: GrblConnection, seen_within_s: float, stopped_within_s: flo
     place: tuple[float, ...] | None = None
     moved_s = start_s
     idle_reports = 0
-    talk.send_realtime(RealtimeCommand.HOLD)
+    connection.send_realtime(RealtimeCommand.HOLD)
     while True:
-        report = await talk.query_report(_ANSWER_S)
+        report = await connection.query_report(_ANSWER_S)
         if report is not None:
             if report.is_held:
                 return
             if report.state == "Alarm":
-                raise talk.device_error("an alarm came instead of the hold",
+                raise connection.device_error("an alarm came instead of the hold",
                                         hint="look at the alarm")
             seen = seen or report.state in ("Hold", "Door")
             at = report.machine_mm or report.work_mm
             if at != place:
                 place, moved_s = at, loop.time()
             # The first may have been on its way before the hold, and nothing must be left to start.
-            idle_reports += report.state == "Idle" and not talk.unanswered_lines
+            idle_reports += report.state == "Idle" and not connection.unanswered_lines
             if idle_reports >= 2:
                 return
         waited_s = loop.time() - start_s
         if waited_s >= (stopped_within_s if seen else seen_within_s):
-            raise _not_held(talk, seen, waited_s, loop.time() - moved_s)
+            raise _not_held(connection, seen, waited_s, loop.time() - moved_s)
         await asyncio.sleep(_POLL_S)
 
 
-async def resume(talk: GrblConnection) -> None:
+async def resume(connection: GrblConnection) -> None:
     """Send `~` to a machine that stands held and return when it no longer does.
 
     `~` while it still decelerates is ignored by both firmwares, so it is not sent then.
     raises : MachineError where the machine is not standing held, or stays so
     """
     loop = asyncio.get_running_loop()
-    report = await talk.query_report(1.0)
+    report = await connection.query_report(1.0)
     if report is None or not (report.is_held or report.state == "Idle"):
-        raise talk.device_error(
+        raise connection.device_error(
             "resume refused: the machine is not held at standstill (state "
             f"{'unknown' if report is None else report.state})",
             hint="hold it first and wait until it stands; close the safety door",
         )
-    talk.send_realtime(RealtimeCommand.START)
+    connection.send_realtime(RealtimeCommand.START)
     start_s = loop.time()
     while report is None or report.state in ("Hold", "Door"):
         if loop.time() - start_s >= _RESUMED_S:
-            raise talk.device_error(
+            raise connection.device_error(
                 f"the hold did not end within {_RESUMED_S:g} s of a resume",
                 hint="look whether the safety door is closed",
             )
         await asyncio.sleep(_POLL_S)
-        report = await talk.query_report(_ANSWER_S)
+        report = await connection.query_report(_ANSWER_S)
 
 
-def _not_held(talk: GrblConnection, seen: bool, waited_s: float, still_s: float) -> MachineError:
+def _not_held(
+    connection: GrblConnection, seen: bool, waited_s: float, still_s: float
+) -> MachineError:
     if not seen:
         what = f"no hold showed within {waited_s:.2f} s of a feed hold"
     elif still_s > _FROZEN_S:
@@ -85,4 +87,4 @@ def _not_held(talk: GrblConnection, seen: bool, waited_s: float, still_s: float)
         )
     else:
         what = f"the machine still moves {waited_s:.2f} s after a feed hold"
-    return talk.device_error(what, hint="reset the controller; its position is lost then")
+    return connection.device_error(what, hint="reset the controller; its position is lost then")

@@ -59,95 +59,95 @@ class ControllerInfo:
         return self.is_homed is True or not is_homing_enabled(self.settings)
 
 
-async def perform_handshake(talk: GrblConnection, timeout_s: float) -> ControllerInfo:
+async def perform_handshake(connection: GrblConnection, timeout_s: float) -> ControllerInfo:
     """Meet the controller on an open link and bring it to Idle or Alarm.
 
     timeout_s : for the first answer (a board that resets when the port opens takes 2 s), and again
         for coming to rest
     raises : MachineError where it is silent, is not a Grbl, or does not come to rest
     """
-    found = await first_report(talk, timeout_s)
-    await _come_to_rest(talk, found, timeout_s)
-    identity = await query_identity(talk)
-    talk.use_dialect(identity.dialect, identity.rx_bytes)
-    settings = parse_settings(await talk.send_command("$$", _COMMAND_S))
+    found = await first_report(connection, timeout_s)
+    await _come_to_rest(connection, found, timeout_s)
+    identity = await query_identity(connection)
+    connection.use_dialect(identity.dialect, identity.rx_bytes)
+    settings = parse_settings(await connection.send_command("$$", _COMMAND_S))
     offset_mm: tuple[float, ...] | None = None
     with suppress(MachineError):  # refused in some alarms; reports carry WCO: as well
-        parser_state = await talk.send_command("$G", _COMMAND_S)
-        offset_mm = parse_work_offset(parser_state, await talk.send_command("$#", _COMMAND_S))
-        talk.screen.set_work_offset(offset_mm)
-    return ControllerInfo(found, identity, settings, offset_mm, await query_homed(talk))
+        parser_state = await connection.send_command("$G", _COMMAND_S)
+        offset_mm = parse_work_offset(parser_state, await connection.send_command("$#", _COMMAND_S))
+        connection.screen.set_work_offset(offset_mm)
+    return ControllerInfo(found, identity, settings, offset_mm, await query_homed(connection))
 
 
-async def query_homed(talk: GrblConnection) -> bool | None:
+async def query_homed(connection: GrblConnection) -> bool | None:
     """Whether the controller reports its axes homed; None where it does not report it.
 
     One changed digit would home a machine: two reports must agree.
     """
-    if talk.dialect is not GRBLHAL:
+    if connection.dialect is not GRBLHAL:
         return None
     said: list[bool | None] = []
     for _ in range(_HOMED_TRIES):
-        talk.send_realtime(RealtimeCommand.STATUS_FULL)
-        report = await talk.query_report(_ASK_EVERY_S)
+        connection.send_realtime(RealtimeCommand.STATUS_FULL)
+        report = await connection.query_report(_ASK_EVERY_S)
         said.append(None if report is None else reported_homed_state(report))
         if said[-1] is not None and said.count(said[-1]) >= _HOMED_AGREEING:
             return said[-1]
     return None
 
 
-async def first_report(talk: GrblConnection, timeout_s: float) -> StatusReport:
+async def first_report(connection: GrblConnection, timeout_s: float) -> StatusReport:
     """Ask `?` until it is answered. Raises MachineError with what came instead."""
     loop = asyncio.get_running_loop()
     deadline_s = loop.time() + timeout_s
     while loop.time() < deadline_s:
-        if (report := await talk.query_report(_ASK_EVERY_S)) is not None:
-            talk.observation = None
+        if (report := await connection.query_report(_ASK_EVERY_S)) is not None:
+            connection.observation = None
             return report
-    seen = talk.observation
+    seen = connection.observation
     assert seen is not None
     what, hint = seen.diagnose_missing_report()
-    raise talk.device_error(what, hint=hint)
+    raise connection.device_error(what, hint=hint)
 
 
-async def _come_to_rest(talk: GrblConnection, found: StatusReport, timeout_s: float) -> None:
+async def _come_to_rest(connection: GrblConnection, found: StatusReport, timeout_s: float) -> None:
     """Wait out motion; reset a controller that stands in a hold, behind a door, or asleep."""
     loop = asyncio.get_running_loop()
     deadline_s = loop.time() + timeout_s
     report: StatusReport | None = found
     reset = False
     while report is None or report.state not in _READY:
-        if report is not None and not reset and _stands_still(report):
-            await talk.reset(MAX_RESET_TIME_S)
+        if report is not None and not reset and _is_at_rest(report):
+            await connection.reset(MAX_RESET_TIME_S)
             reset = True
         if loop.time() >= deadline_s:
-            raise _restless(talk, report)
+            raise _not_at_rest_error(connection, report)
         await asyncio.sleep(min(_ASK_EVERY_S, max(0.0, deadline_s - loop.time())))
-        report = await talk.query_report(_ASK_EVERY_S)
+        report = await connection.query_report(_ASK_EVERY_S)
 
 
-def _stands_still(report: StatusReport) -> bool:
+def _is_at_rest(report: StatusReport) -> bool:
     return report.is_held or report.state in ("Sleep", "Check", "Tool")
 
 
-def _restless(talk: GrblConnection, report: StatusReport | None) -> MachineError:
+def _not_at_rest_error(connection: GrblConnection, report: StatusReport | None) -> MachineError:
     if report is None:
-        return talk.device_error("the motion controller stopped answering",
+        return connection.device_error("the motion controller stopped answering",
                                  hint="check cable and power")
     if report.state in _MOVING:
-        return talk.device_error(
+        return connection.device_error(
             f"the machine is moving (state {report.state}) at another's command",
             hint="wait until it stands, or stop it at its panel, then try again",
         )
     if report.state == "Door":
-        return talk.device_error("the safety door is open", hint="close it and try again")
-    return talk.device_error(
+        return connection.device_error("the safety door is open", hint="close it and try again")
+    return connection.device_error(
         f"the motion controller stays in state {report.state}",
         hint="bring it to Idle at its panel, then try again",
     )
 
 
-async def query_identity(talk: GrblConnection) -> ControllerIdentity:
+async def query_identity(connection: GrblConnection) -> ControllerIdentity:
     """What answers `$I`, asked again while it is refused. Raises MachineError.
 
     The first one may end a line that a dead host left half sent; what comes of the two together
@@ -155,11 +155,11 @@ async def query_identity(talk: GrblConnection) -> ControllerIdentity:
     """
     for _ in range(_IDENTIFY_TRIES - 1):
         try:
-            answer = await talk.send_command("$I", _COMMAND_S)
+            answer = await connection.send_command("$I", _COMMAND_S)
         except MachineError:
-            if talk.unanswered_lines or talk.lost:
+            if connection.unanswered_lines or connection.lost:
                 raise
             continue
         if any(line.startswith("[VER:") for line in answer):
-            return parse_identity(answer, talk.endpoint)
-    return parse_identity(await talk.send_command("$I", _COMMAND_S), talk.endpoint)
+            return parse_identity(answer, connection.endpoint)
+    return parse_identity(await connection.send_command("$I", _COMMAND_S), connection.endpoint)

@@ -33,16 +33,16 @@ class LineStream:
     halted : nothing more is sent until `end`
     """
 
-    def __init__(self, talk: GrblConnection, rejected: Callable[[int, int], None]) -> None:
+    def __init__(self, connection: GrblConnection, rejected: Callable[[int, int], None]) -> None:
         self.progress = StreamProgress(planner_blocks=0, lead_s=0.0)
         self.running = False
         self.held = False
         self.halted = False
-        self._talk = talk
+        self._connection = connection
         self._rejected = rejected
         self._queue: deque[bytes] = deque()
         self._loop = asyncio.get_running_loop()
-        self._audit = ReplyAudit(talk)
+        self._audit = ReplyAudit(connection)
         self._identity: ControllerIdentity | None = None
         self._owing_since_s: float | None = None  # since when Idle with an answer due
 
@@ -54,7 +54,7 @@ class LineStream:
     def submit(self, lines: Iterable[bytes], identity: ControllerIdentity) -> None:
         """Queue lines and send what fits. Raises LocalProtocolError for an impossible line."""
         lines = list(lines)
-        self._talk.check_lines(lines)
+        self._connection.check_lines(lines)
         text = b"\n".join(lines).upper()
         if b"$" in text or _STORES.search(text):
             for line in lines:
@@ -70,11 +70,11 @@ class LineStream:
 
     def send_available(self) -> None:
         """Send the lines there is room for, in one write."""
-        if self.halted or self.held or not self._queue or not self._talk.is_worth_writing:
+        if self.halted or self.held or not self._queue or not self._connection.may_write:
             return
         if self._audit.in_doubt:
             return
-        self.progress.count_sent(self._talk.send_queued(self._queue, self.progress.sent))
+        self.progress.count_sent(self._connection.send_queued(self._queue, self.progress.sent))
 
     def discard_queue(self) -> int:
         """Drop the lines not sent; returns how many."""
@@ -105,7 +105,7 @@ class LineStream:
         self._owing_since_s = None
         if self.progress.count_rejected() and not self.halted:  # not by an alarm before it
             self.halted = True
-            self._talk.send_realtime(RealtimeCommand.HOLD)
+            self._connection.send_realtime(RealtimeCommand.HOLD)
             self._rejected(tag, error)
 
     def on_surplus_reply(self) -> None:
@@ -114,8 +114,8 @@ class LineStream:
         The host cannot determine which one, nor what was acknowledged and executed.
         """
         if self.running and not self.halted:
-            self._disown(
-                "an answer came that nobody waits for: the line doubles or invents bytes, and what "
+            self._lose_link(
+                "a reply came to no command: the line doubles or invents bytes, and what "
                 "was executed cannot be told"
             )
 
@@ -125,15 +125,15 @@ class LineStream:
         if not self.halted and self._identity is not None:
             wrong = self._audit.on_status_report(report, self.progress, self._identity)
             if wrong is not None:
-                self._disown(f"{wrong}; what was executed cannot be told")
+                self._lose_link(f"{wrong}; what was executed cannot be told")
         self._look_for_lost_answer(report)
         return grown
 
-    def _disown(self, reason: str) -> None:
+    def _lose_link(self, reason: str) -> None:
         """Hold the machine and give it up: the acknowledged count is no longer known."""
         self.halted = True
-        self._talk.send_realtime(RealtimeCommand.HOLD)
-        self._talk.declare_lost(reason)
+        self._connection.send_realtime(RealtimeCommand.HOLD)
+        self._connection.declare_lost(reason)
 
     def _look_for_lost_answer(self, report: StatusReport) -> None:
         """A controller idle for seconds that owes answers lost a line, or we lost an answer."""
@@ -144,7 +144,7 @@ class LineStream:
         elif self._owing_since_s is None:
             self._owing_since_s = now_s
         elif now_s - self._owing_since_s >= _MISSING_ANSWER_S:
-            self._talk.declare_lost(
+            self._connection.declare_lost(
                 f"the controller is idle, but {self.progress.lines_unanswered} lines "
                 "are unanswered: bytes were lost on the line"
             )

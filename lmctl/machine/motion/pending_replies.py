@@ -86,7 +86,7 @@ class PendingReplies:
 
     def on_ok(self) -> None:
         """The command was answered `ok`."""
-        _tell(self.command, self._said)
+        _resolve(self.command, self._said)
 
     def on_refused(self, why: str, hint: str, how: str = "was refused") -> None:
         """There will be no `ok` for the command, if there is one."""
@@ -96,11 +96,11 @@ class PendingReplies:
     def on_report(self, report: StatusReport) -> None:
         """A report has come."""
         for waiter in self.reports:
-            _tell(waiter, report)
+            _resolve(waiter, report)
 
     def on_restart(self) -> None:
         """The controller has restarted."""
-        _tell(self._restart, None)
+        _resolve(self._restart, None)
 
     def on_lost(self, error: MachineError) -> None:
         """Nothing will come any more."""
@@ -114,6 +114,6 @@ async def _within(timeout_s: float, waiter: asyncio.Future[T]) -> T:
         return await waiter
 
 
-def _tell(waiter: asyncio.Future[T] | None, what: T) -> None:
+def _resolve(waiter: asyncio.Future[T] | None, result: T) -> None:
     if waiter is not None and not waiter.done():
-        waiter.set_result(what)
+        waiter.set_result(result)

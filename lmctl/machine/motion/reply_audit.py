@@ -33,9 +33,9 @@ class ReplyAudit:
     in_doubt : nothing may be sent until the next reports have decided
     """
 
-    def __init__(self, talk: GrblConnection) -> None:
+    def __init__(self, connection: GrblConnection) -> None:
         self.in_doubt = False
-        self._talk = talk
+        self._connection = connection
         self._proofs = 0
         self._quiet = False  # everything counted as sent had left when the report was asked for
 
@@ -47,11 +47,11 @@ class ReplyAudit:
         self, report: StatusReport, progress: StreamProgress, identity: ControllerIdentity
     ) -> str | None:
         """Take a report in its place among the answers; what is proven to be wrong, or None."""
-        if self._talk.is_command_pending:
+        if self._connection.is_command_pending:
             return None
         rx_most = identity.rx_bytes - identity.dialect.rx_report_margin
         free = rx_most if report.rx_bytes_free is None else report.rx_bytes_free
-        held = min(self._talk.rx_empty, rx_most) - free
+        held = min(self._connection.rx_empty, rx_most) - free
         wrong = self._held_too_much(held, report, progress)
         wrong = wrong or _planned_too_much(report, progress)
         if not self.in_doubt:
@@ -66,12 +66,12 @@ class ReplyAudit:
         elif self._quiet and _sound(held, report, progress):
             self.in_doubt = False
         else:  # the next report comes in its time
-            self._quiet = self._talk.is_all_sent
+            self._quiet = self._connection.is_all_sent
         return None
 
     def _ask_in_quiet(self) -> None:
-        self._quiet = self._talk.is_all_sent
-        self._talk.watch.query_now()
+        self._quiet = self._connection.is_all_sent
+        self._connection.watch.query_now()
 
     def _held_too_much(self, held: int, report: StatusReport,
                        progress: StreamProgress) -> str | None:
@@ -91,7 +91,7 @@ class ReplyAudit:
         )
 
     def _all_went_with_the_question(self, progress: StreamProgress) -> bool:
-        before = self._talk.sent_before_question
+        before = self._connection.sent_before_question
         return before is None or progress.lines_answered > before
 
 

@@ -121,9 +121,9 @@ class StatusPolling:
     def on_unreadable_report(self) -> None:
         """Something has arrived that cannot be read or believed: ask again within 20 ms."""
         self.unreadable += 1
-        self.query_soon()
+        self.query_next_tick()
 
-    def query_soon(self) -> None:
+    def query_next_tick(self) -> None:
         """A report is to be confirmed by another: ask within 20 ms.
 
         Not more often than `_QUICK_MOST` times a period; the next question then comes in its time.

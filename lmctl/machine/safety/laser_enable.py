@@ -35,7 +35,7 @@ class LaserEnable:
     def __init__(self) -> None:
         self.wanted = False
         self.fault: LaserEnableFault | None = None
-        self._told = False  # the command in the last request
+        self._commanded = False  # the command in the last request
         self._agrees = False  # it was read back as commanded
         self._answered_s = math.inf  # when a request with that command was first answered
 
@@ -50,12 +50,12 @@ class LaserEnable:
 
     def is_confirmed(self, on: bool) -> bool:
         """Whether the output is wanted, commanded and read back in this state."""
-        return self.wanted == self._told == on and self._agrees
+        return self.wanted == self._commanded == on and self._agrees
 
     @property
     def has_unsent_change(self) -> bool:
         """Whether the next command differs from the last."""
-        return self.wanted != self._told and (self._told or self._agrees)
+        return self.wanted != self._commanded and (self._commanded or self._agrees)
 
     def fault_against(self, on: bool) -> LaserEnableFault | None:
         """The fault that keeps the output from being confirmed on, or off."""
@@ -64,27 +64,27 @@ class LaserEnable:
     def output_word(self) -> int:
         """The command word of the next request."""
         if self.has_unsent_change:
-            self._told, self._agrees, self._answered_s = self.wanted, False, math.inf
-        return int(self._told)
+            self._commanded, self._agrees, self._answered_s = self.wanted, False, math.inf
+        return int(self._commanded)
 
     def on_read_back(self, is_on: bool, now_s: float) -> LaserEnableFault | None:
         """A good answer to the last request; returns what is newly wrong."""
-        if is_on == self._told:
+        if is_on == self._commanded:
             self._agrees, self.fault = True, None
             self._answered_s = min(self._answered_s, now_s - CONTACT_SETTLE_S)
             return None
         self._agrees = False
         self._answered_s = min(self._answered_s, now_s)
-        known = self.fault is not None and self.fault.commanded == self._told
+        known = self.fault is not None and self.fault.commanded == self._commanded
         if known or now_s < self._answered_s + CONTACT_SETTLE_S:
             return None
-        seen, told = ("off", "on") if self._told else ("on", "off")
-        reason = f"its laser-enable output is {seen} and was told to be {told}"
-        self.fault = LaserEnableFault(self._told, reason, _CHECK)
+        seen, commanded_text = ("off", "on") if self._commanded else ("on", "off")
+        reason = f"its laser-enable output is {seen} and was commanded to be {commanded_text}"
+        self.fault = LaserEnableFault(self._commanded, reason, _CHECK)
         self.wanted = False
         return self.fault
 
     def on_restart(self) -> None:
         """The device has restarted and lost its last command."""
-        self.wanted = self._told = self._agrees = False
+        self.wanted = self._commanded = self._agrees = False
         self.fault = None

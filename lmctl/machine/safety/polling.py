@@ -139,7 +139,7 @@ class SafetyPolling:
         """Send the next request without waiting for its period."""
         self._urgent = True
         if self._rest is not None:
-            _wake(self._rest)
+            _end_sleep(self._rest)
 
     async def _run(self) -> None:
         period_s, started_s = self._safety.period_s, self._loop.time()
@@ -156,7 +156,7 @@ class SafetyPolling:
     async def _until_due(self, due_s: float) -> None:
         """Wait until due_s, or until an urgent request."""
         self._rest = self._loop.create_future()
-        timer = self._loop.call_at(due_s, _wake, self._rest)
+        timer = self._loop.call_at(due_s, _end_sleep, self._rest)
         try:
             await self._rest
         finally:
@@ -208,14 +208,14 @@ class SafetyPolling:
             self._words, self.status, self._good, self.fault = words, status, status, None
             self.listener.on_status(status)
             if last is not None and status.uptime_s < last.uptime_s:
-                self._tell("the device restarted", "check its power supply")
+                self._set_fault("the device restarted", "check its power supply")
                 if self.laser is not None:
                     self.laser.on_restart()
             elif last is not None:
                 self._look_for_missed(last, before, status, words)
             if self.laser is not None:
                 self._look_at_output(self.laser, status)
-            self._tell_waiting()
+            self._notify_waiting()
 
     def _look_for_missed(
         self, last: SafetyStatus, before: Sequence[int], status: SafetyStatus, words: Sequence[int]
@@ -231,7 +231,7 @@ class SafetyPolling:
         )
         first = status.first_out
         if opened > seen and (first is None or first.code not in self._unfitted):
-            self._tell(
+            self._set_fault(
                 "something opened and closed again between two answers"
                 + ("" if first is None else f"; what opened first: {first.text}"),
                 "look at the cell and its wiring; then resume" if first is None else first.remedy,
@@ -241,7 +241,7 @@ class SafetyPolling:
         fault = laser.on_read_back(status.laser_enabled is True, status.time_s)
         if fault is not None:
             dropped = status.relay_closed is False
-            self._tell(fault.reason, _WITH_THE_RELAY if dropped else fault.hint)
+            self._set_fault(fault.reason, _WITH_THE_RELAY if dropped else fault.hint)
         if laser.has_unsent_change:
             self._urgent = True
 
@@ -271,11 +271,11 @@ class SafetyPolling:
                 reason, hint = self._why
                 what = f"{reason} for {age_s:.1f} s{self._seen}"
                 self.fault = self.device_error(what, hint)
-                self._tell(what, hint)
+                self._set_fault(what, hint)
             age_s = limit_s - self._safety.period_s
         self._timer = self._loop.call_later(limit_s - age_s, self._watch)
 
-    def _tell(self, reason: str, hint: str) -> None:
+    def _set_fault(self, reason: str, hint: str) -> None:
         self.listener.on_fault(reason, hint)
 
     async def wait_until(
@@ -291,7 +291,7 @@ class SafetyPolling:
         except TimeoutError:
             raise self.device_error(f"{failure} within {timeout_s:.1f} s", hint) from None
 
-    def _tell_waiting(self) -> None:
+    def _notify_waiting(self) -> None:
         waiting, self._waiting = self._waiting, []
         for news in waiting:
             if not news.done():
@@ -308,6 +308,6 @@ class SafetyPolling:
             self._why = ("its driver failed", "this is a bug: please report it")
 
 
-def _wake(rest: asyncio.Future[None]) -> None:
+def _end_sleep(rest: asyncio.Future[None]) -> None:
     if not rest.done():
         rest.set_result(None)

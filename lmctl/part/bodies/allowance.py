@@ -42,8 +42,9 @@ class AllowanceBody:
         around = np.array([self.allowance_mm, self.allowance_mm, 0.0])
         return box[0] - around, box[1] + around
 
-    def support_mm(self, way: FloatArray) -> float:
-        return self.inner.support_mm(way) + self.allowance_mm * float(np.hypot(way[0], way[1]))
+    def support_mm(self, direction: FloatArray) -> float:
+        across = float(np.hypot(direction[0], direction[1]))
+        return self.inner.support_mm(direction) + self.allowance_mm * across
 
     @property
     def identity_key(self) -> Hashable:

@@ -28,7 +28,7 @@ class Body(Protocol):
     def tight_bounds_mm(self) -> Bounds:
         """Lowest and highest x, y, z of the solid, each (3,) float64 [mm]; may be infinite."""
 
-    def support_mm(self, way: FloatArray) -> float:
+    def support_mm(self, direction: FloatArray) -> float:
         """How far it reaches from the origin along a direction (3,) of length 1, at most [mm]."""
 
     @property
@@ -109,9 +109,9 @@ class BodyDefaults(ABC):
     def inward_directions(self, points: FloatArray) -> FloatArray:
         """As `Body` has it."""
 
-    def support_mm(self, way: FloatArray) -> float:
+    def support_mm(self, direction: FloatArray) -> float:
         low, high = self.tight_bounds_mm
-        return float(np.maximum(low * way, high * way).sum())
+        return float(np.maximum(low * direction, high * direction).sum())
 
     @property
     def enclosing_box_mm(self) -> Bounds:

@@ -58,10 +58,10 @@ def project_to_surface(
     at: Distance, slope: Distance, points: FloatArray, rounds: int = 2
 ) -> FloatArray:
     """Where the way along the slope meets the surface: the nearest point of a true distance."""
-    feet = points.copy()
+    closest = points.copy()
     for _ in range(rounds):
-        feet -= at(feet)[:, None] * slope(feet)
-    return feet
+        closest -= at(closest)[:, None] * slope(closest)
+    return closest
 
 
 def maximum_in_box(

@@ -47,8 +47,8 @@ class Sphere(AnalyticBody):
         centre = np.array(self.centre_mm)
         return centre - self.radius_mm, centre + self.radius_mm
 
-    def support_mm(self, way: FloatArray) -> float:
-        return float(np.dot(self.centre_mm, way)) + self.radius_mm
+    def support_mm(self, direction: FloatArray) -> float:
+        return float(np.dot(self.centre_mm, direction)) + self.radius_mm
 
     @property
     def maximum_depth_mm(self) -> float:
@@ -58,10 +58,10 @@ class Sphere(AnalyticBody):
         return sphere_distance(points, self.centre_mm, self.radius_mm)
 
     def inward_directions(self, points: FloatArray) -> FloatArray:
-        way = np.array(self.centre_mm) - points
-        size = np.linalg.norm(way, axis=1)
-        way[size == 0.0] = (1.0, 0.0, 0.0)
-        return unit_rows(way)
+        direction = np.array(self.centre_mm) - points
+        size = np.linalg.norm(direction, axis=1)
+        direction[size == 0.0] = (1.0, 0.0, 0.0)
+        return unit_rows(direction)
 
     def section_values(self, z_mm: float, plane: PlaneGrid) -> NDArray[np.float32]:
         """The distance to the circle in the plane: near a pole the ball's own is too flat."""
@@ -93,17 +93,17 @@ class Box(AnalyticBody):
     def inward_directions(self, points: FloatArray) -> FloatArray:
         """Outside towards the nearest place of it, inside away from the nearest face."""
         low, high = np.array(self.low_mm), np.array(self.high_mm)
-        way = np.clip(points, low, high) - points
-        size = np.sqrt(np.einsum("ij,ij->i", way, way))
+        direction = np.clip(points, low, high) - points
+        size = np.sqrt(np.einsum("ij,ij->i", direction, direction))
         inside = size <= ON_SURFACE_MM
-        way /= np.where(inside, 1.0, size)[:, None]
+        direction /= np.where(inside, 1.0, size)[:, None]
         offset = points[inside] - 0.5 * (low + high)
         nearest = (np.abs(offset) - 0.5 * (high - low)).argmax(axis=1)
         rows = np.arange(len(offset))
         faces = np.zeros_like(offset)
         faces[rows, nearest] = np.where(offset[rows, nearest] > 0, -1.0, 1.0)
-        way[inside] = faces
-        return way
+        direction[inside] = faces
+        return direction
 
     @cached_property
     def surfaces(self) -> tuple[tuple[Surface, int], ...]:
@@ -147,10 +147,10 @@ class Cone(AnalyticBody):
         below, above = self.base_radius_mm * reach, self.top_radius_mm * reach
         return np.minimum(base - below, top - above), np.maximum(base + below, top + above)
 
-    def support_mm(self, way: FloatArray) -> float:
-        across = float(np.sqrt(max(0.0, 1.0 - np.dot(self._axis, way) ** 2)))
-        return max(float(np.dot(self.base_mm, way)) + self.base_radius_mm * across,
-                   float(np.dot(self.top_mm, way)) + self.top_radius_mm * across)
+    def support_mm(self, direction: FloatArray) -> float:
+        across = float(np.sqrt(max(0.0, 1.0 - np.dot(self._axis, direction) ** 2)))
+        return max(float(np.dot(self.base_mm, direction)) + self.base_radius_mm * across,
+                   float(np.dot(self.top_mm, direction)) + self.top_radius_mm * across)
 
     def distance_at(self, points: FloatArray) -> FloatArray:
         return cone_distance(
@@ -247,9 +247,9 @@ class Torus(AnalyticBody):
         centre = np.array(self.centre_mm)
         return centre - reach, centre + reach
 
-    def support_mm(self, way: FloatArray) -> float:
-        across = float(np.sqrt(max(0.0, 1.0 - np.dot(unit_vector(self.axis), way) ** 2)))
-        return (float(np.dot(self.centre_mm, way)) + self.radius_mm * across
+    def support_mm(self, direction: FloatArray) -> float:
+        across = float(np.sqrt(max(0.0, 1.0 - np.dot(unit_vector(self.axis), direction) ** 2)))
+        return (float(np.dot(self.centre_mm, direction)) + self.radius_mm * across
                 + self.tube_radius_mm)
 
     @property
@@ -265,10 +265,10 @@ class Torus(AnalyticBody):
         """Towards the circle that its tube runs along."""
         axis = unit_vector(self.axis)
         radial, axial, outward = axis_coordinates(points, self.centre_mm, as_vector(axis))
-        way = (self.radius_mm - radial)[:, None] * outward - axial[:, None] * axis
-        lost = np.einsum("ij,ij->i", way, way) == 0.0
-        way[lost] = outward[lost]
-        return unit_rows(way)
+        direction = (self.radius_mm - radial)[:, None] * outward - axial[:, None] * axis
+        lost = np.einsum("ij,ij->i", direction, direction) == 0.0
+        direction[lost] = outward[lost]
+        return unit_rows(direction)
 
     def section_values(self, z_mm: float, plane: PlaneGrid) -> NDArray[np.float32]:
         """Lying flat, the distance to its two circles; else its own, which is zero there too."""

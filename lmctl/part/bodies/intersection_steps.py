@@ -35,7 +35,7 @@ def step_along(
     first, last : whether nothing is known of `before` yet, and whether only to go back
     returns : (r,) whether there is more to go
     """
-    going = np.zeros(len(rows), dtype=np.bool_)
+    is_moving = np.zeros(len(rows), dtype=np.bool_)
     base, along, back = np.empty((3, 3)), np.empty(3), np.empty(3)
     for r in range(len(rows)):
         n = rows[r]
@@ -83,7 +83,7 @@ def step_along(
         limit = min(1.0, MAX_STEP_PITCHES * pitch / max(np.sqrt(size), 1e-300))
         for c in range(3):
             at[n, c] += limit * (share * along[c] - back[c])
-        going[r] = (
+        is_moving[r] = (
             np.sqrt(size_along) > STEP_ALONG_TOLERANCE * pitch or np.sqrt(
                 size_back) > STEP_BACK_TOLERANCE * pitch)
-    return going
+    return is_moving

@@ -49,8 +49,8 @@ class MeshSolid(AnalyticBody):
     def surface_tolerance_mm(self) -> float:
         return ROUNDING_SHARE * float(np.abs(self.mesh.vertices).max())
 
-    def support_mm(self, way: FloatArray) -> float:
-        return float((self.mesh.vertices @ way).max())
+    def support_mm(self, direction: FloatArray) -> float:
+        return float((self.mesh.vertices @ direction).max())
 
     def distance_at(self, points: FloatArray) -> FloatArray:
         return self._tree.signed_distance(points)
@@ -61,10 +61,10 @@ class MeshSolid(AnalyticBody):
     def inward_directions(self, points: FloatArray) -> FloatArray:
         """Away from the nearest point, or to it from outside; on the surface by the slope."""
         points = np.asarray(points, dtype=np.float64)
-        feet, depth = self._tree.closest_points(points)
-        way = np.sign(depth)[:, None] * (points - feet)
+        closest, depth = self._tree.closest_points(points)
+        direction = np.sign(depth)[:, None] * (points - closest)
         size = np.abs(depth)
-        inward = way / np.maximum(size, 1e-300)[:, None]
+        inward = direction / np.maximum(size, 1e-300)[:, None]
         close = np.flatnonzero(size < ON_SURFACE_MM)
         if len(close):
             inward[close] = unit_gradient(self.distance_at, points[close])

@@ -41,9 +41,9 @@ class Prism(AnalyticBody):
         low, high = self.loop_mm.min(axis=0), self.loop_mm.max(axis=0)
         return np.array([*low, self.low_mm]), np.array([*high, self.high_mm])
 
-    def support_mm(self, way: FloatArray) -> float:
-        return float((self.loop_mm @ way[:2]).max()
-                     + max(self.low_mm * way[2], self.high_mm * way[2]))
+    def support_mm(self, direction: FloatArray) -> float:
+        return float((self.loop_mm @ direction[:2]).max()
+                     + max(self.low_mm * direction[2], self.high_mm * direction[2]))
 
     def distance_at(self, points: FloatArray) -> FloatArray:
         """The nearest of the wall and the two lids; beyond both, of the rim between them."""
@@ -62,10 +62,10 @@ class Prism(AnalyticBody):
         lid = np.where(inside, across >= along, np.maximum(-along, 0.0))
         on_rim = (wall == 0) & (lid == 0)
         wall, lid = np.where(on_rim, across <= along, wall), np.where(on_rim, across > along, lid)
-        way = np.empty((len(points), 3))
-        way[:, :2] = wall[:, None] * found[:, 1:]
-        way[:, 2] = lid * np.where(up < down, 1.0, -1.0)
-        return unit_rows(way)
+        direction = np.empty((len(points), 3))
+        direction[:, :2] = wall[:, None] * found[:, 1:]
+        direction[:, 2] = lid * np.where(up < down, 1.0, -1.0)
+        return unit_rows(direction)
 
     @cached_property
     def surfaces(self) -> tuple[tuple[Surface, int], ...]:

@@ -58,14 +58,14 @@ class FieldSolid(BodyDefaults):
     def closest_points(self, points: FloatArray) -> FloatArray:
         """Of stored triangles the nearest place on one; of stored points the nearest, or nearer
         still the place on the surface between them that the slope leads to."""
-        feet = closest_points(self.stored, points)
+        closest = closest_points(self.stored, points)
         if not (self.stored.exact and self.stored.surface_mm.ndim == 2):
-            return feet
+            return closest
         led = project_to_surface(self.distance_at, self.inward_directions, points)
         slack = SURFACE_PITCHES * self.stored.grid.pitch_mm
-        nearer = np.linalg.norm(led - points, axis=1) < np.linalg.norm(feet - points, axis=1)
+        nearer = np.linalg.norm(led - points, axis=1) < np.linalg.norm(closest - points, axis=1)
         better = nearer & (np.abs(self.distance_at(led)) < slack)
-        return np.where(better[:, None], led, feet)
+        return np.where(better[:, None], led, closest)
 
     def inward_directions(self, points: FloatArray) -> FloatArray:
         if self.stored.exact:  # read back more precisely than the slope of its nodes is
@@ -79,11 +79,11 @@ class FieldSolid(BodyDefaults):
     def tight_bounds_mm(self) -> Bounds:
         return zero_level_bounds(self.stored, self.least_area_mm2)
 
-    def support_mm(self, way: FloatArray) -> float:
+    def support_mm(self, direction: FloatArray) -> float:
         """Of balls about the nodes near its surface, each as large as the node is deep."""
         near = (self.stored.values > 0) & (self.stored.values < 2.0 * self.grid.pitch_mm)
         nodes = np.argwhere(near)[:, ::-1] * self.grid.pitch_mm + np.asarray(self.grid.origin_mm)
-        return float((nodes @ way + self.stored.values[near]).max())
+        return float((nodes @ direction + self.stored.values[near]).max())
 
     def section_values(self, z_mm: float, plane: PlaneGrid) -> NDArray[np.float32]:
         values = sample_distance(self.stored, plane_points(plane, z_mm))

@@ -138,7 +138,7 @@ class SurfaceSet:
         """
         direct = (active[:, 1] < 0) & self.gradient_leads_to_closest_point[active[:, 0]]
         at, found = start.copy(), np.zeros(len(points), dtype=bool)
-        for rows, search in ((np.flatnonzero(direct), self._feet),
+        for rows, search in ((np.flatnonzero(direct), self._closest_by_slope),
                              (np.flatnonzero(~direct), self._settle)):
             if len(rows):
                 at[rows], found[rows] = search(
@@ -146,16 +146,16 @@ class SurfaceSet:
         found &= np.linalg.norm(at - points, axis=1) < within_mm
         return at, found
 
-    def _feet(
+    def _closest_by_slope(
         self, points: FloatArray, _start: FloatArray, active: IntArray, _within_mm: FloatArray
     ) -> tuple[FloatArray, NDArray[np.bool_]]:
         """Straight down the slope of one surface each; and whether that leads to it."""
         which = active[:, 0]
         value, inward = self._active(points, which[:, None])
-        feet = points - value * inward[:, 0]
-        found: NDArray[np.bool_] = self.distances_to(feet,
+        closest = points - value * inward[:, 0]
+        found: NDArray[np.bool_] = self.distances_to(closest,
                                                      which) <= self.surface_tolerance_mm[which]
-        return feet, found
+        return closest, found
 
     def _settle(
         self, points: FloatArray, start: FloatArray, active: IntArray, within_mm: FloatArray
@@ -171,11 +171,11 @@ class SurfaceSet:
         for number in range(MAX_STEPS):
             value, inward = self._active(at[rows], active[rows])
             last = number >= MAX_STEPS - FINAL_STEPS
-            going = step_along(
+            is_moving = step_along(
                 rows, points, at, value, inward, before, self.pitch_mm, number == 0, last)
             if number >= MAX_DIVERGING_STEPS:
-                going &= np.linalg.norm(at[rows] - points[rows], axis=1) < 2.0 * within_mm[rows]
-            rows = rows[going]
+                is_moving &= np.linalg.norm(at[rows] - points[rows], axis=1) < 2.0 * within_mm[rows]
+            rows = rows[is_moving]
             if len(rows) == 0:
                 break
         value, _ = self._active(at, active, inwards=False)

@@ -104,12 +104,12 @@ class TransformedBody(AnalyticBody):
         low, high = self.body.tight_bounds_mm
         if not np.isfinite([*low, *high]).all():
             return self._around(low, high)
-        reach = [[self.support_mm(sign * way) for way in np.eye(3)] for sign in (-1.0, 1.0)]
+        reach = [[self.support_mm(sign * axis) for axis in np.eye(3)] for sign in (-1.0, 1.0)]
         return -np.array(reach[0]), np.array(reach[1])
 
-    def support_mm(self, way: FloatArray) -> float:
-        along = self.body.support_mm(way @ self.transform.rotation)
-        return self.transform.scale * along + float(self.transform.shift_mm @ way)
+    def support_mm(self, direction: FloatArray) -> float:
+        along = self.body.support_mm(direction @ self.transform.rotation)
+        return self.transform.scale * along + float(self.transform.shift_mm @ direction)
 
     def _around(self, low: FloatArray, high: FloatArray) -> Bounds:
         if not np.isfinite([*low, *high]).all():

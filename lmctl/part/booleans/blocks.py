@@ -121,8 +121,8 @@ class NodeBlocks:
         counts = [-(-n // step) for n, step in zip(self.window.shape, side, strict=True)]
         padded = values.reshape(*counts, *side).transpose(0, 3, 1, 4, 2, 5)
         planes, ny, nx = self.window.shape
-        whole = padded.reshape([n * step for n, step in zip(counts, side, strict=True)])
-        return whole[:planes, :ny, :nx]
+        joined = padded.reshape([n * step for n, step in zip(counts, side, strict=True)])
+        return joined[:planes, :ny, :nx]
 
     @property
     def _origin(self) -> FloatArray:

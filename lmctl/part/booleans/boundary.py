@@ -107,55 +107,55 @@ class Boundary:
         return result
 
     def _nearest(self, points: FloatArray) -> FloatArray:
-        feet_mm, active = self._found
+        closest_mm, active = self._found
         rows, near = self._looked(points)
-        feet = feet_mm[rows]
-        best = np.linalg.norm(feet - points, axis=1)
+        closest = closest_mm[rows]
+        best = np.linalg.norm(closest - points, axis=1)
         far = best >= FAR_PITCHES * self.grid.pitch_mm
         close = np.flatnonzero(~far)
         asked, least = points[close], best[close]
-        for among, at in self._searched(asked, near[close], feet[close], least):
+        for among, at in self._searched(asked, near[close], closest[close], least):
             found = np.linalg.norm(at - asked[among], axis=1)
             nearer = found < least[among]
             least[among[nearer]] = found[nearer]
-            feet[close[among[nearer]]] = at[nearer]
+            closest[close[among[nearer]]] = at[nearer]
         away = np.flatnonzero(far)
         if len(away):
             at, good = self._surfaces.closest_points(
-                points[away], feet[away], active[rows[away]].astype(np.int64), best[away])
+                points[away], closest[away], active[rows[away]].astype(np.int64), best[away])
             away, at = away[good], at[good]
             good = self.holds(at)
-            feet[away[good]] = at[good]
-        return feet
+            closest[away[good]] = at[good]
+        return closest
 
     def _looked(self, points: FloatArray) -> tuple[IntArray, IntArray]:
         """The nearest foot, from the points stored at nodes if it is far; and the surfaces met
         around it and around the point."""
-        feet_mm, active = self._found
+        closest_mm, active = self._found
         own = self._in_nodes(points)
         rows = np.full(len(points), -1, dtype=np.int64)
         near = np.full((len(points), MAX_NEAR_SURFACES), -1, dtype=np.int64)
         known = corner_candidates(self._sources, own)
-        select_closest_candidates(known, feet_mm, active, points, rows, near.copy())
+        select_closest_candidates(known, closest_mm, active, points, rows, near.copy())
         last = np.asarray(self.grid.shape[::-1]) - 1
-        away = np.linalg.norm(feet_mm[rows] - points, axis=1)
+        away = np.linalg.norm(closest_mm[rows] - points, axis=1)
         asked = np.any((own < 0) | (own > last), axis=1)
         asked |= away < DIRECT_SEARCH_PITCHES * self.grid.pitch_mm
-        asked |= len(feet_mm) <= MAX_POINTS_FOR_DIRECT_SEARCH
+        asked |= len(closest_mm) <= MAX_POINTS_FOR_DIRECT_SEARCH
         for share in REFINEMENT_FRACTIONS:
             near[:] = -1
-            there = feet_mm[rows] + share * (points - feet_mm[rows])
+            there = closest_mm[rows] + share * (points - closest_mm[rows])
             found = corner_candidates(self._sources, self._in_nodes(there))
-            select_closest_candidates(found, feet_mm, active, points, rows, near)
+            select_closest_candidates(found, closest_mm, active, points, rows, near)
         if asked.any():
-            count = min(NEAREST_POINTS_ASKED, len(feet_mm))
+            count = min(NEAREST_POINTS_ASKED, len(closest_mm))
             _, nearest = self._tree.query(points[asked], k=[*range(1, count + 1)])
             own_rows, own_near = rows[asked], np.full((len(nearest), MAX_NEAR_SURFACES), -1)
-            select_closest_candidates(nearest.astype(np.int32), feet_mm, active, points[asked],
+            select_closest_candidates(nearest.astype(np.int32), closest_mm, active, points[asked],
                                       own_rows,
                                       own_near)
             rows[asked], near[asked] = own_rows, own_near
-        select_closest_candidates(known, feet_mm, active, points, rows, near)
+        select_closest_candidates(known, closest_mm, active, points, rows, near)
         return rows, near
 
     def _in_nodes(self, points: FloatArray) -> FloatArray:
@@ -224,14 +224,14 @@ class Boundary:
     @cached_property
     def _found(self) -> tuple[FloatArray, NDArray[np.int32]]:
         """Points on the surface, (n, 3) float64 [mm], and the surfaces they lie on."""
-        feet, active = [np.empty((0, 3))], [np.empty((0, MAX_ACTIVE), np.int32)]
+        closest, active = [np.empty((0, 3))], [np.empty((0, MAX_ACTIVE), np.int32)]
         reach = REACH_PITCHES * self.grid.pitch_mm
         for points, near in _gathered(self._nodes()):
             within = np.full(len(points), reach)
             for rows, at in self._searched(points, near, points, within):
-                feet.append(at)
+                closest.append(at)
                 active.append(self._lain_on(at, near[rows]))
-        return np.concatenate(feet), np.concatenate(active)
+        return np.concatenate(closest), np.concatenate(active)
 
     def _nodes(self) -> Iterator[tuple[FloatArray, IntArray]]:
         """Nodes near the surface and the surfaces near each, (n, MOST_NEAR)."""
@@ -281,12 +281,12 @@ class Boundary:
     @cached_property
     def _sources(self) -> NDArray[np.int32]:
         """(nz, ny, nx) int32: the foot nearest to each node."""
-        feet = self.surface_points_mm
+        closest = self.surface_points_mm
         sources = np.full(self.grid.shape, -1, dtype=np.int32)
         squared = np.full(self.grid.shape, np.inf, dtype=np.float32)
-        seed_nodes(self._in_nodes(feet), sources, squared)
+        seed_nodes(self._in_nodes(closest), sources, squared)
         del squared
-        propagate_closest_points(sources, feet, self.grid)
+        propagate_closest_points(sources, closest, self.grid)
         return sources
 
 

@@ -49,8 +49,8 @@ def corner_candidates(sources: NDArray[np.int32], nodes: FloatArray) -> NDArray[
 
 @kernel
 def select_closest_candidates(
-    offered: NDArray[np.int32], feet: FloatArray, active: NDArray[np.int32], points: FloatArray,
-    rows: IntArray, near: IntArray,
+    offered: NDArray[np.int32], closest_mm: FloatArray, active: NDArray[np.int32],
+    points: FloatArray, rows: IntArray, near: IntArray,
 ) -> None:
     """Of feet offered to each point take the nearest, and note the surfaces that all lie on.
 
@@ -68,8 +68,8 @@ def select_closest_candidates(
             if row < 0:
                 continue
             d2 = (
-                (feet[row, 0] - points[n, 0]) ** 2 + (feet[row, 1] - points[n, 1]) ** 2
-                + (feet[row, 2] - points[n, 2]) ** 2
+                (closest_mm[row, 0] - points[n, 0]) ** 2 + (closest_mm[row, 1] - points[n, 1]) ** 2
+                + (closest_mm[row, 2] - points[n, 2]) ** 2
             )
             if d2 < least:
                 least, best = d2, row

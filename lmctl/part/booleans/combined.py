@@ -137,10 +137,10 @@ class CombinedBody(AnalyticBody):
 
     def closest_points(self, points: FloatArray) -> FloatArray:
         points = np.asarray(points, dtype=np.float64)
-        feet = np.empty_like(points)
+        closest = np.empty_like(points)
         for part in self._parts(len(points)):
-            feet[part] = self._feet(points[part])[0]
-        return feet
+            closest[part] = self._closest_on_leaf_or_boundary(points[part])[0]
+        return closest
 
     def inward_directions(self, points: FloatArray) -> FloatArray:
         """The direction of the leaf that is measured to, or to and from the boundary itself."""
@@ -148,15 +148,15 @@ class CombinedBody(AnalyticBody):
         result = np.empty_like(points)
         for part in self._parts(len(points)):
             asked = points[part]
-            feet, which, depth, side = self._feet(asked)
-            way = np.where(depth > 0, 1.0, -1.0)[:, None] * (asked - feet)
-            size = np.linalg.norm(way, axis=1)
+            closest, which, depth, side = self._closest_on_leaf_or_boundary(asked)
+            toward = np.where(depth > 0, 1.0, -1.0)[:, None] * (asked - closest)
+            size = np.linalg.norm(toward, axis=1)
             by_leaf = (which >= 0) | (size < 1e-9)
-            way /= np.where(by_leaf, 1.0, size)[:, None]
+            toward /= np.where(by_leaf, 1.0, size)[:, None]
             for number, own in places_by_number(np.where(by_leaf, which, -1)):
                 found = self.expression.leaves[number].inward_directions(asked[own])
-                way[own] = side[own, None] * found
-            result[part] = way
+                toward[own] = side[own, None] * found
+            result[part] = toward
         return result
 
     def distance(self, window: Window) -> NDArray[np.float32]:
@@ -203,8 +203,8 @@ class CombinedBody(AnalyticBody):
         b, m = np.nonzero(open_)
         if len(b):
             asked, which = points[several[b], m], which[b, m]
-            feet = self._leaf_feet(asked, which)
-            hidden = np.flatnonzero(~self._cells.is_on_boundary(feet, which, _at(sides, b, m)))
+            closest = self._closest_on_leaves(asked, which)
+            hidden = np.flatnonzero(~self._cells.is_on_boundary(closest, which, _at(sides, b, m)))
             if len(hidden):
                 nearest = self.boundary.closest_points(asked[hidden])
                 away = np.linalg.norm(asked[hidden] - nearest, axis=1)
@@ -236,13 +236,13 @@ class CombinedBody(AnalyticBody):
             if done:
                 return
 
-    def _leaf_feet(self, points: FloatArray, which: IntArray) -> FloatArray:
-        feet = np.empty_like(points)
+    def _closest_on_leaves(self, points: FloatArray, which: IntArray) -> FloatArray:
+        closest = np.empty_like(points)
         for number, own in places_by_number(which):
-            feet[own] = self.expression.leaves[number].closest_points(points[own])
-        return feet
+            closest[own] = self.expression.leaves[number].closest_points(points[own])
+        return closest
 
-    def _feet(
+    def _closest_on_leaf_or_boundary(
         self, points: FloatArray
     ) -> tuple[FloatArray, IntArray, FloatArray, FloatArray]:
         """Nearest points (n, 3); the leaf whose they are, −1 where another hides its own; the
@@ -254,16 +254,16 @@ class CombinedBody(AnalyticBody):
         depth, which = depth[0], which[0]
         measured = np.concatenate(rows)[which, np.arange(len(points))]
         side = np.where((measured > 0) == (depth > 0), 1.0, -1.0)
-        feet = self._leaf_feet(points, which)
+        closest = self._closest_on_leaves(points, which)
         hidden = np.flatnonzero(open_[0])
         if len(hidden):
             known = _at(sides, np.zeros_like(hidden), hidden)
-            hidden = hidden[~self._cells.is_on_boundary(feet[hidden], which[hidden], known)]
+            hidden = hidden[~self._cells.is_on_boundary(closest[hidden], which[hidden], known)]
         if len(hidden):
-            feet[hidden] = self.boundary.closest_points(points[hidden])
+            closest[hidden] = self.boundary.closest_points(points[hidden])
             depth[hidden] = self._cells.depth_on_shared_faces(points[hidden], depth[hidden])
             which[hidden] = -1
-        return feet, which, depth, side
+        return closest, which, depth, side
 
     def _bounds(self, points: FloatArray) -> tuple[list[FloatArray], NDArray[np.bool_]]:
         """What the leaves' bounds are at points, all of which make one block."""

@@ -188,11 +188,12 @@ class LocalSides:
         steps = np.where(active, np.maximum(
             STEP_SLACKS * self.surface_tolerance_mm, STEP_PITCHES * self.pitch_mm)[:, None],
             0.0).max(axis=0)
-        for ways in self._ways(points, active):
-            rows = np.flatnonzero(~(seen.inside & seen.outside) & ways.any(axis=-1))
+        for directions in self._test_directions(points, active):
+            rows = np.flatnonzero(~(seen.inside & seen.outside) & directions.any(axis=-1))
             if len(rows) == 0:
                 continue
-            there = points[rows] + steps[rows, None] * (ways[rows] if ways.ndim == 2 else ways)
+            directed = directions[rows] if directions.ndim == 2 else directions
+            there = points[rows] + steps[rows, None] * directed
             around = signs[:, rows]
             clear = np.ones(len(rows), dtype=bool)
             for number in np.flatnonzero(active[:, rows].any(axis=1)):
@@ -207,16 +208,18 @@ class LocalSides:
                 kept = clear & (side > 0)
                 seen.note(rows[kept], around[leaf, kept])
 
-    def _ways(self, points: FloatArray, active: NDArray[np.bool_]) -> Iterator[FloatArray]:
+    def _test_directions(
+        self, points: FloatArray, active: NDArray[np.bool_]
+    ) -> Iterator[FloatArray]:
         """Directions, (n, 3) or for all points (3,): between the surfaces, then all around."""
         inward = self._inward(points, active)
         crossing = np.minimum(inward.any(axis=2).sum(axis=0), MAX_CROSSING)
         for count in range(1, MAX_CROSSING + 1):
             for some in combinations(inward, count):
-                ways = np.where((crossing == count)[:, None], _between(some), 0.0)
-                if ways.any():
-                    yield from ways
-                    yield from -ways
+                directions = np.where((crossing == count)[:, None], _between(some), 0.0)
+                if directions.any():
+                    yield from directions
+                    yield from -directions
         yield from _spread(DIRECTION_COUNT)
 
     def _inward(self, points: FloatArray, active: NDArray[np.bool_]) -> FloatArray:
@@ -252,21 +255,21 @@ def _between(inward: Sequence[FloatArray]) -> FloatArray:
     inward : of each surface, (n, 3); 0 where it is missing, and so is the direction then
     """
     if len(inward) == 1:
-        ways = np.stack(inward)
+        directions = np.stack(inward)
     elif len(inward) == 2:
         a, b = inward
-        ways = np.stack([a + b, a - b])
+        directions = np.stack([a + b, a - b])
     else:
         # The inverse gives the same sides of all three, however flat the corner is.
         a, b, c = inward
         across = np.cross(b, c), np.cross(c, a), np.cross(a, b)
-        ways = np.stack([
+        directions = np.stack([
             across[0] + one * across[1] + two * across[2] for one in (1, -1) for two in (1, -1)])
-        ways[:, np.abs(np.einsum("nc,nc->n", a, across[0])) < MIN_CROSSING_ANGLE_RAD] = 0.0
-    ways[:, ~np.all([way.any(axis=1) for way in inward], axis=0)] = 0.0
-    size = np.linalg.norm(ways, axis=2, keepdims=True)
+        directions[:, np.abs(np.einsum("nc,nc->n", a, across[0])) < MIN_CROSSING_ANGLE_RAD] = 0.0
+    directions[:, ~np.all([direction.any(axis=1) for direction in inward], axis=0)] = 0.0
+    size = np.linalg.norm(directions, axis=2, keepdims=True)
     crossing = size > MIN_CROSSING_ANGLE_RAD
-    return np.asarray(np.where(crossing, ways / np.where(crossing, size, 1.0), 0.0))
+    return np.asarray(np.where(crossing, directions / np.where(crossing, size, 1.0), 0.0))
 
 
 class _Seen:

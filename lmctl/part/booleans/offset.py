@@ -75,10 +75,10 @@ class OffsetBody(AnalyticBody):
         ends = low + self.level_mm, high - self.level_mm
         return ends if self.level_mm < 0 else self._contour.find_bounds(ends)
 
-    def support_mm(self, way: FloatArray) -> float:
+    def support_mm(self, direction: FloatArray) -> float:
         if self.level_mm <= 0:
-            return self.body.support_mm(way) - self.level_mm
-        return float((self._contour.surface_points_mm @ way).max())
+            return self.body.support_mm(direction) - self.level_mm
+        return float((self._contour.surface_points_mm @ direction).max())
 
     @cached_property
     def maximum_depth_mm(self) -> float:
@@ -99,10 +99,10 @@ class OffsetBody(AnalyticBody):
     def closest_points(self, points: FloatArray) -> FloatArray:
         points = np.asarray(points, dtype=np.float64)
         depth = self.distance_bound(points)
-        missing, feet = self._missing(points, depth)
+        missing, closest = self._missing(points, depth)
         if len(missing):
-            feet[missing] = self._contour.closest_points(points[missing])
-        return feet
+            closest[missing] = self._contour.closest_points(points[missing])
+        return closest
 
     def inward_directions(self, points: FloatArray) -> FloatArray:
         return self.body.inward_directions(points)
@@ -115,10 +115,10 @@ class OffsetBody(AnalyticBody):
 
     def _missing(self, points: FloatArray, depth: FloatArray) -> tuple[IntArray, FloatArray]:
         """The rows whose way along the distance does not meet the contour, and where all lead."""
-        feet = points - depth[:, None] * self.body.inward_directions(points)
+        closest = points - depth[:, None] * self.body.inward_directions(points)
         if self.level_mm == 0.0:
-            return np.empty(0, dtype=np.int64), feet
-        return np.flatnonzero(~self._met(feet)), feet
+            return np.empty(0, dtype=np.int64), closest
+        return np.flatnonzero(~self._met(closest)), closest
 
     def _met(self, points: FloatArray) -> NDArray[np.bool_]:
         met: NDArray[np.bool_] = np.abs(self.distance_bound(points)) <= self.surface_tolerance_mm

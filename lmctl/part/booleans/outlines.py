@@ -73,9 +73,9 @@ def _region(
     from manifold3d import CrossSection, OpType
 
     parts = [_region(part, outlines) for part in formula.operands]
-    whole = [region for region, inverted in parts if not inverted]
+    solid = [region for region, inverted in parts if not inverted]
     without = [region for region, inverted in parts if inverted]
-    some, others = (whole, without) if formula.requires_all else (without, whole)
+    some, others = (solid, without) if formula.requires_all else (without, solid)
     # Of an intersection: all of some, less any of the others. A union is that, inside out.
     if not some:
         return CrossSection.batch_boolean(others, OpType.Add), formula.requires_all

@@ -55,8 +55,8 @@ class OverlapWeights:
         piece = self._pieces[number]
         if len(piece.surface_points_mm) == 0:
             return depth
-        feet = self.bodies[number].closest_points(points)
-        elsewhere = np.flatnonzero(~piece.holds(feet))
+        closest = self.bodies[number].closest_points(points)
+        elsewhere = np.flatnonzero(~piece.holds(closest))
         if len(elsewhere) == 0:
             return depth
         result, asked = depth.copy(), points[elsewhere]

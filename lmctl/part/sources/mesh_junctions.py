@@ -58,10 +58,10 @@ def _junctions(
     sizes = np.array([len(rows) for rows in found])
     edge = np.repeat(np.arange(len(ends)), sizes)
     corner = rim[np.concatenate([np.asarray(rows, dtype=np.int64) for rows in found])]
-    way = (end - start)[edge] / np.maximum(2 * half, 1e-300)[edge, None]
+    direction = (end - start)[edge] / np.maximum(2 * half, 1e-300)[edge, None]
     offset = vertices[corner] - start[edge]
-    along = (offset * way).sum(axis=1)
-    across = np.linalg.norm(offset - along[:, None] * way, axis=1)
+    along = (offset * direction).sum(axis=1)
+    across = np.linalg.norm(offset - along[:, None] * direction, axis=1)
     third = triangles[open_edges[edge] // 3, (open_edges[edge] + 2) % 3]
     on_it = (
         (across <= within_mm) & (along > within_mm) & (along < 2 * half[edge] - within_mm)

@@ -92,11 +92,11 @@ def orient_by_parity(vertices: FloatArray, triangles: IntArray) -> IntArray:
     return result
 
 
-def _crossed(corners: FloatArray, place: FloatArray, way: FloatArray) -> int:
+def _crossed(corners: FloatArray, place: FloatArray, direction: FloatArray) -> int:
     """How many triangles (m, 3, 3) a ray meets."""
-    across = np.cross(way, np.eye(3)[int(np.argmin(np.abs(way)))])
+    across = np.cross(direction, np.eye(3)[int(np.argmin(np.abs(direction)))])
     across /= np.linalg.norm(across)
-    axes = np.stack([across, np.cross(way, across), way], axis=1)
+    axes = np.stack([across, np.cross(direction, across), direction], axis=1)
     local = (corners - place) @ axes
     x, y, z = local[..., 0], local[..., 1], local[..., 2]
     sides = [

@@ -71,17 +71,17 @@ def repair_mesh(mesh: Mesh, name: str, hole_mm: float) -> tuple[Mesh, tuple[str,
     _check_overlap(vertices, triangles, name, hole_mm)
     used = np.zeros(len(vertices), dtype=bool)
     used[triangles] = True
-    whole = Mesh(vertices[used], (np.cumsum(used) - 1)[triangles])
-    return whole, tuple(f"mesh {name}: {text}" for text in remarks)
+    intact = Mesh(vertices[used], (np.cumsum(used) - 1)[triangles])
+    return intact, tuple(f"mesh {name}: {text}" for text in remarks)
 
 
 def _without_collapsed(triangles: IntArray, remarks: list[str]) -> IntArray:
     """Without triangles of fewer than three corners: their neighbours meet without them."""
     a, b, c = triangles.T
-    whole = (a != b) & (b != c) & (c != a)
-    if not whole.all():
-        remarks.append(f"{_count(~whole, 'triangle')} without area left out")
-    kept: IntArray = triangles[whole]
+    intact = (a != b) & (b != c) & (c != a)
+    if not intact.all():
+        remarks.append(f"{_count(~intact, 'triangle')} without area left out")
+    kept: IntArray = triangles[intact]
     return kept
 
 

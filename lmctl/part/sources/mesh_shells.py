@@ -24,12 +24,13 @@ MAX_CORNERS_TESTED = 50
 class MeshShell:
     """A closed surface by corners of its own: vertices (n, 3), triangles (m, 3).
 
-    faces_one_way : whether its triangles faced one way, so that they show whether it is a cavity
+    is_consistently_oriented : whether its triangles all faced outwards or all inwards, so that they
+        show whether it is a cavity
     """
 
     vertices: FloatArray
     triangles: IntArray
-    faces_one_way: bool = True
+    is_consistently_oriented: bool = True
 
     @cached_property
     def volume_mm3(self) -> float:
@@ -72,7 +73,7 @@ def split_into_shells(
         used, own = np.unique(triangles[rows], return_inverse=True)
         shell = MeshShell(vertices[used], own.reshape(-1, 3), not turned[rows].any())
         if (edge_numbers(shell.triangles)[1] > 2).any():
-            faces_in = shell.volume_mm3 < 0.0 and shell.faces_one_way
+            faces_in = shell.volume_mm3 < 0.0 and shell.is_consistently_oriented
             shell = replace(
                 shell, triangles=orient_by_parity(shell.vertices, shell.triangles))
             shell = shell.flipped() if faces_in else shell

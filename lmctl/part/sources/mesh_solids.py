@@ -104,7 +104,7 @@ def _facing_by_nesting(shells: list[MeshShell], name: str, remarks: list[str]) -
     result = list(shells)
     for number, shell in enumerate(shells):
         if holds[:, number].any():
-            if not shell.faces_one_way:
+            if not shell.is_consistently_oriented:
                 raise InputError(
                     f"the mesh {name} has a shell inside another whose triangles face both ways",
                     where=f"{len(shell.triangles):,} triangles around {shell.location_text}: "
@@ -113,10 +113,10 @@ def _facing_by_nesting(shells: list[MeshShell], name: str, remarks: list[str]) -
                 )
         elif shell.volume_mm3 < 0.0:
             inner = np.flatnonzero(holds[number]).tolist()
-            within = [number, *(n for n in inner if shells[n].faces_one_way)]
+            within = [number, *(n for n in inner if shells[n].is_consistently_oriented)]
             for n in within:
                 result[n] = result[n].flipped()
-            if shell.faces_one_way:
+            if shell.is_consistently_oriented:
                 count = sum(len(shells[n].triangles) for n in within)
                 remarks.append(f"a shell of {count:,} triangles is inside out; it was turned")
     return result
@@ -134,10 +134,10 @@ def _united(shells: list[MeshShell], name: str) -> tuple[list[MeshShell], _Union
     from manifold3d import Manifold, OpType
 
     parts = []
-    for number, whole in enumerate(made):
+    for number, outer in enumerate(made):
         own = [taken[n] for n, cavity in enumerate(cavities)
                if _owner(cavity, solids) == number]
-        parts.append(Manifold.batch_boolean([whole, *own], OpType.Subtract) if own else whole)
+        parts.append(Manifold.batch_boolean([outer, *own], OpType.Subtract) if own else outer)
     united = Manifold.batch_boolean(parts, OpType.Add)
     volume = sum(shell.volume_mm3 for shell in shells)
     area = sum(_area(shell) for shell in shells)

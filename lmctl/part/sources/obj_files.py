@@ -94,12 +94,12 @@ def _lines(file: DataFile) -> Iterator[tuple[int, list[str]]]:
     """Lines as words, without comments and blank lines; a backslash joins a line to the next."""
     begun = ""
     for number, line in enumerate(file.data.decode("utf-8", "replace").splitlines(), start=1):
-        whole = begun + line.partition("#")[0]
-        if whole.endswith("\\"):
-            begun = whole[:-1] + " "
+        joined = begun + line.partition("#")[0]
+        if joined.endswith("\\"):
+            begun = joined[:-1] + " "
             continue
         begun = ""
-        if words := whole.split():
+        if words := joined.split():
             yield number, words
 
 

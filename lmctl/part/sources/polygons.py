@@ -73,10 +73,11 @@ def _is_convex(points: FloatArray) -> NDArray[np.bool_]:
     around = np.cross(before, sides)
     turn = np.einsum("fsk,fk->fs", around, units)
     angle = np.arctan2(turn, (before * sides).sum(axis=2)).sum(axis=1)
-    one_way = (turn >= -STRAIGHT_SHARE * area[:, None]).all(axis=1) & (angle < 3.0 * np.pi)
+    turns_consistently = (
+        (turn >= -STRAIGHT_SHARE * area[:, None]).all(axis=1) & (angle < 3.0 * np.pi))
     longest = (sides**2).sum(axis=2).max(axis=1)
     line = np.linalg.norm(around, axis=2).max(axis=1) <= STRAIGHT_SHARE * longest
-    convex: NDArray[np.bool_] = (one_way & (area > STRAIGHT_SHARE * longest)) | line
+    convex: NDArray[np.bool_] = (turns_consistently & (area > STRAIGHT_SHARE * longest)) | line
     return convex
 
 

@@ -85,16 +85,17 @@ class _Build:
         if found.type != SOLID_OBJECT_TYPE:
             self._not_solid.add(f"object {at.id} ({found.type})")
             return
-        whole = np.vstack([at.transform[:3] @ by[:3], at.transform[3] @ by[:3] + by[3]])
+        combined = np.vstack([at.transform[:3] @ by[:3], at.transform[3] @ by[:3] + by[3]])
         try:
             vertices, triangles = found.arrays()
         except (ValueError, OverflowError) as error:
             raise self.package.damage_error(f"object {at.id} in {at.part}: {error}") from None
         if len(triangles):
-            mirrored = np.linalg.det(whole[:3]) < 0.0  # which turns triangles inside out
-            yield vertices @ whole[:3] + whole[3], triangles[:, ::-1] if mirrored else triangles
+            mirrored = np.linalg.det(combined[:3]) < 0.0  # which turns triangles inside out
+            yield (vertices @ combined[:3] + combined[3],
+                   triangles[:, ::-1] if mirrored else triangles)
         for component in found.components:
-            yield from self._placed(component, whole, depth + 1)
+            yield from self._placed(component, combined, depth + 1)
 
     def _model(self, part: str) -> ThreemfModel:
         if part not in self._models:

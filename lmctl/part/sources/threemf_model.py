@@ -107,7 +107,7 @@ def read_model(package: ThreemfPackage, part: str) -> ThreemfModel:
                 x, y, z = (_number(attributes[axis]) for axis in "xyz")
                 current[-1].corners.append((x, y, z))
             case "triangle" if current:
-                a, b, c = (_whole_number(attributes[key]) for key in ("v1", "v2", "v3"))
+                a, b, c = (_index(attributes[key]) for key in ("v1", "v2", "v3"))
                 current[-1].faces.append((a, b, c))
             case "object":
                 number = attributes["id"]
@@ -175,7 +175,7 @@ def _number(word: str) -> float:
         raise ValueError(f"{word[:40]!r} is not a number") from None
 
 
-def _whole_number(word: str) -> int:
+def _index(word: str) -> int:
     try:
         return int(word)
     except ValueError:

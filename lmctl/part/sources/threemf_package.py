@@ -116,5 +116,5 @@ def part_name(target: str, beside: str) -> str:
     """The name of the part that a reference means. beside : the part that the reference is in."""
     path = unquote(target)
     folder = beside.rpartition("/")[0]
-    whole = path if path.startswith("/") else join("/" + folder, path)
-    return normpath(whole).lstrip("/").lower()
+    absolute = path if path.startswith("/") else join("/" + folder, path)
+    return normpath(absolute).lstrip("/").lower()

@@ -114,14 +114,14 @@ def _check_versions(client: Client, address: str) -> None:
         raise PlanError(f"the cluster at {address} has no workers",
                         hint=f"start some with `dask worker {address} --nthreads 1`")
     try:
-        told: dict[str, Any] = client.run(versions)
+        worker_versions: dict[str, Any] = client.run(versions)
     except Exception as error:
         raise PlanError("workers of the cluster cannot run lmctl", where=str(error),
                         hint="install the same lmctl on every worker") from None
     own = versions()
     different = [
         f"{name}: {', '.join(f'{key} {said.get(key)} (here {own[key]})' for key in differing)}"
-        for name, said in told.items()
+        for name, said in worker_versions.items()
         if (differing := [key for key in own if said.get(key) != own[key]])
     ]
     if different:

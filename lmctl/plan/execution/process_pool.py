@@ -43,19 +43,21 @@ class ProcessPool(Executor):
         self._calls: queue.SimpleQueue[_Call | None] = queue.SimpleQueue()
         self._broken = False
         self._closed = False
-        self._ours: list[Connection] = []
+        self._parent_ends: list[Connection] = []
         self._processes = []
         for _ in range(processes):  # all before the first thread: a fork copies no other thread
-            ours, theirs = context.Pipe()
-            self._ours.append(ours)
+            parent_end, child_end = context.Pipe()
+            self._parent_ends.append(parent_end)
             process = context.Process(  # type: ignore[attr-defined]
-                target=_work, args=(theirs, tuple(self._ours) if can_fork else (), initializer,
-                                    initargs), daemon=True)
+                target=_work, daemon=True,
+                args=(child_end, tuple(self._parent_ends) if can_fork else (), initializer,
+                      initargs))
             process.start()
             self._processes.append(process)
-            theirs.close()
+            child_end.close()
         self._threads = [
-            threading.Thread(target=self._serve, args=(ours,), daemon=True) for ours in self._ours]
+            threading.Thread(target=self._serve, args=(end,), daemon=True)
+            for end in self._parent_ends]
         for thread in self._threads:
             thread.start()
 

@@ -84,13 +84,13 @@ def _refuse_displaced(motion: MotionDriver, continues: EarlierRun) -> None:
 
     Some boards restart when their port is opened, and then report position zero.
     """
-    at_mm, seen_mm = motion.position_mm, continues.stands_mm
-    if seen_mm is None or at_mm is None:
+    at_mm, expected_mm = motion.position_mm, continues.standstill_mm
+    if expected_mm is None or at_mm is None:
         return
-    if any(abs(now - then) > _SAME_MM for now, then in zip(at_mm, seen_mm, strict=False)):
+    if any(abs(now - then) > _SAME_MM for now, then in zip(at_mm, expected_mm, strict=False)):
         raise MachineError(
             "the controller says another place than a moment ago: it has restarted, or was moved",
-            where=f"it says {_text(at_mm)}, and said {_text(seen_mm)}",
+            where=f"it reports {_text(at_mm)}, and reported {_text(expected_mm)} before",
             hint="keep the board from restarting when its port is opened (DTR); "
                  f"then recover {continues.run} again",
         )
@@ -100,12 +100,12 @@ def _text(at_mm: Sequence[float]) -> str:
     return " ".join(f"{axis}{value:.3f}" for axis, value in zip("XYZ", at_mm, strict=False))
 
 
-def refuse_unready(standing: Sequence[MachineError]) -> None:
+def refuse_unready(active: Sequence[MachineError]) -> None:
     """Raise MachineError where interlocks keep the run from starting, all in one."""
-    if standing:
+    if active:
         raise MachineError(
-            "the cell is not ready", where=[alarm.what for alarm in standing],
-            hint="; ".join(dict.fromkeys(alarm.hint for alarm in standing if alarm.hint)),
+            "the cell is not ready", where=[alarm.what for alarm in active],
+            hint="; ".join(dict.fromkeys(alarm.hint for alarm in active if alarm.hint)),
         )
 
 

@@ -121,9 +121,9 @@ class Cell:
             at_mm = self.motion.position_mm
             if at_mm is None or not is_idle(self.motion.status):
                 raise
-            stands = " ".join(f"{axis}{at:.3f}" for axis, at in zip("XYZ", at_mm, strict=False))
+            position = " ".join(f"{axis}{at:.3f}" for axis, at in zip("XYZ", at_mm, strict=False))
             raise MachineError(
-                f"the machine stands at {stands}, not at the purge position: a line was damaged "
+                f"the machine is at {position}, not at the purge position: a line was damaged "
                 "on its way", where=error.what,
                 hint="check cable and earthing of the controller",
             ) from None

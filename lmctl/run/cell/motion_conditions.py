@@ -33,7 +33,7 @@ def motion_conditions(reading: MotionReading, profile: MachineProfile) -> Iterat
     """Every condition that can be judged in the state the controller is in."""
     identity = reading.identity
     if identity is None:
-        yield _unasked(reading.report, profile)
+        yield _unreadable_state(reading.report, profile)
         return
     yield StartCondition(True, f"{identity.dialect.name} {identity.version} answers"
                           + (" (the bench)" if identity.is_bench else ""))
@@ -50,7 +50,7 @@ def motion_conditions(reading: MotionReading, profile: MachineProfile) -> Iterat
     if reading.report.state == "Idle":
         trusted = reading.is_position_trusted
         yield StartCondition(trusted, "position is known" if trusted else
-                             "the machine has not been homed: nobody knows where it is",
+                             "the machine has not been homed: its position is unknown",
                              "`lmctl machine home`", refuses_run=True)
     if not reading.settings:
         yield StartCondition(False, "it does not report its settings",
@@ -61,7 +61,7 @@ def motion_conditions(reading: MotionReading, profile: MachineProfile) -> Iterat
     yield from work_offset_conditions(reading.parser_state, reading.offsets)
 
 
-def _unasked(report: StatusReport, profile: MachineProfile) -> StartCondition:
+def _unreadable_state(report: StatusReport, profile: MachineProfile) -> StartCondition:
     """A controller that answers nothing but `?` in the state it is in."""
     state = report.state
     text = f"it is in state {state}: its settings cannot be read"

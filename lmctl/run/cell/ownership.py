@@ -99,7 +99,7 @@ def _wire(endpoint: str) -> str:
 
 def _folder() -> Path:
     """Where the locks of all users of this host are, made where missing. Raises MachineError."""
-    folder = next(filter(_is_everybodys, FOLDERS), FOLDERS[-1]) / "lmctl-locks"
+    folder = next(filter(_is_shared, FOLDERS), FOLDERS[-1]) / "lmctl-locks"
     try:
         folder.mkdir()
         folder.chmod(0o1777)  # any user may drive the cell; only a file's owner may remove it
@@ -113,7 +113,7 @@ def _folder() -> Path:
     return folder
 
 
-def _is_everybodys(folder: Path) -> bool:
+def _is_shared(folder: Path) -> bool:
     """By its mode, not by the calling user: all users must get the same answer."""
     try:
         return bool(folder.stat().st_mode & stat.S_IWOTH)

@@ -62,16 +62,16 @@ def setting_conditions(
 def _fit_for_programs(identity: ControllerIdentity,
                       settings: Mapping[int, str]) -> Iterator[StartCondition]:
     """$32 and $10, without which no controller is sent a program."""
-    unfit = {setting.number: setting for setting in unsuitable_settings(identity, settings)}
+    unsuitable = {setting.number: setting for setting in unsuitable_settings(identity, settings)}
     for number, fine in (
         (LASER_MODE, f"laser mode is on (${LASER_MODE})"),
         (REPORT_MASK, f"status reports show which lines are executed (${REPORT_MASK})"),
     ):
-        wrong = unfit.get(number)
+        wrong = unsuitable.get(number)
         yield StartCondition(wrong is None, fine if wrong is None else wrong.text,
                              "" if wrong is None else _send(number, wrong.value, ""),
                              refuses_run=True)
-    if identity.dialect is GRBLHAL and REPORT_MASK not in unfit:
+    if identity.dialect is GRBLHAL and REPORT_MASK not in unsuitable:
         mask = int(number_of(settings, REPORT_MASK) or 0)
         if not mask & REPORT_OVERRIDES:
             yield StartCondition(False,

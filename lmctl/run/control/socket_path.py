@@ -33,8 +33,8 @@ def open_listening_socket(folder: Path) -> socket.socket:
     listens there, or no socket can be made.
     """
     path = folder.absolute() / SOCKET_NAME
-    if (living := connect_to_run(folder)) is not None:
-        living.close()
+    if (running := connect_to_run(folder)) is not None:
+        running.close()
         raise JournalError(f"another process already drives {folder.name}", where=str(path),
                            hint=f"`{RunFolder(folder).command('status')}` shows how far it is")
     try:

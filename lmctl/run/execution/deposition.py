@@ -57,7 +57,7 @@ class Deposition:
     ) -> None:
         self.started = False
         self._first_line = window.first_layer().first_line
-        self._lit_line = 0 if entry is None else entry.beam_on_line
+        self._beam_on_line = 0 if entry is None else entry.beam_on_line
         self._reached = reached
         self._beam_off_s = math.inf
         self._sent = self._first_line - 1  # the last line that may have been sent
@@ -77,7 +77,7 @@ class Deposition:
         self._done = done
         self._failed = failed
         self._progress = progress
-        self._outlook = RemainingTime(window.end_s)
+        self._remaining_time = RemainingTime(window.end_s)
         self._loop = asyncio.get_running_loop()
         self._streaming = self._tracking = False
         self._next_lines: list[bytes] = []  # journaled, to go with the next question
@@ -116,7 +116,7 @@ class Deposition:
         """How the last report differs from the program; not at all once motion is at rest."""
         if not self._tracking:
             return ProgramDeviation()
-        return ProgramDeviation(self._clock.off_mm, self._clock.early_s, self._energy.unasked)
+        return ProgramDeviation(self._clock.off_mm, self._clock.early_s, self._energy.uncommanded)
 
     def job_line(self, tag: int) -> int:
         """The job's number of a line of the stream."""
@@ -152,7 +152,7 @@ class Deposition:
         self._streamer.end_with_path(self._counted, path_done)
 
     @property
-    def stands_mm(self) -> tuple[float, ...] | None:
+    def standstill_mm(self) -> tuple[float, ...] | None:
         """Where the machine stands, program coordinates; None where it has not reported that."""
         motion = self._cell.motion
         return motion.position_mm if is_at_rest(motion) and motion.position_trusted else None
@@ -173,13 +173,13 @@ class Deposition:
                 off_s=self._beam_off_s, sent=self._sent,
                 reported_s=self._recorder.now_s() - age_s if age_s < math.inf else None,
             )
-            self._reached = self._beyond_way_in(ended)
+            self._reached = self._beyond_approach(ended)
         return self._reached
 
-    def _beyond_way_in(self, ended: PlaceReached) -> PlaceReached:
+    def _beyond_approach(self, ended: PlaceReached) -> PlaceReached:
         """What `ended` adds to what had been executed before; the approach adds nothing."""
         before = self._reached
-        if max(ended.place, ended.until) <= max(before.place, ProgramPlace(self._lit_line)):
+        if max(ended.place, ended.until) <= max(before.place, ProgramPlace(self._beam_on_line)):
             return before
         return replace(ended, place=max(ended.place, before.place),
                        at_least=max(ended.at_least, before.place))
@@ -213,7 +213,7 @@ class Deposition:
     def on_status(self, report: StatusReport) -> None:
         """Take the place the machine has reached."""
         try:
-            self._take(report)
+            self._on_report(report)
         except Exception as error:
             self._failed(error)
 
@@ -229,11 +229,11 @@ class Deposition:
         if not self._streaming:
             return
         try:
-            self._go_on()
+            self._on_lines_executed()
         except Exception as error:
             self._failed(error)
 
-    def _take(self, report: StatusReport) -> None:
+    def _on_report(self, report: StatusReport) -> None:
         t, motion = self._loop.time(), self._cell.motion
         position_mm = motion.position_mm
         if position_mm is None:
@@ -242,7 +242,7 @@ class Deposition:
         if self._tracking:
             if report.override_percents is not None:
                 self._controller_override(t, report.override_percents)
-            self._judge(t, report, position_mm)
+            self._compare_with_program(t, report, position_mm)
             self._feed.fed.on_readings(t, readings)
             if not self._clock.is_in_doubt:
                 self._motion.on_report(
@@ -255,14 +255,14 @@ class Deposition:
             self._next_lines += self._released()
             if not self._may_wait:
                 self._send()
-            self._tell(t)
+            self._report_progress(t)
         self._recorder.record_sample(
             self.lines_executed, position_mm, report.feed_mm_min, report.spindle_speed,
             self._feed.flows_g_min,
             tuple([None if one is None else one.flow_estimated_g_min for one in readings]),
         )
 
-    def _judge(
+    def _compare_with_program(
         self, t: float, report: StatusReport, position_mm: tuple[float, ...]
     ) -> None:
         """Compare a report with the program; after a doubtful one, query again at once."""
@@ -286,15 +286,15 @@ class Deposition:
             self._recorder.record_override(feed, "controller", power)
         self._clock.set_override(t, feed / 100.0)
 
-    def _tell(self, t: float) -> None:
+    def _report_progress(self, t: float) -> None:
         if self._progress is None:
             return
         s = self._clock.program_time_s(t)
-        remaining_s = self._outlook.remaining_s(t, s, self._clock.rate)
+        remaining_s = self._remaining_time.remaining_s(t, s, self._clock.rate)
         if remaining_s is not None:
             self._progress(s, self._window.end_s, self._motion.layer, remaining_s)
 
-    def _go_on(self) -> None:
+    def _on_lines_executed(self) -> None:
         window, executed = self._window, self._counted
         self._clock.acknowledge(self._first_line + self._cell.motion.lines_acknowledged)
         if executed == self._seen:

@@ -122,10 +122,10 @@ class DeviceMonitor:
             self._last_mm, self._moved_t = at_mm, self._reported_t
         self._look()
         if not self._held():
-            self._stands_held(report)
+            self._check_hold(report)
         self._cell.notify_report()
 
-    def _stands_held(self, report: StatusReport) -> None:
+    def _check_hold(self, report: StatusReport) -> None:
         """A feed hold was pressed at the machine, however briefly: it would wait for ever.
 
         Raised only at rest: a controller that runs into a limit slows down first, too.
@@ -192,9 +192,9 @@ class DeviceMonitor:
         return feeder_reading(feeder.name, answer, feeder.hoppers,
                               self._mixer_max_mbar[feeder.name])
 
-    def _warn(self, warning: FeederWarning, stands: bool) -> None:
-        self._recorder.record_warning(warning, stands=stands)
-        self._alarms.set_warning(warning, stands=stands)
+    def _warn(self, warning: FeederWarning, is_active: bool) -> None:
+        self._recorder.record_warning(warning, is_active=is_active)
+        self._alarms.set_warning(warning, is_active=is_active)
 
     def _safety_status(self, _: SafetyStatus) -> None:
         self._look()
@@ -209,9 +209,9 @@ class DeviceMonitor:
     def _look(self) -> None:
         t = self._loop.time()
         facts = self._facts()
-        dark = facts.motion is not None and not facts.motion.spindle_speed
-        self._supervision.evaluate(facts, t, dark=dark)
-        if self._supervision.doubts:
+        beam_off = facts.motion is not None and not facts.motion.spindle_speed
+        self._supervision.evaluate(facts, t, beam_off=beam_off)
+        if self._supervision.has_unconfirmed_findings:
             for feeder in self._cell.feeders:
                 feeder.request_hopper_readings()
 

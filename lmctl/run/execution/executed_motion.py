@@ -45,11 +45,12 @@ class _Span:
 
     def time_at(self, s: float, window: JobWindow, rate: float) -> float:
         """Machine time at a program time in it."""
-        whole = window.machine_time_s(self.end_s, rate) - window.machine_time_s(self.begin_s, rate)
-        if whole <= 0.0:
+        planned_s = (window.machine_time_s(self.end_s, rate)
+                     - window.machine_time_s(self.begin_s, rate))
+        if planned_s <= 0.0:
             return self.end_t
         passed = window.machine_time_s(s, rate) - window.machine_time_s(self.begin_s, rate)
-        return self.begin_t + (self.end_t - self.begin_t) * passed / whole
+        return self.begin_t + (self.end_t - self.begin_t) * passed / planned_s
 
 
 class ExecutedMotion:
@@ -66,9 +67,9 @@ class ExecutedMotion:
         self._fed = fed
         self._accounts = accounts
         self._lead_s = lead_s
-        self._stretch: LayerProgram = window.first_layer()
+        self._layer: LayerProgram = window.first_layer()
         self._t = self._end_t = 0.0
-        self._s = float(self._stretch.start_s[0])
+        self._s = float(self._layer.start_s[0])
         self._position_mm: tuple[float, ...] = ()
         self._ratio: float | None = None  # of the last report
         self._last_ratio = 1.0
@@ -78,17 +79,17 @@ class ExecutedMotion:
     @property
     def layer(self) -> int:
         """The layer that runs."""
-        return self._stretch.index
+        return self._layer.index
 
     @property
     def first_line_needed(self) -> int:
         """The first line of the layer that is counted: no earlier line is read again."""
-        return self._stretch.first_line
+        return self._layer.first_line
 
     def on_motion_start(self, t: float) -> None:
         """The first lines are sent at t."""
         self._t = self._end_t = t
-        self._accounts.open_layer(self._stretch.index)
+        self._accounts.open_layer(self._layer.index)
 
     def on_beam_off(self, s: float) -> None:
         """The laser was disabled at program time s: what moves on has no beam."""
@@ -105,7 +106,7 @@ class ExecutedMotion:
         if s > self._s:
             at_rest = _is_at_rest(report) or s >= self._window.end_s - _END_S
             self._moved(t, s, rate, ratio, at_rest=at_rest)
-        elif self._has_moved and self._stands(position_mm):
+        elif self._has_moved and self._has_stopped(position_mm):
             if not _is_at_rest(report) and s < self._window.end_s - _END_S:
                 self._add(_Span(self._s, self._s, self._t, t), rate, 1.0, inferred=False)
             self._t = t
@@ -114,12 +115,12 @@ class ExecutedMotion:
         self._ratio = ratio
         self._last_ratio = self._last_ratio if ratio is None else ratio
         self._position_mm = position_mm
-        self._accounts.on_report(self._stretch.index, off_mm, overrides)
+        self._accounts.on_report(self._layer.index, off_mm, overrides)
 
     def on_lines_executed(self, t: float, lines: int, rate: float) -> None:
         """So many lines of the job are known to be executed: layers that they end are over."""
         if lines < self._window.n_lines:
-            self._accounts.close_before(self._stretch.index, lines)
+            self._accounts.close_before(self._layer.index, lines)
             return
         if self._s < self._window.end_s:
             self._moved(t, self._window.end_s, rate, None, at_rest=True)
@@ -129,12 +130,12 @@ class ExecutedMotion:
     def on_motion_end(self) -> None:
         """Motion has ended, here or at a hold: what is reported later is not counted."""
         self._is_over = True
-        self._accounts.leave_layer(self._stretch.index, self._fed.weight_g(self._end_t))
+        self._accounts.leave_layer(self._layer.index, self._fed.weight_g(self._end_t))
 
     @property
     def remaining_bead_mm(self) -> float:
         """Beam-on path of this layer that is left to run."""
-        planned = self._stretch.planned
+        planned = self._layer.planned
         return planned.all_lines.path_mm - planned.up_to_program_time(self._s).path_mm
 
     @property
@@ -146,7 +147,7 @@ class ExecutedMotion:
         share = (s - start_s) / (end_s - start_s) if end_s > start_s else 0.0
         return ProgramPlace(line, min(max(share, 0.0), 1.0))
 
-    def _stands(self, position_mm: tuple[float, ...]) -> bool:
+    def _has_stopped(self, position_mm: tuple[float, ...]) -> bool:
         return len(position_mm) == len(self._position_mm) and all(
             abs(now - before) < _SAME_MM
             for now, before in zip(position_mm, self._position_mm, strict=True)
@@ -174,19 +175,19 @@ class ExecutedMotion:
         """Count a span, layer by layer."""
         last = len(self._window.manifest.layers) - 1
         begin_s, begin_t = span.begin_s, span.begin_t
-        while span.end_s > self._stretch.ends_s[-1] and self._stretch.index < last:
-            border_s = self._stretch.ends_s[-1]
+        while span.end_s > self._layer.ends_s[-1] and self._layer.index < last:
+            border_s = self._layer.ends_s[-1]
             border_t = span.time_at(border_s, self._window, rate)
             self._count(_Span(begin_s, border_s, begin_t, border_t), rate, ratio, inferred)
-            self._accounts.leave_layer(self._stretch.index, self._fed.weight_g(border_t))
-            self._stretch = self._window.layer_program(self._stretch.index + 1)
-            self._accounts.open_layer(self._stretch.index)
+            self._accounts.leave_layer(self._layer.index, self._fed.weight_g(border_t))
+            self._layer = self._window.layer_program(self._layer.index + 1)
+            self._accounts.open_layer(self._layer.index)
             begin_s, begin_t = border_s, border_t
         self._count(_Span(begin_s, span.end_s, begin_t, span.end_t), rate, ratio, inferred)
 
     def _count(self, span: _Span, rate: float, ratio: float, inferred: bool) -> None:
         """Count a span within the layer that runs."""
-        totals = self._stretch.totals
+        totals = self._layer.totals
         before = totals.up_to_program_time(min(span.begin_s, self._beam_off_s))
         after = totals.up_to_program_time(min(span.end_s, self._beam_off_s))
         by_plan = (
@@ -195,13 +196,13 @@ class ExecutedMotion:
         lasted_s = span.end_t - span.begin_t
         pace = lasted_s / by_plan if by_plan > 0.0 else 0.0
         self._end_t = span.end_t
-        powder_s = max(span.begin_s, self._stretch.planned.beam_from_s)
+        powder_s = max(span.begin_s, self._layer.planned.beam_from_s)
         powder_t = span.end_t
         if powder_s < span.end_s or span.begin_s == span.end_s > powder_s:
             powder_t = span.time_at(powder_s, self._window, rate)
-            if not self._accounts.is_weighed(self._stretch.index):
-                self._accounts.start_weighing(self._stretch.index, self._fed.weight_g(powder_t))
-        self._accounts.add_figures(self._stretch.index, ExecutionFigures(
+            if not self._accounts.is_weighed(self._layer.index):
+                self._accounts.start_weighing(self._layer.index, self._fed.weight_g(powder_t))
+        self._accounts.add_figures(self._layer.index, ExecutionFigures(
             after.path_mm - before.path_mm, (after.beam_s - before.beam_s) / rate * pace,
             (after.energy_J - before.energy_J) * ratio, lasted_s,
             self._fed.take_fed_g(powder_t, span.end_t),

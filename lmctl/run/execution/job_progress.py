@@ -31,7 +31,7 @@ class JobProgress:
         self._recorder = recorder
         self._begins_at = begins_at
         self._loop = asyncio.get_running_loop()
-        self._workshop: RunSegmentFactory | None = None
+        self._segments: RunSegmentFactory | None = None
         self._work: RunSegment | None = None
         self._resumed = False
 
@@ -71,22 +71,22 @@ class JobProgress:
 
     # --- on and off ---------------------------------------------------------------------------
 
-    def begin(self, workshop: RunSegmentFactory) -> None:
+    def begin(self, segments: RunSegmentFactory) -> None:
         """A machine has been accepted: make ready for the first line to be run on it.
 
         Raises JobError where no bead is left to deposit.
         """
-        self._workshop = workshop
-        self._work = workshop.create(self._begins_at, None, self.override_percent)
+        self._segments = segments
+        self._work = segments.create(self._begins_at, None, self.override_percent)
         if self._work is None:
             raise JobError("no bead of this job is left to lay",
                            where=f"from {self._begins_at.place}")
 
     def continue_after_hold(self) -> bool:
         """A hold ends: prepare to resume from the place reached; False where no bead is left."""
-        if self._workshop is None:
+        if self._segments is None:
             raise AttributeError("the machine has not been accepted")
-        work = self._workshop.create(self.record_place(), self.segment, self.override_percent)
+        work = self._segments.create(self.record_place(), self.segment, self.override_percent)
         self._resumed = True
         if work is not None:
             self._work = work
@@ -104,7 +104,7 @@ class JobProgress:
     def record_place(self) -> PlaceReached:
         """How far the job has been executed, now that motion has been stopped; journaled."""
         reached = self.segment.deposition.place_at_rest()
-        self._recorder.record_place(reached, self.segment.deposition.stands_mm)
+        self._recorder.record_place(reached, self.segment.deposition.standstill_mm)
         return reached
 
     def set_override(self, percent: int) -> None:

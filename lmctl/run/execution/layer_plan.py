@@ -13,7 +13,7 @@ from lmctl.run.program.layer_program import LayerProgram
 
 @dataclass(frozen=True)
 class LayerPlan:
-    """Of a whole layer. lines : first and last, counted through the job"""
+    """Of a layer layer. lines : first and last, counted through the job"""
 
     layer: int
     z_mm: float
@@ -23,21 +23,21 @@ class LayerPlan:
 
 
 def layer_plan(
-    whole: LayerProgram, following: LayerProgram | None, leads_s: Mapping[str, float]
+    layer: LayerProgram, following: LayerProgram | None, leads_s: Mapping[str, float]
 ) -> LayerPlan:
-    """whole : the layer as the job has it; following : the next one, None after the last
+    """layer : as the job has it; following : the next one, None after the last
 
     leads_s : {hopper: how long before the nozzle needs it its disc feeds}, in the job's order
     """
-    totals = whole.planned.all_lines
-    start_s, end_s = whole.starts_s[0], whole.ends_s[-1]
-    beam_s = whole.planned.beam_from_s
+    totals = layer.planned.all_lines
+    start_s, end_s = layer.starts_s[0], layer.ends_s[-1]
+    beam_s = layer.planned.beam_from_s
     return LayerPlan(
-        whole.index, whole.z_mm, (whole.first_line, whole.last_line), len(whole.paths),
+        layer.index, layer.z_mm, (layer.first_line, layer.last_line), len(layer.paths),
         ExecutionFigures(
             totals.path_mm, totals.beam_s, totals.energy_J, end_s - start_s,
             {
-                name: hopper_mass_g(whole, following, hopper, beam_s + lead_s, end_s + lead_s)
+                name: hopper_mass_g(layer, following, hopper, beam_s + lead_s, end_s + lead_s)
                 for hopper, (name, lead_s) in enumerate(leads_s.items())
             },
         ),

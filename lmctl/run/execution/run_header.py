@@ -26,7 +26,7 @@ def run_header(
         "profile": profile.planning_digest(), "operator": operator,
         "powder_mode": manifest.powder_mode, "layers": len(manifest.layers),
         "lines": sum(entry.n_lines for entry in manifest.layers),
-        **({} if continues is None else _going_on(continues)),
+        **({} if continues is None else _earlier_run(continues)),
         "planned_s": manifest.layers[-1].end_s, "materials": list(manifest.materials),
         "warnings": list(manifest.totals.get("warnings", [])),
         "hoppers": [
@@ -44,10 +44,10 @@ def local_header(run: str, profile: MachineProfile) -> dict[str, Any]:
             "endpoints": {"motion": profile.motion.endpoint, **endpoints}}
 
 
-def _going_on(continues: EarlierRun) -> dict[str, Any]:
+def _earlier_run(continues: EarlierRun) -> dict[str, Any]:
     """Fields that a later run needs again if this run fails before it enters the part."""
-    place, stands_mm = continues.reached.place, continues.stands_mm
+    place, standstill_mm = continues.reached.place, continues.standstill_mm
     return {"continues": continues.run, "position_kept": continues.is_position_trusted,
             "begins_at": {"line": place.line, "share": round(place.line_fraction, 6),
                           "known": continues.reached.known},
-            "stands_mm": stands_mm and [round(axis, 3) for axis in stands_mm]}
+            "standstill_mm": standstill_mm and [round(axis, 3) for axis in standstill_mm]}

@@ -113,7 +113,7 @@ class RunSegmentFactory:
         """What the job plans for a layer, also where its head was replaced by a way in."""
         layer = window.layer_program(index)
         if entry is not None and index == entry.layer.index:
-            layer = self._whole_layer(index)
+            layer = self._complete_layer(index)
         following = None
         if index + 1 < len(self.job.manifest.layers):
             following = window.layer_program(index + 1)
@@ -122,7 +122,7 @@ class RunSegmentFactory:
             h.name: h.dead_time_s + h.lag_s if leads else 0.0 for h in self.hoppers
         })
 
-    def _whole_layer(self, index: int) -> LayerProgram:
+    def _complete_layer(self, index: int) -> LayerProgram:
         behind = self.job.read_layer(index - 1).lines[-1] if index else None
         behind_mm = self.profile.motion.purge_mm if behind is None else (
             behind["x_mm"], behind["y_mm"], behind["z_mm"])

@@ -146,14 +146,14 @@ def _in_layer(
     end = min(found, ProgramPlace(layer.last_line + 1))
     begin_s, end_s = _time_of(layer, begin), _time_of(layer, end)
     before, after = layer.totals.up_to_program_time(begin_s), layer.totals.up_to_program_time(end_s)
-    burns = 0.0 if last.beam_off else 1.0
+    beam = 0.0 if last.beam_off else 1.0
     rest_s = end_s + (reached.beam_off_motion_s * last.rate if end == found else 0.0)
     fed_from_s = max(begin_s, layer.planned.beam_from_s)
     grams = _fed_g(last, (fed_from_s - last_s) / last.rate, (rest_s - last_s) / last.rate)
     return UnreportedMotion(index, begin, end, ExecutionFigures(
-        burns * (after.path_mm - before.path_mm),
-        burns * (after.beam_s - before.beam_s) / last.rate,
-        burns * (after.energy_J - before.energy_J), (rest_s - begin_s) / last.rate, grams,
+        beam * (after.path_mm - before.path_mm),
+        beam * (after.beam_s - before.beam_s) / last.rate,
+        beam * (after.energy_J - before.energy_J), (rest_s - begin_s) / last.rate, grams,
     ), complete=layer.totals.all_lines.path_mm - layer.totals.up_to_program_time(
         end_s).path_mm < MIN_BEAD_MM)
 

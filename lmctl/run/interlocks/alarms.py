@@ -65,7 +65,7 @@ class RunAlarm:
     cleared_s: float | None = None
 
 
-def _tell_nobody(line: str) -> None:
+def _ignore(line: str) -> None:
     pass
 
 
@@ -73,12 +73,12 @@ class RunAlarms:
     """The alarms of a run since it was last resumed, and the active warnings.
 
     Iterating gives the cause, then what came with it in the order in which it was found.
-    told : called with a line of text when an alarm or warning appears, and when a warning is over
+    notify : called with a line of text when an alarm or warning appears, and when a warning is over
     warnings : oldest first
     """
 
     def __init__(self) -> None:
-        self.told: Callable[[str], None] = _tell_nobody
+        self.notify: Callable[[str], None] = _ignore
         self.warnings: list[FeederWarning] = []
         self._alarms: dict[str, RunAlarm] = {}
 
@@ -114,21 +114,21 @@ class RunAlarms:
         self._alarms[name] = alarm
         hint = f"; what to do: {alarm.hint}" if alarm.hint else ""
         if before is None:
-            self.told(f"alarm: {alarm.what}{hint}")
+            self.notify(f"alarm: {alarm.what}{hint}")
         elif self.cause is alarm:
-            self.told(f"the cause: {alarm.what}{hint}")
+            self.notify(f"the cause: {alarm.what}{hint}")
         else:
-            self.told(f"then: {alarm.what}{hint}")
+            self.notify(f"then: {alarm.what}{hint}")
         return alarm
 
-    def set_warning(self, warning: FeederWarning, *, stands: bool) -> None:
+    def set_warning(self, warning: FeederWarning, *, is_active: bool) -> None:
         """A warning has appeared, or is over."""
-        if stands:
+        if is_active:
             self.warnings.append(warning)
-            self.told(f"warning: {warning.text}; what to do: {warning.remedy}")
+            self.notify(f"warning: {warning.text}; what to do: {warning.remedy}")
         else:
             self.warnings.remove(warning)
-            self.told(f"no longer: {warning.text}")
+            self.notify(f"no longer: {warning.text}")
 
     def clear(self, name: str, at_s: float) -> RunAlarm | None:
         """An alarm has cleared; it stays in the list. None where none of that name is active."""

@@ -26,26 +26,26 @@ class InterlockSupervision:
     raised : called once for each rule and subject, when it has held for long enough; again only
         after it has not held in between, or after `forget`
     cleared : called with the name of an alarm that was raised, once its rule no longer holds
-    doubts : a reading has a finding that the next reading must confirm
+    has_unconfirmed_findings : a reading has a finding that the next reading must confirm
     """
 
     def __init__(
         self, raised: Callable[[MachineError], None], rules: Sequence[InterlockRule],
         cleared: Callable[[str], None] = _ignore,
     ) -> None:
-        self.doubts = False
+        self.has_unconfirmed_findings = False
         self._raised = raised
         self._cleared = cleared
         self._rules = rules
         self._others = tuple(rule for rule in rules if not rule.uses_feeder_readings)
         self._sound: Sequence[FeederReading] | None = None  # answers in which nothing was found
         self._since: dict[tuple[str, str], float] = {}
-        self._told: set[tuple[str, str]] = set()
+        self._reported: set[tuple[str, str]] = set()
 
-    def evaluate(self, facts: InterlockInputs, t: float, *, dark: bool) -> None:
+    def evaluate(self, facts: InterlockInputs, t: float, *, beam_off: bool) -> None:
         """Evaluate all rules at t [s]. dark : whether the program has the beam off now."""
         holding: set[tuple[str, str]] = set()
-        self.doubts = False
+        self.has_unconfirmed_findings = False
         # Most looks come between two answers of a feeder.
         sound = facts.feeder_readings is self._sound
         self._sound = facts.feeder_readings
@@ -58,22 +58,22 @@ class InterlockSupervision:
                 at_s, due_s = t, rule.min_duration_s
                 if finding.reading_time_s is not None:
                     at_s, due_s = finding.reading_time_s, due_s - _PUNCTUAL_S
-                    self.doubts = True
+                    self.has_unconfirmed_findings = True
                 lasted_s = at_s - self._since.setdefault(key, at_s)
-                if rule.reaction is Reaction.PATH_END and not dark:
+                if rule.reaction is Reaction.PATH_END and not beam_off:
                     due_s = _PATH_END_S
-                if lasted_s >= due_s and key not in self._told:
-                    self._told.add(key)
+                if lasted_s >= due_s and key not in self._reported:
+                    self._reported.add(key)
                     self._raised(alarm_error_of(rule, finding))
         for key in self._since.keys() - holding:
             del self._since[key]
-            if key in self._told:
-                self._told.discard(key)
+            if key in self._reported:
+                self._reported.discard(key)
                 self._cleared(_alarm_name(*key))
 
     def acknowledge(self) -> None:
         """Alarms have been acknowledged: report again what still holds."""
-        self._told.clear()
+        self._reported.clear()
 
     def active_alarms(self, facts: InterlockInputs) -> list[MachineError]:
         """Rules that hold now, for however short a time, and that acknowledging would not clear."""

@@ -21,38 +21,38 @@ _Key = tuple[int, str]
 class WarningDebounce:
     """The warnings of one feeder in one run.
 
-    told : called with each warning when it appears (True) and when it is over (False)
+    notify : called with each warning when it appears (True) and when it is over (False)
     """
 
-    def __init__(self, told: Callable[[FeederWarning, bool], None]) -> None:
-        self._told = told
+    def __init__(self, notify: Callable[[FeederWarning, bool], None]) -> None:
+        self._notify = notify
         self._loop = asyncio.get_running_loop()
-        self._heard: Sequence[FeederWarning] = ()
-        self._standing: dict[_Key, FeederWarning] = {}
+        self._latest: Sequence[FeederWarning] = ()
+        self._active: dict[_Key, FeederWarning] = {}
         self._leaving: dict[_Key, asyncio.TimerHandle] = {}
 
     def update(self, warnings: Sequence[FeederWarning]) -> None:
         """Take the feeder's present warnings; the same object means that they are unchanged."""
-        if warnings is self._heard:
+        if warnings is self._latest:
             return
-        self._heard = warnings
+        self._latest = warnings
         # A clipped set-point holds the run: that is an alarm, and not reported twice.
         now = {(one.number, one.hopper): one for one in warnings if one.number != CLIPPED}
-        for key in self._standing:
+        for key in self._active:
             if key not in now and key not in self._leaving:
-                self._leaving[key] = self._loop.call_later(WARNING_CLEAR_S, self._gone, key)
+                self._leaving[key] = self._loop.call_later(WARNING_CLEAR_S, self._on_absent, key)
         for key, one in now.items():
             if key in self._leaving:
                 self._leaving.pop(key).cancel()
-            if key not in self._standing:
-                self._standing[key] = one
-                self._told(one, True)
+            if key not in self._active:
+                self._active[key] = one
+                self._notify(one, True)
 
     def stop(self) -> None:
         """The run is over: report nothing more."""
         for timer in self._leaving.values():
             timer.cancel()
 
-    def _gone(self, key: _Key) -> None:
+    def _on_absent(self, key: _Key) -> None:
         del self._leaving[key]
-        self._told(self._standing.pop(key), False)
+        self._notify(self._active.pop(key), False)

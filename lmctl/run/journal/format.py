@@ -24,7 +24,7 @@ from typing import Any, BinaryIO
 from lmctl.errors import JournalError, MissingFileError
 
 #: What a journal calls itself, in its first record; a reader refuses any other version.
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 FORMAT_NAME = f"lmctl-journal-{FORMAT_VERSION}"
 
 FIRST_PREVIOUS_HASH = "0" * 64
@@ -42,8 +42,8 @@ class UnsupportedFormatError(JournalError):
     """A journal of another version than this software reads, whose rules it does not know."""
 
     def __init__(self, path: Path, version: int, software: object) -> None:
-        told = isinstance(software, str) and software.isprintable()
-        by = f"{str(software)[:60]} wrote it; " if told else ""
+        stated = isinstance(software, str) and software.isprintable()
+        by = f"{str(software)[:60]} wrote it; " if stated else ""
         super().__init__(
             f"{path} is a journal of format {version}",
             where=f"{by}this lmctl reads format {FORMAT_VERSION}",
@@ -184,9 +184,9 @@ def run_fingerprint(path: Path) -> str:
 
 def _check_version(path: Path, header: dict[str, Any] | None) -> None:
     """Raises OtherFormat where a first record is the header of another version's journal."""
-    told = _ANY_FORMAT.fullmatch(str((header or {}).get("format")))
-    if told and int(told[1]) != FORMAT_VERSION:
-        raise UnsupportedFormatError(path, int(told[1]), (header or {}).get("software"))
+    stated = _ANY_FORMAT.fullmatch(str((header or {}).get("format")))
+    if stated and int(stated[1]) != FORMAT_VERSION:
+        raise UnsupportedFormatError(path, int(stated[1]), (header or {}).get("software"))
 
 
 def _check_line(line: bytes, prev: str, seq: int) -> tuple[str, bool]:

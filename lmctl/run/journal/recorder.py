@@ -137,8 +137,8 @@ class RunRecorder:
         self._append("sent", line=line, reported=_place(reported))
         self._flush()
 
-    def record_place(self, reached: PlaceReached, stands_mm: tuple[float, ...] | None) -> None:
-        """Where deposition ended; durable. stands_mm : where the machine stands, if reported"""
+    def record_place(self, reached: PlaceReached, standstill_mm: tuple[float, ...] | None) -> None:
+        """Where deposition ended; durable. standstill_mm : where the machine stands, if reported"""
         fields: dict[str, Any] = {"known": reached.known}
         if reached.is_assumed:
             fields["at_least"] = _place(reached.at_least)
@@ -146,8 +146,8 @@ class RunRecorder:
             fields["until"] = _place(reached.until)
         if reached.reported_s is not None:
             fields["reported_at"] = round(reached.reported_s, 3)
-        if stands_mm is not None:
-            fields["stands_mm"] = [round(axis, 3) for axis in stands_mm]
+        if standstill_mm is not None:
+            fields["standstill_mm"] = [round(axis, 3) for axis in standstill_mm]
         self._event("place", **place_fields(reached.place), **fields)
         self._sync()
 
@@ -155,7 +155,7 @@ class RunRecorder:
         """How the job resumes from a place."""
         self._event(
             "entry", **place_fields(entry.place),
-            lit_line=entry.beam_on_line, layer=entry.layer.index,
+            beam_on_line=entry.beam_on_line, layer=entry.layer.index,
             repeated_mm=round(entry.repeated_mm, 3),
         )
 
@@ -169,11 +169,11 @@ class RunRecorder:
         """An alarm is over. how : its cause is gone, or it was acknowledged"""
         self._event("alarm_cleared", name=alarm.name, what=alarm.what, how=how)
 
-    def record_warning(self, warning: FeederWarning, *, stands: bool) -> None:
+    def record_warning(self, warning: FeederWarning, *, is_active: bool) -> None:
         """A warning has appeared, or is over."""
         self._event(
             "warning", number=warning.number, feeder=warning.feeder, hopper=warning.hopper,
-            stands=stands, what=warning.text, hint=warning.remedy,
+            active=is_active, what=warning.text, hint=warning.remedy,
         )
 
     def record_refill(self, refill: Refill) -> None:

@@ -13,8 +13,8 @@ from lmctl.config.machine import MachineProfile, MotionSettings
 from lmctl.errors import JournalError
 from lmctl.job.reader import JobReader
 from lmctl.run.ended_at import LASER_OFF_DELAY_S
+from lmctl.run.journal.position_proof import ON_LINE_MM, PositionProof, position_proof
 from lmctl.run.journal.replay import RunReplay
-from lmctl.run.journal.standing import ON_LINE_MM, Standing, standing
 from lmctl.run.program.approach import axis_limit_along
 from lmctl.run.program.job_lines import (
     after_bead_mm,
@@ -83,14 +83,14 @@ def find_recovery_place(
     """
     if not after.has_begun:
         return RecoveryPlace(NOTHING_REACHED, "nothing of the part had been begun", "")
-    stands = Standing(False, ())
+    proof = PositionProof(False, ())
     if seen.position_mm is not None:
-        stands = standing(job, after, profile.motion, seen.position_mm)
-    lost = _why_lost(after, seen, stands)
+        proof = position_proof(job, after, profile.motion, seen.position_mm)
+    lost = _why_lost(after, seen, proof)
     if lost:
         reached, why = _unconfirmed(after.reached), _journal_says(after)
     else:
-        reached, why = _by_machine(job, after, seen, stands, profile)
+        reached, why = _by_machine(job, after, seen, proof, profile)
     doubt_mm = bead_between_mm(job, reached.place, reached.until)
     if reached.known is Known.UNKNOWN and doubt_mm <= _NO_DOUBT_MM:
         reached = replace(reached, known=Known.INFERRED, until=reached.place)
@@ -116,8 +116,8 @@ def doubt_in_words(job: JobReader, reached: PlaceReached) -> list[str]:
     words = []
     for rows in rows_between(job, reached.place.line, reached.until.line):
         for path in dict.fromkeys(rows.path[rows.is_bead].tolist()):
-            mine = np.flatnonzero(rows.is_bead & (rows.path == path))
-            first, last = int(mine[0]), int(mine[-1])
+            path_rows = np.flatnonzero(rows.is_bead & (rows.path == path))
+            first, last = int(path_rows[0]), int(path_rows[-1])
             line = int(rows.line[first]), int(rows.line[last])
             start = reached.place.line_fraction if line[0] == reached.place.line else 0.0
             end = reached.until.line_fraction if line[1] == reached.until.line else 1.0
@@ -132,21 +132,21 @@ def doubt_in_words(job: JobReader, reached: PlaceReached) -> list[str]:
     return words
 
 
-def _why_lost(after: RunReplay, seen: MachineSeen, stands: Standing) -> str:
+def _why_lost(after: RunReplay, seen: MachineSeen, proof: PositionProof) -> str:
     """Why the position the controller reports is not proven; "" where it is."""
     if seen.position_mm is None:
         return "the controller does not say where it is"
     if seen.restarted:
         return "its controller has restarted: it sent its welcome message when the port was opened"
     restarted = _restarted_devices(after, seen)
-    if seen.at_zero and not seen.homed and (restarted or not stands.unmoved):
+    if seen.at_zero and not seen.homed and (restarted or not proof.is_unmoved):
         return "it says 0, 0, 0, as every controller does that was switched off and on"
     if not after.is_position_kept:
         return f"{after.run.run} ended with its position lost"
-    if not stands.is_explained:
+    if not proof.is_explained:
         return (f"it says {_point(seen.position_mm)}, where nothing that {after.run.run} sent has "
                 "brought it")
-    if restarted and not stands.unmoved:
+    if restarted and not proof.is_unmoved:
         return (f"{', '.join(restarted)} of its cell restarted since {after.run.run} ended, so the "
                 "controller may have been switched off too")
     return ""
@@ -160,10 +160,11 @@ def _restarted_devices(after: RunReplay, seen: MachineSeen) -> list[str]:
 
 
 def _by_machine(
-    job: JobReader, after: RunReplay, seen: MachineSeen, stands: Standing, profile: MachineProfile
+    job: JobReader, after: RunReplay, seen: MachineSeen, proof: PositionProof,
+    profile: MachineProfile,
 ) -> tuple[PlaceReached, str]:
     """Where deposition ended, by a machine whose position is proven."""
-    reached, first, last = after.reached, stands.places[0], stands.places[-1]
+    reached, first, last = after.reached, proof.places[0], proof.places[-1]
     if reached.is_assumed and not after.moving:
         return _unconfirmed(reached), _journal_says(after)
     if reached.is_assumed and last < reached.place:

@@ -34,7 +34,7 @@ class RunReplay:
     last_line : no line after this one can have been sent
     sent_line : the last line journaled as sent; a power cut may have lost a later one
     beam_on_line : the line with which the part was entered last; earlier lines were not run then
-    stands_mm : place where the machine was last reported at rest, program coordinates, or None
+    standstill_mm : place where the machine was last reported at rest, program coordinates, or None
     to_purge : whether it has been sent to the purge position since
     moving : whether the program has been started since; the machine may stand on any line sent
     proven_place : deposition has not ended before this place: it was reported, or reached before
@@ -50,7 +50,7 @@ class RunReplay:
     last_line: int
     sent_line: int
     beam_on_line: int
-    stands_mm: tuple[float, ...] | None
+    standstill_mm: tuple[float, ...] | None
     to_purge: bool
     moving: bool
     proven_place: ProgramPlace
@@ -89,8 +89,8 @@ def replay_run(made: RunFolder) -> RunReplay:
     _refuse_unrecoverable(made, so_far)
     return RunReplay(
         made, so_far.state if so_far.sealed else "broken off", so_far.header, so_far.reached,
-        so_far.position_kept, so_far.last_line, so_far.sent_line, so_far.lit_line,
-        so_far.stands_mm, so_far.to_purge, so_far.moving, so_far.proven, so_far.entered_at,
+        so_far.position_kept, so_far.last_line, so_far.sent_line, so_far.beam_on_line,
+        so_far.standstill_mm, so_far.to_purge, so_far.moving, so_far.proven, so_far.entered_at,
         so_far.ended_wall(),
     )
 
@@ -149,8 +149,8 @@ class _Reading:
         self.position_kept = True
         self.last_line = -1
         self.sent_line = -1
-        self.lit_line = 0
-        self.stands_mm: tuple[float, ...] | None = None
+        self.beam_on_line = 0
+        self.standstill_mm: tuple[float, ...] | None = None
         self.to_purge = self.moving = False
         self._is_open = False  # motion was started, and no record shows where it ended
         self.entered_at: ProgramPlace | None = None
@@ -192,7 +192,7 @@ class _Reading:
             self._go_on(place)
             self._at_rest = known_place(place, Known(begins_at["known"]))
             self.position_kept = record["position_kept"]
-            self.stands_mm = _point(record.get("stands_mm"))
+            self.standstill_mm = _point(record.get("standstill_mm"))
 
     def _state(self, record: dict[str, Any]) -> None:
         self.state = record["to"]
@@ -226,14 +226,14 @@ class _Reading:
         self._at_rest = PlaceReached(
             place, Known(record["known"]), at_least, until, record.get("reported_at"))
         self._is_open = False
-        if (stands_mm := _point(record.get("stands_mm"))) is not None:
-            self.stands_mm = stands_mm
+        if (standstill_mm := _point(record.get("standstill_mm"))) is not None:
+            self.standstill_mm = standstill_mm
             self.to_purge = self.moving = False
         if self._at_rest.known is Known.REPORTED:
             self._prove(place, record["t"])
 
     def _entry(self, record: dict[str, Any]) -> None:
-        self.lit_line = record["lit_line"]
+        self.beam_on_line = record["beam_on_line"]
         self.entered_at = ProgramPlace(record["line"], record["share"])
         self._go_on(self.entered_at)
 

@@ -101,20 +101,20 @@ class FedPowder:
 
     def _scale(self, hopper: int, reading: HopperReading) -> float:
         """Reported flow over the flow ordered; a disc may still be on its way to the last order."""
-        flow, told = reading.flow_estimated_g_min, self._ordered_around(hopper, reading.time_s)
-        if flow is None or min(told) <= 0.0:
+        flow, ordered = reading.flow_estimated_g_min, self._ordered_around(hopper, reading.time_s)
+        if flow is None or min(ordered) <= 0.0:
             return self._scales[hopper]
-        return flow / min(max(flow, min(told)), max(told))
+        return flow / min(max(flow, min(ordered)), max(ordered))
 
     def _ordered_around(self, hopper: int, t: float) -> list[float]:
         """Every flow that was in force shortly before t."""
-        told: list[float] = []
+        ordered: list[float] = []
         for order_t, flows in reversed(self._orders):
             if order_t <= t + _ORDERED_WITHIN_S:
-                told.append(flows[hopper])
+                ordered.append(flows[hopper])
                 if order_t < t - _FOLLOWS_WITHIN_S:
                     break
-        return told or [self._flows[hopper]]
+        return ordered or [self._flows[hopper]]
 
     def _from(self, last_t: float, last: tuple[float, ...], t: float) -> tuple[float, ...]:
         minutes = (t - last_t) / 60.0

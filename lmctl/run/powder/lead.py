@@ -150,17 +150,17 @@ class PowderPlan:
 
     def setpoints_g_min(self, t: float, ticks: int = 1) -> list[float]:
         """What to send at t, of each hopper. ticks : since this was last asked."""
-        self._setpoints = self._led(t, ticks) if self._leads else self._unled(t)
+        self._setpoints = self._with_lead(t, ticks) if self._leads else self._without_lead(t)
         return self._setpoints
 
-    def _unled(self, t: float) -> list[float]:
+    def _without_lead(self, t: float) -> list[float]:
         s = self._clock.program_time_s(t)
         return [
             round(min(self._wanted_g_min(hopper, s), hose.max_g_min), _FLOW_DECIMALS)
             for hopper, hose in enumerate(self._hoses)
         ]
 
-    def _led(self, t: float, ticks: int) -> list[float]:
+    def _with_lead(self, t: float, ticks: int) -> list[float]:
         if self._outflow is None:
             self._outflow = [self._arriving(hopper, t, 0.0) for hopper in range(len(self._hoses))]
             self._setpoints = list(self._outflow)

@@ -133,7 +133,7 @@ class SupplyWatch:
         self._alarms = alarms
         self._recorder = recorder
         self._loop = asyncio.get_running_loop()
-        self._standing: dict[str, FeederWarning] = {}
+        self._active: dict[str, FeederWarning] = {}
         self._timer: asyncio.TimerHandle | None = None
 
     def start(self) -> None:
@@ -161,14 +161,14 @@ class SupplyWatch:
             return
         until_s = self._forecast.lasts_until_s(index, s, left_g)
         lasts_s = None if until_s is None else (until_s - s) / max(rate, 0.01)
-        standing = self._standing.get(hopper.name)
-        if standing is None and until_s is not None and lasts_s is not None and (
+        active = self._active.get(hopper.name)
+        if active is None and until_s is not None and lasts_s is not None and (
             lasts_s <= REFILL_NOTICE_S
         ):
             self._announce(hopper, reading, left_g, until_s, lasts_s)
-        elif standing is not None and (lasts_s is None or lasts_s > _OVER * REFILL_NOTICE_S):
-            del self._standing[hopper.name]
-            self._tell(standing, stands=False)
+        elif active is not None and (lasts_s is None or lasts_s > _OVER * REFILL_NOTICE_S):
+            del self._active[hopper.name]
+            self._set_warning(active, is_active=False)
 
     def _announce(
         self, hopper: HopperSettings, reading: HopperReading, left_g: float, until_s: float,
@@ -183,9 +183,9 @@ class SupplyWatch:
             f"have {hopper.material} at hand; `lmctl refill {hopper.name}` holds the run at the "
             "end of its path",
         )
-        self._standing[hopper.name] = warning
-        self._tell(warning, stands=True)
+        self._active[hopper.name] = warning
+        self._set_warning(warning, is_active=True)
 
-    def _tell(self, warning: FeederWarning, *, stands: bool) -> None:
-        self._recorder.record_warning(warning, stands=stands)
-        self._alarms.set_warning(warning, stands=stands)
+    def _set_warning(self, warning: FeederWarning, *, is_active: bool) -> None:
+        self._recorder.record_warning(warning, is_active=is_active)
+        self._alarms.set_warning(warning, is_active=is_active)

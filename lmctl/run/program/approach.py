@@ -61,8 +61,8 @@ def travel_moves(
                            axis_limit_along(motion.acceleration_mm_s2, away_mm))
         before_mm, before_s = at_mm, 0.0
         for until_s in _line_ends_s(move, motion):
-            gone = move.gone_mm(until_s) / length_mm if until_s < move.lasting_s else 1.0
-            end_mm = np.round(at_mm + gone * away_mm, 3)
+            covered = move.travelled_mm(until_s) / length_mm if until_s < move.lasting_s else 1.0
+            end_mm = np.round(at_mm + covered * away_mm, 3)
             made.append(ApproachMove(before_mm, end_mm, speed_mm_s, until_s - before_s))
             before_mm, before_s = end_mm, until_s
         made.append(ApproachMove(before_mm, before_mm, 0.0, TRAVEL_DWELL_S))
@@ -112,10 +112,10 @@ class _RestToRest:
             return 2.0 * self.ramp_s
         return self.length_mm / self.speed_mm_s + self.ramp_s
 
-    def gone_mm(self, t_s: float) -> float:
+    def travelled_mm(self, t_s: float) -> float:
         """Distance made after t_s."""
         if t_s > self.lasting_s / 2.0:
-            return self.length_mm - self.gone_mm(self.lasting_s - t_s)
+            return self.length_mm - self.travelled_mm(self.lasting_s - t_s)
         if t_s <= self.ramp_s:
             return self.acceleration_mm_s2 * t_s**2 / 2.0
         return (self.acceleration_mm_s2 * self.ramp_s**2 / 2.0

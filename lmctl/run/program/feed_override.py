@@ -81,10 +81,10 @@ class FeedOverride:
         """Set what was planned if it is time for it, or when it will be before the next report."""
         due = self._clock.due_override(t)
         if due is None:
-            soon_s = self._clock.override_due_in_s(t) + _DUE_S
-            if _DUE_S < soon_s < self._period_s:
+            due_s = self._clock.override_due_in_s(t) + _DUE_S
+            if _DUE_S < due_s < self._period_s:
                 self.cancel()
-                self._timer = self._loop.call_at(t + soon_s, self._look_again)
+                self._timer = self._loop.call_at(t + due_s, self._look_again)
         else:
             percent = round(due * 100.0)
             self._set(t, percent)

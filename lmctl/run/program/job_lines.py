@@ -69,9 +69,9 @@ def after_bead_mm(job: JobReader, place: ProgramPlace, until: ProgramPlace,
             row = int(np.searchsorted(done, bead_mm))
             from_share = place.line_fraction if rows.line[row] == place.line else 0.0
             left_mm = bead_mm - (float(done[row - 1]) if row else 0.0)
-            whole_mm = float(rows.length_mm[row])
+            row_mm = float(rows.length_mm[row])
             return ProgramPlace(int(rows.line[row]),
-                                from_share + (left_mm / whole_mm if whole_mm > 0 else 0.0))
+                                from_share + (left_mm / row_mm if row_mm > 0 else 0.0))
         bead_mm -= float(done[-1])
     return until
 

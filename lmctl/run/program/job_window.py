@@ -64,50 +64,50 @@ class JobWindow:
 
     def layer_program_of_line(self, line: int) -> LayerProgram:
         """The layer that holds a line."""
-        for stretch in self._loaded:
-            if stretch.first_line <= line <= stretch.last_line:
-                return stretch
+        for layer in self._loaded:
+            if layer.first_line <= line <= layer.last_line:
+                return layer
         return self.layer_program(bisect_right(self._first_lines, line) - 1)
 
     def line_start_s(self, line: int) -> float:
         """Program time at which a line starts; the job's end for the line after the last."""
         if line >= self.n_lines:
             return self.end_s
-        stretch = self.layer_program_of_line(line)
-        return stretch.starts_s[line - stretch.first_line]
+        layer = self.layer_program_of_line(line)
+        return layer.starts_s[line - layer.first_line]
 
     def next_motion_start_s(self, line: int) -> float:
         """Program time at which the first line from this one on that moves starts."""
         while line < self.n_lines:
-            stretch = self.layer_program_of_line(line)
-            if stretch.speeds_mm_s[line - stretch.first_line] > 0.0:
+            layer = self.layer_program_of_line(line)
+            if layer.speeds_mm_s[line - layer.first_line] > 0.0:
                 break
             line += 1
         return self.line_start_s(line)
 
     def line_at_program_time(self, s: float) -> int:
         """The line that runs at program time s; the job's last one at its end."""
-        stretch = self._at(s)
-        return min(stretch.first_line + bisect_right(stretch.ends_s, s), stretch.last_line)
+        layer = self._at(s)
+        return min(layer.first_line + bisect_right(layer.ends_s, s), layer.last_line)
 
     def line_span_at_program_time(self, s: float) -> tuple[list[float], list[float], float, float]:
         """Where the line that runs at program time s starts and ends, and when."""
-        stretch = self._at(s)
-        row = min(bisect_left(stretch.ends_s, s), len(stretch.program) - 1)
-        corners = stretch.corners_mm
-        return corners[row], corners[row + 1], stretch.starts_s[row], stretch.ends_s[row]
+        layer = self._at(s)
+        row = min(bisect_left(layer.ends_s, s), len(layer.program) - 1)
+        corners = layer.corners_mm
+        return corners[row], corners[row + 1], layer.starts_s[row], layer.ends_s[row]
 
     def commanded_between(self, from_s: float, to_s: float) -> tuple[float, list[float]]:
         """Of the lines that run between two program times: the highest speed [mm/s], and of each
         that moves its energy per millimetre [J/mm]; 0 and none where none does."""
-        stretch = self._at(from_s)
-        lines = slice(bisect_left(stretch.ends_s, from_s), bisect_right(stretch.starts_s, to_s))
-        speeds_mm_s, energies_J_mm = stretch.speeds_mm_s[lines], stretch.energies_J_mm[lines]
-        while stretch.ends_s[-1] < to_s and stretch.index + 1 < len(self.manifest.layers):
-            stretch = self.layer_program(stretch.index + 1)
-            last = bisect_right(stretch.starts_s, to_s)
-            speeds_mm_s += stretch.speeds_mm_s[:last]
-            energies_J_mm += stretch.energies_J_mm[:last]
+        layer = self._at(from_s)
+        lines = slice(bisect_left(layer.ends_s, from_s), bisect_right(layer.starts_s, to_s))
+        speeds_mm_s, energies_J_mm = layer.speeds_mm_s[lines], layer.energies_J_mm[lines]
+        while layer.ends_s[-1] < to_s and layer.index + 1 < len(self.manifest.layers):
+            layer = self.layer_program(layer.index + 1)
+            last = bisect_right(layer.starts_s, to_s)
+            speeds_mm_s += layer.speeds_mm_s[:last]
+            energies_J_mm += layer.energies_J_mm[:last]
         if 0.0 in speeds_mm_s:
             moving = zip(energies_J_mm, speeds_mm_s, strict=True)
             energies_J_mm = [energy for energy, speed in moving if speed > 0.0]
@@ -131,46 +131,46 @@ class JobWindow:
         if rate == 1.0 or machine_s <= 0.0:
             reached_s = s + machine_s if machine_s > 0.0 else s
             return reached_s if reached_s < self.end_s else self.end_s
-        stretch = self._at(s)
+        layer = self._at(s)
         target = self.machine_time_s(s, rate) + machine_s
         while True:
-            ends = stretch.end_s - stretch.feed_time_end_s * (1.0 - 1.0 / rate)
+            ends = layer.end_s - layer.feed_time_end_s * (1.0 - 1.0 / rate)
             row = int(ends.searchsorted(target))
             if row < len(ends):
-                slope = rate if stretch.is_feed_move[row] else 1.0
-                return float(stretch.end_s[row] - (ends[row] - target) * slope)
-            if stretch.index == len(self.manifest.layers) - 1:
+                slope = rate if layer.is_feed_move[row] else 1.0
+                return float(layer.end_s[row] - (ends[row] - target) * slope)
+            if layer.index == len(self.manifest.layers) - 1:
                 return self.end_s
-            stretch = self.layer_program(stretch.index + 1)
+            layer = self.layer_program(layer.index + 1)
 
     def next_beam_off_span_s(self, s: float, before_s: float) -> tuple[float, float] | None:
         """Program times between which the beam is off: the first such span to start after s.
 
         None where none starts before `before_s`.
         """
-        stretch = self._at(s)
+        layer = self._at(s)
         while True:
-            first = int(stretch.start_s.searchsorted(s))
-            dark = np.flatnonzero(stretch.beam_off_spans[first:])
-            if len(dark):
-                first += int(dark[0])
-                lit = np.flatnonzero(~stretch.beam_off_spans[first:])
-                last = first + int(lit[0]) - 1 if len(lit) else len(stretch.beam_off_spans) - 1
-                start_s, end_s = float(stretch.start_s[first]), float(stretch.end_s[last])
+            first = int(layer.start_s.searchsorted(s))
+            off = np.flatnonzero(layer.beam_off_spans[first:])
+            if len(off):
+                first += int(off[0])
+                on = np.flatnonzero(~layer.beam_off_spans[first:])
+                last = first + int(on[0]) - 1 if len(on) else len(layer.beam_off_spans) - 1
+                start_s, end_s = float(layer.start_s[first]), float(layer.end_s[last])
                 if start_s >= before_s:
                     return None
                 if end_s > start_s:
                     return start_s, end_s
                 s = np.nextafter(end_s, np.inf)
-            elif stretch.end_s[-1] >= before_s or stretch.index + 1 == len(self.manifest.layers):
+            elif layer.end_s[-1] >= before_s or layer.index + 1 == len(self.manifest.layers):
                 return None
             else:
-                stretch = self.layer_program(stretch.index + 1)
+                layer = self.layer_program(layer.index + 1)
 
     def flow_g_s(self, hopper: int, s: float) -> float:
         """Mass flow wanted at the nozzle from one hopper [g/s]."""
-        stretch = self._at(s)
-        times, flow = stretch.flow_s, stretch.flow_g_s[hopper]
+        layer = self._at(s)
+        times, flow = layer.flow_s, layer.flow_g_s[hopper]
         after = bisect_right(times, s)
         if after == 0 or after == len(times):
             return flow[after - 1 if after else 0]
@@ -179,8 +179,8 @@ class JobWindow:
 
     def flow_steady_until_s(self, hopper: int, s: float) -> float:
         """Program time up to which a hopper's flow surely is what it is at s; s if it changes."""
-        stretch = self._at(s)
-        times, flow = stretch.flow_s, stretch.flow_g_s[hopper]
+        layer = self._at(s)
+        times, flow = layer.flow_s, layer.flow_g_s[hopper]
         after = bisect_right(times, s)
         steady = after
         while 0 < steady < len(times) and flow[steady] == flow[steady - 1]:
@@ -189,26 +189,26 @@ class JobWindow:
 
     def _at(self, s: float) -> LayerProgram:
         """The layer in which a program time lies, or the nearest one still held."""
-        for stretch in self._loaded:
-            if stretch.flow_s[0] <= s < stretch.flow_s[-1]:
-                return stretch
-        layer = max(bisect_right(self._starts_s, s) - 1, 0)
-        return self.layer_program(max(layer, self._first_loaded))
+        for layer in self._loaded:
+            if layer.flow_s[0] <= s < layer.flow_s[-1]:
+                return layer
+        index = max(bisect_right(self._starts_s, s) - 1, 0)
+        return self.layer_program(max(index, self._first_loaded))
 
     def machine_time_s(self, s: float, rate: float) -> float:
         """Machine time from the job's start to program time s, at one override throughout."""
         if rate == 1.0:
             return s
-        stretch = self._at(s)
-        row = min(int(stretch.end_s.searchsorted(s)), len(stretch.end_s) - 1)
-        left_s = stretch.end_s[row] - s
-        fed_s = stretch.feed_time_end_s[row] - (left_s if stretch.is_feed_move[row] else 0.0)
+        layer = self._at(s)
+        row = min(int(layer.end_s.searchsorted(s)), len(layer.end_s) - 1)
+        left_s = layer.end_s[row] - s
+        fed_s = layer.feed_time_end_s[row] - (left_s if layer.is_feed_move[row] else 0.0)
         return float(s - fed_s * (1.0 - 1.0 / rate))
 
     def _load(self, index: int) -> None:
-        stretch = layer_program_of(
+        layer = layer_program_of(
             self._read_layer(index), self._behind_mm, self._behind_fed_s, beam_off=self._beam_off
         )
-        self._loaded.append(stretch)
-        self._behind_mm = stretch.end_mm[-1]
-        self._behind_fed_s = float(stretch.feed_time_end_s[-1])
+        self._loaded.append(layer)
+        self._behind_mm = layer.end_mm[-1]
+        self._behind_fed_s = float(layer.feed_time_end_s[-1])

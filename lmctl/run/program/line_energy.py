@@ -36,7 +36,7 @@ class LineEnergyCheck:
     """Looks at the reports of one run.
 
     lead_s : feed and power are those of the motion prepared last, ahead of the place by so much
-    unasked : reported output that none of the lines which may be running commands, or None
+    uncommanded : reported output that none of the lines which may be running commands, or None
     is_in_doubt : the last report showed it, and too few others agree yet
     bead_short_from_s : program time from which the bead had too little power, inf where it had not
 
@@ -46,7 +46,7 @@ class LineEnergyCheck:
     """
 
     def __init__(self, window: JobWindow, lead_s: float) -> None:
-        self.unasked: UncommandedOutput | None = None
+        self.uncommanded: UncommandedOutput | None = None
         self.bead_short_from_s = math.inf
         self._window = window
         self._lead_s = lead_s
@@ -57,7 +57,7 @@ class LineEnergyCheck:
         self._rate = 1.0
         self.is_in_doubt = False
         # since the last report that agreed with the program
-        self._doubted: list[UncommandedOutput] = []
+        self._unconfirmed: list[UncommandedOutput] = []
         self._good_s = -math.inf  # where the last report was that agreed with the program
 
     def on_report(
@@ -73,24 +73,24 @@ class LineEnergyCheck:
         overridden = overrides != self._overrides or rate != self._rate
         self._overrides, self._rate = overrides, rate
         if overridden:  # feed and power before it, and perhaps this one, are of another override
-            self._doubted.clear()
+            self._unconfirmed.clear()
         self.is_in_doubt = False
-        if self.unasked is not None:
+        if self.uncommanded is not None:
             return
-        said = self._unasked(report, s, rate)
-        if said is None:
+        found = self._uncommanded_output(report, s, rate)
+        if found is None:
             self._good_s, self.bead_short_from_s = s, math.inf
-            self._doubted.clear()
+            self._unconfirmed.clear()
             return
-        beam_unasked = said.power_W > 0.0 and not any(said.commanded_powers_W)
-        if overridden and not beam_unasked:
+        is_beam_uncommanded = found.power_W > 0.0 and not any(found.commanded_powers_W)
+        if overridden and not is_beam_uncommanded:
             return
-        agreeing = 1 + sum(self._agree(one, said) for one in self._doubted)
-        self._doubted = [*self._doubted[-_KEPT:], said]
-        if said.power_W < max(said.commanded_powers_W, default=0.0):
+        agreeing = 1 + sum(self._agree(one, found) for one in self._unconfirmed)
+        self._unconfirmed = [*self._unconfirmed[-_KEPT:], found]
+        if found.power_W < max(found.commanded_powers_W, default=0.0):
             self.bead_short_from_s = self._good_s
-        if agreeing >= _AGREEING and (overrides_known or beam_unasked):
-            self.unasked = said
+        if agreeing >= _AGREEING and (overrides_known or is_beam_uncommanded):
+            self.uncommanded = found
         else:
             self.is_in_doubt = True
 
@@ -106,7 +106,9 @@ class LineEnergyCheck:
         same_power = abs(one.power_W - other.power_W) <= slack_W
         return same_energy or (same_speed and same_power)
 
-    def _unasked(self, report: StatusReport, s: float, rate: float) -> UncommandedOutput | None:
+    def _uncommanded_output(
+        self, report: StatusReport, s: float, rate: float
+    ) -> UncommandedOutput | None:
         """What is reported but commanded by no line; None too where no motion is reported."""
         if report.state != "Run" or report.feed_mm_min is None or report.spindle_speed is None:
             return None

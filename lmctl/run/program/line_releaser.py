@@ -53,16 +53,16 @@ class LineReleaser:
         lines: list[bytes] = []
         begun: list[PathSpan] = []
         while self.released < self._end_line:
-            stretch = window.layer_program_of_line(self.released)
-            first = self.released - stretch.first_line
-            end = max(bisect_right(stretch.ends_s, limit_s),
-                      min(least - stretch.first_line, len(stretch.program)))
-            end = min(end, self._end_line - stretch.first_line)
+            layer = window.layer_program_of_line(self.released)
+            first = self.released - layer.first_line
+            end = max(bisect_right(layer.ends_s, limit_s),
+                      min(least - layer.first_line, len(layer.program)))
+            end = min(end, self._end_line - layer.first_line)
             if end <= first:
                 break
-            lines += stretch.program[first:end]
-            self.released = stretch.first_line + end
-            begun += stretch.paths_from(stretch.first_line + first, self.released)
+            lines += layer.program[first:end]
+            self.released = layer.first_line + end
+            begun += layer.paths_from(layer.first_line + first, self.released)
         self._open.extend(begun)
         return LineBatch(lines, begun)
 

@@ -34,7 +34,7 @@ _JUMP_S = 0.2
 _AGREE_ON_PATH, _AGREE_OFF_PATH = 2, 3
 
 #: Places doubted in a row that are compared with the newest.
-_DOUBTED_KEPT = 8
+_UNEXPECTED_KEPT = 8
 
 #: Distance allowed between two reports that agree: the travel at the reported speed in so much more
 #: time [s], and a rounding [mm].
@@ -62,7 +62,7 @@ class OverrideChange:
     after: float
 
 
-class _Doubted(NamedTuple):
+class _UnexpectedReport(NamedTuple):
     """A place that was not expected."""
 
     t: float
@@ -98,7 +98,7 @@ class ProgramClock:
         self.reported_t = -math.inf
         self.off_mm = self.early_s = 0.0
         self.is_in_doubt = False
-        self._doubted: list[_Doubted] = []  # since the last place that was expected
+        self._unexpected: list[_UnexpectedReport] = []  # since the last place that was expected
         self._limit_s = self._known_s  # program time at the end of the lines acknowledged
         self._runs_from_t = math.inf
 
@@ -201,10 +201,10 @@ class ProgramClock:
         else:
             found_s, off_mm = self._nearest(executed, position_mm, expected_s)
         if off_mm <= OFF_PATH_MM and abs(found_s - expected_s) <= _JUMP_S:
-            self._doubted.clear()
+            self._unexpected.clear()
             self.is_in_doubt = False
         else:
-            agreeing = self._agreeing(_Doubted(t, position_mm, speed_mm_s))
+            agreeing = self._agreeing(_UnexpectedReport(t, position_mm, speed_mm_s))
             needed = _AGREE_ON_PATH if off_mm <= OFF_PATH_MM else _AGREE_OFF_PATH
             self.is_in_doubt = agreeing < needed
             if self.is_in_doubt:
@@ -214,14 +214,14 @@ class ProgramClock:
             self.reported_s, self.reported_t = found_s, t
         self._known_t = t
 
-    def _agreeing(self, place: _Doubted) -> int:
+    def _agreeing(self, place: _UnexpectedReport) -> int:
         """How many of the places doubted in a row agree with the newest, itself included."""
         agreeing = 1 + sum(
             math.dist(one.position_mm[:3], place.position_mm[:3])
             <= max(one.speed_mm_s, place.speed_mm_s) * (place.t - one.t + _AGREE_S) + _AGREE_MM
-            for one in self._doubted
+            for one in self._unexpected
         )
-        self._doubted = [*self._doubted[-_DOUBTED_KEPT:], place]
+        self._unexpected = [*self._unexpected[-_UNEXPECTED_KEPT:], place]
         return agreeing
 
     def program_time_s(self, t: float) -> float:
@@ -292,22 +292,22 @@ class ProgramClock:
 
     def _around(self, line: int, expected_s: float) -> tuple[FloatArray, ...]:
         """Starts and ends, in place and time, of the lines that may be running."""
-        stretch = self._window.layer_program_of_line(line)
-        row = line - stretch.first_line
-        start_s = stretch.start_s[row]
-        first = int(stretch.end_s.searchsorted(start_s - _LOOK_BACK_S))
+        layer = self._window.layer_program_of_line(line)
+        row = line - layer.first_line
+        start_s = layer.start_s[row]
+        first = int(layer.end_s.searchsorted(start_s - _LOOK_BACK_S))
         # The count is a report late: long periods and overrides bring the nozzle farther by then.
         until_s = max(start_s + _LOOK_AHEAD_S, expected_s + _LOOK_BACK_S)
-        last = int(stretch.start_s.searchsorted(until_s, side="right"))
-        near = _rows(stretch, min(first, row), last)
-        if last < len(stretch.program) or stretch.last_line + 1 >= self._acknowledged:
+        last = int(layer.start_s.searchsorted(until_s, side="right"))
+        near = _rows(layer, min(first, row), last)
+        if last < len(layer.program) or layer.last_line + 1 >= self._acknowledged:
             return near
-        after = self._window.layer_program(stretch.index + 1)
+        after = self._window.layer_program(layer.index + 1)
         last = int(after.start_s.searchsorted(until_s, side="right"))
         return tuple(map(np.concatenate, zip(near, _rows(after, 0, last), strict=True)))
 
 
-def _rows(stretch: LayerProgram, first: int, last: int) -> tuple[FloatArray, ...]:
+def _rows(layer: LayerProgram, first: int, last: int) -> tuple[FloatArray, ...]:
     rows = slice(first, last)
-    return (stretch.start_mm[rows], stretch.end_mm[rows], stretch.start_s[rows],
-            stretch.end_s[rows])
+    return (layer.start_mm[rows], layer.end_mm[rows], layer.start_s[rows],
+            layer.end_s[rows])

@@ -128,8 +128,8 @@ class _Track:
 
     def between_mm(self, before: _Point, after: _Point) -> float:
         """Path length from one point to a later one."""
-        whole = float(self.length_mm[before.row : after.row].sum())
-        return (whole - before.share * float(self.length_mm[before.row])
+        between_rows_mm = float(self.length_mm[before.row : after.row].sum())
+        return (between_rows_mm - before.share * float(self.length_mm[before.row])
                 + after.share * float(self.length_mm[after.row]))
 
 
@@ -172,29 +172,30 @@ def _entry(track: _Track, reached: _Point, place: ProgramPlace, motion: MotionSe
     beads = np.flatnonzero(track.kind[path_row : reached.row + 1] == LineKind.BEAD)
     speed_mm_s = float(layer.lines["speed_mm_s"][reached.row])
     acceleration = track.acceleration(reached.row, motion)
-    lit = track.back(reached, overlap_mm(speed_mm_s, acceleration), path_row + int(beads[0]))
+    beam_on = track.back(reached, overlap_mm(speed_mm_s, acceleration), path_row + int(beads[0]))
     ramp_mm = speed_mm_s**2 / (2.0 * acceleration)
-    start = track.back(lit, max(RUN_UP_MM, _OF_RAMP * ramp_mm), path_row)
-    lit_s = track.at_s(lit)
-    run_up, program_s = _run_up(track, start, lit, motion)
+    start = track.back(beam_on, max(RUN_UP_MM, _OF_RAMP * ramp_mm), path_row)
+    beam_on_s = track.at_s(beam_on)
+    run_up, program_s = _run_up(track, start, beam_on, motion)
     purge = np.array(motion.purge_mm, dtype=np.float64)
-    way = [
+    moves = [
         *travel_moves(purge, _across(purge, track.at_mm(start), motion), motion, _MIN_MM), *run_up
     ]
-    texts, table = _lines(way, purge, lit_s, layer.lines.dtype)
-    rest = layer.lines[lit.row :].copy()
-    x, y, z = (_number(value) for value in track.end_mm[lit.row])
-    words = _modal_words(layer.program[path_row : lit.row + 1])
-    first_line = layer.first_line + lit.row
-    lit_text = f"{layer.program[lit.row].split()[0]} G1 X{x} Y{y} Z{z} F{words['F']} S{words['S']}"
-    way_s = table["end_s"][len(table) - len(run_up) - 1 :]
-    flow_s, flow_g_s = _flow(layer, program_s, way_s, float(table["end_s"][0]))
+    texts, table = _lines(moves, purge, beam_on_s, layer.lines.dtype)
+    rest = layer.lines[beam_on.row :].copy()
+    x, y, z = (_number(value) for value in track.end_mm[beam_on.row])
+    words = _modal_words(layer.program[path_row : beam_on.row + 1])
+    first_line = layer.first_line + beam_on.row
+    number = layer.program[beam_on.row].split()[0]
+    beam_on_text = f"{number} G1 X{x} Y{y} Z{z} F{words['F']} S{words['S']}"
+    approach_s = table["end_s"][len(table) - len(run_up) - 1 :]
+    flow_s, flow_g_s = _flow(layer, program_s, approach_s, float(table["end_s"][0]))
     entered = JobLayer(
         layer.index, layer.z_mm, first_line - len(texts),
-        (*texts, lit_text, *layer.program[lit.row + 1 :]), np.concatenate([table, rest]),
+        (*texts, beam_on_text, *layer.program[beam_on.row + 1 :]), np.concatenate([table, rest]),
         flow_s, flow_g_s,
     )
-    return Reentry(place, entered, first_line, track.between_mm(lit, reached))
+    return Reentry(place, entered, first_line, track.between_mm(beam_on, reached))
 
 
 def _across(purge: FloatArray, to: FloatArray, motion: MotionSettings) -> list[FloatArray]:
@@ -205,22 +206,22 @@ def _across(purge: FloatArray, to: FloatArray, motion: MotionSettings) -> list[F
 
 
 def _run_up(
-    track: _Track, start: _Point, lit: _Point, motion: MotionSettings
+    track: _Track, start: _Point, beam_on: _Point, motion: MotionSettings
 ) -> tuple[list[ApproachMove], list[float]]:
     """The path from rest at one point to another, and the program time at the ends of its legs.
 
     Each leg goes at its row's own speed and lasts as planned, corners included; the first ones
     take longer, since the nozzle starts at rest. A lead's planned time is that of another start.
     """
-    legs: list[ApproachMove] = []
+    run_up_moves: list[ApproachMove] = []
     program_s = [track.at_s(start)]
-    at_mm, gone_mm, extra_s = track.at_mm(start), 0.0, 0.0
+    at_mm, covered_mm, extra_s = track.at_mm(start), 0.0, 0.0
     acceleration = track.acceleration(start.row, motion)
     first_mm_s = float(track.layer.lines["speed_mm_s"][start.row])
     longest_s = motion.send_horizon_s / 4.0
-    for row in range(start.row, lit.row + 1):
+    for row in range(start.row, beam_on.row + 1):
         from_share = start.share if row == start.row else 0.0
-        to_share = lit.share if row == lit.row else 1.0
+        to_share = beam_on.share if row == beam_on.row else 1.0
         share = to_share - from_share
         length_mm = share * float(track.length_mm[row])
         if length_mm < _MIN_MM:
@@ -232,54 +233,55 @@ def _run_up(
         parts = max(1, math.ceil((planned_s + first_mm_s / acceleration) / longest_s))
         for k in range(1, parts + 1):
             end = _Point(row, from_share + share * k / parts)
-            gone_mm += length_mm / parts
-            before_s, extra_s = extra_s, acceleration_time_loss_s(gone_mm, first_mm_s, acceleration)
+            covered_mm += length_mm / parts
+            before_s = extra_s
+            extra_s = acceleration_time_loss_s(covered_mm, first_mm_s, acceleration)
             end_mm = np.round(track.at_mm(end), 3)
-            legs.append(ApproachMove(at_mm, end_mm, speed_mm_s,
+            run_up_moves.append(ApproachMove(at_mm, end_mm, speed_mm_s,
                                      planned_s / parts + extra_s - before_s,
                                      is_run_up=True))
             program_s.append(track.at_s(end))
             at_mm = end_mm
-    program_s[-1] = track.at_s(lit)
-    return legs, program_s
+    program_s[-1] = track.at_s(beam_on)
+    return run_up_moves, program_s
 
 
 def _lines(
-    way: list[ApproachMove], start_mm: FloatArray, end_s: float, dtype: np.dtype[np.void]
+    moves: list[ApproachMove], start_mm: FloatArray, end_s: float, dtype: np.dtype[np.void]
 ) -> tuple[list[str], NDArray[np.void]]:
     """The approach as program text and lines of a job, timed to end at end_s."""
-    table = np.zeros(len(way) + 1, dtype)
+    table = np.zeros(len(moves) + 1, dtype)
     table["path"], table["kind"] = -1, LineKind.TRAVEL
     table["kind"][0] = LineKind.SETUP
-    lasting_s = np.array([0.0, *(leg.duration_s for leg in way)])
+    lasting_s = np.array([0.0, *(move.duration_s for move in moves)])
     table["end_s"] = end_s - lasting_s[::-1].cumsum()[::-1] + lasting_s
     texts = [f"N{_FIRST_N} G21 G90 G94 M4 S0"]
     table[0]["x_mm"], table[0]["y_mm"], table[0]["z_mm"] = start_mm
-    for i, leg in enumerate(way, start=1):
-        table[i]["x_mm"], table[i]["y_mm"], table[i]["z_mm"] = leg.end_mm
-        table[i]["speed_mm_s"] = leg.speed_mm_s
-        if leg.is_dwell:
+    for i, move in enumerate(moves, start=1):
+        table[i]["x_mm"], table[i]["y_mm"], table[i]["z_mm"] = move.end_mm
+        table[i]["speed_mm_s"] = move.speed_mm_s
+        if move.is_dwell:
             table[i]["kind"] = LineKind.DWELL
-            texts.append(f"N{_FIRST_N + i} G4 P{leg.duration_s:g}")
+            texts.append(f"N{_FIRST_N + i} G4 P{move.duration_s:g}")
             continue
-        x, y, z = (_number(value) for value in leg.end_mm)
-        texts.append(f"N{_FIRST_N + i} G1 X{x} Y{y} Z{z} F{_number(leg.speed_mm_s * 60)} S0")
-        if leg.is_run_up:
+        x, y, z = (_number(value) for value in move.end_mm)
+        texts.append(f"N{_FIRST_N + i} G1 X{x} Y{y} Z{z} F{_number(move.speed_mm_s * 60)} S0")
+        if move.is_run_up:
             table[i]["kind"] = LineKind.LEAD
     return texts, table
 
 
 def _flow(
-    layer: JobLayer, program_s: list[float], way_s: FloatArray, start_s: float
+    layer: JobLayer, program_s: list[float], approach_s: FloatArray, start_s: float
 ) -> tuple[FloatArray, FloatArray]:
     """Flow at the nozzle: steady on the travel, on the run-up and after it the program's own.
 
     program_s : the program's times at the start of the run-up and at the end of each of its legs;
-    way_s : the times of the approach there; start_s : when the approach begins
+    approach_s : the times of the approach there; start_s : when the approach begins
     """
     inside = (layer.flow_s > program_s[0]) & (layer.flow_s < program_s[-1])
     knots_s = np.concatenate([program_s[:1], layer.flow_s[inside], program_s[-1:]])
-    times = np.interp(knots_s, program_s, way_s)
+    times = np.interp(knots_s, program_s, approach_s)
     later = layer.flow_s > program_s[-1]
     known_s = np.concatenate([knots_s, layer.flow_s[later]])
     times = np.concatenate([times, layer.flow_s[later]])

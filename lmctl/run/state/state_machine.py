@@ -26,12 +26,12 @@ _UNTOUCHED = (RunState.READY, RunState.CONNECTING, RunState.CHECKING)
 class _Said(NamedTuple):
     """An event on its way to the table.
 
-    wished : dropped, instead of a fault, if the state does not accept it when its turn comes
+    is_request : dropped, instead of a fault, if the state does not accept it when its turn comes
     by : whose effects have been achieved; it counts only for as long as none have begun since
     """
 
     event: RunEvent
-    wished: bool = False
+    is_request: bool = False
     by: asyncio.Task[None] | None = None
 
 
@@ -81,7 +81,7 @@ class RunStateMachine:
         """
         if not self._knows(event):
             return False
-        self._events.put_nowait(_Said(event, wished=True))
+        self._events.put_nowait(_Said(event, is_request=True))
         return True
 
     def _knows(self, event: RunEvent) -> bool:
@@ -137,13 +137,13 @@ class RunStateMachine:
             return await self._events.get()
         except asyncio.CancelledError:
             _stay()
-            return _Said(RunEvent.STOP, wished=True)
+            return _Said(RunEvent.STOP, is_request=True)
 
     def _counts(self, said: _Said) -> bool:
         """Whether an event is still valid, now that its turn has come."""
         if said.by is not None:
             return said.by is self._activity
-        return not said.wished or self._knows(said.event)
+        return not said.is_request or self._knows(said.event)
 
     async def _all_ended(self) -> None:
         """Return when every effect has ended and released its resources."""
@@ -199,9 +199,9 @@ class RunStateMachine:
                 if me is not self._activity:
                     self._note(error, final=False)
                     return
-                going_on = GOES_ON_AFTER_INTERLOCK if isinstance(
+                states = GOES_ON_AFTER_INTERLOCK if isinstance(
                     error, InterlockError) else RESUMABLE_STATES
-                if self.state not in going_on:
+                if self.state not in states:
                     self._effect_failed(error)
                     return
                 self._note(error, final=self.state is RunState.TRIPPED)

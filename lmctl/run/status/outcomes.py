@@ -45,9 +45,9 @@ def outcome_error(made: RunFolder, machine: RunStateMachine, course: JobProgress
     """What to raise for a run that did not get done."""
     journal = f"journal: {made.journal}"
     halted = _halted(machine, course)
-    going_on = is_recoverable(machine, course)
+    recoverable = is_recoverable(machine, course)
     hint = (
-        f"`{made.command('recover')}` goes on from there" if going_on
+        f"`{made.command('recover')}` goes on from there" if recoverable
         else f"`{made.command('log')}` shows how far it came"
     )
     error, (first, *others) = machine.fault, tuple(alarms) or (None,)
@@ -65,7 +65,7 @@ def outcome_error(made: RunFolder, machine: RunStateMachine, course: JobProgress
     if first is not None and error is not None and str(error) not in {one.what for one in alarms}:
         then.append(f"then: {error}")
     kind = RunStoppedError if machine.state is RunState.STOPPED else (
-        RunInterruptedError if going_on else RunFailedError)
+        RunInterruptedError if recoverable else RunFailedError)
     ended = kind(reason.what, where=(*reason.where, *then, *halted, journal),
                  hint="; then ".join(filter(None, (reason.hint, hint))))
     ended.__cause__ = error

@@ -39,13 +39,13 @@ class RunView:
             "hoppers": [h.name for h in hoppers],
         }
         self._end_s = manifest.layers[-1].end_s
-        self._told: tuple[float, float, int, float] | None = None
+        self._reported: tuple[float, float, int, float] | None = None
         self._progress = progress
         self._preparation = StartupTime(profile, hoppers, manifest.powder_mode)
 
     def on_progress(self, done_s: float, total_s: float, layer: int, remaining_s: float) -> None:
         """Take progress, and hand it on."""
-        self._told = (done_s, total_s, layer, remaining_s)
+        self._reported = (done_s, total_s, layer, remaining_s)
         if self._progress is not None:
             self._progress(done_s, total_s, layer, remaining_s)
 
@@ -70,8 +70,8 @@ class RunView:
         alarms : the cause first, each with what, where, hint, and when it came and was over
         warnings : of feeders, oldest first, each with feeder, hopper ("": unknown), what and hint
         """
-        whole = (0.0, self._end_s, 0, self._end_s * 100.0 / course.override_percent)
-        done_s, total_s, layer, remaining_s = self._told or whole
+        at_start = (0.0, self._end_s, 0, self._end_s * 100.0 / course.override_percent)
+        done_s, total_s, layer, remaining_s = self._reported or at_start
         t, alarms = asyncio.get_running_loop().time(), sequence.alarms
         remaining_s += self._preparation.remaining_s(state, t)
         doing = sequence.phase.current_phase(state, t)

@@ -40,17 +40,17 @@ def rows() -> dict[str, float | int]:
             if cell not in whole:
                 whole[cell] = undisturbed(one.dialect, has_laser_enable=one.has_laser_enable,
                                           folder=Path(name) / f"whole-{len(whole)}")
-            told = run_scenario(one, Path(name) / str(seed))
-            for shortfall in shortfalls(told, whole[cell]):
+            reported = run_scenario(one, Path(name) / str(seed))
+            for shortfall in shortfalls(reported, whole[cell]):
                 print(f"{one}: {shortfall}", file=sys.stderr)
-            asked += told.asked > 0
-            lost += told.lost > 0
-            needless += told.needless
-            if told.part is not None and not told.refused:
+            asked += reported.asked > 0
+            lost += reported.lost > 0
+            needless += reported.needless
+            if reported.part is not None and not reported.refused:
                 recovered += 1
-                parts.append(told.part)
-                deposits += told.part.entry_deposit(whole[cell])
-                mixtures.append(told.part.entry_mixture_error())
+                parts.append(reported.part)
+                deposits += reported.part.entry_deposit(whole[cell])
+                mixtures.append(reported.part.entry_mixture_error())
     return {
         "cut_kill_restart_moments": len(SEEDS),
         "recovered": recovered,

@@ -80,14 +80,14 @@ class ScriptedController:
             self.state, self.sub = "Hold", 1 if moving else 0
             self._stop_timer()
             if moving:
-                self._timer = loop.call_later(self.deceleration_s, self._stand)
+                self._timer = loop.call_later(self.deceleration_s, self._come_to_rest)
         elif byte == RealtimeCommand.START and self.state == "Hold" and self.sub == 0:
             self._run_on()
             self._work()
         elif byte == RealtimeCommand.RESET:
             self.restart()
 
-    def _stand(self) -> None:
+    def _come_to_rest(self) -> None:
         self.sub = 0
 
     def restart(self) -> None:

@@ -17,7 +17,7 @@ async def until(condition, deadline_s: float = 60.0) -> None:
             await asyncio.sleep(0.01)
 
 
-def heard(driver: MotionDriver) -> list[tuple]:
+def driver_events(driver: MotionDriver) -> list[tuple]:
     """Everything the driver tells but status and progress."""
     events: list[tuple] = []
     driver.listener = MotionCallbacks(

@@ -20,7 +20,7 @@ from lmctl.machine.motion.links import ByteLink, open_link
 
 
 def nothing(_: object) -> None:
-    """A callback nobody needs."""
+    """A callback for events that a test ignores."""
 
 
 @pytest.fixture

@@ -42,7 +42,7 @@ class Machine:
             MotionConfig(dialect=name, rx_bytes=rx_bytes, settings=SETTINGS | {10: mask})
         )
         self.edge = LinkTap()
-        self.told: list[str] = []
+        self.reported: list[str] = []
         self._wire = wire
 
     async def __aenter__(self) -> Machine:
@@ -53,7 +53,7 @@ class Machine:
             self._server = open_pty(self.sim, self.edge)
             endpoint = f"{self._wire}://{self._server.path}"
         self.driver = await MotionDriver.open(endpoint, baud=115_200, status_period_s=STATUS_S)
-        self.driver.listener = MotionCallbacks(on_lost=self.told.append)
+        self.driver.listener = MotionCallbacks(on_lost=self.reported.append)
         return self
 
     async def __aexit__(self, *_: object) -> None:
@@ -69,7 +69,7 @@ class Machine:
 
     async def ended(self, within_s: float) -> None:
         async with asyncio.timeout(within_s):
-            while not self.told and self.driver.lines_executed < self.driver.lines_sent:  # noqa: ASYNC110
+            while not self.reported and self.driver.lines_executed < self.driver.lines_sent:  # noqa: ASYNC110
                 await asyncio.sleep(0.005)
 
 
@@ -98,11 +98,11 @@ def test_an_answer_that_comes_twice_is_told_within_a_status_period(
             came_s = loop.time()
             await machine.ended(5.0)
             assert loop.time() - came_s < STATUS_S + 0.05 * count
-            assert "answer came" in machine.told[0]
+            assert "answer came" in machine.reported[0]
             if count == 1:  # more, and more is sent than there is room for
                 assert machine.sim.rx_overrun_bytes == 0
             await asyncio.sleep(0.3)
-            assert len(machine.told) == 1
+            assert len(machine.reported) == 1
             at = machine.sim.position_mm
             await asyncio.sleep(1.0)
             assert machine.sim.position_mm == at  # held
@@ -123,7 +123,7 @@ def test_an_answer_that_is_lost_is_told_within_a_status_period_where_lines_are_n
             came_s = loop.time()
             await machine.ended(5.0)
             assert loop.time() - came_s < 2 * STATUS_S
-            assert "an answer is missing" in machine.told[0]
+            assert "an answer is missing" in machine.reported[0]
 
     in_virtual_time(main())
 
@@ -138,7 +138,7 @@ def test_without_a_count_of_blocks_the_line_at_the_head_tells_of_lost_answers(in
             machine.answers(0, 5)
             machine.driver.submit(wiggle([1.0] * 20)[3:])
             await machine.ended(10.0)
-            assert "an answer is missing" in machine.told[0]
+            assert "an answer is missing" in machine.reported[0]
 
     in_virtual_time(main())
 
@@ -198,9 +198,9 @@ def test_a_sound_link_is_never_doubted_for_long_and_never_given_up(
                     driver.send_realtime(act)
             async with asyncio.timeout(600.0):
                 while rest or driver.lines_executed < len(lines):
-                    assert machine.told == []
+                    assert machine.reported == []
                     await asyncio.sleep(0.05)
-            assert machine.told == []
+            assert machine.reported == []
             assert machine.sim.rx_overrun_bytes == 0
 
     in_virtual_time(main())

@@ -11,7 +11,7 @@ from firmware_protocol.dialect import GRBL
 from firmware_protocol.host import LocalProtocolError
 from firmware_protocol.messages import AlarmMessage, FeedbackMessage
 from lmctl.errors import MachineError
-from tests.machine.motion.driving import heard, opened, until
+from tests.machine.motion.driving import driver_events, opened, until
 
 
 def test_status_is_asked_on_a_steady_beat_and_again_where_no_answer_comes(
@@ -97,7 +97,7 @@ def test_homing_may_be_long_and_silent(controller, in_virtual_time):
     async def main() -> None:
         async with device.on_tcp() as endpoint:
             driver = await opened(endpoint)
-            events = heard(driver)
+            events = driver_events(driver)
             work = device._system
 
             def home(line: bytes) -> None:

@@ -27,7 +27,7 @@ class Line:
     """What happens to each chunk on its way, by its place; the rest passes."""
 
     def __init__(self, write, acts: dict[int, tuple]) -> None:
-        self.heard = b""
+        self.received = b""
         self._write = write
         self._acts = acts
         self._place = 0
@@ -51,17 +51,17 @@ class Line:
         # The rest of "chop": in two writes.
         for part in (data[:at], data[at:]):
             if part:
-                self.heard += part
+                self.received += part
                 self._write(part)
 
     @property
     def answers(self) -> int:
-        return sum(ANSWER.fullmatch(line) is not None for line in self.heard.split(b"\n")[:-1])
+        return sum(ANSWER.fullmatch(line) is not None for line in self.received.split(b"\n")[:-1])
 
 
 def streamed(in_virtual_time, device, acts: dict[int, tuple]) -> dict:
     """Stream LINES with damage from the first line on; how it ended."""
-    complaints, told, ahead = [], [], []
+    complaints, reported, ahead = [], [], []
 
     async def main() -> dict:
         loop = asyncio.get_running_loop()
@@ -77,19 +77,19 @@ def streamed(in_virtual_time, device, acts: dict[int, tuple]) -> dict:
 
             driver.listener = MotionCallbacks(
                 on_progress=progressed,
-                on_error=lambda tag, code: told.append("error"),
-                on_alarm=lambda code: told.append("alarm"),
-                on_restart=lambda: told.append("restart"),
-                on_lost=lambda reason: told.append(reason),
+                on_error=lambda tag, code: reported.append("error"),
+                on_alarm=lambda code: reported.append("alarm"),
+                on_restart=lambda: reported.append("restart"),
+                on_lost=lambda reason: reported.append(reason),
             )
             driver.submit(LINES)
             begun_s = loop.time()
-            while driver.lines_executed < len(LINES) and not told:
+            while driver.lines_executed < len(LINES) and not reported:
                 assert loop.time() - begun_s < ENDS_WITHIN_S, "nothing ended it"
                 await asyncio.sleep(0.05)
             progressed()
             await driver.close()
-            return {"told": told, "executed": driver.lines_executed, "ahead": max(ahead),
+            return {"told": reported, "executed": driver.lines_executed, "ahead": max(ahead),
                     "damaged": driver.damaged_message_count}
 
     ended = in_virtual_time(main())
@@ -208,4 +208,4 @@ def test_a_doubled_answer_holds_the_machine_and_the_counts_are_disowned(
     """It credits a line too early; once all are answered, one answer too many says so."""
     ended = streamed(in_virtual_time, controller(dialect), {3: ("repeat", 0, 0)})
     assert len(ended["told"]) == 1
-    assert "an answer came that nobody waits for" in ended["told"][0]
+    assert "a reply came to no command" in ended["told"][0]

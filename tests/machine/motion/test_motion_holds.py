@@ -9,7 +9,7 @@ import pytest
 from firmware_protocol.dialect import GRBL, GRBLHAL
 from firmware_protocol.realtime import RealtimeCommand
 from lmctl.errors import MachineError
-from tests.machine.motion.driving import PROGRAM, heard, opened, until
+from tests.machine.motion.driving import PROGRAM, driver_events, opened, until
 
 
 @pytest.mark.parametrize("wire", ["tcp", "serial"])
@@ -116,7 +116,7 @@ def test_reset_from_a_hold_keeps_the_position_and_in_motion_does_not(
     async def main() -> None:
         async with device.on_tcp() as endpoint:
             driver = await opened(endpoint)
-            events = heard(driver)
+            events = driver_events(driver)
             driver.submit(PROGRAM)
             await until(lambda: driver.lines_executed > 3)
             await driver.hold()
@@ -140,7 +140,7 @@ def test_a_bare_reset_byte_is_no_surprise_and_ends_the_stream(controller, in_vir
     async def main() -> None:
         async with device.on_tcp() as endpoint:
             driver = await opened(endpoint)
-            events = heard(driver)
+            events = driver_events(driver)
             driver.submit(PROGRAM)
             await until(lambda: driver.lines_executed > 3)
             driver.send_realtime(RealtimeCommand.RESET)

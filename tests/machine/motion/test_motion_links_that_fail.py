@@ -1,6 +1,6 @@
 """Links that vanish, return, stall, echo garbage, or reboot the board: what the driver says.
 
-Against the simulated controller over its real wires; faults befall the bytes at its edge.
+Against the simulated controller over its real wires; faults alter the bytes at its edge.
 """
 
 from __future__ import annotations
@@ -41,19 +41,19 @@ async def streaming(name: str, wire: str):
         server = open_pty(sim, edge)
         endpoint = f"{wire}://{server.path}"
     driver = await opened(endpoint)
-    told = []
+    reported = []
     driver.listener = MotionCallbacks(
-        on_error=lambda tag, code: told.append(("error", tag, code)),
-        on_alarm=lambda code: told.append(("alarm", code)),
-        on_restart=lambda: told.append(("restart",)),
-        on_lost=lambda reason: told.append(("lost", reason)),
+        on_error=lambda tag, code: reported.append(("error", tag, code)),
+        on_alarm=lambda code: reported.append(("alarm", code)),
+        on_restart=lambda: reported.append(("restart",)),
+        on_lost=lambda reason: reported.append(("lost", reason)),
     )
     driver.submit(LINES)
     try:
         await asyncio.sleep(2.0)
         assert driver.lines_executed > 2
-        assert told == []
-        yield sim, edge, driver, told, endpoint
+        assert reported == []
+        yield sim, edge, driver, reported, endpoint
     finally:
         await driver.close()
         server.close()
@@ -65,12 +65,12 @@ async def opened(endpoint: str) -> MotionDriver:
     return await MotionDriver.open(endpoint, baud=115_200, status_period_s=0.1)
 
 
-async def told_within(told: list, seconds: float) -> float:
+async def reported_within(reported: list, seconds: float) -> float:
     """Time until something was told."""
     loop = asyncio.get_running_loop()
     begun_s = loop.time()
-    while not told:
-        assert loop.time() - begun_s < seconds, "it told nobody"
+    while not reported:
+        assert loop.time() - begun_s < seconds, "no error was reported"
         await asyncio.sleep(0.01)
     return loop.time() - begun_s
 
@@ -87,10 +87,10 @@ def test_a_link_that_vanishes_and_returns_is_a_loss_until_it_is_opened_again(
     in_virtual_time, name, wire
 ):
     async def main() -> None:
-        async with streaming(name, wire) as (sim, edge, driver, told, endpoint):
+        async with streaming(name, wire) as (sim, edge, driver, reported, endpoint):
             edge.set_open(False)
-            took_s = await told_within(told, 4.0)
-            ((kind, reason),) = told
+            took_s = await reported_within(reported, 4.0)
+            ((kind, reason),) = reported
             assert kind == "lost"
             assert took_s < 0.1 if wire == "tcp" else took_s < 3.3
             assert ("was lost: " if wire == "tcp" else "no answer to '?'") in reason
@@ -100,7 +100,8 @@ def test_a_link_that_vanishes_and_returns_is_a_loss_until_it_is_opened_again(
             sent = driver.lines_sent
             with pytest.raises(MachineError, match=r"was lost|no answer"):
                 await driver.send_command("$G")
-            assert (len(told), driver.lines_sent) == (1, sent)  # it does not come back by itself
+            # The link does not come back by itself.
+            assert (len(reported), driver.lines_sent) == (1, sent)
             await driver.close()
             heir = await opened(endpoint)
             assert heir.status.state == "Idle"
@@ -119,10 +120,10 @@ def test_a_link_that_stalls_is_silence_and_no_line_is_claimed(in_virtual_time, n
     """Nothing is read any more at the far end; the controller goes on with what it has."""
 
     async def main() -> None:
-        async with streaming(name, wire) as (sim, edge, driver, told, _):
+        async with streaming(name, wire) as (sim, edge, driver, reported, _):
             edge.set_reading_enabled(False)
-            await told_within(told, 4.0)
-            ((kind, reason),) = told
+            await reported_within(reported, 4.0)
+            ((kind, reason),) = reported
             assert kind == "lost"
             assert "no answer to '?'" in reason
             assert driver.lines_executed <= truly_done(sim)
@@ -134,13 +135,13 @@ def test_a_link_that_stalls_is_silence_and_no_line_is_claimed(in_virtual_time, n
 @every_wire
 def test_a_short_stall_is_none(in_virtual_time, name, wire):
     async def main() -> None:
-        async with streaming(name, wire) as (sim, edge, driver, told, _):
+        async with streaming(name, wire) as (sim, edge, driver, reported, _):
             edge.set_reading_enabled(False)
             await asyncio.sleep(1.5)
             edge.set_reading_enabled(True)
             while driver.lines_executed < len(LINES):  # noqa: ASYNC110
                 await asyncio.sleep(0.1)
-            assert told == []
+            assert reported == []
             assert sim.executed_line_numbers == list(range(2, len(LINES)))
 
     in_virtual_time(main())
@@ -150,12 +151,12 @@ def test_a_short_stall_is_none(in_virtual_time, name, wire):
 @every_wire
 def test_answers_that_come_late_are_waited_for(in_virtual_time, name, wire):
     async def main() -> None:
-        async with streaming(name, wire) as (sim, edge, driver, told, _):
+        async with streaming(name, wire) as (sim, edge, driver, reported, _):
             edge.add_filter("to_host", DelayBytes(0.4))
             while driver.lines_executed < len(LINES):
                 assert driver.lines_executed <= truly_done(sim) + (truly_done(sim) == len(LINES))
                 await asyncio.sleep(0.1)
-            assert told == []
+            assert reported == []
             assert sim.rx_overrun_bytes == 0
 
     in_virtual_time(main())
@@ -165,13 +166,13 @@ def test_answers_that_come_late_are_waited_for(in_virtual_time, name, wire):
 @every_wire
 def test_a_garbled_echo_of_what_is_sent_is_no_answer_and_is_counted(in_virtual_time, name, wire):
     async def main() -> None:
-        async with streaming(name, wire) as (sim, edge, driver, told, _):
+        async with streaming(name, wire) as (sim, edge, driver, reported, _):
             edge.add_filter("to_device", GarbledEcho(edge.send_to_host))
             await asyncio.sleep(20.0)
             assert driver.damaged_message_count > 0
             assert driver.lines_executed <= driver.lines_acknowledged
             assert driver.lines_executed <= truly_done(sim)
-            assert all(kind in ("lost", "error") for kind, *_ in told)
+            assert all(kind in ("lost", "error") for kind, *_ in reported)
 
     in_virtual_time(main())
 
@@ -182,11 +183,11 @@ def test_a_board_that_reboots_in_mid_program_stops_everything(in_virtual_time, n
     """Power gone and back, or DTR toggled by another program that opens the port."""
 
     async def main() -> None:
-        async with streaming(name, wire) as (sim, edge, driver, told, _):
+        async with streaming(name, wire) as (sim, edge, driver, reported, _):
             claimed = truly_done(sim)
             edge.send_to_host(sim.lose_power())
-            await told_within(told, 1.0)
-            assert told == [("restart",)]
+            await reported_within(reported, 1.0)
+            assert reported == [("restart",)]
             assert not driver.position_trusted
             assert driver.lines_executed <= claimed
             moved = len(sim.executed_line_numbers)
@@ -206,11 +207,11 @@ def test_a_reboot_whose_banner_is_lost_does_not_credit_the_lines_that_died(
     in_virtual_time, name, wire
 ):
     async def main() -> None:
-        async with streaming(name, wire) as (sim, _, driver, told, _):
+        async with streaming(name, wire) as (sim, _, driver, reported, _):
             claimed = truly_done(sim)
-            sim.lose_power()  # and nobody hears what it says
-            await told_within(told, 10.0)
-            assert told[0][0] in ("lost", "alarm", "error")
+            sim.lose_power()  # and its messages reach no host
+            await reported_within(reported, 10.0)
+            assert reported[0][0] in ("lost", "alarm", "error")
             assert driver.lines_executed <= claimed
 
     in_virtual_time(main())
@@ -242,15 +243,15 @@ def test_disturbed_bytes_end_in_words_or_in_the_whole_program(
                "doubled": lambda byte: bytes((byte, byte))}[change]
 
     async def main() -> None:
-        async with streaming(name, wire) as (sim, edge, driver, told, _):
-            edge.add_filter(direction, AlterBytes(changed, count=30, every=61, spent=lambda: None))
+        async with streaming(name, wire) as (sim, edge, driver, reported, _):
+            edge.add_filter(direction, AlterBytes(changed, count=30, every=61, on_finished=lambda: None))
             loop = asyncio.get_running_loop()
             begun_s = loop.time()
-            while driver.lines_executed < len(LINES) and not told:
+            while driver.lines_executed < len(LINES) and not reported:
                 assert loop.time() - begun_s < 300.0
                 assert driver.lines_executed <= driver.lines_acknowledged
                 await asyncio.sleep(0.05)
-            assert all(kind in ("lost", "error", "alarm", "restart") for kind, *_ in told)
+            assert all(kind in ("lost", "error", "alarm", "restart") for kind, *_ in reported)
             if direction == "to_host" and change == "lost":
                 assert driver.lines_executed <= truly_done(sim) + (truly_done(sim) == len(LINES))
 
@@ -260,7 +261,7 @@ def test_disturbed_bytes_end_in_words_or_in_the_whole_program(
 @both_dialects
 @every_wire
 def test_a_hold_reaches_a_controller_whose_answers_are_lost(in_virtual_time, name, wire):
-    """Beam and motion down first; that nobody answers is told after."""
+    """Beam and motion down first; that no reply comes is reported after."""
 
     async def main() -> None:
         async with streaming(name, wire) as (sim, edge, driver, _, _):

@@ -9,7 +9,7 @@ import pytest
 from firmware_protocol.dialect import GRBL
 from lmctl.errors import MachineError
 from lmctl.machine.motion.status_polling import SILENCE_TIMEOUT_S
-from tests.machine.motion.driving import PROGRAM, heard, opened, until
+from tests.machine.motion.driving import PROGRAM, driver_events, opened, until
 
 
 def test_a_restart_nobody_asked_for_stops_everything(controller, in_virtual_time, dialect):
@@ -18,7 +18,7 @@ def test_a_restart_nobody_asked_for_stops_everything(controller, in_virtual_time
     async def main() -> None:
         async with device.on_tcp() as endpoint:
             driver = await opened(endpoint)
-            events = heard(driver)
+            events = driver_events(driver)
             driver.submit(PROGRAM)
             await until(lambda: driver.lines_executed > 3)
             device.state = "Idle"  # power, not 0x18: no alarm
@@ -48,7 +48,7 @@ def test_an_alarm_stops_the_stream_and_says_whether_the_position_holds(
     async def main() -> None:
         async with device.on_tcp() as endpoint:
             driver = await opened(endpoint)
-            events = heard(driver)
+            events = driver_events(driver)
             driver.submit(PROGRAM)
             await until(lambda: driver.lines_executed > 3)
             device.alarm(code)
@@ -68,7 +68,7 @@ def test_an_alarm_whose_message_was_lost_is_seen_in_the_state(controller, in_vir
     async def main() -> None:
         async with device.on_tcp() as endpoint:
             driver = await opened(endpoint)
-            events = heard(driver)
+            events = driver_events(driver)
             driver.submit(PROGRAM)
             await until(lambda: driver.lines_executed > 3)
             device.mute = True
@@ -89,7 +89,7 @@ def test_silence_is_a_loss(controller, in_virtual_time, wire):
     async def main() -> None:
         async with device.on_tcp() if wire == "tcp" else device.on_pty() as endpoint:
             driver = await opened(endpoint)
-            events = heard(driver)
+            events = driver_events(driver)
             driver.submit(PROGRAM)
             await until(lambda: driver.lines_executed > 3)
             device.mute = True
@@ -118,7 +118,7 @@ def test_a_closed_link_is_a_loss_and_fails_whoever_waits(controller, in_virtual_
     async def main() -> None:
         async with device.on_tcp() as endpoint:
             driver = await opened(endpoint)
-            events = heard(driver)
+            events = driver_events(driver)
             device._system = lambda line: None
             command = asyncio.create_task(driver.send_command("$G", 60.0))
             await asyncio.sleep(0.5)
@@ -142,7 +142,7 @@ def test_a_lost_answer_is_noticed_and_a_dwell_is_not_taken_for_one(controller, i
     async def main() -> None:
         async with device.on_tcp() as endpoint:
             driver = await opened(endpoint)
-            events = heard(driver)
+            events = driver_events(driver)
             device._take = lambda line, usual=device._take: b"G4" not in line and usual(line)
             driver.submit([b"G4 P60"])
             await asyncio.sleep(30.0)
@@ -165,7 +165,7 @@ def test_a_computer_that_slept_has_not_lost_its_controller(controller, in_virtua
     async def main() -> None:
         async with device.on_tcp() as endpoint:
             driver = await opened(endpoint)
-            events = heard(driver)
+            events = driver_events(driver)
             await asyncio.sleep(1.05)  # between two questions
             loop = asyncio.get_running_loop()
             loop._land_on(loop.time() + 100.0)

@@ -65,7 +65,7 @@ def test_whatever_is_submitted_nothing_acts_and_no_line_becomes_two(
         async with controller(dialect).on_pty() as endpoint:
             driver = await MotionDriver.open(endpoint, baud=115_200, status_period_s=0.1)
             written = []
-            driver._talk.write = written.append
+            driver._connection.write = written.append
             try:
                 driver.submit([line])
             except LocalProtocolError:

@@ -283,19 +283,19 @@ def test_lines_submitted_as_a_question_is_put_are_there_when_it_is_answered(
         serving = device.on_tcp() if wire == "tcp" else device.on_pty(wire)
         async with serving as endpoint:
             driver = await opened(endpoint)
-            waiting, told = list(lines), []
+            waiting, reported = list(lines), []
 
             def question() -> None:
                 if waiting:
                     driver.submit([waiting.pop(0)])
-                told.append(("asked", driver.lines_sent))
+                reported.append(("asked", driver.lines_sent))
 
             driver.listener = MotionCallbacks(
                 on_query=question,
-                on_status=lambda report: told.append(("told", driver.lines_sent)),
+                on_status=lambda report: reported.append(("told", driver.lines_sent)),
             )
             await until(lambda: driver.lines_executed == len(lines))
-            asked = told[told.index(("asked", 1)) :]
+            asked = reported[reported.index(("asked", 1)) :]
             answered = [(a, b) for a, b in pairwise(asked) if b[0] == "told"]
             assert len(answered) >= len(lines)
             assert all(a == ("asked", sent) for a, (_, sent) in answered)

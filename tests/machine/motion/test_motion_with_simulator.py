@@ -227,7 +227,7 @@ def test_a_machine_taken_over_in_a_hold_is_where_it_was(in_virtual_time, name, w
             await asyncio.sleep(2.0)
             await driver.hold()
             at = sim.position_mm
-            endpoint = driver._talk.endpoint
+            endpoint = driver._connection.endpoint
             await driver.close()
             heir = await MotionDriver.open(endpoint, baud=115_200, status_period_s=0.1)
             assert heir.first_report.state == "Hold"
@@ -264,7 +264,7 @@ def test_a_second_client_is_turned_away_and_told(in_virtual_time):
         async with machine("grblhal", "tcp") as (_, driver):
             with pytest.raises(MachineError, match="lost") as refused:
                 await MotionDriver.open(
-                    driver._talk.endpoint, baud=115_200, status_period_s=0.1
+                    driver._connection.endpoint, baud=115_200, status_period_s=0.1
                 )
             assert "no other program talks to it" in refused.value.hint
 

@@ -171,7 +171,7 @@ def test_one_changed_digit_counts_no_line_as_executed(controller, in_virtual_tim
             driver.listener.on_progress = lambda: claimed.append((driver.lines_executed,
                                                                   device.done))
             await until(lambda: driver.lines_executed == 11)
-            assert all(told <= done for told, done in claimed), claimed
+            assert all(reported <= done for reported, done in claimed), claimed
             assert len(every) > 20
             await driver.close()
 

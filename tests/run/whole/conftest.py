@@ -86,7 +86,7 @@ class BenchRun:
             text = text.replace(old, new)
         self.job = job
         self.result = self.error = None
-        self.told = []
+        self.notify = []
         self.notices = []
         self.refused = []
         self._before = before
@@ -99,7 +99,7 @@ class BenchRun:
         async with Bench(config, ephemeral_ports=True) as self.bench:
             self.executor = RunExecutor(
                 self.job, wired(profile, self.bench.endpoints), folder / "runs", operator="Ada",
-                progress=lambda *told: self.told.append((self.loop.time(), *told)),
+                progress=lambda *notify: self.notify.append((self.loop.time(), *notify)),
                 notice=self.notices.append,
             )
             if self._before is not None:
@@ -173,9 +173,9 @@ class BenchRun:
             first, last = begun[path]
             assert set(range(first, last + 1)) <= executed
         for path, (first, last) in begun.items():  # journaled before its first line was sent
-            lit = (self.path.line >= first) & (self.path.line <= last)
-            told_s = next(r["t"] for r in self.records("path") if r["path"] == path)
-            assert (self.path.time_s[lit] > self.began_s + told_s).all()
+            beam_on = (self.path.line >= first) & (self.path.line <= last)
+            reported_s = next(r["t"] for r in self.records("path") if r["path"] == path)
+            assert (self.path.time_s[beam_on] > self.began_s + reported_s).all()
 
     def flow_error(self, rate=1.0):
         """(n,) error of the hoppers' flow along the beam's path, worst of both over the mean."""

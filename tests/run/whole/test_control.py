@@ -101,8 +101,8 @@ def test_time_left_counts_gas_and_powder_before_it_deposits(
             self.seen = []
             while self.executor.state is not RunState.DEPOSITING:
                 if self.executor.state is not RunState.READY:
-                    told = self.executor.snapshot()
-                    self.seen.append((self.loop.time(), told["state"], told["remaining_s"]))
+                    notify = self.executor.snapshot()
+                    self.seen.append((self.loop.time(), notify["state"], notify["remaining_s"]))
                 await asyncio.sleep(0.25)
 
     ran = Looked(tmp_path / "looked", profile, square_job, acts=["look"], override=override)

@@ -44,8 +44,8 @@ def feeder(act):
 
 
 def without_hopper(device):
-    device.mishaps = InjectedDefects()
-    device.mishaps.override_register(1, "STATUS", lambda word: word & ~1)
+    device.defects = InjectedDefects()
+    device.defects.override_register(1, "STATUS", lambda word: word & ~1)
 
 
 #: Name, replacements in the bench, what is done to it, words of each reason a run is refused for.
@@ -67,7 +67,7 @@ CELLS = [
     ("check mode", (), lines(b"$C\n"), []),
     ("held at its panel", (), lines(b"!"), []),
     ("not homed", settings((22, None, 1)), None,
-     ["nobody knows where it is", "soft limits off", "X of the profile", "Y of the profile",
+     ["its position is unknown", "soft limits off", "X of the profile", "Y of the profile",
       "Z of the profile"]),
     ("locked", (*GRBL, *settings((22, None, 1))), None,
      ["locked by an alarm", "soft limits off", "X of the profile", "Y of the profile",

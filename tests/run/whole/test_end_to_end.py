@@ -210,7 +210,7 @@ def test_remaining_time_is_right_within_5_percent_after_the_first_layer(run, lar
     one = run(large_square_job)
     end_s = one.entered_s("finishing")
     (first, _) = one.records("layer")
-    later = [told for told in one.told if told[0] > one.began_s + first["t"]]
+    later = [notify for notify in one.notify if notify[0] > one.began_s + first["t"]]
     assert len(later) > 5
     for now_s, done_s, total_s, layer, remaining_s in later:
         assert layer == 1

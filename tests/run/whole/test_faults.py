@@ -115,7 +115,7 @@ def test_after_an_interlock_the_operator_goes_on_with_the_part(
     ])
     whole = undisturbed["large"]
     assert one.result.state == "done", one.error
-    # Until the feeder was asked again, a second later, nobody could know.
+    # Until the feeder was asked again, a second later, no reading showed it.
     assert one.bare_beam[:, 1].max() < one.started_s + 3.0 + 1.0 + BEAM_OFF_S
     one.bare_beam = []
     one.check_safe()

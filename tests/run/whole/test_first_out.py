@@ -24,7 +24,7 @@ def injects(kind: str, **values):
 CAUSES = [
     ("link_closed", {}, "the motion controller is lost: the link"),
     ("ok_lost", {}, "the motion controller is lost: an answer is missing"),
-    ("ok_doubled", {}, "the motion controller is lost: an answer came that nobody waits for"),
+    ("ok_doubled", {}, "the motion controller is lost: a reply came to no command"),
     ("controller_reboots", {}, "the motion controller restarted in the middle of the run"),
     ("controller_silent", {}, "the motion controller has not reported for 0.6 s"),
     ("hard_limit", {}, "the motion controller is in alarm: a hard limit was hit"),
@@ -33,11 +33,11 @@ CAUSES = [
 
 @pytest.mark.parametrize(("kind", "values", "cause"), CAUSES, ids=[kind for kind, _, _ in CAUSES])
 def test_the_cause_is_the_headline_everywhere(run, large_square_job, kind, values, cause):
-    told, seen = [], []
+    notify, seen = [], []
 
     def look(one) -> None:
-        one.executor._notice = told.append
-        one.executor._live.sequence.alarms.told = told.append
+        one.executor._notice = notify.append
+        one.executor._live.sequence.alarms.notify = notify.append
 
     one = run(large_square_job, acts=[
         (1.0, look), (3.0, injects(kind, **values)),
@@ -45,7 +45,7 @@ def test_the_cause_is_the_headline_everywhere(run, large_square_job, kind, value
     ])
     # on the terminal, as it ends and as it comes
     assert one.error.what.startswith(cause)
-    shown = [line for line in told if line.startswith(("alarm: ", "the cause: "))]
+    shown = [line for line in notify if line.startswith(("alarm: ", "the cause: "))]
     assert shown[-1].partition(": ")[2].startswith(cause)
     # in `status`
     if seen and seen[-1]:

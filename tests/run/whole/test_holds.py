@@ -23,11 +23,11 @@ def test_a_hold_keeps_the_place_and_the_beam_returns_with_overlap_through_fresh_
     (entry,) = one.records("entry")
     assert entry["repeated_mm"] == pytest.approx(OVERLAP_MM)
     assert one.entered_s("resuming") - one.entered_s("purging") >= 7.0  # θ + 4τ of hopper A
-    dark = np.argmax(np.diff(one.path.time_s))
-    assert one.path.time_s[dark] < one.started_s + 3.0 + BEAM_OFF_S
-    assert one.path.time_s[dark + 1] >= one.entered_s("resuming")
+    beam_off = np.argmax(np.diff(one.path.time_s))
+    assert one.path.time_s[beam_off] < one.started_s + 3.0 + BEAM_OFF_S
+    assert one.path.time_s[beam_off + 1] >= one.entered_s("resuming")
     # The nozzle gives what it should from the first moment on.
-    assert one.path.flow_g_s[dark + 1] == pytest.approx(0.1, rel=0.02)
+    assert one.path.flow_g_s[beam_off + 1] == pytest.approx(0.1, rel=0.02)
 
 
 def test_a_held_cell_feeds_no_powder_and_its_controller_holds_no_motion(run, large_square_job):
@@ -37,7 +37,7 @@ def test_a_held_cell_feeds_no_powder_and_its_controller_holds_no_motion(run, lar
         seen["state"] = one.executor.state
         seen["feeding"] = [d.spans[-1].end_s > one.loop.time() for d in one.bench.feeders.values()]
         seen["at"] = one.bench.motion.position_mm
-        one.bench.motion.receive(b"~")  # somebody presses cycle start at its panel
+        one.bench.motion.receive(b"~")  # an operator presses cycle start at its panel
 
     one = run(large_square_job, acts=[
         (3.0, lambda r: r.executor.hold()), (8.0, look),
@@ -166,7 +166,7 @@ def test_a_door_that_is_closed_again_at_once_holds_the_run_too(
 
 @pytest.mark.parametrize("left", [b"G92 X-5 Y-3\n", b"G10 L2 P2 X5 Y3\nG55\n", b"G43.1 Z2\n"])
 def test_an_offset_that_a_hold_would_lose_keeps_a_run_from_starting(run, square_job, left):
-    """Somebody else's program has left it; the reset that ends a hold would forget it."""
+    """Another program has left it; the reset that ends a hold would forget it."""
     one = run(square_job, before=lambda r: r.bench.motion.receive(left))
     assert one.error is not None
     assert "displaced after its first hold" in one.error.what
@@ -195,7 +195,7 @@ def test_a_host_that_stood_still_within_the_send_horizon_holds_nothing(run, larg
 
 @pytest.mark.parametrize("asleep_s", [1.6, 20.0])
 def test_a_host_that_slept_holds_the_run_and_keeps_the_position(run, large_square_job, asleep_s):
-    """The machine went on as long as it had lines: nobody can say that it stood."""
+    """The machine went on as long as it had lines: no report shows that it stopped."""
     one = run(large_square_job, acts=[
         (3.0, lambda r: r.loop._land_on(r.loop.time() + asleep_s)),
         (asleep_s + 15.0, lambda r: r.executor.resume()),

@@ -84,7 +84,7 @@ def test_a_place_reported_at_rest_is_kept_through_whatever_restarted_in_the_cell
     killed, job, profile
 ):
     reached = known_place(killed.proven_place, Known.REPORTED, 12.0)
-    after = replace(killed, reached=reached, stands_mm=AT_REST_MM, moving=False, to_purge=False,
+    after = replace(killed, reached=reached, standstill_mm=AT_REST_MM, moving=False, to_purge=False,
                     ended_wall=datetime.now(UTC) - timedelta(days=1))
     stays = find_recovery_place(job, after, seen(AT_REST_MM, uptimes_s={"F1": 5.0}), profile)
     assert (stays.lost, stays.reached) == ("", reached)
@@ -97,7 +97,7 @@ def test_a_place_reported_at_rest_is_kept_through_whatever_restarted_in_the_cell
 
 def test_on_its_way_to_the_purge_position_a_machine_has_lost_nothing(killed, job, profile):
     reached = known_place(killed.proven_place, Known.REPORTED, 12.0)
-    after = replace(killed, reached=reached, stands_mm=AT_REST_MM, moving=False, to_purge=True)
+    after = replace(killed, reached=reached, standstill_mm=AT_REST_MM, moving=False, to_purge=True)
     x, y, z = profile.motion.purge_mm
     for at_mm in ((30.0, 33.0, 11.0), (20.0, (33.0 + y) / 2, z), (x, y, z), (x, y, z + 3.0)):
         found = find_recovery_place(job, after, seen(at_mm), profile)

@@ -143,7 +143,7 @@ def test_a_level_that_is_low_before_the_start_is_told_before_anything_is_switche
         r.loop.time(), 1500.0))
     assert one.result.state == "done"
     (warning,) = one.records("warning")
-    assert warning == warning | {"feeder": "F1", "hopper": "A", "stands": True, "number": 51}
+    assert warning == warning | {"feeder": "F1", "hopper": "A", "active": True, "number": 51}
     assert warning["what"] == f"{low()} (8 %, 1500 g left)"
     assert warning["hint"].startswith("fill it soon")
     kinds = [record["kind"] for record in read_records(one.journal)]
@@ -179,12 +179,12 @@ def test_a_warning_that_goes_is_over_after_a_minute_and_a_flickering_one_is_one(
         device, on = one.bench.feeders["F1"], {"bit": False}
         one.board = FaultInjector(one.bench)
         one.board.inject(Fault.create("feeder_warns", "F1", of="old calibration"))
-        steady = device.mishaps.apply_overrides
+        steady = device.defects.apply_overrides
 
-        def told(channel, values):
+        def notify(channel, values):
             return steady(channel, values) if on["bit"] else values
 
-        device.mishaps.apply_overrides = told
+        device.defects.apply_overrides = notify
         for k in range(30):
             one.loop.call_later(0.7 * k, lambda k=k: on.update(bit=k % 2 == 0))
 
@@ -192,7 +192,7 @@ def test_a_warning_that_goes_is_over_after_a_minute_and_a_flickering_one_is_one(
     one = run(tmp_path / "long.lmj", acts=[
         (2.0, flicker), (95.0, lambda r: shown.append(r.executor.snapshot()["warnings"]))])
     assert one.result.state == "done"
-    assert [record["stands"] for record in one.records("warning")] == [True, False]
+    assert [record["active"] for record in one.records("warning")] == [True, False]
     appeared, over = (record["t"] for record in one.records("warning"))
     assert 75.0 < over - appeared < 85.0
     assert shown == [[]]
@@ -220,5 +220,5 @@ def test_equal_runs_with_warnings_have_equal_fingerprints(run, large_square_job)
                 r.loop.time(), 1500.0))
 
     first, second = story(), story()
-    assert [r["stands"] for r in first.records("warning")] == [True, True]
+    assert [r["active"] for r in first.records("warning")] == [True, True]
     assert run_fingerprint(first.journal) == run_fingerprint(second.journal)

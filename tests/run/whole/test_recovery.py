@@ -95,7 +95,7 @@ class TwoRuns:
 
     def __init__(self, folder, profile, job, disturb):
         self.error = self.second_error = self.result = None
-        self.told = []  # progress of the second
+        self.notify = []  # progress of the second
         virtual_time.run_in_virtual_time(self._main(folder, profile, job, disturb))
 
     async def _main(self, folder, profile, job, disturb):
@@ -120,11 +120,11 @@ class TwoRuns:
                                                  profile)
             going_on = EarlierRun(
                 "run-0001", self.found.reached, is_position_trusted=not self.found.lost,
-                stands_mm=position)
+                standstill_mm=position)
             try:
                 self.result = await RunExecutor(
                     self.made.job, cell, folder / "runs", continues=going_on,
-                    progress=lambda *told: self.told.append(told)).run()
+                    progress=lambda *notify: self.notify.append(notify)).run()
             except LmctlError as error:
                 self.second_error = error
             self.path = bench.record.beam_on_path()
@@ -146,7 +146,7 @@ def test_a_stopped_run_is_recovered_where_it_stood(whole, profile, tmp_path):
     assert continuing_runs(two.made) == ("run-0002", [])
     header = next(read_records(two.result.journal))
     assert header["continues"] == "run-0001"
-    (first_s, end_s, _, left_s), *_ = two.told  # before it has done anything
+    (first_s, end_s, _, left_s), *_ = two.notify  # before it has done anything
     assert first_s > 2.0
     assert left_s == pytest.approx(end_s - first_s)
 

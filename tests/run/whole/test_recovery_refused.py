@@ -30,7 +30,7 @@ def unentered(request, whole, profile, tmp_path):
         feeder.name: "modbus-tcp://127.0.0.1:9" for feeder in profile.feeder})
     reached = known_place(PLACE, Known.REPORTED)
     going_on = EarlierRun("run-0001", reached, is_position_trusted=request.param,
-                          stands_mm=STOOD_MM)
+                          standstill_mm=STOOD_MM)
 
     async def main():
         await RunExecutor(whole.job, dead, tmp_path / "runs", continues=going_on).run()

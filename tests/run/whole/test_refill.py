@@ -9,7 +9,7 @@ from lmctl.run.state.transitions import Effect, RunState
 
 
 def fill(one, grams, feeder="F1", channel=1):
-    """Somebody pours powder into a hopper."""
+    """An operator pours powder into a hopper."""
     process = one.bench.feeders[feeder].hoppers[channel].process
     now_s = one.loop.time()
     process.set_remaining_g(now_s, process.remaining_g(now_s) + grams)
@@ -141,7 +141,7 @@ def test_a_refill_is_announced_before_the_hopper_is_empty_and_no_longer_after_it
     one = run(large_square_job, before=leave, acts=REFILL)
     assert one.result.state == "done"
     warnings = [r for r in one.records("warning") if r["number"] == 50]
-    assert [(record["hopper"], record["stands"]) for record in warnings] == [
+    assert [(record["hopper"], record["active"]) for record in warnings] == [
         ("A", True), ("A", False)]
     first, over = warnings
     assert "of 51 g left 0 g can be counted on" in first["what"]

@@ -24,7 +24,7 @@ CHANGES = (
 def on_grbl(tmp_path, profile, square_job, bench_text):
     """Runs a story on one Grbl with homing: story(home, run, others), each of them awaitable."""
 
-    def tell(story):
+    def events_of(story):
         text = bench_text
         for old, new in CHANGES:
             assert old in text
@@ -66,7 +66,7 @@ def on_grbl(tmp_path, profile, square_job, bench_text):
 
         virtual_time.run_in_virtual_time(main())
 
-    return tell
+    return events_of
 
 
 @pytest.fixture

@@ -20,12 +20,12 @@ def test_a_fault_at_a_time_and_for_a_while(play):
         await asyncio.sleep(7.0)
         cell.board.schedule(plan(cell, '[[fault]]\nkind="door"\nat_s=2.5\nfor_s=1.25\n'))
         await asyncio.sleep(2.6)
-        standing = cell.board.injected
+        active = cell.board.injected
         await asyncio.sleep(2.0)
-        return standing, cell.board.injected
+        return active, cell.board.injected
 
-    (standing,), (over,) = play(scene)
-    assert (standing.at_s, standing.cleared_s) == (pytest.approx(9.5), None)
+    (active,), (over,) = play(scene)
+    assert (active.at_s, active.cleared_s) == (pytest.approx(9.5), None)
     assert over.cleared_s == pytest.approx(10.75)
     assert str(over) == "door at 9.500 s"
 
@@ -134,11 +134,11 @@ def test_a_device_the_bench_has_not(play):
 
 def test_the_host_is_killed_by_whoever_owns_it(play):
     async def scene(cell):
-        done, told = [], []
-        board = FaultInjector(cell.bench, lambda: done.append(cell.now_s), told.append)
+        done, reported = [], []
+        board = FaultInjector(cell.bench, lambda: done.append(cell.now_s), reported.append)
         board.inject(Fault.create("host_killed"))
         cell.inject("host_killed")  # a mark only
-        return done, [str(one) for one in told]
+        return done, [str(one) for one in reported]
 
     assert play(scene) == ([0.0], ["host_killed at 0.000 s"])
 

@@ -172,7 +172,7 @@ def test_without_a_safety_device_estop_and_door_go_to_the_others(play):
 OUTPUT = [("watchdog_relay = false", "watchdog_relay = true\nlaser_enable = true")]
 
 
-async def lit(cell):
+async def beam_on(cell):
     """The relay is closed and the laser-enable output on."""
     cell.bench.safety.write(0, [1, 5000, RELAY_RESET_KEY, 0])
     cell.bench.safety.write(SIO_MAP.wire_address("LASER_ENABLE"), [1])
@@ -181,7 +181,7 @@ async def lit(cell):
 
 def test_the_laser_enable_contact_drops_by_itself_and_can_be_closed_again(play):
     async def scene(cell):
-        await lit(cell)
+        await beam_on(cell)
         cell.inject("laser_enable_drops")
         dropped = word(cell, "STATUS")
         cell.bench.safety.write(SIO_MAP.wire_address("LASER_ENABLE"), [0])
@@ -196,7 +196,7 @@ def test_the_laser_enable_contact_drops_by_itself_and_can_be_closed_again(play):
 @pytest.mark.parametrize("contact", ["closed", "as it is"])
 def test_a_stuck_laser_enable_contact_stays_closed_and_says_so_until_it_is_over(play, contact):
     async def scene(cell):
-        await lit(cell)
+        await beam_on(cell)
         number = cell.inject("laser_enable_stuck", contact=contact)
         cell.bench.safety.write(SIO_MAP.wire_address("LASER_ENABLE"), [0])
         stuck = word(cell, "STATUS")

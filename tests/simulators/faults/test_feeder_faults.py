@@ -20,7 +20,7 @@ async def feeding(cell):
     await asyncio.sleep(30.0)
 
 
-def told(cell, channel=1):
+def values(cell, channel=1):
     device = cell.bench.feeders["F1"]
     return register_values(device, channel, device.advance_to_now())
 
@@ -36,7 +36,7 @@ def test_a_restart_stops_discs_and_forgets(play):
         at_s = cell.now_s
         cell.inject("feeder_restarts", "F1")
         await asyncio.sleep(5.0)
-        return at_s, cell.judge.powder_stop("F1"), cell.judge.gas_off_at_s("F1"), told(cell, 0)
+        return at_s, cell.judge.powder_stop("F1"), cell.judge.gas_off_at_s("F1"), values(cell, 0)
 
     at_s, stop, gas_off_s, system = play(scene)
     assert stop.commanded_s == stop.stopped_s == gas_off_s == at_s
@@ -47,9 +47,9 @@ def test_local_ends_remote_control_until_it_is_turned_back(play):
     async def scene(cell):
         await feeding(cell)
         number = cell.inject("feeder_local", "F1")
-        local = told(cell, 0)["MODE"], cell.judge.is_powder_on("F1")
+        local = values(cell, 0)["MODE"], cell.judge.is_powder_on("F1")
         cell.board.clear(number)
-        return local, told(cell, 0)["MODE"]
+        return local, values(cell, 0)["MODE"]
 
     assert play(scene) == ((0, False), 1)
 
@@ -58,7 +58,7 @@ def test_the_watchdog_trips_though_heartbeats_come(play):
     async def scene(cell):
         await feeding(cell)
         cell.inject("watchdog_trips", "F1")
-        return told(cell, 0), cell.judge.is_powder_on("F1")
+        return values(cell, 0), cell.judge.is_powder_on("F1")
 
     system, on = play(scene)
     assert system["FIRST_ALARM_CODE"] == 104
@@ -70,9 +70,9 @@ def test_the_estop_chain(play):
     async def scene(cell):
         await feeding(cell)
         number = cell.inject("feeder_estop", "F1")
-        opened = told(cell, 0)
+        opened = values(cell, 0)
         cell.board.clear(number)
-        return opened, told(cell, 0)
+        return opened, values(cell, 0)
 
     opened, closed = play(scene)
     assert opened["FIRST_ALARM_CODE"] == 101
@@ -104,7 +104,7 @@ def test_a_lying_feeder_says_it_feeds_while_discs_stand(play):
         await feeding(cell)
         number = cell.inject("feeder_lies", "F1")
         await asyncio.sleep(15.0)
-        lies = told(cell, 0), told(cell), nozzle_g_min(cell)
+        lies = values(cell, 0), values(cell), nozzle_g_min(cell)
         cell.board.clear(number)
         await asyncio.sleep(15.0)
         return lies, nozzle_g_min(cell)
@@ -124,10 +124,10 @@ def test_an_ignored_recipe_is_taken_and_not_run(play):
     async def scene(cell):
         await feeding(cell)
         number = cell.inject("recipe_ignored", "F1")
-        before = told(cell, 0)["SEQ_APPLIED"]
+        before = values(cell, 0)["SEQ_APPLIED"]
         cell.recipe("F1", 5.0)
         await asyncio.sleep(15.0)
-        ignored = before == told(cell, 0)["SEQ_APPLIED"], nozzle_g_min(cell)
+        ignored = before == values(cell, 0)["SEQ_APPLIED"], nozzle_g_min(cell)
         wanted = 60 * float(cell.bench.feeders["F1"].hoppers[1].fault_free_process.nozzle_flow_g_s(
             np.array([cell.now_s]))[0])
         cell.board.clear(number)
@@ -155,12 +155,12 @@ def test_the_device_notices_in_its_time_and_keeps_its_alarm_while_the_cause_stan
         at_s = cell.now_s
         number = cell.inject(kind, "F1")
         await asyncio.sleep(notices_s + 0.1)
-        alarm, stop = told(cell, 0)["FIRST_ALARM_CODE"], cell.judge.powder_stop("F1")
+        alarm, stop = values(cell, 0)["FIRST_ALARM_CODE"], cell.judge.powder_stop("F1")
         with pytest.raises(ExceptionReplyError, match="4"):
             cell.reset_alarm()
         cell.board.clear(number)
         cell.reset_alarm()
-        return alarm, stop.commanded_s - at_s, told(cell, 0)["FIRST_ALARM_CODE"]
+        return alarm, stop.commanded_s - at_s, values(cell, 0)["FIRST_ALARM_CODE"]
 
     alarm, after_s, cleared = play(scene)
     assert alarm == code
@@ -178,7 +178,7 @@ def test_unnoticed_it_raises_nothing(play, kind):
         await feeding(cell)
         cell.inject(kind, "F1", noticed=False)
         await asyncio.sleep(10.0)
-        return told(cell, 0)["FIRST_ALARM_CODE"], cell.judge.is_powder_on("F1")
+        return values(cell, 0)["FIRST_ALARM_CODE"], cell.judge.is_powder_on("F1")
 
     assert play(scene) == (0, True)
 
@@ -214,7 +214,7 @@ def test_the_device_sees_a_disc_that_turns_wrong_and_not_a_hose_that_clogs(play)
         await feeding(cell)
         cell.inject(kind, "F1", noticed=False)
         await asyncio.sleep(10.0)
-        return told(cell), told(cell, 0)
+        return values(cell), values(cell, 0)
 
     slow, _ = play(lambda cell: scene(cell, "speed_deviates"))
     assert slow["DISC_ACT"] == pytest.approx(0.7 * G_MIN / FACTOR, rel=1e-2)
@@ -234,11 +234,11 @@ def test_a_pressure_may_rise_slowly_and_is_noticed_at_its_top(play, kind):
         seen = []
         for _ in range(4):
             await asyncio.sleep(2.5)
-            seen.append((told(cell, 0)["MIXER_PRESSURE"], told(cell, 0)["FIRST_ALARM_CODE"]))
+            seen.append((values(cell, 0)["MIXER_PRESSURE"], values(cell, 0)["FIRST_ALARM_CODE"]))
         await asyncio.sleep(1.01)
-        alarm, fed = told(cell, 0)["FIRST_ALARM_CODE"], nozzle_g_min(cell)
+        alarm, fed = values(cell, 0)["FIRST_ALARM_CODE"], nozzle_g_min(cell)
         cell.board.clear(number)
-        return seen, alarm, fed, told(cell, 0)["MIXER_PRESSURE"]
+        return seen, alarm, fed, values(cell, 0)["MIXER_PRESSURE"]
 
     seen, alarm, fed, after = play(scene)
     assert seen == [(300, 0), (550, 0), (800, 0), (1050, 0)]
@@ -254,7 +254,7 @@ def test_a_rise_that_is_over_before_its_top_leaves_nothing(play):
         await asyncio.sleep(5.0)
         cell.board.clear(number)
         await asyncio.sleep(14.0)
-        return told(cell, 0)["FIRST_ALARM_CODE"], nozzle_g_min(cell)
+        return values(cell, 0)["FIRST_ALARM_CODE"], nozzle_g_min(cell)
 
     assert play(scene) == (0, pytest.approx(G_MIN, rel=1e-6))
 
@@ -263,13 +263,13 @@ def test_a_limited_disc_clips_the_set_point_that_runs_tells_so_and_is_judged(pla
     async def scene(cell):
         await feeding(cell)
         number = cell.inject("disc_limited", "F1", n_max_rpm=1.0)
-        clipped, warned = told(cell), told(cell, 0)["WARNING"]
+        clipped, warned = values(cell), values(cell, 0)["WARNING"]
         await asyncio.sleep(20.0)
         fed, hopper = nozzle_g_min(cell), cell.bench.feeders["F1"].hoppers[1]
         wanted_rpm = hopper.fault_free_process.disc_rpm(cell.now_s)
         cell.board.clear(number)
         await asyncio.sleep(20.0)
-        return clipped, warned, fed, wanted_rpm, nozzle_g_min(cell), told(cell, 0)["WARNING"]
+        return clipped, warned, fed, wanted_rpm, nozzle_g_min(cell), values(cell, 0)["WARNING"]
 
     clipped, warned, fed, wanted_rpm, after, cleared = play(scene)
     assert clipped["STATUS"] & HopperStatusBits.LIMITED
@@ -286,11 +286,11 @@ def test_a_warning_is_shown_and_stops_nothing(play, of, bit):
     async def scene(cell):
         await feeding(cell)
         number = cell.inject("feeder_warns", "F1", of=of)
-        shown = told(cell, 0)["WARNING"], told(cell, 0)["STATUS"] & FeederStatusBits.WARNING
+        shown = values(cell, 0)["WARNING"], values(cell, 0)["STATUS"] & FeederStatusBits.WARNING
         await asyncio.sleep(5.0)
         on = cell.judge.is_powder_on("F1")
         cell.board.clear(number)
-        return shown, on, told(cell, 0)["WARNING"]
+        return shown, on, values(cell, 0)["WARNING"]
 
     assert play(scene) == ((1 << bit, FeederStatusBits.WARNING), True, 0)
 
@@ -310,9 +310,9 @@ def test_a_flow_read_back_wrong_flows_right(play):
     async def scene(cell):
         await feeding(cell)
         number = cell.inject("flow_readback_off", "F1", percent=-25)
-        wrong = told(cell)["FLOW_EST"]
+        wrong = values(cell)["FLOW_EST"]
         cell.board.clear(number)
-        return wrong, told(cell)["FLOW_EST"], nozzle_g_min(cell)
+        return wrong, values(cell)["FLOW_EST"], nozzle_g_min(cell)
 
     assert play(scene) == tuple(pytest.approx(x, rel=1e-3) for x in (7.5, 10.0, 10.0))
 
@@ -322,7 +322,7 @@ def test_carrier_supply_and_pressure_are_told(play):
         await feeding(cell)
         for kind in ("carrier_low", "supply_low", "over_pressure", "lid_open"):
             cell.inject(kind, "F1", noticed=False)
-        return told(cell), told(cell, 0)
+        return values(cell), values(cell, 0)
 
     hopper, system = play(scene)
     assert hopper["CARRIER_ACT"] == pytest.approx(2.5)
@@ -336,12 +336,12 @@ def test_an_empty_hopper_is_noticed_at_once_and_flows_no_more(play):
         await feeding(cell)
         cell.inject("hopper_empty", "F1")
         await asyncio.sleep(15.0)
-        empty = told(cell, 0)["FIRST_ALARM_CODE"], told(cell)["LEVEL"], nozzle_g_min(cell)
+        empty = values(cell, 0)["FIRST_ALARM_CODE"], values(cell)["LEVEL"], nozzle_g_min(cell)
         cell.inject("hopper_level", "F1", grams=500.0)
         cell.reset_alarm()
         cell.feed("F1", G_MIN)
         await asyncio.sleep(20.0)
-        return empty, nozzle_g_min(cell), told(cell)["WEIGHT"]
+        return empty, nozzle_g_min(cell), values(cell)["WEIGHT"]
 
     (alarm, level, flow), again, weight = play(scene)
     assert (alarm, level) == (207, 0.0)
@@ -355,9 +355,9 @@ def test_a_level_runs_out_when_it_should(play):
         await feeding(cell)
         at_s = cell.now_s
         cell.inject("hopper_level", "F1", grams=2.0)
-        low = told(cell)["STATUS"] & HopperStatusBits.LEVEL_LOW
+        low = values(cell)["STATUS"] & HopperStatusBits.LEVEL_LOW
         await asyncio.sleep(30.0)
-        return low, cell.judge.powder_stop("F1").commanded_s - at_s, told(cell, 0)
+        return low, cell.judge.powder_stop("F1").commanded_s - at_s, values(cell, 0)
 
     low, lasted_s, system = play(scene)
     assert low
@@ -370,14 +370,15 @@ def test_below_its_least_speed_a_disc_stands_and_says_so(play):
         await feeding(cell)
         number = cell.inject("below_n_min", "F1", n_min_rpm=5.0)
         await asyncio.sleep(15.0)
-        below = told(cell)["STATUS"] & HopperStatusBits.BELOW_N_MIN, nozzle_g_min(cell)
+        below = values(cell)["STATUS"] & HopperStatusBits.BELOW_N_MIN, nozzle_g_min(cell)
         cell.recipe("F1", 20.0)
         await asyncio.sleep(15.0)
         above = nozzle_g_min(cell)
         cell.recipe("F1", 10.0)
         cell.board.clear(number)
         await asyncio.sleep(15.0)
-        return below, above, nozzle_g_min(cell), told(cell)["STATUS"] & HopperStatusBits.BELOW_N_MIN
+        below_n_min = values(cell)["STATUS"] & HopperStatusBits.BELOW_N_MIN
+        return below, above, nozzle_g_min(cell), below_n_min
 
     (flag, flow), above, after, cleared = play(scene)
     assert flag

@@ -24,16 +24,16 @@ def test_the_beam_is_lit_exactly_while_a_move_lasts(play):
         return began, cell.judge.beam_on_intervals(), cell.judge.executed_lines(), cell.judge
 
     began, beam, lines, judge = play(scene)
-    (lit,) = beam
+    (beam_on,) = beam
     # N7 is left at full speed
-    assert lit.begin_s == pytest.approx(began)
-    assert lit.duration_s == pytest.approx(RAMP_S + (20 - RAMP_MM) / SPEED)
+    assert beam_on.begin_s == pytest.approx(began)
+    assert beam_on.duration_s == pytest.approx(RAMP_S + (20 - RAMP_MM) / SPEED)
     assert [(one.line, one.executed_fraction) for one in lines] == [(7, 1.0), (8, 1.0)]
     assert [one.beam_on_mm for one in lines] == [pytest.approx(20.0), 0.0]
     assert judge.beam_on_without_motion() == ()
-    assert judge.beam_off_at_s(began + 1.0) == lit.end_s == judge.beam_last_on_s()
+    assert judge.beam_off_at_s(began + 1.0) == beam_on.end_s == judge.beam_last_on_s()
     assert judge.beam_off_at_s(began - 0.5) == began - 0.5
-    assert judge.beam_on_again_at_s(began - 0.5) == lit.begin_s
+    assert judge.beam_on_again_at_s(began - 0.5) == beam_on.begin_s
     assert judge.beam_on_again_at_s(began + 1.0) is None
     assert judge.axes_stopped_at_s(
         began + 0.5) == pytest.approx(began + 2 * RAMP_S + (30 - 2 * RAMP_MM) / 10)
@@ -62,10 +62,10 @@ def test_a_constant_beam_that_burns_at_standstill_is_found(play):
         return began, cell.now_s, cell.judge.beam_on_without_motion(
             ), cell.judge.beam_on_intervals()
 
-    began, now_s, standing, beam = play(scene)
+    began, now_s, active, beam = play(scene)
     arrived_s = began + 2 * RAMP_S + (20 - 2 * RAMP_MM) / SPEED
-    assert standing[-1].begin_s == pytest.approx(arrived_s - 1.0 / ACCELERATION)
-    assert standing[-1].end_s == pytest.approx(now_s)
+    assert active[-1].begin_s == pytest.approx(arrived_s - 1.0 / ACCELERATION)
+    assert active[-1].end_s == pytest.approx(now_s)
     assert beam[-1].end_s == pytest.approx(now_s)
 
 
@@ -74,9 +74,9 @@ def test_nothing_is_said_of_what_has_not_happened_yet(play):
         await ready(cell)
         began = cell.now_s
         await cell.send("N1 G1 X20 F600 S500\n", then_s=1.0)
-        (lit,) = cell.judge.beam_on_intervals()
+        (beam_on,) = cell.judge.beam_on_intervals()
         (line,) = cell.judge.executed_lines()
-        assert lit.end_s == pytest.approx(began + 1.0)
+        assert beam_on.end_s == pytest.approx(began + 1.0)
         assert line.beam_on_mm == pytest.approx(RAMP_MM + (1.0 - RAMP_S) * SPEED)
 
     play(scene)
@@ -196,13 +196,14 @@ def test_a_verdict_says_what_is_wrong_in_words(play):
         await cell.send("N1 G1 X50 F600 S500\n", then_s=1.0)
         at_s = cell.now_s
         await asyncio.sleep(10.0)
-        told = judge_fault(cell.bench, at_s)
-        return told, record_as_json(cell.bench, cell.board.injected)
+        outcome = judge_fault(cell.bench, at_s)
+        return outcome, record_as_json(cell.bench, cell.board.injected)
 
-    told, record = play(scene)
-    assert told.beam_off_after_s == pytest.approx(4.04 - 0.02, abs=0.01)
-    assert told.powder_on == ("F1",)
-    assert told.safety_shortfalls(dark_within_s=5.0) == ["F1 still feeds"]
-    assert told.safety_shortfalls(dark_within_s=0.1)[0].startswith("the beam stayed lit for 4.0")
+    outcome, record = play(scene)
+    assert outcome.beam_off_after_s == pytest.approx(4.04 - 0.02, abs=0.01)
+    assert outcome.powder_on == ("F1",)
+    assert outcome.safety_shortfalls(beam_off_within_s=5.0) == ["F1 still feeds"]
+    first, *_ = outcome.safety_shortfalls(beam_off_within_s=0.1)
+    assert first.startswith("the beam stayed on for 4.0")
     assert record["host"]["motion"] == [(0.0, True)]
     assert len(record["beam"]) == len(record["lines"]) == 1

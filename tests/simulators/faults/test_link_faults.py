@@ -1,4 +1,4 @@
-"""What befalls bytes: on the controller's link and on a feeder's, by TCP and by pty."""
+"""Faults that alter bytes: on the controller's link and on a feeder's, by TCP and by pty."""
 
 import asyncio
 

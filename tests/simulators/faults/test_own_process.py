@@ -45,7 +45,7 @@ def test_faults_are_told_as_they_happen_and_the_record_is_written_when_asked(
         port = int(json.loads(bench.stdout.readline())["motion"].rpartition(":")[2])
         with socket.create_connection(("127.0.0.1", port)) as host:
             host.sendall(b"G21 G90 G94\nM4 S0\nN1 G1 X1 F600 S500\nN2 G1 X5\nN3 G1 X9\n")
-            told = [json.loads(bench.stdout.readline()) for _ in range(2)]
+            reported = [json.loads(bench.stdout.readline()) for _ in range(2)]
         bench.send_signal(signal.SIGUSR1)
         early = _written(record)
         os.remove(record)
@@ -54,7 +54,7 @@ def test_faults_are_told_as_they_happen_and_the_record_is_written_when_asked(
     finally:
         bench.kill()
         bench.stdout.close()
-    assert {one["fault"] for one in told} == {"panel_hold", "host_killed"}
+    assert {one["fault"] for one in reported} == {"panel_hold", "host_killed"}
     late = json.loads(record.read_text())
     assert not (tmp_path / "record.json.part").exists()
     for asked in (early, late):
@@ -79,9 +79,9 @@ def test_every_mistake_of_a_fault_file_is_told(tmp_path, cell_file, capsys):
     faults = tmp_path / "faults.toml"
     faults.write_text('[[fault]]\nkind = "dor"\n')
     assert serve([str(cell_file), "--faults", str(faults)]) == 3
-    told = capsys.readouterr().err
-    assert "does not say what goes wrong" in told
-    assert "fault[1].kind: there is no fault 'dor'; 'door'?" in told
-    assert "fault[1]: needs one of at_s, at_line, at_level_g" in told
+    reported = capsys.readouterr().err
+    assert "does not say what goes wrong" in reported
+    assert "fault[1].kind: there is no fault 'dor'; 'door'?" in reported
+    assert "fault[1]: needs one of at_s, at_line, at_level_g" in reported
     assert serve([str(cell_file), "--faults", str(tmp_path / "nothing")]) == 3
     assert "cannot read" in capsys.readouterr().err

@@ -29,7 +29,7 @@ from simulators.safety.device import SimulatedSafetyDevice
 from tests.machine.feeder_cell import TRUTH, hopper, now
 
 ORDERS = [order.value for order in WordOrder]
-#: Device's habits, and the keys of a profile that say so.
+#: Quirks of a device, and the keys of a profile that say so.
 HABITS = [
     (ModbusQuirks(), {}),
     (ModbusQuirks(address_base=1), {"address_base": 1}),
@@ -68,22 +68,22 @@ async def another_library(registers):
 
 
 @asynccontextmanager
-async def served(registers, wire, habits=None):
+async def served(registers, wire, quirks=None):
     if wire == "pymodbus":
         async with another_library(registers) as endpoint:
             yield endpoint
         return
     serve = serve_tcp if wire == "tcp" else serve_pty
     keywords = {} if wire == "tcp" else {"baud": 115_200}
-    server = await serve(registers, habits=habits, **keywords)
+    server = await serve(registers, quirks=quirks, **keywords)
     try:
         yield server.endpoint
     finally:
         await server.close()
 
 
-async def feed_a_while(registers, wire, habits=None, **keys):
-    async with served(registers, wire, habits) as endpoint:
+async def feed_a_while(registers, wire, quirks=None, **keys):
+    async with served(registers, wire, quirks) as endpoint:
         driver = await FeederDriver.open(FeederSettings(name="F1", endpoint=endpoint, **keys),
                                          (hopper(),))
         await driver.start_gas()
@@ -99,11 +99,11 @@ async def feed_a_while(registers, wire, habits=None, **keys):
 
 
 @pytest.mark.parametrize("wire", ["tcp", "rtu"])
-@pytest.mark.parametrize(("habits", "keys"), HABITS)
-def test_a_feeder_with_habits_is_driven_with_their_keys(habits, keys, wire):
+@pytest.mark.parametrize(("quirks", "keys"), HABITS)
+def test_a_feeder_with_quirks_is_driven_with_their_keys(quirks, keys, wire):
     async def main():
         device = PmxFeederDevice(FeederConfig("F1", (TRUTH,)), now)
-        status = await feed_a_while(FeederRegisters(device), wire, habits, **keys)
+        status = await feed_a_while(FeederRegisters(device), wire, quirks, **keys)
         assert status.hoppers["A"].flow_estimated_g_min == pytest.approx(6.0, abs=0.02)
         assert not device.discs_on
 

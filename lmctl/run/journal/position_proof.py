@@ -28,15 +28,15 @@ SAME_MM = 0.002
 
 
 @dataclass(frozen=True)
-class Standing:
+class PositionProof:
     """What explains where a machine stands.
 
-    unmoved : it stands exactly where it was last reported at rest, and was sent nowhere since
+    is_unmoved : it stands exactly where it was last reported at rest, and was sent nowhere since
     places : up to where the job may have been executed if it stands there, ascending: more than
         one where the path comes by the same point again; empty where nothing explains it
     """
 
-    unmoved: bool
+    is_unmoved: bool
     places: tuple[ProgramPlace, ...]
 
     @property
@@ -44,19 +44,20 @@ class Standing:
         return bool(self.places)
 
 
-def standing(
+def position_proof(
     job: JobReader, after: RunReplay, motion: MotionSettings, position_mm: Sequence[float]
-) -> Standing:
+) -> PositionProof:
     """What explains that a machine stands at a place, in program coordinates."""
     at_mm = np.asarray(position_mm[:3], dtype=np.float64)
-    unmoved = (
-        after.stands_mm is not None and not after.to_purge and not after.moving
-        and _off_mm(after.stands_mm, at_mm) <= SAME_MM
+    is_unmoved = (
+        after.standstill_mm is not None and not after.to_purge and not after.moving
+        and _off_mm(after.standstill_mm, at_mm) <= SAME_MM
     )
     places = _on_lines_sent(job, after, at_mm) if after.moving else []
     if _near(_before_the_job(job, after, motion), at_mm):
         places.append(after.proven_place)
-    return Standing(unmoved, tuple(sorted(max(place, after.proven_place) for place in places)))
+    proven = {max(place, after.proven_place) for place in places}
+    return PositionProof(is_unmoved, tuple(sorted(proven)))
 
 
 def _on_lines_sent(job: JobReader, after: RunReplay, at_mm: FloatArray) -> list[ProgramPlace]:
@@ -88,19 +89,19 @@ def _before_the_job(job: JobReader, after: RunReplay, motion: MotionSettings) ->
     purge = np.array(motion.purge_mm, dtype=np.float64)
     high = np.array([*purge[:2], motion.travel_mm.z[1]])
     lines: list[FloatArray] = []
-    if after.stands_mm is not None:
-        lines.append(np.array([after.stands_mm[:3]] * 2, dtype=np.float64))
+    if after.standstill_mm is not None:
+        lines.append(np.array([after.standstill_mm[:3]] * 2, dtype=np.float64))
     if after.to_purge:
         lines.append(np.array([high, purge]))
-        if after.stands_mm is not None:
-            at = np.array(after.stands_mm[:3], dtype=np.float64)
+        if after.standstill_mm is not None:
+            at = np.array(after.standstill_mm[:3], dtype=np.float64)
             height = min(max(purge[2], at[2] + motion.clearance_mm), motion.travel_mm.z[1])
             lines.append(np.array([at, [*at[:2], height], [*purge[:2], height]]))
     if after.moving and after.entered_at is not None:
         entry = plan_reentry(job.manifest, job.read_layer, after.entered_at, motion)
         if entry is not None:
-            way = entry.layer.lines[: entry.beam_on_line - entry.layer.first_line]
-            lines.append(np.column_stack([way["x_mm"], way["y_mm"], way["z_mm"]]))
+            approach = entry.layer.lines[: entry.beam_on_line - entry.layer.first_line]
+            lines.append(np.column_stack([approach["x_mm"], approach["y_mm"], approach["z_mm"]]))
     return lines
 
 
