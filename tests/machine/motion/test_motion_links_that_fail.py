@@ -244,7 +244,8 @@ def test_disturbed_bytes_end_in_words_or_in_the_whole_program(
 
     async def main() -> None:
         async with streaming(name, wire) as (sim, edge, driver, reported, _):
-            edge.add_filter(direction, AlterBytes(changed, count=30, every=61, on_finished=lambda: None))
+            edge.add_filter(
+                direction, AlterBytes(changed, count=30, every=61, on_finished=lambda: None))
             loop = asyncio.get_running_loop()
             begun_s = loop.time()
             while driver.lines_executed < len(LINES) and not reported:
