@@ -6,6 +6,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from firmware_protocol.catch_scale import ScaleStatusBits as ScaleStatusBits
     from firmware_protocol.device import GrblDevice as GrblDevice
     from firmware_protocol.dialect import Dialect as Dialect
     from firmware_protocol.dialect import ErrorPolicy as ErrorPolicy
@@ -66,6 +67,7 @@ _HOMES = {
     "RemoteProtocolError": "firmware_protocol.host",
     "SafetyInputBits": "firmware_protocol.safety_io",
     "SafetyStatusBits": "firmware_protocol.safety_io",
+    "ScaleStatusBits": "firmware_protocol.catch_scale",
     "SetpointMode": "firmware_protocol.pmx",
     "SettingMessage": "firmware_protocol.messages",
     "StartupBlockSetting": "firmware_protocol.messages",

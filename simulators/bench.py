@@ -7,6 +7,9 @@ from contextlib import AsyncExitStack
 from dataclasses import replace
 from types import TracebackType
 
+import numpy as np
+
+from simulators.array_types import FloatArray
 from simulators.bench_config import Address, BenchConfig
 from simulators.bench_record import BenchRecord
 from simulators.faults.link_tap import LinkTap
@@ -17,6 +20,7 @@ from simulators.motion import server as motion_server
 from simulators.motion.simulator import MotionSimulator
 from simulators.safety.device import SimulatedSafetyDevice
 from simulators.safety.wiring import SafetyWiring
+from simulators.scale.device import SimulatedCatchScale
 
 _ANY_PORT = Address("127.0.0.1", 0)
 _SAFETY_BAUD = 115_200  # the host polls it ten times a second or more
@@ -26,8 +30,9 @@ class Bench:
     """A cell on the running loop, from entering to leaving.
 
     ephemeral_ports : take free ports of 127.0.0.1 in place of those configured
-    endpoints : by "motion", "safety" and the feeders' names, in the spelling of a machine profile
-    motion, feeders, safety : the devices themselves, for a caller that acts as the operator
+    endpoints : by "motion", "safety", "scale" and the feeders' names, in the spelling of a machine
+        profile
+    motion, feeders, safety, scale : the devices themselves, for a caller that acts as the operator
     edges : by the names of the endpoints, where faults apply to a device's bytes
     Entering raises OSError, which names the device, if a port is in use.
 
@@ -43,6 +48,7 @@ class Bench:
         self.endpoints: dict[str, str] = {}
         self.feeders: dict[str, PmxFeederDevice] = {}
         self.safety: SimulatedSafetyDevice | None = None
+        self.scale: SimulatedCatchScale | None = None
         self.edges: dict[str, LinkTap] = {}
 
     async def __aenter__(self) -> Bench:
@@ -83,6 +89,19 @@ class Bench:
             self.endpoints["safety"] = await self._serve_modbus(
                 "safety", self.safety, self._edge("safety"), self._address("safety"), _SAFETY_BAUD
             )
+
+        if self.config.scale is not None:
+            self.scale = SimulatedCatchScale(self.config.scale, clock, self._caught_flow_g_s)
+            self.endpoints["scale"] = await self._serve_modbus(
+                "scale", self.scale, self._edge("scale"), self._address("scale"))
+
+    def _caught_flow_g_s(self, time_s: FloatArray) -> FloatArray:
+        """What leaves the nozzle with the beam off, which falls onto the scale: (n,) [g/s]."""
+        flow = np.zeros_like(time_s)
+        for feeder in self.feeders.values():
+            for hopper in feeder.hoppers.values():
+                flow += hopper.process.nozzle_flow_g_s(time_s)
+        return np.where(self.motion.trace.sample(time_s).power_fraction > 0, 0.0, flow)
 
     def _address(self, name: str) -> Address:
         address = self.config.addresses[name]

@@ -14,6 +14,7 @@ from simulators.feeder.config import FeederConfig, HopperConfig
 from simulators.motion.config import MotionConfig
 from simulators.motion.settings import FirmwareSettings, SettingError
 from simulators.safety.config import SafetyConfig
+from simulators.scale.config import ScaleConfig, read_scale_config
 from simulators.table_reader import TableReader
 
 _DIALECTS = {"grbl": GRBL, "grblhal": GRBLHAL}
@@ -43,9 +44,9 @@ class Address:
 
 @dataclass(frozen=True)
 class BenchConfig:
-    """One motion controller, its feeders, and a safety-input device where there is one.
+    """One motion controller, its feeders, and a safety-input device and a scale where there are.
 
-    addresses : by "motion", "safety" and the feeders' names
+    addresses : by "motion", "safety", "scale" and the feeders' names
     """
 
     name: str
@@ -53,6 +54,7 @@ class BenchConfig:
     feeders: tuple[FeederConfig, ...]
     addresses: Mapping[str, Address]
     safety: SafetyConfig | None = None
+    scale: ScaleConfig | None = None
 
     @classmethod
     def parse(cls, text: str) -> BenchConfig:
@@ -81,6 +83,7 @@ def _bench(top: TableReader) -> BenchConfig:
     addresses: dict[str, Address] = {}
     motion = _motion(top.table("motion"), addresses)
     safety = _safety(top.table("safety", {}), addresses) if top.has_key("safety") else None
+    scale = _scale(top.table("scale", {}), addresses) if top.has_key("scale") else None
     feeders = []
     for table in top.tables("feeder"):
         feeders.append(_feeder(table, addresses))
@@ -88,7 +91,7 @@ def _bench(top: TableReader) -> BenchConfig:
     ports = [address.port for address in addresses.values() if address.port]
     for port in sorted({port for port in ports if ports.count(port) > 1}):
         top.report_mistake("", f"two devices answer at port {port}")
-    return BenchConfig(name, motion, tuple(feeders), addresses, safety)
+    return BenchConfig(name, motion, tuple(feeders), addresses, safety, scale)
 
 
 def _motion(table: TableReader, addresses: dict[str, Address]) -> MotionConfig:
@@ -138,6 +141,13 @@ def _safety(table: TableReader, addresses: dict[str, Address]) -> SafetyConfig:
         table.report_mistake("laser_enable", "needs watchdog_relay = true: it drops with the relay")
     table.report_unknown_keys()
     return safety
+
+
+def _scale(table: TableReader, addresses: dict[str, Address]) -> ScaleConfig:
+    addresses["scale"] = _address(table, "modbus-tcp", "modbus-tcp://127.0.0.1:0")
+    scale = read_scale_config(table)
+    table.report_unknown_keys()
+    return scale
 
 
 def _feeder(table: TableReader, addresses: dict[str, Address]) -> FeederConfig:

@@ -14,6 +14,7 @@ from typing import Annotated, Literal, get_args
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from lmctl.config import toml_file
+from lmctl.config.measuring import CalibrationSettings, FeederCorrectionSettings, ScaleSettings
 from lmctl.config.modbus_device import ModbusDevice
 from lmctl.config.quantities import Coordinate, Length, Name, Vector
 from lmctl.config.toml_file import ConfigModel
@@ -112,6 +113,7 @@ class FeederSettings(ModbusDevice):
     mixer_pressure_max_mbar : more than this for a second is a clog, and holds a run; None: only the
         feeder's own alarm reports a clog. The usual pressure depends on hose, nozzle and gas, so no
         default would both spare a sound cell and detect a clog
+    correction : of its hoppers' slopes during a run; None: deviations are only told
     """
 
     name: PlainName
@@ -120,6 +122,7 @@ class FeederSettings(ModbusDevice):
     stabilise_s: Annotated[float, Field(ge=0, le=600)] = 8.0
     gas_postflow_s: GasTime = 10.0
     mixer_pressure_max_mbar: Pressure | None = None
+    correction: FeederCorrectionSettings | None = None
 
     @model_validator(mode="after")
     def _answers_within_its_cycle(self) -> FeederSettings:
@@ -135,6 +138,10 @@ class HopperSettings(ConfigModel):
     channel : the hopper's number on its feeder, from 1
     dead_time_s, lag_s : θ and τ from set-point to nozzle (docs/explanation/powder-delivery.md,
     Transport delay and lag)
+    slope, offset_g_min : what it really feeds is offset + slope · set-point; of a feeder that is
+        calibrated itself 1 and 0
+    powder_lot : of the powder in it
+    catch_efficiency : measured for its powder; None: the part file's
     """
 
     name: PlainName
@@ -146,6 +153,10 @@ class HopperSettings(ConfigModel):
     min_flow_g_min: Flow = 0.0
     max_flow_g_min: Flow
     carrier_L_min: Annotated[float, Field(gt=0, le=100)] = 4.0
+    slope: Annotated[float, Field(ge=0.1, le=10)] = 1.0
+    offset_g_min: Annotated[float, Field(ge=-20, le=20)] = 0.0
+    powder_lot: PlainName | None = None
+    catch_efficiency: Annotated[float, Field(gt=0, le=1)] | None = None
 
 
 SafetyInput = Literal[
@@ -213,6 +224,8 @@ class MachineProfile(ConfigModel):
     feeder: Annotated[tuple[FeederSettings, ...], Field(min_length=1)]
     hopper: Annotated[tuple[HopperSettings, ...], Field(min_length=1)]
     safety: SafetySettings | None = None
+    scale: ScaleSettings | None = None
+    calibration: CalibrationSettings | None = None
 
     @model_validator(mode="after")
     def _consistent(self) -> MachineProfile:
@@ -248,8 +261,8 @@ class MachineProfile(ConfigModel):
         return self
 
     def planning_digest(self) -> str:
-        """SHA-256 of what planning uses: not endpoints and safety, and not θ and τ, which a run
-        may relearn.
+        """SHA-256 of what planning uses: not endpoints and safety, and not θ, τ, slope and offset,
+        which a run may relearn. A measured catch efficiency is in it where there is one.
 
         A job planned for a profile runs on any profile of equal digest.
         """
@@ -259,12 +272,16 @@ class MachineProfile(ConfigModel):
                 "motion": {"endpoint", "baud", "status_period_s"},
                 "feeder": {"__all__": {
                     *ModbusDevice.model_fields, "watchdog_s", "gas_preflow_s", "stabilise_s",
-                    "gas_postflow_s", "mixer_pressure_max_mbar",
+                    "gas_postflow_s", "mixer_pressure_max_mbar", "correction",
                 }},
-                "hopper": {"__all__": {"dead_time_s", "lag_s"}},
-                "safety": True,
+                "hopper": {"__all__": {"dead_time_s", "lag_s", "slope", "offset_g_min",
+                                       "powder_lot"}},
+                "safety": True, "scale": True, "calibration": True,
             },
         )
+        for hopper in used["hopper"]:
+            if hopper["catch_efficiency"] is None:
+                del hopper["catch_efficiency"]
         return hashlib.sha256(json.dumps(used, sort_keys=True).encode()).hexdigest()
 
 

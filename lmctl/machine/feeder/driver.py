@@ -110,6 +110,14 @@ class FeederDriver:
         """
         self._cycle.set_flows(flows_g_min)
 
+    def correct_slope(self, hopper: str, correction: float) -> None:
+        """From now on a hopper is taken to feed `correction` times its calibrated slope.
+
+        Set-points change accordingly, at once; flows as reported too. Raises KeyError for an
+        unknown hopper.
+        """
+        self._cycle.correct_slope(hopper, correction)
+
     def request_hopper_readings(self) -> None:
         """Read the hoppers with the next status, and not only with every fourth."""
         self._cycle.request_hopper_readings()

@@ -77,9 +77,11 @@ class FeederPolling:
         self._sequence = 0
         self._wanted = (0,) * len(hoppers)
         self._sent: tuple[int, ...] | None = None
-        self._former = PreviousFlows()
+        self._former = PreviousFlows([self._recipe.laws[h.name] for h in hoppers])
+        self._flows_g_min: Mapping[str, float] = {h.name: 0.0 for h in hoppers}
         self._readers = {
-            h.name: HopperReader(h, identity.feed_factor_g_rev[h.name], self._word_order)
+            h.name: HopperReader(h, identity.feed_factor_g_rev[h.name], self._word_order,
+                                 self._recipe.laws[h.name])
             for h in hoppers
         }
         self._readings: Mapping[str, HopperReading] = {}
@@ -99,9 +101,14 @@ class FeederPolling:
 
     def set_flows(self, flows_g_min: Mapping[str, float]) -> None:
         wanted = self._recipe.flow_counts(flows_g_min)
+        self._flows_g_min = dict(flows_g_min)
         if wanted != self._wanted:
             self._wanted = wanted
             self._end_sleep()
+
+    def correct_slope(self, hopper: str, correction: float) -> None:
+        self._recipe.laws[hopper].correction = correction
+        self.set_flows(self._flows_g_min)
 
     async def read_first_status(self) -> FeederStatus:
         """A status without heartbeat; recipes are then numbered on from the one that runs."""

@@ -15,6 +15,7 @@ from firmware_protocol.pmx import (
 )
 from firmware_protocol.registers import WordOrder
 from lmctl.config.machine import HopperSettings
+from lmctl.machine.feeder.flow_law import FlowLaw
 
 
 @dataclass(frozen=True)
@@ -24,7 +25,7 @@ class HopperReading:
     time_s : loop time of the reply; hoppers are read less often than the device itself
     setpoint_g_min : what the disc is asked to feed now, after the device's ramp
     previous_setpoints_g_min : earlier set-points, from which the disc may still be ramping
-    flow_estimated_g_min : disc speed times feed factor
+    flow_estimated_g_min : disc speed times feed factor, by the hopper's calibrated law
     flow_weighed_g_min : from the load cell
     """
 
@@ -46,12 +47,13 @@ _READ = 11
 class HopperReader:
     """Reads one hopper. address, count : of its input registers; mirrored : which of the mirror's.
 
-    feed_factor_g_rev : as stored in the device, to convert set-points to g/min
+    feed_factor_g_rev : as stored in the device, to convert disc speeds to set-points
+    law : from set-points to flows; None: that of the profile
     """
 
     def __init__(
         self, hopper: HopperSettings, feed_factor_g_rev: float,
-        word_order: WordOrder = WordOrder.ABCD
+        word_order: WordOrder = WordOrder.ABCD, law: FlowLaw | None = None,
     ) -> None:
         wanted = [
             name for name in hopper_input_names(hopper.channel)
@@ -64,6 +66,7 @@ class HopperReader:
         self.mirrored = slice(at, at + self.count)
         self._hopper = hopper
         self._factor = feed_factor_g_rev
+        self._law = law or FlowLaw(hopper)
 
     def decode_reading(
         self, words: Sequence[int], time_s: float, former_g_min: tuple[float, ...] = ()
@@ -74,11 +77,12 @@ class HopperReader:
         def value(name: str) -> Any:
             return values[hopper_register_name(self._hopper.channel, name)]
 
+        estimated = value("FLOW_EST")
         return HopperReading(
             time_s=time_s,
             flags=HopperStatusBits(value("STATUS")),
-            setpoint_g_min=(value("DISC_RAMPED") or 0.0) * self._factor,
-            flow_estimated_g_min=value("FLOW_EST"),
+            setpoint_g_min=self._law.flow_g_min((value("DISC_RAMPED") or 0.0) * self._factor),
+            flow_estimated_g_min=None if estimated is None else self._law.flow_g_min(estimated),
             flow_weighed_g_min=value("FLOW_LIW"),
             weight_g=value("WEIGHT"),
             level_percent=value("LEVEL"),

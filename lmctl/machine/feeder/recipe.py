@@ -18,8 +18,10 @@ from firmware_protocol.pmx import (
 )
 from firmware_protocol.registers import RegisterValue
 from lmctl.config.machine import FeederSettings, HopperSettings
+from lmctl.machine.feeder.flow_law import FlowLaw
 
 _COUNTS_PER_G_MIN = 100
+_MAX_COUNT = 65_534  # of a 16-bit register that may be "not available"
 
 #: Longest time a disc takes to reach a new set-point [s].
 _FOLLOWS_WITHIN_S = 1.0
@@ -29,10 +31,12 @@ class RecipeWriter:
     """Turns flows into the words of one write. address : of the first word.
 
     n_hoppers : what the device has, used or not; unused hoppers stand still
+    laws : by hopper name, between flows and the device's set-points
     """
 
     def __init__(self, feeder: FeederSettings, hoppers: Sequence[HopperSettings],
                  n_hoppers: int) -> None:
+        self.laws = {hopper.name: FlowLaw(hopper) for hopper in hoppers}
         table = register_map(n_hoppers)
         block = table.contiguous_block(recipe_register_names(n_hoppers))
         self.address = block.address
@@ -49,7 +53,8 @@ class RecipeWriter:
         ]
 
     def flow_counts(self, flows_g_min: Mapping[str, float]) -> tuple[int, ...]:
-        """Flows as the device resolves them, 0.01 g/min each, in the hoppers' order.
+        """Set-points for these flows as the device resolves them, 0.01 g/min each, in the hoppers'
+        order.
 
         Raises ValueError for a flow that is no number, out of range, or of an unknown hopper.
         """
@@ -64,7 +69,8 @@ class RecipeWriter:
                     f"hopper {hopper.name}: {flow_g_min} g/min is not within 0 to "
                     f"{hopper.max_flow_g_min:g}"
                 )
-            counts.append(count)
+            setpoint_g_min = self.laws[hopper.name].setpoint_g_min(flow_g_min)
+            counts.append(min(round(setpoint_g_min * _COUNTS_PER_G_MIN), _MAX_COUNT))
         return tuple(counts)
 
     def recipe_words(self, counts: Sequence[int], *, sequence: int, heartbeat: int) -> list[int]:
@@ -78,9 +84,13 @@ class RecipeWriter:
 
 
 class PreviousFlows:
-    """Earlier set-points, from which the hoppers' discs may still be ramping."""
+    """Earlier set-points, from which the hoppers' discs may still be ramping.
 
-    def __init__(self) -> None:
+    laws : in the hoppers' order
+    """
+
+    def __init__(self, laws: Sequence[FlowLaw]) -> None:
+        self._laws = tuple(laws)
         self._until: deque[tuple[float, tuple[int, ...]]] = deque()
 
     def record_replaced(self, counts: tuple[int, ...], t_s: float) -> None:
@@ -88,10 +98,11 @@ class PreviousFlows:
         self._until.append((t_s, counts))
 
     def recent_setpoints_g_min(self, hopper: int, t_s: float) -> tuple[float, ...]:
-        """Set-points commanded to a hopper, by its index, shortly before t_s."""
+        """Flows commanded of a hopper, by its index, shortly before t_s."""
         while self._until and self._until[0][0] < t_s - _FOLLOWS_WITHIN_S:
             self._until.popleft()
-        return tuple(counts[hopper] / _COUNTS_PER_G_MIN for _, counts in self._until)
+        return tuple(self._laws[hopper].flow_g_min(counts[hopper] / _COUNTS_PER_G_MIN)
+                     for _, counts in self._until)
 
 
 def settling_time_s(hoppers: Sequence[HopperSettings]) -> float:

@@ -1,0 +1,63 @@
+"""Catch scale and calibration of a cell, as a machine profile states them."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from lmctl.config.modbus_device import ModbusDevice
+from lmctl.config.quantities import FileName, Name
+from lmctl.config.toml_file import ConfigModel
+
+
+class ScaleSettings(ModbusDevice):
+    """The catch scale under the nozzle, see `ModbusDevice` too.
+
+    period_s : how often it is read during a test
+    weight_g : of the known weight that its lag is measured with
+    """
+
+    period_s: Annotated[float, Field(ge=0.05, le=2)] = 0.2
+    weight_g: Annotated[float, Field(gt=0, le=100_000)] = 100.0
+
+
+class CalibrationSettings(ConfigModel):
+    """Where the cell's calibration is kept, and how old or foreign it may be.
+
+    file : beside the profile
+    warn_after_days, refuse_after_days : age of a measurement from which it is warned of, and from
+        which nothing is planned or run with it
+    other_conditions : what a measurement does that was made with other gas, powder lot, nozzle or
+        standoff than the profile states
+    nozzle, standoff_mm : those fitted now
+    """
+
+    file: FileName = "calibration.json"
+    warn_after_days: Annotated[float, Field(gt=0, le=10_000)] = 30.0
+    refuse_after_days: Annotated[float, Field(gt=0, le=10_000)] = 90.0
+    other_conditions: Literal["warn", "refuse"] = "warn"
+    nozzle: Name | None = None
+    standoff_mm: Annotated[float, Field(gt=0, le=200)] | None = None
+
+    @model_validator(mode="after")
+    def _warns_first(self) -> CalibrationSettings:
+        if self.warn_after_days > self.refuse_after_days:
+            raise ValueError("warn_after_days must be at most refuse_after_days, "
+                             f"{self.refuse_after_days:g}")
+        return self
+
+
+class FeederCorrectionSettings(ConfigModel):
+    """Correction of a feeder's slope during a run, by its hoppers' loss in weight.
+
+    window_s : over which loss in weight and commanded flow are compared
+    time_constant_windows : of the integrator; a deviation is taken back to 37 % after so many
+    max_share : most a set-point is changed by, as a share of it
+    least_level_percent : below this level of the hopper the weight is not relied on
+    """
+
+    window_s: Annotated[float, Field(ge=60, le=300)] = 120.0
+    time_constant_windows: Annotated[float, Field(ge=10, le=1000)] = 10.0
+    max_share: Annotated[float, Field(gt=0, le=0.1)] = 0.1
+    least_level_percent: Annotated[float, Field(ge=30, le=100)] = 30.0
