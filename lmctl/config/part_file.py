@@ -15,6 +15,7 @@ from lmctl.config.bodies import Body, referenced_bodies
 from lmctl.config.composition import Composition, measured_bodies
 from lmctl.config.quantities import Name, Pitch, Positive, ShareOfOne, Vector
 from lmctl.config.toml_file import ConfigModel
+from lmctl.config.traveller import TravellerSettings
 
 
 class MaterialSettings(ConfigModel):
@@ -87,6 +88,7 @@ class PartFile(ConfigModel):
         from the first
     composition : of the whole part; None where the bodies state their own
     placement : None centres the part on the platform, its lowest point at z = 0
+    traveller : what the job report prints of the part beside what the machine records
     """
 
     name: Name
@@ -98,6 +100,7 @@ class PartFile(ConfigModel):
     composition: Composition | None = None
     placement: PlacementSettings | None = None
     process: ProcessSettings = ProcessSettings()
+    traveller: TravellerSettings = TravellerSettings()
 
     def root_body_indices(self) -> tuple[int, ...]:
         """Numbers of the bodies the part is made of: those no other and no feature names."""

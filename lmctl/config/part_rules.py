@@ -16,6 +16,7 @@ from lmctl.config import materials, toml_file
 from lmctl.config.composition_rules import composition_findings
 from lmctl.config.file_kind import FileKind, refuse_other_kind
 from lmctl.config.part_file import PartFile
+from lmctl.config.traveller import unknown_powders
 from lmctl.config.tree_rules import body_tree_findings
 from lmctl.errors import ConfigError, Finding
 
@@ -60,6 +61,7 @@ def cross_key_findings(data: dict[str, Any]) -> list[Finding]:
     tables = [item for item in _list(data.get("material")) if isinstance(item, dict)]
     names = [item["name"] for item in tables if isinstance(item.get("name"), str)]
     findings = list(_material_findings(tables))
+    findings += _traveller_findings(data.get("traveller"), names)
     findings += body_tree_findings(data, several_materials=len(names) > 1)
     bodies = _list(data.get("body"))
     known = {b["name"] for b in bodies if isinstance(b, dict) and isinstance(b.get("name"), str)}
@@ -88,6 +90,14 @@ def _material_findings(tables: list[dict[str, Any]]) -> Iterator[Finding]:
                 f"is missing, and the library has no material {name!r}"
                 + (f" ({guess})" if guess else ""),
             )
+
+
+def _traveller_findings(data: Any, names: list[str]) -> Iterator[Finding]:
+    powder = data.get("powder") if isinstance(data, dict) else None
+    for name in unknown_powders(powder if isinstance(powder, dict) else {}, names):
+        guess = materials.suggest_name(name, names)
+        yield Finding(f"traveller.powder.{name}",
+                      "is no material of the part" + (f" ({guess})" if guess else ""))
 
 
 def _list(value: Any) -> list[Any]:

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from lmctl.job.schema import JobHopper as JobHopper
     from lmctl.job.schema import JobLayer as JobLayer
     from lmctl.job.schema import JobManifest as JobManifest
+    from lmctl.job.schema import LayerMixture as LayerMixture
     from lmctl.job.schema import LineKind as LineKind
     from lmctl.job.schema import line_dtype as line_dtype
     from lmctl.job.writer import JobWriter as JobWriter
@@ -25,6 +26,7 @@ _HOMES = {
     "JobManifest": "lmctl.job.schema",
     "JobReader": "lmctl.job.reader",
     "JobWriter": "lmctl.job.writer",
+    "LayerMixture": "lmctl.job.schema",
     "LineKind": "lmctl.job.schema",
     "PackedLayer": "lmctl.job.packed_layer",
     "line_dtype": "lmctl.job.schema",

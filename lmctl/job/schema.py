@@ -103,6 +103,21 @@ class JobHopper:
 
 
 @dataclass(frozen=True)
+class LayerMixture:
+    """What the beads of one layer are made of: volume fractions in the materials' order, each the
+    mean over the length of bead.
+
+    layer : index; designed : as the part file has it along the beads; planned : as the program has
+    it; predicted : as the nozzle is predicted to deposit it
+    """
+
+    layer: int
+    designed: tuple[float, ...]
+    planned: tuple[float, ...]
+    predicted: tuple[float, ...]
+
+
+@dataclass(frozen=True)
 class JobManifest:
     """Everything about a job that is not a layer.
 
@@ -116,6 +131,7 @@ class JobManifest:
         looking; no machine takes such a job
     part_offset_mm : program coordinates of the part's own origin
     sources : {file name: sha256} of the data files the part was made from
+    mixtures : of every layer that has beads, in order; empty in jobs of earlier versions
     """
 
     part_name: str
@@ -135,4 +151,5 @@ class JobManifest:
     verdict: tuple[dict[str, str], ...]
     part_offset_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
     excerpt: tuple[int, int] | None = None
+    mixtures: tuple[LayerMixture, ...] = ()
     layers: tuple[LayerEntry, ...] = field(default=())

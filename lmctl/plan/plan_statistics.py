@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.array_types import FloatArray
-from lmctl.job.schema import LineKind
+from lmctl.job.schema import LayerMixture, LineKind
 from lmctl.plan.geometry import LayerGeometry
 from lmctl.plan.recipe import Recipe
 from lmctl.plan.sequence.beads import Beads
@@ -49,6 +49,7 @@ class PlanStatistics:
     unplanned_mm: float = 0.0
     unfollowed_mm: float = 0.0
     worst_mixture: float = 0.0
+    mixtures: list[LayerMixture] = field(default_factory=list)
     fed_g: FloatArray = field(default_factory=lambda: np.zeros(0))
     wasted_g: FloatArray = field(default_factory=lambda: np.zeros(0))
     peak_flow_g_s: FloatArray = field(default_factory=lambda: np.zeros(0))
@@ -104,9 +105,12 @@ class PlanStatistics:
         self.wasted_g += fed[~bead].sum(axis=0)
         self.peak_flow_g_s = np.maximum(self.peak_flow_g_s, flow.g_s.max(axis=0))
 
-    def add_mixture(self, along: MixturePrediction) -> None:
-        """What one layer is predicted to be deposited of."""
+    def add_mixture(self, layer: int, along: MixturePrediction) -> None:
+        """What layer `layer` of the job is predicted to be deposited of."""
         length_mm = along.length_mm
+        self.mixtures.append(LayerMixture(layer, *(
+            tuple(np.average(fractions, axis=0, weights=length_mm).round(4).tolist())
+            for fractions in (along.designed, along.planned, along.predicted))))
         self.asked_mm += float(length_mm.sum())
         self.correct_mixture_mm += float(length_mm[~_differ(along.predicted, along.designed)].sum())
         self.worst_mixture = max(

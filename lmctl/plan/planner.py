@@ -198,6 +198,7 @@ class _Planning:
             verdict=tuple(findings),
             part_offset_mm=(float(x), float(y), float(z)),
             excerpt=excerpt,
+            mixtures=tuple(statistics.mixtures),
         )
 
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import csv
 import io
 
+from lmctl.report.layer_record import LayerRecord
 from lmctl.report.log_layout import format_number
-from lmctl.report.part_record import LayerRecord, PartRecord
+from lmctl.report.part_record import PartRecord
 
 _FIGURES = (("path_mm", 3), ("beam_s", 3), ("energy_J", 1), ("duration_s", 3))
 _KINDS = ("planned", "reported", "inferred", "unreported")

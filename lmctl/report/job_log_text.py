@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+from lmctl.report.layer_record import DEVIATION_TOLERANCE, deviating_figures
 from lmctl.report.log_layout import (
     LINE_WIDTH,
     NO_VALUE,
@@ -14,7 +15,7 @@ from lmctl.report.log_layout import (
     time_of,
     wrapped,
 )
-from lmctl.report.part_record import DEVIATION_TOLERANCE, PartRecord, deviating_figures
+from lmctl.report.part_record import PartRecord
 from lmctl.report.run_record import RunRecord
 from lmctl.run.journal.figures import ExecutionFigures
 from lmctl.run.journal.format import JournalVerification

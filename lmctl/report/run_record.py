@@ -6,13 +6,16 @@ name of what they are: planned, reported, inferred, weighed.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from lmctl.report.alarm_history import AlarmEntry, AlarmGatherer
 from lmctl.report.events import LoggedEvent, event_of
+from lmctl.report.interruptions import FirstEntry, Interruption, InterruptionGatherer
 from lmctl.run.journal.figures import NO_FIGURES, ExecutionFigures
-from lmctl.run.journal.format import JournalVerification, read_records, verify_journal
+from lmctl.run.journal.format import JournalVerification, read_and_verify, read_records
 from lmctl.run.journal.notes import NOTES_FILE_NAME, verify_notes
 from lmctl.run.journal.writer import is_owned
 
@@ -74,6 +77,8 @@ class RunRecord:
     purged_g : {hopper: powder fed into no layer}
     last_t_s : machine time of the last record; last_sent_line : last line of the paths sent,
         -1 for none
+    alarms, interruptions : in order; first_entry : how the run entered the part
+    refilled_g : {hopper: powder filled in, as the operator stated it}
     is_running : a living process writes the journal
     notes_verification : of the notes beside the journal, None where there are none
     """
@@ -89,6 +94,10 @@ class RunRecord:
     seal: dict[str, Any]
     last_t_s: float
     last_sent_line: int
+    alarms: tuple[AlarmEntry, ...]
+    interruptions: tuple[Interruption, ...]
+    first_entry: FirstEntry
+    refilled_g: dict[str, float]
     is_running: bool
     verification: JournalVerification
     notes_verification: JournalVerification | None
@@ -109,26 +118,35 @@ class RunRecord:
         return str(self.header.get("continues", ""))
 
 
-def read_run(journal: Path) -> RunRecord:
+def read_run(
+    journal: Path, observe: Callable[[dict[str, Any]], None] | None = None
+) -> RunRecord:
     """Gather one journal in one pass; samples are not kept.
 
+    observe : is handed every record on the way, in order
     Raises JournalError where the file is missing or is no journal; KeyError, TypeError, ValueError
     or AttributeError where a record is not what lmctl writes.
     """
-    verification = verify_journal(journal)
     gathered = _Gathered()
-    for record in read_records(journal):
+
+    def take(record: dict[str, Any]) -> None:
         gathered.take(record)
+        if observe is not None:
+            observe(record)
+
+    verification = read_and_verify(journal, take)
     beside = journal.parent / NOTES_FILE_NAME
     for record in read_records(beside) if beside.exists() else ():
         if record["kind"] == "unreported":
             gathered.take_unreported(record)
     local = gathered.header.get("local", {})
+    run = str(local.get("run") or journal.parent.name)
     return RunRecord(
-        str(local.get("run") or journal.parent.name), journal, gathered.header, gathered.machine,
+        run, journal, gathered.header, gathered.machine,
         gathered.planned, gathered.accounts(), gathered.purged_g, tuple(gathered.events),
-        gathered.end, gathered.last_t_s, gathered.sent_line, is_owned(journal), verification,
-        verify_notes(journal),
+        gathered.end, gathered.last_t_s, gathered.sent_line, gathered.alarms.entries(run),
+        gathered.interruptions.entries(run), gathered.interruptions.first_entry,
+        gathered.refilled_g, is_owned(journal), verification, verify_notes(journal),
     )
 
 
@@ -144,6 +162,9 @@ class _Gathered:
         self.end: dict[str, Any] = {}
         self.last_t_s = 0.0
         self.sent_line = -1
+        self.alarms = AlarmGatherer()
+        self.interruptions = InterruptionGatherer()
+        self.refilled_g: dict[str, float] = {}
         self._opened: dict[int, LayerAccount] = {}
         self._open: dict[int, dict[str, Any]] = {}  # as the last samples carried them
         self._closed: list[LayerAccount] = []
@@ -153,6 +174,8 @@ class _Gathered:
         self.last_t_s = float(record["t"])
         if (event := event_of(record)) is not None:
             self.events.append(event)
+        self.alarms.take(record)
+        self.interruptions.take(record)
         match record["kind"]:
             case "header":
                 self.header = record
@@ -175,6 +198,9 @@ class _Gathered:
             case "purge":
                 for name, grams in record["fed_g"].items():
                     self.purged_g[name] = self.purged_g.get(name, 0.0) + float(grams)
+            case "refill":
+                name, grams = str(record["hopper"]), float(record["mass_g"])
+                self.refilled_g[name] = self.refilled_g.get(name, 0.0) + grams
             case "seal":
                 self.end = record
 

@@ -106,6 +106,20 @@ def test_totals_are_sums_of_what_is_in_the_job(planned):
     assert list(totals["powder_g"].values()) == pytest.approx(grams, rel=1e-4)
 
 
+def test_each_layer_states_its_mixture_as_designed_planned_and_predicted(planned):
+    manifest, layers, _ = planned
+    assert [one.layer for one in manifest.mixtures] == [0, 1]
+    for one, layer in zip(manifest.mixtures, layers, strict=True):
+        lines, bead = layer.lines, layer.lines["kind"] == LineKind.BEAD
+        way = np.hypot(*(np.diff(lines[axis], prepend=lines[axis][0]) for axis in ("x_mm", "y_mm")))
+        middle = (lines["fractions"][1:] + lines["fractions"][:-1])[bead[1:]] / 2
+        mean = np.average(middle, axis=0, weights=way[bead])
+        assert one.planned == pytest.approx(mean, abs=2e-3)
+        assert one.designed == pytest.approx(one.planned, abs=0.01)
+        assert one.predicted == pytest.approx(one.planned, abs=0.01)
+        assert sum(one.designed) == pytest.approx(1.0, abs=1e-3)
+
+
 def test_the_powder_that_is_caught_is_the_volume_of_the_part(planned, materials):
     manifest, _, _ = planned
     caught = manifest.totals["powder_in_part_g"]

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from lmctl.errors import JournalError, MissingFileError
 from lmctl.run.journal.format import (
     UnsupportedFormatError,
+    read_and_verify,
     read_records,
     run_fingerprint,
     verify_journal,
@@ -131,6 +132,41 @@ def test_damage_to_a_large_journal_is_found(tmp_path, data):
     altered = sound[:at] + instead + sound[at + length:]
     path.write_bytes(altered)
     assert unharmed(path) == (altered == sound)
+
+
+@settings(max_examples=100, deadline=None,
+          suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_one_pass_reads_and_finds_what_two_passes_do(tmp_path, data):
+    path = tmp_path / "journal.jsonl"
+    path.unlink(missing_ok=True)
+    write(path, seal=data.draw(st.booleans()))
+    content = bytearray(path.read_bytes())
+    at = data.draw(st.integers(0, len(content) - 1))
+    match data.draw(st.sampled_from(["change", "remove", "cut", "leave"])):
+        case "change":
+            content[at] = data.draw(st.integers(0, 255))
+        case "remove":
+            del content[at]
+        case "cut":
+            del content[at:]
+    path.write_bytes(content)
+
+    def outcome(act):
+        try:
+            return act()
+        except JournalError as error:
+            return type(error), error.what, error.where
+
+    def two_passes():
+        return list(read_records(path)), verify_journal(path)
+
+    def one_pass():
+        records = []
+        found = read_and_verify(path, records.append)
+        return records, found
+
+    assert outcome(one_pass) == outcome(two_passes)
 
 
 def test_records_exchanged_or_left_out_are_found(tmp_path):

@@ -111,7 +111,7 @@ class LayerSequencer:
         flow = self._flow(moves, beads, end_s)
         self.statistics.add_program(moves, durations, state.time_s, end_s, flow)
         if beads is not None:
-            self.statistics.add_mixture(predict_mixture(
+            self.statistics.add_mixture(index, predict_mixture(
                 tracks, moves, state.at_mm, state.time_s, end_s, flow, self._hoses, self._recipe))
         layer = LayerLines(
             index=index, z_mm=placement.nozzle_height_mm(number), first_line=state.line,

@@ -136,6 +136,12 @@ class Cell:
                 for hopper in self.hoppers if hopper.feeder == feeder.name
             })
 
+    @property
+    def shield_gas_L_min(self) -> float | None:
+        """As the safety device last reported it; None where it has none, or measures none."""
+        status = None if self.safety is None else self.safety.status
+        return None if status is None else status.shield_gas_L_min
+
     def hopper_readings(self) -> tuple[HopperReading | None, ...]:
         """The last reading of each hopper, in the hoppers' order; None before the first."""
         return tuple([self.hopper_reading(name) for name in self._feeder_of])

@@ -260,6 +260,8 @@ class Deposition:
             self.lines_executed, position_mm, report.feed_mm_min, report.spindle_speed,
             self._feed.flows_g_min,
             tuple([None if one is None else one.flow_estimated_g_min for one in readings]),
+            tuple([None if one is None else one.carrier_L_min for one in readings]),
+            self._cell.shield_gas_L_min,
         )
 
     def _compare_with_program(

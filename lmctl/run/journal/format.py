@@ -16,7 +16,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -106,16 +106,33 @@ def verify_journal(path: Path) -> JournalVerification:
             break
         if seq == 0:
             _check_version(path, _parse(line))
-        if sealed:
-            reason = "there is a line after the seal"
-        else:
-            reason, sealed = _check_line(line, prev, seq)
+        reason, sealed = _check_line(line, _parse(line), prev, seq, sealed=sealed)
         if reason:
             return JournalVerification(False, seq + 1, reason, seq, 0)
         prev, seq = line_hash(line), seq + 1
-    if dropped:
-        return JournalVerification(False, None, "its last line was half written", seq, dropped)
-    return JournalVerification(sealed, None, "" if sealed else "it has no seal", seq, 0)
+    return _unbroken(sealed, seq, dropped)
+
+
+def read_and_verify(path: Path, take: Callable[[dict[str, Any]], None]) -> JournalVerification:
+    """Hand every record of a journal to `take`, in order, and check chain and seal on the way.
+
+    What `read_records` and `verify_journal` do, in one pass: large journals are read once. Records
+    behind a broken line are handed over too. Raises what both of them raise.
+    """
+    prev, seq, sealed, dropped = FIRST_PREVIOUS_HASH, 0, False, 0
+    broken: JournalVerification | None = None
+    for number, (line, finished) in enumerate(_lines(path), start=1):
+        if not finished:
+            dropped = len(line)
+            break
+        record = _record(path, number, line)
+        if broken is None:
+            reason, sealed = _check_line(line, record, prev, seq, sealed=sealed)
+            if reason:
+                broken = JournalVerification(False, number, reason, seq, 0)
+            prev, seq = line_hash(line), seq + 1
+        take(record)
+    return broken or _unbroken(sealed, seq, dropped)
 
 
 def read_records(path: Path) -> Iterator[dict[str, Any]]:
@@ -128,12 +145,7 @@ def read_records(path: Path) -> Iterator[dict[str, Any]]:
     for number, (line, finished) in enumerate(_lines(path), start=1):
         if not finished:
             return
-        record = _parse(line)
-        if number == 1:
-            _check_version(path, record)
-        if record is None or (number == 1 and record.get("format") != FORMAT_NAME):
-            raise JournalError(f"{path} is not a run journal", where=f"line {number}")
-        yield record
+        yield _record(path, number, line)
 
 
 def line_hashes(path: Path) -> Iterator[tuple[int, str]]:
@@ -189,11 +201,33 @@ def _check_version(path: Path, header: dict[str, Any] | None) -> None:
         raise UnsupportedFormatError(path, int(stated[1]), (header or {}).get("software"))
 
 
-def _check_line(line: bytes, prev: str, seq: int) -> tuple[str, bool]:
-    """Why this line cannot be the one after `prev` ("" if it can), and whether it is a seal."""
+def _record(path: Path, number: int, line: bytes) -> dict[str, Any]:
+    """The record in a line. Raises JournalError where it holds none, or is no journal's first."""
+    record = _parse(line)
+    if number == 1:
+        _check_version(path, record)
+    if record is None or (number == 1 and record.get("format") != FORMAT_NAME):
+        raise JournalError(f"{path} is not a run journal", where=f"line {number}")
+    return record
+
+
+def _unbroken(sealed: bool, records: int, dropped: int) -> JournalVerification:
+    if dropped:
+        return JournalVerification(False, None, "its last line was half written", records, dropped)
+    return JournalVerification(sealed, None, "" if sealed else "it has no seal", records, 0)
+
+
+def _check_line(
+    line: bytes, record: dict[str, Any] | None, prev: str, seq: int, *, sealed: bool
+) -> tuple[str, bool]:
+    """Why this line cannot be the one after `prev` ("" if it can), and whether it is a seal.
+
+    record : what the line holds; sealed : the line before it is a seal
+    """
+    if sealed:
+        return ("there is a line after the seal", True)
     if not line.startswith(b'{"prev":"' + prev.encode("ascii") + b'",'):
         return ("it does not carry the hash of the line before it", False)
-    record = _parse(line)
     if record is None:
         return ("it is not a record", False)
     if record.get("seq") != seq:

@@ -90,8 +90,10 @@ def verify_notes(journal: Path) -> JournalVerification | None:
     found = verify_journal(path)
     if not found.intact:
         return found
+    noted_at = {record["journal"]["records"] for record in read_records(path)
+                if record.get("journal")}
     try:
-        hashes = dict(line_hashes(journal))
+        hashes = {number: hash_ for number, hash_ in line_hashes(journal) if number in noted_at}
     except JournalError as error:
         return JournalVerification(False, 1, error.what, 0, 0)
     for record in read_records(path):

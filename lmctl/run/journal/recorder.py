@@ -22,8 +22,9 @@ override  a feed override requested, or reported by the controller [%]
 operator  an act that came by the control socket: from whom, and why it was refused if it was
 unreported  what the run that is continued executed after its last report, in one layer: inferred
           from the place in which the machine was found
-samples   columns of equal length, one value a status report; and how the accounts of the layers
-          under way stand, so that a killed host loses half a second of them
+samples   columns of equal length, one value a status report: place, feed, beam word, flows and gas;
+          and how the accounts of the layers under way stand, so that a killed host loses half a
+          second of them
 refill    a hopper was refilled: material, lot, mass as the operator states and as weighed [g]
 purge     powder fed over the purge position or in a hold, before motion resumes [g]
 layer_opened  lines of a layer are about to be sent for the first time in this run: what is
@@ -228,7 +229,8 @@ class RunRecorder:
     def record_sample(
         self, line: int, position_mm: tuple[float, ...], feed_mm_min: float | None,
         s_word: float | None, set_g_min: tuple[float, ...],
-        measured_g_min: tuple[float | None, ...],
+        measured_g_min: tuple[float | None, ...], carrier_L_min: tuple[float | None, ...],
+        shield_gas_L_min: float | None,
     ) -> None:
         """One status report; written together with others after a while."""
         self.latest = LatestReport(position_mm, feed_mm_min, s_word, set_g_min, measured_g_min)
@@ -237,7 +239,7 @@ class RunRecorder:
             self._batch_due_s = now_s + SAMPLE_BATCH_S
         self._samples.append((
             round(now_s, 6), line, *(round(axis, 3) for axis in position_mm[:3]), feed_mm_min,
-            s_word, *set_g_min, *measured_g_min,
+            s_word, *set_g_min, *measured_g_min, *carrier_L_min, shield_gas_L_min,
         ))
         if now_s >= self._batch_due_s:
             self.write_samples()
@@ -248,14 +250,16 @@ class RunRecorder:
             columns = [list(column) for column in zip(*self._samples, strict=True)]
             self._samples.clear()
             n = len(self._hoppers)
-            flows = columns[len(_COLUMNS):]
+            *flows, shield = columns[len(_COLUMNS):]
             self._append(
                 "samples", **{
                     "at" if name == "t" else name: column
                     for name, column in zip(_COLUMNS, columns, strict=False)
                 },
                 set_g_min=dict(zip(self._hoppers, flows[:n], strict=True)),
-                flow_g_min=dict(zip(self._hoppers, flows[n:], strict=True)),
+                flow_g_min=dict(zip(self._hoppers, flows[n:2 * n], strict=True)),
+                carrier_L_min=dict(zip(self._hoppers, flows[2 * n:], strict=True)),
+                **({"shield_gas_L_min": shield} if any(one is not None for one in shield) else {}),
                 layers=self.layer_so_far(),
             )
         self._flush()

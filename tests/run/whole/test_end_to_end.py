@@ -71,10 +71,12 @@ def test_the_journal_tells_what_was_run_and_how_it_ended(run, profile, square_jo
     samples = one.records("samples")
     columns = ("at", "line", "x_mm", "y_mm", "z_mm", "feed_mm_min", "s_word")
     for batch in samples:
-        flows = [*batch["set_g_min"].values(), *batch["flow_g_min"].values()]
+        flows = [*batch["set_g_min"].values(), *batch["flow_g_min"].values(),
+                 *batch["carrier_L_min"].values()]
         assert {len(batch[c]) for c in columns} == {len(flow) for flow in flows} == {
             len(batch["at"])
         }
+    assert min(samples[len(samples) // 2]["carrier_L_min"]["A"]) > 1.0
     at = [t for batch in samples for t in batch["at"]]
     assert at == sorted(at)
     assert max(np.diff(at)) < profile.motion.status_period_s + 0.01
