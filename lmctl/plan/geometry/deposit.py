@@ -10,10 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from lmctl.array_types import FloatArray
-from lmctl.field.kernel import kernel
+from lmctl.field.kernel import inner_kernel, kernel
 from lmctl.plan.geometry.section_raster import SectionRaster
 
 #: Side of the squares over which deposit and slice are compared, in beads.
@@ -66,25 +65,24 @@ def deposit_on(
     """The deposit of tracks given as flat arrays, as `LayerGeometry` has them."""
     node = raster.grid.pitch_mm
     part = np.clip(raster.depth_mm / np.float32(node) + np.float32(0.5), 0, 1)
-    height = np.zeros(raster.grid.shape, np.float32)
+    filled = np.empty(raster.grid.shape, np.float32)
     outside = _deposit_kernel(
         (points_mm - np.array(raster.grid.origin_mm)) / node, np.asarray(starts, np.int64),
-        strip_width_mm / node, raster.depth_mm, part, height)
-    side = max(3, round(_TILE_BEADS * bead_mm / node)) | 1
-    room = ndimage.uniform_filter(part, side, mode="constant")
-    volume = ndimage.uniform_filter(height, side, mode="constant")
-    filled = np.where(part > 0, volume / np.maximum(room, np.float32(1e-6)), np.float32(0))
-    return Deposit(part, filled.astype(np.float32), float(outside))
+        strip_width_mm / node, raster.depth_mm, part, round(_TILE_BEADS * bead_mm / node) // 2,
+        filled)
+    return Deposit(part, filled, float(outside))
 
 
 @kernel
 def _deposit_kernel(
     points: FloatArray, starts: NDArray[np.int64], strip: FloatArray, depth: NDArray[np.float32],
-    part: NDArray[np.float32], height: NDArray[np.float32],
+    part: NDArray[np.float32], half_tile: int, filled: NDArray[np.float32],
 ) -> float:
     """Strips in samples of a node along and half of one across, each shared by the cells around it
-    as far as these are inside; in node units. Returns what lies outside the outline."""
-    ny, nx = height.shape
+    as far as these are inside; in node units. Then `filled`, in tiles of 2 half_tile + 1 cells.
+    Returns what lies outside the outline."""
+    ny, nx = part.shape
+    height = np.zeros((ny, nx), np.float32)
     outside = 0.0
     for track in range(len(starts) - 1):
         for k in range(starts[track], starts[track + 1] - 1):
@@ -121,4 +119,35 @@ def _deposit_kernel(
                     height[j, i + 1] += amount * w01 / total
                     height[j + 1, i] += amount * w10 / total
                     height[j + 1, i + 1] += amount * w11 / total
+    room, volume = _tile_sums(part, half_tile), _tile_sums(height, half_tile)
+    for j in range(ny):
+        for i in range(nx):
+            filled[j, i] = volume[j, i] / max(room[j, i], 1e-4) if part[j, i] > 0 else 0.0
     return outside
+
+
+@inner_kernel
+def _tile_sums(values: NDArray[np.float32], half: int) -> NDArray[np.float32]:
+    """Sums over the square of 2 half + 1 nodes around each node, as far as there are nodes."""
+    ny, nx = values.shape
+    sums = np.empty((ny, nx), np.float32)
+    columns = np.zeros(nx)
+    for j in range(-half, ny):
+        if j + half < ny:
+            for i in range(nx):
+                columns[i] += values[j + half, i]
+        if j < 0:
+            continue
+        if j > half:
+            for i in range(nx):
+                columns[i] -= values[j - half - 1, i]
+        total = 0.0
+        for i in range(-half, nx):
+            if i + half < nx:
+                total += columns[i + half]
+            if i < 0:
+                continue
+            if i > half:
+                total -= columns[i - half - 1]
+            sums[j, i] = total
+    return sums

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from lmctl.array_types import FloatArray
 from lmctl.field.plane import loop_area_mm2
+from lmctl.plan.geometry.raster_pieces import connected_pieces
 from lmctl.plan.geometry.section_raster import SectionRaster
 
 
@@ -47,16 +47,12 @@ def islands_of(loops: Sequence[FloatArray], raster: SectionRaster) -> Islands:
             around = pieces_of.innermost_around(loop[0])
             if around >= 0:
                 area_mm2[around] += area
-    label = np.full(raster.grid.shape, -1, np.int32)
-    pieces, count = ndimage.label(raster.depth_mm > 0)
-    if count:
-        deepest = ndimage.maximum_position(raster.depth_mm, pieces, np.arange(1, count + 1))
-        owner = np.full(count + 1, -1, np.int32)
-        for number, (j, i) in enumerate(deepest, start=1):
-            place = np.array([raster.grid.x_mm[i], raster.grid.y_mm[j]])
-            owner[number] = pieces_of.innermost_around(place)
-        label = owner[pieces]
-    return Islands(area_mm2, outer, label)
+    pieces, deepest = connected_pieces(raster.depth_mm)
+    owner = np.full(len(deepest) + 1, -1, np.int32)  # the last is that of the nodes outside
+    for number, (j, i) in enumerate(zip(*np.divmod(deepest, raster.grid.shape[1]), strict=True)):
+        place = np.array([raster.grid.x_mm[i], raster.grid.y_mm[j]])
+        owner[number] = pieces_of.innermost_around(place)
+    return Islands(area_mm2, outer, owner[pieces])
 
 
 class _Outlines:

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from lmctl.array_types import FloatArray
 from lmctl.field.kernel import inner_kernel, kernel
@@ -84,15 +83,8 @@ def _smooth(field: LevelField, depth_mm: NDArray[np.float32], pitch_mm: float) -
 
     What is smoothed is how far levels and strips are from a plain pitch, inside only.
     """
+    _smooth_kernel(field.level, field.strip_mm, field.track_count, depth_mm, pitch_mm, _bell())
     inside = depth_mm > 0
-    weight = ndimage.gaussian_filter(inside.astype(np.float32), _SMOOTHING_NODES, truncate=2.5)
-    near = _near_a_step(field.track_count, inside)
-    for values, plain in ((field.level, depth_mm / np.float32(pitch_mm)),
-                          (field.strip_mm, np.float32(pitch_mm))):
-        change = np.where(inside, values - plain, np.float32(0))
-        smooth = ndimage.gaussian_filter(change, _SMOOTHING_NODES, truncate=2.5)
-        smooth /= np.maximum(weight, np.float32(1e-6))
-        np.copyto(values, plain + change + near * (smooth - change), where=inside)
     odd = inside & (field.track_count % 2 == 1)
     most = np.float32(0.5) * field.track_count - np.float32(_BELOW_CENTRELINE)
     np.copyto(field.level, np.minimum(field.level, most), where=odd)
@@ -100,15 +92,54 @@ def _smooth(field: LevelField, depth_mm: NDArray[np.float32], pitch_mm: float) -
     np.copyto(field.level, np.minimum(field.level, np.float32(_BELOW_CENTRELINE)), where=none)
 
 
-def _near_a_step(count: NDArray[np.int32], inside: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """1 where the number of tracks changes, falling to 0 within a few nodes; (ny, nx)."""
-    step = np.zeros(count.shape, np.float32)
-    step[1:] += (count[1:] != count[:-1]) & inside[1:] & inside[:-1]
-    step[:, 1:] += (count[:, 1:] != count[:, :-1]) & inside[:, 1:] & inside[:, :-1]
-    if not step.any():
-        return step
-    spread = ndimage.gaussian_filter(step, _SMOOTHING_NODES, truncate=2.5)
-    return np.asarray(np.minimum(spread * np.float32(3 * _SMOOTHING_NODES), 1))
+def _bell() -> FloatArray:
+    """Weights of the nodes around one, along a row or a column, (2 k + 1,); they add up to 1."""
+    far = round(2.5 * _SMOOTHING_NODES)
+    weight = np.exp(-np.arange(-far, far + 1) ** 2 / (2 * _SMOOTHING_NODES**2))
+    return np.asarray(weight / weight.sum())
+
+
+@kernel
+def _smooth_kernel(
+    level: NDArray[np.float32], strip: NDArray[np.float32], count: NDArray[np.int32],
+    depth: NDArray[np.float32], pitch: float, bell: FloatArray,
+) -> None:
+    """Steps spread a weight, 1 on them and falling to 0; with it nodes inside take on the mean of
+    those around."""
+    ny, nx = count.shape
+    far = len(bell) // 2
+    near = np.zeros((ny, nx), np.float32)
+    stepped = False
+    for j in range(ny):
+        for i in range(nx):
+            step = 0
+            if depth[j, i] > 0:
+                step += j > 0 and depth[j - 1, i] > 0 and count[j, i] != count[j - 1, i]
+                step += i > 0 and depth[j, i - 1] > 0 and count[j, i] != count[j, i - 1]
+            if step == 0:
+                continue
+            stepped = True
+            for v in range(max(j - far, 0), min(j + far + 1, ny)):
+                for u in range(max(i - far, 0), min(i + far + 1, nx)):
+                    near[v, u] += step * bell[v - j + far] * bell[u - i + far]
+    if not stepped:
+        return
+    before, strip_before = level.copy(), strip.copy()
+    for j in range(ny):
+        for i in range(nx):
+            if near[j, i] <= 0 or depth[j, i] <= 0:
+                continue
+            weight = change = strip_change = 0.0
+            for v in range(max(j - far, 0), min(j + far + 1, ny)):
+                for u in range(max(i - far, 0), min(i + far + 1, nx)):
+                    if depth[v, u] > 0:
+                        share = bell[v - j + far] * bell[u - i + far]
+                        weight += share
+                        change += share * (before[v, u] - depth[v, u] / pitch)
+                        strip_change += share * (strip_before[v, u] - pitch)
+            part = min(near[j, i] * 3 * _SMOOTHING_NODES, 1.0)
+            level[j, i] += part * (change / weight - (before[j, i] - depth[j, i] / pitch))
+            strip[j, i] += part * (strip_change / weight - (strip_before[j, i] - pitch))
 
 
 @kernel

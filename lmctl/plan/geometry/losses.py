@@ -10,8 +10,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
-from scipy.spatial import cKDTree
 
 from lmctl.array_types import FloatArray
 from lmctl.config.part_file import ProcessSettings
@@ -19,7 +17,9 @@ from lmctl.field.plane import loop_area_mm2
 from lmctl.plan.geometry.deposit import Deposit
 from lmctl.plan.geometry.islands import Islands
 from lmctl.plan.geometry.layer_geometry import LostFeature, LostKind
+from lmctl.plan.geometry.raster_pieces import connected_pieces, nodes_of_pieces
 from lmctl.plan.geometry.section_raster import SectionRaster
+from lmctl.plan.geometry.track_reach import reaches_missed
 from lmctl.plan.polyline import densified_polyline
 
 #: Smaller pieces are crumbs of the geometry, not features: a square of this part of a bead.
@@ -50,9 +50,8 @@ def lost_features(
         if area >= (_CRUMB_BEADS * bead) ** 2:
             found.append(_lost("island", islands.outer[number], area, process))
     if len(points_mm):
-        tree = cKDTree(points_mm)
         for loop in loops:
-            found += _uncovered_stretches(loop, tree, islands, has_tracks, raster, process)
+            found += _uncovered_stretches(loop, points_mm, raster, process)
     if deposit is not None:
         found += _empty_places(deposit, raster, process)
     return tuple(sorted(found, key=lambda lost: -lost.area_mm2))
@@ -66,23 +65,23 @@ def lost_slice_feature(loops: Sequence[FloatArray], islands: Islands,
 
 
 def _uncovered_stretches(
-    loop: FloatArray, tree: cKDTree, islands: Islands, has_tracks: NDArray[np.bool_],
-    raster: SectionRaster, process: ProcessSettings,
+    loop: FloatArray, points_mm: FloatArray, raster: SectionRaster, process: ProcessSettings
 ) -> list[LostFeature]:
     """Ribs of an outline that no track comes near."""
     bead = process.bead_width_mm
     fine = densified_polyline(loop, raster.grid.pitch_mm)[:-1]
-    gap, _ = tree.query(fine)
-    far = gap > _REACH_BEADS * bead
+    reach = np.array([_REACH_BEADS, _REACH_BEADS + _BEYOND_BEADS]) * bead
+    missed = reaches_missed(fine, points_mm, reach)
+    far = missed > 0
     if not far.any() or far.all():  # far from all tracks: an island of its own, or its hole
         return []
     first = int(np.flatnonzero(~far)[0])
-    fine, gap, far = (np.roll(values, -first, axis=0) for values in (fine, gap, far))
+    fine, missed, far = (np.roll(values, -first, axis=0) for values in (fine, missed, far))
     edges = np.flatnonzero(np.diff(np.concatenate([[0], far.astype(np.int8), [0]])))
     found = []
     for begin, end in zip(edges[::2], edges[1::2], strict=True):
         piece = fine[begin:end]
-        if gap[begin:end].max() < (_REACH_BEADS + _BEYOND_BEADS) * bead:
+        if missed[begin:end].max() < len(reach):
             continue
         area = abs(loop_area_mm2(np.vstack([piece, piece[:1]])))
         if area >= (_CRUMB_BEADS * bead) ** 2:
@@ -95,11 +94,11 @@ def _empty_places(
 ) -> list[LostFeature]:
     """Places among the tracks where less than half of a tile is filled."""
     deep = raster.depth_mm > process.bead_width_mm / 2
-    label, count = ndimage.label(deep & (deposit.filled_fraction_by_cell < _EMPTY))
+    empty = deep & (deposit.filled_fraction_by_cell < _EMPTY)
+    label, peaks = connected_pieces(empty.astype(np.float32))
     found = []
     cell = raster.grid.pitch_mm**2
-    for number in range(1, count + 1):
-        j, i = np.nonzero(label == number)
+    for j, i in nodes_of_pieces(label, len(peaks)):
         if len(j) * cell >= (process.bead_width_mm / 2) ** 2:
             places = np.stack([raster.grid.x_mm[i], raster.grid.y_mm[j]], axis=1)
             found.append(_lost("void", places, len(j) * cell, process))

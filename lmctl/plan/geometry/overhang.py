@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import ndimage
 
 from lmctl.array_types import FloatArray
 from lmctl.field.plane import plane_distance
 from lmctl.plan.geometry.islands import Islands
 from lmctl.plan.geometry.layer_geometry import OverhangPlace
+from lmctl.plan.geometry.raster_pieces import connected_pieces, nodes_of_pieces
 from lmctl.plan.geometry.section_raster import SectionRaster
 
 #: From this lean on, from the vertical, overhang is reported [degrees].
@@ -38,18 +38,17 @@ def overhang_places(
     supported = np.bincount(
         islands.label[inside & (beyond <= reach)].clip(0), minlength=len(islands)) > 0
     warned = np.float32(layer_height_mm * np.tan(np.radians(WARNED_OVERHANG_DEG)))
-    label, _ = ndimage.label(inside & (beyond > max(warned, _raster_error_mm(raster))))
+    least = max(warned, _raster_error_mm(raster))
+    label, peaks = connected_pieces(np.where(inside & (beyond > least), beyond, np.float32(0)))
     places = []
     cell = raster.grid.pitch_mm**2
-    for number, box in enumerate(ndimage.find_objects(label), start=1):
-        mine = label[box] == number
-        area = float(mine.sum()) * cell
+    for j, i in nodes_of_pieces(label, len(peaks)):
+        area = len(j) * cell
         if area < (_LEAST_BEADS * bead_mm) ** 2:
             continue
-        j, i = np.nonzero(mine)
-        x_mm, y_mm = raster.grid.x_mm[box[1]][i], raster.grid.y_mm[box[0]][j]
-        island = int(islands.label[box][mine].max())
-        lean = beyond[box][mine]
+        x_mm, y_mm = raster.grid.x_mm[i], raster.grid.y_mm[j]
+        island = int(islands.label[j, i].max())
+        lean = beyond[j, i]
         farthest = int(np.argmax(lean))
         steepest = float(lean[farthest])
         middle = float(x_mm.mean()), float(y_mm.mean())
