@@ -40,7 +40,7 @@ COMMANDS = {
 
 #: New objects after which Python looks for cycles. Libraries bring half a million that all stay, and
 #: looking through them every 700 takes a tenth of a short command's time.
-_OBJECTS_A_COLLECTION = 50_000
+_OBJECTS_A_COLLECTION = 200_000
 
 
 @click.command(

@@ -29,7 +29,8 @@ class ConfigModel(BaseModel):
     So is a value of another kind: neither "4" nor true is a number.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True,
+                              defer_build=True)
 
 
 M = TypeVar("M", bound=ConfigModel)

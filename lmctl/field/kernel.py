@@ -5,16 +5,29 @@ zero themselves.
 
 Half the compile time of a small function goes into its entry points for callers. C never calls
 these functions, and only kernels, not Python, call an `inner` function.
+
+The compiler loads the whole of scipy.linalg to see whether there is a BLAS, for convolutions alone.
+No kernel here has one, and that takes as long as planning a small part: here it sees none.
 """
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
+from importlib import import_module
 from typing import Any, TypeVar
 
 from numba import njit
 
 Function = TypeVar("Function", bound=Callable[..., Any])
+
+_BLAS = "scipy.linalg.cython_blas"
+if _BLAS not in sys.modules:
+    sys.modules[_BLAS] = None  # type: ignore[assignment]  # so Python says that it is not there
+    try:
+        import_module("numba.np.arraymath")  # which asks once, as it is loaded
+    finally:
+        del sys.modules[_BLAS]
 
 
 def kernel(function: Function) -> Function:
