@@ -38,8 +38,8 @@ COMMANDS = {
     "note": ("lmctl.cli.note", "Add a reason or a disposition to the log of a run."),
 }
 
-#: New objects after which Python looks for cycles. Libraries bring half a million that all stay, and
-#: looking through them every 700 takes a tenth of a short command's time.
+#: New objects after which Python looks for cycles. Libraries bring more that all stay, and looking
+#: through them every 700 takes a tenth of a short command's time.
 _OBJECTS_A_COLLECTION = 200_000
 
 

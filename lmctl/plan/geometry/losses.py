@@ -76,7 +76,8 @@ def _uncovered_stretches(
     if not far.any() or far.all():  # far from all tracks: an island of its own, or its hole
         return []
     first = int(np.flatnonzero(~far)[0])
-    fine, missed, far = (np.roll(values, -first, axis=0) for values in (fine, missed, far))
+    fine = np.roll(fine, -first, axis=0)
+    missed, far = np.roll(missed, -first), np.roll(far, -first)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], far.astype(np.int8), [0]])))
     found = []
     for begin, end in zip(edges[::2], edges[1::2], strict=True):
