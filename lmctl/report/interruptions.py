@@ -138,7 +138,7 @@ def joined_interruptions(runs: Iterable[tuple[str, tuple[Interruption, ...], Fir
 def _entry_fields(record: dict[str, Any]) -> dict[str, Any]:
     if not record:
         return {}
-    return {"entry_line": int(record["lit_line"]), "repeated_mm": float(record["repeated_mm"])}
+    return {"entry_line": int(record["beam_on_line"]), "repeated_mm": float(record["repeated_mm"])}
 
 
 def _seconds_between(began: str, ended: str) -> float | None:
