@@ -52,6 +52,10 @@ class ProcessSettings(ConfigModel):
     max_overhang_deg : steepest lean of a wall, from the vertical, over the layer below
     seam : where closed tracks begin: at a place that turns from layer to layer, at one that stays,
         or nearest to a point (x, y) [mm]
+    material_seam : where the material jumps, tracks end on the jump itself, or half a pitch beyond
+        it, to one side in one layer and to the other in the next, so that the two interlock
+    strategy : how tracks are laid out: along the outline, along iso-contours of the 3D distance, or
+        along lines of equal mixture
     """
 
     bead_width_mm: Annotated[float, Field(ge=0.05, le=100)] = 2.0
@@ -62,7 +66,7 @@ class ProcessSettings(ConfigModel):
     power_W: Positive = 1500.0
     fraction_step: Annotated[float, Field(ge=0.001, le=0.5)] = 0.02
     lead_in_mm: Annotated[float, Field(ge=0, le=20)] = 1.0
-    strategy: Literal["in-plane", "iso-3d"] = "in-plane"
+    strategy: Literal["offset", "iso-3d", "iso-composition"] = "offset"
     powder: Literal["lead", "dwell", "none"] = "lead"
     dwell_s: Annotated[float, Field(ge=0, le=600)] = 30.0
     outer_track: Literal["half-pitch", "half-bead"] = "half-pitch"
@@ -71,6 +75,7 @@ class ProcessSettings(ConfigModel):
     min_built_fraction: Annotated[float, Field(ge=0, le=1)] = 0.98
     max_overhang_deg: Annotated[float, Field(gt=0, lt=90)] = 45.0
     seam: Literal["spread", "aligned"] | tuple[float, float] = "spread"
+    material_seam: Literal["butt", "stepped"] = "butt"
 
 
 class PlacementSettings(ConfigModel):

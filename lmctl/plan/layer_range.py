@@ -57,7 +57,7 @@ def _is_wide(section: PartSection, process: ProcessSettings) -> bool:
     takes longer than all else that the check of a plain part does.
     """
     edges = sum(len(loop) - 1 for loop in section.loops)
-    if process.strategy != "in-plane" or not 0 < edges <= _MOST_EDGES:
+    if process.strategy != "offset" or not 0 < edges <= _MOST_EDGES:
         return False
     start = np.vstack([loop[:-1] for loop in section.loops])
     end = np.vstack([loop[1:] for loop in section.loops])

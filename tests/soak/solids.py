@@ -78,7 +78,7 @@ def random_process(rng: np.random.Generator) -> str:
         f"[process]\nbead_width_mm = {width:.2f}\n"
         f"layer_height_mm = {width * rng.uniform(0.3, 0.5):.2f}\n"
         f"speed_mm_s = {rng.uniform(6, 16):.1f}\noverlap = {rng.uniform(0.1, 0.5):.2f}\n"
-        f'strategy = "{rng.choice(["in-plane", "iso-3d"])}"\n'
+        f'strategy = "{rng.choice(["offset", "iso-3d"])}"\n'
         f'powder = "{rng.choice(["lead", "lead", "dwell", "none"])}"\n'
         f"dwell_s = {rng.uniform(0, 10):.1f}\nlead_in_mm = {rng.uniform(0, 3):.1f}\n"
         f"fraction_step = {rng.choice([0.005, 0.02, 0.05])}\n"

@@ -15,33 +15,23 @@ from lmctl.array_types import FloatArray
 from lmctl.config.part_file import ProcessSettings
 from lmctl.plan.geometry.between_layers import flat_pieces
 from lmctl.plan.geometry.deposit import Deposit, deposit_on
-from lmctl.plan.geometry.in_plane import InPlaneLayout, in_plane_layout
-from lmctl.plan.geometry.intended_slice import intended_loops, pitch_mm
-from lmctl.plan.geometry.islands import Islands, islands_of
-from lmctl.plan.geometry.iso_3d import iso_3d_tracks
+from lmctl.plan.geometry.intended_slice import intended_loops
+from lmctl.plan.geometry.islands import Islands
 from lmctl.plan.geometry.layer_geometry import (
     IslandFigures,
     LayerFigures,
     LayerGeometry,
     OverhangPlace,
 )
-from lmctl.plan.geometry.link_lines import LinkableTrack, LinkRules
-from lmctl.plan.geometry.links import linked_tracks
+from lmctl.plan.geometry.link_lines import LinkableTrack
 from lmctl.plan.geometry.losses import lost_features, lost_slice_feature
 from lmctl.plan.geometry.overhang import overhang_places
-from lmctl.plan.geometry.section_raster import SectionRaster, raster_pitch_mm, section_raster
-from lmctl.plan.geometry.toolpath import Toolpath
+from lmctl.plan.geometry.section_raster import SectionRaster
+from lmctl.plan.geometry.strategies import SliceTask, tracks_of_slice
 from lmctl.preflight.placement import Placement
 
 if TYPE_CHECKING:
-    from lmctl.part.part import Part, PartSection
-
-#: A track of less extent may, on the program's raster, hold no motion that a controller can make.
-_LEAST_EXTENT_MM = 0.042
-#: Points of tracks are at most so far apart, in beads: so finely is the material field sampled.
-MAX_POINT_SPACING_BEADS = 0.1
-#: Seams turn by so much from layer to layer, so that no ridge builds up [radians].
-GOLDEN_ANGLE = float(np.pi * (3 - np.sqrt(5)))
+    from lmctl.part.part import Part
 
 
 def layer_geometry(part: Part, placement: Placement, layer: int) -> LayerGeometry:
@@ -58,85 +48,21 @@ def layer_geometry(part: Part, placement: Placement, layer: int) -> LayerGeometr
     if not loops:
         return _geometry(number, z_mm, [], len(part.materials), [], LayerFigures(
             0.0, 0.0, 0.0, 0.0, 0.0, lost=tuple(flat_pieces(part, placement, layer, loops))))
-    node_mm = raster_pitch_mm(process.bead_width_mm, pitch_mm(process))
-    raster = section_raster(loops, node_mm)
-    islands = islands_of(loops, raster)
-    tracks, owner, narrow_mm2 = _tracks(
-        section, raster, islands, process, is_odd_layer=number % 2 == 1)
-    lines = _with_mixtures(part, z_mm, tracks, owner)
-    if process.strategy == "in-plane":
-        lines = linked_tracks(lines, raster, _link_rules(number, process))
+    task = SliceTask(section, loops, process, number, lambda points: part.composition(
+        np.column_stack([points, np.full(len(points), z_mm)])))
+    raster, islands = task.raster, task.islands
+    found = tracks_of_slice(task)
+    lines = found.tracks
     below = intended_loops(part.section(placement.cut_height_mm(layer - 1)).loops, process) if (
         number > 0) else None
     overhang = () if below is None else overhang_places(
         loops, below, raster, islands, placement.layer_height_mm, process.bead_width_mm,
         process.max_overhang_deg)
-    figures = _figures(loops, raster, islands, lines, narrow_mm2, overhang, process)
+    figures = _figures(loops, raster, islands, lines, found.narrow_mm2, overhang, process)
     flat = flat_pieces(part, placement, layer, loops)
     if flat:
         figures = replace(figures, lost=(*figures.lost, *flat))
     return _geometry(number, z_mm, lines, len(part.materials), loops, figures)
-
-
-def _tracks(
-    section: PartSection, raster: SectionRaster, islands: Islands, process: ProcessSettings, *,
-    is_odd_layer: bool,
-) -> tuple[list[Toolpath], NDArray[np.intp], float]:
-    """Tracks of a slice, the island of each, and the area of those in narrow places [mm²]."""
-    bead = process.bead_width_mm
-    narrow_mm2 = 0.0
-    if process.strategy == "in-plane":
-        least = bead if process.narrow_features == "omit" else bead / 2
-        layout = in_plane_layout(
-            raster, islands, bead, pitch_mm(process), least, is_odd_layer=is_odd_layer)
-        tracks, owner = layout.tracks, layout.island
-        narrow_mm2 = _narrow_area_mm2(layout, bead)
-    else:
-        tracks = iso_3d_tracks(section, bead, pitch_mm(process))
-        middles = np.array([track.points_mm[0] for track in tracks]).reshape(-1, 2)
-        owner = islands.island_at(middles, raster)
-    movable = np.array(
-        [np.ptp(track.points_mm, axis=0).max() >= _LEAST_EXTENT_MM for track in tracks],
-        dtype=np.bool_)
-    return ([track for track, moves in zip(tracks, movable, strict=True) if moves],
-            np.maximum(owner[movable], 0), narrow_mm2)
-
-
-def _narrow_area_mm2(layout: InPlaneLayout, bead_mm: float) -> float:
-    """Area that single tracks have to themselves where the material is narrower than a bead."""
-    single = layout.beads.has_centreline & (layout.beads.track_count == 1)
-    narrow = single & (2 * layout.axis.depth_mm < bead_mm * (1 - 1e-6))
-    links = layout.axis.links[narrow[layout.axis.links].all(axis=1)]
-    length = np.linalg.norm(np.diff(layout.axis.points_mm[links], axis=1)[:, 0], axis=1)
-    return float((length * 2 * layout.axis.depth_mm[links].mean(axis=1)).sum())
-
-
-def _with_mixtures(
-    part: Part, z_mm: float, tracks: list[Toolpath], owner: NDArray[np.intp]
-) -> list[LinkableTrack]:
-    """Tracks with the material field along them, sampled once."""
-    if not tracks:
-        return []
-    tracks = [
-        track.densified(part.process.bead_width_mm * MAX_POINT_SPACING_BEADS) for track in tracks]
-    points = np.vstack([track.points_mm for track in tracks])
-    fractions = part.composition(np.column_stack([points, np.full(len(points), z_mm)]))
-    ends = np.cumsum([len(track.points_mm) for track in tracks])[:-1]
-    return [
-        LinkableTrack(np.column_stack([track.points_mm, track.strip_width_mm, mixture]),
-                      track.is_closed, int(island))
-        for track, mixture, island in zip(tracks, np.split(fractions, ends), owner, strict=True)
-    ]
-
-
-def _link_rules(layer: int, process: ProcessSettings) -> LinkRules:
-    seam = process.seam
-    return LinkRules(
-        pitch_mm=pitch_mm(process),
-        spacing_mm=process.bead_width_mm * MAX_POINT_SPACING_BEADS,
-        mixture_step=process.fraction_step,
-        seam_mm=seam if isinstance(seam, tuple) else None,
-        seam_angle=layer * GOLDEN_ANGLE if seam == "spread" else 0.0)
 
 
 def _figures(

@@ -1,0 +1,130 @@
+"""Bands of a section between lines of equal mixture, each about as wide as a track.
+
+The first line is where the field begins to change; each next one is swept anew from the one before,
+a pitch farther, so that the spacing is true in the plane however steep the field is. What is left
+of a band where its lines come together goes to the next one; where they lie far apart, because the
+field is flat, the band is wider and takes several tracks.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lmctl.field.plane import plane_distance
+from lmctl.plan.geometry.mixture_map import MixtureMap
+from lmctl.plan.geometry.planar_region import grown, opened, pieces_of, region_of
+
+if TYPE_CHECKING:
+    from manifold3d import CrossSection
+
+#: A band is nowhere narrower than this, in pitches: a track of the least strip fits.
+_LEAST_WIDTH_PITCHES = 0.76
+#: Of the places a pitch from a line, so many are of lower grade than the next line [percent].
+_NEXT_LINE_PERCENTILE = 25.0
+#: The field counts as flat within so much of its ends, in volume fraction.
+_FLAT = 0.01
+#: What a circle does not reach of a corner of a band, in square pitches, stays with the band.
+_CORNER_PITCHES_SQ = 0.35
+#: Crumbs of less area are dropped: squares of this part of a pitch.
+_CRUMB_PITCHES = 0.05
+#: How much of an outline may move in simplifying it, in pitches.
+_SIMPLIFY_PITCHES = 0.005
+#: Slivers of rounding are thinner than twice this, in pitches.
+_SLIVER_PITCHES = 0.005
+#: Pieces no farther apart touch, in pitches; and by how much they are grown to be one.
+_TOUCHING_PITCHES = 0.03
+_WELD_PITCHES = 0.01
+_MOST_BANDS = 1000
+
+
+def mixture_bands(
+    whole: CrossSection, field: MixtureMap, pitch_mm: float, step: float, *, downwards: bool
+) -> list[CrossSection]:
+    """Bands that together are the whole, in order of grade.
+
+    step : the least difference of grade between two lines, volume fraction
+    downwards : sweep from the highest grade to the lowest
+    """
+    if field.highest - field.lowest <= step:
+        return [whole]
+    levels = line_levels(field, pitch_mm, step, downwards=downwards)
+    left, found = whole, []
+    for lines in field.below(levels):
+        under = region_of(lines)
+        band = _band_of(left - under if downwards else left ^ under, pitch_mm)
+        if not band.is_empty():
+            found.append(band)
+            left = left - band
+    last = _band_of(left, pitch_mm)
+    if not last.is_empty():
+        found.append(last)
+        left = left - last
+    return _with_rest(found or [whole], left, pitch_mm)
+
+
+def line_levels(
+    field: MixtureMap, pitch_mm: float, step: float, *, downwards: bool
+) -> list[float]:
+    """Grades of the lines between bands, in the order of the sweep."""
+    sign = -1.0 if downwards else 1.0
+    grade = sign * field.grade
+    low, high = float(grade[field.inside].min()), float(grade[field.inside].max())
+    node = field.grid.pitch_mm
+    levels = [low + _FLAT]
+    while levels[-1] < high - _FLAT and len(levels) < _MOST_BANDS:
+        beyond = field.inside & (grade > levels[-1])
+        away = np.abs(plane_distance(field.lines_of(sign * levels[-1]), field.grid))
+        reach = pitch_mm
+        if len(levels) == 1:  # where the field is not flat, the first band has begun already
+            side = np.count_nonzero(beyond & (away < node)) * node
+            done = np.count_nonzero(field.inside & ~beyond) * node**2 / max(side, node)
+            reach -= done if done < _LEAST_WIDTH_PITCHES * pitch_mm else 0.0
+        ring = beyond & (np.abs(away - reach) < 0.7 * node)
+        there = levels[-1] + (grade[ring] - levels[-1]) * reach / np.maximum(away[ring], 1e-9)
+        reached = float(np.percentile(there, _NEXT_LINE_PERCENTILE)) if ring.any() else high
+        levels.append(max(reached, levels[-1] + step))
+    levels[-1] = min(levels[-1], high - _FLAT)
+    return [sign * level for level in levels if level < high]
+
+
+def _band_of(region: CrossSection, pitch_mm: float) -> CrossSection:
+    """What of a region is wide enough for a track, corners included."""
+    band = opened(region, _LEAST_WIDTH_PITCHES * pitch_mm / 2)
+    if band.area() <= (_CRUMB_PITCHES * pitch_mm) ** 2:
+        return type(region)()
+    small = [piece for piece in _true_pieces(region - band, pitch_mm)
+             if piece.area() < _CORNER_PITCHES_SQ * pitch_mm**2]
+    return _joined(band, small, pitch_mm)
+
+
+def _joined(band: CrossSection, pieces: list[CrossSection], pitch_mm: float) -> CrossSection:
+    """A band with those pieces that touch it."""
+    from manifold3d import CrossSection, OpType
+
+    touching = [piece for piece in pieces
+                if (grown(piece, _TOUCHING_PITCHES * pitch_mm) ^ band).area() > 0]
+    if not touching:
+        return band
+    # grown by a little so that no slit stays; none of it leaves what band and pieces cover
+    weld = [grown(piece, _WELD_PITCHES * pitch_mm) for piece in touching]
+    return CrossSection.batch_boolean([band, *weld], OpType.Add)
+
+
+def _with_rest(
+    bands: list[CrossSection], rest: CrossSection, pitch_mm: float
+) -> list[CrossSection]:
+    """Bands with each piece of the rest given to the band it adjoins most."""
+    for piece in _true_pieces(rest, pitch_mm):
+        around = grown(piece, _TOUCHING_PITCHES * pitch_mm)
+        shared = [(around ^ band).area() for band in bands]
+        nearest = int(np.argmax(shared))
+        if shared[nearest] > 0:
+            bands[nearest] = _joined(bands[nearest], [piece], pitch_mm)
+    return [band.simplify(_SIMPLIFY_PITCHES * pitch_mm) for band in bands]
+
+
+def _true_pieces(region: CrossSection, pitch_mm: float) -> list[CrossSection]:
+    """The pieces of a region, without the slivers that rounding leaves along outlines."""
+    return pieces_of(opened(region, _SLIVER_PITCHES * pitch_mm))
