@@ -45,7 +45,7 @@ def tokenise_block(line: bytes) -> list[tuple[str, float]]:
     """The words of a block in order, as (letter, value); an empty block gives no words.
 
     line : raw or already stripped text, without its line end
-    raises : GcodeError 1 where a letter should stand, 2 where a number should
+    raises : GcodeError 1 where a letter is missing, 2 where a number is
 
     >>> tokenise_block(b"N120 G1 X-10.5 F600")
     [('N', 120.0), ('G', 1.0), ('X', -10.5), ('F', 600.0)]

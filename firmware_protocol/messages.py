@@ -3,7 +3,7 @@
     line = "ok" | "error:" N | "ALARM:" N | "<" status ">" | "[" kind ":" text "]"
          | "$" N "=" value | "$N" N "=" block | ">" block ":" answer | banner
 
-Only `ok` and `error:N` answer a line that was sent; everything else may stand anywhere between
+Only `ok` and `error:N` answer a line that was sent; everything else may come anywhere between
 them. A line that fits nothing is `UnknownMessage`: never an exception, never an answer.
 """
 

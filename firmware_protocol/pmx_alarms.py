@@ -122,7 +122,7 @@ def describe_warnings(word: int) -> list[FeederAlarm]:
 
 _REFUSALS = {
     WriteRefusalCode.NONE: "no reason given",
-    WriteRefusalCode.NOT_REMOTE: "its switch stands at LOCAL, or remote control is not enabled",
+    WriteRefusalCode.NOT_REMOTE: "its switch is at LOCAL, or remote control is not enabled",
     WriteRefusalCode.FAULTED: "an alarm or a watchdog trip is latched",
     WriteRefusalCode.NO_GAS: "powder needs carrier gas, and gas is off",
     WriteRefusalCode.POWDER_RUNNING: "powder is running",

@@ -20,7 +20,7 @@ class RegisterError(ValueError):
 
 
 class RegisterSpace(Enum):
-    """Which of the two register spaces a row stands in."""
+    """Which of the two register spaces a row is in."""
 
     INPUT = "input"      # read by FC 04
     HOLDING = "holding"  # read by FC 03, written by FC 06 and 16
@@ -106,7 +106,7 @@ class PlacedRegister(NamedTuple):
             low = max(low, round(row.minimum * row.counts_per_unit))
         if row.maximum is not None:
             high = min(high, round(row.maximum * row.counts_per_unit))
-        if row.may_be_unavailable:  # its code stands at one end of the range, and is no value
+        if row.may_be_unavailable:  # its code is at one end of the range, and is no value
             low, high = low + (low == missing), high - (high == missing)
         return cls(row.name, offset, row.word_count, row.counts_per_unit, low, high, row)
 
@@ -246,7 +246,7 @@ def _encode_text(row: Register, value: RegisterValue) -> tuple[int, ...]:
 
 
 def _swapped(pair: tuple[int, int], order: WordOrder) -> tuple[int, int]:
-    """High and low word as they stand on the wire, or back: every order is its own inverse."""
+    """High and low word in their order on the wire, or back: every order is its own inverse."""
     high, low = pair
     if order in (WordOrder.BADC, WordOrder.DCBA):
         high, low = (high >> 8 | high << 8) & 0xFFFF, (low >> 8 | low << 8) & 0xFFFF

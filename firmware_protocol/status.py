@@ -1,8 +1,8 @@
 """The status report `<State|field|field...>`: parsed strictly, written as the firmware writes it.
 
-Every field is optional and may stand in any order. Fields not known here are kept as they came,
+Every field is optional and may come in any order. Fields not known here are kept as they came,
 with a value or without one: firmware adds fields from version to version. A report in which a
-*known* field is malformed or stands twice is not believed at all: it was damaged on the line.
+*known* field is malformed or repeated is discarded: it was damaged on the line.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class StatusReport(NamedTuple):
     override_percents : Ov, feed, rapid, spindle [%]
     active_pins, accessories : Pn, A, the letters as they came ("" is not None)
     unknown_fields : fields not known here, (key, value), in the order they came; the value is None
-        where the key stands alone, without a colon
+        where the key comes alone, without a colon
     """
 
     state: str
@@ -64,7 +64,7 @@ class StatusReport(NamedTuple):
 
     @property
     def is_held(self) -> bool:
-        """Held at standstill, or standing behind a door that is closed or open."""
+        """Held at standstill, or by a door that is closed or open."""
         if self.state == "Hold":
             return self.substate in (None, 0)
         return self.state == "Door" and self.substate in (None, 0, 1)

@@ -14,7 +14,7 @@ from pathlib import Path
 
 
 class LmctlError(Exception):
-    """An expected failure, told in three parts.
+    """An expected failure, in three parts.
 
     what : one line, the fault in the reader's own terms
     where : zero or more lines: the file, the key, the layer, the hopper it concerns

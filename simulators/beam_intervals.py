@@ -1,8 +1,8 @@
 """Exact intervals with the beam on, from a controller's motion trace.
 
 A phase has constant acceleration, so the instant at which a speed is crossed is computed, not
-searched in steps. Between phases the axes stand; a separate table of the trace holds the beam power
-then. Times are on the loop's clock.
+searched in steps. Between phases the axes are at rest; a separate table of the trace holds the
+beam power then. Times are on the loop's clock.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class TimeInterval:
 
 def beam_on_below_speed(speed_mm_s: float, trace: MotionTrace, now_s: float) -> tuple[TimeInterval,
                                                                                       ...]:
-    """Return the intervals until now with the beam on and the axes below this speed or standing."""
+    """Return the intervals until now with the beam on and the axes below this speed or at rest."""
     return merge_intervals(np.concatenate([_moving(trace, now_s, speed_mm_s),
                                            _at_standstill(trace, now_s)]))
 

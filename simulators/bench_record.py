@@ -21,7 +21,7 @@ from simulators.motion.trace import MotionTrace
 #: The beam path is sampled at least once per this length and once per this time.
 MAX_PIECE_MM = 0.1
 MAX_PIECE_S = 0.02
-#: Sampling step of the beam while the machine stands.
+#: Sampling step of the beam while the machine is at rest.
 _STANDING_STEP_S = 0.005
 _CHUNK = 500_000
 
@@ -119,7 +119,7 @@ class BenchRecord:
         )
 
     def beam_on_without_motion(self, longer_than_s: float = 0.0) -> FloatArray:
-        """(k, 2) begin and end of the times the beam was on while the machine stood [s]."""
+        """(k, 2) begin and end of the times the beam was on with the machine at rest [s]."""
         phases = self._trace.phases()
         ends = np.concatenate([[0.0], phases.end_s])
         begins = np.concatenate([phases.start_s, [self._now_s()]])

@@ -19,7 +19,7 @@ class FaultOutcome:
 
     beam_off_after_s : from since_s until the beam was off, 0 if it already was
     beam_on_again_at_s : when the beam next came on, on the loop's clock; None: not again
-    axes_stopped_after_s : from since_s until the axes stood
+    axes_stopped_after_s : from since_s until the axes were at rest
     beam_on_without_motion : beam on without motion (whole run)
     powder_deficits : beam on and powder not as commanded (whole run)
     powder_stops : feeders that stopped since then; powder_on : names of feeders that feed now

@@ -34,7 +34,7 @@ from simulators.motion.simulator import MotionSimulator
 if TYPE_CHECKING:
     from simulators.bench import Bench
 
-#: The beam may stay on for SLOW_S while the axes move slower than SLOW_MM_S or stand
+#: The beam may stay on for SLOW_S while the axes move slower than SLOW_MM_S or are at rest
 #: (docs/explanation/safety-and-sequences.md, Sequences).
 SLOW_MM_S, SLOW_S = 1.0, 0.05
 #: Lower bound of the reference flow [g/s]; a smaller flow cannot be distinguished from zero.
@@ -107,7 +107,7 @@ class SafetyChecks:
         return beam_on[-1].end_s if beam_on else None
 
     def axes_stopped_at_s(self, after_s: float) -> float:
-        """Return the first instant from after_s on at which the axes stand."""
+        """Return the first instant from after_s on at which the axes are at rest."""
         phases = self._motion.trace.phases()
         at_s = after_s
         for begin_s, end_s in zip(phases.start_s, phases.end_s, strict=True):

@@ -7,7 +7,7 @@ way every time. Three things make that exact:
   worker: `poll` waits for that worker, epoll (asyncio's default) does not, so with epoll the clock
   would jump over bytes that are on their way.
 - A job in a thread (`run_in_executor`, which name resolution uses too) takes real time that the
-  clock must not skip: it stands still until the thread is done.
+  clock must not skip: it is stopped until the thread is done.
 - A jump lands on the timer's own value, and the clock resolution is one unit in the last place
   there, so exactly the timers due by then fire, however large the clock has grown.
 

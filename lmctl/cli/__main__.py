@@ -30,7 +30,7 @@ COMMANDS = {
     "stop": ("lmctl.cli.operate", "End a run: beam and motion, then powder, then gas."),
     "override": ("lmctl.cli.operate", "Scale speed, beam and powder of a run together."),
     "refill": ("lmctl.cli.operate", "Refill a hopper in the middle of a run."),
-    "status": ("lmctl.cli.operate", "Say how a run stands, and what to do about its alarms."),
+    "status": ("lmctl.cli.operate", "Show the state of a run, and what to do about its alarms."),
     "recover": ("lmctl.cli.recover", "Go on with a part whose run was stopped, tripped or died."),
     "machine": ("lmctl.cli.machine", "Look at a machine, check it, home it, jog it, unlock it."),
     "jobs": ("lmctl.cli.jobs", "List job files and runs."),

@@ -41,7 +41,7 @@ def home(
         print_message(line)
     _ask("Is the way free? Home the machine?", yes)
     at = _move(cell, runs_dir, {"do": "home"}, home_axes)
-    print_data(f"homed; the machine stands at {_place(at)}")
+    print_data(f"homed; the machine is at {_place(at)}")
 
 
 @click.command(context_settings={"ignore_unknown_options": True})
@@ -67,13 +67,13 @@ def jog(
         {"do": "jog", "to_mm": wanted.to_mm, "relative": relative, "feed_mm_min": feed_mm_min},
         lambda motion: jog_axes(wanted, motion, cell.profile.motion),
     )
-    print_data(f"the machine stands at {_place(at)}")
+    print_data(f"the machine is at {_place(at)}")
 
 
 @click.command(context_settings={"ignore_unknown_options": True})
 @click.argument("words", nargs=-1, metavar="[X-300 Y-300 Z-200]")
 @cell_options
-@click.option("--here", is_flag=True, help="The values are where the machine stands now.")
+@click.option("--here", is_flag=True, help="The values are the present position.")
 @click.option("--clear", is_flag=True,
               help="First go back to G54, and clear G92 (G92.1) and the tool length (G49).")
 def offset(
@@ -82,7 +82,7 @@ def offset(
 ) -> None:
     """Set the work offset (G54): the machine coordinates [mm] of program zero.
 
-    With --here: the program coordinates of the place where the machine stands. Axes that are not
+    With --here: the program coordinates of the present position. Axes that are not
     named keep theirs. The controller remembers it. Without axes, the offsets in force are shown.
     """
     from lmctl.machine.manual.homing import clear_work_offsets, set_work_offset

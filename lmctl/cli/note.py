@@ -28,8 +28,8 @@ def note(
 ) -> None:
     """Add TEXT to the log of RUN: why something deviated from the plan, and what was decided.
 
-    Notes stand beside the journal, chained by hashes of their own and bound to it, so that a sealed
-    journal stays as it is.
+    Notes are kept beside the journal, chained by hashes of their own and bound to it, so that a
+    sealed journal stays as it is.
     """
     from lmctl.run.journal import run_folders
     from lmctl.run.journal.notes import Disposition, add_note

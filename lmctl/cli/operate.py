@@ -54,7 +54,7 @@ def hold(run: str | None, runs_dir: Path, operator: str | None, as_json: bool) -
         print_data(f"hint: `{_command('resume', folder)}` purges the hose and goes on; "
                    f"`{_command('stop', folder)}` ends it")
     else:
-        print_data(f"{now['run']} was told to hold and is {now['state']}")
+        print_data(f"{now['run']} was held and is {now['state']}")
         _put_alarms(now)
 
 
@@ -131,7 +131,7 @@ def refill(
 @click.option("--watch", "every_s", type=FiniteRange(0.1, 3600), metavar="SECONDS",
               help="Print the status so often, in a line, until the run ends.")
 def status(run: str | None, runs_dir: Path, as_json: bool, every_s: float | None) -> None:
-    """Say how RUN stands: state, place, time left, override, alarms with what to do."""
+    """Show the state of RUN: state, place, time left, override, alarms with what to do."""
     from lmctl.errors import JournalError
     from lmctl.run.control import client as control_client
     from lmctl.run.journal import run_folders
@@ -161,7 +161,7 @@ def status(run: str | None, runs_dir: Path, as_json: bool, every_s: float | None
 
 
 def status_text(now: dict[str, Any]) -> str:
-    """How a run stands, in a few lines for people."""
+    """The state of a run, in a few lines for people."""
     by = f" (operator {now['operator']})" if now["operator"] else ""
     lines = [
         f"{now['run']}: {now['state']}, {now['part']} on {now['machine']}{by}",

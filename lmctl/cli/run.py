@@ -70,7 +70,7 @@ def run_on_screen(
     job: Path, profile: MachineProfile, runs_dir: Path, *, operator: str, sim: bool,
     bench: Path | None, speed: float | None, faults: Path | None = None,
 ) -> RunResult:
-    """Run a job; a terminal shows how it stands. Raises what the run raises."""
+    """Run a job; a terminal shows its state. Raises what the run raises."""
     happened: list[str] = []
     try:
         result = _run_on_screen(job, profile, runs_dir, operator=operator, sim=sim, bench=bench,

@@ -28,7 +28,7 @@ def composition_findings(
     if own:
         yield from _part_findings(path, composition, names, bodies)
     if own and parts:
-        yield Finding(f"{path}.blend", "stands beside a profile: say one or the other")
+        yield Finding(f"{path}.blend", "is given beside a profile: give one of the two")
     elif not parts and "profile" not in composition:
         yield Finding(f"{path}.profile", "is missing: which mixture at which distance?")
     elif parts and "feature" in composition:

@@ -65,7 +65,7 @@ def _keys_at(model: type[BaseModel], place: list[int | str]) -> list[str]:
 
 
 def _below(kinds: list[Any], step: int | str) -> list[Any]:
-    """What may stand one step further into a value that is of one of some kinds."""
+    """What may come one step further into a value that is of one of some kinds."""
     if isinstance(step, int):  # into a list, whose items are all of a kind where they are tables
         return [of for kind in kinds for of in _kinds(next(iter(get_args(kind)), None))]
     models = _models(kinds)

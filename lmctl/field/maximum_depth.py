@@ -82,7 +82,7 @@ def _between_planes(
         own = field.inwards[rows]
         smooth = np.einsum("ij,ij->i", own, inwards) > STRAIGHT_MIN_COSINE
         inwards[smooth] = own[smooth]
-    # Farthest inside all planes: the greatest t with inwards · (place − foot) ≥ t.
+    # Farthest inside all planes: the greatest t with inwards · (place − closest point) ≥ t.
     middle = np.asarray(grid.origin_mm) + grid.pitch_mm * summit[::-1]
     room = AROUND_NODES * grid.pitch_mm
     solved = linprog(

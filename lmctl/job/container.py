@@ -64,7 +64,7 @@ def unsigned_trailer() -> bytes:
 
 
 def write_digest(file: BinaryIO) -> str:
-    """Write the digest of all that stands before it at the end of an open, complete archive."""
+    """Write the digest of all bytes before it at the end of an open, complete archive."""
     size = file.seek(0, 2)
     digest = _digest(file, size - _DIGEST_LENGTH)
     file.seek(size - _DIGEST_LENGTH)

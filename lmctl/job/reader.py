@@ -108,7 +108,7 @@ class JobReader:
             n for i in range(len(self.manifest.layers)) for n in container.layer_member_names(i)]
         if self._zip.namelist() != [*expected, container.PART_MEMBER, container.MANIFEST_MEMBER]:
             raise JobError(f"{name} is not a job file lmctl made",
-                           where="its members are not those its manifest tells",
+                           where="its members are not those its manifest lists",
                            hint=container.REPLAN_HINT)
         try:
             self.part_text = self._member(container.PART_MEMBER, container.MAX_TEXT_BYTES).decode()

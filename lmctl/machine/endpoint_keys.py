@@ -11,7 +11,7 @@ from lmctl.errors import ConfigError
 def endpoint_keys(text: str, query: str, valid: Mapping[str, str], instead: str) -> dict[str, str]:
     """The keys of an endpoint by name.
 
-    text : the whole endpoint; query : what stands behind its `?`
+    text : the whole endpoint; query : what follows its `?`
     valid : keys it may have, each with its values in words
     instead : what to do where it takes none
     Raises ConfigError: for keys that are unknown, given twice or without a value, each by name,

@@ -30,7 +30,7 @@ class Completeness:
     """Sums over all layers of a part, in order; read at the end.
 
     layer_height_mm : as fitted; height_left_mm : how much taller the part is than its layers,
-        negative where they stand above it
+        negative where they end above it
     """
 
     process: ProcessSettings

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def check_part(part: Part, profile: MachineProfile) -> Placement:
-    """Where the part will stand. Reports all problems at once.
+    """Placement of the part. Reports all problems at once.
 
     Raises PlanError: a material without a hopper, a part outside the machine's travel, a recipe
     beyond the laser's power or the axes' speed, a part without layers.

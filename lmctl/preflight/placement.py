@@ -1,4 +1,4 @@
-"""Where the part stands on the platform, and at which heights it is cut."""
+"""Where the part is placed on the platform, and at which heights it is cut."""
 
 from __future__ import annotations
 
@@ -49,14 +49,14 @@ class Placement:
         return float(self.offset_mm[2] + top_mm)
 
     def uncovered_height_mm(self) -> float:
-        """How much taller the part is than its layers; negative where they stand above it."""
+        """How much taller the part is than its layers; negative where they end above it."""
         built_mm = (self.skipped + self.n_layers) * self.layer_height_mm
         return float(self.high_mm[2] - self.low_mm[2] - built_mm)
 
     def restricted_to_layers(self, first: int, last: int, *, set_down: bool) -> Placement:
         """Without the layers below `first` and above `last`.
 
-        set_down : lower the part by what is left out below it, so that it stands on the platform
+        set_down : lower the part by what is left out below it, so that it rests on the platform
         """
         drop = np.array([0.0, 0.0, first * self.layer_height_mm if set_down else 0.0])
         return replace(self, offset_mm=self.offset_mm - drop, n_layers=last - first + 1,

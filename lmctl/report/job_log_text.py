@@ -75,7 +75,7 @@ def _head(part: PartRecord) -> str:
 
 
 def _cause(run: RunRecord) -> list[tuple[str, str]]:
-    """What ended a run that was not done, or what stood when one was done; and what followed."""
+    """What ended a run that was not done, or the alarms active when one was done; then the rest."""
     cause = run.seal.get("cause")
     if not cause:
         return []

@@ -54,7 +54,7 @@ def arrange_panels(figure: Figure, axes: list[list[Axes]], widths_in: FloatArray
 def _room_for_labels(
     figure: Figure, axes: list[list[Axes]], widths_in: FloatArray, heights_in: FloatArray
 ) -> FloatArray:
-    """(rows, columns, 4): how far labels stand out to the left, below, to the right, above."""
+    """(rows, columns, 4): how far labels reach out to the left, below, to the right, above."""
     FigureCanvasAgg(figure)  # keeps what it draws on; without it each question gets a new one
     figure.set_size_inches(_TABLE_IN, _TABLE_IN)
     for r, row in enumerate(axes):

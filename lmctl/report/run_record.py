@@ -1,6 +1,6 @@
 """One run as its journal records it: what it is, what went into each layer, what happened, its end.
 
-Nothing is computed here. Figures stand in the journal, where the run itself put them, under the
+Nothing is computed here. Figures are read from the journal, where the run recorded them, under the
 name of what they are: planned, reported, inferred, weighed.
 """
 

@@ -1,7 +1,7 @@
 """Where deposition ended when motion was stopped: what is reported, and what is inferred.
 
 Without a laser-enable output the beam is on until motion ends (M4), so the bead ends where the
-nozzle stands. With one the beam goes off first, and motion runs on: then the bead ends where the
+nozzle stops. With one the beam goes off first, and motion runs on: then the bead ends where the
 nozzle was at that moment, which the program clock gives. Where no report at standstill arrives,
 the controller may have executed every line that it was sent.
 """

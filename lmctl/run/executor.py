@@ -192,7 +192,7 @@ class RunExecutor:
             self._live.course.set_override(percent)
 
     def snapshot(self) -> dict[str, Any]:
-        """How the run stands: see `lmctl.run.status.snapshot`. Not before `run` has begun."""
+        """State of the run: see `lmctl.run.status.snapshot`. Not before `run` has begun."""
         live = self._live
         assert live is not None
         return live.view.snapshot(

@@ -64,7 +64,7 @@ def freeze_registers(scene: FaultContext, fault: Fault) -> Undo:
 
 
 def report_false_flow(scene: FaultContext, fault: Fault) -> Undo:
-    """Discs stand; speed and estimated flow are reported as if they turned. Scales stay true."""
+    """Stop the discs; report speed and estimated flow as if they turned. Scales stay true."""
     feeder = scene.feeder(fault)
     defects = _defects(feeder)
     undo = [defects.override_register(

@@ -105,7 +105,7 @@ _DIRECTION = FaultParameter(
 _COUNT = _n("count", 1, "how many bytes", 1_000_000)
 _EVERY = _n("every", 1, "one in so many bytes", 1_000_000)
 _PROBABILITY = FaultParameter("probability", 0.1, "that a report is struck", 0, 1)
-_REPORTS = _n("count", 0, "how many, 0 for as long as it stands", 1_000_000, 0)
+_REPORTS = _n("count", 0, "how many, 0 for as long as it is active", 1_000_000, 0)
 _SEED = _n("seed", 0, "which reports are struck", 1_000_000, 0)
 _NOTICED = FaultParameter("noticed", True, "the device raises its own alarm")
 _RISES = FaultParameter(
@@ -123,7 +123,8 @@ _MOTION_KINDS = (
               (FaultParameter("boot_s", 1.5, "silent for so long", 0, 60),)),
     FaultKind("controller_silent", "the controller answers nothing, and goes on with what it has",
               _M, _STOP, "not reported",
-              (FaultParameter("hears", False, "it still obeys what it is sent"),), is_lasting=True),
+              (FaultParameter("receives", False, "it still executes what it receives"),),
+              is_lasting=True),
     FaultKind("controller_stalls", "the controller takes no more bytes off its link, and goes on "
               "with what it has", _M, _STOP, "not reported", is_lasting=True),
     FaultKind("controller_lies", "its status reports are frozen", _M, _STOP,
@@ -204,7 +205,7 @@ _MODBUS_KINDS = (
     FaultKind("replies_dropped", "requests are carried out, but not answered", _B, _MAY,
               "no answer", (_REPLIES,)),
     FaultKind("replies_doubled", "replies come twice", _B, _ON, "", (_REPLIES,)),
-    FaultKind("device_silent", "it neither hears nor answers", _B, _STOP, "no answer",
+    FaultKind("device_silent", "it neither receives nor answers", _B, _STOP, "no answer",
               is_lasting=True),
 )
 
@@ -217,9 +218,9 @@ _FEEDER_KINDS = (
               "emergency", is_lasting=True),
     FaultKind("watchdog_trips", "its watchdog trips, though the host is alive", _F, _STOP,
               "watchdog"),
-    FaultKind("data_stale", "its registers stand still, TICK and TOGGLE with them", _F, _STOP,
+    FaultKind("data_stale", "its registers do not change, TICK and TOGGLE with them", _F, _STOP,
               "same data", is_lasting=True),
-    FaultKind("feeder_lies", "discs stand, and it goes on telling that they feed at set-point",
+    FaultKind("feeder_lies", "discs are stopped, and it still reports that they feed at set-point",
               _F, _STOP, "by weight", is_lasting=True),
     FaultKind("recipe_ignored", "recipes are taken, but SEQ_APPLIED and discs stay as they are",
               _F, _MAY, "recipe", is_lasting=True),
@@ -234,10 +235,10 @@ _FEEDER_KINDS = (
 )
 
 _HOPPER_KINDS = (
-    FaultKind("disc_stalls", "the disc stands", _H, _STOP, "stalled", (_NOTICED,), is_lasting=True),
-    FaultKind("speed_deviates", "the disc turns faster or slower than told", _H, _STOP,
+    FaultKind("disc_stalls", "the disc stops", _H, _STOP, "stalled", (_NOTICED,), is_lasting=True),
+    FaultKind("speed_deviates", "the disc turns faster or slower than commanded", _H, _STOP,
               "speed",
-              (FaultParameter("percent", -30.0, "more than told", -90, 100), _NOTICED),
+              (FaultParameter("percent", -30.0, "more than commanded", -90, 100), _NOTICED),
               is_lasting=True),
     FaultKind("flow_readback_off", "its flow estimate reads wrong; the flow itself is right", _H,
               _STOP, "flow and set-point differ",
@@ -255,7 +256,7 @@ _HOPPER_KINDS = (
     FaultKind("lid_open", "the lid is opened", _H, _STOP, "lid", (_NOTICED,), is_lasting=True),
     FaultKind("below_n_min", "the disc needs a higher speed to turn at all", _H, _STOP,
               "set-point below the least speed",
-              (FaultParameter("n_min_rpm", 5.0, "below this it stands", 0, 600),), is_lasting=True),
+              (FaultParameter("n_min_rpm", 5.0, "below this it stops", 0, 600),), is_lasting=True),
     FaultKind("disc_limited", "the disc is given another highest speed at its panel; set-points "
               "above it are clipped", _H, _STOP, "clipped",
               (FaultParameter("n_max_rpm", 1.0, "no faster than this", 0, 600),), is_lasting=True),
@@ -276,10 +277,10 @@ _SAFETY_KINDS = (
               (FaultParameter("pressure_Pa", 20, "pressure difference at the filter", -30_000,
                               30_000,
                               is_integer=True),), is_lasting=True),
-    FaultKind("safety_stuck", "its inputs stand still, TICK with them; heartbeats are echoed", _S,
+    FaultKind("safety_stuck", "its inputs do not change, TICK with them; heartbeats are echoed", _S,
               _STOP, "same data", is_lasting=True),
     FaultKind("laser_enable_stuck", "the laser-enable contact stays as it is, or welds closed, "
-              "whatever it is told", _S, _MAY, "laser-enable",
+              "whatever is commanded", _S, _MAY, "laser-enable",
               (FaultParameter("contact", "closed", "how it stays", choices=("closed", "as it is")),
                ),
               is_lasting=True),

@@ -33,7 +33,7 @@ def reboot_controller(scene: FaultContext, fault: Fault) -> None:
 
 
 def silence_controller(scene: FaultContext, fault: Fault) -> Undo:
-    if fault.values["hears"]:
+    if fault.values["receives"]:
         return scene.apply_filters("motion", (TO_HOST, drop_chunk))
     return scene.apply_filters("motion", (TO_DEVICE, drop_chunk), (TO_HOST, drop_chunk))
 

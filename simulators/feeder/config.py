@@ -26,7 +26,7 @@ class HopperConfig:
     slope_drift_per_h : relative change of the slope in an hour, from the first turn of the disc on
     slope_change_to_empty : relative change of the slope from the full hopper to the empty one
     calibrated_g_rev : the factor the device uses; None: feed_factor_g_rev
-    n_min_rpm, n_max_rpm : below n_min_rpm the disc stands still; n_max_rpm is its highest speed
+    n_min_rpm, n_max_rpm : below n_min_rpm the disc does not turn; n_max_rpm is its highest speed
     fill_g : powder at the start
     noise_rsd, noise_time_s : relative standard deviation and correlation time of the flow at the
         nozzle, drawn from `seed`

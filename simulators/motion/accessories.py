@@ -26,14 +26,14 @@ class Accessories:
         self._hal = hal
         self.spindle_stopped = False  # by a hold or the door, to be restored
         self._coolant_stopped = False  # by the door
-        self._power_before = 0.0  # standing power to restore
+        self._power_before = 0.0  # standstill power to restore
 
-    def set_spindle(self, mode: int, standstill: float, now_s: float) -> None:
-        """Set M3, M4 or M5 with the axes at rest. standing : beam power from now on, a fraction"""
-        if mode != self.spindle_mode or standstill != self._stepper.standstill:
+    def set_spindle(self, mode: int, standstill_power: float, now_s: float) -> None:
+        """Set M3, M4 or M5 with the axes at rest. standstill_power : from now on, a fraction"""
+        if mode != self.spindle_mode or standstill_power != self._stepper.standstill_power:
             self._reporter.on_accessories_changed()
         self.spindle_mode = mode
-        self._stepper.set_standstill_power(standstill, now_s)
+        self._stepper.set_standstill_power(standstill_power, now_s)
 
     def set_coolant(self, flood: bool, mist: bool) -> None:
         if (flood, mist) != (self.flood, self.mist):
@@ -50,7 +50,7 @@ class Accessories:
         """Switch off at the end of the current motion, until `restore_spindle`."""
         if self.spindle_mode != OFF and not self.spindle_stopped:
             self.spindle_stopped = True
-            self._power_before = self._stepper.standstill
+            self._power_before = self._stepper.standstill_power
             self._stepper.set_standstill_power(0.0, self._stepper.end_s)
             self._reporter.on_accessories_changed()
 

@@ -63,8 +63,8 @@ def _move(machine: MotionMachine, motion: StraightMove) -> Steps:
 
 def _at_rest(machine: MotionMachine, action: Action) -> Steps:
     match action:
-        case SetSpindle(mode, standstill):
-            machine.accessories.set_spindle(mode, standstill, machine.now_s)
+        case SetSpindle(mode, standstill_power):
+            machine.accessories.set_spindle(mode, standstill_power, machine.now_s)
         case SetCoolant(flood, mist):
             machine.accessories.set_coolant(flood, mist)
         case Dwell(seconds):

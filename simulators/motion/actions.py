@@ -33,7 +33,7 @@ class StraightMove(NamedTuple):
 class SetSpindle(NamedTuple):
     """Wait for all motion; then M3, M4 or M5 (mode 3, 4, 5), or a new S that needs the wait.
 
-    standstill_power : beam power while the machine stands still from now on, as a fraction
+    standstill_power : beam power at standstill from now on, as a fraction
     """
 
     mode: int

@@ -2,7 +2,7 @@
 
 Two tables grow. A *block* is one straight move: its N word, its ends and how its beam is driven. A
 *phase* is a stretch of one block at constant acceleration, so position and speed are polynomials of
-time within it. Between phases the machine stands still; a third table holds the beam power during
+time within it. Between phases the machine is at rest; a third table holds the beam power during
 standstill. A block and its phases take about 200 bytes. `trace` reads the tables.
 """
 
@@ -31,7 +31,7 @@ before any scaling with speed, row of the block."""
 
 
 class MotionRecording:
-    """Record of one controller. The stepper adds to it by `begin`, `moved` and `stood`.
+    """Record of one controller. The stepper adds to it.
 
     moved : called with each phase as it is committed
     outputs : (time, kind, port, value) of every digital ("D") or analog ("A") output switched

@@ -21,7 +21,7 @@ class ControllerState(Enum):
 
 
 MOVING_STATES = frozenset((ControllerState.RUN, ControllerState.JOG, ControllerState.HOME))
-"""States in which the axes may be moving without being told to stop."""
+"""States in which the axes may be moving without a stop command."""
 
 SUSPENDED_STATES = frozenset((ControllerState.HOLD, ControllerState.DOOR, ControllerState.SLEEP,
                               ControllerState.TOOL))

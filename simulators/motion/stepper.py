@@ -28,9 +28,9 @@ class Stepper:
 
     running : blocks are taken from the planner
     holding : braking to rest along the path; at rest, `running` ends too
-    end_s : end of the committed motion; the machine then stands still unless more follows
+    end_s : end of the committed motion; the machine is then at rest unless more follows
     block : the block being executed at the head, or in which a hold has stopped
-    standstill : beam power at standstill, before the override
+    standstill_power : beam power at standstill, before the override
     """
 
     def __init__(self, planner: LookAheadPlanner, trace: MotionRecording, lead_s: float,
@@ -40,7 +40,7 @@ class Stepper:
         self.end_s = 0.0
         self.last_line = 0
         self.block: PlannerBlock | None = None
-        self.standstill = 0.0
+        self.standstill_power = 0.0
         self.spindle_factor = 1.0
         self._planner = planner
         self._trace = trace
@@ -89,7 +89,7 @@ class Stepper:
         self._cut()
         if spindle != self.spindle_factor:
             self.spindle_factor = spindle
-            self.set_standstill_power(self.standstill, self.end_s if self.running else now_s)
+            self.set_standstill_power(self.standstill_power, self.end_s if self.running else now_s)
         self._planner.set_overrides(feed, rapid)
         if self.block is not None and self.running:
             self._plan(self.block)
@@ -217,7 +217,7 @@ class Stepper:
         """Speed and laser S (as a fraction) at the head, which is what the firmware reports."""
         motion = self._motion
         if motion is None or not self.running or (self.block is None and self._speed == 0.0):
-            return self._speed, min(1.0, self.standstill * self.spindle_factor)
+            return self._speed, min(1.0, self.standstill_power * self.spindle_factor)
         # Between two blocks: the values at the end of the previous one.
         speed = self._speed if self.block is None else self._within_ramp(self._head_s)[0]
         power = motion.power * self.spindle_factor
@@ -227,7 +227,7 @@ class Stepper:
 
     def set_standstill_power(self, power: float, when_s: float) -> None:
         """Set the beam power at standstill from when_s on."""
-        self.standstill = power
+        self.standstill_power = power
         self._trace.record_standstill_power(when_s, min(1.0, power * self.spindle_factor))
 
     def _load(self, block: PlannerBlock) -> None:
@@ -238,9 +238,9 @@ class Stepper:
             self._speed = sqrt(block.entry_speed_sqr)  # else rounding errors would accumulate
         self._motion = motion = block.motion
         self.last_line = motion.line
-        standstill = motion.power if motion.beam == BEAM_CONSTANT else 0.0
-        if standstill != self.standstill:
-            self.set_standstill_power(standstill, self.end_s)
+        standstill_power = motion.power if motion.beam == BEAM_CONSTANT else 0.0
+        if standstill_power != self.standstill_power:
+            self.set_standstill_power(standstill_power, self.end_s)
         if motion.outputs:
             self._trace.outputs += [(self.end_s, *output) for output in motion.outputs]
 

@@ -30,7 +30,7 @@ class TraceSample:
     position_mm : (n, 3) machine coordinates
     speed_mm_s : (n,) along the path
     power_fraction : (n,) beam power over its maximum, 0 to 1
-    block : (n,) int, row of `ExecutedBlocks` being executed, -1 when standing still
+    block : (n,) int, row of `ExecutedBlocks` being executed, -1 at standstill
     """
 
     position_mm: FloatArray

@@ -145,7 +145,7 @@ def test_a_machine_is_homed_offset_jogged_and_stays_known(lmctl, refused, active
     homed = lmctl("machine", "home", "-m", cell, "--yes")
     assert homed.code == 0
     assert "Z goes first, to its switch: Z+" in homed.talk
-    assert "stands at X -1.000  Y -1.000  Z -1.000" in homed.data
+    assert "is at X -1.000  Y -1.000  Z -1.000" in homed.data
     offset = lmctl("machine", "offset", "X-300", "Y-300", "Z-200", "-m", cell)
     assert "program zero lies at X -300.000  Y -300.000  Z -200.000" in offset.data
     assert lmctl("machine", "doctor", "-m", cell).code == 0

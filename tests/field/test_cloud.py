@@ -196,6 +196,6 @@ def test_noise_averages_out_where_samples_are_dense(sphere_cloud):
 
 def test_a_closed_cavity_is_refused(sphere_cloud):
     points = np.vstack([sphere_cloud(6_000, 10.0), sphere_cloud(3_000, 6.0, seed=1)])
-    with pytest.raises(InputError, match="cannot be told apart everywhere") as error:
+    with pytest.raises(InputError, match="cannot be distinguished everywhere") as error:
         cloud_field(points, around(points, 0.4))
     assert "cavities" in error.value.hint

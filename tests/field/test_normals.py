@@ -50,7 +50,7 @@ def wrong_signs(field: DistanceField, thick: float) -> NDArray[np.bool_]:
 def test_a_plate_too_thin_for_its_spacing_is_told_by_its_normals(thick, noise):
     points, normals = plate(thick, noise)
     grid = around(points)
-    with pytest.raises(InputError, match="cannot be told apart"):
+    with pytest.raises(InputError, match="cannot be distinguished"):
         cloud_field(points, grid)
     field = cloud_field(points, grid, normals)
     assert not wrong_signs(field, thick).any()

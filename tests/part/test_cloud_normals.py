@@ -74,7 +74,7 @@ def test_a_plate_of_1_mm_is_decided_by_its_normals(folder: Folder, units: str, w
 
 
 def test_without_its_normals_it_is_refused(folder: Folder) -> None:
-    with pytest.raises(InputError, match="cannot be told apart"):
+    with pytest.raises(InputError, match="cannot be distinguished"):
         load_part(written(folder, plate(1.0)[0], None))
 
 

@@ -185,7 +185,7 @@ def _on_the_surface(
     )
     if wrong.mean() > MAX_DISPUTED_FRACTION:
         raise InputError(
-            "inside and outside of the point cloud cannot be told apart",
+            "inside and outside of the point cloud cannot be distinguished",
             where=f"{100.0 * wrong.mean():.0f} % of the nodes next to the surface are disputed",
             hint="scan more points, or use a larger pitch",
         )

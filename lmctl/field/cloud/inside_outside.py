@@ -111,7 +111,7 @@ def orient_samples(samples: CloudSamples, patches: FittedPatches,
     sure = ~floating & ((facing != 0) | (wide > gap + 1))
     if not sure.any():
         raise InputError(
-            "inside and outside of the point cloud cannot be told apart",
+            "inside and outside of the point cloud cannot be distinguished",
             where=f"samples are typically {typical:.2g} mm apart",
             hint="scan more points, or check that the part is thicker than the gaps between them",
         )
@@ -120,13 +120,13 @@ def orient_samples(samples: CloudSamples, patches: FittedPatches,
     lost = (inward == 0) & ~floating
     if lost.mean() > MAX_DROPPED_FRACTION:
         raise InputError(
-            "inside and outside of the point cloud cannot be told apart everywhere",
+            "inside and outside of the point cloud cannot be distinguished everywhere",
             where=f"at {int(lost.sum())} of {len(lost)} samples, "
             f"the first near {', '.join(f'{c:.1f}' for c in samples.points_mm[lost][0])}",
             hint="scan more evenly and from all around; leave out closed cavities",
         )
     if lost.any():
-        remarks.append(f"{int(lost.sum())} points whose side could not be told were dropped")
+        remarks.append(f"{int(lost.sum())} points whose side could not be found were dropped")
     known_side: NDArray[np.int8] | None = None
     if samples.normals is not None:
         known_side = np.zeros(grid.shape, dtype=np.int8)

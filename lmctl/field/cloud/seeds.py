@@ -148,7 +148,7 @@ def _nearest_boundary(
         if d[a] > 0.0:
             mask |= 1 << a
     inside = (solid >> mask) & 1
-    # Sheets: the foot is on the boundary if crossing the sheet there changes in to out.
+    # Sheets: the closest point is on the boundary if crossing the sheet there changes in to out.
     for a in range(sheets):
         mask = 0
         for b in range(sheets):

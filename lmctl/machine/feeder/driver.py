@@ -50,7 +50,7 @@ class FeederDriver:
 
     @classmethod
     async def open(cls, feeder: FeederSettings, hoppers: Sequence[HopperSettings]) -> FeederDriver:
-        """Connect, identify it, set its watchdog and take remote control; discs stand still.
+        """Connect, identify it, set its watchdog and take remote control; discs are stopped.
 
         A latched alarm does not keep it from opening: `status` shows it, `start_gas` refuses.
         Raises MachineError where it cannot be reached, is no PMX feeder, lacks a hopper, or
@@ -168,7 +168,7 @@ class FeederDriver:
         )
 
     async def stop_powder(self) -> None:
-        """Discs off; returns when they stand. Gas flows on. Raises MachineError.
+        """Discs off; returns when they have stopped. Gas flows on. Raises MachineError.
 
         A device at LOCAL or in alarm may refuse: then it counts what its discs do.
         """

@@ -30,7 +30,7 @@ _FOLLOWS_WITHIN_S = 1.0
 class RecipeWriter:
     """Turns flows into the words of one write. address : of the first word.
 
-    n_hoppers : what the device has, used or not; unused hoppers stand still
+    n_hoppers : what the device has, used or not; the discs of unused hoppers do not turn
     laws : by hopper name, between flows and the device's set-points
     """
 

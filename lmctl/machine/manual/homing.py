@@ -40,7 +40,7 @@ def describe_homing(settings: Mapping[int, str]) -> list[str]:
 
 
 async def home_axes(motion: MotionDriver) -> tuple[float, ...]:
-    """Home; returns where the machine then stands, program coordinates. Raises MachineError.
+    """Home; returns the position reached, program coordinates. Raises MachineError.
 
     Being cancelled resets the controller, which is all that ends a homing cycle.
     """
@@ -61,7 +61,7 @@ async def set_work_offset(
 ) -> tuple[float, ...]:
     """Set the work offset of G54; returns the offset of every axis then (work = machine - offset).
 
-    axes : by letter; here : the program coordinates of where the machine stands, else the machine
+    axes : by letter; here : the program coordinates of the present position, else the machine
     coordinates of program zero. The controller stores it in its EEPROM. Raises MachineError.
     """
     words = " ".join(f"{axis}{value:.3f}" for axis, value in axes.items())

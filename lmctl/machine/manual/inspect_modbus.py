@@ -39,7 +39,7 @@ _LIMITS = ("N_MIN", "N_MAX", "CARRIER_MIN", "CARRIER_MAX", "LEVEL_WARN", "LEVEL_
 class FeederInspection:
     """What a feeder reports about itself.
 
-    clock_ratio : how far its clock moved while ours moved by 1; 0 for data that stand still
+    clock_ratio : how far its clock moved while ours moved by 1; 0 for data that do not change
     hopper_limits : of each hopper of the profile, by name: N_MIN, N_MAX [rpm], CARRIER_MIN,
         CARRIER_MAX [L/min], LEVEL_WARN, LEVEL_STOP [%]
     reply_time_s : time of one exchange

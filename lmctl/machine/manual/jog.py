@@ -49,7 +49,7 @@ def check_jog(jog: JogRequest, motion: MotionDriver, limits: MotionSettings) -> 
         state = "unknown" if report is None else report.state
         raise MachineError(f"cannot jog in state {state}",
                            hint="`lmctl machine home` or `lmctl machine unlock`"
-                           if state == "Alarm" else "wait until it stands")
+                           if state == "Alarm" else "wait until it has stopped")
     if not motion.position_trusted:
         return _blind(jog)
     at = motion.position_mm
@@ -82,9 +82,9 @@ def _blind(jog: JogRequest) -> dict[str, float]:
 
 async def jog_axes(jog: JogRequest, motion: MotionDriver, limits: MotionSettings) -> tuple[float,
                                                                                            ...]:
-    """Jog, and return when the machine stands; the place it stands at.
+    """Jog, and return the position when the machine has stopped.
 
-    Being cancelled stops the jog (0x85) and waits until the machine stands, then raises
+    Being cancelled stops the jog (0x85) and waits until the machine has stopped, then raises
     CancelledError as usual. Raises as `check_jog` does, and MachineError where the controller
     refuses, an alarm stops it, or it does not arrive.
     """
@@ -127,7 +127,7 @@ async def _beam_off(motion: MotionDriver) -> None:
 
 
 async def _rest(motion: MotionDriver, timeout_s: float) -> None:
-    """Wait for a report, from now on, that the machine stands. Raises MachineError."""
+    """Wait for a report, from now on, that the machine is at rest. Raises MachineError."""
     ended: asyncio.Future[None] = asyncio.get_running_loop().create_future()
 
     def fail(what: str, hint: str) -> None:

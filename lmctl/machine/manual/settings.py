@@ -43,7 +43,7 @@ async def apply_settings(motion: MotionDriver, wanted: Mapping[int, str]) -> Wri
     if report is None or report.state not in ("Idle", "Alarm"):
         state = "unknown" if report is None else report.state
         raise MachineError(f"settings cannot be written in state {state}",
-                           hint="wait until the machine stands")
+                           hint="wait until the machine has stopped")
     before = parse_settings(await motion.send_command("$$"))
     left = {number: value for number, value in wanted.items()
             if number not in before or not is_same_value(value, before[number])}

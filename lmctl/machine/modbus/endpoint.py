@@ -53,7 +53,7 @@ def parse_modbus_endpoint(text: str) -> TcpEndpoint | RtuEndpoint:
     except ValueError:
         raise _no_endpoint(text) from None
     if parts.scheme == "modbus-tcp" and parts.hostname and parts.path in ("", "/") and port != 0:
-        endpoint_keys(text, parts.query, {}, "a port stands behind the host: HOST:502")
+        endpoint_keys(text, parts.query, {}, "a port follows the host: HOST:502")
         return TcpEndpoint(text, parts.hostname, port or _TCP_PORT)
     path = parts.netloc + parts.path
     if parts.scheme == "modbus-rtu" and path.strip("/"):

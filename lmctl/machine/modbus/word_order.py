@@ -29,7 +29,7 @@ async def detect_word_order(
 
     uptime : the block of input registers that holds the counter alone
     configured : the order that is expected; it is preferred where several would do
-    Returns None where the counter stands still, or counts in no order. Raises as readings do.
+    Returns None where the counter does not change, or counts in no order. Raises as readings do.
     """
     loop = asyncio.get_running_loop()
     until_s = loop.time() + _WATCHED_S
@@ -50,7 +50,7 @@ async def detect_word_order(
 
 
 def address_base_hint(words: Sequence[int], device_code: int, device: ModbusDevice) -> str:
-    """What to write into the profile where the code that identifies a device stands one register
+    """What to write into the profile where the code that identifies a device is one register
     later than asked for; "" where it does not."""
     if device.address_base == 0 and len(words) > 1 and words[1] == device_code:
         return "it counts its registers from 1: write address_base = 1 for it into the profile"

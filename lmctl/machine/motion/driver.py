@@ -231,7 +231,7 @@ class MotionDriver:
         self.position_trusted = True
 
     async def hold(self, *, seen_within_s: float = 0.25, stopped_within_s: float = 5.0) -> None:
-        """Feed hold; returns when the machine stands still. No line is sent until `resume`.
+        """Feed hold; returns when the machine is at rest. No line is sent until `resume`.
 
         raises : MachineError where no hold shows within seen_within_s, or the machine still moves
             after stopped_within_s, or an alarm stops it instead
@@ -240,7 +240,7 @@ class MotionDriver:
         await feed_hold.hold(self._connection, seen_within_s, stopped_within_s)
 
     async def resume(self) -> None:
-        """End a hold. Raises MachineError where the machine is not standing held, or stays so."""
+        """End a hold. Raises MachineError where the machine is not held, or stays held."""
         await feed_hold.resume(self._connection)
         self._stream.held = False
         self._stream.send_available()
@@ -248,7 +248,7 @@ class MotionDriver:
     async def reset(self, timeout_s: float = MAX_RESET_TIME_S) -> StatusReport:
         """Soft reset: ends stream and motion; returns the first report after the banner.
 
-        The position stays trusted only where the machine stood still. Raises MachineError.
+        The position stays trusted only where the machine was at rest. Raises MachineError.
         """
         self._stream.discard_queue()
         self._stream.held = True

@@ -34,7 +34,7 @@ def parse_motion_endpoint(text: str) -> MotionEndpoint:
         raise _no_endpoint(text) from None
     path = parts.netloc + parts.path  # serial://COM3 has no third slash
     if parts.scheme == "tcp" and parts.hostname and port and parts.path in ("", "/"):
-        endpoint_keys(text, parts.query, {}, "remove what stands behind the ?")
+        endpoint_keys(text, parts.query, {}, "remove what follows the ?")
         return MotionEndpoint(text, "tcp", host=parts.hostname, port=port)
     if parts.scheme in ("serial", "pty") and path.strip("/"):
         endpoint_keys(text, parts.query, {}, "write baud = 9600 into [motion] of the machine "

@@ -15,7 +15,7 @@ _RESUMED_S = 10.0  # restoring the spindle behind a door takes some seconds
 
 
 async def hold(connection: GrblConnection, seen_within_s: float, stopped_within_s: float) -> None:
-    """Send `!` and return when the machine stands still.
+    """Send `!` and return when the machine is at rest.
 
     raises : MachineError where no hold shows within seen_within_s, or the machine still moves
         after stopped_within_s, or an alarm stops it instead
@@ -50,10 +50,10 @@ async def hold(connection: GrblConnection, seen_within_s: float, stopped_within_
 
 
 async def resume(connection: GrblConnection) -> None:
-    """Send `~` to a machine that stands held and return when it no longer does.
+    """Send `~` to a held machine and return when it no longer does.
 
     `~` while it still decelerates is ignored by both firmwares, so it is not sent then.
-    raises : MachineError where the machine is not standing held, or stays so
+    raises : MachineError where the machine is not held, or stays held
     """
     loop = asyncio.get_running_loop()
     report = await connection.query_report(1.0)
@@ -61,7 +61,7 @@ async def resume(connection: GrblConnection) -> None:
         raise connection.device_error(
             "resume refused: the machine is not held at standstill (state "
             f"{'unknown' if report is None else report.state})",
-            hint="hold it first and wait until it stands; close the safety door",
+            hint="hold it first and wait until it has stopped; close the safety door",
         )
     connection.send_realtime(RealtimeCommand.START)
     start_s = loop.time()

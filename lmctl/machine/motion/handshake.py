@@ -2,7 +2,7 @@
 
 A port may have been used a moment ago by a host that died. So nothing is sent that could act until
 the controller has answered `?`; no bare newline is ever sent, since it would execute whatever part
-of a line the old host left behind; and a controller found holding is reset only once it stands
+of a line the old host left behind; and a controller found holding is reset only once it is at rest
 still, so that it keeps its position.
 """
 
@@ -111,7 +111,7 @@ async def first_report(connection: GrblConnection, timeout_s: float) -> StatusRe
 
 
 async def _come_to_rest(connection: GrblConnection, found: StatusReport, timeout_s: float) -> None:
-    """Wait out motion; reset a controller that stands in a hold, behind a door, or asleep."""
+    """Wait out motion; reset a controller that is in a hold, behind a door, or asleep."""
     loop = asyncio.get_running_loop()
     deadline_s = loop.time() + timeout_s
     report: StatusReport | None = found
@@ -137,7 +137,7 @@ def _not_at_rest_error(connection: GrblConnection, report: StatusReport | None) 
     if report.state in _MOVING:
         return connection.device_error(
             f"the machine is moving (state {report.state}) at another's command",
-            hint="wait until it stands, or stop it at its panel, then try again",
+            hint="wait until it has stopped, or stop it at its panel, then try again",
         )
     if report.state == "Door":
         return connection.device_error("the safety door is open", hint="close it and try again")

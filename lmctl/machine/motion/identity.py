@@ -147,6 +147,7 @@ def unsuitable_settings(identity: ControllerIdentity,
         overrides = REPORT_OVERRIDES if hal else 0  # asked for too, in one go
         found.append(UnsuitableSetting(
             f"status reports carry {fields} (${REPORT_MASK}={stated or 'missing'}), so executed "
-            "lines could not be told from planned ones", REPORT_MASK, mask | wanted | overrides,
+            "lines could not be distinguished from planned ones",
+            REPORT_MASK, mask | wanted | overrides,
         ))
     return found

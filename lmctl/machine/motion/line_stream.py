@@ -116,7 +116,7 @@ class LineStream:
         if self.running and not self.halted:
             self._lose_link(
                 "a reply came to no command: the line doubles or invents bytes, and what "
-                "was executed cannot be told"
+                "was executed cannot be known"
             )
 
     def on_status_report(self, report: StatusReport) -> bool:
@@ -125,7 +125,7 @@ class LineStream:
         if not self.halted and self._identity is not None:
             wrong = self._audit.on_status_report(report, self.progress, self._identity)
             if wrong is not None:
-                self._lose_link(f"{wrong}; what was executed cannot be told")
+                self._lose_link(f"{wrong}; what was executed cannot be known")
         self._look_for_lost_answer(report)
         return grown
 

@@ -195,7 +195,7 @@ class StreamProgress:
         return self.executed + (self._place_of(number) or 0)
 
     def _place_of(self, number: int) -> int | None:
-        """Where the line `N number` stands among those sent and not executed; None: not there."""
+        """Position of the line `N number` among those sent and not executed; None: not there."""
         same, index = self._placed
         if number == same and index >= self.executed:
             return index - self.executed

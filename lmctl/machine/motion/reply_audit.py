@@ -7,7 +7,7 @@ never, and both go on for as long as the stream does. A status report gives them
   moves reads that buffer: both firmwares look at real-time requests with it drained, or with one
   line wholly taken out of it and not answered yet (`protocol.c`, `protocol_main_loop`). So while it
   holds bytes, those are of the unanswered lines but the oldest. Held or asleep it reads none.
-- `Ln:`, the line at the planner's head, and `Bf:`, how many blocks stand from there on. A line
+- `Ln:`, the line at the planner's head, and `Bf:`, how many blocks are queued from there on. A line
   makes one block at most, so as many lines have been planned, and answered (grblHAL; stock Grbl
   reports no `Ln:`: there a missing answer shows when all is done).
 

@@ -1,4 +1,4 @@
-"""Bodies with a formula: exact distances, and outlines by their own shape where they stand upright.
+"""Bodies with a formula: exact distances, and exact outlines where their axis is vertical.
 
 An outline read off a 3D distance is too flat near a pole or a lid; the shape's own in-plane
 distance is not.

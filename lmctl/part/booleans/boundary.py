@@ -46,15 +46,15 @@ REACH_PITCHES = 2.0
 #: Beyond so many pitches only the surfaces that the nearest known point lies on are searched.
 FAR_PITCHES = 16.0
 
-#: Nearer than so many pitches so many of the nearest feet are looked for among all there are.
+#: Nearer than so many pitches, so many of the nearest surface points are searched among all.
 DIRECT_SEARCH_PITCHES = 6.0
 NEAREST_POINTS_ASKED = 4
 
-#: Of no more feet than this the nearest are found at once from everywhere.
+#: Of no more surface points than this the nearest are found at once from everywhere.
 MAX_POINTS_FOR_DIRECT_SEARCH = 20_000
 
-#: A place looks again nearer to the foot it found, at these shares of the way back: nodes far away
-#: hold less precise points.
+#: A place searches again nearer to the point it found, at these shares of the distance back: nodes
+#: far away hold less precise points.
 REFINEMENT_FRACTIONS = (0.1, 0.05, 0.0)
 
 #: What comes this near to where it must end, in pitches, ends there.
@@ -129,7 +129,7 @@ class Boundary:
         return closest
 
     def _looked(self, points: FloatArray) -> tuple[IntArray, IntArray]:
-        """The nearest foot, from the points stored at nodes if it is far; and the surfaces met
+        """The closest point, from the points stored at nodes if it is far; and the surfaces met
         around it and around the point."""
         closest_mm, active = self._found
         own = self._in_nodes(points)
@@ -280,7 +280,7 @@ class Boundary:
 
     @cached_property
     def _sources(self) -> NDArray[np.int32]:
-        """(nz, ny, nx) int32: the foot nearest to each node."""
+        """(nz, ny, nx) int32: the surface point nearest to each node."""
         closest = self.surface_points_mm
         sources = np.full(self.grid.shape, -1, dtype=np.int32)
         squared = np.full(self.grid.shape, np.inf, dtype=np.float32)

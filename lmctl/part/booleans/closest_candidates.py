@@ -16,9 +16,10 @@ MAX_NEAR_SURFACES = 6
 def seed_nodes(
     relative: FloatArray, sources: NDArray[np.int32], squared: NDArray[np.float32]
 ) -> None:
-    """Offer each foot to the nodes around it; a node keeps the nearest it was offered.
+    """Offer each closest point to the nodes around it; a node keeps the nearest it was offered.
 
-    relative : feet in node units; sources : −1 where none was offered; squared : inf there
+    relative : closest points in node units
+    sources, squared : −1 and inf where none was offered
     """
     nz, ny, nx = sources.shape
     for n in range(len(relative)):
@@ -34,7 +35,7 @@ def seed_nodes(
 
 
 def corner_candidates(sources: NDArray[np.int32], nodes: FloatArray) -> NDArray[np.int32]:
-    """The feet stored at the corners of cells, (n, 8).
+    """The closest points stored at the corners of cells, (n, 8).
 
     nodes : (n, 3), a place in each cell, in node units; taken to the grid's rim if it lies outside
     """
@@ -52,10 +53,10 @@ def select_closest_candidates(
     offered: NDArray[np.int32], closest_mm: FloatArray, active: NDArray[np.int32],
     points: FloatArray, rows: IntArray, near: IntArray,
 ) -> None:
-    """Of feet offered to each point take the nearest, and note the surfaces that all lie on.
+    """For each point the nearest of the surface points offered, and the surfaces that all lie on.
 
-    offered : (n, m), numbers of feet
-    rows : (n,), numbers of the nearest feet so far, −1 for none; replaced by nearer ones
+    offered : (n, m), numbers of closest points
+    rows : (n,), numbers of the nearest ones so far, −1 for none; replaced by nearer ones
     near : (n, MOST_NEAR), numbers of surfaces so far, −1 for none; more are added
     """
     for n in range(len(points)):

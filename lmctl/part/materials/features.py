@@ -26,7 +26,7 @@ from lmctl.part.bodies.surfaces import Vector
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
-#: Straight pieces that stand for each span of a spline; off by less than 1e-4 of its length.
+#: Straight pieces that approximate each span of a spline; off by less than 1e-4 of its length.
 PIECES_PER_SPAN = 64
 
 #: Triangles are cut until none is longer than this share of the surface's size.

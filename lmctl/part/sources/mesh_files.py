@@ -1,4 +1,4 @@
-"""Triangles from STL, PLY, OBJ, OFF and 3MF files, as they stand there.
+"""Triangles from STL, PLY, OBJ, OFF and 3MF files, unrepaired.
 
 Each format has a reader of its own, which reports errors in the terms of that format. This module
 makes the checks that all formats share.
@@ -45,7 +45,7 @@ class Mesh:
 
 
 def read_mesh(file: DataFile, units: str | None, group: str | None = None) -> Mesh:
-    """The triangles of a mesh file, as they stand in it, in mm.
+    """The triangles of a mesh file, unrepaired, in mm.
 
     units : None for a 3MF file, which states its own
     group : the name of a group of an OBJ file, to read that alone

@@ -9,7 +9,7 @@ from lmctl.part.sources.files import DataFile
 from lmctl.part.sources.polygons import triangulate_polygons
 from lmctl.part.sources.recognition import unreadable_file
 
-#: What may come before the counts. What `C`, `N` and `ST` add to a corner stands behind x, y, z.
+#: What may come before the counts. What `C`, `N` and `ST` add to a corner follows x, y, z.
 _KEYWORDS = ("OFF", "COFF", "NOFF", "STOFF", "CNOFF", "NCOFF", "STCOFF", "STNOFF", "STCNOFF")
 
 

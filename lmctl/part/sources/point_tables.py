@@ -1,6 +1,6 @@
 """Tables of points as text: one line per point, in the various styles of scanners.
 
-Columns stand between blanks, tabs, commas or semicolons; numbers have decimal points or decimal
+Columns are separated by blanks, tabs, commas or semicolons; numbers have decimal points or decimal
 commas; a line may name the columns, as a comment or not; a PTS file begins with how many lines
 follow. The first lines show how a table is written; what stays ambiguous is refused.
 """
@@ -191,7 +191,7 @@ def _style(file: DataFile, lines: list[str], rows: list[int]) -> _Style:
 
 
 def _delimiter(line: str) -> str | None:
-    """What stands between the numbers of a line: ";", ",", or " " for blanks; None if it has none.
+    """What separates the numbers of a line: ";", ",", or " " for blanks; None if it has none.
     """
     words = line.split()
     if ";" in line:

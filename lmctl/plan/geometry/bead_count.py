@@ -23,7 +23,7 @@ from lmctl.plan.geometry.section_raster import SectionRaster
 
 #: A stretch with a track on the axis is at least so long, in beads.
 SHORTEST_CENTRELINE_BEADS = 2.0
-#: An odd number may stand for a width of so many pitches more, between two odd stretches (where
+#: An odd number may fill a width of so many pitches more, between two odd stretches (where
 #: walls cross) and at the end of one.
 _MOST_MORE_BETWEEN, _MOST_MORE_AT_END = 1.2, 0.6
 #: So many tracks, from and to, become one more in every other layer. Of fewer the strips would be

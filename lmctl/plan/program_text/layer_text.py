@@ -99,7 +99,7 @@ def _power_words(moves: Moves, laser: LaserSettings, decimals: int) -> FloatArra
     if off.any():
         step_W = laser.max_power_W / laser.s_max / 10**decimals
         raise PlanError(
-            f"a beam of {moves.power_W[off].min():.3g} W is too weak to be told to the controller: "
+            f"a beam of {moves.power_W[off].min():.3g} W is too weak to be sent to the controller: "
             f"its S words go in steps of {step_W:.3g} W",
             where=f"laser.max_power_W = {laser.max_power_W:g}, laser.s_max = {laser.s_max}",
             hint="raise the material's power_W, with its speed_mm_s",

@@ -1,6 +1,6 @@
 """The sequence stage: layers in order, each from its geometry to timed lines and powder flow.
 
-This stage carries the only state that planning has: where the nozzle stands, with what mixture and
+This stage carries the only state that planning has: the nozzle position, the mixture and
 flow, at what program time, and how lines and paths are numbered. Every step works on all of a
 layer's arrays at once.
 """
@@ -40,7 +40,7 @@ from lmctl.preflight.placement import Placement
 
 @dataclass(frozen=True)
 class SequenceState:
-    """Where planning stands between two layers.
+    """State of planning between two layers.
 
     at_mm : (3,) the nozzle, in program coordinates; time_s : program time
     line, path : numbers of the next line and the next path

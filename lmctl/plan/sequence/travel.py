@@ -48,10 +48,10 @@ def layer_moves(
     beads: Beads, z_mm: float, offset_mm: FloatArray, start_mm: FloatArray,
     settings: TravelSettings, last: FloatArray,
 ) -> Moves:
-    """All moves of a layer, from where the nozzle stands to the last lead-out.
+    """All moves of a layer, from the nozzle position to the last lead-out.
 
     beads : in order, in the part's coordinates; offset_mm : (3,) of the part
-    start_mm : (3,) where the nozzle stands; last : (materials,) mixture deposited last
+    start_mm : (3,) nozzle position; last : (materials,) mixture deposited last
     """
     points = beads.points_mm + offset_mm[:2]
     entry = points[beads.first] - settings.lead_in_mm * _directions(points, beads.first, +1)

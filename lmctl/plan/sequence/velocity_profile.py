@@ -59,7 +59,7 @@ def _junction_speed_sq(unit: FloatArray, moving: NDArray[np.bool_],
     """Largest squared speed where each block begins [mm²/s²]: a d sin(θ/2) / (1 − sin(θ/2)).
 
     θ is the angle the path turns *through* the corner, 180° being straight on; 0 where either
-    neighbour stands still.
+    neighbour is at rest.
     """
     n = len(unit)
     result = np.zeros(n)

@@ -65,7 +65,7 @@ class BeamControl:
         )
 
     async def hold(self) -> None:
-        """Return when the machine stands. Without a hold in 250 ms the controller is reset.
+        """Return when the machine is at rest. Without a hold in 250 ms the controller is reset.
 
         Raises MachineError where it did not hold.
         """
@@ -77,7 +77,7 @@ class BeamControl:
             raise
 
     async def stop(self, at_rest: Callable[[], object], failed: Callable[[str], object]) -> None:
-        """Hold, and reset once it stands; without a hold in 250 ms reset at once (0x18).
+        """Hold, and reset once it is at rest; without a hold in 250 ms reset at once (0x18).
 
         at_rest : called when motion has come to rest, before what was planned is dropped
         failed : called with the reason why it had to be reset in motion

@@ -105,7 +105,7 @@ class Cell:
             ) from None
 
     async def wait_at_position(self, place_mm: Iterable[float | None], timeout_s: float) -> None:
-        """Wait until the machine stands idle at a place (None: wherever in that axis)."""
+        """Wait until the machine is idle at a place (None: wherever in that axis)."""
         wanted = tuple(place_mm)
 
         def there() -> bool:
@@ -209,7 +209,7 @@ async def _open_safety(safety: SafetySettings) -> SafetyDriver:
 async def _open_motion(
     motion: MotionSettings, safety_first: Sequence[asyncio.Future[Any]]
 ) -> MotionDriver:
-    """The controller stands behind its door input for as long as the watchdog relay is open."""
+    """The controller is held by its door input for as long as the watchdog relay is open."""
     if safety_first:
         await asyncio.wait(safety_first)
     return await MotionDriver.open(

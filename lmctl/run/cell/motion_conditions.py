@@ -18,7 +18,7 @@ from lmctl.run.cell.condition import StartCondition
 from lmctl.run.cell.setting_conditions import setting_conditions
 from lmctl.run.cell.work_offset import work_offset_conditions
 
-#: States in which a run waits a moment for the machine to stand, and then is refused.
+#: States in which a run waits a moment for the machine to stop, and then is refused.
 _MOVING = ("Run", "Jog", "Home")
 
 _FIND_OUT = "find the reason, then `lmctl machine home` or `lmctl machine unlock`"
@@ -75,7 +75,8 @@ def _unreadable_state(report: StatusReport, profile: MachineProfile) -> StartCon
             "as a run does, and checks the settings too",
         )
     if state in _MOVING:
-        return StartCondition(False, text, "wait until it stands, then try again", refuses_run=True)
+        return StartCondition(False, text, "wait until it has stopped, then try again",
+                              refuses_run=True)
     return StartCondition(False, f"{text}; a run would reset it, which keeps the position",
                           "end that state at its panel, then try again, to see the settings too")
 

@@ -102,7 +102,7 @@ def _answers_to(
                 answered = True
                 yield _understood(folder, line)
     except TimeoutError:
-        raise JournalError(f"{folder.name} does not answer", where="its process may stand still",
+        raise JournalError(f"{folder.name} does not answer", where="its process may be stopped",
                            hint="look at it where it was started") from None
     except OSError:
         pass  # it ended in this moment

@@ -4,7 +4,7 @@ A Unix stream socket, `control.sock` in the run's folder, which only the user wh
 (mode 0600, and the peer's user is looked at too). Requests are JSON objects, one a line of at most
 1,024 bytes; each is answered by one line, in order:
 
-    {"do": "status"}                        how the run stands
+    {"do": "status"}                        the state of the run
     {"do": "hold"}                          stop on the path, beam off
     {"do": "resume"}                        end a hold
     {"do": "stop"}                          end the run; a second one skips the post-flow
@@ -72,7 +72,7 @@ class ControlClient:
 class ControlCallbacks:
     """What the socket lets its clients do.
 
-    status : how the run stands, as JSON values
+    status : the state of the run, as JSON values
     perform_act : carries out one of ACTIONS, with the values of its request. Raises UsageError
     on_act : called for every act: what, by whom (the name given, ""), and why it was refused (""
         where it was not). Must not raise
@@ -150,7 +150,7 @@ class ControlSocket:
 
     async def _answer(self, client: socket.socket, peer: ControlClient, line: bytes) -> bool:
         """Carry out one request line; returns whether to keep reading from this client."""
-        self._clients[client] = self._clients.pop(client)  # now the last one heard
+        self._clients[client] = self._clients.pop(client)  # now the last one to send a request
         try:
             request = parse_request(line)
         except UsageError as error:

@@ -153,7 +153,7 @@ class Deposition:
 
     @property
     def standstill_mm(self) -> tuple[float, ...] | None:
-        """Where the machine stands, program coordinates; None where it has not reported that."""
+        """Machine position at rest, program coordinates; None where it was not reported."""
         motion = self._cell.motion
         return motion.position_mm if is_at_rest(motion) and motion.position_trusted else None
 

@@ -160,9 +160,9 @@ class ExecutedMotion:
         begin_t, end_t = self._t, t
         by_plan = self._window.machine_time_s(s, rate) - self._window.machine_time_s(self._s, rate)
         if not self._has_moved:
-            begin_t = max(begin_t, t - by_plan)  # it stood until then
+            begin_t = max(begin_t, t - by_plan)  # it was at rest until then
         elif at_rest:
-            # It has stood since.
+            # It has been at rest since.
             end_t = min(end_t, begin_t + by_plan + min(by_plan, _BRAKING_S))
         known = [one for one in (self._ratio, ratio) if one is not None]
         mean = sum(known) / len(known) if known else self._last_ratio

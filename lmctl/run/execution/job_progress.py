@@ -93,7 +93,7 @@ class JobProgress:
         return work is not None
 
     def stop_sending(self) -> None:
-        """Motion is to end: no more lines, and the program's clock stands."""
+        """Motion is to end: no more lines, and the program clock stops."""
         self.segment.deposition.stop()
         self.segment.clock.stop_at(self._loop.time())
 

@@ -56,7 +56,7 @@ def hopper_mass_g(
         flow_s = flow_s + following.flow_s
         flow_g_s = flow_g_s + following.flow_g_s[hopper]
     inside = [s for s in flow_s if from_s < s < to_s]
-    # Where two layers meet, both flows stand at the same time: each counts on its own side.
+    # Where two layers meet, both flows have a value at the same time: each counts on its own side.
     times = np.array([from_s, *inside, to_s])
     middle = (times[1:] + times[:-1]) / 2.0
     return float((np.interp(middle, flow_s, flow_g_s) * np.diff(times)).sum())

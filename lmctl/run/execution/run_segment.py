@@ -93,7 +93,7 @@ class RunSegmentFactory:
         ))
 
     def _announce(self, window: JobWindow, override_percent: int) -> None:
-        """What lies ahead, by the plan, until the deposition can tell."""
+        """Time left by the plan, until the deposition reports it."""
         if self.progress is not None:
             begin = window.first_layer()
             left_s = window.end_s - begin.starts_s[0]

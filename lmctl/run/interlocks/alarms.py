@@ -21,7 +21,7 @@ class RunTripError(MachineError):
 
     name : of the trip, one alarm a name
     explains : names of alarms that this is the cause of, though they may have come before it
-    cleared_s : machine time at which it was no longer so, None while it stands
+    cleared_s : machine time at which it was no longer so, None while it is active
     """
 
     def __init__(
@@ -101,7 +101,7 @@ class RunAlarms:
         return cause
 
     def add(self, error: LmctlError, at_s: float) -> RunAlarm | None:
-        """Add an alarm; None where it stands already, or ends one that stands ("… is lost: …")."""
+        """Add an alarm; None where it is active, or ends one that is active ("… is lost: …")."""
         name = alarm_name_of(error)
         if name in self._alarms or any(
             one.what == error.what or one.what.endswith(f": {error.what}")

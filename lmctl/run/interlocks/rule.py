@@ -38,7 +38,7 @@ class InterlockRule:
 
     min_duration_s : how long it must hold before the run reacts; of readings, the time between the
         first and the last that show it
-    is_latched : it stands until an operator acknowledges it, and so does not prevent acknowledging
+    is_latched : it stays active until an operator acknowledges it, and so does not prevent that
     needs_safety_device : only the safety-input device reports it; without one the rule is left out
     uses_feeder_readings : it uses `InterlockInputs.feeder_readings` and nothing else
     """

@@ -43,7 +43,7 @@ class InterlockSupervision:
         self._reported: set[tuple[str, str]] = set()
 
     def evaluate(self, facts: InterlockInputs, t: float, *, beam_off: bool) -> None:
-        """Evaluate all rules at t [s]. dark : whether the program has the beam off now."""
+        """Evaluate all rules at t [s]. beam_off : whether the program has the beam off now."""
         holding: set[tuple[str, str]] = set()
         self.has_unconfirmed_findings = False
         # Most looks come between two answers of a feeder.

@@ -4,7 +4,7 @@
 
 `prev` of the first line is 64 zeros. A sealed journal ends with a record of kind "seal" whose
 last field, `sha256`, is the hash of its own text before that field, so that it is covered too.
-What may differ between two equal runs (wall clock, run id, process id, port names) stands under
+What may differ between two equal runs (wall clock, run id, process id, port names) is under
 the key `local` of a record and nowhere else: a fingerprint leaves it out.
 
 The chain finds damage and careless editing. It carries no secret: anyone who rewrites the whole

@@ -1,9 +1,9 @@
 """Keeps the position of a homed machine between commands, where its controller does not report it.
 
 Grbl does not report that it has homed: Idle with homing enabled ($22) may mean homed, or only
-unlocked. So a command that leaves such a machine journals where it stands (machine coordinates)
+unlocked. So a command that leaves such a machine journals its position (machine coordinates)
 and whether that position was trusted. The next command trusts it if nothing else was begun since
-and the machine still stands there to the micrometre the controller reports. A power cycle sets the
+and the machine is still there to the micrometre the controller reports. A power cycle sets the
 position to zero, a move from elsewhere changes it, a killed host leaves no such record: after each
 of these the machine must be homed. grblHAL reports homed axes itself (`H:1`).
 """
@@ -43,7 +43,7 @@ class LastKnownPosition:
         self._run = ""
 
     def trust_if_unmoved(self, motion: MotionDriver) -> None:
-        """Trust the position, where the machine stands as the last session left it."""
+        """Trust the position, where the machine is as the last session left it."""
         if _silent(motion.identity, motion.settings) and self._unmoved(
             motion.status, motion.offset_mm
         ):
@@ -56,7 +56,7 @@ class LastKnownPosition:
                 and self._unmoved(reading.report, reading.offset_mm))
 
     def _unmoved(self, report: StatusReport | None, offset_mm: tuple[float, ...] | None) -> bool:
-        """Whether the machine stands as the last session left it, and that was to be trusted."""
+        """Whether the machine is where the last session left it, and that was to be trusted."""
         if report is None or report.state != "Idle" or not self.left["trusted"]:
             return False
         at, left = _machine_mm(report, offset_mm), self.left["machine_mm"]

@@ -1,6 +1,6 @@
 """Notes on a run: why it deviated from the plan, and what was decided about it.
 
-They stand beside the journal, in a file of the same form, since a sealed journal takes nothing
+They are kept beside the journal, in a file of the same form, since a sealed journal takes nothing
 more. Each note carries how many records the journal had and the hash of the last one: a journal
 that was altered or exchanged afterwards does not match it.
 """

@@ -1,7 +1,7 @@
-"""Places where a machine may stand that has run only the lines sent, and what they prove.
+"""Places where a machine may be that has run only the lines sent, and what they prove.
 
 A controller that was power-cycled reports 0, 0, 0; a machine moved by hand reports another place.
-The position is proven only where the machine stands on a move that was sent according to the
+The position is proven only where the machine is on a move that was sent according to the
 journal. That also proves how far the job has been executed.
 """
 
@@ -20,7 +20,7 @@ from lmctl.run.program.job_lines import rows_between
 from lmctl.run.program.place import ProgramPlace
 from lmctl.run.program.reentry import layer_of, plan_reentry
 
-#: A machine this near to a move that was sent stands on it [mm]: steps and rounding are finer.
+#: A machine this near to a move that was sent is on it [mm]: steps and rounding are finer.
 ON_LINE_MM = 0.05
 
 #: A machine that has not moved since it was reported at rest reports the same place [mm].
@@ -29,10 +29,10 @@ SAME_MM = 0.002
 
 @dataclass(frozen=True)
 class PositionProof:
-    """What explains where a machine stands.
+    """What explains the position of a machine.
 
-    is_unmoved : it stands exactly where it was last reported at rest, and was sent nowhere since
-    places : up to where the job may have been executed if it stands there, ascending: more than
+    is_unmoved : it is exactly where it was last reported at rest, and was sent nowhere since
+    places : up to where the job may have been executed if it is there, ascending: more than
         one where the path comes by the same point again; empty where nothing explains it
     """
 
@@ -47,7 +47,7 @@ class PositionProof:
 def position_proof(
     job: JobReader, after: RunReplay, motion: MotionSettings, position_mm: Sequence[float]
 ) -> PositionProof:
-    """What explains that a machine stands at a place, in program coordinates."""
+    """What explains a machine position, in program coordinates."""
     at_mm = np.asarray(position_mm[:3], dtype=np.float64)
     is_unmoved = (
         after.standstill_mm is not None and not after.to_purge and not after.moving
@@ -61,7 +61,7 @@ def position_proof(
 
 
 def _on_lines_sent(job: JobReader, after: RunReplay, at_mm: FloatArray) -> list[ProgramPlace]:
-    """The places on the lines that may have been executed where the machine may stand.
+    """The places on the lines that may have been executed where the machine may be.
 
     Lines that were journaled as sent come first. A host whose power failed may have lost the last
     of these records, but never the record of a path.
@@ -84,7 +84,7 @@ def _hits(job: JobReader, first: int, last: int, at_mm: FloatArray) -> list[Prog
 
 
 def _before_the_job(job: JobReader, after: RunReplay, motion: MotionSettings) -> list[FloatArray]:
-    """The moves it was sent that deposit nothing, as polylines: from where it stood to the purge
+    """The moves it was sent that deposit nothing, as polylines: from its position to the purge
     position, and from there to the path."""
     purge = np.array(motion.purge_mm, dtype=np.float64)
     high = np.array([*purge[:2], motion.travel_mm.z[1]])

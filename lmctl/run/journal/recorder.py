@@ -11,19 +11,19 @@ executed  a path has been executed by the controller's reports, not only acknowl
 place     where deposition ended: a line, the share of its length, and how that is known: "reported"
           by the controller at standstill (and when), "inferred" from what was sent and the clock
           (then perhaps only `at_least` another), "stated" by the operator, or "unknown": then
-          anywhere up to `until`; and where the machine stands, if it has reported that
+          anywhere up to `until`; and the machine position, if it was reported at rest
 entry     how the job resumes after that: first line with beam, and bead deposited again [mm]
 alarm     something is not as it must be: its name, the words the operator reads, and the names of
-          alarms that it is the cause of, though they may stand before it
+          alarms that it is the cause of, though they may come before it
 alarm_cleared  what an alarm was raised for is gone, or an operator has acknowledged it
-warning   a feeder warns of something that holds nothing: which, and whether it stands or is over
+warning   a feeder warns of something that holds nothing: which, and whether it is active or over
 setpoint  flows sent to the hoppers [g/min]
 override  a feed override requested, or reported by the controller [%]
 operator  an act that came by the control socket: from whom, and why it was refused if it was
 unreported  what the run that is continued executed after its last report, in one layer: inferred
           from the place in which the machine was found
 samples   columns of equal length, one value a status report: place, feed, beam word, flows and gas;
-          and how the accounts of the layers under way stand, so that a killed host loses half a
+          and the accounts of the layers under way, so that a killed host loses half a
           second of them
 refill    a hopper was refilled: material, lot, mass as the operator states and as weighed [g]
 purge     powder fed over the purge position or in a hold, before motion resumes [g]
@@ -32,7 +32,7 @@ layer_opened  lines of a layer are about to be sent for the first time in this r
 layer     a layer is over, or the run is: what was reported and inferred of it in this run, up to
           what place, and whether no bead of it is left
 fault     a reason why a run was held or ended badly; of one that came after another, the cause
-seal      the end: state, lines executed; where alarms stand their cause, and what followed
+seal      the end: state, lines executed; where alarms are active their cause, and what followed
 """
 
 from __future__ import annotations
@@ -139,7 +139,7 @@ class RunRecorder:
         self._flush()
 
     def record_place(self, reached: PlaceReached, standstill_mm: tuple[float, ...] | None) -> None:
-        """Where deposition ended; durable. standstill_mm : where the machine stands, if reported"""
+        """Where deposition ended; durable. standstill_mm : machine position, if reported at rest"""
         fields: dict[str, Any] = {"known": reached.known}
         if reached.is_assumed:
             fields["at_least"] = _place(reached.at_least)

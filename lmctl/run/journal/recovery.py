@@ -168,20 +168,20 @@ def _by_machine(
     if reached.is_assumed and not after.moving:
         return _unconfirmed(reached), _journal_says(after)
     if reached.is_assumed and last < reached.place:
-        return known_place(last, Known.REPORTED), "reported: the machine stands there"
+        return known_place(last, Known.REPORTED), "reported: the machine is there"
     if reached.known is not Known.UNKNOWN:
         return reached, _journal_says(after)
     if bead_between_mm(job, first, last) > _NO_DOUBT_MM:
         return (unknown_place(first, last, reached.reported_s),
-                "unknown: the path comes by where the machine stands more than once")
+                "unknown: the path passes the machine position more than once")
     beam_off_first = profile.safety is not None and profile.safety.laser_enable
     if not beam_off_first or first <= reached.place or _ran_dry(job, after, seen):
-        return known_place(first, Known.REPORTED), "reported: the machine stands there"
+        return known_place(first, Known.REPORTED), "reported: the machine is there"
     tail_mm, tail_s = _beam_off_tail(job, first, seen.dialect, profile.motion)
     ended = max(reached.place, before_motion_mm(job, first, tail_mm))
     return PlaceReached(
         ended, Known.INFERRED, ended, ended, beam_off_motion_s=tail_s,
-    ), "inferred: the machine stands a little farther on, its laser-enable output dropped first"
+    ), "inferred: the machine is a little farther on, its laser-enable output dropped first"
 
 
 def _unconfirmed(reached: PlaceReached) -> PlaceReached:
@@ -192,7 +192,7 @@ def _unconfirmed(reached: PlaceReached) -> PlaceReached:
 
 
 def _ran_dry(job: JobReader, after: RunReplay, seen: MachineSeen) -> bool:
-    """Whether the machine stands at the end of what it was sent: nothing stopped it before."""
+    """Whether the machine is at the end of what it was sent: nothing stopped it before."""
     if after.sent_line < 0 or seen.position_mm is None:
         return False
     rows = next(rows_between(job, after.sent_line, after.sent_line))

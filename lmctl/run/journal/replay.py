@@ -36,7 +36,7 @@ class RunReplay:
     beam_on_line : the line with which the part was entered last; earlier lines were not run then
     standstill_mm : place where the machine was last reported at rest, program coordinates, or None
     to_purge : whether it has been sent to the purge position since
-    moving : whether the program has been started since; the machine may stand on any line sent
+    moving : whether the program has been started since; the machine may be on any line sent
     proven_place : deposition has not ended before this place: it was reported, or reached before
     entered_at : the place from which it was then entered, None for its first line
     ended_wall : when the journal's last record was made, by the wall clock

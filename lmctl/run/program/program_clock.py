@@ -82,7 +82,7 @@ class ProgramClock:
     is_in_doubt : the last place reported is not the expected one, and too few others agree yet; it
         counts for nothing so far
     turned : called when anything but the passing of time changes the motion ahead
-    The clock stands until `run_from`, and again after `stand`.
+    The clock is stopped until `run_from`, and again after `stop_at`.
     """
 
     def __init__(self, window: JobWindow) -> None:

@@ -90,7 +90,7 @@ class Transition(NamedTuple):
 _STOP = (Effect.STOP_MOTION, Effect.POWDER_OFF, Effect.GAS_OFF)
 _STOP_NOW = (Effect.STOP_MOTION, Effect.POWDER_OFF, Effect.GAS_OFF_NOW)
 _FINISH = (Effect.REST_BEAM, Effect.POWDER_OFF, Effect.GAS_OFF)
-#: Once it stands, the controller is emptied: a cycle start at its panel then starts nothing.
+#: Once at rest, the controller is emptied: a cycle start at its panel then starts nothing.
 _HOLD = Transition(RunState.HOLDING, (Effect.FEED_HOLD, Effect.CLEAR_MOTION, Effect.POWDER_OFF))
 
 #: States in which a device may be on, so that ending them takes the whole order of stopping.

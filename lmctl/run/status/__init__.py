@@ -1,4 +1,4 @@
-"""How a run stands and how it ended, in words and values for people and other programs."""
+"""State of a run and how it ended, in words and values for people and other programs."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ def is_recoverable(machine: RunStateMachine, course: JobProgress) -> bool:
 
 
 def first_out_fields(alarms: RunAlarms) -> dict[str, Any]:
-    """Fields of a journal's seal: the cause of the alarms that stand at the end, and the others."""
+    """Fields of a journal's seal: the cause of the alarms active at the end, and the others."""
     if not len(alarms):
         return {}
     cause, *others = alarms

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-#: How a run stands; see `lmctl.run.status.snapshot`.
+#: State of a run; see `lmctl.run.status.snapshot`.
 Snapshot = dict[str, Any]
 
 Watcher = Callable[[Snapshot], None]

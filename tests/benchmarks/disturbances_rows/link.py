@@ -199,7 +199,7 @@ def silence(seed: int, folder: Path) -> Trial:
     async def fall_silent(bench: Bench, board: FaultInjector, executor: RunExecutor) -> None:
         await _some_way_on(trial, executor)
         kind, values = trial.draw.choice((
-            ("controller_silent", {}), ("controller_silent", {"hears": True}),
+            ("controller_silent", {}), ("controller_silent", {"receives": True}),
             ("controller_stalls", {})))
         trial.since_s = asyncio.get_running_loop().time()
         board.inject(Fault.create(kind, **values))

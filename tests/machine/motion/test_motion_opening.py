@@ -145,7 +145,7 @@ def test_with_reports_that_show_no_progress_no_line_is_sent(
     device.report = lambda: controller(firmware).report()  # mask may be no number here
     device.settings[10] = mask
     error = refused_program(in_virtual_time, device)
-    assert "executed lines could not be told from planned ones" in error.what
+    assert "executed lines could not be distinguished from planned ones" in error.what
     identity = ControllerIdentity(firmware, "1.1f", "", 128, 15)
     (unfit,) = unsuitable_settings(identity, {10: mask, 32: "1"})
     assert (unfit.number, unfit.value) == (10, mend)

@@ -73,11 +73,11 @@ def test_homing_after_a_reboot_finds_the_true_place_again(play):
     assert after_mm == pytest.approx(believed, abs=0.01)
 
 
-@pytest.mark.parametrize("hears", [False, True])
-def test_silent_it_says_nothing_and_goes_on_with_what_it_has(play, hears):
+@pytest.mark.parametrize("receives", [False, True])
+def test_silent_it_says_nothing_and_goes_on_with_what_it_has(play, receives):
     async def scene(cell):
         await under_way(cell)
-        cell.inject("controller_silent", hears=hears, for_s=3.0)
+        cell.inject("controller_silent", receives=receives, for_s=3.0)
         at_s = cell.now_s
         said = await cell.send("?!", then_s=3.1)
         after = await cell.send("?", then_s=0.2)
@@ -85,8 +85,8 @@ def test_silent_it_says_nothing_and_goes_on_with_what_it_has(play, hears):
 
     at_s, said, after, judge = play(scene)
     assert said == b""
-    assert reports(after)[0].startswith("<Hold:0" if hears else "<Run")
-    assert (judge.beam_off_at_s(at_s) < at_s + 0.2) is hears
+    assert reports(after)[0].startswith("<Hold:0" if receives else "<Run")
+    assert (judge.beam_off_at_s(at_s) < at_s + 0.2) is receives
 
 
 def test_stalled_it_takes_nothing_and_gets_it_all_later(play):
