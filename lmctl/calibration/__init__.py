@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from lmctl.calibration.step_fit import fit_feeder_response as fit_feeder_response
     from lmctl.calibration.step_response import SetpointHistory as SetpointHistory
     from lmctl.calibration.validity import CalibrationFinding as CalibrationFinding
-    from lmctl.calibration.validity import CalibrationUse as CalibrationUse
     from lmctl.calibration.validity import calibrated_profile as calibrated_profile
     from lmctl.calibration.validity import calibration_findings as calibration_findings
 
@@ -31,7 +30,6 @@ if TYPE_CHECKING:
 _HOMES = {
     "Calibration": "lmctl.calibration.calibration_file",
     "CalibrationFinding": "lmctl.calibration.validity",
-    "CalibrationUse": "lmctl.calibration.validity",
     "CatchCalibration": "lmctl.calibration.calibration_file",
     "DilutionCalibration": "lmctl.calibration.calibration_file",
     "Estimate": "lmctl.calibration.estimate",

@@ -195,7 +195,7 @@ def _fit(
     highs = np.array([_HIGH[name] for name in names])
     measured = np.diff(steps.mass_g)
     fixed_noise = noise is not None
-    noise = noise or FlowNoise(0.03, 1.0, scale_lag_s.value, steps.resolution_g / 12**0.5)
+    noise = noise or FlowNoise(0.03, 1.0, scale_lag_s.value, _rounding_g(steps))
     scale_at = names.index("scale_lag_s")
     scale_error = max(scale_lag_s.standard_error, 1e-4)
     middle_s = (steps.time_s[1:] + steps.time_s[:-1]) / 2.0
@@ -232,6 +232,17 @@ def _fit(
         estimates, Estimate(total, float(np.sqrt(delays @ covariance @ delays))), noise,
         _further_parameter(whitener.whiten(drifting), found),
         float(found.fun @ found.fun) + whitener.log_determinant, found.fun[:-1])
+
+
+def _rounding_g(steps: WeighedSteps) -> float:
+    """Standard deviation of a displayed mass by rounding.
+
+    A display that stands still over several readings rounds them all alike: they count as one.
+    """
+    growth_g = float(np.median(np.abs(np.diff(steps.mass_g[:: _COARSE_STRIDE])))) / _COARSE_STRIDE
+    slowest_g = growth_g * steps.history.lowest_over_highest
+    alike = max(1.0, min(steps.resolution_g / max(slowest_g, 1e-9), 10.0))
+    return steps.resolution_g * float(np.sqrt(alike / 12.0))
 
 
 def _further_parameter(column: FloatArray, found: optimize.OptimizeResult) -> Estimate:

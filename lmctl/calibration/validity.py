@@ -12,7 +12,7 @@ from datetime import datetime
 
 from lmctl.calibration.calibration_file import Calibration, MeasurementConditions
 from lmctl.config.machine import HopperSettings, MachineProfile
-from lmctl.config.measuring import CalibrationSettings
+from lmctl.config.measuring import CalibrationSettings, CalibrationUse
 from lmctl.errors import ConfigError
 
 #: Gas flows that count as equal: a flow meter's tolerance.
@@ -27,27 +27,6 @@ class CalibrationFinding:
     what: str
     text: str
     refuses: bool
-
-
-@dataclass(frozen=True)
-class CalibrationUse:
-    """Which calibration a profile's values come from, as jobs and journals carry it.
-
-    measured : by what was measured ("hopper A", "catch of 316L"): the date of its measurement
-    """
-
-    digest: str
-    measured: dict[str, str]
-
-    def as_json(self) -> dict[str, object]:
-        """As manifests and journals hold it."""
-        return {"digest": self.digest, "measured": dict(self.measured)}
-
-    @property
-    def text(self) -> str:
-        """In words."""
-        of = ", ".join(f"{what} of {when[:10]}" for what, when in self.measured.items())
-        return f"calibration {self.digest[:12]}: {of}"
 
 
 def calibration_findings(
@@ -140,10 +119,8 @@ def refuse_invalid(findings: list[CalibrationFinding], where: str) -> None:
         )
 
 
-def calibrated_profile(
-    profile: MachineProfile, calibration: Calibration
-) -> tuple[MachineProfile, CalibrationUse]:
-    """The profile with what was measured in place of what was typed in, and what that is."""
+def calibrated_profile(profile: MachineProfile, calibration: Calibration) -> MachineProfile:
+    """The profile with what was measured in place of what was typed in; it says so itself."""
     measured: dict[str, str] = {}
     hoppers = []
     for hopper in profile.hopper:
@@ -161,5 +138,5 @@ def calibrated_profile(
             measured[f"catch of {hopper.material}"] = caught.conditions.measured
             update["catch_efficiency"] = caught.efficiency.value
         hoppers.append(hopper.model_copy(update=update))
-    return (profile.model_copy(update={"hopper": tuple(hoppers)}),
-            CalibrationUse(calibration.digest, measured))
+    return profile.with_measured_hoppers(tuple(hoppers),
+                                         CalibrationUse(calibration.digest, measured))

@@ -20,6 +20,7 @@ from simulators.bench import Bench
 from simulators.bench_config import BenchConfig
 from simulators.faults.fault_injector import FaultInjector
 from simulators.faults.plan import FaultPlan, FaultPlanError
+from simulators.operator import SimulatedOperator
 
 T = TypeVar("T")
 
@@ -69,6 +70,20 @@ def run_on_bench(
     return virtual_time.run_in_virtual_time(whole_act())
 
 
+def run_on_bench_with_operator(
+    act: Callable[[MachineProfile, SimulatedOperator], Coroutine[Any, Any, T]],
+    profile: MachineProfile, bench: Path | None = None,
+) -> T:
+    """As `run_on_bench`, with the bench's own operator, who puts weights on and weighs coupons."""
+    config = load_bench(bench)
+
+    async def whole_act() -> T:
+        async with Bench(config, ephemeral_ports=True) as cell:
+            return await act(replace_endpoints(profile, cell.endpoints), SimulatedOperator(cell))
+
+    return virtual_time.run_in_virtual_time(whole_act())
+
+
 def load_bench(path: Path | None) -> BenchConfig:
     """The simulated cell in `path`, or the one that ships. Raises ConfigError."""
     if path is None:
@@ -110,7 +125,8 @@ def _kill_this_process() -> None:
 
 
 def replace_endpoints(profile: MachineProfile, endpoints: dict[str, str]) -> MachineProfile:
-    """The profile with its endpoints replaced: "motion", "safety", and each feeder by its name.
+    """The profile with its endpoints replaced: "motion", "safety", "scale", and each feeder by its
+    name. A scale that the bench lacks is taken out.
 
     Raises ConfigError where the bench lacks a feeder or the safety device of the profile.
     """
@@ -130,6 +146,8 @@ def replace_endpoints(profile: MachineProfile, endpoints: dict[str, str]) -> Mac
         "safety": profile.safety and profile.safety.model_copy(
             update={"endpoint": endpoints["safety"]}
         ),
+        "scale": profile.scale.model_copy(update={"endpoint": endpoints["scale"]})
+        if profile.scale and "scale" in endpoints else None,
         "motion": profile.motion.model_copy(update={"endpoint": endpoints["motion"]}),
         "feeder": tuple(
             feeder.model_copy(update={"endpoint": endpoints[feeder.name]})

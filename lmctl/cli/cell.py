@@ -25,6 +25,7 @@ class CellChoice:
     profile: MachineProfile
     sim: bool
     bench: Path | None
+    profile_path: Path | None = None
 
     def run_on_cell(self, act: Callable[[MachineProfile], Coroutine[Any, Any, T]]) -> T:
         """Do something with it; a simulated cell lives as long as that. Raises what it raises."""
@@ -35,14 +36,19 @@ class CellChoice:
         return run_on_bench(act, self.profile, self.bench)
 
 
-def choose_cell(machine: Path | None, sim: bool, bench: Path | None) -> CellChoice:
-    """Raises UsageError where no cell is named, ConfigError for a bad profile."""
+def choose_cell(
+    machine: Path | None, sim: bool, bench: Path | None, *, calibrated: bool = True
+) -> CellChoice:
+    """Raises UsageError where no cell is named, ConfigError for a bad profile.
+
+    calibrated : as `load_profile_or_default` takes it
+    """
     if not sim and machine is None:
         raise UsageError("which machine?",
                          hint="--machine FILE for a real one, --sim for the simulated one")
     if bench is not None and not sim:
         raise UsageError("--bench belongs to --sim")
-    return CellChoice(load_profile_or_default(machine), sim, bench)
+    return CellChoice(load_profile_or_default(machine, calibrated=calibrated), sim, bench, machine)
 
 
 def cell_options(command: Callable[..., None]) -> Callable[..., None]:

@@ -12,7 +12,8 @@ from lmctl.errors import UsageError
 
 
 class LazyGroup(click.Group):
-    """commands : {name: (module, one line of help)}; the module holds a click command of that name.
+    """commands : {name: (module, one line of help)}; the module holds a click command of that name,
+    with _ for each - in it.
 
     `--help` shows the table without importing anything, which keeps it below 0.15 s.
     """
@@ -28,7 +29,7 @@ class LazyGroup(click.Group):
         if cmd_name not in self._table:
             return None
         module = importlib.import_module(self._table[cmd_name][0])
-        command = getattr(module, cmd_name)
+        command = getattr(module, cmd_name.replace("-", "_"))
         assert isinstance(command, click.Command)
         return command
 

@@ -1,4 +1,4 @@
-"""`lmctl machine`: looking at a cell, checking it, and moving it by hand."""
+"""`lmctl machine`: looking at a cell, checking and measuring it, and moving it by hand."""
 
 from __future__ import annotations
 
@@ -16,13 +16,15 @@ COMMANDS = {
                "Say where program zero is; show or clear work offsets."),
     "settings": ("lmctl.cli.machine_settings",
                  "Show, keep, compare and write the firmware's settings."),
+    "feeder-test": ("lmctl.cli.machine_measuring",
+                    "Step hoppers over the catch scale, beam off; measure how they respond."),
     "unlock": ("lmctl.cli.machine_actions", "End latched alarms of controller and feeders."),
 }
 
 
 @click.command(cls=LazyGroup, table=COMMANDS)
 def machine() -> None:
-    """Look at a machine, check it, home it, jog it, unlock it.
+    """Look at a machine, check it, home it, jog it, unlock it, measure it.
 
     Name the machine by --machine FILE, or take the simulated one by --sim.
     """

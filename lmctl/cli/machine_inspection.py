@@ -7,15 +7,16 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from lmctl.cli.cell import cell_options, choose_cell
+from lmctl.cli.cell import CellChoice, cell_options, choose_cell
 from lmctl.cli.console import print_data, print_json
 from lmctl.config.machine import MachineProfile
-from lmctl.errors import LmctlError, MachineError
+from lmctl.errors import ConfigError, LmctlError, MachineError
 
 if TYPE_CHECKING:
     from lmctl.machine.manual.inspect_modbus import FeederInspection
     from lmctl.machine.manual.inspect_motion import MotionReading
     from lmctl.machine.safety.status import SafetyStatus
+    from lmctl.run.cell.condition import StartCondition
     from lmctl.run.cell.doctor import CellInspection
 
 
@@ -64,10 +65,10 @@ def doctor(
     """
     from lmctl.run.cell.doctor import check_inspection
 
-    cell = choose_cell(machine, sim, bench)
+    cell = choose_cell(machine, sim, bench, calibrated=False)
     seen = cell.run_on_cell(lambda profile: inspect(profile, "lmctl machine doctor", runs_dir,
                                                     close_relay=close_relay, search=search))
-    found = check_inspection(seen, cell.profile)
+    found = check_inspection(seen, cell.profile) | _calibration_conditions(cell)
     conditions = [condition for of_device in found.values() for condition in of_device]
     unmet = [condition for condition in conditions if not condition.is_met]
     refusing = [condition for condition in unmet if condition.refuses_run]
@@ -95,6 +96,30 @@ def doctor(
         ))
     if unmet:
         ctx.exit(MachineError.exit_code if refusing else 1)
+
+
+def _calibration_conditions(cell: CellChoice) -> dict[str, list[StartCondition]]:
+    """What the calibration holds that the profile names, and what is doubtful about it."""
+    from lmctl.calibration.validity import calibrated_profile
+    from lmctl.cli.calibrations import judged_calibration
+    from lmctl.run.cell.condition import StartCondition
+
+    try:
+        judged = judged_calibration(cell.profile, cell.profile_path)
+    except ConfigError as error:
+        return {"calibration": [StartCondition(False, "; ".join([error.what, *error.where]),
+                                               error.hint, refuses_run=True)]}
+    if judged is None:
+        return {}
+    conditions = [
+        StartCondition(False, f"{finding.what}: {finding.text}", "measure again, or correct the "
+                       "profile", refuses_run=finding.refuses)
+        for finding in judged.findings
+    ]
+    if judged.found is not None:
+        use = calibrated_profile(cell.profile, judged.found).calibration_use
+        conditions.insert(0, StartCondition(True, f"calibration {use.text if use else ''}"))
+    return {"calibration": conditions}
 
 
 async def inspect(

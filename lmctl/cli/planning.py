@@ -11,6 +11,7 @@ import click
 from lmctl.cli.console import format_duration, print_message, progress_bar, wrapped
 from lmctl.cli.interrupts import interruptible
 from lmctl.config.machine import MachineProfile
+from lmctl.config.measuring import calibration_text
 from lmctl.errors import UsageError
 
 if TYPE_CHECKING:
@@ -91,6 +92,8 @@ def job_summary(manifest: JobManifest, target: Path) -> str:
         f"  built     {totals['built_fraction']:.2%} of the part's volume inside its surface, "
         f"{totals['surplus_fraction']:.2%} beside it",
         f"  machine   {manifest.machine}, powder mode {manifest.powder_mode}",
+        *([f"  measured  calibration {calibration_text(manifest.calibration)}"]
+          if manifest.calibration else []),
         f"  job       {target}",
     ]
     lines += [f"  warning   {text}" for text in totals["warnings"]]

@@ -19,10 +19,19 @@ from lmctl.machine.modbus.endpoint import parse_modbus_endpoint
 from lmctl.machine.motion.endpoint import parse_motion_endpoint
 
 
-def load_profile_or_default(path: Path | None) -> MachineProfile:
-    """The profile in `path`, or the example cell. Raises ConfigError."""
+def load_profile_or_default(path: Path | None, *, calibrated: bool = True) -> MachineProfile:
+    """The profile in `path`, or the example cell. Raises ConfigError.
+
+    calibrated : with what the calibration it names has measured; doubts about that are told, or
+        refused where the profile says so
+    """
     if path is not None:
-        return load_checked_profile(path)
+        profile = load_checked_profile(path)
+        if not calibrated or profile.calibration is None:
+            return profile
+        from lmctl.cli.calibrations import apply_calibration
+
+        return apply_calibration(profile, path)
     with as_file(files("lmctl.examples") / "cell.toml") as shipped:
         return load_checked_profile(shipped)
 
@@ -54,6 +63,7 @@ def _endpoint_findings(data: dict[str, Any]) -> Iterator[Finding]:
         *((f"feeder[{number}]", feeder, parse_modbus_endpoint)
           for number, feeder in enumerate(feeders if isinstance(feeders, list) else [], start=1)),
         ("safety", data.get("safety"), parse_modbus_endpoint),
+        ("scale", data.get("scale"), parse_modbus_endpoint),
     ]
     for key, device, parsed in devices:
         endpoint = device.get("endpoint") if isinstance(device, dict) else None

@@ -11,10 +11,15 @@ import unicodedata
 from pathlib import Path
 from typing import Annotated, Literal, get_args
 
-from pydantic import AfterValidator, Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, PrivateAttr, field_validator, model_validator
 
 from lmctl.config import toml_file
-from lmctl.config.measuring import CalibrationSettings, FeederCorrectionSettings, ScaleSettings
+from lmctl.config.measuring import (
+    CalibrationSettings,
+    CalibrationUse,
+    FeederCorrectionSettings,
+    ScaleSettings,
+)
 from lmctl.config.modbus_device import ModbusDevice
 from lmctl.config.quantities import Coordinate, Length, Name, Vector
 from lmctl.config.toml_file import ConfigModel
@@ -226,6 +231,20 @@ class MachineProfile(ConfigModel):
     safety: SafetySettings | None = None
     scale: ScaleSettings | None = None
     calibration: CalibrationSettings | None = None
+    _calibration_use: CalibrationUse | None = PrivateAttr(default=None)
+
+    @property
+    def calibration_use(self) -> CalibrationUse | None:
+        """Where measured values have come from; None where all are as typed in."""
+        return self._calibration_use
+
+    def with_measured_hoppers(
+        self, hoppers: tuple[HopperSettings, ...], use: CalibrationUse
+    ) -> MachineProfile:
+        """The same cell with hoppers as they were measured."""
+        profile = self.model_copy(update={"hopper": hoppers})
+        profile._calibration_use = use
+        return profile
 
     @model_validator(mode="after")
     def _consistent(self) -> MachineProfile:

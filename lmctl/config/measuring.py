@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
@@ -61,3 +62,32 @@ class FeederCorrectionSettings(ConfigModel):
     time_constant_windows: Annotated[float, Field(ge=10, le=1000)] = 10.0
     max_share: Annotated[float, Field(gt=0, le=0.1)] = 0.1
     least_level_percent: Annotated[float, Field(ge=30, le=100)] = 30.0
+
+
+@dataclass(frozen=True)
+class CalibrationUse:
+    """Which calibration a profile's values come from, as jobs and journals carry it.
+
+    measured : by what was measured ("hopper A", "catch of 316L"): the date of its measurement
+    """
+
+    digest: str
+    measured: dict[str, str]
+
+    def as_json(self) -> dict[str, object]:
+        """As manifests and journals hold it."""
+        return {"digest": self.digest, "measured": dict(self.measured)}
+
+    @property
+    def text(self) -> str:
+        """In words."""
+        return calibration_text(self.as_json())
+
+
+def calibration_text(used: dict[str, object]) -> str:
+    """What `CalibrationUse.as_json` made, in words; "" for anything else."""
+    measured, digest = used.get("measured"), used.get("digest")
+    if not isinstance(measured, dict) or not isinstance(digest, str):
+        return ""
+    of = ", ".join(f"{what} of {str(when)[:10]}" for what, when in measured.items())
+    return f"{digest[:12]}: {of or 'nothing of it'}"

@@ -130,6 +130,8 @@ class JobManifest:
     excerpt : numbers of the first and last layer, from 1, where only these are planned, for
         looking; no machine takes such a job
     part_offset_mm : program coordinates of the part's own origin
+    calibration : digest and dates of the calibration whose values were planned with, as
+        `CalibrationUse.as_json` gives it; None where all were typed in
     sources : {file name: sha256} of the data files the part was made from
     mixtures : of every layer that has beads, in order; empty in jobs of earlier versions
     """
@@ -152,4 +154,5 @@ class JobManifest:
     part_offset_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
     excerpt: tuple[int, int] | None = None
     mixtures: tuple[LayerMixture, ...] = ()
+    calibration: dict[str, Any] | None = None
     layers: tuple[LayerEntry, ...] = field(default=())

@@ -168,7 +168,7 @@ class _Planning:
         Raises PlanError where the plan is not the part, and that is not allowed.
         """
         part, profile, statistics = self._part, self._profile, self._sequencer.statistics
-        excerpt = self._options.layers
+        excerpt, used = self._options.layers, profile.calibration_use
         findings = [
             *self._completeness_findings(),
             *plan_report(statistics, self._placement, part.process.powder)]
@@ -199,6 +199,7 @@ class _Planning:
             part_offset_mm=(float(x), float(y), float(z)),
             excerpt=excerpt,
             mixtures=tuple(statistics.mixtures),
+            calibration=None if used is None else used.as_json(),
         )
 
 

@@ -243,7 +243,10 @@ def recipe_of(part: Part, profile: MachineProfile, layer_height_mm: float) -> Re
 def make_recipe(
     materials: Sequence[MaterialSpec], process: ProcessSettings, profile: MachineProfile
 ) -> Recipe:
-    """The recipe of a part's materials on a machine. Raises PlanError: a material has no hopper."""
+    """The recipe of a part's materials on a machine. Raises PlanError: a material has no hopper.
+
+    Catch efficiencies that were measured on the machine stand in for the part file's.
+    """
     hoppers = [hopper_for_material(material.name, profile) for material in materials]
 
     def column(values: list[float]) -> FloatArray:
@@ -253,7 +256,9 @@ def make_recipe(
         materials=tuple(materials),
         hoppers=tuple(hoppers),
         density_g_mm3=column([m.density_g_mm3 for m in materials]),
-        catch_efficiency=column([m.catch_efficiency for m in materials]),
+        catch_efficiency=column([
+            hopper.catch_efficiency or material.catch_efficiency
+            for hopper, material in zip(hoppers, materials, strict=True)]),
         power_W=column([m.power_W for m in materials]),
         speed_mm_s=column([m.speed_mm_s for m in materials]),
         min_flow_g_s=column([h.min_flow_g_min for h in hoppers]) / 60,

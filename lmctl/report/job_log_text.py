@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+from lmctl.config.measuring import calibration_text
 from lmctl.report.layer_record import DEVIATION_TOLERANCE, deviating_figures
 from lmctl.report.log_layout import (
     LINE_WIDTH,
@@ -66,6 +67,7 @@ def _head(part: PartRecord) -> str:
         ("plan", f"{header.get('layers', 0)} layers, {header.get('lines', 0):,} program lines, "
                  f"{format_duration(float(header.get('planned_s', 0.0)))}"),
         *((f"hopper {hopper['name']}", _hopper(hopper)) for hopper in header.get("hoppers", [])),
+        ("calibration", calibration_text(header.get("calibration") or {})),
         *(("warning", str(text)) for text in header.get("warnings", [])),
     ]
     return "\n".join([

@@ -146,11 +146,13 @@ def test_another_powder_or_machine_is_refused() -> None:
 def test_measured_values_stand_in_for_typed_ones() -> None:
     caught = CatchCalibration(mass_shares={"316L": 1.0}, conditions=conditions(),
                               efficiency=value(0.68, 0.02), fed_g=40.0, deposited_g=27.2)
-    profile, use = calibrated_profile(cell(), calibration().with_catch(caught))
+    profile = calibrated_profile(cell(), calibration().with_catch(caught))
     a, b = profile.hopper
     assert (a.dead_time_s, a.lag_s, a.slope, a.catch_efficiency) == (3.4, 1.3, 1.05, 0.68)
     assert b == cell().hopper[1]
+    use = profile.calibration_use
+    assert use is not None
     assert set(use.measured) == {"hopper A", "catch of 316L"}
     assert profile.planning_digest() != cell().planning_digest()
-    only_hopper, _ = calibrated_profile(cell(), calibration())
+    only_hopper = calibrated_profile(cell(), calibration())
     assert only_hopper.planning_digest() == cell().planning_digest()

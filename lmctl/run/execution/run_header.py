@@ -18,7 +18,7 @@ def run_header(
     continues: EarlierRun | None,
 ) -> dict[str, Any]:
     """Job, machine, software, operator, hoppers: equal for equal runs."""
-    manifest = job.manifest
+    manifest, used = job.manifest, profile.calibration_use
     return {
         "job": job.digest, "part": manifest.part_name, "part_sha256": manifest.part_sha256,
         "sources": manifest.sources, "software": f"lmctl {__version__}",
@@ -31,9 +31,12 @@ def run_header(
         "warnings": list(manifest.totals.get("warnings", [])),
         "hoppers": [
             {"name": h.name, "feeder": h.feeder, "material": h.material,
-             "dead_time_s": h.dead_time_s, "lag_s": h.lag_s}
+             "dead_time_s": h.dead_time_s, "lag_s": h.lag_s,
+             **({} if used is None else {"slope": h.slope, "offset_g_min": h.offset_g_min,
+                                         "catch_efficiency": h.catch_efficiency})}
             for h in hoppers
         ],
+        **({} if used is None else {"calibration": used.as_json()}),
     }
 
 
