@@ -52,7 +52,7 @@ def test_every_device_answers_where_it_says():
     async def main():
         async with Bench(CONFIG, ephemeral_ports=True) as bench:
             assert set(bench.endpoints) == {"motion", "F1", "F2", "scale"}
-            assert len({port_of(endpoint) for endpoint in bench.endpoints.values()}) == 3
+            assert len({port_of(endpoint) for endpoint in bench.endpoints.values()}) == 4
             assert b"lmctl-bench" in await motion_identity(bench.endpoints["motion"])
             assert await device_id(bench.endpoints["F1"]) == 0x504D
             assert await device_id(bench.endpoints["F2"]) == 0x504D
