@@ -13,8 +13,11 @@ from typing import Any
 import numpy as np
 import trimesh
 
+from lmctl.field.field import sample_distance
 from lmctl.field.grid import Grid
+from lmctl.field.mesh.mesh_field import mesh_field
 from lmctl.field.plane import PlaneGrid, section_loops
+from lmctl.part.bodies.body import plane_points
 from lmctl.part.bodies.mesh_solid import MeshSolid
 from lmctl.part.sources.mesh_files import Mesh
 from lmctl.part.sources.slicing import MeshSlicer
@@ -67,11 +70,9 @@ def corner_errors() -> dict[str, float]:
         outline = np.vstack(loops)
         return round(max(float(np.hypot(*(outline - c).T).min()) for c in corners), 6)
 
-    from lmctl.field.field import sample_distance
-    from lmctl.part.bodies.body import plane_points
-
-    values = sample_distance(solid.field,
-                             plane_points(plane, 1.0)).astype(np.float32).reshape(plane.shape)
+    field = mesh_field(mesh.vertices, mesh.triangles, solid.grid)
+    values = sample_distance(field, plane_points(plane, 1.0)).astype(np.float32)
+    values = values.reshape(plane.shape)
     return {
         "corner_miss_of_triangles_mm": miss(solid.outline_loops(1.0, plane)),
         "corner_miss_of_stored_field_mm": miss(section_loops(values, plane)),
