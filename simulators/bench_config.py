@@ -13,6 +13,7 @@ from firmware_protocol.pmx import MAX_HOPPERS
 from simulators.feeder.config import FeederConfig, HopperConfig
 from simulators.motion.config import MotionConfig
 from simulators.motion.settings import FirmwareSettings, SettingError
+from simulators.process.config import ProcessConfig, read_process
 from simulators.safety.config import SafetyConfig
 from simulators.scale.config import ScaleConfig, read_scale_config
 from simulators.table_reader import TableReader
@@ -47,6 +48,7 @@ class BenchConfig:
     """One motion controller, its feeders, and a safety-input device and a scale where there are.
 
     addresses : by "motion", "safety", "scale" and the feeders' names
+    process : what the pool makes of the powder, where that is simulated too
     """
 
     name: str
@@ -55,6 +57,7 @@ class BenchConfig:
     addresses: Mapping[str, Address]
     safety: SafetyConfig | None = None
     scale: ScaleConfig | None = None
+    process: ProcessConfig | None = None
 
     @classmethod
     def parse(cls, text: str) -> BenchConfig:
@@ -84,14 +87,19 @@ def _bench(top: TableReader) -> BenchConfig:
     motion = _motion(top.table("motion"), addresses)
     safety = _safety(top.table("safety", {}), addresses) if top.has_key("safety") else None
     scale = _scale(top.table("scale", {}), addresses) if top.has_key("scale") else None
+    process = read_process(top.table("process", {})) if top.has_key("process") else None
     feeders = []
     for table in top.tables("feeder"):
         feeders.append(_feeder(table, addresses))
     top.report_unknown_keys()
+    if process is not None and process.substrate in {
+        hopper.material for feeder in feeders for hopper in feeder.hoppers
+    }:
+        top.report_mistake("process.substrate", f"{process.substrate!r} is a powder too")
     ports = [address.port for address in addresses.values() if address.port]
     for port in sorted({port for port in ports if ports.count(port) > 1}):
         top.report_mistake("", f"two devices answer at port {port}")
-    return BenchConfig(name, motion, tuple(feeders), addresses, safety, scale)
+    return BenchConfig(name, motion, tuple(feeders), addresses, safety, scale, process)
 
 
 def _motion(table: TableReader, addresses: dict[str, Address]) -> MotionConfig:

@@ -16,7 +16,7 @@ from simulators.array_types import FloatArray
 from simulators.feeder.device import PmxFeederDevice
 from simulators.feeder.hopper import FeedInterval
 from simulators.feeder.process import HopperProcess
-from simulators.motion.trace import MotionTrace
+from simulators.motion.trace import ExecutedBlocks, MotionTrace
 
 #: The beam path is sampled at least once per this length and once per this time.
 MAX_PIECE_MM = 0.1
@@ -34,6 +34,7 @@ class BeamOnPath:
     time_s, duration_s : (n,) middle and length of each piece in time
     length_mm : (n,) exact path length
     position_mm : (n, 3) at the middle, machine coordinates
+    direction : (n, 3) unit vectors along the path, 0 for a move without length
     line : (n,) int, N word of the program line, 0 without one
     power_fraction : (n,) beam power over its maximum
     flow_g_s : (n, n_materials) mass flow at the nozzle
@@ -45,6 +46,7 @@ class BeamOnPath:
     duration_s: FloatArray
     length_mm: FloatArray
     position_mm: FloatArray
+    direction: FloatArray
     line: NDArray[np.int64]
     power_fraction: FloatArray
     flow_g_s: FloatArray
@@ -96,10 +98,21 @@ class BenchRecord:
         self._trace = trace
         self._feeders = tuple(feeders)
 
-    def beam_on_path(self, step_mm: float = MAX_PIECE_MM) -> BeamOnPath:
-        """Return the path moved with the beam on, cut into pieces of at most step_mm."""
+    @property
+    def hopper_processes(self) -> tuple[HopperProcess, ...]:
+        """The powder of every hopper, with what is true of it, up to now."""
         for feeder in self._feeders:
             feeder.advance_to_now()
+        return tuple(
+            hopper.process for feeder in self._feeders for hopper in feeder.hoppers.values())
+
+    @property
+    def now_s(self) -> float:
+        """The feeders' clock; 0 without feeders."""
+        return max((feeder.advance_to_now() for feeder in self._feeders), default=0.0)
+
+    def beam_on_path(self, step_mm: float = MAX_PIECE_MM) -> BeamOnPath:
+        """Return the path moved with the beam on, cut into pieces of at most step_mm."""
         time_s, duration_s = self._pieces(step_mm)
         kept: list[tuple[NDArray[Any], ...]] = []
         for at in range(0, len(time_s), _CHUNK):
@@ -113,16 +126,17 @@ class BenchRecord:
                      np.zeros(0, dtype=np.int64), np.zeros(0))]
         t, dt, length, position, block, power = map(np.concatenate, zip(*kept, strict=True))
         materials, flow, deposit = self._powder(t)
+        blocks = self._trace.blocks()
         return BeamOnPath(
-            materials, t, dt, length, position, self._trace.blocks().line[block], power, flow,
-            deposit,
+            materials, t, dt, length, position, _directions(blocks)[block], blocks.line[block],
+            power, flow, deposit,
         )
 
     def beam_on_without_motion(self, longer_than_s: float = 0.0) -> FloatArray:
         """(k, 2) begin and end of the times the beam was on with the machine at rest [s]."""
         phases = self._trace.phases()
         ends = np.concatenate([[0.0], phases.end_s])
-        begins = np.concatenate([phases.start_s, [self._now_s()]])
+        begins = np.concatenate([phases.start_s, [self.now_s]])
         found = [
             _stretches(t[beam_on], np.full(int(beam_on.sum()), _STANDING_STEP_S))
             for begin_s, end_s in zip(ends, begins, strict=True)
@@ -156,9 +170,6 @@ class BenchRecord:
                 total[name] = total.get(name, 0.0) + hopper.process.fed_g(time_s)
         return total
 
-    def _now_s(self) -> float:
-        return max((feeder.advance_to_now() for feeder in self._feeders), default=0.0)
-
     def _pieces(self, step_mm: float) -> tuple[FloatArray, FloatArray]:
         """Middles and lengths in time of equal parts of every phase.
 
@@ -178,9 +189,7 @@ class BenchRecord:
 
     def _powder(self, time_s: FloatArray) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
         """Materials, and (n, n_materials) flow [g/s] and deposit [mm³/s] at the nozzle."""
-        processes: list[HopperProcess] = [
-            hopper.process for feeder in self._feeders for hopper in feeder.hoppers.values()
-        ]
+        processes = self.hopper_processes
         materials = tuple(dict.fromkeys(process.config.material for process in processes))
         by_hopper = [process.nozzle_flow_g_s(time_s) for process in processes]
         total = np.sum(by_hopper, axis=0) if by_hopper else np.zeros(len(time_s))
@@ -196,6 +205,13 @@ class BenchRecord:
                 caught *= 1.0 + config.catch_in_mixture * others
             deposit[:, column] += caught / config.density_g_mm3
         return materials, flow, deposit
+
+
+def _directions(blocks: ExecutedBlocks) -> FloatArray:
+    """(m, 3) unit vectors of the moves, 0 for one without length."""
+    along = blocks.end_mm - blocks.start_mm
+    length = np.linalg.norm(along, axis=1, keepdims=True)
+    return np.asarray(np.divide(along, length, out=np.zeros_like(along), where=length > 0))
 
 
 def _within(time_s: FloatArray, spans: Sequence[FeedInterval]) -> NDArray[np.bool_]:

@@ -14,7 +14,8 @@ from lmctl.config.file_kind import FileKind, refuse_other_kind
 from lmctl.config.machine import MachineProfile
 from lmctl.config.toml_file import parse_tables, read_text
 from lmctl.errors import ConfigError, Finding
-from lmctl.run.executor import Notice, RunResult, Watcher, run_job
+from lmctl.run.executor import Notice, RunExecutor, RunResult, Watcher
+from lmctl.run.journal.run_folders import RunFolder
 from simulators import virtual_time
 from simulators.bench import Bench
 from simulators.bench_config import BenchConfig
@@ -35,6 +36,7 @@ def run_simulated(
     those of the bench, feeder by feeder name.
     speed : times real time, or None for as fast as it goes.
     faults : a file of what goes wrong with the bench; what did is added to `happened` in words
+    A bench with a table [process] leaves what it built in the run's folder, however the run ends.
     Raises ConfigError for a bad bench or fault file, and whatever the run raises.
     """
     config = load_bench(bench)
@@ -45,15 +47,37 @@ def run_simulated(
             wired = replace_endpoints(profile, cell.endpoints)
             board = FaultInjector(cell, on_host_killed=_kill_this_process)
             board.schedule(plan)
+            executor = RunExecutor(job, wired, runs_dir, operator=operator, watcher=watcher,
+                                   notice=notice)
             try:
-                return await run_job(job, wired, runs_dir, operator=operator, watcher=watcher,
-                                     notice=notice)
+                return await executor.run()
             finally:
                 board.close()
+                if config.process is not None and executor.folder is not None:
+                    _write_voxel_map(cell, executor.folder, notice)
                 if happened is not None:
                     happened.extend(map(str, board.injected))
 
     return virtual_time.run_in_virtual_time(whole_run(), speed=math.inf if speed is None else speed)
+
+
+def _write_voxel_map(cell: Bench, folder: RunFolder, notice: Notice | None) -> None:
+    """Write what the simulated process built; what cannot be is told, and ends nothing."""
+    from simulators.process.build import BuildError, build_from_record
+
+    assert cell.config.process is not None
+    try:
+        built = build_from_record(cell.record, cell.config.process)
+        if built is not None:
+            built.write(folder.voxel_map)
+            return
+        problem = "nothing was deposited: there is no voxel map"
+    except BuildError as error:
+        problem = f"no voxel map: {error}"
+    except OSError as error:
+        problem = f"cannot write {folder.voxel_map}: {error.strerror}"
+    if notice is not None:
+        notice(problem)
 
 
 def run_on_bench(

@@ -110,6 +110,7 @@ class RunExecutor:
     notice : called with one line of text for each alarm and warning as it appears
     continues : the run that has made the part so far, or None
     watcher : called with a snapshot once a second of machine time
+    folder : of the run, None before it is made
     """
 
     def __init__(
@@ -128,6 +129,7 @@ class RunExecutor:
         self._override_percent = 100
         self._override_range = OverrideRange()
         self._live: _Live | None = None
+        self.folder: run_folders.RunFolder | None = None
 
     @property
     def state(self) -> RunState:
@@ -239,7 +241,7 @@ class RunExecutor:
             self._override_range = override_range(job.manifest, self._profile)
             self._override_range.check(self._override_percent)
             digest = job.digest
-        made = run_folders.create_run_folder(self._runs_dir, self._job_path)
+        self.folder = made = run_folders.create_run_folder(self._runs_dir, self._job_path)
         try:
             with (
                 lock_machine(self._profile, made.run, self._runs_dir),
@@ -255,6 +257,7 @@ class RunExecutor:
         finally:
             if not made.journal.exists():
                 run_folders.discard_run_folder(made)
+                self.folder = None
 
     async def _drive(
         self, job: JobReader, hoppers: list[HopperSettings], made: run_folders.RunFolder,

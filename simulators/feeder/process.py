@@ -156,6 +156,10 @@ class HopperProcess:
         time_s = np.asarray(time_s, dtype=np.float64)
         return self._hose.outflow_g_s(time_s) * self._unsteadiness(time_s)
 
+    def delivered_g(self, time_s: float) -> float:
+        """Powder that has come to the nozzle so far, without the noise and before the lag."""
+        return float(self._hose.arrived_g(np.array([time_s]))[0])
+
     def _unsteadiness(self, time_s: FloatArray) -> FloatArray:
         """Factor on the flow, never negative, 1 on average: noise, and a pulse a groove."""
         config, factor = self.config, np.ones_like(time_s)

@@ -15,7 +15,7 @@ from lmctl.run.journal.format import UnsupportedFormatError, last_record, read_r
 from lmctl.run.journal.writer import is_owned
 from lmctl.run.state.transitions import RunState
 
-JOURNAL, JOB = "journal.jsonl", "job.lmj"
+JOURNAL, JOB, VOXEL_MAP = "journal.jsonl", "job.lmj", "voxel-map.npz"
 _NAME = re.compile(r"run-[0-9]{4,9}")
 
 #: Default folder of the runs.
@@ -39,6 +39,11 @@ class RunFolder:
     @property
     def job(self) -> Path:
         return self.path / JOB
+
+    @property
+    def voxel_map(self) -> Path:
+        """What was built, where the run was simulated with its process."""
+        return self.path / VOXEL_MAP
 
     def command(self, do: str) -> str:
         """`lmctl DO` of this run, as it can be typed into a shell."""
