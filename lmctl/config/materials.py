@@ -85,6 +85,7 @@ _TABLE: tuple[tuple[str, float, float | None, _Kind], ...] = (
     ("Cr3C2", 6.68, 2.8, _CARBIDE),
     ("Al2O3", 3.97, 1.8, _OXIDE),
     ("8YSZ", 6.05, 2.3, _OXIDE),
+    ("ZrO2", 5.7, 2.2, _OXIDE),
 )
 
 #: Every material lmctl knows, by name.

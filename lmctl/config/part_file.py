@@ -24,6 +24,9 @@ class MaterialSettings(ConfigModel):
     density_g_cm3, apparent_g_cm3 : solid and loose-powder density; None takes the library's
     catch_efficiency : share of the fed powder that ends in the bead, η in (0, 1]
     power_W, speed_mm_s : recipe of the pure material; mixtures interpolate by volume fraction
+    elastic_modulus_GPa .. strength_MPa : of the dense material, for simulations only; None takes
+        the library's (`material_constants`)
+    price_per_kg : in any one currency; there is no default
     """
 
     name: Annotated[str, Field(min_length=1, max_length=60)]
@@ -32,6 +35,12 @@ class MaterialSettings(ConfigModel):
     catch_efficiency: ShareOfOne | None = None
     power_W: Positive | None = None
     speed_mm_s: Positive | None = None
+    elastic_modulus_GPa: Annotated[float, Field(gt=0, le=2000)] | None = None
+    poisson_ratio: Annotated[float, Field(ge=0, lt=0.5)] | None = None
+    conductivity_W_m_K: Annotated[float, Field(gt=0, le=5000)] | None = None
+    expansion_1e6_K: Annotated[float, Field(ge=-20, le=100)] | None = None
+    strength_MPa: Annotated[float, Field(gt=0, le=20_000)] | None = None
+    price_per_kg: Annotated[float, Field(ge=0, le=1e6)] | None = None
 
 
 class ProcessSettings(ConfigModel):
