@@ -21,19 +21,12 @@ from lmctl.config.machine import load_profile
 from lmctl.run.journal.format import read_records, verify_journal
 from simulators import virtual_time
 from tests.faults.kills import shortened, wired
+from tests.part_files import block_file
 from tests.run.conftest import squares, write_job
 
 EXAMPLES = Path(lmctl.examples.__file__).parent
 
-BLOCK = """
-name = "block"
-[[material]]
-name = "316L"
-[[body]]
-kind = "box"
-low_mm = [0, 0, 0]
-high_mm = [120, 90, 40]
-"""
+BLOCK = block_file((120, 90, 40))
 
 
 def start(folder: Path, *arguments: str) -> subprocess.Popen[str]:

@@ -15,16 +15,9 @@ import pytest
 
 from lmctl.run.journal.format import read_records, verify_journal
 from tests.cli.conftest import CELL, HOMING
+from tests.part_files import block_file
 
-PART = """
-name = "block"
-[[material]]
-name = "316L"
-[[body]]
-kind = "box"
-low_mm = [0, 0, 0]
-high_mm = [20, 20, 0.8]
-"""
+PART = block_file((20, 20, 0.8))
 
 
 def _free_port() -> int:

@@ -10,23 +10,15 @@ from pathlib import Path
 
 import pytest
 
+from tests.part_files import block_file
+
 Lmctl = Callable[..., object]
 
-BLOCK = """
-name = "graded block"
-[[material]]
-name = "316L"
-[[material]]
-name = "WC-12Co"
-[[body]]
-kind = "box"
-low_mm = [0, 0, 0]
-high_mm = [14, 10, 1.6]
-[composition]
+BLOCK = block_file((14, 10, 1.6), name="graded block", composition="""
 feature = { kind = "coordinate", along = "x" }
 profile = { kind = "linear", near = { "316L" = 0.8, "WC-12Co" = 0.2 }, \
 far = { "316L" = 0.3, "WC-12Co" = 0.7 }, over_mm = [0, 14] }
-"""
+""")
 
 
 @pytest.fixture

@@ -13,16 +13,9 @@ from pathlib import Path
 import pytest
 
 from lmctl.run.journal.format import verify_journal
+from tests.part_files import block_file
 
-BLOCK = """
-name = "block"
-[[material]]
-name = "316L"
-[[body]]
-kind = "box"
-low_mm = [0, 0, 0]
-high_mm = [60, 40, 1.6]
-"""
+BLOCK = block_file((60, 40, 1.6))
 
 
 def when(condition: Callable[[], bool]) -> None:

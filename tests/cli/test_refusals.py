@@ -13,17 +13,11 @@ import numpy as np
 import pytest
 import trimesh
 
+from tests.part_files import block_file
+
 Refused = Callable[..., str]
 
-BOX = """
-name = "block"
-[[material]]
-name = "316L"
-[[body]]
-kind = "box"
-low_mm = [0, 0, 0]
-high_mm = [12, 9, 1.6]
-"""
+BOX = block_file((12, 9, 1.6))
 
 
 def left_over(folder: Path, *expected: str) -> list[str]:

@@ -11,11 +11,9 @@ controller has lost its place.
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import io
 import random
-import shutil
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -23,28 +21,21 @@ from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 
-from lmctl.cli.machine_actions import run_journaled, run_with_motion
-from lmctl.cli.recover import prepare
 from lmctl.config.machine import MachineProfile, load_profile
-from lmctl.errors import JournalError, LmctlError, MachineError, UsageError
-from lmctl.job.reader import JobReader
-from lmctl.machine.manual.controller import open_motion_controller
-from lmctl.machine.manual.homing import home_axes, set_work_offset, unlock_controller
-from lmctl.machine.motion.driver import MotionDriver
+from lmctl.errors import LmctlError
 from lmctl.part.load import load_part
 from lmctl.plan.planner import plan_job
-from lmctl.run.continuation import EarlierRun
 from lmctl.run.executor import RunExecutor
 from lmctl.run.journal.format import read_records
-from lmctl.run.journal.replay import replay_run
 from lmctl.run.journal.run_folders import RunFolder
-from lmctl.run.program.place import PlaceReached, ProgramPlace
-from lmctl.run.state.transitions import RunState
+from lmctl.run.program.place import ProgramPlace
 from simulators import virtual_time
 from simulators.bench import Bench
 from simulators.bench_config import BenchConfig
-from simulators.faults.link_tap import LinkTap, drop_chunk
+from tests.faults.disturbances import run_disturbed
 from tests.faults.on_the_part import Deposit, OnThePart, measured
+from tests.faults.recovering_operator import NothingLeftError, RecoveringOperator
+from tests.part_files import block_file
 
 EXAMPLES = files("lmctl.examples")
 
@@ -52,9 +43,6 @@ GRBL = {'"grblhal"': '"grbl"', "10 = 511": "10 = 3", "rx_bytes = 1024": "rx_byte
         "planner_blocks = 100": "planner_blocks = 15"}
 
 HOMING = "[motion.settings]\n20 = 1\n22 = 1\n24 = 600\n25 = 6000\n"
-#: Where program zero lies on a machine with homing, in machine coordinates.
-HOMED_ZERO_MM = (-300.0, -300.0, -200.0)
-
 #: What may happen to a run. "restart" is a controller that loses power in it; "kill, restart" and
 #: "cut, restart" one that does so before the operator recovers; "stop" and "hold" are harmless.
 DISTURBANCES = (
@@ -62,16 +50,7 @@ DISTURBANCES = (
 )
 
 #: Two layers, graded along their paths; 28 s of program.
-PART = """name = "small graded block"
-[[material]]
-name = "316L"
-[[material]]
-name = "WC-12Co"
-[[body]]
-kind = "box"
-low_mm = [40, 40, 0]
-high_mm = [54, 49, 1.6]
-[composition]
+PART = block_file((54, 49, 1.6), low_mm=(40, 40, 0), name="small graded block", composition="""
 feature = { kind = "plane", point_mm = [40, 40, 0], normal = [1, 0, 0] }
 [composition.profile]
 kind = "linear"
@@ -81,7 +60,7 @@ over_mm = [0, 16]
 [process]
 bead_width_mm = 2.0
 layer_height_mm = 0.8
-"""
+""")
 
 #: From the start of motion to the end of the part [s]; a later run is disturbed after its start.
 _FIRST_S, _LATER_S = (0.0, 27.0), (0.0, 40.0)
@@ -173,15 +152,19 @@ async def _story(
         from lmctl.cli.bench import replace_endpoints
 
         cell = replace_endpoints(profile, bench.endpoints)
-        operator = _Operator(bench, cell, folder / "job.lmj", results)
+        operator = RecoveringOperator(
+            bench, cell, folder / "job.lmj", has_homing=one.has_homing)
         if one.has_homing:
             await operator.home(folder / "runs")
         try:
             await _runs(one, folder, bench, cell, operator)
         except LmctlError as error:
             results.refused = error.render()
-        except _NothingLeft:
+        except NothingLeftError:
             pass
+        results.asked = operator.times_asked
+        results.lost = operator.times_touched_off
+        results.needless = operator.needless_touch_offs
         results.part = measured(bench, folder / "job.lmj", _entered(folder), operator.zero_mm)
 
 
@@ -195,12 +178,12 @@ def _entered(folder: Path) -> list[ProgramPlace]:
 
 
 async def _runs(
-    one: Scenario, folder: Path, bench: Bench, cell: MachineProfile, operator: _Operator
+    one: Scenario, folder: Path, bench: Bench, cell: MachineProfile, operator: RecoveringOperator
 ) -> None:
     """One run after the other, until the part is whole."""
     runs, continues = folder / "runs", None
     for number, (what, at_s) in enumerate(one.moments):
-        runs = await _disturbed(
+        runs = await run_disturbed(
             bench, cell, folder, runs, continues, what, at_s, first=number == 0)
         made = _last_run(runs)
         if made is None:
@@ -209,167 +192,6 @@ async def _runs(
             return
         continues = await operator.recover(made, runs, harmless=what in ("stop", "hold"))
     await RunExecutor(folder / "job.lmj", cell, runs, continues=continues).run()
-
-
-class _NothingLeft(Exception):  # noqa: N818 (it is what ends a story well)
-    """A run has deposited every bead of its job."""
-
-
-async def _disturbed(
-    bench: Bench, cell: MachineProfile, folder: Path, runs: Path, continues: EarlierRun | None,
-    what: str, at_s: float, *, first: bool,
-) -> Path:
-    """A run to which something happens; returns the folder of runs as that leaves it."""
-    executor = RunExecutor(folder / "job.lmj", cell, runs, continues=continues)
-    task = asyncio.create_task(executor.run())
-    while first and executor.state is not RunState.DEPOSITING and not task.done():  # noqa: ASYNC110
-        await asyncio.sleep(0.01)
-    await asyncio.wait([task], timeout=at_s)
-    if task.done():
-        with contextlib.suppress(LmctlError):
-            await task
-        return runs
-    act = what.partition(",")[0]
-    if act == "kill":
-        runs = _killed(bench, runs)
-    elif act == "stop":
-        executor.stop()
-    elif act == "hold":
-        await _hold_and_resume(executor, task)
-    else:
-        undo = {"cut": _cut, "mute": _mute, "restart": _restart}[act](bench)
-        asyncio.get_running_loop().call_later(2.0, undo)
-    with contextlib.suppress(LmctlError):
-        await task
-    await asyncio.sleep(3.0)
-    for edge in bench.edges.values():
-        edge.set_open(True)
-    if what.endswith("restart") and act != "restart":
-        bench.motion.lose_power()
-    return runs
-
-
-async def _hold_and_resume(executor: RunExecutor, task: asyncio.Task) -> None:
-    """As an operator does it, where the run can be held at all."""
-    with contextlib.suppress(UsageError):
-        executor.hold()
-        await asyncio.wait([task], timeout=20.0)
-        executor.resume()
-
-
-def _killed(bench: Bench, runs: Path) -> Path:
-    """Nothing that the host does reaches anything any more, and of its journal there is what the
-    operating system has."""
-    for edge in bench.edges.values():
-        edge.set_open(False)
-    kept = runs.with_name(f"{runs.name}-killed")
-    shutil.copytree(runs, kept, ignore=shutil.ignore_patterns("*.sock"))
-    return kept
-
-
-def _cut(bench: Bench):
-    edge = bench.edges["motion"]
-    edge.set_open(False)
-    return lambda: edge.set_open(True)
-
-
-def _mute(bench: Bench):
-    """A cable that breaks without an error at either end."""
-    edge = bench.edges["motion"]
-    return _nothing_passes(edge)
-
-
-def _restart(bench: Bench):
-    banner, edge = bench.motion.lose_power(), bench.edges["motion"]
-    undo = _nothing_passes(edge)
-
-    def ready() -> None:
-        undo()
-        edge.send_to_host(banner)
-
-    return ready
-
-
-def _nothing_passes(edge: LinkTap):
-    def one(data: bytes, deliver) -> None:
-        drop_chunk(data, deliver)
-
-    for direction in ("to_device", "to_host"):
-        edge.add_filter(direction, one)
-
-    def undo() -> None:
-        for direction in ("to_device", "to_host"):
-            edge.remove_filter(direction, one)
-
-    return undo
-
-
-class _Operator:
-    """Recovers runs, looks at the part when asked, and touches off where a position is lost."""
-
-    def __init__(
-        self, bench: Bench, cell: MachineProfile, job: Path, results: ScenarioResult
-    ) -> None:
-        self._bench = bench
-        self._cell = cell
-        self._job = job
-        self._results = results
-        self.zero_mm = HOMED_ZERO_MM if results.scenario.has_homing else (0.0, 0.0, 0.0)
-
-    async def home(self, runs: Path) -> None:
-        """Before the first run: out of the alarm, homed, and program zero set."""
-        async def act(motion: MotionDriver) -> None:
-            await unlock_controller(motion)
-            await home_axes(motion)
-            await set_work_offset(motion, dict(zip("XYZ", self.zero_mm, strict=True)), here=False)
-
-        await run_journaled(self._cell, runs, {"do": "home"},
-                            lambda whereabouts: run_with_motion(self._cell, whereabouts, act))
-        await asyncio.sleep(1.0)
-
-    async def recover(self, made: RunFolder, runs: Path, *, harmless: bool) -> EarlierRun | None:
-        """What `lmctl recover` goes on with; None where nothing of the part has been begun."""
-        restored = False
-        try:
-            after = replay_run(made)
-        except JournalError as error:
-            if "before it began" in error.what:
-                return None
-            raise self._left(error) from error
-        while True:
-            try:
-                continuation = await prepare(
-                    after, self._cell, runs, [], yes=True, restored=restored, stated_mm=None,
-                    ask=self._look)
-                break
-            except JournalError as error:
-                raise self._left(error) from error
-            except MachineError as error:
-                if restored or "has lost its place" not in error.what:
-                    raise
-                self._results.lost += 1
-                self._results.needless += harmless
-                await self._touch_off()
-                restored = True
-        return continuation
-
-    @staticmethod
-    def _left(error: JournalError) -> Exception:
-        return _NothingLeft() if "nothing is left" in error.what else error
-
-    def _look(self, job: JobReader, reached: PlaceReached, _: float, __: list[str]) -> float:
-        self._results.asked += 1
-        part = measured(self._bench, self._job, [], self.zero_mm)
-        return round(part.deposited_mm(job, reached.place, reached.until), 1)
-
-    async def _touch_off(self) -> None:
-        """Say where the machine really is: the work offset makes up for the place it has lost."""
-        await asyncio.sleep(1.0)
-        async with open_motion_controller(self._cell) as motion:
-            trace = self._bench.motion.trace
-            believed, shift = self._bench.motion.position_mm, trace.position_error_mm
-            true_mm = {axis: at + by for axis, at, by in zip("XYZ", believed, shift, strict=True)}
-            await set_work_offset(motion, true_mm, here=True)
 
 
 def _last_run(runs: Path) -> RunFolder | None:

@@ -15,22 +15,13 @@ from lmctl.part.load import load_part
 from lmctl.plan.execution import dask_cluster
 from lmctl.plan.execution.dask_cluster import cluster_workers
 from lmctl.plan.planner import PlanOptions, plan_job
+from tests.part_files import block_file
 
 distributed = pytest.importorskip("distributed", reason="the extra `scale` is not installed")
 # Its own processes and sockets are closed by it in its own time.
 pytestmark = pytest.mark.filterwarnings("ignore:::distributed", "ignore::ResourceWarning")
 
-PART = """
-name = "graded block"
-[[material]]
-name = "316L"
-[[material]]
-name = "WC-12Co"
-[[body]]
-kind = "box"
-low_mm = [0, 0, 0]
-high_mm = [12, 10, 9.6]
-[composition]
+PART = block_file((12, 10, 9.6), name="graded block", composition="""
 feature = { kind = "axis", point_mm = [6, 5, 0], direction = [0, 0, 1] }
 [composition.profile]
 kind = "table"
@@ -38,7 +29,7 @@ points = [
   { at_mm = 0, of = { "316L" = 0.9, "WC-12Co" = 0.1 } },
   { at_mm = 9, of = { "316L" = 0.3, "WC-12Co" = 0.7 } },
 ]
-"""
+""")
 
 
 @pytest.fixture(scope="module")

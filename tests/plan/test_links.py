@@ -6,30 +6,13 @@ import shapely
 from shapely.geometry import LineString, Point, box
 from shapely.ops import unary_union
 
-from lmctl.config.part_file import ProcessSettings
-from lmctl.plan.geometry import layer_geometry
 from lmctl.plan.geometry.link_lines import LONGEST_BRIDGE
-from lmctl.preflight.placement import place_part
-
-BEAD = 2.0
-PITCH = BEAD * (1 - 0.333)
-
-
-def loops_of(poly):
-    loops = []
-    for piece in shapely.get_parts(poly):
-        whole = shapely.orient_polygons(piece)
-        loops += [np.array(ring.coords) for ring in (whole.exterior, *whole.interiors)]
-    return loops
+from tests.plan.slices import PITCH, geometry_maker
 
 
 @pytest.fixture
 def geometry_of(make_part, profile):
-    def make(poly, mixture=lambda p: 0.5, layer=0, **process):
-        part = make_part(loops_of(poly), mixture, height_mm=2.4, process=ProcessSettings(**process))
-        return layer_geometry(part, place_part(part, profile), layer)
-
-    return make
+    return geometry_maker(make_part, profile, height_mm=2.4)
 
 
 def steep(points):

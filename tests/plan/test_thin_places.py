@@ -7,12 +7,8 @@ from shapely.affinity import rotate, translate
 from shapely.geometry import LineString, Point, Polygon, box
 from shapely.ops import unary_union
 
-from lmctl.config.part_file import ProcessSettings
-from lmctl.plan.geometry import layer_geometry
-from lmctl.preflight.placement import place_part
+from tests.plan.slices import BEAD, geometry_maker
 
-BEAD = 2.0
-PITCH = BEAD * (1 - 0.333)
 RASTER = BEAD / 8
 
 #: Turn [degrees] and offset in nodes along x and y: on the raster, between its nodes, across it.
@@ -20,22 +16,9 @@ POSES = [(0.0, 0.0, 0.0), (90.0, 0.125, 0.25), (45.0, 0.0, 0.125), (63.1, 0.875,
 WIDTHS = [0.6, 0.8, 1.0, 1.05, 1.25, 1.5]
 
 
-def loops_of(poly):
-    loops = []
-    for piece in shapely.get_parts(poly):
-        whole = shapely.orient_polygons(piece)
-        loops += [np.array(ring.coords) for ring in (whole.exterior, *whole.interiors)]
-    return loops
-
-
 @pytest.fixture
 def geometry_of(make_part, profile):
-    def make(poly, **process):
-        part = make_part(loops_of(poly), lambda p: 0.5, height_mm=0.8,
-                         process=ProcessSettings(**process))
-        return layer_geometry(part, place_part(part, profile), 0)
-
-    return make
+    return geometry_maker(make_part, profile, height_mm=0.8)
 
 
 def shape(name, width):

@@ -8,29 +8,12 @@ from shapely.affinity import rotate
 from shapely.geometry import LineString, Point, Polygon, box
 from shapely.ops import unary_union
 
-from lmctl.config.part_file import ProcessSettings
-from lmctl.plan.geometry import layer_geometry
-from lmctl.preflight.placement import place_part
-
-BEAD = 2.0
-PITCH = BEAD * (1 - 0.333)
-
-
-def loops_of(poly):
-    loops = []
-    for piece in shapely.get_parts(poly):
-        whole = shapely.orient_polygons(piece)
-        loops += [np.array(ring.coords) for ring in (whole.exterior, *whole.interiors)]
-    return loops
+from tests.plan.slices import BEAD, PITCH, geometry_maker
 
 
 @pytest.fixture
 def geometry_of(make_part, profile):
-    def make(poly, mixture=lambda p: 0.5, layer=0, **process):
-        part = make_part(loops_of(poly), mixture, height_mm=1.6, process=ProcessSettings(**process))
-        return layer_geometry(part, place_part(part, profile), layer)
-
-    return make
+    return geometry_maker(make_part, profile, height_mm=1.6)
 
 
 def star(points=7, outer=25.0, inner=9.0):

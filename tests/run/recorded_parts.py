@@ -34,6 +34,7 @@ from lmctl.run.state.transitions import FINAL_STATES, RunState
 from simulators import virtual_time
 from simulators.bench import Bench
 from simulators.bench_config import BenchConfig
+from tests.part_files import block_file
 from tests.run.whole.broken_off import seen
 
 EXAMPLES = files("lmctl.examples")
@@ -44,17 +45,8 @@ _WAY_IN = 9_990_000
 #: A run ends within so much of the loop's time, however often it is held [s].
 _LONGEST_S = 3000.0
 
-PART = """
-name = "graded block"
-[[material]]
-name = "316L"
-[[material]]
-name = "WC-12Co"
-[[body]]
-kind = "box"
-low_mm = [0, 0, 0]
-high_mm = {high}
-[composition]
+#: A composition along `feature`; braces are doubled for `str.format`.
+COMPOSITION = """
 feature = {feature}
 profile = {{ kind = "linear", near = {{ "316L" = {near}, "WC-12Co" = {near_rest} }}, \
 far = {{ "316L" = {far}, "WC-12Co" = {far_rest} }}, over_mm = [0, {over}] }}
@@ -124,12 +116,13 @@ class _Making:
         side_mm = [round(float(rng.uniform(*span)), 1) for span in ((14.0, 26.0), (9.0, 18.0))]
         near, far = (round(float(share), 2) for share in rng.uniform(0.1, 0.9, 2))
         feature = rng.choice(['{ kind = "coordinate", along = "x" }', '{ kind = "surface" }'])
-        text = PART.format(
-            high=[*side_mm, 0.8 * int(rng.integers(2, 4))], feature=feature,
-            near=near, near_rest=round(1.0 - near, 2), far=far, far_rest=round(1.0 - far, 2),
+        high_mm = [*side_mm, 0.8 * int(rng.integers(2, 4))]
+        composition = COMPOSITION.format(
+            feature=feature, near=near, near_rest=round(1.0 - near, 2), far=far,
+            far_rest=round(1.0 - far, 2),
             over=side_mm[0] if "x" in feature else 4.0)
         part_file = self._folder / "part.toml"
-        part_file.write_text(text)
+        part_file.write_text(block_file(high_mm, composition, name="graded block"))
         plan_job(load_part(part_file), self._profile, self._job)
         with JobReader(self._job) as job:
             self._lines = [(entry.first_line, entry.n_lines) for entry in job.manifest.layers]

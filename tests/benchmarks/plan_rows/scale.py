@@ -10,20 +10,11 @@ from typing import Any
 import lmctl.examples
 from tests.benchmarks.plan_rows.measured import LMCTL, run
 from tests.benchmarks.plan_rows.shapes import ring, write_graded
+from tests.part_files import block_file
 
 LAYER_MM = 0.8
 
-BIG_BOX = """
-name = "big"
-[[material]]
-name = "316L"
-[[material]]
-name = "WC-12Co"
-[[body]]
-kind = "box"
-low_mm = [0, 0, 0]
-high_mm = [300, 300, 200]
-[composition]
+BIG_BOX = block_file((300, 300, 200), name="big", composition="""
 feature = { kind = "surface" }
 [composition.profile]
 kind = "table"
@@ -34,7 +25,7 @@ points = [
 [process]
 bead_width_mm = 2.0
 layer_height_mm = 0.8
-"""
+""")
 
 
 def scale_rows(folder: Path) -> dict[str, Any]:
