@@ -52,6 +52,8 @@ class ProcessSettings(ConfigModel):
     fraction_step : quantum of volume fraction along a path (docs/explanation/process-defaults.md,
     Toolpaths)
     lead_in_mm : run-up and run-out with the beam off at each end of a path
+    change_margin_s : time kept free before and after each change of mixture with the beam off, for
+        powder that comes sooner or later than hoppers' dead times say
     outer_track : how far the outermost track lies inside the outline: half a pitch, which fills the
         slice to its outline, or half a bead, which leaves no bead outside it
     allowance_mm : how far the outline is moved outwards, for machining; negative: inwards
@@ -78,6 +80,7 @@ class ProcessSettings(ConfigModel):
     strategy: Literal["offset", "iso-3d", "iso-composition"] = "offset"
     powder: Literal["lead", "dwell", "none"] = "lead"
     dwell_s: Annotated[float, Field(ge=0, le=600)] = 30.0
+    change_margin_s: Annotated[float, Field(ge=0, le=10)] = 0.0
     outer_track: Literal["half-pitch", "half-bead"] = "half-pitch"
     allowance_mm: Annotated[float, Field(ge=-20, le=20)] = 0.0
     narrow_features: Literal["deposit", "omit", "refuse"] = "deposit"

@@ -64,13 +64,18 @@ def _why_off(plan: PlanStatistics, mode: str) -> Iterator[str]:
 
 
 def _hoppers(plan: PlanStatistics) -> list[Finding]:
-    if not plan.rounded_mm:
-        return []
-    return [report_finding(
-        False,
-        f"{plan.rounded_mm:.0f} mm of path ({plan.rounded_mm / plan.path_mm:.1%}) want less of "
-        f"a powder than its hopper meters: set to none or the least, off by up to "
-        f"{plan.rounded_by:.3f}")]
+    found = []
+    if plan.raised_mm:
+        found.append(report_finding(
+            True, f"{plan.raised_mm:.0f} mm of path laid up to {plan.greatest_speed_factor:g} "
+            "times as fast, with powder and power in proportion: a hopper meters no less"))
+    if plan.rounded_mm:
+        found.append(report_finding(
+            False,
+            f"{plan.rounded_mm:.0f} mm of path ({plan.rounded_mm / plan.path_mm:.1%}) want less of "
+            f"a powder than its hopper meters: set to none or the least, off by up to "
+            f"{plan.rounded_by:.3f}"))
+    return found
 
 
 def _idle(plan: PlanStatistics) -> list[Finding]:

@@ -44,6 +44,8 @@ class PlanStatistics:
     rounded_by: float = 0.0
     slowed_mm: float = 0.0
     least_speed_factor: float = 1.0
+    raised_mm: float = 0.0
+    greatest_speed_factor: float = 1.0
     correct_mixture_mm: float = 0.0
     asked_mm: float = 0.0
     unplanned_mm: float = 0.0
@@ -83,6 +85,8 @@ class PlanStatistics:
         slowed = factor < 1
         self.slowed_mm += float(length[slowed].sum())
         self.least_speed_factor = min(self.least_speed_factor, float(factor.min()))
+        self.raised_mm += float(length[factor > 1].sum())
+        self.greatest_speed_factor = max(self.greatest_speed_factor, float(factor.max()))
         self.peak_power_W = max(
             self.peak_power_W, float(np.delete(beads.power_W, beads.first).max()))
 

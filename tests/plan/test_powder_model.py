@@ -6,7 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lmctl.plan.sequence.hose_model import HoseModel
-from lmctl.plan.sequence.mixture_ramps import MIN_RAMP_S, SETTLED_FRACTION, PowderLimits
+from lmctl.plan.sequence.mixture_ramps import (
+    MIN_RAMP_S,
+    SETTLED_FRACTION,
+    PowderLimits,
+    needed_before_beads_s,
+)
 from lmctl.plan.sequence.mixture_ramps import min_ramp_duration_s as needed_times_s
 from lmctl.plan.sequence.mixture_ramps import ramp_knots as ramp_course
 from lmctl.plan.sequence.powder_flow import followed_flow
@@ -175,3 +180,20 @@ def test_time_needed_is_that_of_the_slowest_hose():
     one_slow = PowderLimits(np.array([0.5, 3.0]), np.full(2, 4.0), np.ones(2))
     assert needed_s(mix(0.9), mix(0.2), one_slow, 0.02) > 3 * needed_s(
         mix(0.9), mix(0.2), quick, 0.02)
+
+
+@pytest.mark.parametrize("gap_s", [2.5, 4.0])
+@pytest.mark.parametrize("end", [0.2, 0.6])
+def test_a_change_keeps_clear_of_both_beads_where_there_is_time(gap_s, end):
+    times, share = ramp_course(mix(0.4), mix(end), gap_s, UNIT.lag_s, UNIT.max_flow_g_s, 0.5)
+    assert times[0] >= 0.5 - 1e-9
+    assert times[-1] <= gap_s - 0.5 + 1e-9
+    assert (np.diff(share) > 0).all()
+    assert share[[0, -1]].tolist() == [0, 1]
+
+
+def test_with_a_margin_small_changes_need_time_too():
+    start, end = np.array([mix(0.30)]), np.array([mix(0.31)])
+    assert needed_before_beads_s(start, end, UNIT, 0.02, 0.0) == pytest.approx([0.0])
+    assert needed_before_beads_s(start, end, UNIT, 0.02, 0.5) == pytest.approx([1.25], abs=0.01)
+    assert needed_before_beads_s(start, start, UNIT, 0.02, 0.5) == pytest.approx([0.0])

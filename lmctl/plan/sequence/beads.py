@@ -24,6 +24,7 @@ from lmctl.plan.sequence.composition_runs import (
 from lmctl.plan.sequence.flat_arrays import indices_within_stretches
 from lmctl.plan.sequence.speed_factor import speed_factors
 from lmctl.plan.sequence.track_order import OrderedTracks
+from lmctl.plan.sequence.weak_flow import metered_levels
 
 #: Speed differs from the recipe's by at most this factor, up or down, to follow the strip width;
 #: a strip beyond it is deposited too low or too high, which the built fraction reports.
@@ -84,19 +85,20 @@ class Beads:
 
 def make_beads(
     tracks: OrderedTracks, recipe: Recipe, step: float, longest_s: float, max_speed_mm_s: float,
-    where: str, *, leads: bool, uniform: bool = False,
+    where: str, *, leads: bool, uniform: bool = False, fastest: float = 1.0,
 ) -> Beads:
     """The beads of a layer's tracks.
 
     step : quantum of volume fraction; longest_s : most a segment may last
     leads : whether powder is led, so that slowing down can help it follow
     uniform : one mixture a track, its mean (the strategy iso-3d)
+    fastest : by which factor a bead may be faster than the recipe where hoppers meter no less
     Raises PlanError where no hopper can deliver what a bead needs.
     """
     fractions = _track_means(tracks) if uniform else tracks.fractions
     runs = composition_runs(fractions, tracks.starts, step)
-    levels = recipe.deliverable_mixtures(runs.levels)
-    recipe.check_deliverable(levels, where)
+    levels, faster = metered_levels(
+        runs.levels, runs.track, tracks.n_tracks, recipe, fastest, where)
     off = np.abs(levels - runs.levels).max(axis=1)
     run_mm = np.diff(run_ends_mm(tracks.along_mm, tracks.starts, runs), axis=1)[:, 0]
     runs = replace(runs, levels=levels)
@@ -119,6 +121,8 @@ def make_beads(
         speed_factor=np.ones(tracks.n_tracks),
         rounded_mm=float(run_mm[off > step / 2].sum()),
         rounded_by=float(off[off > step / 2].max(initial=0.0)))
+    if (faster > 1).any():
+        beads = _scaled(beads, faster)
     beads = _within_axis_speed(beads, recipe, max_speed_mm_s)
     if not leads:
         return beads

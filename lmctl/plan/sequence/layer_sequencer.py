@@ -24,7 +24,11 @@ from lmctl.plan.sequence.beads import Beads, make_beads
 from lmctl.plan.sequence.hose_model import HoseModel
 from lmctl.plan.sequence.line_timing import bead_line_ranges, split_long_lines, with_time_for_powder
 from lmctl.plan.sequence.mixture_prediction import predict_mixture
-from lmctl.plan.sequence.mixture_ramps import min_ramp_duration_s, powder_limits_of
+from lmctl.plan.sequence.mixture_ramps import (
+    min_ramp_duration_s,
+    needed_before_beads_s,
+    powder_limits_of,
+)
 from lmctl.plan.sequence.moves import Moves, join_moves, moves_of_kind, rounded_to_program_steps
 from lmctl.plan.sequence.powder_flow import PowderFlow, powder_flow
 from lmctl.plan.sequence.track_order import OrderedTracks, order_tracks
@@ -130,7 +134,8 @@ class LayerSequencer:
         return make_beads(
             tracks, self._recipe, self._process.fraction_step, self._longest_s,
             min(self._profile.motion.max_speed_mm_s[:2]), f"layer {number + 1}",
-            leads=self._leads, uniform=self._process.strategy == "iso-3d")
+            leads=self._leads, uniform=self._process.strategy == "iso-3d",
+            fastest=self._profile.laser.max_power_W / float(self._recipe.power_W.max()))
 
     def _change_s(self, start: FloatArray, end: FloatArray) -> float:
         flow = self._recipe.flow_g_s
@@ -182,8 +187,9 @@ class LayerSequencer:
             beads.fractions, np.repeat(beads.speed_factor, np.diff(beads.starts)))
         first, last = flow[beads.first], flow[beads.last]
         before = first[0] if self._state.flow_g_s is None else self._state.flow_g_s
-        return min_ramp_duration_s(
-            np.vstack([before, last[:-1]]), first, self._limits, self._process.fraction_step)
+        return needed_before_beads_s(
+            np.vstack([before, last[:-1]]), first, self._limits, self._process.fraction_step,
+            self._process.change_margin_s)
 
     def _flow(self, moves: Moves, beads: Beads | None, end_s: FloatArray) -> PowderFlow:
         """Flow wanted at the nozzle during the layer, from where the last one ended."""
@@ -208,7 +214,7 @@ class LayerSequencer:
         assert state.flow_g_s is not None
         return powder_flow(
             state.time_s, float(end_s[-1]), end_s[line], wanted, starts, self._limits,
-            self._process.powder, state.flow_g_s)
+            self._process.powder, state.flow_g_s, self._process.change_margin_s)
 
     def _check_reach(self, number: int, moves: Moves) -> None:
         """Refuse, at the first layer, motion that `check_job` would refuse after the last."""

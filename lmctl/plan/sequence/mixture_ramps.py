@@ -24,6 +24,8 @@ MIN_RAMP_S = 0.25
 SETTLED_FRACTION = 0.01
 #: Where powder is behind, its flow has knots at most so far apart [s].
 MAX_KNOT_SPACING_S = 0.05
+#: With a margin, changes of volume fraction up to this take no time of their own.
+_NO_CHANGE_FRACTION = 0.004
 #: A lag below this is none [s].
 NO_LAG_S = 1e-6
 #: Courses take this much longer than the bounds demand, so that set-points stay off them.
@@ -63,6 +65,20 @@ def min_ramp_duration_s(
         limits.volume_mm3_g, step))
 
 
+def needed_before_beads_s(
+    start: FloatArray, end: FloatArray, limits: PowderLimits, step: float, margin_s: float
+) -> FloatArray:
+    """Time that changes of mixture need with the beam off, margins included, (k,) [s].
+
+    start, end, step : as for `min_ramp_duration_s`
+    margin_s : kept free before and after each change; with a margin, small changes need time, too
+    """
+    if margin_s <= 0:
+        return min_ramp_duration_s(start, end, limits, step)
+    needed = min_ramp_duration_s(start, end, limits, min(step, _NO_CHANGE_FRACTION))
+    return np.asarray(np.where(needed > 0, needed + 2 * margin_s, 0.0))
+
+
 @kernel
 def _needed(
     start: FloatArray, end: FloatArray, lag: FloatArray, most: FloatArray, volume: FloatArray,
@@ -90,7 +106,8 @@ def _needed(
 
 @kernel
 def ramp_knots(
-    start: FloatArray, end: FloatArray, gap_s: float, lag: FloatArray, most: FloatArray
+    start: FloatArray, end: FloatArray, gap_s: float, lag: FloatArray, most: FloatArray,
+    margin_s: float = 0.0,
 ) -> tuple[FloatArray, FloatArray]:
     """Knots of the share λ of the change that has arrived: times from the gap's start, values.
 
@@ -98,16 +115,20 @@ def ramp_knots(
     course, from the gap's start, of which a rest may remain for the time after the gap.
 
     start, end, lag, most : (m,) flows [g/s], lags [s], greatest flows [g/s]
+    margin_s : the change keeps so far from both ends of the gap, as far as there is time
     returns : (k,) rising from ≥ 0, (k,) rising from 0 to 1
     """
     straight = _linear_time(start, end, lag, most)
     if straight <= gap_s:
-        lasting = min(gap_s, max(straight, gap_s / 2, min(MIN_RAMP_S, gap_s)))
+        even = min(gap_s / 2, max(gap_s - 2 * margin_s, 0.0))
+        lasting = min(gap_s, max(straight, even, min(MIN_RAMP_S, gap_s)))
         first = (gap_s - lasting) / 2
         return np.array([first, first + lasting]), np.array([0.0, 1.0])
     times = _fastest_course(start, end, lag, most)
-    if times[-1] < gap_s:
-        times *= gap_s / times[-1]
+    before_s = min(margin_s, max(gap_s - times[-1], 0.0) / 2)
+    if times[-1] < gap_s - 2 * before_s:
+        times *= (gap_s - 2 * before_s) / times[-1]
+    times += before_s
     return times, COURSE_KNOTS.copy()
 
 

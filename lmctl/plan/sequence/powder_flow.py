@@ -38,17 +38,19 @@ class PowderFlow:
 
 def powder_flow(
     start_s: float, end_s: float, bead_s: FloatArray, bead_g_s: FloatArray, starts: IndexArray,
-    limits: PowderLimits, mode: str, before_g_s: FloatArray,
+    limits: PowderLimits, mode: str, before_g_s: FloatArray, margin_s: float = 0.0,
 ) -> PowderFlow:
     """Flow wanted at the nozzle during one layer, from `start_s` to `end_s`.
 
     bead_s : (v,) program time at the vertices of m beads; bead_g_s : (v, hoppers) flow wanted there
     starts : (m + 1,) bead k is vertices starts[k] to starts[k + 1]
     mode : "lead", "dwell" or "none"; before_g_s : (hoppers,) flow at the end of the layer before
+    margin_s : changes from bead to bead keep so far from the ends of both, where there is time
     """
     knots_s, flow = _knots(
         start_s, bead_s, np.ascontiguousarray(bead_g_s), starts, mode == "lead",
-        np.maximum(limits.lag_s, NO_LAG_S), limits.max_flow_g_s, before_g_s)
+        np.maximum(limits.lag_s, NO_LAG_S), limits.max_flow_g_s, before_g_s,
+        margin_s)
     return _thinned(np.append(knots_s, end_s), np.vstack([flow, flow[-1:]]))
 
 
@@ -65,14 +67,14 @@ def followed_flow(
     knots_s, flow = _knots(
         float(times_s[0]), times_s, np.ascontiguousarray(wanted_g_s, np.float64),
         np.array([0, len(times_s)]), True, np.maximum(limits.lag_s, NO_LAG_S), limits.max_flow_g_s,
-        np.asarray(start_g_s, np.float64))
+        np.asarray(start_g_s, np.float64), 0.0)
     return PowderFlow(np.asarray(knots_s[1:]), np.asarray(flow[1:]))
 
 
 @kernel
 def _knots(
     start_s: float, bead_s: FloatArray, wanted: FloatArray, starts: IndexArray, leads: bool,
-    lag: FloatArray, most: FloatArray, before: FloatArray,
+    lag: FloatArray, most: FloatArray, before: FloatArray, margin_s: float,
 ) -> tuple[FloatArray, FloatArray]:
     """Gap by gap and bead by bead; a gap starts from the flow that the bead before it reached."""
     count = (len(starts) - 1) * (len(COURSE_KNOTS) + 2)
@@ -87,7 +89,8 @@ def _knots(
         first = starts[bead]
         gap_s = bead_s[first] - now_s
         if leads and gap_s > 0.0:
-            course_s, share = ramp_knots(now, wanted[first], gap_s, lag, most)
+            course_s, share = ramp_knots(
+                now, wanted[first], gap_s, lag, most, margin_s)
         else:
             course_s, share = np.array([0.0, min(_STEP_S, gap_s / 2)]), np.array([0.0, 1.0])
         times[n], flow[n] = now_s, now
