@@ -35,6 +35,7 @@ COMMANDS = {
     "machine": ("lmctl.cli.machine", "Look at a machine, check it, home it, jog it, unlock it."),
     "jobs": ("lmctl.cli.jobs", "List job files and runs."),
     "log": ("lmctl.cli.log", "Print the log of a part over all its runs; verify its journals."),
+    "report": ("lmctl.cli.report", "Write the report of a part, as HTML or PDF, to be signed."),
     "note": ("lmctl.cli.note", "Add a reason or a disposition to the log of a run."),
 }
 

@@ -20,20 +20,26 @@ def part_record_as_csv(part: PartRecord) -> str:
     """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([
+    writer.writerow(layer_heads(part))
+    for layer in part.layers:
+        writer.writerow(layer_row(layer, part.hoppers))
+    return text.getvalue().rstrip("\n")
+
+
+def layer_heads(part: PartRecord) -> list[str]:
+    """Names of the columns."""
+    return [
         "layer", "z_mm", "paths", "lines", "complete",
         *(f"{kind}_{name}" for kind in _KINDS for name, _ in _FIGURES),
         *(f"{kind}_{hopper}_g" for hopper in part.hoppers for kind in _KINDS),
         *(f"weighed_{hopper}_g" for hopper in part.hoppers),
         "place_error_mm", "feed_percent_least", "feed_percent_most", "power_percent_least",
         "power_percent_most", "entered_again", "repeated_mm", "runs", "began", "ended",
-    ])
-    for layer in part.layers:
-        writer.writerow(_row(layer, part.hoppers))
-    return text.getvalue().rstrip("\n")
+    ]
 
 
-def _row(layer: LayerRecord, hoppers: tuple[str, ...]) -> list[object]:
+def layer_row(layer: LayerRecord, hoppers: tuple[str, ...]) -> list[object]:
+    """The cells of one layer, in the order of `layer_heads`."""
     of_kind = {"planned": layer.planned, "reported": layer.reported, "inferred": layer.inferred,
                "unreported": layer.unreported}
     feed, power = layer.feed_percent or ("", ""), layer.power_percent or ("", "")

@@ -59,6 +59,8 @@ class ReportedValueGatherer:
                 at = bisect_right(self._first_lines, int(record["lines"][0]))
                 self._first_lines.insert(at, int(record["lines"][0]))
                 self._layers.insert(at, int(record["layer"]))
+            case "setpoint" if self._nozzle is not None:
+                self._nozzle.order_flows(float(record["t"]), record["flow_g_min"])
             case "samples":
                 for name in ("at", "line", "feed_mm_min", "s_word"):
                     self._rows.setdefault(name, []).extend(record[name])

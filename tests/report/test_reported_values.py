@@ -26,6 +26,10 @@ def samples(at, flows, *, beam=100.0, line=0, gas=None):
     }
 
 
+def order(t, **flows):
+    return {"kind": "setpoint", "t": t, "flow_g_min": flows}
+
+
 def gathered(*records, scales=SCALES):
     gatherer = ReportedValueGatherer(scales)
     for record in (HEADER, {"kind": "layer_opened", "layer": 0, "lines": [0, 9]}, *records):
@@ -36,6 +40,7 @@ def gathered(*records, scales=SCALES):
 def test_steady_flows_give_the_mixture_by_volume_deposited():
     at = np.arange(0.2, 60.0, 0.2)
     values = gathered(
+        order(0.0, A=6.0, B=4.0),
         samples(at[:100], {"A": [6.0] * 100, "B": [4.0] * 100}, beam=0.0),
         samples(at[100:], {"A": [6.0] * 199, "B": [4.0] * 199}, gas=4.0))[0]
     steel = 6.0 * 100 / (6.0 * 100 + 4.0 * 50)
@@ -47,24 +52,30 @@ def test_steady_flows_give_the_mixture_by_volume_deposited():
     assert values.shield_gas_L_min is None
 
 
-def test_a_step_arrives_after_the_dead_time_and_follows_the_lag():
-    at = np.arange(0.1, 30.0, 0.1)
-    gatherer = ReportedValueGatherer(PartScales(None, SCALES.materials, SCALES.deposit_mm3_g))
-    gatherer.take(HEADER)
-    step = np.where(at < 10.0, 0.0, 12.0)
-    for moment in (14.0, 15.0, 20.0):
-        gatherer = ReportedValueGatherer(PartScales(None, SCALES.materials, SCALES.deposit_mm3_g))
-        gatherer.take(HEADER)
-        gatherer.take({"kind": "layer_opened", "layer": 0, "lines": [0, 9]})
-        until = at <= moment + 1e-9
-        dark = samples(at[until], {"A": step[until], "B": np.full(until.sum(), 8.0)}, beam=0.0)
-        dark["s_word"][-1] = 1.0
-        gatherer.take(dark)
-        steel_flow = 12.0 * (1.0 - math.exp(-(moment - 13.0)))
-        wanted = steel_flow * 100 / (steel_flow * 100 + 8.0 * 50)
-        found = gatherer.values()[0]
-        assert found.fractions["steel"].mean == pytest.approx(wanted, abs=0.01)
-        assert found.power_W is None
+def mixture_at(moment_s, *orders, reported):
+    """The share of steel inferred at a moment from what is reported five times a second."""
+    at = np.arange(0.2, moment_s + 1e-9, 0.2)
+    dark = samples(at, {name: [flow(t) for t in at] for name, flow in reported.items()}, beam=0.0)
+    dark["s_word"][-1] = 1.0
+    found = gathered(*orders, dark, scales=PartScales(None, SCALES.materials, SCALES.deposit_mm3_g))
+    assert found[0].power_W is None
+    return found[0].fractions["steel"].mean
+
+
+@pytest.mark.parametrize("moment_s", [14.0, 15.0, 20.0])
+def test_a_step_arrives_after_the_dead_time_and_follows_the_lag(moment_s):
+    """A feeder reports its disc seconds late: that delays nothing."""
+    found = mixture_at(
+        moment_s, order(0.0, A=0.0, B=8.0), order(10.03, A=12.0),
+        reported={"A": lambda t: 12.0 if t > 13.8 else 0.0, "B": lambda t: 8.0})
+    flow = 12.0 * (1.0 - math.exp(-(moment_s - 13.03)))
+    assert found == pytest.approx(flow * 100 / (flow * 100 + 8.0 * 50), abs=1e-6)
+
+
+def test_a_disc_that_does_not_follow_is_taken_as_it_reports():
+    found = mixture_at(60.0, order(0.0, A=12.0, B=8.0),
+                       reported={"A": lambda t: 12.0 if t < 20.0 else 3.0, "B": lambda t: 8.0})
+    assert found == pytest.approx(3.0 * 100 / (3.0 * 100 + 8.0 * 50), abs=1e-6)
 
 
 def test_layers_are_parted_by_the_lines_executed_and_holes_are_left_out():

@@ -1,0 +1,137 @@
+"""`lmctl report`: the report of a part that people sign, or its figures for other programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from lmctl.cli.console import print_data, print_message
+from lmctl.errors import JournalError, UsageError
+
+if TYPE_CHECKING:
+    from lmctl.report.part_report import PartReport
+
+FORMS = (".html", ".pdf")
+
+
+@click.command()
+@click.argument("run", required=False)
+@click.option("--runs", "runs_dir", type=click.Path(path_type=Path), default=Path("runs"),
+              show_default=True, help="Folder of runs.")
+@click.option("-o", "--output", type=click.Path(path_type=Path),
+              help="File to write: .html or .pdf; with --csv any [RUN-report.html].")
+@click.option("--set", "stated", metavar="KEY=VALUE", multiple=True,
+              help="State a value of the traveller, as serial=17 or powder.316L.lot=A4711.")
+@click.option("--csv", "as_csv", is_flag=True,
+              help="The layers as comma-separated values; without RUN the history of all runs.")
+@click.option("--run-only", is_flag=True,
+              help="Of RUN alone, and not of every run that worked on its part.")
+def report(
+    run: str | None, runs_dir: Path, output: Path | None, stated: tuple[str, ...], as_csv: bool,
+    run_only: bool,
+) -> None:
+    """Write the report of the part that RUN worked on, over all its runs.
+
+    RUN is a run's name (run-0001), its folder, or a journal file. What nobody has recorded or
+    stated is left as a ruled blank.
+    """
+    if run is None:
+        if not as_csv:
+            raise UsageError("of which run?",
+                             hint="`lmctl report run-0001`, or --csv for the history of all runs")
+        if stated or run_only:
+            raise UsageError("--set and --run-only belong to a run",
+                             hint="name it: `lmctl report run-0001`")
+        _write_history(runs_dir, output)
+        return
+    if not as_csv and output is not None and output.suffix.lower() not in FORMS:
+        raise UsageError(f"cannot write a report as {output.suffix or 'a file with no ending'}",
+                         where=str(output), hint="choose .html or .pdf, or add --csv")
+    if output is not None and not output.parent.is_dir():
+        raise UsageError(f"there is no folder {output.parent}", hint="make it first")
+    found = _part_report(run, runs_dir, stated, run_only=run_only)
+    if as_csv:
+        from lmctl.report.part_report_csv import part_report_as_csv
+
+        _put_text(part_report_as_csv(found), output)
+        return
+    target = output or Path(f"{found.record.runs[-1].run}-report.html")
+    _write(target, _rendered(found, target.suffix.lower()))
+    print_data(str(target))
+    _say_what_is_open(found)
+
+
+def _part_report(
+    run: str, runs_dir: Path, stated: tuple[str, ...], *, run_only: bool
+) -> PartReport:
+    """Raises JournalError where a journal holds what no report can be made of."""
+    from lmctl.cli.log import find_journal
+    from lmctl.report.part_report import part_report_of
+    from lmctl.run.journal.format import verify_journal
+
+    journal = find_journal(run, runs_dir)
+    try:
+        return part_report_of(journal, run_only=run_only, stated=stated)
+    except (KeyError, TypeError, ValueError, AttributeError):
+        found = verify_journal(journal)
+        if found.intact:  # it is what was written, so we do not understand ourselves
+            raise
+        raise JournalError(
+            f"{journal} was damaged or altered, and no report can be made of it",
+            where=f"line {found.broken_line}: {found.reason}",
+            hint="`lmctl log --json` prints its records as they are") from None
+
+
+def _rendered(found: PartReport, form: str) -> bytes:
+    from lmctl.report.job_report import report_document, report_pictures
+
+    if form == ".pdf":
+        from lmctl.report.job_report import report_as_pdf  # says early what is not installed
+
+        return report_as_pdf(report_document(found, report_pictures(found)))
+    from lmctl.report.job_report import report_as_html
+
+    return report_as_html(report_document(found, report_pictures(found))).encode()
+
+
+def _say_what_is_open(found: PartReport) -> None:
+    """What a person who is to sign wants to know before."""
+    record = found.record
+    if record.state != "done":
+        print_message(f"warning: the part is not complete: {record.state}")
+    for run in record.runs:
+        if not run.verification.sealed:
+            print_message(f"warning: the journal of {run.run} "
+                          + ("was altered: " if not run.verification.intact else "has no end: ")
+                          + run.verification.reason)
+    if found.job.problem:
+        print_message(f"warning: {found.job.path} is not used: {found.job.problem}")
+    open_ = sum(not one.disposition for one in record.deviations)
+    if open_:
+        print_message(f"{open_} deviations have no disposition yet; `lmctl note` adds one")
+
+
+def _write_history(runs_dir: Path, output: Path | None) -> None:
+    from lmctl.report.part_report_csv import history_as_csv
+    from lmctl.run.journal.run_folders import run_names
+
+    if not run_names(runs_dir):
+        raise UsageError(f"{runs_dir} holds no run", hint="--runs names another folder")
+    _put_text(history_as_csv(runs_dir), output)
+
+
+def _put_text(text: str, output: Path | None) -> None:
+    if output is None:
+        print_data(text)
+        return
+    _write(output, (text + "\n").encode())
+    print_data(str(output))
+
+
+def _write(target: Path, data: bytes) -> None:
+    try:
+        target.write_bytes(data)
+    except OSError as error:
+        raise UsageError(f"cannot write {target}", where=str(error.strerror)) from None

@@ -1,0 +1,137 @@
+"""All that the report of a part prints: its record, what its job planned, what devices reported."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from lmctl.config.part_rules import parse_part_file
+from lmctl.config.traveller import TravellerSettings, with_stated_values
+from lmctl.errors import ConfigError, JobError, MissingFileError
+from lmctl.job.reader import JobReader
+from lmctl.job.schema import JobManifest, LayerMixture
+from lmctl.part.materials.powders import MaterialSpec, resolve_materials
+from lmctl.report.part_record import PartRecord, part_record_of
+from lmctl.report.powder_balance import PowderBalance, powder_balances
+from lmctl.report.process_values import ProcessValues, planned_process_values
+from lmctl.report.reported_values import PartScales, ReportedValueGatherer
+from lmctl.run.journal.format import read_records
+from lmctl.run.journal.run_folders import RunFolder
+
+
+@dataclass(frozen=True)
+class JobOfPart:
+    """The job that a part was made from, as it lies beside a journal.
+
+    path : of the file; manifest : None where it cannot be read, or is another job
+    problem : in words why it cannot be used, "" where it can
+    powders : of the part file in it; traveller : what that states
+    """
+
+    path: Path
+    manifest: JobManifest | None
+    problem: str = ""
+    powders: tuple[MaterialSpec, ...] = ()
+    traveller: TravellerSettings = field(default_factory=TravellerSettings)
+
+    @property
+    def scales(self) -> PartScales:
+        """What turns reported numbers into power and mixture."""
+        if self.manifest is None:
+            return PartScales()
+        return PartScales(
+            self.manifest.max_power_W / self.manifest.s_max, self.manifest.materials,
+            {one.name: one.catch_efficiency / one.density_g_mm3 for one in self.powders})
+
+
+@dataclass(frozen=True)
+class PartReport:
+    """What a report prints of one part.
+
+    planned, reported : {layer index: process values while the beam is on}; mixtures in `reported`
+        are inferred from flows
+    mixtures : {layer index: mixture as designed, planned and predicted}
+    """
+
+    record: PartRecord
+    job: JobOfPart
+    traveller: TravellerSettings
+    planned: dict[int, ProcessValues]
+    reported: dict[int, ProcessValues]
+    mixtures: dict[int, LayerMixture]
+
+    @property
+    def header(self) -> dict[str, Any]:
+        """The first record of the first run."""
+        return self.record.runs[0].header
+
+    @property
+    def materials(self) -> tuple[str, ...]:
+        """Names, in the part's order."""
+        return tuple(str(name) for name in self.header.get("materials", ()))
+
+    @property
+    def powder_balances(self) -> tuple[PowderBalance, ...]:
+        """One a hopper."""
+        totals = {} if self.job.manifest is None else self.job.manifest.totals
+        in_part, fed = totals.get("powder_in_part_g", {}), totals.get("powder_g", {})
+        return powder_balances(self.record, {
+            name: grams / fed[name] for name, grams in in_part.items() if fed.get(name)})
+
+
+def part_report_of(
+    journal: Path, *, run_only: bool = False, stated: Sequence[str] = ()
+) -> PartReport:
+    """The report of the part that a run worked on, each journal and the job read once.
+
+    run_only : of this run alone; stated : KEY=VALUE of the traveller
+    Raises what `part_record_of` raises, and UsageError for values that cannot be meant.
+    """
+    header = next(read_records(journal), {})
+    job = job_of_part(RunFolder(journal.parent), str(header.get("job", "")))
+    gathered: list[ReportedValueGatherer] = []
+
+    def observer(_: RunFolder) -> Callable[[dict[str, Any]], None]:
+        gathered.append(ReportedValueGatherer(job.scales))
+        return gathered[-1].take
+
+    record = part_record_of(journal, run_only=run_only, observer=observer)
+    reported: dict[int, ProcessValues] = {}
+    for one in gathered:
+        for layer, values in one.values().items():
+            reported[layer] = reported.get(layer, ProcessValues()).joined_with(values)
+    materials = tuple(str(name) for name in record.runs[0].header.get("materials", ()))
+    return PartReport(
+        record, job, with_stated_values(job.traveller, stated, materials),
+        _planned(job, record), reported,
+        {} if job.manifest is None else {one.layer: one for one in job.manifest.mixtures})
+
+
+def job_of_part(folder: RunFolder, digest: str) -> JobOfPart:
+    """The job beside a journal, if it is the one of that digest. What is wrong with it is told."""
+    try:
+        with JobReader(folder.job) as reader:
+            if reader.digest != digest:
+                return JobOfPart(folder.job, None,
+                                 f"it is another job: its SHA-256 is {reader.digest}")
+            part = parse_part_file(reader.part_text, name="part.toml")
+            return JobOfPart(folder.job, reader.manifest, "", resolve_materials(part),
+                             part.traveller)
+    except ConfigError:  # a part file of another version of this software
+        return JobOfPart(folder.job, reader.manifest,
+                         "the part file in it cannot be read by this version")
+    except (JobError, MissingFileError) as error:
+        return JobOfPart(folder.job, None, error.what)
+
+
+def _planned(job: JobOfPart, record: PartRecord) -> dict[int, ProcessValues]:
+    if job.manifest is None:
+        return {}
+    with JobReader(job.path) as reader:
+        return {
+            layer.number - 1: planned_process_values(
+                reader.read_layer(layer.number - 1), job.manifest)
+            for layer in record.layers
+        }
