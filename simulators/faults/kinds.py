@@ -150,7 +150,7 @@ _MOTION_KINDS = (
     FaultKind("ok_lost", "answers of the controller get lost", _M, _MAY,
               "an answer is missing", (_REPLIES,)),
     FaultKind("ok_doubled", "answers of the controller come twice", _M, _MAY,
-              "a reply to no command", (_REPLIES,)),
+              "a reply came to no command", (_REPLIES,)),
     FaultKind("reports_garbled", "status reports are damaged on their way; with another digit they "
               "are still reports", _M, _ON, "",
               (_PROBABILITY, _REPORTS, _SEED,

@@ -21,7 +21,7 @@ EXPECTED = {
     "reports_garbled": _NOTHING, "reports_lost": _NOTHING, "reports_extended": _NOTHING,
     "reports_slow": _NOTHING,
     "ok_lost": "unanswered|no answer|answer is missing",
-    "ok_doubled": "an answer came",
+    "ok_doubled": "a reply came",
     "word_garbled": "program asks for|programmed path|damaged on its way",
     "link_closed": "was lost|there is no connection",
     "bytes_lost": _LINK, "bytes_doubled": _LINK, "bytes_flipped": _LINK, "bytes_late": _LINK,
@@ -45,20 +45,20 @@ EXPECTED = {
     "estop": "emergency|e-stop", "door": "door",
 }
 
-#: Longest time from a fault to its first alarm while beads are laid [s], by how it shows.
+#: Longest time from a fault to its first alarm during deposition [s], by how it shows.
 SEEN_WITHIN_S = {
     "default": 2.0,
-    # A contact that stays closed shows when it is told to open.
+    # A contact that stays closed shows when it is commanded to open.
     "laser_enable_stuck": 60.0,
     # A hopper is read once in four cycles, and its disc may deviate for two seconds.
     "flow_readback_off": 3.5, "speed_deviates": 3.5, "disc_stalls": 3.5, "below_n_min": 3.5,
     "carrier_low": 2.5,
-    # The path is laid to its end.
+    # The path is deposited to its end.
     "extraction_low": 60.0,
 }
 
-#: How long a fault stands [s]; one that shows only when all is done stands until then.
-STANDS_S = {"default": 10.0, "laser_enable_stuck": 30.0}
+#: How long a fault lasts [s]; one that shows only at the end of the run lasts until then.
+LASTS_S = {"default": 10.0, "laser_enable_stuck": 30.0}
 
 #: Faults that the small job is too short for: a hopper that lies is found by its weight, and that
 #: takes 20 s (tests/run/test_interlocks.py has the rule).

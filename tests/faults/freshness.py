@@ -38,7 +38,7 @@ def digest_of_inputs() -> str:
         for name, kind in sorted(FAULT_KINDS.items())
     ]
     judged = (sorted(expected.EXPECTED.items()), sorted(expected.SEEN_WITHIN_S.items()),
-              sorted(expected.STANDS_S.items()), sorted(expected.UNSEEN))
+              sorted(expected.LASTS_S.items()), sorted(expected.UNSEEN))
     texts = (shortened("cell-safe.toml"), shortened("bench-safe.toml"))
     rows = [str(fault) for name in FAULT_KINDS for fault in faults_of(name)]
     return _sha256(repr((kinds, judged, texts, rows, [state.value for state in STATES])))
@@ -77,10 +77,10 @@ def staleness(text: str, folder: Path, sampled: int = _SAMPLED) -> list[str]:
     draw = random.Random(stamped[2])
     for at in draw.sample(range(len(rows)), min(sampled, len(rows))):
         state = draw.choice(STATES)
-        made, stands = try_one(faults[at], state, folder, job).text, cells_of(rows[at])[
+        made, listed = try_one(faults[at], state, folder, job).text, cells_of(rows[at])[
             2 + STATES.index(state)]
-        if made != stands:
-            found.append(f"{faults[at]} in {state}: it says {stands!r}, and is {made!r}")
+        if made != listed:
+            found.append(f"{faults[at]} in {state}: it says {listed!r}, and is {made!r}")
     return found
 
 

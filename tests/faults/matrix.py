@@ -29,12 +29,12 @@ from simulators.bench_config import BenchConfig
 from simulators.fault_outcome import FaultOutcome, judge_fault
 from simulators.faults.fault_injector import FaultInjector
 from simulators.faults.kinds import FAULT_KINDS, ExpectedReaction, Fault, FaultTarget
-from tests.faults.expected import EXPECTED, SEEN_WITHIN_S, STANDS_S, UNSEEN
+from tests.faults.expected import EXPECTED, LASTS_S, SEEN_WITHIN_S, UNSEEN
 from tests.faults.kills import shortened
 from tests.run.only_run import journal_of_only_run
 
-#: From an alarm to a dark beam [s]: issue and design ask for so much.
-DARK_WITHIN_S = 0.1
+#: From an alarm to beam off [s]: the most that is allowed.
+BEAM_OFF_WITHIN_S = 0.1
 
 #: States in which something can go wrong, in the order in which a run comes to them. (Connecting
 #: and checking take no machine time; there a device that fails is one that does not answer.)
@@ -59,7 +59,7 @@ class Cell:
     headline: str = ""
     followed: tuple[str, ...] = ()
     seen_s: float | None = None
-    dark_s: float = 0.0
+    beam_off_s: float = 0.0
     end: str = ""
     shortfalls: list[str] = field(default_factory=list)
 
@@ -109,7 +109,7 @@ class Trial:
         await self._bring_to(self.cell.state)
         self._board.inject(self.cell.fault)
         self.cell.came = True
-        await asyncio.sleep(STANDS_S.get(self.cell.fault.kind.name, STANDS_S["default"]))
+        await asyncio.sleep(LASTS_S.get(self.cell.fault.kind.name, LASTS_S["default"]))
         self._board.clear_all()
         await asyncio.sleep(3.0)
         while True:
@@ -171,7 +171,7 @@ class Trial:
         troubles = [r for r in records if r["kind"] in ("alarm", "fault") and r["t"] >= injected_s]
         if troubles:
             cell.seen_s = troubles[0]["t"] - injected_s
-        cell.dark_s = found.beam_off_after_s
+        cell.beam_off_s = found.beam_off_after_s
         seal = records[-1] if records[-1]["kind"] == "seal" else {}
         if troubles and not cell.headline:
             cause = seal.get("cause") or troubles[0]
@@ -199,14 +199,14 @@ class Trial:
         if kind.expected_reaction is ExpectedReaction.CONTINUE and troubles:
             cell.shortfalls.append(f"was to be ridden out: {cell.headline}")
         elif seen_s is not None:
-            if laying and seen_s > allowed_s + DARK_WITHIN_S:
+            if laying and seen_s > allowed_s + BEAM_OFF_WITHIN_S:
                 cell.shortfalls.append(f"seen only after {seen_s:.2f} s")
             words = EXPECTED[kind.name]
             if not re.search(words, cell.headline, re.IGNORECASE):
                 cell.shortfalls.append(f"headline: {cell.headline}")
         host_stops = seen_s is not None and self._final != "done"
-        within_s = seen_s + DARK_WITHIN_S if host_stops and seen_s is not None else _MOST_S
-        grace_s = (seen_s or 0.0) + DARK_WITHIN_S
+        within_s = seen_s + BEAM_OFF_WITHIN_S if host_stops and seen_s is not None else _MOST_S
+        grace_s = (seen_s or 0.0) + BEAM_OFF_WITHIN_S
         if kind.name in UNSEEN and seen_s is None:
             cell.end = f"{self._final}, not seen"
             grace_s = _MOST_S
@@ -265,10 +265,10 @@ def main() -> int:
     names, rows = sys.argv[1:] or list(FAULT_KINDS), []
     shown = [state.value for state in STATES]
     print("# Every fault in every state of a run\n\nMade by `make faults`: small job, cell-safe "
-          "and bench-safe, short delays, virtual time. *Seen, dark*: from\nthe fault to the first "
-          "alarm and to a dark beam while beads are laid. A fault stands for 10 s (a stuck\n"
-          "contact for 30); then an operator tries to resume. The cell says how the run ended.\n")
-    print("| fault | seen, dark [s] | " + " | ".join(shown) + " |")
+          "and bench-safe, short delays, virtual time. *Seen, beam off*:\nfrom the fault to the "
+          "first alarm and to beam off during deposition. A fault lasts 10 s (a stuck\n"
+          "contact 30); then an operator tries to resume. The cell says how the run ended.\n")
+    print("| fault | seen, beam off [s] | " + " | ".join(shown) + " |")
     print("| --- " * (len(shown) + 2) + "|")
     wrong = 0
     with tempfile.TemporaryDirectory() as name:
@@ -278,7 +278,7 @@ def main() -> int:
             cells = [try_one(fault, state, folder, job) for state in STATES]
             laying = cells[STATES.index(RunState.DEPOSITING)]
             seen = "–" if laying.seen_s is None else f"{laying.seen_s:.2f}"
-            rows.append(f"| {fault} | {seen}, {laying.dark_s:.2f} | "
+            rows.append(f"| {fault} | {seen}, {laying.beam_off_s:.2f} | "
                         + " | ".join(cell.text for cell in cells) + " |")
             print(rows[-1], flush=True)
             short = [cell for cell in cells if cell.shortfalls]
