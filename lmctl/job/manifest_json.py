@@ -6,14 +6,15 @@ import dataclasses
 import hashlib
 import json
 import math
-
-from pydantic import TypeAdapter, ValidationError
+from functools import cache
+from typing import TYPE_CHECKING
 
 from lmctl.errors import JobError
 from lmctl.job.container import MAX_LAYERS, REPLAN_HINT
 from lmctl.job.schema import JobManifest
 
-_ADAPTER = TypeAdapter(JobManifest)
+if TYPE_CHECKING:
+    from pydantic import TypeAdapter
 
 
 def manifest_to_json(manifest: JobManifest) -> bytes:
@@ -25,8 +26,10 @@ def manifest_to_json(manifest: JobManifest) -> bytes:
 
 def manifest_from_json(data: bytes, name: str) -> JobManifest:
     """Read a manifest. Raises JobError where it is not one or contradicts itself."""
+    from pydantic import ValidationError  # late: writing needs none of it
+
     try:
-        manifest = _ADAPTER.validate_json(data)
+        manifest = _adapter().validate_json(data)
     except ValidationError as error:
         first = error.errors(include_url=False, include_input=False)[0]
         place = ".".join(str(step) for step in first["loc"])
@@ -37,6 +40,13 @@ def manifest_from_json(data: bytes, name: str) -> JobManifest:
     if broken:
         raise JobError(f"{name}: its manifest contradicts itself", where=broken, hint=REPLAN_HINT)
     return manifest
+
+
+@cache
+def _adapter() -> TypeAdapter[JobManifest]:
+    from pydantic import TypeAdapter
+
+    return TypeAdapter(JobManifest)
 
 
 def part_digest(part_text: str) -> str:

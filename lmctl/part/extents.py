@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,14 +11,12 @@ from lmctl.array_types import FloatArray
 from lmctl.config import bodies as config
 from lmctl.config.part_file import PartFile
 from lmctl.errors import InputError
-from lmctl.part.bodies.body import Body
-from lmctl.part.bodies.formulas import Box, Cone, Cylinder, Sphere, Torus
-from lmctl.part.bodies.half_space import HalfSpace
-from lmctl.part.bodies.measured import Bounds
-from lmctl.part.bodies.prism import Prism, close_polygon
-from lmctl.part.bodies.transformed import SimilarityTransform, TransformedBody, similarity_transform
-from lmctl.part.booleans.expression import Operation
-from lmctl.part.part_data import PartData
+from lmctl.part import bodies  # each body's module is loaded where one is built
+
+if TYPE_CHECKING:
+    from lmctl.part.bodies import Body, Bounds, SimilarityTransform
+    from lmctl.part.booleans import Operation
+    from lmctl.part.part_data import PartData
 
 
 class BodyExtents:
@@ -88,31 +87,32 @@ def analytic_body(body: config.Body, name: str) -> Body:
     """A body that needs no data and no other. name : of the body, for messages"""
     match body:
         case config.BoxBody():
-            return Box(body.low_mm, body.high_mm)
+            return bodies.Box(body.low_mm, body.high_mm)
         case config.SphereBody():
-            return Sphere(body.centre_mm, body.radius_mm)
+            return bodies.Sphere(body.centre_mm, body.radius_mm)
         case config.CylinderBody():
-            return Cylinder(body.base_mm, body.top_mm, body.radius_mm)
+            return bodies.Cylinder(body.base_mm, body.top_mm, body.radius_mm)
         case config.ConeBody():
-            return Cone(body.base_mm, body.top_mm, body.base_radius_mm, body.top_radius_mm)
+            return bodies.Cone(body.base_mm, body.top_mm, body.base_radius_mm, body.top_radius_mm)
         case config.TorusBody():
-            return Torus(body.centre_mm, body.axis, body.radius_mm, body.tube_radius_mm)
+            return bodies.Torus(body.centre_mm, body.axis, body.radius_mm, body.tube_radius_mm)
         case config.HalfSpaceBody():
-            return HalfSpace(body.point_mm, body.outward)
+            return bodies.HalfSpace(body.point_mm, body.outward)
         case config.PrismBody():
             corners = np.array(body.outline_mm, dtype=np.float64)
-            loop = close_polygon(corners, name)
-            return Prism(loop, body.low_mm, body.high_mm)
+            loop = bodies.close_polygon(corners, name)
+            return bodies.Prism(loop, body.low_mm, body.high_mm)
     raise TypeError(body.kind)
 
 
 def transform_of(body: config.MovedBody) -> SimilarityTransform:
     """The motion that a moved body states."""
     turn = body.turn or config.Rotation(axis=(0.0, 0.0, 1.0), degrees=0.0)
-    return similarity_transform(body.scale, turn.axis, turn.degrees, turn.through_mm, body.by_mm)
+    return bodies.similarity_transform(
+        body.scale, turn.axis, turn.degrees, turn.through_mm, body.by_mm)
 
 
 def _moved(low: FloatArray, high: FloatArray, by: SimilarityTransform) -> Bounds:
     if not np.isfinite([low, high]).all():
         return np.full(3, -np.inf), np.full(3, np.inf)
-    return TransformedBody(Box(tuple(low), tuple(high)), by).tight_bounds_mm
+    return bodies.TransformedBody(bodies.Box(tuple(low), tuple(high)), by).tight_bounds_mm

@@ -4,22 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from lmctl.config import part_file as config
 from lmctl.config.part_rules import load_part_file, parse_part_file
 from lmctl.errors import InputError
 from lmctl.field.grid import Grid
-from lmctl.part.bodies.body import Body
-from lmctl.part.bodies.mesh_solid import MeshSolid
-from lmctl.part.bodies.stored import FieldSolid
+from lmctl.part import bodies  # each body's module is loaded where it is used
 from lmctl.part.materials.powders import resolve_materials
 from lmctl.part.materials.profile_warnings import flat_profile_warnings
 from lmctl.part.part import Part
 from lmctl.part.part_data import PartData
 from lmctl.part.resolution import checked_grid, section_plane_grid
-from lmctl.part.sources.cloud_files import CLOUD_SUFFIXES
-from lmctl.part.sources.mesh_files import MESH_SUFFIXES
+from lmctl.part.sources.files import CLOUD_SUFFIXES, MESH_SUFFIXES
 from lmctl.part.tree import BodyTree
+
+if TYPE_CHECKING:
+    from lmctl.part.bodies import Body
 
 #: What a bare mesh or cloud is made of.
 DEFAULT_MATERIAL = "316L"
@@ -86,10 +87,11 @@ def _build(
     if report is not None and cost.summary():
         report(cost.summary())
     body = tree.body
-    if isinstance(body, MeshSolid | FieldSolid):
-        grid = body.grid
-    else:
-        grid = checked_grid(*body.tight_bounds_mm, tree.pitch_mm, stored=False)
+    match body:
+        case bodies.MeshSolid() | bodies.FieldSolid():
+            grid = body.grid
+        case _:
+            grid = checked_grid(*body.tight_bounds_mm, tree.pitch_mm, stored=False)
     rule = tree.composition_field
     data.warnings += [*_coarse(body, grid), *flat_profile_warnings(rule, body)]
     data.notes += [note for material in materials if (note := material.note())]
@@ -119,7 +121,7 @@ def _coarse(body: Body, grid: Grid) -> list[str]:
     """A warning where the part is thin for its pitch and its outlines come from its field."""
     low, high = body.tight_bounds_mm
     thinnest, pitch = float((high - low).min()), grid.pitch_mm
-    if thinnest >= 3 * pitch or not isinstance(body, FieldSolid):
+    if thinnest >= 3 * pitch or not isinstance(body, bodies.FieldSolid):
         return []
     return [
         f"the part is only {thinnest:.3g} mm thick, a pitch of {pitch:g} mm is coarse for it; "

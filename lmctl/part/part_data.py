@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from lmctl.array_types import FloatArray
 from lmctl.config.bodies import CloudBody, MeshBody
 from lmctl.config.composition import FaceFeature, SheetFeature, features_of
 from lmctl.config.part_file import PartFile
 from lmctl.errors import InputError, MissingFileError
-from lmctl.part.faces import smooth_patch_around, triangles_of_group
-from lmctl.part.sources.cloud_files import PointCloud, read_cloud
 from lmctl.part.sources.files import DataFile, read_data_file
 from lmctl.part.sources.mesh_files import Mesh, read_mesh
 from lmctl.part.sources.mesh_repair import repair_mesh
 from lmctl.part.sources.mesh_topology import remove_slivers
+
+if TYPE_CHECKING:
+    from lmctl.part.sources.cloud_files import PointCloud
 
 
 class PartData:
@@ -76,6 +78,8 @@ class PartData:
         """Measured points. Raises InputError."""
         key = body.file, body.units
         if key not in self._clouds:
+            from lmctl.part.sources.cloud_files import read_cloud  # late: many parts have none
+
             self._clouds[key] = read_cloud(self._file(body.file), body.units)
             self.notes += self._clouds[key].notes
             self.warnings += self._clouds[key].warnings
@@ -98,6 +102,8 @@ class PartData:
 
     def face(self, body: MeshBody, feature: FaceFeature) -> FloatArray:
         """Triangles (m, 3, 3) float64 [mm] of one face of a mesh. Raises InputError."""
+        from lmctl.part.faces import smooth_patch_around, triangles_of_group  # late, as above
+
         if feature.group is not None:
             return triangles_of_group(self._file(body.file), feature.group, body.units)
         assert feature.at_mm is not None, "the model asks for one of the two"

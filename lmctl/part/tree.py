@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,16 +19,7 @@ from lmctl.config.composition import FaceFeature, SheetFeature, measured_bodies
 from lmctl.config.part_file import PartFile
 from lmctl.errors import InputError
 from lmctl.field.grid import Grid
-from lmctl.part.bodies.allowance import AllowanceBody
-from lmctl.part.bodies.body import Body
-from lmctl.part.bodies.half_space import HalfSpace
-from lmctl.part.bodies.measured import Bounds, is_closed, remove_specks
-from lmctl.part.bodies.mesh_solid import MeshSolid
-from lmctl.part.bodies.stored import FieldSolid
-from lmctl.part.bodies.transformed import SimilarityTransform, TransformedBody
-from lmctl.part.booleans.combined import CombinedBody
-from lmctl.part.booleans.expression import Operation
-from lmctl.part.booleans.overlap import OverlapWeights
+from lmctl.part import bodies, booleans, materials  # modules are loaded where they are used
 from lmctl.part.cost import CLOUD_S, OPERAND_S, CostItem, PartCost
 from lmctl.part.extents import BodyExtents, analytic_body, transform_of
 from lmctl.part.materials.composition import (
@@ -36,12 +28,15 @@ from lmctl.part.materials.composition import (
     TransformedComposition,
     UniformComposition,
 )
-from lmctl.part.materials.rules import CompositionContext, composition_field_of
 from lmctl.part.part_data import PartData
 from lmctl.part.resolution import boundary_grid, checked_grid, choose_pitch
-from lmctl.part.shells import make_shell
-from lmctl.part.sources.cloud_files import PointCloud
 from lmctl.part.sources.mesh_files import Mesh
+
+if TYPE_CHECKING:
+    from lmctl.part.bodies import Body, Bounds, SimilarityTransform
+    from lmctl.part.booleans import Operation
+    from lmctl.part.materials import CompositionContext
+    from lmctl.part.sources.cloud_files import PointCloud
 
 
 class BodyTree:
@@ -125,7 +120,8 @@ class BodyTree:
     def composition_field(self) -> CompositionField:
         """The composition of the part."""
         if self._part.composition is not None:
-            return composition_field_of(self._part.composition, self.body, self._around)
+            return materials.composition_field_of(
+                self._part.composition, self.body, self._around)
         if len(self._part.material) == 1:
             return UniformComposition((1.0,))
         return self._joint_rule(self._part.combine, self._roots, in_place=True)
@@ -136,9 +132,9 @@ class BodyTree:
         """Bodies combined. in_place : where the part has them, not where a motion finds them"""
         if operation is None or len(numbers) == 1:
             return self._solid(numbers[0], in_place)
-        bodies = tuple(self._solid(number, in_place) for number in numbers)
+        of = tuple(self._solid(number, in_place) for number in numbers)
         grid = self._boundary_grid(operation, numbers, in_place=in_place)
-        return CombinedBody(operation, bodies, grid)
+        return booleans.CombinedBody(operation, of, grid)
 
     def _boundary_grid(
         self, operation: Operation, numbers: Sequence[int], *, in_place: bool = True
@@ -162,9 +158,9 @@ class BodyTree:
         """A box that reaches the surface of each half-space and back from anywhere in the part."""
         low, high = self.box
         middle = 0.5 * (low + high)
-        away = max((abs(float(HalfSpace(body.point_mm, body.outward).distance_at(middle[None])[0]))
-                    for body in self._part.body if isinstance(body, config.HalfSpaceBody)),
-                   default=0.0)
+        cuts = [bodies.HalfSpace(body.point_mm, body.outward) for body in self._part.body
+                if isinstance(body, config.HalfSpaceBody)]
+        away = max((abs(float(cut.distance_at(middle[None])[0])) for cut in cuts), default=0.0)
         reach = away + float(np.linalg.norm(high - low))
         return low - reach, high + reach
 
@@ -173,7 +169,7 @@ class BodyTree:
         if key not in self._built:
             built = self._build(number, in_place)
             allowance_mm = self._allowance_mm(number) if in_place else 0.0
-            self._built[key] = AllowanceBody(built, allowance_mm) if allowance_mm else built
+            self._built[key] = bodies.AllowanceBody(built, allowance_mm) if allowance_mm else built
         return self._built[key]
 
     def _allowance_mm(self, number: int) -> float:
@@ -209,19 +205,22 @@ class BodyTree:
 
     def _carried(self, body: Body, by: SimilarityTransform, box: Bounds) -> Body:
         """A transformed body; a boolean stays one, as each of its bodies is transformed."""
-        if not isinstance(body, CombinedBody):
-            return TransformedBody(body, by)
-        return body.transformed(lambda inner: TransformedBody(inner, by),
+        if not isinstance(body, booleans.CombinedBody):
+            return bodies.TransformedBody(body, by)
+        return body.transformed(lambda inner: bodies.TransformedBody(inner, by),
                                 boundary_grid(*box, self.pitch_mm))
 
     def _shell(self, body: config.ShellBody, in_place: bool) -> Body:
+        from lmctl.part.shells import make_shell  # late: few parts have one
+
         of = self._solid(self._number[body.of], in_place)
         box = self._extents.enclosing_box(self._number[body.of])
         return make_shell(of, box, body, self.pitch_mm)
 
     def _mesh(self, mesh: Mesh, pitch_mm: float | None) -> Body:
         low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
-        return MeshSolid(mesh, checked_grid(low, high, pitch_mm or self.pitch_mm, stored=False))
+        grid = checked_grid(low, high, pitch_mm or self.pitch_mm, stored=False)
+        return bodies.MeshSolid(mesh, grid)
 
     def _cloud(self, cloud: PointCloud, pitch_mm: float | None) -> Body:
         low, high = cloud.points.min(axis=0), cloud.points.max(axis=0)
@@ -242,21 +241,21 @@ class BodyTree:
                 f"the fitted surface is within {surface.error_mm:.2g} mm of the samples "
                 f"(estimated from them, at a pitch of {grid.pitch_mm:.3g} mm); tolerance_mm is "
                 f"{self._part.tolerance_mm:g}")
-        if not is_closed(stored):
+        if not bodies.is_closed(stored):
             raise InputError(
                 "the surface fitted to the point cloud is not closed",
                 where=f"its inside reaches the edge of its grid at a pitch of {grid.pitch_mm:g} mm",
                 hint="scan the missing places, or give a larger pitch_mm",
             )
-        stored, specks = remove_specks(stored)
+        stored, specks = bodies.remove_specks(stored)
         self._data.warnings += stored.remarks
         if specks:
             self._data.notes.append(f"{specks} specks of the fitted cloud smoothed away")
-        return FieldSolid(stored, math.pi / 4 * self._part.process.bead_width_mm**2)
+        return bodies.FieldSolid(stored, math.pi / 4 * self._part.process.bead_width_mm**2)
 
     @cached_property
     def _around(self) -> CompositionContext:
-        return CompositionContext(
+        return materials.CompositionContext(
             tuple(material.name for material in self._part.material),
             lambda name: self._solid(self._number[name], False),
             self._triangles,
@@ -284,15 +283,15 @@ class BodyTree:
         rules = tuple(self._rule(number, in_place) for number in ruled)
         if len(rules) == 1:
             return rules[0]
-        bodies = tuple(self._solid(number, in_place) for number in ruled)
+        of = tuple(self._solid(number, in_place) for number in ruled)
         grid = self._boundary_grid(operation, ruled, in_place=in_place)
-        return OverlapComposition(bodies, rules, OverlapWeights(bodies, grid))
+        return OverlapComposition(of, rules, booleans.OverlapWeights(of, grid))
 
     def _rule(self, number: int, in_place: bool) -> CompositionField:
         body = self._part.body[number]
         if body.composition is not None:
-            return composition_field_of(body.composition, self._solid(number, in_place),
-                                        self._around)
+            return materials.composition_field_of(
+                body.composition, self._solid(number, in_place), self._around)
         match body:
             case config.ShellBody():
                 return self._rule(self._number[body.of], in_place)

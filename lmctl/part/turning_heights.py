@@ -11,7 +11,6 @@ from lmctl.array_types import FloatArray, IntArray
 from lmctl.part.bodies.allowance import AllowanceBody
 from lmctl.part.bodies.body import Body
 from lmctl.part.bodies.mesh_solid import MeshSolid
-from lmctl.part.booleans.combined import CombinedBody
 
 
 def turning_heights_mm(body: Body) -> FloatArray:
@@ -24,6 +23,8 @@ def turning_heights_mm(body: Body) -> FloatArray:
         return turning_heights_mm(body.inner)
     if isinstance(body, MeshSolid):
         return _of_mesh(body.mesh.vertices[:, 2], body.mesh.triangles)
+    from lmctl.part.booleans.combined import CombinedBody  # late: few parts are combined
+
     if isinstance(body, CombinedBody):
         each = np.concatenate([turning_heights_mm(inner) for inner in body.bodies])
         heights: FloatArray = np.unique(each)

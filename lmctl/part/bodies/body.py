@@ -9,16 +9,18 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Hashable
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.array_types import FloatArray
-from lmctl.field.grid import Window
-from lmctl.field.plane import PlaneGrid
-from lmctl.part.bodies.measured import Bounds
-from lmctl.part.bodies.surfaces import Surface
+
+if TYPE_CHECKING:
+    from lmctl.field.grid import Window
+    from lmctl.field.plane import PlaneGrid
+    from lmctl.part.bodies.measured import Bounds
+    from lmctl.part.bodies.surfaces import Surface
 
 
 class Body(Protocol):

@@ -8,13 +8,16 @@ stretch the part's bounds.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.array_types import FloatArray
 from lmctl.field.array_storage import allocate_array
-from lmctl.field.field import DistanceField
+
+if TYPE_CHECKING:
+    from lmctl.field.field import DistanceField
 
 Bounds = tuple[FloatArray, FloatArray]
 

@@ -7,16 +7,18 @@ gives is non-negative and sums to 1.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from lmctl.array_types import FloatArray
-from lmctl.part.bodies.body import Body
-from lmctl.part.bodies.transformed import SimilarityTransform
-from lmctl.part.booleans.overlap import OverlapWeights
-from lmctl.part.materials.features import Feature
 from lmctl.part.materials.profiles import MixtureProfile, normalise_rows
+
+if TYPE_CHECKING:
+    from lmctl.part.bodies.body import Body
+    from lmctl.part.bodies.transformed import SimilarityTransform
+    from lmctl.part.booleans.overlap import OverlapWeights
+    from lmctl.part.materials.features import Feature
 
 
 class CompositionField(Protocol):

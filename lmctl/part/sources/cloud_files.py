@@ -9,12 +9,10 @@ from numpy.typing import NDArray
 
 from lmctl.array_types import FloatArray
 from lmctl.errors import InputError
-from lmctl.part.sources.files import DataFile
+from lmctl.part.sources.files import CLOUD_SUFFIXES, DataFile
 from lmctl.part.sources.mesh_files import checked_points
 from lmctl.part.sources.ply_files import read_ply
 from lmctl.part.sources.point_tables import NORMAL_NAMES, read_point_table
-
-CLOUD_SUFFIXES = ("xyz", "csv", "txt", "asc", "pts", "ply")
 
 #: More points than this do not make any field finer, only slower.
 MAX_POINTS = 20_000_000

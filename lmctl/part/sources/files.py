@@ -17,6 +17,10 @@ from lmctl.errors import InputError, MissingFileError
 #: More than this is not read into memory: about eight million triangles of binary STL.
 MAX_DATA_BYTES = 400_000_000
 
+#: Endings of files that hold triangles, and points. A PLY may hold either.
+MESH_SUFFIXES = ("stl", "ply", "obj", "off", "3mf")
+CLOUD_SUFFIXES = ("xyz", "csv", "txt", "asc", "pts", "ply")
+
 
 @dataclass(frozen=True)
 class DataFile:

@@ -14,16 +14,8 @@ from numpy.typing import NDArray
 from lmctl.array_types import FloatArray, IntArray
 from lmctl.config.quantities import MAX_COORDINATE_MM, MM_PER_UNIT
 from lmctl.errors import InputError
-from lmctl.part.sources.files import DataFile
-from lmctl.part.sources.obj_files import read_obj, triangle_rows_of_group
-from lmctl.part.sources.off_files import read_off
-from lmctl.part.sources.ply_files import read_ply
-from lmctl.part.sources.polygons import triangulate_polygons
+from lmctl.part.sources.files import MESH_SUFFIXES, DataFile
 from lmctl.part.sources.recognition import unreadable_file
-from lmctl.part.sources.stl_files import read_stl
-from lmctl.part.sources.threemf import read_3mf
-
-MESH_SUFFIXES = ("stl", "ply", "obj", "off", "3mf")
 
 #: More triangles than this would take minutes and gigabytes to bring onto any grid.
 MAX_TRIANGLES = 5_000_000
@@ -86,16 +78,24 @@ def read_mesh(file: DataFile, units: str | None, group: str | None = None) -> Me
 def _read(
     file: DataFile, units: str | None, group: str | None
 ) -> tuple[FloatArray, IntArray, tuple[str, ...]]:
-    match file.suffix:
+    match file.suffix:  # only the reader that is needed is loaded
         case "3mf":
+            from lmctl.part.sources.threemf import read_3mf
+
             return read_3mf(file, units)
         case "stl":
+            from lmctl.part.sources.stl_files import read_stl
+
             corners = read_stl(file)
             return corners, np.arange(len(corners)).reshape(-1, 3), ()
         case "off":
+            from lmctl.part.sources.off_files import read_off
+
             return *read_off(file), ()
         case "ply":
             return *_from_ply(file), ()
+    from lmctl.part.sources.obj_files import read_obj, triangle_rows_of_group
+
     model = read_obj(file)
     if group is not None:
         return model.vertices, triangle_rows_of_group(file, model, group), ()
@@ -103,6 +103,9 @@ def _read(
 
 
 def _from_ply(file: DataFile) -> tuple[FloatArray, IntArray]:
+    from lmctl.part.sources.ply_files import read_ply
+    from lmctl.part.sources.polygons import triangulate_polygons
+
     elements = read_ply(file)
     vertex = elements.get("vertex")
     if vertex is None or not all(axis in vertex.numbers for axis in "xyz"):

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, Self
 
 from lmctl.errors import PlanError
 from lmctl.plan.execution import worker
-from lmctl.plan.execution.process_pool import ProcessPool
 from lmctl.plan.geometry import LayerGeometry
 from lmctl.plan.program_text import LayerLines
 from lmctl.preflight.placement import Placement
@@ -106,6 +105,8 @@ class LocalWorkers(StageWorkers):
         return future
 
     def _start_processes(self) -> None:
+        from lmctl.plan.execution.process_pool import ProcessPool  # late: small parts need none
+
         self._executor = ProcessPool(self._jobs, worker.keep_part, (self._key, self._part))
         self._n_workers = self._jobs
 

@@ -71,19 +71,14 @@ def level_field(
         raster.depth_mm, raster.segments, raster.nearest, raster.grid.pitch_mm,
         axis.points_mm - np.array(raster.grid.origin_mm), axis.slope, axis.is_central,
         axis.at_edge, beads.track_count, beads.depth_mm, beads.owner, beads.is_point, pitch_mm,
-        second_mm,
-        float(raster.depth_mm.max()),
-        field.level, field.strip_mm, field.outer_track_count, field.track_count)
-    _smooth(field, raster.depth_mm, pitch_mm)
+        second_mm, float(raster.depth_mm.max()), _bell(), field.level,
+        field.strip_mm, field.outer_track_count, field.track_count)
+    _cut_no_contour_on_axis(field, raster.depth_mm)
     return field
 
 
-def _smooth(field: LevelField, depth_mm: NDArray[np.float32], pitch_mm: float) -> None:
-    """Round off, in place, the steps where the number of tracks changes.
-
-    What is smoothed is how far levels and strips are from a plain pitch, inside only.
-    """
-    _smooth_kernel(field.level, field.strip_mm, field.track_count, depth_mm, pitch_mm, _bell())
+def _cut_no_contour_on_axis(field: LevelField, depth_mm: NDArray[np.float32]) -> None:
+    """Keep levels, in place, below those of tracks on the axis and of places without a track."""
     inside = depth_mm > 0
     odd = inside & (field.track_count % 2 == 1)
     most = np.float32(0.5) * field.track_count - np.float32(_BELOW_CENTRELINE)
@@ -99,13 +94,16 @@ def _bell() -> FloatArray:
     return np.asarray(weight / weight.sum())
 
 
-@kernel
-def _smooth_kernel(
+@inner_kernel
+def _smooth_steps(
     level: NDArray[np.float32], strip: NDArray[np.float32], count: NDArray[np.int32],
     depth: NDArray[np.float32], pitch: float, bell: FloatArray,
 ) -> None:
-    """Steps spread a weight, 1 on them and falling to 0; with it nodes inside take on the mean of
-    those around."""
+    """Round off, in place, the steps where the number of tracks changes.
+
+    What is smoothed is how far levels and strips are from a plain pitch, inside only. Steps spread
+    a weight, 1 on them and falling to 0; with it nodes take on the mean of those around.
+    """
     ny, nx = count.shape
     far = len(bell) // 2
     near = np.zeros((ny, nx), np.float32)
@@ -223,9 +221,8 @@ def _level_kernel(
     points: FloatArray, slope: FloatArray, is_central: NDArray[np.bool_],
     at_edge: NDArray[np.int32], count: NDArray[np.int64], width: FloatArray,
     owner: NDArray[np.int64], is_point: NDArray[np.bool_], track_pitch: float, second: float,
-    deepest: float,
-    level: NDArray[np.float32], strip: NDArray[np.float32], outer: NDArray[np.int32],
-    across: NDArray[np.int32],
+    deepest: float, bell: FloatArray, level: NDArray[np.float32], strip: NDArray[np.float32],
+    outer: NDArray[np.int32], across: NDArray[np.int32],
 ) -> None:
     ny, nx = depth.shape
     reached = np.zeros(nx)  # by the rays through the row before
@@ -280,3 +277,4 @@ def _level_kernel(
             strip[j, i] = 2 * left / core
             if d > begin:
                 level[j, i] = fixed + (d - begin) / strip[j, i]
+    _smooth_steps(level, strip, across, depth, track_pitch, bell)

@@ -33,12 +33,12 @@ def line_bytes(
     A layer states z, feed and power at its first motion and each path at its lead-in; in between
     they are repeated only where they change. Motion with the beam off always has S0.
     """
-    words = "".join(setup).encode("ascii")
+    words = bytearray("".join(setup).encode("ascii") or b" ")  # the kernel takes no constant array
     ends = np.cumsum([0, *(len(text) for text in setup)])
     buffer = np.empty(len(kind) * (MAX_LINE + 1) + len(words), np.uint8)
     length = _write_lines(
         kind, path, target, feed, power, dwell, first_line, power_decimals,
-        np.frombuffer(words, np.uint8) if words else np.zeros(1, np.uint8), ends, buffer)
+        np.frombuffer(words, np.uint8), ends, buffer)
     return buffer[:length].tobytes()
 
 
