@@ -18,6 +18,10 @@ COMMANDS = {
                  "Show, keep, compare and write the firmware's settings."),
     "feeder-test": ("lmctl.cli.machine_measuring",
                     "Step hoppers over the catch scale, beam off; measure how they respond."),
+    "catch-test": ("lmctl.cli.machine_coupons",
+                   "Lay coupons and weigh them; measure how much powder stays on a part."),
+    "dilution-test": ("lmctl.cli.machine_coupons",
+                      "Lay tracks and cut them; measure how much of the plate they take up."),
     "unlock": ("lmctl.cli.machine_actions", "End latched alarms of controller and feeders."),
 }
 
