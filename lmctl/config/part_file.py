@@ -66,7 +66,8 @@ class ProcessSettings(ConfigModel):
     material_seam : where the material jumps, tracks end on the jump itself, or half a pitch beyond
         it, to one side in one layer and to the other in the next, so that the two interlock
     strategy : how tracks are laid out: along the outline, along iso-contours of the 3D distance, or
-        along lines of equal mixture
+        along lines of equal mixture; "auto" tries some layers and says what it chose, and why
+    dead_time_error_s : how far dead times may be off, in what "auto" compares
     """
 
     bead_width_mm: Annotated[float, Field(ge=0.05, le=100)] = 2.0
@@ -77,10 +78,11 @@ class ProcessSettings(ConfigModel):
     power_W: Positive = 1500.0
     fraction_step: Annotated[float, Field(ge=0.001, le=0.5)] = 0.02
     lead_in_mm: Annotated[float, Field(ge=0, le=20)] = 1.0
-    strategy: Literal["offset", "iso-3d", "iso-composition"] = "offset"
+    strategy: Literal["auto", "offset", "iso-3d", "iso-composition"] = "offset"
     powder: Literal["lead", "dwell", "none"] = "lead"
     dwell_s: Annotated[float, Field(ge=0, le=600)] = 30.0
     change_margin_s: Annotated[float, Field(ge=0, le=10)] = 0.0
+    dead_time_error_s: Annotated[float, Field(ge=0, le=10)] = 0.5
     outer_track: Literal["half-pitch", "half-bead"] = "half-pitch"
     allowance_mm: Annotated[float, Field(ge=-20, le=20)] = 0.0
     narrow_features: Literal["deposit", "omit", "refuse"] = "deposit"

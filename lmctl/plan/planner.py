@@ -27,6 +27,7 @@ from lmctl.plan.plan_report import Finding, plan_report, report_finding
 from lmctl.plan.program_text import LayerLines
 from lmctl.plan.recipe import recipe_of
 from lmctl.plan.sequence.layer_sequencer import LayerSequencer
+from lmctl.plan.strategy_choice import StrategyChoice, with_chosen_strategy
 from lmctl.preflight.job_check import check_limits
 from lmctl.preflight.part_check import check_part
 
@@ -69,7 +70,8 @@ def plan_job(
     JobError where the file cannot be written.
     """
     options = options or PlanOptions()
-    planning = _Planning(part, profile, options)
+    part, choice = with_chosen_strategy(part, profile)
+    planning = _Planning(part, profile, options, choice)
     with JobWriter(out) as job, options.open_workers(part) as workers:
         for layer in ordered_results(workers.text, planning.sequenced(workers), workers.window):
             job.add_packed_layer(layer)
@@ -83,7 +85,11 @@ def plan_job(
 class _Planning:
     """One part on its way through geometry and sequence."""
 
-    def __init__(self, part: Part, profile: MachineProfile, options: PlanOptions) -> None:
+    def __init__(
+        self, part: Part, profile: MachineProfile, options: PlanOptions,
+        choice: StrategyChoice | None,
+    ) -> None:
+        self._choice = choice
         self._whole_placement = self._placement = check_part(part, profile)
         self._lowest = self._first = 0
         self._last = self._whole_placement.n_layers - 1
@@ -170,6 +176,7 @@ class _Planning:
         part, profile, statistics = self._part, self._profile, self._sequencer.statistics
         excerpt, used = self._options.layers, profile.calibration_use
         findings = [
+            *([] if self._choice is None else [report_finding(True, self._choice.as_text())]),
             *self._completeness_findings(),
             *plan_report(statistics, self._placement, part.process.powder)]
         warnings = [*part.warnings, *(f["text"] for f in findings if f["level"] == "warning")]
@@ -193,6 +200,7 @@ class _Planning:
             bounds_mm=((low[0], low[1], low[2]), (high[0], high[1], high[2])),
             totals=statistics.totals(self._sequencer.duration_s, warnings)
             | self._completeness.totals()
+            | {"strategy": part.process.strategy}
             | ({} if part.surface_error_mm is None else
                {"surface_error_mm": round(part.surface_error_mm, 4)}),
             verdict=tuple(findings),

@@ -2,7 +2,8 @@
 
 A bead laid faster by a factor, with beam power and powder in proportion, is the same bead: energy
 and powder per length stay. Its hoppers all run faster, so that a powder too scarce for its hopper
-at the recipe's speed may be metered. What is too scarce even so is set to none or to the least,
+at the recipe's speed may be metered. Only tracks of one mixture are laid so: along others powder
+would have to change faster, too. What is too scarce even so is set to none or to the least,
 whichever is nearer.
 """
 
@@ -35,7 +36,8 @@ def metered_levels(
     """
     best = recipe.deliverable_mixtures(levels)
     factor = np.ones(n_tracks)
-    off = _worst(best, levels, track)
+    steady = np.bincount(track, minlength=n_tracks) == 1
+    off = np.where(steady, _worst(best, levels, track), 0.0)
     for tried in _FACTORS[1:]:
         open_ = off > _WORTH_FRACTION
         if not open_.any() or tried > fastest:
@@ -48,7 +50,7 @@ def metered_levels(
         np.logical_and.at(fits, track[rows], enough)
         new = best.copy()
         new[rows] = found
-        now = _worst(new, levels, track)
+        now = np.where(steady, _worst(new, levels, track), 0.0)
         better = open_ & fits & (now < off - 1e-9)
         best = np.where(better[track][:, None], new, best)
         factor[better], off = tried, np.where(better, now, off)
