@@ -36,14 +36,13 @@ def test_a_part_graded_along_its_outline_gets_tracks_of_one_mixture(make_part, p
     assert "starts" in said
 
 
-def test_a_ring_graded_across_its_tracks_costs_no_more_than_along_the_outline(
-    make_part, profile
-):
+def test_no_faster_way_is_as_good_as_the_one_chosen(make_part, profile):
     part = make_part([circle(14.0), circle(7.0, clockwise=True)], around_z, process=AUTO)
     choice = choose_strategy(part, profile)
-    assert choice.chosen.change_margin_s == 0
-    assert choice.chosen.time_s <= choice.trials[0].time_s
-    assert choice.chosen.right_at_worst > 0.9
+    best = max(trial.right_at_worst for trial in choice.trials)
+    assert choice.chosen.right_at_worst >= best - 0.03
+    faster = [trial for trial in choice.trials if trial.time_s < choice.chosen.time_s - 1e-9]
+    assert all(trial.right_at_worst < best - 0.03 for trial in faster)
 
 
 def test_one_mixture_needs_no_trial(make_part, profile):
