@@ -24,6 +24,7 @@ COMMANDS = {
     "check": ("lmctl.cli.check", "Say all that is wrong with a part file, a profile or a job."),
     "plan": ("lmctl.cli.plan", "Plan a part (or a bare mesh or cloud) into a job file."),
     "show": ("lmctl.cli.show", "Draw a layer of a job, or a part: pictures, .vti, coloured .ply."),
+    "simulate": ("lmctl.cli.simulate", "Heat and stress of a part in service, or as it was built."),
     "run": ("lmctl.cli.run", "Run a job on the simulated machine or a real one."),
     "hold": ("lmctl.cli.operate", "Stop a run on its path, beam off; from another terminal."),
     "resume": ("lmctl.cli.operate", "End a hold."),

@@ -14,6 +14,14 @@ from pydantic import Field
 from lmctl.config.bodies import Body, referenced_bodies
 from lmctl.config.composition import Composition, measured_bodies
 from lmctl.config.quantities import Name, Pitch, Positive, ShareOfOne, Vector
+from lmctl.config.simulation import (
+    FaceSettings,
+    HeatSettings,
+    LoadSettings,
+    OptimiseSettings,
+    SimulationSettings,
+    SupportSettings,
+)
 from lmctl.config.toml_file import ConfigModel
 from lmctl.config.traveller import TravellerSettings
 
@@ -108,6 +116,8 @@ class PartFile(ConfigModel):
     composition : of the whole part; None where the bodies state their own
     placement : None centres the part on the platform, its lowest point at z = 0
     traveller : what the job report prints of the part beside what the machine records
+    face, load, support, heat, simulation : what acts on it in service, for `lmctl simulate`
+    optimise : what is to be least, for `lmctl optimise`
     """
 
     name: Name
@@ -120,6 +130,12 @@ class PartFile(ConfigModel):
     placement: PlacementSettings | None = None
     process: ProcessSettings = ProcessSettings()
     traveller: TravellerSettings = TravellerSettings()
+    face: Annotated[tuple[FaceSettings, ...], Field(max_length=1000)] = ()
+    load: Annotated[tuple[LoadSettings, ...], Field(max_length=1000)] = ()
+    support: Annotated[tuple[SupportSettings, ...], Field(max_length=1000)] = ()
+    heat: Annotated[tuple[HeatSettings, ...], Field(max_length=1000)] = ()
+    simulation: SimulationSettings = SimulationSettings()
+    optimise: OptimiseSettings | None = None
 
     def root_body_indices(self) -> tuple[int, ...]:
         """Numbers of the bodies the part is made of: those no other and no feature names."""

@@ -8,14 +8,16 @@ a misspelt key *and* an unknown material gets both reported. Checks between bodi
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from lmctl.config import materials, toml_file
 from lmctl.config.composition_rules import composition_findings
 from lmctl.config.file_kind import FileKind, refuse_other_kind
+from lmctl.config.free_numbers import resolve_free_numbers
 from lmctl.config.part_file import PartFile
+from lmctl.config.simulation_rules import simulation_findings
 from lmctl.config.traveller import unknown_powders
 from lmctl.config.tree_rules import body_tree_findings
 from lmctl.errors import ConfigError, Finding
@@ -36,20 +38,23 @@ def load_part_file(path: Path) -> tuple[PartFile, str]:
     return parse_part_file(text, name=str(path)), text
 
 
-def parse_part_file(text: str, *, name: str) -> PartFile:
-    """Check the text of a part file. name : what to call it in messages.
+def parse_part_file(
+    text: str, *, name: str, values: Mapping[str, float] | None = None
+) -> PartFile:
+    """Check the text of a part file.
 
+    name : what to call it in messages
+    values : of its free numbers, by name; None takes their starting values
     Raises ConfigError with all findings, each with the path of its key.
     """
+    numbers = resolve_free_numbers(toml_file.parse_tables(text, name=name), values)
     part: PartFile | None = None
     findings: list[Finding] = []
     try:
-        part = toml_file.parse_toml(text, PartFile, name=name)
+        part = toml_file.validated_model(numbers.data, PartFile, name=name)
     except ConfigError as error:
-        if not error.findings:  # not TOML at all
-            raise
         findings = [Finding(_TAG.sub(r"\1", f.path), f.reason) for f in error.findings]
-    findings += cross_key_findings(toml_file.parse_tables(text, name=name))
+    findings += [*numbers.findings, *cross_key_findings(numbers.data)]
     if findings or part is None:
         count = "1 mistake" if len(findings) == 1 else f"{len(findings)} mistakes"
         raise ConfigError(f"{name} has {count}", findings=findings)
@@ -71,6 +76,7 @@ def cross_key_findings(data: dict[str, Any]) -> list[Finding]:
             findings += composition_findings(
                 f"body[{number}].composition", body.get("composition"), names, known
             )
+    findings += simulation_findings(data, known)
     return findings
 
 

@@ -41,7 +41,7 @@ class SurfaceFacets:
     """
 
     def __init__(self, discretisation: Discretisation) -> None:
-        self._of = discretisation
+        self.discretisation = discretisation
         mesh = discretisation.fitted.mesh
         facets = np.asarray(mesh.boundary_facets())
         corners = np.moveaxis(mesh.p[:, mesh.facets[:, facets]], 0, -1).swapaxes(0, 1)
@@ -74,11 +74,11 @@ class SurfaceFacets:
                            for field in basis.basis], axis=-1)
         return FacetIntegrals(
             np.ascontiguousarray(basis.element_dofs.T, dtype=np.int64), shapes,
-            basis.dx * self._of.space.measure(places),
+            basis.dx * self.discretisation.space.measure(places),
             np.moveaxis(np.asarray(basis.normals), 0, -1), places)
 
     def _basis(self, facets: IntArray) -> FacetBasis | None:
         if len(facets) == 0:
             return None
-        return FacetBasis(self._of.fitted.mesh, self._of.element, facets=facets,
-                          intorder=_FACET_ORDER)
+        d = self.discretisation
+        return FacetBasis(d.fitted.mesh, d.element, facets=facets, intorder=_FACET_ORDER)

@@ -15,6 +15,7 @@ TEMPLATES: dict[str, str] = {
     "cutter": "a boring cutter, steel to carbide along its axis, built along x",
     "cutter-parabolic": "the same, by a parabola",
     "blade": "a turbine blade: hard shell, graded shell, metal core with three passages",
+    "pressed-cylinder": "a thick tube under pressure, levels of its material to be chosen",
     "fig3-sphere": "a sphere graded from a point",
     "fig3-cylinder": "a cylinder graded from a line",
     "fig3-box": "a box graded from an axis",

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lmctl.config import part_file as config
+from lmctl.config.composition import Feature
 from lmctl.config.part_rules import load_part_file, parse_part_file
 from lmctl.errors import InputError
 from lmctl.field.grid import Grid
@@ -21,6 +23,8 @@ from lmctl.part.tree import BodyTree
 
 if TYPE_CHECKING:
     from lmctl.part.bodies import Body
+    from lmctl.part.materials import CompositionField
+    from lmctl.part.materials import Feature as MeasuredFeature
 
 #: What a bare mesh or cloud is made of.
 DEFAULT_MATERIAL = "316L"
@@ -37,6 +41,36 @@ def load_part(path: Path, report: Report | None = None) -> Part:
     """
     checked, text = load_part_file(path)
     return _build(checked, text, path.parent, report=report)
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredPart:
+    """A part with its file and what may be measured from it.
+
+    feature : a feature as part files state them, made measurable
+    """
+
+    part: Part
+    file: config.PartFile
+    feature: Callable[[Feature], MeasuredFeature]
+
+
+def load_measured_part(path: Path, report: Report | None = None) -> MeasuredPart:
+    """As `load_part`, with the means to measure from features that no composition names."""
+    checked, text = load_part_file(path)
+    tree = _read_tree(checked, path.parent)
+    part = _part_of(checked, text, tree, report)
+    return MeasuredPart(part, checked, tree.measured_feature)
+
+
+def composition_with(
+    text: str, name: str, folder: Path, values: Mapping[str, float]
+) -> CompositionField:
+    """The composition of a part file's text with other values of its free numbers.
+
+    The solid is not made, unless compositions measure from it. Raises as `load_part`.
+    """
+    return _read_tree(parse_part_file(text, name=name, values=values), folder).composition_field
 
 
 def part_from_model(
@@ -73,15 +107,22 @@ def _build(
     part: config.PartFile, text: str, folder: Path, said: Sequence[str] = (),
     report: Report | None = None,
 ) -> Part:
-    materials = resolve_materials(part)
+    return _part_of(part, text, _read_tree(part, folder, said), report)
+
+
+def _read_tree(part: config.PartFile, folder: Path, said: Sequence[str] = ()) -> BodyTree:
     data = PartData(folder, part.process.bead_width_mm)
     data.warnings += said
     data.read(part)
+    return BodyTree(part, data)
+
+
+def _part_of(part: config.PartFile, text: str, tree: BodyTree, report: Report | None) -> Part:
+    materials, data = resolve_materials(part), tree.data
     for number in part.reference_body_indices():
         of = part.body[number]
         findings = data.notes if of.composition is None else data.warnings
         findings.append(f"{of.name!r} is only measured from: it is no part of the solid")
-    tree = BodyTree(part, data)
     cost = tree.cost()
     cost.refuse_if_too_large()
     if report is not None and cost.summary():

@@ -15,7 +15,13 @@ import numpy as np
 
 from lmctl.array_types import FloatArray
 from lmctl.config import bodies as config
-from lmctl.config.composition import FaceFeature, SheetFeature, measured_bodies
+from lmctl.config.composition import (
+    FaceFeature,
+    Feature,
+    SheetFeature,
+    SurfaceFeature,
+    measured_bodies,
+)
 from lmctl.config.part_file import PartFile
 from lmctl.errors import InputError
 from lmctl.field.grid import Grid
@@ -49,7 +55,7 @@ class BodyTree:
     def __init__(self, part: PartFile, data: PartData) -> None:
         self.surface_error_mm: float | None = None
         self._part = part
-        self._data = data
+        self.data = data
         self._number = {body.name: n for n, body in enumerate(part.body) if body.name}
         self._roots = part.root_body_indices()
         self._extents = BodyExtents(part, data, self._number)
@@ -126,6 +132,15 @@ class BodyTree:
             return UniformComposition((1.0,))
         return self._joint_rule(self._part.combine, self._roots, in_place=True)
 
+    def measured_feature(self, feature: Feature) -> materials.Feature:
+        """A feature that no composition need name. Raises InputError where its data is not there.
+
+        A surface without `of` is that of the part.
+        """
+        if isinstance(feature, SurfaceFeature) and feature.of is not None:
+            return materials.DepthBelowSurface(self._solid(self._number[feature.of], True), feature.level_mm)
+        return materials.feature_of(feature, self.body, self._around)
+
     def _joined(
         self, operation: Operation | None, numbers: Sequence[int], *, in_place: bool
     ) -> Body:
@@ -183,16 +198,16 @@ class BodyTree:
         body = self._part.body[number]
         match body:
             case config.MeshBody():
-                return self._mesh(self._data.mesh(body), body.pitch_mm)
+                return self._mesh(self.data.mesh(body), body.pitch_mm)
             case config.CloudBody():
-                return self._cloud(self._data.cloud(body), body.pitch_mm)
+                return self._cloud(self.data.cloud(body), body.pitch_mm)
             case config.ShellBody():
                 return self._shell(body, in_place)
             case config.MovedBody():
                 of = self._number[body.of]
                 inner = self._part.body[of]
                 if isinstance(inner, config.MeshBody):  # its triangles give exact outlines
-                    mesh = self._data.mesh(inner)
+                    mesh = self.data.mesh(inner)
                     moved = Mesh(transform_of(body).apply(mesh.vertices), mesh.triangles)
                     return self._mesh(moved, inner.pitch_mm)
                 box = self._extents.enclosing_box(number)
@@ -237,7 +252,7 @@ class BodyTree:
                 is_fixed=bool(pitch_mm or self._part.pitch_mm))
             stored, grid = surface.stored, surface.stored.grid
             self.surface_error_mm = max(self.surface_error_mm or 0.0, surface.error_mm)
-            self._data.notes.append(
+            self.data.notes.append(
                 f"the fitted surface is within {surface.error_mm:.2g} mm of the samples "
                 f"(estimated from them, at a pitch of {grid.pitch_mm:.3g} mm); tolerance_mm is "
                 f"{self._part.tolerance_mm:g}")
@@ -248,9 +263,9 @@ class BodyTree:
                 hint="scan the missing places, or give a larger pitch_mm",
             )
         stored, specks = bodies.remove_specks(stored)
-        self._data.warnings += stored.remarks
+        self.data.warnings += stored.remarks
         if specks:
-            self._data.notes.append(f"{specks} specks of the fitted cloud smoothed away")
+            self.data.notes.append(f"{specks} specks of the fitted cloud smoothed away")
         return bodies.FieldSolid(stored, math.pi / 4 * self._part.process.bead_width_mm**2)
 
     @cached_property
@@ -263,12 +278,12 @@ class BodyTree:
 
     def _triangles(self, feature: FaceFeature | SheetFeature) -> FloatArray:
         if isinstance(feature, SheetFeature):
-            return self._data.sheet(feature)
+            return self.data.sheet(feature)
         of = self._part.body[self._number[feature.of]]
         if not isinstance(of, config.MeshBody):
             raise InputError(f"{feature.of!r} has no faces to choose from",
                              where=f"it is a {of.kind}", hint="faces are patches of a mesh")
-        return self._data.face(of, feature)
+        return self.data.face(of, feature)
 
     def _joint_rule(
         self, operation: Operation | None, numbers: Sequence[int], *, in_place: bool

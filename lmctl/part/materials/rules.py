@@ -62,11 +62,12 @@ def composition_field_of(composition: config.Composition, body: Body,
 def _graded(
     feature: config.Feature, profile: config.Profile, body: Body, around: CompositionContext
 ) -> GradedComposition:
-    measured = _feature(feature, body, around)
+    measured = feature_of(feature, body, around)
     return GradedComposition(measured, _profile(profile, measured, around.material_names))
 
 
-def _feature(feature: config.Feature, body: Body, around: CompositionContext) -> Feature:
+def feature_of(feature: config.Feature, body: Body, around: CompositionContext) -> Feature:
+    """A feature made measurable; body : whose surface is meant where none is named."""
     match feature:
         case config.PointFeature():
             return PointDistance(feature.at_mm)
