@@ -138,7 +138,8 @@ class BodyTree:
         A surface without `of` is that of the part.
         """
         if isinstance(feature, SurfaceFeature) and feature.of is not None:
-            return materials.DepthBelowSurface(self._solid(self._number[feature.of], True), feature.level_mm)
+            of = self._solid(self._number[feature.of], True)
+            return materials.DepthBelowSurface(of, feature.level_mm)
         return materials.feature_of(feature, self.body, self._around)
 
     def _joined(
