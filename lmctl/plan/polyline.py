@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 
-from lmctl.array_types import FloatArray, IndexArray
+from lmctl.array_types import BoolArray, FloatArray, IndexArray, IntArray
+from lmctl.field.kernel import inner_kernel, kernel
 
 
 def arc_lengths(points: FloatArray) -> FloatArray:
@@ -53,33 +52,36 @@ def simplified_vertex_indices(
     return np.flatnonzero(keep)
 
 
-@njit(cache=True)
-def _mark(points: FloatArray, tolerance_sq: float, keep: NDArray[np.bool_]) -> None:
-    """Mark in `keep` the vertices Douglas–Peucker needs between those already marked."""
+@kernel
+def _mark(points: FloatArray, tolerance_sq: float, keep: BoolArray) -> None:
     n = len(points)
-    stack_first = np.empty(n, np.int64)
-    stack_last = np.empty(n, np.int64)
+    mark_kept_vertices(points, tolerance_sq, keep, np.empty((n, 2), np.int64), n)
+
+
+@inner_kernel
+def mark_kept_vertices(
+    points: FloatArray, tolerance_sq: float, keep: BoolArray, stack: IntArray, n: int
+) -> None:
+    """Mark in `keep` the vertices Douglas–Peucker needs between those already marked.
+
+    Of points (≥ n, 3) the first n are used. stack : (≥ n, 2), overwritten
+    """
     start = 0
     while start < n - 1:
         end = start + 1
         while not keep[end]:
             end += 1
         depth = 1
-        stack_first[0] = start
-        stack_last[0] = end
+        stack[0, 0], stack[0, 1] = start, end
         while depth > 0:
             depth -= 1
-            first = stack_first[depth]
-            last = stack_last[depth]
+            first, last = stack[depth, 0], stack[depth, 1]
             if last - first < 2:
                 continue
-            ax, ay = points[first, 0], points[first, 1]
-            az = points[first, 2]
-            ux, uy = points[last, 0] - ax, points[last, 1] - ay
-            uz = points[last, 2] - az
+            ax, ay, az = points[first, 0], points[first, 1], points[first, 2]
+            ux, uy, uz = points[last, 0] - ax, points[last, 1] - ay, points[last, 2] - az
             size = ux * ux + uy * uy + uz * uz
-            worst = -1.0
-            at = first
+            worst, at = -1.0, first
             for k in range(first + 1, last):
                 wx, wy, wz = points[k, 0] - ax, points[k, 1] - ay, points[k, 2] - az
                 t = 0.0
@@ -88,14 +90,10 @@ def _mark(points: FloatArray, tolerance_sq: float, keep: NDArray[np.bool_]) -> N
                 dx, dy, dz = wx - t * ux, wy - t * uy, wz - t * uz
                 d = dx * dx + dy * dy + dz * dz
                 if d > worst:
-                    worst = d
-                    at = k
+                    worst, at = d, k
             if worst > tolerance_sq:
                 keep[at] = True
-                stack_first[depth] = first
-                stack_last[depth] = at
-                depth += 1
-                stack_first[depth] = at
-                stack_last[depth] = last
-                depth += 1
+                stack[depth, 0], stack[depth, 1] = first, at
+                stack[depth + 1, 0], stack[depth + 1, 1] = at, last
+                depth += 2
         start = end

@@ -18,7 +18,6 @@ from lmctl.preflight.job_check import check_job
 from lmctl.preflight.program_check import check_program
 from lmctl.run import signals
 from lmctl.run.cell.ownership import lock_machine
-from lmctl.run.continuation import EarlierRun
 from lmctl.run.control.server import (
     ControlCallbacks,
     ControlClient,
@@ -30,6 +29,7 @@ from lmctl.run.execution.job_progress import JobProgress
 from lmctl.run.execution.run_header import local_header, run_header
 from lmctl.run.execution.unreported_motion import find_unreported_motion
 from lmctl.run.journal import run_folders
+from lmctl.run.journal.earlier_run import EarlierRun
 from lmctl.run.journal.last_known_position import LastKnownPosition
 from lmctl.run.journal.recorder import RunRecorder
 from lmctl.run.journal.writer import JournalWriter

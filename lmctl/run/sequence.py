@@ -15,13 +15,13 @@ from lmctl.run.cell import acceptance
 from lmctl.run.cell.beam_control import BeamControl
 from lmctl.run.cell.devices import Cell
 from lmctl.run.cell.work_offset import refuse_changed_offset
-from lmctl.run.continuation import EarlierRun
 from lmctl.run.execution.deposition import Progress
 from lmctl.run.execution.device_monitor import DeviceMonitor
 from lmctl.run.execution.job_progress import JobProgress
 from lmctl.run.execution.layer_accounts import LayerAccounts
 from lmctl.run.execution.run_segment import RunSegmentFactory
 from lmctl.run.interlocks.alarms import InterlockError, RunAlarms
+from lmctl.run.journal.earlier_run import EarlierRun
 from lmctl.run.journal.last_known_position import LastKnownPosition
 from lmctl.run.journal.recorder import RunRecorder
 from lmctl.run.powder.refill import RefillProcedure

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from lmctl.config.machine import MachineProfile
 from lmctl.errors import LmctlError, UsageError
-from lmctl.run.continuation import EarlierRun
 from lmctl.run.executor import RunExecutor
+from lmctl.run.journal.earlier_run import EarlierRun
 from lmctl.run.state.transitions import RunState
 from simulators.bench import Bench
 from simulators.faults.link_tap import LinkTap, drop_chunk

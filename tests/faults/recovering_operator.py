@@ -13,7 +13,7 @@ from lmctl.job.reader import JobReader
 from lmctl.machine.manual.controller import open_motion_controller
 from lmctl.machine.manual.homing import home_axes, set_work_offset, unlock_controller
 from lmctl.machine.motion.driver import MotionDriver
-from lmctl.run.continuation import EarlierRun
+from lmctl.run.journal.earlier_run import EarlierRun
 from lmctl.run.journal.replay import replay_run
 from lmctl.run.journal.run_folders import RunFolder
 from lmctl.run.program.place import PlaceReached

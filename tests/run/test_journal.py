@@ -256,7 +256,7 @@ def test_not_a_number_never_reaches_a_journal(tmp_path):
 @pytest.mark.parametrize(
     "content",
     [b"\n", b"{}\n", b"[1]\n", b"\xff\xfe\n", b'{"format":"other"}\n', b"[" * 100_000 + b"\n",
-     b'{"format":"lmctl-journal-2","t":NaN}\n', b"9" * 10_000 + b"\n", b"solid cube\n"],
+     b'{"format":"lmctl-journal-3","t":NaN}\n', b"9" * 10_000 + b"\n", b"solid cube\n"],
 )
 def test_what_is_no_journal_is_refused(tmp_path, content):
     path = tmp_path / "j"
@@ -270,10 +270,10 @@ def test_what_is_no_journal_is_refused(tmp_path, content):
 @pytest.mark.parametrize("look", [verify_journal, lambda path: list(read_records(path))])
 def test_a_journal_of_another_format_is_not_called_damaged_or_something_else(tmp_path, look):
     path = tmp_path / "j"
-    path.write_text('{"seq":0,"format":"lmctl-journal-3","software":"lmctl 3.1"}\n{"later":1}\n')
-    with pytest.raises(JournalError, match="is a journal of format 3") as refused:
+    path.write_text('{"seq":0,"format":"lmctl-journal-4","software":"lmctl 3.1"}\n{"later":1}\n')
+    with pytest.raises(JournalError, match="is a journal of format 4") as refused:
         look(path)
-    assert refused.value.where == ("lmctl 3.1 wrote it; this lmctl reads format 2",)
+    assert refused.value.where == ("lmctl 3.1 wrote it; this lmctl reads format 3",)
     assert "the lmctl that wrote it" in refused.value.hint
 
 

@@ -13,6 +13,9 @@ from dataclasses import dataclass
 #: A contact follows its command within this time [s]: a laser's safe-off takes less than 50 ms.
 CONTACT_SETTLE_S = 0.05
 
+#: Delay from the command at the output, or from an opened laser circuit, to beam off [s].
+LASER_OFF_DELAY_S = 0.02
+
 _CHECK = "check the laser-enable output, its relay and the wiring of its read-back"
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from lmctl.array_types import FloatArray, IntArray
 from lmctl.field.kernel import kernel
+from lmctl.field.union_find import unite
 
 
 def merge_equal_vertices(vertices: FloatArray, triangles: IntArray) -> tuple[FloatArray, IntArray]:
@@ -76,14 +77,7 @@ def _components(links: IntArray, count: int) -> IntArray:
     """Union by the lower number; scipy takes longer to load its own than this takes to run."""
     parent = np.arange(count)
     for k in range(len(links)):
-        a, b = links[k, 0], links[k, 1]
-        while parent[a] != a:
-            parent[a] = parent[parent[a]]
-            a = parent[a]
-        while parent[b] != b:
-            parent[b] = parent[parent[b]]
-            b = parent[b]
-        parent[max(a, b)] = min(a, b)
+        unite(parent, links[k, 0], links[k, 1])
     labels = np.empty(count, np.int64)
     found = 0
     for i in range(count):

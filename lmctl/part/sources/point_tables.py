@@ -8,7 +8,6 @@ follow. The first lines show how a table is written; what stays ambiguous is ref
 from __future__ import annotations
 
 import codecs
-import csv
 import re
 from dataclasses import dataclass
 
@@ -18,6 +17,7 @@ from lmctl.array_types import FloatArray
 from lmctl.errors import InputError
 from lmctl.part.sources.files import DataFile
 from lmctl.part.sources.recognition import unreadable_file
+from lmctl.part.sources.table_style import TableStyle, is_number, table_style, without_comment
 
 #: What the parts of a normal are called.
 NORMAL_NAMES = (
@@ -32,23 +32,6 @@ SHARE_UNIT, UNIT_WITHIN = 0.99, 0.01
 
 #: Lines that are examined to find how a table is written.
 LINES_LOOKED_AT = 50
-
-
-@dataclass(frozen=True)
-class _Style:
-    """How a line is written: what is between its columns (None for blanks), and whether its
-    numbers have decimal commas."""
-
-    delimiter: str | None
-    decimal_comma: bool
-
-    def cells(self, line: str) -> list[str]:
-        """The columns of a line, numbers with decimal points."""
-        if self.delimiter is None:
-            cells = line.split()
-        else:
-            cells = [c.strip() for c in next(csv.reader([line], delimiter=self.delimiter))]
-        return [c.replace(",", ".") for c in cells] if self.decimal_comma else cells
 
 
 @dataclass(frozen=True)
@@ -71,7 +54,7 @@ def read_point_table(file: DataFile) -> PointTable:
                          "export points as x, y and z")
     promised = [number for number in rows if re.fullmatch(r"\s*\d+\s*", lines[number])]
     rows = [number for number in rows if number not in set(promised)] if promised else rows
-    style = _style(file, lines, rows[:LINES_LOOKED_AT])
+    style = table_style(file, lines, rows[:LINES_LOOKED_AT])
     names = _head(lines, rows, style)
     data = rows[1:] if names is not None and rows and names[0] == rows[0] else rows
     if promised and len(data) != sum(int(lines[number]) for number in promised):
@@ -83,7 +66,7 @@ def read_point_table(file: DataFile) -> PointTable:
 
 
 def _read(
-    file: DataFile, lines: list[str], data: list[int], style: _Style, names: list[str] | None
+    file: DataFile, lines: list[str], data: list[int], style: TableStyle, names: list[str] | None
 ) -> PointTable:
     if names is not None:
         width, places, facing = len(names), _columns(file, names), _normal_columns(names)
@@ -118,12 +101,12 @@ def _read(
 
 
 def _numbers(
-    lines: list[str], data: list[int], style: _Style, columns: tuple[int, ...]
+    lines: list[str], data: list[int], style: TableStyle, columns: tuple[int, ...]
 ) -> FloatArray:
     """(n, len(columns)) float64. Raises ValueError or IndexError where a line has them not."""
     if not data:
         return np.empty((0, len(columns)))
-    text = [_bare(lines[number]) for number in data]
+    text = [without_comment(lines[number]) for number in data]
     if style.decimal_comma:
         text = [line.replace(",", ".") for line in text]
     table: FloatArray = np.loadtxt(
@@ -159,11 +142,6 @@ def _is_comment(line: str) -> bool:
     return not (bare.startswith("//") and _names_axes(bare))  # some heads begin so
 
 
-def _bare(line: str) -> str:
-    """A line without the comment behind its numbers."""
-    return line.partition("#")[0] if "//" not in line else re.split("#|(?<!^)//", line)[0]
-
-
 def _names_axes(line: str) -> bool:
     """Whether the words of a line name x, y and z, once each."""
     plain = [_plain(word) for word in re.split(r"[\s,;]+", line.strip("#/%!;*'$- \t"))]
@@ -175,82 +153,15 @@ def _plain(name: str) -> str:
     return re.split(r"[\s_(\[]", name.strip().lower().strip("#/%!;*'\"$- \t"))[0]
 
 
-def _style(file: DataFile, lines: list[str], rows: list[int]) -> _Style:
-    """How a table is written, by its first lines. Raises InputError where that is ambiguous."""
-    bare = [_bare(lines[number]).replace('"', "").strip() for number in rows]
-    delimiter = next((mark for line in bare if (mark := _delimiter(line)) is not None), "")
-    if delimiter == ",":
-        _refuse_decimal_commas(file, rows, bare)
-        return _Style(",", False)
-    if delimiter == "":  # no line of numbers: what names the columns may still show it
-        first = bare[0] if bare else ""
-        return _Style(next((mark for mark in (";", ",") if mark in first), None), False)
-    between = ";" if delimiter == ";" else None
-    cells = [cell for line in bare for cell in line.split(between)[:3] if _is_decimal(cell)]
-    return _Style(between, any("," in cell for cell in cells))
-
-
-def _delimiter(line: str) -> str | None:
-    """What separates the numbers of a line: ";", ",", or " " for blanks; None if it has none.
-    """
-    words = line.split()
-    if ";" in line:
-        return ";" if _are_numbers([cell.replace(",",
-                                                 ".") for cell in line.split(";")[:3]]) else None
-    if _are_numbers([word.replace(",", ".") for word in words[:3]]) and (
-        not any(word.endswith(",") for word in words)
-    ):
-        return " "
-    return "," if "," in line and _are_numbers(line.split(",")[:3]) else None
-
-
-def _refuse_decimal_commas(file: DataFile, rows: list[int], bare: list[str]) -> None:
-    """Raises InputError where the commas between columns may be decimal commas as well.
-
-    That is so where all columns are whole numbers, an even number of them, and no second one has a
-    sign; unless the columns have names.
-    """
-    table = [line.split(",") for line in bare]
-    numbers = [cells for cells in table if _are_numbers(cells[:3])]
-    named = len(numbers) < len(table) and len(table[0]) == len(numbers[0])
-    width = len(numbers[0])
-    if named or width < 6 or width % 2 or any(len(cells) != width for cells in numbers):
-        return
-    if all(re.fullmatch(r"\s*[-+]?\d+\s*", cell) for cells in numbers for cell in cells) and (
-        all(cell.strip().isdigit() for cells in numbers for cell in cells[1::2])
-    ):
-        first = len(table) - len(numbers)
-        raise InputError(
-            f"{file.path}, line {rows[first] + 1}: decimal commas between commas?",
-            where=repr(bare[first][:60]),
-            hint="the file does not show which comma ends a number: export it with decimal points, "
-            "with semicolons between the columns, or with a line that names the columns")
-
-
-def _is_decimal(word: str) -> bool:
-    return _is_number(word.strip().replace(",", "."))
-
-
-def _are_numbers(words: list[str]) -> bool:
-    return len(words) == 3 and all(map(_is_number, words))
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
-
-
-def _head(lines: list[str], rows: list[int], style: _Style) -> tuple[int, list[str]] | None:
+def _head(lines: list[str], rows: list[int], style: TableStyle) -> tuple[int, list[str]] | None:
     """The line that names the columns, and its names: the first, or the comment before it."""
     if not rows:
         return None
     first = rows[0]
-    cells = style.cells(_bare(lines[first]))
-    if not _is_number(cells[0].replace(",", ".")):
-        names = _Style(style.delimiter, False).cells(_bare(lines[first]).strip().lstrip("/"))
+    cells = style.cells(without_comment(lines[first]))
+    if not is_number(cells[0].replace(",", ".")):
+        bare = without_comment(lines[first]).strip().lstrip("/")
+        names = TableStyle(style.delimiter, False).cells(bare)
         return first, [name.strip(",; ") for name in names]
     for number in range(first - 1, -1, -1):
         if not lines[number].strip():
@@ -259,7 +170,7 @@ def _head(lines: list[str], rows: list[int], style: _Style) -> tuple[int, list[s
         if not _names_axes(bare):
             return None
         delimiter = style.delimiter if style.delimiter and style.delimiter in bare else None
-        names = _Style(delimiter, False).cells(bare)
+        names = TableStyle(delimiter, False).cells(bare)
         width = len(style.cells(lines[first]))
         return (number, names) if len(names) == width else None
     return None
@@ -302,13 +213,13 @@ def _listed(columns: tuple[int, ...]) -> str:
 
 
 def _bad_line(
-    file: DataFile, lines: list[str], data: list[int], style: _Style, columns: tuple[int, ...]
+    file: DataFile, lines: list[str], data: list[int], style: TableStyle, columns: tuple[int, ...]
 ) -> InputError:
     """Find the line that numpy stumbled over; it counts rows, users count lines."""
     for number in data:
-        bare = _bare(lines[number]).strip()
+        bare = without_comment(lines[number]).strip()
         cells = style.cells(bare)
-        if len(cells) > max(columns) and all(_is_number(cells[c]) for c in columns):
+        if len(cells) > max(columns) and all(is_number(cells[c]) for c in columns):
             continue
         return InputError(
             f"{file.path}, line {number + 1}: three numbers are wanted", where=repr(bare[:60]),

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from lmctl.array_types import BoolArray, FloatArray, IntArray
 from lmctl.field.kernel import kernel
+from lmctl.field.union_find import unite
 from lmctl.plan.geometry.medial_axis import MedialAxis
 from lmctl.plan.geometry.section_raster import SectionRaster
 
@@ -196,17 +197,7 @@ def _components_kernel(count: int, links: IntArray) -> IntArray:
     """The smallest point of each point's connected piece."""
     root = np.arange(count)
     for e in range(len(links)):
-        a, b = links[e, 0], links[e, 1]
-        while root[a] != a:
-            root[a] = root[root[a]]
-            a = root[a]
-        while root[b] != b:
-            root[b] = root[root[b]]
-            b = root[b]
-        if a < b:
-            root[b] = a
-        else:
-            root[a] = b
+        unite(root, links[e, 0], links[e, 1])
     for n in range(count):
         while root[n] != root[root[n]]:
             root[n] = root[root[n]]

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from lmctl.array_types import IntArray
 from lmctl.field.kernel import kernel
+from lmctl.field.union_find import unite
 
 
 def connected_pieces(values: NDArray[np.float32]) -> tuple[NDArray[np.int32], IntArray]:
@@ -53,14 +54,7 @@ def _pieces_kernel(values: NDArray[np.float32], label: NDArray[np.int32]) -> Int
                 parent[runs] = runs
                 runs += 1
             if j > 0 and label[j - 1, i] >= 0:
-                a, b = label[j, i], label[j - 1, i]
-                while parent[a] != a:
-                    parent[a] = parent[parent[a]]
-                    a = parent[a]
-                while parent[b] != b:
-                    parent[b] = parent[parent[b]]
-                    b = parent[b]
-                parent[max(a, b)] = min(a, b)
+                unite(parent, label[j, i], label[j - 1, i])
     pieces = 0
     for run in range(runs):
         if parent[run] == run:

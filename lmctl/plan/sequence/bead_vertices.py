@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lmctl.array_types import FloatArray, IndexArray
-from lmctl.field.kernel import inner_kernel, kernel
+from lmctl.field.kernel import kernel
+from lmctl.plan.polyline import mark_kept_vertices
 from lmctl.plan.sequence.track_order import OrderedTracks
 
 #: Simplifying a path moves it by no more than this part of the bead width,
@@ -74,49 +74,10 @@ def _vertices(
             else:
                 v += 1
         stays[0] = stays[n - 1] = True
-        _mark(place, tolerance_sq, stays, stack, n)
+        mark_kept_vertices(place, tolerance_sq, stays, stack, n)
         for k in range(n):
             if stays[k]:
                 kept[count] = at[k]
                 count += 1
         kept_starts[track + 1] = count
     return kept[:count], kept_starts
-
-
-@inner_kernel
-def _mark(
-    place: FloatArray, tolerance_sq: float, stays: NDArray[np.bool_], stack: NDArray[np.int64],
-    n: int,
-) -> None:
-    """Mark in `stays` the vertices Douglas-Peucker needs between those already marked."""
-    start = 0
-    while start < n - 1:
-        end = start + 1
-        while not stays[end]:
-            end += 1
-        depth = 1
-        stack[0, 0], stack[0, 1] = start, end
-        while depth > 0:
-            depth -= 1
-            first, last = stack[depth, 0], stack[depth, 1]
-            if last - first < 2:
-                continue
-            ax, ay, az = place[first, 0], place[first, 1], place[first, 2]
-            ux, uy, uz = place[last, 0] - ax, place[last, 1] - ay, place[last, 2] - az
-            size = ux * ux + uy * uy + uz * uz
-            worst, at = -1.0, first
-            for k in range(first + 1, last):
-                wx, wy, wz = place[k, 0] - ax, place[k, 1] - ay, place[k, 2] - az
-                t = 0.0
-                if size > 0.0:
-                    t = min(1.0, max(0.0, (wx * ux + wy * uy + wz * uz) / size))
-                dx, dy, dz = wx - t * ux, wy - t * uy, wz - t * uz
-                d = dx * dx + dy * dy + dz * dz
-                if d > worst:
-                    worst, at = d, k
-            if worst > tolerance_sq:
-                stays[at] = True
-                stack[depth, 0], stack[depth, 1] = first, at
-                stack[depth + 1, 0], stack[depth + 1, 1] = at, last
-                depth += 2
-        start = end

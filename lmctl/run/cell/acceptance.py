@@ -16,7 +16,7 @@ from lmctl.run.cell.devices import Cell
 from lmctl.run.cell.feeder_conditions import FeederSnapshot, feeder_conditions
 from lmctl.run.cell.motion_conditions import can_read_door_and_estop, motion_conditions
 from lmctl.run.cell.safety_conditions import safety_conditions
-from lmctl.run.continuation import EarlierRun
+from lmctl.run.journal.earlier_run import EarlierRun
 from lmctl.run.journal.last_known_position import LastKnownPosition
 from lmctl.run.journal.recorder import RunRecorder
 from lmctl.run.program.beam_off import line_without_beam

@@ -14,7 +14,7 @@ from dataclasses import replace
 from firmware_protocol.status import StatusReport
 from lmctl.config.machine import MotionSettings
 from lmctl.run.cell.devices import Cell
-from lmctl.run.ended_at import beam_off_s, ended_at, is_at_rest, place_at
+from lmctl.run.execution.deposition_end import beam_off_s, deposition_end, is_at_rest, place_at
 from lmctl.run.execution.executed_motion import ExecutedMotion
 from lmctl.run.execution.layer_accounts import LayerAccounts
 from lmctl.run.interlocks.inputs import ProgramDeviation
@@ -167,7 +167,7 @@ class Deposition:
             self._tracking = False
             self._motion.on_motion_end()
             clock, age_s = self._clock, self._loop.time() - self._clock.reported_t
-            ended = ended_at(
+            ended = deposition_end(
                 self._cell.motion, clock, self._window,
                 executed_s=min(clock.reported_s, self._energy.bead_short_from_s),
                 off_s=self._beam_off_s, sent=self._sent,

@@ -9,7 +9,7 @@ from typing import Any
 from lmctl import __version__
 from lmctl.config.machine import HopperSettings, MachineProfile
 from lmctl.job.reader import JobReader
-from lmctl.run.continuation import EarlierRun
+from lmctl.run.journal.earlier_run import EarlierRun
 from lmctl.run.journal.recorder import wall_stamp
 
 

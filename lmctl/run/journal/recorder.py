@@ -1,39 +1,4 @@
-"""What a run writes into its journal, record by record.
-
-header    what the run is: job, machine, software, operator, hoppers; of one that continues
-          another: which, at what place, and whether the machine's position was true there
-machine   who answered: firmware, buffers, whether it is the bench
-state     a transition: event, from, to
-act       an effect begun (a `Effect`), or one that failed while stopping
-path      a path is about to be sent: its number, layer, first and last line
-sent      up to which line the job is now sent, and the place reported before that
-executed  a path has been executed by the controller's reports, not only acknowledged
-place     where deposition ended: a line, the share of its length, and how that is known: "reported"
-          by the controller at standstill (and when), "inferred" from what was sent and the clock
-          (then perhaps only `at_least` another), "stated" by the operator, or "unknown": then
-          anywhere up to `until`; and the machine position, if it was reported at rest
-entry     how the job resumes after that: first line with beam, and bead deposited again [mm]
-alarm     something is not as it must be: its name, the words the operator reads, and the names of
-          alarms that it is the cause of, though they may come before it
-alarm_cleared  what an alarm was raised for is gone, or an operator has acknowledged it
-warning   a feeder warns of something that holds nothing: which, and whether it is active or over
-setpoint  flows sent to the hoppers [g/min]
-override  a feed override requested, or reported by the controller [%]
-operator  an act that came by the control socket: from whom, and why it was refused if it was
-unreported  what the run that is continued executed after its last report, in one layer: inferred
-          from the place in which the machine was found
-samples   columns of equal length, one value a status report: place, feed, beam word, flows and gas;
-          and the accounts of the layers under way, so that a killed host loses half a
-          second of them
-refill    a hopper was refilled: material, lot, mass as the operator states and as weighed [g]
-purge     powder fed over the purge position or in a hold, before motion resumes [g]
-layer_opened  lines of a layer are about to be sent for the first time in this run: what is
-          planned for the whole of it
-layer     a layer is over, or the run is: what was reported and inferred of it in this run, up to
-          what place, and whether no bead of it is left
-fault     a reason why a run was held or ended badly; of one that came after another, the cause
-seal      the end: state, lines executed; where alarms are active their cause, and what followed
-"""
+"""What a run writes into its journal, record by record (docs/reference/journal-records.md)."""
 
 from __future__ import annotations
 

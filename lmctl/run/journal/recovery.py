@@ -12,7 +12,7 @@ from firmware_protocol.dialect import Dialect
 from lmctl.config.machine import MachineProfile, MotionSettings
 from lmctl.errors import JournalError
 from lmctl.job.reader import JobReader
-from lmctl.run.ended_at import LASER_OFF_DELAY_S
+from lmctl.machine.safety.laser_enable import LASER_OFF_DELAY_S
 from lmctl.run.journal.position_proof import ON_LINE_MM, PositionProof, position_proof
 from lmctl.run.journal.replay import RunReplay
 from lmctl.run.program.approach import axis_limit_along

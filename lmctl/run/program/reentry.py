@@ -28,9 +28,9 @@ from lmctl.job.schema import JobLayer, JobManifest, LineKind
 from lmctl.run.program.approach import (
     ApproachMove,
     acceleration_time_loss_s,
-    axis_limit_along,
     travel_moves,
 )
+from lmctl.run.program.layer_track import MIN_MOVE_MM, LayerTrack, TrackPoint
 from lmctl.run.program.place import ProgramPlace
 
 #: Bead deposited twice where a path is entered in the middle [mm]: more than the place where it
@@ -41,9 +41,6 @@ OVERLAP_MM = 0.2
 #: needs more to reach its speed.
 RUN_UP_MM = 2.0
 _OF_RAMP = 1.5
-
-#: A shorter move gets no line: the firmware makes no block of less than a motor step [mm].
-_MIN_MM = 0.02
 
 #: N words of the approach; a job of fewer lines than this has none of them.
 _FIRST_N = 9_990_000
@@ -66,73 +63,6 @@ class Reentry:
     repeated_mm: float
 
 
-@dataclass(frozen=True)
-class _Point:
-    """A point on a row of a layer. row : index into its lines; share : of the row's length."""
-
-    row: int
-    share: float
-
-
-class _Track:
-    """One layer as a polyline to go back along."""
-
-    def __init__(self, layer: JobLayer, start_mm: FloatArray) -> None:
-        lines = layer.lines
-        self.layer = layer
-        self.kind, self.path = lines["kind"], lines["path"]
-        self.end_mm = np.column_stack([lines["x_mm"], lines["y_mm"], lines["z_mm"]])
-        self.start_mm = np.concatenate([start_mm[None], self.end_mm[:-1]])
-        self.length_mm = np.linalg.norm(self.end_mm - self.start_mm, axis=1)
-        self.end_s = lines["end_s"]
-        self.start_s = np.concatenate([layer.flow_s[:1], self.end_s[:-1]])
-
-    def acceleration(self, row: int, motion: MotionSettings) -> float:
-        """Along a row [mm/s²]."""
-        away_mm = self.end_mm[row] - self.start_mm[row]
-        if not away_mm.any():
-            return min(motion.acceleration_mm_s2)
-        return axis_limit_along(motion.acceleration_mm_s2, away_mm)
-
-    def next_bead(self, row: int, share: float) -> int | None:
-        """The first row from here on with bead left to deposit."""
-        if row < len(self.kind) and self.length_mm[row] * (1.0 - share) < _MIN_MM:
-            row += 1
-        beads = np.flatnonzero(self.kind[row:] == LineKind.BEAD)
-        return row + int(beads[0]) if len(beads) else None
-
-    def first_of_path(self, row: int) -> int:
-        while row > 0 and self.path[row - 1] == self.path[row]:
-            row -= 1
-        return row
-
-    def back(self, point: _Point, by_mm: float, first_row: int) -> _Point:
-        """The point so much further back along the lines, but not before a row's start."""
-        row, share = point.row, point.share
-        while True:
-            here_mm = self.length_mm[row] * share
-            if here_mm >= by_mm:
-                return _Point(row, share - by_mm / self.length_mm[row] if by_mm else share)
-            if row == first_row:
-                return _Point(row, 0.0)
-            by_mm -= here_mm
-            row, share = row - 1, 1.0
-
-    def at_mm(self, point: _Point) -> FloatArray:
-        start = self.start_mm[point.row]
-        return np.asarray(start + point.share * (self.end_mm[point.row] - start))
-
-    def at_s(self, point: _Point) -> float:
-        start_s = float(self.start_s[point.row])
-        return start_s + point.share * (float(self.end_s[point.row]) - start_s)
-
-    def between_mm(self, before: _Point, after: _Point) -> float:
-        """Path length from one point to a later one."""
-        between_rows_mm = float(self.length_mm[before.row : after.row].sum())
-        return (between_rows_mm - before.share * float(self.length_mm[before.row])
-                + after.share * float(self.length_mm[after.row]))
-
-
 def plan_reentry(
     manifest: JobManifest, read_layer: Callable[[int], JobLayer], place: ProgramPlace,
     motion: MotionSettings
@@ -147,10 +77,10 @@ def plan_reentry(
     row, share = place.line - manifest.layers[index].first_line, place.line_fraction
     while index < len(manifest.layers):
         layer = read_layer(index)
-        track = _Track(layer, _start_of(manifest, read_layer, index, motion))
+        track = LayerTrack(layer, _start_of(manifest, read_layer, index, motion))
         found = track.next_bead(row, share)
         if found is not None:
-            reached = _Point(found, share if found == row else 0.0)
+            reached = TrackPoint(found, share if found == row else 0.0)
             return _entry(track, reached, place, motion)
         index, row, share = index + 1, 0, 0.0
     return None
@@ -167,7 +97,9 @@ def overlap_mm(speed_mm_s: float, acceleration_mm_s2: float) -> float:
     return max(0.0, OVERLAP_MM - speed_mm_s**2 / (4.0 * acceleration_mm_s2))
 
 
-def _entry(track: _Track, reached: _Point, place: ProgramPlace, motion: MotionSettings) -> Reentry:
+def _entry(
+    track: LayerTrack, reached: TrackPoint, place: ProgramPlace, motion: MotionSettings
+) -> Reentry:
     layer, path_row = track.layer, track.first_of_path(reached.row)
     beads = np.flatnonzero(track.kind[path_row : reached.row + 1] == LineKind.BEAD)
     speed_mm_s = float(layer.lines["speed_mm_s"][reached.row])
@@ -179,7 +111,8 @@ def _entry(track: _Track, reached: _Point, place: ProgramPlace, motion: MotionSe
     run_up, program_s = _run_up(track, start, beam_on, motion)
     purge = np.array(motion.purge_mm, dtype=np.float64)
     moves = [
-        *travel_moves(purge, _across(purge, track.at_mm(start), motion), motion, _MIN_MM), *run_up
+        *travel_moves(purge, _across(purge, track.at_mm(start), motion), motion, MIN_MOVE_MM),
+        *run_up,
     ]
     texts, table = _lines(moves, purge, beam_on_s, layer.lines.dtype)
     rest = layer.lines[beam_on.row :].copy()
@@ -206,7 +139,7 @@ def _across(purge: FloatArray, to: FloatArray, motion: MotionSettings) -> list[F
 
 
 def _run_up(
-    track: _Track, start: _Point, beam_on: _Point, motion: MotionSettings
+    track: LayerTrack, start: TrackPoint, beam_on: TrackPoint, motion: MotionSettings
 ) -> tuple[list[ApproachMove], list[float]]:
     """The path from rest at one point to another, and the program time at the ends of its legs.
 
@@ -224,7 +157,7 @@ def _run_up(
         to_share = beam_on.share if row == beam_on.row else 1.0
         share = to_share - from_share
         length_mm = share * float(track.length_mm[row])
-        if length_mm < _MIN_MM:
+        if length_mm < MIN_MOVE_MM:
             continue
         speed_mm_s = float(track.layer.lines["speed_mm_s"][row])
         planned_s = share * float(track.end_s[row] - track.start_s[row])
@@ -232,7 +165,7 @@ def _run_up(
             planned_s = length_mm / speed_mm_s
         parts = max(1, math.ceil((planned_s + first_mm_s / acceleration) / longest_s))
         for k in range(1, parts + 1):
-            end = _Point(row, from_share + share * k / parts)
+            end = TrackPoint(row, from_share + share * k / parts)
             covered_mm += length_mm / parts
             before_s = extra_s
             extra_s = acceleration_time_loss_s(covered_mm, first_mm_s, acceleration)

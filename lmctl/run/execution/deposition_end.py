@@ -12,15 +12,12 @@ import math
 
 from lmctl.machine.motion.driver import MotionDriver
 from lmctl.machine.safety.driver import SafetyDriver
+from lmctl.machine.safety.laser_enable import LASER_OFF_DELAY_S
 from lmctl.machine.safety.status import SafetyStatus
 from lmctl.run.interlocks.motion_rules import OFF_PATH_MM
 from lmctl.run.program.job_window import JobWindow
 from lmctl.run.program.place import Known, PlaceReached, ProgramPlace, known_place, unknown_place
 from lmctl.run.program.program_clock import ProgramClock
-
-#: Delay from the command at the laser-enable output, or an opened circuit, to beam off [s]: the
-#: safe-off of a laser takes less than 50 ms.
-LASER_OFF_DELAY_S = 0.02
 
 #: Two places in a program that differ by less are the same [s of program time].
 _SAME_S = 1e-3
@@ -52,7 +49,7 @@ def _is_open(status: SafetyStatus) -> bool:
     )
 
 
-def ended_at(
+def deposition_end(
     motion: MotionDriver, clock: ProgramClock, window: JobWindow, *, executed_s: float,
     off_s: float, sent: int, reported_s: float | None,
 ) -> PlaceReached:
