@@ -23,7 +23,7 @@ COMMANDS = {
     "init": ("lmctl.cli.init", "Write an example part, with its cell profile, to start from."),
     "check": ("lmctl.cli.check", "Say all that is wrong with a part file, a profile or a job."),
     "plan": ("lmctl.cli.plan", "Plan a part (or a bare mesh or cloud) into a job file."),
-    "show": ("lmctl.cli.show", "Draw a layer of a job, or a part: pictures, .vti, coloured .ply."),
+    "show": ("lmctl.cli.show", "Show a job, a run or a part: page, pictures, .vti, coloured .ply."),
     "simulate": ("lmctl.cli.simulate", "Heat and stress of a part in service, or as it was built."),
     "run": ("lmctl.cli.run", "Run a job on the simulated machine or a real one."),
     "hold": ("lmctl.cli.operate", "Stop a run on its path, beam off; from another terminal."),

@@ -1,4 +1,4 @@
-"""`lmctl show`: a layer of a job, or the fields of a part, as a picture or for other programs."""
+"""`lmctl show`: a job, a run or a part, as pictures, as pages, or for other programs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import click
 from lmctl.cli.console import print_data, print_message, progress_bar
 from lmctl.cli.interrupts import interruptible
 from lmctl.cli.number_types import FiniteRange
-from lmctl.cli.paths import InputFile
+from lmctl.cli.paths import InputFileOrRun, is_run
 from lmctl.cli.planning import check_units, open_part, units_option
 from lmctl.errors import UsageError
 
@@ -21,32 +21,45 @@ if TYPE_CHECKING:
 PICTURES = (".png", ".svg", ".pdf")
 SURFACES = (".ply", ".stl", ".3mf")
 FIELD = ".vti"
+PAGE = ".html"
 
 
 @click.command()
-@click.argument("file", type=InputFile())
-@click.option("-l", "--layer", type=int, help="Of a job: layer number, from 1 [the middle one].")
+@click.argument("file", metavar="FILE|RUN", type=InputFileOrRun())
+@click.option("-l", "--layer", type=int,
+              help="Of a job or run: layer number, from 1 [the middle one].")
 @click.option("-x", "x_mm", type=FiniteRange(),
               help="Of a part: where the plane across x lies [middle].")
 @click.option("-y", "y_mm", type=FiniteRange(), help="The same for y.")
 @click.option("-z", "z_mm", type=FiniteRange(), help="The same for z.")
 @click.option("-o", "--output", type=click.Path(path_type=Path),
-              help="File to write. .png, .svg, .pdf: a picture; .vti: a part's distance and "
-              "composition for ParaView; .ply: its surface, coloured; .stl, .3mf: its surface.")
+              help="File to write. .html: all of a job or run, to look through; .png, .svg, .pdf: "
+              "a picture; .vti: a part's distance and composition for ParaView; .ply: its surface, "
+              "coloured; .stl, .3mf: its surface.")
+@click.option("--runs", "runs_dir", type=click.Path(path_type=Path), default=Path("runs"),
+              show_default=True, help="Folder of runs.")
 @click.option("--frame", type=click.Choice(["machine", "part"]), default="machine",
               show_default=True, help="Of a job: whose coordinates the picture shows.")
 @units_option
 def show(
     file: Path, layer: int | None, x_mm: float | None, y_mm: float | None, z_mm: float | None,
-    output: Path | None, frame: str, units: str | None,
+    output: Path | None, runs_dir: Path, frame: str, units: str | None,
 ) -> None:
-    """Draw FILE: a layer of a job, or sections of a part's distance and composition."""
+    """Show FILE: a job, or sections of a part's distance and composition; or a RUN.
+
+    A job or a run as .html is one page that needs no network: every layer with the beads at their
+    width, by mixture, power, speed, flow, mixture error or order, and curves of flow and mixture.
+    Of a run it also shows what was executed, and what devices reported.
+    """
     planes = (x_mm, y_mm, z_mm)
+    if planes != (None, None, None) and (is_run(file) or file.suffix.lower() == ".lmj"):
+        raise UsageError("-x, -y and -z are for parts", where=str(file),
+                         hint="choose a layer with --layer")
+    if is_run(file):
+        print_data(str(_show_run(file, runs_dir, layer, output)))
+        return
     check_units(file, units)
     if file.suffix.lower() == ".lmj":
-        if planes != (None, None, None):
-            raise UsageError("-x, -y and -z are for parts", where=str(file),
-                             hint="choose a layer of a job with --layer")
         print_data(str(_show_job(file, layer, output, frame)))
         return
     if layer is not None:
@@ -119,7 +132,28 @@ def _show_job(job: Path, layer: int | None, output: Path | None, frame: str) -> 
         if not 1 <= number <= count:
             raise UsageError(f"{job} has no layer {number}", hint=f"layers go from 1 to {count}")
         target = output or Path(f"{job.stem}-layer-{number}.png")
-        draw_job_layer(reader, number - 1, target, frame)
+        if target.suffix.lower() != PAGE:
+            draw_job_layer(reader, number - 1, target, frame)
+            return target
+    from lmctl.report.job_viewer import write_job_viewer
+
+    _check_folder(target)
+    write_job_viewer(job, target, number - 1)
+    return target
+
+
+@interruptible()
+def _show_run(run: Path, runs_dir: Path, layer: int | None, output: Path | None) -> Path:
+    from lmctl.cli.log import find_journal
+    from lmctl.report.job_viewer import write_run_viewer
+
+    journal = find_journal(str(run), runs_dir)
+    target = output or Path(f"{journal.parent.name}.html")
+    if target.suffix.lower() != PAGE:
+        raise UsageError(f"cannot show a run as {target.suffix or 'a file with no ending'}",
+                         where=str(target), hint="choose .html")
+    _check_folder(target)
+    write_run_viewer(journal, target, None if layer is None else layer - 1)
     return target
 
 

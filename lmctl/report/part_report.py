@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from lmctl.errors import ConfigError, JobError, MissingFileError
 from lmctl.job.reader import JobReader
 from lmctl.job.schema import JobManifest, LayerMixture
 from lmctl.part.materials.powders import MaterialSpec, resolve_materials
-from lmctl.report.part_record import PartRecord, part_record_of
+from lmctl.report.part_record import PartRecord, RunObserver, part_record_of
 from lmctl.report.powder_balance import PowderBalance, powder_balances
 from lmctl.report.process_values import ProcessValues, planned_process_values
 from lmctl.report.reported_values import PartScales, ReportedValueGatherer
@@ -36,14 +36,19 @@ class JobOfPart:
     powders: tuple[MaterialSpec, ...] = ()
     traveller: TravellerSettings = field(default_factory=TravellerSettings)
 
-    @property
-    def scales(self) -> PartScales:
-        """What turns reported numbers into power and mixture."""
+    def scales(self, header: Mapping[str, Any]) -> PartScales:
+        """What turns the numbers that a run reported into power and mixture.
+
+        header : of the run; a catch efficiency that was measured stands in it, and counts
+        """
         if self.manifest is None:
             return PartScales()
+        measured = {str(one["material"]): one.get("catch_efficiency")
+                    for one in header.get("hoppers", [])}
         return PartScales(
             self.manifest.max_power_W / self.manifest.s_max, self.manifest.materials,
-            {one.name: one.catch_efficiency / one.density_g_mm3 for one in self.powders})
+            {one.name: (measured.get(one.name) or one.catch_efficiency) / one.density_g_mm3
+             for one in self.powders})
 
 
 @dataclass(frozen=True)
@@ -82,20 +87,30 @@ class PartReport:
 
 
 def part_report_of(
-    journal: Path, *, run_only: bool = False, stated: Sequence[str] = ()
+    journal: Path, *, run_only: bool = False, stated: Sequence[str] = (),
+    also: RunObserver | None = None,
 ) -> PartReport:
     """The report of the part that a run worked on, each journal and the job read once.
 
     run_only : of this run alone; stated : KEY=VALUE of the traveller
+    also : makes what else is handed every record of a run's journal
     Raises what `part_record_of` raises, and UsageError for values that cannot be meant.
     """
     header = next(read_records(journal), {})
-    job = job_of_part(RunFolder(journal.parent), str(header.get("job", "")))
+    job = job_of_part(RunFolder(journal.parent).job, str(header.get("job", "")))
     gathered: list[ReportedValueGatherer] = []
 
-    def observer(_: RunFolder) -> Callable[[dict[str, Any]], None]:
-        gathered.append(ReportedValueGatherer(job.scales))
-        return gathered[-1].take
+    def observer(run: RunFolder) -> Callable[[dict[str, Any]], None]:
+        values = ReportedValueGatherer(job.scales(header))
+        gathered.append(values)
+        other = None if also is None else also(run)
+
+        def take(record: dict[str, Any]) -> None:
+            values.take(record)
+            if other is not None:
+                other(record)
+
+        return take
 
     record = part_record_of(journal, run_only=run_only, observer=observer)
     reported: dict[int, ProcessValues] = {}
@@ -109,21 +124,21 @@ def part_report_of(
         {} if job.manifest is None else {one.layer: one for one in job.manifest.mixtures})
 
 
-def job_of_part(folder: RunFolder, digest: str) -> JobOfPart:
-    """The job beside a journal, if it is the one of that digest. What is wrong with it is told."""
+def job_of_part(path: Path, digest: str) -> JobOfPart:
+    """A job with its powders, if it is the one of that digest. What is wrong with it is told."""
     try:
-        with JobReader(folder.job) as reader:
+        with JobReader(path) as reader:
             if reader.digest != digest:
-                return JobOfPart(folder.job, None,
+                return JobOfPart(path, None,
                                  f"it is another job: its SHA-256 is {reader.digest}")
             part = parse_part_file(reader.part_text, name="part.toml")
-            return JobOfPart(folder.job, reader.manifest, "", resolve_materials(part),
+            return JobOfPart(path, reader.manifest, "", resolve_materials(part),
                              part.traveller)
     except ConfigError:  # a part file of another version of this software
-        return JobOfPart(folder.job, reader.manifest,
+        return JobOfPart(path, reader.manifest,
                          "the part file in it cannot be read by this version")
     except (JobError, MissingFileError) as error:
-        return JobOfPart(folder.job, None, error.what)
+        return JobOfPart(path, None, error.what)
 
 
 def _planned(job: JobOfPart, record: PartRecord) -> dict[int, ProcessValues]:

@@ -37,6 +37,22 @@ class PartScales:
     deposit_mm3_g: dict[str, float] = field(default_factory=dict)
 
 
+def nozzle_of(header: dict[str, Any], scales: PartScales) -> NozzleInference | None:
+    """What infers the mixture at the nozzle of a run, None where its powders are not known.
+
+    header : the first record of its journal
+    """
+    hoppers = header.get("hoppers", [])
+    if not all(str(one["material"]) in scales.deposit_mm3_g for one in hoppers):
+        return None
+    return NozzleInference(tuple(
+        HoseValues(
+            str(one["name"]), scales.materials.index(str(one["material"])),
+            float(one["dead_time_s"]), float(one["lag_s"]),
+            scales.deposit_mm3_g[str(one["material"])])
+        for one in hoppers), len(scales.materials))
+
+
 class ReportedValueGatherer:
     """Gathers the process values of one run from its records, in order."""
 
@@ -82,14 +98,7 @@ class ReportedValueGatherer:
     def _take_header(self, header: dict[str, Any]) -> None:
         hoppers = header.get("hoppers", [])
         self._hoppers = tuple(str(one["name"]) for one in hoppers)
-        scales = self._scales
-        if all(str(one["material"]) in scales.deposit_mm3_g for one in hoppers):
-            self._nozzle = NozzleInference(tuple(
-                HoseValues(
-                    str(one["name"]), scales.materials.index(str(one["material"])),
-                    float(one["dead_time_s"]), float(one["lag_s"]),
-                    scales.deposit_mm3_g[str(one["material"])])
-                for one in hoppers), len(scales.materials))
+        self._nozzle = nozzle_of(header, self._scales)
 
     def _work_off(self) -> None:
         if not self._rows.get("at"):

@@ -19,6 +19,8 @@ BENCH = (files("lmctl.examples") / "bench.toml").read_text()
 CELL = (files("lmctl.examples") / "cell.toml").read_text()
 #: Where the shipped cell's devices are; with the quote behind it, none begins another.
 SHIPPED = {"motion": "127.0.0.1:2323", "F1": "127.0.0.1:5021", "F2": "127.0.0.1:5022"}
+#: The motion link is cut within the first layer of a small part.
+LINK_CUT = '[[fault]]\nkind = "link_closed"\ndevice = "motion"\nat_line = 40\nfor_s = 5\n'
 HOMING = ("32 = 1", "32 = 1\n20 = 1\n22 = 1\n24 = 6000\n25 = 30000")
 
 
@@ -117,3 +119,24 @@ def active(bench, tmp_path) -> Iterator[Callable[..., Path]]:
     for process in running:
         process.kill()
         process.communicate()
+
+
+@pytest.fixture(scope="session")
+def recovered_part(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A small graded block whose first run was cut off and whose second finished it."""
+    folder = tmp_path_factory.mktemp("recovered")
+    text = (files("lmctl.examples") / "box.toml").read_text()
+    text = text.replace("[30, 20, 8]", "[12, 8, 1.6]").replace("graded block", "block <b>&</b>")
+    (folder / "part.toml").write_text(
+        text + '[traveller]\nserial = "SN-0"\n[traveller.powder.316L]\nlot = "A4711"\n')
+    (folder / "faults.toml").write_text(LINK_CUT)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        assert main(["plan", "part.toml", "-o", "part.lmj"]) == 0
+        assert main(["run", "part.lmj", "--sim", "--faults", "faults.toml", "--operator",
+                     "Ada"]) == 5
+        assert main(["recover", "run-0001", "--sim", "--yes", "--position-restored",
+                     "--deposited", "1", "--operator", "Bob"]) == 0
+        assert main(["note", "run-0001", "the plug was loose", "--about", "0",
+                     "--disposition", "accepted"]) == 0
+    return folder

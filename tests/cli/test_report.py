@@ -7,41 +7,15 @@ import io
 import re
 import shutil
 from html.parser import HTMLParser
-from importlib.resources import files
 
 import pytest
 
-from lmctl.cli.__main__ import main
 from lmctl.job.reader import JobReader
-
-EXAMPLES = files("lmctl.examples")
-FAULT = '[[fault]]\nkind = "link_closed"\ndevice = "motion"\nat_line = 40\nfor_s = 5\n'
-
-
-@pytest.fixture(scope="module")
-def recovered(tmp_path_factory):
-    """A small graded block whose first run was cut off and whose second finished it."""
-    folder = tmp_path_factory.mktemp("recovered")
-    text = (EXAMPLES / "box.toml").read_text()
-    text = text.replace("[30, 20, 8]", "[12, 8, 1.6]").replace("graded block", "block <b>&</b>")
-    (folder / "part.toml").write_text(
-        text + '[traveller]\nserial = "SN-0"\n[traveller.powder.316L]\nlot = "A4711"\n')
-    (folder / "faults.toml").write_text(FAULT)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(folder)
-        assert main(["plan", "part.toml", "-o", "part.lmj"]) == 0
-        assert main(["run", "part.lmj", "--sim", "--faults", "faults.toml", "--operator",
-                     "Ada"]) == 5
-        assert main(["recover", "run-0001", "--sim", "--yes", "--position-restored",
-                     "--deposited", "1", "--operator", "Bob"]) == 0
-        assert main(["note", "run-0001", "the plug was loose", "--about", "0",
-                     "--disposition", "accepted"]) == 0
-    return folder
 
 
 @pytest.fixture(autouse=True)
-def copied(recovered, tmp_path):
-    shutil.copytree(recovered, tmp_path, dirs_exist_ok=True)
+def copied(recovered_part, tmp_path):
+    shutil.copytree(recovered_part, tmp_path, dirs_exist_ok=True)
 
 
 @pytest.fixture(autouse=True)

@@ -115,6 +115,9 @@ def digest_section(report: PartReport) -> ReportSection:
         ("part file", str(header.get("part_sha256", ""))),
         ("machine profile", str(header.get("profile", ""))),
     ]
+    used = header.get("calibration")
+    if isinstance(used, dict) and used.get("digest"):
+        rows.append(("calibration", str(used["digest"])))
     rows += [(str(name), str(digest)) for name, digest in header.get("sources", {}).items()]
     return ReportSection("SHA-256 digests", (FieldList(tuple(rows)),))
 
@@ -147,29 +150,36 @@ def calibration_section(report: PartReport) -> ReportSection:
         TableColumn("from", 1.5, is_text=True),
     )
     rows: list[tuple[str | None, ...]] = []
+    used = report.header.get("calibration", {})
+    measured: dict[str, str] = dict(used.get("measured", {})) if isinstance(used, dict) else {}
+
+    def row(of: str, quantity: str, value: float, unit: str, what: str, otherwise: str) -> None:
+        when = measured.get(what)
+        rows.append((of, quantity, format_number(value, 4), unit, None,
+                     stamp(when) if when else None, None, "calibration" if when else otherwise))
+
     for hopper in report.header.get("hoppers", []):
         of = f"hopper {hopper['name']}"
-        rows += [
-            (of, "dead time", format_number(float(hopper["dead_time_s"]), 3), "s", None, None,
-             None, "machine profile"),
-            (of, "lag", format_number(float(hopper["lag_s"]), 3), "s", None, None, None,
-             "machine profile"),
-        ]
+        for quantity, key, unit in (("dead time", "dead_time_s", "s"), ("lag", "lag_s", "s"),
+                                    ("slope", "slope", NO_VALUE),
+                                    ("offset", "offset_g_min", "g/min")):
+            if key in hopper:
+                row(of, quantity, float(hopper[key]), unit, of, "machine profile")
+    caught = {str(one["material"]): one.get("catch_efficiency")
+              for one in report.header.get("hoppers", [])}
     for powder in report.job.powders:
-        for quantity, key, value, unit in (
-            ("density", "density", powder.density_g_mm3 * 1000.0, "g/cm³"),
-            ("catch efficiency", "catch", powder.catch_efficiency, NO_VALUE),
-        ):
-            is_default = any(key in text for text in powder.defaults)
-            rows.append((powder.name, quantity, format_number(value, 4), unit, None, None, None,
-                         "library, a default" if is_default else "part file"))
+        origin = {key: "library, a default" if any(key in text for text in powder.defaults)
+                  else "part file" for key in ("density", "catch")}
+        row(powder.name, "density", powder.density_g_mm3 * 1000.0, "g/cm³", "", origin["density"])
+        row(powder.name, "catch efficiency", caught.get(powder.name) or powder.catch_efficiency,
+            NO_VALUE, f"catch of {powder.name}", origin["catch"])
     if (job := report.job.manifest) is not None:
         rows.append(("laser", "greatest power", format_number(job.max_power_W, 1), "W", None, None,
                      None, f"machine profile, at S{job.s_max}"))
     return ReportSection("Calibration values used", (
         TableBlock(columns, tuple(rows)),
-        TextBlock("Blank: typed in, and no measurement of it is on record. Whoever has measured "
-                  "it may fill that in."),
+        TextBlock("Blank: not in the journal. Whoever has measured a value, or holds the "
+                  "calibration file of the digest above, may fill that in."),
     ))
 
 
