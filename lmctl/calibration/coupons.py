@@ -34,7 +34,7 @@ class Coupon:
     text: str
 
 
-def weighed_coupon(fractions: Mapping[str, float]) -> Coupon:
+def weighing_coupon(fractions: Mapping[str, float]) -> Coupon:
     """A block of one powder, or of a constant mixture."""
     return Coupon(_name("catch", fractions), dict(fractions),
                   _part_text(_name("catch", fractions), fractions, _WEIGHED_MM, None))

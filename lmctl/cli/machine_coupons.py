@@ -170,11 +170,11 @@ async def _caught(
     profile: MachineProfile, hands: CouponOperator, runs_dir: Path, materials: list[str],
     with_mixture: bool, target: Path, who: str,
 ) -> list[CatchCalibration]:
-    from lmctl.calibration.coupons import weighed_coupon
+    from lmctl.calibration.coupons import weighing_coupon
 
-    coupons = [weighed_coupon({material: 1.0}) for material in materials]
+    coupons = [weighing_coupon({material: 1.0}) for material in materials]
     if with_mixture and len(materials) > 1:
-        coupons.append(weighed_coupon({materials[0]: 0.5, materials[1]: 0.5}))
+        coupons.append(weighing_coupon({materials[0]: 0.5, materials[1]: 0.5}))
     laid_with = _measured_profile(profile, target)
     return [await _weighed(coupon, laid_with, hands, runs_dir, target, who) for coupon in coupons]
 

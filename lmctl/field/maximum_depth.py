@@ -12,7 +12,7 @@ from lmctl.field.sweep import propagate_closest_points
 from lmctl.field.triangles import closest_points_on_rows
 
 MAX_MAXIMA_TRIED = 16  # local maxima looked into, deepest first
-AROUND_NODES = 2  # to each side of one: their surface points bound how deep it can be there
+SEARCH_RADIUS_NODES = 2  # to each side of one: their surface points bound how deep it can be there
 ROUNDING_PITCHES = 1e-6  # pitches
 # cosine: a way in that leaves the surface's own direction by more is from an edge
 STRAIGHT_MIN_COSINE = 0.99
@@ -66,7 +66,7 @@ def _between_planes(
 
     grid = field.grid
     box = tuple(
-        slice(max(0, at - AROUND_NODES), at + AROUND_NODES + 1) for at in summit
+        slice(max(0, at - SEARCH_RADIUS_NODES), at + SEARCH_RADIUS_NODES + 1) for at in summit
     )
     k, j, i = (axis.ravel() for axis in np.mgrid[box])
     nodes = np.asarray(grid.origin_mm) + grid.pitch_mm * np.stack([i, j, k], axis=1)
@@ -84,7 +84,7 @@ def _between_planes(
         inwards[smooth] = own[smooth]
     # Farthest inside all planes: the greatest t with inwards · (place − closest point) ≥ t.
     middle = np.asarray(grid.origin_mm) + grid.pitch_mm * summit[::-1]
-    room = AROUND_NODES * grid.pitch_mm
+    room = SEARCH_RADIUS_NODES * grid.pitch_mm
     solved = linprog(
         [0.0, 0.0, 0.0, -1.0],
         A_ub=np.hstack([-inwards, np.ones((len(inwards), 1))]),

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from lmctl.part.materials.powders import MaterialSpec as MaterialSpec
     from lmctl.part.part import Part as Part
     from lmctl.part.part import PartSection as PartSection
-    from lmctl.part.resolution import finest_pitch as finest_pitch
+    from lmctl.part.resolution import finest_pitch_for_nodes as finest_pitch_for_nodes
 
 #: Public names, and the module that holds each; loaded on first use.
 _HOMES = {
@@ -21,7 +21,7 @@ _HOMES = {
     "MeshSolid": "lmctl.part.bodies.mesh_solid",
     "Part": "lmctl.part.part",
     "PartSection": "lmctl.part.part",
-    "finest_pitch": "lmctl.part.resolution",
+    "finest_pitch_for_nodes": "lmctl.part.resolution",
     "load_part": "lmctl.part.load",
     "part_from_model": "lmctl.part.load",
 }

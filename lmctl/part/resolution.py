@@ -47,7 +47,7 @@ PLANE_PITCHES_PER_BEAD = 8
 def choose_pitch(low: FloatArray, high: FloatArray, bead_width_mm: float) -> float:
     """A quarter of the bead width, or the finest pitch of a field that memory alone can hold."""
     most = int(memory_limit_bytes() / BYTES_PER_NODE)
-    return max(bead_width_mm / FIELD_PITCHES_PER_BEAD, finest_pitch(low, high, most))
+    return max(bead_width_mm / FIELD_PITCHES_PER_BEAD, finest_pitch_for_nodes(low, high, most))
 
 
 def memory_limit_bytes() -> float:
@@ -96,7 +96,7 @@ def checked_grid(low: FloatArray, high: FloatArray, pitch_mm: float, *, stored: 
             + (f", {_taken(nodes)}" if stored else ""),
             where=f"the part is {size} mm; at most {most:.2g} nodes"
             + (f", {_taken(most)}" if stored else ""),
-            hint=f"give a pitch_mm of at least {finest_pitch(low, high, most):g}"
+            hint=f"give a pitch_mm of at least {finest_pitch_for_nodes(low, high, most):g}"
             + (f", or allow more memory with {MEMORY_LIMIT_VARIABLE}" if stored else ""),
         )
     return Grid.enclosing(low, high, pitch_mm, PADDING_NODES)
@@ -105,11 +105,11 @@ def checked_grid(low: FloatArray, high: FloatArray, pitch_mm: float, *, stored: 
 def boundary_grid(low: FloatArray, high: FloatArray, pitch_mm: float) -> Grid:
     """The grid on which a boolean's boundary is looked for: of the pitch, or coarser where that
     would be more than can be held. What is found on it is exact at any pitch."""
-    most = max(pitch_mm, finest_pitch(low, high, MAX_BOUNDARY_NODES))
+    most = max(pitch_mm, finest_pitch_for_nodes(low, high, MAX_BOUNDARY_NODES))
     return Grid.enclosing(low, high, most, PADDING_NODES)
 
 
-def finest_pitch(low: FloatArray, high: FloatArray, most_nodes: int) -> float:
+def finest_pitch_for_nodes(low: FloatArray, high: FloatArray, most_nodes: int) -> float:
     """The least pitch, to two digits, at which the padded box has at most so many nodes [mm]."""
     least, enough = 1e-9, float((high - low).max()) + 1.0
     for _ in range(100):

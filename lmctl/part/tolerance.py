@@ -17,7 +17,7 @@ from lmctl.field.field import DistanceField, sample_distance
 from lmctl.part.resolution import (
     MEMORY_LIMIT_VARIABLE,
     checked_grid,
-    finest_pitch,
+    finest_pitch_for_nodes,
     max_stored_nodes,
 )
 
@@ -65,7 +65,7 @@ def cloud_within_tolerance(
     from lmctl.field.cloud.cloud_field import cloud_field
 
     low, high = points_mm.min(axis=0), points_mm.max(axis=0)
-    finest = finest_pitch(low, high, max_stored_nodes())
+    finest = finest_pitch_for_nodes(low, high, max_stored_nodes())
     best: CloudSurface | None = None
     limit = "pitch_mm is given" if is_fixed else "its samples"
     for _ in range(1 if is_fixed else _MOST_TRIES):

@@ -69,12 +69,12 @@ def _hoppers(plan: PlanStatistics) -> list[Finding]:
         found.append(report_finding(
             True, f"{plan.raised_mm:.0f} mm of path laid up to {plan.greatest_speed_factor:g} "
             "times as fast, with powder and power in proportion: a hopper meters no less"))
-    if plan.rounded_mm:
+    if plan.rounded_mixture_mm:
         found.append(report_finding(
             False,
-            f"{plan.rounded_mm:.0f} mm of path ({plan.rounded_mm / plan.path_mm:.1%}) want less of "
-            f"a powder than its hopper meters: set to none or the least, off by up to "
-            f"{plan.rounded_by:.3f}"))
+            f"{plan.rounded_mixture_mm:.0f} mm of path "
+            f"({plan.rounded_mixture_mm / plan.path_mm:.1%}) want less of a powder than its "
+            f"hopper meters: set to none or the least, off by up to {plan.rounded_by:.3f}"))
     return found
 
 

@@ -40,7 +40,7 @@ class PlanStatistics:
     peak_power_W: float = 0.0
     planned_mm2: float = 0.0
     deposited_mm3: float = 0.0
-    rounded_mm: float = 0.0
+    rounded_mixture_mm: float = 0.0
     rounded_by: float = 0.0
     slowed_mm: float = 0.0
     least_speed_factor: float = 1.0
@@ -80,7 +80,7 @@ class PlanStatistics:
         self.contours += beads.count
         self.vertices += len(beads.points_mm)
         self.path_mm += float(length.sum())
-        self.rounded_mm += beads.rounded_mm
+        self.rounded_mixture_mm += beads.rounded_mixture_mm
         self.rounded_by = max(self.rounded_by, beads.rounded_by)
         slowed = factor < 1
         self.slowed_mm += float(length[slowed].sum())

@@ -18,7 +18,7 @@ from lmctl.field.surface import iso_surface, weld_points
 from lmctl.field.surface_files import Kind, surface_bytes
 from lmctl.part.bodies.mesh_solid import MeshSolid
 from lmctl.part.part import Part
-from lmctl.part.resolution import PADDING_NODES, finest_pitch
+from lmctl.part.resolution import PADDING_NODES, finest_pitch_for_nodes
 from lmctl.report.composition_colours import composition_colours
 
 Progress = Callable[[int, int], None]
@@ -136,7 +136,7 @@ def _surface(part: Part) -> tuple[FloatArray, NDArray[np.int64]]:
     if isinstance(part.body, MeshSolid):
         return part.body.mesh.vertices, part.body.mesh.triangles
     low, high = part.bounds_mm
-    pitch = max(part.grid.pitch_mm, finest_pitch(low, high, MAX_SURFACE_NODES))
+    pitch = max(part.grid.pitch_mm, finest_pitch_for_nodes(low, high, MAX_SURFACE_NODES))
     grid = Grid.enclosing(low, high, pitch, PADDING_NODES)
     values = np.empty(grid.shape, dtype=np.float32)
     for window in grid.slabs(SLAB_PLANES):

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from lmctl.calibration.coupons import catch_estimate, check_weights, weighed_coupon
+from lmctl.calibration.coupons import catch_estimate, check_weights, weighing_coupon
 from lmctl.calibration.entered_values import parse_dilution, parse_mass_g
 from lmctl.config.part_rules import parse_part_file
 from lmctl.errors import UsageError
@@ -61,5 +61,5 @@ def test_the_interval_of_a_catch_holds_slope_noise_and_weighing() -> None:
 
 def test_coupons_are_part_files() -> None:
     for fractions in ({"316L": 1.0}, {"316L": 0.5, "WC-12Co": 0.5}):
-        part = parse_part_file(weighed_coupon(fractions).text, name="coupon")
+        part = parse_part_file(weighing_coupon(fractions).text, name="coupon")
         assert [material.name for material in part.material] == list(fractions)

@@ -21,7 +21,7 @@ def corner(lead_in_mm):
         along_mm=np.array([0, 10, 11, 19.0]), starts=np.array([0, 2, 4]),
         speed_mm_s=np.full(4, 10.0), power_W=np.full(4, 1500.0), width_mm=np.full(4, 2.0),
         speed_factor=np.ones(2),
-        rounded_mm=0.0, rounded_by=0.0)
+        rounded_mixture_mm=0.0, rounded_by=0.0)
     settings = TravelSettings(50, 5, lead_in_mm, 2.0, 0.0, 0.02)
     return rounded_to_program_steps(
         layer_moves(beads, 1.0, np.zeros(3), START, settings, np.array([1.0, 0])), START)

@@ -35,7 +35,7 @@ def status(fields, state="Run"):
 def report_to(energy, s, *reports, rate=1.0):
     for fields in reports:
         energy.on_report(status(fields), s, rate)
-    return energy.uncommanded
+    return energy.uncommanded_output
 
 
 @pytest.mark.parametrize(("s", "fields", "rate"), [
@@ -102,16 +102,16 @@ def test_where_a_dark_line_and_a_bead_may_be_running_half_the_power_is_neither(e
 def test_a_beam_where_the_program_has_none_needs_no_word_on_overrides(energy, s, fields):
     for _ in range(2):
         energy.on_report(status(fields), s, 1.0, overrides_known=False)
-        assert energy.uncommanded is None
+        assert energy.uncommanded_output is None
         assert energy.is_in_doubt
     energy.on_report(status(fields), s, 1.0, overrides_known=False)
-    assert energy.uncommanded is not None
+    assert energy.uncommanded_output is not None
 
 
 def test_a_lost_report_may_have_shown_an_override_so_that_is_asked_first(energy):
     for _ in range(6):
         energy.on_report(status("FS:600,300"), IN_BEAD_S, 1.0, overrides_known=False)
-        assert energy.uncommanded is None
+        assert energy.uncommanded_output is None
         assert energy.is_in_doubt
     energy.on_report(status("FS:600,300|Ov:100,100,60"), IN_BEAD_S, 1.0)
     assert report_to(energy, IN_BEAD_S, "FS:600,300", "FS:600,300", "FS:600,300") is None
@@ -146,7 +146,7 @@ def test_an_override_turned_at_the_panel_is_no_damage(energy, reports):
         rate = report.override_percents[0] / 100 if report.override_percents else rate
         energy.on_report(report, IN_BEAD_S, rate)
     energy.on_report(status(reports[-1].partition("|")[0]), IN_BEAD_S, rate)
-    assert energy.uncommanded is None
+    assert energy.uncommanded_output is None
 
 
 def test_a_change_of_rate_excuses_the_report_that_was_on_its_way(energy):
@@ -159,13 +159,13 @@ def test_a_change_of_rate_excuses_the_report_that_was_on_its_way(energy):
 def test_only_a_machine_that_runs_the_program_is_judged(energy, state):
     for _ in range(3):
         energy.on_report(status("FS:600,1000", state), IN_BEAD_S, 1.0)
-    assert energy.uncommanded is None
+    assert energy.uncommanded_output is None
 
 
 def test_a_report_without_feed_says_nothing(energy):
     for _ in range(3):
         energy.on_report(parse_status("<Run|MPos:0.000,0.000,0.000>"), IN_BEAD_S, 1.0)
-    assert energy.uncommanded is None
+    assert energy.uncommanded_output is None
 
 
 def test_a_bead_with_too_little_power_is_missing_from_the_last_good_report_on(energy):
@@ -174,7 +174,7 @@ def test_a_bead_with_too_little_power_is_missing_from_the_last_good_report_on(en
     assert energy.bead_short_from_s == pytest.approx(1.2)
     report_to(energy, 1.42, "FS:600,20", "FS:600,20")
     report_to(energy, 1.6, BEAD)  # the damaged line is over; it was laid all the same
-    assert energy.uncommanded is not None
+    assert energy.uncommanded_output is not None
     assert energy.bead_short_from_s == pytest.approx(1.2)
 
 

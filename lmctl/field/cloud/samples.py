@@ -27,7 +27,8 @@ MIN_SAMPLES = 64  # below this a closed surface is a guess
 # times as far from its sixth neighbour as its surroundings are from theirs
 ISOLATED_SPACING_RATIO = 4.0
 MAX_DROPPED_FRACTION = 0.02
-SPACING_OF_SIXTH = float(np.sqrt(np.pi / 6.0))  # within that distance d lie six: π d² / 6 for each
+#: Sample spacing over the distance d of the sixth neighbour: six samples share π d².
+SPACING_PER_SIXTH = float(np.sqrt(np.pi / 6.0))
 DENSE_PITCHES = 0.35  # samples nearer to each other than this add nothing on the grid
 BLOCK_PITCHES = 8.0
 # two places are hardly ever as far along this
@@ -185,7 +186,7 @@ def _typical_spacing(points: FloatArray) -> float:
     some = np.arange(0, len(points), max(1, len(points) // 500))
     found = nearest_neighbours(sort_into_cells(points, SPACING_NEIGHBOUR_RANK),
                                SPACING_NEIGHBOUR_RANK, some)[0]
-    return float(np.median(found[:, SPACING_NEIGHBOUR_RANK - 1])) * SPACING_OF_SIXTH
+    return float(np.median(found[:, SPACING_NEIGHBOUR_RANK - 1])) * SPACING_PER_SIXTH
 
 
 def _with_neighbours(
@@ -199,14 +200,14 @@ def _with_neighbours(
     if normals is None:
         distances, rows = nearest_neighbours(sort_into_cells(points, NEIGHBOURS), NEIGHBOURS)
         return CloudSamples(points, rows, rows,
-                            distances[:, SPACING_NEIGHBOUR_RANK - 1] * SPACING_OF_SIXTH, remarks)
+                            distances[:, SPACING_NEIGHBOUR_RANK - 1] * SPACING_PER_SIXTH, remarks)
     many = min(CANDIDATE_NEIGHBOURS, len(points) - 1)
     distances, rows = nearest_neighbours(sort_into_cells(points, many), many)
     alike = np.empty((len(points), MAX_ALIKE_NEIGHBOURS), dtype=np.int32)
     spacing = np.empty(len(points))
     _alike_kernel(normals, distances, rows, alike, spacing)
     neighbours = np.ascontiguousarray(rows[:, :NEIGHBOURS])
-    return CloudSamples(points, neighbours, alike, spacing * SPACING_OF_SIXTH, remarks, normals)
+    return CloudSamples(points, neighbours, alike, spacing * SPACING_PER_SIXTH, remarks, normals)
 
 
 @kernel

@@ -35,7 +35,7 @@ from lmctl.part.booleans.expression import BooleanExpression
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
-Holds = Callable[[FloatArray], NDArray[np.bool_]]
+ContainsTest = Callable[[FloatArray], NDArray[np.bool_]]
 
 #: Nodes this near a surface, in pitches, look for points on it: no surface passes all of them by.
 BAND_PITCHES = 1.0
@@ -77,7 +77,7 @@ class Boundary:
     """
 
     expression: BooleanExpression
-    holds: Holds
+    holds: ContainsTest
     grid: Grid
 
     @property

@@ -69,7 +69,7 @@ class LocalSides:
         inside, outside = self._around(points, on, sides)
         return inside & outside
 
-    def side_all_around(self, points: FloatArray) -> SignArray:
+    def surrounding_side(self, points: FloatArray) -> SignArray:
         """The side of the expression that is all around points (n, 3): 1 or −1, 0 where both are.
 
         On faces that bodies share the formula comes out at 0, though nothing changes there.
@@ -87,7 +87,7 @@ class LocalSides:
         rows = np.flatnonzero(np.abs(depth) <= self.shared_face_tolerance_mm)
         if len(rows) == 0:
             return depth
-        side, own = self.side_all_around(points[rows]), depth[rows]
+        side, own = self.surrounding_side(points[rows]), depth[rows]
         result = depth.copy()
         result[rows] = np.where(
             side == 0, own, side * np.maximum(np.abs(own), self.surface_tolerance_mm.min()))

@@ -24,7 +24,7 @@ MIN_POINTS = 100
 MAX_OUTLIER_FRACTION = 0.005
 
 #: Points, normals or None, notes.
-Read = tuple[NDArray[np.float64], NDArray[np.float64] | None, list[str]]
+RawCloud = tuple[NDArray[np.float64], NDArray[np.float64] | None, list[str]]
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ def read_cloud(file: DataFile, units: str) -> PointCloud:
         single, tuple(notes), None if normals is None else normals[first], tuple(warnings))
 
 
-def _from_ply(file: DataFile) -> Read:
+def _from_ply(file: DataFile) -> RawCloud:
     elements = read_ply(file)
     vertex = elements["vertex"].numbers if "vertex" in elements else {}
     if not all(axis in vertex for axis in "xyz") or len(vertex["x"]) == 0:

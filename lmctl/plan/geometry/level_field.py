@@ -37,7 +37,7 @@ _SMOOTHING_NODES = 2.0
 #: From so many tracks outside the core on, the second one's strip may differ from the pitch.
 SHIFTED_FROM = 3
 #: Value of `outer` where no point of the axis was found: tracks lie a pitch apart all the way.
-NO_CORE = 1_000_000
+NO_CORE_TRACK_COUNT = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ def _cut_no_contour_on_axis(field: LevelField, depth_mm: NDArray[np.float32]) ->
     odd = inside & (field.track_count % 2 == 1)
     most = np.float32(0.5) * field.track_count - np.float32(_BELOW_CENTRELINE)
     np.copyto(field.level, np.minimum(field.level, most), where=odd)
-    none = inside & (field.track_count == 0) & (field.outer_track_count < NO_CORE)
+    none = inside & (field.track_count == 0) & (field.outer_track_count < NO_CORE_TRACK_COUNT)
     np.copyto(field.level, np.minimum(field.level, np.float32(_BELOW_CENTRELINE)), where=none)
 
 
@@ -230,8 +230,9 @@ def _level_kernel(
         before = 0.0
         for i in range(nx):
             d = float(depth[j, i])
-            level[j, i], strip[j, i] = _outer_level(d, NO_CORE, track_pitch, second), track_pitch
-            outer[j, i], across[j, i] = NO_CORE, 0
+            level[j, i] = _outer_level(d, NO_CORE_TRACK_COUNT, track_pitch, second)
+            strip[j, i] = track_pitch
+            outer[j, i], across[j, i] = NO_CORE_TRACK_COUNT, 0
             if d <= 0:
                 continue
             fx, fy, away = closest_point_on_segment(segments, nearest[j, i], i * pitch, j * pitch)

@@ -46,7 +46,7 @@ class LayerLines:
     moves: Moves
     end_s: FloatArray
     flow: PowderFlow
-    laser: LaserSettings
+    laser_settings: LaserSettings
     opens: bool
     closes: bool
 
@@ -78,12 +78,12 @@ def program_bytes(layer: LayerLines) -> bytes:
     Raises PlanError where S words cannot express a beam's power.
     """
     moves = layer.moves
-    decimals = s_word_decimals(layer.laser.s_max)
+    decimals = s_word_decimals(layer.laser_settings.s_max)
     setup = (OPENING_LINES if layer.opens else ()) + (CLOSING_LINES if layer.closes else ())
     return line_bytes(
         moves.kind, moves.path, _integers(moves.target_mm, COORDINATE_DECIMALS),
         _integers(moves.feed_mm_s * 60, FEED_DECIMALS),
-        _integers(_power_words(moves, layer.laser, decimals), decimals),
+        _integers(_power_words(moves, layer.laser_settings, decimals), decimals),
         _integers(moves.dwell_s, DWELL_DECIMALS), layer.first_line, decimals, setup)
 
 

@@ -43,7 +43,7 @@ class Beads:
     speed_mm_s, power_W : (v,) float64, from the vertex before; meaningless at a bead's first
     width_mm : (v,) float64, of the bead from the vertex before; its strip over 1 − overlap
     speed_factor : (m,) float64, of the recipe's speed, powder and power, for the whole bead
-    rounded_mm : length whose mixture was moved to what the hoppers can meter
+    rounded_mixture_mm : length whose mixture was moved to what the hoppers can meter
     rounded_by : by how much at most, volume fraction
     """
 
@@ -55,7 +55,7 @@ class Beads:
     power_W: FloatArray
     width_mm: FloatArray
     speed_factor: FloatArray
-    rounded_mm: float
+    rounded_mixture_mm: float
     rounded_by: float
 
     @property
@@ -119,7 +119,7 @@ def make_beads(
         power_W=recipe.power(middle),
         width_mm=_from_before(strips) * (recipe.bead_mm / recipe.pitch_mm),
         speed_factor=np.ones(tracks.n_tracks),
-        rounded_mm=float(run_mm[off > step / 2].sum()),
+        rounded_mixture_mm=float(run_mm[off > step / 2].sum()),
         rounded_by=float(off[off > step / 2].max(initial=0.0)))
     if (faster > 1).any():
         beads = _scaled(beads, faster)

@@ -119,8 +119,8 @@ class LayerSequencer:
                 tracks, moves, state.at_mm, state.time_s, end_s, flow, self._hoses, self._recipe))
         layer = LayerLines(
             index=index, z_mm=placement.nozzle_height_mm(number), first_line=state.line,
-            first_path=state.path, moves=moves, end_s=end_s, flow=flow, laser=self._profile.laser,
-            opens=index == 0, closes=is_last)
+            first_path=state.path, moves=moves, end_s=end_s, flow=flow,
+            laser_settings=self._profile.laser, opens=index == 0, closes=is_last)
         self._state = SequenceState(
             at_mm=moves.target_mm[-1], time_s=float(end_s[-1]), line=state.line + len(moves),
             path=state.path + (0 if beads is None else beads.count),

@@ -65,12 +65,12 @@ class ProgramDeviation(NamedTuple):
 
     path_error_mm : how far the nozzle is from the lines that may be running
     ahead_of_program_s : by how much it was there sooner than programmed
-    uncommanded : feed or power that none of those lines commands
+    uncommanded_output : feed or power that none of those lines commands
     """
 
     path_error_mm: float = 0.0
     ahead_of_program_s: float = 0.0
-    uncommanded: UncommandedOutput | None = None
+    uncommanded_output: UncommandedOutput | None = None
 
 
 class InterlockInputs(NamedTuple):

@@ -91,7 +91,7 @@ def ahead_of_program_findings(facts: InterlockInputs) -> Iterator[InterlockFindi
 
 
 def uncommanded_output_findings(facts: InterlockInputs) -> Iterator[InterlockFinding]:
-    said = facts.deviation.uncommanded
+    said = facts.deviation.uncommanded_output
     if said is None:
         return
     asked = "no beam here"

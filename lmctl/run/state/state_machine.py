@@ -11,7 +11,7 @@ from lmctl.run.interlocks.alarms import InterlockError
 from lmctl.run.state.transitions import (
     FINAL_STATES,
     GOES_ON_AFTER_INTERLOCK,
-    RESUMABLE_STATES,
+    STATES_THAT_FINISH_ALL_EFFECTS,
     TRANSITIONS,
     Effect,
     RunEvent,
@@ -200,7 +200,7 @@ class RunStateMachine:
                     self._note(error, final=False)
                     return
                 states = GOES_ON_AFTER_INTERLOCK if isinstance(
-                    error, InterlockError) else RESUMABLE_STATES
+                    error, InterlockError) else STATES_THAT_FINISH_ALL_EFFECTS
                 if self.state not in states:
                     self._effect_failed(error)
                     return

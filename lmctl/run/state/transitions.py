@@ -189,7 +189,7 @@ TRANSITIONS: dict[tuple[RunState, RunEvent], Transition] = {
 
 #: States whose effects continue when one of them fails: each switches something off, and a dead
 #: device must not prevent that for the others. In HOLDING this applies to feeders only.
-RESUMABLE_STATES = frozenset({RunState.TRIPPED})
+STATES_THAT_FINISH_ALL_EFFECTS = frozenset({RunState.TRIPPED})
 GOES_ON_AFTER_INTERLOCK = frozenset({RunState.TRIPPED, RunState.HOLDING})
 
 
