@@ -116,7 +116,8 @@ class Deposition:
         """How the last report differs from the program; not at all once motion is at rest."""
         if not self._tracking:
             return ProgramDeviation()
-        return ProgramDeviation(self._clock.off_mm, self._clock.early_s, self._energy.uncommanded)
+        return ProgramDeviation(
+            self._clock.off_mm, self._clock.early_s, self._energy.uncommanded_output)
 
     def job_line(self, tag: int) -> int:
         """The job's number of a line of the stream."""

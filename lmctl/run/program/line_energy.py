@@ -36,7 +36,7 @@ class LineEnergyCheck:
     """Looks at the reports of one run.
 
     lead_s : feed and power are those of the motion prepared last, ahead of the place by so much
-    uncommanded : reported output that none of the lines which may be running commands, or None
+    uncommanded_output : reported output that none of the lines which may be running commands, or None
     is_in_doubt : the last report showed it, and too few others agree yet
     bead_short_from_s : program time from which the bead had too little power, inf where it had not
 
@@ -46,7 +46,7 @@ class LineEnergyCheck:
     """
 
     def __init__(self, window: JobWindow, lead_s: float) -> None:
-        self.uncommanded: UncommandedOutput | None = None
+        self.uncommanded_output: UncommandedOutput | None = None
         self.bead_short_from_s = math.inf
         self._window = window
         self._lead_s = lead_s
@@ -75,9 +75,9 @@ class LineEnergyCheck:
         if overridden:  # feed and power before it, and perhaps this one, are of another override
             self._unconfirmed.clear()
         self.is_in_doubt = False
-        if self.uncommanded is not None:
+        if self.uncommanded_output is not None:
             return
-        found = self._uncommanded_output(report, s, rate)
+        found = self._output_not_commanded(report, s, rate)
         if found is None:
             self._good_s, self.bead_short_from_s = s, math.inf
             self._unconfirmed.clear()
@@ -90,7 +90,7 @@ class LineEnergyCheck:
         if found.power_W < max(found.commanded_powers_W, default=0.0):
             self.bead_short_from_s = self._good_s
         if agreeing >= _AGREEING and (overrides_known or is_beam_uncommanded):
-            self.uncommanded = found
+            self.uncommanded_output = found
         else:
             self.is_in_doubt = True
 
@@ -106,7 +106,7 @@ class LineEnergyCheck:
         same_power = abs(one.power_W - other.power_W) <= slack_W
         return same_energy or (same_speed and same_power)
 
-    def _uncommanded_output(
+    def _output_not_commanded(
         self, report: StatusReport, s: float, rate: float
     ) -> UncommandedOutput | None:
         """What is reported but commanded by no line; None too where no motion is reported."""
