@@ -195,7 +195,7 @@ class Trial:
         ):
             cell.shortfalls.append("nothing was noticed")
         if kind.expected_reaction is ExpectedReaction.CONTINUE and seen_s is not None:
-            cell.shortfalls.append(f"held for nothing: {cell.first}")
+            cell.shortfalls.append(f"held for nothing: {cell.headline}")
         if kind.expected_reaction is ExpectedReaction.CONTINUE and troubles:
             cell.shortfalls.append(f"was to be ridden out: {cell.headline}")
         elif seen_s is not None:

@@ -36,7 +36,7 @@ class LineEnergyCheck:
     """Looks at the reports of one run.
 
     lead_s : feed and power are those of the motion prepared last, ahead of the place by so much
-    uncommanded_output : reported output that none of the lines which may be running commands, or None
+    uncommanded_output : reported output that no line which may be running commands, or None
     is_in_doubt : the last report showed it, and too few others agree yet
     bead_short_from_s : program time from which the bead had too little power, inf where it had not
 
