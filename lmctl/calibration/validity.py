@@ -122,12 +122,14 @@ def refuse_invalid(findings: list[CalibrationFinding], where: str) -> None:
 def calibrated_profile(profile: MachineProfile, calibration: Calibration) -> MachineProfile:
     """The profile with what was measured in place of what was typed in; it says so itself."""
     measured: dict[str, str] = {}
+    half_widths: dict[str, float] = {}
     hoppers = []
     for hopper in profile.hopper:
         update: dict[str, object] = {}
         test = calibration.hopper_calibration(hopper.name)
         if test is not None and test.material == hopper.material:
             measured[f"hopper {hopper.name}"] = test.conditions.measured
+            half_widths[hopper.name] = test.slope.half_width / test.slope.value
             update |= {
                 "dead_time_s": max(test.dead_time_s.value, 0.0),
                 "lag_s": max(test.lag_s.value, 0.0),
@@ -139,4 +141,4 @@ def calibrated_profile(profile: MachineProfile, calibration: Calibration) -> Mac
             update["catch_efficiency"] = caught.efficiency.value
         hoppers.append(hopper.model_copy(update=update))
     return profile.with_measured_hoppers(tuple(hoppers),
-                                         CalibrationUse(calibration.digest, measured))
+                                         CalibrationUse(calibration.digest, measured, half_widths))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
@@ -69,10 +69,12 @@ class CalibrationUse:
     """Which calibration a profile's values come from, as jobs and journals carry it.
 
     measured : by what was measured ("hopper A", "catch of 316L"): the date of its measurement
+    slope_half_widths : by hopper, of the interval of its slope, as a share of it
     """
 
     digest: str
     measured: dict[str, str]
+    slope_half_widths: dict[str, float] = field(default_factory=dict)
 
     def as_json(self) -> dict[str, object]:
         """As manifests and journals hold it."""

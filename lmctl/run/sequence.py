@@ -25,6 +25,7 @@ from lmctl.run.journal.earlier_run import EarlierRun
 from lmctl.run.journal.last_known_position import LastKnownPosition
 from lmctl.run.journal.recorder import RunRecorder
 from lmctl.run.powder.refill import RefillProcedure
+from lmctl.run.powder.slope_watch import SlopeWatch
 from lmctl.run.powder.supply import SupplyWatch
 from lmctl.run.state.transitions import Effect
 from lmctl.run.status.phase import PhaseClock
@@ -91,6 +92,7 @@ class CellSequence:
         self._cell: Cell | None = None
         self._watch: DeviceMonitor | None = None
         self._supply: SupplyWatch | None = None
+        self._slopes: SlopeWatch | None = None
         self._acts = {
             Effect.CONNECT: self._connect,
             Effect.CHECK_MACHINE: self._check_machine,
@@ -146,7 +148,7 @@ class CellSequence:
 
     def stop_listening(self) -> None:
         """The run is over: send nothing more, and ignore further reports."""
-        for watch in (self._watch, self._supply):
+        for watch in (self._watch, self._supply, self._slopes):
             if watch is not None:
                 watch.stop()
         if self._course.is_entered:
@@ -192,6 +194,11 @@ class CellSequence:
             self._job, self._hoppers, cell, lambda: self._course.segment.clock, self.alarms,
             self._recorder)
         self._supply.start()
+        self._slopes = SlopeWatch(
+            self._hoppers, profile, cell, lambda: self._course.segment.feed.fed,
+            lambda: self._course.segment.deposition.is_under_way, self.alarms,
+            self._recorder)
+        self._slopes.start()
         acceptance.refuse_unready(self._watch.active_alarms())
 
     async def _move_to_purge(self) -> None:

@@ -142,6 +142,10 @@ class Cell:
         status = None if self.safety is None else self.safety.status
         return None if status is None else status.shield_gas_L_min
 
+    def correct_slope(self, hopper: str, correction: float) -> None:
+        """Take a hopper's slope to have changed, so that its set-points follow."""
+        self._feeder_of[hopper].correct_slope(hopper, correction)
+
     def hopper_readings(self) -> tuple[HopperReading | None, ...]:
         """The last reading of each hopper, in the hoppers' order; None before the first."""
         return tuple([self.hopper_reading(name) for name in self._feeder_of])

@@ -103,6 +103,11 @@ class Deposition:
         return f"layer {self._motion.layer + 1}, program line {self.lines_executed}"
 
     @property
+    def is_under_way(self) -> bool:
+        """Whether lines of the program are being sent and executed, its own waits included."""
+        return self._streaming
+
+    @property
     def is_motion_expected(self) -> bool:
         """Whether the program is under way, and not in a wait of its own."""
         if not self._streaming or self.lines_executed >= self._window.n_lines:

@@ -150,6 +150,14 @@ class RunRecorder:
         })
         self._sync()
 
+    def record_slope(self, **fields: Any) -> None:
+        """A window of a hopper's loss in weight."""
+        self._append("slope", **fields)
+
+    def record_slope_correction(self, **fields: Any) -> None:
+        """Set-points of a hopper are corrected from now on."""
+        self._event("slope_correction", **fields)
+
     def record_purge(self, fed_g: dict[str, float]) -> None:
         """Powder that has gone into no layer."""
         self._append("purge", fed_g={name: round(fed, 4) for name, fed in fed_g.items()})

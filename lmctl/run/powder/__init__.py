@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from lmctl.run.powder.lead import PowderPlan as PowderPlan
     from lmctl.run.powder.refill import RefillProcedure as RefillProcedure
     from lmctl.run.powder.setpoint_sender import SetpointSender as SetpointSender
+    from lmctl.run.powder.slope_watch import SlopeWatch as SlopeWatch
     from lmctl.run.powder.supply import SupplyWatch as SupplyWatch
 
 #: Public names and the module that holds each; a module is imported on first use.
@@ -21,6 +22,7 @@ _HOMES = {
     "PowderPlan": "lmctl.run.powder.lead",
     "RefillProcedure": "lmctl.run.powder.refill",
     "SetpointSender": "lmctl.run.powder.setpoint_sender",
+    "SlopeWatch": "lmctl.run.powder.slope_watch",
     "SupplyWatch": "lmctl.run.powder.supply",
 }
 

@@ -125,9 +125,14 @@ def lmctl_init(folder: Path) -> None:
 
 
 def share_within(part: str, profile: MachineProfile, bench: Path, folder: Path) -> float:
+    """As `share_of`, of one of the parts by name."""
+    return share_of(part_file(part, folder), profile, bench, folder)
+
+
+def share_of(file: Path, profile: MachineProfile, bench: Path, folder: Path) -> float:
     """Plan and run a part; share of the beam-on path within the tolerance of its composition."""
-    loaded = load_part(part_file(part, folder))
-    job = folder / f"{part}.lmj"
+    loaded = load_part(file)
+    job = folder / f"{file.stem}.lmj"
     plan_job(loaded, profile, job)
     config = load_bench(bench)
 
