@@ -1,0 +1,70 @@
+"""Every mixture where it belongs: shares of path and volume, and the time they take.
+
+Parts are planned with strategy "auto" (`mixture_rows/parts.py`), run against the bench in virtual
+time, and judged by the simulators' own record: the share of the designed path that is deposited
+with a mixture within ±0.02 of the part's own at that place (what is not deposited counts as
+wrong), and the share of the deposited volume within ±0.03 (`volume_…`), by the simulated process
+without dilution. The cell's profile is the truth, but for `box_theta`: both dead times 0.5 s
+longer than it says. `time_…` is program time over that of the plan before there were strategies
+(TODAY_S). `dwell_over_ours` is the blade's plan with 30 s of dwell at each change of mixture.
+
+Prints one JSON object; names of rows choose some of them.
+
+    python -m tests.benchmarks.mixture [ROW ...]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from tests.benchmarks.mixture_rows.as_built import build, duration_s
+from tests.benchmarks.mixture_rows.parts import write_part
+
+#: Program times of the same parts as planned with tracks along the outline that cross jumps, by
+#: the version before (commit 12bfc09), on the same cell [s].
+TODAY_S = {
+    "plate_step": 313.5, "fig8_union": 272.9, "blade": 851.0, "cutter": 938.9, "gear": 1985.0,
+    "gear_steep": 3876.5, "box": 313.4,
+}
+_WITH_VOLUME = {"plate_step": "plate", "fig8_union": "union", "blade": "blade"}
+_DWELL_S = 30.0
+
+
+def main() -> None:
+    options = argparse.ArgumentParser()
+    options.add_argument("rows", nargs="*", metavar="ROW", choices=[[], *TODAY_S])
+    chosen = options.parse_args().rows or list(TODAY_S)
+    found: dict[str, Any] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for name in chosen:
+            place = Path(folder) / name
+            place.mkdir()
+            found |= _row(name, place)
+    print(json.dumps(found, indent=2))
+
+
+def _row(name: str, folder: Path) -> dict[str, Any]:
+    file = write_part(name, folder)
+    as_built = build(file, late_s=0.5 if name == "box" else 0.0, volume=name in _WITH_VOLUME)
+    totals = as_built.manifest.totals
+    row = {
+        "box_theta" if name == "box" else name: round(as_built.path_share, 4),
+        f"time_{name}": round(totals["duration_s"] / TODAY_S[name], 3),
+        f"strategy_{name}": totals["strategy"],
+        f"built_{name}": totals["built_fraction"],
+    }
+    if as_built.volume_share is not None:
+        row[f"volume_{_WITH_VOLUME[name]}"] = round(as_built.volume_share, 4)
+    if name == "blade":
+        dwelling_s = duration_s(
+            file, strategy=totals["strategy"], powder="dwell", dwell_s=_DWELL_S)
+        row["dwell_over_ours"] = round(dwelling_s / totals["duration_s"], 2)
+    return row
+
+
+if __name__ == "__main__":
+    main()
