@@ -28,15 +28,33 @@ FORMS = (".html", ".pdf")
               help="The layers as comma-separated values; without RUN the history of all runs.")
 @click.option("--run-only", is_flag=True,
               help="Of RUN alone, and not of every run that worked on its part.")
+@click.option("--as-built", is_flag=True,
+              help="What RUN built against the part's design: by volume, along the path, in height "
+              "and powder. -o: .txt, .json, .vti, a picture, or a folder for all of them.")
+@click.option("-l", "--layer", "layers", type=int, multiple=True,
+              help="With --as-built: layer to draw, from 1; may be repeated [the middle one].")
+@click.option("--data", type=click.Path(exists=True, file_okay=False, path_type=Path),
+              help="With --as-built: folder of the part's data files [where the runs are, or .].")
+@click.option("--json", "as_json", is_flag=True, help="With --as-built: print one JSON object.")
 def report(
     run: str | None, runs_dir: Path, output: Path | None, stated: tuple[str, ...], as_csv: bool,
-    run_only: bool,
+    run_only: bool, as_built: bool, layers: tuple[int, ...], data: Path | None, as_json: bool,
 ) -> None:
     """Write the report of the part that RUN worked on, over all its runs.
 
     RUN is a run's name (run-0001), its folder, or a journal file. What nobody has recorded or
     stated is left as a ruled blank.
     """
+    if as_built:
+        if run is None or stated or as_csv or run_only:
+            raise UsageError("--as-built takes a run, and neither --set, --csv nor --run-only",
+                             hint="`lmctl report run-0001 --as-built`")
+        from lmctl.cli.as_built import report_as_built
+
+        report_as_built(run, runs_dir, output, layers, data, as_json=as_json)
+        return
+    if layers or data is not None or as_json:
+        raise UsageError("--layer, --data and --json belong to --as-built")
     if run is None:
         if not as_csv:
             raise UsageError("of which run?",

@@ -73,6 +73,15 @@ def composition_with(
     return _read_tree(parse_part_file(text, name=name, values=values), folder).composition_field
 
 
+def part_from_text(text: str, folder: Path, name: str) -> Part:
+    """The part that the text of a part file describes, as a job holds it.
+
+    folder : where its data files are; name : of the text, in messages
+    Raises ConfigError (the text; all mistakes at once) and InputError (its data).
+    """
+    return _build(parse_part_file(text, name=name), text, folder)
+
+
 def part_from_model(
     path: Path, units: str | None = None, report: Report | None = None
 ) -> Part:

@@ -20,6 +20,7 @@ from lmctl.part.bodies.mesh_solid import MeshSolid
 from lmctl.part.part import Part
 from lmctl.part.resolution import PADDING_NODES, finest_pitch_for_nodes
 from lmctl.report.composition_colours import composition_colours
+from lmctl.report.vti_file import VTI_TAIL, vti_head
 
 Progress = Callable[[int, int], None]
 
@@ -51,7 +52,7 @@ def write_field(part: Part, target: Path, progress: Progress | None = None) -> N
             where=f"{grid.n_nodes:.3g} nodes at a pitch of {grid.pitch_mm:g} mm; at most "
             f"{MAX_BYTES / 1e9:g} GB", hint="raise pitch_mm in the part file",
         )
-    head = _head(grid, names, block)
+    head = vti_head(grid.shape, grid.origin_mm, [grid.pitch_mm] * 3, array_names(names))
     partial = target.with_name(f".{target.name}.partial")
     try:
         with partial.open("wb") as file:
@@ -72,30 +73,10 @@ def write_field(part: Part, target: Path, progress: Progress | None = None) -> N
                 if progress is not None:
                     progress(window.z_last, grid.shape[0])
             file.seek(0, os.SEEK_END)
-            file.write(b"\n  </AppendedData>\n</VTKFile>\n")
+            file.write(VTI_TAIL)
         partial.replace(target)
     finally:
         partial.unlink(missing_ok=True)
-
-
-def _head(grid: Grid, names: list[str], block: int) -> bytes:
-    nz, ny, nx = grid.shape
-    extent = f"0 {nx - 1} 0 {ny - 1} 0 {nz - 1}"
-    origin = " ".join(f"{v:.9g}" for v in grid.origin_mm)
-    spacing = " ".join([f"{grid.pitch_mm:.9g}"] * 3)
-    arrays = "".join(
-        f'        <DataArray type="Float32" Name="{name}" format="appended" '
-        f'offset="{number * (8 + block)}"/>\n'
-        for number, name in enumerate(array_names(names))
-    )
-    return (
-        '<?xml version="1.0"?>\n<VTKFile type="ImageData" version="1.0" '
-        'byte_order="LittleEndian" header_type="UInt64">\n'
-        f'  <ImageData WholeExtent="{extent}" Origin="{origin}" Spacing="{spacing}">\n'
-        f'    <Piece Extent="{extent}">\n      <PointData Scalars="distance">\n{arrays}'
-        "      </PointData>\n    </Piece>\n  </ImageData>\n"
-        '  <AppendedData encoding="raw">\n_'
-    ).encode("ascii")
 
 
 def array_names(materials: Sequence[str]) -> list[str]:

@@ -4,8 +4,8 @@ A piece of the path is a slice across it, two voxels long. The powder it catches
 the slice up to a crown: a parabola across the bead, whose area on a flat surface is the volume over
 the length. The crown stands as high above the surface as the volume needs, and nothing is taken
 away where the surface is higher. So a bead on a plate is the parabola, a bead on a bead grows
-straight up, and a valley between two beads fills first. A column far below the highest place under
-the pool is not reached: the bead hangs there, with a void below.
+straight up, and a valley between two beads fills first. A column far below the mean under and
+around the pool is not reached: the bead hangs there, with a void below.
 
 All volume that a column gets in one pass of the pool is gathered first. When the pool comes by
 again, or at the end, it is mixed with what the pool melted of the column below, δ/(1 − δ) of it,
@@ -29,8 +29,10 @@ SLICES_PER_VOXEL = 2
 #: so that rows of all slices together lie evenly.
 _ROWS = 8
 _ROW_SPACING = 0.5625
-#: A column deeper than so many bead widths below the highest place under the pool is not reached.
-_REACH_WIDTHS = 0.75
+#: A column deeper than so many bead widths below the mean under and around the pool is not reached.
+_REACH_WIDTHS = 1.0
+#: The surface around the pool is looked at in so many points on its rim.
+_RIM_POINTS = 8
 #: The pool comes by again once it has gone so many bead widths.
 _PASS_WIDTHS = 0.5
 
@@ -85,7 +87,7 @@ def lay_pieces(
         reach = _REACH_WIDTHS * width[i]
         apart = _PASS_WIDTHS * width[i]
         # the surface under the pool
-        highest = -1e300
+        mean = 0.0
         count = 0
         for r in range(_ROWS):
             ahead = (r - 0.5 * (_ROWS - 1)) * row_step
@@ -104,14 +106,19 @@ def lay_pieces(
                 crown_share[count] = 1.0 - u * u
                 here = top[a, b] if way - seen[a, b] > apart else base[a, b]
                 floor[count] = here
-                highest = max(highest, here)
+                mean += here
                 count += 1
-        under, supported = 0.0, 0
-        for j in range(count):
-            if floor[j] >= highest - reach:
-                under += floor[j]
-                supported += 1
-        under /= supported
+        rim, rim_mean = np.empty(_RIM_POINTS), 0.0
+        for j in range(_RIM_POINTS):
+            angle = 2.0 * np.pi * j / _RIM_POINTS
+            a = int((place[i, 0] + 0.5 * width[i] * np.cos(angle)) / cell)
+            b = int((place[i, 1] + 0.5 * width[i] * np.sin(angle)) / cell)
+            rim[j] = top[a, b] if way - seen[a, b] > apart else base[a, b]
+            rim_mean += rim[j] / _RIM_POINTS
+        lowest = 0.5 * (mean / count + rim_mean) - reach
+        under = _mean_above(floor, crown_share, count, lowest)
+        if np.isnan(under):
+            under = _mean_above(rim, np.ones(_RIM_POINTS), _RIM_POINTS, lowest)
         surface[i] = under
         patch = strip * length[i] / _ROWS
         # what is caught there
@@ -127,8 +134,8 @@ def lay_pieces(
             continue
         mean_rise = total / (length[i] * width[i])
         for j in range(count):
-            if floor[j] < highest - reach:
-                floor[j] = highest - mean_rise
+            if floor[j] < lowest:
+                floor[j] = under - mean_rise
             needed[j] = floor[j] - 1.5 * mean_rise * crown_share[j]
         level = _level(needed, count, total / patch)
         # each point's part to its column
@@ -153,6 +160,17 @@ def lay_pieces(
         for b in range(ny):
             overflow |= _settle(a, b, base, bridged, fresh, molten, voxels, area, height, bottom)
     return overflow
+
+
+@kernel
+def _mean_above(values: FloatArray, weights: FloatArray, n: int, lowest: float) -> float:
+    """Weighted mean of those of values[:n] that are not below; NaN where all are."""
+    total, weight = 0.0, 0.0
+    for j in range(n):
+        if values[j] >= lowest:
+            total += weights[j] * values[j]
+            weight += weights[j]
+    return float(total / weight)
 
 
 @kernel

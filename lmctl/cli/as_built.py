@@ -1,0 +1,121 @@
+"""`lmctl report RUN --as-built`: what was built against what was designed."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from lmctl.cli.console import print_data
+from lmctl.errors import JournalError, UsageError
+
+if TYPE_CHECKING:
+    from lmctl.as_built.comparison import AsBuiltComparison
+
+PICTURES = (".png", ".svg", ".pdf")
+FORMS = (".txt", ".json", ".vti", *PICTURES)
+
+
+def report_as_built(
+    run: str, runs_dir: Path, output: Path | None, layers: tuple[int, ...], data: Path | None,
+    *, as_json: bool,
+) -> None:
+    """Print the comparison, or write it in the form that the ending of `output` names.
+
+    output : a folder receives text, JSON, .vti and a picture of each layer
+    layers : numbers, from 1, of the layers to draw; empty: the middle one
+    Raises UsageError, and whatever the comparison raises.
+    """
+    is_folder = output is not None and (output.is_dir() or not output.suffix)
+    form = "" if output is None or is_folder else output.suffix.lower()
+    if form and form not in FORMS:
+        raise UsageError(f"cannot write an as-built report as {form}", where=str(output),
+                         hint=f"choose a folder, or one of {', '.join(FORMS)}")
+    if layers and not (is_folder or form in PICTURES):
+        raise UsageError("--layer is for pictures",
+                         hint="-o FILE.png draws one layer, -o FOLDER as many as you name")
+    if len(layers) > 1 and not is_folder:
+        raise UsageError("one file holds the picture of one layer", hint="-o FOLDER takes several")
+    found, title, heights = _compared(run, runs_dir, data, layers)
+    if output is None:
+        print_data(_as_json(found) if as_json else _as_text(found, title))
+        return
+    try:
+        if is_folder:
+            output.mkdir(parents=True, exist_ok=True)
+        for target in _targets(output, heights) if is_folder else [output]:
+            _write(found, title, target, heights)
+            print_data(str(target))
+    except OSError as error:
+        raise UsageError(f"cannot write {error.filename or output}",
+                         where=str(error.strerror)) from None
+
+
+def _compared(
+    run: str, runs_dir: Path, data: Path | None, layers: tuple[int, ...]
+) -> tuple[AsBuiltComparison, str, dict[int, float]]:
+    """The comparison, its title, and the heights of the layers to draw in the part's own frame."""
+    from lmctl.cli.log import find_journal
+    from lmctl.job.reader import JobReader
+    from lmctl.report.as_built_run import as_built_of_run
+    from lmctl.run.journal.format import verify_journal
+    from lmctl.run.journal.run_folders import RunFolder
+
+    journal = find_journal(run, runs_dir)
+    with JobReader(RunFolder(journal.parent).job) as job:
+        entries = job.manifest.layers
+        title = f"{journal.parent.name}, {job.manifest.part_name}"
+        for layer in layers:
+            if not 1 <= layer <= len(entries):
+                raise UsageError(f"there is no layer {layer}",
+                                 where=f"the job has layers 1 to {len(entries)}")
+        wanted = layers or ((len(entries) + 1) // 2,)
+        layer_mm = entries[1].z_mm - entries[0].z_mm if len(entries) > 1 else entries[0].z_mm
+        heights = {
+            layer: entries[layer - 1].z_mm - layer_mm / 2 - job.manifest.part_offset_mm[2]
+            for layer in wanted}
+    try:
+        return as_built_of_run(journal, data), title, heights
+    except (KeyError, TypeError, AttributeError):
+        verified = verify_journal(journal)
+        if verified.intact:  # it is what was written, so we do not understand ourselves
+            raise
+        raise JournalError(
+            f"{journal} was damaged or altered, and nothing can be compared by it",
+            where=f"line {verified.broken_line}: {verified.reason}") from None
+
+
+def _targets(folder: Path, heights: dict[int, float]) -> list[Path]:
+    return [folder / "as-built.txt", folder / "as-built.json", folder / "as-built.vti",
+            *(folder / f"layer-{layer:04d}.png" for layer in heights)]
+
+
+def _write(
+    found: AsBuiltComparison, title: str, target: Path, heights: dict[int, float]
+) -> None:
+    form = target.suffix.lower()
+    if form == ".txt":
+        target.write_text(_as_text(found, title) + "\n", encoding="utf-8")
+    elif form == ".json":
+        target.write_text(_as_json(found) + "\n", encoding="utf-8")
+    elif form == ".vti":
+        from lmctl.report.as_built_field import write_as_built_field
+
+        write_as_built_field(found, target)
+    else:
+        from lmctl.report.as_built_picture import draw_as_built_plane
+
+        layer = next((one for one in heights if target.stem == f"layer-{one:04d}"), None)
+        layer = next(iter(heights)) if layer is None else layer
+        how = "" if found.summary.built_by == "simulated" else f", {found.summary.built_by}"
+        draw_as_built_plane(found, heights[layer], f"{title}, layer {layer}{how}", target)
+
+
+def _as_text(found: AsBuiltComparison, title: str) -> str:
+    from lmctl.report.as_built_text import as_built_as_text
+
+    return as_built_as_text(title, found.summary)
+
+
+def _as_json(found: AsBuiltComparison) -> str:
+    return json.dumps(found.summary.as_json(), ensure_ascii=False, allow_nan=False)

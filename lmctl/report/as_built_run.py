@@ -1,0 +1,92 @@
+"""A run compared with its part: by its voxel map, or by what its journal lets predict."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from lmctl.as_built.comparison import AsBuiltComparison, compare_with_design
+from lmctl.as_built.figures import AsBuiltSummary, MaterialBalance
+from lmctl.as_built.prediction import predicted_volume
+from lmctl.as_built.voxel_map_file import read_voxel_map
+from lmctl.errors import InputError, MissingFileError
+from lmctl.job.reader import JobReader
+from lmctl.part.load import part_from_text
+from lmctl.part.part import Part
+from lmctl.report.run_record import RunRecord, read_run
+from lmctl.run.journal.format import read_records
+from lmctl.run.journal.run_folders import RunFolder
+
+
+def as_built_summary(journal: Path, data_folder: Path | None = None) -> AsBuiltSummary:
+    """The figures of a run's as-built comparison; see `as_built_of_run`."""
+    return as_built_of_run(journal, data_folder).summary
+
+
+def as_built_of_run(journal: Path, data_folder: Path | None = None) -> AsBuiltComparison:
+    """Compare what a run built with its part.
+
+    A simulated run that left a voxel map is compared by it; of any other run what it built is
+    predicted from its journal by the model that its job believes, and marked so.
+    data_folder : of the part's data files; None: the folder of the runs' folder, or the present one
+    Raises MissingFileError, InputError, JobError, JournalError.
+    """
+    folder = RunFolder(journal.parent)
+    with JobReader(folder.job) as job:
+        part = _part_of(job, data_folder, folder)
+        if folder.voxel_map.exists():
+            found = compare_with_design(read_voxel_map(folder.voxel_map), part, job)
+            return _weighed(found, read_run(journal))
+        return compare_with_design(predicted_volume(job, part, read_records(journal)), part, job)
+
+
+def _part_of(job: JobReader, data_folder: Path | None, folder: RunFolder) -> Part:
+    """The part as it was planned. Raises where its data files are missing or changed since."""
+    sources = job.manifest.sources
+    places = [data_folder] if data_folder is not None else [
+        folder.path.resolve().parent.parent, Path()]
+    for place in places:
+        if all((place / name).is_file() for name in sources):
+            for name, digest in sources.items():
+                if hashlib.sha256((place / name).read_bytes()).hexdigest() != digest:
+                    raise InputError(f"{place / name} has changed since the part was planned",
+                                     hint="compare with the file that it was planned from")
+            return part_from_text(job.part_text, place, job.manifest.part_name)
+    missing = next(name for name in sources if not (places[0] / name).is_file())
+    raise MissingFileError(
+        f"the part's data file {missing} is not here",
+        where=", ".join(str(place.resolve()) for place in places),
+        hint="name its folder with --data")
+
+
+def _weighed(found: AsBuiltComparison, run: RunRecord) -> AsBuiltComparison:
+    """With the powder fed as the run itself weighed it, where it weighed all of it."""
+    weighed = _weighed_g(run)
+    balance = tuple(
+        _closed(one, weighed[one.material]) if one.material in weighed else one
+        for one in found.summary.balance)
+    return replace(found, summary=replace(found.summary, balance=balance))
+
+
+def _closed(one: MaterialBalance, fed_g: float) -> MaterialBalance:
+    rest = fed_g - one.deposited_g - one.overspray_g - one.beam_off_g
+    return replace(one, fed_g=fed_g, unaccounted_g=rest, closure=rest / fed_g if fed_g else 0.0)
+
+
+def _weighed_g(run: RunRecord) -> dict[str, float]:
+    """Powder by material: weight lost in the layers, and fed in purges, where both are known."""
+    return dict(_of_hoppers(run))
+
+
+def _of_hoppers(run: RunRecord) -> Iterator[tuple[str, float]]:
+    hoppers: list[dict[str, Any]] = run.header.get("hoppers", [])
+    accounts = [account for account in run.accounts if account.reported.duration_s > 0]
+    for hopper in hoppers:
+        name, material = str(hopper["name"]), str(hopper["material"])
+        shared = sum(str(other["material"]) == material for other in hoppers) > 1
+        if accounts and not shared and all(name in one.weighed_g for one in accounts):
+            layers = sum(one.weighed_g[name] for one in accounts)
+            yield material, layers + run.purged_g.get(name, 0.0)

@@ -1,0 +1,77 @@
+"""`lmctl report --as-built`, from a run on a bench with a process."""
+
+import json
+
+import pytest
+
+PROCESS = """
+[process]
+max_power_W = 3000
+bead_width_mm = 2.0
+power_W = 1500
+speed_mm_s = 10
+"""
+
+
+@pytest.fixture
+def built(lmctl, box, tmp_path):
+    """A run whose voxel map is there."""
+    bench = tmp_path / "bench.toml"
+    bench.write_text(bench.read_text() + PROCESS)
+    outcome = lmctl("run", box, "--sim", "--bench", bench)
+    assert outcome.code == 0, outcome.talk
+    return tmp_path / "runs" / "run-0001"
+
+
+def test_the_figures_of_a_build(lmctl, built, tmp_path):
+    assert (built / "voxel-map.npz").is_file()
+    found = lmctl("report", "run-0001", "--as-built", "--json").json
+    assert found["built_by"] == "simulated"
+    assert found["design_mm3"] == pytest.approx(12 * 8 * 0.8, rel=0.01)
+    assert found["built_over_design"] == pytest.approx(1.0, abs=0.05)
+    assert found["by_path"]["within"]["0.02"] > 0.9
+    for one in found["balance"]:  # weighed to 0.1 g at every layer and purge
+        assert abs(one["unaccounted_g"]) < 0.4
+    text = lmctl("report", "run-0001", "--as-built").data
+    assert "as built by the simulated process" in text
+    assert "316L" in text
+    # what the file cannot be written as, and what does not go together
+    for arguments in (["-o", "x.foo"], ["-l", "9", "-o", "x.png"], ["-l", "1"],
+                      ["-l", "1", "-l", "1", "-o", "x.png"], ["--csv"]):
+        assert lmctl("report", "run-0001", "--as-built", *arguments).code == 2
+    assert lmctl("report", "run-0001", "--layer", "1").code == 2
+
+    # without the map the same is predicted, and marked so
+    (built / "voxel-map.npz").unlink()
+    predicted = lmctl("report", "run-0001", "--as-built", "--json").json
+    assert predicted["built_by"] == "predicted"
+    assert predicted["core_void"] is None
+    assert predicted["balance"] == []
+    assert predicted["built_over_design"] == pytest.approx(found["built_over_design"], abs=0.03)
+    assert predicted["by_path"]["within"]["0.02"] == pytest.approx(
+        found["by_path"]["within"]["0.02"], abs=0.05)
+    assert "nobody has measured it" in lmctl("report", "run-0001", "--as-built").data
+
+
+def test_a_folder_receives_all_forms(lmctl, built, tmp_path):
+    outcome = lmctl("report", "run-0001", "--as-built", "-o", "out", "-l", "1")
+    assert outcome.code == 0, outcome.talk
+    names = sorted(path.name for path in (tmp_path / "out").iterdir())
+    assert names == ["as-built.json", "as-built.txt", "as-built.vti", "layer-0001.png"]
+    assert json.loads((tmp_path / "out" / "as-built.json").read_text())["by_volume"]
+    head = (tmp_path / "out" / "as-built.vti").read_bytes()[:3000].decode("ascii", "ignore")
+    assert 'Name="designed 316L"' in head
+    assert 'Name="built WC-12Co"' in head
+
+
+def test_a_damaged_map_is_told(lmctl, built):
+    (built / "voxel-map.npz").write_bytes(b"PK")
+    outcome = lmctl("report", "run-0001", "--as-built")
+    assert outcome.code == 1
+    assert "not a voxel map, or is damaged" in outcome.talk
+    assert "Traceback" not in outcome.talk
+
+
+def test_a_bench_without_process_leaves_no_map(lmctl, box, tmp_path):
+    assert lmctl("run", box, "--sim").code == 0
+    assert not (tmp_path / "runs" / "run-0001" / "voxel-map.npz").exists()
