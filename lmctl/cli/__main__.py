@@ -25,6 +25,7 @@ COMMANDS = {
     "plan": ("lmctl.cli.plan", "Plan a part (or a bare mesh or cloud) into a job file."),
     "show": ("lmctl.cli.show", "Show a job, a run or a part: page, pictures, .vti, coloured .ply."),
     "simulate": ("lmctl.cli.simulate", "Heat and stress of a part in service, or as it was built."),
+    "optimise": ("lmctl.cli.optimise", "Choose the free numbers of a part by simulating it."),
     "run": ("lmctl.cli.run", "Run a job on the simulated machine or a real one."),
     "hold": ("lmctl.cli.operate", "Stop a run on its path, beam off; from another terminal."),
     "resume": ("lmctl.cli.operate", "End a hold."),

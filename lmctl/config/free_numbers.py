@@ -187,7 +187,7 @@ def _level_points(marker: dict[str, Any], path: str) -> list[dict[str, Any]]:
         share = number / (count - 1)
         start = marker.get("start", share)
         points.append({
-            "at_mm": first + share * (last - first),
+            "at_mm": round(first + share * (last - first), 6),
             "of": {"between": {"free": [0.0, 1.0], "start": float(start),
                                "name": f"{path} level {number + 1}"},
                    "near": marker["near"], "far": marker["far"]}})

@@ -63,14 +63,20 @@ def load_measured_part(path: Path, report: Report | None = None) -> MeasuredPart
     return MeasuredPart(part, checked, tree.measured_feature)
 
 
-def composition_with(
-    text: str, name: str, folder: Path, values: Mapping[str, float]
-) -> CompositionField:
-    """The composition of a part file's text with other values of its free numbers.
+class CompositionFamily:
+    """The compositions of one part file for other values of its free numbers.
 
-    The solid is not made, unless compositions measure from it. Raises as `load_part`.
+    text : of the part file; name : of it in messages; folder : where its data files are
     """
-    return _read_tree(parse_part_file(text, name=name, values=values), folder).composition_field
+
+    def __init__(self, text: str, name: str, folder: Path) -> None:
+        self._text, self._name = text, name
+        self._tree = _read_tree(parse_part_file(text, name=name), folder)
+
+    def composition(self, values: Mapping[str, float]) -> CompositionField:
+        """The composition for values by name. Raises as `load_part`."""
+        part = parse_part_file(self._text, name=self._name, values=values)
+        return self._tree.with_other_numbers(part).composition_field
 
 
 def part_from_text(text: str, folder: Path, name: str) -> Part:

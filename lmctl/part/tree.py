@@ -132,6 +132,18 @@ class BodyTree:
             return UniformComposition((1.0,))
         return self._joint_rule(self._part.combine, self._roots, in_place=True)
 
+    def with_other_numbers(self, part: PartFile) -> BodyTree:
+        """The tree of a part file that differs in numbers, with the same data.
+
+        Bodies are shared where the file differs in compositions only.
+        """
+        other = BodyTree(part, self.data)
+        if _without_compositions(part) == _without_compositions(self._part):
+            other._built = self._built
+            if part.composition is not None:  # it measures from the same solid
+                other.__dict__["body"] = self.body
+        return other
+
     def measured_feature(self, feature: Feature) -> materials.Feature:
         """A feature that no composition need name. Raises InputError where its data is not there.
 
@@ -328,6 +340,10 @@ class BodyTree:
         if isinstance(body, config.BooleanBody) and body.kind == "difference":
             below = below[:1]
         return any(self._has_rule(n) for n in below)
+
+
+def _without_compositions(part: PartFile) -> list[config.Body]:
+    return [body.model_copy(update={"composition": None}) for body in part.body]
 
 
 def _reach(box: Bounds) -> str:
