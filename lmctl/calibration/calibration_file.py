@@ -37,11 +37,10 @@ class MeasuredValue(ConfigModel):
 
     @classmethod
     def of(cls, estimate: Estimate, digits: int = 5) -> MeasuredValue:
-        """An estimate as it is stored, rounded outwards from the interval's ends by nothing."""
+        """An estimate as it is stored: rounded to so many digits behind the point."""
         low, high = estimate.interval
-        return cls(value=round(estimate.value, digits), low=min(round(low, digits),
-                                                                round(estimate.value, digits)),
-                   high=max(round(high, digits), round(estimate.value, digits)))
+        return cls(value=round(estimate.value, digits), low=round(low, digits),
+                   high=round(high, digits))
 
     @property
     def half_width(self) -> float:
