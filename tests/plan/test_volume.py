@@ -223,3 +223,16 @@ def test_the_surface_is_true_in_walls_of_four_tracks_and_more(geometry_of, beads
     depth = shapely.distance(wall.exterior, shapely.points(geometry.points_mm))
     middle = np.abs(geometry.points_mm[:, 0] - 20) < 10
     assert depth[middle].min() == pytest.approx(PITCH / 2, abs=0.02)
+
+
+@pytest.mark.parametrize("sides", [4, 6, 8, 24, 64])
+def test_polygons_are_filled_to_their_middle(geometry_of, sides):
+    """The middle is a point that lines of nodes need not meet, and where many spokes do."""
+    corner = np.arange(sides) * 2 * np.pi / sides + 0.1
+    around = np.stack([np.cos(corner), np.sin(corner)], axis=1) / np.cos(np.pi / sides)
+    for radius in np.arange(1.35, 8.0, 0.35):  # of the circle inside
+        shape = Polygon(radius * around)
+        for layer in (0, 1):
+            figures = geometry_of(shape, layer=layer).figures
+            assert figures.inside_mm2 >= 0.975 * figures.slice_mm2, (radius, layer)
+            assert figures.strip_mm2 == pytest.approx(shape.area, rel=0.04), (radius, layer)

@@ -32,6 +32,9 @@ _MOST_MORE_BETWEEN, _MOST_MORE_AT_END = 1.2, 0.6
 _ONE_MORE = 5, 10
 #: Points of the axis whose depth differs by less, in nodes, are as deep as each other.
 _LEVEL_NODES = 0.25
+#: Opposite walls face each other along a stretch so long at least, in nodes; where spokes meet in
+#: the middle of a hexagon two of them may, for a node.
+_SHORTEST_CENTRAL_NODES = 2.0
 #: Rounds of mending stretches: each takes one away, so few are ever needed.
 _MOST_ROUNDS = 200
 
@@ -65,19 +68,20 @@ def bead_count(
     order = np.argsort(-axis.depth_mm, kind="stable")
     links = axis.links
     first, neighbours = _neighbours(links, len(axis.points_mm))
+    is_central = _is_on_stretch(axis, _SHORTEST_CENTRAL_NODES * raster.grid.pitch_mm)
     owner, uphill = _owners_kernel(
-        order, first, neighbours, axis.depth_mm, axis.is_central,
+        order, first, neighbours, axis.depth_mm, is_central,
         (axis.points_mm - np.array(raster.grid.origin_mm)) / raster.grid.pitch_mm,
         raster.depth_mm, axis.at_edge, _LEVEL_NODES * raster.grid.pitch_mm)
     own = owner == np.arange(len(owner))
     count = _nearest_count(2 * axis.depth_mm, least_width_mm, pitch_mm)
     if is_odd_layer:
         count += (count >= _ONE_MORE[0]) & (count <= _ONE_MORE[1])
-    peak = own & ~axis.is_central
+    peak = own & ~is_central
     count[peak] = _even_count(2 * axis.depth_mm, count, pitch_mm)[peak]
     wide = axis.depth_mm >= least_width_mm / 2 * (1 - 1e-6)
-    on_line = (axis.is_central | peak) & wide
-    _mark_uphill(uphill, axis.is_central & wide, on_line)
+    on_line = (is_central | peak) & wide
+    _mark_uphill(uphill, is_central & wide, on_line)
     count, is_point = _without_stubs(
         count, owner, links[on_line[links].all(axis=1)], axis, on_line,
         SHORTEST_CENTRELINE_BEADS * bead_mm, pitch_mm)
@@ -168,11 +172,24 @@ def _runs(
     same = links[count[links[:, 0]] == count[links[:, 1]]]
     label = np.asarray(_components_kernel(len(count), same))
     points = np.unique(same[_is_middle(axis.depth_mm, owner, count)[same].all(axis=1)])
-    low, high = np.full((2, len(count), 2), np.inf)
-    np.minimum.at(low, label[points], axis.points_mm[points])
-    np.minimum.at(high, label[points], -axis.points_mm[points])
+    return label, _extents_mm(label, points, axis.points_mm)
+
+
+def _is_on_stretch(axis: MedialAxis, shortest_mm: float) -> BoolArray:
+    """Central points on a stretch of such that is long enough, (v,)."""
+    links = axis.links[axis.is_central[axis.links].all(axis=1)]
+    label = np.asarray(_components_kernel(len(axis.points_mm), links))
+    extent = _extents_mm(label, np.unique(links), axis.points_mm)
+    return np.asarray(axis.is_central & (extent[label] >= shortest_mm))
+
+
+def _extents_mm(label: IntArray, points: IntArray, points_mm: FloatArray) -> FloatArray:
+    """Of each label the diagonal of the box around those of its points that are named, (v,)."""
+    low, high = np.full((2, len(label), 2), np.inf)
+    np.minimum.at(low, label[points], points_mm[points])
+    np.minimum.at(high, label[points], -points_mm[points])
     extent = np.where(np.isfinite(low), -high - low, 0.0)
-    return label, np.hypot(extent[:, 0], extent[:, 1])
+    return np.hypot(extent[:, 0], extent[:, 1])
 
 
 def _mark_uphill(uphill: IntArray, is_central: BoolArray, on_line: BoolArray) -> None:
@@ -212,8 +229,9 @@ def _owners_kernel(
 ) -> tuple[IntArray, IntArray]:
     """The deciding point of each point, and the next point uphill, −1 at a peak.
 
-    A branch that ends though the depth still grows goes on over the raster to the next point. A
-    peak beside a central point of the same depth, within `level_mm`, ends a line: that decides.
+    A branch that ends though the depth still grows goes on over the raster to the next point, at
+    the raster's peak to one within two nodes: branches that meet there meet in one point. A peak
+    beside a central point of the same depth, within `level_mm`, ends a line: that decides.
     """
     ny, nx = depth.shape
     owner = np.full(len(order), -1, np.int64)
@@ -234,15 +252,17 @@ def _owners_kernel(
                     for im in range(max(0, i - 1), min(nx, i + 2)):
                         if depth[jn, im] > most:
                             bi, bj, most = im, jn, depth[jn, im]
-                if bi == i and bj == j:
-                    break
+                at_peak = bi == i and bj == j
                 i, j = bi, bj
-                for jn in range(max(0, j - 1), j + 1):
-                    for im in range(max(0, i - 1), i + 1):
+                beside = 2 if at_peak else 1
+                for jn in range(max(0, j - beside), min(ny, j + beside)):
+                    for im in range(max(0, i - beside), min(nx, i + beside)):
                         for side in range(2):
                             met = at_edge[side, jn, im]
                             if met >= 0 and owner[met] >= 0 and depth_mm[met] > highest:
                                 best = met
+                if at_peak:
+                    break
         if best < 0 and not is_central[point]:
             for e in range(first[point], first[point + 1]):
                 other = neighbours[e]

@@ -38,6 +38,8 @@ _SMOOTHING_NODES = 2.0
 SHIFTED_FROM = 3
 #: Value of `outer` where no point of the axis was found: tracks lie a pitch apart all the way.
 NO_CORE_TRACK_COUNT = 1_000_000
+#: A node from which no way uphill was followed yet.
+_UNKNOWN = -2
 
 
 @dataclass(frozen=True)
@@ -215,6 +217,47 @@ def _nearest_axis_point(
     return best
 
 
+@inner_kernel
+def _axis_point_uphill(
+    depth: NDArray[np.float32], at_edge: NDArray[np.int32], points: FloatArray, x: float, y: float,
+    pitch: float, known: NDArray[np.int32],
+) -> int:
+    """The first point of the axis on the steepest way uphill from a place, −1 if there is none.
+
+    known : (ny, nx) what was found from each node, filled on the way
+    """
+    ny, nx = depth.shape
+    i, j = min(int(x / pitch + 0.5), nx - 1), min(int(y / pitch + 0.5), ny - 1)
+    first_i, first_j, found = i, j, _UNKNOWN
+    while found == _UNKNOWN:
+        found = known[j, i]
+        if found == _UNKNOWN:
+            point = _nearest_axis_point(at_edge, points, i * pitch, j * pitch, pitch, 1)
+            found = point if point >= 0 else _UNKNOWN
+        if found == _UNKNOWN:
+            up_i, up_j = _steepest(depth, i, j)
+            if up_i == i and up_j == j:
+                found = -1
+            i, j = up_i, up_j
+    i, j = first_i, first_j
+    while known[j, i] == _UNKNOWN:
+        known[j, i] = found
+        i, j = _steepest(depth, i, j)
+    return found
+
+
+@inner_kernel
+def _steepest(depth: NDArray[np.float32], i: int, j: int) -> tuple[int, int]:
+    """The deepest of a node and its eight neighbours."""
+    ny, nx = depth.shape
+    up_i, up_j = i, j
+    for v in range(max(0, j - 1), min(ny, j + 2)):
+        for u in range(max(0, i - 1), min(nx, i + 2)):
+            if depth[v, u] > depth[up_j, up_i]:
+                up_i, up_j = u, v
+    return up_i, up_j
+
+
 @kernel
 def _level_kernel(
     depth: NDArray[np.float32], segments: FloatArray, nearest: NDArray[np.int64], pitch: float,
@@ -226,6 +269,7 @@ def _level_kernel(
 ) -> None:
     ny, nx = depth.shape
     reached = np.zeros(nx)  # by the rays through the row before
+    uphill = np.full((ny, nx), _UNKNOWN, np.int32)
     for j in range(ny):
         before = 0.0
         for i in range(nx):
@@ -257,6 +301,8 @@ def _level_kernel(
             point = _nearest_axis_point(at_edge, points, x, y, pitch, 1)
             if point < 0:
                 point = _nearest_axis_point(at_edge, points, x, y, pitch, 4)
+            if point < 0:
+                point = _axis_point_uphill(depth, at_edge, points, x, y, pitch, uphill)
             if point < 0:
                 continue
             half = width[point]

@@ -3,7 +3,8 @@
 Between two neighbouring nodes whose nearest edges of the outline lie apart, the ridge crosses the
 line that joins them where both edges are equally far. The crossings of a cell of the raster are
 joined. Where the outline is seen under less than 20° from a crossing it is no ridge but the
-polygon that approximates a curve.
+polygon that approximates a curve. The middle of a disc then is a peak that no line of nodes need
+cross: every peak of the raster has a point.
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ _OPPOSITE = 0.5
 _BISECTIONS = 12
 #: Distances that differ by less, as a ratio, are equal.
 _EQUALLY_FAR = 1e-3
+#: How often the steps to a peak are halved.
+_HALVINGS = 6
 
 
 @dataclass(frozen=True)
@@ -56,7 +59,9 @@ def medial_axis(raster: SectionRaster) -> MedialAxis:
         at_edge)
     joints, links = _links_kernel(
         found, at_edge, raster.segments, raster.nearest, raster.depth_mm, raster.grid.pitch_mm)
-    table = np.vstack([found, joints])
+    peaks = _peaks_kernel(raster.depth_mm, raster.segments, raster.grid.pitch_mm, at_edge,
+                          len(found) + len(joints))
+    table = np.vstack([found, joints, peaks])
     return MedialAxis(
         points_mm=table[:, :2] + np.array(raster.grid.origin_mm), depth_mm=table[:, 2],
         slope=table[:, 3:5], is_central=np.hypot(table[:, 3], table[:, 4]) <= _OPPOSITE,
@@ -164,6 +169,76 @@ def _crossings_kernel(
                 at_edge[side, j, i] = count
                 count += 1
     return table[:count].copy()
+
+
+@kernel
+def _peaks_kernel(
+    depth: NDArray[np.float32], segments: FloatArray, pitch: float, at_edge: NDArray[np.int32],
+    count: int,
+) -> FloatArray:
+    """Rows like those of the crossings for peaks without a point near; numbered from `count` on
+    in `at_edge`."""
+    ny, nx = depth.shape
+    rows, n = np.empty((16, 5)), 0
+    for j in range(1, ny - 1):
+        for i in range(1, nx - 1):
+            if depth[j, i] <= 0:
+                continue
+            is_peak = True
+            for k in range(9):
+                v, u = j + k // 3 - 1, i + k % 3 - 1
+                higher = depth[v, u] > depth[j, i] if k < 4 else depth[v, u] >= depth[j, i]
+                if k != 4 and higher:
+                    is_peak = False
+                    break
+            if not is_peak or _has_point_near(at_edge, j, i):
+                continue
+            if n == len(rows):
+                wider = np.empty((2 * n, 5))
+                wider[:n] = rows
+                rows = wider
+            x, y, away = climbed_to_peak(segments, i * pitch, j * pitch, pitch / 2)
+            rows[n, 0], rows[n, 1], rows[n, 2], rows[n, 3], rows[n, 4] = x, y, away, 1.0, 0.0
+            at_edge[0, j, i] = count + n
+            n += 1
+    return rows[:n].copy()
+
+
+@inner_kernel
+def _has_point_near(at_edge: NDArray[np.int32], j: int, i: int) -> bool:
+    """Whether a line of the cells within two of a node is crossed."""
+    ny, nx = at_edge.shape[1], at_edge.shape[2]
+    for v in range(max(0, j - 2), min(ny, j + 3)):
+        for u in range(max(0, i - 2), min(nx, i + 3)):
+            if at_edge[0, v, u] >= 0 or at_edge[1, v, u] >= 0:
+                return True
+    return False
+
+
+@inner_kernel
+def climbed_to_peak(
+    segments: FloatArray, x: float, y: float, step: float
+) -> tuple[float, float, float]:
+    """Uphill over the depth from a place, by ever smaller steps: place and depth of the peak."""
+    best = np.inf
+    for s in range(len(segments)):
+        best = min(best, closest_point_on_segment(segments, s, x, y)[2])
+    least_step = step / 2**_HALVINGS
+    while step > least_step:
+        before = best
+        step = min(step, 0.7 * best)  # diagonally too, no step leaves the outline
+        for way in range(9):
+            u, v = x + step * (way % 3 - 1), y + step * (way // 3 - 1)
+            depth = np.inf
+            for s in range(len(segments)):
+                depth = min(depth, closest_point_on_segment(segments, s, u, v)[2])
+                if depth <= best:
+                    break
+            if depth > best:
+                x, y, best = u, v, depth
+        if best <= before * (1 + 1e-9):
+            step /= 2
+    return x, y, best
 
 
 @kernel

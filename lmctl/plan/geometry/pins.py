@@ -11,14 +11,13 @@ from lmctl.array_types import FloatArray
 from lmctl.field.kernel import kernel
 from lmctl.plan.geometry.bead_count import BeadCount
 from lmctl.plan.geometry.islands import Islands
-from lmctl.plan.geometry.medial_axis import MedialAxis, closest_point_on_segment
+from lmctl.plan.geometry.medial_axis import MedialAxis, climbed_to_peak
 from lmctl.plan.geometry.section_raster import SectionRaster
 from lmctl.plan.geometry.toolpath import Toolpath
 from lmctl.plan.geometry.track_ends import prolonged_track, trimmed_track
 from lmctl.plan.polyline import arc_lengths
 
 _POINTS = 9
-_HALVINGS = 6
 #: The middle of an island is that of the points so deep, as a part of the deepest.
 _NEARLY = 0.98
 
@@ -89,26 +88,7 @@ def _deepest(
 def _climb_kernel(
     segments: FloatArray, x: float, y: float, step: float
 ) -> tuple[float, float, float]:
-    """Uphill over the depth from a place, by ever smaller steps: place and depth of the peak."""
-    best = np.inf
-    for s in range(len(segments)):
-        best = min(best, closest_point_on_segment(segments, s, x, y)[2])
-    least_step = step / 2**_HALVINGS
-    while step > least_step:
-        before = best
-        step = min(step, 0.7 * best)  # diagonally too, no step leaves the outline
-        for way in range(9):
-            u, v = x + step * (way % 3 - 1), y + step * (way // 3 - 1)
-            depth = np.inf
-            for s in range(len(segments)):
-                depth = min(depth, closest_point_on_segment(segments, s, u, v)[2])
-                if depth <= best:
-                    break
-            if depth > best:
-                x, y, best = u, v, depth
-        if best <= before * (1 + 1e-9):
-            step /= 2
-    return x, y, best
+    return climbed_to_peak(segments, x, y, step)
 
 
 def _stroke(
