@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from lmctl.array_types import FloatArray
 from lmctl.field.kernel import inner_kernel, kernel
 from lmctl.plan.geometry.bead_count import BeadCount
+from lmctl.plan.geometry.level_steps import smooth_steps, smoothing_bell
 from lmctl.plan.geometry.medial_axis import MedialAxis, closest_point_on_segment
 from lmctl.plan.geometry.section_raster import SectionRaster
 
@@ -32,8 +33,6 @@ _PAST_AXIS = 0.1
 _FOUND = 0.15
 #: The level of a track on the axis is not reached by the field, so that no contour is cut there.
 _BELOW_CENTRELINE = 0.25
-#: Standard deviation of what rounds off steps [nodes].
-_SMOOTHING_NODES = 2.0
 #: From so many tracks outside the core on, the second one's strip may differ from the pitch.
 SHIFTED_FROM = 3
 #: Value of `outer` where no point of the axis was found: tracks lie a pitch apart all the way.
@@ -73,7 +72,7 @@ def level_field(
         raster.depth_mm, raster.segments, raster.nearest, raster.grid.pitch_mm,
         axis.points_mm - np.array(raster.grid.origin_mm), axis.slope, axis.is_central,
         axis.at_edge, beads.track_count, beads.depth_mm, beads.owner, beads.is_point, pitch_mm,
-        second_mm, float(raster.depth_mm.max()), _bell(), field.level,
+        second_mm, float(raster.depth_mm.max()), smoothing_bell(), field.level,
         field.strip_mm, field.outer_track_count, field.track_count)
     _cut_no_contour_on_axis(field, raster.depth_mm)
     return field
@@ -87,59 +86,6 @@ def _cut_no_contour_on_axis(field: LevelField, depth_mm: NDArray[np.float32]) ->
     np.copyto(field.level, np.minimum(field.level, most), where=odd)
     none = inside & (field.track_count == 0) & (field.outer_track_count < NO_CORE_TRACK_COUNT)
     np.copyto(field.level, np.minimum(field.level, np.float32(_BELOW_CENTRELINE)), where=none)
-
-
-def _bell() -> FloatArray:
-    """Weights of the nodes around one, along a row or a column, (2 k + 1,); they add up to 1."""
-    far = round(2.5 * _SMOOTHING_NODES)
-    weight = np.exp(-np.arange(-far, far + 1) ** 2 / (2 * _SMOOTHING_NODES**2))
-    return np.asarray(weight / weight.sum())
-
-
-@inner_kernel
-def _smooth_steps(
-    level: NDArray[np.float32], strip: NDArray[np.float32], count: NDArray[np.int32],
-    depth: NDArray[np.float32], pitch: float, bell: FloatArray,
-) -> None:
-    """Round off, in place, the steps where the number of tracks changes.
-
-    What is smoothed is how far levels and strips are from a plain pitch, inside only. Steps spread
-    a weight, 1 on them and falling to 0; with it nodes take on the mean of those around.
-    """
-    ny, nx = count.shape
-    far = len(bell) // 2
-    near = np.zeros((ny, nx), np.float32)
-    stepped = False
-    for j in range(ny):
-        for i in range(nx):
-            step = 0
-            if depth[j, i] > 0:
-                step += j > 0 and depth[j - 1, i] > 0 and count[j, i] != count[j - 1, i]
-                step += i > 0 and depth[j, i - 1] > 0 and count[j, i] != count[j, i - 1]
-            if step == 0:
-                continue
-            stepped = True
-            for v in range(max(j - far, 0), min(j + far + 1, ny)):
-                for u in range(max(i - far, 0), min(i + far + 1, nx)):
-                    near[v, u] += step * bell[v - j + far] * bell[u - i + far]
-    if not stepped:
-        return
-    before, strip_before = level.copy(), strip.copy()
-    for j in range(ny):
-        for i in range(nx):
-            if near[j, i] <= 0 or depth[j, i] <= 0:
-                continue
-            weight = change = strip_change = 0.0
-            for v in range(max(j - far, 0), min(j + far + 1, ny)):
-                for u in range(max(i - far, 0), min(i + far + 1, nx)):
-                    if depth[v, u] > 0:
-                        share = bell[v - j + far] * bell[u - i + far]
-                        weight += share
-                        change += share * (before[v, u] - depth[v, u] / pitch)
-                        strip_change += share * (strip_before[v, u] - pitch)
-            part = min(near[j, i] * 3 * _SMOOTHING_NODES, 1.0)
-            level[j, i] += part * (change / weight - (before[j, i] - depth[j, i] / pitch))
-            strip[j, i] += part * (strip_change / weight - (strip_before[j, i] - pitch))
 
 
 @kernel
@@ -324,4 +270,4 @@ def _level_kernel(
             strip[j, i] = 2 * left / core
             if d > begin:
                 level[j, i] = fixed + (d - begin) / strip[j, i]
-    _smooth_steps(level, strip, across, depth, track_pitch, bell)
+    smooth_steps(level, strip, across, depth, track_pitch, bell)
