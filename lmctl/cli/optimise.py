@@ -86,7 +86,7 @@ def optimise(
     for name, value in values.items():
         print_data(f"  {name:40} {value:.6g}")
     print_data(f"  part file          {target}")
-    print_data(f"  report             {folder / 'report.md'}")
+    print_data(f"  report             {folder / 'report.html'}")
 
 
 def _print_dry(measured: MeasuredPart, as_json: bool) -> None:

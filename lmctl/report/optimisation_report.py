@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +20,10 @@ from lmctl.report.simulation_pictures import draw_simulation
 
 _EXTREMES = ("von-mises", "tresca", "largest-principal", "utilisation", "temperature",
              "displacement")
+
+_STYLE = ("body{font:15px sans-serif;margin:2em;max-width:70em}td,th{padding:.2em .8em;"
+          "text-align:left;border-bottom:1px solid #ccc}table{margin:1em 0;border-collapse:"
+          "collapse}img{max-width:100%}")
 
 
 def simulated_design(
@@ -43,7 +49,7 @@ def laying_check(problem: DesignProblem, design: FloatArray) -> LayingCheck | No
 def write_report(
     problem: DesignProblem, state: SearchState, best: FloatArray, folder: Path
 ) -> dict[str, Any]:
-    """Write report.md with before.png, after.png and search.png; returns what it says, as data.
+    """Write report.html with before.png, after.png and search.png; returns what it says, as data.
 
     Raises OSError where the folder cannot be written to.
     """
@@ -60,48 +66,57 @@ def write_report(
         "numbers": values, "before": before, "after": after,
         "laying": None if check is None else check.__dict__,
     }
-    (folder / "report.md").write_text(
-        "\n".join(_lines(problem, data, best, check)) + "\n", encoding="utf-8")
+    (folder / "report.html").write_text(_page(problem, data, best, check), encoding="utf-8")
     return data
 
 
-def _lines(
+def _page(
     problem: DesignProblem, data: dict[str, Any], best: FloatArray, check: LayingCheck | None
-) -> list[str]:
-    starts = problem.design.values(problem.design.start)
-    found = problem.evaluate(best)
-    lines = [
-        f"# {problem.measured.part.name}: materials chosen by simulation", "",
-        f"Least {data['minimised']}, {data['steps']} steps, {data['after']['unknowns']:,} "
-        f"unknowns, estimated error {data['after']['relative_error']:.2%} in energy.", "",
-        "All values are predicted by the simulation; nothing of them is measured.", "",
-        "| number | before | after | bounds |", "| --- | --- | --- | --- |",
-        *(f"| {n.name} | {starts[n.name]:.5g} | {data['numbers'][n.name]:.5g} | "
-          f"{n.low:g} … {n.high:g} |" for n in problem.design.numbers), "",
-        "| largest | before | after | estimated error | at (x, y, z) mm |",
-        "| --- | --- | --- | --- | --- |"]
-    for key in _EXTREMES:
-        old, new = (data[when]["extremes"][key] for when in ("before", "after"))
-        place = ", ".join(f"{v:.2f}" for v in new["largest"]["at_mm"])
-        error = f"{new['largest']['error']:.2g}" if "error" in new["largest"] else ""
-        lines.append(f"| {key} [{new['unit']}] | {old['largest']['value']:.5g} | "
-                     f"{new['largest']['value']:.5g} | {error} | {place} |")
-    lines.append(f"| mass [g] | {data['before']['mass_g']:.5g} | {data['after']['mass_g']:.5g} "
-                 "| | |")
-    if problem.names:
-        worst: dict[str, float] = {}
-        for name, value in zip(problem.names, found.constraints, strict=True):
-            worst[name] = max(worst.get(name, -np.inf), float(value))
-        lines += ["", "| limit | room left, as a share of it |", "| --- | --- |",
-                  *(f"| {name} | {-value:.2%} |" for name, value in worst.items())]
+) -> str:
+    starts, name = problem.design.values(problem.design.start), problem.measured.part.name
+    parts = [
+        f"<h1>{escape(name)}: materials chosen by simulation</h1>",
+        f"<p>Least {data['minimised']}, {data['steps']} steps, {data['after']['unknowns']:,} "
+        f"unknowns, estimated error {data['after']['relative_error']:.2%} in energy. All values "
+        "are predicted by the simulation; nothing of them is measured.</p>",
+        _table(("number", "before", "after", "bounds"),
+               [(n.name, f"{starts[n.name]:.5g}", f"{data['numbers'][n.name]:.5g}",
+                 f"{n.low:g} … {n.high:g}") for n in problem.design.numbers]),
+        _table(("largest", "before", "after", "estimated error", "at (x, y, z) mm"),
+               [*(_extreme_row(data, key) for key in _EXTREMES),
+                ("mass [g]", f"{data['before']['mass_g']:.5g}", f"{data['after']['mass_g']:.5g}",
+                 "", "")])]
+    worst: dict[str, float] = {}
+    for limit, value in zip(problem.names, problem.evaluate(best).constraints, strict=True):
+        worst[limit] = max(worst.get(limit, -np.inf), float(value))
+    if worst:
+        parts.append(_table(("limit", "room left, as a share of it"),
+                            [(limit, f"{-value:.2%}") for limit, value in worst.items()]))
     if check is not None:
-        lines += ["", f"Of {check.places} places asked, {check.over_gradient} have a gradient that "
-                  f"the cell cannot lay; the largest is {check.largest_along:.2f} of the limit "
-                  f"along tracks and {check.largest_across:.2f} across. "
-                  f"{check.under_flow_share:.1%} of the part is of mixtures below a hopper's least "
-                  f"flow, {check.forbidden_share:.1%} of forbidden ones."]
-    return [*lines, "", "![before](before.png)", "", "![after](after.png)", "",
-            "![search](search.png)"]
+        parts.append(
+            f"<p>Of {check.places} places asked, {check.over_gradient} have a gradient that the "
+            f"cell cannot lay; the largest is {check.largest_along:.2f} of the limit along tracks "
+            f"and {check.largest_across:.2f} across. {check.under_flow_share:.1%} of the part is "
+            f"of mixtures below a hopper's least flow, {check.forbidden_share:.1%} of forbidden "
+            "ones.</p>")
+    parts += [f'<h2>{picture}</h2><img src="{picture}.png" alt="{picture}">'
+              for picture in ("before", "after", "search")]
+    return (f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(name)}'
+            f"</title><style>{_STYLE}</style></head><body>{''.join(parts)}</body></html>\n")
+
+
+def _extreme_row(data: dict[str, Any], key: str) -> tuple[str, ...]:
+    old, new = (data[when]["extremes"][key] for when in ("before", "after"))
+    most = new["largest"]
+    return (f"{key} [{new['unit']}]", f"{old['largest']['value']:.5g}", f"{most['value']:.5g}",
+            f"{most['error']:.2g}" if "error" in most else "",
+            ", ".join(f"{v:.2f}" for v in most["at_mm"]))
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    cells = "".join(
+        f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows)
+    return f"<table><tr>{''.join(f'<th>{escape(cell)}</th>' for cell in head)}</tr>{cells}</table>"
 
 
 def _draw_search(state: SearchState, name: str, target: Path) -> None:

@@ -63,7 +63,7 @@ def test_the_part_file_that_is_written_performs_as_reported(lmctl: Callable[...,
     assert data["objective_after"] < 0.97 * data["objective_before"]
     folder = Path("ring-optimised")
     assert {p.name for p in folder.iterdir()} == {
-        "ring.toml", "report.md", "before.png", "after.png", "search.png", "search.json"}
+        "ring.toml", "report.html", "before.png", "after.png", "search.png", "search.json"}
     text = (folder / "ring.toml").read_text()
     assert text.startswith("# a ring under pressure")
     assert "   # exponent" in text
