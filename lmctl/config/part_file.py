@@ -74,7 +74,13 @@ class ProcessSettings(ConfigModel):
     material_seam : where the material jumps, tracks end on the jump itself, or half a pitch beyond
         it, to one side in one layer and to the other in the next, so that the two interlock
     strategy : how tracks are laid out: along the outline, along iso-contours of the 3D distance, or
-        along lines of equal mixture; "auto" tries some layers and says what it chose, and why
+        along lines of equal mixture, in straight lines, in a spiral; "auto" tries some layers and
+        says what it chose, and why
+    hatch, hatch_angle_deg, hatch_turn_deg : lines to and fro or all one way; their direction in the
+        first layer, from x, and by how much it turns from layer to layer
+    hatch_blocks, hatch_block_mm : lines as long as the slice, or in stripes or square islands so
+        wide
+    outline_tracks : tracks along the outline around hatch lines
     dead_time_error_s : how far dead times may be off, in what "auto" compares
     """
 
@@ -86,7 +92,7 @@ class ProcessSettings(ConfigModel):
     power_W: Positive = 1500.0
     fraction_step: Annotated[float, Field(ge=0.001, le=0.5)] = 0.02
     lead_in_mm: Annotated[float, Field(ge=0, le=20)] = 1.0
-    strategy: Literal["auto", "offset", "iso-3d", "iso-composition"] = "offset"
+    strategy: Literal["auto", "offset", "iso-3d", "iso-composition", "hatch", "spiral"] = "offset"
     powder: Literal["lead", "dwell", "none"] = "lead"
     dwell_s: Annotated[float, Field(ge=0, le=600)] = 30.0
     change_margin_s: Annotated[float, Field(ge=0, le=10)] = 0.0
@@ -98,6 +104,12 @@ class ProcessSettings(ConfigModel):
     max_overhang_deg: Annotated[float, Field(gt=0, lt=90)] = 45.0
     seam: Literal["spread", "aligned"] | tuple[float, float] = "spread"
     material_seam: Literal["butt", "stepped"] = "butt"
+    hatch: Literal["zigzag", "one-way"] = "zigzag"
+    hatch_angle_deg: Annotated[float, Field(ge=-360, le=360)] = 45.0
+    hatch_turn_deg: Annotated[float, Field(ge=-180, le=180)] = 90.0
+    hatch_blocks: Literal["none", "stripes", "islands"] = "none"
+    hatch_block_mm: Annotated[float, Field(ge=1, le=1000)] = 20.0
+    outline_tracks: Annotated[int, Field(ge=0, le=10)] = 1
 
 
 class PlacementSettings(ConfigModel):

@@ -111,6 +111,8 @@ class LayerGeometry:
         length over the layer height
     fractions : (n, materials) float64, the material field there, rows summing to 1
     is_closed : (m,) bool, the track ends where it begins (its first point is repeated last)
+    is_directed : (m,) bool, the track is to be deposited from its first point to its last; None
+        where none is
     island : (m,) intp, which connected piece of the slice the track belongs to, from 0
     outline_mm : (k, 2) float64, all closed loops of the intended slice, each with its first point
         repeated last, the inside on the left
@@ -128,6 +130,7 @@ class LayerGeometry:
     outline_mm: FloatArray
     outline_starts: IndexArray
     figures: LayerFigures
+    is_directed: NDArray[np.bool_] | None = None
 
     @property
     def n_tracks(self) -> int:

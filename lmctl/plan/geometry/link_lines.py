@@ -19,11 +19,13 @@ class LinkableTrack:
     """A track while it is linked.
 
     table : (k, 3 + materials) float64: x, y, strip width [mm], volume fractions
+    is_directed : it is to be deposited from its first point to its last
     """
 
     table: FloatArray
     is_closed: bool
     island: int
+    is_directed: bool = False
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,11 @@ if TYPE_CHECKING:
 
 #: Sides of a full turn around a corner that is rounded.
 _SEGMENTS = 48
+#: Slivers of rounding are thinner than twice this, in pitches.
+_SLIVER_PITCHES = 0.005
+#: Pieces no farther apart touch, in pitches; and by how much they are grown to be one.
+TOUCHING_PITCHES = 0.03
+_WELD_PITCHES = 0.01
 
 
 def region_of(loops: Sequence[FloatArray]) -> CrossSection:
@@ -61,3 +66,23 @@ def pieces_of(region: CrossSection) -> list[CrossSection]:
             least = min(around, key=lambda number: whole[number].area())
             whole[least] = whole[least] - hole
     return whole
+
+
+def true_pieces(region: CrossSection, pitch_mm: float) -> list[CrossSection]:
+    """The pieces of a region, without the slivers that rounding leaves along outlines."""
+    return pieces_of(opened(region, _SLIVER_PITCHES * pitch_mm))
+
+
+def joined(
+    region: CrossSection, pieces: Sequence[CrossSection], pitch_mm: float
+) -> CrossSection:
+    """A region with those of these pieces that touch it."""
+    from manifold3d import CrossSection, OpType
+
+    touching = [piece for piece in pieces
+                if (grown(piece, TOUCHING_PITCHES * pitch_mm) ^ region).area() > 0]
+    if not touching:
+        return region
+    # grown by a little, so that no slit stays
+    weld = [grown(piece, _WELD_PITCHES * pitch_mm) for piece in touching]
+    return CrossSection.batch_boolean([region, *weld], OpType.Add)

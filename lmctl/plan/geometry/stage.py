@@ -119,4 +119,5 @@ def _geometry(
         is_closed=np.array([line.is_closed for line in lines], dtype=np.bool_),
         island=np.array([line.island for line in lines], dtype=np.intp),
         outline_mm=np.vstack([np.empty((0, 2)), *loops]),
-        outline_starts=np.cumsum([0, *(len(loop) for loop in loops)]), figures=figures)
+        outline_starts=np.cumsum([0, *(len(loop) for loop in loops)]), figures=figures,
+        is_directed=np.array([line.is_directed for line in lines], dtype=np.bool_))

@@ -90,9 +90,12 @@ def order_tracks(
     sequence = np.argsort(group, kind="stable")
     bounds = np.searchsorted(group[sequence], np.arange(len(values) + 1))
     preferred = _seam_vertices(geometry, centre, turn, seam)
+    directed = geometry.is_directed
+    if directed is None:
+        directed = np.zeros(geometry.n_tracks, dtype=np.bool_)
     order, first, reverse = _greedy_order(
         geometry.points_mm, geometry.starts, along, geometry.fractions, geometry.is_closed,
-        sequence, bounds, preferred, bool(turn % 2), np.asarray(at_mm, dtype=np.float64),
+        directed, sequence, bounds, preferred, bool(turn % 2), np.asarray(at_mm, dtype=np.float64),
         np.zeros(geometry.fractions.shape[1]) if last is None else last, last is not None)
     return _in_order(geometry, order, first, reverse)
 
@@ -179,8 +182,9 @@ def _change(fractions: FloatArray, vertex: int, mixture: FloatArray) -> float:
 @kernel
 def _greedy_order(
     points: FloatArray, starts: IndexArray, along: FloatArray, fractions: FloatArray,
-    closed: NDArray[np.bool_], sequence: IndexArray, bounds: IndexArray, preferred: IndexArray,
-    reverse: bool, at_mm: FloatArray, last: FloatArray, has_last: bool,
+    closed: NDArray[np.bool_], directed: NDArray[np.bool_], sequence: IndexArray,
+    bounds: IndexArray, preferred: IndexArray, reverse: bool, at_mm: FloatArray,
+    last: FloatArray, has_last: bool,
 ) -> tuple[IndexArray, IndexArray, IndexArray]:
     """Group by group, always the track whose entry is nearest: order, first vertices, reversed."""
     m = len(sequence)
@@ -200,7 +204,7 @@ def _greedy_order(
                 t = waiting[k]
                 a = preferred[t] if closed[t] else starts[t]
                 d = (points[a, 0] - x) ** 2 + (points[a, 1] - y) ** 2
-                if not closed[t]:
+                if not closed[t] and not directed[t]:
                     b = starts[t + 1] - 1
                     d = min(d, (points[b, 0] - x) ** 2 + (points[b, 1] - y) ** 2)
                 if d < least or (d == least and t < waiting[nearest]):
@@ -232,7 +236,7 @@ def _greedy_order(
                 if known:
                     cost_a += _MM_PER_FRACTION * _change(fractions, a, mixture)
                     cost_b += _MM_PER_FRACTION * _change(fractions, b, mixture)
-                at_b = cost_b < cost_a or (cost_b == cost_a and reverse)
+                at_b = (cost_b < cost_a or (cost_b == cost_a and reverse)) and not directed[t]
                 first[done] = b if at_b else a
                 against[done] = 1 if at_b else 0
                 leave = a if at_b else b

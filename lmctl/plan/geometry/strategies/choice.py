@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
 from lmctl.plan.geometry.iso_3d import iso_3d_tracks
+from lmctl.plan.geometry.strategies.hatch import hatch_tracks
 from lmctl.plan.geometry.strategies.iso_composition import iso_composition_tracks
 from lmctl.plan.geometry.strategies.jump_regions import (
     jump_regions,
@@ -17,6 +19,7 @@ from lmctl.plan.geometry.strategies.jump_regions import (
 from lmctl.plan.geometry.strategies.offset import offset_tracks
 from lmctl.plan.geometry.strategies.regions import tracks_by_region
 from lmctl.plan.geometry.strategies.slice_task import SliceTask, StrategyTracks
+from lmctl.plan.geometry.strategies.spiral import spiral_tracks
 
 
 def tracks_of_slice(task: SliceTask) -> StrategyTracks:
@@ -28,11 +31,15 @@ def tracks_of_slice(task: SliceTask) -> StrategyTracks:
             task.with_mixtures(tracks, task.islands.island_at(middles, task.raster)))
     if task.process.strategy == "iso-composition":
         return iso_composition_tracks(task)
-    return _between_jumps(task, offset_tracks(task))
+    lines = {"hatch": hatch_tracks, "spiral": spiral_tracks}
+    return _between_jumps(task, lines.get(task.process.strategy, offset_tracks))
 
 
-def _between_jumps(task: SliceTask, tracks: StrategyTracks) -> StrategyTracks:
-    """These tracks, or where one of them crosses a jump others that do not."""
+def _between_jumps(
+    task: SliceTask, strategy: Callable[[SliceTask], StrategyTracks]
+) -> StrategyTracks:
+    """The tracks of a strategy, or where one of them crosses a jump, those of each region."""
+    tracks = strategy(task)
     if not tracks_cross_jump(tracks.tracks) or task.mixture_map is None:
         return tracks
     regions = jump_regions(task.mixture_map, task.pitch_mm)
@@ -42,4 +49,4 @@ def _between_jumps(task: SliceTask, tracks: StrategyTracks) -> StrategyTracks:
     loops = region_loops(regions, task.loops, step_mm, from_highest=task.is_odd_layer)
     return tracks_by_region(task, [
         replace(task, loops=own, fractions_at=region_mixture(regions, number))
-        for number, own in enumerate(loops) if own])
+        for number, own in enumerate(loops) if own], strategy)

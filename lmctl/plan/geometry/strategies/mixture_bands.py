@@ -14,7 +14,14 @@ import numpy as np
 
 from lmctl.field.plane import plane_distance
 from lmctl.plan.geometry.mixture_map import MixtureMap
-from lmctl.plan.geometry.planar_region import grown, opened, pieces_of, region_of
+from lmctl.plan.geometry.planar_region import (
+    TOUCHING_PITCHES,
+    grown,
+    joined,
+    opened,
+    region_of,
+    true_pieces,
+)
 
 if TYPE_CHECKING:
     from manifold3d import CrossSection
@@ -31,11 +38,6 @@ _CORNER_PITCHES_SQ = 0.35
 _CRUMB_PITCHES = 0.05
 #: How much of an outline may move in simplifying it, in pitches.
 _SIMPLIFY_PITCHES = 0.005
-#: Slivers of rounding are thinner than twice this, in pitches.
-_SLIVER_PITCHES = 0.005
-#: Pieces no farther apart touch, in pitches; and by how much they are grown to be one.
-_TOUCHING_PITCHES = 0.03
-_WELD_PITCHES = 0.01
 _MOST_BANDS = 1000
 
 
@@ -94,37 +96,19 @@ def _band_of(region: CrossSection, pitch_mm: float) -> CrossSection:
     band = opened(region, _LEAST_WIDTH_PITCHES * pitch_mm / 2)
     if band.area() <= (_CRUMB_PITCHES * pitch_mm) ** 2:
         return type(region)()
-    small = [piece for piece in _true_pieces(region - band, pitch_mm)
+    small = [piece for piece in true_pieces(region - band, pitch_mm)
              if piece.area() < _CORNER_PITCHES_SQ * pitch_mm**2]
-    return _joined(band, small, pitch_mm)
-
-
-def _joined(band: CrossSection, pieces: list[CrossSection], pitch_mm: float) -> CrossSection:
-    """A band with those pieces that touch it."""
-    from manifold3d import CrossSection, OpType
-
-    touching = [piece for piece in pieces
-                if (grown(piece, _TOUCHING_PITCHES * pitch_mm) ^ band).area() > 0]
-    if not touching:
-        return band
-    # grown by a little so that no slit stays; none of it leaves what band and pieces cover
-    weld = [grown(piece, _WELD_PITCHES * pitch_mm) for piece in touching]
-    return CrossSection.batch_boolean([band, *weld], OpType.Add)
+    return joined(band, small, pitch_mm)
 
 
 def _with_rest(
     bands: list[CrossSection], rest: CrossSection, pitch_mm: float
 ) -> list[CrossSection]:
     """Bands with each piece of the rest given to the band it adjoins most."""
-    for piece in _true_pieces(rest, pitch_mm):
-        around = grown(piece, _TOUCHING_PITCHES * pitch_mm)
+    for piece in true_pieces(rest, pitch_mm):
+        around = grown(piece, TOUCHING_PITCHES * pitch_mm)
         shared = [(around ^ band).area() for band in bands]
         nearest = int(np.argmax(shared))
         if shared[nearest] > 0:
-            bands[nearest] = _joined(bands[nearest], [piece], pitch_mm)
+            bands[nearest] = joined(bands[nearest], [piece], pitch_mm)
     return [band.simplify(_SIMPLIFY_PITCHES * pitch_mm) for band in bands]
-
-
-def _true_pieces(region: CrossSection, pitch_mm: float) -> list[CrossSection]:
-    """The pieces of a region, without the slivers that rounding leaves along outlines."""
-    return pieces_of(opened(region, _SLIVER_PITCHES * pitch_mm))

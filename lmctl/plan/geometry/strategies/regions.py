@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,9 +11,12 @@ from lmctl.plan.geometry.strategies.offset import offset_tracks
 from lmctl.plan.geometry.strategies.slice_task import SliceTask, StrategyTracks
 
 
-def tracks_by_region(task: SliceTask, regions: Sequence[SliceTask]) -> StrategyTracks:
-    """Offset tracks within each region of a slice, with the islands of the whole slice."""
-    found = [offset_tracks(region) for region in regions]
+def tracks_by_region(
+    task: SliceTask, regions: Sequence[SliceTask],
+    strategy: Callable[[SliceTask], StrategyTracks] = offset_tracks,
+) -> StrategyTracks:
+    """Tracks of a strategy within each region of a slice, with the islands of the whole slice."""
+    found = [strategy(region) for region in regions]
     tracks = [track for one in found for track in one.tracks]
     middles = np.array([track.table[len(track.table) // 2, :2] for track in tracks])
     island = np.maximum(task.islands.island_at(middles.reshape(-1, 2), task.raster), 0)
