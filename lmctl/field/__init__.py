@@ -25,12 +25,12 @@ if TYPE_CHECKING:
     from lmctl.field.kernel import inner_kernel as inner_kernel
     from lmctl.field.maximum_depth import find_maximum_depth as find_maximum_depth
     from lmctl.field.mesh.triangle_tree import TriangleTree as TriangleTree
+    from lmctl.field.outline_distance import nearest_segments as nearest_segments
+    from lmctl.field.outline_distance import plane_distance as plane_distance
     from lmctl.field.outline_offset import offset_loops as offset_loops
     from lmctl.field.plane import PlaneGrid as PlaneGrid
     from lmctl.field.plane import iso_loops as iso_loops
     from lmctl.field.plane import loop_area_mm2 as loop_area_mm2
-    from lmctl.field.plane import nearest_segments as nearest_segments
-    from lmctl.field.plane import plane_distance as plane_distance
     from lmctl.field.plane import section_loops as section_loops
     from lmctl.field.primitives import box_distance as box_distance
     from lmctl.field.primitives import cone_distance as cone_distance
@@ -68,9 +68,9 @@ _HOMES = {
     "iso_surface": "lmctl.field.surface",
     "loop_area_mm2": "lmctl.field.plane",
     "mapped_storage_space": "lmctl.field.array_storage",
-    "nearest_segments": "lmctl.field.plane",
+    "nearest_segments": "lmctl.field.outline_distance",
     "offset_loops": "lmctl.field.outline_offset",
-    "plane_distance": "lmctl.field.plane",
+    "plane_distance": "lmctl.field.outline_distance",
     "plane_offset": "lmctl.field.features",
     "point_distance": "lmctl.field.features",
     "propagate_closest_points": "lmctl.field.sweep",

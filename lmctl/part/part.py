@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from lmctl.array_types import FloatArray
 from lmctl.config.part_file import ProcessSettings
 from lmctl.field.grid import Grid, Window
-from lmctl.field.plane import PlaneGrid, plane_distance
+from lmctl.field.outline_distance import plane_distance
+from lmctl.field.plane import PlaneGrid
 from lmctl.part.bodies.body import Body, plane_points
 from lmctl.part.bodies.measured import Bounds
 from lmctl.part.materials.composition import CompositionField, UniformComposition

@@ -10,8 +10,15 @@ from lmctl.field.kernel import inner_kernel, kernel
 
 def arc_lengths(points: FloatArray) -> FloatArray:
     """Length from the first vertex to each, (k,) float64 [mm], of a polyline (k, 2 or 3)."""
-    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    return np.concatenate([[0.0], np.cumsum(steps)])
+    along = np.zeros(len(points))
+    np.cumsum(_steps(points), out=along[1:])
+    return along
+
+
+def _steps(points: FloatArray) -> FloatArray:
+    """Length from each vertex to the next, (k − 1,)."""
+    way = points[1:] - points[:-1]
+    return np.asarray(np.sqrt(np.einsum("ij,ij->i", way, way)))
 
 
 def points_at_lengths(points: FloatArray, lengths_mm: FloatArray) -> FloatArray:
@@ -24,14 +31,72 @@ def points_at_lengths(points: FloatArray, lengths_mm: FloatArray) -> FloatArray:
 
 def densified_polyline(points: FloatArray, spacing_mm: float) -> FloatArray:
     """The polyline with vertices added where they are farther apart than `spacing_mm`."""
-    along = arc_lengths(points)
-    pieces = np.maximum(1, np.ceil(np.diff(along) / spacing_mm).astype(int))
-    if pieces.max(initial=1) == 1:
+    pieces = np.ceil(_steps(points) / spacing_mm).astype(np.int64)
+    if pieces.max(initial=1) <= 1:
         return points
-    index = np.repeat(np.arange(len(pieces)), pieces)
-    share = (np.arange(len(index)) - np.repeat(np.cumsum(pieces) - pieces, pieces)) / pieces[index]
-    inner = points[index] + share[:, None] * (points[index + 1] - points[index])
-    return np.vstack([inner, points[-1:]])
+    return np.asarray(_densify(np.ascontiguousarray(points), pieces))
+
+
+@kernel
+def _densify(points: FloatArray, pieces: IntArray) -> FloatArray:
+    """(k, d) with each segment cut into so many pieces, one at least."""
+    total = 1
+    for k in range(len(pieces)):
+        total += max(1, pieces[k])
+    result = np.empty((total, points.shape[1]))
+    row = 0
+    for k in range(len(pieces)):
+        count = max(1, pieces[k])
+        for part in range(count):
+            for c in range(points.shape[1]):
+                result[row, c] = points[k, c] + part / count * (points[k + 1, c] - points[k, c])
+            row += 1
+    result[row] = points[-1]
+    return result
+
+
+@kernel
+def resampled_polyline(points: FloatArray, spacing_mm: float, deviation_mm: float) -> FloatArray:
+    """Points on a polyline (k, 2) in the plane, each `spacing_mm` along it from the one before.
+
+    Nearer where the vertices passed by would lie farther than `deviation_mm` from the straight line
+    between both, and before the last vertex, which stays.
+    """
+    n = len(points)
+    length = 0.0
+    for k in range(n - 1):
+        length += np.sqrt((points[k + 1, 0] - points[k, 0]) ** 2
+                          + (points[k + 1, 1] - points[k, 1]) ** 2)
+    result = np.empty((n + int(length / spacing_mm) + 2, 2))
+    result[0] = points[0]
+    count = 1
+    x, y = points[0, 0], points[0, 1]
+    ahead = 1  # the next vertex
+    while ahead < n:
+        qx, qy, last, left = x, y, ahead, spacing_mm
+        while last < n:  # the place so far along, and the vertex after it
+            step = np.sqrt((points[last, 0] - qx) ** 2 + (points[last, 1] - qy) ** 2)
+            if step > left:
+                qx += (points[last, 0] - qx) * left / step
+                qy += (points[last, 1] - qy) * left / step
+                break
+            left -= step
+            qx, qy = points[last, 0], points[last, 1]
+            last += 1
+        ux, uy = qx - x, qy - y
+        size = np.sqrt(ux * ux + uy * uy)
+        worst, corner = deviation_mm, -1
+        for k in range(ahead, min(last, n - 1)):
+            wx, wy = points[k, 0] - x, points[k, 1] - y
+            away = abs(wx * uy - wy * ux) / size if size > 0 else np.sqrt(wx * wx + wy * wy)
+            if away > worst:
+                worst, corner = away, k
+        if corner >= 0:
+            qx, qy, last = points[corner, 0], points[corner, 1], corner + 1
+        x, y, ahead = qx, qy, last
+        result[count, 0], result[count, 1] = x, y
+        count += 1
+    return result[:count].copy()
 
 
 def simplified_vertex_indices(

@@ -9,13 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lmctl.errors import InputError
-from lmctl.field.plane import (
-    PlaneGrid,
-    iso_loops,
-    loop_area_mm2,
-    plane_distance,
-    section_loops,
-)
+from lmctl.field.outline_distance import plane_distance
+from lmctl.field.plane import PlaneGrid, iso_loops, loop_area_mm2, section_loops
 
 GRID = PlaneGrid((-16.0, -16.0), 0.25, (129, 129))
 

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from lmctl.errors import InputError
 from lmctl.field.field import DistanceField
 from lmctl.field.grid import Grid
-from lmctl.field.plane import PlaneGrid, loop_area_mm2, plane_distance
+from lmctl.field.outline_distance import plane_distance
+from lmctl.field.plane import PlaneGrid, loop_area_mm2
 from lmctl.part.bodies.body import Body, plane_points
 from lmctl.part.bodies.formulas import Box, Cone, Cylinder, Sphere, Torus
 from lmctl.part.bodies.mesh_solid import MeshSolid

@@ -11,7 +11,8 @@ import pytest
 import lmctl.examples
 from lmctl.config.machine import load_profile
 from lmctl.config.part_file import ProcessSettings
-from lmctl.field.plane import PlaneGrid, plane_distance
+from lmctl.field.outline_distance import plane_distance
+from lmctl.field.plane import PlaneGrid
 from lmctl.part.materials.powders import MaterialSpec
 from lmctl.plan.recipe import make_recipe
 

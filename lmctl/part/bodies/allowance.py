@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from lmctl.array_types import FloatArray
 from lmctl.field.grid import Window
+from lmctl.field.outline_distance import plane_distance
 from lmctl.field.outline_offset import offset_loops
-from lmctl.field.plane import PlaneGrid, plane_distance
+from lmctl.field.plane import PlaneGrid
 from lmctl.part.bodies.body import Body
 from lmctl.part.bodies.measured import Bounds
 from lmctl.part.bodies.surfaces import Surface

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from lmctl.array_types import FloatArray
 from lmctl.field.grid import Grid
 from lmctl.field.mesh.triangle_tree import TriangleTree
-from lmctl.field.plane import PlaneGrid, plane_distance
+from lmctl.field.outline_distance import plane_distance
+from lmctl.field.plane import PlaneGrid
 from lmctl.part.bodies.analytic import AnalyticBody
 from lmctl.part.bodies.body import empty_section
 from lmctl.part.bodies.depth import unit_gradient

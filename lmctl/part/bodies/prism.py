@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from lmctl.array_types import FloatArray
 from lmctl.errors import InputError
 from lmctl.field.kernel import kernel
-from lmctl.field.plane import PlaneGrid, loop_area_mm2, plane_distance
+from lmctl.field.outline_distance import plane_distance
+from lmctl.field.plane import PlaneGrid, loop_area_mm2
 from lmctl.part.bodies.analytic import AnalyticBody
 from lmctl.part.bodies.body import empty_section
 from lmctl.part.bodies.depth import unit_rows

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from lmctl.array_types import FloatArray
 from lmctl.field.features import unit_vector
-from lmctl.field.plane import PlaneGrid, plane_distance
+from lmctl.field.outline_distance import plane_distance
+from lmctl.field.plane import PlaneGrid
 from lmctl.part.bodies.analytic import AnalyticBody
 from lmctl.part.bodies.body import Body, empty_section
 from lmctl.part.bodies.measured import Bounds

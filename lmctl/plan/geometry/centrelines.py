@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.array_types import FloatArray, IntArray
+from lmctl.field.kernel import kernel
 from lmctl.plan.geometry.bead_count import BeadCount
 from lmctl.plan.geometry.level_field import SHIFTED_FROM, core_track_count
 from lmctl.plan.geometry.medial_axis import MedialAxis
@@ -88,27 +89,56 @@ def chains(links: IntArray) -> list[IntArray]:
 
     A ring repeats its first point last.
     """
-    neighbours: dict[int, list[int]] = defaultdict(list)
-    for a, b in links.tolist():
-        neighbours[a].append(b)
-        neighbours[b].append(a)
-    used: set[tuple[int, int]] = set()
-    found = []
-    ends = sorted(v for v, near in neighbours.items() if len(near) != 2)
-    for start in [*ends, *sorted(neighbours)]:  # what has no end is a ring
-        for step in neighbours[start]:
-            if (start, step) in used:
+    if len(links) == 0:
+        return []
+    points, ends = _chains_kernel(np.ascontiguousarray(links), int(links.max()) + 1)
+    return np.split(points, ends[:-1])
+
+
+@kernel
+def _chains_kernel(links: IntArray, n_points: int) -> tuple[IntArray, IntArray]:
+    """Points of all chains one after the other, and where each ends."""
+    first = np.zeros(n_points + 1, np.int64)
+    for e in range(len(links)):
+        first[links[e, 0] + 1] += 1
+        first[links[e, 1] + 1] += 1
+    for k in range(n_points):
+        first[k + 1] += first[k]
+    place = first.copy()
+    other, twin = np.empty(2 * len(links), np.int64), np.empty(2 * len(links), np.int64)
+    for e in range(len(links)):
+        a, b = place[links[e, 0]], place[links[e, 1]]
+        place[links[e, 0]] += 1
+        if a == b:
+            b += 1
+        place[links[e, 1]] += 1
+        other[a], other[b] = links[e, 1], links[e, 0]
+        twin[a], twin[b] = b, a
+    used = np.zeros(2 * len(links), np.bool_)
+    points, ends = np.empty(2 * len(links), np.int64), np.empty(len(links), np.int64)
+    count, n_chains = 0, 0
+    for turn in range(2):  # what has no end is a ring
+        for start in range(n_points):
+            degree = first[start + 1] - first[start]
+            if degree == 0 or (turn == 0 and degree == 2):
                 continue
-            walk = [start, step]
-            used |= {(start, step), (step, start)}
-            while len(neighbours[walk[-1]]) == 2 and walk[-1] != start:
-                ahead = next(v for v in neighbours[walk[-1]] if v != walk[-2])
-                if (walk[-1], ahead) in used:
-                    break
-                used |= {(walk[-1], ahead), (ahead, walk[-1])}
-                walk.append(ahead)
-            found.append(np.array(walk, dtype=np.int64))
-    return found
+            for entry in range(first[start], first[start + 1]):
+                if used[entry]:
+                    continue
+                points[count], count = start, count + 1
+                at = entry
+                while True:
+                    used[at] = used[twin[at]] = True
+                    here = other[at]
+                    points[count], count = here, count + 1
+                    if here == start or first[here + 1] - first[here] != 2:
+                        break
+                    back = twin[at]
+                    at = first[here] + 1 if back == first[here] else first[here]
+                    if used[at]:
+                        break
+                ends[n_chains], n_chains = count, n_chains + 1
+    return points[:count].copy(), ends[:n_chains].copy()
 
 
 def through_junctions(found: list[IntArray], points_mm: FloatArray) -> list[IntArray]:

@@ -35,7 +35,7 @@ def contour_with_sharp_corners(points_mm: FloatArray, raster: SectionRaster,
 
 @kernel
 def _corners_kernel(
-    points: FloatArray, segments: FloatArray, nearest: NDArray[np.int64], node: float,
+    points: FloatArray, segments: FloatArray, nearest: NDArray[np.int32], node: float,
     at_edge: NDArray[np.int32], is_central: NDArray[np.bool_],
 ) -> FloatArray:
     n = len(points)
@@ -96,7 +96,7 @@ def _corners_kernel(
 
 @inner_kernel
 def _inward(
-    segments: FloatArray, nearest: NDArray[np.int64], node: float, point: FloatArray
+    segments: FloatArray, nearest: NDArray[np.int32], node: float, point: FloatArray
 ) -> tuple[float, float]:
     """Direction from the outline to a point: from the edge nearest to the nearest node."""
     i, j = int(np.round(point[0] / node)), int(np.round(point[1] / node))

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.array_types import FloatArray
+from lmctl.array_types import FloatArray, IntArray
+from lmctl.field.kernel import kernel
 from lmctl.field.plane import loop_area_mm2
 from lmctl.plan.geometry.raster_pieces import connected_pieces
 from lmctl.plan.geometry.section_raster import SectionRaster
@@ -53,6 +54,25 @@ def islands_of(loops: Sequence[FloatArray], raster: SectionRaster) -> Islands:
         place = np.array([raster.grid.x_mm[i], raster.grid.y_mm[j]])
         owner[number] = pieces_of.innermost_around(place)
     return Islands(area_mm2, outer, owner[pieces])
+
+
+@kernel
+def deepest_nodes(
+    depth_mm: NDArray[np.float32], label: NDArray[np.int32], count: int
+) -> IntArray:
+    """The deepest node of each piece, by its place in the flat raster; −1 where it holds none.
+
+    label : (ny, nx) numbers of pieces below `count`, negative where there is none
+    """
+    ny, nx = depth_mm.shape
+    found = np.full(count, -1, np.int64)
+    deepest = np.full(count, -np.inf)
+    for j in range(ny):
+        for i in range(nx):
+            piece = label[j, i]
+            if piece >= 0 and depth_mm[j, i] > deepest[piece]:
+                found[piece], deepest[piece] = j * nx + i, depth_mm[j, i]
+    return found
 
 
 class _Outlines:

@@ -17,7 +17,11 @@ from numpy.typing import NDArray
 from lmctl.array_types import FloatArray
 from lmctl.field.kernel import inner_kernel, kernel
 from lmctl.plan.geometry.bead_count import BeadCount
-from lmctl.plan.geometry.level_steps import smooth_steps, smoothing_bell
+from lmctl.plan.geometry.level_steps import (
+    NO_CORE_TRACK_COUNT,
+    smooth_steps,
+    smoothing_bell,
+)
 from lmctl.plan.geometry.medial_axis import MedialAxis, closest_point_on_segment
 from lmctl.plan.geometry.section_raster import SectionRaster
 
@@ -31,12 +35,10 @@ _LEAST_INNER, _WIDEST_INNER = 0.74, 1.3
 _PAST_AXIS = 0.1
 #: How closely the end of a ray is found, in nodes.
 _FOUND = 0.15
-#: The level of a track on the axis is not reached by the field, so that no contour is cut there.
-_BELOW_CENTRELINE = 0.25
+#: A point of the axis is where a ray meets it, if it lies beside the ray by less [nodes].
+_BESIDE_RAY = 0.5
 #: From so many tracks outside the core on, the second one's strip may differ from the pitch.
 SHIFTED_FROM = 3
-#: Value of `outer` where no point of the axis was found: tracks lie a pitch apart all the way.
-NO_CORE_TRACK_COUNT = 1_000_000
 #: A node from which no way uphill was followed yet.
 _UNKNOWN = -2
 
@@ -48,12 +50,14 @@ class LevelField:
     how many
         tracks a pitch wide lie between the core and the outline
     track_count : (ny, nx) int32, tracks across; 0 where there is none
+    wave : (ny, nx) float32, zero where a track runs along the outline: a triangle wave of the level
     """
 
     level: NDArray[np.float32]
     strip_mm: NDArray[np.float32]
     outer_track_count: NDArray[np.int32]
     track_count: NDArray[np.int32]
+    wave: NDArray[np.float32]
 
 
 def level_field(
@@ -65,27 +69,16 @@ def level_field(
         outside the core
     """
     shape = raster.grid.shape
-    field = LevelField(
-        np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape, np.int32),
-        np.empty(shape, np.int32))
+    level, strip_mm = np.empty(shape, np.float32), np.empty(shape, np.float32)
+    outer, count = np.empty(shape, np.int32), np.empty(shape, np.int32)
+    wave = np.empty(shape, np.float32)
     _level_kernel(
         raster.depth_mm, raster.segments, raster.nearest, raster.grid.pitch_mm,
-        axis.points_mm - np.array(raster.grid.origin_mm), axis.slope, axis.is_central,
-        axis.at_edge, beads.track_count, beads.depth_mm, beads.owner, beads.is_point, pitch_mm,
-        second_mm, float(raster.depth_mm.max()), smoothing_bell(), field.level,
-        field.strip_mm, field.outer_track_count, field.track_count)
-    _cut_no_contour_on_axis(field, raster.depth_mm)
-    return field
-
-
-def _cut_no_contour_on_axis(field: LevelField, depth_mm: NDArray[np.float32]) -> None:
-    """Keep levels, in place, below those of tracks on the axis and of places without a track."""
-    inside = depth_mm > 0
-    odd = inside & (field.track_count % 2 == 1)
-    most = np.float32(0.5) * field.track_count - np.float32(_BELOW_CENTRELINE)
-    np.copyto(field.level, np.minimum(field.level, most), where=odd)
-    none = inside & (field.track_count == 0) & (field.outer_track_count < NO_CORE_TRACK_COUNT)
-    np.copyto(field.level, np.minimum(field.level, np.float32(_BELOW_CENTRELINE)), where=none)
+        axis.points_mm - np.array(raster.grid.origin_mm), axis.depth_mm, axis.slope,
+        axis.is_central, axis.at_edge, beads.track_count, beads.depth_mm, beads.owner,
+        beads.is_point, pitch_mm, second_mm, float(raster.depth_mm.max()), level, strip_mm, outer,
+        count, smoothing_bell(), wave)
+    return LevelField(level, strip_mm, outer, count, wave)
 
 
 @kernel
@@ -206,18 +199,20 @@ def _steepest(depth: NDArray[np.float32], i: int, j: int) -> tuple[int, int]:
 
 @kernel
 def _level_kernel(
-    depth: NDArray[np.float32], segments: FloatArray, nearest: NDArray[np.int64], pitch: float,
-    points: FloatArray, slope: FloatArray, is_central: NDArray[np.bool_],
+    depth: NDArray[np.float32], segments: FloatArray, nearest: NDArray[np.int32], pitch: float,
+    points: FloatArray, axis_depth: FloatArray, slope: FloatArray, is_central: NDArray[np.bool_],
     at_edge: NDArray[np.int32], count: NDArray[np.int64], width: FloatArray,
     owner: NDArray[np.int64], is_point: NDArray[np.bool_], track_pitch: float, second: float,
-    deepest: float, bell: FloatArray, level: NDArray[np.float32], strip: NDArray[np.float32],
-    outer: NDArray[np.int32], across: NDArray[np.int32],
+    deepest: float,
+    level: NDArray[np.float32], strip: NDArray[np.float32], outer: NDArray[np.int32],
+    across: NDArray[np.int32], bell: FloatArray, wave: NDArray[np.float32],
 ) -> None:
     ny, nx = depth.shape
-    reached = np.zeros(nx)  # by the rays through the row before
     uphill = np.full((ny, nx), _UNKNOWN, np.int32)
+    tolerance = _PAST_AXIS * pitch
+    above = np.full(nx, -1, np.int64)  # where the rays through the row before met the axis
     for j in range(ny):
-        before = 0.0
+        left = -1
         for i in range(nx):
             d = float(depth[j, i])
             level[j, i] = _outer_level(d, NO_CORE_TRACK_COUNT, track_pitch, second)
@@ -229,26 +224,48 @@ def _level_kernel(
             if away <= 1e-9:
                 continue
             ux, uy = (i * pitch - fx) / away, (j * pitch - fy) / away
-            low, high = d, deepest + pitch
-            for guess in (before, reached[i]):  # neighbours' rays are about as long
-                a, b = max(d, guess - pitch), guess + pitch
-                if (d < b < high and _is_before_axis(depth, fx, fy, ux, uy, a, pitch)
-                        and not _is_before_axis(depth, fx, fy, ux, uy, b, pitch)):
-                    low, high = a, b
-                    break
-            while high - low > _FOUND * pitch:
-                t = 0.5 * (low + high)
-                if _is_before_axis(depth, fx, fy, ux, uy, t, pitch):
-                    low = t
-                else:
-                    high = t
-            before = reached[i] = low
+            # Neighbouring rays end nearby: at the same point, or at one beside it.
+            point, low, beside, guess = -1, d, _BESIDE_RAY * pitch, -1.0
+            for k in range(2):
+                near = int(left if k == 0 else above[i])
+                if near < 0:
+                    continue
+                wx, wy = points[near, 0] - fx, points[near, 1] - fy
+                t = wx * ux + wy * uy
+                off = abs(wx * uy - wy * ux)
+                guess = max(t, d)
+                if off < beside and t >= d - tolerance and abs(t - axis_depth[near]) <= tolerance:
+                    point, low, beside = near, t, off
+            if point < 0 and guess > 0.0:
+                ic, jc = int(fx / pitch + guess / pitch * ux), int(fy / pitch + guess / pitch * uy)
+                for jn in range(max(0, jc - 1), min(ny, jc + 3)):
+                    for im in range(max(0, ic - 1), min(nx, ic + 3)):
+                        for side in range(2):
+                            met = int(at_edge[side, jn, im])
+                            if met < 0:
+                                continue
+                            wx, wy = points[met, 0] - fx, points[met, 1] - fy
+                            off = abs(wx * uy - wy * ux)
+                            t = wx * ux + wy * uy
+                            if (off < beside and t >= d - tolerance
+                                    and abs(t - axis_depth[met]) <= tolerance):
+                                point, low, beside = met, t, off
+            if point < 0:
+                high = deepest + pitch
+                while high - low > _FOUND * pitch:
+                    t = 0.5 * (low + high)
+                    if _is_before_axis(depth, fx, fy, ux, uy, t, pitch):
+                        low = t
+                    else:
+                        high = t
             x, y = fx + low * ux, fy + low * uy
-            point = _nearest_axis_point(at_edge, points, x, y, pitch, 1)
+            if point < 0:
+                point = _nearest_axis_point(at_edge, points, x, y, pitch, 1)
             if point < 0:
                 point = _nearest_axis_point(at_edge, points, x, y, pitch, 4)
             if point < 0:
                 point = _axis_point_uphill(depth, at_edge, points, x, y, pitch, uphill)
+            left = above[i] = point
             if point < 0:
                 continue
             half = width[point]
@@ -270,4 +287,4 @@ def _level_kernel(
             strip[j, i] = 2 * left / core
             if d > begin:
                 level[j, i] = fixed + (d - begin) / strip[j, i]
-    smooth_steps(level, strip, across, depth, track_pitch, bell)
+    smooth_steps(level, strip, across, outer, depth, track_pitch, bell, wave)

@@ -33,13 +33,14 @@ def _joined_in_island(
 ) -> list[LinkableTrack]:
     """`joined_at_ends` of one island."""
     known = dict(enumerate(lines))
+    boxes = {key: _reachable_box(line, rules) for key, line in known.items()}
     number = len(lines)
     nearest: dict[tuple[int, int], tuple[float, int, int] | None] = {}
     while True:
         for key, line in known.items():
             for end in (0, -1):
                 if not line.is_closed and (key, end) not in nearest:
-                    nearest[key, end] = _nearest_line(key, end, known, raster, rules)
+                    nearest[key, end] = _nearest_line(key, end, known, boxes, raster, rules)
         found = [(best[0], key, end, best) for (key, end), best in nearest.items()
                  if best is not None]
         if not found:
@@ -51,17 +52,29 @@ def _joined_in_island(
         nearest = {(k, e): best for (k, e), best in nearest.items()
                    if k not in gone and (best is None or best[1] not in gone)}
         known[number] = joined
+        boxes[number] = _reachable_box(joined, rules)
         number += 1
 
 
+def _reachable_box(line: LinkableTrack, rules: LinkRules) -> tuple[float, float, float, float]:
+    """Lowest x and y and highest x and y from where a bridge may reach a line [mm]."""
+    points = line.table[:, :2] if line.is_closed else line.table[[0, -1], :2]
+    (low_x, low_y), (high_x, high_y) = points.min(axis=0).tolist(), points.max(axis=0).tolist()
+    far = rules.longest_bridge_mm
+    return low_x - far, low_y - far, high_x + far, high_y + far
+
+
 def _nearest_line(
-    number: int, end: int, lines: dict[int, LinkableTrack], raster: SectionRaster, rules: LinkRules
+    number: int, end: int, lines: dict[int, LinkableTrack],
+    boxes: dict[int, tuple[float, float, float, float]], raster: SectionRaster, rules: LinkRules,
 ) -> tuple[float, int, int] | None:
     """Distance, number and vertex of the line that an end of an open line may go on into."""
     here = lines[number].table[end]
+    x, y = float(here[0]), float(here[1])
     best = None
     for other, target in lines.items():
-        if other == number:
+        low_x, low_y, high_x, high_y = boxes[other]
+        if other == number or not (low_x <= x <= high_x and low_y <= y <= high_y):
             continue
         candidate = _nearest_on(here, target, raster, rules)
         if candidate is not None and (best is None or candidate[0] < best[0]):

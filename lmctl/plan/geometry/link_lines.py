@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lmctl.array_types import FloatArray
+from lmctl.plan.polyline import arc_lengths
 
 #: The longest bridge, and how deep inside the outline it has to stay, in pitches.
 LONGEST_BRIDGE, LEAST_DEPTH = 1.5, 0.2
@@ -52,14 +53,17 @@ class LinkRules:
 
 
 def arc_lengths_of(line: LinkableTrack) -> FloatArray:
-    steps = np.linalg.norm(np.diff(line.table[:, :2], axis=0), axis=1)
-    return np.concatenate([[0.0], np.cumsum(steps)])
+    return arc_lengths(line.table[:, :2])
 
 
 def rows_at_arc_lengths(table: FloatArray, arc_mm: FloatArray, at_mm: FloatArray) -> FloatArray:
     """Rows of a closed line at arc lengths, taken round."""
     at = at_mm % arc_mm[-1]
-    return np.stack([np.interp(at, arc_mm, column) for column in table.T], axis=1)
+    after = np.clip(np.searchsorted(arc_mm, at, side="right"), 1, len(arc_mm) - 1)
+    before = after - 1
+    step = arc_mm[after] - arc_mm[before]
+    share = np.where(step > 0, (at - arc_mm[before]) / np.where(step > 0, step, 1.0), 0.0)
+    return np.asarray(table[before] + share[:, None] * (table[after] - table[before]))
 
 
 def rows_between_arc_lengths(
@@ -68,9 +72,12 @@ def rows_between_arc_lengths(
     """Rows of a closed line from one arc length to another, forwards or backwards."""
     whole = float(arc_mm[-1])
     low, high = min(begin_mm, end_mm), max(begin_mm, end_mm)
-    turns = np.arange(np.floor(low / whole), np.floor(high / whole) + 1)
-    inner = (turns[:, None] * whole + arc_mm[:-1]).ravel()
-    inner = inner[(inner > low + 1e-9) & (inner < high - 1e-9)]
-    at = np.concatenate([[low], inner, [high]])
-    rows = rows_at_arc_lengths(table, arc_mm, at)
+    ends = rows_at_arc_lengths(table, arc_mm, np.array([low, high]))
+    pieces = [ends[:1]]
+    for turn in range(int(np.floor(low / whole)), int(np.floor(high / whole)) + 1):
+        first = np.searchsorted(arc_mm[:-1], low + 1e-9 - turn * whole, side="right")
+        last = np.searchsorted(arc_mm[:-1], high - 1e-9 - turn * whole, side="left")
+        pieces.append(table[first:last])
+    pieces.append(ends[1:])
+    rows = np.vstack(pieces)
     return rows if begin_mm <= end_mm else rows[::-1]

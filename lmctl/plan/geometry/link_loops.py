@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lmctl.array_types import FloatArray, IntArray
-from lmctl.field.kernel import kernel
+from lmctl.array_types import FloatArray, IndexArray, IntArray
 from lmctl.plan.geometry.link_lines import (
     MIN_LOOP_BRIDGE_LENGTHS,
     LinkableTrack,
@@ -16,8 +15,8 @@ from lmctl.plan.geometry.link_lines import (
     rows_at_arc_lengths,
     rows_between_arc_lengths,
 )
+from lmctl.plan.geometry.link_places import BridgePlaces, bridge_places
 from lmctl.plan.geometry.section_raster import SectionRaster
-from lmctl.plan.plane_values import interpolate_bilinear
 from lmctl.plan.polyline import densified_polyline
 
 #: Two bridges on one track keep so many bridge lengths between their middles.
@@ -40,97 +39,72 @@ class _Bridge:
 
 
 def merged_loops(
-    loops: list[LinkableTrack], others: list[LinkableTrack], raster: SectionRaster, rules: LinkRules
+    loops: list[LinkableTrack], others: list[LinkableTrack], raster: SectionRaster,
+    rules: LinkRules, places: BridgePlaces | None = None,
 ) -> list[LinkableTrack]:
-    """All loops joined into as few as bridges allow, and the other lines after them."""
+    """All loops joined into as few as bridges allow, and the other lines after them.
+
+    places : those of these loops and other lines, in this order; found where they are not given
+    """
     if len(loops) < 2:
         return [*loops, *others]
-    every = [*loops, *others]
-    points = np.vstack([line.table[:, :2] for line in every])
-    starts = np.cumsum([0, *(len(line.table) for line in every)])
-    owner = np.repeat(np.arange(len(every)), np.diff(starts))
-    near, gap = _nearest_kernel(points, owner, rules.longest_bridge_mm)
-    usable = (near >= 0) & (owner < len(loops))
-    usable[usable] &= owner[near[usable]] < len(loops)
-    candidates = np.flatnonzero(usable)
-    if len(candidates) == 0:
-        return every
-    mixture = np.vstack([line.table[:, 3:] for line in every])
-    equal = np.abs(mixture[candidates] - mixture[near[candidates]]).max(axis=1) \
-        <= rules.mixture_step + 1e-9
-    middle = (points[candidates] + points[near[candidates]]) / 2
-    deep = interpolate_bilinear(raster.depth_mm, raster.grid, middle) > rules.least_depth_mm
-    candidates = candidates[equal & deep]
-    arcs = [arc_lengths_of(loop) for loop in loops]
-    along = np.concatenate(arcs)
-    skew = _skew(
-        points[: len(along)], along, starts[: len(loops) + 1], owner, candidates, near, gap)
+    table = np.vstack([line.table for line in (*loops, *others)])
+    starts = np.cumsum([0, *(len(line.table) for line in (*loops, *others))])
+    points = table[:, :2]
+    if places is None:
+        places = bridge_places(
+            points, starts, len(loops), raster, rules.pitch_mm, rules.longest_bridge_mm,
+            rules.least_depth_mm)
+    usable = places.skew <= _MOST_SKEW
+    for column in range(3, table.shape[1]):
+        usable &= np.abs(table[places.vertex, column] - table[places.other, column]) \
+            <= rules.mixture_step + 1e-9
+    vertex, other = places.vertex[usable], places.other[usable]
+    skew = places.skew[usable]
     rank = np.where(skew <= _STRAIGHT, 0, 1)  # bridges across first, slanting ones at need
-    order = np.lexsort((_seam_distance(points, rules)[candidates], rank))
-    gap[candidates] *= 1 + skew  # what bridges are longer, the stretches they replace are too
-    candidates = candidates[order][skew[order] <= _MOST_SKEW]
-    length = np.array([arc[-1] for arc in arcs])
-    bridges = _spanning_bridges(candidates, near, gap, owner, along, length)
+    order = np.lexsort((_seam_distance(points, vertex, rules), rank))
+    vertex, other = vertex[order], other[order]
+    # What bridges are longer, the stretches they replace are too.
+    gap = (places.gap_mm[usable] * (1 + skew))[order]
+    arcs = [arc_lengths_of(loop) for loop in loops]
+    bridges = _spanning_bridges(vertex, other, gap, starts, arcs)
     return [*_assembled(loops, arcs, bridges, rules), *others]
 
 
-def _skew(
-    points: FloatArray, along_mm: FloatArray, starts: IntArray, owner: IntArray,
-    candidates: IntArray, near: IntArray, gap: FloatArray,
-) -> FloatArray:
-    """By how much the two bridges at each candidate are longer than the gap they are to span."""
-    whole = along_mm[starts[1:] - 1]
-    offset = np.concatenate([[0.0], np.cumsum(whole + 1.0)])[:-1]
-    every = along_mm + np.repeat(offset, np.diff(starts))
-    half = gap[candidates] / 2
-
-    def beside(vertices: IntArray, by_mm: FloatArray) -> FloatArray:
-        loop = owner[vertices]
-        at = offset[loop] + (along_mm[vertices] + by_mm) % whole[loop]
-        return np.stack([np.interp(at, every, points[:, k]) for k in (0, 1)], axis=1)
-
-    a = beside(candidates, -half), beside(candidates, half)
-    b = beside(near[candidates], -half), beside(near[candidates], half)
-
-    def span(p: FloatArray, q: FloatArray) -> FloatArray:
-        return np.asarray(np.linalg.norm(p - q, axis=1))
-
-    total = np.minimum(span(a[0], b[0]) + span(a[1], b[1]), span(a[0], b[1]) + span(a[1], b[0]))
-    return np.asarray(total / np.maximum(2 * gap[candidates], 1e-9) - 1)
-
-
 def _spanning_bridges(
-    candidates: IntArray, near: IntArray, gap: FloatArray, owner: IntArray,
-    along_mm: FloatArray, length_mm: FloatArray,
+    vertex: IntArray, other: IntArray, gap_mm: FloatArray, starts: IndexArray,
+    arcs: list[FloatArray],
 ) -> list[_Bridge]:
-    """Bridges that join all loops that can be, none to a loop twice; the first candidates first."""
-    root = list(range(len(length_mm)))
+    """Bridges that join all loops that can be, none to a loop twice; the first places first."""
+    loop = np.searchsorted(starts, vertex, side="right") - 1
+    beside = np.searchsorted(starts, other, side="right") - 1
+    root = list(range(len(arcs)))
     used: list[list[tuple[float, float]]] = [[] for _ in root]
 
-    def found(loop: int) -> int:
-        while root[loop] != loop:
-            root[loop] = root[root[loop]]
-            loop = root[loop]
-        return loop
+    def found(number: int) -> int:
+        while root[number] != number:
+            root[number] = root[root[number]]
+            number = root[number]
+        return number
 
-    def is_free(loop: int, at_mm: float, size_mm: float) -> bool:
-        whole = float(length_mm[loop])
+    def is_free(number: int, at_mm: float, size_mm: float) -> bool:
+        whole = float(arcs[number][-1])
         if whole < MIN_LOOP_BRIDGE_LENGTHS * size_mm:
             return False
         return all(
-            min(abs(at_mm - other), whole - abs(at_mm - other)) >= _APART * max(size_mm, size)
-            for other, size in used[loop])
+            min(abs(at_mm - there), whole - abs(at_mm - there)) >= _APART * max(size_mm, size)
+            for there, size in used[number])
 
     bridges: list[_Bridge] = []
-    for places in _by_pair(candidates, near, owner):
-        a, b = int(owner[places[0]]), int(owner[near[places[0]]])
+    for places in _by_pair(loop, beside):
+        a, b = int(loop[places[0]]), int(beside[places[0]])
         if found(a) == found(b):
             continue
-        for vertex in places[:_MOST_PLACES].tolist():
-            other = int(near[vertex])
-            a, b = int(owner[vertex]), int(owner[other])
-            size = max(float(gap[vertex]), 1e-6)
-            at_a, at_b = float(along_mm[vertex]), float(along_mm[other])
+        for place in places[:_MOST_PLACES].tolist():
+            a, b = int(loop[place]), int(beside[place])
+            size = max(float(gap_mm[place]), 1e-6)
+            at_a = float(arcs[a][vertex[place] - starts[a]])
+            at_b = float(arcs[b][other[place] - starts[b]])
             if is_free(a, at_a, size) and is_free(b, at_b, size):
                 root[found(b)] = found(a)
                 used[a].append((at_a, size))
@@ -140,17 +114,17 @@ def _spanning_bridges(
     return bridges
 
 
-def _by_pair(candidates: IntArray, near: IntArray, owner: IntArray) -> list[IntArray]:
-    """The candidates of each two loops, in their order; those with the foremost one first."""
-    if len(candidates) == 0:
+def _by_pair(loop: IndexArray, beside: IndexArray) -> list[IndexArray]:
+    """The places of each two loops, in their order; those with the foremost one first."""
+    if len(loop) == 0:
         return []
-    pairs = np.sort(np.stack([owner[candidates], owner[near[candidates]]], axis=1), axis=1)
-    key = pairs[:, 0] * (owner.max() + 1) + pairs[:, 1]
+    low, high = np.minimum(loop, beside), np.maximum(loop, beside)
+    key = low * (int(high.max()) + 1) + high
     order = np.argsort(key, kind="stable")
     starts = np.flatnonzero(np.diff(key[order], prepend=-1))
     groups = np.split(order, starts[1:])
     groups.sort(key=lambda group: int(group[0]))
-    return [candidates[group] for group in groups]
+    return groups
 
 
 def _assembled(
@@ -242,50 +216,13 @@ def _goes_forward(
     return bool(away[1] < away[0])
 
 
-def _seam_distance(points_mm: FloatArray, rules: LinkRules) -> FloatArray:
-    """How far points are from where the seam is wanted: in mm of a point, else in radians."""
+def _seam_distance(points_mm: FloatArray, vertex: IntArray, rules: LinkRules) -> FloatArray:
+    """How far vertices are from where the seam is wanted: in mm of a point, else in radians.
+
+    points_mm : of all tracks, whose mean is the middle that angles are measured from
+    """
     if rules.seam_mm is not None:
-        return np.asarray(np.linalg.norm(points_mm - np.array(rules.seam_mm), axis=1))
-    arm = points_mm - points_mm.mean(axis=0)
+        return np.asarray(np.linalg.norm(points_mm[vertex] - np.array(rules.seam_mm), axis=1))
+    arm = points_mm[vertex] - points_mm.mean(axis=0)
     angle = np.arctan2(arm[:, 1], arm[:, 0]) - rules.seam_angle
     return np.asarray(np.abs((angle + np.pi) % (2 * np.pi) - np.pi))
-
-
-@kernel
-def _nearest_kernel(
-    points: FloatArray, owner: IntArray, reach: float
-) -> tuple[IntArray, FloatArray]:
-    """For each point the nearest one of another owner within reach, −1 for none; and how far."""
-    n = len(points)
-    low_x, low_y = points[:, 0].min(), points[:, 1].min()
-    nx = int((points[:, 0].max() - low_x) / reach) + 1
-    ny = int((points[:, 1].max() - low_y) / reach) + 1
-    cell = np.empty(n, np.int64)
-    count = np.zeros(nx * ny + 1, np.int64)
-    for k in range(n):
-        cell[k] = int((points[k, 1] - low_y) / reach) * nx + int((points[k, 0] - low_x) / reach)
-        count[cell[k] + 1] += 1
-    first = np.cumsum(count)
-    place = first.copy()
-    order = np.empty(n, np.int64)
-    for k in range(n):
-        order[place[cell[k]]] = k
-        place[cell[k]] += 1
-    near = np.full(n, -1, np.int64)
-    gap = np.full(n, np.inf)
-    for k in range(n):
-        i, j = cell[k] % nx, cell[k] // nx
-        least = reach * reach
-        for jn in range(max(0, j - 1), min(ny, j + 2)):
-            for im in range(max(0, i - 1), min(nx, i + 2)):
-                for e in range(first[jn * nx + im], first[jn * nx + im + 1]):
-                    other = order[e]
-                    if owner[other] == owner[k]:
-                        continue
-                    d2 = (points[other, 0] - points[k, 0]) ** 2 + (
-                        points[other, 1] - points[k, 1]) ** 2
-                    if d2 < least:
-                        least = d2
-                        near[k] = other
-                        gap[k] = np.sqrt(d2)
-    return near, gap

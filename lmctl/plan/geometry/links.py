@@ -14,14 +14,21 @@ from __future__ import annotations
 from lmctl.plan.geometry.link_ends import joined_at_ends
 from lmctl.plan.geometry.link_lines import LinkableTrack, LinkRules
 from lmctl.plan.geometry.link_loops import merged_loops
+from lmctl.plan.geometry.link_places import BridgePlaces
 from lmctl.plan.geometry.section_raster import SectionRaster
 
 
-def linked_tracks(lines: list[LinkableTrack], raster: SectionRaster,
-                  rules: LinkRules) -> list[LinkableTrack]:
-    """The same deposit in fewer tracks."""
+def linked_tracks(
+    lines: list[LinkableTrack], raster: SectionRaster, rules: LinkRules,
+    places: BridgePlaces | None = None,
+) -> list[LinkableTrack]:
+    """The same deposit in fewer tracks.
+
+    places : where closed lines may be joined, if that is known; rows count closed lines first
+    """
     if len(lines) < 2:
         return lines
     loops = [line for line in lines if line.is_closed]
-    merged = merged_loops(loops, [line for line in lines if not line.is_closed], raster, rules)
+    merged = merged_loops(loops, [line for line in lines if not line.is_closed], raster, rules,
+                          places)
     return joined_at_ends(merged, raster, rules)

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.array_types import FloatArray
+from lmctl.array_types import FloatArray, IntArray
 from lmctl.config.part_file import ProcessSettings
 from lmctl.field.plane import loop_area_mm2
 from lmctl.plan.geometry.deposit import Deposit
@@ -24,10 +24,9 @@ from lmctl.plan.polyline import densified_polyline
 
 #: Smaller pieces are crumbs of the geometry, not features: a square of this part of a bead.
 _CRUMB_BEADS = 0.02
-#: An outline is covered where a track lies within this many beads, sharp corners included.
-_REACH_BEADS = 0.9
-#: A rib is lost where its outline lies this much farther away, in beads.
-_BEYOND_BEADS = 0.4
+#: An outline is covered where a track lies within the first of these, sharp corners included; a rib
+#: is lost where its outline lies farther away than the second [beads].
+_REACHES_BEADS = 0.9, 1.3
 #: A place within the tracks is empty where less than this part of a tile is filled.
 _EMPTY = 0.5
 
@@ -50,8 +49,11 @@ def lost_features(
         if area >= (_CRUMB_BEADS * bead) ** 2:
             found.append(_lost("island", islands.outer[number], area, process))
     if len(points_mm):
-        for loop in loops:
-            found += _uncovered_stretches(loop, points_mm, raster, process)
+        fine = [densified_polyline(loop, raster.grid.pitch_mm)[:-1] for loop in loops]
+        missed = reaches_missed(np.vstack(fine), points_mm, bead * np.array(_REACHES_BEADS))
+        ends = np.cumsum([len(outline) for outline in fine])[:-1]
+        for outline, along in zip(fine, np.split(missed, ends), strict=True):
+            found += _uncovered_stretches(outline, along, process)
     if deposit is not None:
         found += _empty_places(deposit, raster, process)
     return tuple(sorted(found, key=lambda lost: -lost.area_mm2))
@@ -65,13 +67,13 @@ def lost_slice_feature(loops: Sequence[FloatArray], islands: Islands,
 
 
 def _uncovered_stretches(
-    loop: FloatArray, points_mm: FloatArray, raster: SectionRaster, process: ProcessSettings
+    fine: FloatArray, missed: IntArray, process: ProcessSettings
 ) -> list[LostFeature]:
-    """Ribs of an outline that no track comes near."""
+    """Ribs of an outline that no track comes near.
+
+    fine : (k, 2) points along it [mm]; missed : (k,) how many of the reaches are too short there
+    """
     bead = process.bead_width_mm
-    fine = densified_polyline(loop, raster.grid.pitch_mm)[:-1]
-    reach = np.array([_REACH_BEADS, _REACH_BEADS + _BEYOND_BEADS]) * bead
-    missed = reaches_missed(fine, points_mm, reach)
     far = missed > 0
     if not far.any() or far.all():  # far from all tracks: an island of its own, or its hole
         return []
@@ -82,7 +84,7 @@ def _uncovered_stretches(
     found = []
     for begin, end in zip(edges[::2], edges[1::2], strict=True):
         piece = fine[begin:end]
-        if missed[begin:end].max() < len(reach):
+        if missed[begin:end].max() < len(_REACHES_BEADS):
             continue
         area = abs(loop_area_mm2(np.vstack([piece, piece[:1]])))
         if area >= (_CRUMB_BEADS * bead) ** 2:

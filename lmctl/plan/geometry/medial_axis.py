@@ -118,7 +118,7 @@ def _along(segments: FloatArray, ends: IntArray, s: int, px: float, py: float) -
 
 @kernel
 def _crossings_kernel(
-    depth: NDArray[np.float32], segments: FloatArray, ends: IntArray, nearest: IntArray,
+    depth: NDArray[np.float32], segments: FloatArray, ends: IntArray, nearest: NDArray[np.int32],
     pitch: float, at_edge: NDArray[np.int32],
 ) -> FloatArray:
     """(v, 5): x, y, depth, gradient of the depth (x, y); fills `at_edge`."""
@@ -243,7 +243,7 @@ def climbed_to_peak(
 
 @kernel
 def _links_kernel(
-    found: FloatArray, at_edge: NDArray[np.int32], segments: FloatArray, nearest: IntArray,
+    found: FloatArray, at_edge: NDArray[np.int32], segments: FloatArray, nearest: NDArray[np.int32],
     depth: NDArray[np.float32], pitch: float,
 ) -> tuple[FloatArray, IntArray]:
     """Joints of cells that the ridge crosses more than twice, as rows of `found`; and links."""

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from lmctl.array_types import FloatArray
-from lmctl.field.plane import plane_distance
+from lmctl.field.outline_distance import distance_outside
 from lmctl.plan.geometry.islands import Islands
 from lmctl.plan.geometry.layer_geometry import OverhangPlace
 from lmctl.plan.geometry.raster_pieces import connected_pieces, nodes_of_pieces
@@ -33,13 +33,13 @@ def overhang_places(
     if _same(loops, below):
         return ()
     inside = raster.depth_mm > 0
-    beyond = np.maximum(-plane_distance(below, raster.grid), np.float32(0))
+    beyond = distance_outside(below, raster.grid, inside)
     reach = np.float32(layer_height_mm * np.tan(np.radians(limit_deg)))
     supported = np.bincount(
         islands.label[inside & (beyond <= reach)].clip(0), minlength=len(islands)) > 0
-    warned = np.float32(layer_height_mm * np.tan(np.radians(WARNED_OVERHANG_DEG)))
-    least = max(warned, _raster_error_mm(raster))
-    label, peaks = connected_pieces(np.where(inside & (beyond > least), beyond, np.float32(0)))
+    warned = layer_height_mm * float(np.tan(np.radians(WARNED_OVERHANG_DEG)))
+    least = np.float32(max(warned, _raster_error_mm(raster)))
+    label, peaks = connected_pieces(np.where(beyond > least, beyond, np.float32(0)))
     places = []
     cell = raster.grid.pitch_mm**2
     for j, i in nodes_of_pieces(label, len(peaks)):

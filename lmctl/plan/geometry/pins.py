@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from lmctl.array_types import FloatArray
 from lmctl.field.kernel import kernel
 from lmctl.plan.geometry.bead_count import BeadCount
-from lmctl.plan.geometry.islands import Islands
+from lmctl.plan.geometry.islands import Islands, deepest_nodes
 from lmctl.plan.geometry.medial_axis import MedialAxis, climbed_to_peak
 from lmctl.plan.geometry.section_raster import SectionRaster
 from lmctl.plan.geometry.toolpath import Toolpath
@@ -39,7 +39,7 @@ def with_pins(
     of_island: dict[int, list[int]] = defaultdict(list)
     for number, island in enumerate(owners):
         of_island[island].append(number)
-    deepest = _deepest_nodes(islands, raster)
+    deepest = deepest_nodes(raster.depth_mm, islands.label, len(islands))
     for island in range(len(islands)):
         mine = of_island[island]
         if not mine:
@@ -56,16 +56,6 @@ def with_pins(
             tracks[mine[0]] = _fitted(
                 tracks[mine[0]], float(islands.area_mm2[island]), raster)
     return tracks, np.array(owners, dtype=np.intp)
-
-
-def _deepest_nodes(islands: Islands, raster: SectionRaster) -> NDArray[np.int64]:
-    """The deepest node of each island, by its place in the flat raster; −1 where it holds none."""
-    label, depth = islands.label.ravel(), raster.depth_mm.ravel()
-    nodes = np.flatnonzero(label >= 0)
-    nodes = nodes[np.argsort(depth[nodes], kind="stable")]
-    found = np.full(len(islands), -1, dtype=np.int64)
-    found[label[nodes]] = nodes  # of several the last counts, the deepest
-    return found
 
 
 def _deepest(

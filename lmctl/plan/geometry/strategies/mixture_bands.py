@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lmctl.field.plane import plane_distance
+from lmctl.field.outline_distance import plane_distance
 from lmctl.plan.geometry.mixture_map import MixtureMap
 from lmctl.plan.geometry.planar_region import (
     TOUCHING_PITCHES,

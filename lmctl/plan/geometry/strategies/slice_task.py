@@ -8,14 +8,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lmctl.array_types import FloatArray, IndexArray
+from lmctl.array_types import FloatArray
 from lmctl.config.part_file import ProcessSettings
+from lmctl.plan.geometry.flat_tracks import FlatTracks
 from lmctl.plan.geometry.intended_slice import pitch_mm
-from lmctl.plan.geometry.islands import Islands, islands_of
+from lmctl.plan.geometry.islands import Islands
 from lmctl.plan.geometry.link_lines import LinkableTrack, LinkRules
 from lmctl.plan.geometry.mixture_map import MixtureAt, MixtureMap, mixture_map
-from lmctl.plan.geometry.section_raster import SectionRaster, raster_pitch_mm, section_raster
-from lmctl.plan.geometry.toolpath import Toolpath
+from lmctl.plan.geometry.section_raster import SectionRaster, raster_pitch_mm
+from lmctl.plan.geometry.slice_outline import SliceOutline, slice_outline
 
 if TYPE_CHECKING:
     from lmctl.part.part import PartSection
@@ -26,8 +27,6 @@ MAX_POINT_SPACING_BEADS = 0.1
 _BEYOND_PITCHES = 2.0
 #: Seams turn by so much from layer to layer, so that no ridge builds up [radians].
 GOLDEN_ANGLE = float(np.pi * (3 - np.sqrt(5)))
-#: A track of less extent may, on the program's raster, hold no motion that a controller can make.
-_LEAST_EXTENT_MM = 0.042
 
 
 @dataclass(frozen=True)
@@ -54,6 +53,11 @@ class SliceTask:
         return pitch_mm(self.process)
 
     @property
+    def spacing_mm(self) -> float:
+        """Points of tracks are at most so far apart."""
+        return self.bead_mm * MAX_POINT_SPACING_BEADS
+
+    @property
     def is_odd_layer(self) -> bool:
         return self.layer % 2 == 1
 
@@ -63,12 +67,16 @@ class SliceTask:
         return self.bead_mm if self.process.narrow_features == "omit" else self.bead_mm / 2
 
     @cached_property
-    def raster(self) -> SectionRaster:
-        return section_raster(self.loops, raster_pitch_mm(self.bead_mm, self.pitch_mm))
+    def outline(self) -> SliceOutline:
+        return slice_outline(self.loops, raster_pitch_mm(self.bead_mm, self.pitch_mm))
 
-    @cached_property
+    @property
+    def raster(self) -> SectionRaster:
+        return self.outline.raster
+
+    @property
     def islands(self) -> Islands:
-        return islands_of(self.loops, self.raster)
+        return self.outline.islands
 
     @cached_property
     def mixture_map(self) -> MixtureMap | None:
@@ -77,27 +85,23 @@ class SliceTask:
     def link_rules(self) -> LinkRules:
         seam = self.process.seam
         return LinkRules(
-            pitch_mm=self.pitch_mm, spacing_mm=self.bead_mm * MAX_POINT_SPACING_BEADS,
+            pitch_mm=self.pitch_mm, spacing_mm=self.spacing_mm,
             mixture_step=self.process.fraction_step,
             seam_mm=seam if isinstance(seam, tuple) else None,
             seam_angle=self.layer * GOLDEN_ANGLE if seam == "spread" else 0.0)
 
-    def with_mixtures(self, tracks: list[Toolpath], island: IndexArray) -> list[LinkableTrack]:
-        """Tracks with the material field along them, sampled once.
-
-        island : of each track. Tracks that a controller cannot move along are left out
-        """
-        kept = [(track.densified(self.bead_mm * MAX_POINT_SPACING_BEADS), max(int(owner), 0))
-                for track, owner in zip(tracks, island, strict=True)
-                if np.ptp(track.points_mm, axis=0).max() >= _LEAST_EXTENT_MM]
-        if not kept:
+    def with_mixtures(self, tracks: FlatTracks) -> list[LinkableTrack]:
+        """Tracks with the material field along them, sampled once."""
+        if len(tracks.island) == 0:
             return []
-        fractions = self.fractions_at(np.vstack([track.points_mm for track, _ in kept]))
-        ends = np.cumsum([len(track.points_mm) for track, _ in kept])[:-1]
+        fractions = self.fractions_at(tracks.table[:, :2])
+        table = np.empty((len(tracks.table), 3 + fractions.shape[1]))
+        table[:, :3], table[:, 3:] = tracks.table, fractions
         return [
-            LinkableTrack(np.column_stack([track.points_mm, track.strip_width_mm, mixture]),
-                          track.is_closed, owner)
-            for (track, owner), mixture in zip(kept, np.split(fractions, ends), strict=True)
+            LinkableTrack(table[begin:end], bool(is_closed), int(island))
+            for begin, end, is_closed, island in zip(
+                tracks.starts[:-1], tracks.starts[1:], tracks.is_closed, tracks.island,
+                strict=True)
         ]
 
 
