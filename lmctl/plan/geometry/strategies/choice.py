@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from lmctl.plan.geometry.flat_tracks import flat_tracks
 from lmctl.plan.geometry.iso_3d import iso_3d_tracks
 from lmctl.plan.geometry.strategies.hatch import hatch_tracks
 from lmctl.plan.geometry.strategies.iso_composition import iso_composition_tracks
@@ -28,8 +27,8 @@ def tracks_of_slice(task: SliceTask) -> StrategyTracks:
     if task.process.strategy == "iso-3d":
         tracks = iso_3d_tracks(task.section, task.bead_mm, task.pitch_mm)
         middles = np.array([track.points_mm[0] for track in tracks]).reshape(-1, 2)
-        return StrategyTracks(task.with_mixtures(flat_tracks(
-            tracks, task.islands.island_at(middles, task.raster), task.spacing_mm)))
+        return StrategyTracks(
+            task.with_mixtures(tracks, task.islands.island_at(middles, task.raster)))
     if task.process.strategy == "iso-composition":
         return iso_composition_tracks(task)
     lines = {"hatch": hatch_tracks, "spiral": spiral_tracks}

@@ -11,6 +11,6 @@ def offset_tracks(task: SliceTask) -> StrategyTracks:
     rules = task.link_rules()
     layout = task.outline.offset_layout(
         task.bead_mm, rules, task.least_width_mm, is_odd_layer=task.is_odd_layer)
-    lines = task.with_mixtures(layout.tracks)
+    lines = task.mixtures_along(layout.tracks)
     return StrategyTracks(linked_tracks(lines, task.raster, rules, layout.places),
                           layout.narrow_mm2)

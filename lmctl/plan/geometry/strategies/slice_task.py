@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lmctl.array_types import FloatArray
+from lmctl.array_types import FloatArray, IndexArray
 from lmctl.config.part_file import ProcessSettings
-from lmctl.plan.geometry.flat_tracks import FlatTracks
+from lmctl.plan.geometry.flat_tracks import FlatTracks, flat_tracks
 from lmctl.plan.geometry.intended_slice import pitch_mm
 from lmctl.plan.geometry.islands import Islands
 from lmctl.plan.geometry.link_lines import LinkableTrack, LinkRules
 from lmctl.plan.geometry.mixture_map import MixtureAt, MixtureMap, mixture_map
 from lmctl.plan.geometry.section_raster import SectionRaster, raster_pitch_mm
 from lmctl.plan.geometry.slice_outline import SliceOutline, slice_outline
+from lmctl.plan.geometry.toolpath import Toolpath
 
 if TYPE_CHECKING:
     from lmctl.part.part import PartSection
@@ -90,7 +92,14 @@ class SliceTask:
             seam_mm=seam if isinstance(seam, tuple) else None,
             seam_angle=self.layer * GOLDEN_ANGLE if seam == "spread" else 0.0)
 
-    def with_mixtures(self, tracks: FlatTracks) -> list[LinkableTrack]:
+    def with_mixtures(self, tracks: Sequence[Toolpath], island: IndexArray) -> list[LinkableTrack]:
+        """Tracks with the material field along them, closed ones first.
+
+        island : of each track. Tracks that a controller cannot move along are left out
+        """
+        return self.mixtures_along(flat_tracks(tracks, island, self.spacing_mm))
+
+    def mixtures_along(self, tracks: FlatTracks) -> list[LinkableTrack]:
         """Tracks with the material field along them, sampled once."""
         if len(tracks.island) == 0:
             return []
