@@ -47,11 +47,11 @@ class BeamOnLine:
 def executed_lines(trace: MotionTrace, now_s: float) -> tuple[ExecutedLine, ...]:
     """Return every move that has begun by now, in order."""
     blocks = trace.blocks()
-    lit_mm = _beam_on_mm(trace, now_s, len(blocks.line))
+    on_mm = _beam_on_mm(trace, now_s, len(blocks.line))
     return tuple(
         ExecutedLine(
             int(blocks.line[i]), float(blocks.start_s[i]), float(blocks.end_s[i]),
-            float(blocks.executed_fraction[i]), float(lit_mm[i]),
+            float(blocks.executed_fraction[i]), float(on_mm[i]),
             _point(blocks.start_mm[i]), _point(blocks.end_mm[i]),
         )
         for i in range(len(blocks.line)) if blocks.start_s[i] <= now_s

@@ -41,7 +41,7 @@ class SimulatedOperator:
             scale.put_on(-scale.config.weight_g)
 
     async def weigh_plate(self, request: str) -> str:
-        """Weigh the plate with all that has been laid on it, as a balance shows it."""
+        """Weigh the plate with all that was deposited on it, as a balance shows it."""
         await asyncio.sleep(_COOLING_S)
         path = self._bench.record.beam_on_path()
         density = {h.config.material: h.config.density_g_mm3
@@ -52,7 +52,7 @@ class SimulatedOperator:
         return f"{shown_g:.2f} g"
 
     async def analyse_track(self, request: str) -> str:
-        """Analyse the track laid last: share of the plate in its pool, to a tenth of a per cent.
+        """Analyse the last track: share of the plate in its pool, to a tenth of a per cent.
 
         Needs a bench with a table [process]; else there is nothing to analyse.
         """

@@ -20,7 +20,7 @@ class BuiltPath:
 
     place_mm : (n, 3) tool point in machine coordinates; beam_on_mm : (n,) length
     delivered : (n, k) volume fractions of what stayed there; NaN where nothing did
-    surface_mm : (n,) surface below the piece above the plate, before it was laid; NaN: unknown
+    surface_mm : (n,) surface below the piece above the plate, before it was deposited; NaN: unknown
     line : (n,) N word of the program line
     """
 
@@ -50,7 +50,7 @@ class BuiltVolume:
     deposited_mm3 : (k, nx, ny, nz) float32, the plate included
     height_mm : (nx, ny) float64, surface above the plate's top
     plate_z_mm : z of the plate's top
-    powder : None where nobody weighed it
+    powder : None where it was not weighed
     notes : what went wrong while it was built
     """
 

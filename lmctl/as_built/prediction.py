@@ -3,7 +3,7 @@
 Executed beads are strips of the job's own width and layer height at the place and time that the
 machine reported; powder is what was commanded, through each hopper's dead time and lag, with the
 part file's catch efficiencies. Dilution, true growth and every error of that model are missing: it
-is a prediction, and nobody has measured it.
+is a prediction, not a measurement.
 """
 
 from __future__ import annotations

@@ -52,7 +52,7 @@ class MeasurementConditions(ConfigModel):
     """Under which conditions something was measured, when, and by whom.
 
     measured : UTC, as 2026-11-30T02:41:07Z
-    powder_lot, nozzle, standoff_mm : None where nobody stated them
+    powder_lot, nozzle, standoff_mm : None where not stated
     """
 
     measured: str

@@ -1,4 +1,4 @@
-"""Coupons: small parts that are laid to be weighed or cut, and what they tell.
+"""Coupons: small parts that are deposited to be weighed or cut, and what they show.
 
 A coupon is an ordinary part file. Its powder is fed by the calibrated hoppers, so that its catch
 efficiency is what the balance finds over what left the nozzle while the beam was on.
@@ -14,13 +14,13 @@ from lmctl.calibration.calibration_file import HopperCalibration
 from lmctl.calibration.estimate import Estimate
 from lmctl.errors import UsageError
 
-#: A coupon for weighing: 10 to 30 g, laid in some minutes.
+#: A coupon for weighing: 10 to 30 g, deposited in some minutes.
 _WEIGHED_MM = (30.0, 20.0, 3.2)
 #: A single track for a section [mm], one bead wide.
 _TRACK_MM = (30.0, 1.33, 0.8)
 #: Catch efficiencies beyond these are rather a wrong weight or unit.
 _PLAUSIBLE_CATCH = (0.15, 1.0)
-_UNKNOWN_SLOPE = 0.03  # standard error of a flow nobody has measured
+_UNKNOWN_SLOPE = 0.03  # standard error of a flow that was not measured
 
 
 @dataclass(frozen=True)
@@ -75,14 +75,14 @@ def check_weights(before_g: float, after_g: float, fed_g: float) -> None:
     fed_g : powder that left the nozzle with the beam on
     """
     deposited_g = after_g - before_g
-    told = f"{before_g:g} g before, {after_g:g} g after, {fed_g:.2f} g fed with the beam on"
+    weights_text = f"{before_g:g} g before, {after_g:g} g after, {fed_g:.2f} g fed with the beam on"
     if deposited_g <= 0:
-        raise UsageError("the coupon weighs no more than the empty plate", where=told,
+        raise UsageError("the coupon weighs no more than the empty plate", where=weights_text,
                          hint="are the two weights exchanged, or in different units?")
     if not _PLAUSIBLE_CATCH[0] <= deposited_g / fed_g <= _PLAUSIBLE_CATCH[1]:
         raise UsageError(
             f"{deposited_g:.4g} g of {fed_g:.4g} g fed would be a catch efficiency of "
-            f"{deposited_g / fed_g:.3g}", where=told,
+            f"{deposited_g / fed_g:.3g}", where=weights_text,
             hint="is the unit right, was loose powder brushed off, was it this plate?")
 
 

@@ -85,7 +85,7 @@ def _doubts(
 def _other_conditions(
     conditions: MeasurementConditions, limits: CalibrationSettings, hopper: HopperSettings | None
 ) -> Iterator[str]:
-    """In what the conditions differ from those of now; what nobody stated is not compared."""
+    """In what the conditions differ from those of now; what is not stated is not compared."""
     if hopper is not None:
         gas = conditions.carrier_L_min
         if gas is not None and abs(gas - hopper.carrier_L_min) > _SAME_GAS * gas:

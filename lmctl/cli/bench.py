@@ -42,7 +42,7 @@ def run_simulated(
     config = load_bench(bench)
     plan = FaultPlan() if faults is None else load_faults(faults, config)
 
-    async def whole_run() -> RunResult:
+    async def run_and_close() -> RunResult:
         async with Bench(config, ephemeral_ports=True) as cell:
             wired = replace_endpoints(profile, cell.endpoints)
             board = FaultInjector(cell, on_host_killed=_kill_this_process)
@@ -58,11 +58,12 @@ def run_simulated(
                 if happened is not None:
                     happened.extend(map(str, board.injected))
 
-    return virtual_time.run_in_virtual_time(whole_run(), speed=math.inf if speed is None else speed)
+    return virtual_time.run_in_virtual_time(
+        run_and_close(), speed=math.inf if speed is None else speed)
 
 
 def _write_voxel_map(cell: Bench, folder: RunFolder, notice: Notice | None) -> None:
-    """Write what the simulated process built; what cannot be is told, and ends nothing."""
+    """Write what the simulated process built; report what cannot be written."""
     from simulators.process.build import BuildError, build_from_record
 
     assert cell.config.process is not None
@@ -87,11 +88,11 @@ def run_on_bench(
     """Do something with a simulated cell of a profile, in virtual time. Raises what it raises."""
     config = load_bench(bench)
 
-    async def whole_act() -> T:
+    async def act_and_close() -> T:
         async with Bench(config, ephemeral_ports=True) as cell:
             return await act(replace_endpoints(profile, cell.endpoints))
 
-    return virtual_time.run_in_virtual_time(whole_act())
+    return virtual_time.run_in_virtual_time(act_and_close())
 
 
 def run_on_bench_with_operator(
@@ -101,11 +102,11 @@ def run_on_bench_with_operator(
     """As `run_on_bench`, with the bench's own operator, who puts weights on and weighs coupons."""
     config = load_bench(bench)
 
-    async def whole_act() -> T:
+    async def act_and_close() -> T:
         async with Bench(config, ephemeral_ports=True) as cell:
             return await act(replace_endpoints(profile, cell.endpoints), SimulatedOperator(cell))
 
-    return virtual_time.run_in_virtual_time(whole_act())
+    return virtual_time.run_in_virtual_time(act_and_close())
 
 
 def load_bench(path: Path | None) -> BenchConfig:

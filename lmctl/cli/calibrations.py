@@ -57,7 +57,7 @@ def judged_calibration(
 
 
 def apply_calibration(profile: MachineProfile, profile_path: Path | None) -> MachineProfile:
-    """The profile with what was measured; doubts are told, or refused where it says so.
+    """The profile with what was measured; doubts are reported, or refused where it says so.
 
     Raises ConfigError.
     """

@@ -23,12 +23,12 @@ class CouponOperator(Protocol):
         """The mass of the plate, with or without its coupon, loose powder brushed off."""
 
     async def analyse_track(self, request: str) -> str:
-        """The dilution of the track laid last."""
+        """The dilution of the last track."""
 
 
 @dataclass(frozen=True)
 class LaidCoupon:
-    """A coupon that was laid.
+    """A coupon that was deposited.
 
     fed_g : {material: powder that left the nozzle with the beam on}, by the job's flow
     beam_on_s : time with the beam on

@@ -1,4 +1,4 @@
-"""`lmctl machine catch-test|dilution-test`: coupons that are laid, weighed and cut."""
+"""`lmctl machine catch-test|dilution-test`: coupons that are deposited, weighed and cut."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ def dilution_test(
 
 def _ask_for_coupons(sim: bool, yes: bool) -> None:
     if not sim and not ask_confirmation(
-        "Coupons will be laid, beam on. Is the first plate clamped, and the cell closed?", yes
+        "Coupons will be deposited, beam on. Is the first plate clamped, and the cell closed?", yes
     ):
         raise click.Abort
 

@@ -22,7 +22,7 @@ from lmctl.machine.motion.endpoint import parse_motion_endpoint
 def load_profile_or_default(path: Path | None, *, calibrated: bool = True) -> MachineProfile:
     """The profile in `path`, or the example cell. Raises ConfigError.
 
-    calibrated : with what the calibration it names has measured; doubts about that are told, or
+    calibrated : with what the calibration it names has measured; doubts about that are reported, or
         refused where the profile says so
     """
     if path is not None:

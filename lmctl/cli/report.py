@@ -42,7 +42,7 @@ def report(
 ) -> None:
     """Write the report of the part that RUN worked on, over all its runs.
 
-    RUN is a run's name (run-0001), its folder, or a journal file. What nobody has recorded or
+    RUN is a run's name (run-0001), its folder, or a journal file. What was not recorded or
     stated is left as a ruled blank.
     """
     if as_built:

@@ -83,7 +83,7 @@ def _weight_findings(
     if len(weights) < len(given) or not isfinite(total):
         return
     if total == 0:
-        yield Finding(f"{path}.blend", "the weights sum to 0: nothing would be laid anywhere")
+        yield Finding(f"{path}.blend", "the weights sum to 0: nothing would be deposited")
     elif not isclose(total, 1.0, rel_tol=0, abs_tol=SUM_TOLERANCE):
         yield Finding(f"{path}.blend", f"the weights sum to {total:g}, not to 1")
 

@@ -118,7 +118,7 @@ class FeederSettings(ModbusDevice):
     mixer_pressure_max_mbar : more than this for a second is a clog, and holds a run; None: only the
         feeder's own alarm reports a clog. The usual pressure depends on hose, nozzle and gas, so no
         default would both spare a sound cell and detect a clog
-    correction : of its hoppers' slopes during a run; None: deviations are only told
+    correction : of its hoppers' slopes during a run; None: deviations are only reported
     """
 
     name: PlainName

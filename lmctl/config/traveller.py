@@ -1,7 +1,7 @@
 """What accompanies a part on paper: numbers, lots and certificates that no machine can report.
 
 A part file may state them under `[traveller]`, and `lmctl report --set KEY=VALUE` adds or replaces
-them; what nobody has stated is left as a ruled blank to be filled in by hand.
+them; what is not stated is left as a ruled blank to be filled in by hand.
 """
 
 from __future__ import annotations

@@ -16,6 +16,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.array_types import FloatArray
 from lmctl.config.machine import MachineProfile
 from lmctl.errors import JobError
 from lmctl.job.container import REPLAN_HINT
@@ -38,9 +39,6 @@ _LASTING_S, _POWER_W = 1e-6, 0.06
 _OF_FLOAT32 = 1e-6
 # A line may be executed slower than its programmed feed, but not faster.
 _FASTER, _FASTER_S = 1e-3, 1e-4
-
-Floats = NDArray[np.float64]
-
 
 def check_program(job: JobReader, profile: MachineProfile) -> None:
     """Refuse a job whose text does not match its table, naming the first line that differs.
@@ -108,7 +106,7 @@ class _Check:
 
     def _positions(
         self, layer: JobLayer, text: Sequence[Sequence[str]], moves: NDArray[np.bool_]
-    ) -> Floats:
+    ) -> FloatArray:
         """(n, 3) where each line ends by the program."""
         ends_mm = np.empty((len(moves), 3))
         first = _first(moves)
@@ -123,7 +121,7 @@ class _Check:
 
     def _speeds(
         self, layer: JobLayer, text: Sequence[Sequence[str]], moves: NDArray[np.bool_],
-        ends_mm: Floats,
+        ends_mm: FloatArray,
     ) -> None:
         first = _first(moves)
         if first is not None and not text[_F][first]:
@@ -160,7 +158,7 @@ class _Check:
         self._compare(layer, moves, said * per_S, layer.lines["power_W"], rounded_W,
                       "has a beam of {:g} W")
 
-    def _promises(self, layer: JobLayer, lasting_s: Floats) -> None:
+    def _promises(self, layer: JobLayer, lasting_s: FloatArray) -> None:
         """Check the manifest's totals over all lines, by which a machine accepts the job."""
         lines, totals = layer.lines, self._manifest.totals
         low, high = self._manifest.bounds_mm
@@ -182,8 +180,8 @@ class _Check:
                                         f"{most:.6g} at most")
 
     def _compare(
-        self, layer: JobLayer, where: NDArray[np.bool_], said: Floats, known: NDArray[np.floating],
-        tolerance: float, words: str,
+        self, layer: JobLayer, where: NDArray[np.bool_], said: FloatArray,
+        known: NDArray[np.floating], tolerance: float, words: str,
     ) -> None:
         off = np.abs(said - known) > tolerance + _OF_FLOAT32 * np.abs(known)
         if (at := _first(where & off)) is not None:
@@ -210,14 +208,14 @@ def _present(column: Sequence[str]) -> NDArray[np.bool_]:
     return np.fromiter(map(bool, column), bool, len(column))
 
 
-def _numbers(column: Sequence[str]) -> Floats:
+def _numbers(column: Sequence[str]) -> FloatArray:
     """The words' values, NaN where there is none."""
     values = np.full(len(column), np.nan)
     values[_present(column)] = np.fromiter(map(float, filter(None, column)), float)
     return values
 
 
-def _held(values: Floats, before: float) -> Floats:
+def _held(values: FloatArray, before: float) -> FloatArray:
     """Modal words: each value until the next; before the first, `before`."""
     at = np.maximum.accumulate(np.where(np.isnan(values), -1, np.arange(len(values))))
     return np.where(at >= 0, values[at], before)

@@ -10,7 +10,7 @@ from lmctl.as_built.figures import TOLERANCES, AsBuiltSummary, CompositionError
 _MOST_LAYERS = 12
 _BUILT_BY = {
     "simulated": "as built by the simulated process",
-    "predicted": "predicted by the model that the profile believes: nobody has measured it",
+    "predicted": "predicted by the model that the profile names, not measured",
 }
 
 

@@ -20,7 +20,7 @@ class Interruption:
     line, share : place of the last bead, known : "reported", "inferred", "stated" or "unknown";
         line None where no record states a place
     duration_s : until beads were deposited again, in the same run by machine time, in a later one
-        by the wall clock; None where they never were, or where clocks do not tell
+        by the wall clock; None where they never were, or where clocks do not show it
     resumed_in : the run that went on, "" where none did
     entry_line, repeated_mm : where the part was entered again, and bead deposited twice there
     """

@@ -125,7 +125,7 @@ def part_report_of(
 
 
 def job_of_part(path: Path, digest: str) -> JobOfPart:
-    """A job with its powders, if it is the one of that digest. What is wrong with it is told."""
+    """A job with its powders, if it is the one of that digest; else what is wrong with it."""
     try:
         with JobReader(path) as reader:
             if reader.digest != digest:

@@ -64,7 +64,7 @@ def part_report_as_csv(report: PartReport) -> str:
 
 
 def history_as_csv(runs_dir: Path) -> str:
-    """One row a run of a folder, oldest first; runs that cannot be read are told as such."""
+    """One row a run of a folder, oldest first; runs that cannot be read are listed as such."""
     return _text([list(_HISTORY), *(_history_row(RunFolder(runs_dir / name))
                                     for name in run_names(runs_dir))])
 

@@ -16,7 +16,7 @@ class PowderBalance:
     purged_g : into no layer, reported; weighed_g : weight lost in the layers, None where the hopper
         did not weigh throughout; refilled_g : as operators stated it
     caught_g : of what was fed in layers, in the part by the catch efficiency of the plan: it is
-        predicted; None where the job does not tell
+        predicted; None where the job does not say
     """
 
     hopper: str

@@ -16,7 +16,7 @@ from lmctl.report.value_range import ValueRange, joined_ranges, range_of
 
 @dataclass(frozen=True)
 class ProcessValues:
-    """Ranges of quantities, each with its mean over time. A quantity nobody reported is absent.
+    """Ranges of quantities, each with its mean over time. What was not reported is absent.
 
     speed_mm_s, power_W, shield_gas_L_min : None where not known
     flow_g_min, carrier_L_min : {hopper: powder flow, carrier gas}

@@ -33,12 +33,12 @@ def call_on_first_detection(scene: FaultContext, fault: Fault, seen: Callable[[]
 
 
 def _places(scene: FaultContext, fault: Fault) -> list[str]:
-    strikes = fault.kind.target
-    if strikes is FaultTarget.HOST:
+    target = fault.kind.target
+    if target is FaultTarget.HOST:
         return []
-    if strikes is FaultTarget.CELL:
+    if target is FaultTarget.CELL:
         return list(scene.bench.edges)
-    place = fault.device or _PLACES[strikes]
+    place = fault.device or _PLACES[target]
     return [place] if place in scene.bench.edges else []
 
 

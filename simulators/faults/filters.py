@@ -101,8 +101,8 @@ class GarbleWord:
         self._on_finished = on_finished
 
     def __call__(self, data: bytes, deliver: PassOn) -> None:
-        garbled, struck = self._number.subn(self._other, data, count=1)
-        if struck:
+        garbled, altered_count = self._number.subn(self._other, data, count=1)
+        if altered_count:
             self._on_finished()
         deliver(garbled)
 

@@ -124,12 +124,12 @@ class _Cell:
     channels: Mapping[str, set[int]]
     safety: bool
 
-    def devices(self, strikes: FaultTarget) -> list[str]:
+    def devices(self, fault_target: FaultTarget) -> list[str]:
         """Names that may be given for a device."""
         safety = ["safety"] if self.safety else []
-        if strikes is FaultTarget.LINK:
+        if fault_target is FaultTarget.LINK:
             return ["motion", *safety, *self.channels]
-        return [*(safety if strikes is FaultTarget.MODBUS else []), *self.channels]
+        return [*(safety if fault_target is FaultTarget.MODBUS else []), *self.channels]
 
 
 def _planned(reader: TableReader, table: Mapping[str, Any], cell: _Cell) -> PlannedFault | None:
@@ -178,12 +178,12 @@ def _when(
 
 
 def _check_device(
-    reader: TableReader, strikes: FaultTarget, device: str, channel: int, cell: _Cell
+    reader: TableReader, fault_target: FaultTarget, device: str, channel: int, cell: _Cell
 ) -> None:
-    if strikes is FaultTarget.HOPPER:
+    if fault_target is FaultTarget.HOPPER:
         _check_hopper(reader, "device", device, channel, cell)
-    elif strikes in (FaultTarget.LINK, FaultTarget.MODBUS, FaultTarget.FEEDER):
-        _check_name(reader, "device", device, cell.devices(strikes))
+    elif fault_target in (FaultTarget.LINK, FaultTarget.MODBUS, FaultTarget.FEEDER):
+        _check_name(reader, "device", device, cell.devices(fault_target))
 
 
 def _check_hopper(

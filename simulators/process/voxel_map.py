@@ -32,9 +32,9 @@ class VoxelMap:
     place_mm : (n, 3) tool point at the middle of each piece of the path with the beam on
     time_s, beam_on_mm : (n,) its time and length
     delivered : (n, k) volume fractions of what stayed of the powder; NaN where nothing did
-    surface_mm : (n,) height of the surface below the bead, above the plate, before it was laid
+    surface_mm : (n,) height of the surface below the bead, above the plate, before it was deposited
     line : (n,) int32 N word of the program
-    notes : what the file's reader should be told
+    notes : for the reader of the file
     """
 
     origin_mm: FloatArray

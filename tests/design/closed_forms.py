@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
+from lmctl.array_types import FloatArray
 from lmctl.config.part_file import MaterialSettings
 from lmctl.design.conditions import ModelConditions
 from lmctl.design.discretisation import Discretisation
@@ -23,7 +24,6 @@ from lmctl.design.phases import PhaseConstants, phase_constants
 from lmctl.design.recovery import RecoveredFields, recover_fields
 from lmctl.design.surface_facets import SurfaceFacets
 
-FloatArray = NDArray[np.float64]
 Composition = Callable[[FloatArray], FloatArray]
 
 STEEL = MaterialSettings(name="316L", elastic_modulus_GPa=200, poisson_ratio=0.3)

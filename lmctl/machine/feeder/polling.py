@@ -240,9 +240,9 @@ class FeederPolling:
                 pass  # the age of the last good answer shows it
             except ModbusExceptionError as error:
                 await self._refused(error)
-            if complaint := self._watch.silence_fault(self.status_age_s,
+            if found := self._watch.silence_fault(self.status_age_s,
                                                       self._link.wire_observation):
-                self._set_fault(complaint)
+                self._set_fault(found)
 
     async def _refused(self, error: ModbusExceptionError) -> None:
         """Read the status after a refusal: it gives the reason, since the device still answers."""
@@ -298,16 +298,16 @@ class FeederPolling:
     def _answered(self, status: FeederStatus) -> None:
         self.status = status
         self.listener.on_status(status)
-        complaint = self._watch.find_fault(status, sequence=self._sequence, feeding=self.feeding)
-        if complaint is not None:
-            self._set_fault(complaint)
+        found = self._watch.find_fault(status, sequence=self._sequence, feeding=self.feeding)
+        if found is not None:
+            self._set_fault(found)
         self._notify_waiting()
 
-    def _set_fault(self, complaint: FeederFault) -> None:
+    def _set_fault(self, found: FeederFault) -> None:
         if not self.watching or self.fault is not None:
             return
-        self.fault = self.errors.error(complaint.reason, complaint.hint)
-        self.listener.on_fault(complaint.reason)
+        self.fault = self.errors.error(found.reason, found.hint)
+        self.listener.on_fault(found.reason)
         self._notify_waiting()
 
     def _notify_waiting(self) -> None:

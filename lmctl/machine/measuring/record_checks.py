@@ -87,7 +87,7 @@ def check_bumps(scale: CatchScaleDriver, steps: WeighedSteps, fit: StepFit) -> N
         at_s = float(steps.time_s[worst + 1] - steps.time_s[0])
         raise scale.error(
             f"its display jumped by {jump_g:+.2f} g at {at_s:.0f} s of the test",
-            "somebody knocked against it, or a lump fell: test again")
+            "it was knocked, or a lump fell: test again")
 
 
 def feeder_doubts(fit: StepFit) -> list[str]:

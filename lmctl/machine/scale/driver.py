@@ -109,7 +109,7 @@ class CatchScaleDriver:
             abs(after.mass_g) > 3 * self.resolution_g
         ):
             raise self.error(
-                f"it was told to tare and shows {after.mass_g} g",
+                f"it was commanded to tare and shows {after.mass_g} g",
                 "tare it at its own display, or take off what lies on it; then test again")
         return after
 

@@ -181,7 +181,7 @@ def _walk_of_tree(
 
 
 def _stretches(
-    whole_mm: float, cuts: list[tuple[float, float, int, float]], entry_mm: float | None, *,
+    loop_mm: float, cuts: list[tuple[float, float, int, float]], entry_mm: float | None, *,
     forward: bool,
 ) -> list[tuple[float, float, int, tuple[float, float]]]:
     """Stretches between cuts, from the entry all round; with the loop to visit after each.
@@ -193,14 +193,14 @@ def _stretches(
     sense = 1.0 if forward else -1.0
     first = min(cuts) if entry_mm is None else next(c for c in cuts if c[0] == entry_mm)
     begin = first[0] + sense * first[1] / 2
-    rest = sorted((sense * (cut[0] - first[0]) % whole_mm, cut) for cut in cuts if cut is not first)
+    rest = sorted((sense * (cut[0] - first[0]) % loop_mm, cut) for cut in cuts if cut is not first)
     found = []
     at = begin
     for away, (_, gap, child, child_cut) in rest:
         middle = first[0] + sense * away
         found.append((at, middle - sense * gap / 2, child, (child_cut, gap)))
         at = middle + sense * gap / 2
-    end = first[0] + sense * (whole_mm - first[1] / 2)
+    end = first[0] + sense * (loop_mm - first[1] / 2)
     last = (first[2], (first[3], first[1])) if entry_mm is None else (-1, (0.0, 0.0))
     found.append((at, end, *last))
     return found

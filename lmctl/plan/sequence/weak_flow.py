@@ -1,10 +1,10 @@
-"""Tracks whose mixture wants less of a powder than its hopper meters: laid faster, or rounded.
+"""Tracks whose mixture wants less of a powder than its hopper meters: faster, or rounded.
 
-A bead laid faster by a factor, with beam power and powder in proportion, is the same bead: energy
-and powder per length stay. Its hoppers all run faster, so that a powder too scarce for its hopper
-at the recipe's speed may be metered. Only tracks of one mixture are laid so: along others powder
-would have to change faster, too. What is too scarce even so is set to none or to the least,
-whichever is nearer.
+A bead deposited faster by a factor, with beam power and powder in proportion, is the same bead:
+energy and powder per length stay. Its hoppers all run faster, so that a powder too scarce for its
+hopper at the recipe's speed may be metered. Only tracks of one mixture are deposited so: along
+others powder would have to change faster, too. What is too scarce even so is set to none or to the
+least, whichever is nearer.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _WORTH_FRACTION = MIXTURE_TOLERANCE_FRACTION / 2
 def metered_levels(
     levels: FloatArray, track: IndexArray, n_tracks: int, recipe: Recipe, fastest: float, where: str
 ) -> tuple[FloatArray, FloatArray]:
-    """Mixtures that hoppers can meter, and how much faster than the recipe each track is laid.
+    """Mixtures that hoppers can meter, and how much faster than the recipe each track is deposited.
 
     levels : (r, materials) wanted in the runs of a layer; track : (r,) the track of each, rising
     fastest : greatest factor that beam power allows

@@ -19,7 +19,7 @@ MAX_EVENT_ROWS = 500
 
 
 def deviation_section(report: PartReport) -> ReportSection:
-    """What was not as planned; reason and disposition are blank where nobody has noted them."""
+    """What was not as planned; reason and disposition are blank where none is noted."""
     columns = (
         TableColumn("run, record", 1.1, is_text=True), TableColumn("deviation", 3.6, is_text=True),
         TableColumn("cause", 2.2, is_text=True), TableColumn("lasted\nh:min:s", 1.0),
@@ -175,11 +175,11 @@ def key_section() -> ReportSection:
         ("planned", "as the job file has it, at an override of 100 %"),
         ("reported", "as controller, feeders and safety device reported it, five times a second; "
                      "for layers it includes what is inferred, which the remarks tell"),
-        ("inferred", "worked out from reports and settings: nobody saw it"),
+        ("inferred", "worked out from reports and settings, not reported"),
         ("predicted", "by the plan's own model"),
         ("weighed", "weight that the hopper's load cell lost"),
         ("#", "number of a record in the journal"),
-        (NO_VALUE, "not known, or nothing to tell"),
+        (NO_VALUE, "not known, or not applicable"),
         ("ruled line", "to be filled in by hand"),
     )
     return ReportSection("Key", (TableBlock(columns, rows), TextBlock(

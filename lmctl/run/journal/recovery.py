@@ -107,7 +107,7 @@ def refuse_finished(job: JobReader, after: RunReplay, place: ProgramPlace,
                     motion: MotionSettings) -> None:
     """Raise JournalError where no bead is left to deposit from a place on."""
     if place != JOB_START and plan_reentry(job.manifest, job.read_layer, place, motion) is None:
-        raise JournalError(f"{after.run.run} has laid every bead of its job: nothing is left",
+        raise JournalError(f"{after.run.run} has deposited every bead of its job: nothing is left",
                            hint=f"`{after.run.command('log')}` prints its log")
 
 

@@ -118,7 +118,7 @@ def _refuse_unrecoverable(made: RunFolder, found: _Reading) -> None:
         raise JournalError(f"{made.run} is done: there is nothing to recover", hint=log)
     began = found.last_line >= 0
     if found.finished or (began and found.reached.place.line >= found.header["lines"]):
-        raise JournalError(f"{made.run} has laid the whole of its part: nothing is left to lay",
+        raise JournalError(f"{made.run} has deposited the whole part: nothing is left",
                            where=found.fault, hint=log)
     if not began and "continues" in found.header and "begins_at" not in found.header:
         raise JournalError(

@@ -1,4 +1,4 @@
-"""Slopes of the hoppers during a run: told where they leave their interval, corrected if asked to.
+"""Slopes of the hoppers during a run: reported outside their interval, corrected if asked to.
 
 Nothing is measured or corrected while the weight or the flow is disturbed: in a hold, a purge or a
 refill, and below the level from which the weight is relied on.
@@ -28,7 +28,7 @@ from lmctl.run.powder.slope_window import (
 
 #: How often readings are looked at [s]; a feeder reports its hoppers every few seconds.
 _EVERY_S = 2.0
-#: A slope that nobody has measured is taken to be known so well.
+#: A slope that was not measured is taken to be known so well.
 _UNKNOWN_SLOPE = 0.02
 #: A deviation is over when it is this share of its limit.
 _OVER = 0.7
@@ -123,7 +123,7 @@ class SlopeWatch:
             self._measured(slope, found)
 
     def _measured(self, slope: _HopperSlope, found: SlopeMeasurement) -> None:
-        """A window is complete: journal it, tell a deviation, correct."""
+        """A window is complete: journal it, report a deviation, correct."""
         name, before = slope.hopper.name, slope.corrected
         total = found.ratio * before
         drift = slope.drift.add((found.from_s + found.to_s) / 2.0, total)

@@ -69,8 +69,9 @@ class FeedOverride:
         clock.cancel_scheduled_override()
         if rate == clock.rate:
             return
-        dark = self._window.next_beam_off_span_s(powder_s, clock.program_time_ahead_s(t, _WITHIN_S))
-        clock.schedule_override(*(dark or (powder_s, powder_s + _IN_BEAD_S)), rate)
+        span_s = self._window.next_beam_off_span_s(
+            powder_s, clock.program_time_ahead_s(t, _WITHIN_S))
+        clock.schedule_override(*(span_s or (powder_s, powder_s + _IN_BEAD_S)), rate)
 
     def cancel(self) -> None:
         """Cancel the planned override."""
