@@ -25,7 +25,7 @@ from lmctl.run.journal.run_folders import RunFolder
 from lmctl.run.program.place import ProgramPlace
 from simulators.faults.fault_injector import FaultInjector
 from simulators.faults.kinds import Fault
-from tests.run.whole.laid import (
+from tests.run.whole.deposited import (
     BEAM_OFF_S,
     EXACT_MM,
     OVERLAP_MM,

@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from lmctl.errors import RunFailedError, RunStoppedError
-from tests.run.whole.laid import BEAM_OFF_S, EXACT_MM, OVERLAP_MM, check_all_is_laid, laid_again_mm
+from tests.run.whole.deposited import (
+    BEAM_OFF_S,
+    EXACT_MM,
+    OVERLAP_MM,
+    check_all_is_laid,
+    laid_again_mm,
+)
 
 
 def test_a_hold_keeps_the_place_and_the_beam_returns_with_overlap_through_fresh_powder(

@@ -14,7 +14,7 @@ from lmctl.run.state.transitions import Effect
 from simulators.faults.fault_injector import FaultInjector
 from simulators.faults.kinds import Fault
 from simulators.safety_checks import SafetyChecks
-from tests.run.whole.laid import BEAM_OFF_S, OVERLAP_MM, acts, check_all_is_laid, laid_again_mm
+from tests.run.whole.deposited import BEAM_OFF_S, OVERLAP_MM, acts, check_all_is_laid, laid_again_mm
 
 
 def strike(kind, device, **values):

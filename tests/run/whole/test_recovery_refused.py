@@ -90,13 +90,13 @@ def test_a_run_that_has_executed_every_line_leaves_nothing_to_recover(
     assert type(one.error) is RunFailedError
     assert not isinstance(one.error, RunInterruptedError)
     assert "recover" not in one.error.hint
-    with pytest.raises(JournalError, match="nothing is left to lay") as refused:
+    with pytest.raises(JournalError, match="nothing is left") as refused:
         replay_run(RunFolder(one.journal.parent))
     assert refused.value.where == ("gas did not stop",)
     # Nor does a host that dies then, or while the nozzle leaves the part.
     records = list(read_records(whole.journal))
     finishing = next(i for i, r in enumerate(records) if r.get("to") == RunState.FINISHING)
-    with pytest.raises(JournalError, match="nothing is left to lay"):
+    with pytest.raises(JournalError, match="nothing is left"):
         replay_run(broken_off(tmp_path / "run-0001", whole, finishing + 1))
     after = replay_run(broken_off(tmp_path / "run-0001", whole, finishing))
     with JobReader(after.run.job) as job:

@@ -9,7 +9,7 @@ import pytest
 from lmctl.errors import RunStoppedError
 from lmctl.run.sequence import CellSequence
 from lmctl.run.state.transitions import RunState
-from tests.run.whole.laid import BEAM_OFF_S, acts
+from tests.run.whole.deposited import BEAM_OFF_S, acts
 
 
 def interrupt(one):

@@ -1,4 +1,4 @@
-"""What of a part has been laid, and how often, by the record of the simulated cell."""
+"""What of a part was deposited, and how often, by the record of the simulated cell."""
 
 from __future__ import annotations
 
