@@ -6,13 +6,12 @@ Source: docs/explanation/multi-colour-distance-field.md, Geometry field.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from lmctl.array_types import FloatArray
+from lmctl.array_types import FloatArray, IntArray
 from lmctl.errors import InputError
 from lmctl.field.field import DistanceField, sample_distance, sample_gradient
 
-Triangles = NDArray[np.int64]
+Triangles = IntArray
 
 PROJECTION_ROUNDS = 2  # of moving vertices onto the level
 MAX_MOVE_PITCHES = 0.5  # pitches; a larger move means an edge is near and the slope is no guide

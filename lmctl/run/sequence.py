@@ -196,7 +196,7 @@ class CellSequence:
         self._supply.start()
         self._slopes = SlopeWatch(
             self._hoppers, profile, cell, lambda: self._course.segment.feed.fed,
-            lambda: self._course.segment.deposition.is_under_way, self.alarms,
+            lambda: self._course.segment.deposition.is_in_progress, self.alarms,
             self._recorder)
         self._slopes.start()
         acceptance.refuse_unready(self._watch.active_alarms())

@@ -103,7 +103,7 @@ class Deposition:
         return f"layer {self._motion.layer + 1}, program line {self.lines_executed}"
 
     @property
-    def is_under_way(self) -> bool:
+    def is_in_progress(self) -> bool:
         """Whether lines of the program are being sent and executed, its own waits included."""
         return self._streaming
 

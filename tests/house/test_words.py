@@ -1,0 +1,46 @@
+"""Names of the trade, one definition of each array type, and the form of decision records."""
+
+from __future__ import annotations
+
+import re
+
+from tests.house.names import PACKAGES, ROOT, public_names
+
+#: Everyday words that a reader of a name cannot place, where the trade has its own.
+EVERYDAY = frozenset({
+    "lit", "dark", "told", "tell", "tells", "hear", "hears", "heard", "nobody", "somebody", "feet",
+    "foot", "wish", "wished", "befall", "vouch", "heed", "stands", "standing",
+})
+
+_WORD = re.compile(r"[A-Z]?[a-z]+")
+_ALIAS = re.compile(r"^(\w+) = NDArray\[np\.(?:float64|int64|intp|bool_)\]$", re.MULTILINE)
+
+
+def test_public_names_are_words_of_the_trade() -> None:
+    assert [
+        name for name in public_names()
+        if EVERYDAY & {word.lower() for word in _WORD.findall(name.rpartition(".")[2])}
+    ] == []
+
+
+def test_array_types_are_defined_once() -> None:
+    """`lmctl.array_types` has them; the simulators, which import no lmctl, have their own."""
+    twice = {
+        path.relative_to(ROOT).as_posix(): found
+        for package in PACKAGES for path in (ROOT / package).rglob("*.py")
+        if path.name != "array_types.py" and (found := _ALIAS.findall(path.read_text("utf-8")))
+    }
+    assert twice == {}
+
+
+def test_a_decision_says_what_and_why_and_is_in_the_index() -> None:
+    folder = ROOT / "docs/decisions"
+    records = {path.name: path.read_text("utf-8") for path in folder.glob("[0-9]*.md")}
+    index = (folder / "index.md").read_text("utf-8")
+    assert records
+    for name, text in records.items():
+        title = text.partition("\n")[0].removeprefix("# ")
+        assert f"- [{title}]({name})" in index, name
+        headings = [line for line in text.splitlines() if line.startswith("## ")]
+        assert headings in (["## What", "## Why"], ["## What", "## Why", "## Measured"]), name
+        assert len(text.splitlines()) <= 50, f"{name} is longer than a screen"
