@@ -15,6 +15,7 @@ from lmctl.field.grid import Grid
 from lmctl.part import bodies  # each body's module is loaded where it is used
 from lmctl.part.materials.powders import resolve_materials
 from lmctl.part.materials.profile_warnings import flat_profile_warnings
+from lmctl.part.named_bodies import named_bodies
 from lmctl.part.part import Part
 from lmctl.part.part_data import PartData
 from lmctl.part.resolution import checked_grid, section_plane_grid
@@ -170,6 +171,7 @@ def _part_of(part: config.PartFile, text: str, tree: BodyTree, report: Report | 
         grid=grid,
         plane=section_plane_grid(grid, part.process.bead_width_mm),
         surface_error_mm=tree.surface_error_mm,
+        named_bodies=named_bodies(part, tree),
     )
 
 

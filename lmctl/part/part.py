@@ -18,6 +18,7 @@ from lmctl.part.bodies.body import Body, plane_points
 from lmctl.part.bodies.measured import Bounds
 from lmctl.part.materials.composition import CompositionField, UniformComposition
 from lmctl.part.materials.powders import MaterialSpec
+from lmctl.part.named_bodies import NO_NAMED_BODIES, NamedBodies
 from lmctl.part.turning_heights import turning_heights_mm
 
 #: Points of a composition evaluated at a time: keeps temporaries in tens of megabytes.
@@ -67,6 +68,7 @@ class Part:
     grid : around the solid; `plane` : of every section
     surface_error_mm : of surfaces fitted to clouds, estimated from their samples; None where no
         tolerance is stated or nothing is fitted
+    named_bodies : those it is made of
     """
 
     name: str
@@ -82,6 +84,7 @@ class Part:
     grid: Grid
     plane: PlaneGrid
     surface_error_mm: float | None = None
+    named_bodies: NamedBodies = NO_NAMED_BODIES
 
     @property
     def bounds_mm(self) -> Bounds:

@@ -75,6 +75,10 @@ class BodyTree:
         """What the part is."""
         return self._joined(self._part.combine, self._roots, in_place=True)
 
+    def body_in_place(self, number: int) -> Body:
+        """One of its bodies, as and where the part has it. number : in the file, from 0"""
+        return self._solid(number, True)
+
     def cost(self) -> PartCost:
         """What has to be computed before the part is ready. Raises InputError as building would."""
         items = []

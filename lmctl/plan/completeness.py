@@ -10,8 +10,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from lmctl.config.part_file import ProcessSettings
 from lmctl.errors import PlanError
+from lmctl.part.named_bodies import NO_NAMED_BODIES, NamedBodies
 from lmctl.plan.geometry import IslandFigures, LayerGeometry, LostFeature, OverhangPlace
 from lmctl.plan.layer_matching import PiecesBelow
 from lmctl.plan.part_pieces import BuiltFeature, LostPiece, Overhang
@@ -31,11 +34,13 @@ class Completeness:
 
     layer_height_mm : as fitted; height_left_mm : how much taller the part is than its layers,
         negative where they end above it
+    named_bodies : lost pieces are named by these
     """
 
     process: ProcessSettings
     layer_height_mm: float
     height_left_mm: float = 0.0
+    named_bodies: NamedBodies = NO_NAMED_BODIES
     slice_mm2: float = 0.0
     inside_mm2: float = 0.0
     double_mm2: float = 0.0
@@ -107,7 +112,7 @@ class Completeness:
             "feature_count": len(self.features),
             "features": [f.as_dict() for f in self._least_built()[:_MOST_LISTED]],
             "lost_count": self.lost_count,
-            "lost": [piece.as_dict() for piece in self._largest_lost()[:_MOST_LISTED]],
+            "lost": [piece.as_dict() for piece in self._largest_lost()],
             "overhang_count": len(self.overhangs),
             "overhangs": [o.as_dict() for o in self._worst_overhangs()[:_MOST_LISTED]],
         }
@@ -189,7 +194,11 @@ class Completeness:
         return sorted(self.features, key=lambda f: f.built_fraction)
 
     def _largest_lost(self) -> list[LostPiece]:
-        return sorted(self.lost, key=lambda piece: -piece.volume_mm3)
+        """Those that are listed, with the body of each."""
+        largest = sorted(self.lost, key=lambda piece: -piece.volume_mm3)[:_MOST_LISTED]
+        for piece in largest:
+            piece.body_name = self.named_bodies.name_at(np.array(piece.middle_mm))
+        return largest
 
     def _worst_overhangs(self) -> list[Overhang]:
         return sorted(self.overhangs, key=lambda o: (not o.is_in_air, -o.angle_deg, -o.area_mm2))

@@ -5,12 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from lmctl.plan.geometry import LostFeature
 
 
 @dataclass
 class LostPiece:
-    """A lost feature through all layers it is lost in; heights in the part's coordinates [mm]."""
+    """A lost feature through all layers it is lost in; heights in the part's coordinates [mm].
+
+    body_name : of the body it is a piece of; None where that is not said
+    """
 
     feature: LostFeature
     first_layer: int
@@ -18,17 +23,24 @@ class LostPiece:
     lowest_z_mm: float
     highest_z_mm: float
     volume_mm3: float
+    body_name: str | None = None
+
+    @property
+    def middle_mm(self) -> tuple[float, float, float]:
+        """Where it is, in the part's coordinates."""
+        return (*self.feature.at_mm, (self.lowest_z_mm + self.highest_z_mm) / 2)
 
     def location_text(self) -> str:
-        x, y = self.feature.at_mm
+        x, y = (v + 0.0 for v in np.round(self.feature.at_mm, 1))  # no −0.0
         length, width = self.feature.size_mm
-        return (f"{self.feature.kind} of {length:.3g} × {width:.2g} mm at x {x:.1f}, y {y:.1f}, "
-                f"z {_span(self.lowest_z_mm, self.highest_z_mm)} mm ({self.volume_mm3:.3g} mm³): "
-                f"{self.feature.reason}")
+        of = "" if self.body_name is None else f" of body {self.body_name!r}"
+        return (f"{self.feature.kind} of {length:.3g} × {width:.2g} mm{of} "
+                f"at x {x:.1f}, y {y:.1f}, z {_span(self.lowest_z_mm, self.highest_z_mm)} mm "
+                f"({self.volume_mm3:.3g} mm³): {self.feature.reason}")
 
     def as_dict(self) -> dict[str, Any]:
         return {
-            "kind": self.feature.kind,
+            "kind": self.feature.kind, "body": self.body_name,
             "at_mm": [round(v, 3) for v in self.feature.at_mm],
             "from_z_mm": round(self.lowest_z_mm, 3), "to_z_mm": round(self.highest_z_mm, 3),
             "from_layer": self.first_layer, "to_layer": self.last_layer,
@@ -52,7 +64,7 @@ class Overhang:
     is_in_air: bool
 
     def location_text(self) -> str:
-        x, y = self.at_mm
+        x, y = (v + 0.0 for v in np.round(self.at_mm, 1))  # no −0.0
         angle_text = "nothing below it" if self.is_in_air else f"up to {self.angle_deg:.0f}°"
         return (
             f"at x {x:.1f}, y {y:.1f}, z {_span(self.lowest_z_mm, self.highest_z_mm)} mm: "

@@ -100,7 +100,7 @@ class _Planning:
         self._sequencer = LayerSequencer(part.name, part.process, self._recipe, profile)
         self._completeness = Completeness(
             part.process, self._whole_placement.layer_height_mm,
-            self._whole_placement.uncovered_height_mm())
+            self._whole_placement.uncovered_height_mm(), part.named_bodies)
 
     def count(self) -> int:
         """Layers of the job, as far as is known: those above the last with tracks come off last."""

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 import trimesh
 
+from lmctl.errors import InputError
 from lmctl.field.plane import loop_area_mm2
 from lmctl.field.surface_files import surface_bytes
-from lmctl.part.load import load_part
+from lmctl.part.load import load_part, part_from_model
 
 RADIUS_MM = 15.0
 
@@ -42,3 +43,15 @@ def test_sections_of_a_fine_ball_are_discs(harm: str, tmp_path: Path) -> None:
         assert loop_area_mm2(loops[0]) == pytest.approx(disc, rel=5e-3)
     assert part.body.distance_at(np.array([[0.0, 0.0, 0.0]]))[0] == pytest.approx(RADIUS_MM,
                                                                                   rel=2e-3)
+
+
+def test_dust_is_refused_in_words(tmp_path: Path) -> None:
+    """A million specks take 11 s of CPU to be refused; joined one by one they would take hours."""
+    speck = trimesh.creation.box((0.1, 0.1, 0.1))
+    step = np.stack(np.meshgrid(*[np.arange(22) * 0.5] * 3), axis=-1).reshape(-1, 1, 3)
+    corners = (step + speck.vertices).reshape(-1, 3)
+    triangles = (np.arange(len(step))[:, None, None] * 8 + speck.faces).reshape(-1, 3)
+    (tmp_path / "dust.stl").write_bytes(surface_bytes("stl", corners, triangles))
+    with pytest.raises(InputError, match="10,648 separate pieces") as caught:
+        part_from_model(tmp_path / "dust.stl", units="mm")
+    assert "10,648 of them are smaller than half a bead" in caught.value.render()

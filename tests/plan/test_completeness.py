@@ -8,6 +8,7 @@ from shapely.ops import unary_union
 
 from lmctl.config.part_file import ProcessSettings
 from lmctl.errors import PlanError
+from lmctl.part.load import load_part
 from lmctl.plan.completeness import Completeness
 from lmctl.plan.geometry import layer_geometry
 from lmctl.preflight.placement import place_part
@@ -180,3 +181,52 @@ def test_pieces_that_stand_close_are_told_apart(complete):
     assert all((piece.first_layer, piece.last_layer) == (0, 4) for piece in found.lost)
     assert all(piece.feature.size_mm == pytest.approx((0.2, 0.2), abs=0.01)
                for piece in found.lost)
+
+
+def test_lost_pieces_name_their_body(profile, tmp_path):
+    """Also where a whole layer consists of pieces of two bodies, and one body is cut from another.
+    """
+    file = tmp_path / "fins.toml"
+    file.write_text("""
+name = "fins"
+combine = "union"
+[[material]]
+name = "316L"
+[[body]]
+name = "block"
+kind = "box"
+low_mm = [0, 0, 0]
+high_mm = [20, 20, 4]
+[[body]]
+name = "hole"
+kind = "cylinder"
+base_mm = [5, 5, -1]
+top_mm = [5, 5, 5]
+radius_mm = 2
+[[body]]
+name = "plate"
+kind = "difference"
+of = ["block", "hole"]
+[[body]]
+name = "fin"
+kind = "box"
+low_mm = [10, 10, 3]
+high_mm = [18, 10.6, 7.2]
+[[body]]
+name = "pin"
+kind = "cylinder"
+base_mm = [4, 15, 3]
+top_mm = [4, 15, 5.6]
+radius_mm = 0.3
+""")
+    part = load_part(file)
+    placement = place_part(part, profile)
+    found = Completeness(part.process, placement.layer_height_mm, 0.0, part.named_bodies)
+    for layer in range(placement.n_layers):
+        found.add_layer(layer_geometry(part, placement, layer))
+    lost = found.totals()["lost"]
+    assert sorted(piece["body"] for piece in lost) == ["fin", "pin"]
+    with pytest.raises(PlanError, match="2 pieces are lost") as caught:
+        found.check()
+    assert "of body 'fin' at x 14.0" in caught.value.render()
+    assert [name for name, _ in part.named_bodies.bodies] == ["block", "fin", "pin"]

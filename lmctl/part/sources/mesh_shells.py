@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from lmctl.array_types import BoolArray, FloatArray, IntArray
+from lmctl.errors import InputError
 from lmctl.field.mesh.triangle_tree import TriangleTree
 from lmctl.part.sources.mesh_orientation import (
     orient_by_parity,
@@ -18,6 +19,9 @@ from lmctl.part.sources.mesh_topology import edge_numbers
 
 #: Corners of a shell that are tested for lying in another.
 MAX_CORNERS_TESTED = 50
+
+#: More shells than this are no part but dust of a scan or of a lattice; each may lie in each other.
+MAX_SHELLS = 10_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,10 +67,17 @@ class MeshShell:
 
 
 def split_into_shells(
-    vertices: FloatArray, triangles: IntArray, turned: BoolArray
+    vertices: FloatArray, triangles: IntArray, turned: BoolArray, name: str, bead_mm: float
 ) -> list[MeshShell]:
-    """The shells of a mesh. turned : (m,) triangles that had to be turned to face as others do"""
+    """The shells of a mesh.
+
+    turned : (m,) triangles that had to be turned to face as others do
+    raises : InputError where there are more than `MAX_SHELLS`; it says how many of them are smaller
+        than half a bead
+    """
     number = shell_numbers(vertices, triangles)
+    if len(number) and number.max() >= MAX_SHELLS:
+        raise _too_many_shells(vertices, triangles, number, name, bead_mm)
     order = np.argsort(number, kind="stable")
     found = []
     for rows in np.split(order, np.flatnonzero(np.diff(number[order])) + 1):
@@ -79,6 +90,22 @@ def split_into_shells(
             shell = shell.flipped() if faces_in else shell
         found.append(shell)
     return found
+
+
+def _too_many_shells(
+    vertices: FloatArray, triangles: IntArray, number: IntArray, name: str, bead_mm: float
+) -> InputError:
+    order = np.argsort(number, kind="stable")
+    starts = np.searchsorted(number[order], np.arange(number.max() + 1))
+    corners = vertices[triangles[order]]
+    low = np.minimum.reduceat(corners.min(axis=1), starts)
+    high = np.maximum.reduceat(corners.max(axis=1), starts)
+    small = int(np.count_nonzero((high - low).max(axis=1) < bead_mm / 2))
+    return InputError(
+        f"the mesh {name} falls into {len(starts):,} separate pieces",
+        where=f"{small:,} of them are smaller than half a bead of {bead_mm:g} mm and cannot be "
+        f"deposited; at most {MAX_SHELLS:,} pieces are read",
+        hint="delete loose pieces in the program that exported it, and export it again")
 
 
 def nearby_pairs(shells: list[MeshShell], gap_mm: float) -> IntArray:

@@ -58,7 +58,7 @@ def unite_shells(
     raises : InputError, with the place, where shells cannot be united, or where one whose triangles
         faced both ways lies in another: a cavity or not would be a guess
     """
-    shells = split_into_shells(vertices, triangles, turned)
+    shells = split_into_shells(vertices, triangles, turned, name, bead_mm)
     done: list[MeshShell] = []
     unions: list[_Union] = []
     for group in _near_groups(shells, FLUSH_GAP_MM):

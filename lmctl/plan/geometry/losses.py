@@ -59,11 +59,19 @@ def lost_features(
     return tuple(sorted(found, key=lambda lost: -lost.area_mm2))
 
 
-def lost_slice_feature(loops: Sequence[FloatArray], islands: Islands,
-                       process: ProcessSettings) -> LostFeature:
-    """A whole slice without a track. loops : of the slice, one at least"""
-    area = float(islands.area_mm2.sum())
-    return _lost("layer", np.vstack(loops), area, process)
+def lost_slice_features(
+    loops: Sequence[FloatArray], islands: Islands, process: ProcessSettings
+) -> tuple[LostFeature, ...]:
+    """A whole slice without a track, by its islands, the largest first.
+
+    loops : of the slice, one at least
+    """
+    large = np.flatnonzero(islands.area_mm2 >= (_CRUMB_BEADS * process.bead_width_mm) ** 2)
+    if len(large) == 0:  # crumbs alone are one piece
+        return (_lost("layer", np.vstack(loops), float(islands.area_mm2.sum()), process),)
+    found = [_lost("layer", islands.outer[number], float(islands.area_mm2[number]), process)
+             for number in large]
+    return tuple(sorted(found, key=lambda lost: -lost.area_mm2))
 
 
 def _uncovered_stretches(

@@ -24,7 +24,7 @@ from lmctl.plan.geometry.layer_geometry import (
     OverhangPlace,
 )
 from lmctl.plan.geometry.link_lines import LinkableTrack
-from lmctl.plan.geometry.losses import lost_features, lost_slice_feature
+from lmctl.plan.geometry.losses import lost_features, lost_slice_features
 from lmctl.plan.geometry.overhang import overhang_places
 from lmctl.plan.geometry.section_raster import SectionRaster
 from lmctl.plan.geometry.strategies import SliceTask, tracks_of_slice
@@ -72,7 +72,7 @@ def _figures(
     slice_mm2 = float(islands.area_mm2.sum())
     if not lines:
         return LayerFigures(slice_mm2, 0.0, 0.0, 0.0, 0.0, overhang=overhang,
-                            lost=(lost_slice_feature(loops, islands, process),))
+                            lost=lost_slice_features(loops, islands, process))
     table, starts = _flat(lines)
     points, strip = table[:, :2], table[:, 2]
     deposit = deposit_on(raster, points, starts, strip, process.bead_width_mm)
