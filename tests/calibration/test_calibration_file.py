@@ -75,7 +75,7 @@ def test_a_file_altered_by_hand_is_refused(tmp_path: Path) -> None:
         load_calibration(path)
 
 
-def test_all_mistakes_are_told_at_once(tmp_path: Path) -> None:
+def test_all_mistakes_are_reported_at_once(tmp_path: Path) -> None:
     path = tmp_path / "calibration.json"
     save_calibration(calibration(), path)
     data = json.loads(path.read_text())

@@ -80,7 +80,7 @@ def test_hints_can_be_typed_where_folders_have_spaces(lmctl, tmp_path):
     assert "run-0001" in lmctl(*jobs).data
 
 
-def test_nobody_recovers_without_being_asked(journal, refused, monkeypatch):
+def test_no_one_recovers_without_being_asked(journal, refused, monkeypatch):
     monkeypatch.setattr("sys.stdin.isatty", lambda: False)
     talk = refused("recover", "run-0001", "--sim", "--position-restored", code=2)
     assert "there is no terminal to ask at" in talk

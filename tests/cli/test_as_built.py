@@ -64,7 +64,7 @@ def test_a_folder_receives_all_forms(lmctl, built, tmp_path):
     assert 'Name="built WC-12Co"' in head
 
 
-def test_a_damaged_map_is_told(lmctl, built):
+def test_a_damaged_map_is_reported(lmctl, built):
     (built / "voxel-map.npz").write_bytes(b"PK")
     outcome = lmctl("report", "run-0001", "--as-built")
     assert outcome.code == 1

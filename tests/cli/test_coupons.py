@@ -18,7 +18,7 @@ substrate = "mild steel"
 """
 
 
-def test_a_coupon_tells_the_hidden_catch(lmctl, bench, tmp_path) -> None:
+def test_a_coupon_shows_the_hidden_catch(lmctl, bench, tmp_path) -> None:
     file = bench(("catch_efficiency = 0.75", "catch_efficiency = 0.675"))
     outcome = lmctl("machine", "catch-test", "--sim", "--bench", file, "--material", "316L",
                     "--operator", "Ada", "--json")
@@ -32,7 +32,7 @@ def test_a_coupon_tells_the_hidden_catch(lmctl, bench, tmp_path) -> None:
     assert found.deposited_g / found.fed_g == pytest.approx(0.675, abs=0.004)
 
 
-def test_tracks_tell_dilution_against_energy(lmctl, bench, tmp_path) -> None:
+def test_tracks_show_dilution_against_energy(lmctl, bench, tmp_path) -> None:
     file = bench()
     file.write_text(file.read_text() + PROCESS)
     outcome = lmctl("machine", "dilution-test", "--sim", "--bench", file, "--material", "316L",
@@ -45,7 +45,7 @@ def test_tracks_tell_dilution_against_energy(lmctl, bench, tmp_path) -> None:
         assert share == pytest.approx(0.2 + 0.001 * (energy_J_mm - 150.0), abs=0.005)
 
 
-def test_what_cannot_be_laid_or_analysed_is_refused(refused, lmctl) -> None:
+def test_what_cannot_be_deposited_or_analysed_is_refused(refused, lmctl) -> None:
     assert "no hopper" in refused("machine", "catch-test", "--sim", "--material", "Cu", code=2)
     assert "no hopper" in refused("machine", "dilution-test", "--sim", "--material", "Cu",
                                   "--substrate", "Fe", code=2)

@@ -183,7 +183,7 @@ def test_a_dialect_of_ones_own(tmp_path, lmctl):
     assert lines.count("ON") == lines.count("OFF") > 0
 
 
-def test_all_mistakes_of_a_dialect_are_told_at_once(refused, tmp_path):
+def test_all_mistakes_of_a_dialect_are_reported_at_once(refused, tmp_path):
     good = {name: value for name, value in load_dialect("plain").model_dump().items() if value}
     bad = good | {"x": "X{inch}", "dwell": "G4 P{seconds:q}", "beam_on": "M3 {W",
                   "head": ["{secret}"]}

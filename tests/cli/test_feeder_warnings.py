@@ -69,7 +69,7 @@ def test_doctor_has_warnings_to_mend_and_a_clog_that_keeps_a_run_from_starting(
     assert "mixer" not in without.data
 
 
-def test_a_run_tells_of_a_low_level_and_goes_on_and_its_log_tells_it_too(lmctl, box, tmp_path):
+def test_a_run_shows_a_low_level_and_goes_on_and_its_log_shows_it_too(lmctl, box, tmp_path):
     (tmp_path / "faults.toml").write_text(
         '[[fault]]\nkind = "hopper_level"\ndevice = "F1"\ngrams = 1500\nat_s = 5\n')
     done = lmctl("run", box, "--sim", "--faults", "faults.toml")
@@ -100,7 +100,7 @@ def test_status_of_a_run_shows_what_stands_and_alarms_go_before_warnings(capsys)
     assert capsys.readouterr().out == ""
 
 
-def test_a_run_goes_on_where_nobody_hears_its_talk(monkeypatch):
+def test_a_run_goes_on_where_no_one_reads_its_output(monkeypatch):
     def broken(line):
         raise BrokenPipeError
 
@@ -127,7 +127,9 @@ def test_on_a_terminal_a_notice_has_a_line_of_its_own_above_the_bar():
     assert "warning: hopper [A]: " + "low " * 40 + "indeed" in lines
 
 
-def test_an_alarm_is_told_when_it_comes_and_not_only_at_the_end(lmctl, box, tmp_path, monkeypatch):
+def test_an_alarm_is_reported_when_it_comes_and_not_only_at_the_end(
+    lmctl, box, tmp_path, monkeypatch
+):
     monkeypatch.setattr("lmctl.run.sequence.HELD_AT_MOST_S", 20.0)
     (tmp_path / "faults.toml").write_text(
         '[[fault]]\nkind = "over_pressure"\ndevice = "F1"\nmbar = 300\nnoticed = false\n'

@@ -224,7 +224,7 @@ def test_jogs_that_cannot_be_meant(lmctl, words, said) -> None:
     assert said in outcome.talk
 
 
-def test_nobody_is_homed_without_being_asked(refused, lmctl, bench, monkeypatch) -> None:
+def test_no_one_is_homed_without_being_asked(refused, lmctl, bench, monkeypatch) -> None:
     monkeypatch.setattr("sys.stdin.isatty", lambda: False)
     path = bench(HOMING)
     assert "there is no terminal to ask at" in refused("machine", "home", "--sim", "--bench", path,
@@ -266,7 +266,7 @@ def test_behind_a_watchdog_relay_axes_can_be_moved_and_doctor_says_why_it_sees_l
     assert "every fitted input is good" in doctor.data
 
 
-def test_a_look_at_the_cell_tells_of_the_relay_and_the_laser_enable_output(lmctl):
+def test_a_look_at_the_cell_shows_the_relay_and_the_laser_enable_output(lmctl):
     examples = files("lmctl.examples")
     cell = ["--sim", "-m", examples / "cell-safe.toml", "--bench", examples / "bench-safe.toml"]
     safety = lmctl("machine", "status", *cell).data.partition("\nsafety")[2]

@@ -42,7 +42,7 @@ def test_its_journal_says_unknown_and_from_where_to_where(lmctl):
     assert 0.0 < place["t"] - place["reported_at"] < 0.25
 
 
-def test_nobody_being_asked_it_is_refused_with_the_choices(refused):
+def test_no_one_being_asked_it_is_refused_with_the_choices(refused):
     talk = refused("recover", "run-0001", "--sim", "--yes", "--position-restored", code=2)
     assert "mm of bead may be on the part or not" in talk
     assert re.search(r"path \d+ of layer \d+: [0-9.]+ mm, from X[0-9.]+ Y[0-9.]+ Z[0-9.]+ "

@@ -94,7 +94,7 @@ profile = {{ kind = "linear", {mixtures} }}
     assert "there is no file" in talk.partition("face.stl")[0].splitlines()[-1]
 
 
-def test_a_bare_mesh_in_metres_is_told_how_to_say_so_and_can_be_checked(
+def test_a_bare_mesh_in_metres_is_shown_how_to_say_so_and_can_be_checked(
     refused: Refused, lmctl: Callable[..., Any], tmp_path: Path
 ) -> None:
     mesh = tmp_path / "metres.stl"
@@ -277,12 +277,14 @@ def test_an_endpoint_that_names_no_place_is_found_by_checking_with_all_else(
 
 
 @pytest.mark.parametrize("text", ["x = " + "9" * 5000, "x = " + "[" * 5000, "a = b"])
-def test_what_is_no_toml_is_told_by_checking(refused: Refused, tmp_path: Path, text: str) -> None:
+def test_what_is_no_toml_is_reported_by_checking(
+    refused: Refused, tmp_path: Path, text: str
+) -> None:
     assert "is not valid TOML" in refused("check", write(tmp_path / "it.toml", text), code=3,
                                           hint=False)
 
 
-def test_run_needs_to_be_told_where(refused: Refused, job: Path) -> None:
+def test_run_needs_to_know_where(refused: Refused, job: Path) -> None:
     assert "--sim" in refused("run", job, code=2)
 
 
@@ -317,7 +319,7 @@ def test_a_port_that_is_absent(refused: Refused, job: Path, tmp_path: Path) -> N
     assert "/dev/ttyNONE9" in refused("run", job, "--machine", absent, code=4)
 
 
-def test_ports_where_nobody_listens_make_one_report(
+def test_ports_where_no_one_listens_make_one_report(
     refused: Refused, job: Path, tmp_path: Path
 ) -> None:
     with socket.socket() as one, socket.socket() as other:

@@ -88,7 +88,7 @@ def test_digests_are_whole_and_verified(tmp_path, lmctl):
     assert "whole, and made on this journal" in found.text
 
 
-def test_what_nobody_has_stated_is_a_ruled_blank(tmp_path, lmctl):
+def test_what_no_one_has_stated_is_a_ruled_blank(tmp_path, lmctl):
     before = page(tmp_path, lmctl)
     assert "serial number SN-0" in before.text
     assert "A4711" in before.text
@@ -99,7 +99,7 @@ def test_what_nobody_has_stated_is_a_ruled_blank(tmp_path, lmctl):
     assert before.blanks - after.blanks == 2
 
 
-def test_it_tells_first_out_cause_reentry_and_modelled_on(tmp_path, lmctl):
+def test_it_shows_first_out_cause_reentry_and_modelled_on(tmp_path, lmctl):
     text = page(tmp_path, lmctl).text
     assert "first out" in text
     assert "stood when the run ended" in text
@@ -144,7 +144,7 @@ def test_an_altered_journal_is_named_with_its_line(tmp_path, lmctl):
 
 
 @pytest.mark.parametrize("change", ["other", "missing", "damaged"])
-def test_without_its_job_nothing_is_claimed_that_only_the_job_tells(tmp_path, lmctl, change):
+def test_without_its_job_nothing_is_claimed_that_only_the_job_shows(tmp_path, lmctl, change):
     job = tmp_path / "runs/run-0001/job.lmj"
     match change:
         case "other":

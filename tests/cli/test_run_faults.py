@@ -50,7 +50,7 @@ def test_a_fault_file_that_is_not_there_or_not_for_a_real_machine(refused, tmp_p
             hint=False)
 
 
-def test_of_a_controller_that_is_gone_nobody_says_that_the_beam_is_off(lmctl, box, tmp_path):
+def test_of_a_controller_that_is_gone_no_one_says_that_the_beam_is_off(lmctl, box, tmp_path):
     (tmp_path / "faults.toml").write_text(
         '[[fault]]\nkind = "link_closed"\ndevice = "motion"\nat_line = 40\n')
     ended = lmctl("run", box, "--sim", "--faults", "faults.toml")
@@ -60,7 +60,7 @@ def test_of_a_controller_that_is_gone_nobody_says_that_the_beam_is_off(lmctl, bo
     assert "powder was" not in ended.talk
 
 
-def test_of_a_feeder_that_is_silent_nobody_says_that_its_powder_stopped(lmctl, box, tmp_path):
+def test_of_a_feeder_that_is_silent_no_one_says_that_its_powder_stopped(lmctl, box, tmp_path):
     (tmp_path / "faults.toml").write_text(
         '[[fault]]\nkind = "device_silent"\ndevice = "F1"\nat_line = 40\n'
         '[[fault]]\nkind = "hard_limit"\nat_line = 44\n')

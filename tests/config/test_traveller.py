@@ -45,7 +45,7 @@ def test_what_is_stated_later_replaces_what_was_stated_before() -> None:
     assert stated.serial == "1"
 
 
-def test_all_mistakes_of_set_are_told_together() -> None:
+def test_all_mistakes_of_set_are_reported_together() -> None:
     with pytest.raises(UsageError) as caught:
         with_stated_values(
             TravellerSettings(), ["serial", "sreial=1", "powder.316L.reuse_count=twice", "=4",

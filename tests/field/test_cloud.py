@@ -106,7 +106,7 @@ def test_thin_walls_have_two_sides():
     assert np.quantile(np.abs(errors_near(field, true, 0.2)), 0.98) < 0.02
 
 
-def test_repeats_and_strays_are_dropped_and_told(sphere_cloud):
+def test_repeats_and_strays_are_dropped_and_reported(sphere_cloud):
     points = sphere_cloud(5_000, 10.0)
     strays = np.random.default_rng(7).uniform(-16, 16, (20, 3))
     strays = strays[np.abs(np.linalg.norm(strays, axis=1) - 10) > 2]
@@ -136,7 +136,7 @@ def test_an_open_cloud_is_refused_with_the_size_of_the_opening(sphere_cloud, lef
     assert error.value.hint
 
 
-def test_a_cloud_too_sparse_for_its_pitch_is_told_the_pitch_it_can_bear(sphere_cloud):
+def test_a_cloud_too_sparse_for_its_pitch_is_refused_with_the_pitch_it_can_bear(sphere_cloud):
     points = sphere_cloud(1_000, 30.0)
     with pytest.raises(InputError, match=r"up to .* mm apart, the grid pitch is 0.25 mm") as error:
         cloud_field(points, around(points, 0.25))

@@ -47,7 +47,7 @@ def wrong_signs(field: DistanceField, thick: float) -> NDArray[np.bool_]:
 
 @pytest.mark.parametrize("thick", [2.0, 1.0])
 @pytest.mark.parametrize("noise", [0.0, 0.02])
-def test_a_plate_too_thin_for_its_spacing_is_told_by_its_normals(thick, noise):
+def test_a_plate_too_thin_for_its_spacing_is_reported_by_its_normals(thick, noise):
     points, normals = plate(thick, noise)
     grid = around(points)
     with pytest.raises(InputError, match="cannot be distinguished"):

@@ -16,7 +16,7 @@ GRBLHAL_ERRORS = [*range(1, 59), *range(60, 67), *range(70, 93), 253]
     [(GRBL, GRBL_ERRORS, range(1, 11)), (GRBLHAL, GRBLHAL_ERRORS, range(1, 23))],
     ids=["grbl", "grblhal"],
 )
-def test_every_code_is_told_in_words_with_a_remedy(dialect, errors, alarms):
+def test_every_code_is_reported_in_words_with_a_remedy(dialect, errors, alarms):
     for meaning in [error_meaning(code, dialect) for code in errors] + [
         alarm_meaning(code, dialect) for code in alarms
     ]:

@@ -135,7 +135,7 @@ def test_every_code_of_the_map_has_words_and_advice():
      "hopper A: it is empty (and 2 more: the host's heartbeat stopped, and its watchdog tripped; "
      "hopper 2 has one)"),
 ])
-def test_the_first_alarm_tells_of_the_others_that_stand(code, bits, text):
+def test_the_first_alarm_names_the_others_that_are_active(code, bits, text):
     found = pmx_alarms.describe_first_out_alarm(code, bits, {1: "A"})
     assert (found.code, found.text) == (code, text)
     assert found.remedy == pmx_alarms.describe_alarm(code).remedy

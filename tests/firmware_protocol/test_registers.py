@@ -94,7 +94,7 @@ def test_what_the_words_cannot_hold_is_refused(kind, value):
         one(kind).encode("R", value)
 
 
-def test_limits_are_told_in_units():
+def test_limits_are_reported_in_units():
     table = one(RegisterType.U16, counts_per_unit=10, unit="s", minimum=0, maximum=600)
     assert table.encode("R", 600) == (6000,)
     with pytest.raises(RegisterError, match=r"R must be between 0 and 600 s, not 600\.1"):

@@ -112,7 +112,7 @@ def test_first_outs_in_words(one, code, words):
     assert found.remedy
 
 
-def test_the_relays_code_and_codes_nobody_knows():
+def test_the_relays_code_and_codes_no_one_knows():
     assert "heartbeat stopped" in safety_io.describe_first_out(safety_io.RELAY_FIRST_OUT_CODE).text
     assert "does not list" in safety_io.describe_first_out(0).text
     assert "safety code 65535" in safety_io.describe_first_out(0xFFFF).text

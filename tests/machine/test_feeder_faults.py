@@ -38,13 +38,13 @@ def fault_of(act, config: FeederConfig = ONE, within_s: float = 3.0):
     return virtual_time.run_in_virtual_time(main())
 
 
-def test_an_alarm_is_told_once_in_words():
+def test_an_alarm_is_reported_once_in_words():
     assert fault_of(lambda device, _: device.set_estop_open(True)) == [
         "the emergency-stop chain is open"
     ]
 
 
-def test_an_empty_hopper_is_told_by_the_name_it_has_in_the_cell():
+def test_an_empty_hopper_is_reported_by_the_name_it_has_in_the_cell():
     config = FeederConfig("F1", (replace(TRUTH, fill_g=1.0),))
     assert fault_of(lambda *_: None, config) == ["hopper A: it is empty"]
 

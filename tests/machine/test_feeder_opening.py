@@ -70,7 +70,7 @@ def test_a_device_of_another_kind_or_map_is_refused(monkeypatch):
 
 
 @only_tcp
-def test_nobody_there():
+def test_no_one_there():
     async def main():
         async with simulated(ONE) as (_, server):
             endpoint = server.endpoint

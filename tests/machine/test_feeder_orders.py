@@ -106,7 +106,7 @@ def test_a_device_that_never_lets_go_is_reported_with_the_reason():
     virtual_time.run_in_virtual_time(main())
 
 
-def test_an_order_is_given_again_even_after_nobody_waits_for_it():
+def test_an_order_is_given_again_even_after_no_one_waits_for_it():
     """A gateway that loses commands and passes everything else: the cycle itself repeats them."""
     async def main():
         async with driven() as (driver, device, server, _):

@@ -72,7 +72,7 @@ def test_the_scales_own_lag_comes_from_the_weight() -> None:
     assert high - low < 0.05
 
 
-def test_a_wrong_weight_and_none_are_told() -> None:
+def test_a_wrong_weight_and_none_are_reported() -> None:
     async def wrong(cell):
         await measure_scale_lag(cell.scale, Hands(cell.pan, 95.0), 100.0)
 

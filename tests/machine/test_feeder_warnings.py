@@ -61,7 +61,7 @@ def test_each_warning_says_what_where_and_what_next(word, hoppers, what, hint):
     assert (warning.feeder, warning.hopper) == ("F1", "A")
 
 
-def test_of_several_hoppers_a_level_is_told_by_name_and_what_has_no_flag_without():
+def test_of_several_hoppers_a_level_is_reported_by_name_and_what_has_no_flag_without():
     two = {"A": FINE, "B": low(level_percent=8.0, weight_g=90.0)}
     found = reader(2, {1: "A", 2: "B"}).read(LOW | OLD, two)
     assert [(w.number, w.hopper) for w in found] == [(51, "B"), (54, "")]
@@ -69,7 +69,7 @@ def test_of_several_hoppers_a_level_is_told_by_name_and_what_has_no_flag_without
 
 
 @pytest.mark.parametrize("word", [LOW, CLIPPED])
-def test_a_level_of_a_hopper_that_is_not_in_use_is_not_told(word):
+def test_a_level_of_a_hopper_that_is_not_in_use_is_not_reported(word):
     assert reader(2).read(word, one()) == ()
 
 
@@ -81,7 +81,7 @@ def test_before_hoppers_are_read_nothing_is_said_of_them():
         "50 %, 1000 g left)", "A 5.00 of 6.00 g/min)"]
 
 
-def test_a_second_hopper_that_runs_low_is_told_though_the_word_is_the_same():
+def test_a_second_hopper_that_runs_low_is_reported_though_the_word_is_the_same():
     reads = reader(2, {1: "A", 2: "B"})
     first = reads.read(LOW, {"A": low(), "B": FINE})
     both = reads.read(LOW, {"A": low(), "B": low()})
@@ -112,7 +112,7 @@ def test_whatever_comes_and_goes_it_is_the_same_object_exactly_while_it_is_the_s
 
 @pytest.mark.parametrize("map_minor", [0, 1])
 @pytest.mark.usefixtures("wire")
-def test_a_driver_tells_a_level_that_sinks_while_it_feeds(map_minor):
+def test_a_driver_shows_a_level_that_sinks_while_it_feeds(map_minor):
     async def main():
         config = FeederConfig("F1", (replace(TRUTH, fill_g=20.0),), map_minor=map_minor)
         async with driven(config) as (driver, _, _, ears):
@@ -130,7 +130,7 @@ def test_a_driver_tells_a_level_that_sinks_while_it_feeds(map_minor):
     virtual_time.run_in_virtual_time(main())
 
 
-def test_a_driver_tells_what_has_no_cause_in_the_process_and_that_it_has_gone():
+def test_a_driver_shows_what_has_no_cause_in_the_process_and_that_it_has_gone():
     async def main():
         async with driven(ONE) as (driver, device, _, _ears):
             await feeding(driver)
@@ -163,7 +163,7 @@ def test_a_clipped_set_point_shows_in_the_next_answer_and_its_hopper_soon_after(
     virtual_time.run_in_virtual_time(main())
 
 
-def test_an_alarm_tells_of_the_others_that_came_with_it():
+def test_an_alarm_names_the_others_that_came_with_it():
     async def main():
         async with driven(ONE) as (driver, device, _, ears):
             await feeding(driver)

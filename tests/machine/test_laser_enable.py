@@ -22,7 +22,7 @@ from simulators.safety.laser_output import LaserEnableOutput
 from tests.machine.laser_cell import FITTED, LASER_ENABLE, driven, now, played, wires
 
 
-def test_on_is_told_only_after_off_was_read_back():
+def test_on_is_reported_only_after_off_was_read_back():
     output = LaserEnable()
     output.request(True)
     assert output.output_word() == 0
@@ -165,7 +165,7 @@ def test_a_device_without_one_is_refused():
     virtual_time.run_in_virtual_time(main())
 
 
-def test_a_look_tells_it_and_leaves_it():
+def test_a_look_shows_it_and_leaves_it():
     async def main():
         device = SimulatedSafetyDevice(FITTED, now)
         server = await serve_tcp(device)

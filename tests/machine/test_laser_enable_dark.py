@@ -76,7 +76,7 @@ speeds = pytest.mark.parametrize("speed_mm_s", [10.0, 100.0])
 @dialects
 @speeds
 @pytest.mark.parametrize("wire", ["tcp", "rtu"])
-def test_the_beam_is_dark_as_soon_as_the_source_can_be(dialect, speed_mm_s, wire):
+def test_the_beam_is_off_as_soon_as_the_source_can_be(dialect, speed_mm_s, wire):
     for wait_s in (1.0, 1.05, 1.0999):
         dark_s = beam_off_after_s(dialect, speed_mm_s, "enable", wire, wait_s)
         assert dark_s == pytest.approx(LASER_OFF_DELAY_S, abs=2 * STEP_S)

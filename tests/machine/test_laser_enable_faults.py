@@ -57,7 +57,7 @@ def test_what_was_on_and_is_off_is_at_fault_at_once_and_stays_off():
 
 
 @wires
-def test_a_word_that_is_lost_is_told_again(wire):
+def test_a_word_that_is_lost_is_reported_again(wire):
     async def act(cell):
         await cell.on()
         for direction in ("to_device", "to_host"):
@@ -94,7 +94,7 @@ def test_it_stays_off_after_the_device_restarted(wire):
 
 
 @wires
-def test_one_that_does_not_drop_is_told_and_does_not_count_as_dropped(wire):
+def test_one_that_does_not_drop_is_reported_and_does_not_count_as_dropped(wire):
     async def act(cell):
         await cell.on()
         cell.device.set_output_stuck()
@@ -123,7 +123,7 @@ def test_one_that_does_not_drop_is_told_and_does_not_count_as_dropped(wire):
 
 
 @wires
-def test_one_that_does_not_come_is_told_and_not_awaited(wire):
+def test_one_that_does_not_come_is_reported_and_not_awaited(wire):
     async def act(cell):
         cell.device.set_output_stuck()
         cell.driver.request_laser_enable(True)
@@ -138,7 +138,7 @@ def test_one_that_does_not_come_is_told_and_not_awaited(wire):
     played(act, wire)
 
 
-def test_one_that_drops_by_itself_is_told_at_the_next_beat():
+def test_one_that_drops_by_itself_is_reported_at_the_next_beat():
     async def act(cell):
         await cell.on()
         await asyncio.sleep(1.0)
@@ -154,7 +154,7 @@ def test_one_that_drops_by_itself_is_told_at_the_next_beat():
 
 
 @pytest.mark.parametrize("on", [True, False])
-def test_a_device_that_cannot_be_heard_confirms_nothing(on):
+def test_a_device_that_cannot_be_reached_confirms_nothing(on):
     async def act(cell):
         if not on:
             await cell.on()

@@ -18,7 +18,7 @@ from tests.machine.safety_cell import PERIOD_S, RELAY, Replayed, driven, now, se
 
 
 @wires
-def test_silence_ages_the_facts_and_is_told_after_three_periods_once(wire):
+def test_silence_ages_the_facts_and_is_reported_after_three_periods_once(wire):
     async def main():
         async with driven(wire=wire) as (driver, device, ears):
             await asyncio.sleep(0.55)
@@ -227,7 +227,7 @@ def test_doubled_answers_that_come_late_open_and_close_nothing_wrongly():
 
 
 @wires
-def test_what_opens_and_closes_between_two_answers_is_told(wire):
+def test_what_opens_and_closes_between_two_answers_is_reported(wire):
     async def main():
         async with driven(wire=wire) as (driver, device, ears):
             await driver.reset_watchdog_relay()
@@ -245,7 +245,7 @@ def test_what_opens_and_closes_between_two_answers_is_told(wire):
     virtual_time.run_in_virtual_time(main())
 
 
-def test_what_is_seen_open_is_not_told_as_missed_too_but_another_is():
+def test_what_is_seen_open_is_not_reported_as_missed_too_but_another_is():
     async def main():
         async with driven() as (driver, device, ears):
             await driver.reset_watchdog_relay()

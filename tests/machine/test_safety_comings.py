@@ -33,7 +33,7 @@ def test_a_restart_is_seen_and_the_relays_time_set_again(wire):
     virtual_time.run_in_virtual_time(main())
 
 
-def test_exceptions_are_told_in_words():
+def test_exceptions_are_reported_in_words():
     async def main():
         async with driven() as (driver, device, ears):
             device.reply_with_exception(6)

@@ -73,7 +73,7 @@ def test_each_input_has_its_fact_and_one_that_is_not_fitted_has_none(name):
     virtual_time.run_in_virtual_time(main())
 
 
-def test_what_the_device_cannot_tell_is_none():
+def test_what_the_device_cannot_show_is_none():
     async def main():
         async with driven() as (driver, device, _):
             device.set_shield_gas(None)
@@ -124,7 +124,7 @@ def test_without_a_relay_a_reset_forgets_what_was_first():
     virtual_time.run_in_virtual_time(main())
 
 
-def test_a_relay_that_does_not_close_is_told():
+def test_a_relay_that_does_not_close_is_reported():
     async def main():
         async with driven() as (driver, device, _):
             device.write_before = device.write

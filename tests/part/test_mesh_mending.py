@@ -146,7 +146,7 @@ def test_facets_missing_from_faces_that_go_on_are_closed(solid: Solid, seed: int
     assert volume(whole) == pytest.approx(volume((vertices, triangles)), rel=1e-6)
 
 
-def test_several_facets_missing_that_meet_in_a_corner_are_told_apart() -> None:
+def test_several_facets_missing_that_meet_in_a_corner_are_distinguished() -> None:
     vertices, triangles = of(Manifold.cube((20, 20, 4)).refine(4))
     lid = np.flatnonzero((vertices[triangles][..., 2] == 4.0).all(axis=1))
     corner = triangles[lid[7], 0]

@@ -63,7 +63,7 @@ def test_a_stated_pitch_is_kept():
     assert "pitch_mm is given" in caught.value.render()
 
 
-def test_a_part_file_states_it_and_is_told_what_was_reached(tmp_path: Path):
+def test_a_part_file_states_it_and_what_was_reached_is_reported(tmp_path: Path):
     np.savetxt(tmp_path / "ball.xyz", ball(3000, 0.01), fmt="%.4f")
     (tmp_path / "ball.toml").write_text(
         'name = "ball"\ntolerance_mm = 0.05\n[[material]]\nname = "316L"\n'

@@ -31,7 +31,7 @@ def test_a_jump_of_the_field_is_one_of_the_plan(tmp_path, make_part, shapes, pro
         assert row["fractions"][away, 1] == pytest.approx(np.where(local > 0.1, 0.7, 0.3)[away])
 
 
-def test_the_verdict_compares_what_is_laid_with_the_part(
+def test_the_verdict_compares_what_is_deposited_with_the_part(
         tmp_path, make_part, shapes, profile, recipe):
     """Hoses take seconds to change powders: the share of the path that is off, and why.
 
@@ -70,7 +70,7 @@ def test_a_plan_in_coarse_steps_is_said_to_differ_from_the_part(
     assert any("the plan differs from the part file" in f["text"] for f in found)
 
 
-def test_at_the_axes_limit_no_more_is_laid_than_below_it(
+def test_at_the_axes_limit_no_more_is_deposited_than_below_it(
         tmp_path, make_part, profile, materials):
     """A wall of 1.25 beads is levelled by going faster; where axes cannot, all goes slower."""
     hoppers = tuple(hopper.model_copy(update={"max_flow_g_min": 600.0})

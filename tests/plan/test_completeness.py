@@ -173,7 +173,7 @@ def test_every_feature_has_its_own_fraction(complete):
     assert totals["features"][0]["built_fraction"] == pytest.approx(least, abs=1e-5)
 
 
-def test_pieces_that_stand_close_are_told_apart(complete):
+def test_pieces_that_stand_close_are_distinguished(complete):
     """Specks nearer to each other than a bead: as many pieces as there are, not as many a layer."""
     specks = [box(x, y, x + 0.2, y + 0.2) for x in np.arange(1, 19, 1.5) for y in (22, 23.3)]
     found = complete(lambda z: unary_union([PLATE, *specks]))

@@ -62,7 +62,7 @@ def laid(along, second, step=0.02):
     return np.interp(along, at, mixtures[:, 1])
 
 
-def test_a_jump_is_laid_between_the_two_points_beside_it():
+def test_a_jump_is_deposited_between_the_two_points_beside_it():
     along = np.arange(0.0, 60.0, 0.2)
     second = (along > 13.1).astype(float)
     assert laid(along, second) == pytest.approx(second, abs=1e-12)
@@ -73,7 +73,7 @@ def test_a_jump_is_laid_between_the_two_points_beside_it():
     jumps=st.lists(st.tuples(st.floats(0, 30), st.floats(-0.5, 0.5)), max_size=5),
     slope=st.floats(-0.1, 0.1), step=st.sampled_from([0.01, 0.02, 0.1]))
 @example(jumps=[(0.0, -0.25), (23.0, 0.094)], slope=0.002, step=0.1)
-def test_slopes_and_jumps_are_laid_within_little_more_than_a_quantum(jumps, slope, step):
+def test_slopes_and_jumps_are_deposited_within_little_more_than_a_quantum(jumps, slope, step):
     along = np.arange(0.0, 30.0, 0.2)
     second = 0.5 + slope * (along - 15)
     for at, height in jumps:

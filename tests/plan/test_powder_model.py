@@ -133,7 +133,7 @@ def test_what_hoppers_can_follow_is_followed():
     assert flow == pytest.approx(wanted)
 
 
-def test_a_jump_under_a_lit_beam_takes_the_hose_its_time():
+def test_a_jump_under_a_beam_that_is_on_takes_the_hose_its_time():
     """To 98 % in 3.91 τ, at an even volume, set-points within their bounds."""
     times = np.array([0.0, 1, 1.02, 12])
     wanted = np.array([mix(0), mix(0), mix(1), mix(1)])

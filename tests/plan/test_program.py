@@ -12,7 +12,7 @@ from lmctl.preflight.program_check import check_program
 
 
 @pytest.mark.parametrize(("s_max", "power_W"), [(1, 1400.0), (1, 140.0), (255, 77.0), (65_535, 9)])
-def test_the_controller_is_told_the_power_whatever_its_full_scale(
+def test_the_controller_is_sent_the_power_whatever_its_full_scale(
         tmp_path, make_part, shapes, profile, materials, s_max, power_W):
     laser = profile.laser.model_copy(update={"s_max": s_max})
     cell = profile.model_copy(update={"laser": laser})
@@ -27,7 +27,7 @@ def test_the_controller_is_told_the_power_whatever_its_full_scale(
     assert float(said.pop()) / s_max * laser.max_power_W == pytest.approx(power_W, rel=0.01)
 
 
-def test_a_power_that_s_words_cannot_tell_is_refused(
+def test_a_power_below_a_step_of_s_words_is_refused(
         tmp_path, make_part, shapes, profile, materials):
     part = make_part(shapes["small disc"], lambda p: 0.0, materials=tuple(
         replace(material, power_W=0.1) for material in materials))

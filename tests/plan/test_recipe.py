@@ -24,12 +24,12 @@ def test_the_worked_example_of_volume_to_mass():
     assert flow == pytest.approx([2.4492, 6.084], abs=5e-5)
 
 
-def test_flow_and_laid_volume_are_each_others_inverse(recipe):
+def test_flow_and_deposited_volume_are_each_others_inverse(recipe):
     fractions = mixes(0, 0.1, 0.5, 0.77, 1)
     assert recipe.deposited_fractions(recipe.flow_g_s(fractions)) == pytest.approx(fractions)
 
 
-def test_laid_volume_is_pitch_height_and_speed(recipe):
+def test_deposited_volume_is_pitch_height_and_speed(recipe):
     flow = recipe.flow_g_s(mixes(0.3))
     volume = (flow * recipe.catch_efficiency / recipe.density_g_mm3).sum()
     assert volume == pytest.approx(2.0 * 0.667 * 0.8 * 10)

@@ -20,7 +20,7 @@ def metered(recipe, *second, fastest=1.6):
         wanted, np.arange(len(second)), len(second), recipe, fastest, "layer 1")
 
 
-def test_what_can_be_metered_at_the_recipes_speed_is_laid_at_it(recipe):
+def test_what_can_be_metered_at_the_recipes_speed_is_deposited_at_it(recipe):
     levels, factor = metered(recipe, 0.0, LEAST * 1.01, 0.3, 0.8)
     assert levels[:, 1] == pytest.approx([0.0, LEAST * 1.01, 0.3, 0.8])
     assert factor.tolist() == [1, 1, 1, 1]

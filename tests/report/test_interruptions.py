@@ -85,7 +85,7 @@ def test_what_ended_a_run_ends_where_the_next_run_goes_on(tmp_path, sealed):
     assert (alone.resumed_in, alone.duration_s) == ("", None)
 
 
-def test_alarms_tell_which_was_first_and_when_each_cleared(tmp_path):
+def test_alarms_show_which_was_first_and_when_each_cleared(tmp_path):
     run = Written(tmp_path, "run-0001")
     run.state(1, "armed", "depositing")
     run.alarm(5, "disc")

@@ -35,7 +35,7 @@ def absent():
     return profile.model_copy(update={"motion": motion, "feeder": feeders})
 
 
-def test_all_that_is_absent_is_told_in_one_report(tmp_path, absent, job_file):
+def test_all_that_is_absent_is_reported_in_one_report(tmp_path, absent, job_file):
     job_file(tmp_path / "job.lmj", absent)
     with pytest.raises(MachineError) as error:
         virtual_time.run_in_virtual_time(run_job(tmp_path / "job.lmj", absent, tmp_path / "runs"))

@@ -85,7 +85,7 @@ async def asked(folder, *lines):
     return answers
 
 
-def test_requests_are_answered_in_order_and_acts_are_told_of(tmp_path):
+def test_requests_are_answered_in_order_and_acts_are_reported(tmp_path):
     async def talk(run):
         said = await asked(tmp_path, {"do": "status"}, {"do": "hold"}, {"do": "hold"},
                            {"do": "override", "percent": 80}, {"do": "status"},

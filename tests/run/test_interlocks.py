@@ -324,7 +324,7 @@ def test_what_stands_keeps_from_resuming_but_not_what_acknowledging_ends():
     assert supervision.active_alarms(with_safety(relay_closed=False)) == []
 
 
-def test_alarms_and_warnings_are_told_as_they_come_and_warnings_as_they_go():
+def test_alarms_and_warnings_are_reported_as_they_come_and_warnings_as_they_go():
     alarms, lines = RunAlarms(), []
     alarms.notify = lines.append
     low = FeederWarning(51, "F1", "A", "hopper A: the level is low", "fill it")
@@ -354,7 +354,7 @@ def test_the_first_alarm_stays_first_until_all_are_acknowledged():
     assert len(alarms) == 0
 
 
-def test_what_the_headline_ends_with_is_not_told_again_as_its_consequence():
+def test_what_the_headline_ends_with_is_not_repeated_as_its_consequence():
     alarms = RunAlarms()
     alarms.add(MachineError("the motion controller is lost: the link was closed"), 1.0)
     assert alarms.add(MachineError("the link was closed"), 1.1) is None
@@ -362,7 +362,7 @@ def test_what_the_headline_ends_with_is_not_told_again_as_its_consequence():
     assert len(alarms) == 2
 
 
-def test_a_host_that_stood_still_has_not_asked_so_nobody_is_silent():
+def test_a_host_that_stood_still_has_not_asked_so_no_one_is_silent():
     stale = FINE._replace(motion_age_s=0.9, motion_unanswered=False)
     supervision, raised = watched()
     supervision.evaluate(stale, 0.0, beam_off=False)

@@ -115,7 +115,7 @@ def test_with_the_beam_off_no_line_asks_for_power(job):
     assert not any(window.commanded_between(0.0, 6.0)[1])
 
 
-def test_the_next_dark_span_is_found_across_beads_and_layers(job):
+def test_the_next_beam_off_span_is_found_across_beads_and_layers(job):
     window = job(there_and_back()).window()  # dark: 0-1, 5-6 and on into 6-7, 11-12, ...
     assert window.next_beam_off_span_s(0.0, 60.0) == (0.0, 1.0)
     assert window.next_beam_off_span_s(0.5, 60.0) == (5.0, 6.0)

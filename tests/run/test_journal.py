@@ -187,7 +187,7 @@ def test_the_line_after_an_altered_one_is_reported(tmp_path):
 
 
 @pytest.mark.parametrize("cut", [1, 2, 30, 100])
-def test_a_half_written_last_line_is_dropped_and_told(tmp_path, cut):
+def test_a_half_written_last_line_is_dropped_and_reported(tmp_path, cut):
     path = write(tmp_path / "j", 4, seal=False)
     sound = path.read_bytes()
     last = len(sound.splitlines(keepends=True)[-1])
@@ -287,7 +287,7 @@ def test_a_line_without_end_is_refused_before_it_fills_memory(tmp_path):
         verify_journal(path)
 
 
-def test_missing_and_unwritable_are_told(tmp_path):
+def test_missing_and_unwritable_are_reported(tmp_path):
     with pytest.raises(MissingFileError, match="there is no file"):
         verify_journal(tmp_path / "none")
     with pytest.raises(JournalError, match="cannot read"):

@@ -91,7 +91,7 @@ def test_what_it_does_not_ask_for_counts_when_three_reports_say_it(energy, field
     assert found.commanded_powers_W == pytest.approx((power_W,))
 
 
-def test_where_a_dark_line_and_a_bead_may_be_running_half_the_power_is_neither(energy):
+def test_where_a_beam_off_line_and_a_bead_may_be_running_half_the_power_is_neither(energy):
     assert report_to(energy, 2.0, "FS:600,0", BEAD, "FS:3000,0") is None
     found = report_to(energy, 2.0, "FS:600,250", "FS:600,250", "FS:600,250")
     assert found.commanded_powers_W == pytest.approx((0.0, BEAD_W))

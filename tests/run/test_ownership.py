@@ -49,7 +49,7 @@ def test_the_hint_to_the_other_run_can_be_copied_into_a_shell(profile, tmp_path,
     assert typed == ["lmctl", "status", "run-0007", "--runs", str(tmp_path / "runs of; mine")]
 
 
-def test_a_second_run_is_told_which_run_has_the_machine(profile, tmp_path, own_locks):
+def test_a_second_run_is_refused_with_the_run_that_has_the_machine(profile, tmp_path, own_locks):
     with lock_machine(profile, "run-0007", tmp_path / "runs"):
         with pytest.raises(MachineError) as refused, lock_machine(profile, "run-0008", tmp_path):
             pass

@@ -140,7 +140,7 @@ def test_a_coarse_count_of_executed_lines_is_corrected_by_position(job, off):
         assert clock.program_time_s(s) == pytest.approx(s, abs=2e-3)
 
 
-def test_a_path_that_retraces_itself_is_told_apart_by_time(job):
+def test_a_path_that_retraces_itself_is_distinguished_by_time(job):
     rows = []
     for _ in range(10):
         rows += [("bead", (1, 0, 0), 0.05, 0), ("bead", (0, 0, 0), 0.05, 0)]

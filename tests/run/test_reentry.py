@@ -85,7 +85,7 @@ def n_lines(whole):
 
 @settings(max_examples=150, deadline=None)
 @given(data=st.data())
-def test_from_any_place_the_rest_is_laid_and_no_more_than_the_overlap_twice(whole, data):
+def test_from_any_place_the_rest_is_deposited_and_no_more_than_the_overlap_twice(whole, data):
     line = data.draw(st.integers(0, n_lines(whole) - 1))
     place = ProgramPlace(line, data.draw(st.floats(0, 1)))
     entry = go(whole, place)
@@ -100,7 +100,7 @@ def test_from_any_place_the_rest_is_laid_and_no_more_than_the_overlap_twice(whol
 
 @settings(max_examples=100, deadline=None)
 @given(data=st.data())
-def test_the_way_in_is_dark_continuous_and_never_longer_than_a_quarter_horizon(whole, data):
+def test_the_approach_is_beam_off_continuous_and_never_longer_than_a_quarter_horizon(whole, data):
     place = ProgramPlace(data.draw(st.integers(0, n_lines(whole) - 60)),
                          data.draw(st.floats(0, 0.9)))
     entry = go(whole, place)
@@ -149,7 +149,7 @@ def test_a_place_in_a_travel_goes_on_with_the_next_path_from_its_beginning(whole
     assert lines["kind"][entry.beam_on_line - 1] == LineKind.LEAD
 
 
-def test_a_path_all_laid_is_not_entered_again(whole):
+def test_a_path_all_deposited_is_not_entered_again(whole):
     lines = rows(whole)
     last = int(np.flatnonzero((lines["path"] == 0) & (lines["kind"] == LineKind.BEAD))[-1])
     entry = go(whole, ProgramPlace(last, 1.0))

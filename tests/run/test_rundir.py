@@ -79,7 +79,7 @@ def test_only_a_run_s_own_name_finds_it(tmp_path, job_file, name):
     assert error.value.where == ("the last one is run-0001",)
 
 
-def test_the_list_tells_running_done_and_broken_off_apart(tmp_path, job_file):
+def test_the_list_distinguishes_running_done_and_broken_off(tmp_path, job_file):
     runs = tmp_path / "runs"
     assert run_folders.list_runs(runs) == []
     made = [run_folders.create_run_folder(runs, job_file) for _ in range(4)]
@@ -113,7 +113,7 @@ def test_a_run_whose_journal_is_of_another_format_is_listed_as_such(tmp_path, jo
     assert [row.state for row in run_folders.list_runs(runs)] == ["format 3"]
 
 
-def test_a_file_in_the_folders_place_is_told(tmp_path, job_file):
+def test_a_file_in_the_folders_place_is_reported(tmp_path, job_file):
     (tmp_path / "runs").touch()
     with pytest.raises(JournalError, match=r"cannot make|is not a folder"):
         run_folders.create_run_folder(tmp_path / "runs", job_file)

@@ -27,7 +27,7 @@ def fed_through(window: SlopeWindow, slope: float, flow_g_min: float, seconds: f
     return found
 
 
-def test_a_window_tells_the_slope_to_better_than_a_per_cent_in_three_minutes() -> None:
+def test_a_window_shows_the_slope_to_better_than_a_per_cent_in_three_minutes() -> None:
     (found,) = fed_through(SlopeWindow(180.0), 1.04, 10.0, 190.0)
     assert found.ratio == pytest.approx(1.04, abs=3 * found.standard_error)
     assert found.standard_error < 0.01

@@ -199,7 +199,7 @@ def test_an_interlock_holds_at_once_and_is_not_the_end():
     assert rig.log[at + 1:at + 13] == HELD + RESUMED
 
 
-def test_an_interlock_before_anything_is_laid_ends_the_run():
+def test_an_interlock_before_anything_is_deposited_ends_the_run():
     rig = Rig()
     tripped = run(rig, (4.5, lambda: rig.machine.trip(InterlockError("gas", "gas is low"))))
     assert tripped is RunState.FAULTED
@@ -207,7 +207,7 @@ def test_an_interlock_before_anything_is_laid_ends_the_run():
     assert rig.log[-3:] == SAFE_STOP[1:]
 
 
-def test_a_held_run_nobody_comes_to_is_stopped():
+def test_a_held_run_no_one_comes_to_is_stopped():
     rig = Rig(lasts=WAITS)
     assert run(rig, (10.0, lambda: rig.machine.post_event(RunEvent.HOLD))) is RunState.STOPPED
     assert rig.log[-3:] == SAFE_STOP[1:]

@@ -35,12 +35,12 @@ def warning_changes(story):
     return virtual_time.run_in_virtual_time(main())
 
 
-def test_it_is_told_at_once_and_over_when_it_has_stayed_away():
+def test_it_is_reported_at_once_and_over_when_it_has_stayed_away():
     assert warning_changes([(1.0, (LOW_A,)), (5.0, ())]) == [
         (1.0, LOW_A, True), (6.0 + WARNING_CLEAR_S, LOW_A, False)]
 
 
-def test_the_same_is_told_once():
+def test_the_same_is_reported_once():
     same = (LOW_A,)
     assert warning_changes([(0.0, same), (1.0, same), (1.0, (LOW_A,))]) == [(0.0, LOW_A, True)]
 
@@ -70,5 +70,5 @@ def test_a_clipped_set_point_is_an_alarm_and_not_a_warning():
         (1.0, LOW_A, True)]
 
 
-def test_after_the_run_nothing_is_told():
+def test_after_the_run_nothing_is_reported():
     assert warning_changes([(0.0, (LOW_A,)), (1.0, ()), (1.0, None)]) == [(0.0, LOW_A, True)]

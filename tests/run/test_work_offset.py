@@ -49,7 +49,7 @@ def test_what_a_reset_would_change_is_refused_with_what_mends_it(controller, wor
     assert "`lmctl machine offset --clear`" in refused.value.hint
 
 
-def test_an_offset_that_has_changed_is_told_apart_from_rounding():
+def test_an_offset_that_has_changed_is_distinguished_from_rounding():
     controller = Controller(G54="1.500,-2.000,3.000")
     asyncio.run(refuse_changed_offset(controller, (1.501, -2.0, 3.0)))
     with pytest.raises(MachineError, match="has changed") as refused:

@@ -137,7 +137,7 @@ def test_rpm_mode():
     assert cell.disc_rpm() == 7.5
 
 
-def test_a_set_point_beyond_the_disc_is_clipped_and_told():
+def test_a_set_point_beyond_the_disc_is_clipped_and_reported():
     cell = Cell()
     cell.feed(6.0)
     cell.recipe(50.0, seq=2)
@@ -146,7 +146,7 @@ def test_a_set_point_beyond_the_disc_is_clipped_and_told():
     assert cell.read("WARNING") == 1 << 4
 
 
-def test_a_set_point_below_the_least_speed_stands_still_and_is_told():
+def test_a_set_point_below_the_least_speed_stands_still_and_is_reported():
     cell = Cell()
     cell.feed(6.0)
     cell.recipe(0.5, seq=2)

@@ -43,7 +43,7 @@ def test_a_silent_host_trips_the_watchdog(action, state, rpm, gas):
         assert cell.state is state
 
 
-def test_powder_stops_when_the_watchdog_says_though_nobody_asks_until_later():
+def test_powder_stops_when_the_watchdog_says_though_no_one_asks_until_later():
     cell = Cell()
     cell.feed(6.0)
     cell.beat()

@@ -110,7 +110,7 @@ def test_work_position_is_reported_where_the_mask_says_so(rig, dialect):
     assert (report.machine_mm, report.work_mm) == (None, (5.0, 0.0, 0.0))
 
 
-def test_the_user_info_tells_a_bench(rig):
+def test_the_user_info_shows_a_bench(rig):
     assert "[VER:1.1f.20260817:lmctl-bench]" in rig("grblhal").ask("$I\n", 0.1)
     assert "[VER:1.1h.20190830:lmctl-bench]" in rig("grbl").ask("$I\n", 0.1)
     assert "[OPT:V,20,256]" in rig("grbl", planner_blocks=20, rx_bytes=256).ask("$I\n", 0.1)

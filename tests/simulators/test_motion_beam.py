@@ -26,7 +26,7 @@ def test_overrides_are_summed_and_clipped(rig, dialect):
 
 
 @BOTH
-def test_under_m4_every_report_tells_the_power_of_its_speed_between_short_lines_too(rig, dialect):
+def test_under_m4_every_report_shows_the_power_of_its_speed_between_short_lines_too(rig, dialect):
     controller = rig(dialect)
     controller.ask(START[dialect] + "G1 F600\n", 0.1)
     controller.ask("".join(f"X{0.1 * n:.1f}\n" for n in range(1, 25)), 0.02)
@@ -68,7 +68,7 @@ def test_dwell_and_spindle_wait_for_the_planned_motion(rig, dialect):
 
 
 @BOTH
-def test_the_beam_burns_only_in_motion_under_m4(rig, dialect):
+def test_the_beam_is_on_only_in_motion_under_m4(rig, dialect):
     controller = rig(dialect)
     controller.ask(START[dialect] + "G1 X5 F1200\nG0 Y5\nG4 P0.3\nG1 X0\n", 10.0)
     t = np.linspace(0.0, 5.0, 20001)
@@ -92,7 +92,7 @@ def test_m3_keeps_burning_when_motion_starves(rig, dialect):
 
 
 @BOTH
-def test_without_laser_mode_m4_burns_at_standstill(rig, dialect):
+def test_without_laser_mode_m4_is_on_at_standstill(rig, dialect):
     controller = rig(dialect, settings={32: 0})
     controller.ask("M4 S600\n", 5.0)
     assert beam(controller, [4.0]).tolist() == [0.6]

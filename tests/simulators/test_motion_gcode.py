@@ -251,7 +251,7 @@ def test_the_beam_is_driven_by_m3_m4_and_never_in_g0(name):
 
 
 @BOTH
-def test_only_m3_burns_at_standstill_and_only_in_g1(name):
+def test_only_m3_is_on_at_standstill_and_only_in_g1(name):
     interpreter = make(name)
     assert run(interpreter, "M4 S600") == [SetSpindle(4, 0.0)]
     assert run(interpreter, "M3") == [SetSpindle(3, 0.0)]  # in G0

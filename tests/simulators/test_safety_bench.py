@@ -340,7 +340,7 @@ def test_a_circuit_that_closes_lets_the_controllers_beam_through_again():
     played("grblhal", act, "")
 
 
-def test_the_record_of_phases_and_standing_tells_the_same_as_its_samples():
+def test_the_record_of_phases_and_standing_shows_the_same_as_its_samples():
     async def act(cell):
         motion = cell.bench.motion
         motion.receive(b"G21G90G94\nM3S500\nG1X2F600\nG4P0.2\nG1X4F600\n")

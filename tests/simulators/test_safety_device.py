@@ -114,7 +114,7 @@ def test_switches_follow_their_values(act, one):
     assert rig.inputs() == ALL_INPUTS_OK & ~one
 
 
-def test_values_are_told_as_set():
+def test_values_are_reported_as_set():
     rig = Rig()
     device = rig.device
     device.set_shield_gas(12.34)
@@ -217,7 +217,7 @@ def test_a_stuck_output_is_read_back_as_it_is_and_follows_again():
     assert rig.device.is_laser_enable_off
 
 
-def test_a_welded_output_closes_the_circuit_whatever_it_is_told_until_it_is_free():
+def test_a_welded_output_closes_the_circuit_whatever_is_commanded_until_it_is_free():
     rig = Rig(watchdog_relay=True, laser_enable=True)
     assert rig.device.is_laser_enable_off
     rig.device.weld_output()
@@ -241,7 +241,7 @@ def test_the_laser_enable_output_takes_0_and_1_where_it_is_fitted(config, words,
     assert not Rig().device.is_laser_enable_off  # there is none
 
 
-def test_a_shorter_time_is_told_to_whoever_waits_for_the_relay():
+def test_a_shorter_time_is_reported_to_whoever_waits_for_the_relay():
     rig = Rig(watchdog_relay=True)
     rig.device.write(0, [1, 5000, RELAY_RESET_KEY])
     changes = rig.changes
@@ -275,7 +275,7 @@ def test_frozen_its_inputs_and_tick_stand_still_while_heartbeats_are_echoed():
     assert SafetyInputBits.DOOR_CLOSED not in rig.inputs()
 
 
-def test_silent_it_does_not_hear_either():
+def test_silent_it_does_not_receive_either():
     rig = Rig(watchdog_relay=True)
     rig.device.write(0, [1, 100, RELAY_RESET_KEY])
     rig.device.set_silent()

@@ -10,7 +10,7 @@ from tests.soak.parts import PARTS, random_part_down_the_road
 
 @pytest.mark.parametrize("kind", PARTS)
 @pytest.mark.parametrize("seed", [5, 7])
-def test_a_random_part_is_planned_and_laid_as_designed(kind, seed, tmp_path):
+def test_a_random_part_is_planned_and_deposited_as_designed(kind, seed, tmp_path):
     assert random_part_down_the_road(kind, seed, tmp_path).shortfalls == []
 
 

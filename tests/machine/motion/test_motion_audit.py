@@ -86,7 +86,7 @@ def wiggle(steps_mm: list[float], feed_mm_min: int = 1200) -> list[bytes]:
 @pytest.mark.parametrize(("wire", "rx_bytes", "count"), [
     *[(*one, 1) for one in WIRES], *[("tcp", 1024, count) for count in (2, 3, 10)],
 ])
-def test_an_answer_that_comes_twice_is_told_within_a_status_period(
+def test_an_answer_that_comes_twice_is_reported_within_a_status_period(
     in_virtual_time, name, wire, rx_bytes, count
 ):
     async def main() -> None:
@@ -111,7 +111,7 @@ def test_an_answer_that_comes_twice_is_told_within_a_status_period(
 
 
 @every_wire
-def test_an_answer_that_is_lost_is_told_within_a_status_period_where_lines_are_numbered(
+def test_an_answer_that_is_lost_is_reported_within_a_status_period_where_lines_are_numbered(
     in_virtual_time, wire, rx_bytes
 ):
     async def main() -> None:
@@ -128,7 +128,7 @@ def test_an_answer_that_is_lost_is_told_within_a_status_period_where_lines_are_n
     in_virtual_time(main())
 
 
-def test_without_a_count_of_blocks_the_line_at_the_head_tells_of_lost_answers(in_virtual_time):
+def test_without_a_count_of_blocks_the_line_at_the_head_shows_lost_answers(in_virtual_time):
     """$10 without Bf: as soon as a line is executed that has not been answered."""
     async def main() -> None:
         async with Machine("grblhal", "tcp", 1024, mask=511 - 2) as machine:

@@ -132,7 +132,7 @@ def test_bytes_that_are_lost_never_make_a_line_done_that_is_not(
     assert ended["ahead"] <= 0
 
 
-def test_a_lost_answer_is_told_and_what_was_done_is_known(controller, in_virtual_time, dialect):
+def test_a_lost_answer_is_reported_and_what_was_done_is_known(controller, in_virtual_time, dialect):
     ended = streamed(in_virtual_time, controller(dialect), {10: ("drop", 0, 0)})
     assert len(ended["told"]) == 1
     assert "unanswered" in ended["told"][0]

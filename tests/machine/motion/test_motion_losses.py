@@ -12,7 +12,7 @@ from lmctl.machine.motion.status_polling import SILENCE_TIMEOUT_S
 from tests.machine.motion.driving import PROGRAM, driver_events, opened, until
 
 
-def test_a_restart_nobody_asked_for_stops_everything(controller, in_virtual_time, dialect):
+def test_a_restart_no_one_asked_for_stops_everything(controller, in_virtual_time, dialect):
     device = controller(dialect)
 
     async def main() -> None:

@@ -231,7 +231,7 @@ def test_a_machine_found_holding_is_reset_where_it_stands(controller, in_virtual
     in_virtual_time(main())
 
 
-def test_an_open_door_is_told(controller, in_virtual_time):
+def test_an_open_door_is_reported(controller, in_virtual_time):
     device = controller(GRBL)
     device.state, device.sub = "Door", 1
     device.restart = lambda: device.write(b"\r\nGrbl 1.1h ['$' for help]\r\n")

@@ -156,7 +156,7 @@ def test_a_second_stream_counts_from_zero_after_a_reset(controller, in_virtual_t
 
 
 @pytest.mark.parametrize("wire", ["tcp", "serial"])
-def test_the_first_error_holds_the_machine_and_is_told_once(
+def test_the_first_error_holds_the_machine_and_is_reported_once(
     controller, in_virtual_time, dialect, wire
 ):
     device = controller(dialect, block_s=0.5)

@@ -259,7 +259,7 @@ def test_homing_and_soft_limits(in_virtual_time, wire):
     in_virtual_time(main())
 
 
-def test_a_second_client_is_turned_away_and_told(in_virtual_time):
+def test_a_second_client_is_turned_away_and_reported(in_virtual_time):
     async def main() -> None:
         async with machine("grblhal", "tcp") as (_, driver):
             with pytest.raises(MachineError, match="lost") as refused:

@@ -78,7 +78,7 @@ def test_overrides_that_were_commanded_are_believed_at_once(sent):
     assert not screen.is_unsure
 
 
-def test_overrides_and_offsets_that_nobody_commanded_are_believed_when_said_twice(screen):
+def test_overrides_and_offsets_that_no_one_commanded_are_believed_when_said_twice(screen):
     screen.set_work_offset((0.0, 0.0, 0.0))
     taken(screen, "Run|MPos:0.000,0.000,0.000|Ov:180,100,100|WCO:0.000,9.000,0.000")
     assert screen.is_unsure

@@ -56,7 +56,7 @@ def test_dwells_in_small_pieces_take_the_time_planned(run, tmp_path, profile, jo
     assert blocks.start_s[first] - blocks.end_s[first - 1] == pytest.approx(20.0, abs=0.02)
 
 
-def test_the_journal_tells_what_was_run_and_how_it_ended(run, profile, square_job):
+def test_the_journal_shows_what_was_run_and_how_it_ended(run, profile, square_job):
     one = run(square_job)
     (header,), (machine,), (seal,) = (one.records(k) for k in ("header", "machine", "seal"))
     with JobReader(square_job) as job:

@@ -95,7 +95,7 @@ def test_held_twice_in_the_overlap_the_first_place_counts(run, large_square_job,
     assert places == sorted(places)
 
 
-def test_nobody_comes_to_a_held_run(run, large_square_job, monkeypatch):
+def test_no_one_comes_to_a_held_run(run, large_square_job, monkeypatch):
     monkeypatch.setattr("lmctl.run.sequence.HELD_AT_MOST_S", 100.0)
     one = run(large_square_job, acts=[(3.0, lambda r: r.executor.hold())])
     assert isinstance(one.error, RunStoppedError)

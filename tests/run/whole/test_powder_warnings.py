@@ -114,7 +114,7 @@ def test_a_pressure_high_from_the_start_keeps_the_run_from_starting(
     assert len(one.path.time_s) == 0
 
 
-def test_a_clipped_set_point_holds_before_the_wrong_mixture_is_laid(
+def test_a_clipped_set_point_holds_before_the_wrong_mixture_is_deposited(
     run, large_square_job, undisturbed
 ):
     """Disc, weight and recipe number all agree with the device, which is not what was asked."""
@@ -136,7 +136,7 @@ def low(hopper="A"):
     return f"hopper {hopper} of feeder F1: the level is low"
 
 
-def test_a_level_that_is_low_before_the_start_is_told_before_anything_is_switched_on(
+def test_a_level_that_is_low_before_the_start_is_reported_before_anything_is_switched_on(
     run, square_job
 ):
     one = run(square_job, before=lambda r: r.bench.feeders["F1"].hoppers[1].process.set_remaining_g(
@@ -152,7 +152,7 @@ def test_a_level_that_is_low_before_the_start_is_told_before_anything_is_switche
     assert one.notices == [f"warning: {warning['what']}; what to do: {warning['hint']}"]
 
 
-def test_a_warning_in_the_run_is_journaled_told_shown_and_in_the_log(run, large_square_job):
+def test_a_warning_in_the_run_is_journaled_reported_shown_and_in_the_log(run, large_square_job):
     shown = []
     one = run(large_square_job, acts=[
         (3.0, strike("feeder_warns", "F2", of="drift")),

@@ -116,7 +116,7 @@ def test_a_run_that_ended_before_its_part_is_not_said_to_have_a_bad_job(
     assert "lmctl run" in refused.value.hint
 
 
-def test_a_journal_nobody_can_read_keeps_no_other_run_from_being_recovered(whole, tmp_path):
+def test_a_journal_no_one_can_read_keeps_no_other_run_from_being_recovered(whole, tmp_path):
     first = broken_off(tmp_path / "run-0002", whole, 30)
     for name, data in (("run-0001", b"\0" * 100 + b"\n"), ("run-0003", b"\0" * 100 + b"\n"),
                        ("run-0004", b'{"format":"lmctl-journal-9"}\n')):

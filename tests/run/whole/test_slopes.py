@@ -26,7 +26,7 @@ def corrected(profile):
         feeder.model_copy(update={"correction": settings}) for feeder in profile.feeder)})
 
 
-def test_a_deviation_is_told_and_without_a_table_nothing_is_corrected(run, long_job) -> None:
+def test_a_deviation_is_reported_and_without_a_table_nothing_is_corrected(run, long_job) -> None:
     one = run(long_job, bench=STEEPER)
     slopes = one.records("slope")
     of_a = [record["slope"] for record in slopes if record["hopper"] == "A"]

@@ -166,7 +166,7 @@ def test_a_fault_is_visible_with_the_first_bytes_that_get_to_the_host(play):
     assert host is None
 
 
-def test_what_a_feeder_has_not_noticed_it_cannot_tell(play):
+def test_what_a_feeder_has_not_noticed_it_cannot_show(play):
     async def scene(cell):
         host = await cell.modbus()
         number = cell.inject("speed_deviates", "F1")

@@ -259,7 +259,7 @@ def test_a_rise_that_is_over_before_its_top_leaves_nothing(play):
     assert play(scene) == (0, pytest.approx(G_MIN, rel=1e-6))
 
 
-def test_a_limited_disc_clips_the_set_point_that_runs_tells_so_and_is_judged(play):
+def test_a_limited_disc_clips_the_set_point_that_runs_reports_it_and_is_judged(play):
     async def scene(cell):
         await feeding(cell)
         number = cell.inject("disc_limited", "F1", n_max_rpm=1.0)
@@ -317,7 +317,7 @@ def test_a_flow_read_back_wrong_flows_right(play):
     assert play(scene) == tuple(pytest.approx(x, rel=1e-3) for x in (7.5, 10.0, 10.0))
 
 
-def test_carrier_supply_and_pressure_are_told(play):
+def test_carrier_supply_and_pressure_are_reported(play):
     async def scene(cell):
         await feeding(cell)
         for kind in ("carrier_low", "supply_low", "over_pressure", "lid_open"):

@@ -16,7 +16,7 @@ async def ready(cell, mode="M4"):
     await cell.send(f"G21 G90 G94\n{mode} S0\n", then_s=1.0)
 
 
-def test_the_beam_is_lit_exactly_while_a_move_lasts(play):
+def test_the_beam_is_on_exactly_while_a_move_lasts(play):
     async def scene(cell):
         await ready(cell)
         began = cell.now_s
@@ -54,7 +54,7 @@ def test_slow_motion_with_the_beam_on_is_timed_from_below_the_speed(play):
     assert all_of_it.duration_s == pytest.approx(2 * RAMP_S + (20 - 2 * RAMP_MM) / SPEED)
 
 
-def test_a_constant_beam_that_burns_at_standstill_is_found(play):
+def test_a_constant_beam_that_is_on_at_standstill_is_found(play):
     async def scene(cell):
         await ready(cell, "M3")
         began = cell.now_s
@@ -117,7 +117,7 @@ def test_what_is_drawn_again_is_measured_along_the_line(play):
         6, pytest.approx(10.0), pytest.approx(10.0))
 
 
-def test_a_move_cut_short_tells_how_much_of_it_was_done(play):
+def test_a_move_cut_short_shows_how_much_of_it_was_done(play):
     async def scene(cell):
         await ready(cell)
         await cell.send("N5 G1 X20 F600 S500\n", then_s=1.0)

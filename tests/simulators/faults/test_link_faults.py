@@ -177,7 +177,7 @@ def test_slow_dropped_and_doubled_replies(play, wire):
 
 
 @pytest.mark.parametrize("wire", [(), RTU])
-def test_a_silent_device_neither_hears_nor_answers(play, wire):
+def test_a_silent_device_neither_receives_nor_answers(play, wire):
     async def scene(cell):
         host = await cell.modbus()
         cell.inject("device_silent", "F1", for_s=1.0)

@@ -31,7 +31,7 @@ def cell_file(tmp_path, bench_text):
     return path
 
 
-def test_faults_are_told_as_they_happen_and_the_record_is_written_when_asked(
+def test_faults_are_reported_as_they_happen_and_the_record_is_written_when_asked(
     tmp_path, cell_file
 ):
     (tmp_path / "faults.toml").write_text(FAULTS, encoding="utf-8")
@@ -75,7 +75,7 @@ def _written(path):
     raise AssertionError("no record was written")
 
 
-def test_every_mistake_of_a_fault_file_is_told(tmp_path, cell_file, capsys):
+def test_every_mistake_of_a_fault_file_is_reported(tmp_path, cell_file, capsys):
     faults = tmp_path / "faults.toml"
     faults.write_text('[[fault]]\nkind = "dor"\n')
     assert serve([str(cell_file), "--faults", str(faults)]) == 3
