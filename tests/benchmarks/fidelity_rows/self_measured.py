@@ -17,8 +17,11 @@ import json
 import statistics
 import sys
 import tempfile
+from contextlib import redirect_stderr, redirect_stdout
+from io import StringIO
 from pathlib import Path
 
+from lmctl.cli.__main__ import main
 from lmctl.cli.bench import load_bench, replace_endpoints
 from lmctl.cli.profiles import load_profile_or_default
 from lmctl.config.machine import MachineProfile
@@ -29,7 +32,6 @@ from lmctl.run.executor import RunExecutor
 from simulators import virtual_time
 from simulators.bench import Bench
 from tests.benchmarks.fidelity_rows.hidden_cell import (
-    SHIPPED,
     lmctl,
     self_measured,
     write_bench,
@@ -106,22 +108,19 @@ def hidden(seed: int) -> list[dict[str, float]]:
 def part_file(part: str, folder: Path) -> Path:
     """The part's file, with the data it names beside it."""
     if part == "gear":
-        lmctl_init(folder)
+        init_gear(folder)
         return folder / "gear" / "gear.toml"
     path = folder / f"{part}.toml"
     path.write_text({"ring": RING, "box": BOX}[part])
     return path
 
 
-def lmctl_init(folder: Path) -> None:
+def init_gear(folder: Path) -> None:
     """The gear as `lmctl init gear` makes it."""
-    from lmctl.cli.__main__ import main
-
     target = folder / "gear"
     if not target.exists():
-        target.mkdir()
-        assert (SHIPPED / "gear.toml").is_file()
-        main(["init", "gear", str(target)])
+        with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
+            main(["init", "gear", str(target)])
 
 
 def share_within(part: str, profile: MachineProfile, bench: Path, folder: Path) -> float:
