@@ -27,6 +27,9 @@ T = TypeVar("T")
 #: Dilution is measured at these multiples of a powder's own speed, so of its energy per length.
 _SPEED_FACTORS = (0.75, 1.0, 1.5)
 
+#: An answer that cannot be right is asked for again so often.
+_ASKED_AGAIN = 2
+
 _output_option = click.option("-o", "--output", type=click.Path(path_type=Path),
                               help="Calibration file to add to [that of the profile, beside it].")
 
@@ -195,14 +198,21 @@ async def _weighed(
     from lmctl.cli.coupon_runs import lay_coupon
     from lmctl.machine.measuring.calibration_entry import conditions_of
 
-    before_g, step_g = parse_mass_g(await hands.weigh_plate(
-        f"coupon {coupon.name}: weigh an empty plate and clamp it; its mass, with unit"))
+    async def empty() -> tuple[float, float]:
+        return parse_mass_g(await hands.weigh_plate(
+            f"coupon {coupon.name}: weigh an empty plate and clamp it; its mass, with unit"))
+
+    async def laden() -> tuple[float, float]:
+        mass_g, step_g = parse_mass_g(await hands.weigh_plate(
+            f"coupon {coupon.name}: let it cool to room temperature, brush off loose powder, "
+            "weigh; its mass, with unit"))
+        check_weights(before_g, mass_g, fed_g)
+        return mass_g, step_g
+
+    before_g, step_g = await _until_plausible(empty)
     laid = await lay_coupon(coupon, profile, runs_dir, who)
-    after_g, after_step_g = parse_mass_g(await hands.weigh_plate(
-        f"coupon {coupon.name}: let it cool to room temperature, brush off loose powder, weigh; "
-        "its mass, with unit"))
     fed_g = sum(laid.fed_g.values())
-    check_weights(before_g, after_g, fed_g)
+    after_g, after_step_g = await _until_plausible(laden)
     stored = stored_calibration(target, profile.name)
     hoppers = {m: _hopper_of(profile, m) for m in laid.fed_g}
     estimate = catch_estimate(
@@ -216,6 +226,19 @@ async def _weighed(
         deposited_g=round(after_g - before_g, 4))
     save_calibration(stored.with_catch(found), target)
     return found
+
+
+async def _until_plausible(ask: Callable[[], Coroutine[Any, Any, T]]) -> T:
+    """What is answered; a slip is told and asked again, so that it costs no coupon.
+
+    Raises UsageError after several.
+    """
+    for _ in range(_ASKED_AGAIN):
+        try:
+            return await ask()
+        except UsageError as error:
+            print_message(error.render())
+    return await ask()
 
 
 def _hopper_of(profile: MachineProfile, material: str) -> HopperSettings:
@@ -258,9 +281,13 @@ async def _diluted(
     for number, factor in zip(itertools.count(1), _SPEED_FACTORS, strict=False):
         coupon = dilution_coupon(material, round(library.speed_mm_s * factor, 3))
         laid = await lay_coupon(coupon, laid_with, runs_dir, who)
-        share = parse_dilution(await hands.analyse_track(
-            f"track {number} of {len(_SPEED_FACTORS)}, {laid.energy_J_mm:.0f} J/mm: cut or analyse "
-            "it; share of the plate in the bead, as 18.3 %"))
+        request = (f"track {number} of {len(_SPEED_FACTORS)}, {laid.energy_J_mm:.0f} J/mm: cut or "
+                   "analyse it; share of the plate in the bead, as 18.3 %")
+
+        async def analysed(request: str = request) -> float:
+            return parse_dilution(await hands.analyse_track(request))
+
+        share = await _until_plausible(analysed)
         one = DilutionCalibration(
             material=material, substrate=substrate,
             conditions=conditions_of(profile, _hopper_of(profile, material),

@@ -49,3 +49,21 @@ def test_what_cannot_be_deposited_or_analysed_is_refused(refused, lmctl) -> None
     assert "no hopper" in refused("machine", "catch-test", "--sim", "--material", "Cu", code=2)
     assert "no hopper" in refused("machine", "dilution-test", "--sim", "--material", "Cu",
                                   "--substrate", "Fe", code=2)
+
+
+def test_a_slip_of_the_pen_costs_no_coupon(lmctl, bench, monkeypatch) -> None:
+    from simulators.operator import SimulatedOperator
+
+    weighed = SimulatedOperator.weigh_plate
+    slips = iter(["412.37", "4.12 kg"])
+
+    async def careless(self, request: str) -> str:
+        return next(slips, None) or await weighed(self, request)
+
+    monkeypatch.setattr(SimulatedOperator, "weigh_plate", careless)
+    outcome = lmctl("machine", "catch-test", "--sim", "--bench", bench(), "--material", "316L",
+                    "--operator", "Ada")
+    assert outcome.code == 0, outcome.talk
+    assert "no mass with its unit" in outcome.talk
+    assert "is stated to 10 g only" in outcome.talk
+    assert outcome.talk.count("laying coupon") == 1
