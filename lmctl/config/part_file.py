@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from lmctl.config.bodies import Body, referenced_bodies
 from lmctl.config.composition import Composition, measured_bodies
@@ -51,6 +51,34 @@ class MaterialSettings(ConfigModel):
     price_per_kg: Annotated[float, Field(ge=0, le=1e6)] | None = None
 
 
+#: How the tracks of a slice, or of a region of one, are laid out.
+RegionStrategy = Literal["offset", "iso-composition", "hatch", "spiral"]
+
+
+class StrategyRegion(ConfigModel):
+    """Where in the part another strategy holds; of several, the last one.
+
+    body : within this body; None: everywhere
+    layers : in these layers, from the first number to the last, from 1; None: in all
+    """
+
+    strategy: RegionStrategy
+    body: Name | None = None
+    layers: tuple[Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]] | None = None
+
+    @model_validator(mode="after")
+    def _limited(self) -> StrategyRegion:
+        if self.body is None and self.layers is None:
+            raise ValueError("states neither body nor layers: say process.strategy instead")
+        if self.layers is not None and self.layers[0] > self.layers[1]:
+            raise ValueError("layers go from the lower number to the higher")
+        return self
+
+    def holds_in(self, layer: int) -> bool:
+        """Whether it holds in a layer, counted from 0."""
+        return self.layers is None or self.layers[0] <= layer + 1 <= self.layers[1]
+
+
 class ProcessSettings(ConfigModel):
     """How beads are deposited. Defaults are those of medium deposition, and are named.
 
@@ -81,6 +109,7 @@ class ProcessSettings(ConfigModel):
     hatch_blocks, hatch_block_mm : lines as long as the slice, or in stripes or square islands so
         wide
     outline_tracks : tracks along the outline around hatch lines
+    region : bodies and layers with strategies of their own
     dead_time_error_s : how far dead times may be off, in what "auto" compares
     """
 
@@ -110,6 +139,7 @@ class ProcessSettings(ConfigModel):
     hatch_blocks: Literal["none", "stripes", "islands"] = "none"
     hatch_block_mm: Annotated[float, Field(ge=1, le=1000)] = 20.0
     outline_tracks: Annotated[int, Field(ge=0, le=10)] = 1
+    region: Annotated[tuple[StrategyRegion, ...], Field(max_length=1000)] = ()
 
 
 class PlacementSettings(ConfigModel):

@@ -76,8 +76,25 @@ def cross_key_findings(data: dict[str, Any]) -> list[Finding]:
             findings += composition_findings(
                 f"body[{number}].composition", body.get("composition"), names, known
             )
+    findings += _region_findings(data.get("process"), known)
     findings += simulation_findings(data, known)
     return findings
+
+
+def _region_findings(process: Any, bodies: set[str]) -> Iterator[Finding]:
+    """Strategies of bodies that are not there, or that nothing can be planned beside."""
+    regions = _list(process.get("region")) if isinstance(process, dict) else []
+    for number, region in enumerate(regions, start=1):
+        name = region.get("body") if isinstance(region, dict) else None
+        if not isinstance(name, str):
+            continue
+        where = f"process.region[{number}].body"
+        if name not in bodies:
+            guess = materials.suggest_name(name, sorted(bodies))
+            yield Finding(where, f"no body is named {name!r}" + (f" ({guess})" if guess else ""))
+        if process.get("strategy") == "iso-3d":
+            yield Finding(where, 'beside strategy = "iso-3d" no body can have another: its tracks '
+                          "are those of the whole distance field")
 
 
 def _material_findings(tables: list[dict[str, Any]]) -> Iterator[Finding]:

@@ -172,6 +172,8 @@ def _part_of(part: config.PartFile, text: str, tree: BodyTree, report: Report | 
         plane=section_plane_grid(grid, part.process.bead_width_mm),
         surface_error_mm=tree.surface_error_mm,
         named_bodies=named_bodies(part, tree),
+        strategy_bodies={region.body: tree.named_body(region.body)
+                         for region in part.process.region if region.body is not None},
     )
 
 

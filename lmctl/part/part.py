@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -69,6 +69,7 @@ class Part:
     surface_error_mm : of surfaces fitted to clouds, estimated from their samples; None where no
         tolerance is stated or nothing is fitted
     named_bodies : those it is made of
+    strategy_bodies : by name, those that the process gives a strategy of their own
     """
 
     name: str
@@ -85,6 +86,7 @@ class Part:
     plane: PlaneGrid
     surface_error_mm: float | None = None
     named_bodies: NamedBodies = NO_NAMED_BODIES
+    strategy_bodies: Mapping[str, Body] = field(default_factory=dict)
 
     @property
     def bounds_mm(self) -> Bounds:

@@ -158,6 +158,10 @@ class BodyTree:
             return materials.DepthBelowSurface(of, feature.level_mm)
         return materials.feature_of(feature, self.body, self._around)
 
+    def named_body(self, name: str) -> Body:
+        """A body of the part file as it stands in the part, its allowance included."""
+        return self.body_in_place(self._number[name])
+
     def _joined(
         self, operation: Operation | None, numbers: Sequence[int], *, in_place: bool
     ) -> Body:

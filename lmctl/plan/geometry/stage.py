@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.array_types import FloatArray
-from lmctl.config.part_file import ProcessSettings
+from lmctl.config.part_file import ProcessSettings, RegionStrategy
 from lmctl.plan.geometry.between_layers import flat_pieces
 from lmctl.plan.geometry.deposit import Deposit, deposit_on
 from lmctl.plan.geometry.intended_slice import intended_loops
@@ -31,7 +31,7 @@ from lmctl.plan.geometry.strategies import SliceTask, tracks_of_slice
 from lmctl.preflight.placement import Placement
 
 if TYPE_CHECKING:
-    from lmctl.part.part import Part
+    from lmctl.part.part import Part, PartSection
 
 
 def layer_geometry(part: Part, placement: Placement, layer: int) -> LayerGeometry:
@@ -48,8 +48,7 @@ def layer_geometry(part: Part, placement: Placement, layer: int) -> LayerGeometr
     if not loops:
         return _geometry(number, z_mm, [], len(part.materials), [], LayerFigures(
             0.0, 0.0, 0.0, 0.0, 0.0, lost=tuple(flat_pieces(part, placement, layer, loops))))
-    task = SliceTask(section, loops, process, number, lambda points: part.composition(
-        np.column_stack([points, np.full(len(points), z_mm)])))
+    task = _slice_task(part, section, loops, number)
     raster, islands = task.raster, task.islands
     found = tracks_of_slice(task)
     lines = found.tracks
@@ -63,6 +62,27 @@ def layer_geometry(part: Part, placement: Placement, layer: int) -> LayerGeometr
     if flat:
         figures = replace(figures, lost=(*figures.lost, *flat))
     return _geometry(number, z_mm, lines, len(part.materials), loops, figures)
+
+
+def _slice_task(
+    part: Part, section: PartSection, loops: list[FloatArray], layer: int
+) -> SliceTask:
+    """A slice with the strategies that hold in this layer, everywhere or within bodies."""
+    process = part.process
+    bodies: list[tuple[list[FloatArray], RegionStrategy]] = []
+    for region in process.region:
+        if not region.holds_in(layer):
+            continue
+        if region.body is None:
+            process, bodies = process.model_copy(update={"strategy": region.strategy}), []
+        else:
+            outline = part.strategy_bodies[region.body].outline_loops(section.z_mm, part.plane)
+            bodies.insert(0, (outline, region.strategy))
+    z_mm = section.z_mm
+    return SliceTask(
+        section, loops, process, layer, lambda points: part.composition(
+            np.column_stack([points, np.full(len(points), z_mm)])),
+        tuple((outline, strategy) for outline, strategy in bodies if outline))
 
 
 def _figures(

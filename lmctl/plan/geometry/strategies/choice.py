@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from lmctl.plan.geometry.iso_3d import iso_3d_tracks
+from lmctl.plan.geometry.planar_region import loops_of, region_of, true_pieces
 from lmctl.plan.geometry.strategies.hatch import hatch_tracks
 from lmctl.plan.geometry.strategies.iso_composition import iso_composition_tracks
 from lmctl.plan.geometry.strategies.jump_regions import (
@@ -24,6 +25,8 @@ from lmctl.plan.geometry.strategies.spiral import spiral_tracks
 
 def tracks_of_slice(task: SliceTask) -> StrategyTracks:
     """All tracks of a slice, each with the island it lies on."""
+    if task.bodies:
+        return _by_body(task)
     if task.process.strategy == "iso-3d":
         tracks = iso_3d_tracks(task.section, task.bead_mm, task.pitch_mm)
         middles = np.array([track.points_mm[0] for track in tracks]).reshape(-1, 2)
@@ -33,6 +36,19 @@ def tracks_of_slice(task: SliceTask) -> StrategyTracks:
         return iso_composition_tracks(task)
     lines = {"hatch": hatch_tracks, "spiral": spiral_tracks}
     return _between_jumps(task, lines.get(task.process.strategy, offset_tracks))
+
+
+def _by_body(task: SliceTask) -> StrategyTracks:
+    """Each body that has a strategy of its own filled by that, and what is left by the task's."""
+    left, parts = region_of(task.loops), []
+    for outline, strategy in task.bodies:
+        own = region_of(outline)
+        pieces = true_pieces(left ^ own, task.pitch_mm)
+        parts += [task.with_strategy(strategy, loops_of(piece)) for piece in pieces]
+        left = left - own
+    parts += [replace(task, loops=loops_of(piece), bodies=())
+              for piece in true_pieces(left, task.pitch_mm)]
+    return tracks_by_region(task, parts, tracks_of_slice)
 
 
 def _between_jumps(

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lmctl.array_types import FloatArray, IndexArray
-from lmctl.config.part_file import ProcessSettings
+from lmctl.config.part_file import ProcessSettings, RegionStrategy
 from lmctl.plan.geometry.flat_tracks import FlatTracks, flat_tracks
 from lmctl.plan.geometry.intended_slice import pitch_mm
 from lmctl.plan.geometry.islands import Islands
@@ -38,6 +38,7 @@ class SliceTask:
     section : the part in this plane; loops : of the intended slice, or of the region
     layer : number, counted from the lowest one that meets the part
     fractions_at : the part's material field in this plane
+    bodies : (outline, strategy) of bodies that have one of their own; of several the first
     """
 
     section: PartSection
@@ -45,6 +46,7 @@ class SliceTask:
     process: ProcessSettings
     layer: int
     fractions_at: MixtureAt
+    bodies: tuple[tuple[list[FloatArray], RegionStrategy], ...] = ()
 
     @property
     def bead_mm(self) -> float:
@@ -83,6 +85,11 @@ class SliceTask:
     @cached_property
     def mixture_map(self) -> MixtureMap | None:
         return mixture_map(self.raster, self.fractions_at, _BEYOND_PITCHES * self.pitch_mm)
+
+    def with_strategy(self, strategy: RegionStrategy, loops: list[FloatArray]) -> SliceTask:
+        """The task of filling a region of this slice by another strategy."""
+        return replace(self, loops=loops, bodies=(), process=self.process.model_copy(
+            update={"strategy": strategy}))
 
     def link_rules(self) -> LinkRules:
         seam = self.process.seam
