@@ -1,4 +1,4 @@
-"""Planning on a Dask cluster of two local workers: the same job, whatever becomes of them."""
+"""Planning on a Dask cluster of local workers: the same job, whatever becomes of them."""
 
 import logging
 import os
@@ -34,9 +34,12 @@ points = [
 
 @pytest.fixture(scope="module")
 def cluster():
-    """Two worker processes of one thread each, which are not started again when they die."""
+    """Three worker processes of one thread each, which are not started again when they die.
+
+    Two tests kill one each, so that each of them still runs on two workers.
+    """
     with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None,
+        n_workers=3, threads_per_worker=1, processes=True, dashboard_address=None,
         host="127.0.0.1", silence_logs=logging.CRITICAL,
     ) as cluster:
         yield cluster
@@ -72,6 +75,20 @@ def test_the_job_is_the_one_of_a_single_process_also_when_a_worker_dies_half_way
 
     plan_job(part, cell, tmp_path / "killed.lmj", kill_one_half_way, on_cluster(cluster))
     assert (tmp_path / "killed.lmj").read_bytes() == (tmp_path / "here.lmj").read_bytes()
+
+
+def test_a_worker_that_dies_after_the_last_layer_takes_no_job_with_it(
+        tmp_path, cluster, part, cell):
+    with distributed.Client(cluster, set_as_default=False) as client:
+        victim = next(iter(client.run(os.getpid).values()))
+
+    def kill_one_at_the_end(done, total):
+        if done == total:
+            os.kill(victim, signal.SIGKILL)
+
+    plan_job(part, cell, tmp_path / "a.lmj", kill_one_at_the_end, on_cluster(cluster))
+    plan_job(part, cell, tmp_path / "here.lmj")
+    assert (tmp_path / "a.lmj").read_bytes() == (tmp_path / "here.lmj").read_bytes()
 
 
 def test_workers_of_another_version_are_refused(tmp_path, cluster, part, cell, monkeypatch):

@@ -7,6 +7,7 @@ others. Workers run best with one thread each: geometry holds Python's lock.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import importlib
 import importlib.metadata
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
 
 #: How long a scheduler may take to answer, and its workers to begin [s].
 _TIMEOUT_S = 10.0
+#: How often workers are asked to drop the part; a scheduler notices a dead worker within the first.
+_DROP_ATTEMPTS = 3
 _INSTALL = "pip install 'lmctl[scale]'"
 
 
@@ -77,17 +80,22 @@ class DaskWorkers(StageWorkers):
         from distributed import KilledWorker
 
         self._executor.shutdown(wait=error is None)
-        try:
-            self._client.unregister_worker_plugin(self._plugin)
-        except Exception:  # the cluster is gone, and the part with it
-            if error is None:
-                raise
-        finally:
-            self._client.close()
+        self._unregister_plugin()
+        self._client.close()
         if isinstance(error, KilledWorker):
             raise PlanError("workers of the cluster died over one layer, again and again",
                             where=str(error), hint="see the workers' logs; memory may be short"
                             ) from error
+
+    def _unregister_plugin(self) -> None:
+        """Have workers drop the part. All layers are planned or given up by now, so that no failure
+        here may void them: a worker that dies meanwhile breaks the request, and what still holds a
+        part holds it until its process ends.
+        """
+        for _ in range(_DROP_ATTEMPTS):
+            with contextlib.suppress(Exception):
+                self._client.unregister_worker_plugin(self._plugin)
+                return
 
     def window(self) -> int:
         """Submissions worth having in flight; workers may join or leave while planning."""
