@@ -187,4 +187,4 @@ def draw_job_layer(
     draw_layer(layer, manifest.materials, LayerView(
         start_mm=(float(before["x_mm"]), float(before["y_mm"])), origin_mm=(x, y), frame=frame,
         title=f"{manifest.part_name}: layer {number}{last}, {frame} z = {entry.z_mm - z:.2f} mm, "
-              f"{entry.n_paths} paths, {lasting_s:.0f} s"), target)
+              f"{entry.n_paths} path{'s' * (entry.n_paths != 1)}, {lasting_s:.0f} s"), target)

@@ -58,3 +58,12 @@ def test_a_moved_copy_has_the_allowance_too(tmp_path):
                  ).section(4.0).loops
     assert area(loops) == pytest.approx(400 + 40 + np.pi / 4, abs=0.01)
     assert np.vstack(loops)[:, 0].min() == pytest.approx(2.5, abs=0.01)
+
+
+def test_the_bounds_hold_the_allowance_of_the_body_that_a_shell_is_of(tmp_path):
+    """So that a part is placed and checked against the machine as it is deposited."""
+    low, high = part(tmp_path, BOX.replace("8]", "20]") + "allowance_mm = 0.5\n"
+                     + '[[body]]\nkind = "shell"\nof = "block"\nfrom_mm = 0\nto_mm = 3\n'
+                     ).bounds_mm
+    assert low == pytest.approx([-0.5, -0.5, 0])
+    assert high == pytest.approx([20.5, 20.5, 20])

@@ -109,7 +109,8 @@ class CombinedBody(AnalyticBody):
 
     @cached_property
     def tight_bounds_mm(self) -> Bounds:
-        """Of a union of leaves, exactly theirs; else of its boundary."""
+        """Of a union of leaves, exactly theirs; else of its boundary, and as much farther as the
+        allowances of leaves may move its outlines."""
         formula = self.expression.formula
         if isinstance(formula, BooleanFormula) and not formula.requires_all and all(
             isinstance(part, SignedLeaf) and part.sign > 0 for part in formula.operands
@@ -117,7 +118,13 @@ class CombinedBody(AnalyticBody):
             lows, highs = zip(*(leaf.tight_bounds_mm for leaf in self.expression.leaves),
                               strict=True)
             return np.min(lows, axis=0), np.max(highs, axis=0)
-        return self.boundary.find_bounds(self.enclosing_box_mm)
+        low, high = self.boundary.find_bounds(self.enclosing_box_mm)
+        out_mm = self.expression.outward_allowance_mm()
+        if out_mm > 0.0:
+            around = np.array([out_mm, out_mm, 0.0])
+            low = np.maximum(low - around, np.minimum(low, self.enclosing_box_mm[0]))
+            high = np.minimum(high + around, np.maximum(high, self.enclosing_box_mm[1]))
+        return low, high
 
     def distance_at(self, points: FloatArray) -> FloatArray:
         points = np.asarray(points, dtype=np.float64)

@@ -19,6 +19,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from lmctl.part.bodies.allowance import AllowanceBody
 from lmctl.part.bodies.body import Body
 from lmctl.part.bodies.measured import Bounds
 
@@ -66,6 +67,12 @@ class BooleanExpression:
     def signed_leaves(self) -> list[tuple[int, int]]:
         """(leaf, sign) of every side that the formula uses, each once."""
         return list(dict.fromkeys((side.leaf, side.sign) for side in _sides(self.formula)))
+
+    def outward_allowance_mm(self) -> float:
+        """How far outlines may lie outside those of the drawing, by allowances of leaves; ≥ 0."""
+        moved = [sign * body.allowance_mm for leaf, sign in self.signed_leaves()
+                 if isinstance(body := self.leaves[leaf], AllowanceBody)]
+        return max([0.0, *moved])
 
 
 def expression_of(body: Body) -> BooleanExpression:
