@@ -46,7 +46,8 @@ class BuiltVolume:
     """Voxels in machine coordinates.
 
     origin_mm : (3,) lowest corner; voxel_mm : (3,) edges of a voxel
-    materials : k names; the last is the substrate
+    materials : k names; the last is the plate
+    plate_material : of the part's materials, the one that the plate is of; "" for none
     deposited_mm3 : (k, nx, ny, nz) float32, the plate included
     height_mm : (nx, ny) float64, surface above the plate's top
     plate_z_mm : z of the plate's top
@@ -58,6 +59,7 @@ class BuiltVolume:
     origin_mm: FloatArray
     voxel_mm: FloatArray
     materials: tuple[str, ...]
+    plate_material: str
     deposited_mm3: NDArray[np.float32]
     height_mm: FloatArray
     plate_z_mm: float

@@ -6,6 +6,7 @@ piece with the composition at the middle of its layer under the tool point.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -79,11 +80,12 @@ def compare_with_design(built: BuiltVolume, part: Part, job: JobReader) -> AsBui
         raise InputError("the build and the part have no place in common",
                          where=f"the part's origin is at {offset.round(3).tolist()} mm")
     names = [material.name for material in part.materials]
-    materials = (*names, *(name for name in built.materials if name not in names))
+    counted_as = _counted_as(built, names)
+    materials = (*names, *(name for name in dict.fromkeys(counted_as) if name not in names))
     kept = design.rows[filled.ravel()[design.rows] >= _LEAST_FILLED]
     found = np.zeros((len(kept), len(materials)))
-    for row, name in enumerate(built.materials):
-        found[:, materials.index(name)] = volumes[row].ravel()[kept]
+    for row, name in enumerate(counted_as):
+        found[:, materials.index(name)] += volumes[row].ravel()[kept]
     amount = found.sum(axis=1)
     found /= amount[:, None]
     wanted = np.zeros_like(found)
@@ -107,6 +109,12 @@ def compare_with_design(built: BuiltVolume, part: Part, job: JobReader) -> AsBui
     )
     return AsBuiltComparison(summary, corner, built.voxel_mm, materials, filled, design, kept,
                              found, wanted, error)
+
+
+def _counted_as(built: BuiltVolume, names: Sequence[str]) -> tuple[str, ...]:
+    """What each built material counts as: a plate of one of the part's materials is that one."""
+    plate = built.plate_material
+    return (*built.materials[:-1], plate if plate in names else built.materials[-1])
 
 
 def composition_error(error: FloatArray, weight: FloatArray) -> CompositionError | None:
@@ -174,8 +182,8 @@ def _by_path(
     wanted = np.zeros((len(under), len(materials)))
     wanted[:, : len(part.materials)] = part.composition(under)
     found = np.zeros_like(wanted)
-    for row, name in enumerate(built.materials):
-        found[:, materials.index(name)] = path.delivered[:, row]
+    for row, name in enumerate(_counted_as(built, materials)):
+        found[:, materials.index(name)] += path.delivered[:, row]
     error = np.abs(found - wanted).max(axis=1)
     return composition_error(np.where(np.isnan(error), np.inf, error), path.beam_on_mm)
 

@@ -168,7 +168,7 @@ def _strips(
     delivered[:, :-1] = np.divide(volume, total, out=np.full_like(volume, np.nan), where=total > 0)
     substrate = next(name for name in ("substrate", "substrate plate") if name not in names)
     return BuiltVolume(
-        "predicted", low, voxel, (*names, substrate), voxels.astype(np.float32),
+        "predicted", low, voxel, (*names, substrate), "", voxels.astype(np.float32),
         voxels.sum(axis=(0, 3)) / _VOXEL_MM**2, plate_z_mm,
         BuiltPath(beads.place_mm, beads.length_mm, delivered, np.full(len(volume), np.nan),
                   beads.line),

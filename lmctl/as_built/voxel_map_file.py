@@ -19,13 +19,13 @@ _HINT = "run the job again on a bench with a table [process]"
 
 #: Arrays and their dimensions: k materials, n pieces of path, x, y, z voxels, m notes.
 _SHAPES = {
-    "origin_mm": ("3",), "voxel_mm": ("3",), "powders": ("k",),
+    "origin_mm": ("3",), "voxel_mm": ("3",), "powders": ("k",), "substrate_material": (),
     "deposited_mm3": ("k", "x", "y", "z"), "height_mm": ("x", "y"), "substrate_z_mm": (),
     "density_g_mm3": ("k",), "fed_g": ("k",), "beam_on_g": ("k",), "beam_off_g": ("k",),
     "place_mm": ("n", "3"), "beam_on_mm": ("n",), "delivered": ("n", "k"), "surface_mm": ("n",),
     "line": ("n",), "notes": ("m",),
 }
-_TEXTS = ("powders", "notes")
+_TEXTS = ("powders", "substrate_material", "notes")
 #: NaN has a meaning in these.
 _MAY_BE_UNKNOWN = ("delivered", "surface_mm", "density_g_mm3")
 
@@ -43,7 +43,7 @@ def read_voxel_map(path: Path) -> BuiltVolume:
               and name not in ("deposited_mm3", "line")}
     return BuiltVolume(
         "simulated", number["origin_mm"], number["voxel_mm"],
-        tuple(str(name) for name in arrays["powders"]),
+        tuple(str(name) for name in arrays["powders"]), str(arrays["substrate_material"]),
         arrays["deposited_mm3"].astype(np.float32, copy=False), number["height_mm"],
         float(number["substrate_z_mm"]),
         BuiltPath(number["place_mm"], number["beam_on_mm"], number["delivered"],

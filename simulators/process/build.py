@@ -114,6 +114,7 @@ def _voxel_map(
         origin_mm=corner,
         voxel_mm=np.array([config.voxel_mm, config.voxel_mm, config.voxel_height_mm]),
         powders=(*path.materials, config.substrate),
+        substrate_material=config.substrate_material,
         deposited_mm3=np.ascontiguousarray(np.moveaxis(voxels, 3, 0), dtype=np.float32),
         height_mm=top - config.substrate_z_mm,
         substrate_z_mm=config.substrate_z_mm,

@@ -21,8 +21,9 @@ class ProcessConfig:
         width · (P/power)^width_power_exponent · (speed/v)^width_speed_exponent
     dilution : share of the pool that comes from below, at the energy per length power_W/speed_mm_s;
         it changes by dilution_per_J_mm, within 0 and MAX_DILUTION
-    substrate : name of the plate's material, other than every powder; its top is at
-        substrate_z_mm in machine coordinates
+    substrate : name of the plate, other than every powder; its top is at substrate_z_mm in machine
+        coordinates
+    substrate_material : the material that the plate is of, "" for one of its own
     best_standoff_mm : distance from tool point to the surface below at which most powder is caught
     nozzle_gap_mm : from the nozzle's tip down to the tool point
     voxel_mm, voxel_height_mm : of the voxel map
@@ -37,6 +38,7 @@ class ProcessConfig:
     dilution: float = 0.0
     dilution_per_J_mm: float = 0.0
     substrate: str = "substrate"
+    substrate_material: str = ""
     substrate_z_mm: float = 0.0
     best_standoff_mm: float = 0.8
     nozzle_gap_mm: float = 10.0
@@ -57,6 +59,8 @@ def read_process(table: TableReader) -> ProcessConfig:
         dilution=table.number("dilution", 0.0, least=0, most=MAX_DILUTION),
         dilution_per_J_mm=table.number("dilution_per_J_mm", 0.0, least=0, most=1),
         substrate=table.text("substrate", "substrate"),
+        substrate_material=(
+            table.text("substrate_material") if table.has_key("substrate_material") else ""),
         substrate_z_mm=table.number("substrate_z_mm", 0.0, least=-10_000, most=10_000),
         best_standoff_mm=table.number("best_standoff_mm", 0.8, least=-100, most=100),
         nozzle_gap_mm=table.number("nozzle_gap_mm", 10.0, above=0, most=200),

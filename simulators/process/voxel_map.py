@@ -23,6 +23,7 @@ class VoxelMap:
 
     origin_mm : (3,) lowest corner of voxel (0, 0, 0); voxel_mm : (3,) edges of a voxel
     powders : k names, the substrate last
+    substrate_material : what the plate is of, "" for a material of its own
     deposited_mm3 : (k, nx, ny, nz) float32, of each material in each voxel, the plate included
     height_mm : (nx, ny) of the surface above the plate
     substrate_z_mm : z of the plate's top
@@ -40,6 +41,7 @@ class VoxelMap:
     origin_mm: FloatArray
     voxel_mm: FloatArray
     powders: tuple[str, ...]
+    substrate_material: str
     deposited_mm3: NDArray[np.float32]
     height_mm: FloatArray
     substrate_z_mm: float
@@ -62,7 +64,9 @@ class VoxelMap:
             with partial.open("wb") as file:
                 np.savez_compressed(
                     file, format=np.str_(FORMAT), origin_mm=self.origin_mm, voxel_mm=self.voxel_mm,
-                    powders=np.array(self.powders), deposited_mm3=self.deposited_mm3,
+                    powders=np.array(self.powders),
+                    substrate_material=np.str_(self.substrate_material),
+                    deposited_mm3=self.deposited_mm3,
                     height_mm=self.height_mm.astype(np.float32),
                     substrate_z_mm=np.float64(self.substrate_z_mm),
                     density_g_mm3=self.density_g_mm3, fed_g=self.fed_g, beam_on_g=self.beam_on_g,

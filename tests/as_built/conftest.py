@@ -99,7 +99,7 @@ def perfect(job) -> BuiltVolume:
     at_b = (place[:, 0] - AT_MM[0]) / 20
     layer = line // 10
     return BuiltVolume(
-        "simulated", origin, np.full(3, VOXEL), ("A", "B", "S355"), deposited,
+        "simulated", origin, np.full(3, VOXEL), ("A", "B", "S355"), "", deposited,
         np.where(inside.any(axis=2), 8.0, 0.0), 0.0,
         BuiltPath(place, np.ones(len(line)),
                   np.stack([1 - at_b, at_b, np.zeros(len(line))], axis=1), 0.8 * layer, line),

@@ -49,6 +49,18 @@ def test_substrate_in_the_first_layers_is_an_error(bar, job, changed):
     assert found.built_over_design == pytest.approx(1.0, rel=1e-3)
 
 
+def test_a_plate_of_a_powders_material_counts_as_it(bar, job, changed):
+    def with_plate(volumes):  # 0.2 of plate where A should be 0.2 more
+        taken = np.minimum(0.2 * volumes[:2, :, :, 2:].sum(axis=0), volumes[0, :, :, 2:])
+        volumes[0, :, :, 2:] -= taken
+        volumes[2, :, :, 2:] += taken
+
+    built = changed(with_plate)
+    assert compare_with_design(built, bar, job).summary.by_volume.within[0.05] < 0.1
+    of_a = replace(built, plate_material="A")
+    assert compare_with_design(of_a, bar, job).summary.by_volume.p99 == pytest.approx(0, abs=1e-6)
+
+
 def test_missing_and_surplus_volume(bar, job, changed):
     def lower_and_wider(volumes):
         volumes[:, :, :, 16:18] = 0.0       # the last millimetre of height

@@ -10,6 +10,7 @@ from simulators.process.voxel_map import VoxelMap
 GOOD = {
     "format": np.str_("voxel-map-1"), "origin_mm": np.zeros(3), "voxel_mm": np.full(3, 0.5),
     "powders": np.array(["A", "plate"]), "deposited_mm3": np.ones((2, 3, 4, 5), np.float32),
+    "substrate_material": np.str_(""),
     "height_mm": np.ones((3, 4)), "substrate_z_mm": np.float64(0), "density_g_mm3": np.ones(2),
     "fed_g": np.ones(2), "beam_on_g": np.ones(2), "beam_off_g": np.ones(2),
     "place_mm": np.ones((6, 3)), "beam_on_mm": np.ones(6), "delivered": np.ones((6, 2)),
@@ -28,7 +29,7 @@ def refusal(tmp_path, **changes) -> str:
 def test_what_the_simulators_write_is_read(tmp_path):
     rng = np.random.default_rng(1)
     written = VoxelMap(
-        np.array([1.0, 2.0, -2.0]), np.array([0.25, 0.25, 0.5]), ("A", "B", "plate"),
+        np.array([1.0, 2.0, -2.0]), np.array([0.25, 0.25, 0.5]), ("A", "B", "plate"), "B",
         rng.uniform(0, 0.1, (3, 4, 5, 6)).astype(np.float32), rng.uniform(0, 9, (4, 5)), -1.0,
         np.array([0.008, 0.014, np.nan]), np.array([5.0, 6, 0]), np.array([4.0, 5, 0]),
         np.array([1.0, 1, 0]), rng.uniform(0, 9, (7, 3)), np.arange(7.0), np.ones(7),
@@ -37,7 +38,7 @@ def test_what_the_simulators_write_is_read(tmp_path):
     written.write(tmp_path / "map.npz")
     read = read_voxel_map(tmp_path / "map.npz")
     assert read.built_by == "simulated"
-    assert read.materials == ("A", "B", "plate")
+    assert (read.materials, read.plate_material) == (("A", "B", "plate"), "B")
     assert np.array_equal(read.deposited_mm3, written.deposited_mm3)
     assert read.path.place_mm == pytest.approx(written.place_mm, rel=1e-6)
     assert read.first_plane == 2
