@@ -43,12 +43,8 @@ class MotionMachine:
     """State and motion of one controller. Times are seconds on the loop's clock."""
 
     def __init__(
-        self,
-        dialect: Dialect,
-        settings: FirmwareSettings,
-        planner_blocks: int,
-        say: Callable[[Message], None],
-        displaced: Callable[[Vector], None],
+        self, dialect: Dialect, settings: FirmwareSettings, planner_blocks: int,
+        say: Callable[[Message], None], displaced: Callable[[Vector], None],
     ) -> None:
         self.hal = dialect is GRBLHAL
         self.settings = settings

@@ -1,8 +1,7 @@
 """A connection to a Grbl controller: link, codec and status queries combined.
 
-Lower half of the motion driver. It knows lines, answers, reports and resets; streams, holds and
-positions are above it. Events are handed on in the order of the byte stream; `pending_replies`
-holds the replies that a caller is waiting for.
+Lower half of the motion driver: lines, replies, reports and resets. Streams, holds and positions
+are above it. Callbacks are called in the order of the byte stream.
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ from lmctl.machine.motion.status_polling import StatusPolling
 from lmctl.machine.motion.status_report_filter import StatusReportFilter
 
 _COMMAND_TAG = -1
-_LOST_HINT = "check cable and power of the controller, and that no other program talks to it"
+_LOST_HINT = "check cable and power of the controller, and that no other program uses it"
 _MIN_RX_USABLE = 127  # until the controller has reported its size
 
 
@@ -43,7 +42,7 @@ class GrblConnection:
     """One open link to a controller.
 
     dialect : Grbl's until `use_dialect` sets another
-    damaged : messages so far that were unreadable or answered nothing
+    damaged : messages so far that were unreadable or replied to nothing
     lost, is_silent : why the link is lost, and whether because the controller was silent
     observation : what arrives, from connecting to the first report; None otherwise
     rx_empty : most free receive bytes reported with nothing unanswered
@@ -52,8 +51,7 @@ class GrblConnection:
     """
 
     def __init__(
-        self, endpoint: str, status_period_s: float, callbacks: ConnectionCallbacks
-    ) -> None:
+        self, endpoint: str, status_period_s: float, callbacks: ConnectionCallbacks) -> None:
         self.endpoint = endpoint
         self.dialect: Dialect = GRBL
         self.damaged = 0

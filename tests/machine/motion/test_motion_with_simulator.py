@@ -266,6 +266,6 @@ def test_a_second_client_is_turned_away_and_reported(in_virtual_time):
                 await MotionDriver.open(
                     driver._connection.endpoint, baud=115_200, status_period_s=0.1
                 )
-            assert "no other program talks to it" in refused.value.hint
+            assert "no other program uses it" in refused.value.hint
 
     in_virtual_time(main())
