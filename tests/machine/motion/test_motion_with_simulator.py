@@ -201,7 +201,8 @@ def test_a_feed_override_is_followed(in_virtual_time, name, wire):
 
 
 @pytest.mark.parametrize(
-    ("settings", "words"), [({"s32": 0}, "laser mode is off"), ({"s10": 1}, "could not be distinguished")],
+    ("settings", "words"),
+    [({"s32": 0}, "laser mode is off"), ({"s10": 1}, "could not be distinguished")],
 )
 @both_dialects
 @every_wire
