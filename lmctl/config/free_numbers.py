@@ -3,6 +3,7 @@
 Where a number stands, an inline table may stand instead:
 
     k = { free = [0.2, 5], start = 1, name = "k" }   a number between bounds
+    { free = [1, 3], start = 2, name = "h2", above = "h1" }   the same, added to a named one
     to_mm = { same_as = "h1" }                       the same as a named one
     to_mm = { sum_of = ["h1", "h2"] }                a sum of named ones
     "316L" = { rest = true }                         what its neighbours leave of 1
@@ -26,7 +27,7 @@ from lmctl.errors import Finding
 
 #: Keys that make an inline table a marker, and the other keys each may have.
 _MARKERS = {
-    "free": {"start", "name"},
+    "free": {"start", "name", "above"},
     "same_as": set(),
     "sum_of": set(),
     "rest": set(),
@@ -144,6 +145,8 @@ def _free_number(path: str, marker: dict[str, Any]) -> FreeNumber | None:
 
 
 def _referenced(marker: dict[str, Any]) -> list[str]:
+    if "above" in marker:
+        return [str(marker["above"])]
     same, total = marker.get("same_as"), marker.get("sum_of")
     names = [same] if same is not None else total if isinstance(total, list) else []
     return [str(name) for name in names]
@@ -231,7 +234,8 @@ def _with_rest_of_weights(before: list[Any], filled: list[Any]) -> list[Any]:
 def _value_of(marker: dict[str, Any], path: str, values: Mapping[str, float]) -> Any:
     if "free" in marker:
         name = marker.get("name")
-        return values.get(name if isinstance(name, str) else path, marker.get("start", 0.0))
+        own = values.get(name if isinstance(name, str) else path, marker.get("start", 0.0))
+        return own + sum(values.get(below, 0.0) for below in _referenced(marker))
     if "rest" in marker:
         return 0.0
     return sum(values.get(name, 0.0) for name in _referenced(marker))

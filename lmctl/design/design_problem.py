@@ -69,6 +69,10 @@ class DesignProblem:
         points = self.model.discretisation.part_places_mm
         return self.model.solve(self.design.fractions(design, points).reshape(*shape, -1))
 
+    def value(self, design: FloatArray) -> float:
+        """The objective alone."""
+        return evaluate(self.model, self.solve(design), self.objective).value
+
     def evaluate(self, design: FloatArray) -> DesignEvaluation:
         """Objective and constraints of a design with their gradients; the last one is kept."""
         design = np.clip(np.asarray(design, dtype=np.float64), 0.0, 1.0)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
-from skfem import MeshTet, MeshTet2, MeshTri, MeshTri2
+from skfem import FacetBasis, MeshTet, MeshTet2, MeshTri, MeshTri2
 
 from lmctl.array_types import BoolArray, FloatArray, IntArray
 from lmctl.design.lattice import Lattice, make_lattice, signed_volumes
@@ -32,6 +32,10 @@ _LATERAL_SHARE = 0.2
 
 #: A piece with less than this share of the volume is a crumb of the cutting, not a body.
 _CRUMB_SHARE = 1e-3
+
+#: An edge bends by no more than this share of its length, and an element's mapping shrinks nowhere
+#: below this share of that in its middle; others stay straight.
+_MOST_BEND, _LEAST_TURN = 0.15, 0.25
 
 _SMOOTHING_SWEEPS = 4
 _PROJECTIONS = 4
@@ -226,20 +230,31 @@ def _curved(
     straight = places[:, first + rows].T.copy()
     bent = project_to_surface(straight, distance, box, cell_mm)
     length = np.linalg.norm(flat_mesh.p[:, edges[0, rows]] - flat_mesh.p[:, edges[1, rows]], axis=0)
-    far = np.linalg.norm(bent - straight, axis=1) > 0.25 * length
+    far = np.linalg.norm(bent - straight, axis=1) > _MOST_BEND * length
     bent[far] = straight[far]
     places[:, first + rows] = bent.T
     mesh = curved(places, flat_mesh.t)
     for _ in range(4):
         bad = _folded(mesh)
         if not bad.any():
-            return mesh
+            return mesh if _is_invertible(mesh) else curved.from_mesh(flat_mesh)
         of = (flat_mesh.t2f if dim == 2 else flat_mesh.t2e)[:, bad].ravel()
         again = np.isin(rows, of)
         places = mesh.doflocs.copy()
         places[:, first + rows[again]] = straight[again].T
         mesh = curved(places, flat_mesh.t)
-    return mesh
+    return curved.from_mesh(flat_mesh)
+
+
+def _is_invertible(mesh: MeshTri2 | MeshTet2) -> bool:
+    """Whether scikit-fem finds the places of facets in the elements behind them."""
+    try:
+        FacetBasis(mesh, mesh.elem(), facets=mesh.boundary_facets(), intorder=4)
+    except Exception as error:  # it raises nothing narrower
+        if "Newton" not in str(error):
+            raise
+        return False
+    return True
 
 
 def _folded(mesh: MeshTri2 | MeshTet2) -> BoolArray:
@@ -255,7 +270,7 @@ def _folded(mesh: MeshTri2 | MeshTet2) -> BoolArray:
                for k, of in enumerate(nodes))  # (n, dim, dim, places)
     turning = np.linalg.det(np.moveaxis(np.asarray(turn), 3, 1))
     middle = turning[:, -1:]
-    folded: BoolArray = (turning * np.sign(middle) < 0.05 * np.abs(middle)).any(axis=1)
+    folded: BoolArray = (turning * np.sign(middle) < _LEAST_TURN * np.abs(middle)).any(axis=1)
     return folded
 
 

@@ -10,11 +10,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import bsr_array, bsr_matrix, csr_array, csr_matrix, diags, kron
 from scipy.sparse.linalg import splu
 
 from lmctl.array_types import BoolArray, FloatArray, IntArray
 from lmctl.errors import InputError
+from lmctl.field.kernel import kernel
 
 #: Unknowns up to which factors are faster and fit: factors fill in far more in 3D.
 DIRECT_UNKNOWNS = {2: 150_000, 3: 12_000}
@@ -50,26 +52,29 @@ class FieldSolver:
             inner = matrix.tocsc()[self._free][:, self._free]
             self._factors = splu(inner, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
                                  options={"SymmetricMode": True})
-            self._solve = lambda load: self._factors.solve(load)
+            self._solve = lambda load, begin: self._factors.solve(load)
         else:
             self._prepare_multigrid(coarse, near_null)
             self._solve = self._by_multigrid
 
-    def solve(self, load: FloatArray, given: FloatArray | None = None) -> FloatArray:
-        """Values (n, block) under a load (n, block); given : held values (n, block), None is 0.
+    def solve(
+        self, load: FloatArray, given: FloatArray | None = None, guess: FloatArray | None = None
+    ) -> FloatArray:
+        """Values (n, block) under a load (n, block).
+
+        given : held values (n, block), None is 0; guess : (n, block) where iterations begin
 
         Raises InputError where iterations do not converge.
         """
         values = np.zeros(self._free.size) if given is None else given.ravel().copy()
         values[self._free] = 0.0
         right = load.ravel() if given is None else load.ravel() - self._matrix @ values
-        values[self._free] = self._solve(right[self._free])
+        begin = np.zeros(self.n_unknowns) if guess is None else guess.ravel()[self._free]
+        values[self._free] = self._solve(right[self._free], begin)
         return values.reshape(-1, self._block)
 
     def _prepare_multigrid(self, coarse: csr_matrix, near_null: FloatArray) -> None:
         import pyamg
-        from pyamg.multilevel import MultilevelSolver
-        from pyamg.relaxation.smoothing import change_smoothers
 
         size = (self._block, self._block)
         mask = self._free.astype(float)
@@ -93,13 +98,24 @@ class FieldSolver:
             bsr_matrix(linear, blocksize=size), B=coarse_motions,
             strength=("symmetric", {"theta": 0.0}), max_coarse=300, improve_candidates=None,
             presmoother=smoother, postsmoother=smoother)
-        level = MultilevelSolver.Level()
-        level.A, level.B = top, motions.reshape(self._free.size, -1)
-        level.P = bsr_matrix(down, blocksize=size)
-        level.R = bsr_matrix(down.T.tocsr(), blocksize=size)
-        grid = MultilevelSolver([level, *lower.levels], coarse_solver="splu")
-        change_smoothers(grid, smoother, smoother)
-        self._top, self._precondition = top, grid.aspreconditioner()
+        self._top, self._inverse = top, _inverse_blocks(top)
+        self._down, self._up = down, down.T.tocsr()
+        self._coarse_cycle = lower.aspreconditioner()
+
+    def _precondition(self, residual: FloatArray) -> FloatArray:
+        """One sweep down, a coarse correction, one sweep up: symmetric, for conjugate gradients.
+
+        residual : (n · block,)
+        """
+        top, block = self._top, self._block
+        right = residual.reshape(-1, block)
+        swept = np.zeros_like(right)
+        sweep_blocks(top.indptr, top.indices, top.data, self._inverse, right, swept, False)
+        x = swept.ravel()
+        x += self._down @ (self._coarse_cycle @ (self._up @ (residual - top @ x)))
+        sweep_blocks(top.indptr, top.indices, top.data, self._inverse, right,
+                     x.reshape(-1, block), True)
+        return x
 
     def _masked(self, mask: FloatArray) -> bsr_matrix:
         """The matrix with held rows and columns cleared, ones of its own size on the diagonal."""
@@ -112,32 +128,72 @@ class FieldSolver:
         found.data[on_diagonal] += scale * (1.0 - of)[:, :, None] * np.eye(self._block)
         return found
 
-    def _by_multigrid(self, load: FloatArray) -> FloatArray:
+    def _by_multigrid(self, load: FloatArray, begin: FloatArray) -> FloatArray:
         """Preconditioned conjugate gradients on the free values."""
         whole = np.zeros(self._free.size)
         whole[self._free] = load
         x = np.zeros_like(whole)
-        residual = whole.copy()
+        x[self._free] = begin
+        residual = whole - self._top @ x
         target = TOLERANCE * float(np.linalg.norm(whole))
         if target == 0.0:
             return x[self._free]
-        z = self._precondition @ residual
-        way, product = z.copy(), float(residual @ z)
+        z = self._precondition(residual)
+        way, product = z.copy(), _dot(residual, z)
         for self.iterations in range(1, MAX_ITERATIONS + 1):
             image = self._top @ way
-            step = product / float(way @ image)
+            step = product / _dot(way, image)
             x += step * way
             residual -= step * image
-            if float(np.linalg.norm(residual)) <= target:
+            if _dot(residual, residual) <= target**2:
                 return x[self._free]
-            z = self._precondition @ residual
-            product, before = float(residual @ z), product
+            z = self._precondition(residual)
+            product, before = _dot(residual, z), product
             way = z + product / before * way
         raise InputError(
             f"the equations did not converge in {MAX_ITERATIONS} iterations",
             where=f"{self.n_unknowns:,} unknowns",
             hint="materials may differ too much, or the part hangs on next to nothing; try another "
             "mesh_mm")
+
+
+def _dot(a: FloatArray, b: FloatArray) -> float:
+    """A sum of products without a library's threads, which cost more than it here."""
+    return float(np.einsum("i,i", a, b))
+
+
+def _inverse_blocks(matrix: bsr_matrix) -> FloatArray:
+    """(n, block, block), inverse of each block on the diagonal."""
+    rows = np.repeat(np.arange(len(matrix.indptr) - 1), np.diff(matrix.indptr))
+    return np.ascontiguousarray(np.linalg.inv(matrix.data[rows == matrix.indices]))
+
+
+@kernel
+def sweep_blocks(
+    starts: NDArray[np.int32], columns: NDArray[np.int32], blocks: FloatArray, inverse: FloatArray,
+    right: FloatArray, x: FloatArray, backwards: bool,
+) -> None:
+    """One sweep of block Gauss-Seidel over a block matrix, in place of x (n, block)."""
+    n, size = x.shape
+    rest = np.empty(size)
+    for step in range(n):
+        i = n - 1 - step if backwards else step
+        for k in range(size):
+            rest[k] = right[i, k]
+        for entry in range(starts[i], starts[i + 1]):
+            j = columns[entry]
+            if j == i:
+                continue
+            for k in range(size):
+                total = 0.0
+                for m in range(size):
+                    total += blocks[entry, k, m] * x[j, m]
+                rest[k] -= total
+        for k in range(size):
+            total = 0.0
+            for m in range(size):
+                total += inverse[i, k, m] * rest[m]
+            x[i, k] = total
 
 
 def linear_interpolation(element_nodes: IntArray, n_nodes: int, dim: int) -> csr_matrix:

@@ -55,6 +55,9 @@ class PerformanceModel:
         self.conditions, self.phases, self.rules = conditions, phases, rules
         self.heat_solver: FieldSolver | None = None
         self.elastic_solver: FieldSolver | None = None
+        # Where iterations begin: designs that follow one another are near to each other.
+        self._displacement: FloatArray | None = None
+        self._temperatures: FloatArray | None = None
 
     @property
     def discretisation(self) -> Discretisation:
@@ -84,10 +87,15 @@ class PerformanceModel:
         self.elastic_solver = FieldSolver(
             d.stiffness_matrix(properties), conditions.held, self.space.dim, self._linear,
             self.space.rigid_motions(d.nodes_mm))
-        displacement = self.elastic_solver.solve(load, conditions.held_mm)
+        displacement = self.elastic_solver.solve(load, conditions.held_mm, self._displacement)
+        self._displacement = displacement
         strain = d.strains(displacement)
         stress = full_stress(self.space, strain, properties, warming)
         return PerformanceSolution(fractions, properties, temperature, displacement, strain, stress)
+
+    def forget_guesses(self) -> None:
+        """Begin the iterations of the next solution at nothing."""
+        self._displacement = self._temperatures = None
 
     def thermal_stress(self, properties: EffectiveProperties, warming_K: FloatArray) -> FloatArray:
         """What a body that cannot expand feels, in the rows of the strains, pressure positive."""
@@ -104,7 +112,10 @@ class PerformanceModel:
         self.heat_solver = FieldSolver(
             matrix, conditions.fixed_temperature[:, None], self.space.dim, self._linear,
             np.ones((d.n_nodes, 1, 1)))
-        return self.heat_solver.solve(load[:, None], conditions.fixed_C[:, None])[:, 0]
+        found = self.heat_solver.solve(load[:, None], conditions.fixed_C[:, None],
+                                       self._temperatures)
+        self._temperatures = found
+        return found[:, 0]
 
     @cached_property
     def _linear(self) -> csr_matrix:
