@@ -49,6 +49,11 @@ class DesignProblem:
         self.measured = measured
         self.design = FreeDesign(measured.part.text, str(path), path.parent)
         self.model: PerformanceModel = build_model(measured)
+        d = self.model.discretisation
+        self.design.refuse_other_shapes(
+            d.part_places_mm[:: max(len(d.part_places_mm) // 5000, 1)],
+            self.model.space.part_points(
+                self.model.conditions.facets.corners_mm.reshape(-1, self.model.space.dim)))
         first = self.solve(self.design.start)
         self.objective = self._objective(settings, first)
         self._limits = [one for limit in settings.limit for one in self._quantities(limit)]

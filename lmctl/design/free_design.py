@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -17,6 +18,10 @@ from lmctl.part.materials import CompositionField
 #: Step of the differences that give slopes of fractions, as a share of a number's range. Fractions
 #: are cheap and near to polynomials: the error is far below that of the fields.
 _STEP_SHARE = 1e-5
+
+#: A number of a shell, and how far the surface may seem to move, as a share of the part.
+_IN_A_SHELL = re.compile(r"\.(from_mm|to_mm)$")
+_SAME_SURFACE = 0.01
 
 
 class FreeDesign:
@@ -57,6 +62,26 @@ class FreeDesign:
                 self._kept.clear()
             self._kept[key] = self._family.composition(self.values(design))
         return self._kept[key].fractions(points)
+
+    def refuse_other_shapes(self, inside_mm: FloatArray, surface_mm: FloatArray) -> None:
+        """Raise ConfigError where a number changes the solid, whose mesh stays as it is.
+
+        inside_mm : places in the solid, (k, 3); surface_mm : places on its surface
+        """
+        extent = float(np.ptp(surface_mm, axis=0).max())
+        for n, number in enumerate(self.numbers):
+            if not _IN_A_SHELL.search(number.path):
+                continue
+            for end in (0.0, 1.0):
+                design = self.start
+                design[n] = end
+                body = self._family.body(self.values(design))
+                off = np.abs(body.distance_at(surface_mm)).max()
+                if (body.distance_at(inside_mm) < 0).any() or off > _SAME_SURFACE * extent:
+                    raise ConfigError(
+                        f"{number.name} changes the shape of the part",
+                        where=f"{number.path} = {number.low + end * (number.high - number.low):g}",
+                        hint="only what lies inside may be free: shells whose union stays the same")
 
     def slope(self, design: FloatArray, points: FloatArray, number: int) -> FloatArray:
         """Change of the fractions (k, n_materials) with one entry of the design."""

@@ -21,6 +21,9 @@ PEAK_NORM = 30.0
 #: How sharply the largest value of a constraint is smoothed: it is met with a few per cent spare.
 _PEAK_SHARPNESS = 300.0
 
+#: A stress of one material counts where its fraction is well above this, and nowhere without it.
+_PRESENT_FRACTION = 0.05
+
 
 @dataclass(frozen=True)
 class Quantity:
@@ -70,15 +73,14 @@ def evaluate(
         price = solution.properties.price_per_mm3
         return Partials(float((weights * price).sum()), price=np.ones_like(weights))
     local = _local_values(model, solution, quantity)
-    counted = np.ones_like(weights)
-    is_weighted = quantity.material is not None and quantity.name != "fraction"
-    if is_weighted:
-        counted = solution.fractions[..., quantity.material]
-    value, slope, by_count = aggregate(local, weights, counted, quantity)
+    present = np.ones_like(weights)
+    if quantity.material is not None and quantity.name != "fraction":
+        present = -np.expm1(-solution.fractions[..., quantity.material] / _PRESENT_FRACTION)
+    value, slope = aggregate(local * present, weights, quantity)
     found = Partials(value)
-    if is_weighted:
-        assert quantity.material is not None
-        found.fractions[quantity.material] = by_count
+    if quantity.material is not None and quantity.name != "fraction":
+        found.fractions[quantity.material] = slope * local * (1.0 - present) / _PRESENT_FRACTION
+    slope = slope * present
     if quantity.name == "fraction":
         assert quantity.material is not None
         found.fractions[quantity.material] = slope
@@ -110,32 +112,26 @@ def _local_values(
 
 
 def aggregate(
-    local: FloatArray, weights: FloatArray, counted: FloatArray, quantity: Quantity
-) -> tuple[float, FloatArray, FloatArray]:
-    """One value of local ones, with its slopes by them and by their counts, per weight.
-
-    counted : in [0, 1], how far each place counts
-    """
+    local: FloatArray, weights: FloatArray, quantity: Quantity
+) -> tuple[float, FloatArray]:
+    """One value of local ones, with its slopes by them, per weight."""
     if quantity.norm is None:
         sharpness = _PEAK_SHARPNESS / quantity.scale
         signed = quantity.sign * local
         most = float(signed.max())
-        term = np.exp(sharpness * (signed - most)) * np.maximum(counted, 1e-30)
+        term = np.exp(sharpness * (signed - most))
         total = float(term.sum())
         value = most + float(np.log(total)) / sharpness
-        share = term / total / weights
-        by_count = quantity.sign * share / np.maximum(counted, 1e-30) / sharpness
-        return quantity.sign * value, share, by_count
+        return quantity.sign * value, term / total / weights
     p = quantity.norm
     positive = np.maximum(local, 0.0)
     top = max(float(positive.max()), 1e-300)
     relative = (positive / top) ** p
     volume = float(weights.sum())
-    mean = max(float((weights * counted * relative).sum()) / volume, 1e-300)
+    mean = max(float((weights * relative).sum()) / volume, 1e-300)
     value = top * mean ** (1.0 / p)
     factor = value / mean / volume
-    slope = factor * counted * (positive / top) ** (p - 1.0) / top
-    return value, slope, factor / p * relative
+    return value, factor * (positive / top) ** (p - 1.0) / top
 
 
 def _measure(name: str) -> StressMeasure:

@@ -76,8 +76,15 @@ class CompositionFamily:
 
     def composition(self, values: Mapping[str, float]) -> CompositionField:
         """The composition for values by name. Raises as `load_part`."""
+        return self._with(values).composition_field
+
+    def body(self, values: Mapping[str, float]) -> Body:
+        """The solid for values by name: shells among its bodies may change it."""
+        return self._with(values).body
+
+    def _with(self, values: Mapping[str, float]) -> BodyTree:
         part = parse_part_file(self._text, name=self._name, values=values)
-        return self._tree.with_other_numbers(part).composition_field
+        return self._tree.with_other_numbers(part)
 
 
 def part_from_text(text: str, folder: Path, name: str) -> Part:
