@@ -16,7 +16,7 @@ from lmctl.design.free_design import FreeDesign
 from lmctl.design.functionals import PEAK_NORM, Quantity, evaluate
 from lmctl.design.part_model import build_model
 from lmctl.design.performance_model import PerformanceModel, PerformanceSolution
-from lmctl.errors import ConfigError
+from lmctl.errors import ConfigError, Finding
 from lmctl.part.load import MeasuredPart
 
 
@@ -49,6 +49,7 @@ class DesignProblem:
         self.measured = measured
         self.design = FreeDesign(measured.part.text, str(path), path.parent)
         self.model: PerformanceModel = build_model(measured)
+        self._refuse_missing_prices(settings)
         d = self.model.discretisation
         self.design.refuse_other_shapes(
             d.part_places_mm[:: max(len(d.part_places_mm) // 5000, 1)],
@@ -110,6 +111,15 @@ class DesignProblem:
             design, partials[0].value, slopes[0], np.array(values),
             np.array(rows).reshape(len(rows), len(design)))
         return self._last
+
+    def _refuse_missing_prices(self, settings: OptimiseSettings) -> None:
+        asked = {settings.minimise, *(limit.quantity for limit in settings.limit)}
+        missing = [Finding(f"material[{n}].price_per_kg", "is missing, and cost is asked for")
+                   for n, material in enumerate(self.measured.file.material, start=1)
+                   if material.price_per_kg is None]
+        if "cost" in asked and missing:
+            raise ConfigError("there is no cost without prices", findings=missing,
+                              hint="add them to the [[material]] tables, in any one currency")
 
     def _objective(self, settings: OptimiseSettings, first: PerformanceSolution) -> Quantity:
         coldest = float(min(first.temperature_C.min(), self.model.conditions.stress_free_C))

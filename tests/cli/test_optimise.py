@@ -113,6 +113,7 @@ def test_a_gradient_limit_that_binds_is_kept_everywhere(lmctl: Callable[..., Any
     ([('{ free = [0.3, 3], start = 2.5, name = "k" }', "1")], 3, "nothing is free"),
     ([("[optimise]\n", "[process]\n"), ('minimise = "largest-principal"\nstarts = 1\n'
       "depositable = false\n", "")], 3, "has no table [optimise]"),
+    ([('minimise = "largest-principal"', 'minimise = "cost"')], 3, "material[2].price_per_kg"),
     ([("depositable = false", 'depositable = false\nlimit = [{ quantity = "mass", at_most = 1 }]')],
      1, "mass at most 1: beyond by"),
 ])
