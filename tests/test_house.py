@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import os
 import re
 import subprocess
 import sys
@@ -43,6 +44,23 @@ def test_help_imports_no_array_code() -> None:
         [sys.executable, "-c", program], capture_output=True, text=True, check=True, cwd=ROOT
     )
     assert done.stderr.strip() == "[]"
+
+
+def test_planning_a_small_part_loads_little(tmp_path: Path) -> None:
+    """These take as long to load as such a part takes to plan."""
+    heavy = {"scipy.ndimage", "scipy.spatial", "scipy.special", "scipy.linalg", "scipy.sparse",
+             "scipy.optimize", "matplotlib", "rich", "asyncio", "multiprocessing", "distributed"}
+    (tmp_path / "cube.toml").write_text(
+        'name = "cube"\n[[material]]\nname = "316L"\n[[body]]\nkind = "box"\n'
+        "low_mm = [0, 0, 0]\nhigh_mm = [10, 10, 1.6]\n", encoding="utf-8")
+    program = (
+        "import sys; from lmctl.cli.__main__ import main; code = main(['plan', 'cube.toml']);"
+        f"print('loaded', sorted(set(sys.modules) & {heavy!r})); sys.exit(code)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True, cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(ROOT)})
+    assert done.stdout.splitlines()[-1] == "loaded []"
 
 
 @pytest.mark.parametrize("package", PACKAGES)

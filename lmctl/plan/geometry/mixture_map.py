@@ -13,9 +13,8 @@ from dataclasses import dataclass
 
 import contourpy
 import numpy as np
-from scipy import ndimage
 
-from lmctl.array_types import BoolArray, FloatArray
+from lmctl.array_types import BoolArray, FloatArray, IntArray
 from lmctl.field.plane import PlaneGrid
 from lmctl.plan.geometry.section_raster import SectionRaster
 
@@ -150,13 +149,20 @@ def mixture_map(
         return None
     found = fractions_at(np.column_stack([grid.x_mm[i], grid.y_mm[j]]))
     middle, direction = _main_direction(found)
-    rows, columns = ndimage.distance_transform_edt(
-        ~inside, return_distances=False, return_indices=True)
+    rows, columns = nearest_nodes(inside)
     fractions = np.zeros((*grid.shape, found.shape[1]))
     fractions[inside] = found
     fractions = fractions[rows, columns]
     return MixtureMap(grid, (fractions - middle) @ direction, fractions, inside, middle, direction,
                       fractions_at)
+
+
+def nearest_nodes(chosen: BoolArray) -> tuple[IntArray, IntArray]:
+    """Row and column of the chosen node nearest to each node, (ny, nx) each. chosen : (ny, nx)"""
+    from scipy.ndimage import distance_transform_edt  # late: it loads as long as a small part plans
+
+    rows, columns = distance_transform_edt(~chosen, return_distances=False, return_indices=True)
+    return rows, columns
 
 
 def _padded(

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 
 import contourpy
 import numpy as np
-from scipy import ndimage
 
 from lmctl.array_types import BoolArray, FloatArray, IntArray
 from lmctl.plan.geometry.link_lines import LinkableTrack
-from lmctl.plan.geometry.mixture_map import MixtureAt, MixtureMap
+from lmctl.plan.geometry.mixture_map import MixtureAt, MixtureMap, nearest_nodes
 from lmctl.plan.geometry.planar_region import grown, loops_of, region_of
 
 #: A change of any volume fraction by more than this, within a 30th of a node, is a jump: twice the
@@ -82,13 +81,11 @@ def jump_regions(field: MixtureMap, pitch_mm: float) -> JumpRegions | None:
     kept = field.inside & ~small[np.maximum(label, 0)]
     if not kept.any():
         return None
-    rows, columns = ndimage.distance_transform_edt(
-        ~kept, return_distances=False, return_indices=True)
+    rows, columns = nearest_nodes(kept)
     names, label = np.unique(label[rows, columns], return_inverse=True)
     if len(names) < 2:
         return None
-    rows, columns = ndimage.distance_transform_edt(
-        ~field.inside, return_distances=False, return_indices=True)
+    rows, columns = nearest_nodes(field.inside)
     return JumpRegions(field, label.reshape(ny, nx).astype(np.int64), cross_x[rows, columns],
                        cross_y[rows, columns], len(names))
 
@@ -119,8 +116,7 @@ def region_mixture(regions: JumpRegions, number: int) -> MixtureAt:
     """The material field of one region; beyond its jumps, that of its nearest node."""
     field = regions.field
     own = field.inside & (regions.label == number)
-    rows, columns = ndimage.distance_transform_edt(
-        ~own, return_distances=False, return_indices=True)
+    rows, columns = nearest_nodes(own)
     nearest = field.fractions[rows, columns]
 
     def fractions_at(points_mm: FloatArray) -> FloatArray:
