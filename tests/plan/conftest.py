@@ -14,6 +14,7 @@ from lmctl.config.part_file import ProcessSettings
 from lmctl.field.outline_distance import plane_distance
 from lmctl.field.plane import PlaneGrid
 from lmctl.part.materials.powders import MaterialSpec
+from lmctl.part.named_bodies import NO_NAMED_BODIES, NamedBodies
 from lmctl.plan.recipe import make_recipe
 
 TURN = 2 * np.pi
@@ -110,6 +111,7 @@ class FakePart:
     pitch_mm: float = 0.25
     turning_mm: tuple = ()
     surface_error_mm: float | None = None
+    named_bodies: NamedBodies = NO_NAMED_BODIES
 
     @property
     def turning_heights_mm(self):

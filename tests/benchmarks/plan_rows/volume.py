@@ -39,6 +39,7 @@ PLATES = 50
 @dataclass(frozen=True)
 class Section:
     loops: list[FloatArray]
+    z_mm: float
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,7 @@ class Prismatic:
                 np.array([*points.max(axis=0), self.height_mm]))
 
     def section(self, z_mm: float) -> Section:
-        return Section(self.outline(z_mm) if 0 <= z_mm < self.height_mm else [])
+        return Section(self.outline(z_mm) if 0 <= z_mm < self.height_mm else [], z_mm)
 
     def composition(self, points_mm: FloatArray) -> FloatArray:
         return np.ones((len(points_mm), 1))
