@@ -12,7 +12,7 @@ from lmctl.errors import JournalError, UsageError
 if TYPE_CHECKING:
     from lmctl.as_built.comparison import AsBuiltComparison
 
-PICTURES = (".png", ".svg", ".pdf")
+PICTURES = (".png", ".svg")
 FORMS = (".txt", ".json", ".vti", *PICTURES)
 
 
@@ -30,13 +30,13 @@ def report_as_built(
     form = "" if output is None or is_folder else output.suffix.lower()
     if form and form not in FORMS:
         raise UsageError(f"cannot write an as-built report as {form}", where=str(output),
-                         hint=f"choose a folder, or one of {', '.join(FORMS)}")
+                         hint="choose a folder, or one of .html, .pdf, " + ", ".join(FORMS))
     if layers and not (is_folder or form in PICTURES):
         raise UsageError("--layer is for pictures",
                          hint="-o FILE.png draws one layer, -o FOLDER as many as you name")
     if len(layers) > 1 and not is_folder:
         raise UsageError("one file holds the picture of one layer", hint="-o FOLDER takes several")
-    found, title, heights = _compared(run, runs_dir, data, layers)
+    found, title, heights = compared_with_design(run, runs_dir, data, layers)
     if output is None:
         print_data(_as_json(found) if as_json else _as_text(found, title))
         return
@@ -51,7 +51,7 @@ def report_as_built(
                          where=str(error.strerror)) from None
 
 
-def _compared(
+def compared_with_design(
     run: str, runs_dir: Path, data: Path | None, layers: tuple[int, ...]
 ) -> tuple[AsBuiltComparison, str, dict[int, float]]:
     """The comparison, its title, and the heights of the layers to draw in the part's own frame."""

@@ -11,6 +11,7 @@ from lmctl.cli.console import print_data, print_message
 from lmctl.errors import JournalError, UsageError
 
 if TYPE_CHECKING:
+    from lmctl.report.job_report import ReportSection
     from lmctl.report.part_report import PartReport
 
 FORMS = (".html", ".pdf")
@@ -30,7 +31,8 @@ FORMS = (".html", ".pdf")
               help="Of RUN alone, and not of every run that worked on its part.")
 @click.option("--as-built", is_flag=True,
               help="What RUN built against the part's design: by volume, along the path, in height "
-              "and powder. -o: .txt, .json, .vti, a picture, or a folder for all of them.")
+              "and powder. -o: .txt, .json, .vti, a picture, a folder for all of them; .html or "
+              ".pdf: as a part of the whole report.")
 @click.option("-l", "--layer", "layers", type=int, multiple=True,
               help="With --as-built: layer to draw, from 1; may be repeated [the middle one].")
 @click.option("--data", type=click.Path(exists=True, file_okay=False, path_type=Path),
@@ -45,7 +47,7 @@ def report(
     RUN is a run's name (run-0001), its folder, or a journal file. What was not recorded or
     stated is left as a ruled blank.
     """
-    if as_built:
+    if as_built and not (output is not None and output.suffix.lower() in FORMS):
         if run is None or stated or as_csv or run_only:
             raise UsageError("--as-built takes a run, and neither --set, --csv nor --run-only",
                              hint="`lmctl report run-0001 --as-built`")
@@ -53,7 +55,10 @@ def report(
 
         report_as_built(run, runs_dir, output, layers, data, as_json=as_json)
         return
-    if layers or data is not None or as_json:
+    if as_built and (as_csv or as_json or run is None):
+        raise UsageError("--as-built with .html or .pdf takes a run, and neither --csv nor --json",
+                         hint="`lmctl report run-0001 --as-built -o report.html`")
+    if not as_built and (layers or data is not None or as_json):
         raise UsageError("--layer, --data and --json belong to --as-built")
     if run is None:
         if not as_csv:
@@ -76,7 +81,8 @@ def report(
         _put_text(part_report_as_csv(found), output)
         return
     target = output or Path(f"{found.record.runs[-1].run}-report.html")
-    _write(target, _rendered(found, target.suffix.lower()))
+    built = _as_built_sections(run, runs_dir, data, layers) if as_built else ()
+    _write(target, _rendered(found, target.suffix.lower(), built))
     print_data(str(target))
     _say_what_is_open(found)
 
@@ -102,16 +108,26 @@ def _part_report(
             hint="`lmctl log --json` prints its records as they are") from None
 
 
-def _rendered(found: PartReport, form: str) -> bytes:
+def _as_built_sections(
+    run: str, runs_dir: Path, data: Path | None, layers: tuple[int, ...]
+) -> tuple[ReportSection, ...]:
+    from lmctl.cli.as_built import compared_with_design
+    from lmctl.report.job_report.as_built_sections import as_built_sections
+
+    comparison, _, heights_mm = compared_with_design(run, runs_dir, data, layers)
+    return as_built_sections(comparison, heights_mm)
+
+
+def _rendered(found: PartReport, form: str, as_built: tuple[ReportSection, ...]) -> bytes:
     from lmctl.report.job_report import report_document, report_pictures
 
     if form == ".pdf":
         from lmctl.report.job_report import report_as_pdf  # says early what is not installed
 
-        return report_as_pdf(report_document(found, report_pictures(found)))
+        return report_as_pdf(report_document(found, report_pictures(found), as_built))
     from lmctl.report.job_report import report_as_html
 
-    return report_as_html(report_document(found, report_pictures(found))).encode()
+    return report_as_html(report_document(found, report_pictures(found), as_built)).encode()
 
 
 def _say_what_is_open(found: PartReport) -> None:

@@ -8,7 +8,8 @@ from lmctl.as_built.figures import TOLERANCES, AsBuiltSummary, CompositionError
 
 #: Rows of the table of layers; more layers are shown in even steps.
 _MOST_LAYERS = 12
-_BUILT_BY = {
+#: What the figures are, by how they came about.
+BUILT_BY = {
     "simulated": "as built by the simulated process",
     "predicted": "predicted by the model that the profile names, not measured",
 }
@@ -16,7 +17,7 @@ _BUILT_BY = {
 
 def as_built_as_text(title: str, found: AsBuiltSummary) -> str:
     """The figures in a few tables. title : of the run and its part"""
-    return "\n".join([f"{title}: {_BUILT_BY[found.built_by]}", *_volume(found),
+    return "\n".join([f"{title}: {BUILT_BY[found.built_by]}", *_volume(found),
                       *_composition(found), *_layers(found), *_powder(found),
                       *(f"note: {note}" for note in found.notes)])
 

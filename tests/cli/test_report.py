@@ -162,6 +162,16 @@ def test_without_its_job_nothing_is_claimed_that_only_the_job_shows(tmp_path, lm
     assert "predicted within" not in found.text
 
 
+def test_what_was_built_joins_the_report(tmp_path, lmctl, refused):
+    found = page(tmp_path, lmctl, "--as-built", "--layer", "1", "--set", "serial=SN-9")
+    assert "Predicted by the model that the profile believes: nobody has measured it." in found.text
+    assert "composition error mean RMS" in found.text
+    assert "serial number SN-9" in found.text
+    assert len(found.references) == 1
+    assert "neither --csv nor --json" in refused(
+        "report", "run-0001", "--as-built", "--json", "-o", "a.html", code=2)
+
+
 def test_layers_and_history_as_csv(tmp_path, lmctl):
     layers = list(csv.DictReader(io.StringIO(lmctl("report", "run-0002", "--csv").data)))
     assert [row["layer"] for row in layers] == ["1", "2"]

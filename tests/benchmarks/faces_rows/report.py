@@ -34,7 +34,7 @@ far = { "316L" = 0.3, "WC-12Co" = 0.7 }, over_mm = [0, 150] }
 layer_height_mm = 0.15
 speed_mm_s = 30
 """
-_HUGE_GB = 1.0
+_HUGE_GB = 0.5
 
 
 def rows() -> dict[str, float]:
