@@ -104,7 +104,7 @@ def write_surface(part: Part, target: Path) -> None:
     """
     kinds: dict[str, Kind] = {".ply": "ply", ".stl": "stl", ".3mf": "3mf"}
     kind = kinds[target.suffix.lower()]
-    vertices, triangles = _surface(part)
+    vertices, triangles = part_surface(part)
     colours = None
     if kind == "ply":
         shades = composition_colours(part.composition(vertices))
@@ -112,7 +112,7 @@ def write_surface(part: Part, target: Path) -> None:
     target.write_bytes(surface_bytes(kind, vertices, triangles, colours))
 
 
-def _surface(part: Part) -> tuple[FloatArray, NDArray[np.int64]]:
+def part_surface(part: Part) -> tuple[FloatArray, NDArray[np.int64]]:
     """A mesh's own triangles; of any other body its zero level, moved onto the body itself."""
     if isinstance(part.body, MeshSolid):
         return part.body.mesh.vertices, part.body.mesh.triangles
