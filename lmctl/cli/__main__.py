@@ -38,7 +38,7 @@ COMMANDS = {
     "jobs": ("lmctl.cli.jobs", "List job files and runs."),
     "log": ("lmctl.cli.log", "Print the log of a part over all its runs; verify its journals."),
     "report": ("lmctl.cli.report", "Write the report of a part, as HTML or PDF, to be signed."),
-    "export": ("lmctl.cli.export", "Write a job for other controllers or as a table; a part as 3MF."),
+    "export": ("lmctl.cli.export", "Write a job for other controllers or as table; a part as 3MF."),
     "note": ("lmctl.cli.note", "Add a reason or a disposition to the log of a run."),
 }
 
