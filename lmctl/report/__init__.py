@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from lmctl.lazy_exports import exports_of
 
 if TYPE_CHECKING:
+    from lmctl.report.as_built_run import as_built_summary as as_built_summary
     from lmctl.report.job_log_csv import part_record_as_csv as part_record_as_csv
     from lmctl.report.job_log_text import part_record_as_text as part_record_as_text
     from lmctl.report.layer_picture import LayerView as LayerView
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "LayerView": "lmctl.report.layer_picture",
     "PartRecord": "lmctl.report.part_record",
+    "as_built_summary": "lmctl.report.as_built_run",
     "draw_layer": "lmctl.report.layer_picture",
     "draw_part": "lmctl.report.part_picture",
     "part_record_as_csv": "lmctl.report.job_log_csv",
