@@ -166,3 +166,7 @@ def test_another_device_and_another_word_order_are_no_scale() -> None:
         run_in_virtual_time(other())
     with pytest.raises(MachineError, match="word order"):
         run_in_virtual_time(swapped())
+
+
+def test_a_hopper_that_runs_empty_ends_the_test() -> None:
+    assert "empty" in refused(whole_test, fill_g=8.0)
