@@ -37,14 +37,13 @@ class FlowNoise:
     rounding_g: float
 
 
-def _mean_exponential(step_s: FloatArray, apart_s: FloatArray, T: float) -> FloatArray:
-    """∫∫ exp(−|x−y|/T) over intervals that do not overlap, middles `apart_s` apart.
+def _half_exponential(step_s: FloatArray, T: float) -> FloatArray:
+    """2T·sinh(h/2T) of each interval's length h.
 
-    step_s : (n, 2) lengths of the two
+    ∫∫ exp(−|x−y|/T) over two intervals that do not overlap is the product of theirs, times
+    exp(−d/T) with d the distance of their middles.
     """
-    half = np.minimum(step_s / (2.0 * T), 50.0)
-    return np.asarray(4.0 * T * T * np.sinh(half[:, 0]) * np.sinh(half[:, 1])
-                      * np.exp(-apart_s / T))
+    return np.asarray(2.0 * T * np.sinh(np.minimum(step_s / (2.0 * T), 50.0)))
 
 
 def _own_exponential(step_s: FloatArray, T: float) -> FloatArray:
@@ -87,11 +86,13 @@ def _banded_covariance(time_s: FloatArray, flow_g_s: FloatArray, noise: FlowNois
     width = int(min(max(math.ceil(reach_s / float(np.median(step_s))), 1), _MAX_BAND, n - 1))
     band = np.zeros((width + 1, n))
     band[0] = sum(share * _own_exponential(step_s, T) for share, T in terms) * sigma**2
-    for lag in range(1, width + 1):
-        steps = np.column_stack([step_s[lag:], step_s[:-lag]])
-        apart_s = middle_s[lag:] - middle_s[:-lag]
-        both = sum(share * _mean_exponential(steps, apart_s, T) for share, T in terms)
-        band[lag, : n - lag] = both * sigma[lag:] * sigma[:-lag]
+    is_even = float(np.ptp(step_s)) < 1e-6
+    for share, T in terms:
+        weighted = sigma * _half_exponential(step_s, T)
+        for lag in range(1, width + 1):
+            apart_s = middle_s[lag] - middle_s[0] if is_even else middle_s[lag:] - middle_s[:-lag]
+            fallen = share * np.exp(-apart_s / T)
+            band[lag, : n - lag] += weighted[lag:] * weighted[:-lag] * fallen
     rounding = noise.rounding_g**2
     band[0] += 2.0 * rounding
     if width:
