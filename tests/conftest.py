@@ -10,6 +10,9 @@ from collections.abc import Iterator
 import pytest
 from hypothesis import settings
 
+#: Tests run side by side already; more threads for small matrices only wait for each other.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 #: A failing run is caused by the change under test, not by an example that is new to this run.
 #: `pytest --hypothesis-profile random` searches at random and prints how to repeat what it finds.
 settings.register_profile("same examples", derandomize=True)
