@@ -6,15 +6,14 @@ import contourpy
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.array_types import FloatArray
-from lmctl.field.kernel import kernel
-from lmctl.plan.geometry.corners import contour_with_sharp_corners
+from lmctl.array_types import FloatArray, IntArray
+from lmctl.field.kernel import inner_kernel, kernel
+from lmctl.plan.geometry.corners import with_sharp_corners
 from lmctl.plan.geometry.level_field import SHIFTED_FROM, LevelField
 from lmctl.plan.geometry.medial_axis import MedialAxis
 from lmctl.plan.geometry.section_raster import SectionRaster
 from lmctl.plan.geometry.toolpath import Toolpath
-from lmctl.plan.plane_values import interpolate_bilinear
-from lmctl.plan.polyline import arc_lengths, resampled_polyline
+from lmctl.plan.polyline import resampled_polyline
 
 #: The shortest closed track, in pitches: its neighbours fill anything shorter.
 _LEAST_ROUND = 2.0
@@ -33,52 +32,98 @@ def contour_tracks(
     spacing_mm : of their points at most
     """
     grid = raster.grid
-    origin = np.array(grid.origin_mm)
     generator = contourpy.contour_generator(
-        z=field.wave, name="serial", line_type=contourpy.LineType.Separate)
-    tracks = []
-    for line in generator.lines(0.0):
-        points = _without_repeats(np.asarray(line)) * grid.pitch_mm + origin
-        if len(points) < 4 or arc_lengths(points)[-1] < _LEAST_ROUND * pitch_mm:
-            continue
-        some = points[:: len(points) // _LOOKED_AT + 1]
-        number = round(float(np.median(interpolate_bilinear(field.level, grid, some))) - 0.5)
-        points = contour_with_sharp_corners(points, raster, axis)
-        points = resampled_polyline(points, spacing_mm * _WITHIN, _DEVIATION_NODES * grid.pitch_mm)
-        strip = _strips_kernel(
-            (points - origin) / grid.pitch_mm, number, field.level, field.strip_mm,
-            field.outer_track_count, pitch_mm, second_mm, most_strip_mm)
-        tracks.append((number, Toolpath(points, strip, True)))
-    return [track for _, track in sorted(tracks, key=lambda numbered: numbered[0])]
+        z=field.wave, name="serial", line_type=contourpy.LineType.ChunkCombinedOffset)
+    (lines,), (offsets,) = generator.lines(0.0)
+    if lines is None:
+        return []
+    points, strip, starts, number = _contours_kernel(
+        lines, offsets.astype(np.int64), field.level, field.strip_mm, field.outer_track_count,
+        raster.segments, raster.nearest, axis.at_edge, axis.is_central, grid.pitch_mm, pitch_mm,
+        second_mm, most_strip_mm, _LEAST_ROUND * pitch_mm, spacing_mm * _WITHIN,
+        _DEVIATION_NODES * grid.pitch_mm)
+    points += np.array(grid.origin_mm)
+    return [Toolpath(points[starts[k] : starts[k + 1]], strip[starts[k] : starts[k + 1]], True)
+            for k in np.argsort(number, kind="stable").tolist()]
 
 
 @kernel
-def _strips_kernel(
-    at: FloatArray, number: int, level: NDArray[np.float32], strip_mm: NDArray[np.float32],
-    outer_count: NDArray[np.int32], pitch_mm: float, second_mm: float, most_mm: float,
-) -> FloatArray:
-    """Widths of the strips of track `number`, counted from the outline, at points in nodes. (k,)"""
-    found = np.empty(len(at))
-    for k in range(len(at)):
-        i, j = int(np.floor(at[k, 0])), int(np.floor(at[k, 1]))
-        u, v = at[k, 0] - i, at[k, 1] - j
-        total, weight = 0.0, 0.0
-        for corner in range(4):
-            jn, im = j + corner // 2, i + corner % 2
-            if level[jn, im] <= 0:
+def _contours_kernel(
+    lines: FloatArray, offsets: IntArray, level: NDArray[np.float32],
+    strip_mm: NDArray[np.float32], outer_count: NDArray[np.int32], segments: FloatArray,
+    nearest: NDArray[np.int32], at_edge: NDArray[np.int32], is_central: NDArray[np.bool_],
+    node: float, pitch_mm: float, second_mm: float, most_mm: float, least_mm: float,
+    spacing_mm: float, deviation_mm: float,
+) -> tuple[FloatArray, FloatArray, IntArray, IntArray]:
+    """Points from the raster's origin [mm] and strip widths of all contours, where each begins, and
+    its number from the outline. lines : in nodes, one contour after the other"""
+    points, strip = np.empty((2 * len(lines), 2)), np.empty(2 * len(lines))
+    starts, number = np.zeros(len(offsets), np.int64), np.empty(len(offsets), np.int64)
+    count, tracks = 0, 0
+    for line in range(len(offsets) - 1):
+        own = np.empty((offsets[line + 1] - offsets[line], 2))
+        n, round_mm = 0, 0.0
+        for k in range(offsets[line], offsets[line + 1]):
+            x, y = lines[k, 0] * node, lines[k, 1] * node
+            if n > 0 and x == own[n - 1, 0] and y == own[n - 1, 1]:
                 continue
-            share = (u if corner % 2 else 1 - u) * (v if corner // 2 else 1 - v)
-            strip = float(strip_mm[jn, im])
-            if number < outer_count[jn, im]:
-                strip = second_mm if (
-                    number == 1 and outer_count[jn, im] >= SHIFTED_FROM) else pitch_mm
-            total += share * strip
-            weight += share
-        found[k] = min(most_mm, total / max(weight, 1e-12) if weight > 0 else pitch_mm)
-    return found
+            own[n, 0], own[n, 1] = x, y
+            if n > 0:
+                round_mm += np.sqrt((x - own[n - 1, 0]) ** 2 + (y - own[n - 1, 1]) ** 2)
+            n += 1
+        if n < 4 or round_mm < least_mm:
+            continue
+        step = n // _LOOKED_AT + 1
+        some = np.empty((n + step - 1) // step)
+        for k in range(len(some)):
+            some[k] = _between(level, own[k * step, 0] / node, own[k * step, 1] / node)
+        number[tracks] = int(np.round(np.median(some) - 0.5))
+        found = resampled_polyline(
+            with_sharp_corners(own[:n], segments, nearest, node, at_edge, is_central),
+            spacing_mm, deviation_mm)
+        if count + len(found) > len(points):
+            more = np.empty((2 * (count + len(found)), 2))
+            more_strip = np.empty(len(more))
+            more[:count], more_strip[:count] = points[:count], strip[:count]
+            points, strip = more, more_strip
+        for k in range(len(found)):
+            points[count] = found[k]
+            strip[count] = min(most_mm, _strip(
+                found[k, 0] / node, found[k, 1] / node, number[tracks], level, strip_mm,
+                outer_count, pitch_mm, second_mm))
+            count += 1
+        tracks += 1
+        starts[tracks] = count
+    return points[:count].copy(), strip[:count].copy(), starts[: tracks + 1], number[:tracks]
 
 
-def _without_repeats(points: FloatArray) -> FloatArray:
-    keep = np.ones(len(points), dtype=np.bool_)
-    keep[1:] = (points[1:, 0] != points[:-1, 0]) | (points[1:, 1] != points[:-1, 1])
-    return np.asarray(points[keep])
+@inner_kernel
+def _between(values: NDArray[np.float32], u: float, v: float) -> float:
+    """A value between nodes, bilinear."""
+    i, j = min(int(u), values.shape[1] - 2), min(int(v), values.shape[0] - 2)
+    u, v = u - i, v - j
+    low = (1 - u) * values[j, i] + u * values[j, i + 1]
+    return float((1 - v) * low + v * ((1 - u) * values[j + 1, i] + u * values[j + 1, i + 1]))
+
+
+@inner_kernel
+def _strip(
+    u: float, v: float, number: int, level: NDArray[np.float32], strip_mm: NDArray[np.float32],
+    outer_count: NDArray[np.int32], pitch_mm: float, second_mm: float,
+) -> float:
+    """Width of the strip of track `number`, counted from the outline, at a place in nodes."""
+    i, j = int(np.floor(u)), int(np.floor(v))
+    u, v = u - i, v - j
+    total, weight = 0.0, 0.0
+    for corner in range(4):
+        jn, im = j + corner // 2, i + corner % 2
+        if level[jn, im] <= 0:
+            continue
+        share = (u if corner % 2 else 1 - u) * (v if corner // 2 else 1 - v)
+        strip = float(strip_mm[jn, im])
+        if number < outer_count[jn, im]:
+            strip = second_mm if (
+                number == 1 and outer_count[jn, im] >= SHIFTED_FROM) else pitch_mm
+        total += share * strip
+        weight += share
+    return total / max(weight, 1e-12) if weight > 0 else pitch_mm

@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.array_types import FloatArray
-from lmctl.field.kernel import inner_kernel, kernel
-from lmctl.plan.geometry.medial_axis import MedialAxis, closest_point_on_segment
-from lmctl.plan.geometry.section_raster import SectionRaster
+from lmctl.field.kernel import inner_kernel
+from lmctl.plan.geometry.medial_axis import closest_point_on_segment
 
 #: Sides that differ by less than 20° in direction count as no corner.
 _STRAIGHT = np.cos(np.radians(20.0))
@@ -20,24 +19,16 @@ _STRAIGHT = np.cos(np.radians(20.0))
 _REACH_NODES = 4.0
 
 
-def contour_with_sharp_corners(points_mm: FloatArray, raster: SectionRaster,
-                               axis: MedialAxis) -> FloatArray:
-    """A closed contour (k, 2) [mm] of the raster, with its corners on the medial axis."""
-    node = raster.grid.pitch_mm
-    origin = np.array(raster.grid.origin_mm)
-    found = _corners_kernel(
-        points_mm[:-1] - origin, raster.segments, raster.nearest, node, axis.at_edge,
-        axis.is_central)
-    if len(found) < 3:
-        return points_mm
-    return np.asarray(np.vstack([found, found[:1]]) + origin)
-
-
-@kernel
-def _corners_kernel(
-    points: FloatArray, segments: FloatArray, nearest: NDArray[np.int32], node: float,
+@inner_kernel
+def with_sharp_corners(
+    closed: FloatArray, segments: FloatArray, nearest: NDArray[np.int32], node: float,
     at_edge: NDArray[np.int32], is_central: NDArray[np.bool_],
 ) -> FloatArray:
+    """A closed contour (k, 2) of the raster, with its corners on the medial axis.
+
+    Points from the raster's origin [mm], the first repeated last
+    """
+    points = closed[:-1]
     n = len(points)
     ny, nx = nearest.shape
     kink = np.zeros(n, np.bool_)
@@ -53,13 +44,13 @@ def _corners_kernel(
             i = int(np.round(u))
         point = at_edge[0 if along_x else 1, min(j, ny - 1), min(i, nx - 1)]
         kink[k] = point >= 0 and not is_central[point]
-    result = np.empty((2 * n, 2))
+    result = np.empty((2 * n + 1, 2))
     count = 0
     first = 0
     while first < n and kink[first]:
         first += 1
     if first == n:
-        return points
+        return closed
     k = 0
     while k < n:
         here = (first + k) % n
@@ -91,7 +82,10 @@ def _corners_kernel(
                 result[count] = points[(here + m) % n]
                 count += 1
         k += length
-    return result[:count].copy()
+    if count < 3:
+        return closed
+    result[count] = result[0]
+    return result[: count + 1].copy()
 
 
 @inner_kernel
