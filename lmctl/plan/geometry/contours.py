@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import contourpy
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +36,8 @@ def contour_tracks(
     grid = raster.grid
     generator = contourpy.contour_generator(
         z=field.wave, name="serial", line_type=contourpy.LineType.ChunkCombinedOffset)
-    (lines,), (offsets,) = generator.lines(0.0)
+    found: Any = generator.lines(0.0)  # of its one chunk: points, and where each line begins
+    (lines,), (offsets,) = found
     if lines is None:
         return []
     points, strip, starts, number = _contours_kernel(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lmctl.array_types import FloatArray
+from lmctl.field.kernel import kernel
 from lmctl.plan.polyline import arc_lengths
 
 #: The longest bridge, and how deep inside the outline it has to stay, in pitches.
@@ -70,14 +71,30 @@ def rows_between_arc_lengths(
     table: FloatArray, arc_mm: FloatArray, begin_mm: float, end_mm: float
 ) -> FloatArray:
     """Rows of a closed line from one arc length to another, forwards or backwards."""
-    whole = float(arc_mm[-1])
-    low, high = min(begin_mm, end_mm), max(begin_mm, end_mm)
-    ends = rows_at_arc_lengths(table, arc_mm, np.array([low, high]))
-    pieces = [ends[:1]]
-    for turn in range(int(np.floor(low / whole)), int(np.floor(high / whole)) + 1):
-        first = np.searchsorted(arc_mm[:-1], low + 1e-9 - turn * whole, side="right")
-        last = np.searchsorted(arc_mm[:-1], high - 1e-9 - turn * whole, side="left")
-        pieces.append(table[first:last])
-    pieces.append(ends[1:])
-    rows = np.vstack(pieces)
+    rows = np.asarray(_rows_kernel(
+        np.ascontiguousarray(table), arc_mm, min(begin_mm, end_mm), max(begin_mm, end_mm)))
     return rows if begin_mm <= end_mm else rows[::-1]
+
+
+@kernel
+def _rows_kernel(table: FloatArray, arc: FloatArray, low: float, high: float) -> FloatArray:
+    """Rows at both arc lengths, taken round, and those between."""
+    whole, n = arc[-1], len(arc) - 1
+    turns = int(np.floor(high / whole)) - int(np.floor(low / whole)) + 1
+    rows = np.empty((turns * n + 2, table.shape[1]))
+    count = 1
+    for turn in range(int(np.floor(low / whole)), int(np.floor(high / whole)) + 1):
+        first = np.searchsorted(arc[:n], low + 1e-9 - turn * whole, side="right")
+        last = np.searchsorted(arc[:n], high - 1e-9 - turn * whole)
+        for k in range(first, last):
+            rows[count] = table[k]
+            count += 1
+    for end in range(2):
+        at = (low if end == 0 else high) % whole
+        after = min(max(np.searchsorted(arc, at, side="right"), 1), n)
+        step = arc[after] - arc[after - 1]
+        share = (at - arc[after - 1]) / step if step > 0 else 0.0
+        for c in range(table.shape[1]):
+            rows[0 if end == 0 else count, c] = table[after - 1, c] + share * (
+                table[after, c] - table[after - 1, c])
+    return rows[: count + 1].copy()

@@ -8,7 +8,7 @@ a simulator, so that each can check the other. Not modelled: the steps of the mo
 firmware rounds positions; segments of a few dozen steps then take corners at high speed (90 mm/s)
 up to a tenth more slowly than here.
 
-Strategy: all geometric bounds are vectorised; one compiled pass then finds the speed at each
+One compiled pass bounds each block by its geometry; the next finds the speed at each
 block's start: not above its junction bound, not above what the block before can accelerate to,
 and low enough to stop inside the look-ahead window.
 """
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from lmctl.array_types import FloatArray
 from lmctl.config.machine import MotionSettings
-from lmctl.field.kernel import kernel
+from lmctl.field.kernel import inner_kernel, kernel
 from lmctl.plan.sequence.moves import Moves
 
 #: cos of the angle between two blocks beyond which they count as reversing or as one line.
@@ -33,57 +33,73 @@ def line_durations(moves: Moves, start_mm: FloatArray, motion: MotionSettings) -
     Lines without motion (setup, dwell) are reached and left at rest: the firmware drains its
     planner before a dwell and before a change of spindle state.
     """
-    steps = np.diff(np.vstack([start_mm, moves.target_mm]), axis=0)
-    length = np.linalg.norm(steps, axis=1)
-    length[~moves.is_motion()] = 0.0
-    moving = length > 0
-    unit = np.divide(steps, length[:, None], out=np.zeros_like(steps), where=moving[:, None])
-    acceleration = _along(unit, motion.acceleration_mm_s2)
-    speed = np.minimum(moves.feed_mm_s, _along(unit, motion.max_speed_mm_s))
-    entry_sq = _junction_speed_sq(unit, moving, motion)
-    entry_sq = np.minimum(entry_sq, speed**2)
-    entry_sq[1:] = np.minimum(entry_sq[1:], speed[:-1] ** 2)
-    durations = _durations(length, speed, acceleration, entry_sq, motion.planner_blocks - 1)
+    durations = _durations(
+        np.ascontiguousarray(moves.target_mm), np.asarray(start_mm, np.float64), moves.is_motion(),
+        moves.feed_mm_s, np.array(motion.acceleration_mm_s2, np.float64),
+        np.array(motion.max_speed_mm_s, np.float64), motion.junction_deviation_mm,
+        motion.planner_blocks - 1)
     return np.asarray(durations + moves.dwell_s)
 
 
-def _along(unit: FloatArray, axis_limits: tuple[float, float, float]) -> FloatArray:
+@inner_kernel
+def _along(limits: FloatArray, x: float, y: float, z: float) -> float:
     """The limit of each axis seen along a direction: min over axes of limit / |component|."""
-    with np.errstate(divide="ignore"):
-        seen = np.asarray(axis_limits) / np.abs(unit)
-    return np.asarray(np.minimum(seen.min(axis=1), 1e9))
+    seen = 1e9
+    if x != 0.0:
+        seen = min(seen, limits[0] / abs(x))
+    if y != 0.0:
+        seen = min(seen, limits[1] / abs(y))
+    if z != 0.0:
+        seen = min(seen, limits[2] / abs(z))
+    return seen
 
 
-def _junction_speed_sq(unit: FloatArray, moving: NDArray[np.bool_],
-                       motion: MotionSettings) -> FloatArray:
-    """Largest squared speed where each block begins [mm²/s²]: a d sin(θ/2) / (1 − sin(θ/2)).
+@inner_kernel
+def _junction_speed_sq(
+    unit: FloatArray, i: int, acceleration_limits: FloatArray, deviation: float
+) -> float:
+    """Largest squared speed where block i begins [mm²/s²]: a d sin(θ/2) / (1 − sin(θ/2)).
 
-    θ is the angle the path turns *through* the corner, 180° being straight on; 0 where either
-    neighbour is at rest.
+    θ is the angle the path turns *through* the corner, 180° being straight on
     """
-    n = len(unit)
-    result = np.zeros(n)
-    both = moving[1:] & moving[:-1]
-    cos = -np.einsum("ij,ij->i", unit[1:], unit[:-1])
-    half_sine = np.sqrt(np.clip(0.5 * (1 - cos), 0, 1))
-    change = unit[1:] - unit[:-1]
-    size = np.linalg.norm(change, axis=1)
-    change = np.divide(change, size[:, None], out=np.ones_like(change), where=size[:, None] > 0)
-    acceleration = _along(change, motion.acceleration_mm_s2)
-    with np.errstate(divide="ignore"):
-        bound = acceleration * motion.junction_deviation_mm * half_sine / (1 - half_sine)
-    bound = np.where(cos < -_STRAIGHT, 1e18, np.where(cos > _STRAIGHT, 0.0, bound))
-    result[1:] = np.where(both, bound, 0.0)
-    return result
+    cos = -(unit[i, 0] * unit[i - 1, 0] + unit[i, 1] * unit[i - 1, 1] + unit[i, 2] * unit[i - 1, 2])
+    if cos < -_STRAIGHT:
+        return 1e18
+    if cos > _STRAIGHT:
+        return 0.0
+    half_sine = np.sqrt(min(max(0.5 * (1 - cos), 0.0), 1.0))
+    x, y = unit[i, 0] - unit[i - 1, 0], unit[i, 1] - unit[i - 1, 1]
+    z = unit[i, 2] - unit[i - 1, 2]
+    size = np.sqrt(x * x + y * y + z * z)
+    acceleration = _along(acceleration_limits, x / size, y / size, z / size)
+    return float(acceleration * deviation * half_sine / (1 - half_sine))
 
 
 @kernel
 def _durations(
-    length: FloatArray, speed: FloatArray, acceleration: FloatArray, entry_sq: FloatArray,
-    window: int,
+    target: FloatArray, start: FloatArray, is_motion: NDArray[np.bool_], feed: FloatArray,
+    acceleration_limits: FloatArray, speed_limits: FloatArray, deviation: float, window: int,
 ) -> FloatArray:
-    """Time of each block; blocks of no length are rests. All arrays (n,) float64."""
-    n = len(length)
+    """Time of each block, (n,); lines without motion, and blocks of no length, are rests.
+
+    target : (n, 3); feed : (n,); limits : (3,), of the axes; window : blocks looked ahead
+    """
+    n = len(target)
+    length, unit = np.zeros(n), np.zeros((n, 3))
+    acceleration, speed, entry_sq = np.empty(n), np.empty(n), np.zeros(n)
+    for i in range(n):
+        x = target[i, 0] - (target[i - 1, 0] if i > 0 else start[0])
+        y = target[i, 1] - (target[i - 1, 1] if i > 0 else start[1])
+        z = target[i, 2] - (target[i - 1, 2] if i > 0 else start[2])
+        size = np.sqrt(x * x + y * y + z * z)
+        if is_motion[i] and size > 0.0:
+            length[i] = size
+            unit[i, 0], unit[i, 1], unit[i, 2] = x / size, y / size, z / size
+        acceleration[i] = _along(acceleration_limits, unit[i, 0], unit[i, 1], unit[i, 2])
+        speed[i] = min(feed[i], _along(speed_limits, unit[i, 0], unit[i, 1], unit[i, 2]))
+        if i > 0 and length[i] > 0.0 and length[i - 1] > 0.0:
+            entry_sq[i] = min(_junction_speed_sq(unit, i, acceleration_limits, deviation),
+                              min(speed[i], speed[i - 1]) ** 2)
     gain = 2.0 * acceleration * length
     start_sq = np.zeros(n + 1)
     for i in range(n):
