@@ -23,6 +23,7 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Any
 
+from lmctl.config.materials import suggest_name
 from lmctl.errors import Finding
 
 #: Keys that make an inline table a marker, and the other keys each may have.
@@ -111,9 +112,10 @@ def _marker_findings(path: str, marker: dict[str, Any]) -> Iterator[Finding]:
     if len(kinds) > 1:
         yield Finding(path, f"is {' and '.join(kinds)} at once")
         return
-    unknown = set(marker) - _MARKERS[kinds[0]] - {kinds[0]}
-    if unknown:
-        yield Finding(path, f"there is no such key: {', '.join(sorted(unknown))}")
+    known = _MARKERS[kinds[0]] | {kinds[0]}
+    for key in sorted(set(marker) - known):
+        guess = suggest_name(key, sorted(known))
+        yield Finding(f"{path}.{key}", "there is no such key" + (f"; {guess}" if guess else ""))
     if kinds[0] in ("free", "free_levels", "same_as", "sum_of") and not _ALLOWED.search(path):
         yield Finding(path, "cannot be free: only numbers of a composition, and from_mm and to_mm "
                       "of a shell")

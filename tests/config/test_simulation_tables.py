@@ -90,7 +90,8 @@ points = { free_levels = 3, over_mm = [0, 10], near = { "316L" = 1 }, far = { "W
     ("{ free = [5, 0.2], start = 1 }", "the bounds contradict"),
     ("{ free = [0.2, 5] }", "needs a start"),
     ("{ free = [0.2, 5], start = 9 }", "start must lie between"),
-    ("{ free = [0.2, 5], start = 1, step = 2 }", "no such key: step"),
+    ("{ free = [0.2, 5], start = 1, step = 2 }", "k.step: there is no such key"),
+    ("{ free = [0.2, 5], start = 1, nme = 'k' }", "did you mean 'name'?"),
     ('{ same_as = "m" }', "there is no free number 'm'"),
 ])
 def test_free_values_without_sound_bounds_are_refused(marker: str, told: str) -> None:

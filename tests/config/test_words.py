@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from lmctl.config.free_numbers import resolve_free_numbers
 from lmctl.config.machine import MachineProfile
 from lmctl.config.part_file import PartFile
 from lmctl.config.toml_file import ConfigModel, validated_model
@@ -30,7 +31,10 @@ FOREIGN = re.compile(r"\b(Input|String|Tuple|Dictionary|List|Value|Field|Extra|U
 
 def of(name: str) -> tuple[dict[str, Any], type[ConfigModel]]:
     text = (files("lmctl.examples") / name).read_text(encoding="utf-8")
-    return tomllib.loads(text), MachineProfile if name.startswith("cell") else PartFile
+    data = tomllib.loads(text)
+    if name.startswith("cell"):
+        return data, MachineProfile
+    return resolve_free_numbers(data).data, PartFile  # with numbers where they are free
 
 
 def places(data: Any) -> Iterator[tuple[Any, Any]]:
