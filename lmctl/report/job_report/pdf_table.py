@@ -21,6 +21,8 @@ _SIZE, _SMALLEST = 6.8, 4.5
 _PAD = 2.4
 #: Least width of a column of text, in widths of a digit.
 _LEAST_TEXT = 5.0
+#: Longer words (digests, addresses) may be broken.
+_LONGEST_WORD = 16
 _INK, _RULE, _FAINT = HexColor("#111111"), HexColor("#777777"), HexColor("#bbbbbb")
 
 
@@ -100,7 +102,11 @@ class RuledTable(Flowable):
         heads = [stringWidth(line, SANS_BOLD, self._size) for line in column.heading.split("\n")]
         if column.is_text:
             least = _LEAST_TEXT * stringWidth("0", SANS, self._size)
-            return float(max(*heads, least)) + 2 * _PAD
+            # No word is broken but those that no column has room for.
+            words = {word for row in self._table.rows for word in (row[at] or "").split()
+                     if _LEAST_TEXT < len(word) <= _LONGEST_WORD}
+            wide = (stringWidth(word, SANS, self._size) for word in words)
+            return float(max(*heads, least, *wide)) + 2 * _PAD
         # Cells of one length are about equally wide: only the longest ones are measured.
         longest = max((len(row[at] or "") for row in self._table.rows), default=0)
         texts = {row[at] or "" for row in self._table.rows if len(row[at] or "") >= longest - 1}

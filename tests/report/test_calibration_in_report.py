@@ -1,0 +1,63 @@
+"""What a cell has measured of itself stands in the report with its date, and counts."""
+
+from __future__ import annotations
+
+import pytest
+
+from lmctl.report.job_report.document import FieldList, TableBlock
+from lmctl.report.job_report.identity_sections import calibration_section, digest_section
+from lmctl.report.part_report import JobOfPart, part_report_of
+from lmctl.run.journal.writer import JournalWriter
+
+HOPPER = {"name": "A", "feeder": "F1", "material": "316L", "dead_time_s": 3.1, "lag_s": 0.9}
+MEASURED = {"slope": 1.02, "offset_g_min": 0.05, "catch_efficiency": 0.71}
+USED = {"digest": "ab" * 32, "measured": {"hopper A": "2026-11-30T02:41:07Z"}}
+
+
+def report(folder, **header):
+    with JournalWriter(folder / "journal.jsonl", header, local={"run": "run-0001"}) as journal:
+        journal.seal(1.0, state="stopped")
+    return part_report_of(folder / "journal.jsonl")
+
+
+def values(found):
+    table = calibration_section(found).blocks[0]
+    assert isinstance(table, TableBlock)
+    return {(row[0], row[1]): (row[2], row[5], row[7]) for row in table.rows}
+
+
+def test_measured_values_carry_their_date_and_the_digest_is_whole(tmp_path):
+    found = report(tmp_path, hoppers=[HOPPER | MEASURED], calibration=USED)
+    told = values(found)
+    assert told["hopper A", "dead time"] == ("3.1", "2026-11-30 02:41:07", "calibration")
+    assert told["hopper A", "slope"] == ("1.02", "2026-11-30 02:41:07", "calibration")
+    fields = digest_section(found).blocks[0]
+    assert isinstance(fields, FieldList)
+    assert ("calibration", "ab" * 32) in fields.rows
+
+
+def test_what_was_typed_in_has_a_blank_for_its_date(tmp_path):
+    told = values(report(tmp_path, hoppers=[HOPPER]))
+    assert told["hopper A", "dead time"] == ("3.1", None, "machine profile")
+    assert ("hopper A", "slope") not in told
+
+
+def test_a_measured_catch_efficiency_counts_for_the_mixture_inferred(job_with_powder):
+    typed = job_with_powder.scales({"hoppers": [HOPPER]}).deposit_mm3_g["316L"]
+    measured = job_with_powder.scales({"hoppers": [HOPPER | MEASURED]}).deposit_mm3_g["316L"]
+    assert measured / typed == pytest.approx(0.71 / job_with_powder.powders[0].catch_efficiency)
+
+
+@pytest.fixture
+def job_with_powder(tmp_path):
+    from lmctl.config.part_rules import parse_part_file
+    from lmctl.part.materials.powders import resolve_materials
+
+    part = parse_part_file(
+        'name = "p"\n[[material]]\nname = "316L"\n[[body]]\nkind = "box"\n'
+        "low_mm = [0, 0, 0]\nhigh_mm = [1, 2, 3]\n", name="part.toml")
+
+    class Manifest:
+        max_power_W, s_max, materials = 3000.0, 1000, ("316L",)
+
+    return JobOfPart(tmp_path / "job.lmj", Manifest(), "", resolve_materials(part))
