@@ -142,7 +142,7 @@ def test_the_pool_melts_so_much_of_the_plate_as_dilution_says():
     assert zone[-1, 2] / zone[-1].sum() == pytest.approx(0.25, abs=1e-9)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(
     st.lists(st.tuples(*[st.floats(5, 25)] * 4, st.floats(0.1, 3.0), st.floats(0, 1)), min_size=1,
              max_size=6),
