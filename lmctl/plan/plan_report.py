@@ -44,6 +44,14 @@ def _mixture(plan: PlanStatistics, mode: str) -> list[Finding]:
     if not fine:
         text += "".join(_why_off(plan, mode))
     found = [report_finding(fine, text)]
+    if plan.cuts:
+        found.append(report_finding(
+            True, f"tracks are cut in {plan.cuts} places where powder could not follow their "
+            "mixture at the least speed: it changes there with the beam off"))
+    if plan.uncut and not fine:
+        found.append(report_finding(
+            False, f"in {plan.uncut} places powder comes late, and a cut would leave a piece "
+            "shorter than two beads: such pieces stay joined"))
     if plan.slowed_mm:
         found.append(report_finding(
             True, f"{plan.slowed_mm:.0f} mm of path slowed to as little as "

@@ -44,6 +44,8 @@ class PlanStatistics:
     rounded_by: float = 0.0
     slowed_mm: float = 0.0
     least_speed_factor: float = 1.0
+    cuts: int = 0
+    uncut: int = 0
     raised_mm: float = 0.0
     greatest_speed_factor: float = 1.0
     correct_mixture_mm: float = 0.0
@@ -89,6 +91,11 @@ class PlanStatistics:
         self.greatest_speed_factor = max(self.greatest_speed_factor, float(factor.max()))
         self.peak_power_W = max(
             self.peak_power_W, float(np.delete(beads.power_W, beads.first).max()))
+
+    def add_cuts(self, cuts: int, too_short: int) -> None:
+        """Cuts of one layer's tracks, and places where a piece would have been too short."""
+        self.cuts += cuts
+        self.uncut += too_short
 
     def add_program(
         self, moves: Moves, durations_s: FloatArray, start_s: float, end_s: FloatArray,

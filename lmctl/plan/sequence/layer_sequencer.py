@@ -23,6 +23,7 @@ from lmctl.plan.recipe import Recipe
 from lmctl.plan.sequence.beads import Beads, make_beads
 from lmctl.plan.sequence.hose_model import HoseModel
 from lmctl.plan.sequence.line_timing import bead_line_ranges, split_long_lines, with_time_for_powder
+from lmctl.plan.sequence.mixture_cuts import cut_tracks
 from lmctl.plan.sequence.mixture_prediction import predict_mixture
 from lmctl.plan.sequence.mixture_ramps import (
     min_ramp_duration_s,
@@ -104,6 +105,10 @@ class LayerSequencer:
         power that S words cannot express.
         """
         number = geometry.layer - placement.skipped
+        if self._leads and self._process.strategy != "iso-3d":
+            cut = cut_tracks(geometry, self._recipe)
+            geometry = cut.geometry
+            self.statistics.add_cuts(cut.cuts, cut.too_short)
         tracks = order_tracks(
             geometry, number, self._state.at_mm[:2] - placement.offset_mm[:2], self._state.mixture,
             self._process.fraction_step, self._change_s, self._process.seam)

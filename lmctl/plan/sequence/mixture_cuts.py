@@ -1,0 +1,177 @@
+"""Cut tracks where powder could not follow their mixture even at the least speed.
+
+There a track is deposited as two, and the mixture changes between them with the beam off. The cut
+lies where half of the change that is too fast has been made. A piece shorter than two beads is not
+worth its start: there the track stays whole, and its mixture comes late.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmctl.array_types import BoolArray, FloatArray, IndexArray, IntArray
+from lmctl.field.kernel import inner_kernel, kernel
+from lmctl.plan.geometry.layer_geometry import LayerGeometry
+from lmctl.plan.recipe import Recipe
+from lmctl.plan.sequence.flat_arrays import indices_within_stretches
+from lmctl.plan.sequence.mixture_ramps import (
+    NO_LAG_S,
+    deliverable_ramp_fraction,
+    powder_limits_of,
+)
+from lmctl.plan.sequence.speed_factor import MIXTURE_TOLERANCE_FRACTION, SPEED_FACTORS
+
+#: The shortest piece that a cut may leave, in beads.
+LEAST_PIECE_BEADS = 2.0
+
+
+@dataclass(frozen=True)
+class CutTracks:
+    """A layer with its tracks cut.
+
+    cuts : how many were made; too_short : places that wanted one where a piece would be too short
+    """
+
+    geometry: LayerGeometry
+    cuts: int
+    too_short: int
+
+
+def cut_tracks(geometry: LayerGeometry, recipe: Recipe) -> CutTracks:
+    """The tracks of a layer, each cut where its mixture changes faster than powder can."""
+    if geometry.n_tracks == 0:
+        return CutTracks(geometry, 0, 0)
+    first = geometry.starts[:-1]
+    span = np.maximum.reduceat(geometry.fractions, first) - np.minimum.reduceat(
+        geometry.fractions, first)
+    varies = span.max(axis=1) > 2 * MIXTURE_TOLERANCE_FRACTION
+    if not varies.any():
+        return CutTracks(geometry, 0, 0)
+    length = np.zeros(len(geometry.points_mm))
+    length[1:] = np.linalg.norm(np.diff(geometry.points_mm, axis=0), axis=1)
+    length[first] = 0.0
+    limits, slowest = powder_limits_of(recipe), min(SPEED_FACTORS)
+    at, too_short = _cuts(
+        geometry.fractions, recipe.flow_g_s(geometry.fractions) * slowest, length,
+        length / (recipe.speed(geometry.fractions) * slowest), geometry.starts, varies,
+        np.maximum(limits.lag_s, NO_LAG_S), limits.max_flow_g_s, limits.volume_mm3_g,
+        LEAST_PIECE_BEADS * recipe.bead_mm, MIXTURE_TOLERANCE_FRACTION)
+    if len(at) == 0:
+        return CutTracks(geometry, 0, int(too_short))
+    return CutTracks(_cut_at(geometry, np.asarray(at)), len(at), int(too_short))
+
+
+def _cut_at(geometry: LayerGeometry, at: IntArray) -> LayerGeometry:
+    """The same layer with tracks cut at vertices `at` (k,), rising, none at an end."""
+    track = np.searchsorted(geometry.starts, at, side="right") - 1
+    begin: list[int] = []
+    end: list[int] = []
+    owner: list[int] = []
+    closed: list[bool] = []
+    for number in range(geometry.n_tracks):
+        own = at[track == number].tolist()
+        low, high = int(geometry.starts[number]), int(geometry.starts[number + 1]) - 1
+        edges = [low, *own, high]
+        if own and geometry.is_closed[number]:  # from the last cut, through the seam, to the first
+            edges = [*own, own[0] + high - low]
+        begin += edges[:-1]
+        end += edges[1:]
+        owner += [number] * (len(edges) - 1)
+        closed += [bool(geometry.is_closed[number]) and not own] * (len(edges) - 1)
+    tracks: IndexArray = np.array(owner, dtype=np.intp)
+    size = np.array(end) - np.array(begin) + 1
+    vertex = np.repeat(begin, size) + indices_within_stretches(size)
+    last = np.repeat(geometry.starts[tracks + 1] - 1, size)
+    whole = last - np.repeat(geometry.starts[tracks], size)
+    vertex = np.where(vertex > last, vertex - whole, vertex)  # a closed track's last is its first
+    directed = geometry.is_directed
+    return replace(
+        geometry, points_mm=geometry.points_mm[vertex],
+        strip_width_mm=geometry.strip_width_mm[vertex], fractions=geometry.fractions[vertex],
+        starts=np.concatenate([[0], np.cumsum(size)]).astype(np.intp),
+        is_closed=np.array(closed, dtype=np.bool_), island=geometry.island[tracks],
+        is_directed=None if directed is None else directed[tracks])
+
+
+@kernel
+def _cuts(
+    fractions: FloatArray, flow: FloatArray, length: FloatArray, lasting: FloatArray,
+    starts: IndexArray, varies: BoolArray, lag: FloatArray, most: FloatArray, volume: FloatArray,
+    least_mm: float, tolerance: float,
+) -> tuple[NDArray[np.int64], int]:
+    """Vertices at which to cut, rising, and how many cuts would leave too short a piece."""
+    found = np.empty(len(length), np.int64)
+    count, too_short = 0, 0
+    now = np.empty(flow.shape[1])
+    for track in range(len(varies)):
+        if not varies[track]:
+            continue
+        begin, end = starts[track], starts[track + 1]
+        left = 0.0
+        for k in range(begin + 1, end):
+            left += length[k]
+        done = 0.0
+        now[:] = flow[begin]
+        k = begin + 1
+        while k < end:
+            share = deliverable_ramp_fraction(now, flow[k], lasting[k], lag, most)
+            now += min(share, 1.0) * (flow[k] - now)
+            done += length[k]
+            left -= length[k]
+            if not _is_off(now, flow[k], volume, tolerance):
+                k += 1
+                continue
+            # how far the change goes that is too fast here: until it is slower, or turns round
+            change, stop = _change(fractions, k - 1, k), k
+            while stop + 1 < end and _change(fractions, stop, stop + 1) > 0.3 * change:
+                stop += 1
+            at, whole = k, _change(fractions, k - 1, stop)
+            while at < stop and _change(fractions, k - 1, at) < 0.5 * whole:
+                at += 1
+            ahead = 0.0
+            for j in range(k + 1, at + 1):
+                ahead += length[j]
+            if done + ahead >= least_mm and left - ahead >= least_mm and at < end - 1:
+                found[count] = at
+                count += 1
+                now[:] = flow[at]
+                left -= ahead
+                done = 0.0
+                k = at + 1
+                continue
+            too_short += 1
+            # powder comes late: go on where it has caught up
+            k += 1
+            while k < end:
+                share = deliverable_ramp_fraction(now, flow[k], lasting[k], lag, most)
+                now += min(share, 1.0) * (flow[k] - now)
+                done += length[k]
+                left -= length[k]
+                k += 1
+                if not _is_off(now, flow[k - 1], volume, tolerance):
+                    break
+    return found[:count], too_short
+
+
+@inner_kernel
+def _change(fractions: FloatArray, a: int, b: int) -> float:
+    most = 0.0
+    for m in range(fractions.shape[1]):
+        most = max(most, abs(fractions[b, m] - fractions[a, m]))
+    return most
+
+
+@inner_kernel
+def _is_off(flow: FloatArray, wanted: FloatArray, volume: FloatArray, tolerance: float) -> bool:
+    """Whether flows deposit another mixture than wanted."""
+    total, other = 0.0, 0.0
+    for m in range(len(flow)):
+        total += flow[m] * volume[m]
+        other += wanted[m] * volume[m]
+    for m in range(len(flow)):
+        if abs(flow[m] * volume[m] / total - wanted[m] * volume[m] / other) > tolerance:
+            return True
+    return False
