@@ -1,8 +1,9 @@
 """Cut tracks where powder could not follow their mixture even at the least speed.
 
 There a track is deposited as two, and the mixture changes between them with the beam off. The cut
-lies where half of the change that is too fast has been made. A piece shorter than two beads is not
-worth its start: there the track stays whole, and its mixture comes late.
+lies where a change that is too fast is over, so that what follows begins with its own mixture; of a
+change that takes longer than two beads, where powder begins to come late. A piece shorter than two
+beads is not worth its start: there the track stays whole, and its mixture comes late.
 """
 
 from __future__ import annotations
@@ -128,12 +129,12 @@ def _cuts(
             change, stop = _change(fractions, k - 1, k), k
             while stop + 1 < end and _change(fractions, stop, stop + 1) > 0.3 * change:
                 stop += 1
-            at, whole = k, _change(fractions, k - 1, stop)
-            while at < stop and _change(fractions, k - 1, at) < 0.5 * whole:
-                at += 1
             ahead = 0.0
-            for j in range(k + 1, at + 1):
+            for j in range(k + 1, stop + 1):
                 ahead += length[j]
+            at = stop
+            if ahead > least_mm:
+                at, ahead = k, 0.0
             if done + ahead >= least_mm and left - ahead >= least_mm and at < end - 1:
                 found[count] = at
                 count += 1
