@@ -74,6 +74,7 @@ def write_part(name: str, folder: Path) -> Path:
     text = write_template(template, folder)[0].read_text()
     if name == "gear_steep":
         text = _with_profile(text)
+    text = "\n".join(line for line in text.splitlines() if not line.startswith("strategy"))
     file.write_text(text.replace("[process]", '[process]\nstrategy = "auto"'))
     return file
 
