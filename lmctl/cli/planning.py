@@ -96,5 +96,7 @@ def job_summary(manifest: JobManifest, target: Path) -> str:
           if manifest.calibration else []),
         f"  job       {target}",
     ]
+    lines[4:4] = [f"  tracks    {found['text'].removeprefix('strategy ')}"
+                  for found in manifest.verdict if found["text"].startswith("strategy")]
     lines += [f"  warning   {text}" for text in totals["warnings"]]
     return "\n".join(lines)

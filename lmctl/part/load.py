@@ -161,7 +161,7 @@ def _part_of(part: config.PartFile, text: str, tree: BodyTree, report: Report | 
     data.notes += [note for material in materials if (note := material.note())]
     # power and speed are the materials' own or the library's, and named there
     unwritten = set(config.ProcessSettings.model_fields) - part.process.model_fields_set
-    if keys := sorted(unwritten - {"power_W", "speed_mm_s"}):
+    if keys := sorted(unwritten - _not_noted(part.process)):
         values = ", ".join(f"{key} {getattr(part.process, key)}" for key in keys)
         data.notes.append(f"process: by default {values}")
     return Part(
@@ -182,6 +182,16 @@ def _part_of(part: config.PartFile, text: str, tree: BodyTree, report: Report | 
         strategy_bodies={region.body: tree.named_body(region.body)
                          for region in part.process.region if region.body is not None},
     )
+
+
+def _not_noted(process: config.ProcessSettings) -> set[str]:
+    """Keys whose defaults nobody need be told: named elsewhere, or of another strategy."""
+    keys = {"power_W", "speed_mm_s", "region"}
+    if process.strategy != "hatch" and not any(r.strategy == "hatch" for r in process.region):
+        keys |= {"hatch", "hatch_angle_deg", "hatch_turn_deg", "hatch_blocks", "outline_tracks"}
+    if process.strategy != "auto":
+        keys.add("dead_time_error_s")
+    return keys | ({"hatch_block_mm"} if process.hatch_blocks == "none" else set())
 
 
 def _coarse(body: Body, grid: Grid) -> list[str]:

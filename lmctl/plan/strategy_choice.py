@@ -53,9 +53,15 @@ class StrategyTrial:
     starts: int
     built: float
 
-    def as_text(self) -> str:
+    @property
+    def way(self) -> str:
+        """Strategy and waits, in words."""
         waits = f" with {self.change_margin_s:g} s around changes" if self.change_margin_s else ""
-        return (f"{self.strategy}{waits}: {self.right:.1%} right, {self.right_at_worst:.1%} at "
+        return f"{self.strategy}{waits}"
+
+    def as_text(self) -> str:
+        """What was found, in words."""
+        return (f"{self.way}: {self.right:.1%} right, {self.right_at_worst:.1%} at "
                 f"worst, {self.time_s:.0f} s, {self.starts} starts")
 
 
@@ -74,7 +80,7 @@ class StrategyChoice:
             return f"strategy {self.chosen.strategy}: the part is of one mixture"
         layers = ", ".join(map(str, self.layers))
         tried = "; ".join(trial.as_text() for trial in self.trials)
-        return (f"strategy {self.chosen.strategy} chosen on layers {layers}, dead times "
+        return (f"strategy {self.chosen.way} chosen on layers {layers}, dead times "
                 f"{self.dead_time_error_s:g} s off at worst: {tried}")
 
 
