@@ -89,3 +89,19 @@ def test_lines_that_are_points_or_shorter_than_a_bead_leave_no_hole(make_part, p
         lambda p: 0.2 + 0.6 * np.clip(1 - np.hypot(p[:, 0], p[:, 1]) / 1.5, 0, 1))
     assert filled(geometry) > 0.98
     assert geometry.figures.lost == ()
+
+
+def test_across_a_wall_graded_along_its_length_tracks_would_be_too_short(make_part, profile):
+    def along(points):
+        return 0.5 + points[:, 0] / 70
+
+    walls = [rectangle(30.0, 1.8), rectangle(30.0, 20.0, (0.0, 20.0))]
+    geometry = geometry_of(make_part, profile, walls, along)
+    _, length = spans(geometry)
+    middle = np.array([geometry.points_mm[geometry.track(k)].mean(axis=0)
+                       for k in range(geometry.n_tracks)])
+    on_wall = middle[:, 1] < 2
+    assert on_wall.sum() == 1
+    assert length[on_wall][0] > 28
+    assert (~on_wall).sum() > 15  # the wide piece has its lines of equal mixture
+    assert filled(geometry) > 0.98
