@@ -11,6 +11,7 @@ import pytest
 
 from lmctl.errors import JobError, JournalError, MissingFileError
 from lmctl.run.journal import run_folders
+from lmctl.run.journal.format import FORMAT_VERSION
 from lmctl.run.journal.writer import JournalWriter
 
 
@@ -108,9 +109,10 @@ def test_garbage_in_the_folder_is_passed_over(tmp_path, job_file):
 
 def test_a_run_whose_journal_is_of_another_format_is_listed_as_such(tmp_path, job_file):
     runs = tmp_path / "runs"
-    run_folders.create_run_folder(runs,
-                                  job_file).journal.write_text('{"format":"lmctl-journal-3"}\n')
-    assert [row.state for row in run_folders.list_runs(runs)] == ["format 3"]
+    later = FORMAT_VERSION + 1
+    folder = run_folders.create_run_folder(runs, job_file)
+    folder.journal.write_text(f'{{"format":"lmctl-journal-{later}"}}\n')
+    assert [row.state for row in run_folders.list_runs(runs)] == [f"format {later}"]
 
 
 def test_a_file_in_the_folders_place_is_reported(tmp_path, job_file):
