@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING
 
 from lmctl.config import part_file as config
 from lmctl.config.composition import Feature
+from lmctl.config.free_numbers import resolve_free_numbers
 from lmctl.config.part_rules import load_part_file, parse_part_file
+from lmctl.config.toml_file import parse_tables
 from lmctl.errors import InputError
 from lmctl.field.grid import Grid
 from lmctl.part import bodies  # each body's module is loaded where it is used
@@ -159,6 +161,9 @@ def _part_of(part: config.PartFile, text: str, tree: BodyTree, report: Report | 
     rule = tree.composition_field
     data.warnings += [*_coarse(body, grid), *flat_profile_warnings(rule, body)]
     data.notes += [note for material in materials if (note := material.note())]
+    if free := resolve_free_numbers(parse_tables(text, name=part.name)).free:
+        data.notes.append(f"{len(free)} free numbers have their starting values; `lmctl optimise` "
+                          "chooses them")
     # power and speed are the materials' own or the library's, and named there
     unwritten = set(config.ProcessSettings.model_fields) - part.process.model_fields_set
     if keys := sorted(unwritten - _not_noted(part.process)):
