@@ -10,6 +10,7 @@ cross: every peak of the raster has a point.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,8 @@ from numpy.typing import NDArray
 from lmctl.array_types import FloatArray, IntArray
 from lmctl.field.kernel import inner_kernel, kernel
 from lmctl.plan.geometry.section_raster import SectionRaster
+
+NumberArray = TypeVar("NumberArray", FloatArray, IntArray)
 
 #: Chord between the two nearest points of the outline over the depth: the least of a ridge, 20°
 #: between the directions to both.
@@ -59,8 +62,7 @@ def medial_axis(raster: SectionRaster) -> MedialAxis:
         at_edge)
     joints, links = _links_kernel(
         found, at_edge, raster.segments, raster.nearest, raster.depth_mm, raster.grid.pitch_mm)
-    peaks = _peaks_kernel(raster.depth_mm, raster.segments, raster.grid.pitch_mm, at_edge,
-                          len(found) + len(joints))
+    peaks = _peaks(raster, at_edge, len(found) + len(joints))
     table = np.vstack([found, joints, peaks])
     return MedialAxis(
         points_mm=table[:, :2] + np.array(raster.grid.origin_mm), depth_mm=table[:, 2],
@@ -80,6 +82,16 @@ def closest_point_on_segment(segments: FloatArray, s: int, px: float,
         t = min(1.0, max(0.0, ((px - ax) * ux + (py - ay) * uy) / size))
     x, y = ax + t * ux, ay + t * uy
     return x, y, np.sqrt((px - x) ** 2 + (py - y) ** 2)
+
+
+@inner_kernel
+def _resized(rows: NumberArray, count: int, size: int) -> NumberArray:
+    """The first `count` rows in a table of another size."""
+    table = np.empty((size, rows.shape[1]), rows.dtype)
+    for k in range(count):
+        for c in range(rows.shape[1]):
+            table[k, c] = rows[k, c]
+    return table
 
 
 @inner_kernel
@@ -160,26 +172,33 @@ def _crossings_kernel(
                 if chord < _LEAST_CHORD:
                     continue
                 if count == len(table):
-                    larger = np.empty((2 * count, 5))
-                    larger[:count] = table
-                    table = larger
+                    table = _resized(table, count, 2 * count)
                 table[count, 0], table[count, 1], table[count, 2] = x, y, away
                 table[count, 3] = (x - 0.5 * (ax + bx)) / away
                 table[count, 4] = (y - 0.5 * (ay + by)) / away
                 at_edge[side, j, i] = count
                 count += 1
-    return table[:count].copy()
+    return _resized(table, count, count)
+
+
+def _peaks(raster: SectionRaster, at_edge: NDArray[np.int32], count: int) -> FloatArray:
+    """Rows like those of the crossings for peaks without a point near, entered in `at_edge` from
+    number `count` on."""
+    nodes = _lone_peaks_kernel(raster.depth_mm, at_edge)
+    pitch = raster.grid.pitch_mm
+    rows = np.empty((len(nodes), 5))
+    for n, (j, i) in enumerate(zip(*np.divmod(nodes, raster.grid.shape[1]), strict=True)):
+        rows[n] = *climbed_to_peak(raster.segments, i * pitch, j * pitch, pitch / 2), 1.0, 0.0
+        at_edge[0, j, i] = count + n
+    return rows
 
 
 @kernel
-def _peaks_kernel(
-    depth: NDArray[np.float32], segments: FloatArray, pitch: float, at_edge: NDArray[np.int32],
-    count: int,
-) -> FloatArray:
-    """Rows like those of the crossings for peaks without a point near; numbered from `count` on
-    in `at_edge`."""
+def _lone_peaks_kernel(depth: NDArray[np.float32], at_edge: NDArray[np.int32]) -> IntArray:
+    """Flat indices of nodes deeper than those around them, without a point of the axis near."""
     ny, nx = depth.shape
-    rows, n = np.empty((16, 5)), 0
+    found = np.empty(ny * nx // 4 + 1, np.int64)  # no two are neighbours
+    n = 0
     for j in range(1, ny - 1):
         for i in range(1, nx - 1):
             if depth[j, i] <= 0:
@@ -191,17 +210,10 @@ def _peaks_kernel(
                 if k != 4 and higher:
                     is_peak = False
                     break
-            if not is_peak or _has_point_near(at_edge, j, i):
-                continue
-            if n == len(rows):
-                wider = np.empty((2 * n, 5))
-                wider[:n] = rows
-                rows = wider
-            x, y, away = climbed_to_peak(segments, i * pitch, j * pitch, pitch / 2)
-            rows[n, 0], rows[n, 1], rows[n, 2], rows[n, 3], rows[n, 4] = x, y, away, 1.0, 0.0
-            at_edge[0, j, i] = count + n
-            n += 1
-    return rows[:n].copy()
+            if is_peak and not _has_point_near(at_edge, j, i):
+                found[n] = j * nx + i
+                n += 1
+    return found[:n]
 
 
 @inner_kernel
@@ -215,7 +227,7 @@ def _has_point_near(at_edge: NDArray[np.int32], j: int, i: int) -> bool:
     return False
 
 
-@inner_kernel
+@kernel
 def climbed_to_peak(
     segments: FloatArray, x: float, y: float, step: float
 ) -> tuple[float, float, float]:
@@ -263,21 +275,17 @@ def _links_kernel(
             if n < 2:
                 continue
             if n_links + 4 > len(links):
-                more = np.empty((2 * len(links), 2), np.int64)
-                more[:n_links] = links[:n_links]
-                links = more
+                links = _resized(links, n_links, 2 * len(links))
             if n == 2:
                 links[n_links, 0], links[n_links, 1] = around[0], around[1]
                 n_links += 1
                 continue
             if n_joints == len(joints):
-                wider = np.empty((2 * len(joints), 5))
-                wider[:n_joints] = joints
-                joints = wider
+                joints = _resized(joints, n_joints, 2 * n_joints)
             row = joints[n_joints]
-            row[:] = 0.0
-            for k in range(n):
-                for c in range(5):
+            for c in range(5):
+                row[c] = 0.0
+                for k in range(n):
                     row[c] += found[around[k], c] / n
             away = np.inf
             for corner in range(4):
@@ -288,4 +296,4 @@ def _links_kernel(
                 links[n_links, 0], links[n_links, 1] = around[k], len(found) + n_joints
                 n_links += 1
             n_joints += 1
-    return joints[:n_joints].copy(), links[:n_links].copy()
+    return _resized(joints, n_joints, n_joints), _resized(links, n_links, n_links)

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.array_types import FloatArray
-from lmctl.field.kernel import kernel
 from lmctl.plan.geometry.bead_count import BeadCount
 from lmctl.plan.geometry.islands import Islands, deepest_nodes
 from lmctl.plan.geometry.medial_axis import MedialAxis, climbed_to_peak
@@ -70,15 +69,8 @@ def _deepest(
     if 2 * (nearest + node) < least_width_mm:  # no place is farther than that from a node
         return np.zeros(2), 0.0
     j, i = np.unravel_index(start, raster.grid.shape)
-    x, y, depth = _climb_kernel(raster.segments, float(i) * node, float(j) * node, node / 2)
+    x, y, depth = climbed_to_peak(raster.segments, float(i) * node, float(j) * node, node / 2)
     return np.array([x, y]) + np.array(raster.grid.origin_mm), 2 * depth
-
-
-@kernel
-def _climb_kernel(
-    segments: FloatArray, x: float, y: float, step: float
-) -> tuple[float, float, float]:
-    return climbed_to_peak(segments, x, y, step)
 
 
 def _stroke(
