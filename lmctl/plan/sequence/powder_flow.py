@@ -93,23 +93,47 @@ def _knots(
                 now, wanted[first], gap_s, lag, most, margin_s)
         else:
             course_s, share = np.array([0.0, min(_STEP_S, gap_s / 2)]), np.array([0.0, 1.0])
-        times[n], flow[n] = now_s, now
+        times[n] = now_s
+        _put_between(flow[n], now, wanted[first], 0.0)
         n += 1
-        change = wanted[first] - now
         for k in range(len(course_s)):
             if course_s[k] < gap_s - 1e-9:
                 times[n] = now_s + course_s[k]
-                flow[n] = now + share[k] * change
+                _put_between(flow[n], now, wanted[first], share[k])
                 n += 1
         arrived = 1.0
         if leads:
-            arrived = np.interp(gap_s, course_s, share) if gap_s > 0.0 else 0.0
-        times[n], flow[n] = bead_s[first], now + arrived * change
+            arrived = _share_at(gap_s, course_s, share) if gap_s > 0.0 else 0.0
+        times[n] = bead_s[first]
+        _put_between(flow[n], now, wanted[first], arrived)
         n += 1
         n = _follow_bead(
             bead_s, wanted, first, starts[bead + 1], leads, lag, most, times, flow, n)
-        now_s, now = bead_s[starts[bead + 1] - 1], flow[n - 1].copy()
+        now_s = bead_s[starts[bead + 1] - 1]
+        _put_between(now, flow[n - 1], flow[n - 1], 0.0)
     return times[:n], flow[:n]
+
+
+@inner_kernel
+def _put_between(row: FloatArray, before: FloatArray, after: FloatArray, share: float) -> None:
+    """Set a row to what lies between two others; a loop loads faster than array expressions."""
+    for k in range(len(row)):
+        row[k] = before[k] + share * (after[k] - before[k])
+
+
+@inner_kernel
+def _share_at(at_s: float, course_s: FloatArray, share: FloatArray) -> float:
+    """The share that has arrived at a time of a course, linear between its knots."""
+    last = len(course_s) - 1
+    if at_s <= course_s[0]:
+        return float(share[0])
+    if at_s >= course_s[last]:
+        return float(share[last])
+    k = 1
+    while course_s[k] <= at_s:
+        k += 1
+    slope = (share[k] - share[k - 1]) / (course_s[k] - course_s[k - 1])
+    return float(slope * (at_s - course_s[k - 1]) + share[k - 1])
 
 
 @inner_kernel
