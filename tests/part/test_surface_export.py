@@ -24,8 +24,8 @@ def test_surfaces_are_closed_once_a_reader_has_joined_equal_corners(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     part = load_part(write_template(name, tmp_path)[0])
-    found = part_export._surface(part)  # once for three files
-    monkeypatch.setattr(part_export, "_surface", lambda part: found)
+    found = part_export.part_surface(part)  # once for three files
+    monkeypatch.setattr(part_export, "part_surface", lambda part: found)
     volumes = []
     for kind in ("ply", "stl", "3mf"):
         target = tmp_path / f"surface.{kind}"
