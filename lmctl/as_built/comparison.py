@@ -23,7 +23,7 @@ from lmctl.as_built.figures import (
     CompositionError,
     MaterialBalance,
 )
-from lmctl.as_built.layer_heights import built_layers, layer_of_pieces
+from lmctl.as_built.layer_heights import built_layers, layer_index_of_pieces
 from lmctl.as_built.work_offset import work_offset_mm
 from lmctl.errors import InputError
 
@@ -167,7 +167,7 @@ def _height_over(
 def _layers(built: BuiltVolume, job: JobReader) -> tuple[tuple[BuiltLayer, ...], float]:
     entries = job.manifest.layers
     layer_mm = entries[1].z_mm - entries[0].z_mm if len(entries) > 1 else entries[0].z_mm
-    return built_layers(built, job, layer_of_pieces(built, job)), float(layer_mm)
+    return built_layers(built, job, layer_index_of_pieces(built, job)), float(layer_mm)
 
 
 def _by_path(

@@ -10,7 +10,7 @@ from lmctl.as_built.figures import BuiltLayer
 from lmctl.job.reader import JobReader
 
 
-def layer_of_pieces(built: BuiltVolume, job: JobReader) -> IndexArray:
+def layer_index_of_pieces(built: BuiltVolume, job: JobReader) -> IndexArray:
     """(n,) index of the layer that each piece of the path belongs to, by its program line."""
     first = np.array([entry.first_line for entry in job.manifest.layers])
     return np.maximum(np.searchsorted(first, built.path.line, side="right") - 1, 0)

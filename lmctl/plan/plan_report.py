@@ -73,9 +73,9 @@ def _why_off(plan: PlanStatistics, mode: str) -> Iterator[str]:
 
 def _hoppers(plan: PlanStatistics) -> list[Finding]:
     found = []
-    if plan.raised_mm:
+    if plan.mm_above_recipe_speed:
         found.append(report_finding(
-            True, f"{plan.raised_mm:.0f} mm of path deposited up to {plan.greatest_speed_factor:g} "
+            True, f"{plan.mm_above_recipe_speed:.0f} mm of path deposited up to {plan.greatest_speed_factor:g} "
             "times as fast, with powder and power in proportion: a hopper meters no less"))
     if plan.rounded_mixture_mm:
         found.append(report_finding(

@@ -46,7 +46,7 @@ class PlanStatistics:
     least_speed_factor: float = 1.0
     cuts: int = 0
     uncut: int = 0
-    raised_mm: float = 0.0
+    mm_above_recipe_speed: float = 0.0
     greatest_speed_factor: float = 1.0
     correct_mixture_mm: float = 0.0
     asked_mm: float = 0.0
@@ -87,7 +87,7 @@ class PlanStatistics:
         slowed = factor < 1
         self.slowed_mm += float(length[slowed].sum())
         self.least_speed_factor = min(self.least_speed_factor, float(factor.min()))
-        self.raised_mm += float(length[factor > 1].sum())
+        self.mm_above_recipe_speed += float(length[factor > 1].sum())
         self.greatest_speed_factor = max(self.greatest_speed_factor, float(factor.max()))
         self.peak_power_W = max(
             self.peak_power_W, float(np.delete(beads.power_W, beads.first).max()))

@@ -32,7 +32,7 @@ def test_notes_keep_reason_disposition_who_and_when(made):
     add_note(made, "the whole run was watched")
     first, second = read_notes(made)
     assert (first.run, first.text, first.about) == ("run-0001", "powder was spilt", 1)
-    assert (first.disposition, first.operator, first.records) == ("accepted", "Ada", 4)
+    assert (first.disposition, first.operator, first.journal_records) == ("accepted", "Ada", 4)
     assert first.uid is not None
     assert first.wall.endswith("Z")
     assert (second.about, second.disposition) == (None, None)

@@ -116,7 +116,7 @@ class FeederTest:
         start_s = self._loop.time()
         await self._weigh_until(driver, start_s + plan.settle_s, keep=False)
         due_s = self._loop.time()
-        wanted_steps, done = plan.first_fit, 0
+        wanted_steps, done = plan.steps_before_first_fit, 0
         while True:
             self._notice(f"hopper {self._hopper.name}: steps {done + 1} to {wanted_steps}, "
                          f"{plan.low_g_min:g} and {plan.high_g_min:g} g/min in turn")

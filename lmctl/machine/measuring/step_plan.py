@@ -75,7 +75,7 @@ class StepPlan:
         return min(max(math.ceil(done * factor * _MORE), done + 2), self.max_steps)
 
     @property
-    def first_fit(self) -> int:
+    def steps_before_first_fit(self) -> int:
         """Steps after which the first fit is made."""
         return min(_FIRST_STEPS, self.max_steps)
 

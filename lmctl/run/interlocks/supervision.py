@@ -64,7 +64,7 @@ class InterlockSupervision:
                     due_s = _PATH_END_S
                 if lasted_s >= due_s and key not in self._reported:
                     self._reported.add(key)
-                    self._raised(alarm_error_of(rule, finding))
+                    self._raised(alarm_of_finding(rule, finding))
         for key in self._since.keys() - holding:
             del self._since[key]
             if key in self._reported:
@@ -78,7 +78,7 @@ class InterlockSupervision:
     def active_alarms(self, facts: InterlockInputs) -> list[MachineError]:
         """Rules that hold now, for however short a time, and that acknowledging would not clear."""
         return [
-            alarm_error_of(rule, finding)
+            alarm_of_finding(rule, finding)
             for rule in self._rules if not rule.is_latched
             for finding in rule.find(facts)
         ]
@@ -88,7 +88,7 @@ def _alarm_name(rule: str, subject: str) -> str:
     return f"{rule} {subject}".strip()
 
 
-def alarm_error_of(rule: InterlockRule, finding: InterlockFinding) -> MachineError:
+def alarm_of_finding(rule: InterlockRule, finding: InterlockFinding) -> MachineError:
     """A finding in the form that the run acts on."""
     kind = EmergencyStopError if rule.reaction is Reaction.RESET else InterlockError
     name = _alarm_name(rule.name, finding.source_name)

@@ -33,7 +33,7 @@ class Note:
     """about : number (seq) of the journal record it is about, None for the run as a whole
 
     disposition : None where none is stated; operator : "" where not named
-    records : of the journal when the note was made
+    journal_records : how many the journal had when the note was made
     """
 
     run: str
@@ -43,7 +43,7 @@ class Note:
     operator: str
     uid: int | None
     wall: str
-    records: int
+    journal_records: int
 
 
 def notes_path(made: RunFolder) -> SharedJournal:
