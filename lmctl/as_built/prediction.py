@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 #: Edge of a voxel in the plane; pieces of path are as long at most, and voxels three to a layer.
 _VOXEL_MM = 0.25
 _PER_LAYER = 3
+#: Time over which the reported pace is averaged. From one report to the next, 0.2 s later, it
+#: scatters by 24 % about a steady pace on the gear that ships; over this time by 3.5 %.
+_PACE_WINDOW_S = 2.0
 #: A strip is put down in points so many to a voxel's edge.
 _POINTS_PER_VOXEL = 4
 _NOTE = ("predicted from commanded powder and reported places; dilution and true growth are not in "
@@ -119,7 +122,10 @@ def _executed_beads(job: JobReader, reports: FloatArray) -> _Beads:
         raise InputError("the journal reports no motion in the program to predict a build from",
                          hint="choose a run that deposited something: `lmctl jobs` lists runs")
     done = (at_s >= reached[0]) & (at_s <= reached[-1])
-    begin, end = (np.interp(at_s[done] + side * took_s[done] / 2, reached, machine_s[first])
+    seconds = machine_s[first]
+    kept = np.append(np.flatnonzero(np.diff(seconds // _PACE_WINDOW_S)), len(seconds) - 1)
+    kept = np.union1d(0, kept)
+    begin, end = (np.interp(at_s[done] + side * took_s[done] / 2, reached[kept], seconds[kept])
                   for side in (-1, 1))
     pace = np.minimum(end - begin, 4 * took_s[done])  # a hold is no long bead
     return _Beads(place[done], direction[done], length[done], width[done], (begin + end) / 2, pace,
@@ -150,19 +156,26 @@ def _strips(
     beside = ((number + 0.5) / across[of] - 0.5) * beads.width_mm[of]
     top = np.round((beads.place_mm[of, 2] - plate_z_mm) / voxel[2]).astype(int)
     share = volume / (across * _PER_LAYER * _POINTS_PER_VOXEL)[:, None]
-    deposited = np.zeros((len(names) + 1, int(np.prod(shape))))
+    by_top = np.zeros((len(names), int(np.prod(shape)) + shape[2]))
     for step in range(_POINTS_PER_VOXEL):
         along = ((step + 0.5) / _POINTS_PER_VOXEL - 0.5) * beads.length_mm[of]
         place = beads.place_mm[of, :2] + along[:, None] * beads.direction[of, :2]
         place += beside[:, None] * np.stack(
             [-beads.direction[of, 1], beads.direction[of, 0]], axis=1)
-        i, j = ((place - low[:2]) / _VOXEL_MM).astype(int).T
-        for below in range(1, _PER_LAYER + 1):
-            cell = (i * shape[1] + j) * shape[2] + np.maximum(top - below, 0)
+        # Shared between the four voxels around it: whole points would fill neighbours unevenly.
+        corner, beyond = np.divmod((place - low[:2]) / _VOXEL_MM - 0.5, 1.0)
+        for right, back in np.ndindex(2, 2):
+            i, j = np.add(corner, (right, back)).astype(int).T
+            part_of = np.abs(1 - right - beyond[:, 0]) * np.abs(1 - back - beyond[:, 1])
+            cell = (i * shape[1] + j) * shape[2] + top
             for row in range(len(names)):
-                deposited[row] += np.bincount(cell, share[of, row],
-                                              minlength=deposited.shape[1])
-    voxels = deposited.reshape(len(names) + 1, *shape)
+                by_top[row] += np.bincount(cell, share[of, row] * part_of,
+                                           minlength=by_top.shape[1])
+    tops = by_top[:, : int(np.prod(shape))].reshape(len(names), *shape)
+    voxels = np.zeros((len(names) + 1, *shape))
+    for top_level in range(shape[2]):
+        for below in range(1, _PER_LAYER + 1):
+            voxels[: len(names), :, :, max(top_level - below, 0)] += tops[..., top_level]
     total = volume.sum(axis=1, keepdims=True)
     delivered = np.zeros((len(volume), len(names) + 1))
     delivered[:, :-1] = np.divide(volume, total, out=np.full_like(volume, np.nan), where=total > 0)

@@ -75,8 +75,9 @@ def _hoppers(plan: PlanStatistics) -> list[Finding]:
     found = []
     if plan.mm_above_recipe_speed:
         found.append(report_finding(
-            True, f"{plan.mm_above_recipe_speed:.0f} mm of path deposited up to {plan.greatest_speed_factor:g} "
-            "times as fast, with powder and power in proportion: a hopper meters no less"))
+            True, f"{plan.mm_above_recipe_speed:.0f} mm of path deposited up to "
+            f"{plan.greatest_speed_factor:g} times as fast, with powder and power in proportion: "
+            "a hopper meters no less"))
     if plan.rounded_mixture_mm:
         found.append(report_finding(
             False,
