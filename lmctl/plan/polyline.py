@@ -68,7 +68,7 @@ def resampled_polyline(points: FloatArray, spacing_mm: float, deviation_mm: floa
         length += np.sqrt((points[k + 1, 0] - points[k, 0]) ** 2
                           + (points[k + 1, 1] - points[k, 1]) ** 2)
     result = np.empty((n + int(length / spacing_mm) + 2, 2))
-    result[0] = points[0]
+    result[0, 0], result[0, 1] = points[0, 0], points[0, 1]
     count = 1
     x, y = points[0, 0], points[0, 1]
     ahead = 1  # the next vertex
@@ -96,7 +96,7 @@ def resampled_polyline(points: FloatArray, spacing_mm: float, deviation_mm: floa
         x, y, ahead = qx, qy, last
         result[count, 0], result[count, 1] = x, y
         count += 1
-    return result[:count].copy()
+    return result[:count]
 
 
 def simplified_vertex_indices(

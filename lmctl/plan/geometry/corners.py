@@ -55,7 +55,7 @@ def with_sharp_corners(
     while k < n:
         here = (first + k) % n
         if not kink[here]:
-            result[count] = points[here]
+            result[count, 0], result[count, 1] = points[here, 0], points[here, 1]
             count += 1
             k += 1
             continue
@@ -79,13 +79,14 @@ def with_sharp_corners(
                 replaced = True
         if not replaced:
             for m in range(length):
-                result[count] = points[(here + m) % n]
+                of = (here + m) % n
+                result[count, 0], result[count, 1] = points[of, 0], points[of, 1]
                 count += 1
         k += length
     if count < 3:
         return closed
-    result[count] = result[0]
-    return result[: count + 1].copy()
+    result[count, 0], result[count, 1] = result[0, 0], result[0, 1]
+    return result[: count + 1]
 
 
 @inner_kernel
