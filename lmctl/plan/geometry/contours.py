@@ -80,24 +80,39 @@ def _contours_kernel(
         some = np.empty((n + step - 1) // step)
         for k in range(len(some)):
             some[k] = _between(level, own[k * step, 0] / node, own[k * step, 1] / node)
-        number[tracks] = int(np.round(np.median(some) - 0.5))
+        number[tracks] = int(np.round(_median(some) - 0.5))
         found = resampled_polyline(
             with_sharp_corners(own[:n], segments, nearest, node, at_edge, is_central),
             spacing_mm, deviation_mm)
         if count + len(found) > len(points):
             more = np.empty((2 * (count + len(found)), 2))
             more_strip = np.empty(len(more))
-            more[:count], more_strip[:count] = points[:count], strip[:count]
+            for k in range(count):
+                more[k, 0], more[k, 1], more_strip[k] = points[k, 0], points[k, 1], strip[k]
             points, strip = more, more_strip
         for k in range(len(found)):
-            points[count] = found[k]
+            points[count, 0], points[count, 1] = found[k, 0], found[k, 1]
             strip[count] = min(most_mm, _strip(
                 found[k, 0] / node, found[k, 1] / node, number[tracks], level, strip_mm,
                 outer_count, pitch_mm, second_mm))
             count += 1
         tracks += 1
         starts[tracks] = count
-    return points[:count].copy(), strip[:count].copy(), starts[: tracks + 1], number[:tracks]
+    return points[:count], strip[:count], starts[: tracks + 1], number[:tracks]
+
+
+@inner_kernel
+def _median(values: FloatArray) -> float:
+    """The median of a few values, which are sorted in place; numpy's takes long to load."""
+    for k in range(1, len(values)):
+        value, at = values[k], k
+        while at > 0 and values[at - 1] > value:
+            values[at] = values[at - 1]
+            at -= 1
+        values[at] = value
+    middle = len(values) // 2
+    return float(values[middle] if len(values) % 2 else 0.5 * (
+        values[middle - 1] + values[middle]))
 
 
 @inner_kernel
