@@ -142,21 +142,24 @@ def _follow_bead(
     most: FloatArray, times: FloatArray, flow: FloatArray, n: int,
 ) -> int:
     """Knots along one bead after the one already there; returns how many there are then."""
+    goal = np.empty(wanted.shape[1])
     for k in range(first + 1, end):
         lasting = bead_s[k] - bead_s[k - 1]
         if not leads or (
             has_caught_up(flow[n - 1], wanted[k - 1], most)
             and deliverable_ramp_fraction(flow[n - 1], wanted[k], lasting, lag, most) >= 1.0 - 1e-9
         ):
-            times[n], flow[n] = bead_s[k], wanted[k]
+            times[n] = bead_s[k]
+            _put_between(flow[n], wanted[k], wanted[k], 0.0)
             n += 1
             continue
         pieces = max(1, int(np.ceil(lasting / MAX_KNOT_SPACING_S)))
         for piece in range(1, pieces + 1):
             times[n] = bead_s[k - 1] + lasting * piece / pieces if piece < pieces else bead_s[k]
-            goal = wanted[k - 1] + (wanted[k] - wanted[k - 1]) * piece / pieces
+            for m in range(len(goal)):
+                goal[m] = wanted[k - 1, m] + (wanted[k, m] - wanted[k - 1, m]) * piece / pieces
             share = deliverable_ramp_fraction(flow[n - 1], goal, times[n] - times[n - 1], lag, most)
-            flow[n] = flow[n - 1] + min(share, 1.0) * (goal - flow[n - 1])
+            _put_between(flow[n], flow[n - 1], goal, min(share, 1.0))
             n += 1
     return n
 
