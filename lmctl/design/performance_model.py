@@ -80,6 +80,7 @@ class PerformanceModel:
         The solvers stay, for adjoint loads of the same matrix.
         """
         d, conditions = self.discretisation, self.conditions
+        self.heat_solver = self.elastic_solver = None  # gives the memory of the last ones back
         properties = effective_properties(fractions, self.phases, self.rules, self.space.kind)
         temperature = self._temperature(properties)
         warming = d.at_places(temperature) - conditions.stress_free_C
