@@ -47,15 +47,15 @@ class FieldSolver:
         self._block = held.shape[1]
         self.n_unknowns = int(self._free.sum())
         self.iterations = 0
-        self._solve: Any
+        # No bound method is kept in its own object: that circle would hold the memory of a solver
+        # until cycles are collected, and there is one a design.
+        self._factors: Any = None
         if self.n_unknowns <= DIRECT_UNKNOWNS[dim]:
             inner = matrix.tocsc()[self._free][:, self._free]
             self._factors = splu(inner, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
                                  options={"SymmetricMode": True})
-            self._solve = lambda load, begin: self._factors.solve(load)
         else:
             self._prepare_multigrid(coarse, near_null)
-            self._solve = self._by_multigrid
 
     def solve(
         self, load: FloatArray, given: FloatArray | None = None, guess: FloatArray | None = None
@@ -69,8 +69,11 @@ class FieldSolver:
         values = np.zeros(self._free.size) if given is None else given.ravel().copy()
         values[self._free] = 0.0
         right = load.ravel() if given is None else load.ravel() - self._matrix @ values
-        begin = np.zeros(self.n_unknowns) if guess is None else guess.ravel()[self._free]
-        values[self._free] = self._solve(right[self._free], begin)
+        if self._factors is not None:
+            values[self._free] = self._factors.solve(right[self._free])
+        else:
+            begin = np.zeros(self.n_unknowns) if guess is None else guess.ravel()[self._free]
+            values[self._free] = self._by_multigrid(right[self._free], begin)
         return values.reshape(-1, self._block)
 
     def _prepare_multigrid(self, coarse: csr_matrix, near_null: FloatArray) -> None:

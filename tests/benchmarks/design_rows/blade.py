@@ -20,7 +20,7 @@ from lmctl.design.optimiser import read_state, search
 from lmctl.part.load import load_measured_part
 
 #: Edge length at which temperature and displacement have about 200,000 unknowns together.
-MESH_MM = 1.15
+MESH_MM = 1.19
 
 
 def main() -> None:
