@@ -26,7 +26,7 @@ TOLERANCE = 1e-8
 MAX_ITERATIONS = 500
 
 #: Bytes of memory an unknown takes: of the matrix in 2D and 3D, with solver and element arrays.
-BYTES_PER_UNKNOWN = {2: 4_000, 3: 11_000}
+BYTES_PER_UNKNOWN = {2: 4_000, 3: 6_000}
 
 
 class FieldSolver:
