@@ -1,4 +1,4 @@
-"""What was built, as voxels and along the path, whoever says so."""
+"""What was built, as voxels and along the path, simulated or predicted."""
 
 from __future__ import annotations
 

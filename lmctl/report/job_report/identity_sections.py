@@ -18,7 +18,7 @@ from lmctl.report.log_layout import NO_VALUE, date_of, format_duration, format_n
 from lmctl.report.part_report import PartReport
 from lmctl.report.run_record import RunRecord
 
-#: What each state of a part means to somebody who signs for it.
+#: What each state of a part means to the person who signs for it.
 _STATES = {
     "done": "done: every line of the job was executed",
     "stopped": "NOT COMPLETE: stopped by the operator",
