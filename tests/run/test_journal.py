@@ -277,6 +277,16 @@ def test_a_journal_of_another_format_is_not_called_damaged_or_something_else(tmp
     assert "the lmctl that wrote it" in refused.value.hint
 
 
+def test_a_journal_of_the_format_before_is_refused_with_the_new_names_of_its_fields(tmp_path):
+    path = tmp_path / "j"
+    path.write_text('{"seq":0,"format":"lmctl-journal-2"}\n')
+    with pytest.raises(JournalError, match="is a journal of format 2") as refused:
+        verify_journal(path)
+    for names in ("lit_line is now beam_on_line", "stands_mm is now standstill_mm",
+                  "stands is now active"):
+        assert names in refused.value.where[0]
+
+
 def test_a_line_without_end_is_refused_before_it_fills_memory(tmp_path):
     path = tmp_path / "j"
     with path.open("wb") as file:

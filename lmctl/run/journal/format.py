@@ -27,6 +27,10 @@ from lmctl.errors import JournalError, MissingFileError
 FORMAT_VERSION = 3
 FORMAT_NAME = f"lmctl-journal-{FORMAT_VERSION}"
 
+#: Fields renamed since a format: what a tool made for it has to be changed to.
+_RENAMED_SINCE = {2: {"lit_line": "beam_on_line", "stands_mm": "standstill_mm",
+                      "stands": "active"}}
+
 FIRST_PREVIOUS_HASH = "0" * 64
 
 #: A longer line is none of ours: reading it would only take memory.
@@ -44,9 +48,11 @@ class UnsupportedFormatError(JournalError):
     def __init__(self, path: Path, version: int, software: object) -> None:
         stated = isinstance(software, str) and software.isprintable()
         by = f"{str(software)[:60]} wrote it; " if stated else ""
+        renamed = "".join(f"; {old} is now {new}"
+                          for old, new in _RENAMED_SINCE.get(version, {}).items())
         super().__init__(
             f"{path} is a journal of format {version}",
-            where=f"{by}this lmctl reads format {FORMAT_VERSION}",
+            where=f"{by}this lmctl reads format {FORMAT_VERSION}{renamed}",
             hint="read it with the lmctl that wrote it, or a later one that still reads it",
         )
         self.version = version
