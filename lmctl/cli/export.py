@@ -65,8 +65,8 @@ def _export_job(job: Path, form: str, output: Path | None) -> Path:
             _write(target, [planned_layers_as_csv(reader)])
         else:
             _write(target, gcode_lines(reader, dialect))
-            print_message("note: times are those of the plan; whoever runs this elsewhere answers "
-                          "for interlocks, beam and gas")
+            print_message("note: times are those of the plan; interlocks, beam and gas are the "
+                          "task of the controller that runs this")
     return target
 
 

@@ -1,7 +1,7 @@
 """Process values of one layer while the beam is on: speed, power, flows, gas, mixture.
 
-Planned, reported and inferred values have one form, and are never mixed: whoever holds a
-`ProcessValues` states which kind it is.
+Planned, reported and inferred values have one form, and are never mixed: the field that
+holds a `ProcessValues` states which kind it is.
 """
 
 from __future__ import annotations

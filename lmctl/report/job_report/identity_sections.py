@@ -178,8 +178,8 @@ def calibration_section(report: PartReport) -> ReportSection:
                      None, f"machine profile, at S{job.s_max}"))
     return ReportSection("Calibration values used", (
         TableBlock(columns, tuple(rows)),
-        TextBlock("Blank: not in the journal. Whoever has measured a value, or holds the "
-                  "calibration file of the digest above, may fill that in."),
+        TextBlock("Blank: not in the journal. Fill in by hand what was measured, or what the "
+                  "calibration file of the digest above states."),
     ))
 
 
