@@ -22,6 +22,7 @@ from lmctl.config.simulation import (
     SimulationSettings,
     SupportSettings,
 )
+from lmctl.config.substrate import SubstrateSettings
 from lmctl.config.toml_file import ConfigModel
 from lmctl.config.traveller import TravellerSettings
 
@@ -157,6 +158,7 @@ class PartFile(ConfigModel):
         from the first
     composition : of the whole part; None where the bodies state their own
     placement : None centres the part on the platform, its lowest point at z = 0
+    substrate : what the first layer is deposited on
     traveller : what the job report prints of the part beside what the machine records
     face, load, support, heat, simulation : what acts on it in service, for `lmctl simulate`
     optimise : what is to be least, for `lmctl optimise`
@@ -171,6 +173,7 @@ class PartFile(ConfigModel):
     composition: Composition | None = None
     placement: PlacementSettings | None = None
     process: ProcessSettings = ProcessSettings()
+    substrate: SubstrateSettings = SubstrateSettings()
     traveller: TravellerSettings = TravellerSettings()
     face: Annotated[tuple[FaceSettings, ...], Field(max_length=1000)] = ()
     load: Annotated[tuple[LoadSettings, ...], Field(max_length=1000)] = ()
