@@ -32,3 +32,11 @@ def test_after_any_cut_kill_or_restart_every_millimetre_lies_once_and_in_its_pla
         found = list(shortfalls(reported, whole[one.dialect, one.has_laser_enable]))
         wrong += [f"python -m tests.faults.moments {seed}: {one}: {what}" for what in found]
     assert wrong == []
+
+
+def test_reports_that_come_again_prove_no_line_that_was_only_inferred(whole, tmp_path):
+    """A cable is broken for two seconds. By the clock the part was executed up to line 106; the
+    controller, which reports again, stands at line 103, the last that it had received."""
+    one = scenario(355445)
+    reported = run_scenario(one, tmp_path)
+    assert list(shortfalls(reported, whole[one.dialect, one.has_laser_enable])) == []

@@ -88,7 +88,7 @@ class Deposition:
     @property
     def lines_executed(self) -> int:
         """Lines of the job known to be executed."""
-        return max(self._reached.place.line, self._counted)
+        return max(self._reached.at_least.line, self._counted)
 
     @property
     def _counted(self) -> int:
