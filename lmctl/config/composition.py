@@ -262,8 +262,25 @@ class BlendPart(ConfigModel):
     weight: Annotated[float, Field(ge=0, le=1)] | None = None
 
 
+class SampledMixture(ConfigModel):
+    """Mixture on the voxels of a 3MF file (Volumetric Extension), as another program designed it.
+
+    file : the 3MF file; its coordinates, in millimetres, are those of the body
+    properties : name of the property that holds a material's volume fraction, by material; left
+        out, it is `volume fraction of MATERIAL`, as `lmctl export PART --to 3mf` writes it
+    """
+
+    file: FileName
+    properties: dict[str, Name] = Field(default_factory=dict)
+
+    def property_of(self, material: str) -> str:
+        """Name in the file of a material's volume fraction."""
+        return self.properties.get(material, f"volume fraction of {material}")
+
+
 class Composition(ConfigModel):
-    """Material of a part or body: a mixture at each distance to a feature, or a blend of several.
+    """Material of a part or body: a mixture at each distance to a feature, a blend of several, or
+    sampled in a file.
 
     blend, weights : (6)-(8): Σ wᵢ f(rᵢ) with constant weights that sum to 1, or with weights
         by inverse distance to the power `power`
@@ -274,6 +291,7 @@ class Composition(ConfigModel):
     blend: Annotated[tuple[BlendPart, ...], Field(max_length=100)] = ()
     weights: Literal["constant", "inverse-distance"] = "constant"
     power: Annotated[float, Field(gt=0, le=20)] = 1.0
+    sampled: SampledMixture | None = None
 
 
 def features_of(composition: Composition) -> list[Feature]:

@@ -25,6 +25,9 @@ def composition_findings(
     blend = composition.get("blend")
     parts = [part for part in blend if isinstance(part, dict)] if isinstance(blend, list) else []
     own = isinstance(composition.get("profile"), dict)
+    if isinstance(composition.get("sampled"), dict):
+        yield from _sampled_findings(path, composition, names)
+        return
     if own:
         yield from _part_findings(path, composition, names, bodies)
     if own and parts:
@@ -37,6 +40,18 @@ def composition_findings(
         yield from _part_findings(f"{path}.blend[{number}]", part, names, bodies)
     if parts:
         yield from _weight_findings(path, composition, parts)
+
+
+def _sampled_findings(
+    path: str, composition: dict[str, Any], names: list[str]
+) -> Iterator[Finding]:
+    for key in ("feature", "profile", "blend", "weights", "power"):
+        if key in composition:
+            yield Finding(f"{path}.{key}", "is not used: the mixture is sampled in a file")
+    stated = composition["sampled"].get("properties")
+    for name in stated if isinstance(stated, dict) else ():
+        if name not in names:
+            yield _no_material(f"{path}.sampled.properties", name, names)
 
 
 def _part_findings(
@@ -112,12 +127,16 @@ def _mixture_findings(path: str, mixture: Any, names: list[str]) -> Iterator[Fin
         return  # the model reports this
     for name in mixture:
         if name not in names:
-            guess = materials.suggest_name(name, names)
-            listed = guess or f"the part's materials are {', '.join(names) or 'missing'}"
-            yield Finding(path, f"there is no material {name!r}: {listed}")
+            yield _no_material(path, name, names)
     shares = list(mixture.values())
     if any(isinstance(v, bool) or not isinstance(v, int | float) for v in shares):
         return
     total = sum(shares)
     if isfinite(total) and not isclose(total, 1.0, rel_tol=0, abs_tol=SUM_TOLERANCE):
         yield Finding(path, f"the fractions sum to {total:g}, not to 1")
+
+
+def _no_material(path: str, name: str, names: list[str]) -> Finding:
+    guess = materials.suggest_name(name, names)
+    listed = guess or f"the part's materials are {', '.join(names) or 'missing'}"
+    return Finding(path, f"there is no material {name!r}: {listed}")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from lmctl.array_types import FloatArray
 from lmctl.config.bodies import CloudBody, MeshBody
-from lmctl.config.composition import FaceFeature, SheetFeature, features_of
+from lmctl.config.composition import FaceFeature, SampledMixture, SheetFeature, features_of
 from lmctl.config.part_file import PartFile
 from lmctl.errors import InputError, MissingFileError
 from lmctl.part.sources.files import DataFile, read_data_file
@@ -18,6 +18,7 @@ from lmctl.part.sources.mesh_topology import remove_slivers
 
 if TYPE_CHECKING:
     from lmctl.part.sources.cloud_files import PointCloud
+    from lmctl.part.sources.volumetric_3mf import VoxelProperty
 
 
 class PartData:
@@ -32,6 +33,7 @@ class PartData:
         self._meshes: dict[tuple[str, str | None, str | None], Mesh] = {}
         self._clouds: dict[tuple[str, str], PointCloud] = {}
         self._sheets: dict[SheetFeature, FloatArray] = {}
+        self._voxels: dict[tuple[str, ...], list[VoxelProperty]] = {}
         self.sources: dict[str, str] = {}
         self.warnings: list[str] = []
         self.notes: list[str] = []
@@ -43,11 +45,13 @@ class PartData:
         InputError; either names every file that cannot be used.
         """
         wrong: dict[str, InputError | MissingFileError] = {}
-        items = {(item.kind, item.file, item.units, _group(item)): item for item in _filed(part)}
+        items = {_key(item): item for item in _filed(part)}
         for item in items.values():
             try:
                 if isinstance(item, SheetFeature):
                     self.sheet(item)
+                elif isinstance(item, SampledMixture):
+                    self.voxels(item, part)
                 else:
                     self.points(item)
             except (InputError, MissingFileError) as error:
@@ -100,6 +104,17 @@ class PartData:
             self._sheets[feature] = corners
         return self._sheets[feature]
 
+    def voxels(self, sampled: SampledMixture, part: PartFile) -> list[VoxelProperty]:
+        """Volume fractions on voxels, one for each material of a part. Raises InputError."""
+        from lmctl.part.sources.volumetric_3mf import read_voxel_properties  # late, as above
+
+        names = tuple(sampled.property_of(material.name) for material in part.material)
+        key = sampled.file, *names
+        if key not in self._voxels:
+            found = read_voxel_properties(self._file(sampled.file), names)
+            self._voxels[key] = [found[name] for name in names]
+        return self._voxels[key]
+
     def face(self, body: MeshBody, feature: FaceFeature) -> FloatArray:
         """Triangles (m, 3, 3) float64 [mm] of one face of a mesh. Raises InputError."""
         from lmctl.part.faces import smooth_patch_around, triangles_of_group  # late, as above
@@ -115,11 +130,14 @@ class PartData:
         return file
 
 
-def _group(item: MeshBody | CloudBody | SheetFeature) -> str | None:
-    return item.group if isinstance(item, MeshBody) else None
+def _key(item: MeshBody | CloudBody | SheetFeature | SampledMixture) -> tuple[str | None, ...]:
+    """Equal for what is read once."""
+    if isinstance(item, SampledMixture):
+        return "sampled", item.file, repr(sorted(item.properties.items()))
+    return item.kind, item.file, item.units, item.group if isinstance(item, MeshBody) else None
 
 
-def _filed(part: PartFile) -> Iterator[MeshBody | CloudBody | SheetFeature]:
+def _filed(part: PartFile) -> Iterator[MeshBody | CloudBody | SheetFeature | SampledMixture]:
     """What of a part is in files, in the part file's order."""
     for body in part.body:
         if isinstance(body, MeshBody | CloudBody):
@@ -127,3 +145,5 @@ def _filed(part: PartFile) -> Iterator[MeshBody | CloudBody | SheetFeature]:
     for holder in (part, *part.body):
         if holder.composition is not None:
             yield from (f for f in features_of(holder.composition) if isinstance(f, SheetFeature))
+            if holder.composition.sampled is not None:
+                yield holder.composition.sampled

@@ -295,6 +295,7 @@ class BodyTree:
             tuple(material.name for material in self._part.material),
             lambda name: self._solid(self._number[name], False),
             self._triangles,
+            lambda sampled: self.data.voxels(sampled, self._part),
         )
 
     def _triangles(self, feature: FaceFeature | SheetFeature) -> FloatArray:

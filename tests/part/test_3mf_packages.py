@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from lmctl.errors import InputError
+from lmctl.part.sources.threemf_model import VOLUMETRIC_NAMESPACE
 from tests.part.angle_solid import VOLUME_MM3, model_xml, object_xml, package, read, volume_mm3
 
 PRODUCTION = "http://schemas.microsoft.com/3dmanufacturing/production/2015/06"
@@ -133,3 +134,11 @@ def test_mirrored_objects_still_face_out() -> None:
 )
 def test_what_cannot_be_meant_is_refused(objects: str, items: str, words: str) -> None:
     assert words in refused(package({START: model_xml(objects, items)}))
+
+
+def test_volumetric_data_beside_a_mesh_is_no_reason_to_refuse_it() -> None:
+    stated = f'xmlns:v="{VOLUMETRIC_NAMESPACE}" requiredextensions="v"'
+    main = model_xml(object_xml("1"), attributes=stated)
+    assert volume_mm3(read(package({START: main}), "3mf")) == pytest.approx(VOLUME_MM3)
+    shape = object_xml("1") + '<object id="2"><v:levelset functionid="1" meshid="1"/></object>'
+    assert "level set" in refused(package({START: model_xml(shape, attributes=stated)}))

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -32,6 +33,9 @@ from lmctl.part.materials.profiles import (
     TabulatedProfile,
 )
 
+if TYPE_CHECKING:
+    from lmctl.part.sources.volumetric_3mf import VoxelProperty
+
 
 @dataclass(frozen=True)
 class CompositionContext:
@@ -40,16 +44,23 @@ class CompositionContext:
     material_names : of the part's materials, in order
     body_named : a body by its name
     triangles_of : those a face or sheet feature names, (m, 3, 3) float64 [mm]
+    voxels_of : what a file holds of the named properties
     """
 
     material_names: tuple[str, ...]
     body_named: Callable[[str], Body]
     triangles_of: Callable[[config.FaceFeature | config.SheetFeature], FloatArray]
+    voxels_of: Callable[[config.SampledMixture], Sequence[VoxelProperty]]
 
 
 def composition_field_of(composition: config.Composition, body: Body,
                          around: CompositionContext) -> CompositionField:
     """The rule a checked composition states for a body."""
+    if composition.sampled is not None:
+        from lmctl.part.materials.sampled import sampled_composition  # late: few parts have one
+
+        return sampled_composition(
+            around.voxels_of(composition.sampled), body, composition.sampled.file)
     if not composition.blend:
         assert composition.profile is not None, "part_rules asks for it"
         return _graded(composition.feature, composition.profile, body, around)

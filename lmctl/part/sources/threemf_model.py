@@ -1,8 +1,9 @@
 """The XML model in a 3MF file: its unit, its objects and what of these it builds.
 
 The core of the format is read (meshes, components, build items and their transforms), and the
-references to other model files of its production extension. A model that requires any other
-extension is refused, as the format demands of readers without that extension.
+references to other model files of its production extension. Volumetric data leaves a mesh what it
+is, and is read elsewhere (`volumetric_3mf`); a shape given by a function is refused. So is a model
+that requires any other extension, as the format demands of readers without that extension.
 """
 
 from __future__ import annotations
@@ -24,6 +25,13 @@ MM_PER_3MF_UNIT = {
 }
 
 PRODUCTION_NAMESPACE = "http://schemas.microsoft.com/3dmanufacturing/production/2015/06"
+VOLUMETRIC_NAMESPACE = "http://schemas.3mf.io/3dmanufacturing/volumetric/2022/01"
+
+#: Extensions that a model may require: of the last, functions, only volumetric data makes use.
+READ_NAMESPACES = (
+    PRODUCTION_NAMESPACE, VOLUMETRIC_NAMESPACE,
+    "http://schemas.3mf.io/3dmanufacturing/implicit/2023/12",
+)
 
 #: What extensions are called that a model may require.
 EXTENSION_NAMES = {
@@ -35,8 +43,6 @@ EXTENSION_NAMES = {
     "http://schemas.microsoft.com/3dmanufacturing/trianglesets/2021/07": "triangle sets",
     "http://schemas.3mf.io/3dmanufacturing/booleanoperations/2023/07": "boolean operations",
     "http://schemas.3mf.io/3dmanufacturing/displacement/2023/10": "displacement",
-    "http://schemas.3mf.io/3dmanufacturing/volumetric/2022/01": "volumetric",
-    "http://schemas.3mf.io/3dmanufacturing/implicit/2023/12": "implicit",
 }
 
 #: Objects of this type, and those that state none, are solid.
@@ -100,6 +106,9 @@ def read_model(package: ThreemfPackage, part: str) -> ThreemfModel:
             namespace.append(of)
             model.unit = attributes.get("unit", model.unit)
             _check_extensions(package, attributes.get("requiredextensions", ""), prefixes)
+        if of == VOLUMETRIC_NAMESPACE and name == "levelset":
+            raise InputError(f"{package.file.path} gives a shape by a function (a level set)",
+                             hint="export it as triangles")
         if of != namespace[0]:
             return
         match name:
@@ -140,7 +149,7 @@ def _check_extensions(package: ThreemfPackage, required: str, prefixes: dict[str
     unknown = []
     for prefix in required.split():
         uri = prefixes.get(prefix, "")
-        if uri != PRODUCTION_NAMESPACE:
+        if uri not in READ_NAMESPACES:
             known = EXTENSION_NAMES.get(uri)
             unknown.append(f"{known} ({uri})" if known else uri or f"{prefix!r}, not declared")
     if unknown:
