@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.array_types import FloatArray, IndexArray
+from lmctl.as_built.believed_dilution import with_melted_below
 from lmctl.as_built.built_volume import BuiltVolume
 from lmctl.as_built.design_voxels import DesignVoxels, design_on_voxels
 from lmctl.as_built.figures import (
@@ -105,7 +106,8 @@ def compare_with_design(built: BuiltVolume, part: Part, job: JobReader) -> AsBui
         float(np.maximum(design.inside - filled, 0).sum(dtype=np.float64)) * voxel,
         float(np.maximum(filled - design.inside, 0).sum(dtype=np.float64)) * voxel,
         n_core * voxel, void, height, planned, composition_error(error, amount),
-        _by_path(built, part, offset, materials, layer_mm), layers, _balance(built), built.notes,
+        _by_path(built, part, job, offset, materials, layer_mm), layers, _balance(built),
+        built.notes,
     )
     return AsBuiltComparison(summary, corner, built.voxel_mm, materials, filled, design, kept,
                              found, wanted, error)
@@ -171,10 +173,14 @@ def _layers(built: BuiltVolume, job: JobReader) -> tuple[tuple[BuiltLayer, ...],
 
 
 def _by_path(
-    built: BuiltVolume, part: Part, offset_mm: FloatArray, materials: tuple[str, ...],
-    layer_mm: float,
+    built: BuiltVolume, part: Part, job: JobReader, offset_mm: FloatArray,
+    materials: tuple[str, ...], layer_mm: float,
 ) -> CompositionError | None:
-    """The path against the part's composition, in the middle of the layer under the tool point."""
+    """The path against the part's composition, in the middle of the layer under the tool point.
+
+    Powder of a job that makes up for dilution is another than the part's: it is compared with what
+    it melts from below, by the dilution that the job believes.
+    """
     path = built.path
     if not len(path.line):
         return None
@@ -184,6 +190,7 @@ def _by_path(
     found = np.zeros_like(wanted)
     for row, name in enumerate(_counted_as(built, materials)):
         found[:, materials.index(name)] += path.delivered[:, row]
+    found = with_melted_below(found, under, part, job, layer_mm, materials)
     error = np.abs(found - wanted).max(axis=1)
     return composition_error(np.where(np.isnan(error), np.inf, error), path.beam_on_mm)
 

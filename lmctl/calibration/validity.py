@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from lmctl.calibration.calibration_file import Calibration, MeasurementConditions
+from lmctl.config.dilution import MAX_DILUTION, DilutionSettings
 from lmctl.config.machine import HopperSettings, MachineProfile
 from lmctl.config.measuring import CalibrationSettings, CalibrationUse
 from lmctl.errors import ConfigError
@@ -140,5 +141,23 @@ def calibrated_profile(profile: MachineProfile, calibration: Calibration) -> Mac
             measured[f"catch of {hopper.material}"] = caught.conditions.measured
             update["catch_efficiency"] = caught.efficiency.value
         hoppers.append(hopper.model_copy(update=update))
-    return profile.with_measured_hoppers(tuple(hoppers),
-                                         CalibrationUse(calibration.digest, measured, half_widths))
+    dilution = _measured_dilution(profile, calibration)
+    for one in calibration.dilution:
+        measured[f"dilution of {one.material}"] = one.conditions.measured
+    return profile.with_measured_values(
+        tuple(hoppers), dilution, CalibrationUse(calibration.digest, measured, half_widths))
+
+
+def _measured_dilution(
+    profile: MachineProfile, calibration: Calibration
+) -> tuple[DilutionSettings, ...]:
+    """Measured dilutions, and those typed in of powders that were not tested."""
+    tested = {one.material for one in calibration.dilution}
+    return (
+        *(DilutionSettings(
+            share=min(one.dilution.value, MAX_DILUTION), low=max(one.dilution.low, 0.0),
+            high=min(one.dilution.high, MAX_DILUTION), energy_J_mm=one.energy_J_mm,
+            material=one.material)
+          for one in calibration.dilution),
+        *(typed for typed in profile.dilution if typed.material not in tested
+          and not (typed.material is None and tested)))

@@ -14,6 +14,7 @@ from typing import Annotated, Literal, get_args
 from pydantic import AfterValidator, Field, PrivateAttr, field_validator, model_validator
 
 from lmctl.config import toml_file
+from lmctl.config.dilution import DilutionSettings, dilution_mistakes
 from lmctl.config.measuring import (
     CalibrationSettings,
     CalibrationUse,
@@ -221,7 +222,10 @@ class SafetySettings(ModbusDevice):
 
 
 class MachineProfile(ConfigModel):
-    """A whole cell. Raises ConfigError with every mistake at once when read by `load`."""
+    """A whole cell. Raises ConfigError with every mistake at once when read by `load`.
+
+    dilution : of its powders, by energy per length; measured ones stand in for those typed in
+    """
 
     name: PlainName
     motion: MotionSettings
@@ -231,6 +235,7 @@ class MachineProfile(ConfigModel):
     safety: SafetySettings | None = None
     scale: ScaleSettings | None = None
     calibration: CalibrationSettings | None = None
+    dilution: Annotated[tuple[DilutionSettings, ...], Field(max_length=1000)] = ()
     _calibration_use: CalibrationUse | None = PrivateAttr(default=None)
 
     @property
@@ -238,11 +243,12 @@ class MachineProfile(ConfigModel):
         """Where measured values have come from; None where all are as typed in."""
         return self._calibration_use
 
-    def with_measured_hoppers(
-        self, hoppers: tuple[HopperSettings, ...], use: CalibrationUse
+    def with_measured_values(
+        self, hoppers: tuple[HopperSettings, ...], dilution: tuple[DilutionSettings, ...],
+        use: CalibrationUse,
     ) -> MachineProfile:
-        """The same cell with hoppers as they were measured."""
-        profile = self.model_copy(update={"hopper": hoppers})
+        """The same cell with hoppers and dilution as they were measured."""
+        profile = self.model_copy(update={"hopper": hoppers, "dilution": dilution})
         profile._calibration_use = use
         return profile
 
@@ -275,13 +281,15 @@ class MachineProfile(ConfigModel):
             <= getattr(self.motion.travel_mm, axis)[1]
         ]
         wrong += [f"motion.purge_mm is outside the travel in {axis}" for axis in outside]
+        wrong += dilution_mistakes(self.dilution)
         if wrong:
             raise ValueError("; ".join(wrong))
         return self
 
     def planning_digest(self) -> str:
         """SHA-256 of what planning uses: not endpoints and safety, and not θ, τ, slope and offset,
-        which a run may relearn. A measured catch efficiency is in it where there is one.
+        which a run may relearn. Measured catch efficiencies and dilutions are in it where there are
+        any.
 
         A job planned for a profile runs on any profile of equal digest.
         """
@@ -301,6 +309,8 @@ class MachineProfile(ConfigModel):
         for hopper in used["hopper"]:
             if hopper["catch_efficiency"] is None:
                 del hopper["catch_efficiency"]
+        if not used["dilution"]:
+            del used["dilution"]
         return hashlib.sha256(json.dumps(used, sort_keys=True).encode()).hexdigest()
 
 

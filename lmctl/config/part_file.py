@@ -112,6 +112,8 @@ class ProcessSettings(ConfigModel):
     outline_tracks : tracks along the outline around hatch lines
     region : bodies and layers with strategies of their own
     dead_time_error_s : how far dead times may be off, in what "auto" compares
+    dilution : whether powder is fed so that the bead has the part's mixture after the pool has
+        melted some of the layer below into it, where the machine's dilution is known
     """
 
     bead_width_mm: Annotated[float, Field(ge=0.05, le=100)] = 2.0
@@ -140,6 +142,7 @@ class ProcessSettings(ConfigModel):
     hatch_blocks: Literal["none", "stripes", "islands"] = "none"
     hatch_block_mm: Annotated[float, Field(ge=1, le=1000)] = 20.0
     outline_tracks: Annotated[int, Field(ge=0, le=10)] = 1
+    dilution: Literal["compensate", "ignore"] = "compensate"
     region: Annotated[tuple[StrategyRegion, ...], Field(max_length=1000)] = ()
 
 

@@ -107,8 +107,9 @@ class LayerMixture:
     """What the beads of one layer are made of: volume fractions in the materials' order, each the
     mean over the length of bead.
 
-    layer : index; designed : as the part file has it along the beads; planned : as the program has
-    it; predicted : as the nozzle is predicted to deposit it
+    layer : index; designed : as the part file has it along the beads; planned : as the program
+    feeds it; predicted : as the bead is predicted to be, with what it melts of the layer below
+    where dilution is compensated
     """
 
     layer: int

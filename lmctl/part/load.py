@@ -186,12 +186,13 @@ def _part_of(part: config.PartFile, text: str, tree: BodyTree, report: Report | 
         named_bodies=named_bodies(part, tree),
         strategy_bodies={region.body: tree.named_body(region.body)
                          for region in part.process.region if region.body is not None},
+        substrate=part.substrate,
     )
 
 
 def _not_noted(process: config.ProcessSettings) -> set[str]:
     """Keys whose defaults nobody need be told: named elsewhere, or of another strategy."""
-    keys = {"power_W", "speed_mm_s", "region"}
+    keys = {"power_W", "speed_mm_s", "region", "dilution"}
     if process.strategy != "hatch" and not any(r.strategy == "hatch" for r in process.region):
         keys |= {"hatch", "hatch_angle_deg", "hatch_turn_deg", "hatch_blocks", "outline_tracks"}
     if process.strategy != "auto":

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from lmctl.array_types import FloatArray
 from lmctl.config.part_file import ProcessSettings
+from lmctl.config.substrate import SubstrateSettings
 from lmctl.field.grid import Grid, Window
 from lmctl.field.outline_distance import plane_distance
 from lmctl.field.plane import PlaneGrid
@@ -70,6 +71,7 @@ class Part:
         tolerance is stated or nothing is fitted
     named_bodies : those it is made of
     strategy_bodies : by name, those that the process gives a strategy of their own
+    substrate : what the first layer is deposited on
     """
 
     name: str
@@ -87,6 +89,7 @@ class Part:
     surface_error_mm: float | None = None
     named_bodies: NamedBodies = NO_NAMED_BODIES
     strategy_bodies: Mapping[str, Body] = field(default_factory=dict)
+    substrate: SubstrateSettings = field(default_factory=SubstrateSettings)
 
     @property
     def bounds_mm(self) -> Bounds:

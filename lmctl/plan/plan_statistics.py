@@ -118,10 +118,10 @@ class PlanStatistics:
 
     def add_mixture(self, layer: int, along: MixturePrediction) -> None:
         """What layer `layer` of the job is predicted to be deposited of."""
-        length_mm = along.length_mm
+        length_mm, m = along.length_mm, len(self.recipe.materials)
         self.mixtures.append(LayerMixture(layer, *(
             tuple(np.average(fractions, axis=0, weights=length_mm).round(4).tolist())
-            for fractions in (along.designed, along.planned, along.predicted))))
+            for fractions in (along.designed[:, :m], along.fed, along.predicted[:, :m]))))
         self.asked_mm += float(length_mm.sum())
         self.correct_mixture_mm += float(length_mm[~_differ(along.predicted, along.designed)].sum())
         self.worst_mixture = max(

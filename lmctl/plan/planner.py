@@ -20,6 +20,7 @@ from lmctl.job.manifest_json import part_digest
 from lmctl.job.schema import JobHopper, JobManifest
 from lmctl.job.writer import JobWriter
 from lmctl.plan.completeness import Completeness
+from lmctl.plan.dilution import compensation_of, with_known_dilution
 from lmctl.plan.execution import LocalWorkers, StageWorkers, ordered_results
 from lmctl.plan.geometry import LayerGeometry
 from lmctl.plan.layer_range import nothing_to_deposit
@@ -70,7 +71,7 @@ def plan_job(
     JobError where the file cannot be written.
     """
     options = options or PlanOptions()
-    part, choice = with_chosen_strategy(part, profile)
+    part, choice = with_chosen_strategy(with_known_dilution(part, profile), profile)
     planning = _Planning(part, profile, options, choice)
     with JobWriter(out) as job, options.open_workers(part) as workers:
         for layer in ordered_results(workers.text, planning.sequenced(workers), workers.window):
@@ -97,7 +98,9 @@ class _Planning:
         self._profile = profile
         self._options = options
         self._recipe = recipe_of(part, profile, self._whole_placement.layer_height_mm)
-        self._sequencer = LayerSequencer(part.name, part.process, self._recipe, profile)
+        self._dilution = compensation_of(part, profile, self._recipe)
+        self._sequencer = LayerSequencer(
+            part.name, part.process, self._recipe, profile, self._dilution)
         self._completeness = Completeness(
             part.process, self._whole_placement.layer_height_mm,
             self._whole_placement.uncovered_height_mm(), part.named_bodies)
@@ -168,6 +171,16 @@ class _Planning:
                                  "planned with --allow-overhang")
         yield from (report_finding(*found) for found in completeness.findings())
 
+    def _dilution_findings(self) -> Iterator[Finding]:
+        if self._dilution is None:
+            return
+        if not self._dilution.knows_substrate:
+            yield report_finding(
+                False, "the first layer does not make up for dilution: the part file does not say "
+                "what the substrate is of ([substrate] material)")
+        yield from (report_finding(*found) for found in
+                    self._sequencer.dilution_statistics.findings(self._part.named_bodies))
+
     def manifest(self) -> JobManifest:
         """The manifest of all layers planned, without its layer table.
 
@@ -178,7 +191,8 @@ class _Planning:
         findings = [
             *([] if self._choice is None else [report_finding(True, self._choice.as_text())]),
             *self._completeness_findings(),
-            *plan_report(statistics, self._placement, part.process.powder)]
+            *plan_report(statistics, self._placement, part.process.powder),
+            *self._dilution_findings()]
         warnings = [*part.warnings, *(f["text"] for f in findings if f["level"] == "warning")]
         x, y, z = self._placement.offset_mm
         low, high = statistics.low_mm.tolist(), statistics.high_mm.tolist()
@@ -201,6 +215,8 @@ class _Planning:
             totals=statistics.totals(self._sequencer.duration_s, warnings)
             | self._completeness.totals()
             | {"strategy": part.process.strategy}
+            | ({} if self._dilution is None else {
+                "dilution": self._sequencer.dilution_statistics.totals(part.named_bodies)})
             | ({} if part.surface_error_mm is None else
                {"surface_error_mm": round(part.surface_error_mm, 4)}),
             verdict=tuple(findings),

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from lmctl.part.materials.powders import MaterialSpec
     from lmctl.part.part import Part
 
+#: Speed differs from the recipe's by at most this factor, up or down, to follow the strip width;
+#: a strip beyond it is deposited too low or too high, which the built fraction reports.
+MAX_SPEED_CHANGE_FACTOR = 1.5
 #: A flow below this is none [g/s].
 _NO_FLOW_G_S = 1e-12
 
@@ -76,6 +79,11 @@ class Recipe:
     def power(self, fractions: FloatArray) -> FloatArray:
         """Beam power of mixtures (..., m), between the pure recipes [W]."""
         return np.asarray(fractions @ self.power_W)
+
+    def strip_speed_factor(self, strip_width_mm: FloatArray) -> FloatArray:
+        """Factor on the speed for a strip: nominal pitch over its width, within limits."""
+        return np.clip(self.pitch_mm / strip_width_mm, 1 / MAX_SPEED_CHANGE_FACTOR,
+                       MAX_SPEED_CHANGE_FACTOR)
 
     def flow_g_s(self, fractions: FloatArray, speed_factor: FloatArray | float = 1.0) -> FloatArray:
         """Flow of each hopper for mixtures (..., m) deposited at `speed_factor` times the recipe's

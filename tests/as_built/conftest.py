@@ -49,7 +49,7 @@ class BoxJob:
     def __init__(self) -> None:
         layers = tuple(
             SimpleNamespace(z_mm=0.8 * (k + 1), first_line=10 * k) for k in range(10))
-        self.manifest = SimpleNamespace(part_offset_mm=tuple(AT_MM), layers=layers)
+        self.manifest = SimpleNamespace(part_offset_mm=tuple(AT_MM), layers=layers, totals={})
 
     def iterate_layers(self) -> Iterator[SimpleNamespace]:
         for entry in self.manifest.layers:

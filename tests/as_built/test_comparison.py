@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from lmctl.as_built.comparison import compare_with_design, composition_error
+from lmctl.config.substrate import SubstrateSettings
 from lmctl.errors import InputError
 
 
@@ -112,6 +113,24 @@ def test_the_path_counts_by_its_length_and_what_got_nothing_is_wrong(bar, job, p
         job).summary.by_path
     assert found.within[0.02] == pytest.approx((600 - 90) / (600 + 120))
     assert found.within[0.03] == pytest.approx((600 - 30 + 120) / (600 + 120))
+
+
+def test_powder_that_makes_up_for_dilution_is_compared_with_what_it_melts(bar, job, perfect):
+    """On a plate of A, 0.2 of which is melted: beyond 0.82 of B powder cannot make up for it."""
+    path = perfect.path
+    plate = replace(bar, substrate=SubstrateSettings(material="A"))
+    delivered = path.delivered.copy()
+    first = path.line < 10
+    delivered[first, 1] = np.minimum(delivered[first, 1] / 0.8, 1.0)
+    delivered[first, 0] = 1.0 - delivered[first, 1]
+    built = replace(perfect, path=replace(path, delivered=delivered))
+    plain = compare_with_design(built, plate, job).summary.by_path
+    assert plain.within[0.02] < 0.92
+    job.manifest.totals["dilution"] = {"share": 0.2, "compensated_fraction": 1.0}
+    found = compare_with_design(built, plate, job).summary.by_path
+    assert found.within[0.02] == pytest.approx(1 - 0.1 * 4 / 20)
+    unknown = compare_with_design(perfect, bar, job).summary.by_path  # first layer as designed
+    assert unknown.within[0.02] == 1.0
 
 
 def test_powder_closes(bar, job, perfect):

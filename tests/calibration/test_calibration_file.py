@@ -12,6 +12,7 @@ import pytest
 from lmctl.calibration import (
     Calibration,
     CatchCalibration,
+    DilutionCalibration,
     HopperCalibration,
     MeasuredValue,
     MeasurementConditions,
@@ -21,6 +22,7 @@ from lmctl.calibration import (
     save_calibration,
 )
 from lmctl.calibration.validity import refuse_invalid
+from lmctl.config.dilution import DilutionSettings
 from lmctl.config.machine import MachineProfile, load_profile
 from lmctl.config.measuring import CalibrationSettings
 from lmctl.errors import ConfigError, MissingFileError
@@ -154,5 +156,23 @@ def test_measured_values_stand_in_for_typed_ones() -> None:
     assert use is not None
     assert set(use.measured) == {"hopper A", "catch of 316L"}
     assert profile.planning_digest() != cell().planning_digest()
+    assert profile.dilution == ()
     only_hopper = calibrated_profile(cell(), calibration())
     assert only_hopper.planning_digest() == cell().planning_digest()
+
+
+def test_measured_dilution_stands_in_for_what_was_typed_of_the_same_powder() -> None:
+    typed = (DilutionSettings(share=0.1, material="316L"),
+             DilutionSettings(share=0.3, material="WC-12Co"), DilutionSettings(share=0.25))
+    measured = DilutionCalibration(material="316L", substrate="S235", conditions=conditions(),
+                                   energy_J_mm=150.0, dilution=value(0.01, 0.02))
+    profile = calibrated_profile(cell(dilution=typed), calibration().with_dilution(measured))
+    first, second = profile.dilution
+    assert (first.share, first.low, first.high) == (0.01, 0.0, 0.03)
+    assert (first.energy_J_mm, first.material) == (150.0, "316L")
+    assert second == typed[1]
+    use = profile.calibration_use
+    assert use is not None
+    assert "dilution of 316L" in use.measured
+    assert profile.planning_digest() != cell(dilution=typed).planning_digest()
+    assert cell().planning_digest() != cell(dilution=typed).planning_digest()

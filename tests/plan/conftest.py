@@ -11,6 +11,7 @@ import pytest
 import lmctl.examples
 from lmctl.config.machine import load_profile
 from lmctl.config.part_file import ProcessSettings
+from lmctl.config.substrate import SubstrateSettings
 from lmctl.field.outline_distance import plane_distance
 from lmctl.field.plane import PlaneGrid
 from lmctl.part.materials.powders import MaterialSpec
@@ -24,6 +25,7 @@ MATERIALS = (
     MaterialSpec("WC-12Co", 0.0143, None, 0.55, 1800.0, 10.0, ()),
 )
 PROCESS = ProcessSettings()
+UNKNOWN_PLATE = SubstrateSettings()
 
 
 @dataclass(frozen=True)
@@ -112,6 +114,7 @@ class FakePart:
     turning_mm: tuple = ()
     surface_error_mm: float | None = None
     named_bodies: NamedBodies = NO_NAMED_BODIES
+    substrate: SubstrateSettings = UNKNOWN_PLATE
 
     @property
     def turning_heights_mm(self):

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmctl.array_types import FloatArray, IndexArray
+from lmctl.plan.melted_below import MeltedBelow
 
 #: What a lost piece of a slice is: all of a layer, a whole island, a part of an island thinner
 #: than the beads that fill the rest, a closed void between tracks, or what is flatter than a layer.
@@ -117,6 +118,10 @@ class LayerGeometry:
     outline_mm : (k, 2) float64, all closed loops of the intended slice, each with its first point
         repeated last, the inside on the left
     outline_starts : (l + 1,) intp, loop k is outline_mm[outline_starts[k] : outline_starts[k + 1]]
+    fractions_below : (n, materials) float64, the material field one layer lower; None in the
+        lowest layer, and where dilution is not compensated
+    melted : what beads melt of the layer below; then `fractions` are those to feed. None as
+        geometry makes it, where they are the part's own
     """
 
     layer: int
@@ -131,6 +136,8 @@ class LayerGeometry:
     outline_starts: IndexArray
     figures: LayerFigures
     is_directed: NDArray[np.bool_] | None = None
+    fractions_below: FloatArray | None = None
+    melted: MeltedBelow | None = None
 
     @property
     def n_tracks(self) -> int:

@@ -61,7 +61,13 @@ def layer_geometry(part: Part, placement: Placement, layer: int) -> LayerGeometr
     flat = flat_pieces(part, placement, layer, loops)
     if flat:
         figures = replace(figures, lost=(*figures.lost, *flat))
-    return _geometry(number, z_mm, lines, len(part.materials), loops, figures)
+    found_layer = _geometry(number, z_mm, lines, len(part.materials), loops, figures)
+    if process.dilution == "ignore" or number == 0:
+        return found_layer
+    points = found_layer.points_mm
+    below_mm = np.full(len(points), placement.cut_height_mm(layer - 1))
+    return replace(found_layer, fractions_below=part.composition(
+        np.column_stack([points, below_mm])))
 
 
 def _slice_task(

@@ -26,9 +26,6 @@ from lmctl.plan.sequence.speed_factor import speed_factors
 from lmctl.plan.sequence.track_order import OrderedTracks
 from lmctl.plan.sequence.weak_flow import metered_levels
 
-#: Speed differs from the recipe's by at most this factor, up or down, to follow the strip width;
-#: a strip beyond it is deposited too low or too high, which the built fraction reports.
-MAX_SPEED_CHANGE_FACTOR = 1.5
 #: Segments are made to last this part of what a line may: corners take time.
 _FILL = 0.9
 
@@ -107,7 +104,8 @@ def make_beads(
     at, starts = bead_vertices(tracks, fixed_mm, recipe.bead_mm, recipe.pitch_mm)
     slowest = np.minimum.reduceat(
         recipe.speed(levels), np.searchsorted(runs.track, np.arange(tracks.n_tracks)))
-    slowest *= np.minimum.reduceat(_speed_change(tracks.strip_width_mm, recipe), tracks.starts[:-1])
+    slowest *= np.minimum.reduceat(
+        recipe.strip_speed_factor(tracks.strip_width_mm), tracks.starts[:-1])
     at, starts = _densified(at, starts, _FILL * longest_s * slowest)
     along, strips = tracks.along_mm, np.interp(at, tracks.along_mm, tracks.strip_width_mm)
     deposited = np.column_stack([np.interp(at, knots_mm, level) for level in knots.T])
@@ -115,7 +113,7 @@ def make_beads(
     beads = Beads(
         points_mm=np.column_stack([np.interp(at, along, axis) for axis in tracks.points_mm.T]),
         fractions=deposited, along_mm=at, starts=starts,
-        speed_mm_s=recipe.speed(middle) * _speed_change(_from_before(strips), recipe),
+        speed_mm_s=recipe.speed(middle) * recipe.strip_speed_factor(_from_before(strips)),
         power_W=recipe.power(middle),
         width_mm=_from_before(strips) * (recipe.bead_mm / recipe.pitch_mm),
         speed_factor=np.ones(tracks.n_tracks),
@@ -138,12 +136,6 @@ def _track_means(tracks: OrderedTracks) -> FloatArray:
     size = np.diff(tracks.starts)
     mean = np.add.reduceat(tracks.fractions, tracks.starts[:-1]) / size[:, None]
     return np.asarray(np.repeat(mean, size, axis=0))
-
-
-def _speed_change(strip_width_mm: FloatArray, recipe: Recipe) -> FloatArray:
-    """Factor on the speed for a strip: nominal pitch over its width, within limits."""
-    return np.clip(recipe.pitch_mm / strip_width_mm, 1 / MAX_SPEED_CHANGE_FACTOR,
-                   MAX_SPEED_CHANGE_FACTOR)
 
 
 def _from_before(values: FloatArray) -> FloatArray:

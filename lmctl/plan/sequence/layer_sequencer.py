@@ -16,6 +16,7 @@ from lmctl.config.machine import MachineProfile
 from lmctl.config.part_file import ProcessSettings
 from lmctl.errors import PlanError
 from lmctl.job.schema import LineKind
+from lmctl.plan.dilution import DilutionCompensation, DilutionStatistics
 from lmctl.plan.geometry import LayerGeometry
 from lmctl.plan.plan_statistics import PlanStatistics
 from lmctl.plan.program_text.layer_text import CLOSING_LINES, OPENING_LINES, LayerLines
@@ -61,11 +62,16 @@ class SequenceState:
 
 
 class LayerSequencer:
-    """Sequences the layers of one part in order; `statistics` sums up those done so far."""
+    """Sequences the layers of one part in order; the statistics sum up those done so far.
+
+    dilution : compensates for it; None: beads are taken to be of what is fed
+    """
 
     def __init__(
         self, part_name: str, process: ProcessSettings, recipe: Recipe, profile: MachineProfile,
+        dilution: DilutionCompensation | None = None,
     ) -> None:
+        self._dilution = dilution
         self._part_name = part_name
         self._process = process
         self._profile = profile
@@ -86,6 +92,8 @@ class LayerSequencer:
         self._home_mm = np.asarray(profile.motion.purge_mm, dtype=np.float64)
         self._state = SequenceState(self._home_mm)
         self.statistics = PlanStatistics(recipe)
+        self.dilution_statistics = DilutionStatistics(
+            (*(material.name for material in recipe.materials), "substrate"))
 
     @property
     def duration_s(self) -> float:
@@ -105,6 +113,7 @@ class LayerSequencer:
         power that S words cannot express.
         """
         number = geometry.layer - placement.skipped
+        geometry = self._compensated(geometry, number)
         if self._leads and self._process.strategy != "iso-3d":
             cut = cut_tracks(geometry, self._recipe)
             geometry = cut.geometry
@@ -132,6 +141,14 @@ class LayerSequencer:
             mixture=state.mixture if beads is None else beads.fractions[-1],
             flow_g_s=flow.g_s[-1])
         return layer
+
+    def _compensated(self, geometry: LayerGeometry, number: int) -> LayerGeometry:
+        """The layer with the mixtures to feed, which make up for dilution where it is known."""
+        if self._dilution is None or geometry.n_tracks == 0:
+            return geometry
+        layer = self._dilution.compensated(geometry, number)
+        self.dilution_statistics.add_layer(number, geometry, layer)
+        return geometry if layer is None else layer.geometry
 
     def _beads(self, number: int, tracks: OrderedTracks) -> Beads | None:
         if tracks.n_tracks == 0:

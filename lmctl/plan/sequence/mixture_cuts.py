@@ -92,6 +92,7 @@ def _cut_at(geometry: LayerGeometry, at: IntArray) -> LayerGeometry:
     return replace(
         geometry, points_mm=geometry.points_mm[vertex],
         strip_width_mm=geometry.strip_width_mm[vertex], fractions=geometry.fractions[vertex],
+        melted=None if geometry.melted is None else geometry.melted.at_vertices(vertex),
         starts=np.concatenate([[0], np.cumsum(size)]).astype(np.intp),
         is_closed=np.array(closed, dtype=np.bool_), island=geometry.island[tracks],
         is_directed=None if directed is None else directed[tracks])

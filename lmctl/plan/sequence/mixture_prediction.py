@@ -21,13 +21,18 @@ _EVERY_S = 0.05
 
 @dataclass(frozen=True)
 class MixturePrediction:
-    """Volume fractions (q, materials) along so much bead each, (q,): as the nozzle is predicted to
-    deposit them, as planned, and as the part file has them."""
+    """Volume fractions (q, materials) along so much bead each, (q,): as beads are predicted to be
+    deposited, as planned, and as the part file has them; and as the program feeds them.
+
+    Where dilution is compensated, predicted and planned are of the bead with what it melts from
+    below, and all but `fed` have a last column for a substrate that is none of the materials.
+    """
 
     length_mm: FloatArray
     predicted: FloatArray
     planned: FloatArray
     designed: FloatArray
+    fed: FloatArray
 
 
 def predict_mixture(
@@ -37,7 +42,8 @@ def predict_mixture(
     """One layer's prediction; `hoses` goes on by that layer.
 
     moves : lines that end at `end_s` (n,), the first of them starting at `start_mm`, `start_s`
-    The part's own mixture is that at the tracks' vertices, linear in between.
+    The part's own mixture is that at the tracks' vertices, linear in between, and so is what beads
+    melt of the layer below.
     """
     bead = np.flatnonzero(moves.kind == LineKind.BEAD)
     begin_s = np.concatenate([[start_s], end_s[:-1]])[bead]
@@ -50,9 +56,12 @@ def predict_mixture(
         hoses.advance(flow.times_s, flow.g_s, begin_s[line] + share * lasting_s[line]))
     along = moves.along_mm[bead]
     at = along[line, 0] + share * (along[:, 1] - along[:, 0])[line]
-    return MixturePrediction(
-        length_mm=moves.lengths_mm(start_mm)[bead][line] / pieces[line],
-        predicted=predicted,
-        planned=before[line] + share[:, None] * (moves.fractions[bead] - before)[line],
-        designed=np.column_stack([
-            np.interp(at, tracks.along_mm, column) for column in tracks.fractions.T]))
+    length_mm = moves.lengths_mm(start_mm)[bead][line] / pieces[line]
+    fed = before[line] + share[:, None] * (moves.fractions[bead] - before)[line]
+    if tracks.melted is not None:
+        melted = tracks.melted.at_lengths(tracks.along_mm, at)
+        return MixturePrediction(length_mm, melted.laid(predicted), melted.laid(fed),
+                                 melted.designed, fed)
+    designed = np.column_stack([
+        np.interp(at, tracks.along_mm, column) for column in tracks.fractions.T])
+    return MixturePrediction(length_mm, predicted, fed, designed, fed)

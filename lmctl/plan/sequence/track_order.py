@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from lmctl.array_types import FloatArray, IndexArray
 from lmctl.field.kernel import inner_kernel, kernel
 from lmctl.plan.geometry.layer_geometry import LayerGeometry
+from lmctl.plan.melted_below import MeltedBelow
 from lmctl.plan.sequence.flat_arrays import arc_lengths_mm, indices_within_stretches
 
 #: "spread" turns the seam by the golden angle from layer to layer, so that no ridge builds up;
@@ -38,7 +39,9 @@ class OrderedTracks:
     """The tracks of a layer as they are deposited, one after the other; n vertices, m tracks.
 
     points_mm : (n, 2) float64; strip_width_mm : (n,) float64
-    fractions : (n, materials) float64, the part's material field
+    fractions : (n, materials) float64, to be fed: the part's material field, or what makes up for
+        dilution
+    melted : what beads melt of the layer below, where dilution is compensated
     starts : (m + 1,) intp, track k is vertices starts[k] to starts[k + 1]
     along_mm : (n,) float64, rising strictly from track to track: length along each track from
         `TRACK_GAP_MM` beyond the end of the one before, so that one array of lengths addresses
@@ -50,6 +53,7 @@ class OrderedTracks:
     fractions: FloatArray
     starts: IndexArray
     along_mm: FloatArray
+    melted: MeltedBelow | None = None
 
     @property
     def n_tracks(self) -> int:
@@ -161,14 +165,15 @@ def _in_order(
     at = np.repeat(first, size) - begin + step * number
     closed = geometry.is_closed[track]
     around = np.where(closed, geometry.starts[track + 1] - begin - 1, np.iinfo(np.intp).max)
-    index = begin + at % np.maximum(around, 1)
+    index: IndexArray = np.asarray(begin + at % np.maximum(around, 1), dtype=np.intp)
     points = geometry.points_mm[index]
     along = arc_lengths_mm(points, starts)
     if len(order):
         ends = along[starts[1:] - 1] + TRACK_GAP_MM
         along = along + np.repeat(np.cumsum(ends) - ends, size)
     return OrderedTracks(
-        points, geometry.strip_width_mm[index], geometry.fractions[index], starts, along)
+        points, geometry.strip_width_mm[index], geometry.fractions[index], starts, along,
+        None if geometry.melted is None else geometry.melted.at_vertices(index))
 
 
 @inner_kernel

@@ -18,7 +18,6 @@ a plate of 316L: within_0.03_volume_diluted_*.
 from __future__ import annotations
 
 import json
-import shutil
 import sys
 import tempfile
 import time
@@ -106,12 +105,12 @@ def rows(names: tuple[str, ...] = tuple(CASES)) -> dict[str, float]:
 
 
 def _truth(name: str, folder: Path) -> dict[str, float]:
-    part = _planned(name, folder)
+    part = planned_case(name, folder, SHIPPED / "cell.toml")
     wall_s, cpu_s = time.perf_counter(), time.process_time()
-    run = _run(folder, part, 0.0)
+    run = run_case(folder, part, 0.0, SHIPPED / "cell.toml")
     wall_s, cpu_s = time.perf_counter() - wall_s, time.process_time() - cpu_s
-    summary = _summary(folder, run)
-    checked = _checked(name, run)
+    summary = summary_of(folder, run)
+    checked = checked_against_map(name, run)
     found = {
         f"within_0.02_truth_{name}": summary["by_path"]["within"]["0.02"],
         f"within_0.02_truth_{name}_checked": checked["path"],
@@ -134,16 +133,16 @@ def _truth(name: str, folder: Path) -> dict[str, float]:
 
 
 def _diluted(name: str, folder: Path) -> dict[str, float]:
-    run = _run(folder, folder / "part.lmj", DILUTION)
-    summary, checked = _summary(folder, run), _checked(name, run)
+    run = run_case(folder, folder / "part.lmj", DILUTION, SHIPPED / "cell.toml")
+    summary, checked = summary_of(folder, run), checked_against_map(name, run)
     key = f"within_0.03_volume_diluted_{name}"
     return {key: round(summary["by_volume"]["within"]["0.03"], 4),
             f"{key}_checked": round(checked["volume"], 4)}
 
 
-def _planned(name: str, folder: Path) -> Path:
+def planned_case(name: str, folder: Path, cell: Path, more: str = "") -> Path:
+    """The job of a case in a new folder, for a cell. more : tables behind those of its part file"""
     folder.mkdir()
-    shutil.copy(SHIPPED / "cell.toml", folder / "cell.toml")
     text = CASES[name].text
     if "\n" not in text:
         if name == "gear":
@@ -151,9 +150,8 @@ def _planned(name: str, folder: Path) -> Path:
             text = (folder / "gear.toml").read_text()
         else:
             text = (SHIPPED / f"{text}.toml").read_text()
-    (folder / "part.toml").write_text(text)
-    lmctl("plan", folder / "part.toml", "-m", folder / "cell.toml", "-o", folder / "part.lmj",
-          "--json")
+    (folder / "part.toml").write_text(text + more)
+    lmctl("plan", folder / "part.toml", "-m", cell, "-o", folder / "part.lmj", "--json")
     return folder / "part.lmj"
 
 
@@ -170,21 +168,28 @@ def lmctl_text(*arguments: object) -> None:
         raise RuntimeError(f"lmctl {' '.join(map(str, arguments))}: {code}\n{told.getvalue()}")
 
 
-def _run(folder: Path, job: Path, dilution: float) -> Path:
-    """The folder of a run on the shipped bench with a process."""
+def write_process_bench(folder: Path, dilution: float) -> Path:
+    """The shipped bench with a process."""
     bench = folder / "bench.toml"
     bench.write_text((SHIPPED / "bench.toml").read_text() + PROCESS.format(dilution=dilution))
-    result = lmctl("run", job, "--sim", "--bench", bench, "--machine", folder / "cell.toml",
+    return bench
+
+
+def run_case(folder: Path, job: Path, dilution: float, cell: Path) -> Path:
+    """The folder of a run of a job on the shipped bench with a process."""
+    bench = write_process_bench(folder, dilution)
+    result = lmctl("run", job, "--sim", "--bench", bench, "--machine", cell,
                    "--runs", folder / "runs", "--json")
     (folder / "result.json").write_text(json.dumps(result))
     return Path(str(result["journal"])).parent
 
 
-def _summary(folder: Path, run: Path) -> dict:
+def summary_of(folder: Path, run: Path) -> dict:
+    """The figures of `lmctl report --as-built`."""
     return dict(lmctl("report", run, "--as-built", "--json", "--data", folder))
 
 
-def _checked(name: str, run: Path) -> dict[str, float]:
+def checked_against_map(name: str, run: Path) -> dict[str, float]:
     """The same from the voxel map, without lmctl."""
     with np.load(run / "voxel-map.npz") as map_:
         place, length = map_["place_mm"].astype(float), map_["beam_on_mm"].astype(float)

@@ -1,0 +1,157 @@
+"""The mixture to feed so that a bead has the part's after it has melted some of what lies below.
+
+    c_fed = (c_part − δ · c_below) / (1 − δ)
+
+(docs/explanation/powder-delivery.md, Dilution). Where this is no mixture, a share being below 0 or
+above 1, the nearest one is fed, by least squares, and the bead deviates from the part by the rest.
+
+c_below is what the layer below was deposited as. Where that fed what it should it is the part's own
+composition there, a function of place alone, which the geometry stage gives. Elsewhere the
+deviation is carried from layer to layer (`laid_deviation`); it fades as δ, δ², δ³. Under the
+first layer is the substrate. So text and geometry of a layer still depend on nothing but it.
+
+Deposits are counted in the part's materials and one more: a substrate of none of them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lmctl.array_types import FloatArray
+from lmctl.plan.dilution.dilution_law import DilutionAlong, DilutionLaw, dilution_law
+from lmctl.plan.dilution.laid_deviation import LaidDeviation
+from lmctl.plan.geometry.layer_geometry import LayerGeometry
+from lmctl.plan.melted_below import MeltedBelow
+from lmctl.plan.recipe import Recipe
+
+if TYPE_CHECKING:
+    from lmctl.config.machine import MachineProfile
+    from lmctl.part.part import Part
+
+#: δ depends on the mixture that is fed, by its power and speed: so often it is put in again.
+_ROUNDS = 2
+
+
+@dataclass(frozen=True)
+class CompensatedLayer:
+    """A layer with the mixtures to feed in place of the part's.
+
+    melted : at its vertices; along : their dilution, with its interval
+    deviation : (n, materials + 1), what is deposited less the part's composition
+    """
+
+    geometry: LayerGeometry
+    melted: MeltedBelow
+    along: DilutionAlong
+    deviation: FloatArray
+
+
+class DilutionCompensation:
+    """Turns the part's mixtures into those to feed, layer by layer in order.
+
+    substrate : share of each material in the substrate's alloy and of a foreign one
+        (materials + 1,); None where its alloy is not known: the first layer is fed as designed
+    """
+
+    def __init__(self, law: DilutionLaw, recipe: Recipe, substrate: FloatArray | None) -> None:
+        self._law = law
+        self._recipe = recipe
+        self._substrate = substrate
+        self._deviation: LaidDeviation | None = None
+
+    @property
+    def knows_substrate(self) -> bool:
+        """Whether the first layer is compensated too."""
+        return self._substrate is not None
+
+    def compensated(self, geometry: LayerGeometry, number: int) -> CompensatedLayer | None:
+        """The next layer. number : in the job, 0 for the one on the substrate
+
+        None where it is fed as designed: nothing is known of what lies below it.
+        """
+        designed = np.column_stack([geometry.fractions, np.zeros(len(geometry.fractions))])
+        below = self._below(geometry, number)
+        if below is None or geometry.n_tracks == 0:
+            self._deviation = None
+            return None
+        fed = geometry.fractions
+        for _ in range(_ROUNDS):
+            along = self._law.along(fed, self._energy_J_mm(fed, geometry.strip_width_mm))
+            fed = _mixture_to_feed(designed, below, along.share)
+        melted = MeltedBelow(designed, below, along.share)
+        deviation = melted.laid(fed) - designed
+        self._deviation = LaidDeviation.of_layer(number, geometry.points_mm, deviation)
+        return CompensatedLayer(replace(geometry, fractions=fed, melted=melted), melted, along,
+                                deviation)
+
+    def _below(self, geometry: LayerGeometry, number: int) -> FloatArray | None:
+        if number == 0:
+            if self._substrate is None:
+                return None
+            return np.broadcast_to(self._substrate, (len(geometry.points_mm),
+                                                     len(self._substrate)))
+        if geometry.fractions_below is None:
+            return None
+        below = np.column_stack([geometry.fractions_below, np.zeros(len(geometry.points_mm))])
+        if self._deviation is not None and self._deviation.layer == number - 1:
+            below += self._deviation.at(geometry.points_mm)
+        return below
+
+    def _energy_J_mm(self, fed: FloatArray, strip_width_mm: FloatArray) -> FloatArray:
+        """Energy per length: speed follows the strip, power does not."""
+        recipe = self._recipe
+        return np.asarray(recipe.power(fed) / (
+            recipe.speed(fed) * recipe.strip_speed_factor(strip_width_mm)))
+
+
+def with_known_dilution(part: Part, profile: MachineProfile) -> Part:
+    """The part as it is planned on a machine: without compensation where no dilution is known, or
+    there is but one powder to feed."""
+    if part.process.dilution == "ignore" or (profile.dilution and len(part.materials) > 1):
+        return part
+    return replace(part, process=part.process.model_copy(update={"dilution": "ignore"}))
+
+
+def compensation_of(
+    part: Part, profile: MachineProfile, recipe: Recipe
+) -> DilutionCompensation | None:
+    """What makes up for dilution in a part's plan; None where nothing is to, or δ is not known."""
+    names = [material.name for material in part.materials]
+    law = None if part.process.dilution == "ignore" else dilution_law(profile.dilution, names)
+    if law is None:
+        return None
+    alloy, substrate = part.substrate.material, None
+    if alloy is not None:
+        substrate = np.zeros(len(names) + 1)
+        substrate[names.index(alloy) if alloy in names else -1] = 1.0
+    return DilutionCompensation(law, recipe, substrate)
+
+
+def _mixture_to_feed(
+    designed: FloatArray, below: FloatArray, share: FloatArray
+) -> FloatArray:
+    """Mixtures (n, materials) to feed, from (n, materials + 1) and δ (n,)."""
+    wanted = (designed - share[:, None] * below)[:, :-1] / (1.0 - share)[:, None]
+    off = (wanted < 0).any(axis=1) | (np.abs(wanted.sum(axis=1) - 1.0) > 1e-9)
+    wanted[off] = nearest_mixtures(wanted[off])
+    return np.asarray(wanted)
+
+
+def nearest_mixtures(wanted: FloatArray) -> FloatArray:
+    """The mixtures nearest to (n, m) numbers of any sign, by least squares.
+
+    All are lowered by one number, so that what stays above 0 adds up to 1 (W. Wang and M. A.
+    Carreira-Perpiñán, 2013, arXiv:1309.1541).
+
+    >>> nearest_mixtures(np.array([[1.125, -0.125], [0.75, 0.5]])).tolist()
+    [[1.0, 0.0], [0.625, 0.375]]
+    """
+    falling = -np.sort(-wanted, axis=1)
+    excess = (np.cumsum(falling, axis=1) - 1.0) / np.arange(1, wanted.shape[1] + 1)
+    kept: NDArray[np.intp] = (falling > excess).sum(axis=1)
+    lower = np.take_along_axis(excess, kept[:, None] - 1, axis=1)
+    return np.asarray(np.maximum(wanted - lower, 0.0))

@@ -1,0 +1,40 @@
+"""What beads melt of the layer below, along the tracks of a layer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lmctl.array_types import FloatArray, IndexArray
+
+
+@dataclass(frozen=True)
+class MeltedBelow:
+    """What beads melt of what lies below them, at n vertices.
+
+    designed : (n, materials + 1) float64, the part's composition, 0 of a foreign substrate
+    below : (n, materials + 1) float64, what is melted
+    share : (n,) float64, δ
+    """
+
+    designed: FloatArray
+    below: FloatArray
+    share: FloatArray
+
+    def at_vertices(self, index: IndexArray) -> MeltedBelow:
+        """The same of other vertices, by their numbers."""
+        return MeltedBelow(self.designed[index], self.below[index], self.share[index])
+
+    def at_lengths(self, along_mm: FloatArray, at_mm: FloatArray) -> MeltedBelow:
+        """The same at places (q,) of lengths `along_mm` (n,) of the vertices, linear in between."""
+        def at(columns: FloatArray) -> FloatArray:
+            return np.column_stack([np.interp(at_mm, along_mm, one) for one in columns.T])
+
+        return MeltedBelow(at(self.designed), at(self.below),
+                           np.interp(at_mm, along_mm, self.share))
+
+    def laid(self, fed: FloatArray) -> FloatArray:
+        """What beads are of that are fed with mixtures (n, materials): (n, materials + 1)."""
+        fed = np.column_stack([fed, np.zeros(len(fed))])
+        return np.asarray(fed + self.share[:, None] * (self.below - fed))
