@@ -184,6 +184,10 @@ class Calibration(ConfigModel):
         """The single-powder catch of a material, or None."""
         return next((c for c in self.catch if set(c.mass_shares) == {material}), None)
 
+    def mixtures(self) -> tuple[CatchCalibration, ...]:
+        """The catch of mixtures of two powders."""
+        return tuple(c for c in self.catch if len(c.mass_shares) == 2)
+
     def with_hopper(self, new: HopperCalibration) -> Calibration:
         """The same with one hopper's calibration put in or replaced."""
         others = tuple(hopper for hopper in self.hopper if hopper.name != new.name)

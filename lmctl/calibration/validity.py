@@ -14,6 +14,7 @@ from lmctl.calibration.calibration_file import Calibration, MeasurementCondition
 from lmctl.config.dilution import MAX_DILUTION, DilutionSettings
 from lmctl.config.machine import HopperSettings, MachineProfile
 from lmctl.config.measuring import CalibrationSettings, CalibrationUse
+from lmctl.config.mixture_catch import MixtureCatchSettings
 from lmctl.errors import ConfigError
 
 #: Gas flows that count as equal: a flow meter's tolerance.
@@ -59,6 +60,9 @@ def calibration_findings(
         if caught is not None:
             yield from _doubts(f"catch of {hopper.material}", caught.conditions, limits, hopper,
                                now)
+    for mixture in calibration.mixtures():
+        yield from _doubts(f"catch of {' + '.join(mixture.mass_shares)}", mixture.conditions,
+                           limits, None, now)
     for dilution in calibration.dilution:
         yield from _doubts(f"dilution of {dilution.material} on {dilution.substrate}",
                            dilution.conditions, limits, None, now)
@@ -144,8 +148,24 @@ def calibrated_profile(profile: MachineProfile, calibration: Calibration) -> Mac
     dilution = _measured_dilution(profile, calibration)
     for one in calibration.dilution:
         measured[f"dilution of {one.material}"] = one.conditions.measured
+    mixtures = _measured_mixtures(profile, calibration)
+    for mixture in calibration.mixtures():
+        measured[f"catch of {' + '.join(mixture.mass_shares)}"] = mixture.conditions.measured
     return profile.with_measured_values(
-        tuple(hoppers), dilution, CalibrationUse(calibration.digest, measured, half_widths))
+        tuple(hoppers), dilution, mixtures,
+        CalibrationUse(calibration.digest, measured, half_widths))
+
+
+def _measured_mixtures(
+    profile: MachineProfile, calibration: Calibration
+) -> tuple[MixtureCatchSettings, ...]:
+    """Measured catch of pairs of powders, and typed values of other pairs."""
+    measured = tuple(MixtureCatchSettings(mass_shares=one.mass_shares,
+                                          efficiency=one.efficiency.value)
+                     for one in calibration.mixtures())
+    pairs = [set(one.mass_shares) for one in measured]
+    return (*measured, *(typed for typed in profile.mixture_catch
+                         if set(typed.mass_shares) not in pairs))
 
 
 def _measured_dilution(

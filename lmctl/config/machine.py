@@ -21,6 +21,7 @@ from lmctl.config.measuring import (
     FeederCorrectionSettings,
     ScaleSettings,
 )
+from lmctl.config.mixture_catch import MixtureCatchSettings
 from lmctl.config.modbus_device import ModbusDevice
 from lmctl.config.quantities import Coordinate, Length, Name, Vector
 from lmctl.config.toml_file import ConfigModel
@@ -225,6 +226,7 @@ class MachineProfile(ConfigModel):
     """A whole cell. Raises ConfigError with every mistake at once when read by `load`.
 
     dilution : of its powders, by energy per length; measured ones stand in for those typed in
+    mixture_catch : of powders fed together; likewise
     """
 
     name: PlainName
@@ -236,6 +238,7 @@ class MachineProfile(ConfigModel):
     scale: ScaleSettings | None = None
     calibration: CalibrationSettings | None = None
     dilution: Annotated[tuple[DilutionSettings, ...], Field(max_length=1000)] = ()
+    mixture_catch: Annotated[tuple[MixtureCatchSettings, ...], Field(max_length=1000)] = ()
     _calibration_use: CalibrationUse | None = PrivateAttr(default=None)
 
     @property
@@ -245,10 +248,11 @@ class MachineProfile(ConfigModel):
 
     def with_measured_values(
         self, hoppers: tuple[HopperSettings, ...], dilution: tuple[DilutionSettings, ...],
-        use: CalibrationUse,
+        mixture_catch: tuple[MixtureCatchSettings, ...], use: CalibrationUse,
     ) -> MachineProfile:
-        """The same cell with hoppers and dilution as they were measured."""
-        profile = self.model_copy(update={"hopper": hoppers, "dilution": dilution})
+        """The same cell with hoppers, dilution and catch as they were measured."""
+        profile = self.model_copy(update={
+            "hopper": hoppers, "dilution": dilution, "mixture_catch": mixture_catch})
         profile._calibration_use = use
         return profile
 
@@ -309,8 +313,9 @@ class MachineProfile(ConfigModel):
         for hopper in used["hopper"]:
             if hopper["catch_efficiency"] is None:
                 del hopper["catch_efficiency"]
-        if not used["dilution"]:
-            del used["dilution"]
+        for key in ("dilution", "mixture_catch"):
+            if not used[key]:
+                del used[key]
         return hashlib.sha256(json.dumps(used, sort_keys=True).encode()).hexdigest()
 
 

@@ -56,6 +56,7 @@ class PlanStatistics:
     mixtures: list[LayerMixture] = field(default_factory=list)
     fed_g: FloatArray = field(default_factory=lambda: np.zeros(0))
     wasted_g: FloatArray = field(default_factory=lambda: np.zeros(0))
+    caught_g: FloatArray = field(default_factory=lambda: np.zeros(0))
     peak_flow_g_s: FloatArray = field(default_factory=lambda: np.zeros(0))
     low_mm: FloatArray = field(default_factory=lambda: np.full(3, np.inf))
     high_mm: FloatArray = field(default_factory=lambda: np.full(3, -np.inf))
@@ -63,6 +64,7 @@ class PlanStatistics:
     def __post_init__(self) -> None:
         m = len(self.recipe.hoppers)
         self.fed_g, self.wasted_g, self.peak_flow_g_s = np.zeros(m), np.zeros(m), np.zeros(m)
+        self.caught_g = np.zeros(m)
 
     def add_beads(self, layer: int, geometry: LayerGeometry, beads: Beads | None) -> None:
         """The beads of layer `layer` of the job; None where its slice has no tracks."""
@@ -114,6 +116,8 @@ class PlanStatistics:
         fed = _integral(flow, end_s) - _integral(flow, begin_s)
         self.fed_g += fed.sum(axis=0)
         self.wasted_g += fed[~bead].sum(axis=0)
+        if self.recipe.mixture_catch is not None:
+            self.caught_g += (fed * self.recipe.catch_at(fed))[bead].sum(axis=0)
         self.peak_flow_g_s = np.maximum(self.peak_flow_g_s, flow.g_s.max(axis=0))
 
     def add_mixture(self, layer: int, along: MixturePrediction) -> None:
@@ -133,7 +137,8 @@ class PlanStatistics:
         """What `lmctl plan --json` prints."""
         names = [material.name for material in self.recipe.materials]
         hoppers = [hopper.name for hopper in self.recipe.hoppers]
-        caught = self.recipe.catch_efficiency
+        caught_g = (self.caught_g if self.recipe.mixture_catch is not None
+                    else (self.fed_g - self.wasted_g) * self.recipe.catch_efficiency)
         height_mm = self.recipe.layer_height_mm
 
         def by(keys: list[str], values: FloatArray, digits: int = 3) -> dict[str, float]:
@@ -148,7 +153,7 @@ class PlanStatistics:
             "laser_on_s": round(self.laser_on_s, 3),
             "duration_s": round(duration_s, 3),
             "powder_g": by(names, self.fed_g),
-            "powder_in_part_g": by(names, (self.fed_g - self.wasted_g) * caught),
+            "powder_in_part_g": by(names, caught_g),
             "powder_beam_off_g": by(names, self.wasted_g),
             "peak_flow_g_min": by(hoppers, self.peak_flow_g_s * 60),
             "peak_power_W": round(self.peak_power_W, 1),

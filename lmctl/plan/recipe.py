@@ -13,6 +13,7 @@ from lmctl.array_types import FloatArray
 from lmctl.config.machine import HopperSettings, MachineProfile
 from lmctl.config.part_file import ProcessSettings
 from lmctl.errors import PlanError
+from lmctl.plan.mixture_catch import MixtureCatch, mixture_catch
 from lmctl.preflight.hoppers import hopper_for_material
 
 if TYPE_CHECKING:
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 #: Speed differs from the recipe's by at most this factor, up or down, to follow the strip width;
 #: a strip beyond it is deposited too low or too high, which the built fraction reports.
 MAX_SPEED_CHANGE_FACTOR = 1.5
+#: Mixtures at a hopper's least flow are found in so many turns where the catch depends on them.
+_CATCH_ROUNDS = 25
 #: A flow below this is none [g/s].
 _NO_FLOW_G_S = 1e-12
 
@@ -55,6 +58,7 @@ class Recipe:
     pitch_mm : nominal track spacing a(1 − overlap)
     hoppers : the hopper of each material, in the part's order
     idle : hoppers that hold one of the materials too, and are not used
+    mixture_catch : of the materials together; None where each is taken to be caught as by itself
     """
 
     materials: tuple[MaterialSpec, ...]
@@ -71,6 +75,7 @@ class Recipe:
     pitch_mm: float
     layer_height_mm: float
     idle: tuple[HopperSettings, ...] = ()
+    mixture_catch: MixtureCatch | None = None
 
     def speed(self, fractions: FloatArray) -> FloatArray:
         """Speed of mixtures (..., m): between the pure recipes by volume fraction [mm/s]."""
@@ -89,13 +94,21 @@ class Recipe:
         """Flow of each hopper for mixtures (..., m) deposited at `speed_factor` times the recipe's
         speed."""
         rate = self.pitch_mm * self.layer_height_mm * self.speed(fractions) * speed_factor
+        if self.mixture_catch is not None:
+            return self.mixture_catch.flow_to_deposit(
+                np.asarray(fractions, np.float64) * self.density_g_mm3 * rate[..., None])
         flows = hopper_flows_g_min(
             fractions, self.density_g_mm3, self.catch_efficiency, rate[..., None])
         return flows / 60
 
+    def catch_at(self, flow_g_s: FloatArray) -> FloatArray:
+        """Catch efficiency of each powder at flows (..., m) of all."""
+        return (self.catch_efficiency if self.mixture_catch is None
+                else self.mixture_catch.efficiency(flow_g_s))
+
     def deposited_fractions(self, flow_g_s: FloatArray) -> FloatArray:
         """Volume fractions that flows (..., m) deposit: V_i = m_i η_i / ρ_i, normalised."""
-        volume = flow_g_s * self.catch_efficiency / self.density_g_mm3
+        volume = flow_g_s * self.catch_at(flow_g_s) / self.density_g_mm3
         total = volume.sum(axis=-1, keepdims=True)
         return np.asarray(np.divide(volume, total, out=np.zeros_like(volume), where=total > 0))
 
@@ -159,8 +172,17 @@ class Recipe:
         """
         share = np.where(none | least, 0.0, wanted)
         share /= share.sum(axis=1, keepdims=True)
-        per_speed = self.pitch_mm * self.layer_height_mm * self.density_g_mm3 \
-            / self.catch_efficiency
+        if self.mixture_catch is None:
+            return self._raised_to_least(share, least, self.catch_efficiency)
+        mixture = wanted
+        for _ in range(_CATCH_ROUNDS):  # the catch depends on the mixture that it decides
+            mixture = self._raised_to_least(share, least, self.catch_at(self.flow_g_s(mixture)))
+        return mixture
+
+    def _raised_to_least(
+        self, share: FloatArray, least: NDArray[np.bool_], catch: FloatArray
+    ) -> FloatArray:
+        per_speed = self.pitch_mm * self.layer_height_mm * self.density_g_mm3 / catch
         at_least = np.where(least, self.min_flow_g_s / per_speed, 0.0)
         total, own = at_least.sum(axis=1), at_least @ self.speed_mm_s
         others = share @ self.speed_mm_s
@@ -251,7 +273,8 @@ def recipe_of(part: Part, profile: MachineProfile, layer_height_mm: float) -> Re
 def make_recipe(
     materials: Sequence[MaterialSpec], process: ProcessSettings, profile: MachineProfile
 ) -> Recipe:
-    """The recipe of a part's materials on a machine. Raises PlanError: a material has no hopper.
+    """The recipe of a part's materials on a machine. Raises PlanError: a material has no hopper, or
+    a mixture of two is stated to be caught impossibly badly.
 
     Catch efficiencies that were measured on the machine stand in for the part file's.
     """
@@ -260,13 +283,13 @@ def make_recipe(
     def column(values: list[float]) -> FloatArray:
         return np.array(values, dtype=np.float64)
 
+    catch = column([hopper.catch_efficiency or material.catch_efficiency
+                    for hopper, material in zip(hoppers, materials, strict=True)])
     return Recipe(
         materials=tuple(materials),
         hoppers=tuple(hoppers),
         density_g_mm3=column([m.density_g_mm3 for m in materials]),
-        catch_efficiency=column([
-            hopper.catch_efficiency or material.catch_efficiency
-            for hopper, material in zip(hoppers, materials, strict=True)]),
+        catch_efficiency=catch,
         power_W=column([m.power_W for m in materials]),
         speed_mm_s=column([m.speed_mm_s for m in materials]),
         min_flow_g_s=column([h.min_flow_g_min for h in hoppers]) / 60,
@@ -279,4 +302,6 @@ def make_recipe(
         idle=tuple(
             hopper for hopper in profile.hopper
             if hopper not in hoppers and any(hopper.material == h.material for h in hoppers)),
+        mixture_catch=mixture_catch(
+            profile.mixture_catch, [material.name for material in materials], catch),
     )

@@ -177,7 +177,11 @@ def write_process_bench(folder: Path, dilution: float) -> Path:
 
 def run_case(folder: Path, job: Path, dilution: float, cell: Path) -> Path:
     """The folder of a run of a job on the shipped bench with a process."""
-    bench = write_process_bench(folder, dilution)
+    return run_on_bench(folder, job, write_process_bench(folder, dilution), cell)
+
+
+def run_on_bench(folder: Path, job: Path, bench: Path, cell: Path) -> Path:
+    """The folder of a run of a job; its result is kept beside it."""
     result = lmctl("run", job, "--sim", "--bench", bench, "--machine", cell,
                    "--runs", folder / "runs", "--json")
     (folder / "result.json").write_text(json.dumps(result))
