@@ -35,6 +35,7 @@ COMMANDS = {
     "status": ("lmctl.cli.operate", "Show the state of a run, and what to do about its alarms."),
     "recover": ("lmctl.cli.recover", "Go on with a part whose run was stopped, tripped or died."),
     "machine": ("lmctl.cli.machine", "Look at a machine, check it, home it, jog it, unlock it."),
+    "dash": ("lmctl.cli.dash", "Serve a live page of runs, to look and to operate."),
     "jobs": ("lmctl.cli.jobs", "List job files and runs."),
     "log": ("lmctl.cli.log", "Print the log of a part over all its runs; verify its journals."),
     "report": ("lmctl.cli.report", "Write the report of a part, as HTML or PDF, to be signed."),

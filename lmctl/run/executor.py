@@ -198,7 +198,7 @@ class RunExecutor:
         live = self._live
         assert live is not None
         return live.view.snapshot(
-            self.state, live.course, live.recorder.latest, live.sequence)
+            self.state, live.course, live.recorder, live.sequence)
 
     def _came(self, act: str, operator: str, peer: ControlClient, refused: str) -> None:
         """Journal an operator command; a journal that cannot be written ends the run."""

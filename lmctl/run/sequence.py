@@ -13,7 +13,7 @@ from lmctl.job.reader import JobReader
 from lmctl.machine.feeder.driver import FeederDriver
 from lmctl.run.cell import acceptance
 from lmctl.run.cell.beam_control import BeamControl
-from lmctl.run.cell.devices import Cell
+from lmctl.run.cell.devices import Cell, ReportAges
 from lmctl.run.cell.work_offset import refuse_changed_offset
 from lmctl.run.execution.deposition import Progress
 from lmctl.run.execution.device_monitor import DeviceMonitor
@@ -21,12 +21,14 @@ from lmctl.run.execution.job_progress import JobProgress
 from lmctl.run.execution.layer_accounts import LayerAccounts
 from lmctl.run.execution.run_segment import RunSegmentFactory
 from lmctl.run.interlocks.alarms import InterlockError, RunAlarms
+from lmctl.run.interlocks.board import InterlockRow
 from lmctl.run.journal.earlier_run import EarlierRun
 from lmctl.run.journal.last_known_position import LastKnownPosition
 from lmctl.run.journal.recorder import RunRecorder
 from lmctl.run.powder.refill import RefillProcedure
 from lmctl.run.powder.slope_watch import SlopeWatch
 from lmctl.run.powder.supply import SupplyWatch
+from lmctl.run.program.reentry import ReentryPreview
 from lmctl.run.state.transitions import Effect
 from lmctl.run.status.phase import PhaseClock
 
@@ -141,6 +143,18 @@ class CellSequence:
     def active_alarms(self) -> list[MachineError]:
         """What prevents a held run from resuming now."""
         return [] if self._watch is None else self._watch.active_alarms()
+
+    def interlock_board(self) -> list[InterlockRow]:
+        """Every interlock as it is now; empty before the machine is accepted."""
+        return [] if self._watch is None else self._watch.interlock_board()
+
+    def report_ages(self) -> ReportAges:
+        """How old the devices' last reports are."""
+        return ReportAges() if self._cell is None else self._cell.report_ages()
+
+    def reentry_preview(self) -> ReentryPreview | None:
+        """Where a held run would go on; None where it has not begun, or no bead is left."""
+        return self._course.reentry_preview() if self._course.is_entered else None
 
     def hopper_levels(self) -> list[dict[str, Any]]:
         """How full the hoppers are that report it."""

@@ -151,14 +151,14 @@ def squares(layers=2, per_layer=2, side_mm=4.0, speed_mm_s=10.0, start_mm=(10.0,
     return made
 
 
-def write_job(path, profile, layers=None, *, flow=None, mode="lead", peaks=None):
+def write_job(path, profile, layers=None, *, flow=None, mode="lead", peaks=None,
+              text="a part made for tests"):
     """A job file for a profile; by default two layers of two squares at a steady flow.
 
-    peaks : of power and flow, as the manifest's totals name them
+    peaks : of power and flow, as the manifest's totals name them; text : of the part file in it
     """
     small = build(layers or squares(), flow or [(0.0, (0.1, 0.1)), (1e6, (0.1, 0.1))], mode,
                   start_mm=profile.motion.purge_mm)
-    text = "a part made for tests"
     ends = np.concatenate([layer.lines for layer in small.layers])
     bounds = tuple(
         tuple(float(extreme(ends[axis])) for axis in ("x_mm", "y_mm", "z_mm"))

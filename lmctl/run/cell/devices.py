@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Iterable, Sequence
-from typing import Any
+from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 from firmware_protocol.status import StatusReport
 from lmctl.config.machine import (
@@ -24,6 +25,17 @@ from lmctl.machine.safety.driver import SafetyDriver
 _THERE_MM = 0.05
 
 _CLOSE_S = 2.0
+
+
+class ReportAges(NamedTuple):
+    """How old the last report of each device is [s]; None where there is none, or no device.
+
+    hoppers : {hopper: age of its last reading}
+    """
+
+    motion_s: float | None = None
+    safety_s: float | None = None
+    hoppers: Mapping[str, float] = MappingProxyType({})
 
 
 class Cell:
@@ -154,6 +166,16 @@ class Cell:
         """The last feeder report of a hopper; None before the first."""
         status = self._feeder_of[hopper].status
         return None if status is None else status.hoppers.get(hopper)
+
+    def report_ages(self) -> ReportAges:
+        """How old the devices' last reports are."""
+        t, safety = asyncio.get_running_loop().time(), self.safety
+        return ReportAges(
+            None if self.motion.status is None else self.motion.status_age_s,
+            None if safety is None or safety.status is None else safety.status_age_s,
+            {hopper.name: t - reading.time_s
+             for hopper, reading in zip(self.hoppers, self.hopper_readings(), strict=True)
+             if reading is not None})
 
     def hopper_levels(self) -> list[dict[str, Any]]:
         """How full the hoppers are that report it: hopper, level_percent, weight_g, as JSON."""

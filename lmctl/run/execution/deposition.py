@@ -96,6 +96,16 @@ class Deposition:
         return self._first_line + (self._cell.motion.lines_executed if self.started else 0)
 
     @property
+    def lines_sent(self) -> int:
+        """Lines of the job, from its first, that may have been sent."""
+        return self._sent + 1
+
+    @property
+    def reached(self) -> PlaceReached:
+        """How far the job had been executed when motion was last stopped."""
+        return self._reached
+
+    @property
     def place_text(self) -> str:
         """Where in the job the run is, for people."""
         if self.lines_executed >= self._window.n_lines:

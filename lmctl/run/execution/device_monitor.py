@@ -17,6 +17,7 @@ from lmctl.machine.safety.status import SafetyCallbacks, SafetyStatus
 from lmctl.run.cell.devices import Cell
 from lmctl.run.execution.deposition import Deposition
 from lmctl.run.interlocks.alarms import InterlockError, RunAlarms, RunTripError
+from lmctl.run.interlocks.board import InterlockRow
 from lmctl.run.interlocks.inputs import (
     STALE_PERIODS,
     STALE_QUESTIONS,
@@ -104,6 +105,10 @@ class DeviceMonitor:
     def active_alarms(self) -> list[MachineError]:
         """Which interlocks hold at this moment."""
         return self._supervision.active_alarms(self._facts())
+
+    def interlock_board(self) -> list[InterlockRow]:
+        """Every interlock as it is at this moment."""
+        return self._supervision.board(self._facts())
 
     def acknowledge(self) -> None:
         """The operator has acknowledged the alarms: report again what still holds."""

@@ -15,6 +15,7 @@ from lmctl.run.execution.run_segment import RunSegment, RunSegmentFactory
 from lmctl.run.journal.recorder import RunRecorder
 from lmctl.run.program.override_limits import NO_OTHER_OVERRIDE
 from lmctl.run.program.place import JOB_START, NOTHING_REACHED, PlaceReached
+from lmctl.run.program.reentry import ReentryPreview
 
 _OVERRIDE_PATIENCE_S = 5.0
 
@@ -34,6 +35,7 @@ class JobProgress:
         self._segments: RunSegmentFactory | None = None
         self._work: RunSegment | None = None
         self._resumed = False
+        self._preview: tuple[PlaceReached, ReentryPreview | None] | None = None
 
     # --- how far ------------------------------------------------------------------------------
 
@@ -61,6 +63,25 @@ class JobProgress:
         if self._work is None or not self._work.deposition.started:
             return "the purge position, before the first line"
         return self._work.deposition.place_text
+
+    @property
+    def lines_sent(self) -> int:
+        """Lines of the job that may have been sent to the controller, those executed included."""
+        if self._work is None:
+            return self._begins_at.place.line
+        return max(self._work.deposition.lines_sent, self.lines_executed)
+
+    def reentry_preview(self) -> ReentryPreview | None:
+        """Where the job would go on from the place at rest; None where no bead is left.
+
+        Planned once for each hold: it reads a layer.
+        """
+        if self._segments is None:
+            raise AttributeError("the machine has not been accepted")
+        reached = self.segment.deposition.reached
+        if self._preview is None or self._preview[0] != reached:
+            self._preview = reached, self._segments.preview(reached)
+        return self._preview[1]
 
     @property
     def segment(self) -> RunSegment:

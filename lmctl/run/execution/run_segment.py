@@ -23,7 +23,7 @@ from lmctl.run.program.job_window import JobWindow
 from lmctl.run.program.layer_program import LayerProgram, layer_program_of
 from lmctl.run.program.place import JOB_START, PlaceReached
 from lmctl.run.program.program_clock import ProgramClock
-from lmctl.run.program.reentry import Reentry, plan_reentry
+from lmctl.run.program.reentry import Reentry, ReentryPreview, plan_reentry, preview_of
 
 
 @dataclass(frozen=True)
@@ -91,6 +91,15 @@ class RunSegmentFactory:
             entry=entry, reached=reached, done=self.done, failed=self.failed,
             progress=self.progress,
         ))
+
+    def preview(self, reached: PlaceReached) -> ReentryPreview | None:
+        """Where the job would go on from a place; None where that is not known, or no bead is left.
+        """
+        if reached.is_doubtful:
+            return None
+        entry = plan_reentry(
+            self.job.manifest, self.job.read_layer, reached.place, self.profile.motion)
+        return None if entry is None else preview_of(entry)
 
     def _announce(self, window: JobWindow, override_percent: int) -> None:
         """Time left by the plan, until the deposition reports it."""

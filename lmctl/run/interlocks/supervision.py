@@ -6,8 +6,10 @@ from collections.abc import Callable, Sequence
 
 from lmctl.errors import MachineError
 from lmctl.run.interlocks.alarms import EmergencyStopError, InterlockError
+from lmctl.run.interlocks.board import NOT_FITTED, InterlockRow, interlock_row
 from lmctl.run.interlocks.inputs import FeederReading, InterlockInputs
 from lmctl.run.interlocks.rule import InterlockFinding, InterlockRule, Reaction
+from lmctl.run.interlocks.rules import INTERLOCK_RULES
 
 #: Readings may be this much closer together than requested: answers are not exactly periodic [s].
 _PUNCTUAL_S = 0.05
@@ -81,6 +83,15 @@ class InterlockSupervision:
             alarm_of_finding(rule, finding)
             for rule in self._rules if not rule.is_latched
             for finding in rule.find(facts)
+        ]
+
+
+    def board(self, facts: InterlockInputs) -> list[InterlockRow]:
+        """Every row of the table as it is now, also of rules that this cell has no device for."""
+        return [
+            interlock_row(rule, facts, self._reported) if rule in self._rules
+            else InterlockRow(rule.name, NOT_FITTED)
+            for rule in INTERLOCK_RULES
         ]
 
 

@@ -22,13 +22,19 @@ _COLUMNS = ("t", "line", "x_mm", "y_mm", "z_mm", "feed_mm_min", "s_word")
 
 
 class LatestReport(NamedTuple):
-    """The last status report, as journaled. Flows in the hoppers' order [g/min]."""
+    """The last status report, as journaled. Flows in the hoppers' order [g/min].
+
+    at_s : machine time of the report since the run began
+    """
 
     position_mm: tuple[float, ...]
     feed_mm_min: float | None
     s_word: float | None
     set_g_min: tuple[float, ...]
     measured_g_min: tuple[float | None, ...]
+    carrier_L_min: tuple[float | None, ...] = ()
+    shield_gas_L_min: float | None = None
+    at_s: float = 0.0
 
 
 class Refill(NamedTuple):
@@ -206,8 +212,9 @@ class RunRecorder:
         shield_gas_L_min: float | None,
     ) -> None:
         """One status report; written together with others after a while."""
-        self.latest = LatestReport(position_mm, feed_mm_min, s_word, set_g_min, measured_g_min)
         now_s = self.now_s()
+        self.latest = LatestReport(position_mm, feed_mm_min, s_word, set_g_min, measured_g_min,
+                                   carrier_L_min, shield_gas_L_min, now_s)
         if not self._samples:
             self._batch_due_s = now_s + SAMPLE_BATCH_S
         self._samples.append((

@@ -63,6 +63,34 @@ class Reentry:
     repeated_mm: float
 
 
+@dataclass(frozen=True)
+class ReentryPreview:
+    """A re-entry as people look at it before they resume. Positions in program coordinates.
+
+    layer : index; beam_on_line : line of the job with which the beam comes on again
+    repeated_mm : bead that is deposited again
+    run_up_mm : length of path before that, driven with the beam off
+    approach_mm : corners of the way from the purge position to where the beam comes on
+    """
+
+    layer: int
+    beam_on_line: int
+    repeated_mm: float
+    run_up_mm: float
+    approach_mm: tuple[tuple[float, float, float], ...]
+
+
+def preview_of(entry: Reentry) -> ReentryPreview:
+    """What a planned re-entry will do."""
+    rows = entry.layer.lines[: entry.beam_on_line - entry.layer.first_line]
+    corners = np.column_stack([rows["x_mm"], rows["y_mm"], rows["z_mm"]])
+    lead = rows["kind"] == LineKind.LEAD
+    legs_mm = np.linalg.norm(np.diff(corners, axis=0, prepend=corners[:1]), axis=1)
+    return ReentryPreview(
+        entry.layer.index, entry.beam_on_line, entry.repeated_mm, float(legs_mm[lead].sum()),
+        tuple((float(x), float(y), float(z)) for x, y, z in corners))
+
+
 def plan_reentry(
     manifest: JobManifest, read_layer: Callable[[int], JobLayer], place: ProgramPlace,
     motion: MotionSettings

@@ -12,10 +12,11 @@ from lmctl.job.schema import JobManifest
 from lmctl.run.execution.deposition import Progress
 from lmctl.run.execution.job_progress import JobProgress
 from lmctl.run.interlocks.alarms import RunAlarms
-from lmctl.run.journal.recorder import LatestReport
+from lmctl.run.journal.recorder import RunRecorder
 from lmctl.run.journal.run_folders import RunFolder
 from lmctl.run.sequence import CellSequence
 from lmctl.run.state.transitions import RunState
+from lmctl.run.status.live_values import live_values, value_origins
 from lmctl.run.status.startup_time import StartupTime
 
 _BEFORE = (RunState.READY, RunState.CONNECTING, RunState.CHECKING, RunState.GAS, RunState.POWDER,
@@ -37,7 +38,10 @@ class RunView:
             "operator": operator, "layers": len(manifest.layers),
             "lines": sum(entry.n_lines for entry in manifest.layers),
             "hoppers": [h.name for h in hoppers],
+            "materials": [h.material for h in hoppers],
         }
+        self._hoppers = tuple(h.name for h in hoppers)
+        self._power_W_per_s = manifest.max_power_W / manifest.s_max
         self._end_s = manifest.layers[-1].end_s
         self._reported: tuple[float, float, int, float] | None = None
         self._progress = progress
@@ -50,21 +54,28 @@ class RunView:
             self._progress(done_s, total_s, layer, remaining_s)
 
     def snapshot(
-        self, state: RunState, course: JobProgress, latest: LatestReport | None,
-        sequence: CellSequence
+        self, state: RunState, course: JobProgress, recorder: RunRecorder, sequence: CellSequence
     ) -> dict[str, Any]:
         """What the control socket answers to "status".
 
-        run, part, machine, operator, pid, lines, layers, hoppers : as the run began
+        run, part, machine, operator, pid, lines, layers, hoppers, materials : as the run began;
+            materials in the hoppers' order
+        now_s : machine time since the run began
         state, line, layer (from 1), place (in words), override_percent
+        sent_line : lines of the job that may have been sent; line : those executed
         doing, doing_left_s : what is done at this moment, in words, and the machine time until it
             is over (None: not known); held_by : why a held run is held, "" where it is not
         next : commands that may be useful now, each with what it does
         done_s, total_s : program time; remaining_s : machine time to the end of the program, with
             what the run waits for before it deposits
         beam_off : whether every power goes out as zero
-        position_mm, s_word, set_g_min, measured_g_min : as last reported, None before the first;
-            flows in the hoppers' order
+        position_mm, s_word, power_W, speed_mm_s, set_g_min, measured_g_min, carrier_L_min,
+            shield_gas_L_min : as last reported, None before the first; flows in the hoppers' order
+        origins : {key: kind, source and age_s of its value}
+        interlocks : every row of the interlock table: name, state, what, hint; none before the
+            machine is accepted
+        reentry : of a held run, where it would go on: layer (from 1), beam_on_line, repeated_mm,
+            run_up_mm, approach_mm; None otherwise, and where the place is not known
         levels : of the hoppers that report one, each with hopper, level_percent and weight_g (None:
             not reported)
         alarms : the cause first, each with what, where, hint, and when it came and was over
@@ -73,6 +84,7 @@ class RunView:
         at_start = (0.0, self._end_s, 0, self._end_s * 100.0 / course.override_percent)
         done_s, total_s, layer, remaining_s = self._reported or at_start
         t, alarms = asyncio.get_running_loop().time(), sequence.alarms
+        latest, now_s = recorder.latest, recorder.now_s()
         remaining_s += self._preparation.remaining_s(state, t)
         doing = sequence.phase.current_phase(state, t)
         return {
@@ -83,10 +95,11 @@ class RunView:
             "place": course.place_text, "override_percent": course.override_percent,
             "done_s": round(done_s, 3), "total_s": round(total_s, 3),
             "remaining_s": round(remaining_s, 1), "beam_off": sequence.beam_off,
-            "position_mm": None if latest is None else list(latest.position_mm),
-            "s_word": None if latest is None else latest.s_word,
-            "set_g_min": None if latest is None else list(latest.set_g_min),
-            "measured_g_min": None if latest is None else list(latest.measured_g_min),
+            **live_values(latest, self._hoppers, self._power_W_per_s),
+            "now_s": round(now_s, 3), "sent_line": course.lines_sent,
+            "origins": value_origins(latest, now_s, sequence.report_ages()),
+            "interlocks": [row._asdict() for row in sequence.interlock_board()],
+            "reentry": self._reentry(state, sequence),
             "alarms": [
                 {"name": one.name, "what": one.what, "where": list(one.where), "hint": one.hint,
                  "at_s": round(one.at_s, 3),
@@ -97,6 +110,18 @@ class RunView:
                 {"feeder": one.feeder, "hopper": one.hopper, "what": one.text, "hint": one.remedy}
                 for one in alarms.warnings
             ],
+        }
+
+    @staticmethod
+    def _reentry(state: RunState, sequence: CellSequence) -> dict[str, Any] | None:
+        preview = sequence.reentry_preview() if state is RunState.HELD else None
+        if preview is None:
+            return None
+        return {
+            "layer": preview.layer + 1, "beam_on_line": preview.beam_on_line,
+            "repeated_mm": round(preview.repeated_mm, 3),
+            "run_up_mm": round(preview.run_up_mm, 3),
+            "approach_mm": [[round(axis, 3) for axis in corner] for corner in preview.approach_mm],
         }
 
     @staticmethod

@@ -199,4 +199,7 @@ class BenchRun:
 def wired(profile, endpoints):
     motion = profile.motion.model_copy(update={"endpoint": endpoints["motion"]})
     feeders = tuple(f.model_copy(update={"endpoint": endpoints[f.name]}) for f in profile.feeder)
-    return profile.model_copy(update={"motion": motion, "feeder": feeders})
+    safety = profile.safety
+    if safety is not None and "safety" in endpoints:
+        safety = safety.model_copy(update={"endpoint": endpoints["safety"]})
+    return profile.model_copy(update={"motion": motion, "feeder": feeders, "safety": safety})
