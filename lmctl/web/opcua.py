@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import socket
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from datetime import UTC, datetime, timedelta
@@ -65,8 +66,7 @@ class OpcuaDoor:
         self, snapshots: Callable[[], list[dict[str, Any]]], host: str, port: int
     ) -> None:
         self._snapshots = snapshots
-        self._endpoint = f"opc.tcp://{host}:{port}/lmctl"
-        self._port = port
+        self._endpoint = f"opc.tcp://{host}:{port or _free_port(host)}/lmctl"
         self._server = Server()
         self._nodes: dict[tuple[str, str], Any] = {}
         self._folders: dict[str, Any] = {}
@@ -205,6 +205,13 @@ def opcua_readings(now: Mapping[str, Any] | None) -> dict[tuple[str, str], Readi
         readings["Notification/Messages", name] = (
             active[0][key] if active else ""), now["answer_age_s"]
     return readings
+
+
+def _free_port(host: str) -> int:
+    """A port that nobody listens on now; the server cannot be asked which one it was given."""
+    with socket.create_server((host, 0)) as listening:
+        port: int = listening.getsockname()[1]
+        return port
 
 
 def _type_of(value: Any) -> Any:

@@ -22,7 +22,9 @@ from tests.part_files import block_file
 from tests.run.conftest import squares, write_job
 from tests.run.whole.conftest import EXAMPLES, BenchRun
 
-GRADED = block_file((10, 10, 2), 'by = "depth"\nprofile = "linear"\n')
+GRADED = block_file(
+    (10, 10, 2), 'feature = { kind = "surface" }\n[composition.profile]\nkind = "power"\nk = 1\n'
+    'near = { "316L" = 0.4, "WC-12Co" = 0.6 }\nfar = { "316L" = 1, "WC-12Co" = 0 }\n')
 OPERATOR, VIEWER = "operator-token-0123456789", "viewer-token-0123456789"
 
 
@@ -85,14 +87,18 @@ def eventually(condition: Callable[[], object], for_s: float = 30.0) -> object:
 
 
 class LivePage:
-    """A run and a page, each in a process of its own."""
+    """A run and a page, each in a process of its own. faults : text of a fault file"""
 
-    def __init__(self, folder: Path, *more: str, speed: float = 10.0) -> None:
+    def __init__(
+        self, folder: Path, *more: str, speed: float = 10.0, faults: str = ""
+    ) -> None:
         self.folder = folder
         self._client = httpx.Client(timeout=20.0, verify=False)  # certificates take time to load
         self.processes: list[subprocess.Popen[str]] = []
+        (folder / "faults.toml").write_text(faults)
         self.run = self._start("run", "job.lmj", "--sim", "--speed", str(speed), "--machine",
-                               str(EXAMPLES / "cell.toml"), "--operator", "Ada")
+                               str(EXAMPLES / "cell.toml"), "--operator", "Ada",
+                               *(("--faults", "faults.toml") if faults else ()))
         self.dash = self.start_dash(*more)
 
     def start_dash(self, *more: str, port: int = 0) -> subprocess.Popen[str]:
@@ -135,9 +141,11 @@ def live_page(tmp_path, bench_profile) -> Iterator[Callable[..., LivePage]]:
     """Starts a run of two powders and a page that watches it: live_page(side_mm=…, speed=…)."""
     made: list[LivePage] = []
 
-    def start(*more: str, side_mm: float = 60.0, speed: float = 10.0) -> LivePage:
+    def start(
+        *more: str, side_mm: float = 60.0, speed: float = 10.0, faults: str = ""
+    ) -> LivePage:
         write_job(tmp_path / "job.lmj", bench_profile, squares(2, 2, side_mm), text=GRADED)
-        made.append(LivePage(tmp_path, *more, speed=speed))
+        made.append(LivePage(tmp_path, *more, speed=speed, faults=faults))
         return made[-1]
 
     yield start

@@ -21,6 +21,15 @@ const operator = new Operator(token, (one) => { setToken(one); if (chosen) follo
 
 function setToken(one) { token = one; sessionStorage.setItem("lmctl-token", one); }
 
+// A page started anew has another token; looking on may need none.
+function forgetToken() {
+  token = null;
+  sessionStorage.removeItem("lmctl-token");
+  operator.token = null;
+  operator.setSeat(null);
+  if (chosen) follow(chosen);
+}
+
 async function get(path) {
   const answer = await fetch(path, { headers: authorization(token) });
   const found = await answer.json();
@@ -89,6 +98,7 @@ function showLink() {
 
 async function refreshRuns() {
   await operator.look();
+  if (token && operator.role === "none") forgetToken();
   try {
     const { runs } = await get("/api/runs");
     showRuns(runs);

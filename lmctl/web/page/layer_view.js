@@ -89,7 +89,7 @@ export class LayerView {
   stroke(from, to, kind) {
     if (to <= from) return;
     const pen = this.tracks.getContext("2d"), { lines, start } = this.layer, ratio = window.devicePixelRatio || 1;
-    const widthOf = (row) => Math.max(1.2 * ratio, Math.min(lines.width[row] * this.scale * 0.8, 9 * ratio));
+    const widthOf = (row) => Math.max(2.4 * ratio, Math.min(lines.width[row] * this.scale * 0.8, 9 * ratio));
     const begin = (i) => i > 0 ? [lines.x[i - 1], lines.y[i - 1]] : start;
     pen.lineCap = "round"; pen.lineJoin = "round";
     for (let i = from; i < to;) {

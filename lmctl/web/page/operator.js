@@ -48,7 +48,7 @@ export class Operator {
       this.role = session.role;
       this.operator = session.operator;
       if (this.seat && !session.operator) this.setSeat(null);
-    } catch { return; }
+    } catch { return; }  // not reached: what is shown stays
     this.update();
   }
 
