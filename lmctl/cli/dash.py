@@ -39,12 +39,9 @@ def dash(
     """
     if (tls_cert is None) != (tls_key is None):
         raise UsageError("https needs both --tls-cert and --tls-key")
-    try:
-        from lmctl.web import DashSettings, access_policy, run_dash
-        from lmctl.web.access import LOOPBACK_HOSTS
-    except ImportError as error:
-        raise UsageError("the live page is not installed", where=str(error),
-                         hint="`pip install 'lmctl[web]'`") from None
+    from lmctl.web import DashSettings, access_policy, run_dash
+    from lmctl.web.access import LOOPBACK_HOSTS
+
     policy = access_policy(host, operator_token, viewer_token)
     is_local = host in LOOPBACK_HOSTS
     if not is_local and (shdr_port is not None or opcua_port is not None):

@@ -9,7 +9,6 @@ from lmctl.lazy_exports import exports_of
 if TYPE_CHECKING:
     from lmctl.web.access import AccessPolicy as AccessPolicy
     from lmctl.web.access import access_policy as access_policy
-    from lmctl.web.application import dash_application as dash_application
     from lmctl.web.run_catalogue import RunCatalogue as RunCatalogue
     from lmctl.web.server import DashSettings as DashSettings
     from lmctl.web.server import run_dash as run_dash
@@ -20,7 +19,6 @@ _HOMES = {
     "DashSettings": "lmctl.web.server",
     "RunCatalogue": "lmctl.web.run_catalogue",
     "access_policy": "lmctl.web.access",
-    "dash_application": "lmctl.web.application",
     "run_dash": "lmctl.web.server",
 }
 

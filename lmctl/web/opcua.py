@@ -183,10 +183,13 @@ def opcua_readings(now: Mapping[str, Any] | None) -> dict[tuple[str, str], Readi
     for at, hopper in enumerate(now["hoppers"]):
         folder = f"Equipment/Feedstock/{hopper}"
         readings[folder, "Material"] = now["materials"][at], None
+        read_s = now["reading_age_s"][at]
         for name, key, _ in _OF_HOPPER:
-            readings[folder, name] = (now[key][at] if now[key] else None), age_s(key)
+            readings[folder, name] = (
+                now[key][at] if now[key] else None,
+                age_s(key) if key == "set_g_min" else read_s)
         for name, key, _ in _OF_LEVEL:
-            readings[folder, name] = levels.get(hopper, {}).get(key), age_s("levels")
+            readings[folder, name] = levels.get(hopper, {}).get(key), read_s
     mixture = now["mixture"]
     if mixture is not None:
         for kind, name in (("planned", "MixturePlanned"), ("commanded", "MixtureCommanded"),

@@ -18,6 +18,7 @@ _UNKNOWN = (
     "pid", "doing", "doing_left_s", "layer", "place", "override_percent", "done_s", "total_s",
     "remaining_s", "beam_off", "position_mm", "s_word", "power_W", "speed_mm_s", "set_g_min",
     "measured_g_min", "carrier_L_min", "shield_gas_L_min", "sent_line", "reentry",
+    "reading_age_s",
 )
 
 #: Values of a mixture's kinds, as `journal_points` names its columns.
@@ -39,6 +40,8 @@ def live_snapshot(
     """
     return {
         **status, "live": True, "answer_age_s": round(answer_age_s, 3), "mixture": mixture,
+        "reading_age_s": [None if age_s is None else round(age_s + answer_age_s, 3)
+                          for age_s in status.get("reading_age_s", ())],
         "origins": {name: _aged(origin, answer_age_s)
                     for name, origin in status.get("origins", {}).items()},
     }

@@ -11,11 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import uvicorn
-
 from lmctl.errors import UsageError
 from lmctl.web.access import AccessPolicy
-from lmctl.web.application import dash_application
 from lmctl.web.run_catalogue import RunCatalogue
 
 #: Connections at a time; more are answered 503.
@@ -47,8 +44,14 @@ async def serve_dash(
 ) -> None:
     """Serve until SIGINT or SIGTERM. started : called with the address of each door
 
-    Raises UsageError where a port is taken or a certificate cannot be used.
+    Raises UsageError where a port is taken, a certificate cannot be used, or an extra is missing.
     """
+    try:
+        import uvicorn
+
+        from lmctl.web.application import dash_application
+    except ImportError as error:
+        raise _not_installed("the live page", "web", error) from None
     with suppress(OSError):  # only another user's limits can forbid that
         os.nice(_NICENESS)
     async with AsyncExitStack() as stack:
@@ -62,7 +65,10 @@ async def serve_dash(
             doors["shdr"] = await stack.enter_async_context(
                 adapter.serving(settings.host, settings.shdr_port))
         if settings.opcua_port is not None:
-            from lmctl.web.opcua import OpcuaDoor
+            try:
+                from lmctl.web.opcua import OpcuaDoor
+            except ImportError as error:
+                raise _not_installed("OPC UA", "opcua", error) from None
 
             doors["opcua"] = await stack.enter_async_context(
                 OpcuaDoor(catalogue.live_snapshots, settings.host, settings.opcua_port))
@@ -84,7 +90,14 @@ def listening_tcp(host: str, port: int) -> socket.socket:
     return listening
 
 
-def _config(application: Any, settings: DashSettings) -> uvicorn.Config:
+def _not_installed(what: str, extra: str, error: ImportError) -> UsageError:
+    return UsageError(f"{what} is not installed", where=str(error),
+                      hint=f"`pip install 'lmctl[{extra}]'`")
+
+
+def _config(application: Any, settings: DashSettings) -> Any:
+    import uvicorn
+
     config = uvicorn.Config(
         application, http="h11", ws="none", lifespan="off", loop="asyncio", log_level="critical",
         access_log=False, server_header=False, date_header=False, proxy_headers=False,

@@ -20,8 +20,8 @@ NOW = {
     "speed_mm_s": 8.0, "shield_gas_L_min": None, "answer_age_s": 0.1,
     "position_mm": [1.5, -2.0, 0.8], "hoppers": ["A", "B"], "materials": ["316L", "WC-12Co"],
     "set_g_min": [2.87, 9.66], "measured_g_min": [2.8, None], "carrier_L_min": [4.0, 4.0],
-    "levels": [{"hopper": "A", "level_percent": 85.0, "weight_g": None}], "warnings": [],
-    "alarms": [], "interlocks": [
+    "reading_age_s": [1.25, 2.5], "levels": [{"hopper": "A", "level_percent": 85.0, "weight_g": None}],
+    "warnings": [], "alarms": [], "interlocks": [
         {"name": "door", "state": "ok", "what": "", "hint": ""},
         {"name": "oxygen", "state": "not fitted", "what": "", "hint": ""},
         {"name": "path", "state": "tripped", "what": "off its path", "hint": "look"}],
@@ -156,6 +156,9 @@ def test_an_opc_ua_client_reads_and_cannot_write():
             read = await power.read_data_value()
             age_s = (read.ServerTimestamp - read.SourceTimestamp).total_seconds()
             assert (read.Value.Value, round(age_s, 3)) == (1674.0, 0.3)
+            read = await (await node("Equipment/Feedstock/A/FlowActual")).read_data_value()
+            age_s = (read.ServerTimestamp - read.SourceTimestamp).total_seconds()
+            assert round(age_s, 3) == 1.25
             unknown = await (await node("Equipment/Feedstock/B/FlowActual")).read_data_value(
                 raise_on_bad_status=False)
             assert not unknown.StatusCode.is_good()

@@ -66,9 +66,9 @@ class JobProgress:
 
     @property
     def lines_sent(self) -> int:
-        """Lines of the job that may have been sent to the controller, those executed included."""
-        if self._work is None:
-            return self._begins_at.place.line
+        """Lines of the job executed, and those that the controller holds; at rest it holds none."""
+        if self._work is None or not self._work.deposition.is_in_progress:
+            return self.lines_executed
         return max(self._work.deposition.lines_sent, self.lines_executed)
 
     def reentry_preview(self) -> ReentryPreview | None:

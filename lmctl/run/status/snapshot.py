@@ -62,7 +62,7 @@ class RunView:
             materials in the hoppers' order
         now_s : machine time since the run began
         state, line, layer (from 1), place (in words), override_percent
-        sent_line : lines of the job that may have been sent; line : those executed
+        line : lines of the job executed; sent_line : with those sent to the controller
         doing, doing_left_s : what is done at this moment, in words, and the machine time until it
             is over (None: not known); held_by : why a held run is held, "" where it is not
         next : commands that may be useful now, each with what it does
@@ -71,7 +71,8 @@ class RunView:
         beam_off : whether every power goes out as zero
         position_mm, s_word, power_W, speed_mm_s, set_g_min, measured_g_min, carrier_L_min,
             shield_gas_L_min : as last reported, None before the first; flows in the hoppers' order
-        origins : {key: kind, source and age_s of its value}
+        origins : {key: kind, source and age_s of its value}; of flows the oldest hopper's
+        reading_age_s : of each hopper's last reading, in the hoppers' order
         interlocks : every row of the interlock table: name, state, what, hint; none before the
             machine is accepted
         reentry : of a held run, where it would go on: layer (from 1), beam_on_line, repeated_mm,
@@ -84,7 +85,7 @@ class RunView:
         at_start = (0.0, self._end_s, 0, self._end_s * 100.0 / course.override_percent)
         done_s, total_s, layer, remaining_s = self._reported or at_start
         t, alarms = asyncio.get_running_loop().time(), sequence.alarms
-        latest, now_s = recorder.latest, recorder.now_s()
+        latest, now_s, ages = recorder.latest, recorder.now_s(), sequence.report_ages()
         remaining_s += self._preparation.remaining_s(state, t)
         doing = sequence.phase.current_phase(state, t)
         return {
@@ -97,7 +98,8 @@ class RunView:
             "remaining_s": round(remaining_s, 1), "beam_off": sequence.beam_off,
             **live_values(latest, self._hoppers, self._power_W_per_s),
             "now_s": round(now_s, 3), "sent_line": course.lines_sent,
-            "origins": value_origins(latest, now_s, sequence.report_ages()),
+            "origins": value_origins(latest, now_s, ages),
+            "reading_age_s": [ages.hoppers.get(name) for name in self._hoppers],
             "interlocks": [row._asdict() for row in sequence.interlock_board()],
             "reentry": self._reentry(state, sequence),
             "alarms": [

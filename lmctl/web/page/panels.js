@@ -83,6 +83,8 @@ export function showValues(now, extraAgeS) {
   const mixture = now.mixture ?? { materials: [], origins: {} };
   const text = (fractions) => fractions == null ? "–"
     : fractions.map((one, i) => `${mixture.materials[i]} ${one.toFixed(3)}`).join(", ");
+  const ofHopper = (i) => now.origins.measured_g_min
+    && { ...now.origins.measured_g_min, age_s: now.reading_age_s?.[i] };
   const rows = [
     ["power", fixed(now.power_W, 0, "W"), now.origins.power_W],
     ["speed", fixed(now.speed_mm_s, 1, "mm/s"), now.origins.speed_mm_s],
@@ -93,8 +95,8 @@ export function showValues(now, extraAgeS) {
     ["shield gas", fixed(now.shield_gas_L_min, 1, "L/min"), now.origins.shield_gas_L_min],
     ...now.hoppers.flatMap((name, i) => [
       [`${name} commanded`, fixed(now.set_g_min?.[i], 2, "g/min"), now.origins.set_g_min],
-      [`${name} reported`, fixed(now.measured_g_min?.[i], 2, "g/min"), now.origins.measured_g_min],
-      [`${name} carrier gas`, fixed(now.carrier_L_min?.[i], 1, "L/min"), now.origins.carrier_L_min],
+      [`${name} reported`, fixed(now.measured_g_min?.[i], 2, "g/min"), ofHopper(i)],
+      [`${name} carrier gas`, fixed(now.carrier_L_min?.[i], 1, "L/min"), ofHopper(i)],
     ]),
   ];
   fill($("values").tBodies[0], rows.map(([name, value, origin]) => {
