@@ -20,7 +20,8 @@ NOW = {
     "speed_mm_s": 8.0, "shield_gas_L_min": None, "answer_age_s": 0.1,
     "position_mm": [1.5, -2.0, 0.8], "hoppers": ["A", "B"], "materials": ["316L", "WC-12Co"],
     "set_g_min": [2.87, 9.66], "measured_g_min": [2.8, None], "carrier_L_min": [4.0, 4.0],
-    "reading_age_s": [1.25, 2.5], "levels": [{"hopper": "A", "level_percent": 85.0, "weight_g": None}],
+    "reading_age_s": [1.25, 2.5],
+    "levels": [{"hopper": "A", "level_percent": 85.0, "weight_g": None}],
     "warnings": [], "alarms": [], "interlocks": [
         {"name": "door", "state": "ok", "what": "", "hint": ""},
         {"name": "oxygen", "state": "not fitted", "what": "", "hint": ""},
