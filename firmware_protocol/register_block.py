@@ -5,11 +5,15 @@ A `Register` defines the address and format of a value; a `Block` is what one re
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from math import isfinite
 from typing import NamedTuple
+
+#: Largest number of an F32 row.
+_LARGEST_F32 = 3.4028234663852886e38
 
 #: What a register may hold: None is the device's "not available".
 RegisterValue = int | float | str | None
@@ -34,6 +38,7 @@ class RegisterType(Enum):
     U32 = (2, 0, 0xFFFF_FFFF, 0xFFFF_FFFF)
     I32 = (2, -0x8000_0000, 0x7FFF_FFFF, 0x7FFF_FFFF)
     BITS = (1, 0, 0xFFFF, -1)
+    F32 = (2, 0, 0, -2)    # IEEE 754 single precision; a NaN is "not available"
     ASCII = (0, 0, 0, -1)  # two characters a word, first in the high byte, padded with NUL
 
     def __init__(self, words: int, least: int, greatest: int, not_available: int) -> None:
@@ -60,8 +65,8 @@ class Register:
     """One row of a map.
 
     address : as the device's manual numbers it; the map's base is taken off for the wire
-    counts_per_unit : counts in one unit: 100 for a register in 0.01 rpm; decoded values are then
-    floats
+    counts_per_unit : counts in one unit: 100 for a register in 0.01 rpm, 0.1 for one in steps of
+        10; decoded values are then floats. Unused by F32
     minimum, maximum : limits in units, within what the words can hold
     may_be_unavailable : the device may answer "not available"; that code is then no value
     length : words of an ASCII row; other types know theirs
@@ -71,7 +76,7 @@ class Register:
     space: RegisterSpace
     address: int
     type: RegisterType = RegisterType.U16
-    counts_per_unit: int = 1
+    counts_per_unit: float = 1
     unit: str = ""
     description: str = ""
     writable: bool = False
@@ -94,7 +99,7 @@ class PlacedRegister(NamedTuple):
     name: str
     offset: int
     word_count: int
-    counts_per_unit: int
+    counts_per_unit: float
     min_counts: int
     max_counts: int
     register: Register
@@ -112,7 +117,9 @@ class PlacedRegister(NamedTuple):
 
     @property
     def is_single_number(self) -> bool:
-        return self.word_count == 1 and self.register.type is not RegisterType.ASCII
+        """Whether it is one word of whole counts, with a scale that keeps whole numbers whole."""
+        return (self.word_count == 1 and isinstance(self.counts_per_unit, int)
+                and self.register.type is not RegisterType.ASCII)
 
 
 class RegisterBlock:
@@ -171,9 +178,7 @@ class RegisterBlock:
         words = [0] * self.count
         for name, offset, per_unit, low, high, row in self._numbers:
             value = values[name]
-            if type(value) is int:
-                raw = value * per_unit
-            elif type(value) is float and isfinite(value):
+            if type(value) is int or (type(value) is float and isfinite(value)):
                 raw = round(value * per_unit)
             else:
                 raw = _rare_counts(row, value)
@@ -192,12 +197,16 @@ def _encode_other(place: PlacedRegister, value: RegisterValue, order: WordOrder)
     row = place.register
     if row.type is RegisterType.ASCII:
         return _encode_text(row, value)
+    if row.type is RegisterType.F32:
+        return _encode_float(row, value, order)
     if type(value) is float and isfinite(value):
         raw = round(value * place.counts_per_unit)
     else:
         raw = _rare_counts(row, value)
     if not place.min_counts <= raw <= place.max_counts and value is not None:
         raise _out_of_range(row, place.min_counts, place.max_counts, value)
+    if place.word_count == 1:
+        return (raw & 0xFFFF,)
     return _swapped((raw >> 16 & 0xFFFF, raw & 0xFFFF), order)
 
 
@@ -208,15 +217,33 @@ def _rare_counts(row: Register, value: RegisterValue) -> int:
     if value is None:
         raise RegisterError(f"{row.name} cannot be left out")
     if isinstance(value, int):  # bool, and members of an IntEnum
-        return int(value) * row.counts_per_unit
+        return round(int(value) * row.counts_per_unit)
     raise RegisterError(f"{row.name} must be a number, not {value!r}")
 
 
-def _out_of_range(row: Register, low: int, high: int, value: RegisterValue) -> RegisterError:
-    unit = row.unit and f" {row.unit}"
+def _encode_float(row: Register, value: RegisterValue, order: WordOrder) -> tuple[int, ...]:
+    """Words of a single-precision number."""
+    if value is None and row.may_be_unavailable:
+        number = float("nan")
+    elif isinstance(value, int | float) and isfinite(value):
+        number = float(value)
+        low = -_LARGEST_F32 if row.minimum is None else row.minimum
+        high = _LARGEST_F32 if row.maximum is None else row.maximum
+        if not low <= number <= high:
+            raise _out_of_range(row, low, high, value)
+    else:
+        raise RegisterError(f"{row.name} must be a number, not {value!r}")
+    high_word, low_word = struct.unpack(">HH", struct.pack(">f", number))
+    return _swapped((high_word, low_word), order)
+
+
+def _out_of_range(row: Register, low: float, high: float, value: RegisterValue) -> RegisterError:
+    """low, high : in counts; of an F32 row in units"""
+    unit, per_unit = row.unit and f" {row.unit}", row.counts_per_unit
+    if row.type is RegisterType.F32:
+        per_unit = 1
     return RegisterError(
-        f"{row.name} must be between {low / row.counts_per_unit:g} and "
-        f"{high / row.counts_per_unit:g}{unit}, not {value}"
+        f"{row.name} must be between {low / per_unit:g} and {high / per_unit:g}{unit}, not {value}"
     )
 
 
@@ -228,6 +255,9 @@ def _decode(row: Register, words: Sequence[int], order: WordOrder) -> RegisterVa
     raw = words[0]
     if kind.words == 2:
         high, low = _swapped((words[0], words[1]), order)
+        if kind is RegisterType.F32:
+            (number,) = struct.unpack(">f", struct.pack(">HH", high & 0xFFFF, low & 0xFFFF))
+            return number if isfinite(number) else None
         raw = high << 16 | low
     if raw > kind.greatest:
         raw -= 1 << (16 * kind.words)

@@ -65,8 +65,8 @@ class RegisterMap:
     def _check(self, row: Register) -> None:
         if row.writable and row.space is RegisterSpace.INPUT:
             raise RegisterError(f"{row.name}: an input register cannot be written")
-        if row.word_count < 1 or row.counts_per_unit < 1:
-            raise RegisterError(f"{row.name}: length and scale must be at least 1")
+        if row.word_count < 1 or not 0 < row.counts_per_unit < float("inf"):
+            raise RegisterError(f"{row.name}: length and scale must be above 0")
         first = self.wire_address(row.name)
         if first < 0 or first + row.word_count > 0x1_0000:
             raise RegisterError(f"{row.name}: wire address {first} is outside 0..65535")

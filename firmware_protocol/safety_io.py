@@ -1,4 +1,4 @@
-"""The SIO register map of safety-input devices, as a table.
+"""The SIO register map of safety-input devices, and what its bits and codes mean to a program.
 
 It covers what the host may read of a cell's safety circuits, the watchdog relay that its heartbeat
 keeps closed, and the laser-enable output.
@@ -15,7 +15,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntFlag
 
-from firmware_protocol.registers import Register, RegisterMap, RegisterSpace, RegisterType
+from firmware_protocol.map_file import shipped_map
+from firmware_protocol.registers import RegisterSpace
 
 DEVICE_ID = 0x5349
 #: Map 1.1 has the laser-enable output.
@@ -57,48 +58,9 @@ class SafetyStatusBits(IntFlag):
     LASER_ENABLED = 1 << 5  # the output itself, read back: not its command
 
 
-_I, _H = RegisterSpace.INPUT, RegisterSpace.HOLDING
+SIO_MAP = shipped_map("sio").registers_of_unit(None)
 
-_READINGS = (
-    Register("DEVICE_ID", _I, 0, description="0x5349; anything else is no SIO device"),
-    Register("MAP_VERSION", _I, 1, description="high byte major, low byte minor"),
-    Register("FW_VERSION", _I, 2, description="high byte major, low byte minor"),
-    Register("RESERVED_3", _I, 3),
-    Register("SERIAL", _I, 4, RegisterType.U32),
-    Register("INPUTS", _I, 6, RegisterType.BITS, description="see Inputs"),
-    Register("STATUS", _I, 7, RegisterType.BITS, description="see Status"),
-    Register("FIRST_OUT", _I, 8,
-             description="what opened first since the last reset; 0 for nothing"),
-    Register("TRIP_COUNT", _I, 9, description="modulo 65536, of inputs opening: shows missed ones"),
-    Register("HEARTBEAT_ECHO", _I, 10, description="the last heartbeat written"),
-    Register("HEARTBEAT_AGE", _I, 11, unit="ms", description="stays at 65535 when older"),
-    Register("UPTIME", _I, 12, RegisterType.U32, unit="s",
-             description="goes back when the device restarts"),
-    Register("TICK", _I, 14, unit="ms", description="modulo 65536: time stamp of this sample"),
-    Register("SHIELD_GAS", _I, 15, counts_per_unit=100, unit="L/min", may_be_unavailable=True),
-    Register("CHILLER_TEMP", _I, 16, RegisterType.I16, 10, "°C", may_be_unavailable=True),
-    Register("CHILLER_FLOW", _I, 17, counts_per_unit=100, unit="L/min", may_be_unavailable=True),
-    Register("OXYGEN", _I, 18, RegisterType.U32, 10, "ppm", may_be_unavailable=True,
-             description="air is 209000 ppm; without meaning while OXYGEN_VALID is 0"),
-    Register("EXTRACTION_DP", _I, 20, RegisterType.I16, unit="Pa", may_be_unavailable=True,
-             description="across the filter: falls with the fan, rises as the filter clogs"),
-)
-
-_CONTROL = (
-    Register("HEARTBEAT", _H, 0, writable=True,
-             description="host changes it at least every timeout/4"),
-    Register("RELAY_TIMEOUT", _H, 1, unit="ms", writable=True, minimum=LEAST_TIMEOUT_MS,
-             maximum=GREATEST_TIMEOUT_MS,
-             description="the relay opens when heartbeats stop so long"),
-    Register("RELAY_RESET", _H, 2, writable=True,
-             description="0xC105 closes an open relay; reads 0"),
-    Register("LASER_ENABLE", _H, 3, writable=True, minimum=0, maximum=1,
-             description="0: off, at power-up too; 0 to 1 with the relay closed: on; it drops as "
-                         "the relay opens, and stays off until it is 0 and then 1 again; only "
-                         "where it is fitted"),
-)
-
-SIO_MAP = RegisterMap(_READINGS + _CONTROL)
+_READINGS = tuple(row for row in SIO_MAP.rows if row.space is RegisterSpace.INPUT)
 
 #: Everything the device reports; and the part of it that changes, read at every cycle.
 FULL_BLOCK = SIO_MAP.contiguous_block(row.name for row in _READINGS)

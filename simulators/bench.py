@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Collection, Mapping
 from contextlib import AsyncExitStack
 from dataclasses import replace
 from types import TracebackType
 
 import numpy as np
 
+from firmware_protocol.device_map import DeviceMap
 from simulators.array_types import FloatArray
 from simulators.bench_config import Address, BenchConfig
 from simulators.bench_record import BenchRecord
 from simulators.faults.link_tap import LinkTap
 from simulators.feeder.device import PmxFeederDevice
+from simulators.feeder.mapped_device import MappedFeederDevice
 from simulators.feeder.server import FeederRegisters
-from simulators.modbus_server import ModbusRegisters, serve_pty, serve_tcp
+from simulators.modbus_quirks import ModbusQuirks, ModbusRegisters
+from simulators.modbus_server import serve_pty, serve_tcp
 from simulators.motion import server as motion_server
 from simulators.motion.simulator import MotionSimulator
 from simulators.safety.device import SimulatedSafetyDevice
@@ -30,6 +34,8 @@ class Bench:
     """A cell on the running loop, from entering to leaving.
 
     ephemeral_ports : take free ports of 127.0.0.1 in place of those configured
+    maps : register maps of feeders that are no PMX, by name
+    relay_feeders : names of those whose drives the safety device's relay switches off
     endpoints : by "motion", "safety", "scale" and the feeders' names, in the spelling of a machine
         profile
     motion, feeders, safety, scale : the devices themselves, for a caller that acts as the operator
@@ -41,8 +47,13 @@ class Bench:
     ...         return sorted(bench.endpoints)
     """
 
-    def __init__(self, config: BenchConfig, *, ephemeral_ports: bool = False) -> None:
+    def __init__(
+        self, config: BenchConfig, *, ephemeral_ports: bool = False,
+        maps: Mapping[str, DeviceMap] | None = None, relay_feeders: Collection[str] = (),
+    ) -> None:
         self.config = config
+        self._maps = dict(maps or {})
+        self._relay_feeders = frozenset(relay_feeders)
         self._ephemeral_ports = ephemeral_ports
         self._running = AsyncExitStack()
         self.endpoints: dict[str, str] = {}
@@ -76,15 +87,28 @@ class Bench:
         self._running.callback(self.motion.close)
         self.endpoints["motion"] = await self._serve_motion(self._address("motion"))
         for feeder in self.config.feeders:
+            device_map = self._maps.get(feeder.name)
+            if device_map is not None and device_map.feeder is not None:
+                feeder = replace(feeder, has_watchdog=device_map.feeder.has_watchdog)
             device = PmxFeederDevice(feeder, clock)
             self.feeders[feeder.name] = device
+            registers: ModbusRegisters = FeederRegisters(device)
+            units: dict[int, ModbusRegisters] = {}
+            quirks = None
+            if device_map is not None:
+                by_unit = MappedFeederDevice(device, device_map).units()
+                registers = by_unit.pop(None)
+                units = {one.device_id: one for one in by_unit.values()}
+                quirks = ModbusQuirks(0, device_map.max_registers, device_map.function_codes)
             self.endpoints[feeder.name] = await self._serve_modbus(
-                f"feeder {feeder.name}", FeederRegisters(device), self._edge(feeder.name),
-                self._address(feeder.name),
+                f"feeder {feeder.name}", registers, self._edge(feeder.name),
+                self._address(feeder.name), quirks=quirks, units=units,
             )
         if self.config.safety is not None:
             self.safety = SimulatedSafetyDevice(self.config.safety, clock)
-            wiring = SafetyWiring(self.safety, self.motion, self.feeders.values())
+            wiring = SafetyWiring(
+                self.safety, self.motion, self.feeders.values(),
+                [one for name, one in self.feeders.items() if name in self._relay_feeders])
             self._running.callback(wiring.close)
             self.endpoints["safety"] = await self._serve_modbus(
                 "safety", self.safety, self._edge("safety"), self._address("safety"), _SAFETY_BAUD
@@ -126,13 +150,15 @@ class Bench:
 
     async def _serve_modbus(
         self, name: str, device: ModbusRegisters, edge: LinkTap, address: Address,
-        baud: int = 19_200
+        baud: int = 19_200, quirks: ModbusQuirks | None = None,
+        units: Mapping[int, ModbusRegisters] | None = None,
     ) -> str:
         if address.pty:
-            server = await serve_pty(device, edge, baud)
+            server = await serve_pty(device, edge, baud, quirks, units=units)
         else:
             try:
-                server = await serve_tcp(device, address.host, address.port, edge)
+                server = await serve_tcp(
+                    device, address.host, address.port, edge, quirks, units)
             except OSError as error:
                 raise _taken(name, address, error) from error
         self._running.push_async_callback(server.close)

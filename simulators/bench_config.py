@@ -10,13 +10,13 @@ from urllib.parse import urlsplit
 
 from firmware_protocol.dialect import GRBL, GRBLHAL
 from firmware_protocol.pmx import MAX_HOPPERS
+from firmware_protocol.table_reader import TableReader
 from simulators.feeder.config import FeederConfig, HopperConfig
 from simulators.motion.config import MotionConfig
 from simulators.motion.settings import FirmwareSettings, SettingError
 from simulators.process.config import ProcessConfig, read_process
 from simulators.safety.config import SafetyConfig
 from simulators.scale.config import ScaleConfig, read_scale_config
-from simulators.table_reader import TableReader
 
 _DIALECTS = {"grbl": GRBL, "grblhal": GRBLHAL}
 _SETTING_ERRORS = {

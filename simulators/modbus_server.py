@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+from collections.abc import Mapping
 from typing import cast
 
 from pymodbus.exceptions import ModbusIOException
@@ -50,15 +51,20 @@ _MAX_UNREAD = 264
 
 
 class ModbusServer:
-    """A device on its link. `endpoint` is its address, in the spelling of the driver."""
+    """A device on its link. `endpoint` is its address, in the spelling of the driver.
+
+    units : other devices at the same endpoint, by their ids
+    """
 
     def __init__(
         self, registers: ModbusRegisters, edge: LinkTap | None = None,
-        quirks: ModbusQuirks | None = None
+        quirks: ModbusQuirks | None = None, units: Mapping[int, ModbusRegisters] | None = None,
     ) -> None:
         self.endpoint = ""
         self.quirks = quirks or ModbusQuirks()
         self.registers = registers if quirks is None else RegistersWithQuirks(registers, quirks)
+        self.units = {number: unit if quirks is None else RegistersWithQuirks(unit, quirks)
+                      for number, unit in (units or {}).items()}
         self.edge = edge or LinkTap()
         self.open: set[_Connection] = set()
         self.listening: asyncio.Server | None = None
@@ -127,29 +133,35 @@ class _Connection(asyncio.Protocol):
         unread = self._unread + data
         while unread:
             try:
-                used, request = framer.handleFrame(unread, registers.device_id, 0)
+                expected = 0 if self._server.units else registers.device_id  # 0 : any
+                used, request = framer.handleFrame(unread, expected, 0)
             except ModbusIOException as nonsense:
-                self._send(ExceptionResponse(0, ILLEGAL_FUNCTION), nonsense.transaction_id)
+                self._send(ExceptionResponse(0, ILLEGAL_FUNCTION), nonsense.transaction_id,
+                           registers.device_id)
                 unread = b""
                 break
             unread = unread[used:]
             if request is None:
                 break
-            answer = _answer(self._server, request)
+            meant = (registers if request.dev_id == registers.device_id
+                     else self._server.units.get(request.dev_id))
+            answer = None if meant is None else _answer(self._server.quirks, meant, request)
             if answer is not None:
-                self._send(answer, request.transaction_id)
+                self._send(answer, request.transaction_id, request.dev_id)
         self._unread = unread if len(unread) <= _MAX_UNREAD else b""
 
-    def _send(self, answer: ModbusPDU, number: int) -> None:
-        answer.dev_id, answer.transaction_id = self._server.registers.device_id, number
+    def _send(self, answer: ModbusPDU, number: int, device_id: int) -> None:
+        answer.dev_id, answer.transaction_id = device_id, number
         if self._transport is not None:
             self._write(self._framer.buildFrame(answer))
 
 
-def _answer(server: ModbusServer, request: ModbusPDU) -> ModbusPDU | None:
+def _answer(
+    quirks: ModbusQuirks, registers: ModbusRegisters, request: ModbusPDU
+) -> ModbusPDU | None:
     try:
-        server.quirks.check_function_code(request.function_code)
-        return _carried_out(server.registers, request)
+        quirks.check_function_code(request.function_code)
+        return _carried_out(registers, request)
     except ExceptionReplyError as refused:
         return ExceptionResponse(request.function_code, refused.code)
     except RequestIgnoredError:
@@ -188,13 +200,13 @@ def _carried_out(registers: ModbusRegisters, request: ModbusPDU) -> ModbusPDU:
 
 async def serve_tcp(
     registers: ModbusRegisters, host: str = "127.0.0.1", port: int = 0, edge: LinkTap | None = None,
-    quirks: ModbusQuirks | None = None,
+    quirks: ModbusQuirks | None = None, units: Mapping[int, ModbusRegisters] | None = None,
 ) -> ModbusServer:
     """Serve Modbus TCP; port 0 takes a free port. Raises OSError where it cannot listen.
 
     edge : where faults apply to its bytes
     """
-    server = ModbusServer(registers, edge, quirks)
+    server = ModbusServer(registers, edge, quirks, units)
     server.listening = await asyncio.get_running_loop().create_server(
         lambda: _Connection(server, FramerSocket), host, port)
     server.endpoint = f"modbus-tcp://{host}:{server.listening.sockets[0].getsockname()[1]}"
@@ -204,6 +216,7 @@ async def serve_tcp(
 async def serve_pty(
     registers: ModbusRegisters, edge: LinkTap | None = None, baud: int = 19_200,
     quirks: ModbusQuirks | None = None, checks_baud: bool = False,
+    units: Mapping[int, ModbusRegisters] | None = None,
 ) -> ModbusServer:
     """Answer Modbus RTU on a new pty, without parity: Linux ptys carry none.
 
@@ -211,7 +224,7 @@ async def serve_pty(
     baud : rate given in the endpoint; a pty itself has no transmission time
     checks_baud : whether the server rejects bytes from a host at another rate
     """
-    server = ModbusServer(registers, edge, quirks)
+    server = ModbusServer(registers, edge, quirks, units)
     server.edge.is_rtu = True
     connection = _Connection(server, FramerRTU)
     transport = PtyTransport(connection, baud if checks_baud else None)

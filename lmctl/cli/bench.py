@@ -10,6 +10,7 @@ from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any, TypeVar
 
+from firmware_protocol.map_file import shipped_map
 from lmctl.config.file_kind import FileKind, refuse_other_kind
 from lmctl.config.machine import MachineProfile
 from lmctl.config.toml_file import parse_tables, read_text
@@ -43,7 +44,7 @@ def run_simulated(
     plan = FaultPlan() if faults is None else load_faults(faults, config)
 
     async def run_and_close() -> RunResult:
-        async with Bench(config, ephemeral_ports=True) as cell:
+        async with bench_of(config, profile) as cell:
             wired = replace_endpoints(profile, cell.endpoints)
             board = FaultInjector(cell, on_host_killed=_kill_this_process)
             board.schedule(plan)
@@ -89,7 +90,7 @@ def run_on_bench(
     config = load_bench(bench)
 
     async def act_and_close() -> T:
-        async with Bench(config, ephemeral_ports=True) as cell:
+        async with bench_of(config, profile) as cell:
             return await act(replace_endpoints(profile, cell.endpoints))
 
     return virtual_time.run_in_virtual_time(act_and_close())
@@ -103,10 +104,20 @@ def run_on_bench_with_operator(
     config = load_bench(bench)
 
     async def act_and_close() -> T:
-        async with Bench(config, ephemeral_ports=True) as cell:
+        async with bench_of(config, profile) as cell:
             return await act(replace_endpoints(profile, cell.endpoints), SimulatedOperator(cell))
 
     return virtual_time.run_in_virtual_time(act_and_close())
+
+
+def bench_of(config: BenchConfig, profile: MachineProfile) -> Bench:
+    """A bench for a profile: its feeders have the register maps that the profile names."""
+    return Bench(
+        config, ephemeral_ports=True,
+        maps={feeder.name: feeder.device_map for feeder in profile.feeder
+              if feeder.device_map is not None and feeder.device_map is not shipped_map("pmx")},
+        relay_feeders=[feeder.name for feeder in profile.feeder if feeder.stopped_by_relay],
+    )
 
 
 def load_bench(path: Path | None) -> BenchConfig:

@@ -23,7 +23,7 @@ from lmctl.errors import UsageError
               help="Profile to check a part or job against [the bench cell].")
 @units_option
 def check(file: Path, machine: Path | None, units: str | None) -> None:
-    """Check FILE: a part file, a bare mesh or cloud, a machine profile, a bench, or a job."""
+    """Check FILE: a part file, a mesh or cloud, a machine profile, a bench, a map, or a job."""
     check_units(file, units)
     kind = _kind_of(file)
     if kind in (FileKind.PROFILE, FileKind.BENCH):
@@ -31,6 +31,8 @@ def check(file: Path, machine: Path | None, units: str | None) -> None:
             raise UsageError(f"{file} is {kind}: it is checked by itself",
                              hint="--machine is for a part or a job")
         print_data(f"{file}: {kind}, {_profile_or_bench(file, kind)}; nothing wrong")
+    elif kind is FileKind.MAP:
+        _check_map(file)
     elif kind is FileKind.FAULTS:
         raise UsageError(f"{file} is {kind}: what it may name is known to a simulated cell only",
                          hint="`lmctl run JOB --sim --faults FILE` checks it before it runs")
@@ -55,6 +57,18 @@ def _profile_or_bench(file: Path, kind: FileKind) -> str:
         return f"with {len(feeders)} feeders: {', '.join(feeders)}"
     profile = load_checked_profile(file)
     return f"{len(profile.hopper)} hoppers on {len(profile.feeder)} feeders"
+
+
+def _check_map(file: Path) -> None:
+    """A register map, and what a run does in place of what the device lacks. Raises ConfigError."""
+    from firmware_protocol.map_checks import describe_map
+    from lmctl.config.feeder_maps import read_device_map
+
+    device = read_device_map(file)
+    if device.feeder is not None:
+        for feature, meaning in device.feeder.substitutions():
+            print_message(f"without {feature}: {meaning}")
+    print_data(f"{file}: {FileKind.MAP} of {device.name}, {describe_map(device)}; nothing wrong")
 
 
 @interruptible()

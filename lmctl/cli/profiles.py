@@ -13,7 +13,7 @@ from typing import Any
 
 from lmctl.config import toml_file
 from lmctl.config.file_kind import FileKind, refuse_other_kind
-from lmctl.config.machine import MachineProfile
+from lmctl.config.machine import MachineProfile, with_device_maps
 from lmctl.errors import ConfigError, Finding
 from lmctl.machine.modbus.endpoint import parse_modbus_endpoint
 from lmctl.machine.motion.endpoint import parse_motion_endpoint
@@ -52,7 +52,7 @@ def load_checked_profile(path: Path) -> MachineProfile:
     if findings or profile is None:
         count = "1 mistake" if len(findings) == 1 else f"{len(findings)} mistakes"
         raise ConfigError(f"{path} has {count}", findings=findings)
-    return profile
+    return with_device_maps(profile, path)
 
 
 def _endpoint_findings(data: dict[str, Any]) -> Iterator[Finding]:

@@ -168,7 +168,9 @@ async def _uptimes_s(profile: MachineProfile) -> dict[str, float]:
     for feeder in profile.feeder:
         hoppers: list[HopperSettings] = []
         with suppress(MachineError):
-            uptimes_s[feeder.name] = (await inspect_feeder(feeder, hoppers)).status.uptime_s
+            look = await inspect_feeder(feeder, hoppers)
+            if look.identity.reports_uptime:
+                uptimes_s[feeder.name] = look.status.uptime_s
     if profile.safety is not None:
         with suppress(MachineError):
             uptimes_s["the safety device"] = (await inspect_safety(profile.safety)).uptime_s

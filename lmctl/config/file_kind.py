@@ -17,6 +17,7 @@ class FileKind(StrEnum):
     PROFILE = "a machine profile"
     BENCH = "a description of a simulated cell"
     FAULTS = "a fault file"
+    MAP = "a register map"
 
 
 #: Where a file of each kind goes instead.
@@ -25,6 +26,7 @@ _USES = {
     FileKind.PROFILE: "--machine FILE",
     FileKind.BENCH: "--sim --bench FILE",
     FileKind.FAULTS: "lmctl run JOB --sim --faults FILE",
+    FileKind.MAP: 'map = "FILE" of a feeder in a machine profile',
 }
 
 
@@ -38,6 +40,8 @@ def file_kind_of(tables: Mapping[str, Any]) -> FileKind | None:
         return FileKind.PART
     if "fault" in tables:
         return FileKind.FAULTS
+    if {"register", "hopper_register"} & tables.keys():
+        return FileKind.MAP
     motion = tables.get("motion")
     if not isinstance(motion, dict):
         return FileKind.PROFILE if {"laser", "hopper"} <= tables.keys() else None

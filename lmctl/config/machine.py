@@ -7,53 +7,34 @@ from __future__ import annotations
 
 import hashlib
 import json
-import unicodedata
 from pathlib import Path
 from typing import Annotated, Literal, get_args
 
-from pydantic import AfterValidator, Field, PrivateAttr, field_validator, model_validator
+from pydantic import Field, PrivateAttr, field_validator, model_validator
 
 from lmctl.config import toml_file
 from lmctl.config.dilution import DilutionSettings, dilution_mistakes
+from lmctl.config.feeder_maps import feeders_with_maps
+from lmctl.config.feeders import FeederSettings, HopperSettings, PlainName
 from lmctl.config.measuring import (
     CalibrationSettings,
     CalibrationUse,
-    FeederCorrectionSettings,
     ScaleSettings,
 )
 from lmctl.config.mixture_catch import MixtureCatchSettings
 from lmctl.config.modbus_device import ModbusDevice
-from lmctl.config.quantities import Coordinate, Length, Name, Vector
+from lmctl.config.quantities import Coordinate, Length, Vector
 from lmctl.config.toml_file import ConfigModel
-
-
-def _plain(value: str) -> str:
-    if any(unicodedata.category(character) == "Cc" for character in value):
-        raise ValueError("holds a control character, which a terminal would obey")
-    return value
-
-
-#: What the cell's things are called: on one line, in messages and journals.
-PlainName = Annotated[Name, AfterValidator(_plain)]
 
 #: Wider than any machine; a figure beyond these limits is in other units, or a typing error.
 Speed = Annotated[float, Field(ge=0.01, le=100_000)]
 Acceleration = Annotated[float, Field(ge=0.1, le=1_000_000)]
 Power = Annotated[float, Field(gt=0, le=1_000_000)]
-#: What a feeder's registers hold (docs/explanation/powder-delivery.md, Feeders): set-points of
-#: 0.01 g/min in 16 bits.
-Flow = Annotated[float, Field(ge=0, le=655)]
-GasTime = Annotated[float, Field(ge=0, le=600)]
-Pressure = Annotated[float, Field(gt=0, le=30_000)]
-
 #: Reports that must come within the send horizon: each report releases lines, and with fewer
 #: reports motion runs dry between two of them.
 _REPORTS_PER_HORIZON = 2
 
 _ROUNDING_S = 1e-9
-
-#: How often a feeder is polled within its watchdog time.
-_CYCLES_PER_WATCHDOG = 4
 
 
 class AxisTravel(ConfigModel):
@@ -109,61 +90,6 @@ class LaserSettings(ConfigModel):
 
     max_power_W: Power
     s_max: Annotated[int, Field(ge=1, le=65_535)] = 1000
-
-
-class FeederSettings(ModbusDevice):
-    """One Modbus feeder device, see `ModbusDevice` too.
-
-    watchdog_s : the feeder stops its discs when no heartbeat comes for this time
-    stabilise_s : powder counts as stable no sooner than this after its start
-        (docs/explanation/safety-and-sequences.md, Sequences)
-    mixer_pressure_max_mbar : more than this for a second is a clog, and holds a run; None: only the
-        feeder's own alarm reports a clog. The usual pressure depends on hose, nozzle and gas, so no
-        default would both spare a sound cell and detect a clog
-    correction : of its hoppers' slopes during a run; None: deviations are only reported
-    """
-
-    name: PlainName
-    watchdog_s: Annotated[float, Field(ge=0.1, le=60)] = 2.0
-    gas_preflow_s: GasTime = 3.0
-    stabilise_s: Annotated[float, Field(ge=0, le=600)] = 8.0
-    gas_postflow_s: GasTime = 10.0
-    mixer_pressure_max_mbar: Pressure | None = None
-    correction: FeederCorrectionSettings | None = None
-
-    @model_validator(mode="after")
-    def _answers_within_its_cycle(self) -> FeederSettings:
-        most_s = self.watchdog_s / _CYCLES_PER_WATCHDOG
-        if self.timeout_s is not None and self.timeout_s > most_s + _ROUNDING_S:
-            raise ValueError(f"timeout_s must be at most a quarter of watchdog_s, {most_s:g} s")
-        return self
-
-
-class HopperSettings(ConfigModel):
-    """One hopper of a feeder and what is in it.
-
-    channel : the hopper's number on its feeder, from 1
-    dead_time_s, lag_s : θ and τ from set-point to nozzle (docs/explanation/powder-delivery.md,
-    Transport delay and lag)
-    slope, offset_g_min : what it really feeds is offset + slope · set-point; of a feeder that is
-        calibrated itself 1 and 0
-    powder_lot : of the powder in it
-    catch_efficiency : measured for its powder; None: the part file's
-    """
-
-    name: PlainName
-    feeder: PlainName
-    channel: Annotated[int, Field(ge=1, le=4)] = 1
-    material: PlainName
-    dead_time_s: Annotated[float, Field(ge=0, le=60)]
-    lag_s: Annotated[float, Field(ge=0, le=60)]
-    min_flow_g_min: Flow = 0.0
-    max_flow_g_min: Flow
-    carrier_L_min: Annotated[float, Field(gt=0, le=100)] = 4.0
-    slope: Annotated[float, Field(ge=0.1, le=10)] = 1.0
-    offset_g_min: Annotated[float, Field(ge=-20, le=20)] = 0.0
-    powder_lot: PlainName | None = None
-    catch_efficiency: Annotated[float, Field(gt=0, le=1)] | None = None
 
 
 SafetyInput = Literal[
@@ -278,6 +204,12 @@ class MachineProfile(ConfigModel):
             for h in self.hopper
             if h.min_flow_g_min >= h.max_flow_g_min
         ]
+        relay = self.safety is not None and self.safety.relay_timeout_s is not None
+        wrong += [
+            f"feeder {feeder.name!r} is stopped_by_relay, and there is no safety.relay_timeout_s"
+            for feeder in self.feeder
+            if feeder.stopped_by_relay and not relay
+        ]
         outside = [
             axis
             for axis, value in zip("xyz", self.motion.purge_mm, strict=True)
@@ -303,7 +235,8 @@ class MachineProfile(ConfigModel):
                 "motion": {"endpoint", "baud", "status_period_s"},
                 "feeder": {"__all__": {
                     *ModbusDevice.model_fields, "watchdog_s", "gas_preflow_s", "stabilise_s",
-                    "gas_postflow_s", "mixer_pressure_max_mbar", "correction",
+                    "gas_postflow_s", "mixer_pressure_max_mbar", "correction", "map",
+                    "stopped_by_relay",
                 }},
                 "hopper": {"__all__": {"dead_time_s", "lag_s", "slope", "offset_g_min",
                                        "powder_lot"}},
@@ -324,5 +257,14 @@ def _twice(names: list[str]) -> set[str]:
 
 
 def load_profile(path: Path) -> MachineProfile:
-    """Read a machine profile. Raises ConfigError."""
-    return toml_file.load_toml(path, MachineProfile)
+    """Read a machine profile and its feeders' register maps. Raises ConfigError."""
+    return with_device_maps(toml_file.load_toml(path, MachineProfile), path)
+
+
+def with_device_maps(profile: MachineProfile, path: Path) -> MachineProfile:
+    """The profile with the register maps of its feeders. path : of the profile's file.
+
+    Raises ConfigError with every mistake of every map, and what contradicts the profile.
+    """
+    return profile.model_copy(
+        update={"feeder": feeders_with_maps(profile.feeder, profile.hopper, path)})

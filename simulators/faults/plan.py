@@ -17,9 +17,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from firmware_protocol.table_reader import TableReader
 from simulators.bench_config import BenchConfig
 from simulators.faults.kinds import FAULT_KINDS, Fault, FaultTarget, find_mistakes
-from simulators.table_reader import TableReader
 
 MAX_FAULTS = 1000
 MAX_BYTES = 1_000_000

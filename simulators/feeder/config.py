@@ -73,6 +73,7 @@ class FeederConfig:
     preflow_s : carrier gas before powder may run
     word_order : of 32-bit values
     map_minor : 1 has the mirror for FC 23, 0 has not
+    has_watchdog : whether its discs stop when heartbeats do
     """
 
     name: str
@@ -82,3 +83,4 @@ class FeederConfig:
     preflow_s: float = 3.0
     map_minor: int = 1
     word_order: WordOrder = WordOrder.ABCD
+    has_watchdog: bool = True

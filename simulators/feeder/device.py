@@ -48,6 +48,7 @@ class PmxFeederDevice:
     gas : (time, whether carrier gas flows from then on)
     defects : injected defects, if any
     local : the switch is at LOCAL; estop_open : the emergency-stop chain is open
+    enable_open : the circuit that lets the drives run is open
     """
 
     def __init__(self, config: FeederConfig, now: Callable[[], float]) -> None:
@@ -61,7 +62,7 @@ class PmxFeederDevice:
         self.alarms = AlarmLatch()
         self.spans: list[FeedInterval] = []
         self.local = False
-        self.estop_open = False
+        self.estop_open = self.enable_open = False
         self._power_up(now())
 
     def _power_up(self, time_s: float) -> None:
@@ -105,6 +106,13 @@ class PmxFeederDevice:
         self.estop_open = is_open
         if is_open:
             self._fault(ESTOP, time_s, gas_off=True)
+
+    def set_enable_open(self, is_open: bool) -> None:
+        """Open the circuit that lets the drives run: discs stop, and wait for a new command."""
+        time_s = self.advance_to_now()
+        self.enable_open = is_open
+        if is_open:
+            self._obey(self.command & ~FeederCommandBits.FEED_ON, time_s)
 
     def raise_alarm(self, code: int) -> None:
         """Raise an alarm and stop powder."""
@@ -192,7 +200,8 @@ class PmxFeederDevice:
 
     def _watchdog_s(self) -> float:
         """When the host's silence trips the watchdog; it watches while the host is in command."""
-        if self.watchdog_tripped or FeederCommandBits.ENABLE_REMOTE not in self.command:
+        watches = self.config.has_watchdog and FeederCommandBits.ENABLE_REMOTE in self.command
+        if self.watchdog_tripped or not watches:
             return math.inf
         return self.heartbeat_s + self.holding.raw_word("WD_TIMEOUT") / 1000.0
 
@@ -271,7 +280,8 @@ class PmxFeederDevice:
 
     def _obey(self, command: FeederCommandBits, time_s: float) -> None:
         self._take(command)
-        feed = FeederCommandBits.FEED_ON in command and FeederCommandBits.STOP not in command
+        feed = FeederCommandBits.FEED_ON in command and not (
+            FeederCommandBits.STOP in command or self.enable_open)
         if not feed:
             self._stop_discs(time_s)
         if FeederCommandBits.GAS_ON in command:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from firmware_protocol.pmx import hopper_register_name, register_map
+from firmware_protocol.pmx import (
+    FIRST_CONFIGURATION_REGISTER,
+    hopper_register_name,
+    register_map,
+)
 from firmware_protocol.registers import RegisterSpace, RegisterValue
 from simulators.feeder.config import FeederConfig, HopperConfig
 from simulators.modbus_errors import ILLEGAL_ADDRESS, ILLEGAL_VALUE, ExceptionReplyError
-
-#: Stored configuration begins here; nothing below it survives a restart.
-FIRST_CONFIGURATION_REGISTER = 1000
 
 _DEFAULTS: dict[str, RegisterValue] = {
     "WD_TIMEOUT": 1000, "WD_ACTION": 1, "STABILISE": 8.0, "POSTFLOW": 10.0, "AT_SPEED_TOL": 2.0,

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from firmware_protocol.pmx import (
     DEVICE_ID,
+    FIRST_CONFIGURATION_REGISTER,
     FIRST_MINOR_VERSION_WITH_MIRROR,
     HOPPER_WORDS,
     MAP_MAJOR_VERSION,
@@ -23,7 +24,6 @@ from firmware_protocol.pmx import (
 from firmware_protocol.pmx_alarms import CLIPPED, EMPTY, LEVEL_LOW, hopper_alarm_code
 from firmware_protocol.registers import RegisterValue, WordOrder
 from simulators.feeder.device import PmxFeederDevice
-from simulators.feeder.holding_registers import FIRST_CONFIGURATION_REGISTER
 from simulators.feeder.hopper import SimulatedHopper
 from simulators.modbus_errors import ILLEGAL_ADDRESS, ExceptionReplyError
 

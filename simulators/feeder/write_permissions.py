@@ -7,13 +7,13 @@ from typing import Protocol
 
 from firmware_protocol.pmx import (
     ALARM_RESET_KEY,
+    FIRST_CONFIGURATION_REGISTER,
     PMX_MAP,
     WATCHDOG_RESET_KEY,
     FeederCommandBits,
     WriteRefusalCode,
 )
 from simulators.feeder.alarms import AlarmLatch
-from simulators.feeder.holding_registers import FIRST_CONFIGURATION_REGISTER
 from simulators.modbus_errors import ILLEGAL_VALUE, ExceptionReplyError
 
 COMMAND_ADDRESS = PMX_MAP.wire_address("COMMAND")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from simulators.table_reader import TableReader
+from firmware_protocol.table_reader import TableReader
 
 #: Strips of a bead's cross-section must be resolved: so many voxels lie across the bead at least.
 _LEAST_VOXELS_ACROSS = 4.0

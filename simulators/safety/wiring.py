@@ -18,21 +18,23 @@ class SafetyWiring:
     """Connects the safety device to the controller, the feeders and the laser.
 
     Door and relay are in series at the controller's door input. The e-stop chain is wired to the
-    e-stop input of the controller and of every feeder. If so configured, all three and the
+    e-stop input of the controller and of every feeder; the relay, to the drives of those feeders
+    that have no watchdog of their own. If so configured, all three and the
     laser-enable output also open the laser's own safety circuit. Works on the running loop's clock
     until closed.
     """
 
     def __init__(
         self, safety: SimulatedSafetyDevice, motion: MotionSimulator,
-        feeders: Iterable[PmxFeederDevice]
+        feeders: Iterable[PmxFeederDevice], relay_feeders: Iterable[PmxFeederDevice] = (),
     ) -> None:
         self._safety = safety
         self._motion = motion
         self._feeders = tuple(feeders)
+        self._relay_feeders = tuple(relay_feeders)
         self._loop = asyncio.get_running_loop()
         self._timer: asyncio.TimerHandle | None = None
-        self._door = self._estop = False
+        self._door = self._estop = self._relay = False
         safety.on_change = self._drive
         self._drive()
 
@@ -50,6 +52,10 @@ class SafetyWiring:
             self._motion.set_estop(estop)
             for feeder in self._feeders:
                 feeder.set_estop_open(estop)
+        if safety.is_relay_open != self._relay:
+            self._relay = safety.is_relay_open
+            for feeder in self._relay_feeders:
+                feeder.set_enable_open(self._relay)
         circuit = safety.config.laser_circuit
         if circuit or safety.config.laser_enable:
             is_cut = (circuit and (door or estop)) or safety.is_laser_enable_off

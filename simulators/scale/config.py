@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from firmware_protocol.registers import WordOrder
-from simulators.table_reader import TableReader
+from firmware_protocol.table_reader import TableReader
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,8 @@ from lmctl.config.toml_file import ConfigModel, validated_model
 from lmctl.errors import ConfigError
 
 EXAMPLES = sorted(path.name for path in files("lmctl.examples").iterdir()
-                  if path.name.endswith(".toml") and not path.name.startswith("bench"))
+                  if path.name.endswith(".toml")
+                  and not path.name.startswith(("bench", "feeder-")))
 
 #: What stands in files by mistake.
 ODD = ["", "x", "y" * 2000, 7, 2.5, -1e9, 1e12, float("nan"), True, [], [1], [[1]], {}, {"a": 1},

@@ -11,12 +11,17 @@ from firmware_protocol.pmx import (
     WATCHDOG_RESET_KEY,
     FeederCommandBits,
     FeederStateCode,
-    mirror_register,
 )
 from lmctl.config.machine import FeederSettings, HopperSettings
 from lmctl.errors import MachineError
 from lmctl.machine.feeder.feeder_errors import REFUSED_HINT
-from lmctl.machine.feeder.identity import FeederIdentity, identify_feeder
+from lmctl.machine.feeder.feeder_link import (
+    FeederLink,
+    IdentifiedFeederLink,
+    identify_by_map,
+    open_feeder_link,
+)
+from lmctl.machine.feeder.identity import FeederIdentity
 from lmctl.machine.feeder.orders import ORDER_TIMEOUT_S, FeederOrders
 from lmctl.machine.feeder.polling import FeederPolling
 from lmctl.machine.feeder.readings import HopperReading
@@ -33,10 +38,10 @@ _POSTFLOW = PMX_MAP.wire_address("POSTFLOW")
 
 
 class FeederDriver:
-    """A PMX feeder and those of its hoppers that are used."""
+    """A feeder and those of its hoppers that are used."""
 
     def __init__(
-        self, link: ModbusLink, feeder: FeederSettings, hoppers: Sequence[HopperSettings],
+        self, link: FeederLink, feeder: FeederSettings, hoppers: Sequence[HopperSettings],
         identity: FeederIdentity,
     ) -> None:
         self.name = feeder.name
@@ -57,7 +62,7 @@ class FeederDriver:
         does not let itself be commanded; ConfigError for a bad endpoint.
         """
         timeout_s = min(_MAX_ANSWER_S, feeder.watchdog_s / 4.0)
-        link = await _connect(feeder, timeout_s)
+        link = await _connect(feeder, hoppers, timeout_s)
         try:
             driver = cls(link, feeder, hoppers, await _identified(link, feeder, hoppers))
             await driver._take_command()
@@ -269,9 +274,11 @@ def _gas_has_stopped(status: FeederStatus) -> bool:
     return status.state not in (*GAS_ORDERED_STATES, FeederStateCode.STOPPING)
 
 
-async def _connect(feeder: FeederSettings, timeout_s: float) -> ModbusLink:
+async def _connect(
+    feeder: FeederSettings, hoppers: Sequence[HopperSettings], timeout_s: float
+) -> ModbusLink | IdentifiedFeederLink:
     try:
-        return await ModbusLink.open(feeder, timeout_s=timeout_s, mirror=mirror_register)
+        return await open_feeder_link(feeder, hoppers, timeout_s)
     except MachineError as error:
         raise MachineError(
             f"feeder {feeder.name}: {error.what}", where=error.where, hint=error.hint
@@ -279,10 +286,11 @@ async def _connect(feeder: FeederSettings, timeout_s: float) -> ModbusLink:
 
 
 async def _identified(
-    link: ModbusLink, feeder: FeederSettings, hoppers: Sequence[HopperSettings]
+    link: ModbusLink | IdentifiedFeederLink, feeder: FeederSettings,
+    hoppers: Sequence[HopperSettings],
 ) -> FeederIdentity:
     try:
-        return await identify_feeder(link, feeder, hoppers)
+        return await identify_by_map(link, feeder, hoppers)
     except (NoReplyError, ModbusExceptionError) as error:
         raise MachineError(
             f"feeder {feeder.name}: {error.what}",

@@ -10,8 +10,9 @@ from firmware_protocol.pmx_alarms import describe_refusal
 from firmware_protocol.registers import RegisterError
 from lmctl.config.machine import FeederSettings
 from lmctl.errors import MachineError
+from lmctl.machine.feeder.feeder_link import FeederLink
 from lmctl.machine.feeder.status import FeederStatus
-from lmctl.machine.modbus.client import FAILURE, ModbusExceptionError, ModbusLink, NoReplyError
+from lmctl.machine.modbus.client import FAILURE, ModbusExceptionError, NoReplyError
 
 T = TypeVar("T")
 
@@ -22,7 +23,7 @@ _LAST_REFUSAL = PMX_MAP.wire_address("LAST_REFUSAL")
 class FeederErrors:
     """Errors of one feeder, from its own words where it gives any."""
 
-    def __init__(self, feeder: FeederSettings, link: ModbusLink) -> None:
+    def __init__(self, feeder: FeederSettings, link: FeederLink) -> None:
         self._name = feeder.name
         self._place = f"{feeder.endpoint}, device {feeder.device_id}"
         self._link = link

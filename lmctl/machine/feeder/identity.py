@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from firmware_protocol.pmx import (
     DEVICE_ID,
@@ -12,10 +12,12 @@ from firmware_protocol.pmx import (
     MAX_HOPPERS,
     PMX_MAP,
     SYSTEM_BLOCK,
+    FeederStatusBits,
     hopper_register_name,
     recipe_register_names,
     register_map,
 )
+from firmware_protocol.pmx_alarms import FeederAlarm
 from firmware_protocol.registers import RegisterValue, WordOrder
 from lmctl.config.machine import FeederSettings, HopperSettings
 from lmctl.errors import MachineError
@@ -25,6 +27,7 @@ from lmctl.machine.modbus.word_order import address_base_hint, detect_word_order
 
 #: A device that is busy is asked again after this [s].
 _BUSY_PAUSE_S = 0.2
+_NONE = FeederStatusBits(0)
 _UPTIME = PMX_MAP.contiguous_block(["UPTIME"])
 
 
@@ -33,6 +36,13 @@ class FeederIdentity:
     """heartbeat : the last one written to the device, by this host or an earlier one
     has_mirror : map 1.1, where one FC 23 request writes a recipe and reads the status back
     feed_factor_g_rev : what the device believes one turn of each used hopper's disc feeds
+    device : the name of its register map, where that is not the PMX's; then map_version, firmware
+        and serial say nothing
+    unreported : status bits that it does not report
+    alarms : its alarms by code, in words; empty for those of a PMX
+    substitutions : what it lacks, and what takes its place: (feature, in words)
+    reports_uptime : whether a restart of the device shows
+    reports_tick : whether it stamps its data with a clock finer than seconds
     """
 
     map_version: tuple[int, int]
@@ -42,6 +52,12 @@ class FeederIdentity:
     heartbeat: int
     has_mirror: bool
     feed_factor_g_rev: Mapping[str, float]
+    device: str = ""
+    unreported: FeederStatusBits = _NONE
+    alarms: Mapping[int, FeederAlarm] = field(default_factory=dict)
+    substitutions: tuple[tuple[str, str], ...] = ()
+    reports_uptime: bool = True
+    reports_tick: bool = True
 
 
 async def identify_feeder(

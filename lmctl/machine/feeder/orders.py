@@ -11,9 +11,10 @@ from collections.abc import Awaitable, Callable
 from firmware_protocol.pmx import PMX_MAP, FeederCommandBits
 from lmctl.config.machine import FeederSettings
 from lmctl.errors import MachineError
+from lmctl.machine.feeder.feeder_link import FeederLink
 from lmctl.machine.feeder.polling import FeederPolling
 from lmctl.machine.feeder.status import FeederStatus
-from lmctl.machine.modbus.client import ModbusExceptionError, ModbusLink, NoReplyError
+from lmctl.machine.modbus.client import ModbusExceptionError, NoReplyError
 
 #: An order that switches something off is repeated after this interval, for at most this time [s].
 _AGAIN_S = 0.1
@@ -26,7 +27,7 @@ _COMMAND = PMX_MAP.wire_address("COMMAND")
 class FeederOrders:
     """Gives orders over a link whose cycle reads the device's status."""
 
-    def __init__(self, link: ModbusLink, cycle: FeederPolling, feeder: FeederSettings) -> None:
+    def __init__(self, link: FeederLink, cycle: FeederPolling, feeder: FeederSettings) -> None:
         self._link = link
         self._cycle = cycle
         #: After this silence the device's own watchdog has stopped it.

@@ -23,6 +23,7 @@ from lmctl.config.machine import FeederSettings, HopperSettings
 from lmctl.errors import MachineError
 from lmctl.machine.feeder.fault_detection import FeederFault, FeederMonitor
 from lmctl.machine.feeder.feeder_errors import REFUSED_HINT, FeederErrors
+from lmctl.machine.feeder.feeder_link import FeederLink
 from lmctl.machine.feeder.identity import FeederIdentity
 from lmctl.machine.feeder.readings import HopperReader, HopperReading
 from lmctl.machine.feeder.recipe import PreviousFlows, RecipeWriter
@@ -33,7 +34,7 @@ from lmctl.machine.feeder.status import (
     read_feeder_status,
 )
 from lmctl.machine.feeder.warnings import WarningReader
-from lmctl.machine.modbus.client import ModbusExceptionError, ModbusLink, NoReplyError
+from lmctl.machine.modbus.client import ModbusExceptionError, NoReplyError
 from lmctl.machine.timer_wheel import align_to_tick
 
 #: Longest interval between status reads while a caller waits [s], however long the cycle is.
@@ -56,7 +57,7 @@ class FeederPolling:
     """
 
     def __init__(
-        self, link: ModbusLink, feeder: FeederSettings, hoppers: Sequence[HopperSettings],
+        self, link: FeederLink, feeder: FeederSettings, hoppers: Sequence[HopperSettings],
         identity: FeederIdentity,
     ) -> None:
         self.listener = FeederCallbacks()
@@ -87,7 +88,8 @@ class FeederPolling:
         self._readings: Mapping[str, HopperReading] = {}
         self._mirrored = max(reader.mirrored.stop for reader in self._readers.values())
         self._warnings = WarningReader(
-            feeder.name, {h.channel: h.name for h in hoppers}, identity.n_hoppers
+            feeder.name, {h.channel: h.name for h in hoppers}, identity.n_hoppers,
+            alarms=identity.alarms, substitutions=identity.substitutions,
         )
         self._due_s = self._status_due_s = self._hoppers_due_s = self._loop.time()
         self._news = self._ask_status = False

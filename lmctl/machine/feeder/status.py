@@ -73,7 +73,8 @@ def read_feeder_status(
         state=state,
         mode=FeederMode(values["MODE"]),
         flags=flags,
-        alarm=describe_first_out_alarm(code, values["ALARM"], warnings.names)
+        alarm=(warnings.alarms.get(code)
+               or describe_first_out_alarm(code, values["ALARM"], warnings.names))
         if code or FeederStatusBits.ALARM in flags else None,
         warnings=warnings.read(warned, hoppers),
         clipped=bool(warned & SETPOINT_CLIPPED_BIT),

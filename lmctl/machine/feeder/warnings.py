@@ -10,8 +10,22 @@ from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 from firmware_protocol.pmx import HopperStatusBits
-from firmware_protocol.pmx_alarms import CLIPPED, DRIFT, LEVEL_LOW, describe_warnings
+from firmware_protocol.pmx_alarms import (
+    CLIPPED,
+    DRIFT,
+    LEVEL_LOW,
+    FeederAlarm,
+    describe_warnings,
+)
 from lmctl.machine.feeder.readings import HopperReading
+
+#: Number of warnings about what a device lacks; beyond those that a device reports itself.
+SUBSTITUTED = 90
+#: What is reported for as long as such a device is used, with what to do.
+_SUBSTITUTE_REMEDIES = {
+    "watchdog": "see that the relay is wired and stops powder: pull this host's cable once to try",
+    "gas": "open the gas before powder, and keep it open until the hose is empty",
+}
 
 _OWN_FLAG = {LEVEL_LOW: HopperStatusBits.LEVEL_LOW, CLIPPED: HopperStatusBits.LIMITED}
 
@@ -36,15 +50,26 @@ class WarningReader:
     """Puts one feeder's word WARNING into words. names : of the hoppers in use, by channel.
 
     n_hoppers : of the device; a level or set-point of a hopper not in use is not reported
+    alarms : its alarms by code, where they are not those of a PMX
+    substitutions : what it lacks, and what takes its place: the dangerous ones are always reported
     """
 
-    def __init__(self, feeder: str, names: Mapping[int, str], n_hoppers: int) -> None:
+    def __init__(
+        self, feeder: str, names: Mapping[int, str], n_hoppers: int, *,
+        alarms: Mapping[int, FeederAlarm] | None = None,
+        substitutions: Iterable[tuple[str, str]] = (),
+    ) -> None:
         self.names = names
+        self.alarms = alarms or {}
+        self._lasting = tuple(
+            FeederWarning(SUBSTITUTED, feeder, "", f"feeder {feeder} has no {feature}: {meaning}",
+                          _SUBSTITUTE_REMEDIES[feature])
+            for feature, meaning in substitutions if feature in _SUBSTITUTE_REMEDIES)
         self._feeder = feeder
         self._only = next(iter(names.values()), "") if n_hoppers == 1 else ""
         self._word = 0
         self._hoppers: Mapping[str, HopperReading] = {}
-        self._active: tuple[FeederWarning, ...] = ()
+        self._active = self._lasting
 
     def read(
         self, word: int, hoppers: Mapping[str, HopperReading]
@@ -58,7 +83,7 @@ class WarningReader:
             return self._active
         self._word, self._hoppers = word, hoppers
         known = {(one.number, one.hopper): one for one in self._active}
-        active = tuple(
+        active = self._lasting + tuple(
             known.get((one.code, hopper))
             or FeederWarning(one.code, self._feeder, hopper, self._place(hopper) + one.text
                              + _figures(one.code, hopper, hoppers), one.remedy)

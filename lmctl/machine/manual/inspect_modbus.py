@@ -7,13 +7,19 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from firmware_protocol.pmx import PMX_MAP, SYSTEM_BLOCK, hopper_register_name, mirror_register
+from firmware_protocol.pmx import PMX_MAP, SYSTEM_BLOCK, hopper_register_name
 from firmware_protocol.registers import RegisterError, WordOrder
 from firmware_protocol.safety_io import CYCLIC_BLOCK, mirror_address_of
 from lmctl.config.machine import FeederSettings, HopperSettings, SafetySettings
 from lmctl.config.modbus_device import ModbusDevice
 from lmctl.errors import MachineError
-from lmctl.machine.feeder.identity import FeederIdentity, identify_feeder
+from lmctl.machine.feeder.feeder_link import (
+    FeederLink,
+    IdentifiedFeederLink,
+    identify_by_map,
+    open_feeder_link,
+)
+from lmctl.machine.feeder.identity import FeederIdentity
 from lmctl.machine.feeder.readings import HopperReader
 from lmctl.machine.feeder.status import FeederStatus, read_feeder_status
 from lmctl.machine.feeder.warnings import WarningReader
@@ -60,7 +66,7 @@ async def inspect_feeder(feeder: FeederSettings,
     ConfigError for a bad endpoint.
     """
     try:
-        link = await ModbusLink.open(feeder, timeout_s=_TIMEOUT_S, mirror=mirror_register)
+        link = await open_feeder_link(feeder, hoppers, _TIMEOUT_S)
         try:
             return await _read_feeder(link, feeder, hoppers)
         finally:
@@ -79,12 +85,14 @@ async def inspect_feeder(feeder: FeederSettings,
 
 
 async def _read_feeder(
-    link: ModbusLink, feeder: FeederSettings, hoppers: Sequence[HopperSettings]
+    link: ModbusLink | IdentifiedFeederLink, feeder: FeederSettings,
+    hoppers: Sequence[HopperSettings],
 ) -> FeederInspection:
     loop = asyncio.get_running_loop()
-    identity = await identify_feeder(link, feeder, hoppers)
+    identity = await identify_by_map(link, feeder, hoppers)
     warnings = WarningReader(
-        feeder.name, {h.channel: h.name for h in hoppers}, identity.n_hoppers
+        feeder.name, {h.channel: h.name for h in hoppers}, identity.n_hoppers,
+        alarms=identity.alarms, substitutions=identity.substitutions,
     )
     order = WordOrder(feeder.word_order)
     before = await _status(link, {}, warnings, order)
@@ -93,6 +101,8 @@ async def _read_feeder(
         reader = HopperReader(hopper, identity.feed_factor_g_rev[hopper.name], order)
         words = await link.read_input(reader.address, reader.count)
         readings[hopper.name] = reader.decode_reading(words, loop.time())
+        if not isinstance(link, ModbusLink):
+            continue  # limits of a device with its own map are in the map
         (block,
          ) = PMX_MAP.plan_reads([hopper_register_name(hopper.channel, name) for name in _LIMITS])
         values: dict[str, Any] = block.decode(await link.read_holding(block.address, block.count))
@@ -110,7 +120,7 @@ async def _read_feeder(
 
 
 async def _status(
-    link: ModbusLink, readings: Mapping[str, Any], warnings: WarningReader, order: WordOrder
+    link: FeederLink, readings: Mapping[str, Any], warnings: WarningReader, order: WordOrder
 ) -> FeederStatus:
     words = await link.read_input(SYSTEM_BLOCK.address, SYSTEM_BLOCK.count)
     try:

@@ -149,21 +149,28 @@ class ModbusLink:
         """Time since the last good answer (since opening, before the first)."""
         return self._loop.time() - self._answered_s
 
-    async def read_input(self, address: int, count: int) -> Sequence[int]:
-        """FC 04, or FC 03 in the mirror where the device has no other."""
+    async def read_input(
+        self, address: int, count: int, unit: int | None = None
+    ) -> Sequence[int]:
+        """FC 04, or FC 03 in the mirror where the device has no other.
+
+        unit : another unit id at the same endpoint; None: the device's own
+        """
         if not self._reads_input:
-            return await self.read_holding(self._mirror(address), count)
-        return await self._read_in_parts(ReadInputRegistersRequest, address, count)
+            return await self.read_holding(self._mirror(address), count, unit)
+        return await self._read_in_parts(ReadInputRegistersRequest, address, count, unit)
 
-    async def read_holding(self, address: int, count: int) -> Sequence[int]:
+    async def read_holding(
+        self, address: int, count: int, unit: int | None = None
+    ) -> Sequence[int]:
         """FC 03."""
-        return await self._read_in_parts(ReadHoldingRegistersRequest, address, count)
+        return await self._read_in_parts(ReadHoldingRegistersRequest, address, count, unit)
 
-    async def write(self, address: int, words: Sequence[int]) -> None:
+    async def write(self, address: int, words: Sequence[int], unit: int | None = None) -> None:
         """FC 16, one register too. More than the device takes in one request raises ValueError."""
         _check_count(len(words), min(MAX_WRITE_REGISTERS, self._most))
         request = ClientWriteRequest(
-            address=self._base + address, registers=words, dev_id=self._device_id)
+            address=self._base + address, registers=words, dev_id=unit or self._device_id)
         await self._ask(request, _WRITE_ANSWER_BYTES)
 
     async def exchange(
@@ -187,7 +194,8 @@ class ModbusLink:
         return (*registers, *await self.read_holding(read_address + first, count - first))
 
     async def _read_in_parts(
-        self, request: Callable[..., ModbusPDU], address: int, count: int
+        self, request: Callable[..., ModbusPDU], address: int, count: int,
+        unit: int | None = None,
     ) -> Sequence[int]:
         """Registers read one after the other, as many in a request as the device moves."""
         _check_count(count, MAX_READ_REGISTERS)
@@ -195,7 +203,8 @@ class ModbusLink:
         while (at := len(found)) < count:
             part = min(self._most, count - at)
             registers = await self._read(request(
-                dev_id=self._device_id, address=self._base + address + at, count=part), part)
+                dev_id=unit or self._device_id, address=self._base + address + at, count=part),
+                part)
             found = registers if part == count else (*found, *registers)
         return found
 

@@ -43,20 +43,21 @@ def feeder_conditions(
 ) -> Iterator[StartCondition]:
     """hoppers : those of the profile that are on it."""
     identity, status = reading.identity, reading.status
-    major, minor = identity.map_version
     took = ("" if reading.reply_time_s is None
             else f"; answers in {1000 * reading.reply_time_s:.0f} ms")
-    yield StartCondition(True, f"PMX map {major}.{minor}, firmware {identity.firmware[0]}."
-                          f"{identity.firmware[1]}, serial {identity.serial}, hoppers: "
-                          f"{identity.n_hoppers}{took}")
-    if reading.clock_ratio is not None:
+    yield StartCondition(True, f"{_device_text(identity)}, hoppers: {identity.n_hoppers}{took}")
+    for feature, meaning in identity.substitutions:
+        yield StartCondition(feature != "watchdog", f"no {feature}: {meaning}",
+                             "see that the relay is wired, and stopped_by_relay = true is true")
+    if reading.clock_ratio is not None and identity.reports_tick:
         yield StartCondition(abs(reading.clock_ratio - 1.0) <= _CLOCK_SLACK,
                              f"its clock runs {reading.clock_ratio:.2f} times as fast as ours",
                              "data may be old: restart it, and any gateway before it")
-    if not reading.is_commanded_by_this_host:
+    if not reading.is_commanded_by_this_host and not identity.device:
         yield _alone(status)
-    yield StartCondition(status.mode is not FeederMode.LOCAL, f"switch at {status.mode.name}",
-                         "turn it to REMOTE", refuses_run=True)
+    if FeederStatusBits.REMOTE not in identity.unreported:
+        yield StartCondition(status.mode is not FeederMode.LOCAL, f"switch at {status.mode.name}",
+                             "turn it to REMOTE", refuses_run=True)
     yield from _alarm(status)
     alarmed = None if status.alarm is None else status.alarm.code
     for flag, code, fine, bad, hint in (
@@ -67,6 +68,8 @@ def feeder_conditions(
         (FeederStatusBits.CONFIG_VALID, _CONFIGURATION, "stored configuration valid",
          "stored configuration not valid", "calibrate it at its own display"),
     ):
+        if flag in identity.unreported:
+            continue
         good = flag in status.flags
         if good or alarmed is None or alarmed != code:  # else its alarm shows it
             yield StartCondition(good, fine if good else bad, hint, refuses_run=True)
@@ -81,6 +84,15 @@ def feeder_conditions(
                          "lower motion.send_horizon_s: beam must not outlast powder")
     for hopper in hoppers:
         yield from _hopper(reading, hopper)
+
+
+def _device_text(identity: FeederIdentity) -> str:
+    """What the device is, as far as it says."""
+    if identity.device:
+        return f"{identity.device}, by its register map"
+    major, minor = identity.map_version
+    return (f"PMX map {major}.{minor}, firmware {identity.firmware[0]}.{identity.firmware[1]}, "
+            f"serial {identity.serial}")
 
 
 def _lid_alarm(code: int | None) -> int | None:

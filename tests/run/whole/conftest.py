@@ -8,6 +8,7 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
+from lmctl.cli.bench import bench_of
 from lmctl.config.machine import load_profile
 from lmctl.errors import LmctlError, UsageError
 from lmctl.job.reader import JobReader
@@ -15,7 +16,6 @@ from lmctl.run.executor import RunExecutor
 from lmctl.run.journal.format import read_records, verify_journal
 from lmctl.run.state.transitions import RunState
 from simulators import virtual_time
-from simulators.bench import Bench
 from simulators.bench_config import BenchConfig
 from tests.run.only_run import journal_of_only_run
 
@@ -96,7 +96,7 @@ class BenchRun:
 
     async def _main(self, config, folder, profile, acts, override):
         self.loop = asyncio.get_running_loop()
-        async with Bench(config, ephemeral_ports=True) as self.bench:
+        async with bench_of(config, profile) as self.bench:
             self.executor = RunExecutor(
                 self.job, wired(profile, self.bench.endpoints), folder / "runs", operator="Ada",
                 progress=lambda *notify: self.notify.append((self.loop.time(), *notify)),
@@ -197,9 +197,12 @@ class BenchRun:
 
 
 def wired(profile, endpoints):
-    motion = profile.motion.model_copy(update={"endpoint": endpoints["motion"]})
-    feeders = tuple(f.model_copy(update={"endpoint": endpoints[f.name]}) for f in profile.feeder)
-    safety = profile.safety
-    if safety is not None and "safety" in endpoints:
-        safety = safety.model_copy(update={"endpoint": endpoints["safety"]})
-    return profile.model_copy(update={"motion": motion, "feeder": feeders, "safety": safety})
+    """The profile at the bench's endpoints; one that the bench lacks stays as it is."""
+    def at(device, name):
+        return device and device.model_copy(update={"endpoint": endpoints.get(name,
+                                                                              device.endpoint)})
+
+    return profile.model_copy(update={
+        "motion": at(profile.motion, "motion"), "safety": at(profile.safety, "safety"),
+        "feeder": tuple(at(feeder, feeder.name) for feeder in profile.feeder),
+    })

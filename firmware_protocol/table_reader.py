@@ -29,6 +29,10 @@ class TableReader:
     def has_key(self, key: str) -> bool:
         return key in self._table
 
+    def is_table(self, key: str) -> bool:
+        """Whether the key is there and holds a table."""
+        return isinstance(self._table.get(key), dict)
+
     def number(
         self, key: str, default: float = _REQUIRED, *, least: float = -math.inf,
         above: float = -math.inf, most: float = math.inf,
@@ -83,6 +87,42 @@ class TableReader:
             self.report_mistake(key, f"must be {' or '.join(repr(option) for option in options)}")
         return next((str(text) for text in (value, default) if text in options), options[0])
 
+    def integers(
+        self, key: str, default: tuple[int, ...] = _REQUIRED, *, least: int, most: int,
+    ) -> tuple[int, ...]:
+        """A list of whole numbers; a single one may be written without brackets."""
+        value = self._get(key, default)
+        if value is _REQUIRED:
+            return ()
+        items = tuple(value) if isinstance(value, list | tuple) else (value,)
+        if not all(type(item) is int and least <= item <= most for item in items):
+            self.report_mistake(key, f"must be whole numbers from {least} to {most}")
+            return ()
+        return items
+
+    def texts(self, key: str, default: tuple[str, ...] = _REQUIRED) -> tuple[str, ...]:
+        """A list of texts."""
+        value = self._get(key, default)
+        if value is _REQUIRED:
+            return ()
+        if not isinstance(value, list | tuple) or not all(isinstance(one, str) for one in value):
+            self.report_mistake(key, "must be a list of texts")
+            return ()
+        return tuple(value)
+
+    def names_or_integers(self, key: str) -> tuple[str | int, ...]:
+        """Names and whole numbers of at least 0, in a list or a single one; () where missing."""
+        value = self._get(key, ())
+        items = tuple(value) if isinstance(value, list | tuple) else (value,)
+        if not all(isinstance(one, str) or (type(one) is int and one >= 0) for one in items):
+            self.report_mistake(key, "must be names or whole numbers of at least 0")
+            return ()
+        return items
+
+    def key_names(self) -> tuple[str, ...]:
+        """The keys that the table has."""
+        return tuple(self._table)
+
     def table(self, key: str, default: Mapping[str, Any] = _REQUIRED) -> TableReader:
         value = self._get(key, default)
         if not isinstance(value, dict):
@@ -118,7 +158,11 @@ class TableReader:
         """Report every key that the caller did not read: a typo."""
         for key in self._table:
             if key not in self._asked:
-                self.report_mistake(key, "there is no such key")
+                from difflib import get_close_matches  # needed for mistakes only
+
+                near = get_close_matches(key, sorted(self._asked), n=1)
+                guess = f"; did you mean {near[0]!r}?" if near else ""
+                self.report_mistake(key, "there is no such key" + guess)
 
     def _get(self, key: str, default: Any) -> Any:
         """Return the value or the default; report a required key that is missing."""
