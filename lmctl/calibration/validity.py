@@ -10,10 +10,21 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import datetime
 
-from lmctl.calibration.calibration_file import Calibration, MeasurementConditions
+from lmctl.calibration.calibration_file import (
+    Calibration,
+    CatchCalibration,
+    HopperCalibration,
+    MeasuredValue,
+    MeasurementConditions,
+)
 from lmctl.config.dilution import MAX_DILUTION, DilutionSettings
 from lmctl.config.machine import HopperSettings, MachineProfile
-from lmctl.config.measuring import CalibrationSettings, CalibrationUse
+from lmctl.config.measuring import (
+    CalibrationSettings,
+    CalibrationUse,
+    HopperIntervals,
+    Interval,
+)
 from lmctl.config.mixture_catch import MixtureCatchSettings
 from lmctl.errors import ConfigError
 
@@ -128,11 +139,14 @@ def calibrated_profile(profile: MachineProfile, calibration: Calibration) -> Mac
     """The profile with what was measured in place of what was typed in; it says so itself."""
     measured: dict[str, str] = {}
     half_widths: dict[str, float] = {}
+    intervals: dict[str, HopperIntervals] = {}
     hoppers = []
     for hopper in profile.hopper:
         update: dict[str, object] = {}
         test = calibration.hopper_calibration(hopper.name)
-        if test is not None and test.material == hopper.material:
+        if test is not None and test.material != hopper.material:
+            test = None
+        if test is not None:
             measured[f"hopper {hopper.name}"] = test.conditions.measured
             half_widths[hopper.name] = test.slope.half_width / test.slope.value
             update |= {
@@ -144,6 +158,8 @@ def calibrated_profile(profile: MachineProfile, calibration: Calibration) -> Mac
         if caught is not None:
             measured[f"catch of {hopper.material}"] = caught.conditions.measured
             update["catch_efficiency"] = caught.efficiency.value
+        if test is not None or caught is not None:
+            intervals[hopper.name] = _intervals(test, caught)
         hoppers.append(hopper.model_copy(update=update))
     dilution = _measured_dilution(profile, calibration)
     for one in calibration.dilution:
@@ -153,7 +169,7 @@ def calibrated_profile(profile: MachineProfile, calibration: Calibration) -> Mac
         measured[f"catch of {' + '.join(mixture.mass_shares)}"] = mixture.conditions.measured
     return profile.with_measured_values(
         tuple(hoppers), dilution, mixtures,
-        CalibrationUse(calibration.digest, measured, half_widths))
+        CalibrationUse(calibration.digest, measured, half_widths, intervals))
 
 
 def _measured_mixtures(
@@ -181,3 +197,15 @@ def _measured_dilution(
           for one in calibration.dilution),
         *(typed for typed in profile.dilution if typed.material not in tested
           and not (typed.material is None and tested)))
+
+
+def _intervals(test: HopperCalibration | None, caught: CatchCalibration | None) -> HopperIntervals:
+    def ends(value: MeasuredValue | None) -> Interval:
+        return None if value is None else (value.low, value.high)
+
+    catch = None if caught is None else ends(caught.efficiency)
+    if test is None:
+        return HopperIntervals(catch_efficiency=catch)
+    return HopperIntervals(
+        ends(test.dead_time_s), ends(test.lag_s), ends(test.response_s), ends(test.drive_lag_s),
+        ends(test.slope), ends(test.offset_g_min), catch)

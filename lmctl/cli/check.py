@@ -10,7 +10,7 @@ from lmctl.cli.console import print_data, print_message
 from lmctl.cli.interrupts import interruptible
 from lmctl.cli.paths import InputFile
 from lmctl.cli.planning import check_units, units_option
-from lmctl.cli.profiles import load_checked_profile, load_profile_or_default
+from lmctl.cli.profiles import load_profile_or_default
 from lmctl.config import toml_file
 from lmctl.config.file_kind import FileKind, file_kind_of
 from lmctl.config.machine import MachineProfile
@@ -55,8 +55,10 @@ def _profile_or_bench(file: Path, kind: FileKind) -> str:
 
         feeders = [one.name for one in load_bench(file).feeders]
         return f"with {len(feeders)} feeders: {', '.join(feeders)}"
-    profile = load_checked_profile(file)
-    return f"{len(profile.hopper)} hoppers on {len(profile.feeder)} feeders"
+    profile = load_profile_or_default(file)  # with its calibration: doubts are told, or refused
+    used = profile.calibration_use
+    measured = "" if used is None else f", calibration {used.text}"
+    return f"{len(profile.hopper)} hoppers on {len(profile.feeder)} feeders{measured}"
 
 
 def _check_map(file: Path) -> None:

@@ -13,6 +13,7 @@ from lmctl.cli.interrupts import interruptible
 from lmctl.config.machine import MachineProfile
 from lmctl.config.measuring import calibration_text
 from lmctl.errors import UsageError
+from lmctl.job.margins_text import margins_text
 
 if TYPE_CHECKING:
     from lmctl.job.schema import JobManifest
@@ -98,5 +99,7 @@ def job_summary(manifest: JobManifest, target: Path) -> str:
     ]
     lines[4:4] = [f"  tracks    {found['text'].removeprefix('strategy ')}"
                   for found in manifest.verdict if found["text"].startswith("strategy")]
+    if margins := margins_text(totals):
+        lines.insert(-1, f"  mixture   {margins}")
     lines += [f"  warning   {text}" for text in totals["warnings"]]
     return "\n".join(lines)

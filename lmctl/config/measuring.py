@@ -64,17 +64,42 @@ class FeederCorrectionSettings(ConfigModel):
     least_level_percent: Annotated[float, Field(ge=30, le=100)] = 30.0
 
 
+#: Lowest and highest value of a 95 % interval; None where it was not measured.
+Interval = tuple[float, float] | None
+
+
+@dataclass(frozen=True)
+class HopperIntervals:
+    """The intervals of what was measured of one hopper and of the powder in it.
+
+    dead_time_s, lag_s : of the response with one lag, by which powder is led
+    response_s : dead time and all lags together
+    drive_lag_s : of a drive that lags beside the hose; None too where none shows
+    slope, offset_g_min : of true flow against set-point; catch_efficiency : of its powder
+    """
+
+    dead_time_s: Interval = None
+    lag_s: Interval = None
+    response_s: Interval = None
+    drive_lag_s: Interval = None
+    slope: Interval = None
+    offset_g_min: Interval = None
+    catch_efficiency: Interval = None
+
+
 @dataclass(frozen=True)
 class CalibrationUse:
     """Which calibration a profile's values come from, as jobs and journals carry it.
 
     measured : by what was measured ("hopper A", "catch of 316L"): the date of its measurement
     slope_half_widths : by hopper, of the interval of its slope, as a share of it
+    intervals : by hopper, of everything measured
     """
 
     digest: str
     measured: dict[str, str]
     slope_half_widths: dict[str, float] = field(default_factory=dict)
+    intervals: dict[str, HopperIntervals] = field(default_factory=dict)
 
     def as_json(self) -> dict[str, object]:
         """As manifests and journals hold it."""

@@ -9,7 +9,8 @@ import numpy as np
 
 from lmctl.array_types import FloatArray
 from lmctl.job.schema import JobHopper
-from lmctl.run.powder.lead import SETPOINT_PERIOD_S, lead_setpoint, outflow_tolerance_g_min
+from lmctl.preflight.setpoint_rules import SETPOINT_PERIOD_S
+from lmctl.run.powder.lead import lead_setpoint, outflow_tolerance_g_min
 
 #: Ticks that a new set-point looks ahead.
 _AHEAD = 16

@@ -120,18 +120,19 @@ class PlanStatistics:
             self.caught_g += (fed * self.recipe.catch_at(fed))[bead].sum(axis=0)
         self.peak_flow_g_s = np.maximum(self.peak_flow_g_s, flow.g_s.max(axis=0))
 
-    def add_mixture(self, layer: int, along: MixturePrediction) -> None:
-        """What layer `layer` of the job is predicted to be deposited of."""
-        length_mm, m = along.length_mm, len(self.recipe.materials)
-        self.mixtures.append(LayerMixture(layer, *(
+    def add_mixture(self, along: MixturePrediction) -> None:
+        """What a layer of the job is predicted to be deposited of; layers come in order."""
+        pieces, predicted, m = along.pieces, along.predicted, len(self.recipe.materials)
+        length_mm = pieces.length_mm
+        self.mixtures.append(LayerMixture(pieces.layer, *(
             tuple(np.average(fractions, axis=0, weights=length_mm).round(4).tolist())
-            for fractions in (along.designed[:, :m], along.fed, along.predicted[:, :m]))))
+            for fractions in (pieces.designed[:, :m], pieces.fed, predicted[:, :m]))))
         self.asked_mm += float(length_mm.sum())
-        self.correct_mixture_mm += float(length_mm[~_differ(along.predicted, along.designed)].sum())
+        self.correct_mixture_mm += float(length_mm[~_differ(predicted, pieces.designed)].sum())
         self.worst_mixture = max(
-            self.worst_mixture, float(np.abs(along.predicted - along.designed).max(initial=0.0)))
-        self.unplanned_mm += float(length_mm[_differ(along.planned, along.designed)].sum())
-        self.unfollowed_mm += float(length_mm[_differ(along.predicted, along.planned)].sum())
+            self.worst_mixture, float(np.abs(predicted - pieces.designed).max(initial=0.0)))
+        self.unplanned_mm += float(length_mm[_differ(pieces.planned, pieces.designed)].sum())
+        self.unfollowed_mm += float(length_mm[_differ(predicted, pieces.planned)].sum())
 
     def totals(self, duration_s: float, warnings: list[str]) -> dict[str, Any]:
         """What `lmctl plan --json` prints."""

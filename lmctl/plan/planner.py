@@ -24,6 +24,9 @@ from lmctl.plan.dilution import compensation_of, with_known_dilution
 from lmctl.plan.execution import LocalWorkers, StageWorkers, ordered_results
 from lmctl.plan.geometry import LayerGeometry
 from lmctl.plan.layer_range import nothing_to_deposit
+from lmctl.plan.margins.margin_findings import is_enough, margin_findings
+from lmctl.plan.margins.mixture_margins import mixture_margins
+from lmctl.plan.margins.other_strategy import dilution_half_width, iso_composition_margins
 from lmctl.plan.plan_report import Finding, plan_report, report_finding
 from lmctl.plan.program_text import LayerLines
 from lmctl.plan.recipe import recipe_of
@@ -188,11 +191,19 @@ class _Planning:
         """
         part, profile, statistics = self._part, self._profile, self._sequencer.statistics
         excerpt, used = self._options.layers, profile.calibration_use
+        margins = None if part.uniform_mixture() is not None else mixture_margins(
+            self._sequencer.samples, self._recipe, used, part.composition,
+            statistics.correct_mixture_fraction,
+            0.0 if self._dilution is None else dilution_half_width(profile))
+        other = None if margins is None or is_enough(margins) else iso_composition_margins(
+            part, profile, self._whole_placement)
         findings = [
             *([] if self._choice is None else [report_finding(True, self._choice.as_text())]),
             *self._completeness_findings(),
             *plan_report(statistics, self._placement, part.process.powder),
-            *self._dilution_findings()]
+            *self._dilution_findings(),
+            *(report_finding(*found)
+              for found in (() if margins is None else margin_findings(margins, other)))]
         warnings = [*part.warnings, *(f["text"] for f in findings if f["level"] == "warning")]
         x, y, z = self._placement.offset_mm
         low, high = statistics.low_mm.tolist(), statistics.high_mm.tolist()
@@ -217,6 +228,8 @@ class _Planning:
             | {"strategy": part.process.strategy}
             | ({} if self._dilution is None else {
                 "dilution": self._sequencer.dilution_statistics.totals(part.named_bodies)})
+            | ({} if margins is None else {"margins": margins.as_json() | (
+                {} if other is None else {"other_strategy": other.as_json()})})
             | ({} if part.surface_error_mm is None else
                {"surface_error_mm": round(part.surface_error_mm, 4)}),
             verdict=tuple(findings),

@@ -156,6 +156,7 @@ def _trial(
         along_mm, off = _mixture_errors(part, recipe, lines, placement, z_mm, errors)
         right += (along_mm * (off <= MIXTURE_TOLERANCE_FRACTION + 1e-9)).sum(axis=1)
         length += float(along_mm.sum())
+    sequencer.finish()
     slice_mm2 = sum(geometry.figures.slice_mm2 for geometry in made)
     share = right / max(length, 1e-9)
     return StrategyTrial(

@@ -68,6 +68,7 @@ def _head(part: PartRecord) -> str:
                  f"{format_duration(float(header.get('planned_s', 0.0)))}"),
         *((f"hopper {hopper['name']}", _hopper(hopper)) for hopper in header.get("hoppers", [])),
         ("calibration", calibration_text(header.get("calibration") or {})),
+        ("mixture", str(header.get("mixture", ""))),
         *(("warning", str(text)) for text in header.get("warnings", [])),
     ]
     return "\n".join([

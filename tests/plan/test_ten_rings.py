@@ -60,7 +60,8 @@ def test_led_powder_arrives_on_time_at_unchanged_layer_time(rings, lowest):
 
 def test_without_compensation_a_third_of_it_is_right(rings):
     totals, lasting, _ = rings("none", 0.1)
-    assert totals["mixture_share"] == pytest.approx(0.31, abs=0.005)
+    # 0.31 where set-points change at once; they do at the next tick of 0.1 s, nine times
+    assert totals["mixture_share"] == pytest.approx(0.31 - 9 * 0.05 / 43.6, abs=0.005)
     assert totals["mixture_worst"] == pytest.approx(0.18, abs=0.005)
     assert lasting == pytest.approx(43.6, rel=0.01)
 

@@ -13,8 +13,8 @@ import math
 import numpy as np
 import pytest
 
+from lmctl.preflight.setpoint_rules import SETPOINT_PERIOD_S
 from lmctl.run.powder.lead import (
-    SETPOINT_PERIOD_S,
     HoseDynamics,
     PowderPlan,
     lead_setpoint,

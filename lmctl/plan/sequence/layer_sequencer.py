@@ -21,11 +21,11 @@ from lmctl.plan.geometry import LayerGeometry
 from lmctl.plan.plan_statistics import PlanStatistics
 from lmctl.plan.program_text.layer_text import CLOSING_LINES, OPENING_LINES, LayerLines
 from lmctl.plan.recipe import Recipe
+from lmctl.plan.sequence.bead_pieces import bead_pieces
 from lmctl.plan.sequence.beads import Beads, make_beads
-from lmctl.plan.sequence.hose_model import HoseModel
 from lmctl.plan.sequence.line_timing import bead_line_ranges, split_long_lines, with_time_for_powder
 from lmctl.plan.sequence.mixture_cuts import cut_tracks
-from lmctl.plan.sequence.mixture_prediction import predict_mixture
+from lmctl.plan.sequence.mixture_prediction import MixturePrediction, PathPredictor
 from lmctl.plan.sequence.mixture_ramps import (
     min_ramp_duration_s,
     needed_before_beads_s,
@@ -33,6 +33,7 @@ from lmctl.plan.sequence.mixture_ramps import (
 )
 from lmctl.plan.sequence.moves import Moves, join_moves, moves_of_kind, rounded_to_program_steps
 from lmctl.plan.sequence.powder_flow import PowderFlow, powder_flow
+from lmctl.plan.sequence.sampled_layers import SampledLayers
 from lmctl.plan.sequence.track_order import OrderedTracks, order_tracks
 from lmctl.plan.sequence.travel import (
     LAYER_REST_S,
@@ -62,7 +63,8 @@ class SequenceState:
 
 
 class LayerSequencer:
-    """Sequences the layers of one part in order; the statistics sum up those done so far.
+    """Sequences the layers of one part in order; the statistics sum up those done so far, and
+    `samples` keeps what is predicted of some of them.
 
     dilution : compensates for it; None: beads are taken to be of what is fed
     """
@@ -78,8 +80,7 @@ class LayerSequencer:
         self._recipe = recipe
         self._limits = powder_limits_of(recipe)
         self._leads = process.powder == "lead"
-        self._hoses = HoseModel(
-            recipe.dead_time_s, recipe.lag_s, recipe.max_flow_g_s, leads=self._leads)
+        self._predictor = PathPredictor(recipe, leads=self._leads)
         self._travel = TravelSettings(
             travel_mm_s=min(process.travel_speed_mm_s, *profile.motion.max_speed_mm_s),
             clearance_mm=profile.motion.clearance_mm,
@@ -94,6 +95,7 @@ class LayerSequencer:
         self.statistics = PlanStatistics(recipe)
         self.dilution_statistics = DilutionStatistics(
             (*(material.name for material in recipe.materials), "substrate"))
+        self.samples = SampledLayers()
 
     @property
     def duration_s(self) -> float:
@@ -128,9 +130,12 @@ class LayerSequencer:
         end_s = state.time_s + np.cumsum(durations)
         flow = self._flow(moves, beads, end_s)
         self.statistics.add_program(moves, durations, state.time_s, end_s, flow)
-        if beads is not None:
-            self.statistics.add_mixture(index, predict_mixture(
-                tracks, moves, state.at_mm, state.time_s, end_s, flow, self._hoses, self._recipe))
+        pieces = None if beads is None else bead_pieces(
+            index, geometry.z_mm, tracks, moves, state.at_mm, state.time_s, end_s,
+            placement.offset_mm)
+        self._add_predictions(self._predictor.add_layer(pieces, flow))
+        if is_last:
+            self.finish()
         layer = LayerLines(
             index=index, z_mm=placement.nozzle_height_mm(number), first_line=state.line,
             first_path=state.path, moves=moves, end_s=end_s, flow=flow,
@@ -149,6 +154,15 @@ class LayerSequencer:
         layer = self._dilution.compensated(geometry, number)
         self.dilution_statistics.add_layer(number, geometry, layer)
         return geometry if layer is None else layer.geometry
+
+    def finish(self) -> None:
+        """No layer follows: predict what is left. (`sequence` does so after the program's last.)"""
+        self._add_predictions(self._predictor.finish())
+
+    def _add_predictions(self, layers: list[MixturePrediction]) -> None:
+        for along in layers:
+            self.statistics.add_mixture(along)
+            self.samples.add(along)
 
     def _beads(self, number: int, tracks: OrderedTracks) -> Beads | None:
         if tracks.n_tracks == 0:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from lmctl.job.margins_text import margins_text
 from lmctl.report.job_report.document import (
     Block,
     PictureBlock,
@@ -93,5 +94,6 @@ def _mixture_words(totals: dict[str, object]) -> str:
     share, worst = totals.get("mixture_share"), totals.get("mixture_worst")
     if not isinstance(share, float) or not isinstance(worst, float):
         return ""
-    return (f"{100 * share:.1f} % of the path predicted within ±0.02 of the part file's mixture; "
-            f"worst {worst:.3f}")
+    predicted = margins_text(totals) or f"{share:.1%} of the path"
+    return (f"predicted within ±0.02 of the part file's mixture along the path, ±0.03 by volume: "
+            f"{predicted}; worst {worst:.3f} along the path")

@@ -8,6 +8,7 @@ from typing import Any
 
 from lmctl import __version__
 from lmctl.config.machine import HopperSettings, MachineProfile
+from lmctl.job.margins_text import margins_text
 from lmctl.job.reader import JobReader
 from lmctl.run.journal.earlier_run import EarlierRun
 from lmctl.run.journal.recorder import wall_stamp
@@ -28,6 +29,7 @@ def run_header(
         "lines": sum(entry.n_lines for entry in manifest.layers),
         **({} if continues is None else _earlier_run(continues)),
         "planned_s": manifest.layers[-1].end_s, "materials": list(manifest.materials),
+        **({"mixture": mixture} if (mixture := margins_text(manifest.totals)) else {}),
         "warnings": list(manifest.totals.get("warnings", [])),
         "hoppers": [
             {"name": h.name, "feeder": h.feeder, "material": h.material,

@@ -23,31 +23,17 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
+from lmctl.preflight.setpoint_rules import (
+    CHOSEN_WITHIN,
+    CLOCK_MARGIN_S,
+    FLOW_DECIMALS,
+    MAX_HOLD_TICKS,
+    MIN_OUTFLOW_TOLERANCE_G_MIN,
+    OUTFLOW_TOLERANCE_FRACTION,
+    SETPOINT_PERIOD_S,
+)
 from lmctl.run.program.job_window import JobWindow
 from lmctl.run.program.program_clock import ProgramClock
-
-#: How often set-points are sent, and so how long each holds [s].
-SETPOINT_PERIOD_S = 0.1
-
-#: Feeders take set-points in steps of 0.01 g/min (docs/explanation/powder-delivery.md, Feeders).
-_FLOW_DECIMALS = 2
-
-#: Outflow may stray so far from what is wanted before a new set-point is worth a telegram: a share
-#: of it, but not less than [g/min]. A hopper 1.5 % off moves a fraction by less than 0.004, where
-#: compositions are planned in steps of 0.02. At a third of it the scanned gear takes 1.7 times as
-#: many telegrams, and its composition is no nearer where it counts (99 % within 0.006).
-OUTFLOW_TOLERANCE_FRACTION = 0.015
-MIN_OUTFLOW_TOLERANCE_G_MIN = 0.04
-
-#: Share of the slack that a new set-point is to use: rounding, and a clock corrected by a few
-#: milliseconds, take the rest.
-_CHOSEN_WITHIN = 0.9
-
-#: Most ticks a set-point is chosen to last; it is held longer where it still fits.
-_MAX_HOLD = 16
-
-#: By no more than this does a report set the clock forward [s].
-_CLOCK_MARGIN_S = 0.5
 
 
 @dataclass(frozen=True)
@@ -106,7 +92,7 @@ def lead_setpoint(
     setpoint, lasts = 0.0, 0
     for goal in wanted:
         left *= rest
-        slack = _CHOSEN_WITHIN * outflow_tolerance_g_min(goal)
+        slack = CHOSEN_WITHIN * outflow_tolerance_g_min(goal)
         came, from_before = 1.0 - left, outflow * left
         lowest = max(least_yet, (goal - slack - from_before) / came)
         highest = min(most_yet, (goal + slack - from_before) / came)
@@ -156,7 +142,7 @@ class PowderPlan:
     def _without_lead(self, t: float) -> list[float]:
         s = self._clock.program_time_s(t)
         return [
-            round(min(self._wanted_g_min(hopper, s), hose.max_g_min), _FLOW_DECIMALS)
+            round(min(self._wanted_g_min(hopper, s), hose.max_g_min), FLOW_DECIMALS)
             for hopper, hose in enumerate(self._hoses)
         ]
 
@@ -174,7 +160,7 @@ class PowderPlan:
                 held, self._lasts[hopper] = lead_setpoint(
                     outflow, self._coming(hopper, t), hose.lag_s, hose.max_g_min,
                     least=hose.min_g_min)
-            held = round(held, _FLOW_DECIMALS)
+            held = round(held, FLOW_DECIMALS)
             setpoints.append(held)
             self._outflow[hopper] = outflow
         return setpoints
@@ -199,11 +185,12 @@ class PowderPlan:
             if off > outflow_tolerance_g_min(wanted):
                 return 0.0
         until_s = self._window.flow_steady_until_s(hopper, at_s)
-        return (until_s - at_s) / max(self._clock.rate, 1.0) - _CLOCK_MARGIN_S
+        return (until_s - at_s) / max(self._clock.rate, 1.0) - CLOCK_MARGIN_S
 
     def _coming(self, hopper: int, t: float) -> Iterator[float]:
         """What is wanted of a hopper at the end of each coming tick."""
-        return (self._arriving(hopper, t, n * SETPOINT_PERIOD_S) for n in range(1, _MAX_HOLD + 1))
+        return (self._arriving(hopper, t, n * SETPOINT_PERIOD_S)
+                for n in range(1, MAX_HOLD_TICKS + 1))
 
     def _arriving(self, hopper: int, t: float, later_s: float) -> float:
         """The flow wanted at the nozzle when what is sent `later_s` after t comes out there."""

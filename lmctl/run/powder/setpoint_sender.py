@@ -6,14 +6,12 @@ import asyncio
 from collections.abc import Callable
 
 from lmctl.machine.timer_wheel import align_to_tick
+from lmctl.preflight.setpoint_rules import MAX_TICKS, SETPOINT_PERIOD_S
 from lmctl.run.cell.devices import Cell
 from lmctl.run.journal.recorder import RunRecorder
 from lmctl.run.powder.fed import FedPowder
-from lmctl.run.powder.lead import SETPOINT_PERIOD_S, PowderPlan
+from lmctl.run.powder.lead import PowderPlan
 from lmctl.run.program.program_clock import ProgramClock
-
-#: However steady the flow, set-points are looked at once in so many ticks.
-_MAX_TICKS = 50
 
 
 class SetpointSender:
@@ -70,7 +68,7 @@ class SetpointSender:
             self._is_on = False
             self._failed(error)
             return
-        self._tick_after(int(min(max(rest, 1), _MAX_TICKS)))
+        self._tick_after(int(min(max(rest, 1), MAX_TICKS)))
 
     def _tick_after(self, ticks: int) -> None:
         self._timer = self._loop.call_at(self._after(ticks), self._tick, ticks)
