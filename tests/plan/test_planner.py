@@ -275,4 +275,4 @@ def test_a_tall_part_takes_no_more_memory_than_a_low_one(tmp_path, make_part, sh
         return most
 
     peak(1)  # compiled kernels are loaded once
-    assert peak(12) < 1.3 * peak(3)
+    assert peak(36) < 1.3 * peak(9)  # the margins keep some layers, up to a bound

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from lmctl.plan.sequence.mixture_prediction import MixturePrediction
 
-#: Pieces of path kept at most, of all layers together.
-MAX_PIECES = 20_000
+#: Pieces of path kept at most, of all layers together; a piece takes about 130 bytes.
+MAX_PIECES = 8_000
+#: So many layers are kept however many pieces they have.
+_LEAST_LAYERS = 2
 
 
 class SampledLayers:
@@ -35,7 +37,7 @@ class SampledLayers:
         if self.seen % self._stride == self._within_stride:
             self._kept.append((self.seen, prediction))
         self.seen += 1
-        while len(self._kept) > 1 and self._pieces() > self._max_pieces:
+        while len(self._kept) > _LEAST_LAYERS and self._pieces() > self._max_pieces:
             self._stride *= 2
             self._kept = [(number, layer) for number, layer in self._kept
                           if number % self._stride == self._within_stride]
