@@ -14,6 +14,7 @@ from lmctl.plan.margins.cell_parameters import cell_parameters, cell_values
 from lmctl.plan.margins.path_shares import PathShares
 from lmctl.plan.margins.worst_case import worst_case
 from lmctl.plan.melted_below import MeltedBelow
+from lmctl.plan.mixture_catch import MixtureCatch
 from lmctl.plan.planner import plan_job
 from lmctl.plan.sequence.bead_pieces import BeadPieces
 from lmctl.plan.sequence.held_setpoints import SetpointChanges
@@ -91,6 +92,15 @@ def test_a_dilution_that_is_off_shifts_the_mixture_by_what_lies_below():
     (parameter,) = cell_parameters((), CATCH, {}, 0.05)
     assert parameter.name == "dilution"
     assert parameter.deviation_text(1) == "0.050 higher"
+
+
+def test_powders_that_change_each_others_catch_are_as_the_recipe_has_them():
+    catch = MixtureCatch(CATCH, np.array([[0.0, 0.3], [0.3, 0.0]]))
+    prediction = ramp()
+    shares = PathShares([prediction], DENSITY, 0.02, mixture_catch=catch)
+    flow = nozzle_flow_g_s(prediction.changes, BELIEVED, prediction.pieces.at_s)
+    assert shares.volume_mm3_s(BELIEVED) == pytest.approx(
+        flow * catch.efficiency(flow) / DENSITY, rel=1e-6)
 
 
 def ramp(late_s=0.0):
@@ -229,7 +239,7 @@ def test_with_a_calibration_the_range_is_stated_and_what_it_hangs_on(
     make_part, profile, tmp_path
 ):
     use = CalibrationUse("0" * 64, {}, {}, INTERVALS)
-    measured = profile.with_measured_values(profile.hopper, (), use)
+    measured = profile.with_measured_values(profile.hopper, (), (), use)
     manifest = plan_job(graded(make_part), measured, tmp_path / "part.lmj")
     margins = manifest.totals["margins"]
     for found in (margins["path"], margins["volume"]):

@@ -147,7 +147,8 @@ def mixture_margins(
                                  dilution_half_width)
     planned = CellValues.believed(recipe.hoppers, recipe.catch_efficiency)
     known = [intervals.get(hopper.name) for hopper in recipe.hoppers]
-    shares = PathShares(layers, recipe.density_g_mm3, MIXTURE_TOLERANCE_FRACTION)
+    shares = PathShares(layers, recipe.density_g_mm3, MIXTURE_TOLERANCE_FRACTION,
+                        mixture_catch=recipe.mixture_catch)
     unmeasured = tuple(hopper.name for hopper in recipe.hoppers if hopper.name not in intervals)
     volumes = _Volumes(layers, recipe, composition)
 
@@ -162,7 +163,7 @@ def mixture_margins(
             len(layers), samples.seen, unmeasured, None)
     every = max(1, len(shares.length_mm) // _SEARCHED_PIECES)
     thinned = shares if every == 1 else PathShares(
-        layers, recipe.density_g_mm3, MIXTURE_TOLERANCE_FRACTION, every)
+        layers, recipe.density_g_mm3, MIXTURE_TOLERANCE_FRACTION, every, recipe.mixture_catch)
     at = partial(values_of, parameters)
     case = worst_case(thinned, parameters, at)
     narrowed = [one.narrowed(_TWICE_AS_WELL) for one in parameters]

@@ -12,6 +12,7 @@ import numpy as np
 
 from lmctl.array_types import FloatArray
 from lmctl.config.dilution import MAX_DILUTION
+from lmctl.plan.mixture_catch import MixtureCatch
 from lmctl.plan.sequence.mixture_prediction import MixturePrediction
 from lmctl.plan.sequence.nozzle_flow import CellValues, hopper_outflow
 
@@ -21,15 +22,17 @@ _ROUNDING = 1e-9
 class PathShares:
     """Shares of the path of some layers.
 
-    density_g_mm3 : (hoppers,) of the powders; every : only each so many-th piece is looked at
+    density_g_mm3 : (hoppers,) of the powders; mixture_catch : by which they change each other's
+        catch; None where they do not; every : only each so many-th piece is looked at
     length_mm : (q,) of all pieces of path; designed : (q, materials) as the part file has them, and
         a last column for a foreign substrate where dilution is compensated
     """
 
     def __init__(
         self, layers: Sequence[MixturePrediction], density_g_mm3: FloatArray, tolerance: float,
-        every: int = 1,
+        every: int = 1, mixture_catch: MixtureCatch | None = None,
     ) -> None:
+        self._mixture_catch = mixture_catch
         self._changes = [layer.changes for layer in layers]
         self._at_s = [layer.pieces.at_s[::every] for layer in layers]
         self._density_g_mm3 = density_g_mm3
@@ -59,8 +62,10 @@ class PathShares:
         for hopper in range(self._materials):
             setpoint, turning = self._way(values, hopper)
             flow_g_min = values.slope[hopper] * setpoint + values.offset_g_min[hopper] * turning
-            volume[:, hopper] = np.maximum(flow_g_min, 0.0) * (
-                values.catch_efficiency[hopper] / self._density_g_mm3[hopper] / 60.0)
+            volume[:, hopper] = np.maximum(flow_g_min, 0.0)
+        if self._mixture_catch is not None:
+            volume *= self._mixture_catch.efficiency(volume) / self._mixture_catch.alone
+        volume *= values.catch_efficiency / self._density_g_mm3 / 60.0
         return volume
 
     def laid(self, values: CellValues) -> tuple[FloatArray, FloatArray]:
