@@ -143,6 +143,18 @@ class TableReader:
             for number, item in enumerate(value, 1)
         ]
 
+    def number_rows(self, key: str, *, least: float) -> tuple[tuple[float, ...], ...]:
+        """At least two rows, equally long, of at least two finite numbers ≥ `least`."""
+        rows = self._get(key, _REQUIRED)
+        if rows is not _REQUIRED:
+            if _is_rectangle(rows):
+                if min(min(row) for row in rows) >= least:
+                    return tuple(tuple(float(value) for value in row) for row in rows)
+                self.report_mistake(key, f"must be at least {least:g} everywhere")
+            else:
+                self.report_mistake(key, "must be two or more rows of as many numbers, two or more")
+        return ((least, least), (least, least))
+
     def numbers_by_integer_key(self) -> dict[int, float]:
         """The whole table as {whole number: number}: `$` settings."""
         values = {}
@@ -171,3 +183,13 @@ class TableReader:
         if value is _REQUIRED:
             self.report_mistake(key, "is missing")
         return value
+
+
+def _is_rectangle(rows: object) -> bool:
+    """Whether rows are at least two, equally long, each of at least two finite numbers."""
+    if not isinstance(rows, list) or len(rows) < 2 or not all(isinstance(r, list) for r in rows):
+        return False
+    are_numbers = all(
+        isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < _HUGE
+        for row in rows for value in row)
+    return are_numbers and len(rows[0]) >= 2 and all(len(row) == len(rows[0]) for row in rows)

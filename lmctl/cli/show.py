@@ -16,11 +16,14 @@ from lmctl.errors import UsageError
 
 if TYPE_CHECKING:
     from lmctl.job.reader import JobReader
+    from lmctl.job.schema import JobLayer
     from lmctl.part.part import Part
 
 PICTURES = (".png", ".svg", ".pdf")
 SURFACES = (".ply", ".stl", ".3mf")
 FIELD = ".vti"
+#: A layer whose heights differ by less is level.
+_LEVEL_MM = 0.005
 PAGE = ".html"
 
 
@@ -162,6 +165,14 @@ def _check_folder(target: Path) -> None:
         raise UsageError(f"there is no folder {target.parent}", hint="make it first")
 
 
+def _height_text(layer: JobLayer, nozzle_mm: float, origin_mm: float) -> str:
+    """The height of a layer, or where it follows a substrate, from where to where it goes."""
+    heights = layer.lines["z_mm"][layer.lines["bead_width_mm"] > 0]
+    if len(heights) == 0 or float(heights.max() - heights.min()) < _LEVEL_MM:
+        return f"{nozzle_mm - origin_mm:.2f}"
+    return f"{heights.min() - origin_mm:.2f} to {heights.max() - origin_mm:.2f}"
+
+
 def draw_job_layer(
     reader: JobReader, index: int, target: Path, frame: str = "machine"
 ) -> None:
@@ -184,7 +195,8 @@ def draw_job_layer(
     if manifest.excerpt is not None:
         number, last = index + manifest.excerpt[0], ", planned for looking"
     x, y, z = manifest.part_offset_mm if frame == "part" else (0.0, 0.0, 0.0)
+    height = _height_text(layer, entry.z_mm, z)
     draw_layer(layer, manifest.materials, LayerView(
         start_mm=(float(before["x_mm"]), float(before["y_mm"])), origin_mm=(x, y), frame=frame,
-        title=f"{manifest.part_name}: layer {number}{last}, {frame} z = {entry.z_mm - z:.2f} mm, "
+        title=f"{manifest.part_name}: layer {number}{last}, {frame} z = {height} mm, "
               f"{entry.n_paths} path{'s' * (entry.n_paths != 1)}, {lasting_s:.0f} s"), target)

@@ -23,6 +23,7 @@ from lmctl.config.measuring import (
 )
 from lmctl.config.mixture_catch import MixtureCatchSettings
 from lmctl.config.modbus_device import ModbusDevice
+from lmctl.config.nozzle import NozzleSettings
 from lmctl.config.quantities import Coordinate, Length, Vector
 from lmctl.config.toml_file import ConfigModel
 
@@ -151,6 +152,7 @@ class SafetySettings(ModbusDevice):
 class MachineProfile(ConfigModel):
     """A whole cell. Raises ConfigError with every mistake at once when read by `load`.
 
+    nozzle : its shape; None: what it may run into is not checked
     dilution : of its powders, by energy per length; measured ones stand in for those typed in
     mixture_catch : of powders fed together; likewise
     """
@@ -160,6 +162,7 @@ class MachineProfile(ConfigModel):
     laser: LaserSettings
     feeder: Annotated[tuple[FeederSettings, ...], Field(min_length=1)]
     hopper: Annotated[tuple[HopperSettings, ...], Field(min_length=1)]
+    nozzle: NozzleSettings | None = None
     safety: SafetySettings | None = None
     scale: ScaleSettings | None = None
     calibration: CalibrationSettings | None = None
@@ -243,6 +246,8 @@ class MachineProfile(ConfigModel):
                 "safety": True, "scale": True, "calibration": True,
             },
         )
+        if used["nozzle"] is None:
+            del used["nozzle"]
         for hopper in used["hopper"]:
             if hopper["catch_efficiency"] is None:
                 del hopper["catch_efficiency"]

@@ -77,6 +77,7 @@ def cross_key_findings(data: dict[str, Any]) -> list[Finding]:
                 f"body[{number}].composition", body.get("composition"), names, known
             )
     findings += _region_findings(data.get("process"), known)
+    findings += _substrate_findings(data.get("substrate"), known)
     findings += simulation_findings(data, known)
     return findings
 
@@ -95,6 +96,21 @@ def _region_findings(process: Any, bodies: set[str]) -> Iterator[Finding]:
         if process.get("strategy") == "iso-3d":
             yield Finding(where, 'beside strategy = "iso-3d" no body can have another: its tracks '
                           "are those of the whole distance field")
+
+
+def _substrate_findings(substrate: Any, bodies: set[str]) -> Iterator[Finding]:
+    """A body that is not there, and a mesh without units."""
+    if not isinstance(substrate, dict):
+        return
+    name, file = substrate.get("of"), substrate.get("file")
+    if isinstance(name, str) and name not in bodies:
+        guess = materials.suggest_name(name, sorted(bodies))
+        yield Finding("substrate.of", f"no body is named {name!r}" + (f" ({guess})" if guess
+                                                                    else ""))
+    if substrate.get("kind") == "mesh" and "units" not in substrate and not (
+            isinstance(file, str) and file.lower().endswith(".3mf")):
+        yield Finding("substrate.units", 'is missing: "mm", "cm", "m" or "inch"; the file does not '
+                      "say")
 
 
 def _material_findings(tables: list[dict[str, Any]]) -> Iterator[Finding]:

@@ -15,6 +15,8 @@ TEMPLATES: dict[str, str] = {
     "cutter": "a boring cutter, steel to carbide along its axis, built along x",
     "cutter-parabolic": "the same, by a parabola",
     "blade": "a turbine blade: hard shell, graded shell, metal core with three passages",
+    "repair": "a worn bar filled up again, deposited on its scan",
+    "shaft": "a hard strip along a shaft, layers parallel to it",
     "cutter-service": "a cutter that cools: the exponent of its gradient to be chosen",
     "gear-service": "a gear with heat from its teeth, levels of its material to be chosen",
     "blade-service": "a blade in hot gas: six numbers of its shells to be chosen",
@@ -54,6 +56,12 @@ def write_template(name: str, folder: Path) -> list[Path]:
 
             written.append(folder / "gear_cloud.xyz")
             write_gear_cloud(written[-1])
+        elif name == "repair":
+            from lmctl.examples.worn_bar import write_nominal_bar, write_worn_bar  # late, as above
+
+            written += [folder / "nominal_bar.stl", folder / "worn_bar.csv"]
+            write_nominal_bar(written[-2])
+            write_worn_bar(written[-1])
     except OSError as error:
         raise UsageError(
             f"cannot write the template into {folder}", where=str(error.strerror)

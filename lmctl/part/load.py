@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from lmctl.part.bodies import Body
     from lmctl.part.materials import CompositionField
     from lmctl.part.materials import Feature as MeasuredFeature
+    from lmctl.part.substrate import SubstrateSurface
 
 #: What a bare mesh or cloud is made of.
 DEFAULT_MATERIAL = "316L"
@@ -164,6 +165,7 @@ def _part_of(part: config.PartFile, text: str, tree: BodyTree, report: Report | 
     if free := resolve_free_numbers(parse_tables(text, name=part.name)).free:
         data.notes.append(f"{len(free)} free numbers have their starting values; `lmctl optimise` "
                           "chooses them")
+    surface = _substrate_surface(part, tree)
     # power and speed are the materials' own or the library's, and named there
     unwritten = set(config.ProcessSettings.model_fields) - part.process.model_fields_set
     if keys := sorted(unwritten - _not_noted(part.process)):
@@ -187,7 +189,19 @@ def _part_of(part: config.PartFile, text: str, tree: BodyTree, report: Report | 
         strategy_bodies={region.body: tree.named_body(region.body)
                          for region in part.process.region if region.body is not None},
         substrate=part.substrate,
+        substrate_surface=surface,
     )
+
+
+def _substrate_surface(part: config.PartFile, tree: BodyTree) -> SubstrateSurface | None:
+    """The surface under the part; None for a level plate under its lowest point."""
+    settings = part.substrate
+    if not settings.has_shape:
+        return None
+    from lmctl.part.substrate import substrate_surface_of  # late: few parts have one
+
+    nominal = None if settings.of is None else tree.named_body(settings.of)
+    return substrate_surface_of(settings, tree.body, nominal, tree.data, part.process.bead_width_mm)
 
 
 def _not_noted(process: config.ProcessSettings) -> set[str]:

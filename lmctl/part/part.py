@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,9 @@ from lmctl.part.materials.composition import CompositionField, UniformCompositio
 from lmctl.part.materials.powders import MaterialSpec
 from lmctl.part.named_bodies import NO_NAMED_BODIES, NamedBodies
 from lmctl.part.turning_heights import turning_heights_mm
+
+if TYPE_CHECKING:
+    from lmctl.part.substrate import LayerStack, SubstrateSurface
 
 #: Points of a composition evaluated at a time: keeps temporaries in tens of megabytes.
 POINTS_AT_ONCE = 500_000
@@ -72,6 +76,8 @@ class Part:
     named_bodies : those it is made of
     strategy_bodies : by name, those that the process gives a strategy of their own
     substrate : what the first layer is deposited on
+    substrate_surface : of a substrate with a shape; None: a level plate under its lowest point
+    layer_stack : where coordinates are (x, y, u) of `substrate.flattened_part`, how its layers lie
     """
 
     name: str
@@ -90,6 +96,8 @@ class Part:
     named_bodies: NamedBodies = NO_NAMED_BODIES
     strategy_bodies: Mapping[str, Body] = field(default_factory=dict)
     substrate: SubstrateSettings = field(default_factory=SubstrateSettings)
+    substrate_surface: SubstrateSurface | None = None
+    layer_stack: LayerStack | None = None
 
     @property
     def bounds_mm(self) -> Bounds:

@@ -10,6 +10,7 @@ from lmctl.array_types import FloatArray
 from lmctl.config.bodies import CloudBody, MeshBody
 from lmctl.config.composition import FaceFeature, SampledMixture, SheetFeature, features_of
 from lmctl.config.part_file import PartFile
+from lmctl.config.substrate import SubstrateSettings
 from lmctl.errors import InputError, MissingFileError
 from lmctl.part.sources.files import DataFile, read_data_file
 from lmctl.part.sources.mesh_files import Mesh, read_mesh
@@ -34,6 +35,8 @@ class PartData:
         self._clouds: dict[tuple[str, str], PointCloud] = {}
         self._sheets: dict[SheetFeature, FloatArray] = {}
         self._voxels: dict[tuple[str, ...], list[VoxelProperty]] = {}
+        self._substrate_mesh: Mesh | None = None
+        self._substrate_points: FloatArray | None = None
         self.sources: dict[str, str] = {}
         self.warnings: list[str] = []
         self.notes: list[str] = []
@@ -56,6 +59,11 @@ class PartData:
                     self.points(item)
             except (InputError, MissingFileError) as error:
                 wrong[error.render()] = error  # of one file that is not there, however it is used
+        if part.substrate.file is not None:
+            try:
+                self.substrate_points(part.substrate)
+            except (InputError, MissingFileError) as error:
+                wrong[error.render()] = error
         if len(wrong) == 1:
             raise next(iter(wrong.values()))
         if wrong:
@@ -114,6 +122,28 @@ class PartData:
             found = read_voxel_properties(self._file(sampled.file), names)
             self._voxels[key] = [found[name] for name in names]
         return self._voxels[key]
+
+    def substrate_mesh(self, settings: SubstrateSettings) -> Mesh:
+        """The surface of a substrate, which need not close. Raises InputError."""
+        assert settings.file is not None, "the model asks for one"
+        if self._substrate_mesh is None:
+            self._substrate_mesh = read_mesh(self._file(settings.file), settings.units)
+        return self._substrate_mesh
+
+    def substrate_points(self, settings: SubstrateSettings) -> FloatArray:
+        """(n, 3) float64 [mm]: the samples of a substrate, or its corners. Raises InputError."""
+        if settings.kind == "mesh":
+            return self.substrate_mesh(settings).vertices
+        assert settings.file is not None, "the model asks for one"
+        assert settings.units is not None, "the model asks for them"
+        if self._substrate_points is None:
+            from lmctl.part.sources.cloud_files import read_cloud  # late, as above
+
+            cloud = read_cloud(self._file(settings.file), settings.units)
+            self.notes += cloud.notes
+            self.warnings += cloud.warnings
+            self._substrate_points = cloud.points
+        return self._substrate_points
 
     def face(self, body: MeshBody, feature: FaceFeature) -> FloatArray:
         """Triangles (m, 3, 3) float64 [mm] of one face of a mesh. Raises InputError."""

@@ -14,6 +14,7 @@ from lmctl.array_types import FloatArray
 from lmctl.config.machine import MachineProfile
 from lmctl.config.part_file import ProcessSettings
 from lmctl.errors import PlanError
+from lmctl.part.substrate import flattened_part
 from lmctl.plan.recipe import recipe_of
 from lmctl.preflight.part_check import check_part
 from lmctl.preflight.placement import Placement
@@ -32,6 +33,7 @@ def place_layers(part: Part, profile: MachineProfile) -> Placement:
     not place is set down by what is left out below it.
     Raises PlanError: what `check_part` and `recipe_of` find, or no layer with tracks.
     """
+    part = flattened_part(part)
     placement = check_part(part, profile)
     recipe_of(part, profile, placement.layer_height_mm)
 
@@ -47,7 +49,8 @@ def place_layers(part: Part, profile: MachineProfile) -> Placement:
     if first is None:
         raise nothing_to_deposit(part)
     last = next(layer for layer in reversed(layers) if has_tracks(layer))
-    return placement.restricted_to_layers(first, last, set_down=part.placement_mm is None)
+    set_down = part.placement_mm is None and part.layer_stack is None
+    return placement.restricted_to_layers(first, last, set_down=set_down)
 
 
 def _is_wide(section: PartSection, process: ProcessSettings) -> bool:

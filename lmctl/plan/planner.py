@@ -19,6 +19,7 @@ from lmctl.errors import PlanError
 from lmctl.job.manifest_json import part_digest
 from lmctl.job.schema import JobHopper, JobManifest
 from lmctl.job.writer import JobWriter
+from lmctl.part.substrate import flattened_part
 from lmctl.plan.completeness import Completeness
 from lmctl.plan.dilution import compensation_of, with_known_dilution
 from lmctl.plan.execution import LocalWorkers, StageWorkers, ordered_results
@@ -32,6 +33,7 @@ from lmctl.plan.program_text import LayerLines
 from lmctl.plan.recipe import recipe_of
 from lmctl.plan.sequence.layer_sequencer import LayerSequencer
 from lmctl.plan.strategy_choice import StrategyChoice, with_chosen_strategy
+from lmctl.plan.substrate_report import substrate_report, substrate_totals
 from lmctl.preflight.job_check import check_limits
 from lmctl.preflight.part_check import check_part
 
@@ -74,7 +76,8 @@ def plan_job(
     JobError where the file cannot be written.
     """
     options = options or PlanOptions()
-    part, choice = with_chosen_strategy(with_known_dilution(part, profile), profile)
+    part = flattened_part(with_known_dilution(part, profile))
+    part, choice = with_chosen_strategy(part, profile)
     planning = _Planning(part, profile, options, choice)
     with JobWriter(out) as job, options.open_workers(part) as workers:
         for layer in ordered_results(workers.text, planning.sequenced(workers), workers.window):
@@ -103,7 +106,7 @@ class _Planning:
         self._recipe = recipe_of(part, profile, self._whole_placement.layer_height_mm)
         self._dilution = compensation_of(part, profile, self._recipe)
         self._sequencer = LayerSequencer(
-            part.name, part.process, self._recipe, profile, self._dilution)
+            part.name, part.process, self._recipe, profile, self._dilution, part.layer_stack)
         self._completeness = Completeness(
             part.process, self._whole_placement.layer_height_mm,
             self._whole_placement.uncovered_height_mm(), part.named_bodies)
@@ -114,11 +117,12 @@ class _Planning:
 
     def sequenced(self, workers: StageWorkers) -> Iterator[LayerLines]:
         """The layers of the job in order. Raises PlanError where there are none to plan."""
-        set_down = self._part.placement_mm is None
+        set_down = self._part.placement_mm is None and self._part.layer_stack is None
         index = -1
         for geometry, is_last in _first_to_last_with_tracks(self._geometries(workers)):
             if index < 0 and self._options.layers is None:
                 self._lowest = self._first = geometry.layer
+                self._refuse_above_substrate(geometry.layer)
             if is_last:
                 self._last = geometry.layer
             index += 1
@@ -130,6 +134,16 @@ class _Planning:
         if self._options.layers is None:
             self._placement = self._whole_placement.restricted_to_layers(self._first, self._last,
                                                                set_down=set_down)
+
+    def _refuse_above_substrate(self, first: int) -> None:
+        """Raise PlanError where nothing is deposited on the substrate itself."""
+        if self._part.layer_stack is None or first == 0:
+            return
+        raise PlanError(
+            f"nothing of {self._part.name} is deposited on its substrate: the lowest layer with "
+            f"tracks is layer {first + 1}",
+            where=f"{first * self._whole_placement.layer_height_mm:.2f} mm above the substrate",
+            hint="check the heights of both: they are in the part file's coordinates")
 
     def _geometries(self, workers: StageWorkers) -> Iterator[LayerGeometry]:
         """Geometry of every layer of the part, or of those to look at, in order."""
@@ -201,7 +215,7 @@ class _Planning:
             *([] if self._choice is None else [report_finding(True, self._choice.as_text())]),
             *self._completeness_findings(),
             *plan_report(statistics, self._placement, part.process.powder),
-            *self._dilution_findings(),
+            *self._dilution_findings(), *substrate_report(part, profile.nozzle is not None),
             *(report_finding(*found)
               for found in (() if margins is None else margin_findings(margins, other)))]
         warnings = [*part.warnings, *(f["text"] for f in findings if f["level"] == "warning")]
@@ -230,6 +244,7 @@ class _Planning:
                 "dilution": self._sequencer.dilution_statistics.totals(part.named_bodies)})
             | ({} if margins is None else {"margins": margins.as_json() | (
                 {} if other is None else {"other_strategy": other.as_json()})})
+            | substrate_totals(part)
             | ({} if part.surface_error_mm is None else
                {"surface_error_mm": round(part.surface_error_mm, 4)}),
             verdict=tuple(findings),

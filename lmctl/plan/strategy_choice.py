@@ -144,7 +144,8 @@ def _trial(
     part: Part, profile: MachineProfile, placement: Placement, made: list[LayerGeometry]
 ) -> StrategyTrial:
     recipe = recipe_of(part, profile, placement.layer_height_mm)
-    sequencer = LayerSequencer(part.name, part.process, recipe, profile)
+    sequencer = LayerSequencer(
+        part.name, part.process, recipe, profile, stack=part.layer_stack)
     made = [geometry for geometry in made if geometry.n_tracks]
     errors = [0.0]
     if part.process.powder == "lead":

@@ -39,7 +39,11 @@ def check_part(part: Part, profile: MachineProfile) -> Placement:
                 hint="lower the material's speed_mm_s, with its power_W",
             ))
     placement = place_part(part, profile)
-    outside = _outside(placement, profile)
+    outside = _outside(part, placement, profile)
+    if part.layer_stack is not None:
+        from lmctl.preflight.substrate_check import substrate_findings  # late: few parts have one
+
+        wrong += substrate_findings(part.layer_stack, placement, profile)
     if outside:
         wrong.append(PlanError(
             f"{part.name} reaches outside the travel of {profile.name!r}", where=outside,
@@ -56,15 +60,21 @@ def check_part(part: Part, profile: MachineProfile) -> Placement:
     return placement
 
 
-def _outside(placement: Placement, profile: MachineProfile) -> list[str]:
+def _outside(part: Part, placement: Placement, profile: MachineProfile) -> list[str]:
     """One line an axis in which the part leaves the travel."""
     travel = profile.motion.travel_mm
-    top = placement.nozzle_height_mm(placement.n_layers - 1) + profile.motion.clearance_mm
+    bottom = placement.nozzle_height_mm(0)
+    top = placement.nozzle_height_mm(placement.n_layers - 1)
+    if part.layer_stack is not None:
+        z_mm = float(placement.offset_mm[2])
+        bottom = part.layer_stack.lowest_mm(bottom - z_mm) + z_mm
+        top = part.layer_stack.highest_mm(top - z_mm) + z_mm
+    top += profile.motion.clearance_mm
     low = placement.low_mm + placement.offset_mm
     high = placement.high_mm + placement.offset_mm
     spans = {
         "x": (low[0], high[0], travel.x), "y": (low[1], high[1], travel.y),
-        "z": (placement.nozzle_height_mm(0), top, travel.z),
+        "z": (bottom, top, travel.z),
     }
     return [
         f"{axis}: needs {a:.1f} to {b:.1f} mm, has {limits[0]:g} to {limits[1]:g}"

@@ -78,6 +78,7 @@ def fitted_layer_height_mm(tall_mm: float, wanted_mm: float) -> float:
 def place_part(part: Part, profile: MachineProfile) -> Placement:
     """The part where its file puts it, else centred in x and y with its lowest point at z = 0.
 
+    On a substrate with a shape that is the lowest point of the substrate under the part.
     Layers are those whose middle plane meets the part. Raises PlanError where there is none, or
     more than a job holds.
     """
@@ -87,7 +88,8 @@ def place_part(part: Part, profile: MachineProfile) -> Placement:
     else:
         travel = profile.motion.travel_mm
         platform = np.array([sum(travel.x) / 2, sum(travel.y) / 2, 0.0])
-        offset = platform - np.array([*((low + high) / 2)[:2], low[2]])
+        lowest = low[2] if part.layer_stack is None else part.layer_stack.lowest_mm(0.0)
+        offset = platform - np.array([*((low + high) / 2)[:2], lowest])
     height = fitted_layer_height_mm(float(high[2] - low[2]), part.process.layer_height_mm)
     n_layers = int(np.floor((high[2] - low[2]) / height + 0.5 - 1e-6))  # a plane on top is out
     if n_layers < 1:

@@ -28,6 +28,8 @@ MARGIN_FRACTION = 0.06
 #: Iso-contours drawn on each side of the surface, about.
 CONTOURS_PER_SIDE = 8
 
+#: A substrate with a shape, and the line of its surface, in the composition.
+_SUBSTRATE_COLOUR, _SUBSTRATE_LINE = (0.85, 0.85, 0.85), "#c0392b"
 
 #: The longer side of a panel, the least height of a key, and its width [inches].
 PANEL_IN, KEY_HEIGHT_IN, KEY_IN = 3.3, 2.4, 0.15
@@ -72,8 +74,9 @@ def part_figure(part: Part, at_mm: Places) -> Figure:
     sizes *= PANEL_IN / sizes.max(axis=1, keepdims=True)
     key = [[KEY_IN, max(KEY_HEIGHT_IN, float(sizes[:, 1].max()))]]
     widths, heights = np.tile(np.concatenate([sizes, key]).T[:, None, :], (1, 2, 1))
+    below = "" if part.substrate_surface is None else "; grey: substrate"
     arrange_panels(figure, axes.tolist(), widths, heights,
-                   f"{part.name}: distance (contours every {step:g} mm) and composition")
+                   f"{part.name}: distance (contours every {step:g} mm) and composition{below}")
     return figure
 
 
@@ -123,12 +126,26 @@ def _draw_distance(
 
 def _draw_composition(axes: Axes, plane: _Plane, depth: FloatArray, part: Part) -> None:
     colours = np.ones((len(depth), 3))
-    rows = np.flatnonzero(depth > 0)
+    above = _above_substrate_mm(plane, part)
+    rows = np.flatnonzero((depth > 0) & (above > 0))
+    colours[above <= 0] = _SUBSTRATE_COLOUR
     if len(rows):
         colours[rows] = composition_colours(part.composition(plane.points[rows]))
     axes.imshow(colours.reshape(*plane.shape, 3), origin="lower", extent=plane.extent,
                 interpolation="nearest")
     _outline(axes, plane, depth, 0.8)
+    if above.min() < 0 < above.max():
+        known = np.where(np.isfinite(above), above, np.nan).reshape(plane.shape)
+        axes.contour(known, levels=[0.0], extent=plane.extent, colors=_SUBSTRATE_LINE,
+                     linewidths=1.2)
+
+
+def _above_substrate_mm(plane: _Plane, part: Part) -> FloatArray:
+    """Height of the plane's points over a substrate with a shape, (n,); inf on a plate."""
+    if part.substrate_surface is None:
+        return np.full(len(plane.points), np.inf)
+    heights, places = part.substrate_surface.heights, plane.points[:, :2]
+    return np.where(heights.covers(places), plane.points[:, 2] - heights.height_mm(places), np.inf)
 
 
 def _outline(axes: Axes, plane: _Plane, depth: FloatArray, width: float) -> None:

@@ -50,10 +50,12 @@ def build_from_record(record: BenchRecord, config: ProcessConfig) -> VoxelMap | 
     room = shape[2]
     while True:
         _refuse_too_large((shape[0], shape[1], room), len(path.materials) + 1, config)
-        top = np.full(shape[:2], config.substrate_z_mm)
+        plate = _plate_top(corner, shape, config)
+        top = plate.copy()
         voxels = np.zeros((shape[0], shape[1], room, len(path.materials) + 1))
-        plate = round((config.substrate_z_mm - corner[2]) / config.voxel_height_mm)
-        voxels[:, :, :plate, -1] = config.voxel_mm**2 * config.voxel_height_mm
+        floor = corner[2] + config.voxel_height_mm * np.arange(room)
+        filled = np.clip((plate[:, :, None] - floor) / config.voxel_height_mm, 0.0, 1.0).round(9)
+        voxels[..., -1] = config.voxel_mm**2 * config.voxel_height_mm * filled
         caught = np.zeros((len(kept), len(path.materials)))
         surface = np.zeros(len(kept))
         place = path.position_mm[kept] - np.array([corner[0], corner[1], 0.0])
@@ -64,7 +66,19 @@ def build_from_record(record: BenchRecord, config: ProcessConfig) -> VoxelMap | 
         if not overflows:
             break
         room += room // 2 + 1
-    return _voxel_map(powder, config, path, kept, corner, top, voxels, caught, surface)
+    return _voxel_map(powder, config, path, kept, corner, top - plate, voxels, caught, surface)
+
+
+def _plate_top(
+    corner: FloatArray, shape: tuple[int, int, int], config: ProcessConfig
+) -> FloatArray:
+    """(nx, ny) z of the plate's top at the middle of each column."""
+    if config.substrate_heights is None:
+        return np.full(shape[:2], config.substrate_z_mm)
+    x, y = (corner[axis] + (np.arange(shape[axis]) + 0.5) * config.voxel_mm for axis in (0, 1))
+    places = np.stack(np.meshgrid(x, y, indexing="ij"), axis=2).reshape(-1, 2)
+    heights = config.substrate_heights.height_mm(places).reshape(shape[:2])
+    return np.asarray(config.substrate_z_mm + heights)
 
 
 def _grid(
@@ -101,7 +115,7 @@ def _advance(position_mm: FloatArray, time_s: FloatArray) -> FloatArray:
 
 def _voxel_map(
     powder: PowderTotals, config: ProcessConfig, path: BeamOnPath, kept: NDArray[np.intp],
-    corner: FloatArray, top: FloatArray, voxels: FloatArray, caught: FloatArray,
+    corner: FloatArray, height: FloatArray, voxels: FloatArray, caught: FloatArray,
     surface: FloatArray,
 ) -> VoxelMap:
     n = len(path.time_s)
@@ -116,7 +130,7 @@ def _voxel_map(
         powders=(*path.materials, config.substrate),
         substrate_material=config.substrate_material,
         deposited_mm3=np.ascontiguousarray(np.moveaxis(voxels, 3, 0), dtype=np.float32),
-        height_mm=top - config.substrate_z_mm,
+        height_mm=height,
         substrate_z_mm=config.substrate_z_mm,
         density_g_mm3=np.append(powder.density_g_mm3, np.nan),
         fed_g=np.append(powder.fed_g, 0.0),

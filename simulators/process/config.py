@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from firmware_protocol.table_reader import TableReader
+from simulators.process.substrate_heights import SubstrateHeights, read_substrate_heights
 
 #: Strips of a bead's cross-section must be resolved: so many voxels lie across the bead at least.
 _LEAST_VOXELS_ACROSS = 4.0
@@ -23,6 +24,7 @@ class ProcessConfig:
         it changes by dilution_per_J_mm, within 0 and MAX_DILUTION
     substrate : name of the plate, other than every powder; its top is at substrate_z_mm in machine
         coordinates
+    substrate_heights : how much higher it is than that from place to place; None: nowhere
     substrate_material : the material that the plate is of, "" for one of its own
     best_standoff_mm : distance from tool point to the surface below at which most powder is caught
     nozzle_gap_mm : from the nozzle's tip down to the tool point
@@ -40,6 +42,7 @@ class ProcessConfig:
     substrate: str = "substrate"
     substrate_material: str = ""
     substrate_z_mm: float = 0.0
+    substrate_heights: SubstrateHeights | None = None
     best_standoff_mm: float = 0.8
     nozzle_gap_mm: float = 10.0
     voxel_mm: float = 0.25
@@ -62,6 +65,8 @@ def read_process(table: TableReader) -> ProcessConfig:
         substrate_material=(
             table.text("substrate_material") if table.has_key("substrate_material") else ""),
         substrate_z_mm=table.number("substrate_z_mm", 0.0, least=-10_000, most=10_000),
+        substrate_heights=(read_substrate_heights(table.table("substrate_heights"))
+                           if table.has_key("substrate_heights") else None),
         best_standoff_mm=table.number("best_standoff_mm", 0.8, least=-100, most=100),
         nozzle_gap_mm=table.number("nozzle_gap_mm", 10.0, above=0, most=200),
         voxel_mm=table.number("voxel_mm", 0.25, least=0.02, most=5),

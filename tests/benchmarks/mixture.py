@@ -23,6 +23,7 @@ from typing import Any
 
 from tests.benchmarks.mixture_rows.as_built import build, duration_s
 from tests.benchmarks.mixture_rows.parts import write_part
+from tests.benchmarks.mixture_rows.standoff import standoff_row
 
 #: Program times of the same parts as planned with tracks along the outline that cross jumps, by
 #: the version before (commit 12bfc09), on the same cell [s].
@@ -32,12 +33,13 @@ TODAY_S = {
 }
 _WITH_VOLUME = {"plate_step": "plate", "fig8_union": "union", "blade": "blade"}
 _DWELL_S = 30.0
+_ROWS = [*TODAY_S, "standoff"]
 
 
 def main() -> None:
     options = argparse.ArgumentParser()
-    options.add_argument("rows", nargs="*", metavar="ROW", choices=[[], *TODAY_S])
-    chosen = options.parse_args().rows or list(TODAY_S)
+    options.add_argument("rows", nargs="*", metavar="ROW", choices=[[], *_ROWS])
+    chosen = options.parse_args().rows or _ROWS
     found: dict[str, Any] = {}
     with tempfile.TemporaryDirectory() as folder:
         for name in chosen:
@@ -48,6 +50,8 @@ def main() -> None:
 
 
 def _row(name: str, folder: Path) -> dict[str, Any]:
+    if name == "standoff":
+        return standoff_row(folder)
     file = write_part(name, folder)
     as_built = build(file, late_s=0.5 if name == "box" else 0.0, volume=name in _WITH_VOLUME)
     totals = as_built.manifest.totals

@@ -6,7 +6,7 @@ process or on another machine.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -98,6 +98,17 @@ class LayerFigures:
     lost: tuple[LostFeature, ...] = ()
     overhang: tuple[OverhangPlace, ...] = ()
 
+    def scaled(self, factor: float) -> LayerFigures:
+        """The same for a layer that is thicker than the layer height by a factor in the mean.
+
+        Its areas times the layer height are its volumes.
+        """
+        areas = {name: factor * getattr(self, name) for name in (
+            "slice_mm2", "inside_mm2", "double_mm2", "outside_mm2", "strip_mm2", "narrow_mm2")}
+        islands = tuple(replace(island, slice_mm2=factor * island.slice_mm2,
+                                inside_mm2=factor * island.inside_mm2) for island in self.islands)
+        return replace(self, islands=islands, **areas)
+
 
 @dataclass(frozen=True)
 class LayerGeometry:
@@ -109,7 +120,8 @@ class LayerGeometry:
         bead apart
     starts : (m + 1,) intp, track k is points starts[k] to starts[k + 1]; at least 2 points each
     strip_width_mm : (n,) float64, > 0, width of the strip the track fills there: its volume per
-        length over the layer height
+        length over the layer height. On a substrate with a shape layers are thicker or thinner than
+        that from place to place, and the length is that in the xy plane
     fractions : (n, materials) float64, the material field there, rows summing to 1
     is_closed : (m,) bool, the track ends where it begins (its first point is repeated last)
     is_directed : (m,) bool, the track is to be deposited from its first point to its last; None

@@ -32,6 +32,7 @@ from lmctl.preflight.placement import Placement
 
 if TYPE_CHECKING:
     from lmctl.part.part import Part, PartSection
+    from lmctl.part.substrate import LayerStack
 
 
 def layer_geometry(part: Part, placement: Placement, layer: int) -> LayerGeometry:
@@ -61,13 +62,21 @@ def layer_geometry(part: Part, placement: Placement, layer: int) -> LayerGeometr
     flat = flat_pieces(part, placement, layer, loops)
     if flat:
         figures = replace(figures, lost=(*figures.lost, *flat))
-    found_layer = _geometry(number, z_mm, lines, len(part.materials), loops, figures)
+    made = _geometry(number, z_mm, lines, len(part.materials), loops, figures)
+    if part.layer_stack is not None and made.n_tracks:
+        made = _with_thickness(made, part.layer_stack)
     if process.dilution == "ignore" or number == 0:
-        return found_layer
-    points = found_layer.points_mm
+        return made
+    points = made.points_mm
     below_mm = np.full(len(points), placement.cut_height_mm(layer - 1))
-    return replace(found_layer, fractions_below=part.composition(
-        np.column_stack([points, below_mm])))
+    return replace(made, fractions_below=part.composition(np.column_stack([points, below_mm])))
+
+
+def _with_thickness(made: LayerGeometry, stack: LayerStack) -> LayerGeometry:
+    """A layer over a substrate: where it is thicker than the layer height, strips take more."""
+    stretched = made.strip_width_mm * stack.stretch(made.points_mm, made.z_mm)
+    factor = float(stretched.sum() / made.strip_width_mm.sum())
+    return replace(made, strip_width_mm=stretched, figures=made.figures.scaled(factor))
 
 
 def _slice_task(

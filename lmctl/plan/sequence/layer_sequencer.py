@@ -16,6 +16,7 @@ from lmctl.config.machine import MachineProfile
 from lmctl.config.part_file import ProcessSettings
 from lmctl.errors import PlanError
 from lmctl.job.schema import LineKind
+from lmctl.part.substrate import LayerStack
 from lmctl.plan.dilution import DilutionCompensation, DilutionStatistics
 from lmctl.plan.geometry import LayerGeometry
 from lmctl.plan.plan_statistics import PlanStatistics
@@ -23,6 +24,7 @@ from lmctl.plan.program_text.layer_text import CLOSING_LINES, OPENING_LINES, Lay
 from lmctl.plan.recipe import Recipe
 from lmctl.plan.sequence.bead_pieces import bead_pieces
 from lmctl.plan.sequence.beads import Beads, make_beads
+from lmctl.plan.sequence.draping import LayerDrape, draped_moves
 from lmctl.plan.sequence.line_timing import bead_line_ranges, split_long_lines, with_time_for_powder
 from lmctl.plan.sequence.mixture_cuts import cut_tracks
 from lmctl.plan.sequence.mixture_prediction import MixturePrediction, PathPredictor
@@ -67,13 +69,15 @@ class LayerSequencer:
     `samples` keeps what is predicted of some of them.
 
     dilution : compensates for it; None: beads are taken to be of what is fed
+    stack : how the layers of a flattened part lie (`part.substrate`); None: level
     """
 
     def __init__(
         self, part_name: str, process: ProcessSettings, recipe: Recipe, profile: MachineProfile,
-        dilution: DilutionCompensation | None = None,
+        dilution: DilutionCompensation | None = None, stack: LayerStack | None = None,
     ) -> None:
         self._dilution = dilution
+        self._stack = stack
         self._part_name = part_name
         self._process = process
         self._profile = profile
@@ -123,9 +127,11 @@ class LayerSequencer:
         tracks = order_tracks(
             geometry, number, self._state.at_mm[:2] - placement.offset_mm[:2], self._state.mixture,
             self._process.fraction_step, self._change_s, self._process.seam)
-        beads = self._beads(number, tracks)
+        drape = self._drape(number, placement)
+        beads = self._beads(number, tracks, drape)
         self.statistics.add_beads(number, geometry, beads)
-        moves, durations = self._timed_moves(number, beads, placement, is_last=is_last)
+        nozzle_mm = placement.nozzle_height_mm(number) if drape is None else drape.highest_mm()
+        moves, durations = self._timed_moves(number, beads, placement, drape, is_last=is_last)
         state = self._state
         end_s = state.time_s + np.cumsum(durations)
         flow = self._flow(moves, beads, end_s)
@@ -137,7 +143,7 @@ class LayerSequencer:
         if is_last:
             self.finish()
         layer = LayerLines(
-            index=index, z_mm=placement.nozzle_height_mm(number), first_line=state.line,
+            index=index, z_mm=nozzle_mm, first_line=state.line,
             first_path=state.path, moves=moves, end_s=end_s, flow=flow,
             laser_settings=self._profile.laser, opens=index == 0, closes=is_last)
         self._state = SequenceState(
@@ -164,14 +170,29 @@ class LayerSequencer:
             self.statistics.add_mixture(along)
             self.samples.add(along)
 
-    def _beads(self, number: int, tracks: OrderedTracks) -> Beads | None:
+    def _beads(
+        self, number: int, tracks: OrderedTracks, drape: LayerDrape | None
+    ) -> Beads | None:
         if tracks.n_tracks == 0:
             return None
-        return make_beads(
+        max_speed_mm_s = min(self._profile.motion.max_speed_mm_s[:2])
+        if drape is not None:
+            max_speed_mm_s = min(max_speed_mm_s, self._profile.motion.max_speed_mm_s[2]
+                                 / max(drape.steepest_slope(), 1e-6))
+        beads = make_beads(
             tracks, self._recipe, self._process.fraction_step, self._longest_s,
-            min(self._profile.motion.max_speed_mm_s[:2]), f"layer {number + 1}",
+            max_speed_mm_s, f"layer {number + 1}",
             leads=self._leads, uniform=self._process.strategy == "iso-3d",
             fastest=self._profile.laser.max_power_W / float(self._recipe.power_W.max()))
+        if drape is None:
+            return beads
+        return replace(beads, width_mm=beads.width_mm / drape.stretch(beads.points_mm))
+
+    def _drape(self, number: int, placement: Placement) -> LayerDrape | None:
+        if self._stack is None:
+            return None
+        level_mm = placement.nozzle_height_mm(number) - float(placement.offset_mm[2])
+        return LayerDrape(self._stack, level_mm, placement.offset_mm)
 
     def _change_s(self, start: FloatArray, end: FloatArray) -> float:
         flow = self._recipe.flow_g_s
@@ -179,7 +200,8 @@ class LayerSequencer:
             flow(start)[None], flow(end)[None], self._limits, self._process.fraction_step)[0])
 
     def _timed_moves(
-        self, number: int, beads: Beads | None, placement: Placement, *, is_last: bool
+        self, number: int, beads: Beads | None, placement: Placement, drape: LayerDrape | None,
+        *, is_last: bool,
     ) -> tuple[Moves, FloatArray]:
         """The layer's lines and how long each lasts."""
         start, motion = self._state.at_mm, self._profile.motion
@@ -191,12 +213,14 @@ class LayerSequencer:
             moves = moves_of_kind(start, feed_mm_s=0.0, kind=LineKind.DWELL, fractions=mixture,
                                   dwell_s=LAYER_REST_S)
         else:
-            moves = layer_moves(beads, placement.nozzle_height_mm(number), placement.offset_mm,
-                                start,
-                                self._travel, mixture)
+            moves = self._layer_moves(beads, placement.nozzle_height_mm(number),
+                                      placement.offset_mm, drape, mixture)
         if is_last:
+            end = moves.target_mm[-1].copy()
+            if drape is not None:
+                end[2] = max(end[2], drape.highest_around_mm())
             moves = join_moves([moves, moves_to_purge_position(
-                moves.target_mm[-1], self._home_mm, self._travel, moves.fractions[-1])])
+                end, self._home_mm, self._travel, moves.fractions[-1])])
         moves = rounded_to_program_steps(moves, start)
         self._check_reach(number, moves)
         if self._leads and beads is not None:
@@ -210,6 +234,18 @@ class LayerSequencer:
             parts.append(self._setup(len(CLOSING_LINES), moves.target_mm[-1], moves.fractions[-1]))
             lasting.append(np.zeros(len(CLOSING_LINES)))
         return join_moves(parts), np.concatenate(lasting)
+
+    def _layer_moves(
+        self, beads: Beads, flat_z_mm: float, offset_mm: FloatArray, drape: LayerDrape | None,
+        mixture: FloatArray,
+    ) -> Moves:
+        """The moves of a layer, at one height or on its substrate's shape."""
+        start = self._state.at_mm
+        if drape is None:
+            return layer_moves(beads, flat_z_mm, offset_mm, start, self._travel, mixture)
+        above = np.array([*start[:2], flat_z_mm + 1.0])  # so that it comes from above the layer
+        flat = layer_moves(beads, flat_z_mm, offset_mm, above, self._travel, mixture)
+        return draped_moves(flat, start, flat_z_mm, drape, self._travel.clearance_mm)
 
     @staticmethod
     def _setup(count: int, at_mm: FloatArray, mixture: FloatArray) -> Moves:

@@ -15,6 +15,7 @@ from lmctl.plan.sequence.moves import (
     Moves,
     moves_of_kind,
     rounded_to_program_steps,
+    split_moves,
     with_inserted_moves,
 )
 from lmctl.plan.sequence.velocity_profile import line_durations
@@ -104,32 +105,9 @@ def split_long_lines(
         pieces = np.maximum(1, np.ceil(durations / longest_s - 1e-9).astype(np.intp))
         if pieces.max(initial=1) == 1:
             return moves, durations
-        moves = rounded_to_program_steps(_split(moves, start_mm, pieces), start_mm)
+        moves = rounded_to_program_steps(split_moves(moves, start_mm, pieces), start_mm)
     raise PlanError(
         f"a move cannot be split into lines of {longest_s:g} s",
         where=f"the longest lasts {durations.max():.3g} s",
         hint="raise motion.send_horizon_s or the acceleration in the machine profile",
-    )
-
-
-def _split(moves: Moves, start_mm: FloatArray, pieces: IndexArray) -> Moves:
-    """Each line in so many equal pieces; places and fractions linear between its ends."""
-    index = np.repeat(np.arange(len(moves)), pieces)
-    number = indices_within_stretches(pieces)
-    begin, share = number / pieces[index], (number + 1) / pieces[index]
-    before_mm = np.vstack([start_mm, moves.target_mm[:-1]])
-    mixture_before = np.vstack([moves.fractions[:1], moves.fractions[:-1]])
-    along_mm = moves.along_mm[index]
-    result = moves.select(index)
-    bead = result.kind == LineKind.BEAD
-    part = share[:, None]
-    return replace(
-        result,
-        target_mm=before_mm[index] + part * (moves.target_mm - before_mm)[index],
-        fractions=np.where(
-            bead[:, None],
-            mixture_before[index] + part * (moves.fractions - mixture_before)[index],
-            result.fractions),
-        dwell_s=result.dwell_s / pieces[index],
-        along_mm=along_mm[:, :1] + np.column_stack([begin, share]) * np.diff(along_mm, axis=1),
     )

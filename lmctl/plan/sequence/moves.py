@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from lmctl.array_types import FloatArray, IndexArray
 from lmctl.field.kernel import kernel
 from lmctl.job.schema import LineKind
+from lmctl.plan.sequence.flat_arrays import indices_within_stretches
 
 #: Program coordinates carry three decimals, feeds one.
 POSITION_STEP_MM = 0.001
@@ -96,6 +97,29 @@ def with_inserted_moves(moves: Moves, before: IndexArray, more: Moves) -> Moves:
         np.insert(getattr(moves, name), before, getattr(more, name), axis=0)
         for name in Moves.__dataclass_fields__
     ))
+
+
+def split_moves(moves: Moves, start_mm: FloatArray, pieces: IndexArray) -> Moves:
+    """Each line in so many equal pieces; places and fractions linear between its ends."""
+    index = np.repeat(np.arange(len(moves)), pieces)
+    number = indices_within_stretches(pieces)
+    begin, share = number / pieces[index], (number + 1) / pieces[index]
+    before_mm = np.vstack([start_mm, moves.target_mm[:-1]])
+    mixture_before = np.vstack([moves.fractions[:1], moves.fractions[:-1]])
+    along_mm = moves.along_mm[index]
+    result = moves.select(index)
+    bead = result.kind == LineKind.BEAD
+    part = share[:, None]
+    return replace(
+        result,
+        target_mm=before_mm[index] + part * (moves.target_mm - before_mm)[index],
+        fractions=np.where(
+            bead[:, None],
+            mixture_before[index] + part * (moves.fractions - mixture_before)[index],
+            result.fractions),
+        dwell_s=result.dwell_s / pieces[index],
+        along_mm=along_mm[:, :1] + np.column_stack([begin, share]) * np.diff(along_mm, axis=1),
+    )
 
 
 def rounded_to_program_steps(moves: Moves, start_mm: FloatArray) -> Moves:

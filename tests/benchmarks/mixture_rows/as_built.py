@@ -58,7 +58,7 @@ def build(file: Path, *, late_s: float = 0.0, volume: bool = False) -> AsBuilt:
     """Plan a part file, run its job, and compare."""
     part, job = load_part(file), file.with_suffix(".lmj")
     manifest = plan_job(part, profile(), job, options=PlanOptions(jobs=usable_cores()))
-    record = _run(job, late_s)
+    record = recorded_run(job, late_s)
     share = _path_share(part, manifest, record)
     built = build_from_record(record, PROCESS) if volume else None
     return AsBuilt(manifest, share, None if built is None else _volume_share(part, manifest, built))
@@ -71,7 +71,8 @@ def duration_s(file: Path, **process: object) -> float:
     return float(plan_job(part, profile(), file.with_suffix(".lmj")).totals["duration_s"])
 
 
-def _run(job: Path, late_s: float) -> BenchRecord:
+def recorded_run(job: Path, late_s: float = 0.0) -> BenchRecord:
+    """Run a job on the bench, in virtual time."""
     async def whole() -> Bench:
         with tempfile.TemporaryDirectory() as runs:
             async with Bench(bench_config(late_s), ephemeral_ports=True) as bench:

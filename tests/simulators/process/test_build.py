@@ -15,6 +15,7 @@ from simulators.motion.trace import ConstantAccelerationPhases, ExecutedBlocks, 
 from simulators.process.build import BuildError, build_from_record
 from simulators.process.config import ProcessConfig
 from simulators.process.pool import bead_width_mm, dilution
+from simulators.process.substrate_heights import SubstrateHeights
 
 STEEL = HopperConfig(
     channel=1, material="316L", density_g_mm3=0.008, catch_efficiency=0.75, dead_time_s=3.0,
@@ -190,3 +191,31 @@ def test_mistakes_in_the_process(old, new, told):
     with pytest.raises(BenchConfigError) as caught:
         BenchConfig.parse(BENCH.replace(old, new, 1))
     assert any(told in mistake for mistake in caught.value.mistakes)
+
+
+def test_a_bead_follows_a_plate_that_is_not_flat():
+    """A step of 3 mm across the path: the plate is as high as stated, and the bead lies on it."""
+    stepped = replace(PROCESS, substrate_heights=SubstrateHeights(
+        0.0, 0.0, 1.0, tuple((0.0,) * 40 + (3.0,) * 60 for _ in range(60))))
+    straight = record((20.0, 50.0, 50.0, 0.8))
+    flat, built = (build_from_record(straight, process) for process in (PROCESS, stepped))
+    assert built.height_mm.sum() == pytest.approx(flat.height_mm.sum(), rel=1e-6)
+    along = built.place_mm[:, 0]
+    assert built.surface_mm[along < 37] == pytest.approx(0.0, abs=0.01)
+    assert built.surface_mm[along > 43] == pytest.approx(3.0, abs=0.01)
+    plate = built.deposited_mm3[-1].sum(axis=2)
+    assert plate[[0, -1], 0] == pytest.approx(
+        0.25**2 * (np.array([0.0, 3.0]) - built.origin_mm[2]), rel=1e-6)
+
+
+def test_mistakes_in_the_heights_of_a_plate():
+    heights = ("[process.substrate_heights]\nx_mm = 0\ny_mm = 0\npitch_mm = 1\nrows_mm = {}\n"
+               "[[feeder]]")
+    good = BenchConfig.parse(BENCH.replace("[[feeder]]", heights.format("[[0, 1], [2, 3]]"), 1))
+    found = good.process.substrate_heights.height_mm(np.array([[0.5, 0.5], [9, 0]]))
+    assert found == pytest.approx([1.5, 1.0])
+    for rows, told in [("[[0, 1], [2]]", "two or more rows of as many numbers"),
+                       ("[[0, -1], [2, 3]]", "rows_mm: must be at least 0")]:
+        with pytest.raises(BenchConfigError) as caught:
+            BenchConfig.parse(BENCH.replace("[[feeder]]", heights.format(rows), 1))
+        assert any(told in mistake for mistake in caught.value.mistakes)
