@@ -106,6 +106,8 @@ class FakePart:
     process: ProcessSettings = PROCESS
     materials: tuple = MATERIALS
     placement_mm: tuple | None = None
+    substrate: None = None
+    layer_stack: None = None
     name: str = "prism"
     text: str = 'name = "prism"\n'
     sources: tuple = ()
