@@ -106,7 +106,7 @@ class FakePart:
     process: ProcessSettings = PROCESS
     materials: tuple = MATERIALS
     placement_mm: tuple | None = None
-    substrate: None = None
+    substrate_surface: None = None
     layer_stack: None = None
     name: str = "prism"
     text: str = 'name = "prism"\n'

@@ -45,7 +45,7 @@ class FakePart:
     materials: tuple = (MaterialSpec("316L", 0.008, None, 0.7, 1500.0, 10.0, ()),)
     process: ProcessSettings = PROCESS
     placement_mm: tuple | None = None
-    substrate: None = None
+    substrate_surface: None = None
     layer_stack: None = None
 
     @property
