@@ -6,13 +6,14 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lmctl.array_types import FloatArray
+from lmctl.field.kernel import kernel
 from lmctl.job.schema import LayerMixture, LineKind
 from lmctl.plan.geometry import LayerGeometry
 from lmctl.plan.recipe import Recipe
 from lmctl.plan.sequence.beads import Beads
+from lmctl.plan.sequence.flat_arrays import greatest_differences
 from lmctl.plan.sequence.mixture_prediction import MixturePrediction
 from lmctl.plan.sequence.moves import Moves
 from lmctl.plan.sequence.powder_flow import PowderFlow
@@ -20,8 +21,8 @@ from lmctl.plan.sequence.speed_factor import MIXTURE_TOLERANCE_FRACTION
 
 #: The part of the path that should have its mixture.
 MIN_CORRECT_MIXTURE_FRACTION = 0.99
-#: Rounding allowance for a difference of exactly the tolerance.
-_ROUNDING = 1e-9
+#: Mixtures that differ by more are not the same; allows for rounding at exactly the tolerance.
+_LEAST_DIFFERENCE = MIXTURE_TOLERANCE_FRACTION + 1e-9
 
 
 @dataclass
@@ -108,12 +109,11 @@ class PlanStatistics:
         self.lines += len(moves)
         self.laser_on_s += float(durations_s[bead].sum())
         self.longest_line_s = max(self.longest_line_s, float(durations_s.max()))
-        motion = moves.is_motion()
-        if motion.any():
-            self.low_mm = np.minimum(self.low_mm, moves.target_mm[motion].min(axis=0))
-            self.high_mm = np.maximum(self.high_mm, moves.target_mm[motion].max(axis=0))
-        begin_s = np.concatenate([[start_s], end_s[:-1]])
-        fed = _integral(flow, end_s) - _integral(flow, begin_s)
+        low_mm, high_mm = moves.motion_bounds_mm()
+        self.low_mm = np.minimum(self.low_mm, low_mm)
+        self.high_mm = np.maximum(self.high_mm, high_mm)
+        fed = np.diff(_fed_g(flow.times_s, np.ascontiguousarray(flow.g_s),
+                             np.concatenate([[start_s], end_s])), axis=0)
         self.fed_g += fed.sum(axis=0)
         self.wasted_g += fed[~bead].sum(axis=0)
         if self.recipe.mixture_catch is not None:
@@ -125,14 +125,16 @@ class PlanStatistics:
         pieces, predicted, m = along.pieces, along.predicted, len(self.recipe.materials)
         length_mm = pieces.length_mm
         self.mixtures.append(LayerMixture(pieces.layer, *(
-            tuple(np.average(fractions, axis=0, weights=length_mm).round(4).tolist())
+            tuple((length_mm @ fractions / length_mm.sum()).round(4).tolist())
             for fractions in (pieces.designed[:, :m], pieces.fed, predicted[:, :m]))))
         self.asked_mm += float(length_mm.sum())
-        self.correct_mixture_mm += float(length_mm[~_differ(predicted, pieces.designed)].sum())
-        self.worst_mixture = max(
-            self.worst_mixture, float(np.abs(predicted - pieces.designed).max(initial=0.0)))
-        self.unplanned_mm += float(length_mm[_differ(pieces.planned, pieces.designed)].sum())
-        self.unfollowed_mm += float(length_mm[_differ(predicted, pieces.planned)].sum())
+        off = greatest_differences(predicted, pieces.designed)
+        self.correct_mixture_mm += float(length_mm[off <= _LEAST_DIFFERENCE].sum())
+        self.worst_mixture = max(self.worst_mixture, float(off.max(initial=0.0)))
+        by_steps = greatest_differences(pieces.planned, pieces.designed)
+        self.unplanned_mm += float(length_mm[by_steps > _LEAST_DIFFERENCE].sum())
+        by_powder = greatest_differences(predicted, pieces.planned)
+        self.unfollowed_mm += float(length_mm[by_powder > _LEAST_DIFFERENCE].sum())
 
     def totals(self, duration_s: float, warnings: list[str]) -> dict[str, Any]:
         """What `lmctl plan --json` prints."""
@@ -178,17 +180,24 @@ class PlanStatistics:
         return self.correct_mixture_mm / self.asked_mm if self.asked_mm else 1.0
 
 
-def _differ(one: FloatArray, other: FloatArray) -> NDArray[np.bool_]:
-    """Where mixtures (q, m) differ by more than the tolerance, (q,)."""
-    return np.asarray(np.abs(one - other).max(axis=1) > MIXTURE_TOLERANCE_FRACTION + _ROUNDING)
+@kernel
+def _fed_g(times_s: FloatArray, flow_g_s: FloatArray, at_s: FloatArray) -> FloatArray:
+    """Mass since the first knot at each time, (n, hoppers) [g]; exact for linear flow.
 
-
-def _integral(flow: PowderFlow, at_s: FloatArray) -> FloatArray:
-    """Mass since the first knot at each time, (n, m) [g]; exact for linear flow."""
-    step_s = np.diff(flow.times_s)
-    done = np.vstack([np.zeros(flow.g_s.shape[1]), np.cumsum(
-        step_s[:, None] * (flow.g_s[1:] + flow.g_s[:-1]) / 2, axis=0)])
-    k = np.clip(np.searchsorted(flow.times_s, at_s, side="right") - 1, 0, len(step_s) - 1)
-    into = (at_s - flow.times_s[k])[:, None]
-    slope = (flow.g_s[k + 1] - flow.g_s[k]) / step_s[k][:, None]
-    return np.asarray(done[k] + into * (flow.g_s[k] + slope * into / 2))
+    times_s : (k,) rising, k ≥ 2; flow_g_s : (k, hoppers), linear in between; at_s : (n,) rising
+    """
+    hoppers = flow_g_s.shape[1]
+    mass = np.empty((len(at_s), hoppers))
+    done = np.zeros(hoppers)  # up to knot k
+    k = 0
+    for n in range(len(at_s)):
+        while k + 2 < len(times_s) and times_s[k + 1] <= at_s[n]:
+            for m in range(hoppers):
+                done[m] += (times_s[k + 1] - times_s[k]) * (
+                    flow_g_s[k + 1, m] + flow_g_s[k, m]) / 2
+            k += 1
+        into = at_s[n] - times_s[k]
+        for m in range(hoppers):
+            slope = (flow_g_s[k + 1, m] - flow_g_s[k, m]) / (times_s[k + 1] - times_s[k])
+            mass[n, m] = done[m] + into * (flow_g_s[k, m] + slope * into / 2)
+    return mass

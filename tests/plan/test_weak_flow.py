@@ -7,7 +7,7 @@ from lmctl.config.part_file import ProcessSettings
 from lmctl.job.reader import JobReader
 from lmctl.job.schema import LineKind
 from lmctl.plan.planner import plan_job
-from lmctl.plan.sequence.weak_flow import metered_levels
+from lmctl.plan.sequence.weak_flow import MeteredMixtures, metered_levels
 from tests.plan.conftest import rectangle
 
 #: Of the carbide, at the recipe's speed: 0.8 g/min.
@@ -17,7 +17,7 @@ LEAST = 0.048
 def metered(recipe, *second, fastest=1.6):
     wanted = np.stack([1 - np.array(second), np.array(second)], axis=1)
     return metered_levels(
-        wanted, np.arange(len(second)), len(second), recipe, fastest, "layer 1")
+        wanted, np.arange(len(second)), len(second), MeteredMixtures(recipe, fastest), "layer 1")
 
 
 def test_what_can_be_metered_at_the_recipes_speed_is_deposited_at_it(recipe):

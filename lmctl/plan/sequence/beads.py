@@ -21,10 +21,10 @@ from lmctl.plan.sequence.composition_runs import (
     composition_runs,
     run_ends_mm,
 )
-from lmctl.plan.sequence.flat_arrays import indices_within_stretches
+from lmctl.plan.sequence.flat_arrays import greatest_differences, indices_within_stretches
 from lmctl.plan.sequence.speed_factor import speed_factors
 from lmctl.plan.sequence.track_order import OrderedTracks
-from lmctl.plan.sequence.weak_flow import metered_levels
+from lmctl.plan.sequence.weak_flow import MeteredMixtures, metered_levels
 
 #: Segments are made to last this part of what a line may: corners take time.
 _FILL = 0.9
@@ -81,22 +81,22 @@ class Beads:
 
 
 def make_beads(
-    tracks: OrderedTracks, recipe: Recipe, step: float, longest_s: float, max_speed_mm_s: float,
-    where: str, *, leads: bool, uniform: bool = False, fastest: float = 1.0,
+    tracks: OrderedTracks, mixtures: MeteredMixtures, step: float, longest_s: float,
+    max_speed_mm_s: float, where: str, *, leads: bool, uniform: bool = False,
 ) -> Beads:
     """The beads of a layer's tracks.
 
+    mixtures : that hoppers can meter, by the recipe of the part
     step : quantum of volume fraction; longest_s : most a segment may last
     leads : whether powder is led, so that slowing down can help it follow
     uniform : one mixture a track, its mean (the strategy iso-3d)
-    fastest : by which factor a bead may be faster than the recipe where hoppers meter no less
     Raises PlanError where no hopper can deliver what a bead needs.
     """
+    recipe = mixtures.recipe
     fractions = _track_means(tracks) if uniform else tracks.fractions
     runs = composition_runs(fractions, tracks.starts, step)
-    levels, faster = metered_levels(
-        runs.levels, runs.track, tracks.n_tracks, recipe, fastest, where)
-    off = np.abs(levels - runs.levels).max(axis=1)
+    levels, faster = metered_levels(runs.levels, runs.track, tracks.n_tracks, mixtures, where)
+    off = greatest_differences(levels, runs.levels)
     run_mm = np.diff(run_ends_mm(tracks.along_mm, tracks.starts, runs), axis=1)[:, 0]
     runs = replace(runs, levels=levels)
     knots_mm, knots, fixed_mm = composition_knots(

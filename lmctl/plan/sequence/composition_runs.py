@@ -16,10 +16,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lmctl.array_types import FloatArray, IndexArray
-from lmctl.field.kernel import kernel
+from lmctl.field.kernel import inner_kernel, kernel
 
 #: In quanta: how far the field must leave a run's value to end it (½ would flicker with noise).
 _HYSTERESIS = 0.6
@@ -47,13 +46,8 @@ def quantised_fractions(fractions: FloatArray, step: float) -> FloatArray:
     fractions : (n, m) float64, ≥ 0, rows summing to 1; returns the same shape, each value within
         one quantum of what it was (half a quantum for two materials)
     """
-    quanta = max(1, round(1 / step))
-    scaled = fractions / fractions.sum(axis=1, keepdims=True) * quanta
-    floor = np.floor(scaled + 1e-9)
-    missing = np.rint(quanta - floor.sum(axis=1)).astype(int)
-    rank = np.argsort(np.argsort(-(scaled - floor), axis=1, kind="stable"), axis=1)
-    floor += rank < missing[:, None]
-    return np.asarray(floor / quanta)
+    return np.asarray(_quantised(
+        np.ascontiguousarray(fractions, dtype=np.float64), max(1, round(1 / step))))
 
 
 def composition_runs(
@@ -63,21 +57,13 @@ def composition_runs(
 
     fractions : (n, materials) float64, the field at the tracks' vertices; starts : (m + 1,)
     """
-    first = starts[:-1]
-    span = (np.maximum.reduceat(fractions, first) - np.minimum.reduceat(fractions, first)).max(1)
-    steady = span <= step / 2
-    size = np.diff(starts)
-    rounded = np.zeros_like(fractions)
-    varying = ~np.repeat(steady, size)
-    rounded[varying] = quantised_fractions(fractions[varying], step)
-    mean = np.add.reduceat(fractions, first) / size[:, None]
-    rounded[first[steady]] = quantised_fractions(mean[steady], step)
     quanta = max(1, round(1 / step))
-    begins = np.asarray(_run_starts(
-        fractions, rounded, starts, steady, _HYSTERESIS / quanta, _JUMP / quanta))
+    begins, levels = _runs(
+        np.ascontiguousarray(fractions), starts, step / 2, quanta, _HYSTERESIS / quanta,
+        _JUMP / quanta)
     return CompositionRuns(
         np.append(begins, starts[-1]), np.searchsorted(starts, begins, side="right") - 1,
-        rounded[begins])
+        np.asarray(levels))
 
 
 def run_ends_mm(along_mm: FloatArray, starts: IndexArray, runs: CompositionRuns) -> FloatArray:
@@ -124,28 +110,87 @@ def composition_knots(
     return at[keep], runs.levels[owner[keep]], vertices
 
 
+@inner_kernel
+def _quantise(row: FloatArray, fractions: FloatArray, quanta: int, left: FloatArray) -> None:
+    """Set a row (m,) to volume fractions in quanta, by largest remainder; left : (m,) to work in"""
+    total = 0.0
+    for m in range(len(row)):
+        total += fractions[m]
+    missing = float(quanta)
+    for m in range(len(row)):
+        scaled = fractions[m] / total * quanta
+        row[m] = np.floor(scaled + 1e-9)
+        left[m] = scaled - row[m]
+        missing -= row[m]
+    for _ in range(min(int(np.rint(missing)), len(row))):
+        most = 0
+        for m in range(1, len(row)):
+            if left[m] > left[most]:
+                most = m
+        row[most] += 1.0
+        left[most] = -np.inf
+    for m in range(len(row)):
+        row[m] /= quanta
+
+
 @kernel
-def _run_starts(
-    fractions: FloatArray, rounded: FloatArray, starts: IndexArray, steady: NDArray[np.bool_],
-    reach: float, jump: float,
-) -> NDArray[np.int64]:
-    """A run ends where the field leaves it, and at a jump even if that stays in its quantum."""
-    found = np.empty(len(fractions), np.int64)
+def _quantised(fractions: FloatArray, quanta: int) -> FloatArray:
+    rounded = np.empty_like(fractions)
+    left = np.empty(fractions.shape[1])
+    for k in range(len(fractions)):
+        _quantise(rounded[k], fractions[k], quanta, left)
+    return rounded
+
+
+@kernel
+def _runs(
+    fractions: FloatArray, starts: IndexArray, steady_span: float, quanta: int, reach: float,
+    jump: float,
+) -> tuple[IndexArray, FloatArray]:
+    """First vertex (r,) and quantised composition (r, materials) of each run.
+
+    A run ends where the field leaves it, and at a jump even if that stays in its quantum. A track
+    whose fractions all lie within `steady_span` is one run of its mean.
+    """
+    n, materials = fractions.shape
+    begins, levels = np.empty(n, np.int64), np.empty((n, materials))
+    low, high, mean = np.empty(materials), np.empty(materials), np.empty(materials)
+    here, left = np.empty(materials), np.empty(materials)
     count = 0
-    for track in range(len(steady)):
-        now = starts[track]
-        found[count] = now
-        count += 1
-        if steady[track]:
+    for track in range(len(starts) - 1):
+        first, end = starts[track], starts[track + 1]
+        for m in range(materials):
+            low[m] = high[m] = mean[m] = fractions[first, m]
+        for k in range(first + 1, end):
+            for m in range(materials):
+                value = fractions[k, m]
+                low[m], high[m] = min(low[m], value), max(high[m], value)
+                mean[m] += value
+        span = 0.0
+        for m in range(materials):
+            span = max(span, high[m] - low[m])
+            mean[m] /= end - first
+        begins[count] = first
+        if span <= steady_span:
+            _quantise(levels[count], mean, quanta, left)
+            count += 1
             continue
-        for i in range(starts[track] + 1, starts[track + 1]):
-            away, leap, changed = 0.0, 0.0, False
-            for m in range(fractions.shape[1]):
-                away = max(away, abs(fractions[i, m] - rounded[now, m]))
-                leap = max(leap, abs(fractions[i, m] - fractions[i - 1, m]))
-                changed = changed or rounded[i, m] != rounded[now, m]
-            if leap > jump or (away > reach and changed):
-                found[count] = i
+        _quantise(levels[count], fractions[first], quanta, left)
+        for k in range(first + 1, end):
+            away, leap = 0.0, 0.0
+            for m in range(materials):
+                away = max(away, abs(fractions[k, m] - levels[count, m]))
+                leap = max(leap, abs(fractions[k, m] - fractions[k - 1, m]))
+            if leap <= jump and away <= reach:
+                continue
+            _quantise(here, fractions[k], quanta, left)
+            changed = leap > jump
+            for m in range(materials):
+                changed = changed or here[m] != levels[count, m]
+            if changed:
                 count += 1
-                now = i
-    return found[:count]
+                begins[count] = k
+                for m in range(materials):
+                    levels[count, m] = here[m]
+        count += 1
+    return begins[:count].copy(), levels[:count].copy()

@@ -47,15 +47,9 @@ class HoseModel:
         if self._flow is None:
             self._flow = wanted_g_s[0].copy()
         answer = np.empty((len(ask_s), known.shape[1]))
-        for hopper, late in enumerate(self._dead_time_s):
-            knots = known_s + late
-            inside = knots[(knots > times_s[0]) & (knots < times_s[-1])]
-            grid = np.unique(np.concatenate([times_s[[0, -1]], inside, ask_s]))
-            wanted = np.interp(grid - late, known_s, known[:, hopper])
-            flow = _follow(grid, wanted, self._lag_s[hopper], self._limit_g_s[hopper],
-                           self._flow[hopper], self._leads)
-            answer[:, hopper] = flow[np.searchsorted(grid, ask_s)]
-            self._flow[hopper] = flow[-1]
+        _follow(known_s, np.ascontiguousarray(known), float(times_s[0]), float(times_s[-1]),
+                self._dead_time_s, self._lag_s, self._limit_g_s, self._leads, ask_s, self._flow,
+                answer)
         keep = np.searchsorted(known_s, times_s[-1] - self._dead_time_s.max() - 1e-9)
         keep = max(0, int(keep) - 1)
         self._past_s, self._past_g_s = known_s[keep:-1], known[keep:-1]
@@ -69,32 +63,82 @@ def _lagged(y: float, u0: float, u1: float, lasting: float, lag: float) -> float
     return u1 - lag * slope + (y - u0 + lag * slope) * math.exp(-lasting / lag)
 
 
+@inner_kernel
+def _followed(
+    y: float, w0: float, w1: float, lasting: float, lag: float, limit: float, leads: bool
+) -> float:
+    """Flow at the nozzle after the wanted flow went linearly from w0 to w1; exact, also where a
+    set-point is clipped."""
+    ahead = lag * (w1 - w0) / lasting if leads else 0.0
+    u0, u1 = w0 + ahead, w1 + ahead
+    # The set-point is linear between the places where it meets a bound.
+    at = 0.0
+    while at < 1.0:
+        u = u0 + at * (u1 - u0)
+        stop = 1.0
+        for bound in (0.0, limit):
+            if u1 != u0:
+                cross = (bound - u0) / (u1 - u0)
+                if at + 1e-12 < cross < stop:
+                    stop = cross
+        end = u0 + stop * (u1 - u0)
+        y = _lagged(y, min(max(u, 0.0), limit), min(max(end, 0.0), limit),
+                    (stop - at) * lasting, lag)
+        at = stop
+    return y
+
+
 @kernel
 def _follow(
-    times: FloatArray, wanted: FloatArray, lag: float, limit: float, start: float, leads: bool
-) -> FloatArray:
-    """Flow at the nozzle at each knot; exact, also where a set-point is clipped."""
-    flow = np.empty(len(times))
-    y = start
-    flow[0] = y
-    for k in range(len(times) - 1):
-        lasting = times[k + 1] - times[k]
-        w0, w1 = wanted[k], wanted[k + 1]
-        ahead = lag * (w1 - w0) / lasting if leads else 0.0
-        u0, u1 = w0 + ahead, w1 + ahead
-        # The set-point is linear between the places where it meets a bound.
-        at = 0.0
-        while at < 1.0:
-            u = u0 + at * (u1 - u0)
-            stop = 1.0
-            for bound in (0.0, limit):
-                if u1 != u0:
-                    cross = (bound - u0) / (u1 - u0)
-                    if at + 1e-12 < cross < stop:
-                        stop = cross
-            end = u0 + stop * (u1 - u0)
-            y = _lagged(y, min(max(u, 0.0), limit), min(max(end, 0.0), limit),
-                        (stop - at) * lasting, lag)
-            at = stop
-        flow[k + 1] = y
-    return flow
+    known_s: FloatArray, known: FloatArray, begin_s: float, end_s: float, dead_time: FloatArray,
+    lag: FloatArray, limit: FloatArray, leads: bool, ask_s: FloatArray, flow: FloatArray,
+    answer: FloatArray,
+) -> None:
+    """Flow at the nozzle from one time to another, from knot to knot and question to question.
+
+    known_s, known : (k,), (k, m) wanted; flow : (m,) at the nozzle, goes on to `end_s`
+    ask_s : (q,) rising; answer : (q, m), filled
+    """
+    n = len(known_s)
+    for hopper in range(len(flow)):
+        late, y = dead_time[hopper], flow[hopper]
+        now, k = begin_s, 0
+        while k < n and known_s[k] + late <= now:
+            k += 1
+        w0 = _wanted(known_s, known, hopper, k, now - late)
+        asked = 0
+        while asked < len(ask_s) or now < end_s:
+            goal = end_s
+            if k < n:
+                goal = min(goal, known_s[k] + late)
+            if asked < len(ask_s):
+                goal = min(goal, ask_s[asked])
+            if goal > now:
+                w1 = _wanted(known_s, known, hopper, k, goal - late)
+                y = _followed(y, w0, w1, goal - now, lag[hopper], limit[hopper], leads)
+                now, w0 = goal, w1
+            while asked < len(ask_s) and ask_s[asked] <= now:
+                answer[asked, hopper] = y
+                asked += 1
+            while k < n and known_s[k] + late <= now:
+                k += 1
+            if asked < len(ask_s) and now >= end_s:  # nothing is known of later
+                while asked < len(ask_s):
+                    answer[asked, hopper] = y
+                    asked += 1
+        flow[hopper] = y
+
+
+@inner_kernel
+def _wanted(
+    known_s: FloatArray, known: FloatArray, hopper: int, after: int, at_s: float
+) -> float:
+    """The flow wanted at a time before knot `after` and not before the one ahead of that."""
+    last = len(known_s) - 1
+    if after <= 0:
+        return float(known[0, hopper])
+    if after > last:
+        return float(known[last, hopper])
+    slope = (known[after, hopper] - known[after - 1, hopper]) / (
+        known_s[after] - known_s[after - 1])
+    return float(known[after - 1, hopper] + slope * (at_s - known_s[after - 1]))

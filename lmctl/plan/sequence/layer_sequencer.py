@@ -43,6 +43,7 @@ from lmctl.plan.sequence.travel import (
     layer_moves,
     moves_to_purge_position,
 )
+from lmctl.plan.sequence.weak_flow import MeteredMixtures
 from lmctl.preflight.job_check import LINES_PER_HORIZON, travel_violations
 from lmctl.preflight.placement import Placement
 
@@ -82,6 +83,8 @@ class LayerSequencer:
         self._process = process
         self._profile = profile
         self._recipe = recipe
+        self._mixtures = MeteredMixtures(
+            recipe, profile.laser.max_power_W / float(recipe.power_W.max()))
         self._limits = powder_limits_of(recipe)
         self._leads = process.powder == "lead"
         self._predictor = PathPredictor(recipe, leads=self._leads)
@@ -180,10 +183,9 @@ class LayerSequencer:
             max_speed_mm_s = min(max_speed_mm_s, self._profile.motion.max_speed_mm_s[2]
                                  / max(drape.steepest_slope(), 1e-6))
         beads = make_beads(
-            tracks, self._recipe, self._process.fraction_step, self._longest_s,
+            tracks, self._mixtures, self._process.fraction_step, self._longest_s,
             max_speed_mm_s, f"layer {number + 1}",
-            leads=self._leads, uniform=self._process.strategy == "iso-3d",
-            fastest=self._profile.laser.max_power_W / float(self._recipe.power_W.max()))
+            leads=self._leads, uniform=self._process.strategy == "iso-3d")
         if drape is None:
             return beads
         return replace(beads, width_mm=beads.width_mm / drape.stretch(beads.points_mm))
@@ -290,10 +292,10 @@ class LayerSequencer:
 
     def _check_reach(self, number: int, moves: Moves) -> None:
         """Refuse, at the first layer, motion that `check_job` would refuse after the last."""
-        ends_mm = moves.target_mm[moves.is_motion()]
-        if len(ends_mm) == 0:
+        if not moves.is_motion().any():
             return
-        outside = travel_violations(ends_mm.min(axis=0), ends_mm.max(axis=0), self._profile)
+        low_mm, high_mm = moves.motion_bounds_mm()
+        outside = travel_violations(low_mm.tolist(), high_mm.tolist(), self._profile)
         if outside:
             raise PlanError(
                 f"layer {number + 1} of {self._part_name} reaches outside the travel of "

@@ -17,9 +17,10 @@ from lmctl.array_types import BoolArray, FloatArray, IndexArray, IntArray
 from lmctl.field.kernel import inner_kernel, kernel
 from lmctl.plan.geometry.layer_geometry import LayerGeometry
 from lmctl.plan.recipe import Recipe
-from lmctl.plan.sequence.flat_arrays import indices_within_stretches
+from lmctl.plan.sequence.flat_arrays import arc_lengths_mm, indices_within_stretches
 from lmctl.plan.sequence.mixture_ramps import (
     NO_LAG_S,
+    approach_flow,
     deliverable_ramp_fraction,
     powder_limits_of,
 )
@@ -52,7 +53,7 @@ def cut_tracks(geometry: LayerGeometry, recipe: Recipe) -> CutTracks:
     if not varies.any():
         return CutTracks(geometry, 0, 0)
     length = np.zeros(len(geometry.points_mm))
-    length[1:] = np.linalg.norm(np.diff(geometry.points_mm, axis=0), axis=1)
+    length[1:] = np.diff(arc_lengths_mm(geometry.points_mm, geometry.starts))
     length[first] = 0.0
     limits, slowest = powder_limits_of(recipe), min(SPEED_FACTORS)
     at, too_short = _cuts(
@@ -67,13 +68,13 @@ def cut_tracks(geometry: LayerGeometry, recipe: Recipe) -> CutTracks:
 
 def _cut_at(geometry: LayerGeometry, at: IntArray) -> LayerGeometry:
     """The same layer with tracks cut at vertices `at` (k,), rising, none at an end."""
-    track = np.searchsorted(geometry.starts, at, side="right") - 1
+    cuts = np.searchsorted(at, geometry.starts)
     begin: list[int] = []
     end: list[int] = []
     owner: list[int] = []
     closed: list[bool] = []
     for number in range(geometry.n_tracks):
-        own = at[track == number].tolist()
+        own = at[cuts[number]:cuts[number + 1]].tolist()
         low, high = int(geometry.starts[number]), int(geometry.starts[number + 1]) - 1
         edges = [low, *own, high]
         if own and geometry.is_closed[number]:  # from the last cut, through the seam, to the first
@@ -116,11 +117,11 @@ def _cuts(
         for k in range(begin + 1, end):
             left += length[k]
         done = 0.0
-        now[:] = flow[begin]
+        approach_flow(now, flow[begin], 1.0)
         k = begin + 1
         while k < end:
             share = deliverable_ramp_fraction(now, flow[k], lasting[k], lag, most)
-            now += min(share, 1.0) * (flow[k] - now)
+            approach_flow(now, flow[k], min(share, 1.0))
             done += length[k]
             left -= length[k]
             if not _is_off(now, flow[k], volume, tolerance):
@@ -139,7 +140,7 @@ def _cuts(
             if done + ahead >= least_mm and left - ahead >= least_mm and at < end - 1:
                 found[count] = at
                 count += 1
-                now[:] = flow[at]
+                approach_flow(now, flow[at], 1.0)
                 left -= ahead
                 done = 0.0
                 k = at + 1
@@ -149,7 +150,7 @@ def _cuts(
             k += 1
             while k < end:
                 share = deliverable_ramp_fraction(now, flow[k], lasting[k], lag, most)
-                now += min(share, 1.0) * (flow[k] - now)
+                approach_flow(now, flow[k], min(share, 1.0))
                 done += length[k]
                 left -= length[k]
                 k += 1

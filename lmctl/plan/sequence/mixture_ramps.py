@@ -195,6 +195,16 @@ def deliverable_ramp_fraction(
 
 
 @inner_kernel
+def approach_flow(flow: FloatArray, goal: FloatArray, share: float) -> None:
+    """Change a flow, in place, by a share of what it differs from another; 1 makes them equal."""
+    for m in range(len(flow)):
+        flow[m] = goal[m] if share == 1.0 else flow[m] + share * (goal[m] - flow[m])
+
+
+@inner_kernel
 def has_caught_up(flow: FloatArray, wanted: FloatArray, most: FloatArray) -> bool:
     """Whether a flow equals the wanted flow, within the share `_CAUGHT_UP`."""
-    return bool((np.abs(flow - wanted) <= _CAUGHT_UP * most).all())
+    missing = 0.0
+    for m in range(len(flow)):
+        missing = max(missing, abs(flow[m] - wanted[m]) - _CAUGHT_UP * most[m])
+    return missing <= 0.0

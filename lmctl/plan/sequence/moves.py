@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lmctl.array_types import FloatArray, IndexArray
+from lmctl.array_types import BoolArray, FloatArray, IndexArray
 from lmctl.field.kernel import kernel
 from lmctl.job.schema import LineKind
 from lmctl.plan.sequence.flat_arrays import indices_within_stretches
@@ -49,17 +49,21 @@ class Moves:
     def __len__(self) -> int:
         return len(self.kind)
 
-    def select(self, keep: NDArray[np.bool_] | IndexArray) -> Moves:
+    def select(self, keep: BoolArray | IndexArray) -> Moves:
         """The lines a mask or an index selects."""
         return Moves(*(getattr(self, name)[keep] for name in self.__dataclass_fields__))
 
-    def is_motion(self) -> NDArray[np.bool_]:
+    def is_motion(self) -> BoolArray:
         return np.asarray((self.kind != LineKind.SETUP) & (self.kind != LineKind.DWELL))
 
     def lengths_mm(self, start_mm: FloatArray) -> FloatArray:
         """Length of each line, (n,), from the end of the one before."""
-        steps = np.diff(np.vstack([start_mm, self.target_mm]), axis=0)
-        return np.asarray(np.sqrt((steps**2).sum(axis=1)))
+        return np.asarray(_lengths(self.target_mm, np.asarray(start_mm, dtype=np.float64)))
+
+    def motion_bounds_mm(self) -> tuple[FloatArray, FloatArray]:
+        """Lowest and highest coordinates that motion ends at, (3,) each; inf and −inf for none."""
+        low, high = _bounds(self.target_mm, self.is_motion())
+        return np.asarray(low), np.asarray(high)
 
 
 def join_moves(parts: list[Moves]) -> Moves:
@@ -128,28 +132,50 @@ def rounded_to_program_steps(moves: Moves, start_mm: FloatArray) -> Moves:
     The firmware makes no block of a motion shorter than a motor step, so the plan omits them.
     A dropped motion ends within LEAST_MOTION_MM of the last motion kept; the next starts there.
     """
-    target = np.round(moves.target_mm / POSITION_STEP_MM) * POSITION_STEP_MM + 0.0
-    feed = np.maximum(np.round(moves.feed_mm_s * 60 / FEED_STEP_MM_MIN), 1) * FEED_STEP_MM_MIN / 60
-    moving = moves.is_motion()
-    rounded = replace(moves, target_mm=target, feed_mm_s=np.where(moving, feed, 0.0))
-    short = moving & (rounded.lengths_mm(start_mm) < MIN_MOTION_MM)
-    if not short.any():
-        return rounded
-    return rounded.select(np.asarray(_long_enough(
-        target, moving, np.asarray(start_mm, dtype=np.float64), MIN_MOTION_MM)))
+    target, feed, keep = _rounded(
+        moves.target_mm, moves.feed_mm_s, moves.is_motion(), np.asarray(start_mm, dtype=np.float64))
+    rounded = replace(moves, target_mm=np.asarray(target), feed_mm_s=np.asarray(feed))
+    return rounded if keep.all() else rounded.select(np.asarray(keep))
 
 
 @kernel
-def _long_enough(
-    target: FloatArray, moving: NDArray[np.bool_], start: FloatArray, least: float
-) -> NDArray[np.bool_]:
-    keep = np.ones(len(target), np.bool_)
+def _rounded(
+    target: FloatArray, feed: FloatArray, moving: BoolArray, start: FloatArray
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Targets (n, 3) and feeds (n,) in steps of the program, and which lines to keep, (n,)."""
+    n = len(target)
+    place, speed, keep = np.empty((n, 3)), np.zeros(n), np.ones(n, np.bool_)
     x, y, z = start[0], start[1], start[2]
-    for i in range(len(target)):
+    for i in range(n):
+        for axis in range(3):
+            place[i, axis] = np.rint(target[i, axis] / POSITION_STEP_MM) * POSITION_STEP_MM + 0.0
         if not moving[i]:
             continue
-        dx, dy, dz = target[i, 0] - x, target[i, 1] - y, target[i, 2] - z
-        keep[i] = np.sqrt(dx * dx + dy * dy + dz * dz) >= least
+        speed[i] = max(np.rint(feed[i] * 60 / FEED_STEP_MM_MIN), 1.0) * FEED_STEP_MM_MIN / 60
+        dx, dy, dz = place[i, 0] - x, place[i, 1] - y, place[i, 2] - z
+        keep[i] = np.sqrt(dx * dx + dy * dy + dz * dz) >= MIN_MOTION_MM
         if keep[i]:
-            x, y, z = target[i, 0], target[i, 1], target[i, 2]
-    return keep
+            x, y, z = place[i, 0], place[i, 1], place[i, 2]
+    return place, speed, keep
+
+
+@kernel
+def _bounds(target: FloatArray, moving: BoolArray) -> tuple[FloatArray, FloatArray]:
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for i in range(len(target)):
+        if moving[i]:
+            for axis in range(3):
+                low[axis] = min(low[axis], target[i, axis])
+                high[axis] = max(high[axis], target[i, axis])
+    return low, high
+
+
+@kernel
+def _lengths(target: FloatArray, start: FloatArray) -> FloatArray:
+    length = np.empty(len(target))
+    x, y, z = start[0], start[1], start[2]
+    for i in range(len(target)):
+        dx, dy, dz = target[i, 0] - x, target[i, 1] - y, target[i, 2] - z
+        length[i] = np.sqrt(dx * dx + dy * dy + dz * dz)
+        x, y, z = target[i, 0], target[i, 1], target[i, 2]
+    return length

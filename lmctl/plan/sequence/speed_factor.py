@@ -17,6 +17,7 @@ from lmctl.plan.recipe import Recipe
 from lmctl.plan.sequence.mixture_ramps import (
     MAX_KNOT_SPACING_S,
     NO_LAG_S,
+    approach_flow,
     deliverable_ramp_fraction,
     has_caught_up,
     powder_limits_of,
@@ -65,21 +66,25 @@ def _factors(
             scale = so_far[bead] * choice
             if choice != choices[0] and scale < least[bead]:
                 break
-            now[:] = flow[starts[bead]] * scale
+            for m in range(len(now)):
+                now[m] = flow[starts[bead], m] * scale
             off = 0.0
             for k in range(starts[bead] + 1, starts[bead + 1]):
                 lasting = durations[k] / choice
-                goal[:] = flow[k - 1] * scale
+                for m in range(len(goal)):
+                    goal[m] = flow[k - 1, m] * scale
                 follows = has_caught_up(now, goal, most)
-                goal[:] = flow[k] * scale
+                for m in range(len(goal)):
+                    goal[m] = flow[k, m] * scale
                 follows = follows and deliverable_ramp_fraction(now, goal, lasting, lag,
                                                                 most) >= 1 - 1e-9
                 pieces = 1 if follows else max(1, int(np.ceil(lasting / MAX_KNOT_SPACING_S)))
                 for piece in range(1, pieces + 1):
                     t = piece / pieces
-                    goal[:] = (flow[k - 1] + t * (flow[k] - flow[k - 1])) * scale
+                    for m in range(len(goal)):
+                        goal[m] = (flow[k - 1, m] + t * (flow[k, m] - flow[k - 1, m])) * scale
                     share = deliverable_ramp_fraction(now, goal, lasting / pieces, lag, most)
-                    now += min(share, 1.0) * (goal - now)
+                    approach_flow(now, goal, min(share, 1.0))
                     if _is_off(now, goal, volume):
                         off += lasting / pieces
             if off == 0.0:

@@ -15,23 +15,19 @@ from itertools import pairwise
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lmctl.array_types import FloatArray, IndexArray
-from lmctl.field.kernel import inner_kernel, kernel
+from lmctl.field.kernel import kernel
 from lmctl.plan.geometry.layer_geometry import LayerGeometry
 from lmctl.plan.melted_below import MeltedBelow
-from lmctl.plan.sequence.flat_arrays import arc_lengths_mm, indices_within_stretches
+from lmctl.plan.sequence.flat_arrays import arc_lengths_mm
+from lmctl.plan.sequence.nearest_first import vertices_nearest_first
 
 #: "spread" turns the seam by the golden angle from layer to layer, so that no ridge builds up;
 #: "aligned" keeps it at one angle; a point (x, y) [mm, part coordinates] draws it near.
 Seam = Literal["spread", "aligned"] | tuple[float, float]
 
 GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
-#: How a change of mixture (volume fraction) weighs against a turn of a closed track's start.
-_TURNS_PER_FRACTION = 5.0
-#: How a change of mixture weighs against travel, in choosing the end of an open track [mm].
-_MM_PER_FRACTION = 100.0
 
 
 @dataclass(frozen=True)
@@ -82,12 +78,13 @@ def order_tracks(
     change_s : time a change from one mixture to another takes; decides the first sweep's direction
     """
     if geometry.n_tracks == 0:
-        return _in_order(geometry, *(np.empty(0, np.intp) for _ in range(3)))
+        return _in_order(geometry, np.empty(0, np.intp), np.zeros(1, np.intp))
     along = arc_lengths_mm(geometry.points_mm, geometry.starts)
     means = _mean_fractions(geometry, along)
     rank = np.round(_along_range(means) / step).astype(np.int64)
     values, group = np.unique(rank, return_inverse=True)
-    group_means = [means[group == number].mean(axis=0) for number in range(len(values))]
+    size = np.bincount(group)
+    group_means = np.stack([np.bincount(group, column) / size for column in means.T], axis=1)
     if _sweeps_down(group_means, last, change_s):
         group = len(values) - 1 - group
     centre = geometry.points_mm.mean(axis=0)
@@ -97,11 +94,11 @@ def order_tracks(
     directed = geometry.is_directed
     if directed is None:
         directed = np.zeros(geometry.n_tracks, dtype=np.bool_)
-    order, first, reverse = _greedy_order(
+    vertices, starts = vertices_nearest_first(
         geometry.points_mm, geometry.starts, along, geometry.fractions, geometry.is_closed,
         directed, sequence, bounds, preferred, bool(turn % 2), np.asarray(at_mm, dtype=np.float64),
         np.zeros(geometry.fractions.shape[1]) if last is None else last, last is not None)
-    return _in_order(geometry, order, first, reverse)
+    return _in_order(geometry, vertices, starts)
 
 
 def _mean_fractions(geometry: LayerGeometry, along_mm: FloatArray) -> FloatArray:
@@ -125,7 +122,7 @@ def _along_range(means: FloatArray) -> FloatArray:
 
 
 def _sweeps_down(
-    mixtures: list[FloatArray], last: FloatArray | None,
+    mixtures: FloatArray, last: FloatArray | None,
     change_s: Callable[[FloatArray, FloatArray], float],
 ) -> bool:
     """Whether to begin at the high end: it is nearer to the last mixture, or costs less time."""
@@ -145,109 +142,28 @@ def _seam_vertices(
         arm = geometry.points_mm - centre_mm
         angle = np.arctan2(arm[:, 1], arm[:, 0]) - (turn * GOLDEN_ANGLE if seam == "spread" else 0)
         off = np.abs((angle + np.pi) % (2 * np.pi) - np.pi)
-    first = geometry.starts[:-1]
-    least = np.repeat(np.minimum.reduceat(off, first), np.diff(geometry.starts))
-    at = np.flatnonzero(off == least)
-    track = np.searchsorted(geometry.starts, at, side="right") - 1
-    return np.asarray(at[np.searchsorted(track, np.arange(geometry.n_tracks))])
-
-
-def _in_order(
-    geometry: LayerGeometry, order: IndexArray, first: IndexArray, reverse: IndexArray
-) -> OrderedTracks:
-    """Gather vertices: track order[k] from its vertex first[k], backwards where reversed."""
-    size = np.diff(geometry.starts)[order]
-    starts = np.concatenate([[0], np.cumsum(size)]).astype(np.intp)
-    number = indices_within_stretches(size)
-    track = np.repeat(order, size)
-    begin = geometry.starts[track]
-    step = np.where(np.repeat(reverse, size) > 0, -1, 1)
-    at = np.repeat(first, size) - begin + step * number
-    closed = geometry.is_closed[track]
-    around = np.where(closed, geometry.starts[track + 1] - begin - 1, np.iinfo(np.intp).max)
-    index: IndexArray = np.asarray(begin + at % np.maximum(around, 1), dtype=np.intp)
-    points = geometry.points_mm[index]
-    along = arc_lengths_mm(points, starts)
-    if len(order):
-        ends = along[starts[1:] - 1] + TRACK_GAP_MM
-        along = along + np.repeat(np.cumsum(ends) - ends, size)
-    return OrderedTracks(
-        points, geometry.strip_width_mm[index], geometry.fractions[index], starts, along,
-        None if geometry.melted is None else geometry.melted.at_vertices(index))
-
-
-@inner_kernel
-def _change(fractions: FloatArray, vertex: int, mixture: FloatArray) -> float:
-    most = 0.0
-    for k in range(len(mixture)):
-        most = max(most, abs(fractions[vertex, k] - mixture[k]))
-    return most
+    return np.asarray(_first_least(off, geometry.starts))
 
 
 @kernel
-def _greedy_order(
-    points: FloatArray, starts: IndexArray, along: FloatArray, fractions: FloatArray,
-    closed: NDArray[np.bool_], directed: NDArray[np.bool_], sequence: IndexArray,
-    bounds: IndexArray, preferred: IndexArray, reverse: bool, at_mm: FloatArray,
-    last: FloatArray, has_last: bool,
-) -> tuple[IndexArray, IndexArray, IndexArray]:
-    """Group by group, always the track whose entry is nearest: order, first vertices, reversed."""
-    m = len(sequence)
-    order = np.empty(m, np.int64)
-    first = np.empty(m, np.int64)
-    against = np.zeros(m, np.int64)
-    waiting = sequence.copy()
-    x, y = at_mm[0], at_mm[1]
-    mixture = last.copy()
-    known = has_last
-    done = 0
-    for g in range(len(bounds) - 1):
-        begin, end = bounds[g], bounds[g + 1]
-        for place in range(begin, end):
-            nearest, least = place, np.inf
-            for k in range(place, end):
-                t = waiting[k]
-                a = preferred[t] if closed[t] else starts[t]
-                d = (points[a, 0] - x) ** 2 + (points[a, 1] - y) ** 2
-                if not closed[t] and not directed[t]:
-                    b = starts[t + 1] - 1
-                    d = min(d, (points[b, 0] - x) ** 2 + (points[b, 1] - y) ** 2)
-                if d < least or (d == least and t < waiting[nearest]):
-                    nearest, least = k, d
-            t = waiting[nearest]
-            waiting[nearest] = waiting[place]
-            waiting[place] = t
-            a, b = starts[t], starts[t + 1] - 1
-            order[done] = t
-            if closed[t]:
-                at = preferred[t]
-                if known:
-                    whole = along[b]
-                    best = np.inf
-                    for v in range(a, b):
-                        turn = abs(along[v] - along[preferred[t]]) / whole
-                        change = np.round(_change(fractions, v, mixture), 3)
-                        cost = min(turn, 1 - turn) + _TURNS_PER_FRACTION * change
-                        if cost < best:
-                            best, at = cost, v
-                if at == b:  # the first vertex again
-                    at = a
-                first[done] = at
-                against[done] = 1 if reverse else 0
-                leave = at
-            else:
-                cost_a = np.sqrt((points[a, 0] - x) ** 2 + (points[a, 1] - y) ** 2)
-                cost_b = np.sqrt((points[b, 0] - x) ** 2 + (points[b, 1] - y) ** 2)
-                if known:
-                    cost_a += _MM_PER_FRACTION * _change(fractions, a, mixture)
-                    cost_b += _MM_PER_FRACTION * _change(fractions, b, mixture)
-                at_b = (cost_b < cost_a or (cost_b == cost_a and reverse)) and not directed[t]
-                first[done] = b if at_b else a
-                against[done] = 1 if at_b else 0
-                leave = a if at_b else b
-            done += 1
-            x, y = points[leave, 0], points[leave, 1]
-            for k in range(len(mixture)):
-                mixture[k] = fractions[leave, k]
-            known = True
-    return order, first, against
+def _first_least(values: FloatArray, starts: IndexArray) -> IndexArray:
+    """The first index of the least value of each stretch, (m,)."""
+    found = np.empty(len(starts) - 1, np.int64)
+    for k in range(len(found)):
+        at = starts[k]
+        for v in range(starts[k] + 1, starts[k + 1]):
+            if values[v] < values[at]:
+                at = v
+        found[k] = at
+    return found
+
+
+def _in_order(
+    geometry: LayerGeometry, vertices: IndexArray, starts: IndexArray
+) -> OrderedTracks:
+    """The tracks that these vertices (n,) make up; starts : (m + 1,) of each among them."""
+    points = geometry.points_mm[vertices]
+    return OrderedTracks(
+        points, geometry.strip_width_mm[vertices], geometry.fractions[vertices], starts,
+        arc_lengths_mm(points, starts, TRACK_GAP_MM),
+        None if geometry.melted is None else geometry.melted.at_vertices(vertices))

@@ -87,6 +87,7 @@ def _durations(
     n = len(target)
     length, unit = np.zeros(n), np.zeros((n, 3))
     acceleration, speed, entry_sq = np.empty(n), np.empty(n), np.zeros(n)
+    slowest_axis = speed_limits.min()
     for i in range(n):
         x = target[i, 0] - (target[i - 1, 0] if i > 0 else start[0])
         y = target[i, 1] - (target[i - 1, 1] if i > 0 else start[1])
@@ -96,7 +97,9 @@ def _durations(
             length[i] = size
             unit[i, 0], unit[i, 1], unit[i, 2] = x / size, y / size, z / size
         acceleration[i] = _along(acceleration_limits, unit[i, 0], unit[i, 1], unit[i, 2])
-        speed[i] = min(feed[i], _along(speed_limits, unit[i, 0], unit[i, 1], unit[i, 2]))
+        speed[i] = feed[i]
+        if feed[i] > slowest_axis:  # else no axis is asked for more than it can
+            speed[i] = min(feed[i], _along(speed_limits, unit[i, 0], unit[i, 1], unit[i, 2]))
         if i > 0 and length[i] > 0.0 and length[i - 1] > 0.0:
             entry_sq[i] = min(_junction_speed_sq(unit, i, acceleration_limits, deviation),
                               min(speed[i], speed[i - 1]) ** 2)
