@@ -22,6 +22,7 @@ COMMANDS = {
     "demo": ("lmctl.cli.demo", "The main job: a scanned gear to a printed job log, simulated."),
     "init": ("lmctl.cli.init", "Write an example part, with its cell profile, to start from."),
     "check": ("lmctl.cli.check", "Say all that is wrong with a part file, a profile or a job."),
+    "design": ("lmctl.cli.design", "Move bodies, features and mixtures of a part file in a page."),
     "plan": ("lmctl.cli.plan", "Plan a part (or a bare mesh or cloud) into a job file."),
     "show": ("lmctl.cli.show", "Show a job, a run or a part: page, pictures, .vti, coloured .ply."),
     "simulate": ("lmctl.cli.simulate", "Heat and stress of a part in service, or as it was built."),

@@ -18,10 +18,10 @@ def demo(folder: Path) -> None:
     from lmctl.cli.log import job_log_as_text
     from lmctl.cli.planning import job_summary, open_part, plan_to_file
     from lmctl.cli.run import outcome_text, run_on_screen
-    from lmctl.cli.show import draw_job_layer
     from lmctl.config.machine import load_profile
     from lmctl.examples.templates import write_gear_template
     from lmctl.job.reader import JobReader
+    from lmctl.report.job_layer_picture import draw_job_layer
 
     make_folder(folder)
     print_message("1 of 4: a scan of a spur gear (points without order or normals, 0.02 mm noise)")

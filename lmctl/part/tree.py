@@ -144,7 +144,7 @@ class BodyTree:
         other = BodyTree(part, self.data)
         if _without_compositions(part) == _without_compositions(self._part):
             other._built = self._built
-            if part.composition is not None:  # it measures from the same solid
+            if part.composition is not None or "body" in self.__dict__:  # the same solid
                 other.__dict__["body"] = self.body
         return other
 
