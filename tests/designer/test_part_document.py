@@ -116,7 +116,7 @@ def test_places_that_hold_no_number_are_refused(document, path):
 
 
 def test_shares_beyond_one_are_refused(document):
-    with pytest.raises(UsageError, match="1.2 is no share"):
+    with pytest.raises(UsageError, match=r"1\.2 is no share"):
         document.set_number(FAR_CARBIDE, 1.2)
 
 
