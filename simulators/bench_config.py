@@ -47,6 +47,8 @@ class Address:
 class BenchConfig:
     """One motion controller, its feeders, and a safety-input device and a scale where there are.
 
+    name : of the cell
+    motion, feeders, safety, scale : what it consists of
     addresses : by "motion", "safety", "scale" and the feeders' names
     process : what the pool makes of the powder, where that is simulated too
     """
@@ -159,6 +161,12 @@ def _scale(table: TableReader, addresses: dict[str, Address]) -> ScaleConfig:
 
 
 def _feeder(table: TableReader, addresses: dict[str, Address]) -> FeederConfig:
+    """A table [[feeder]].
+
+    name : of the feeder, as in the machine profile
+    map_version : of its registers; "1.0" has no mirror, so that a cycle takes two requests
+    hopper : its hoppers, channels without gap from 1
+    """
     name = table.text("name")
     if name in addresses:
         table.report_mistake("name", f"{name!r} is taken")

@@ -41,6 +41,9 @@ COMMANDS = {
     "log": ("lmctl.cli.log", "Print the log of a part over all its runs; verify its journals."),
     "report": ("lmctl.cli.report", "Write the report of a part, as HTML or PDF, to be signed."),
     "export": ("lmctl.cli.export", "Write a job for other controllers or as table; a part as 3MF."),
+    "help": ("lmctl.cli.reference", "Explain a key of a file, a table of keys, or a command."),
+    "schema": ("lmctl.cli.reference", "Print the JSON schema of a kind of file, for editors."),
+    "completion": ("lmctl.cli.reference", "Print what makes bash, zsh or fish complete lmctl."),
     "note": ("lmctl.cli.note", "Add a reason or a disposition to the log of a run."),
 }
 

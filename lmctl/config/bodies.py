@@ -50,6 +50,8 @@ class MeshBody(_Body):
     units : may be left out for 3MF files only, which state theirs (part_rules)
     group : of an OBJ file, the `g` or `o` group that is this body; None takes all of the file
     pitch_mm : of the grid its distance is stored on; None takes the part's
+    kind : "mesh"
+    file : of triangles, beside the part file
     """
 
     kind: Literal["mesh"]
@@ -60,7 +62,13 @@ class MeshBody(_Body):
 
 
 class CloudBody(_Body):
-    """Points measured on a surface, in no order, with or without normals (XYZ, CSV, PLY)."""
+    """Points measured on a surface, in no order, with or without normals (XYZ, CSV, PLY).
+
+    kind : "cloud"
+    file : of points, beside the part file
+    units : of its coordinates
+    pitch_mm : of the grid its distance is stored on; None takes the part's
+    """
 
     kind: Literal["cloud"]
     file: FileName
@@ -69,7 +77,11 @@ class CloudBody(_Body):
 
 
 class BoxBody(_Body):
-    """The box between two opposite corners."""
+    """The box between two opposite corners.
+
+    kind : "box"
+    low_mm, high_mm : the corner with the least and the one with the greatest coordinates
+    """
 
     kind: Literal["box"]
     low_mm: Vector
@@ -84,7 +96,11 @@ class BoxBody(_Body):
 
 
 class SphereBody(_Body):
-    """A ball."""
+    """A ball.
+
+    kind : "sphere"
+    centre_mm, radius_mm : of the ball
+    """
 
     kind: Literal["sphere"]
     centre_mm: Vector
@@ -92,7 +108,10 @@ class SphereBody(_Body):
 
 
 class _Along(_Body):
-    """A body along a line between the centres of its two end faces."""
+    """A body along a line between the centres of its two end faces.
+
+    base_mm, top_mm : the centres
+    """
 
     base_mm: Vector
     top_mm: Vector
@@ -105,14 +124,22 @@ class _Along(_Body):
 
 
 class CylinderBody(_Along):
-    """A solid round bar."""
+    """A solid round bar.
+
+    kind : "cylinder"
+    radius_mm : of its section
+    """
 
     kind: Literal["cylinder"]
     radius_mm: Length
 
 
 class ConeBody(_Along):
-    """A bar that tapers; with one radius 0 it is pointed."""
+    """A bar that tapers; with one radius 0 it is pointed.
+
+    kind : "cone"
+    base_radius_mm, top_radius_mm : at its two ends
+    """
 
     kind: Literal["cone"]
     base_radius_mm: Annotated[float, Field(ge=0, le=100_000)]
@@ -126,7 +153,13 @@ class ConeBody(_Along):
 
 
 class TorusBody(_Body):
-    """A ring of round section around an axis; radius_mm : of the circle its tube runs along."""
+    """A ring of round section around an axis.
+
+    kind : "torus"
+    centre_mm, axis : of the ring
+    radius_mm : of the circle its tube runs along
+    tube_radius_mm : of its section
+    """
 
     kind: Literal["torus"]
     centre_mm: Vector
@@ -142,7 +175,12 @@ class TorusBody(_Body):
 
 
 class HalfSpaceBody(_Body):
-    """Everything on one side of a plane: to cut with. outward : the way out of it."""
+    """Everything on one side of a plane: to cut with.
+
+    kind : "half-space"
+    point_mm : a point of the plane
+    outward : the direction out of the body
+    """
 
     kind: Literal["half-space"]
     point_mm: Vector
@@ -154,6 +192,8 @@ class PrismBody(_Body):
 
     outline_mm : its corners in order, either way round, the first not repeated; it must not cross
         itself
+    kind : "prism"
+    low_mm, high_mm : where it begins and ends along z
     """
 
     kind: Literal["prism"]
@@ -174,6 +214,9 @@ class ShellBody(_Body):
     """The part of a body between two depths: 0 is its surface, negative ones lie outside it.
 
     to_mm : None is everything deeper than from_mm
+    kind : "shell"
+    of : the body's name
+    from_mm : the lesser depth
     """
 
     kind: Literal["shell"]
@@ -189,7 +232,12 @@ class ShellBody(_Body):
 
 
 class Rotation(ConfigModel):
-    """A turn about an axis through a point, counter-clockwise seen against its direction."""
+    """A turn about an axis through a point, counter-clockwise seen against its direction.
+
+    axis : its direction
+    degrees : the angle
+    through_mm : a point of the axis
+    """
 
     axis: Direction
     degrees: Annotated[float, Field(ge=-36_000, le=36_000)]
@@ -197,7 +245,14 @@ class Rotation(ConfigModel):
 
 
 class MovedBody(_Body):
-    """A body scaled about the origin, then turned, then moved; its composition goes with it."""
+    """A body scaled about the origin, then turned, then moved; its composition goes with it.
+
+    kind : "moved"
+    of : the body's name
+    scale : by which lengths grow
+    turn : the rotation; None for none
+    by_mm : the translation
+    """
 
     kind: Literal["moved"]
     of: Name
@@ -207,7 +262,11 @@ class MovedBody(_Body):
 
 
 class BooleanBody(_Body):
-    """Several bodies as one; a difference takes all others from the first."""
+    """Several bodies as one; a difference takes all others from the first.
+
+    kind : what is made of them
+    of : the bodies' names
+    """
 
     kind: Literal["union", "difference", "intersection"]
     of: Annotated[tuple[Name, ...], Field(min_length=2, max_length=1000)]

@@ -20,14 +20,22 @@ from lmctl.config.toml_file import ConfigModel
 
 
 class PointFeature(ConfigModel):
-    """Distance to a point."""
+    """Distance to a point.
+
+    kind : "point"
+    at_mm : the point
+    """
 
     kind: Literal["point"]
     at_mm: Vector
 
 
 class SegmentFeature(ConfigModel):
-    """Distance to a straight line between two points."""
+    """Distance to a straight line between two points.
+
+    kind : "segment"
+    start_mm, end_mm : the points
+    """
 
     kind: Literal["segment"]
     start_mm: Vector
@@ -41,7 +49,12 @@ class SegmentFeature(ConfigModel):
 
 
 class AxisFeature(ConfigModel):
-    """Distance to an infinite line."""
+    """Distance to an infinite line.
+
+    kind : "axis"
+    point_mm : a point of the line
+    direction : of the line, of any length
+    """
 
     kind: Literal["axis"]
     point_mm: Vector
@@ -49,21 +62,34 @@ class AxisFeature(ConfigModel):
 
 
 class PolylineFeature(ConfigModel):
-    """Distance to the straight lines through points, in their order; open at its ends."""
+    """Distance to the straight lines through points, in their order; open at its ends.
+
+    kind : "polyline"
+    points_mm : the points
+    """
 
     kind: Literal["polyline"]
     points_mm: AxisDirection
 
 
 class SplineFeature(ConfigModel):
-    """Distance to the smooth curve through points, in their order (a natural cubic spline)."""
+    """Distance to the smooth curve through points, in their order (a natural cubic spline).
+
+    kind : "spline"
+    points_mm : the points
+    """
 
     kind: Literal["spline"]
     points_mm: Annotated[AxisDirection, Field(max_length=1000)]
 
 
 class PlaneFeature(ConfigModel):
-    """Distance to a plane, on either side of it."""
+    """Distance to a plane, on either side of it.
+
+    kind : "plane"
+    point_mm : a point of the plane
+    normal : perpendicular to the plane, of any length
+    """
 
     kind: Literal["plane"]
     point_mm: Vector
@@ -76,6 +102,8 @@ class FaceFeature(ConfigModel):
     of : the mesh body's name
     at_mm : a place on the face; the patch reaches as far as edges are blunter than angle_deg
     group : the name of a `g` or `o` group in an OBJ file
+    kind : "face"
+    angle_deg : the least bend of an edge that ends the patch
     """
 
     kind: Literal["face"]
@@ -92,7 +120,12 @@ class FaceFeature(ConfigModel):
 
 
 class SheetFeature(ConfigModel):
-    """Distance to any surface of triangles from a file, open or closed."""
+    """Distance to any surface of triangles from a file, open or closed.
+
+    kind : "sheet"
+    file : of triangles, beside the part file
+    units : of its coordinates
+    """
 
     kind: Literal["sheet"]
     file: FileName
@@ -104,6 +137,7 @@ class SurfaceFeature(ConfigModel):
 
     of : a body's name; None is the body (or the part) this composition belongs to
     level_mm : depth of the iso-contour that depth is counted from
+    kind : "surface"
     """
 
     kind: Literal["surface"]
@@ -112,7 +146,11 @@ class SurfaceFeature(ConfigModel):
 
 
 class CoordinateFeature(ConfigModel):
-    """A coordinate itself, with its sign: composition explicit in x, y or z."""
+    """A coordinate itself, with its sign: composition explicit in x, y or z.
+
+    kind : "coordinate"
+    along : the axis
+    """
 
     kind: Literal["coordinate"]
     along: Literal["x", "y", "z"]
@@ -140,6 +178,7 @@ class _Span(ConfigModel):
     """A profile between two mixtures: `near` at over_mm[0] of the feature, `far` at over_mm[1].
 
     over_mm : may be left out for a surface only: then it is [0, largest depth], as in (5)
+    near, far : volume fractions by material; materials left out are 0, and the sum is 1
     """
 
     near: Mixture
@@ -153,7 +192,10 @@ class _Span(ConfigModel):
 
 
 class LinearProfile(_Span):
-    """far · d + near · (1 − d), d running from 0 to 1 over `over_mm`."""
+    """far · d + near · (1 − d), d running from 0 to 1 over `over_mm`.
+
+    kind : "linear"
+    """
 
     kind: Literal["linear"]
 
@@ -162,13 +204,19 @@ class ParabolaProfile(_Span):
     """far · d² + near · (1 − d²), d running from 0 to 1 over `over_mm`.
 
     Source: docs/explanation/multi-colour-distance-field.md, The paper's examples.
+
+    kind : "parabola"
     """
 
     kind: Literal["parabola"]
 
 
 class NormalisedProfile(ConfigModel):
-    """far · d + near · (1 − d) with d the share of the largest depth (Zhou et al. 2009, Eq. 5)."""
+    """far · d + near · (1 − d) with d the share of the largest depth (Zhou et al. 2009, Eq. 5).
+
+    kind : "normalised"
+    near, far : volume fractions by material at the feature and at the largest depth
+    """
 
     kind: Literal["normalised"]
     near: Mixture
@@ -176,7 +224,11 @@ class NormalisedProfile(ConfigModel):
 
 
 class PowerProfile(_Span):
-    """far · f + near · (1 − f) with f = (a·d)^k clamped to [0, 1] (Zhou et al. 2009, Eq. (4))."""
+    """far · f + near · (1 − f) with f = (a·d)^k clamped to [0, 1] (Zhou et al. 2009, Eq. (4)).
+
+    kind : "power"
+    a, k : scale and exponent
+    """
 
     kind: Literal["power"]
     a: Annotated[float, Field(gt=0, le=1000)] = 1.0
@@ -184,14 +236,22 @@ class PowerProfile(_Span):
 
 
 class TablePoint(ConfigModel):
-    """The mixture at one distance from the feature."""
+    """The mixture at one distance from the feature.
+
+    at_mm : the distance
+    of : volume fractions by material
+    """
 
     at_mm: Coordinate
     of: Mixture
 
 
 class TableProfile(ConfigModel):
-    """Mixtures at rising distances, linear between them, constant beyond the first and last."""
+    """Mixtures at rising distances, linear between them, constant beyond the first and last.
+
+    kind : "table"
+    points : the distances with their mixtures
+    """
 
     kind: Literal["table"]
     points: Annotated[tuple[TablePoint, ...], Field(min_length=1, max_length=10_000)]
@@ -209,7 +269,11 @@ class TableProfile(ConfigModel):
 
 
 class MixtureStep(ConfigModel):
-    """One mixture over a range of distances."""
+    """One mixture over a range of distances.
+
+    over_mm : from where to where
+    of : volume fractions by material
+    """
 
     over_mm: Range
     of: Mixture
@@ -221,7 +285,11 @@ class MixtureStep(ConfigModel):
 
 
 class StepsProfile(ConfigModel):
-    """Layers of one mixture each, one beginning where the other ends; the outer two go on."""
+    """Layers of one mixture each, one beginning where the other ends; the outer two go on.
+
+    kind : "steps"
+    steps : the ranges with their mixtures
+    """
 
     kind: Literal["steps"]
     steps: Annotated[tuple[MixtureStep, ...], Field(min_length=1, max_length=10_000)]
@@ -241,7 +309,11 @@ class StepsProfile(ConfigModel):
 
 
 class ConstantProfile(ConfigModel):
-    """One mixture everywhere."""
+    """One mixture everywhere.
+
+    kind : "constant"
+    of : volume fractions by material
+    """
 
     kind: Literal["constant"]
     of: Mixture
@@ -255,7 +327,11 @@ Profile = Annotated[
 
 
 class BlendPart(ConfigModel):
-    """One feature and profile of a blend; weight : its constant share, None with inverse ones."""
+    """One feature and profile of a blend.
+
+    feature, profile : as of a composition
+    weight : its constant share; None with inverse-distance weights
+    """
 
     feature: Feature = SurfaceFeature(kind="surface")
     profile: Profile
@@ -284,6 +360,10 @@ class Composition(ConfigModel):
 
     blend, weights : (6)-(8): Σ wᵢ f(rᵢ) with constant weights that sum to 1, or with weights
         by inverse distance to the power `power`
+    feature : what distance is measured to
+    profile : the mixture at each distance; None where there is a blend
+    power : of the distance, for weights by inverse distance
+    sampled : mixtures at the voxels of a file; None where the mixture follows a feature
     """
 
     feature: Feature = SurfaceFeature(kind="surface")

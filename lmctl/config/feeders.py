@@ -49,6 +49,8 @@ class FeederSettings(ModbusDevice):
         PMX, whose word order, limits and function codes are keys of this table
     stopped_by_relay : the watchdog relay of the safety device switches the feeder off; required of
         a feeder that has no watchdog of its own
+    name : by which hoppers refer to it
+    gas_preflow_s, gas_postflow_s : carrier gas before and after powder
     """
 
     name: PlainName
@@ -91,6 +93,11 @@ class HopperSettings(ConfigModel):
         calibrated itself 1 and 0
     powder_lot : of the powder in it
     catch_efficiency : measured for its powder; None: the part file's
+    name : in messages and reports
+    feeder : the name of the feeder it is on
+    material : the name of the powder in it, as of the part file
+    min_flow_g_min, max_flow_g_min : least steady and greatest flow
+    carrier_L_min : its carrier gas
     """
 
     name: PlainName

@@ -39,7 +39,10 @@ _ROUNDING_S = 1e-9
 
 
 class AxisTravel(ConfigModel):
-    """Reachable range of each axis in program coordinates [mm]: (least, greatest)."""
+    """Reachable range of each axis in program coordinates [mm]: (least, greatest).
+
+    x, y, z : the least and the greatest coordinate
+    """
 
     x: tuple[Coordinate, Coordinate]
     y: tuple[Coordinate, Coordinate]
@@ -62,6 +65,10 @@ class MotionSettings(ConfigModel):
     purge_mm : where the nozzle waits while powder settles; every program starts there
     send_horizon_s : most unexecuted motion the controller may hold
     status_period_s : interval of its status reports; half the horizon at most
+    travel_mm : what each axis can reach
+    max_speed_mm_s, acceleration_mm_s2 : of x, y and z
+    junction_deviation_mm : of the controller's own cornering ($11)
+    planner_blocks : motions that its planner holds
     """
 
     endpoint: str
@@ -87,7 +94,10 @@ class MotionSettings(ConfigModel):
 
 
 class LaserSettings(ConfigModel):
-    """s_max : the controller's $30, the S word that means full power."""
+    """s_max : the controller's $30, the S word that means full power.
+
+    max_power_W : at full power
+    """
 
     max_power_W: Power
     s_max: Annotated[int, Field(ge=1, le=65_535)] = 1000
@@ -155,6 +165,12 @@ class MachineProfile(ConfigModel):
     nozzle : its shape; None: what it may run into is not checked
     dilution : of its powders, by energy per length; measured ones stand in for those typed in
     mixture_catch : of powders fed together; likewise
+    name : of the machine, in jobs, journals and reports
+    motion, laser : the motion controller and the beam
+    feeder, hopper : the powder feeders, and what is in them
+    safety : the safety-input device; None where the cell has none
+    scale : the catch scale; None where the cell has none
+    calibration : what has been measured of the cell; None: all is as typed in
     """
 
     name: PlainName

@@ -36,6 +36,7 @@ class MaterialSettings(ConfigModel):
     elastic_modulus_GPa .. strength_MPa : of the dense material, for simulations only; None takes
         the library's (`material_constants`)
     price_per_kg : in any one currency; there is no default
+    name : by which compositions and hoppers refer to it
     """
 
     name: Annotated[str, Field(min_length=1, max_length=60)]
@@ -61,6 +62,7 @@ class StrategyRegion(ConfigModel):
 
     body : within this body; None: everywhere
     layers : in these layers, from the first number to the last, from 1; None: in all
+    strategy : the one that holds there
     """
 
     strategy: RegionStrategy
@@ -114,6 +116,13 @@ class ProcessSettings(ConfigModel):
     dead_time_error_s : how far dead times may be off, in what "auto" compares
     dilution : whether powder is fed so that the bead has the part's mixture after the pool has
         melted some of the layer below into it, where the machine's dilution is known
+    bead_width_mm, layer_height_mm : of one bead
+    speed_mm_s : of deposition; a material may have its own
+    travel_speed_mm_s : between beads, with the beam off
+    power_W : of the beam; a material may have its own
+    powder : how flows follow the mixture: set ahead of the path by the delay of the hose, or by
+        waiting at each change; "none" feeds no powder
+    dwell_s : the wait at each change of mixture, where powder is "dwell"
     """
 
     bead_width_mm: Annotated[float, Field(ge=0.05, le=100)] = 2.0
@@ -147,7 +156,10 @@ class ProcessSettings(ConfigModel):
 
 
 class PlacementSettings(ConfigModel):
-    """Where the part file's origin lies in program coordinates."""
+    """Where the part file's origin lies in program coordinates.
+
+    origin_mm : of the part, in program coordinates
+    """
 
     origin_mm: Vector
 
@@ -165,6 +177,10 @@ class PartFile(ConfigModel):
     traveller : what the job report prints of the part beside what the machine records
     face, load, support, heat, simulation : what acts on it in service, for `lmctl simulate`
     optimise : what is to be least, for `lmctl optimise`
+    name : of the part, in jobs and reports
+    material : the powders it is made of
+    body : the shapes it is made of
+    process : how beads are deposited
     """
 
     name: Name

@@ -23,6 +23,7 @@ class FaceSettings(ConfigModel):
     feature : as of a composition; the face is what lies at distances at_mm of it
     at_mm : None is on the feature itself
     facing, angle_deg : only where the outward normal is at such angles to a direction
+    name : by which loads refer to it
     """
 
     name: Name
@@ -34,7 +35,13 @@ class FaceSettings(ConfigModel):
 
 
 class LoadSettings(ConfigModel):
-    """A load on a face: one of a pressure into the solid, a stress vector, and a whole force."""
+    """A load on a face: one of a pressure into the solid, a stress vector, and a whole force.
+
+    on : the face
+    pressure_MPa : into the solid
+    traction_MPa : the stress vector
+    force_N : the whole force, spread evenly
+    """
 
     on: Name
     pressure_MPa: Stress | None = None
@@ -54,6 +61,7 @@ class SupportSettings(ConfigModel):
     fix : along which of the part's axes; "r" in an axisymmetric model
     at_mm : where they are held
     rigid_motion : nothing is held but motion as a whole, for loads that balance
+    on : the face
     """
 
     on: Name | None = None
@@ -71,7 +79,13 @@ class SupportSettings(ConfigModel):
 
 
 class HeatSettings(ConfigModel):
-    """Heat at a face: a temperature, a flux into the solid, or a film to a medium."""
+    """Heat at a face: a temperature, a flux into the solid, or a film to a medium.
+
+    on : the face
+    temperature_C : held there
+    flux_W_mm2 : into the solid
+    film_W_mm2_K, ambient_C : coefficient and temperature of the medium
+    """
 
     on: Name
     temperature_C: Temperature | None = None
@@ -93,12 +107,14 @@ class SimulationSettings(ConfigModel):
 
     model : "solid"; "plane-stress" and "plane-strain" of the section at z = section_mm;
         "axisymmetric" around the z axis, from its half plane y = 0, x > 0
-    section_mm : None is the part's middle; thickness_mm : of a plane model, None the part's height
+    section_mm : None is the part's middle
     mesh_mm : length of an element's edge; None is a twentieth of the part's size
-    elastic, conduction : the mixing rules; matrix : the material around the others, None the first
+    elastic, conduction : the mixing rules
     transfer_GPa : q of the rule of Tamura, Tomota and Ozawa
     stress_free_C : temperature without thermal stress
     temperature_C : of all of the part where no [[heat]] is given; None is the stress-free one
+    thickness_mm : of a plane model; None: the part's height
+    matrix : the material around the others; None: the first
     """
 
     model: Literal["solid", "plane-stress", "plane-strain", "axisymmetric"] = "solid"
@@ -114,7 +130,11 @@ class SimulationSettings(ConfigModel):
 
 
 class ForbiddenMixture(ConfigModel):
-    """Volume fractions of one material that must not be deposited, from and to [0, 1]."""
+    """Volume fractions of one material that must not be deposited, from and to [0, 1].
+
+    material : whose fraction
+    between : the fractions, from and to
+    """
 
     material: Name
     between: tuple[Annotated[float, Field(ge=0, le=1)], Annotated[float, Field(ge=0, le=1)]]
@@ -132,6 +152,7 @@ class LimitSettings(ConfigModel):
     quantity : a stress [MPa], "utilisation" (von Mises stress over the mixture's strength),
         "temperature" [°C], "mass" [g], "cost", or "fraction" of `material`
     material : of a stress, only where this material is; of a fraction, whose
+    at_most, at_least : the limit
     """
 
     quantity: Literal[

@@ -40,6 +40,7 @@ class SubstrateSettings(ConfigModel):
     file, units : of the mesh or scan; in the part's own coordinates, registered to it
     of : the body whose worn state a mesh or scan is; it must then lie on that body, but where it is
         worn, within registration_mm
+    registration_mm : how far a mesh or scan may lie off that body where it is not worn
     layers : "level" ignores the shape; "shifted": each layer is the surface, raised; "parallel":
         at a distance from it (planes and cylinders); "blended": from the surface to a level top;
         "auto": level where it is flat within standoff_tolerance_mm, else parallel, or shifted for a

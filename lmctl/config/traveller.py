@@ -24,7 +24,9 @@ POWDER = "powder"
 class PowderLot(ConfigModel):
     """One powder as it was filled in.
 
-    reuse_count : how often it has been through a machine before; sieve : mesh or aperture
+    reuse_count : how often it has been through a machine before
+    lot, certificate, supplier : as on the can
+    sieve : mesh or aperture it passed
     """
 
     lot: Text | None = None
@@ -37,8 +39,14 @@ class PowderLot(ConfigModel):
 class TravellerSettings(ConfigModel):
     """Numbers and names of one part. Every key may be absent.
 
-    nozzle : its name or number; substrate, substrate_lot : what is deposited on; gas : shield and
-    carrier gas with their grade; procedure : the qualified procedure the part is made by
+    nozzle : its name or number
+    part_number, serial, order, customer, drawing, drawing_revision : of the part
+    machine_serial : of the machine
+    gas_lot : of the gas
+    substrate, substrate_lot : what is deposited on
+    gas : shield and carrier gas with their grade
+    procedure : the qualified procedure the part is made by
+    powder : lots by the name of the material
     """
 
     part_number: Text | None = None

@@ -13,6 +13,8 @@ class HopperConfig:
 
     Source: docs/explanation/powder-delivery.md, Feeders.
 
+    channel : its number on the feeder
+    material : the powder in it
     density_g_mm3, catch_efficiency : of the powder alone, at its best standoff; only the record of
         the bench and the simulated process use them
     catch_in_mixture : relative change of the catch efficiency per mass share of other powders
@@ -30,6 +32,7 @@ class HopperConfig:
     fill_g : powder at the start
     noise_rsd, noise_time_s : relative standard deviation and correlation time of the flow at the
         nozzle, drawn from `seed`
+    seed : of the noise; the same seed and channel give the same noise
     pulsation_rsd, pulses_per_rev : of the sine that the grooves of the disc put on the flow
     """
 
@@ -69,6 +72,7 @@ class HopperConfig:
 class FeederConfig:
     """One PMX device.
 
+    device_id : its unit id
     boot_s : time from power-up until it answers writes
     preflow_s : carrier gas before powder may run
     word_order : of 32-bit values

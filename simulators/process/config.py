@@ -20,10 +20,14 @@ class ProcessConfig:
     max_power_W : beam power at the full S word
     bead_width_mm : of the bead at power_W and speed_mm_s; elsewhere
         width · (P/power)^width_power_exponent · (speed/v)^width_speed_exponent
+    power_W, speed_mm_s : at which the bead is so wide
+    width_power_exponent, width_speed_exponent : how its width follows power and speed
     dilution : share of the pool that comes from below, at the energy per length power_W/speed_mm_s;
         it changes by dilution_per_J_mm, within 0 and MAX_DILUTION
+    dilution_per_J_mm : change of dilution with the energy per length
     substrate : name of the plate, other than every powder; its top is at substrate_z_mm in machine
         coordinates
+    substrate_z_mm : height of the plate's top, in machine coordinates
     substrate_heights : how much higher it is than that from place to place; None: nowhere
     substrate_material : the material that the plate is of, "" for one of its own
     best_standoff_mm : distance from tool point to the surface below at which most powder is caught

@@ -12,7 +12,9 @@ class SafetyConfig:
     """watchdog_relay : it has one, wired to the motion controller's door input
     laser_circuit : e-stop chain, door and relay are in the laser's own safety circuit as well
     laser_enable : it has a laser-enable output, which is in the laser's own circuit
+    device_id : its unit id
     boot_s : time from power-up until it answers writes
+    shield_gas_L_min, chiller_C, chiller_L_min, oxygen_ppm, extraction_Pa : what its inputs measure
     word_order : of 32-bit values
     """
 

@@ -20,6 +20,8 @@ class ScaleConfig:
     tare_works : whether it carries a tare out
     drift_g_min : by which the display moves without a load
     weight_g : of the known weight that lies beside it
+    device_id : its unit id
+    seed : of the noise
     """
 
     device_id: int = 1
