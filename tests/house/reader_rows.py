@@ -88,8 +88,18 @@ class RecordingReader(TableReader):
         self._note(key, "list of tables", None, "")
         return [RecordingReader(f"{self._at}.{key}", self._rows, self._meanings)]
 
+    def number_rows(self, key: str, **limits: float) -> tuple[tuple[float, ...], ...]:
+        self._note(key, "list of lists of numbers", _REQUIRED,
+                   " ".join(f"from {limit:g}" for limit in limits.values()))
+        return ((0.0, 0.0), (0.0, 0.0))
+
     def numbers_by_integer_key(self) -> dict[int, float]:
         return {}
+
+    def _get(self, key: str, default: Any) -> Any:
+        raise NotImplementedError(
+            f"{self._at}.{key} is read in a way that {__name__}.RecordingReader does not know: add "
+            "the reader's method to it")
 
     def _note(self, key: str, kind: str, default: Any, allowed: str) -> None:
         path = f"{self._at}.{key}"
