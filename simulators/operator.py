@@ -14,6 +14,9 @@ _COOLING_S = 600.0
 #: Of every plate that is clamped, and the step of the balance [g].
 _PLATE_G = 412.37
 _BALANCE_G = 0.01
+#: A part is measured with a gauge of so fine a scale [mm], in so long [s].
+_GAUGE_MM = 0.05
+_GAUGE_S = 60.0
 
 
 class SimulatedOperator:
@@ -50,6 +53,28 @@ class SimulatedOperator:
         laid_g = float((path.deposit_mm3_s * path.duration_s[:, None]).sum(axis=0) @ per_material)
         shown_g = round((_PLATE_G + laid_g) / _BALANCE_G) * _BALANCE_G
         return f"{shown_g:.2f} g"
+
+    async def measure_height(self) -> float | None:
+        """Height of the part above the plate, by a depth gauge: mean over what is a bead inside.
+
+        None on a bench without a table [process], where nothing grows.
+        """
+        from simulators.process.build import build_from_record
+
+        process = self._bench.config.process
+        await asyncio.sleep(_GAUGE_S)
+        built = None if process is None else build_from_record(self._bench.record, process)
+        if built is None:
+            return None
+        assert process is not None
+        top = built.height_mm > 0.5 * float(built.height_mm.max())
+        inside = top.copy()
+        for _ in range(round(process.bead_width_mm / process.voxel_mm)):
+            padded = np.pad(inside, 1)
+            inside = (padded[1:-1, 1:-1] & padded[2:, 1:-1] & padded[:-2, 1:-1]
+                      & padded[1:-1, 2:] & padded[1:-1, :-2])
+        height_mm = float(built.height_mm[inside if inside.any() else top].mean())
+        return round(round(height_mm / _GAUGE_MM) * _GAUGE_MM, 3)
 
     async def analyse_track(self, request: str) -> str:
         """Analyse the last track: share of the plate in its pool, to a tenth of a per cent.

@@ -33,6 +33,7 @@ COMMANDS = {
     "stop": ("lmctl.cli.operate", "End a run: beam and motion, then powder, then gas."),
     "override": ("lmctl.cli.operate", "Scale speed, beam and powder of a run together."),
     "refill": ("lmctl.cli.operate", "Refill a hopper in the middle of a run."),
+    "height": ("lmctl.cli.operate", "Enter the height of a part whose run is held for it."),
     "status": ("lmctl.cli.operate", "Show the state of a run, and what to do about its alarms."),
     "recover": ("lmctl.cli.recover", "Go on with a part whose run was stopped, tripped or died."),
     "machine": ("lmctl.cli.machine", "Look at a machine, check it, home it, jog it, unlock it."),

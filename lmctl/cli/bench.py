@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import asyncio
 import math
 import os
 import signal
 from collections.abc import Callable, Coroutine
+from contextlib import suppress
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any, TypeVar
@@ -14,7 +16,7 @@ from firmware_protocol.map_file import shipped_map
 from lmctl.config.file_kind import FileKind, refuse_other_kind
 from lmctl.config.machine import MachineProfile
 from lmctl.config.toml_file import parse_tables, read_text
-from lmctl.errors import ConfigError, Finding
+from lmctl.errors import ConfigError, Finding, UsageError
 from lmctl.run.executor import Notice, RunExecutor, RunResult, Watcher
 from lmctl.run.journal.run_folders import RunFolder
 from simulators import virtual_time
@@ -50,9 +52,11 @@ def run_simulated(
             board.schedule(plan)
             executor = RunExecutor(job, wired, runs_dir, operator=operator, watcher=watcher,
                                    notice=notice)
+            hands = asyncio.create_task(_answer_height_checks(executor, SimulatedOperator(cell)))
             try:
                 return await executor.run()
             finally:
+                hands.cancel()
                 board.close()
                 if config.process is not None and executor.folder is not None:
                     _write_voxel_map(cell, executor.folder, notice)
@@ -61,6 +65,16 @@ def run_simulated(
 
     return virtual_time.run_in_virtual_time(
         run_and_close(), speed=math.inf if speed is None else speed)
+
+
+async def _answer_height_checks(executor: RunExecutor, hands: SimulatedOperator) -> None:
+    """Measure the part whenever the run is held for it, and resume."""
+    while True:
+        await executor.height_awaited()
+        height_mm = await hands.measure_height()
+        with suppress(UsageError):  # not to be believed, or an alarm: the run waits for its user
+            executor.enter_height(height_mm)
+            executor.resume()
 
 
 def _write_voxel_map(cell: Bench, folder: RunFolder, notice: Notice | None) -> None:

@@ -1,4 +1,4 @@
-"""`lmctl hold|resume|stop|override|refill|status`: a run driven from another terminal."""
+"""`lmctl hold|resume|stop|override|refill|height|status`: a run driven from another terminal."""
 
 from __future__ import annotations
 
@@ -124,6 +124,30 @@ def refill(
         run, runs_dir, "refill", operator, hopper=hopper, lot=lot, mass_g=mass_g)
     _say(now, as_json, f"weighs hopper {hopper}",
          f"`{_command('resume', folder)}` when `{_command('status', folder)}` says \"held\"")
+
+
+@click.command()
+@click.argument("height_mm", type=FiniteRange(0, 10_000, min_open=True), required=False,
+                metavar="[MM]")
+@_common
+@click.option("--skip", is_flag=True, help="It is not measured: powder stays as it is.")
+@operator_option
+def height(
+    height_mm: float | None, run: str | None, runs_dir: Path, operator: str | None, as_json: bool,
+    skip: bool,
+) -> None:
+    """Enter the height of the part, MM above what it stands on, in a RUN that is held for it.
+
+    The powder of the next layers is scaled by up to 10 %, so that they reach their planned height.
+    """
+    from lmctl.errors import UsageError
+
+    if (height_mm is None) != skip:
+        raise UsageError("a height is entered as MM, or left out with --skip",
+                         hint="lmctl height 8.15")
+    folder, now = _act(run, runs_dir, "height", operator, height_mm=height_mm)
+    _say(now, as_json, "has no height to go by" if skip else f"is {height_mm:g} mm high",
+         f"`{_command('resume', folder)}` goes on")
 
 
 @click.command()

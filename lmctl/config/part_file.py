@@ -114,6 +114,8 @@ class ProcessSettings(ConfigModel):
     outline_tracks : tracks along the outline around hatch lines
     region : bodies and layers with strategies of their own
     dead_time_error_s : how far dead times may be off, in what "auto" compares
+    height_check_every : after so many layers a run is held for the height of the part; powder then
+        brings it back to its plan. None: never
     dilution : whether powder is fed so that the bead has the part's mixture after the pool has
         melted some of the layer below into it, where the machine's dilution is known
     bead_width_mm, layer_height_mm : of one bead
@@ -151,6 +153,7 @@ class ProcessSettings(ConfigModel):
     hatch_blocks: Literal["none", "stripes", "islands"] = "none"
     hatch_block_mm: Annotated[float, Field(ge=1, le=1000)] = 20.0
     outline_tracks: Annotated[int, Field(ge=0, le=10)] = 1
+    height_check_every: Annotated[int, Field(ge=1, le=10_000)] | None = None
     dilution: Literal["compensate", "ignore"] = "compensate"
     region: Annotated[tuple[StrategyRegion, ...], Field(max_length=1000)] = ()
 

@@ -245,6 +245,8 @@ class _Planning:
             | ({} if margins is None else {"margins": margins.as_json() | (
                 {} if other is None else {"other_strategy": other.as_json()})})
             | substrate_totals(part)
+            | ({} if part.process.height_check_every is None else
+               {"height_check_every": part.process.height_check_every})
             | ({} if part.surface_error_mm is None else
                {"surface_error_mm": round(part.surface_error_mm, 4)}),
             verdict=tuple(findings),

@@ -30,10 +30,12 @@ from lmctl.run.execution.run_header import local_header, run_header
 from lmctl.run.execution.unreported_motion import find_unreported_motion
 from lmctl.run.journal import run_folders
 from lmctl.run.journal.earlier_run import EarlierRun
+from lmctl.run.journal.format import read_records
 from lmctl.run.journal.last_known_position import LastKnownPosition
 from lmctl.run.journal.recorder import RunRecorder
 from lmctl.run.journal.writer import JournalWriter
 from lmctl.run.operator_acts import begin_refill, end_refill, perform_act, request_event
+from lmctl.run.powder.height_control import HeightControl
 from lmctl.run.program.override_limits import OverrideRange, override_range
 from lmctl.run.program.place import NOTHING_REACHED
 from lmctl.run.sequence import CellSequence
@@ -128,6 +130,7 @@ class RunExecutor:
         self._watcher = watcher
         self._override_percent = 100
         self._override_range = OverrideRange()
+        self._height_asked = asyncio.Event()
         self._live: _Live | None = None
         self.folder: run_folders.RunFolder | None = None
 
@@ -153,7 +156,32 @@ class RunExecutor:
                 f"cannot resume: {active[0].what}",
                 where=[error.what for error in active[1:]], hint=active[0].hint,
             )
+        heights = None if self._live is None else self._live.sequence.heights
+        if heights is not None and heights.awaited is not None and self.state is RunState.HELD:
+            raise UsageError("cannot resume: the run is held for a height check",
+                             where=heights.request_text(),
+                             hint="`lmctl height --skip` goes without")
         self._request(RunEvent.RESUME)
+
+    async def height_awaited(self) -> None:
+        """Return when the run is held for a height check."""
+        await self._height_asked.wait()
+        self._height_asked.clear()
+
+    def enter_height(self, height_mm: float | None) -> None:
+        """The height of the part in a run that is held for it; None: it was not measured.
+
+        Raises UsageError where none is awaited, or this one cannot be.
+        """
+        live = self._live
+        heights = None if live is None else live.sequence.heights
+        if live is None or heights is None:
+            raise UsageError("no height is asked for in this run",
+                             hint="[process] height_check_every of the part file asks for it")
+        if self.state is not RunState.HELD:
+            raise UsageError(f"cannot take a height now: the run is {self.state}",
+                             hint="it is asked for when the run is held after a layer")
+        live.sequence.alarms.notify(heights.enter(height_mm))
 
     def refill(self, hopper: str, lot: str = "", mass_g: float = 0.0) -> None:
         """Refill a hopper: without a lot, request it; with a lot, report it done.
@@ -273,6 +301,10 @@ class RunExecutor:
             for span in find_unreported_motion(job, earlier, self._continues.reached):
                 recorder.record_unreported_motion(**span.as_json())
 
+        heights = HeightControl.of_job(job.manifest, recorder)
+        if heights is not None and self._continues is not None:
+            heights.go_on_from(read_records(
+                run_folders.RunFolder(self._runs_dir / self._continues.run).journal))
         view = RunView(made, job.manifest, self._profile, hoppers, self._operator, self._progress)
 
         course = JobProgress(
@@ -282,9 +314,11 @@ class RunExecutor:
             program_done=lambda: machine.post_event(RunEvent.PROGRAM_DONE),
             held=lambda: machine.state not in _MUST_NOT_BE_HELD,
             tripped=lambda error: machine.trip(error),
-            refill_due=lambda: request_event(machine, RunEvent.REFILL), progress=view.on_progress,
+            refill_due=lambda: request_event(machine, RunEvent.REFILL),
+            height_due=lambda: machine.post_event(RunEvent.HOLD),
+            height_asked=self._height_asked.set, progress=view.on_progress,
             whereabouts=LastKnownPosition(self._runs_dir, self._profile.name), run=made.run,
-            continues=self._continues,
+            continues=self._continues, heights=heights,
         )
         if self._notice is not None:
             sequence.alarms.notify = self._notice

@@ -72,6 +72,7 @@ class OperatedRun(Protocol):
     def stop(self) -> None: ...
     def set_override(self, percent: int) -> None: ...
     def refill(self, hopper: str, lot: str = "", mass_g: float = 0.0) -> None: ...
+    def enter_height(self, height_mm: float | None) -> None: ...
 
 
 def perform_act(run: OperatedRun, act: str, values: Mapping[str, Any]) -> None:
@@ -80,5 +81,7 @@ def perform_act(run: OperatedRun, act: str, values: Mapping[str, Any]) -> None:
         run.set_override(values["percent"])
     elif act == "refill":
         run.refill(values["hopper"], values.get("lot", ""), values.get("mass_g", 0.0))
+    elif act == "height":
+        run.enter_height(values["height_mm"])
     else:
         {"hold": run.hold, "resume": run.resume, "stop": run.stop}[act]()

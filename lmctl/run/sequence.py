@@ -25,6 +25,7 @@ from lmctl.run.interlocks.board import InterlockRow
 from lmctl.run.journal.earlier_run import EarlierRun
 from lmctl.run.journal.last_known_position import LastKnownPosition
 from lmctl.run.journal.recorder import RunRecorder
+from lmctl.run.powder.height_control import HeightControl
 from lmctl.run.powder.refill import RefillProcedure
 from lmctl.run.powder.slope_watch import SlopeWatch
 from lmctl.run.powder.supply import SupplyWatch
@@ -57,6 +58,8 @@ class CellSequence:
     continues : what an earlier run has made of the part; None for a new one
     refilling : the hoppers that are refilled in this run
     refill_due : called when the run is held and a hopper is to be opened
+    heights : of the part, where the job asks for them; height_due : called at the end of a layer
+        where the run is to be held for one; height_asked : called when it is
     alarms : what is wrong, or was when the run was last held
     accounts : of the layers
     phase : what is under way, and for how long
@@ -67,9 +70,10 @@ class CellSequence:
         self, job: JobReader, profile: MachineProfile, hoppers: Sequence[HopperSettings],
         recorder: RunRecorder, course: JobProgress, *, program_done: Callable[[], None],
         held: Callable[[], bool], tripped: Callable[[Exception], None],
-        refill_due: Callable[[], None],
+        refill_due: Callable[[], None], height_due: Callable[[], None],
+        height_asked: Callable[[], None],
         progress: Progress | None, whereabouts: LastKnownPosition, run: str,
-        continues: EarlierRun | None = None,
+        continues: EarlierRun | None = None, heights: HeightControl | None = None,
     ) -> None:
         self.alarms = RunAlarms()
         self.accounts = LayerAccounts(recorder)
@@ -87,6 +91,9 @@ class CellSequence:
         self._held = held
         self._tripped = tripped
         self._refill_due = refill_due
+        self.heights = heights
+        self._height_due = height_due
+        self._height_asked = height_asked
         self.refilling = RefillProcedure(hoppers, recorder)
         self._progress = progress
         self._continues = continues
@@ -199,6 +206,7 @@ class CellSequence:
         self._course.begin(RunSegmentFactory(
             self._job, profile, self._hoppers, cell, self._recorder,
             self.accounts, self.beam_off, self._program_done, self._tripped, self._progress,
+            self.heights, self._height_due,
         ))
         self._watch = DeviceMonitor(
             cell, profile, lambda: self._course.segment.deposition, self.alarms, self._recorder,
@@ -262,6 +270,9 @@ class CellSequence:
     async def _await_operator(self) -> None:
         if self.refilling.take_due_request():
             self._refill_due()
+        if self.heights is not None and self.heights.awaited is not None:
+            self.alarms.notify(self.heights.request_text())
+            self._height_asked()
         await asyncio.sleep(HELD_AT_MOST_S)
 
     async def _close_hopper(self) -> None:

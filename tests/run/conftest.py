@@ -155,7 +155,8 @@ def write_job(path, profile, layers=None, *, flow=None, mode="lead", peaks=None,
               text="a part made for tests"):
     """A job file for a profile; by default two layers of two squares at a steady flow.
 
-    peaks : of power and flow, as the manifest's totals name them; text : of the part file in it
+    peaks : of power and flow, as the manifest's totals name them, and other totals; text : of the
+        part file in it
     """
     small = build(layers or squares(), flow or [(0.0, (0.1, 0.1)), (1e6, (0.1, 0.1))], mode,
                   start_mm=profile.motion.purge_mm)
@@ -171,7 +172,8 @@ def write_job(path, profile, layers=None, *, flow=None, mode="lead", peaks=None,
     )
     with JobWriter(path) as writer:
         for layer in small.layers:
-            writer.add_layer(layer)
+            bead_z_mm = layer.lines["z_mm"][layer.lines["kind"] == LineKind.BEAD]
+            writer.add_layer(replace(layer, z_mm=float(bead_z_mm.max(initial=0.5))))
         return writer.finish(manifest, text)
 
 

@@ -46,6 +46,8 @@ class Run:
             self.percent = values["percent"]
         elif act == "hold" and self.state == "depositing":
             self.state = "held"
+        elif act == "height":
+            self.height_mm = values["height_mm"]
         elif act == "refill":
             self.state = "refilling"
         else:
@@ -90,7 +92,9 @@ def test_requests_are_answered_in_order_and_acts_are_reported(tmp_path):
         said = await asked(tmp_path, {"do": "status"}, {"do": "hold"}, {"do": "hold"},
                            {"do": "override", "percent": 80}, {"do": "status"},
                            {"do": "refill", "hopper": "A"},
-                           {"do": "refill", "hopper": "A", "lot": "L 7", "mass_g": 2000})
+                           {"do": "refill", "hopper": "A", "lot": "L 7", "mass_g": 2000},
+                           {"do": "height", "height_mm": 8.15},
+                           {"do": "height", "height_mm": None})
         assert [answer["ok"] for answer in said[:5]] == [True, True, False, True, True]
         assert said[0]["state"] == "depositing"
         assert said[1]["state"] == "held"
@@ -101,6 +105,7 @@ def test_requests_are_answered_in_order_and_acts_are_reported(tmp_path):
     assert [(act, refused) for act, _, refused in run.came] == [
         ("hold", ""), ("hold", "cannot hold now"), ("override 80 %", ""),
         ("refill A", ""), ("refill A with lot L 7, 2000 g", ""),
+        ("height 8.15 mm", ""), ("height not measured", ""),
     ]
     assert {(peer.uid, peer.pid) for _, peer, _ in run.came} == {(os.getuid(), os.getpid())}
 
@@ -108,6 +113,9 @@ def test_requests_are_answered_in_order_and_acts_are_reported(tmp_path):
 @pytest.mark.parametrize("line", [
     b"\n", b"hold\n", b"\x00\xff\xfe\n", b"[]\n", b"{}\n", b'{"do": 7}\n', b'{"do": "fire"}\n',
     b'{"do": ["hold"]}\n', b'{"do": "hold", "force": true}\n', b'{"do": "override"}\n',
+    b'{"do": "height"}\n', b'{"do": "height", "height_mm": 0}\n',
+    b'{"do": "height", "height_mm": "8"}\n', b'{"do": "height", "height_mm": true}\n',
+    b'{"do": "height", "height_mm": 1e9}\n', b'{"do": "height", "height_mm": NaN}\n',
     b'{"do": "refill"}\n', b'{"do": "refill", "hopper": ""}\n',
     b'{"do": "refill", "hopper": "A", "lot": "L"}\n',
     b'{"do": "refill", "hopper": "A", "mass_g": 5}\n',

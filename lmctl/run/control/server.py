@@ -10,6 +10,7 @@ A Unix stream socket, `control.sock` in the run's folder, which only the user wh
     {"do": "stop"}                          end the run; a second one skips the post-flow
     {"do": "refill", "hopper": "A"}         end the path, then make a hopper ready to be opened
     {"do": "refill", "hopper": "A", "lot": "L7", "mass_g": 2000}    it is filled and closed
+    {"do": "height", "height_mm": 8.1}      of the part, in a run held for it; null: not measured
     {"do": "override", "percent": 80}       scale speed, beam and powder together
     {"do": "hold", "operator": "Ada"}       any request may name the operator
     {"do": "watch", "every_s": 1.0}         status repeatedly until the run ends; the last
@@ -18,9 +19,9 @@ A Unix stream socket, `control.sock` in the run's folder, which only the user wh
     -> {"ok": true, "run": "run-0001", "state": "depositing", ...}
     -> {"ok": false, "error": "cannot resume now: ...", "where": [...], "hint": "..."}
 
-An act (hold, resume, stop, override, refill) is accepted when it is possible in the present state;
-`state` shows when it has taken effect. Each one that arrives is journaled: from whom, and why it
-was refused if it was. The keys of a status are those of `RunExecutor.snapshot`.
+An act (hold, resume, stop, override, refill, height) is accepted when it is possible in the present
+state; `state` shows when it has taken effect. Each one that arrives is journaled: from whom, and
+why it was refused if it was. The keys of a status are those of `RunExecutor.snapshot`.
 
 No client may disturb the run: its requests are read a few kilobytes at a time and no faster than
 50 requests a second. A client is dropped after an invalid request, or when it does not read its
@@ -51,13 +52,14 @@ _SLOW_S = 5.0  # an answer not taken for so long drops the client
 _LEAST_EVERY_S, _MOST_EVERY_S = 0.1, 3600.0
 _ACCEPT_PAUSE_S = 0.5  # after a connection could not be taken
 
-ACTIONS = ("hold", "resume", "stop", "override", "refill")
+ACTIONS = ("hold", "resume", "stop", "override", "refill", "height")
 _KEYS = {
     "watch": {"do", "every_s"}, "override": {"do", "percent", "operator"},
+    "height": {"do", "height_mm", "operator"},
     "refill": {"do", "hopper", "lot", "mass_g", "operator"},
     **{act: {"do", "operator"} for act in ("hold", "resume", "stop")},
 }
-_LONGEST_NAME, _MOST_MASS_G = 200, 1_000_000.0
+_LONGEST_NAME, _MOST_MASS_G, _MOST_HEIGHT_MM = 200, 1_000_000.0, 10_000.0
 
 
 @dataclass(frozen=True)
@@ -221,6 +223,12 @@ def parse_request(line: bytes) -> dict[str, Any]:
 def _check_values(do: str, request: Mapping[str, Any]) -> None:
     if do == "refill":
         _check_refill(request)
+    height_mm = request.get("height_mm", "")
+    if do == "height" and height_mm is not None and (
+        type(height_mm) not in (int, float) or not 0.0 < height_mm <= _MOST_HEIGHT_MM
+    ):
+        raise UsageError(f"\"height_mm\" is from 0 to {_MOST_HEIGHT_MM:,.0f} mm, or null where it "
+                         "was not measured")
     percent, every_s = request.get("percent"), request.get("every_s", 1.0)
     if do == "override" and (type(percent) is not int or abs(percent) > 1_000_000):
         raise UsageError("\"percent\" of an override is a whole number")
@@ -256,6 +264,9 @@ def _in_words(request: Mapping[str, Any]) -> str:
     if do == "refill":
         filled = f" with lot {request['lot']}, {request['mass_g']:g} g" if "lot" in request else ""
         return f"{do} {request['hopper']}{filled}"
+    if do == "height":
+        height_mm = request["height_mm"]
+        return f"{do} {'not measured' if height_mm is None else f'{height_mm:g} mm'}"
     return do
 
 

@@ -45,6 +45,7 @@ class Deposition:
     entry : how it is entered, None at its first line; reached : what has been executed before
     accounts : of the layers; executed motion is added to them
     started : whether a line of the job has been sent
+    stop_before : a line that is not sent, and what is called when all before it is executed
     done : called once, when the last line has been executed
     failed : called with what goes wrong in a report
     """
@@ -53,6 +54,7 @@ class Deposition:
         self, cell: Cell, window: JobWindow, clock: ProgramClock, feed: SetpointSender,
         recorder: RunRecorder, accounts: LayerAccounts, motion: MotionSettings, *,
         entry: Reentry | None = None, reached: PlaceReached = NOTHING_REACHED,
+        stop_before: tuple[int, Callable[[], None]] | None = None,
         done: Callable[[], None], failed: Callable[[Exception], None], progress: Progress | None,
     ) -> None:
         self.started = False
@@ -72,6 +74,8 @@ class Deposition:
         self._entry = entry
         self._motion = ExecutedMotion(window, feed.fed, accounts, lead_s)
         self._streamer = LineReleaser(window, motion.send_horizon_s)
+        if stop_before is not None:
+            self._streamer.end_before_line(*stop_before)
         self._override = FeedOverride(
             clock, window, feed.plan.lead_s, motion.status_period_s, cell.motion.send_realtime)
         self._done = done

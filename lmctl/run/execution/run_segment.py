@@ -17,6 +17,7 @@ from lmctl.run.execution.deposition import Deposition, Progress
 from lmctl.run.execution.layer_accounts import LayerAccounts
 from lmctl.run.execution.layer_plan import LayerPlan, layer_plan
 from lmctl.run.journal.recorder import RunRecorder
+from lmctl.run.powder.height_control import HeightControl
 from lmctl.run.powder.lead import HoseDynamics, PowderPlan
 from lmctl.run.powder.setpoint_sender import SetpointSender
 from lmctl.run.program.job_window import JobWindow
@@ -42,6 +43,8 @@ class RunSegmentFactory:
     accounts : of the layers, for the whole run
     beam_off : every power is sent as zero
     done, failed : as `Deposition` and `SetpointSender` have them
+    heights : where the job asks for height checks; height_due : called at the end of a layer where
+        the run is to be held for one
     """
 
     job: JobReader
@@ -54,6 +57,8 @@ class RunSegmentFactory:
     done: Callable[[], None]
     failed: Callable[[Exception], None]
     progress: Progress | None
+    heights: HeightControl | None = None
+    height_due: Callable[[], None] = lambda: None
 
     def create(
         self, reached: PlaceReached, before: RunSegment | None, override_percent: int
@@ -83,13 +88,15 @@ class RunSegmentFactory:
             HoseDynamics(h.dead_time_s, h.lag_s, h.max_flow_g_min, h.min_flow_g_min)
             for h in self.hoppers
         ]
-        plan = PowderPlan(self.job.manifest.powder_mode, hoses, window, clock)
+        factor = 1.0 if self.heights is None else self.heights.volume_factor
+        plan = PowderPlan(self.job.manifest.powder_mode, hoses, window, clock, factor)
         self.accounts.plan_of = lambda layer: self._plan_of(layer, entry, window)
         feed = SetpointSender(self.cell, plan, clock, self.recorder, self.failed)
         return RunSegment(clock, feed, Deposition(
             self.cell, window, clock, feed, self.recorder, self.accounts, self.profile.motion,
-            entry=entry, reached=reached, done=self.done, failed=self.failed,
-            progress=self.progress,
+            entry=entry, reached=reached,
+            stop_before=self._height_boundary(window.first_layer().index), done=self.done,
+            failed=self.failed, progress=self.progress,
         ))
 
     def preview(self, reached: PlaceReached) -> ReentryPreview | None:
@@ -100,6 +107,19 @@ class RunSegmentFactory:
         entry = plan_reentry(
             self.job.manifest, self.job.read_layer, reached.place, self.profile.motion)
         return None if entry is None else preview_of(entry)
+
+    def _height_boundary(self, layer: int) -> tuple[int, Callable[[], None]] | None:
+        """Where the run is held for a height check, and what announces it."""
+        heights = self.heights
+        boundary = None if heights is None else heights.next_boundary(layer)
+        if heights is None or boundary is None:
+            return None
+
+        def reached() -> None:
+            heights.on_boundary(boundary)
+            self.height_due()
+
+        return boundary.line, reached
 
     def _announce(self, window: JobWindow, override_percent: int) -> None:
         """Time left by the plan, until the deposition reports it."""

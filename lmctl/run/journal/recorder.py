@@ -164,6 +164,11 @@ class RunRecorder:
         """Set-points of a hopper are corrected from now on."""
         self._event("slope_correction", **fields)
 
+    def record_height(self, **fields: Any) -> None:
+        """The height of the part between two layers, and what follows from it; durable."""
+        self._event("height", **fields)
+        self._sync()
+
     def record_purge(self, fed_g: dict[str, float]) -> None:
         """Powder that has gone into no layer."""
         self._append("purge", fed_g={name: round(fed, 4) for name, fed in fed_g.items()})

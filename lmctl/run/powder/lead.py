@@ -112,11 +112,14 @@ class PowderPlan:
 
     mode : "lead" sends what `lead` says; "dwell" and "none" send the flow wanted now (for
         "dwell" the planner has put waiting times into the program)
+    volume_factor : on the flows of the job
     """
 
     def __init__(
-        self, mode: str, hoses: Sequence[HoseDynamics], window: JobWindow, clock: ProgramClock
+        self, mode: str, hoses: Sequence[HoseDynamics], window: JobWindow, clock: ProgramClock,
+        volume_factor: float = 1.0,
     ) -> None:
+        self._volume_factor = volume_factor
         self._leads = mode == "lead"
         self._hoses = tuple(hoses)
         self._window = window
@@ -203,4 +206,5 @@ class PowderPlan:
 
         The override scales it like beam and speed, so the deposited mass per millimetre stays.
         """
-        return self._window.flow_g_s(hopper, s) * 60.0 * self._clock.override_at(s)
+        return (self._window.flow_g_s(hopper, s) * 60.0 * self._clock.override_at(s)
+                * self._volume_factor)

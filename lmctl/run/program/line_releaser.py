@@ -75,6 +75,10 @@ class LineReleaser:
         self._end_line, self._path_done = max(begun, self.released), path_done
         self._look_for_end_of_path(executed)
 
+    def end_before_line(self, line: int, reached: Callable[[], None]) -> None:
+        """Release nothing from a line on; `reached` is called once all before it is executed."""
+        self._end_line, self._path_done = line, reached
+
     def _look_for_end_of_path(self, executed: int) -> None:
         path_done = self._path_done
         if path_done is not None and self._end_line <= executed < self._window.n_lines:

@@ -91,7 +91,8 @@ class RunView:
         return {
             **self._fixed, "state": state.value, "doing": doing.description,
             "doing_left_s": None if doing.remaining_s is None else round(doing.remaining_s, 1),
-            "held_by": self._held_by(state, alarms), "next": self._next(state),
+            "held_by": self._held_by(state, alarms, sequence),
+            "next": self._next(state, sequence),
             "levels": sequence.hopper_levels(), "line": course.lines_executed, "layer": layer + 1,
             "place": course.place_text, "override_percent": course.override_percent,
             "done_s": round(done_s, 3), "total_s": round(total_s, 3),
@@ -127,12 +128,14 @@ class RunView:
         }
 
     @staticmethod
-    def _held_by(state: RunState, alarms: RunAlarms) -> str:
+    def _held_by(state: RunState, alarms: RunAlarms, sequence: CellSequence) -> str:
         if state not in (RunState.HOLDING, RunState.HELD):
             return ""
+        if alarms.cause is None and _awaits_height(sequence):
+            return "a height check"
         return "the operator" if alarms.cause is None else alarms.cause.what
 
-    def _next(self, state: RunState) -> list[dict[str, str]]:
+    def _next(self, state: RunState, sequence: CellSequence) -> list[dict[str, str]]:
         """What an operator may want to type now."""
         acts: list[tuple[str, str]] = []
         if state in _BEFORE:
@@ -149,4 +152,11 @@ class RunView:
         if state is RunState.REFILLING:
             filled = "lmctl refill HOPPER --lot LOT --mass GRAMS"
             found.insert(0, {"command": filled, "does": "once it is filled and closed"})
+        if state is RunState.HELD and _awaits_height(sequence):
+            found.insert(0, {"command": "lmctl height MM",
+                             "does": "with the height of the part; then it can be resumed"})
         return found
+
+
+def _awaits_height(sequence: CellSequence) -> bool:
+    return sequence.heights is not None and sequence.heights.awaited is not None
