@@ -1,8 +1,9 @@
-"""Powder along a path, and what it melts from below by the dilution that its job believes."""
+"""What beads are of, from their powder and the dilution that their job believes."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
@@ -11,6 +12,50 @@ from lmctl.array_types import FloatArray
 if TYPE_CHECKING:
     from lmctl.job.reader import JobReader
     from lmctl.part.part import Part
+
+
+@dataclass(frozen=True)
+class LevelDilution:
+    """Dilution of layers that are put down one upon the other.
+
+    share : δ; substrate : (materials + 1,) of the part and one foreign; None where it is not known,
+        and the first layer is of its powder
+    """
+
+    share: float
+    substrate: FloatArray | None
+
+    @classmethod
+    def of_job(cls, job: JobReader, part: Part) -> Self | None:
+        """What a job believes; None where it makes up for nothing."""
+        believed = job.manifest.totals.get("dilution")
+        if not believed or not believed["compensated_fraction"]:
+            return None
+        names = [material.name for material in part.materials]
+        alloy, substrate = part.substrate.material, None
+        if alloy is not None:
+            substrate = np.zeros(len(names) + 1)
+            substrate[names.index(alloy) if alloy in names else -1] = 1.0
+        return cls(float(believed["share"]), substrate)
+
+    def melted_into(self, volumes: FloatArray) -> FloatArray:
+        """Volumes (materials + 1, nx, ny, levels) as they are once each has melted what is below
+        it in its column; sums of all materials stay."""
+        found = np.zeros_like(volumes)
+        below = np.full(volumes.shape[:3], np.nan)
+        if self.substrate is not None:
+            below[:] = self.substrate[:, None, None]
+        for level in range(volumes.shape[3]):
+            total = volumes[..., level].sum(axis=0)
+            filled = total > 0
+            if not filled.any():
+                continue
+            mixture = volumes[..., level][:, filled] / total[filled]
+            under = below[:, filled]
+            mixture += self.share * np.where(np.isnan(under), 0.0, under - mixture)
+            found[..., level][:, filled] = mixture * total[filled]
+            below[:, filled] = mixture
+        return found
 
 
 def with_melted_below(

@@ -2,8 +2,9 @@
 
 Executed beads are strips of the job's own width and layer height at the place and time that the
 machine reported; powder is what was commanded, through each hopper's dead time and lag, with the
-part file's catch efficiencies. Dilution, true growth and every error of that model are missing: it
-is a prediction, not a measurement.
+part file's catch efficiencies. A job that makes up for dilution is predicted with the dilution that
+it believes. True growth and every error of that model are missing: it is a prediction, not a
+measurement.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lmctl.array_types import FloatArray, IntArray
+from lmctl.as_built.believed_dilution import LevelDilution
 from lmctl.as_built.built_volume import BuiltPath, BuiltVolume
 from lmctl.as_built.journal_powder import CommandedPowder
 from lmctl.errors import InputError
@@ -32,8 +34,7 @@ _PER_LAYER = 3
 _PACE_WINDOW_S = 2.0
 #: A strip is put down in points so many to a voxel's edge.
 _POINTS_PER_VOXEL = 4
-_NOTE = ("predicted from commanded powder and reported places; dilution and true growth are not in "
-         "it")
+_NOTE = ("predicted from commanded powder and reported places; {} not in it")
 
 
 @dataclass(frozen=True)
@@ -71,7 +72,8 @@ def predicted_volume(job: JobReader, part: Part, records: Iterable[dict[str, Any
     layer_mm = _layer_height_mm(job)
     strips = replace(beads, width_mm=beads.width_mm * (1 - part.process.overlap))
     return _strips(strips, volume, layer_mm, job.manifest.layers[0].z_mm - layer_mm,
-                   tuple(material.name for material in part.materials))
+                   tuple(material.name for material in part.materials),
+                   LevelDilution.of_job(job, part))
 
 
 def _layer_height_mm(job: JobReader) -> float:
@@ -140,9 +142,13 @@ def _share(at: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
 
 
 def _strips(
-    beads: _Beads, volume: FloatArray, layer_mm: float, plate_z_mm: float, names: tuple[str, ...]
+    beads: _Beads, volume: FloatArray, layer_mm: float, plate_z_mm: float, names: tuple[str, ...],
+    dilution: LevelDilution | None = None,
 ) -> BuiltVolume:
-    """Strips put down on voxels: evenly across their width and over their layer's height."""
+    """Strips put down on voxels: evenly across their width and over their layer's height.
+
+    dilution : by which they melt the layer below, or None
+    """
     voxel = np.array([_VOXEL_MM, _VOXEL_MM, layer_mm / _PER_LAYER])
     margin = float(beads.width_mm.max()) / 2 + _VOXEL_MM
     low = np.floor((beads.place_mm.min(axis=0) - margin) / voxel) * voxel
@@ -172,10 +178,13 @@ def _strips(
                 by_top[row] += np.bincount(cell, share[of, row] * part_of,
                                            minlength=by_top.shape[1])
     tops = by_top[:, : int(np.prod(shape))].reshape(len(names), *shape)
+    tops = np.concatenate([tops, np.zeros((1, *shape))])
+    if dilution is not None:
+        tops = dilution.melted_into(tops)
     voxels = np.zeros((len(names) + 1, *shape))
     for top_level in range(shape[2]):
         for below in range(1, _PER_LAYER + 1):
-            voxels[: len(names), :, :, max(top_level - below, 0)] += tops[..., top_level]
+            voxels[:, :, :, max(top_level - below, 0)] += tops[..., top_level]
     total = volume.sum(axis=1, keepdims=True)
     delivered = np.zeros((len(volume), len(names) + 1))
     delivered[:, :-1] = np.divide(volume, total, out=np.full_like(volume, np.nan), where=total > 0)
@@ -185,4 +194,5 @@ def _strips(
         voxels.sum(axis=(0, 3)) / _VOXEL_MM**2, plate_z_mm,
         BuiltPath(beads.place_mm, beads.length_mm, delivered, np.full(len(volume), np.nan),
                   beads.line),
-        None, (_NOTE,))
+        None, (_NOTE.format("dilution and true growth are" if dilution is None
+                            else "true growth is"),))

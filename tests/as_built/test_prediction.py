@@ -1,7 +1,9 @@
 """What a journal predicts: even where the machine was reported to go at an even pace."""
 
 import numpy as np
+import pytest
 
+from lmctl.as_built.believed_dilution import LevelDilution
 from lmctl.as_built.prediction import _Beads, _strips
 
 
@@ -30,3 +32,23 @@ def test_strips_that_close_up_fill_voxels_evenly_at_any_angle():
         centre = built.origin_mm[:2] + (np.stack([i, j], axis=2) + 0.5) * built.voxel_mm[:2]
         inside = ((np.abs(centre @ along[:2] - 10) < 9) & (np.abs(centre @ across[:2]) < 5))
         assert np.abs(filled[inside][:, :3] - 1).max() < 0.05
+
+
+@pytest.mark.parametrize("substrate", [(1.0, 0.0, 0.0), (0.0, 0.0, 1.0), None])
+def test_layers_melt_what_lies_below_them(substrate):
+    """By the recursion of deposits, in a column of five layers with a gap; volumes stay."""
+    fed = np.array([0.5, 0.625, 0.2, 0.8, 0.4])
+    volumes = np.zeros((3, 2, 2, 18))
+    levels = [3, 6, 9, 12, 15]
+    for level, second in zip(levels, fed, strict=True):
+        volumes[:, 0, 1, level] = 7.0 * np.array([1 - second, second, 0.0])
+    plate = None if substrate is None else np.array(substrate)
+    found = LevelDilution(0.2, plate).melted_into(volumes)
+    assert found.sum(axis=0) == pytest.approx(volumes.sum(axis=0))
+    below = plate
+    for level, second in zip(levels, fed, strict=True):
+        laid = np.array([1 - second, second, 0.0])
+        if below is not None:
+            laid = 0.8 * laid + 0.2 * below
+        assert found[:, 0, 1, level] / 7.0 == pytest.approx(laid)
+        below = laid
