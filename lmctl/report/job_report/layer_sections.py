@@ -140,12 +140,21 @@ def _mixture(report: PartReport, materials: Sequence[str]) -> ReportSection:
         rows.append(tuple(cells))
     return ReportSection(f"Layers: mixture, {' and '.join(materials)}", (
         TableBlock(columns, tuple(rows)),
-        TextBlock("Designed: the part file's own mixture along the beads. Planned: the program's. "
-                  "Predicted: at the nozzle, by the plan's powder model. These are means over the "
-                  "length of bead. Inferred: at the nozzle with the beam on, from the flows that "
-                  "the feeders reported, the hoppers' dead times and lags, and catch efficiency "
-                  "over density of each powder; nothing has measured the mixture itself."),
+        TextBlock("Designed: the part file's own mixture along the beads. "
+                  f"{_planned_words(report)} These are means over the length of bead. Inferred: at "
+                  "the nozzle with the beam on, from the flows that the feeders reported, the "
+                  "hoppers' dead times and lags, and catch efficiency over density of each powder; "
+                  "nothing has measured the mixture itself."),
     ))
+
+
+def _planned_words(report: PartReport) -> str:
+    """What planned and predicted mean in this job."""
+    manifest = report.job.manifest
+    if manifest is None or "dilution" not in manifest.totals:
+        return "Planned: the program's. Predicted: at the nozzle, by the plan's powder model."
+    return ("Planned: the powder of the program, which makes up for dilution. Predicted: of the "
+            "bead, by the plan's powder model, with what it melts of the layer below.")
 
 
 def _values(report: PartReport) -> Iterator[tuple[LayerRecord, ProcessValues, ProcessValues]]:
