@@ -120,9 +120,21 @@ def _refill(record: Record) -> _Said:
             f"{format_number(record['mass_g'], 1)} g as stated{weighed}"), False
 
 
+def _height(record: Record) -> _Said:
+    """A height check; a part that powder alone cannot bring back to its height deviates."""
+    after = f"height after layer {record['layers']}"
+    if record["height_mm"] is None:
+        return f"{after}: not measured", False
+    powder = f"powder at {format_number(100 * record['volume_factor'], 1)} %"
+    limit = ", the most there is" if record["at_limit"] else ""
+    return (f"{after}: {format_number(record['height_mm'], 2)} mm of "
+            f"{format_number(record['planned_mm'], 2)} mm planned ({record['source']}), "
+            f"{powder}{limit}"), record["at_limit"]
+
+
 _WORDS: dict[str, Callable[[Record], _Said]] = {
     "header": _header, "state": _state, "act": _act, "override": _override,
     "operator": _operator, "alarm": _alarm, "alarm_cleared": _alarm_cleared,
     "warning": _warning, "place": _place, "entry": _entry, "unreported": _unreported,
-    "fault": _fault, "refill": _refill,
+    "fault": _fault, "refill": _refill, "height": _height,
 }

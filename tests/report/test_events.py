@@ -28,6 +28,15 @@ LOCAL = {"wall": "2026-01-02T03:04:05.678Z", "uid": 1000, "where": ["feeder F1"]
     ("fault", {"what": "the link is lost"}, "FAULT: the link is lost; feeder F1", True),
     ("fault", {"what": "no answer", "follows": "the link is lost"}, "then: no answer; feeder F1",
      False),
+    ("height", {"layers": 10, "height_mm": 7.85, "planned_mm": 8.0, "volume_factor": 1.0384,
+                "at_limit": False, "source": "entered"},
+     "height after layer 10: 7.85 mm of 8 mm planned (entered), powder at 103.8 %", False),
+    ("height", {"layers": 10, "height_mm": 7.0, "planned_mm": 8.0, "volume_factor": 1.1,
+                "at_limit": True, "source": "earlier run"},
+     "height after layer 10: 7 mm of 8 mm planned (earlier run), powder at 110 %, the most there "
+     "is", True),
+    ("height", {"layers": 10, "height_mm": None, "volume_factor": 1.0, "source": "not measured"},
+     "height after layer 10: not measured", False),
     ("refill", {"hopper": "A", "material": "316L", "lot": "L7", "mass_g": 500.0,
                 "weighed_g": 498.2}, "hopper A refilled: 316L, lot L7, 500 g as stated, "
      "498.2 g by weight", False),
