@@ -31,7 +31,7 @@ def built_layers(built: BuiltVolume, job: JobReader, layer: IndexArray) -> tuple
         entry = job.manifest.layers[number]
         of_it = layer == number
         top: float | None = None
-        if number + 1 in met and 0 in met:
+        if number + 1 in met and 0 in met and job.manifest.layers[number + 1].z_mm > entry.z_mm:
             top = met[number + 1] - met[0]
         elif number == max(met) and built.built_by == "simulated":
             top = _height_under(built, of_it)

@@ -97,6 +97,9 @@ def job_summary(manifest: JobManifest, target: Path) -> str:
           if manifest.calibration else []),
         f"  job       {target}",
     ]
+    if copies := totals.get("copies"):
+        order = totals["copy_order"].replace("-", " ")
+        lines[1:1] = [f"  copies    {len(copies)}, {order}; shares built hold for each"]
     lines[4:4] = [f"  tracks    {found['text'].removeprefix('strategy ')}"
                   for found in manifest.verdict if found["text"].startswith("strategy")]
     if margins := margins_text(totals):

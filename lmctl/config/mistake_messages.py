@@ -61,7 +61,8 @@ def _keys_at(model: type[BaseModel], place: list[int | str]) -> list[str]:
     kinds: list[Any] = [model]
     for step in place:
         kinds = _below(kinds, step)
-    return [key for kind in _models(kinds) for key in kind.model_fields]
+    return [field.alias or key for kind in _models(kinds)
+            for key, field in kind.model_fields.items()]
 
 
 def _below(kinds: list[Any], step: int | str) -> list[Any]:
@@ -71,8 +72,8 @@ def _below(kinds: list[Any], step: int | str) -> list[Any]:
     models = _models(kinds)
     if len(models) > 1:  # the step selects one of them, as the value's own `kind` does
         return [m for m in models if step in get_args(m.model_fields["kind"].annotation)]
-    return [of for m in models if step in m.model_fields
-            for of in _kinds(m.model_fields[step].annotation)]
+    return [of for m in models for key, field in m.model_fields.items()
+            if step == (field.alias or key) for of in _kinds(field.annotation)]
 
 
 def _kinds(annotation: Any) -> list[Any]:

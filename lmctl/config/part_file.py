@@ -13,6 +13,7 @@ from pydantic import Field, model_validator
 
 from lmctl.config.bodies import Body, referenced_bodies
 from lmctl.config.composition import Composition, measured_bodies
+from lmctl.config.copies import CopySettings
 from lmctl.config.quantities import Name, Pitch, Positive, ShareOfOne, Vector
 from lmctl.config.simulation import (
     FaceSettings,
@@ -112,6 +113,8 @@ class ProcessSettings(ConfigModel):
     hatch_blocks, hatch_block_mm : lines as long as the slice, or in stripes or square islands so
         wide
     outline_tracks : tracks along the outline around hatch lines
+    copy_order : of several copies, each layer of all before the next, its mixtures in one order; or
+        each copy finished before the next, where the nozzle clears what is finished
     region : bodies and layers with strategies of their own
     dead_time_error_s : how far dead times may be off, in what "auto" compares
     height_check_every : after so many layers a run is held for the height of the part; powder then
@@ -155,6 +158,7 @@ class ProcessSettings(ConfigModel):
     outline_tracks: Annotated[int, Field(ge=0, le=10)] = 1
     height_check_every: Annotated[int, Field(ge=1, le=10_000)] | None = None
     dilution: Literal["compensate", "ignore"] = "compensate"
+    copy_order: Literal["layer-by-layer", "part-by-part"] = "layer-by-layer"
     region: Annotated[tuple[StrategyRegion, ...], Field(max_length=1000)] = ()
 
 
@@ -175,8 +179,9 @@ class PartFile(ConfigModel):
     combine : how the bodies that no other names make one solid; a difference takes all others
         from the first
     composition : of the whole part; None where the bodies state their own
-    placement : None centres the part on the platform, its lowest point at z = 0
+    placement : None centres the part, or all its copies, on the platform, its lowest point at z = 0
     substrate : what the first layer is deposited on
+    copies : of the part on its plate, `[[copy]]` in the file; none: the part alone
     traveller : what the job report prints of the part beside what the machine records
     face, load, support, heat, simulation : what acts on it in service, for `lmctl simulate`
     optimise : what is to be least, for `lmctl optimise`
@@ -196,6 +201,7 @@ class PartFile(ConfigModel):
     placement: PlacementSettings | None = None
     process: ProcessSettings = ProcessSettings()
     substrate: SubstrateSettings = SubstrateSettings()
+    copies: Annotated[tuple[CopySettings, ...], Field(max_length=500, alias="copy")] = ()
     traveller: TravellerSettings = TravellerSettings()
     face: Annotated[tuple[FaceSettings, ...], Field(max_length=1000)] = ()
     load: Annotated[tuple[LoadSettings, ...], Field(max_length=1000)] = ()

@@ -78,6 +78,7 @@ def cross_key_findings(data: dict[str, Any]) -> list[Finding]:
             )
     findings += _region_findings(data.get("process"), known)
     findings += _substrate_findings(data.get("substrate"), known)
+    findings += _copy_findings(data)
     findings += simulation_findings(data, known)
     return findings
 
@@ -111,6 +112,19 @@ def _substrate_findings(substrate: Any, bodies: set[str]) -> Iterator[Finding]:
             isinstance(file, str) and file.lower().endswith(".3mf")):
         yield Finding("substrate.units", 'is missing: "mm", "cm", "m" or "inch"; the file does not '
                       "say")
+
+
+def _copy_findings(data: dict[str, Any]) -> Iterator[Finding]:
+    """Names that two copies have, and copies on what is not a level plate."""
+    copies = _list(data.get("copy"))
+    names = [one.get("name") if isinstance(one, dict) else None for one in copies]
+    for number, name in enumerate(names, start=1):
+        if name is not None and name in names[: number - 1]:
+            yield Finding(f"copy[{number}].name", f"{name!r} is there twice")
+    substrate = data.get("substrate")
+    if copies and isinstance(substrate, dict) and substrate.get("kind", "plate") != "plate":
+        yield Finding("copy", "several copies stand on a level plate, and the substrate is a "
+                      f"{substrate.get('kind')}")
 
 
 def _material_findings(tables: list[dict[str, Any]]) -> Iterator[Finding]:

@@ -15,6 +15,7 @@ from lmctl.config.toml_file import parse_tables
 from lmctl.errors import InputError
 from lmctl.field.grid import Grid
 from lmctl.part import bodies  # each body's module is loaded where it is used
+from lmctl.part.copies import copies_of
 from lmctl.part.materials.powders import resolve_materials
 from lmctl.part.materials.profile_warnings import flat_profile_warnings
 from lmctl.part.named_bodies import named_bodies
@@ -190,6 +191,7 @@ def _part_of(part: config.PartFile, text: str, tree: BodyTree, report: Report | 
                          for region in part.process.region if region.body is not None},
         substrate=part.substrate,
         substrate_surface=surface,
+        copies=copies_of(part.copies) if part.copies else (),
     )
 
 
@@ -206,7 +208,8 @@ def _substrate_surface(part: config.PartFile, tree: BodyTree) -> SubstrateSurfac
 
 def _not_noted(process: config.ProcessSettings) -> set[str]:
     """Keys whose defaults nobody need be told: named elsewhere, or of another strategy."""
-    keys = {"power_W", "speed_mm_s", "region", "dilution", "height_check_every"}
+    keys = {"power_W", "speed_mm_s", "region", "dilution", "height_check_every",
+            "copy_order"}
     if process.strategy != "hatch" and not any(r.strategy == "hatch" for r in process.region):
         keys |= {"hatch", "hatch_angle_deg", "hatch_turn_deg", "hatch_blocks", "outline_tracks"}
     if process.strategy != "auto":

@@ -24,6 +24,7 @@ from lmctl.part.named_bodies import NO_NAMED_BODIES, NamedBodies
 from lmctl.part.turning_heights import turning_heights_mm
 
 if TYPE_CHECKING:
+    from lmctl.part.copies import PartCopy
     from lmctl.part.substrate import LayerStack, SubstrateSurface
 
 #: Points of a composition evaluated at a time: keeps temporaries in tens of megabytes.
@@ -77,6 +78,7 @@ class Part:
     strategy_bodies : by name, those that the process gives a strategy of their own
     substrate : what the first layer is deposited on
     substrate_surface : of a substrate with a shape; None: a level plate under its lowest point
+    copies : that stand on the plate; none: the part alone
     layer_stack : where coordinates are (x, y, u) of `substrate.flattened_part`, how its layers lie
     """
 
@@ -98,6 +100,7 @@ class Part:
     substrate: SubstrateSettings = field(default_factory=SubstrateSettings)
     substrate_surface: SubstrateSurface | None = None
     layer_stack: LayerStack | None = None
+    copies: tuple[PartCopy, ...] = ()
 
     @property
     def bounds_mm(self) -> Bounds:

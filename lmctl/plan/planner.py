@@ -9,7 +9,7 @@ part ──> GEOMETRY (layer)  ──> SEQUENCE (layers in order)  ──> TEXT 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,15 +19,22 @@ from lmctl.errors import PlanError
 from lmctl.job.manifest_json import part_digest
 from lmctl.job.schema import JobHopper, JobManifest
 from lmctl.job.writer import JobWriter
+from lmctl.part.copies import composition_of_copies
+from lmctl.part.named_bodies import NO_NAMED_BODIES
 from lmctl.part.substrate import flattened_part
 from lmctl.plan.completeness import Completeness
+from lmctl.plan.copy_order import copies_totals, layers_in_order, times_deposited
 from lmctl.plan.dilution import compensation_of, with_known_dilution
 from lmctl.plan.execution import LocalWorkers, StageWorkers, ordered_results
 from lmctl.plan.geometry import LayerGeometry
 from lmctl.plan.layer_range import nothing_to_deposit
 from lmctl.plan.margins.margin_findings import is_enough, margin_findings
 from lmctl.plan.margins.mixture_margins import mixture_margins
-from lmctl.plan.margins.other_strategy import dilution_half_width, iso_composition_margins
+from lmctl.plan.margins.other_strategy import (
+    StrategyMargins,
+    dilution_half_width,
+    iso_composition_margins,
+)
 from lmctl.plan.plan_report import Finding, plan_report, report_finding
 from lmctl.plan.program_text import LayerLines
 from lmctl.plan.recipe import recipe_of
@@ -107,19 +114,23 @@ class _Planning:
         self._dilution = compensation_of(part, profile, self._recipe)
         self._sequencer = LayerSequencer(
             part.name, part.process, self._recipe, profile, self._dilution, part.layer_stack)
+        # places in several copies are none of the bodies' own
+        self._named_bodies = NO_NAMED_BODIES if part.copies else part.named_bodies
         self._completeness = Completeness(
             part.process, self._whole_placement.layer_height_mm,
             self._whole_placement.uncovered_height_mm(), part.named_bodies)
 
     def count(self) -> int:
         """Layers of the job, as far as is known: those above the last with tracks come off last."""
-        return self._last - self._first + 1
+        return (self._last - self._first + 1) * times_deposited(self._part)
 
     def sequenced(self, workers: StageWorkers) -> Iterator[LayerLines]:
         """The layers of the job in order. Raises PlanError where there are none to plan."""
         set_down = self._part.placement_mm is None and self._part.layer_stack is None
         index = -1
-        for geometry, is_last in _first_to_last_with_tracks(self._geometries(workers)):
+        in_order = layers_in_order(
+            _first_to_last_with_tracks(self._geometries(workers)), self._part)
+        for geometry, is_last, is_next_copy in in_order:
             if index < 0 and self._options.layers is None:
                 self._lowest = self._first = geometry.layer
                 self._refuse_above_substrate(geometry.layer)
@@ -128,7 +139,8 @@ class _Planning:
             index += 1
             self._placement = self._whole_placement.restricted_to_layers(
                 self._lowest, self._whole_placement.n_layers - 1, set_down=set_down)
-            yield self._sequencer.sequence(index, geometry, self._placement, is_last=is_last)
+            yield self._sequencer.sequence(index, geometry, self._placement, is_last=is_last,
+                                           clears_all=is_next_copy)
         if index < 0:
             raise nothing_to_deposit(self._part)
         if self._options.layers is None:
@@ -196,7 +208,14 @@ class _Planning:
                 False, "the first layer does not make up for dilution: the part file does not say "
                 "what the substrate is of ([substrate] material)")
         yield from (report_finding(*found) for found in
-                    self._sequencer.dilution_statistics.findings(self._part.named_bodies))
+                    self._sequencer.dilution_statistics.findings(self._named_bodies))
+
+    def _other_margins(self) -> StrategyMargins | None:
+        """The margins of another strategy, tried on one part."""
+        if not self._part.copies:
+            return iso_composition_margins(self._part, self._profile, self._whole_placement)
+        one = replace(self._part, copies=())
+        return iso_composition_margins(one, self._profile, check_part(one, self._profile))
 
     def manifest(self) -> JobManifest:
         """The manifest of all layers planned, without its layer table.
@@ -206,11 +225,10 @@ class _Planning:
         part, profile, statistics = self._part, self._profile, self._sequencer.statistics
         excerpt, used = self._options.layers, profile.calibration_use
         margins = None if part.uniform_mixture() is not None else mixture_margins(
-            self._sequencer.samples, self._recipe, used, part.composition,
+            self._sequencer.samples, self._recipe, used, composition_of_copies(part),
             statistics.correct_mixture_fraction,
             0.0 if self._dilution is None else dilution_half_width(profile))
-        other = None if margins is None or is_enough(margins) else iso_composition_margins(
-            part, profile, self._whole_placement)
+        other = None if margins is None or is_enough(margins) else self._other_margins()
         findings = [
             *([] if self._choice is None else [report_finding(True, self._choice.as_text())]),
             *self._completeness_findings(),
@@ -241,12 +259,13 @@ class _Planning:
             | self._completeness.totals()
             | {"strategy": part.process.strategy}
             | ({} if self._dilution is None else {
-                "dilution": self._sequencer.dilution_statistics.totals(part.named_bodies)})
+                "dilution": self._sequencer.dilution_statistics.totals(self._named_bodies)})
             | ({} if margins is None else {"margins": margins.as_json() | (
                 {} if other is None else {"other_strategy": other.as_json()})})
             | substrate_totals(part)
             | ({} if part.process.height_check_every is None else
                {"height_check_every": part.process.height_check_every})
+            | copies_totals(part, self._placement)
             | ({} if part.surface_error_mm is None else
                {"surface_error_mm": round(part.surface_error_mm, 4)}),
             verdict=tuple(findings),

@@ -99,6 +99,8 @@ def choose_strategy(part: Part, profile: MachineProfile) -> StrategyChoice:
 
     Raises PlanError where the part cannot be planned in any way.
     """
+    if part.copies:  # one of them is tried
+        part = replace(part, copies=())
     process = part.process
     margin, error_s = process.change_margin_s, process.dead_time_error_s
     if part.uniform_mixture() is not None:

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from lmctl.array_types import FloatArray
 from lmctl.config.machine import MachineProfile
 from lmctl.errors import LmctlError, PlanError
+from lmctl.part.copies import bounds_of_copies_mm
 from lmctl.preflight.hoppers import hopper_for_material
 from lmctl.preflight.placement import Placement, place_part
 
@@ -44,6 +48,10 @@ def check_part(part: Part, profile: MachineProfile) -> Placement:
         from lmctl.preflight.substrate_check import substrate_findings  # late: few parts have one
 
         wrong += substrate_findings(part.layer_stack, placement, profile)
+    if part.copies:
+        from lmctl.preflight.copies_check import copies_findings  # late, as above
+
+        wrong += copies_findings(part, placement, profile)
     if outside:
         wrong.append(PlanError(
             f"{part.name} reaches outside the travel of {profile.name!r}", where=outside,
@@ -61,7 +69,7 @@ def check_part(part: Part, profile: MachineProfile) -> Placement:
 
 
 def _outside(part: Part, placement: Placement, profile: MachineProfile) -> list[str]:
-    """One line an axis in which the part leaves the travel."""
+    """One line an axis in which the part, or a copy of it, leaves the travel."""
     travel = profile.motion.travel_mm
     bottom = placement.nozzle_height_mm(0)
     top = placement.nozzle_height_mm(placement.n_layers - 1)
@@ -70,15 +78,21 @@ def _outside(part: Part, placement: Placement, profile: MachineProfile) -> list[
         bottom = part.layer_stack.lowest_mm(bottom - z_mm) + z_mm
         top = part.layer_stack.highest_mm(top - z_mm) + z_mm
     top += profile.motion.clearance_mm
-    low = placement.low_mm + placement.offset_mm
-    high = placement.high_mm + placement.offset_mm
-    spans = {
-        "x": (low[0], high[0], travel.x), "y": (low[1], high[1], travel.y),
-        "z": (bottom, top, travel.z),
-    }
-    return [
-        f"{axis}: needs {a:.1f} to {b:.1f} mm, has {limits[0]:g} to {limits[1]:g}"
-        + (" (clearance above the part included)" if axis == "z" else "")
-        for axis, (a, b, limits) in spans.items()
-        if a < limits[0] or b > limits[1]
-    ]
+    found = []
+    for name, low, high in _boxes(part):
+        low, high = low + placement.offset_mm, high + placement.offset_mm
+        spans = {"x": (low[0], high[0], travel.x), "y": (low[1], high[1], travel.y)}
+        found += [f"{name}{axis}: needs {a:.1f} to {b:.1f} mm, has {limits[0]:g} to {limits[1]:g}"
+                  for axis, (a, b, limits) in spans.items() if a < limits[0] or b > limits[1]]
+    if bottom < travel.z[0] or top > travel.z[1]:
+        found.append(f"z: needs {bottom:.1f} to {top:.1f} mm, has {travel.z[0]:g} to "
+                     f"{travel.z[1]:g} (clearance above the part included)")
+    return found
+
+
+def _boxes(part: Part) -> Iterator[tuple[str, FloatArray, FloatArray]]:
+    """Each copy's name and box, (3,) each; of a part without copies its own, without a name."""
+    if not part.copies:
+        yield "", *bounds_of_copies_mm(part)
+    for copy in part.copies:
+        yield f"{copy.name!r}, ", *bounds_of_copies_mm(replace(part, copies=(copy,)))

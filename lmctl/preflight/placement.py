@@ -11,6 +11,7 @@ from lmctl.array_types import FloatArray
 from lmctl.config.machine import MachineProfile
 from lmctl.errors import PlanError
 from lmctl.job.container import MAX_LAYERS
+from lmctl.part.copies import bounds_of_copies_mm
 
 if TYPE_CHECKING:
     from lmctl.part.part import Part
@@ -26,7 +27,8 @@ class Placement:
     """Where the layers of a part are cut and deposited.
 
     offset_mm : (3,) float64, program coordinates of the part's own origin
-    low_mm, high_mm : (3,) float64, bounds of the part in its own coordinates
+    low_mm, high_mm : (3,) float64, bounds of the part in its own coordinates; of several copies
+        those of all
     layer_height_mm : fitted to the part's height, if that takes no more than a tenth
     n_layers : layers to deposit
     skipped : layers at the bottom that have nothing to deposit
@@ -82,7 +84,7 @@ def place_part(part: Part, profile: MachineProfile) -> Placement:
     Layers are those whose middle plane meets the part. Raises PlanError where there is none, or
     more than a job holds.
     """
-    low, high = (np.asarray(corner, dtype=np.float64) for corner in part.bounds_mm)
+    low, high = bounds_of_copies_mm(part)
     if part.placement_mm is not None:
         offset = np.asarray(part.placement_mm, dtype=np.float64)
     else:

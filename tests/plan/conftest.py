@@ -108,6 +108,7 @@ class FakePart:
     placement_mm: tuple | None = None
     substrate_surface: None = None
     layer_stack: None = None
+    copies: tuple = ()
     name: str = "prism"
     text: str = 'name = "prism"\n'
     sources: tuple = ()

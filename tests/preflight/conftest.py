@@ -47,6 +47,7 @@ class FakePart:
     placement_mm: tuple | None = None
     substrate_surface: None = None
     layer_stack: None = None
+    copies: tuple = ()
 
     @property
     def bounds_mm(self):

@@ -124,6 +124,7 @@ class LayerGeometry:
         that from place to place, and the length is that in the xy plane
     fractions : (n, materials) float64, the material field there, rows summing to 1
     is_closed : (m,) bool, the track ends where it begins (its first point is repeated last)
+    copy : (m,) intp, which copy of the part each track belongs to; None where there is one part
     is_directed : (m,) bool, the track is to be deposited from its first point to its last; None
         where none is
     island : (m,) intp, which connected piece of the slice the track belongs to, from 0
@@ -150,6 +151,7 @@ class LayerGeometry:
     is_directed: NDArray[np.bool_] | None = None
     fractions_below: FloatArray | None = None
     melted: MeltedBelow | None = None
+    copy: IndexArray | None = None
 
     @property
     def n_tracks(self) -> int:

@@ -66,7 +66,7 @@ def iso_composition_margins(
     middle = placement.n_layers // 2
     recipe = recipe_of(other, profile, placement.layer_height_mm)
     sequencer = LayerSequencer(other.name, other.process, recipe, profile,
-                               compensation_of(other, profile, recipe))
+                               compensation_of(other, profile, recipe), part.layer_stack)
     try:
         geometry = layer_geometry(other, placement, middle)
         if not geometry.n_tracks:

@@ -99,6 +99,7 @@ class LayerSequencer:
         self._longest_s = profile.motion.send_horizon_s / LINES_PER_HORIZON
         self._home_mm = np.asarray(profile.motion.purge_mm, dtype=np.float64)
         self._state = SequenceState(self._home_mm)
+        self._cross_mm: float | None = None
         self.statistics = PlanStatistics(recipe)
         self.dilution_statistics = DilutionStatistics(
             (*(material.name for material in recipe.materials), "substrate"))
@@ -110,11 +111,13 @@ class LayerSequencer:
         return self._state.time_s
 
     def sequence(
-        self, index: int, geometry: LayerGeometry, placement: Placement, *, is_last: bool
+        self, index: int, geometry: LayerGeometry, placement: Placement, *, is_last: bool,
+        clears_all: bool = False,
     ) -> LayerLines:
         """Sequence the next layer of the job, the first of which must have tracks.
 
         index : in the job, from 0; is_last : whether the program ends with it
+        clears_all : whether the way to it leads across what the layers before have built
         placement : without the layers below the part's first with tracks. Which layer of it this
             is decides its height, the turn of its seam and its direction, so that layers planned
             alone look as they do among all
@@ -134,6 +137,7 @@ class LayerSequencer:
         beads = self._beads(number, tracks, drape)
         self.statistics.add_beads(number, geometry, beads)
         nozzle_mm = placement.nozzle_height_mm(number) if drape is None else drape.highest_mm()
+        self._cross_mm = self._state.at_mm[2] + self._travel.clearance_mm if clears_all else None
         moves, durations = self._timed_moves(number, beads, placement, drape, is_last=is_last)
         state = self._state
         end_s = state.time_s + np.cumsum(durations)
@@ -243,8 +247,13 @@ class LayerSequencer:
     ) -> Moves:
         """The moves of a layer, at one height or on its substrate's shape."""
         start = self._state.at_mm
-        if drape is None:
+        if drape is None and self._cross_mm is None:
             return layer_moves(beads, flat_z_mm, offset_mm, start, self._travel, mixture)
+        if drape is None:
+            above = np.array([*start[:2], self._cross_mm])
+            moves = layer_moves(beads, flat_z_mm, offset_mm, above, self._travel, mixture)
+            moves.target_mm[0] = start  # the rest at the layer's beginning, before it goes up
+            return moves
         above = np.array([*start[:2], flat_z_mm + 1.0])  # so that it comes from above the layer
         flat = layer_moves(beads, flat_z_mm, offset_mm, above, self._travel, mixture)
         return draped_moves(flat, start, flat_z_mm, drape, self._travel.clearance_mm)

@@ -96,7 +96,8 @@ def _cut_at(geometry: LayerGeometry, at: IntArray) -> LayerGeometry:
         melted=None if geometry.melted is None else geometry.melted.at_vertices(vertex),
         starts=np.concatenate([[0], np.cumsum(size)]).astype(np.intp),
         is_closed=np.array(closed, dtype=np.bool_), island=geometry.island[tracks],
-        is_directed=None if directed is None else directed[tracks])
+        is_directed=None if directed is None else directed[tracks],
+        copy=None if geometry.copy is None else geometry.copy[tracks])
 
 
 @kernel

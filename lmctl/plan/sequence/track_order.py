@@ -87,7 +87,7 @@ def order_tracks(
     group_means = np.stack([np.bincount(group, column) / size for column in means.T], axis=1)
     if _sweeps_down(group_means, last, change_s):
         group = len(values) - 1 - group
-    centre = geometry.points_mm.mean(axis=0)
+    centre = _centres_mm(geometry)
     sequence = np.argsort(group, kind="stable")
     bounds = np.searchsorted(group[sequence], np.arange(len(values) + 1))
     preferred = _seam_vertices(geometry, centre, turn, seam)
@@ -130,6 +130,16 @@ def _sweeps_down(
         return bool(np.abs(mixtures[-1] - last).sum() < np.abs(mixtures[0] - last).sum())
     pairs = list(pairwise(mixtures))
     return sum(change_s(b, a) for a, b in pairs) < sum(change_s(a, b) for a, b in pairs)
+
+
+def _centres_mm(geometry: LayerGeometry) -> FloatArray:
+    """The middle of the layer, (2,), or for each vertex that of its copy, (n, 2)."""
+    if geometry.copy is None:
+        return np.asarray(geometry.points_mm.mean(axis=0))
+    copy = np.repeat(geometry.copy, np.diff(geometry.starts))
+    count = np.bincount(copy)
+    middle = np.column_stack([np.bincount(copy, axis) / count for axis in geometry.points_mm.T])
+    return np.asarray(middle[copy])
 
 
 def _seam_vertices(
