@@ -31,7 +31,8 @@ def model_rows(
     homes = {} if homes is None else homes
     texts = docstring_entries(model)
     for name, field in model.model_fields.items():
-        yield from _field_rows(name, field, f"{path}.{name}", texts.get(name, ""), homes)
+        key = field.alias or name
+        yield from _field_rows(key, field, f"{path}.{key}", texts.get(name, ""), homes)
 
 
 def _field_rows(
