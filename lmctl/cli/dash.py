@@ -38,7 +38,8 @@ def dash(
     stop button is no emergency stop.
     """
     if (tls_cert is None) != (tls_key is None):
-        raise UsageError("https needs both --tls-cert and --tls-key")
+        raise UsageError("https needs both --tls-cert and --tls-key",
+                         hint="they name PEM files: the certificate, and the key it was made with")
     from lmctl.web import DashSettings, access_policy, run_dash
     from lmctl.web.access import LOOPBACK_HOSTS
 

@@ -105,7 +105,7 @@ def read_token(path: Path) -> str:
 
 
 def new_token() -> str:
-    """A token that nobody can guess."""
+    """A new random token of 192 bits."""
     return secrets.token_urlsafe(24)
 
 

@@ -211,7 +211,7 @@ def opcua_readings(now: Mapping[str, Any] | None) -> dict[tuple[str, str], Readi
 
 
 def _free_port(host: str) -> int:
-    """A port that nobody listens on now; the server cannot be asked which one it was given."""
+    """A free port; the server cannot be asked which one the system gave it."""
     with socket.create_server((host, 0)) as listening:
         port: int = listening.getsockname()[1]
         return port

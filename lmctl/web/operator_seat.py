@@ -1,7 +1,7 @@
 """The seat of the one operator who may act through a live page at a time.
 
-Whoever takes it gets a key that each act must carry, with a number higher than that of the act
-before: an act that was recorded and sent again is refused.
+The operator who takes it gets a key that each act must carry, with a number higher than that of the
+act before: an act that was recorded and sent again is refused.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 from lmctl.errors import UsageError
 
-#: An operator who was not heard of for so long has left the seat [s].
+#: An operator without a request for so long has left the seat [s].
 IDLE_S = 60.0
 
 _LONGEST_NAME = 80

@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import json
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
 from typing import Any
 
 from starlette.requests import Request
@@ -75,10 +76,14 @@ class DashRoutes:
         ]
 
     async def _session(self, request: Request) -> Any:
-        """What the page may do: the role of this request, and who operates."""
+        """What this request may do, and who operates; keeps the seat of the one who asks."""
         role = request.state.role
-        is_reader = role >= AccessRole.VIEWER
-        return {"role": role.name.lower(), "software": f"lmctl {__version__}",
+        is_reader, has_seat = role >= AccessRole.VIEWER, False
+        if role is AccessRole.OPERATOR:
+            with suppress(UsageError):
+                has_seat = bool(self._seat.holder_of(request.headers.get("x-operator-seat")))
+        return {"role": role.name.lower(), "has_seat": has_seat,
+                "software": f"lmctl {__version__}",
                 "operator": self._seat.operator if is_reader else "",
                 "runs_dir": str(self._catalogue.runs_dir.absolute()) if is_reader else ""}
 

@@ -91,7 +91,7 @@ class RunCatalogue:
         return watch
 
     async def _make_room(self) -> None:
-        """Close the watches that nobody needs, the longest unused one first."""
+        """Close watches without viewers, the longest unused one first."""
         now = time.monotonic()
         idle = sorted((used_t, name) for name, (watch, used_t) in self._watches.items()
                       if not watch.has_viewers and not watch.is_live)
@@ -106,6 +106,7 @@ class RunCatalogue:
                 if path.name not in self._watches and len(self._watches) < MAX_WATCHED:
                     with suppress(LmctlError):
                         await self._begin(find_run_folder(self.runs_dir, path.name))
+            await self._make_room()
             await asyncio.sleep(_LOOK_S)
 
     def _with_socket(self) -> list[Path]:

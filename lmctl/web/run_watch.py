@@ -57,6 +57,7 @@ class RunWatch:
         self._answered_t = 0.0
         self._ended: Snapshot | None = None
         self._viewers: set[ViewerQueue] = set()
+        self._all: bytes | None = None  # what a new viewer starts with, until something is new
         self._tasks: list[asyncio.Task[None]] = []
         self.caught_up = asyncio.Event()
 
@@ -101,12 +102,15 @@ class RunWatch:
         self._viewers.discard(viewer)
 
     def _everything(self) -> bytes:
+        if self._all is not None:
+            return self._all
         joined: Points = {}
         for points in self._points:
             for name, column in points.items():
                 joined.setdefault(name, []).extend(column)
-        return sse_message("everything", {
+        self._all = sse_message("everything", {
             "snapshot": self.snapshot(), "points": joined, "events": list(self._events)})
+        return self._all
 
     def _mixture(self, now_s: float | None) -> dict[str, Any] | None:
         if self.job is None or not self._points:
@@ -132,6 +136,7 @@ class RunWatch:
             await asyncio.sleep(_RETRY_S)
 
     def _publish_snapshot(self) -> None:
+        self._all = None
         if self._viewers:
             message = sse_message("snapshot", self.snapshot())
             for viewer in self._viewers:
@@ -187,6 +192,7 @@ class RunWatch:
         self, batch: TailBatch, points: list[Points], events: list[dict[str, Any]]
     ) -> None:
         if batch.records:
+            self._all = None
             self._last_record, self._ended = batch.records[-1], None
         self._points.extend(points)
         self._events.extend(events)

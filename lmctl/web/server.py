@@ -52,8 +52,6 @@ async def serve_dash(
         from lmctl.web.application import dash_application
     except ImportError as error:
         raise _not_installed("the live page", "web", error) from None
-    with suppress(OSError):  # only another user's limits can forbid that
-        os.nice(_NICENESS)
     async with AsyncExitStack() as stack:
         listening = stack.enter_context(listening_tcp(settings.host, settings.port))
         catalogue = await stack.enter_async_context(RunCatalogue(runs_dir))
@@ -73,6 +71,8 @@ async def serve_dash(
             doors["opcua"] = await stack.enter_async_context(
                 OpcuaDoor(catalogue.live_snapshots, settings.host, settings.opcua_port))
         server = uvicorn.Server(_config(dash_application(catalogue, access), settings))
+        with suppress(OSError):  # only another user's limits can forbid that
+            os.nice(_NICENESS)
         started(doors)
         await server.serve(sockets=[listening])
 

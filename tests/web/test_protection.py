@@ -119,6 +119,23 @@ def test_a_flood_is_refused_and_so_are_guesses_of_a_token(asking):
     assert {answer.status_code for answer in guesses[12:]} == {429}
 
 
+def test_a_seat_is_kept_by_looking_and_seen_to_be_lost(asking):
+    def look(key):
+        return ("GET", "/api/session", {"headers": bearer(OPERATOR, **{"X-Operator-Seat": key})})
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("lmctl.web.operator_seat.secrets.token_urlsafe", lambda _: "key")
+        first, kept, guessed, left, lost = asking(
+            ("POST", "/api/seat", {"headers": bearer(OPERATOR), "json": {"operator": "Ada"}}),
+            look("key"), look("guess"),
+            ("DELETE", "/api/seat", {"headers": bearer(OPERATOR, **{"X-Operator-Seat": "key"})}),
+            look("key"))
+    assert (first.status_code, left.status_code) == (200, 200)
+    assert (kept.json()["operator"], kept.json()["has_seat"]) == ("Ada", True)
+    assert not guessed.json()["has_seat"]
+    assert (lost.json()["operator"], lost.json()["has_seat"]) == ("", False)
+
+
 def test_an_act_needs_the_seat_even_with_the_token(asking):
     found = asking(
         ("POST", "/api/runs/run-0001/acts", {"headers": bearer(OPERATOR), "json": ACT}),

@@ -47,7 +47,10 @@ export class Operator {
       const session = await this.request("GET", "/api/session");
       this.role = session.role;
       this.operator = session.operator;
-      if (this.seat && !session.operator) this.setSeat(null);
+      if (this.seat && !session.has_seat) {
+        this.setSeat(null);
+        this.say(session.operator ? `${session.operator} has taken control` : "control was lost", true);
+      }
     } catch { return; }  // not reached: what is shown stays
     this.update();
   }
@@ -73,7 +76,7 @@ export class Operator {
     $("take-seat").hidden = Boolean(this.seat);
     $("leave-seat").hidden = !this.seat;
     $("seat").textContent = this.seat ? `You operate as ${this.operator || "…"}.`
-      : this.operator ? `${this.operator} operates; you look on.` : "Nobody operates through this page; you look on.";
+      : this.operator ? `${this.operator} operates; you look on.` : "No operator has control; you look on.";
     $("who").textContent = this.seat ? `operator ${this.operator ?? ""}` : "viewer";
   }
 
@@ -117,7 +120,8 @@ export class Operator {
   async act(act) {
     const seen = this.now.state, fields = [], [title, text] = TEXTS[act];
     if (act === "override") fields.push(["percent", "Per cent of the plan (50 to 200)", "number", this.now.override_percent]);
-    const values = await ask(title, text, fields, act === "resume" ? preview(this.now) : []);
+    const values = await ask(title, text, fields, act === "resume" ? preview(this.now) : [],
+      act === "hold");
     if (!values) return;
     this.say(`${act} …`);
     try {
@@ -145,8 +149,9 @@ function preview(now) {
   return [list, element("p", "The way there is drawn dashed in the layer.", { class: "note" })];
 }
 
-// The values of the dialog's fields, null where it was cancelled. fields : [name, label, type, value]
-function ask(title, text, fields, more = []) {
+// The values of the dialog's fields, null where it was cancelled. fields : [name, label, type, value];
+// isUrgent : Enter confirms at once
+function ask(title, text, fields, more = [], isUrgent = false) {
   const dialog = $("confirm");
   $("confirm-title").textContent = title;
   $("confirm-text").replaceChildren(element("p", text), ...more);
@@ -159,7 +164,7 @@ function ask(title, text, fields, more = []) {
   }));
   dialog.returnValue = "no";
   dialog.showModal();
-  (fields.length ? dialog.querySelector("input") : $("confirm-no")).focus();
+  (fields.length ? dialog.querySelector("input") : $(isUrgent ? "confirm-yes" : "confirm-no")).focus();
   return new Promise((resolve) => dialog.addEventListener("close", () => {
     const values = Object.fromEntries([...dialog.querySelectorAll("input")].map((one) => [one.name, one.value]));
     resolve(dialog.returnValue === "yes" ? values : null);

@@ -29,7 +29,7 @@ from lmctl.run.journal.writer import JournalWriter
 FAR_END = Path(__file__).resolve().parents[1] / "far_end"
 VIEWERS, FLOOD_S = 20, 1000
 _RECORDS, _EVERY_S = 400, 0.03
-_HOLDS, _BLOCK, _SPEED = 200, 5, 4.0
+_HOLDS, _BLOCK, _SPEED = 100, 5, 4.0
 
 
 def rows() -> dict[str, float]:

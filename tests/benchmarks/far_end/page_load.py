@@ -24,7 +24,7 @@ class PageLoad:
     def __init__(self, url: str, requests_s: float) -> None:
         parts = urlsplit(url)
         self._address = parts.hostname, parts.port
-        self._every_s = _CONNECTIONS / requests_s
+        self._every_s = _CONNECTIONS / (requests_s or 1.0)
         self.sent = self.events = 0
         self.busy_s = 0.0
 
