@@ -73,7 +73,7 @@ def bearer(token: str, **more: str) -> dict[str, str]:
     return {"Authorization": f"Bearer {token}", "Content-Type": "application/json", **more}
 
 
-def eventually(condition: Callable[[], object], for_s: float = 30.0) -> object:
+def eventually(condition: Callable[[], object], for_s: float = 60.0) -> object:
     """What a condition becomes, once it is something; fails after so long."""
     until = time.monotonic() + for_s
     while time.monotonic() < until:
@@ -93,7 +93,7 @@ class LivePage:
         self, folder: Path, *more: str, speed: float = 10.0, faults: str = ""
     ) -> None:
         self.folder = folder
-        self._client = httpx.Client(timeout=20.0, verify=False)  # certificates take time to load
+        self._client = httpx.Client(timeout=100.0, verify=False)  # certificates take time to load
         self.processes: list[subprocess.Popen[str]] = []
         (folder / "faults.toml").write_text(faults)
         self.run = self._start("run", "job.lmj", "--sim", "--speed", str(speed), "--machine",
@@ -118,7 +118,7 @@ class LivePage:
     def snapshot(self) -> dict:
         return self.get("api/runs/run-0001").json()
 
-    def state_is(self, *states: str, for_s: float = 30.0) -> dict:
+    def state_is(self, *states: str, for_s: float = 60.0) -> dict:
         return eventually(
             lambda: now if (now := self.snapshot()).get("state") in states else None, for_s)
 

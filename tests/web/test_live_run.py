@@ -22,7 +22,7 @@ def events_of(url, until, token=""):
     """Events (name, data) of a stream, until one fulfils a condition."""
     found = []
     headers = bearer(token) if token else {}
-    with httpx.stream("GET", url, timeout=30.0, headers=headers, verify=False) as answer:
+    with httpx.stream("GET", url, timeout=100.0, headers=headers, verify=False) as answer:
         assert answer.headers["content-type"] == "text/event-stream"
         name = ""
         for line in answer.iter_lines():
@@ -72,7 +72,7 @@ def test_it_is_shown_live_and_held_resumed_and_stopped_by_one_operator(live_page
     assert not ended["live"]
     assert ended["next"][0]["command"] == "lmctl recover run-0001"
 
-    page.run.communicate(timeout=30)
+    page.run.communicate(timeout=100)
     journal = page.folder / "runs/run-0001/journal.jsonl"
     assert verify_journal(journal).sealed
     acts = [(one["act"], one["operator"], one["accepted"])
@@ -106,7 +106,7 @@ def test_a_page_that_is_stalled_flooded_and_killed_touches_no_run(live_page):
     page.dash.kill()
     for one in deaf:
         one.close()
-    out, talk = page.run.communicate(timeout=60)
+    out, talk = page.run.communicate(timeout=100)
     assert page.run.returncode == 0, talk
     assert re.match("run-0001: done", out)
     journal = page.folder / "runs/run-0001/journal.jsonl"
