@@ -32,7 +32,7 @@ def schema_of_model(
     schema = model.model_json_schema()
     models = {one.__name__: one for one in _models(model, {})}
     for name, table in [*schema.get("$defs", {}).items(), (model.__name__, schema)]:
-        texts = docstring_entries(models[name]) if name in models else {}
+        texts = _texts(models[name]) if name in models else {}
         for key, value in table.get("properties", {}).items():
             value.pop("title", None)
             if text := texts.get(key):
@@ -46,6 +46,13 @@ def schema_of_model(
     schema = {"$schema": _DRAFT, **schema, "title": title}
     schema["properties"]["$schema"] = {"type": "string"}
     return schema
+
+
+def _texts(model: type[BaseModel]) -> dict[str, str]:
+    """What a model's docstring says of each key, by the name that files know it by."""
+    texts = docstring_entries(model)
+    return {field.alias or name: texts[name] for name, field in model.model_fields.items()
+            if name in texts}
 
 
 def schema_of_rows(rows: Iterable[KeyRow], kind: str) -> dict[str, Any]:
