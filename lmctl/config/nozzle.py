@@ -5,10 +5,8 @@ from __future__ import annotations
 import math
 from typing import Annotated
 
-import numpy as np
 from pydantic import Field
 
-from lmctl.array_types import FloatArray
 from lmctl.config.toml_file import ConfigModel
 
 
@@ -24,14 +22,6 @@ class NozzleSettings(ConfigModel):
     tip_diameter_mm: Annotated[float, Field(gt=0, le=200)]
     half_angle_deg: Annotated[float, Field(gt=0, lt=89)]
     body_diameter_mm: Annotated[float, Field(gt=0, le=2000)] | None = None
-
-    def underside_mm(self, beside_mm: FloatArray) -> FloatArray:
-        """Height of the nozzle over the tool point, (n,) [mm], beside its axis; inf beyond it."""
-        beyond = np.maximum(beside_mm - self.tip_diameter_mm / 2, 0.0)
-        height = self.standoff_mm + beyond / math.tan(math.radians(self.half_angle_deg))
-        if self.body_diameter_mm is None:
-            return np.asarray(height)
-        return np.where(beside_mm > self.body_diameter_mm / 2, np.inf, height)
 
     def reach_mm(self, higher_mm: float) -> float:
         """How far beside its axis it can meet what is so much higher than the tool point [mm]."""

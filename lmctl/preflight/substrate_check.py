@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -66,8 +67,17 @@ def _deepest(
         if not len(high):
             continue
         beside = np.hypot(over[:, None, 0] - high[None, :, 0], over[:, None, 1] - high[None, :, 1])
-        deep = high[None, :, 2] - over[:, None, 2] - nozzle.underside_mm(beside)
+        deep = high[None, :, 2] - over[:, None, 2] - _underside_mm(nozzle, beside)
         row, column = np.unravel_index(int(np.argmax(deep)), deep.shape)
         if deep[row, column] > worst:
             worst, pair = float(deep[row, column]), (over[row], high[column])
     return worst, *pair
+
+
+def _underside_mm(nozzle: NozzleSettings, beside_mm: FloatArray) -> FloatArray:
+    """Height of the nozzle over the tool point [mm], beside its axis; inf beyond it."""
+    beyond = np.maximum(beside_mm - nozzle.tip_diameter_mm / 2, 0.0)
+    height = nozzle.standoff_mm + beyond / math.tan(math.radians(nozzle.half_angle_deg))
+    if nozzle.body_diameter_mm is None:
+        return np.asarray(height)
+    return np.where(beside_mm > nozzle.body_diameter_mm / 2, np.inf, height)
