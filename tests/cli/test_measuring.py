@@ -75,6 +75,9 @@ def test_plan_and_doctor_use_and_name_it(lmctl, measured: Path, tmp_path: Path) 
     doctor = lmctl("machine", "doctor", "--sim", "-m", cell)
     assert digest[:12] in doctor.data
     assert doctor.code == 1  # hopper B was not tested
+    checked = lmctl("check", cell)
+    assert (checked.code, digest[:12] in checked.data) == (0, True)
+    assert "hopper B: it has no feeder test" in checked.talk.replace("\n  ", " ")
 
 
 def test_an_old_calibration_refuses(refused, measured: Path, tmp_path: Path) -> None:
@@ -85,9 +88,10 @@ def test_an_old_calibration_refuses(refused, measured: Path, tmp_path: Path) -> 
         "conditions": hopper.conditions.model_copy(update={"measured": old})})
     save_calibration(found.with_hopper(aged), tmp_path / "calibration.json")
     (tmp_path / "cell.toml").write_text(CELL + USING)
-    told = refused("plan", measured / "cell.toml", "-m", "cell.toml", code=3)
-    assert "100 days ago" in told
-    assert "feeder-test" in told
+    for told in (refused("plan", measured / "cell.toml", "-m", "cell.toml", code=3),
+                 refused("check", "cell.toml", code=3)):
+        assert "100 days ago" in told
+        assert "feeder-test" in told
 
 
 def test_wrong_names_and_missing_scales_are_refused(refused, tmp_path: Path) -> None:
