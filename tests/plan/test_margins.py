@@ -13,7 +13,7 @@ from lmctl.job.margins_text import margins_text
 from lmctl.plan.margins.bead_volume import LayerVolume, resolvable_per_mm
 from lmctl.plan.margins.cell_parameters import cell_parameters, cell_values
 from lmctl.plan.margins.path_shares import PathShares
-from lmctl.plan.margins.poured_beads import HEIGHTS, poured
+from lmctl.plan.margins.poured_beads import HEIGHTS, poured_beads
 from lmctl.plan.margins.worst_case import worst_case
 from lmctl.plan.melted_below import MeltedBelow
 from lmctl.plan.mixture_catch import MixtureCatch
@@ -208,10 +208,10 @@ def straight_beads(y_mm, cell_mm=0.125):
     volume = np.full(q, 0.25 * 1.334 * 0.8)
     low = np.array([-2.0, min(y_mm) - 2.0])
     shape = (int(14 / cell_mm), int((max(y_mm) - min(y_mm) + 4) / cell_mm))
-    placed, in_strip = poured(pieces, volume, 0.667, 0.8, low, cell_mm, shape)
-    assert np.asarray(placed.sum(axis=0)).ravel() == pytest.approx(np.ones(q))
-    bead = np.repeat(np.arange(len(y_mm)), len(x))
-    by_bead = np.stack([placed[:, bead == k] @ volume[bead == k] for k in range(len(y_mm))], axis=1)
+    poured, in_strip = poured_beads(pieces, volume, 0.667, 0.8, low, cell_mm, shape)
+    assert np.bincount(poured.piece, poured.share) == pytest.approx(np.ones(q))
+    bead = np.repeat(np.eye(len(y_mm)), len(x), axis=0)
+    by_bead = poured.volume_mm3(volume[:, None] * bead)
     across = by_bead.reshape(*shape, HEIGHTS, -1).sum(axis=(0, 2))
     return low[1] + (np.arange(shape[1]) + 0.5) * cell_mm, across, in_strip
 

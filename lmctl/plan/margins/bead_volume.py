@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lmctl.array_types import FloatArray
-from lmctl.plan.margins.poured_beads import HEIGHTS, poured
+from lmctl.plan.margins.poured_beads import HEIGHTS, poured_beads
 from lmctl.plan.sequence.bead_pieces import BeadPieces
 
 #: Cells across a bead, where the layer's extent allows: memory.
@@ -67,15 +67,15 @@ class LayerVolume:
                       (float(size.prod()) / _MOST_CELLS) ** 0.5)
         rows, columns = (int(n) + 1 for n in np.ceil(size / cell_mm))
         self._planned_mm3 = pieces.length_mm * pieces.width_mm * strip_ratio * layer_height_mm
-        placed, in_strip = poured(pieces, self._planned_mm3, strip_ratio, layer_height_mm, low,
-                                  cell_mm, (rows, columns))
-        filled = (placed @ self._planned_mm3).reshape(-1, HEIGHTS)
+        poured, in_strip = poured_beads(pieces, self._planned_mm3, strip_ratio, layer_height_mm,
+                                        low, cell_mm, (rows, columns))
+        filled = poured.volume_mm3(self._planned_mm3[:, None]).reshape(-1, HEIGHTS)
         full_mm3 = cell_mm**2 * layer_height_mm
         cells = np.flatnonzero(in_strip & (filled.sum(axis=1) > _LEAST_FILLED * full_mm3))
         chosen = np.linspace(0, len(cells) - 1, min(len(cells), _MOST_COMPARED)).astype(np.intp)
         voxels = (cells[chosen][:, None] * HEIGHTS + np.arange(HEIGHTS)).ravel()
         voxels = voxels[filled.ravel()[voxels] > _LEAST_FILLED * full_mm3 / HEIGHTS]
-        self._placed = placed[voxels]
+        self._poured = poured.of_voxels(voxels)
         row, column = np.divmod(voxels // HEIGHTS, columns)
         height = ((voxels % HEIGHTS + 0.5) / HEIGHTS - 0.5) * layer_height_mm
         self._place_mm = np.column_stack([
@@ -95,7 +95,7 @@ class LayerVolume:
 
         volume_mm3 : (q, columns of the pieces' design) that each piece lays
         """
-        laid = np.asarray(self._placed @ volume_mm3)
+        laid = self._poured.volume_mm3(volume_mm3)
         total = laid.sum(axis=1)
         laid /= np.maximum(total, 1e-12)[:, None]
         return np.abs(laid - self._designed).max(axis=1), total

@@ -9,10 +9,11 @@ again. The layer below is taken to be flat.
 
 from __future__ import annotations
 
-import numpy as np
-from scipy import sparse
+from dataclasses import dataclass
 
-from lmctl.array_types import BoolArray, FloatArray, IntArray
+import numpy as np
+
+from lmctl.array_types import BoolArray, FloatArray, IndexArray, IntArray
 from lmctl.field.kernel import inner_kernel, kernel
 from lmctl.plan.sequence.bead_pieces import BeadPieces
 
@@ -27,28 +28,64 @@ _GAP_LENGTHS = 3.0
 _MOST_ACROSS = 64
 
 
-def poured(
+@dataclass(frozen=True)
+class PouredBeads:
+    """Where the volumes of pieces of path went: n parts of them.
+
+    voxel, piece : (n,) int64, of each part; share : (n,) float64, of its piece's volume
+    n_voxels : their number
+    """
+
+    voxel: IntArray
+    piece: IntArray
+    share: FloatArray
+    n_voxels: int
+
+    def volume_mm3(self, volume_mm3: FloatArray) -> FloatArray:
+        """Volume in each voxel, (n_voxels, m), of pieces that lay (q, m)."""
+        return np.asarray(_summed(self.voxel, self.piece, self.share, self.n_voxels,
+                                  np.ascontiguousarray(volume_mm3)))
+
+    def of_voxels(self, voxels: IndexArray) -> PouredBeads:
+        """Only what went to some voxels (k,), which are numbered anew in this order."""
+        number = np.full(self.n_voxels, -1)
+        number[voxels] = np.arange(len(voxels))
+        found = number[self.voxel]
+        kept = found >= 0
+        return PouredBeads(found[kept], self.piece[kept], self.share[kept], len(voxels))
+
+
+def poured_beads(
     pieces: BeadPieces, volume_mm3: FloatArray, strip_ratio: float, layer_height_mm: float,
     low_mm: FloatArray, cell_mm: float, shape: tuple[int, int],
-) -> tuple[sparse.csr_matrix, BoolArray]:
-    """Where the pieces' volumes go.
+) -> tuple[PouredBeads, BoolArray]:
+    """Pour the pieces of a layer, in their order, on a grid of cells in the plane.
 
     volume_mm3 : (q,) of each piece; strip_ratio : of strip width over bead width
-    low_mm, cell_mm, shape : corner of a grid of cells in the plane, their size, how many
-    returns : (cells · HEIGHTS, q) share of each piece's volume that goes to each cell at each
-        height, lowest first; (cells,) which cells lie in a strip
+    low_mm, cell_mm, shape : corner of the grid, size of a cell, how many
+    returns : the voxels of cell k are k · HEIGHTS and those after it, lowest first; (cells,) which
+        cells lie in a strip
     """
     step = np.linalg.norm(np.diff(pieces.place_mm, axis=0), axis=1)
     advance = np.concatenate([[np.inf], np.where(
         step > _GAP_LENGTHS * np.maximum(pieces.length_mm[1:], pieces.length_mm[:-1]), np.inf,
         step)])
-    row, column, share, count, in_strip = _pour(
+    voxel, piece, share, count, in_strip = _pour(
         pieces.place_mm - low_mm, pieces.direction, pieces.length_mm, pieces.width_mm, volume_mm3,
         advance, strip_ratio, layer_height_mm, cell_mm, shape[0], shape[1])
-    placed = sparse.coo_matrix(
-        (share[:count], (row[:count], column[:count])),
-        shape=(shape[0] * shape[1] * HEIGHTS, len(pieces)))
-    return placed.tocsr(), np.asarray(in_strip)
+    return PouredBeads(voxel[:count], piece[:count], share[:count],
+                       shape[0] * shape[1] * HEIGHTS), np.asarray(in_strip)
+
+
+@kernel
+def _summed(
+    voxel: IntArray, piece: IntArray, share: FloatArray, n_voxels: int, volume: FloatArray
+) -> FloatArray:
+    total = np.zeros((n_voxels, volume.shape[1]))
+    for i in range(len(voxel)):
+        for m in range(volume.shape[1]):
+            total[voxel[i], m] += share[i] * volume[piece[i], m]
+    return total
 
 
 @kernel
